@@ -1,0 +1,43 @@
+# trifarm: at most ten targets; each makes the .venv it needs.
+PYTHON ?= python3
+PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+
+.PHONY: setup demo test check up bench train-reference image clean
+
+setup: .venv/full        ## install everything, learning and tests included (torch: several GB)
+
+demo: .venv/farm         ## 40 push trials of the reference policy on 4 robots, with report and logs
+	.venv/bin/trifarm demo --policy sim_backend/training/reference_policies/push.safetensors
+
+test: .venv/full         ## all tests
+	.venv/bin/python -m pytest -q
+
+check: .venv/full        ## style, types, import rules
+	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
+	.venv/bin/pyright
+	.venv/bin/lint-imports
+
+up: .venv/farm           ## a farm of 4 robots until Ctrl-C
+	.venv/bin/trifarm up
+
+bench: .venv/farm        ## rate of the full path against bare physics
+	.venv/bin/python tests/benchmarks/full_path.py --out bench-results.json
+
+train-reference: .venv/full  ## train the shipped push policy anew (needs TEACHER=push_expert.safetensors)
+	.venv/bin/python -m sim_backend.training.dagger $(TEACHER) --out sim_backend/training/reference_policies
+
+image:                   ## container images
+	docker compose build
+
+clean:                   ## remove what the other targets made
+	rm -rf .venv demo-farm build *.egg-info bench-results.json
+
+.venv/farm: pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv
+	$(PIP) -e .
+	touch $@
+
+.venv/full: .venv/farm
+	$(PIP) -e ".[learning,dev]"
+	touch $@

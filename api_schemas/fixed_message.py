@@ -1,0 +1,91 @@
+"""Protobuf messages of fixed size, encoded once and then copied with other numbers in them.
+
+A log has tens of thousands of messages that differ only in their doubles and their time stamp. One of them is encoded by
+the real encoder with marker values; wherever a marker's bytes are found, later rows get their own numbers.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+MARKER_SECONDS = 97
+MARKER_NANOS = 999_999_937
+MAX_SECONDS = 127
+"""Time stamps must stay below 128 s, so that their seconds fit one byte of a varint."""
+_NANOS_BYTES = 5
+
+
+def marker(index: int) -> float:
+    """The marker for the double number ``index`` of a message; no two share their bytes."""
+    return -7.25e11 - 1.000123e3 * (index + 1)
+
+
+def _varint(value: int) -> bytes:
+    out = bytearray()
+    while value > 0x7F:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    return bytes([*out, value])
+
+
+class FixedMessage:
+    """A template and the places of its doubles and time stamps.
+
+    Args:
+        encode: gives the message's bytes from its doubles; time stamps in it must be MARKER_SECONDS and MARKER_NANOS.
+        doubles: how many doubles the message has, in the order in which rows give them.
+    """
+
+    def __init__(self, encode: Callable[[list[float]], bytes], doubles: int) -> None:
+        markers = [marker(index) for index in range(doubles)]
+        encoded = encode(markers)
+        self._template = np.frombuffer(encoded, np.uint8)
+        places = [_only_place(encoded, np.float64(value).tobytes()) for value in markers]
+        self._double_bytes = np.array([place + byte for place in places for byte in range(8)], dtype=np.intp)
+        stamp = b"\x08" + _varint(MARKER_SECONDS) + b"\x10" + _varint(MARKER_NANOS)
+        self._stamps = _all_places(encoded, stamp)
+
+    def rows(self, values: np.ndarray, time_ns: np.ndarray) -> list[bytes]:
+        """One message per row.
+
+        Args:
+            values: shape (n, doubles).
+            time_ns: shape (n,), whole nanoseconds since the trial's start, below 128 s.
+        """
+        count = len(values)
+        rows = np.repeat(self._template[None], count, axis=0)
+        contiguous = np.ascontiguousarray(values, dtype=np.float64)
+        rows[:, self._double_bytes] = contiguous.view(np.uint8).reshape(count, -1)
+        if self._stamps:
+            stamp = _stamp_bytes(time_ns)
+            for place in self._stamps:
+                rows[:, place : place + stamp.shape[1]] = stamp
+        size, flat = rows.shape[1], rows.tobytes()
+        return [flat[start : start + size] for start in range(0, count * size, size)]
+
+
+def _stamp_bytes(time_ns: np.ndarray) -> np.ndarray:
+    """Time stamps as fixed-width varints, shape (n, 8): a varint may be padded with continuation bytes."""
+    seconds, nanos = np.divmod(np.asarray(time_ns, dtype=np.int64), 1_000_000_000)
+    if len(seconds) and (seconds.max() > MAX_SECONDS or seconds.min() < 0):
+        raise ValueError(f"time stamps run from {seconds.min()} to {seconds.max()} s; they must lie within 0 and {MAX_SECONDS} s")
+    out = np.empty((len(seconds), 2 + 1 + _NANOS_BYTES), np.uint8)
+    out[:, 0], out[:, 1], out[:, 2] = 0x08, seconds, 0x10
+    for byte in range(_NANOS_BYTES):
+        out[:, 3 + byte] = nanos >> 7 * byte & 0x7F | (0x80 if byte < _NANOS_BYTES - 1 else 0)
+    return out
+
+
+def _only_place(encoded: bytes, wanted: bytes) -> int:
+    places = _all_places(encoded, wanted)
+    if len(places) != 1:
+        raise ValueError(f"a marker was found {len(places)} times in the encoded message instead of once")
+    return places[0]
+
+
+def _all_places(encoded: bytes, wanted: bytes) -> list[int]:
+    places, start = [], encoded.find(wanted)
+    while start >= 0:
+        places.append(start)
+        start = encoded.find(wanted, start + 1)
+    return places

@@ -1,0 +1,91 @@
+"""A job: one policy, one task, n trials; the unit a user queues."""
+
+from enum import StrEnum
+
+from pydantic import Field
+
+from api_schemas.schema import Schema
+
+MAX_TRIALS = 1000
+MAX_SEED = 2**63 - 1
+
+
+class TaskName(StrEnum):
+    """The tasks of the farm; their goals and tolerances live in sim_backend/tasks."""
+
+    PUSH = "push"
+    LIFT = "lift"
+    REACH = "reach"
+    MOVE_CUBE_1 = "move_cube_1"
+    MOVE_CUBE_2 = "move_cube_2"
+    MOVE_CUBE_3 = "move_cube_3"
+    MOVE_CUBE_4 = "move_cube_4"
+
+
+class JobState(StrEnum):
+    """``queued -> running -> succeeded | failed | cancelled``; ``succeeded`` means that the job has its report."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+
+FINAL_JOB_STATES = frozenset({JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED})
+
+
+class JobRequest(Schema):
+    """Body of POST /v1/jobs. Without a seed the server draws one."""
+
+    policy: str = Field(pattern=r"^[0-9a-f]{64}$", description="digest of an uploaded policy")
+    task: TaskName
+    trials: int = Field(default=40, ge=1, le=MAX_TRIALS)
+    seed: int | None = Field(default=None, ge=0, le=MAX_SEED)
+
+
+class Job(Schema):
+    """A job as the API shows it. Counts of trials are by accepted outcome."""
+
+    job_id: str
+    state: JobState
+    waiting_because: str | None
+    policy: str
+    policy_name: str
+    task: TaskName
+    trials: int
+    seed: int
+    seed_drawn_by_server: bool
+    owner: str
+    created_at: str
+    started_at: str | None
+    ended_at: str | None
+    trials_done: int
+    trials_running: int
+    successes: int
+    policy_faults: int
+    platform_faults: int
+    reason: str | None = None
+
+
+class JobPage(Schema):
+    """One page of jobs, newest first; ``next_cursor`` is null on the last page."""
+
+    jobs: tuple[Job, ...]
+    next_cursor: str | None = None
+
+
+class JobEvent(Schema):
+    """One line of a job's history, as sent by server-sent events; ``id`` numbers the events and only grows."""
+
+    id: int
+    job_id: str
+    at: str
+    kind: str  # job_queued, job_running, trial_leased, trial_running, trial_done, attempt_faulted, job_ended
+    trial_ordinal: int | None = None
+    robot: str | None = None
+    text: str
+    trials_done: int
+    trials: int
+    successes: int
+    state: JobState

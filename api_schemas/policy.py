@@ -1,0 +1,192 @@
+"""A policy is weights plus a manifest, never code: the manifest, its ready-made layouts and the policy's digest."""
+
+import hashlib
+import json
+from enum import StrEnum
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, model_validator
+
+from api_schemas.schema import Schema
+
+OBSERVATION_SIZES: dict[str, int] = {
+    "joint_position_rad": 9,
+    "joint_velocity_rad_s": 9,
+    "joint_torque_nm": 9,
+    "fingertip_position_world_m": 9,
+    "cube_position_world_m": 3,
+    "cube_quat_wxyz": 4,
+    "cube_keypoints_world_m": 24,
+    "tracker_confidence": 1,
+    "tracker_delay_s": 1,
+    "goal_position_world_m": 3,
+    "goal_quat_wxyz": 4,
+    "goal_keypoints_world_m": 24,
+    "goal_fingertip_position_world_m": 9,
+    "previous_action": 9,
+}
+"""Every observation field a manifest may name, and how many numbers it holds."""
+
+ACTION_SIZE = 9
+MAX_WEIGHTS_BYTES = 64 * 1024 * 1024
+PERIOD_MS_DIVISORS = "1000 must be a multiple of rate_hz, so that a control period is a whole number of 1 ms steps"
+
+
+class ActionKind(StrEnum):
+    """What the nine outputs of a policy mean."""
+
+    TORQUE = "torque"  # N m at the joints
+    JOINT_POSITION = "joint_position"  # rad, followed by the robot's position controller
+    JOINT_POSITION_DELTA = "joint_position_delta"  # rad, added to the measured position of the same observation
+
+
+class WeightsFormat(StrEnum):
+    """The two forms of weights that the farm accepts; neither can carry code."""
+
+    SAFETENSORS = "safetensors"
+    ONNX = "onnx"
+
+
+def _known_fields(names: tuple[str, ...]) -> tuple[str, ...]:
+    for name in names:
+        if name not in OBSERVATION_SIZES:
+            raise ValueError(f"unknown observation field {name!r}; choose from {', '.join(sorted(OBSERVATION_SIZES))}")
+    return names
+
+
+class InputScaling(Schema):
+    """How an observation becomes the network's input: bounds to [-1, 1], then running mean and variance, then a clip.
+
+    Each list has one number per observation element. For safetensors the lists may be left out and are then read from the
+    tensors ``observation_low``, ``observation_high``, ``running_mean`` and ``running_var``, if the file has them.
+    """
+
+    low: tuple[float, ...] | None = None
+    high: tuple[float, ...] | None = None
+    mean: tuple[float, ...] | None = None
+    variance: tuple[float, ...] | None = None
+    epsilon: float = Field(default=1e-5, gt=0)
+    clip: float | None = Field(default=None, gt=0)
+
+
+class OutputScaling(Schema):
+    """How the network's output becomes an action: clipped to ±clip, then multiplied by ``scale`` (N m or rad).
+
+    ``scale`` may be one number or nine; for safetensors it may be left out and is then read from ``torque_limit_nm``.
+    """
+
+    clip: float | None = Field(default=None, gt=0)
+    scale: float | tuple[float, ...] | None = None
+
+
+class PolicyManifest(Schema):
+    """What a policy expects of the robot that runs it."""
+
+    format: Literal["trifarm-policy/1"] = "trifarm-policy/1"
+    name: str = Field(default="unnamed", min_length=1, max_length=100)
+    observation: Annotated[tuple[str, ...], AfterValidator(_known_fields)] = Field(min_length=1, max_length=32)
+    action_kind: ActionKind = ActionKind.TORQUE
+    rate_hz: int = Field(default=50, ge=1, le=1000)
+    action_delay_s: float = Field(default=0.0, ge=0, lt=1)
+    activation: Literal["elu", "relu", "tanh"] = "elu"
+    input_scaling: InputScaling = InputScaling()
+    output_scaling: OutputScaling = OutputScaling()
+
+    @model_validator(mode="after")
+    def _timing_fits(self) -> "PolicyManifest":
+        if 1000 % self.rate_hz:
+            raise ValueError(f"rate_hz is {self.rate_hz}; {PERIOD_MS_DIVISORS}")
+        if self.action_delay_s >= 1 / self.rate_hz:
+            raise ValueError(
+                f"action_delay_s is {self.action_delay_s}, but must be shorter than the control period {1 / self.rate_hz:g} s"
+            )
+        if abs(self.action_delay_s * 1000 - round(self.action_delay_s * 1000)) > 1e-9:
+            raise ValueError(f"action_delay_s is {self.action_delay_s}; it must be a whole number of milliseconds")
+        return self
+
+    @property
+    def observation_size(self) -> int:
+        """Number of elements of the observation vector."""
+        return sum(OBSERVATION_SIZES[name] for name in self.observation)
+
+    @property
+    def period_steps(self) -> int:
+        """Control period in physics steps of 1 ms."""
+        return 1000 // self.rate_hz
+
+    @property
+    def delay_steps(self) -> int:
+        """Delay between an observation and its action in physics steps of 1 ms."""
+        return round(self.action_delay_s * 1000)
+
+
+def _rrc2022(task_goal: str, action_delay_s: float, name: str) -> PolicyManifest:
+    return PolicyManifest(
+        name=name,
+        observation=("joint_position_rad", "joint_velocity_rad_s", "cube_keypoints_world_m", task_goal, "previous_action"),
+        action_delay_s=action_delay_s,
+        input_scaling=InputScaling(clip=5.0),
+        output_scaling=OutputScaling(clip=1.0),
+    )
+
+
+LAYOUTS: dict[str, PolicyManifest] = {
+    "rrc2022-push": _rrc2022("goal_position_world_m", 0.010, "rrc2022-push"),
+    "rrc2022-lift": _rrc2022("goal_keypoints_world_m", 0.002, "rrc2022-lift"),
+    "keypoints": PolicyManifest(
+        name="keypoints",
+        observation=(
+            "joint_position_rad",
+            "joint_velocity_rad_s",
+            "cube_keypoints_world_m",
+            "goal_keypoints_world_m",
+            "previous_action",
+        ),
+        output_scaling=OutputScaling(clip=1.0),
+    ),
+    "pose": PolicyManifest(
+        name="pose",
+        observation=(
+            "joint_position_rad",
+            "joint_velocity_rad_s",
+            "cube_position_world_m",
+            "cube_quat_wxyz",
+            "goal_position_world_m",
+            "goal_quat_wxyz",
+            "previous_action",
+        ),
+        output_scaling=OutputScaling(clip=1.0),
+    ),
+}
+"""Ready-made manifests by name; ``rrc2022-*`` are those of the published experts (facts/trifinger.md, section 0)."""
+
+
+def canonical_json(manifest: PolicyManifest) -> str:
+    """The one spelling of a manifest that is hashed: sorted keys, no spaces, defaults written out."""
+    return json.dumps(manifest.model_dump(mode="json"), sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def policy_digest(weights_sha256: str, manifest: PolicyManifest) -> str:
+    """SHA-256 (hex) that identifies a policy: over the weights' digest and the canonical manifest."""
+    return hashlib.sha256(f"{weights_sha256}\n{canonical_json(manifest)}".encode()).hexdigest()
+
+
+class Policy(Schema):
+    """A policy as the API shows it."""
+
+    digest: str
+    name: str
+    weights_format: WeightsFormat
+    weights_sha256: str
+    weights_bytes: int
+    graph_sha256: str
+    manifest: PolicyManifest
+    warnings: tuple[str, ...] = ()
+    created_at: str
+
+
+class PolicyPage(Schema):
+    """One page of policies; ``next_cursor`` is null on the last page."""
+
+    policies: tuple[Policy, ...]
+    next_cursor: str | None = None

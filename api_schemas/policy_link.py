@@ -1,0 +1,61 @@
+"""Frames between a robot and its policy process: fixed headers, float32 numbers, nothing that could be code.
+
+Request: kind, count of numbers, then the observation (float32). Reply: status, count, inference time in ns, then nine
+float32 numbers or an error text of ``count`` bytes.
+"""
+
+import os
+import struct
+
+import numpy as np
+
+REQUEST = struct.Struct("<II")
+REPLY = struct.Struct("<IIQ")
+
+ACT = 1
+RESET = 2
+
+OK = 0
+FAILED = 1
+READY = 2
+
+MAX_TEXT_BYTES = 2000
+
+
+class LinkClosedError(Exception):
+    """The other side has gone."""
+
+
+def pack_request(kind: int, observation: np.ndarray | None = None) -> bytes:
+    """A request; ``observation`` is one float32 vector."""
+    if observation is None:
+        return REQUEST.pack(kind, 0)
+    return REQUEST.pack(kind, observation.size) + observation.astype(np.float32, copy=False).tobytes()
+
+
+def pack_reply(status: int, payload: bytes = b"", inference_time_ns: int = 0) -> bytes:
+    """A reply; ``payload`` is the action's float32 bytes or a text."""
+    return REPLY.pack(status, len(payload), inference_time_ns) + payload
+
+
+def read_exactly(fd: int, size: int) -> bytes:
+    """Read ``size`` bytes from a pipe.
+
+    Raises:
+        LinkClosedError: the pipe ended before.
+    """
+    data = os.read(fd, size)
+    while len(data) < size:
+        more = os.read(fd, size - len(data))
+        if not more:
+            raise LinkClosedError("the pipe ended")
+        data += more
+    return data
+
+
+def read_reply(fd: int) -> tuple[int, bytes, int]:
+    """Status, payload and inference time in ns of the next reply."""
+    status, size, inference_time_ns = REPLY.unpack(read_exactly(fd, REPLY.size))
+    if size > MAX_TEXT_BYTES:
+        raise LinkClosedError(f"the reply announces {size} bytes; at most {MAX_TEXT_BYTES} are allowed")
+    return status, read_exactly(fd, size) if size else b"", inference_time_ns

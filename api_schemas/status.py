@@ -1,0 +1,19 @@
+"""How the farm is, in plain words."""
+
+from api_schemas.schema import Schema
+
+
+class FarmStatus(Schema):
+    """Body of GET /v1/status. ``healthy`` is false when ``problems`` has entries."""
+
+    healthy: bool
+    summary: str
+    problems: tuple[str, ...]
+    robots_by_state: dict[str, int]
+    jobs_by_state: dict[str, int]
+    trials_queued: int
+    trials_running: int
+    oldest_queued_s: float | None
+    version: str
+    farm: str
+    physics: str

@@ -1,0 +1,136 @@
+"""Trials, their attempts and their outcomes: how a trial ended and whose fault it was."""
+
+from enum import StrEnum
+
+from pydantic import Field
+
+from api_schemas.schema import Schema
+
+
+class TrialState(StrEnum):
+    """``queued -> leased -> running -> done``, and back to ``queued`` after a fault of the platform."""
+
+    QUEUED = "queued"
+    LEASED = "leased"
+    RUNNING = "running"
+    DONE = "done"
+    CANCELLED = "cancelled"
+
+
+class Fault(StrEnum):
+    """Whose fault the end of a trial was. A platform fault is tried again and never counts in a success rate."""
+
+    NONE = "none"
+    POLICY = "policy"
+    PLATFORM = "platform"
+
+
+class OutcomeKind(StrEnum):
+    """How an attempt ended."""
+
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"  # ran to the end, goal not reached: nobody's fault
+    NONFINITE_ACTION = "nonfinite_action"
+    ACTION_DEADLINE = "action_deadline"  # the policy used more than its CPU time for one action
+    POLICY_PROCESS_ENDED = "policy_process_ended"
+    POLICY_ERROR = "policy_error"  # the network raised an error
+    PLATFORM_ERROR = "platform_error"
+    LEASE_LOST = "lease_lost"
+    CANCELLED = "cancelled"
+
+
+FAULT_OF: dict[OutcomeKind, Fault] = {
+    OutcomeKind.SUCCEEDED: Fault.NONE,
+    OutcomeKind.FAILED: Fault.NONE,
+    OutcomeKind.NONFINITE_ACTION: Fault.POLICY,
+    OutcomeKind.ACTION_DEADLINE: Fault.POLICY,
+    OutcomeKind.POLICY_PROCESS_ENDED: Fault.POLICY,
+    OutcomeKind.POLICY_ERROR: Fault.POLICY,
+    OutcomeKind.PLATFORM_ERROR: Fault.PLATFORM,
+    OutcomeKind.LEASE_LOST: Fault.PLATFORM,
+    OutcomeKind.CANCELLED: Fault.NONE,
+}
+
+
+class Measures(Schema):
+    """What a trial achieved, measured on the true poses (Gürtler et al., ICLR 2023, and the 2020 challenge cost).
+
+    Errors of ``reach`` are those of the worst fingertip; angles are null where the task ignores orientation.
+    """
+
+    success_at_end: bool
+    success_ever: bool
+    success_fraction: float = Field(ge=0, le=1)  # of control steps
+    final_position_error_m: float
+    final_angle_error_rad: float | None
+    episode_return: float
+    control_steps: int
+    simulated_s: float
+
+
+class PolicyTiming(Schema):
+    """Wall-clock inference time of one trial, recorded and never allowed to change the physics."""
+
+    mean_ms: float
+    p99_ms: float
+    max_ms: float
+    allowed_ms: float  # what the manifest leaves on hardware: its action delay + 1 ms
+    missed: int  # actions that took longer than allowed
+
+
+class Outcome(Schema):
+    """How an attempt ended, whose fault it was, and what was measured until then."""
+
+    kind: OutcomeKind
+    fault: Fault
+    reason: str = Field(max_length=2000)
+    measures: Measures | None = None
+    policy_timing: PolicyTiming | None = None
+    wall_s: float = 0.0
+
+
+class AttemptState(StrEnum):
+    """What became of a lease: still open, its outcome accepted, a platform fault, cancelled, or superseded."""
+
+    OPEN = "open"
+    ACCEPTED = "accepted"
+    PLATFORM_FAULT = "platform_fault"
+    CANCELLED = "cancelled"
+
+
+class Attempt(Schema):
+    """One lease's try at a trial; ``fence`` numbers the attempts of a trial from 1."""
+
+    fence: int
+    robot: str
+    state: AttemptState
+    reason: str | None = None
+    departure: str | None = None  # why this robot was not the first of the trial's drawn order
+    started_at: str
+    ended_at: str | None = None
+    log_sha256: str | None = None
+
+
+class Trial(Schema):
+    """A trial as the API shows it."""
+
+    trial_id: str
+    job_id: str
+    ordinal: int
+    state: TrialState
+    waiting_because: str | None
+    task: str
+    seed: int
+    robot: str | None
+    robot_order: tuple[str, ...]
+    outcome: Outcome | None
+    log_sha256: str | None
+    log_bytes: int | None
+    attempts: tuple[Attempt, ...]
+
+
+class TrialPage(Schema):
+    """All or one page of a job's trials, in their order."""
+
+    trials: tuple[Trial, ...]
+    next_cursor: str | None = None

@@ -1,0 +1,5 @@
+"""``python -m client_cli`` is the command ``trifarm``."""
+
+from client_cli.main import run
+
+run()

@@ -1,0 +1,215 @@
+"""The only file that speaks HTTP: one method for each request, pydantic schemas in and out, errors that say what to do.
+
+It is one class of over 150 lines because it mirrors the list of the API's routes, and because splitting it would give HTTP
+a second home.
+"""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Self, TypeVar
+
+import httpx
+from pydantic import BaseModel, ValidationError
+
+from api_schemas.error import Problem
+from api_schemas.job import Job, JobEvent, JobPage, JobRequest, JobState
+from api_schemas.policy import Policy, PolicyManifest, canonical_json
+from api_schemas.robot import Robot, RobotPage
+from api_schemas.status import FarmStatus
+from api_schemas.token import NewToken, TokenPage, TokenRequest
+from api_schemas.trial import Trial, TrialPage
+from client_cli.errors import ClientError, Refused, ServerAway
+from client_cli.event_stream import job_events
+from client_cli.settings import Connection
+
+TIMEOUT = httpx.Timeout(30.0, connect=5.0)
+UPLOAD_TIMEOUT = httpx.Timeout(180.0, connect=5.0)
+"""A policy's upload answers only after its conversion and smoke run."""
+STREAM_TIMEOUT = httpx.Timeout(45.0, connect=5.0)
+"""Three missed heartbeats of an event stream (15 s each) mean that the link is dead."""
+POST_TRIES = 4
+CHUNK_BYTES = 1 << 18
+
+Answer = TypeVar("Answer", bound=BaseModel)
+
+
+class ApiClient:
+    """A connection to one server; use it as a context manager. Its requests may be made from several threads."""
+
+    def __init__(self, connection: Connection):
+        self.url = connection.url
+        headers = {"Authorization": f"Bearer {connection.token}"} if connection.token else {}
+        # A proxy for the outside world must not stand between us and a farm on this very machine.
+        is_local = httpx.URL(connection.url).host in {"127.0.0.1", "localhost", "::1"}
+        self._http = httpx.Client(base_url=connection.url, headers=headers, timeout=TIMEOUT, trust_env=not is_local)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._http.close()
+
+    def is_up(self) -> bool:
+        """Whether a server answers /healthz with 200."""
+        try:
+            return self._http.get("/healthz").status_code == httpx.codes.OK
+        except httpx.TransportError:
+            return False
+
+    def upload_policy(self, digest: str, weights: Path, manifest: PolicyManifest) -> Policy:
+        """Bring a policy to the server; one that is there already is not stored twice."""
+        with weights.open("rb") as file:
+            response = self._send(
+                "PUT",
+                f"/v1/policies/{digest}",
+                files={"weights": (weights.name, file, "application/octet-stream")},
+                data={"manifest": canonical_json(manifest)},
+                timeout=UPLOAD_TIMEOUT,
+            )
+        return self._answer(Policy, response)
+
+    def create_job(self, request: JobRequest, idempotency_key: str) -> Job:
+        """Queue a job. The key makes it safe to ask again when an answer got lost on the way."""
+        for left in reversed(range(POST_TRIES)):
+            try:
+                headers = {"Idempotency-Key": idempotency_key}
+                body = request.model_dump(mode="json")
+                return self._answer(Job, self._send("POST", "/v1/jobs", json=body, headers=headers))
+            except ServerAway:
+                if not left:
+                    raise
+                time.sleep(0.5)
+        raise AssertionError("the last try returns or raises")
+
+    def jobs(self, *, limit: int, state: JobState | None = None, cursor: str | None = None) -> JobPage:
+        """One page of jobs, newest first."""
+        query = {"limit": limit, "state": state and state.value, "cursor": cursor}
+        return self._get(JobPage, "/v1/jobs", params={key: value for key, value in query.items() if value is not None})
+
+    def job(self, job_id: str) -> Job:
+        """One job."""
+        return self._get(Job, f"/v1/jobs/{job_id}")
+
+    def cancel(self, job_id: str) -> Job:
+        """Cancel a job; running trials are stopped."""
+        return self._answer(Job, self._send("POST", f"/v1/jobs/{job_id}/cancel"))
+
+    def events(self, job_id: str, after: int | None) -> Iterator[JobEvent | None]:
+        """A job's events from the one after ``after``; None whenever the server only says that it is alive."""
+        headers = {"Accept": "text/event-stream"} | ({} if after is None else {"Last-Event-ID": str(after)})
+        with self._stream(f"/v1/jobs/{job_id}/events", headers, STREAM_TIMEOUT) as response:
+            yield from job_events(self._guarded(response.iter_lines()))
+
+    def trials(self, job_id: str) -> tuple[Trial, ...]:
+        """All trials of a job in their order."""
+        trials: list[Trial] = []
+        cursor: str | None = None
+        while True:
+            page = self._get(TrialPage, f"/v1/jobs/{job_id}/trials", params={"cursor": cursor} if cursor else None)
+            trials.extend(page.trials)
+            if (cursor := page.next_cursor) is None:
+                return tuple(trials)
+
+    @contextmanager
+    def log(self, trial_id: str, offset: int) -> Iterator[tuple[int, Iterator[bytes]]]:
+        """A trial's log from byte ``offset``, as the offset at which the server really starts and the bytes."""
+        headers = {"Accept-Encoding": "identity"} | ({"Range": f"bytes={offset}-"} if offset else {})
+        with self._stream(f"/v1/trials/{trial_id}/log", headers, TIMEOUT) as response:
+            start = offset if response.status_code == httpx.codes.PARTIAL_CONTENT else 0
+            yield start, self._guarded(response.iter_bytes(CHUNK_BYTES))
+
+    def report(self, job_id: str) -> bytes:
+        """The report as stored, byte by byte: it never changes."""
+        return self._send("GET", f"/v1/jobs/{job_id}/report").content
+
+    def report_text(self, job_id: str) -> str:
+        """The report for people."""
+        return self._send("GET", f"/v1/jobs/{job_id}/report/text").text
+
+    def robots(self) -> RobotPage:
+        """All robots."""
+        return self._get(RobotPage, "/v1/robots")
+
+    def drain(self, robot: str) -> Robot:
+        """Let a robot finish its trial and take no other."""
+        return self._answer(Robot, self._send("POST", f"/v1/robots/{robot}/drain"))
+
+    def resume(self, robot: str) -> Robot:
+        """Let a drained robot take trials again."""
+        return self._answer(Robot, self._send("POST", f"/v1/robots/{robot}/resume"))
+
+    def status(self) -> FarmStatus:
+        """How the farm is."""
+        return self._get(FarmStatus, "/v1/status")
+
+    def create_token(self, request: TokenRequest) -> NewToken:
+        """Make a token; its secret is in this answer and nowhere else."""
+        return self._answer(NewToken, self._send("POST", "/v1/tokens", json=request.model_dump(mode="json")))
+
+    def tokens(self) -> TokenPage:
+        """All tokens."""
+        return self._get(TokenPage, "/v1/tokens")
+
+    def revoke_token(self, token_id: str) -> None:
+        """End a token's life."""
+        self._send("DELETE", f"/v1/tokens/{token_id}")
+
+    def _get(self, schema: type[Answer], path: str, **request: Any) -> Answer:
+        return self._answer(schema, self._send("GET", path, **request))
+
+    def _send(self, method: str, path: str, **request: Any) -> httpx.Response:
+        try:
+            response = self._http.request(method, path, **request)
+        except httpx.TransportError as error:
+            raise self._away(error) from error
+        if not response.is_success:
+            raise Refused(problem_of(response))
+        return response
+
+    @contextmanager
+    def _stream(self, path: str, headers: dict[str, str], timeout: httpx.Timeout) -> Iterator[httpx.Response]:
+        try:
+            with self._http.stream("GET", path, headers=headers, timeout=timeout) as response:
+                if not response.is_success:
+                    response.read()
+                    raise Refused(problem_of(response))
+                yield response
+        except httpx.TransportError as error:
+            raise self._away(error) from error
+
+    def _guarded(self, parts: Iterator[Any]) -> Iterator[Any]:
+        try:
+            yield from parts
+        except httpx.TransportError as error:
+            raise self._away(error) from error
+
+    def _away(self, error: httpx.TransportError) -> ServerAway:
+        return ServerAway(self.url, str(error) or type(error).__name__)
+
+    def _answer(self, schema: type[Answer], response: httpx.Response) -> Answer:
+        try:
+            return schema.model_validate_json(response.content)
+        except ValidationError as error:
+            raise ClientError(
+                f"{self.url} answered {response.request.method} {response.request.url.path} with something that is not a "
+                f"{schema.__name__} ({error.error_count()} differences): is it a trifarm server of the same version?"
+            ) from error
+
+
+def problem_of(response: httpx.Response) -> Problem:
+    """The problem document of a refused request, or one made of what else came back (a proxy's page, say)."""
+    try:
+        problem = Problem.model_validate_json(response.content)
+    except ValidationError:
+        text = response.text.strip().splitlines()[:1]
+        title = f"HTTP {response.status_code} {response.reason_phrase}".rstrip()
+        problem = Problem(
+            type="about:blank", title=title, status=response.status_code, detail=text[0][:200] if text else title
+        )
+    if problem.status == httpx.codes.UNAUTHORIZED:
+        return problem.model_copy(
+            update={"detail": f"{problem.detail} (TRIFARM_TOKEN or the settings file names the token)"}
+        )
+    return problem

@@ -1,0 +1,79 @@
+"""A child process of the embedded farm: its command, its log file, and its end."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+TAIL_LINES = 15
+NOT_FOR_CHILDREN = ("TRIFARM_TOKEN", "TRIFARM_URL", "TRIFARM_ADMIN_TOKEN", "TRIFARM_ROBOT_TOKEN")
+"""The caller's own tokens: an embedded farm makes its own."""
+
+
+def module_command(module: str, *arguments: str) -> list[str]:
+    """The command that runs a module of this installation; -P keeps a folder of the same name in the user's out of it."""
+    return [sys.executable, "-P", "-m", module, *arguments]
+
+
+def child_environment(**extra: str) -> dict[str, str]:
+    """The environment of a child; it finds our packages in a clone that nobody has installed, too."""
+    environment = {name: value for name, value in os.environ.items() if name not in NOT_FOR_CHILDREN} | extra
+    root = Path(__file__).resolve().parents[1]
+    if (root / "pyproject.toml").exists():
+        environment["PYTHONPATH"] = os.pathsep.join(filter(None, (environment.get("PYTHONPATH"), str(root))))
+    return environment
+
+
+@dataclass(frozen=True)
+class ChildProcess:
+    """A running child. ``log_start`` is where in the log file, which is kept over restarts, its own lines begin."""
+
+    name: str
+    process: subprocess.Popen[bytes]
+    log: Path
+    log_start: int
+
+    def has_ended(self) -> bool:
+        """Whether the process is gone."""
+        return self.process.poll() is not None
+
+    def tail(self) -> str:
+        """The last lines it wrote."""
+        with self.log.open("rb") as file:
+            file.seek(self.log_start)
+            lines = file.read().decode(errors="replace").splitlines()
+        return "\n".join(lines[-TAIL_LINES:])
+
+    def ask_to_end(self) -> None:
+        """Send SIGTERM."""
+        with suppress(ProcessLookupError):
+            self.process.terminate()
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait for its end, but no longer than ``timeout_s``."""
+        with suppress(subprocess.TimeoutExpired):
+            self.process.wait(max(timeout_s, 0.01))
+
+    def end_now(self) -> None:
+        """Kill whatever is left of it and of its own children, which share its process group."""
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.wait(1.0)
+
+
+def start_child(name: str, command: list[str], environment: Mapping[str, str], log: Path) -> ChildProcess:
+    """Start a child whose output goes to ``log``.
+
+    It gets a session of its own, so that a Ctrl-C in the terminal reaches only us and we end the children in order.
+    """
+    log.parent.mkdir(parents=True, exist_ok=True)
+    with log.open("ab") as file:
+        log_start = file.tell()
+        process = subprocess.Popen(
+            command, env=dict(environment), stdin=subprocess.DEVNULL, stdout=file, stderr=file, start_new_session=True
+        )
+    return ChildProcess(name=name, process=process, log=log, log_start=log_start)

@@ -1,0 +1,107 @@
+"""``trifarm demo``: one farm, one policy, one report, and everything is gone again except the results."""
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from api_schemas.job import MAX_SEED, MAX_TRIALS, Job, TaskName
+from client_cli.api_client import ApiClient
+from client_cli.embedded_farm import FarmOptions, embedded_farm
+from client_cli.errors import Interrupted
+from client_cli.exit_codes import ExitCode
+from client_cli.fetch import fetch_job
+from client_cli.following import ending, exit_code_of, follow_to_end
+from client_cli.options import JsonOption, LayoutOption, ManifestOption, PhysicsOption, RobotsOption
+from client_cli.output import note, print_document, print_line
+from client_cli.policy_files import read_policy
+from client_cli.submit import submit_policy
+
+PARALLEL_DOWNLOADS = 4
+
+
+@dataclass(frozen=True)
+class DemoResult:
+    """What a demo leaves behind; a job that failed has no report and no folder of logs."""
+
+    job: Job
+    report: dict[str, object] | None
+    report_text: str | None
+    logs: Path | None
+
+
+def demo(
+    policy: Annotated[Path, typer.Option("--policy", metavar="FILE", help="The policy's weights.")],
+    *,
+    manifest: ManifestOption = None,
+    layout: LayoutOption = None,
+    task: Annotated[TaskName, typer.Option("--task", help="What is asked of the robot.")] = TaskName.PUSH,
+    trials: Annotated[int, typer.Option("--trials", min=1, max=MAX_TRIALS, help="How many goals to try.")] = 40,
+    seed: Annotated[int, typer.Option("--seed", min=0, max=MAX_SEED, help="Draws goals and robots.")] = 1,
+    robots: RobotsOption = 4,
+    physics: PhysicsOption = "nominal",
+    folder: Annotated[Path, typer.Option("--dir", metavar="DIR", help="Everything the demo writes is in here.")] = Path(
+        "demo-farm"
+    ),
+    as_json: JsonOption = False,
+) -> None:
+    """Start a farm, run a policy on it, print the report, fetch the logs and stop the farm."""
+    local = read_policy(policy, manifest, layout)
+    with _farm(folder.absolute(), robots, physics) as client:
+        note(f"uploading {local.weights.name} and queueing {trials} {task.value} trials")
+        job = follow_to_end(client, submit_policy(client, local, task, trials=trials, seed=seed).job_id)
+        result = _collect(client, job, folder)
+    if as_json:
+        print_document(document(result))
+    else:
+        print_line(text(result))
+    raise typer.Exit(exit_code_of(job))
+
+
+@contextmanager
+def _farm(folder: Path, robots: int, physics: str) -> Iterator[ApiClient]:
+    note(f"starting {robots} robots; everything is in {folder}")
+    options = FarmOptions(data=folder, home=folder / "home", robots=robots, port=0, physics=physics)
+    try:
+        with embedded_farm(options) as farm, ApiClient(farm.connection) as client:
+            yield client
+    except (KeyboardInterrupt, Interrupted):
+        raise Interrupted("the demo was stopped, and its farm with it") from None
+
+
+def _collect(client: ApiClient, job: Job, folder: Path) -> DemoResult:
+    if exit_code_of(job) is not ExitCode.OK:
+        return DemoResult(job, None, None, None)
+    note("fetching the logs")
+    logs = fetch_job(client, job.job_id, folder / f"logs-{job.job_id}", PARALLEL_DOWNLOADS).folder
+    return DemoResult(job, json.loads(client.report(job.job_id)), client.report_text(job.job_id), logs)
+
+
+def document(result: DemoResult) -> dict[str, object]:
+    """A demo's result as JSON."""
+    return {
+        "job_id": result.job.job_id,
+        "state": result.job.state.value,
+        "report": result.report,
+        "logs": str(result.logs) if result.logs else None,
+    }
+
+
+def text(result: DemoResult) -> str:
+    """A demo's result for people."""
+    if result.report_text is None or result.logs is None:
+        return ending(result.job)
+    return "\n".join(
+        [
+            result.report_text.rstrip(),
+            "",
+            f"Logs and report.json are in {result.logs}{os.sep}",
+            "Open one in Lichtblick or Foxglove (its 3D panel shows the scene as it is), or simulate it again:",
+            f"  trifarm replay {result.logs / 'trial-000.mcap'} --verify",
+        ]
+    )

@@ -1,0 +1,150 @@
+"""A whole farm on this machine: supervises the services and the robots from start to end, and restarts nothing itself."""
+
+import json
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from api_schemas.robot import RobotState
+from client_cli.api_client import ApiClient
+from client_cli.child_process import ChildProcess, child_environment, module_command, start_child
+from client_cli.errors import ClientError
+from client_cli.farm_claims import held_folder, usable_port
+from client_cli.settings import Connection, save_connection
+
+HOST = "127.0.0.1"
+FARM = "farm"
+START_DEADLINE_S = 90.0
+ROBOTS_END_WITHIN_S = 2.0
+ALL_END_WITHIN_S = 3.5
+"""Whoever has not ended by then is killed, so that everything is gone within 5 s."""
+POLL_EVERY_S = 0.1
+ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@dataclass(frozen=True)
+class FarmOptions:
+    """What a farm is to be; ``port`` 0 takes any free one, ``home`` gets the settings file."""
+
+    data: Path
+    home: Path
+    robots: int
+    port: int
+    physics: str
+
+
+@dataclass(frozen=True)
+class EmbeddedFarm:
+    """A farm that is ready."""
+
+    connection: Connection
+    bus: str
+    data: Path
+    robots: int
+    physics: str
+    settings: Path
+    children: tuple[ChildProcess, ...]
+
+    def check(self) -> None:
+        """Raise an error if a child has ended."""
+        _check(self.children)
+
+
+@contextmanager
+def embedded_farm(options: FarmOptions) -> Iterator[EmbeddedFarm]:
+    """Start a farm, give it when it is ready, and end it. SIGTERM and SIGHUP then act like Ctrl-C, until it has ended."""
+    children: list[ChildProcess] = []
+    options.data.mkdir(parents=True, exist_ok=True)
+    with held_folder(options.data), _signals_as_interrupt():
+        try:
+            yield _start(options, children)
+        finally:
+            _end(children)
+
+
+def _start(options: FarmOptions, children: list[ChildProcess]) -> EmbeddedFarm:
+    deadline_s = time.monotonic() + START_DEADLINE_S
+    port = usable_port(HOST, options.port)
+    url, bus = f"http://{HOST}:{port}", f"tcp/{HOST}:{usable_port(HOST, 0)}"
+    children.append(_start_services(options, port, bus))
+    with ApiClient(Connection(url, None)) as client:
+        while not client.is_up():
+            _pause(children, deadline_s, f"the services did not answer at {url}")
+    tokens = _tokens(options.data)
+    children.append(_start_robots(options, url, bus, tokens["robot"]))
+    connection = Connection(url, tokens["admin"])
+    with ApiClient(connection) as client:
+        while (ready := _robots_in_service(client)) < options.robots:
+            _pause(children, deadline_s, f"only {ready} of {options.robots} robots came up")
+    settings = save_connection(connection, options.home)
+    return EmbeddedFarm(connection, bus, options.data, options.robots, options.physics, settings, tuple(children))
+
+
+def _start_services(options: FarmOptions, port: int, bus: str) -> ChildProcess:
+    flags = ["--data", str(options.data), "--host", HOST, "--port", str(port), "--bus", bus]
+    command = module_command("services", "serve", *flags, "--farm", FARM, "--physics", options.physics)
+    return start_child("services", command, child_environment(), options.data / "logs" / "services.log")
+
+
+def _start_robots(options: FarmOptions, url: str, bus: str, token: str) -> ChildProcess:
+    flags = ["--robots", str(options.robots), "--api", url, "--bus", bus, "--farm", FARM, "--data", str(options.data)]
+    command = module_command("robot_farm", *flags, "--physics", options.physics)
+    environment = child_environment(TRIFARM_ROBOT_TOKEN=token)
+    return start_child("robots", command, environment, options.data / "logs" / "robots.log")
+
+
+def _pause(children: list[ChildProcess], deadline_s: float, late: str) -> None:
+    _check(tuple(children))
+    if time.monotonic() > deadline_s:
+        raise ClientError(f"{late} within {START_DEADLINE_S:.0f} s; the end of {children[-1].log}:\n{children[-1].tail()}")
+    time.sleep(POLL_EVERY_S)
+
+
+def _check(children: tuple[ChildProcess, ...]) -> None:
+    for child in children:
+        if child.has_ended():
+            code = child.process.returncode
+            raise ClientError(f"the {child.name} ended with code {code}; the end of {child.log}:\n{child.tail()}")
+
+
+def _robots_in_service(client: ApiClient) -> int:
+    return sum(robot.state is not RobotState.LOST for robot in client.robots().robots)
+
+
+def _tokens(data: Path) -> dict[str, str]:
+    path = data / "tokens.json"
+    try:
+        tokens = json.loads(path.read_text())
+        return {"admin": tokens["admin"], "robot": tokens["robot"]}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ClientError(f"cannot read the farm's tokens from {path} ({error}); use another --data folder") from error
+
+
+@contextmanager
+def _signals_as_interrupt() -> Iterator[None]:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    # A shell's background job starts with SIGINT ignored, and is to end by it all the same; nohup's wish is kept.
+    numbers = [number for number in ENDING_SIGNALS if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN]
+    before = {number: signal.signal(number, interrupt) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _end(children: list[ChildProcess]) -> None:
+    """End robots before services; a second Ctrl-C changes nothing, since this takes at most 5 s anyhow."""
+    for number in ENDING_SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    start_s = time.monotonic()
+    for child, until_s in zip(reversed(children), (ROBOTS_END_WITHIN_S, ALL_END_WITHIN_S)[-len(children) :], strict=False):
+        child.ask_to_end()
+        child.wait(start_s + until_s - time.monotonic())
+    for child in children:
+        child.end_now()

@@ -1,0 +1,77 @@
+"""Errors of the command line, each with its exit code.
+
+ClientError
+ |- UsageProblem      2   a file, flag or setting that cannot be used
+ |- ServerAway        4   nobody answers at the address
+ |- Refused           5   the server answered with a problem
+ |- Interrupted     130   Ctrl-C
+ `- everything else   1
+"""
+
+from api_schemas.error import Problem
+from client_cli.exit_codes import ExitCode
+
+
+class ClientError(Exception):
+    """Ends the command with one line of text; ``after_document`` says that stdout already has its JSON document."""
+
+    title = "error"
+    exit_code = ExitCode.OTHER
+
+    def __init__(self, detail: str, *, after_document: bool = False):
+        super().__init__(detail)
+        self.detail = detail
+        self.after_document = after_document
+
+
+class UsageProblem(ClientError):
+    """Something the user gave cannot be used; the text names the valid choices."""
+
+    title = "wrong usage"
+    exit_code = ExitCode.USAGE
+
+
+class ServerAway(ClientError):
+    """No server answers at ``url``, or the connection broke."""
+
+    title = "server away"
+    exit_code = ExitCode.SERVER_AWAY
+
+    def __init__(self, url: str, why: str):
+        super().__init__(
+            f"no trifarm server answers at {url} ({why}); start one with 'trifarm up', "
+            "or name another with TRIFARM_URL and TRIFARM_TOKEN"
+        )
+
+
+class Refused(ClientError):
+    """The server answered with a problem document."""
+
+    exit_code = ExitCode.REFUSED
+
+    def __init__(self, problem: Problem):
+        super().__init__(problem.detail)
+        self.title = problem.title
+        self.problem = problem
+
+
+class Interrupted(ClientError):
+    """Ctrl-C, where more is to be said than nothing."""
+
+    title = "interrupted"
+    exit_code = ExitCode.INTERRUPTED
+
+
+def error_line(error: ClientError) -> str:
+    """What stderr gets when a command fails; a problem's title tells its kind."""
+    if isinstance(error, Interrupted):
+        return f"{error.title}: {error.detail}"
+    return f"error: {error.detail}" + (f" ({error.title})" if isinstance(error, Refused) else "")
+
+
+def error_document(error: ClientError) -> dict[str, object]:
+    """What stdout gets with ``--json`` when a command fails."""
+    body: dict[str, object] = {"title": error.title, "detail": error.detail, "exit_code": int(error.exit_code)}
+    if isinstance(error, Refused):
+        body |= {"type": error.problem.type, "status": error.problem.status}
+    return {"error": body}

@@ -1,0 +1,36 @@
+"""The exit codes of every command, each with the sentence that help and documentation show."""
+
+from enum import IntEnum
+
+
+class ExitCode(IntEnum):
+    """How a command ended."""
+
+    OK = 0
+    OTHER = 1
+    USAGE = 2
+    JOB_WITHOUT_REPORT = 3
+    SERVER_AWAY = 4
+    REFUSED = 5
+    DIFFERS = 6
+    INTERRUPTED = 130
+
+
+MEANING: dict[ExitCode, str] = {
+    ExitCode.OK: "done",
+    ExitCode.OTHER: "something else went wrong",
+    ExitCode.USAGE: "wrong usage, or a file that cannot be used",
+    ExitCode.JOB_WITHOUT_REPORT: "the job failed or was cancelled",
+    ExitCode.SERVER_AWAY: "no server answers",
+    ExitCode.REFUSED: "the server refused",
+    ExitCode.DIFFERS: "the replay differs from the log",
+    ExitCode.INTERRUPTED: "interrupted by Ctrl-C",
+}
+
+OF_EVERY_REQUEST = (ExitCode.OK, ExitCode.OTHER, ExitCode.USAGE, ExitCode.SERVER_AWAY, ExitCode.REFUSED)
+"""What any command that asks the server may end with."""
+
+
+def epilog(*codes: ExitCode) -> str:
+    """The last line of a command's help, such as "Exit codes: 0 done; 4 no server answers"."""
+    return "Exit codes: " + "; ".join(f"{int(code)} {MEANING[code]}" for code in sorted(codes)) + "."

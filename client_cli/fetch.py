@@ -1,0 +1,121 @@
+"""``trifarm fetch``: a job's logs and report as files."""
+
+import json
+import os
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Event
+from typing import Annotated
+
+import typer
+
+from api_schemas.job import FINAL_JOB_STATES, Job, JobState
+from api_schemas.trial import Trial
+from client_cli.api_client import ApiClient
+from client_cli.errors import ClientError, UsageProblem
+from client_cli.exit_codes import ExitCode
+from client_cli.following import ending
+from client_cli.log_download import Download, download_log
+from client_cli.options import JobArgument, JsonOption
+from client_cli.output import note, print_document, print_line
+from client_cli.settings import load_connection
+
+REPORT_NAME = "report.json"
+
+
+@dataclass(frozen=True)
+class Fetched:
+    """What a folder holds after a fetch; ``report`` is None for a job that ended without one."""
+
+    job: Job
+    folder: Path
+    logs: tuple[Path, ...]
+    already_there: int
+    received_bytes: int
+    report: Path | None
+
+
+def fetch(
+    job_id: JobArgument,
+    to: Annotated[Path, typer.Option("--to", metavar="DIR", help="The folder to write to; made if absent.")],
+    parallel: Annotated[int, typer.Option("--jobs", min=1, max=16, help="How many logs to download at once.")] = 4,
+    as_json: JsonOption = False,
+) -> None:
+    """Download a job's logs (trial-000.mcap …) and, last of all, report.json. Run again, it brings only what is missing."""
+    with ApiClient(load_connection(os.environ)) as client:
+        fetched = fetch_job(client, job_id, to, parallel)
+    if as_json:
+        print_document(document(fetched))
+    else:
+        print_line(f"{len(fetched.logs)} logs in {fetched.folder} ({fetched.already_there} were there already)")
+    if fetched.report is None:
+        note(f"no {REPORT_NAME}: {ending(fetched.job)}")
+        raise typer.Exit(ExitCode.JOB_WITHOUT_REPORT)
+
+
+def document(fetched: Fetched) -> dict[str, object]:
+    """A fetch as JSON."""
+    return {
+        "job_id": fetched.job.job_id,
+        "state": fetched.job.state.value,
+        "folder": str(fetched.folder),
+        "logs": [str(path) for path in fetched.logs],
+        "already_there": fetched.already_there,
+        "received_bytes": fetched.received_bytes,
+        "report": str(fetched.report) if fetched.report else None,
+    }
+
+
+def fetch_job(client: ApiClient, job_id: str, folder: Path, parallel: int) -> Fetched:
+    """Bring all logs of an ended job to ``folder``, then its report: if that is there, the folder is complete."""
+    job = client.job(job_id)
+    if job.state not in FINAL_JOB_STATES:
+        raise ClientError(
+            f"job {job_id} is still {job.state.value} ({job.trials_done} of {job.trials} trials done); "
+            f"'trifarm watch {job_id}' waits for its end"
+        )
+    _claim_folder(folder, job_id)
+    trials = [trial for trial in client.trials(job_id) if trial.log_sha256]
+    downloads = _download_all(client, trials, folder, parallel)
+    report = None
+    if job.state is JobState.SUCCEEDED:
+        report = _write_report(client.report(job_id), folder / REPORT_NAME)
+    return Fetched(
+        job=job,
+        folder=folder,
+        logs=tuple(sorted(download.path for download in downloads)),
+        already_there=sum(download.was_there for download in downloads),
+        received_bytes=sum(download.size_bytes for download in downloads if not download.was_there),
+        report=report,
+    )
+
+
+def _claim_folder(folder: Path, job_id: str) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        held = json.loads((folder / REPORT_NAME).read_text()).get("job_id")
+    except FileNotFoundError:
+        return
+    except (OSError, ValueError, AttributeError) as error:
+        raise UsageProblem(f"cannot use the folder {folder}: {error}") from error
+    if held != job_id:
+        raise UsageProblem(f"{folder} holds the logs of job {held}; choose another folder for job {job_id}")
+
+
+def _download_all(client: ApiClient, trials: list[Trial], folder: Path, parallel: int) -> list[Download]:
+    stop = Event()
+    with ThreadPoolExecutor(parallel, thread_name_prefix="fetch") as pool:
+        waiting = [pool.submit(download_log, client, trial, folder, stop) for trial in trials]
+        try:
+            return [future.result() for future in as_completed(waiting)]
+        finally:
+            # After an error or Ctrl-C the downloads still under way must not hold up the end.
+            stop.set()
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _write_report(content: bytes, path: Path) -> Path:
+    part = path.with_name(path.name + ".part")
+    part.write_bytes(content)
+    return part.replace(path)

@@ -1,0 +1,40 @@
+"""``trifarm jobs``: which jobs there are, newest first."""
+
+import os
+from typing import Annotated
+
+import typer
+
+from api_schemas.job import FINAL_JOB_STATES, Job, JobState
+from client_cli.api_client import ApiClient
+from client_cli.options import JsonOption
+from client_cli.output import age, note, print_document, print_table
+from client_cli.settings import load_connection
+
+COLUMNS = ("job", "state", "task", "done", "succeeded", "policy", "owner", "age", "why")
+
+
+def jobs(
+    state: Annotated[JobState | None, typer.Option("--state", help="Only jobs in this state.")] = None,
+    limit: Annotated[int, typer.Option("--limit", min=1, max=200, help="At most so many jobs.")] = 20,
+    cursor: Annotated[str | None, typer.Option("--cursor", metavar="TEXT", help="Go on where the last page ended.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """List your jobs, newest first."""
+    with ApiClient(load_connection(os.environ)) as client:
+        page = client.jobs(limit=limit, state=state, cursor=cursor)
+    if as_json:
+        print_document(page)
+        return
+    if not page.jobs:
+        note(f"no job is {state.value}" if state else "no jobs; 'trifarm submit FILE --layout NAME --task TASK' makes one")
+        return
+    print_table(COLUMNS, (_row(job) for job in page.jobs))
+    if page.next_cursor:
+        note(f"more: trifarm jobs --cursor {page.next_cursor}")
+
+
+def _row(job: Job) -> tuple[object, ...]:
+    why = job.reason if job.state in FINAL_JOB_STATES else job.waiting_because
+    done = f"{job.trials_done}/{job.trials}"
+    return job.job_id, job.state, job.task, done, job.successes, job.policy_name, job.owner, age(job.created_at), why or ""

@@ -1,0 +1,62 @@
+"""The table of contents of ``trifarm``: every command with the file it lives in and the codes it exits with."""
+
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from typing import Annotated, NoReturn
+
+import typer
+
+from client_cli import cancel, demo, fetch, jobs, replay, report, robots, status, submit, token, up, watch
+from client_cli.errors import ClientError, error_document, error_line
+from client_cli.exit_codes import MEANING, OF_EVERY_REQUEST, ExitCode, epilog
+from client_cli.output import note, print_document
+
+app = typer.Typer(
+    name="trifarm", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, epilog=epilog(*MEANING)
+)
+
+JOB_END = (*OF_EVERY_REQUEST, ExitCode.JOB_WITHOUT_REPORT, ExitCode.INTERRUPTED)
+
+app.command(epilog=epilog(ExitCode.OK, ExitCode.OTHER, ExitCode.USAGE))(up.up)
+app.command(epilog=epilog(*JOB_END))(demo.demo)
+app.command(epilog=epilog(*JOB_END))(submit.submit)
+app.command(epilog=epilog(*OF_EVERY_REQUEST))(jobs.jobs)
+app.command(epilog=epilog(*JOB_END))(watch.watch)
+app.command(epilog=epilog(*OF_EVERY_REQUEST))(cancel.cancel)
+app.command(epilog=epilog(*OF_EVERY_REQUEST))(report.report)
+app.command(epilog=epilog(*JOB_END))(fetch.fetch)
+app.command(epilog=epilog(ExitCode.OK, ExitCode.OTHER, ExitCode.USAGE, ExitCode.DIFFERS))(replay.replay)
+app.add_typer(robots.commands, name="robots")
+app.command(epilog=epilog(*OF_EVERY_REQUEST))(status.status)
+app.add_typer(token.commands, name="token")
+
+
+def _print_version(is_asked: bool) -> None:
+    if is_asked:
+        try:
+            typer.echo(version("trifarm"))
+        except PackageNotFoundError:
+            typer.echo("unknown: run from a folder that is not installed")
+        raise typer.Exit
+
+
+@app.callback()
+def trifarm(
+    _version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and end.")
+    ] = False,
+) -> None:
+    """Upload a trained policy to a farm of simulated TriFinger robots; get logs and a success rate."""
+
+
+def run(arguments: list[str] | None = None) -> NoReturn:
+    """Run the command line and end the process with the documented exit code."""
+    given = sys.argv[1:] if arguments is None else arguments
+    try:
+        app(given, prog_name="trifarm")
+    except ClientError as error:
+        if "--json" in given and not error.after_document:
+            print_document(error_document(error))
+        note(error_line(error))
+        sys.exit(int(error.exit_code))
+    sys.exit(ExitCode.OK)

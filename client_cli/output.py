@@ -1,0 +1,67 @@
+"""What people and programs see: tables and one JSON document on stdout, everything on the way there on stderr."""
+
+import json
+import sys
+from collections.abc import Iterable
+from datetime import UTC, datetime
+
+from pydantic import BaseModel
+from rich.console import Console
+from rich.table import Table
+
+PIPE_COLUMNS = 10_000
+"""Wide enough for any row."""
+
+
+def stderr_console() -> Console:
+    """The console of progress and errors."""
+    return Console(file=sys.stderr, highlight=False, soft_wrap=True, markup=False)
+
+
+def print_document(document: BaseModel | dict[str, object]) -> None:
+    """The one JSON document of a command with ``--json``; flushed, since ``up`` goes on running after it."""
+    body = document.model_dump(mode="json") if isinstance(document, BaseModel) else document
+    sys.stdout.write(json.dumps(body, indent=2) + "\n")
+    sys.stdout.flush()
+
+
+def print_line(text: str) -> None:
+    """A line of the result, never cut or wrapped."""
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
+
+
+def note(text: str) -> None:
+    """A line about the way to the result."""
+    sys.stderr.write(text + "\n")
+    sys.stderr.flush()
+
+
+def print_table(columns: Iterable[str], rows: Iterable[Iterable[object]]) -> None:
+    """A plain table whose last column takes the long texts; in a pipe or file each row is one line."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    *names, last = columns
+    for name in names:
+        table.add_column(name, no_wrap=True)
+    table.add_column(last, overflow="fold")
+    for row in rows:
+        table.add_row(*("-" if cell is None else str(cell) for cell in row))
+    console = Console(file=sys.stdout, highlight=False, markup=False, width=None if sys.stdout.isatty() else PIPE_COLUMNS)
+    with console.capture() as capture:
+        console.print(table)
+    print_line("\n".join(line.rstrip() for line in capture.get().splitlines()))
+
+
+def age(at: str | None, now: datetime | None = None) -> str:
+    """How long ago ``at`` (ISO 8601) was, in one unit, such as "12 s" or "3 h"."""
+    if at is None:
+        return "-"
+    return duration((now or datetime.now(UTC)).timestamp() - datetime.fromisoformat(at).timestamp())
+
+
+def duration(seconds: float) -> str:
+    """A duration in one unit."""
+    for limit, divisor, unit in ((120, 1, "s"), (7200, 60, "min"), (172_800, 3600, "h")):
+        if seconds < limit:
+            return f"{max(seconds, 0) / divisor:.0f} {unit}"
+    return f"{seconds / 86_400:.0f} d"

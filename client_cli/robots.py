@@ -1,0 +1,60 @@
+"""``trifarm robots``: what every robot does, and drain or resume one."""
+
+import os
+from typing import Annotated
+
+import typer
+
+from api_schemas.robot import Robot
+from client_cli.api_client import ApiClient
+from client_cli.exit_codes import OF_EVERY_REQUEST, epilog
+from client_cli.options import JsonOption
+from client_cli.output import age, print_document, print_line, print_table
+from client_cli.settings import load_connection
+
+COLUMNS = ("robot", "state", "pid", "host", "trial", "simulated", "done", "seen", "reason")
+RobotArgument = Annotated[str, typer.Argument(metavar="ROBOT", help="The robot's name, such as robot-2.")]
+
+commands = typer.Typer(invoke_without_command=True)
+
+
+@commands.callback(epilog=epilog(*OF_EVERY_REQUEST))
+def robots(context: typer.Context, as_json: JsonOption = False) -> None:
+    """List the robots: state, process, trial and, if a robot is not in service, why."""
+    if context.invoked_subcommand:
+        return
+    with ApiClient(load_connection(os.environ)) as client:
+        page = client.robots()
+    if as_json:
+        print_document(page)
+    else:
+        print_table(COLUMNS, (_row(robot) for robot in page.robots))
+
+
+@commands.command(epilog=epilog(*OF_EVERY_REQUEST))
+def drain(robot: RobotArgument, as_json: JsonOption = False) -> None:
+    """Let a robot finish its trial and give it no other."""
+    with ApiClient(load_connection(os.environ)) as client:
+        _show(client.drain(robot), as_json)
+
+
+@commands.command(epilog=epilog(*OF_EVERY_REQUEST))
+def resume(robot: RobotArgument, as_json: JsonOption = False) -> None:
+    """Give a drained robot trials again."""
+    with ApiClient(load_connection(os.environ)) as client:
+        _show(client.resume(robot), as_json)
+
+
+def _show(robot: Robot, as_json: bool) -> None:
+    if as_json:
+        print_document(robot)
+    else:
+        print_line(f"{robot.robot} is {robot.state.value}{f': {robot.reason}' if robot.reason else ''}")
+
+
+def _row(robot: Robot) -> tuple[object, ...]:
+    simulated = None if robot.simulated_s is None else f"{robot.simulated_s:.1f} s"
+    seen = age(robot.last_seen_at)
+    return (
+        robot.robot, robot.state, robot.pid, robot.host, robot.trial, simulated, robot.trials_done, seen, robot.reason or ""
+    )  # fmt: skip

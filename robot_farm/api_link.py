@@ -1,0 +1,110 @@
+"""The only file of the robots that speaks HTTP: renews leases, fetches policies, uploads logs and outcomes."""
+
+import hashlib
+import time
+from pathlib import Path
+from types import TracebackType
+
+import httpx
+
+from api_schemas.robot import Lease, OutcomeReport, Renewal, RenewalReply
+from api_schemas.trial import Outcome
+
+RETRY_FOR_S = 120.0
+"""An outcome is offered again for so long when the API is away; by then the lease has long run out."""
+_RETRY_STATUS = frozenset({429, 502, 503, 504})
+
+
+class LeaseRefusedError(Exception):
+    """The API says that the lease is no longer ours."""
+
+
+class ApiUnreachableError(Exception):
+    """The API could not be reached in time."""
+
+
+class ApiLink:
+    """A robot's connection to the API; a context manager. Safe to use from several threads."""
+
+    def __init__(self, api: str, token: str) -> None:
+        self._client = httpx.Client(
+            base_url=api,
+            headers={"Authorization": f"Bearer {token}"},
+            timeout=httpx.Timeout(30.0, connect=5.0),
+            trust_env=False,  # robots speak to the address they were given, never through a proxy of the environment
+        )
+
+    def __enter__(self) -> "ApiLink":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._client.close()
+
+    def renew(self, trial_id: str, robot: str, fence: int) -> RenewalReply:
+        """Ask for more time; a single try.
+
+        Raises:
+            LeaseRefusedError: the lease has run out or was given to another.
+            ApiUnreachableError: no answer.
+        """
+        body = Renewal(robot=robot, fence=fence).model_dump(mode="json")
+        response = self._once("POST", f"/v1/leases/{trial_id}/renew", json=body)
+        return RenewalReply.model_validate_json(response.content)
+
+    def fetch_graph(self, digest: str, sha256: str, folder: Path) -> Path:
+        """The policy's ONNX graph, fetched once and kept under its SHA-256.
+
+        Raises:
+            ApiUnreachableError: no answer in time.
+            ValueError: what came has another digest.
+        """
+        path = folder / f"{sha256}.onnx"
+        if path.exists():
+            return path
+        response = self._patiently("GET", f"/v1/policies/{digest}/graph")
+        if hashlib.sha256(response.content).hexdigest() != sha256:
+            raise ValueError(f"the graph of policy {digest} does not have the SHA-256 {sha256} that the lease names")
+        partial = path.with_suffix(".partial")
+        partial.write_bytes(response.content)
+        return partial.rename(path)
+
+    def upload_log(self, lease: Lease, log: Path) -> str:
+        """Upload a log under the lease's fence; returns its SHA-256."""
+        with log.open("rb") as stream:
+            digest = hashlib.file_digest(stream, "sha256").hexdigest()
+        headers = {"X-Content-SHA256": digest, "Content-Length": str(log.stat().st_size)}
+        self._patiently("PUT", f"/v1/leases/{lease.trial_id}/{lease.fence}/log", headers=headers, upload=log)
+        return digest
+
+    def report_outcome(self, lease: Lease, outcome: Outcome, log_sha256: str | None) -> None:
+        """Report how the attempt ended; the last word on a lease."""
+        report = OutcomeReport(robot=lease.robot, fence=lease.fence, outcome=outcome, log_sha256=log_sha256)
+        self._patiently("POST", f"/v1/leases/{lease.trial_id}/outcome", json=report.model_dump(mode="json"))
+
+    def _patiently(self, method: str, url: str, *, upload: Path | None = None, **request) -> httpx.Response:
+        """Send until it is answered, at most ``RETRY_FOR_S``."""
+        give_up_s, pause_s = time.monotonic() + RETRY_FOR_S, 0.1
+        while True:
+            try:
+                if upload is None:
+                    return self._once(method, url, **request)
+                with upload.open("rb") as stream:
+                    return self._once(method, url, content=iter(lambda: stream.read(1 << 20), b""), **request)
+            except ApiUnreachableError:
+                if time.monotonic() > give_up_s:
+                    raise
+            time.sleep(pause_s)
+            pause_s = min(2 * pause_s, 3.0)
+
+    def _once(self, method: str, url: str, **request) -> httpx.Response:
+        try:
+            response = self._client.request(method, url, **request)
+        except httpx.TransportError as error:
+            raise ApiUnreachableError(f"{method} {url}: {error or type(error).__name__}") from error
+        if response.status_code in _RETRY_STATUS:
+            raise ApiUnreachableError(f"{method} {url}: status {response.status_code}")
+        if response.status_code in {404, 409}:
+            raise LeaseRefusedError(f"{method} {url}: {response.text[:300]}")
+        if response.is_error:
+            raise RuntimeError(f"{method} {url}: status {response.status_code}: {response.text[:300]}")
+        return response

@@ -1,0 +1,180 @@
+"""A robot's connection to the bus: presence, heartbeats, live state, offers and commands. Never the source of truth."""
+
+import os
+import queue
+import socket
+import threading
+import uuid
+from collections.abc import Callable
+from importlib.metadata import version
+from types import TracebackType
+
+import zenoh
+from pydantic import ValidationError
+
+from api_schemas import bus
+from api_schemas.robot import Lease, OfferReply, RobotState
+
+LIVE_EVERY_S = 0.1
+CLOSE_WITHIN_S = 3.0
+
+
+class BusLink:
+    """Presence of one robot on the bus; a context manager. Owner of the robot's state as others see it.
+
+    Args:
+        endpoint: zenoh endpoint of the router.
+        farm: name of the farm.
+        robot: name of the robot.
+        physics: name of its physics, as told to the dispatcher.
+        live: gives the live state, or None when nothing runs; called ten times a second.
+        on_cancel: called with trial id and fence when a trial shall stop.
+    """
+
+    def __init__(
+        self,
+        endpoint: str,
+        farm: str,
+        robot: str,
+        physics: str,
+        *,
+        live: Callable[[], bus.LiveState | None],
+        on_cancel: Callable[[str, int], None],
+    ) -> None:
+        self._endpoint, self._farm, self._robot, self._physics = endpoint, farm, robot, physics
+        self._live, self._on_cancel = live, on_cancel
+        self._instance = uuid.uuid4().hex
+        self._lock = threading.Lock()
+        self._state, self._lease = RobotState.IDLE, None
+        self._draining = False
+        self._offers: queue.Queue[Lease] = queue.Queue(maxsize=1)
+        self._closing = threading.Event()
+
+    def __enter__(self) -> "BusLink":
+        config = zenoh.Config.from_json5(bus.session_config_json(mode="client", connect=[self._endpoint]))
+        self._session = zenoh.open(config)
+        self._heartbeats = self._session.declare_publisher(bus.heartbeat_key(self._farm, self._robot))
+        self._lives = self._session.declare_publisher(bus.live_key(self._farm, self._robot))
+        self._declared = [
+            self._session.declare_queryable(bus.offer_key(self._farm, self._robot), self._answer_offer),
+            self._session.declare_queryable(bus.command_key(self._farm, self._robot), self._answer_command),
+            self._session.liveliness().declare_token(bus.alive_key(self._farm, self._robot)),
+        ]
+        self._threads = [
+            threading.Thread(target=self._beat, name="heartbeat", daemon=True),
+            threading.Thread(target=self._show, name="live-state", daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._closing.set()
+        for thread in self._threads:
+            thread.join(timeout=1.0)
+        closer = threading.Thread(target=self._session.close, daemon=True)  # may block when the network is gone
+        closer.start()
+        closer.join(timeout=CLOSE_WITHIN_S)
+
+    def next_lease(self, timeout_s: float) -> Lease | None:
+        """The lease that was accepted, or None if none came in time."""
+        try:
+            return self._offers.get(timeout=timeout_s)
+        except queue.Empty:
+            return None
+
+    def running(self) -> None:
+        """The accepted lease's trial has begun."""
+        self._become(RobotState.RUNNING)
+
+    def finishing(self) -> None:
+        """The outcome is about to be reported; from its acceptance on the next offer may come at any moment."""
+        with self._lock:
+            self._lease = None
+            self._state = self._idle_state()
+
+    def free(self, lease: Lease) -> None:
+        """A lease is over, however it ended; the next one may have been accepted already."""
+        with self._lock:
+            if self._lease is None or self._lease is lease:
+                self._lease, self._state = None, self._idle_state()
+        self._send_heartbeat()
+
+    def _idle_state(self) -> RobotState:
+        return RobotState.DRAINING if self._draining else RobotState.IDLE
+
+    def _become(self, state: RobotState) -> None:
+        with self._lock:
+            self._state = state
+        self._send_heartbeat()
+
+    def _answer_offer(self, query: zenoh.Query) -> None:
+        """Accept an offer if the robot is idle; the reply is the acceptance."""
+        try:
+            lease = Lease.model_validate_json(query.payload.to_bytes() if query.payload else b"")
+        except ValidationError as error:
+            reply = OfferReply(accepted=False, reason=f"the offer is not a lease: {error.error_count()} errors")
+        else:
+            reply = self._accept(lease)
+        query.reply(bus.offer_key(self._farm, self._robot), reply.model_dump_json())
+
+    def _accept(self, lease: Lease) -> OfferReply:
+        with self._lock:
+            if self._lease is not None:
+                if (self._lease.trial_id, self._lease.fence) == (lease.trial_id, lease.fence):
+                    return OfferReply(accepted=True)  # the same offer again: its first answer was lost
+                return OfferReply(accepted=False, reason=f"busy with trial {self._lease.trial_id}")
+            if self._draining:
+                return OfferReply(accepted=False, reason="draining")
+            self._lease, self._state = lease, RobotState.LEASED
+        self._offers.put_nowait(lease)
+        return OfferReply(accepted=True)
+
+    def _answer_command(self, query: zenoh.Query) -> None:
+        try:
+            command = bus.Command.model_validate_json(query.payload.to_bytes() if query.payload else b"")
+        except ValidationError as error:
+            reply = OfferReply(accepted=False, reason=f"not a command: {error.error_count()} errors")
+        else:
+            reply = self._obey(command)
+        query.reply(bus.command_key(self._farm, self._robot), reply.model_dump_json())
+        self._send_heartbeat()
+
+    def _obey(self, command: bus.Command) -> OfferReply:
+        with self._lock:
+            lease = self._lease
+            if command.kind is not bus.CommandKind.CANCEL:
+                self._draining = command.kind is bus.CommandKind.DRAIN
+                if lease is None:
+                    self._state = self._idle_state()
+                return OfferReply(accepted=True)
+        if lease is None or (lease.trial_id, lease.fence) != (command.trial_id, command.fence):
+            return OfferReply(accepted=False, reason=f"not running trial {command.trial_id}, attempt {command.fence}")
+        self._on_cancel(lease.trial_id, lease.fence)
+        return OfferReply(accepted=True)
+
+    def _send_heartbeat(self) -> None:
+        with self._lock:
+            beat = bus.Heartbeat(
+                robot=self._robot,
+                instance=self._instance,
+                pid=os.getpid(),
+                host=socket.gethostname(),
+                state=self._state,
+                trial_id=self._lease.trial_id if self._lease else None,
+                fence=self._lease.fence if self._lease else None,
+                physics=self._physics,
+                version=version("trifarm"),
+            )
+        self._heartbeats.put(beat.model_dump_json())
+
+    def _beat(self) -> None:
+        self._send_heartbeat()
+        while not self._closing.wait(bus.HEARTBEAT_EVERY_S):
+            self._send_heartbeat()
+
+    def _show(self) -> None:
+        while not self._closing.wait(LIVE_EVERY_S):
+            state = self._live()
+            if state is not None:
+                self._lives.put(state.model_dump_json())

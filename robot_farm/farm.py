@@ -1,0 +1,74 @@
+"""Several robots on one machine: starts a process for each, starts those anew that die, ends all of them together."""
+
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+
+from robot_farm.settings import Settings
+
+LOOK_EVERY_S = 0.1
+RESTART_PAUSE_S = (0.2, 1.0, 5.0, 15.0)
+"""Pauses before a robot that died is started again; back to the first after a minute of good service."""
+GOOD_SERVICE_S = 60.0
+END_WITHIN_S = 3.5
+
+
+class _Place:
+    """One robot's place on the machine, with or without a living process in it."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.process: subprocess.Popen | None = None
+        self.started_at_s = 0.0
+        self.deaths = 0
+        self.start_at_s = 0.0
+
+
+def run_robots(settings: Settings, arguments: list[str], stop: threading.Event, say: Callable[[str], None]) -> None:
+    """Keep ``settings.robots`` robots running until told to stop.
+
+    Args:
+        settings: how many robots and from which number.
+        arguments: the command line each robot gets besides its name.
+        stop: set from outside to end.
+        say: takes a line for the log.
+    """
+    places = [_Place(f"robot-{settings.first + index}") for index in range(settings.robots)]
+    try:
+        while not stop.is_set():
+            for place in places:
+                _look_after(place, arguments, say)
+            stop.wait(LOOK_EVERY_S)
+    finally:
+        _end([place.process for place in places if place.process is not None])
+
+
+def _look_after(place: _Place, arguments: list[str], say: Callable[[str], None]) -> None:
+    now_s = time.monotonic()
+    if place.process is not None and place.process.poll() is not None:
+        say(f"{place.name} (pid {place.process.pid}) ended with {_how(place.process.returncode)}; it is started again")
+        place.deaths = 1 if now_s - place.started_at_s > GOOD_SERVICE_S else place.deaths + 1
+        place.start_at_s = now_s + RESTART_PAUSE_S[min(place.deaths, len(RESTART_PAUSE_S)) - 1]
+        place.process = None
+    if place.process is None and now_s >= place.start_at_s:
+        place.started_at_s = now_s
+        place.process = subprocess.Popen([sys.executable, "-P", "-m", "robot_farm", "--robot", place.name, *arguments])
+
+
+def _how(returncode: int) -> str:
+    return f"signal {-returncode}" if returncode < 0 else f"exit code {returncode}"
+
+
+def _end(processes: list[subprocess.Popen]) -> None:
+    """Ask all to end, then insist."""
+    for process in processes:
+        process.terminate()
+    give_up_s = time.monotonic() + END_WITHIN_S
+    for process in processes:
+        try:
+            process.wait(timeout=max(0.0, give_up_s - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()

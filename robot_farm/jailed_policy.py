@@ -1,0 +1,83 @@
+"""The policy process: runs one ONNX graph on the observations that the robot sends, and nothing else.
+
+Started as ``python -m robot_farm.jailed_policy GRAPH.onnx IN_FD OUT_FD`` by ``jail.py``; imports as little as it can.
+"""
+
+import os
+import resource
+import sys
+import time
+
+from api_schemas import policy_link
+
+MEMORY_BYTES = 4 * 1024**3
+MAX_FILES = 64
+
+
+def main() -> int:
+    """Answer requests until the robot closes its end."""
+    graph, read_fd, write_fd = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+    _limit_self()
+    try:
+        act = _load(graph)
+    except Exception as error:  # whatever the runtime raises goes to the robot as text
+        _reply_text(write_fd, error)
+        return 1
+    os.write(write_fd, policy_link.pack_reply(policy_link.READY))
+    try:
+        while True:
+            _answer(act, read_fd, write_fd)
+    except (policy_link.LinkClosedError, BrokenPipeError):
+        return 0
+
+
+def _limit_self() -> None:
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_NOFILE, (MAX_FILES, MAX_FILES))
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+
+
+def _load(graph: str):
+    """The network as a function from observation bytes to an action array and its inference time in ns."""
+    import numpy as np
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
+    options.log_severity_level = 4
+    session = onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
+    name = session.get_inputs()[0].name
+
+    def act(data: bytes):
+        observation = np.frombuffer(data, np.float32)[None]
+        started_ns = time.perf_counter_ns()
+        action = session.run(None, {name: observation})[0]
+        return np.asarray(action, np.float32).reshape(-1), time.perf_counter_ns() - started_ns
+
+    return act
+
+
+def _answer(act, read_fd: int, write_fd: int) -> None:
+    """Answer one request; a feed-forward network has no state, so that a reset needs no more than an acknowledgement."""
+    kind, count = policy_link.REQUEST.unpack(policy_link.read_exactly(read_fd, policy_link.REQUEST.size))
+    if kind == policy_link.RESET:
+        os.write(write_fd, policy_link.pack_reply(policy_link.OK))
+        return
+    try:
+        action, inference_time_ns = act(policy_link.read_exactly(read_fd, 4 * count))
+    except policy_link.LinkClosedError:
+        raise
+    except Exception as error:
+        _reply_text(write_fd, error)
+        return
+    os.write(write_fd, policy_link.pack_reply(policy_link.OK, action.tobytes(), inference_time_ns))
+
+
+def _reply_text(write_fd: int, error: Exception) -> None:
+    text = f"{type(error).__name__}: {error}".encode(errors="replace")[: policy_link.MAX_TEXT_BYTES]
+    os.write(write_fd, policy_link.pack_reply(policy_link.FAILED, text))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,149 @@
+"""The life of one robot: wait for a lease, run its trial, bring home log and outcome, again."""
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from api_schemas.bus import LiveState
+from api_schemas.robot import Lease
+from api_schemas.trial import FAULT_OF, Outcome, OutcomeKind
+from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError
+from robot_farm.bus_link import BusLink
+from robot_farm.jail import JailedPolicy
+from robot_farm.lease_keeper import LeaseKeeper
+from robot_farm.settings import Settings
+from robot_farm.trial import Progress, TrialStoppedError, run_trial
+from sim_backend.driver.simulated import SimulatedDriver
+
+IDLE_WAIT_S = 0.5
+
+
+class Robot:
+    """One robot. Owner of its driver, of the kept policy process and of the lease in hand."""
+
+    def __init__(self, name: str, settings: Settings, say: Callable[[str], None]) -> None:
+        self._name, self._settings, self._say = name, settings, say
+        self._folder = settings.robot_folder(name)
+        self._folder.mkdir(parents=True, exist_ok=True)
+        for left_over in self._folder.glob("*.mcap"):
+            left_over.unlink()  # of a process that was killed; its lease is void
+        self._driver = SimulatedDriver()
+        self._policy: JailedPolicy | None = None
+        self._lease: Lease | None = None
+        self._keeper: LeaseKeeper | None = None
+        self._progress = Progress()
+
+    def live_until(self, stop: threading.Event) -> None:
+        """Take leases until told to stop; a running trial is given back as the platform's fault."""
+        with contextlib.ExitStack() as stack:
+            api = stack.enter_context(ApiLink(self._settings.api, self._settings.token))
+            stack.callback(self._end_policy)
+            bus = stack.enter_context(
+                BusLink(
+                    self._settings.bus,
+                    self._settings.farm,
+                    self._name,
+                    self._settings.physics,
+                    live=self._live_state,
+                    on_cancel=self._cancel,
+                )
+            )
+            while not stop.is_set():
+                lease = bus.next_lease(IDLE_WAIT_S)
+                if lease is None:
+                    continue
+                self._serve(lease, api, bus, stop)
+
+    def _serve(self, lease: Lease, api: ApiLink, bus: BusLink, stop: threading.Event) -> None:
+        """One lease, from acceptance to outcome. Whatever goes wrong here is the platform's fault, and is reported so."""
+        taken_at_s, log = time.monotonic(), self._folder / f"{lease.trial_id}-{lease.fence}.mcap"
+        log.unlink(missing_ok=True)
+        try:
+            with LeaseKeeper(api, lease, taken_at_s) as keeper:
+                self._lease, self._keeper = lease, keeper
+                bus.running()
+                outcome = self._attempt(lease, api, keeper, log, stop)
+                if outcome is not None:  # log first, outcome last
+                    digest = api.upload_log(lease, log) if log.exists() else None
+                    bus.finishing()
+                    api.report_outcome(lease, outcome, digest)
+        except (LeaseRefusedError, ApiUnreachableError) as error:
+            self._say(f"trial {lease.trial_id}, attempt {lease.fence}: outcome not accepted: {error}")
+        finally:
+            self._lease = self._keeper = None
+            log.unlink(missing_ok=True)
+            bus.free(lease)
+
+    def _attempt(self, lease: Lease, api: ApiLink, keeper: LeaseKeeper, log: Path, stop: threading.Event) -> Outcome | None:
+        """The outcome to report, or None when the lease is lost and nobody would listen."""
+
+        def stop_reason() -> str | None:
+            return "the robot is being stopped" if stop.is_set() else keeper.stop_reason()
+
+        try:
+            policy = self._policy_for(lease, api)
+            outcome = run_trial(
+                lease,
+                policy,
+                self._driver,
+                log,
+                stop_reason=stop_reason,
+                physics=self._settings.physics,
+                progress=self._progress,
+            )
+        except TrialStoppedError as error:
+            self._end_policy()
+            if keeper.cancelled:
+                return _ended(OutcomeKind.CANCELLED, str(error))
+            return _ended(OutcomeKind.PLATFORM_ERROR, str(error)) if stop.is_set() else None
+        except (LeaseRefusedError, ApiUnreachableError):
+            raise
+        except Exception as error:
+            self._end_policy()
+            self._driver = SimulatedDriver()
+            self._say(f"trial {lease.trial_id}, attempt {lease.fence}: {type(error).__name__}: {error}")
+            return _ended(OutcomeKind.PLATFORM_ERROR, f"{type(error).__name__}: {error}")
+        if outcome.kind not in (OutcomeKind.SUCCEEDED, OutcomeKind.FAILED):
+            self._end_policy()  # never trusted with another trial in the same process
+        return outcome
+
+    def _policy_for(self, lease: Lease, api: ApiLink) -> JailedPolicy:
+        """The kept process if it runs this policy, a new one otherwise."""
+        if self._policy is not None and self._policy.digest == lease.policy:
+            return self._policy
+        self._end_policy()
+        graph = api.fetch_graph(lease.policy, lease.graph_sha256, self._folder)
+        self._policy = JailedPolicy(lease.policy, graph)
+        return self._policy
+
+    def _end_policy(self) -> None:
+        if self._policy is not None:
+            self._policy.close()
+            self._policy = None
+
+    def _cancel(self, trial_id: str, fence: int) -> None:
+        lease, keeper = self._lease, self._keeper
+        if lease is not None and keeper is not None and (lease.trial_id, lease.fence) == (trial_id, fence):
+            keeper.cancel()
+
+    def _live_state(self) -> LiveState | None:
+        lease, progress = self._lease, self._progress
+        measurement, tracked = progress.measurement, progress.tracked
+        if lease is None or measurement is None or tracked is None:
+            return None
+        return LiveState(
+            robot=self._name,
+            trial_id=lease.trial_id,
+            fence=lease.fence,
+            simulated_s=progress.simulated_s,
+            duration_s=progress.duration_s,
+            joint_position_rad=tuple(measurement.joint_position_rad[0].tolist()),
+            tracked_cube_position_world_m=tuple(tracked.cube_position_world_m[0].tolist()),
+            tracked_cube_quat_wxyz=tuple(tracked.cube_quat_wxyz[0].tolist()),
+        )
+
+
+def _ended(kind: OutcomeKind, reason: str) -> Outcome:
+    return Outcome(kind=kind, fault=FAULT_OF[kind], reason=reason[:2000])

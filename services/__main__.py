@@ -1,0 +1,65 @@
+"""``python -m services serve``: starts the services of a farm in this process."""
+
+import argparse
+import asyncio
+import ctypes
+import logging
+import signal
+import sys
+from pathlib import Path
+
+import structlog
+
+from services.settings import Settings
+
+PR_SET_PDEATHSIG = 1
+"""Linux prctl(2): the signal to get when the parent ends."""
+
+
+def settings_from(arguments: list[str]) -> Settings:
+    """Flags win over TRIFARM_* variables, which win over defaults."""
+    parser = argparse.ArgumentParser(prog="python -m services", description="The services of a trifarm.")
+    serve = parser.add_subparsers(dest="command", required=True).add_parser("serve", help="API, dispatcher and bus")
+    serve.add_argument("--data", type=Path, help="folder of database, files and tokens")
+    serve.add_argument("--host")
+    serve.add_argument("--port", type=int)
+    serve.add_argument("--bus", help="zenoh endpoint to listen on, as tcp/127.0.0.1:7447")
+    serve.add_argument("--farm", help="the farm's name on the bus")
+    serve.add_argument("--physics", help="what the robots were told; shown in the status")
+    given = {name: value for name, value in vars(parser.parse_args(arguments)).items() if value is not None}
+    given.pop("command")
+    return Settings(**given)
+
+
+def main() -> None:
+    """Runs until told to stop."""
+    settings = settings_from(sys.argv[1:])
+    _end_with_parent()
+    _log_to_stderr()
+    from services.serve import serve
+
+    asyncio.run(serve(settings))
+
+
+def _end_with_parent() -> None:
+    if sys.platform == "linux":
+        ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+def _log_to_stderr() -> None:
+    logging.basicConfig(level=logging.WARNING, stream=sys.stderr, format="%(levelname)s %(name)s %(message)s")
+    structlog.configure(
+        processors=[
+            structlog.contextvars.merge_contextvars,
+            structlog.processors.add_log_level,
+            structlog.processors.TimeStamper(fmt="iso", utc=True),
+            structlog.processors.format_exc_info,
+            structlog.processors.JSONRenderer(),
+        ],
+        wrapper_class=structlog.make_filtering_bound_logger(logging.INFO),
+        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,38 @@
+"""Who may call a route: dependencies that turn the Authorization header into a caller."""
+
+from collections.abc import Awaitable, Callable
+from typing import Annotated
+
+from fastapi import Depends
+from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+
+from api_schemas.token import Scope
+from services.api.farm import TheFarm
+from services.api.tokens import Caller
+from services.errors import Forbidden, Unauthorised
+
+_bearer = HTTPBearer(auto_error=False, description="A token of the farm: trifarm_<id>_<secret>")
+
+
+async def _caller(farm: TheFarm, credentials: Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)]) -> Caller:
+    if credentials is None:
+        raise Unauthorised("token-missing", "Send the header 'Authorization: Bearer trifarm_…'.")
+    return await farm.tokens.caller(credentials.credentials)
+
+
+def _needs(*any_of: Scope) -> Callable[[Caller], Awaitable[Caller]]:
+    async def check(caller: Annotated[Caller, Depends(_caller)]) -> Caller:
+        if not caller.may(*any_of):
+            has, wanted = ", ".join(sorted(caller.scopes)), " or ".join(any_of)
+            raise Forbidden("scope-missing", f"This needs the scope {wanted}; the token of {caller.owner} has {has}.")
+        return caller
+
+    return check
+
+
+AnyCaller = Annotated[Caller, Depends(_caller)]
+User = Annotated[Caller, Depends(_needs(Scope.SUBMIT, Scope.OPERATE))]
+Submitter = Annotated[Caller, Depends(_needs(Scope.SUBMIT))]
+Operator = Annotated[Caller, Depends(_needs(Scope.OPERATE))]
+RobotCaller = Annotated[Caller, Depends(_needs(Scope.ROBOT))]
+Admin = Annotated[Caller, Depends(_needs(Scope.ADMIN))]

@@ -1,0 +1,39 @@
+"""What every route works with: the parts of the running services, handed in by the composition."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from fastapi import Depends, Request
+from prometheus_client import CollectorRegistry
+
+from services.api.tokens import Tokens
+from services.database.database import Database
+from services.files.store import FileStore
+from services.jobs.clock import FarmClock
+from services.jobs.fleet import Fleet
+from services.jobs.signals import Signals
+from services.policies.keeping import Policies
+from services.settings import Settings
+
+
+@dataclass(frozen=True)
+class Farm:
+    """The parts of one services process."""
+
+    settings: Settings
+    database: Database
+    files: FileStore
+    policies: Policies
+    clock: FarmClock
+    fleet: Fleet
+    signals: Signals
+    tokens: Tokens
+    registry: CollectorRegistry
+    version: str
+
+
+def _farm(request: Request) -> Farm:
+    return request.app.state.farm
+
+
+TheFarm = Annotated[Farm, Depends(_farm)]

@@ -1,0 +1,84 @@
+"""Routes of a job's history: server-sent events that resume, and a long poll for those who cannot keep a stream."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Header, Query
+from fastapi.sse import EventSourceResponse, ServerSentEvent
+
+from api_schemas.job import FINAL_JOB_STATES, JobEvent
+from services.api.access import User
+from services.api.farm import Farm, TheFarm
+from services.api.jobs import JobId
+from services.database.rows import AnyRow
+from services.errors import Refused
+from services.jobs import views
+from services.jobs.events import events_after
+
+router = APIRouter(prefix="/v1/jobs/{job_id}", tags=["jobs"])
+LONG_POLL_S = 20.0
+LOOK_AGAIN_S = 2.0
+"""Readers look again after so long though nobody woke them: another process may have written."""
+
+
+async def _job(job_id: JobId, caller: User, farm: TheFarm) -> AnyRow:
+    async with farm.database.read() as connection:
+        return await views.job_row(connection, job_id, caller.sees_only)
+
+
+async def _last_seen(last_event_id: Annotated[str | None, Header(alias="Last-Event-ID")] = None) -> int:
+    text = last_event_id or "0"
+    if not (text.isascii() and text.isdigit() and len(text) < 10):
+        raise Refused("bad-event-id", f"Last-Event-ID is {text!r}; it must be the id of an event of this job.")
+    return int(text)
+
+
+OwnJob = Annotated[AnyRow, Depends(_job)]
+LastSeen = Annotated[int, Depends(_last_seen)]
+
+
+@router.get("/events", response_class=EventSourceResponse)
+async def stream_events(row: OwnJob, last_seen: LastSeen, farm: TheFarm) -> AsyncIterator[ServerSentEvent]:
+    """Every event after Last-Event-ID, then each new one, until the job's last."""
+    while not farm.signals.closing.is_set():
+        for event in await _wait_for(farm, row, last_seen, LOOK_AGAIN_S):
+            yield ServerSentEvent(data=event, event=event.kind, id=str(event.id))
+            last_seen = event.id
+            if event.kind == "job_ended":
+                return
+        if await _over(farm, row, last_seen):
+            return
+
+
+@router.get("/history")
+async def get_history(row: OwnJob, farm: TheFarm, after: Annotated[int, Query(ge=0, le=2**31 - 1)] = 0) -> tuple[JobEvent, ...]:
+    """The events after ``after``; when there are none yet, waits for one up to 20 s."""
+    if await _over(farm, row, after):
+        return ()
+    return await _wait_for(farm, row, after, LONG_POLL_S)
+
+
+async def _wait_for(farm: Farm, row: AnyRow, after: int, longest_s: float) -> tuple[JobEvent, ...]:
+    changed = farm.signals.watch(row.job_id)
+    found = await _read(farm, row, after)
+    if found or farm.signals.closing.is_set():
+        return found
+    try:
+        async with asyncio.timeout(longest_s):
+            await changed.wait()
+    except TimeoutError:
+        pass
+    return await _read(farm, row, after)
+
+
+async def _read(farm: Farm, row: AnyRow, after: int) -> tuple[JobEvent, ...]:
+    async with farm.database.read() as connection:
+        return await events_after(connection, row.number, after)
+
+
+async def _over(farm: Farm, row: AnyRow, seen: int) -> bool:
+    """Whether the job has ended and its reader has seen all that it will ever have."""
+    async with farm.database.read() as connection:
+        now = await views.job_row(connection, row.job_id, None)
+    return now.state in FINAL_JOB_STATES and seen >= now.last_event

@@ -1,0 +1,111 @@
+"""Routes of jobs: create, list, get, cancel, and their reports."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Header, Path, Query, Request, Response
+from fastapi.responses import PlainTextResponse
+from sqlalchemy import select
+
+from api_schemas.job import Job, JobPage, JobRequest, JobState
+from api_schemas.report import Report
+from api_schemas.report_text import render
+from services.api import cursor as cursors
+from services.api.access import Submitter, User
+from services.api.farm import Farm, TheFarm
+from services.api.tokens import Caller
+from services.database.tables import job, report
+from services.errors import Conflict
+from services.jobs import cancellation, submission, views
+
+router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
+JobId = Annotated[str, Path(pattern=r"^[a-z0-9]{1,20}$")]
+IdempotencyKey = Annotated[str | None, Header(alias="Idempotency-Key", min_length=1, max_length=200)]
+
+
+@router.post("", response_model=Job, status_code=201, responses={200: {"model": Job}})
+async def create_job(
+    body: JobRequest, response: Response, caller: Submitter, farm: TheFarm, idempotency_key: IdempotencyKey = None
+) -> Job:
+    """Queues a job; with an Idempotency-Key the same request twice is one job."""
+    async with farm.database.write() as tx:
+        now_s = farm.clock.now_s()
+        job_id, new = await submission.submit(tx, now_s, body, owner=caller.owner, idempotency_key=idempotency_key)
+    farm.signals.wake_dispatcher()
+    response.status_code = 201 if new else 200
+    response.headers["Location"] = f"/v1/jobs/{job_id}"
+    return await _show(job_id, caller, farm)
+
+
+@router.get("")
+async def list_jobs(
+    caller: User,
+    farm: TheFarm,
+    cursor: str | None = None,
+    limit: Annotated[int, Query(ge=1, le=200)] = 50,
+    state: JobState | None = None,
+) -> JobPage:
+    """Jobs, newest first; users see their own, operators all."""
+    wanted = select(job).order_by(job.c.number.desc()).limit(limit + 1)
+    if (before := cursors.decode(cursor)) is not None:
+        wanted = wanted.where(job.c.number < before)
+    if state is not None:
+        wanted = wanted.where(job.c.state == state)
+    if caller.sees_only is not None:
+        wanted = wanted.where(job.c.owner == caller.sees_only)
+    async with farm.database.read() as connection:
+        rows = (await connection.execute(wanted)).all()
+        shown = await views.show_jobs(connection, rows[:limit], farm.fleet, farm.clock.now_s())
+    return JobPage(jobs=shown, next_cursor=cursors.encode(rows[limit - 1].number if len(rows) > limit else None))
+
+
+@router.get("/{job_id}")
+async def get_job(job_id: JobId, caller: User, farm: TheFarm) -> Job:
+    """One job, and why it is not over yet."""
+    return await _show(job_id, caller, farm)
+
+
+@router.post("/{job_id}/cancel")
+async def cancel_job(job_id: JobId, caller: User, farm: TheFarm) -> Job:
+    """Takes queued trials out of the queue and has running ones stopped; the job ends when they have."""
+    async with farm.database.write() as tx:
+        row = await views.job_row(tx, job_id, caller.sees_only)
+        await cancellation.cancel(tx, farm.clock.now_s(), row.number)
+    farm.signals.job_changed(job_id)
+    farm.signals.wake_dispatcher(urgent=True)
+    return await _show(job_id, caller, farm)
+
+
+@router.get("/{job_id}/report", response_model=Report)
+async def get_report(job_id: JobId, request: Request, caller: User, farm: TheFarm) -> Response:
+    """The report, byte for byte as it was written at the job's end."""
+    body, sha256 = await _report(job_id, caller, farm)
+    tag = f'"{sha256}"'
+    if request.headers.get("if-none-match") == tag:
+        return Response(status_code=304, headers={"ETag": tag})
+    return Response(body, media_type="application/json", headers={"ETag": tag})
+
+
+@router.get("/{job_id}/report/text", response_class=PlainTextResponse)
+async def get_report_text(job_id: JobId, caller: User, farm: TheFarm) -> str:
+    """The report for people."""
+    body, _ = await _report(job_id, caller, farm)
+    return render(Report.model_validate_json(body))
+
+
+async def _report(job_id: str, caller: Caller, farm: Farm) -> tuple[bytes, str]:
+    async with farm.database.read() as connection:
+        row = await views.job_row(connection, job_id, caller.sees_only)
+        found = (await connection.execute(select(report).where(report.c.job_number == row.number))).one_or_none()
+        if found is not None:
+            return found.body, found.sha256
+        (shown,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s())
+    why = shown.waiting_because or shown.reason
+    detail = f"Job {job_id} is {shown.state} and has no report{f': {why}' if why else ''}."
+    raise Conflict("report-not-ready", detail, state=shown.state, waiting_because=shown.waiting_because)
+
+
+async def _show(job_id: str, caller: Caller, farm: Farm) -> Job:
+    async with farm.database.read() as connection:
+        row = await views.job_row(connection, job_id, caller.sees_only)
+        (shown,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s())
+    return shown

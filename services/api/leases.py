@@ -1,0 +1,82 @@
+"""Routes of robots that hold a lease: renew it, upload the log, report the outcome last."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, BackgroundTasks, Header, Path, Request
+from pydantic import BaseModel
+
+from api_schemas.robot import OutcomeReport, Renewal, RenewalReply
+from services.api.access import RobotCaller
+from services.api.farm import Farm, TheFarm
+from services.api.trials import TrialId
+from services.errors import Refused
+from services.jobs import completion, lease
+from services.jobs.claim import Claim
+
+router = APIRouter(prefix="/v1/leases", tags=["leases"])
+Fence = Annotated[int, Path(ge=1, le=2**31 - 1)]
+AnnouncedSha256 = Annotated[str | None, Header(alias="X-Content-SHA256", pattern=r"^[0-9a-f]{64}$")]
+
+
+class StoredLog(BaseModel):
+    """What became of an uploaded log."""
+
+    sha256: str
+    bytes: int
+    new: bool
+
+
+class OutcomeReply(BaseModel):
+    """The outcome was taken."""
+
+    accepted: bool = True
+
+
+@router.post("/{trial_id}/renew")
+async def renew_lease(trial_id: TrialId, body: Renewal, _caller: RobotCaller, farm: TheFarm) -> RenewalReply:
+    """Prolongs a lease."""
+    now_s, lease_s = farm.clock.now_s(), farm.settings.lease_s
+    async with farm.database.write(lasting=False) as tx:
+        cancel = await lease.renew(tx, now_s, trial_id, body, lease_s)
+    farm.fleet.renewed(Claim(trial_id, body.fence, body.robot), now_s)
+    return RenewalReply(lease_s=lease_s, cancel=cancel)
+
+
+@router.put("/{trial_id}/{fence}/log")
+async def put_log(
+    trial_id: TrialId,
+    fence: Fence,
+    request: Request,
+    _caller: RobotCaller,
+    farm: TheFarm,
+    x_content_sha256: AnnouncedSha256 = None,
+) -> StoredLog:
+    """Takes a log under a lease that holds; it is kept under its SHA-256, which the outcome then names."""
+    async with farm.database.read() as connection:
+        await lease.check_lease(connection, trial_id, fence)
+    limit_bytes = farm.settings.max_log_bytes
+    stored = await farm.files.put(request.stream(), limit_bytes=limit_bytes, expected_sha256=x_content_sha256)
+    return StoredLog(sha256=stored.sha256, bytes=stored.size, new=stored.new)
+
+
+@router.post("/{trial_id}/outcome")
+async def post_outcome(
+    trial_id: TrialId, body: OutcomeReport, after: BackgroundTasks, _caller: RobotCaller, farm: TheFarm
+) -> OutcomeReply:
+    """Takes the outcome of an attempt; the same one again is taken again and changes nothing."""
+    log_bytes = None if body.log_sha256 is None else await farm.files.size(body.log_sha256)
+    if body.log_sha256 is not None and log_bytes is None:
+        raise Refused("log-missing", f"No log {body.log_sha256} was uploaded; PUT /v1/leases/{trial_id}/{body.fence}/log first.")
+    async with farm.database.write() as tx:
+        max_attempts = farm.settings.max_attempts
+        ending = await completion.accept(tx, farm.clock.now_s(), trial_id, body, log_bytes=log_bytes, max_attempts=max_attempts)
+    if ending.job_id is not None:
+        farm.signals.job_changed(ending.job_id)
+        # After the answer is sent, so that the robot has it before the next offer reaches it.
+        after.add_task(_robot_is_free, farm, Claim(trial_id, body.fence, body.robot), ending)
+    return OutcomeReply()
+
+
+async def _robot_is_free(farm: Farm, claim: Claim, ending: completion.Ending) -> None:
+    farm.fleet.freed(claim, done=ending.done)
+    farm.signals.wake_dispatcher(urgent=ending.job_ended)

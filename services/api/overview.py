@@ -1,0 +1,108 @@
+"""How the farm is: in plain words, for a health check, and for Prometheus."""
+
+from collections import Counter
+from dataclasses import dataclass
+
+from fastapi import APIRouter, Response
+from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Gauge, generate_latest
+from sqlalchemy import func, select
+
+from api_schemas.job import JobState
+from api_schemas.robot import RobotState
+from api_schemas.status import FarmStatus
+from api_schemas.trial import TrialState
+from services.api.access import AnyCaller
+from services.api.farm import Farm, TheFarm
+from services.database.tables import job
+from services.jobs.lease import UNENDED
+from services.jobs.waiting import nobody_in_service, robot_now
+
+router = APIRouter(tags=["farm"])
+
+
+@dataclass(frozen=True)
+class Load:
+    """What there is to do and who is there to do it."""
+
+    robots: dict[str, int]
+    jobs: dict[str, int]
+    trials_queued: int
+    trials_running: int
+    oldest_queued_s: float | None
+
+
+@router.get("/healthz")
+async def healthz(farm: TheFarm) -> dict[str, str]:
+    """Answers when the API and its database do."""
+    async with farm.database.read() as connection:
+        await connection.execute(select(1))
+    return {"status": "ok", "version": farm.version}
+
+
+@router.get("/v1/status")
+async def status(_caller: AnyCaller, farm: TheFarm) -> FarmStatus:
+    """The farm at a glance."""
+    load, problems = await _load(farm), _problems(farm)
+    in_service = len(farm.fleet.healthy(farm.clock.now_s()))
+    if load.trials_queued and not in_service:
+        problems = (f"{load.trials_queued} trials wait and {nobody_in_service(farm.fleet, farm.clock.now_s())}", *problems)
+    return FarmStatus(
+        healthy=not problems,
+        summary=f"{in_service} of {len(farm.fleet.members)} robots in service, {load.trials_running} trials running, "
+        f"{load.trials_queued} queued",
+        problems=problems,
+        robots_by_state=load.robots,
+        jobs_by_state=load.jobs,
+        trials_queued=load.trials_queued,
+        trials_running=load.trials_running,
+        oldest_queued_s=load.oldest_queued_s,
+        version=farm.version,
+        farm=farm.settings.farm,
+        physics=farm.settings.physics,
+    )
+
+
+@router.get("/metrics", response_class=Response)
+async def metrics(farm: TheFarm) -> Response:
+    """Counters of this process and gauges of the farm, for Prometheus."""
+    load, registry = await _load(farm), CollectorRegistry()
+    _gauge(registry, "trifarm_robots", "Robots by state", load.robots, "state")
+    _gauge(registry, "trifarm_jobs", "Jobs by state", load.jobs, "state")
+    trials = {TrialState.QUEUED: load.trials_queued, TrialState.RUNNING: load.trials_running}
+    _gauge(registry, "trifarm_trials", "Trials of unended jobs by state", {str(k): v for k, v in trials.items()}, "state")
+    Gauge("trifarm_oldest_queued_seconds", "Age of the oldest queued job", registry=registry).set(load.oldest_queued_s or 0)
+    return Response(generate_latest(farm.registry) + generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
+
+
+async def _load(farm: Farm) -> Load:
+    now_s = farm.clock.now_s()
+    left = func.sum(job.c.trials - job.c.trials_done - job.c.trials_active)
+    async with farm.database.read() as connection:
+        jobs = (await connection.execute(select(job.c.state, func.count()).group_by(job.c.state))).all()
+        unended = select(left, func.sum(job.c.trials_active)).where(job.c.state.in_(UNENDED), job.c.cancel_requested.is_(False))
+        queued, running = (await connection.execute(unended)).one()
+        oldest = (await connection.execute(select(func.min(job.c.created_s)).where(job.c.state == JobState.QUEUED))).scalar()
+    counted = {row[0]: row[1] for row in jobs}
+    robots = Counter(member.state(now_s) for member in farm.fleet.members.values())
+    return Load(
+        robots={str(state): robots[state] for state in RobotState},
+        jobs={str(state): counted.get(state, 0) for state in JobState},
+        trials_queued=queued or 0,
+        trials_running=running or 0,
+        oldest_queued_s=None if oldest is None else max(0.0, now_s - oldest),
+    )
+
+
+def _problems(farm: Farm) -> tuple[str, ...]:
+    now_s = farm.clock.now_s()
+    wrong = {RobotState.LOST, RobotState.OUT_OF_SERVICE}
+    members = sorted(farm.fleet.members.values(), key=lambda member: member.robot)
+    if not members:
+        return ("no robot has joined the farm yet",)
+    return tuple(f"{m.robot} {robot_now(m, now_s)}" for m in members if m.state(now_s) in wrong)
+
+
+def _gauge(registry: CollectorRegistry, name: str, words: str, values: dict[str, int], label: str) -> None:
+    gauge = Gauge(name, words, [label], registry=registry)
+    for value, count in values.items():
+        gauge.labels(value).set(count)

@@ -1,0 +1,119 @@
+"""Routes of policies: upload, list, get, and the converted graph for robots."""
+
+from collections.abc import AsyncIterator
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Query, Request, Response
+from pydantic import ValidationError
+from starlette.datastructures import FormData, UploadFile
+from starlette.exceptions import HTTPException
+from starlette.types import Message, Receive
+
+from api_schemas.policy import Policy, PolicyManifest, PolicyPage
+from services.api import cursor as cursors
+from services.api.access import RobotCaller, Submitter, User
+from services.api.farm import TheFarm
+from services.api.serving import stored_file
+from services.errors import Refused, TooLarge
+from services.policies.intake import weights_format
+from services.policies.keeping import Upload
+
+router = APIRouter(prefix="/v1/policies", tags=["policies"])
+Digest = Annotated[str, Path(pattern=r"^[0-9a-f]{64}$")]
+MANIFEST_BYTES = 256 * 1024
+FORM_BYTES = MANIFEST_BYTES + 64 * 1024
+"""What a form may hold beside the weights."""
+READ_BYTES = 1024 * 1024
+_BODY = {
+    "type": "object",
+    "required": ["weights", "manifest"],
+    "properties": {
+        "weights": {"type": "string", "format": "binary", "description": "a .safetensors or .onnx file"},
+        "manifest": {"type": "string", "description": "JSON text of a PolicyManifest"},
+    },
+}
+
+
+@router.put(
+    "/{digest}",
+    response_model=Policy,
+    responses={201: {"model": Policy}},
+    openapi_extra={"requestBody": {"required": True, "content": {"multipart/form-data": {"schema": _BODY}}}},
+)
+async def put_policy(digest: Digest, request: Request, response: Response, caller: Submitter, farm: TheFarm) -> Policy:
+    """Takes weights and a manifest; converts and tries them before it answers."""
+    limit_bytes = farm.settings.max_weights_bytes
+    limited = Request(request.scope, _limited(request, limit_bytes))
+    try:
+        async with limited.form(max_files=1, max_fields=1, max_part_size=MANIFEST_BYTES) as form:
+            upload = await _upload(digest, form, caller.owner, farm)
+    except HTTPException as error:
+        raise Refused("form-malformed", f"The form cannot be read: {error.detail}") from error
+    policy, new = await farm.policies.take(upload, farm.clock.now_iso())
+    response.status_code = 201 if new else 200
+    return policy
+
+
+def _limited(request: Request, limit_bytes: int) -> Receive:
+    """Reads the request, and stops it at the limit before the form's parser has stored more."""
+    left = limit_bytes + FORM_BYTES
+    refusal = TooLarge("weights-too-large", f"The upload is larger than the {limit_bytes} bytes of weights that are taken.")
+    announced = request.headers.get("content-length", "")
+    if announced.isascii() and announced.isdigit() and int(announced) > left:
+        raise refusal
+
+    async def receive() -> Message:
+        nonlocal left
+        message = await request.receive()
+        left -= len(message.get("body", b""))
+        if left < 0:
+            raise refusal
+        return message
+
+    return receive
+
+
+async def _upload(digest: str, form: FormData, owner: str, farm: TheFarm) -> Upload:
+    weights, manifest = form.get("weights"), form.get("manifest")
+    if not isinstance(weights, UploadFile) or not isinstance(manifest, str):
+        raise Refused("form-incomplete", "Send multipart/form-data with a file 'weights' and a text 'manifest'.")
+    kind = weights_format(weights.filename)
+    parsed = _manifest(manifest)
+    stored = await farm.files.put(_chunks(weights), limit_bytes=farm.settings.max_weights_bytes, durable=True)
+    return Upload(digest, stored, kind, parsed, owner)
+
+
+def _manifest(text: str) -> PolicyManifest:
+    try:
+        return PolicyManifest.model_validate_json(text)
+    except ValidationError as error:
+        found = [{"where": ".".join(str(part) for part in each["loc"]), "message": each["msg"]} for each in error.errors()]
+        detail = "; ".join(f"{each['where']}: {each['message']}" for each in found)
+        raise Refused("manifest-invalid", f"The manifest is not valid: {detail}", errors=found) from error
+
+
+async def _chunks(file: UploadFile) -> AsyncIterator[bytes]:
+    while chunk := await file.read(READ_BYTES):
+        yield chunk
+
+
+@router.get("")
+async def list_policies(
+    _caller: User, farm: TheFarm, cursor: str | None = None, limit: Annotated[int, Query(ge=1, le=200)] = 50
+) -> PolicyPage:
+    """Policies, newest first."""
+    policies, following = await farm.policies.page(cursors.decode(cursor), limit)
+    return PolicyPage(policies=policies, next_cursor=cursors.encode(following))
+
+
+@router.get("/{digest}")
+async def get_policy(digest: Digest, _caller: User, farm: TheFarm) -> Policy:
+    """One policy."""
+    return await farm.policies.find(digest)
+
+
+@router.get("/{digest}/graph", response_class=Response)
+async def get_graph(digest: Digest, request: Request, _caller: RobotCaller, farm: TheFarm) -> Response:
+    """The converted graph that robots run."""
+    policy = await farm.policies.find(digest)
+    return await stored_file(request, farm.files, policy.graph_sha256, "application/octet-stream", f"{digest}.onnx")

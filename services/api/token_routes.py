@@ -1,0 +1,27 @@
+"""Routes of tokens, for administrators."""
+
+from fastapi import APIRouter
+
+from api_schemas.token import NewToken, TokenPage, TokenRequest
+from services.api.access import Admin
+from services.api.farm import TheFarm
+
+router = APIRouter(prefix="/v1/tokens", tags=["tokens"])
+
+
+@router.post("", status_code=201)
+async def make_token(body: TokenRequest, _caller: Admin, farm: TheFarm) -> NewToken:
+    """Makes a token; its secret is shown this once."""
+    return await farm.tokens.make(body)
+
+
+@router.get("")
+async def list_tokens(_caller: Admin, farm: TheFarm) -> TokenPage:
+    """All tokens without their secrets."""
+    return TokenPage(tokens=await farm.tokens.all())
+
+
+@router.delete("/{token_id}", status_code=204)
+async def revoke_token(token_id: str, _caller: Admin, farm: TheFarm) -> None:
+    """Ends a token at once."""
+    await farm.tokens.revoke(token_id)

@@ -1,0 +1,158 @@
+"""Bearer tokens: ``trifarm_<id>_<secret>``; only the SHA-256 of the whole token is stored."""
+
+import hashlib
+import hmac
+import secrets
+from dataclasses import dataclass, field
+
+from sqlalchemy import insert, select, update
+
+from api_schemas.token import NewToken, Scope, Token, TokenRequest
+from services.database.database import Database
+from services.database.rows import AnyRow
+from services.database.tables import token
+from services.errors import NotFound, Refused, Unauthorised
+from services.jobs.clock import FarmClock, iso
+
+PREFIX = "trifarm"
+REMEMBERED_S = 1.0
+"""How long a checked token is trusted without asking the database: the longest that a revoked one still works elsewhere."""
+LAST_USED_EVERY_S = 60.0
+DAY_S = 86_400.0
+
+
+@dataclass(frozen=True)
+class Caller:
+    """Who asks, and what he may."""
+
+    token_id: str
+    owner: str
+    scopes: frozenset[Scope]
+
+    def may(self, *any_of: Scope) -> bool:
+        """Whether one of the scopes, or admin, is his."""
+        return Scope.ADMIN in self.scopes or not self.scopes.isdisjoint(any_of)
+
+    @property
+    def sees_only(self) -> str | None:
+        """The owner whose jobs alone he may see; None for those who may see all."""
+        return None if self.may(Scope.OPERATE) else self.owner
+
+
+@dataclass
+class Tokens:
+    """The tokens of the farm; truth is the database, remembered for a second because robots ask often."""
+
+    database: Database
+    clock: FarmClock
+    _remembered: dict[str, tuple[Caller, float]] = field(default_factory=dict)
+    _used_s: dict[str, float] = field(default_factory=dict)
+
+    async def caller(self, bearer: str) -> Caller:
+        """Who this token stands for.
+
+        Raises:
+            Unauthorised: it is unknown, revoked or expired.
+        """
+        now_s, hashed = self.clock.now_s(), sha256(bearer)
+        if (known := self._remembered.get(hashed)) is not None and now_s < known[1]:
+            return known[0]
+        async with self.database.read() as connection:
+            row = (await connection.execute(select(token).where(token.c.token_id == _id(bearer)))).one_or_none()
+        self._check(row, hashed, now_s)
+        assert row is not None, "_check refuses a missing row"
+        caller = Caller(row.token_id, row.owner, frozenset(Scope(scope) for scope in row.scopes.split()))
+        await self._used(row.token_id, now_s)
+        self._remembered = {each: kept for each, kept in self._remembered.items() if now_s < kept[1]}
+        self._remembered[hashed] = (caller, now_s + REMEMBERED_S)
+        return caller
+
+    @staticmethod
+    def _check(row: AnyRow | None, hashed: str, now_s: float) -> None:
+        if row is None or not hmac.compare_digest(row.secret_sha256, hashed):
+            raise Unauthorised("token-unknown", "This token is not known here; ask the farm's operator for one.")
+        if row.revoked_at is not None:
+            raise Unauthorised("token-revoked", f"This token was revoked at {row.revoked_at}; ask for a new one.")
+        if row.expires_at is not None and row.expires_at <= iso(now_s):
+            raise Unauthorised("token-expired", f"This token expired at {row.expires_at}; ask for a new one.")
+
+    async def _used(self, token_id: str, now_s: float) -> None:
+        if now_s - self._used_s.get(token_id, 0.0) < LAST_USED_EVERY_S:
+            return
+        self._used_s[token_id] = now_s
+        async with self.database.write(lasting=False) as tx:
+            await tx.execute(update(token).where(token.c.token_id == token_id).values(last_used_at=iso(now_s)))
+
+    async def make(self, request: TokenRequest) -> NewToken:
+        """A new token; its secret is in the answer and nowhere else."""
+        bearer = f"{PREFIX}_{secrets.token_hex(4)}_{secrets.token_urlsafe(32)}"
+        row = await self._insert(bearer, request)
+        return NewToken(**_shown(row).model_dump(), secret=bearer)
+
+    async def register(self, bearer: str, request: TokenRequest) -> None:
+        """Makes a token that was given from outside valid; again changes nothing.
+
+        Raises:
+            Refused: it does not have the form of a token.
+        """
+        if not _id(bearer):
+            raise Refused("token-malformed", f"A token must read {PREFIX}_<id>_<secret>; the one given does not.")
+        async with self.database.read() as connection:
+            known = (await connection.execute(select(token.c.token_id).where(token.c.token_id == _id(bearer)))).first()
+        if known is None:
+            await self._insert(bearer, request)
+
+    async def _insert(self, bearer: str, request: TokenRequest) -> AnyRow:
+        now_s, days = self.clock.now_s(), request.expires_in_days
+        row = insert(token).values(
+            token_id=_id(bearer),
+            owner=request.owner,
+            scopes=" ".join(sorted(set(request.scopes))),
+            secret_sha256=sha256(bearer),
+            created_at=iso(now_s),
+            expires_at=None if days is None else iso(now_s + days * DAY_S),
+        )
+        async with self.database.write() as tx:
+            return (await tx.execute(row.returning(*token.c))).one()
+
+    async def all(self) -> tuple[Token, ...]:
+        """Every token ever made, without secrets, oldest first."""
+        async with self.database.read() as connection:
+            rows = await connection.execute(select(token).order_by(token.c.created_at, token.c.token_id))
+            return tuple(_shown(row) for row in rows)
+
+    async def revoke(self, token_id: str) -> None:
+        """Ends a token, at once in this process.
+
+        Raises:
+            NotFound: there is no such token.
+        """
+        ended = update(token).where(token.c.token_id == token_id, token.c.revoked_at.is_(None))
+        async with self.database.write() as tx:
+            changed = await tx.execute(ended.values(revoked_at=self.clock.now_iso()))
+            known = (await tx.execute(select(token.c.token_id).where(token.c.token_id == token_id))).first()
+        if changed.rowcount == 0 and known is None:
+            raise NotFound("token-not-found", f"There is no token {token_id}; GET /v1/tokens lists them.")
+        self._remembered.clear()
+
+
+def sha256(bearer: str) -> str:
+    """What is stored of a token. A plain hash is enough: the secret has 256 random bits."""
+    return hashlib.sha256(bearer.encode()).hexdigest()
+
+
+def _id(bearer: str) -> str:
+    parts = bearer.split("_", 2)
+    return parts[1] if len(parts) == 3 and parts[0] == PREFIX and 1 <= len(parts[1]) <= 20 and parts[2] else ""
+
+
+def _shown(row: AnyRow) -> Token:
+    return Token(
+        token_id=row.token_id,
+        owner=row.owner,
+        scopes=tuple(Scope(scope) for scope in row.scopes.split()),
+        created_at=row.created_at,
+        expires_at=row.expires_at,
+        last_used_at=row.last_used_at,
+        revoked_at=row.revoked_at,
+    )

@@ -1,0 +1,1 @@
+"""The home of truth: tables, engines and migrations."""

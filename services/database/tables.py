@@ -1,0 +1,167 @@
+"""The tables: policies, jobs, trials, attempts, events, reports, robots and tokens.
+
+States are stored as the words of ``api_schemas``; times for people as ISO 8601 text in UTC, times that are compared as
+seconds of the farm's clock. Every statement that uses these tables runs on SQLite and on PostgreSQL.
+"""
+
+from sqlalchemy import (
+    BigInteger,
+    Boolean,
+    Column,
+    Float,
+    ForeignKey,
+    Index,
+    Integer,
+    LargeBinary,
+    MetaData,
+    String,
+    Table,
+    Text,
+    UniqueConstraint,
+)
+
+metadata = MetaData(
+    naming_convention={
+        "ix": "ix_%(column_0_label)s",
+        "uq": "uq_%(table_name)s_%(column_0_name)s",
+        "fk": "fk_%(table_name)s_%(column_0_name)s",
+        "pk": "pk_%(table_name)s",
+    }
+)
+
+# SQLite numbers rows by itself only for a column of exactly the type INTEGER.
+NUMBER = BigInteger().with_variant(Integer, "sqlite")
+
+policy = Table(
+    "policy",
+    metadata,
+    Column("number", NUMBER, primary_key=True, autoincrement=True),
+    Column("digest", String(64), nullable=False, unique=True),
+    Column("name", String(100), nullable=False),
+    Column("weights_format", String(16), nullable=False),
+    Column("weights_sha256", String(64), nullable=False),
+    Column("weights_bytes", BigInteger, nullable=False),
+    Column("graph_sha256", String(64), nullable=False),
+    Column("manifest", Text, nullable=False),
+    Column("warnings", Text, nullable=False),
+    Column("owner", String(64), nullable=False),
+    Column("created_at", String(40), nullable=False),
+)
+
+job = Table(
+    "job",
+    metadata,
+    Column("number", NUMBER, primary_key=True, autoincrement=True),
+    Column("job_id", String(20), nullable=False, unique=True),
+    Column("state", String(16), nullable=False, index=True),
+    Column("policy", String(64), ForeignKey("policy.digest"), nullable=False),
+    Column("policy_name", String(100), nullable=False),
+    Column("task", String(32), nullable=False),
+    Column("trials", Integer, nullable=False),
+    Column("seed", BigInteger, nullable=False),
+    Column("seed_drawn_by_server", Boolean, nullable=False),
+    Column("owner", String(64), nullable=False),
+    Column("created_at", String(40), nullable=False),
+    Column("created_s", Float, nullable=False),
+    Column("started_at", String(40)),
+    Column("ended_at", String(40)),
+    Column("reason", Text),
+    Column("cancel_requested", Boolean, nullable=False, default=False),
+    Column("trials_done", Integer, nullable=False, default=0),
+    Column("trials_active", Integer, nullable=False, default=0),
+    Column("successes", Integer, nullable=False, default=0),
+    Column("policy_faults", Integer, nullable=False, default=0),
+    Column("platform_faults", Integer, nullable=False, default=0),
+    Column("last_event", Integer, nullable=False, default=0),
+    Column("idempotency_key", String(200)),
+    Column("request_sha256", String(64)),
+    UniqueConstraint("owner", "idempotency_key"),
+)
+
+trial = Table(
+    "trial",
+    metadata,
+    Column("trial_id", String(30), primary_key=True),
+    Column("job_number", NUMBER, ForeignKey("job.number"), nullable=False),
+    Column("ordinal", Integer, nullable=False),
+    Column("state", String(16), nullable=False),
+    Column("seed", BigInteger, nullable=False),
+    Column("robot_order", Text, nullable=False, default="[]"),
+    Column("first_choice", String(40)),
+    Column("departure", Text),
+    Column("passed_over_s", Float),
+    Column("fence", Integer, nullable=False, default=0),
+    Column("robot", String(40)),
+    Column("lease_until_s", Float),
+    Column("faults", Integer, nullable=False, default=0),
+    Column("outcome", Text),
+    Column("log_sha256", String(64)),
+    Column("log_bytes", BigInteger),
+    UniqueConstraint("job_number", "ordinal"),
+    Index("ix_trial_queue", "state", "first_choice", "job_number", "ordinal"),
+)
+
+attempt = Table(
+    "attempt",
+    metadata,
+    Column("trial_id", String(30), ForeignKey("trial.trial_id"), primary_key=True),
+    Column("fence", Integer, primary_key=True),
+    Column("job_number", NUMBER, nullable=False, index=True),
+    Column("robot", String(40), nullable=False),
+    Column("state", String(16), nullable=False),
+    Column("reason", Text),
+    Column("departure", Text),
+    Column("started_at", String(40), nullable=False),
+    Column("ended_at", String(40)),
+    Column("outcome", Text),
+    Column("log_sha256", String(64), index=True),
+    Index("ix_attempt_robot_state", "robot", "state"),
+)
+
+event = Table(
+    "event",
+    metadata,
+    Column("job_number", NUMBER, ForeignKey("job.number"), primary_key=True),
+    Column("id", Integer, primary_key=True, autoincrement=False),
+    Column("at", String(40), nullable=False),
+    Column("kind", String(24), nullable=False),
+    Column("trial_ordinal", Integer),
+    Column("robot", String(40)),
+    Column("text", Text, nullable=False),
+    Column("trials_done", Integer, nullable=False),
+    Column("successes", Integer, nullable=False),
+    Column("state", String(16), nullable=False),
+)
+
+report = Table(
+    "report",
+    metadata,
+    Column("job_number", NUMBER, ForeignKey("job.number"), primary_key=True, autoincrement=False),
+    Column("body", LargeBinary, nullable=False),
+    Column("sha256", String(64), nullable=False),
+    Column("created_at", String(40), nullable=False),
+)
+
+robot = Table(
+    "robot",
+    metadata,
+    Column("robot", String(40), primary_key=True),
+    Column("instance", String(100)),
+    Column("pid", Integer),
+    Column("host", String(200)),
+    Column("drain", Boolean, nullable=False, default=False),
+    Column("first_seen_at", String(40), nullable=False),
+)
+
+token = Table(
+    "token",
+    metadata,
+    Column("token_id", String(20), primary_key=True),
+    Column("owner", String(64), nullable=False),
+    Column("scopes", Text, nullable=False),
+    Column("secret_sha256", String(64), nullable=False),
+    Column("created_at", String(40), nullable=False),
+    Column("expires_at", String(40)),
+    Column("last_used_at", String(40)),
+    Column("revoked_at", String(40)),
+)

@@ -1,0 +1,113 @@
+"""The bus of the farm: an in-process zenoh router, what it hears from robots and what it asks them."""
+
+import asyncio
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import structlog
+import zenoh
+from pydantic import BaseModel, ValidationError
+
+from api_schemas import bus
+from api_schemas.robot import Lease, OfferReply
+
+log = structlog.get_logger()
+CLOSE_WITHIN_S = 2.0
+
+
+class Bus:
+    """One router session; its callbacks come from zenoh's threads and hop onto the event loop."""
+
+    def __init__(self, session: zenoh.Session, farm: str, loop: asyncio.AbstractEventLoop) -> None:
+        self._session = session
+        self._farm = farm
+        self._loop = loop
+        self._declared: list[Any] = []
+
+    @classmethod
+    async def open(cls, endpoint: str, farm: str) -> "Bus":
+        """Opens the router on ``endpoint``.
+
+        Raises:
+            zenoh.ZError: the address cannot be listened on.
+        """
+        config = zenoh.Config.from_json5(bus.session_config_json(mode="router", listen=[endpoint]))
+        session = await asyncio.to_thread(zenoh.open, config)
+        return cls(session, farm, asyncio.get_running_loop())
+
+    def on_heartbeat(self, take: Callable[[bus.Heartbeat], None]) -> None:
+        """Has every well-formed heartbeat given to ``take``, on the event loop."""
+        self._hear(bus.heartbeat_key(self._farm, "*"), bus.Heartbeat, take)
+
+    def on_live_state(self, take: Callable[[bus.LiveState], None]) -> None:
+        """Has every well-formed live state given to ``take``, on the event loop."""
+        self._hear(bus.live_key(self._farm, "*"), bus.LiveState, take)
+
+    def on_presence(self, take: Callable[[str, bool], None]) -> None:
+        """Has each coming (true) and going (false) of a robot's token given to ``take``, on the event loop."""
+
+        def hop(sample: zenoh.Sample) -> None:
+            present = sample.kind == zenoh.SampleKind.PUT
+            self._hop(take, bus.robot_of_key(str(sample.key_expr)), present)
+
+        key = bus.alive_key(self._farm, "*")
+        self._declared.append(self._session.liveliness().declare_subscriber(key, hop, history=True))
+
+    async def offer(self, lease: Lease, timeout_s: float) -> OfferReply | None:
+        """Offers a lease to its robot; None when no answer came in time."""
+        return await self._ask(bus.offer_key(self._farm, lease.robot), lease, timeout_s)
+
+    async def command(self, robot: str, command: bus.Command, timeout_s: float) -> OfferReply | None:
+        """Gives a robot a command; None when no answer came in time."""
+        return await self._ask(bus.command_key(self._farm, robot), command, timeout_s)
+
+    async def close(self) -> None:
+        """Closes the session, at most ``CLOSE_WITHIN_S``: zenoh's own close can block for longer."""
+        closing = threading.Thread(target=self._close, daemon=True)
+        closing.start()
+        await asyncio.to_thread(closing.join, CLOSE_WITHIN_S)
+
+    def _close(self) -> None:
+        for each in self._declared:
+            each.undeclare()
+        self._session.close()
+
+    def _hear(self, key: str, schema: type[Any], take: Callable[[Any], None]) -> None:
+        def hop(sample: zenoh.Sample) -> None:
+            try:
+                message = schema.model_validate_json(sample.payload.to_bytes())
+                named = bus.robot_of_key(str(sample.key_expr))
+                if message.robot != named:
+                    raise ValueError(f"robot {message.robot!r} spoke on the key of {named!r}")
+            except ValueError as error:
+                self._hop(log.warning, "message on the bus ignored", key=str(sample.key_expr), reason=str(error))
+            else:
+                self._hop(take, message)
+
+        self._declared.append(self._session.declare_subscriber(key, hop))
+
+    async def _ask(self, key: str, message: BaseModel, timeout_s: float) -> OfferReply | None:
+        answer: asyncio.Future[bytes | None] = self._loop.create_future()
+
+        def settle(payload: bytes | None) -> None:
+            if not answer.done():
+                answer.set_result(payload)
+
+        def replied(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                self._hop(settle, reply.ok.payload.to_bytes())
+
+        # zenoh drops the handler once all replies are in or the time is over; that is the answer "nobody".
+        handler = zenoh.handlers.Callback(replied, lambda: self._hop(settle, None))
+        self._session.get(key, handler, payload=message.model_dump_json(), timeout=timeout_s)
+        payload = await answer
+        try:
+            return None if payload is None else OfferReply.model_validate_json(payload)
+        except ValidationError as error:
+            return OfferReply(accepted=False, reason=f"its answer could not be read: {error}")
+
+    def _hop(self, call: Callable[..., Any], *args: Any, **more: Any) -> None:
+        # After the loop's end a late callback has nobody to tell.
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(lambda: call(*args, **more))

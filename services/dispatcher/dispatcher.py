@@ -1,0 +1,172 @@
+"""Gives leases: looks whenever something changed, writes the lease, commits, and only then offers it over the bus."""
+
+import asyncio
+from dataclasses import dataclass, field
+
+import structlog
+from prometheus_client import CollectorRegistry, Counter, Histogram
+
+from api_schemas.job import TaskName
+from api_schemas.policy import PolicyManifest
+from api_schemas.robot import Lease
+from services.database.database import Database
+from services.database.rows import AnyRow
+from services.dispatcher import queue
+from services.dispatcher.bus import Bus
+from services.dispatcher.commands import Commands
+from services.dispatcher.finding import find_trial, why_unfit
+from services.dispatcher.hearing import Hearing
+from services.dispatcher.overdue import LeaseEnder
+from services.dispatcher.steps import Steps
+from services.jobs import lease
+from services.jobs.claim import Claim
+from services.jobs.clock import FarmClock
+from services.jobs.fleet import Fleet
+from services.jobs.signals import Signals
+from services.settings import Settings
+
+log = structlog.get_logger()
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """What the dispatcher counts."""
+
+    leases: Counter
+    refusals: Counter
+    offer_s: Histogram
+
+    @classmethod
+    def register(cls, registry: CollectorRegistry) -> "Metrics":
+        """New counters in the registry."""
+        return cls(
+            leases=Counter("trifarm_leases", "Leases that robots accepted", registry=registry),
+            refusals=Counter("trifarm_refused_offers", "Offers refused or not answered", registry=registry),
+            offer_s=Histogram("trifarm_offer_seconds", "Time until a robot answered an offer", registry=registry),
+        )
+
+
+@dataclass
+class Dispatcher:
+    """The only giver of leases; one task on the event loop."""
+
+    settings: Settings
+    database: Database
+    bus: Bus
+    clock: FarmClock
+    fleet: Fleet
+    signals: Signals
+    metrics: Metrics
+    _manifests: dict[str, tuple[PolicyManifest, str]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._steps = Steps(self.signals)
+        self._ender = LeaseEnder(self.settings, self.database, self.clock, self.fleet, self.signals)
+        self._commands = Commands(self.bus, self.clock, self.fleet, self._steps, self.settings.offer_timeout_s)
+
+    async def run(self) -> None:
+        """Looks until the process stops."""
+        Hearing(self.database, self.clock, self.fleet, self.signals, self._steps, self._ender).listen(self.bus)
+        while not self.signals.closing.is_set():
+            look_at_active = await self.signals.dispatcher_woken(self.settings.sweep_every_s)
+            try:
+                await self._look(look_at_active=look_at_active)
+            except Exception:
+                # The dispatcher must outlive any single failure; the next sweep tries again.
+                log.exception("dispatcher failed a pass")
+                await asyncio.sleep(self.settings.sweep_every_s)
+        await self._steps.finish(self.settings.offer_timeout_s)
+
+    async def _look(self, *, look_at_active: bool) -> None:
+        if look_at_active:
+            await self._look_at_active()
+            self._commands.tell_wishes()
+        await self._point_away_from_unfit()
+        ready = self.fleet.ready(self.clock.now_s())
+        if not ready or not await self._anything_queued():
+            return
+        for robot in ready:
+            if (given := await self._give(robot)) is not None:
+                self._steps.start(self._offer(*given))
+
+    async def _look_at_active(self) -> None:
+        async with self.database.read() as connection:
+            rows = await queue.active(connection)
+        now_s = self.clock.now_s()
+        active = {Claim(row.trial_id, row.fence, row.robot): row for row in rows}
+        self.fleet.hold_only(active)
+        for claim, row in active.items():
+            if (reason := self._ender.why_overdue(row, now_s)) is not None:
+                await self._ender.end(claim, reason)
+            elif row.cancel_requested or row.state not in lease.UNENDED:
+                self._commands.cancel(claim)
+
+    async def _point_away_from_unfit(self) -> None:
+        """Trials that were drawn for a robot that went go to the next of their orders."""
+        now_s = self.clock.now_s()
+        healthy = self.fleet.healthy(now_s)
+        unfit = set(self.fleet.members) - healthy
+        if not unfit or not healthy:
+            return
+        async with self.database.read() as connection:
+            rows = await queue.drawn_for(connection, unfit)
+        if rows:
+            async with self.database.write() as tx:
+                for row in rows:
+                    await queue.choose_again(tx, row, healthy, why_unfit(self.fleet, now_s))
+
+    async def _anything_queued(self) -> bool:
+        async with self.database.read() as connection:
+            return await queue.anything_queued(connection)
+
+    async def _give(self, robot: str) -> tuple[Claim, AnyRow] | None:
+        """Writes a lease for the robot, if there is a trial for it."""
+        async with self.database.write() as tx:
+            now_s = self.clock.now_s()
+            found = await find_trial(tx, robot, self.fleet, now_s, self.settings.pass_over_s)
+            if found is None:
+                return None
+            row, departure = found
+            claim = await lease.write_lease(tx, now_s, row, robot, departure=departure, lease_s=self.settings.lease_s)
+        if claim is None:
+            return None
+        self.fleet.leased(claim, now_s)
+        return claim, row
+
+    async def _offer(self, claim: Claim, row: AnyRow) -> None:
+        with self.metrics.offer_s.time():
+            reply = await self.bus.offer(await self._lease(claim, row), self.settings.offer_timeout_s)
+        if reply is not None and reply.accepted:
+            self.metrics.leases.inc()
+            self.fleet.accepted(claim)
+            async with self.database.write(lasting=False) as tx:
+                await lease.confirm_lease(tx, self.clock.now_s(), claim)
+            self.signals.job_changed(row.job_id)
+            return
+        self.metrics.refusals.inc()
+        self.fleet.member(claim.robot).paused_until_s = self.clock.now_s() + self.settings.refused_pause_s
+        said = "did not answer the offer" if reply is None else f"refused the offer: {reply.reason or 'no reason given'}"
+        await self._ender.end(claim, f"{claim.robot} {said}")
+
+    async def _lease(self, claim: Claim, row: AnyRow) -> Lease:
+        manifest, graph_sha256 = await self._policy(row.policy)
+        return Lease(
+            trial_id=claim.trial_id,
+            job_id=row.job_id,
+            ordinal=row.ordinal,
+            fence=claim.fence,
+            robot=claim.robot,
+            policy=row.policy,
+            manifest=manifest,
+            graph_sha256=graph_sha256,
+            task=TaskName(row.task),
+            seed=row.seed,
+            lease_s=self.settings.lease_s,
+        )
+
+    async def _policy(self, digest: str) -> tuple[PolicyManifest, str]:
+        if digest not in self._manifests:
+            async with self.database.read() as connection:
+                row = await queue.policy_of(connection, digest)
+            self._manifests[digest] = (PolicyManifest.model_validate_json(row.manifest), row.graph_sha256)
+        return self._manifests[digest]

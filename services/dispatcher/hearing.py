@@ -1,0 +1,64 @@
+"""What the bus says of robots, taken into the fleet; a database row is written only when a process is new."""
+
+from dataclasses import dataclass
+
+import structlog
+
+from api_schemas.bus import Heartbeat, LiveState
+from services.database.database import Database
+from services.dispatcher.bus import Bus
+from services.dispatcher.overdue import LeaseEnder
+from services.dispatcher.steps import Steps
+from services.jobs import robots
+from services.jobs.claim import Claim
+from services.jobs.clock import FarmClock
+from services.jobs.fleet import Fleet
+from services.jobs.signals import Signals
+
+log = structlog.get_logger()
+
+
+@dataclass
+class Hearing:
+    """Listens on the bus and wakes the dispatcher when something is new."""
+
+    database: Database
+    clock: FarmClock
+    fleet: Fleet
+    signals: Signals
+    steps: Steps
+    leases: LeaseEnder
+
+    def listen(self, bus: Bus) -> None:
+        """Begins to listen; robots that are already there are heard too."""
+        bus.on_presence(self._presence_changed)
+        bus.on_heartbeat(self._heard)
+        bus.on_live_state(self._live)
+
+    def _presence_changed(self, robot: str, present: bool) -> None:
+        log.info("robot came" if present else "robot went", robot=robot)
+        self.fleet.token_changed(robot, present=present, now_s=self.clock.now_s())
+        self.signals.wake_dispatcher(urgent=True)
+
+    def _heard(self, beat: Heartbeat) -> None:
+        before = self.fleet.snapshot(beat.robot)
+        instance = before.heartbeat.instance if before is not None and before.heartbeat is not None else None
+        if not self.fleet.heard(beat, self.clock.now_s()):
+            return
+        new_process = instance != beat.instance
+        if new_process:
+            self.steps.start(self._came_anew(beat))
+        self.signals.wake_dispatcher(urgent=new_process)
+
+    async def _came_anew(self, beat: Heartbeat) -> None:
+        """What the robot's last process was doing has ended."""
+        async with self.database.write() as tx:
+            await robots.keep(tx, beat, self.clock.now_s())
+        held = self.fleet.member(beat.robot).lease
+        if held is not None and (beat.trial_id, beat.fence) != (held.trial_id, held.fence):
+            await self.leases.end(held, f"{beat.robot} started anew while it held the lease")
+
+    def _live(self, live: LiveState) -> None:
+        member = self.fleet.member(live.robot)
+        if member.lease == Claim(live.trial_id, live.fence, live.robot):
+            member.simulated_s = live.simulated_s

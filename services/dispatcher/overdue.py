@@ -1,0 +1,47 @@
+"""Leases that must end without an outcome: their time is over, or their robot is gone."""
+
+from dataclasses import dataclass
+
+import structlog
+
+from services.database.database import Database
+from services.database.rows import AnyRow
+from services.jobs import completion
+from services.jobs.claim import Claim
+from services.jobs.clock import FarmClock
+from services.jobs.fleet import Fleet
+from services.jobs.signals import Signals
+from services.settings import Settings
+
+log = structlog.get_logger()
+
+
+@dataclass
+class LeaseEnder:
+    """Ends leases by the platform's fault."""
+
+    settings: Settings
+    database: Database
+    clock: FarmClock
+    fleet: Fleet
+    signals: Signals
+
+    def why_overdue(self, row: AnyRow, now_s: float) -> str | None:
+        """Why the lease of an active trial has to end now; None when it may go on."""
+        if now_s >= row.lease_until_s:
+            return f"the lease of {row.robot} ended without renewal"
+        member = self.fleet.member(row.robot)
+        grace_s = self.settings.renew_every_s + 1
+        if member.lost_s is not None and now_s - max(member.lost_s, member.renewed_s) >= grace_s:
+            return f"{row.robot} was lost and did not come back within {grace_s:g} s"
+        return None
+
+    async def end(self, claim: Claim, reason: str) -> None:
+        """Sends the trial back to the queue, if the claim still holds."""
+        async with self.database.write() as tx:
+            ending = await completion.fault(tx, self.clock.now_s(), claim, reason, self.settings.max_attempts)
+        self.fleet.freed(claim, done=False)
+        if ending is not None and ending.job_id is not None:
+            log.warning("attempt failed by the platform's fault", trial=claim.trial_id, robot=claim.robot, reason=reason)
+            self.signals.job_changed(ending.job_id)
+        self.signals.wake_dispatcher()

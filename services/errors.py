@@ -1,0 +1,75 @@
+"""The errors of the services; each carries the HTTP status and the problem type it is shown with.
+
+ServiceError
+  +- NotFound             404  what was named does not exist, or is another owner's
+  +- Conflict             409  the state does not allow it (also stale fences and idempotency keys)
+  +- Refused              422  the content cannot be accepted
+  +- TooLarge             413
+  +- Unauthorised         401
+  +- Forbidden            403
+  +- Unavailable          503  a part of the farm is away; try again
+"""
+
+from typing import Any
+
+
+class ServiceError(Exception):
+    """An expected error; ``detail`` names the value, the limit and the next step."""
+
+    status = 400
+    title = "Request refused"
+
+    def __init__(self, slug: str, detail: str, **members: Any) -> None:
+        super().__init__(detail)
+        self.slug = slug
+        self.detail = detail
+        self.members = members
+
+
+class NotFound(ServiceError):
+    """What was named does not exist for this caller."""
+
+    status = 404
+    title = "Not found"
+
+
+class Conflict(ServiceError):
+    """The present state does not allow the request."""
+
+    status = 409
+    title = "Conflict with the present state"
+
+
+class Refused(ServiceError):
+    """The content of the request cannot be accepted."""
+
+    status = 422
+    title = "Content refused"
+
+
+class TooLarge(ServiceError):
+    """More bytes than the farm takes."""
+
+    status = 413
+    title = "Too large"
+
+
+class Unauthorised(ServiceError):
+    """No token, or one that is not valid."""
+
+    status = 401
+    title = "Token needed"
+
+
+class Forbidden(ServiceError):
+    """A valid token without the needed scope."""
+
+    status = 403
+    title = "Scope missing"
+
+
+class Unavailable(ServiceError):
+    """A part of the farm is away for now."""
+
+    status = 503
+    title = "Not available now"

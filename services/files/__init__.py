@@ -1,0 +1,1 @@
+"""Weights, graphs and logs, kept under their SHA-256."""

@@ -1,0 +1,204 @@
+"""How attempts and jobs end: outcomes are accepted exactly once, platform faults send the trial back to the queue."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import Integer, bindparam, select, update
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from api_schemas.job import JobState
+from api_schemas.robot import OutcomeReport
+from api_schemas.trial import FAULT_OF, AttemptState, Fault, Outcome, OutcomeKind, TrialState
+from services.database.rows import AnyRow
+from services.database.tables import attempt, job, trial
+from services.errors import Refused
+from services.jobs import events, reports
+from services.jobs.claim import Claim
+from services.jobs.clock import iso
+from services.jobs.lease import ACTIVE, UNENDED, close_attempt, stale
+
+
+@dataclass(frozen=True)
+class Ending:
+    """What the end of an attempt meant; ``job_id`` is None when it had been taken before."""
+
+    job_id: str | None
+    done: bool
+    job_ended: bool = False
+
+
+_LEAVE = (
+    update(trial)
+    .where(
+        trial.c.trial_id == bindparam("of_trial"),
+        trial.c.fence == bindparam("held_fence"),
+        trial.c.robot == bindparam("held_by"),
+        trial.c.state.in_(ACTIVE),
+    )
+    .values(
+        state=bindparam("to_state"),
+        robot=bindparam("to_robot"),
+        lease_until_s=None,
+        faults=trial.c.faults + bindparam("add_faults", type_=Integer),
+        outcome=bindparam("to_outcome"),
+        log_sha256=bindparam("to_log_sha256"),
+        log_bytes=bindparam("to_log_bytes"),
+    )
+    .returning(trial.c.job_number, trial.c.ordinal, trial.c.faults)
+)
+_LEFT_WITHOUT = {"to_robot": None, "add_faults": 0, "to_outcome": None, "to_log_sha256": None, "to_log_bytes": None}
+
+
+async def accept(
+    tx: AsyncConnection, now_s: float, trial_id: str, report: OutcomeReport, *, log_bytes: int | None, max_attempts: int
+) -> Ending:
+    """Takes a robot's outcome; the same outcome again changes nothing.
+
+    Raises:
+        Refused: kind and fault do not belong together.
+        Conflict: the lease is not the robot's any more.
+    """
+    outcome, claim = report.outcome, Claim(trial_id, report.fence, report.robot)
+    if FAULT_OF[outcome.kind] != outcome.fault:
+        expected = FAULT_OF[outcome.kind]
+        raise Refused("wrong-fault", f"Outcome {outcome.kind} is the fault of {expected}, not of {outcome.fault}; send that.")
+    if outcome.fault == Fault.PLATFORM:
+        ending = await fault(tx, now_s, claim, outcome.reason, max_attempts, outcome=outcome, log_sha256=report.log_sha256)
+    elif outcome.kind == OutcomeKind.CANCELLED:
+        ending = await _stopped(tx, now_s, claim, report, max_attempts)
+    else:
+        ending = await _done(tx, now_s, claim, report, log_bytes)
+    return ending or await _taken_before(tx, claim, outcome)
+
+
+async def fault(
+    tx: AsyncConnection,
+    now_s: float,
+    claim: Claim,
+    reason: str,
+    max_attempts: int,
+    *,
+    outcome: Outcome | None = None,
+    log_sha256: str | None = None,
+) -> Ending | None:
+    """Ends an attempt by the platform's fault; the trial is queued again. None when the claim does not hold any more."""
+    moved = await _leave(tx, claim, TrialState.QUEUED, add_faults=1)
+    if moved is None:
+        return None
+    await close_attempt(tx, now_s, claim, AttemptState.PLATFORM_FAULT, reason, outcome=outcome, log_sha256=log_sha256)
+    now = await _record(
+        tx,
+        now_s,
+        moved,
+        "attempt_faulted",
+        f"attempt {claim.fence} of trial {moved.ordinal} on {claim.robot} failed by the platform's fault: {reason}",
+        claim=claim,
+        add_platform_faults=1,
+    )
+    ended = await _after_fault(tx, now_s, now, moved, claim=claim, reason=reason, max_attempts=max_attempts)
+    return Ending(now.job_id, done=False, job_ended=ended)
+
+
+async def _after_fault(
+    tx: AsyncConnection, now_s: float, now: AnyRow, moved: AnyRow, *, claim: Claim, reason: str, max_attempts: int
+) -> bool:
+    if now.cancel_requested or now.state not in UNENDED:
+        await tx.execute(update(trial).where(trial.c.trial_id == claim.trial_id).values(state=TrialState.CANCELLED))
+        return await end_cancelled(tx, now_s, now)
+    if moved.faults < max_attempts:
+        return False
+    last = f"the last time on {claim.robot}: {reason}"
+    text = f"trial {moved.ordinal} failed {moved.faults} times by the platform's fault, {last}"
+    await cancel_queued(tx, now.number)
+    await _end(tx, now_s, now.number, JobState.FAILED, f"job failed: {text}", set_reason=text)
+    return True
+
+
+async def _done(tx: AsyncConnection, now_s: float, claim: Claim, report: OutcomeReport, log_bytes: int | None) -> Ending | None:
+    outcome = report.outcome
+    kept = {
+        "to_outcome": outcome.model_dump_json(),
+        "to_log_sha256": report.log_sha256,
+        "to_log_bytes": log_bytes,
+    }
+    moved = await _leave(tx, claim, TrialState.DONE, to_robot=claim.robot, **kept)
+    if moved is None:
+        return None
+    await close_attempt(tx, now_s, claim, AttemptState.ACCEPTED, outcome.reason, outcome=outcome, log_sha256=report.log_sha256)
+    counts = {
+        "add_trials_done": 1,
+        "add_successes": int(outcome.kind == OutcomeKind.SUCCEEDED),
+        "add_policy_faults": int(outcome.fault == Fault.POLICY),
+    }
+    text = f"trial {moved.ordinal} on {claim.robot}: {outcome.kind}"
+    now = await _record(tx, now_s, moved, "trial_done", text, claim=claim, **counts)
+    return Ending(now.job_id, done=True, job_ended=await _end_if_complete(tx, now_s, now))
+
+
+async def _end_if_complete(tx: AsyncConnection, now_s: float, now: AnyRow) -> bool:
+    if now.state not in UNENDED:
+        return False
+    if now.trials_done < now.trials:
+        return now.cancel_requested and await end_cancelled(tx, now_s, now)
+    text = f"job succeeded: {now.successes} of {now.trials} trials reached their goal"
+    ended = await _end(tx, now_s, now.number, JobState.SUCCEEDED, text)
+    await reports.write(tx, ended)
+    return True
+
+
+async def _stopped(tx: AsyncConnection, now_s: float, claim: Claim, report: OutcomeReport, max_attempts: int) -> Ending | None:
+    asked = select(job.c.cancel_requested, job.c.state).join(trial, trial.c.job_number == job.c.number)
+    row = (await tx.execute(asked.where(trial.c.trial_id == claim.trial_id))).one_or_none()
+    if row is not None and not row.cancel_requested and row.state in UNENDED:
+        reason = f"{claim.robot} stopped the trial though nobody had asked for it"
+        return await fault(tx, now_s, claim, reason, max_attempts, outcome=report.outcome, log_sha256=report.log_sha256)
+    moved = await _leave(tx, claim, TrialState.CANCELLED, to_robot=claim.robot, to_outcome=report.outcome.model_dump_json())
+    if moved is None:
+        return None
+    reason = report.outcome.reason
+    await close_attempt(tx, now_s, claim, AttemptState.CANCELLED, reason, outcome=report.outcome, log_sha256=report.log_sha256)
+    now = await _record(tx, now_s, moved, "trial_cancelled", f"trial {moved.ordinal} stopped on {claim.robot}", claim=claim)
+    return Ending(now.job_id, done=False, job_ended=await end_cancelled(tx, now_s, now))
+
+
+async def _leave(tx: AsyncConnection, claim: Claim, state: TrialState, **values: Any) -> AnyRow | None:
+    """Moves the trial out of this lease; None when the claim does not hold."""
+    named = {"of_trial": claim.trial_id, "held_fence": claim.fence, "held_by": claim.robot, "to_state": state}
+    return (await tx.execute(_LEAVE, _LEFT_WITHOUT | named | values)).one_or_none()
+
+
+async def _record(
+    tx: AsyncConnection, now_s: float, moved: AnyRow, kind: str, text: str, *, claim: Claim, **changes: Any
+) -> AnyRow:
+    more = {"ordinal": moved.ordinal, "robot": claim.robot, "add_trials_active": -1, **changes}
+    return await events.record(tx, iso(now_s), moved.job_number, kind, text, **more)
+
+
+async def _taken_before(tx: AsyncConnection, claim: Claim, outcome: Outcome) -> Ending:
+    wanted = select(attempt.c.outcome, attempt.c.state).where(
+        attempt.c.trial_id == claim.trial_id, attempt.c.fence == claim.fence, attempt.c.robot == claim.robot
+    )
+    row = (await tx.execute(wanted)).one_or_none()
+    if row is not None and row.outcome == outcome.model_dump_json():
+        return Ending(None, done=row.state == AttemptState.ACCEPTED)
+    raise await stale(tx, claim.trial_id, claim.fence)
+
+
+async def cancel_queued(tx: AsyncConnection, job_number: int) -> None:
+    """Takes the job's queued trials out of the queue."""
+    queued = update(trial).where(trial.c.job_number == job_number, trial.c.state == TrialState.QUEUED)
+    await tx.execute(queued.values(state=TrialState.CANCELLED))
+
+
+async def end_cancelled(tx: AsyncConnection, now_s: float, now: AnyRow) -> bool:
+    """Ends a cancelled job once no trial of it is active."""
+    if now.trials_active > 0 or now.state not in UNENDED:
+        return False
+    text = f"job cancelled after {now.trials_done} of {now.trials} trials"
+    await _end(tx, now_s, now.number, JobState.CANCELLED, text, set_reason="cancelled on request")
+    return True
+
+
+async def _end(tx: AsyncConnection, now_s: float, number: int, state: JobState, text: str, **more: Any) -> AnyRow:
+    at = iso(now_s)
+    return await events.record(tx, at, number, "job_ended", text, set_state=state, set_ended_at=at, **more)

@@ -1,0 +1,143 @@
+"""The robots as they are seen right now: presence and heartbeats from the bus, leases as last written to the database."""
+
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
+
+from api_schemas.bus import Heartbeat
+from api_schemas.robot import RobotState
+from services.jobs.claim import Claim
+
+SILENT_AFTER_S = 10.0
+"""A robot whose token stands but whose heartbeats have stopped for so long counts as lost."""
+RETURN_AFTER_S = 2.0
+"""Heartbeats this long after the token went show that the robot is back; earlier ones may have been under way."""
+KNOWN_AFTER_LOSS_S = 60.0
+"""A lost robot takes part in draws for so long, because most come back."""
+
+
+@dataclass
+class Member:
+    """One robot. ``lease`` is what the database gave it; ``heartbeat`` what it last said of itself."""
+
+    robot: str
+    heartbeat: Heartbeat | None = None
+    seen_s: float = 0.0
+    present: bool = False
+    lost_s: float | None = None
+    drain: bool = False
+    resume_wanted: bool = False
+    lease: Claim | None = None
+    lease_accepted: bool = False
+    renewed_s: float = 0.0
+    ended: Claim | None = None
+    paused_until_s: float = 0.0
+    simulated_s: float | None = None
+    trials_done: int = 0
+
+    def state(self, now_s: float) -> RobotState:
+        """What the robot is doing, from all that is known."""
+        if self.heartbeat is None or self.lost_s is not None or now_s - self.seen_s > SILENT_AFTER_S:
+            return RobotState.LOST
+        said = self.heartbeat.state
+        if said == RobotState.OUT_OF_SERVICE:
+            return said
+        if self.drain or said == RobotState.DRAINING:
+            return RobotState.DRAINING
+        if self.lease is not None:
+            return RobotState.RUNNING if self.lease_accepted else RobotState.LEASED
+        if said in {RobotState.LEASED, RobotState.RUNNING} and self.said_claim() == self.ended:
+            return RobotState.IDLE
+        return said
+
+    def said_claim(self) -> Claim | None:
+        """The attempt that the last heartbeat named."""
+        beat = self.heartbeat
+        return Claim(beat.trial_id, beat.fence, self.robot) if beat and beat.trial_id and beat.fence else None
+
+    def healthy(self, now_s: float) -> bool:
+        """In service, be it idle or busy."""
+        return self.state(now_s) in {RobotState.IDLE, RobotState.LEASED, RobotState.RUNNING}
+
+    def ready(self, now_s: float) -> bool:
+        """May be offered a lease now."""
+        return self.lease is None and now_s >= self.paused_until_s and self.state(now_s) == RobotState.IDLE
+
+
+@dataclass
+class Fleet:
+    """All robots by name; owned by the event loop, told by the bus, the dispatcher and the lease routes."""
+
+    members: dict[str, Member] = field(default_factory=dict)
+
+    def member(self, robot: str) -> Member:
+        """The robot, known or new."""
+        return self.members.setdefault(robot, Member(robot))
+
+    def known(self, now_s: float) -> tuple[str, ...]:
+        """The robots that take part in a draw now, sorted."""
+        return tuple(sorted(m.robot for m in self.members.values() if _takes_part(m, now_s)))
+
+    def ready(self, now_s: float) -> tuple[str, ...]:
+        """The robots that may be offered a lease now; the one idle for longest first would need a clock: by name."""
+        return tuple(sorted(m.robot for m in self.members.values() if m.ready(now_s)))
+
+    def healthy(self, now_s: float) -> frozenset[str]:
+        """The robots in service."""
+        return frozenset(m.robot for m in self.members.values() if m.healthy(now_s))
+
+    def heard(self, beat: Heartbeat, now_s: float) -> bool:
+        """Takes a heartbeat; true when it says anything new."""
+        member = self.member(beat.robot)
+        before, state_before = member.heartbeat, member.state(now_s)
+        member.heartbeat, member.seen_s = beat, now_s
+        if before is not None and before.instance != beat.instance:
+            member.simulated_s = None
+        if member.present or (member.lost_s is not None and now_s - member.lost_s > RETURN_AFTER_S):
+            member.lost_s = None
+        return before != beat or state_before != member.state(now_s)
+
+    def token_changed(self, robot: str, *, present: bool, now_s: float) -> None:
+        """Takes the coming or going of a robot's liveliness token."""
+        member = self.member(robot)
+        member.present = present
+        member.lost_s = None if present else (member.lost_s or now_s)
+
+    def leased(self, claim: Claim, now_s: float, *, accepted: bool = False) -> None:
+        """The database has given the robot a lease."""
+        member = self.member(claim.robot)
+        member.lease, member.lease_accepted, member.renewed_s, member.simulated_s = claim, accepted, now_s, None
+
+    def accepted(self, claim: Claim) -> None:
+        """The robot took the lease."""
+        if (member := self.member(claim.robot)).lease == claim:
+            member.lease_accepted = True
+
+    def renewed(self, claim: Claim, now_s: float) -> None:
+        """The robot renewed its lease."""
+        if (member := self.member(claim.robot)).lease == claim:
+            member.renewed_s = now_s
+
+    def freed(self, claim: Claim, *, done: bool) -> None:
+        """The attempt is over; the robot is free at once, whatever its last heartbeat said."""
+        member = self.member(claim.robot)
+        member.ended = claim
+        member.trials_done += int(done)
+        if member.lease == claim:
+            member.lease, member.lease_accepted, member.simulated_s = None, False, None
+
+    def hold_only(self, active: Collection[Claim]) -> None:
+        """Frees robots whose lease the database no longer knows: it is the truth, this is a copy."""
+        for member in self.members.values():
+            if member.lease is not None and member.lease not in active:
+                self.freed(member.lease, done=False)
+
+    def snapshot(self, robot: str) -> Member | None:
+        """A copy of what is known of the robot; None when it was never seen."""
+        member = self.members.get(robot)
+        return None if member is None else replace(member)
+
+
+def _takes_part(member: Member, now_s: float) -> bool:
+    if member.heartbeat is None:
+        return False
+    return member.lost_s is None or now_s - member.lost_s < KNOWN_AFTER_LOSS_S

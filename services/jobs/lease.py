@@ -1,0 +1,170 @@
+"""Leases: the right of one trial to one robot. Each move is one UPDATE guarded by the state and fence that it leaves."""
+
+from sqlalchemy import bindparam, insert, select, update
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from api_schemas.job import JobState
+from api_schemas.robot import Renewal
+from api_schemas.trial import AttemptState, Outcome, TrialState
+from services.database.rows import AnyRow
+from services.database.tables import attempt, job, trial
+from services.errors import Conflict, NotFound
+from services.jobs import events
+from services.jobs.claim import Claim
+from services.jobs.clock import iso
+
+ACTIVE = (TrialState.LEASED, TrialState.RUNNING)
+UNENDED = (JobState.QUEUED, JobState.RUNNING)
+
+_LEASE = (
+    update(trial)
+    .where(
+        trial.c.trial_id == bindparam("of_trial"),
+        trial.c.state == TrialState.QUEUED,
+        trial.c.fence == bindparam("old_fence"),
+    )
+    .values(
+        state=TrialState.LEASED,
+        fence=trial.c.fence + 1,
+        robot=bindparam("to_robot"),
+        lease_until_s=bindparam("until_s"),
+        passed_over_s=None,
+    )
+)
+_CONFIRM = (
+    update(trial)
+    .where(
+        trial.c.trial_id == bindparam("of_trial"),
+        trial.c.fence == bindparam("held_fence"),
+        trial.c.state == TrialState.LEASED,
+    )
+    .values(state=TrialState.RUNNING)
+    .returning(trial.c.job_number, trial.c.ordinal)
+)
+_HELD = select(trial.c.trial_id).where(
+    trial.c.trial_id == bindparam("of_trial"), trial.c.fence == bindparam("held_fence"), trial.c.state.in_(ACTIVE)
+)
+_OPEN_ATTEMPT = insert(attempt)
+_CLOSE_ATTEMPT = (
+    update(attempt)
+    .where(
+        attempt.c.trial_id == bindparam("of_trial"),
+        attempt.c.fence == bindparam("held_fence"),
+        attempt.c.state == AttemptState.OPEN,
+    )
+    .values(
+        state=bindparam("to_state"),
+        reason=bindparam("to_reason"),
+        ended_at=bindparam("at"),
+        outcome=bindparam("to_outcome"),
+        log_sha256=bindparam("to_log_sha256"),
+    )
+)
+
+
+async def write_lease(
+    tx: AsyncConnection, now_s: float, queued: AnyRow, robot: str, *, departure: str | None, lease_s: float
+) -> Claim | None:
+    """Gives the queued trial to the robot under the next fence; None when the trial is no longer as it was read."""
+    leased = {"of_trial": queued.trial_id, "old_fence": queued.fence, "to_robot": robot, "until_s": now_s + lease_s}
+    if (await tx.execute(_LEASE, leased)).rowcount != 1:
+        return None
+    claim = Claim(queued.trial_id, queued.fence + 1, robot)
+    opened = {
+        "trial_id": claim.trial_id,
+        "fence": claim.fence,
+        "job_number": queued.job_number,
+        "robot": robot,
+        "state": AttemptState.OPEN,
+        "departure": departure,
+        "started_at": iso(now_s),
+    }
+    await tx.execute(_OPEN_ATTEMPT, opened)
+    await _tell_leased(tx, now_s, queued, robot)
+    return claim
+
+
+async def _tell_leased(tx: AsyncConnection, now_s: float, queued: AnyRow, robot: str) -> None:
+    at = iso(now_s)
+    if queued.job_state == JobState.QUEUED:
+        started = {"set_state": JobState.RUNNING, "set_started_at": at}
+        await events.record(tx, at, queued.job_number, "job_running", "job running: first trial leased", **started)
+    text = f"trial {queued.ordinal} leased to {robot}"
+    more = {"ordinal": queued.ordinal, "robot": robot, "add_trials_active": 1}
+    await events.record(tx, at, queued.job_number, "trial_leased", text, **more)
+
+
+async def confirm_lease(tx: AsyncConnection, now_s: float, claim: Claim) -> bool:
+    """The robot accepted the offer: the trial runs. False when the lease ended in the meantime."""
+    held = {"of_trial": claim.trial_id, "held_fence": claim.fence}
+    row = (await tx.execute(_CONFIRM, held)).one_or_none()
+    if row is None:
+        return False
+    text = f"trial {row.ordinal} running on {claim.robot}"
+    await events.record(tx, iso(now_s), row.job_number, "trial_running", text, ordinal=row.ordinal, robot=claim.robot)
+    return True
+
+
+async def renew(tx: AsyncConnection, now_s: float, trial_id: str, renewal: Renewal, lease_s: float) -> bool:
+    """Prolongs a lease; true when the robot should stop because the job was cancelled.
+
+    Raises:
+        NotFound: there is no such trial.
+        Conflict: the lease is not the robot's any more.
+    """
+    prolonged = (
+        update(trial)
+        .where(
+            trial.c.trial_id == trial_id,
+            trial.c.fence == renewal.fence,
+            trial.c.robot == renewal.robot,
+            trial.c.state.in_(ACTIVE),
+        )
+        .values(lease_until_s=now_s + lease_s)
+        .returning(trial.c.job_number)
+    )
+    number = (await tx.execute(prolonged)).scalar_one_or_none()
+    if number is None:
+        raise await stale(tx, trial_id, renewal.fence)
+    row = (await tx.execute(select(job.c.cancel_requested, job.c.state).where(job.c.number == number))).one()
+    return row.cancel_requested or row.state not in UNENDED
+
+
+async def check_lease(connection: AsyncConnection, trial_id: str, fence: int) -> None:
+    """Raises unless the trial is leased or running under this fence."""
+    if (await connection.execute(_HELD, {"of_trial": trial_id, "held_fence": fence})).one_or_none() is None:
+        raise await stale(connection, trial_id, fence)
+
+
+async def stale(connection: AsyncConnection, trial_id: str, fence: int) -> Exception:
+    """The error that tells a robot why its lease does not hold."""
+    wanted = select(trial.c.fence, trial.c.state).where(trial.c.trial_id == trial_id)
+    row = (await connection.execute(wanted)).one_or_none()
+    if row is None:
+        return NotFound("trial-not-found", f"There is no trial {trial_id}.")
+    now = f"Trial {trial_id} is {row.state} under fence {row.fence}; fence {fence} does not hold it."
+    detail = f"{now} Stop and take a new lease."
+    return Conflict("stale-fence", detail, fence=row.fence, state=row.state)
+
+
+async def close_attempt(
+    tx: AsyncConnection,
+    now_s: float,
+    claim: Claim,
+    state: AttemptState,
+    reason: str | None,
+    *,
+    outcome: Outcome | None = None,
+    log_sha256: str | None = None,
+) -> None:
+    """Writes the end of an attempt."""
+    closed = {
+        "of_trial": claim.trial_id,
+        "held_fence": claim.fence,
+        "to_state": state,
+        "to_reason": reason,
+        "at": iso(now_s),
+        "to_outcome": None if outcome is None else outcome.model_dump_json(),
+        "to_log_sha256": log_sha256,
+    }
+    await tx.execute(_CLOSE_ATTEMPT, closed)

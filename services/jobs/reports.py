@@ -1,0 +1,126 @@
+"""The report of a job: written once, in the transaction that ends the job, and served ever after as it was stored."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from importlib.metadata import version
+
+from sqlalchemy import insert, select
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from api_schemas.report import FaultRow, Report, RobotRow, TimingRow, TrialRow
+from api_schemas.trial import AttemptState, Fault, Outcome, OutcomeKind
+from services.database.rows import AnyRow
+from services.database.tables import attempt, report, trial
+from services.jobs.statistics import wilson
+
+KEEPS_RATE_MISSED = 0.01
+"""A policy keeps its rate when at most this share of its actions came late: then their 99th percentile is in time."""
+
+
+async def write(tx: AsyncConnection, job: AnyRow) -> None:
+    """Composes the report of a job whose trials are all done, and stores its bytes."""
+    trials = (await tx.execute(select(trial).where(trial.c.job_number == job.number).order_by(trial.c.ordinal))).all()
+    wanted = (
+        select(attempt, trial.c.ordinal)
+        .join(trial, trial.c.trial_id == attempt.c.trial_id)
+        .where(attempt.c.job_number == job.number)
+        .order_by(trial.c.ordinal, attempt.c.fence)
+    )
+    attempts = (await tx.execute(wanted)).all()
+    composed = compose(job, trials, attempts, {"trifarm": version("trifarm")})
+    body = json.dumps(composed.model_dump(mode="json"), sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+    sha256 = hashlib.sha256(body).hexdigest()
+    await tx.execute(insert(report).values(job_number=job.number, body=body, sha256=sha256, created_at=job.ended_at))
+
+
+def compose(job: AnyRow, trials: Sequence[AnyRow], attempts: Sequence[AnyRow], versions: dict[str, str]) -> Report:
+    """The report from a job's rows; ``attempts`` carry their trial's ordinal."""
+    rows = tuple(_trial_row(row, attempts) for row in trials)
+    outcomes = [row.outcome for row in rows]
+    measures = [outcome.measures for outcome in outcomes if outcome.measures is not None]
+    successes = sum(outcome.kind == OutcomeKind.SUCCEEDED for outcome in outcomes)
+    faults = tuple(_fault_row(row) for row in attempts if row.state == AttemptState.PLATFORM_FAULT)
+    return Report(
+        job_id=job.job_id,
+        task=job.task,
+        policy=job.policy,
+        policy_name=job.policy_name,
+        seed=job.seed,
+        trials=len(rows),
+        successes=successes,
+        success_rate=successes / len(rows),
+        interval_80=wilson(successes, len(rows), 0.80),
+        interval_95=wilson(successes, len(rows), 0.95),
+        success_ever=sum(measure.success_ever for measure in measures),
+        mean_success_fraction=_mean([measure.success_fraction for measure in measures]),
+        mean_return=_mean([measure.episode_return for measure in measures]),
+        policy_faults=sum(outcome.fault == Fault.POLICY for outcome in outcomes),
+        platform_faults=len(faults),
+        attempts=len(attempts),
+        timing=_timing(outcomes),
+        per_robot=_robot_rows(rows, faults),
+        per_trial=rows,
+        platform_fault_attempts=faults,
+        created_at=job.created_at,
+        started_at=job.started_at,
+        ended_at=job.ended_at,
+        versions=versions,
+    )
+
+
+def _trial_row(row: AnyRow, attempts: Sequence[AnyRow]) -> TrialRow:
+    own = [each for each in attempts if each.trial_id == row.trial_id]
+    return TrialRow(
+        trial=row.ordinal,
+        trial_id=row.trial_id,
+        robot=row.robot,
+        seed=row.seed,
+        attempts=len(own),
+        outcome=Outcome.model_validate_json(row.outcome),
+        departure=own[-1].departure,
+        log_sha256=row.log_sha256,
+    )
+
+
+def _fault_row(row: AnyRow) -> FaultRow:
+    return FaultRow(trial=row.ordinal, attempt=row.fence, robot=row.robot, reason=row.reason or "")
+
+
+def _robot_rows(rows: Sequence[TrialRow], faults: Sequence[FaultRow]) -> tuple[RobotRow, ...]:
+    names = sorted({row.robot for row in rows} | {row.robot for row in faults})
+    return tuple(_robot_row(name, [row for row in rows if row.robot == name], faults) for name in names)
+
+
+def _robot_row(name: str, rows: Sequence[TrialRow], faults: Sequence[FaultRow]) -> RobotRow:
+    successes = sum(row.outcome.kind == OutcomeKind.SUCCEEDED for row in rows)
+    return RobotRow(
+        robot=name,
+        trials=len(rows),
+        successes=successes,
+        success_rate=successes / len(rows) if rows else 0.0,
+        interval_80=wilson(successes, len(rows), 0.80),
+        platform_faults=sum(row.robot == name for row in faults),
+    )
+
+
+def _timing(outcomes: Sequence[Outcome]) -> TimingRow | None:
+    """The slowest trial's 99th percentile stands for all: percentiles cannot be averaged, and one slow robot counts."""
+    timed = [o for o in outcomes if o.policy_timing is not None and o.measures is not None]
+    timings = [o.policy_timing for o in timed if o.policy_timing is not None]
+    if not timings:
+        return None
+    actions = sum(o.measures.control_steps for o in timed if o.measures is not None)
+    missed = sum(timing.missed for timing in timings)
+    return TimingRow(
+        p99_ms=max(timing.p99_ms for timing in timings),
+        max_ms=max(timing.max_ms for timing in timings),
+        allowed_ms=min(timing.allowed_ms for timing in timings),
+        missed=missed,
+        actions=actions,
+        keeps_rate=missed <= KEEPS_RATE_MISSED * actions,
+    )
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return sum(values) / len(values) if values else None

@@ -1,0 +1,136 @@
+"""What the API shows of jobs, trials and robots, read from the database and the fleet."""
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+from sqlalchemy import Select, func, select
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from api_schemas.job import Job, JobState, TaskName
+from api_schemas.robot import Robot
+from api_schemas.trial import Attempt, AttemptState, Outcome, Trial, TrialState
+from services.database.rows import AnyRow
+from services.database.tables import attempt, job, trial
+from services.errors import NotFound
+from services.jobs.clock import iso
+from services.jobs.fleet import Fleet, Member
+from services.jobs.lease import UNENDED
+from services.jobs.waiting import Ahead, job_waits, trial_waits
+
+
+async def job_row(connection: AsyncConnection, job_id: str, owner: str | None) -> AnyRow:
+    """A job's row; with ``owner`` only if it is his.
+
+    Raises:
+        NotFound: there is no such job, or it is another's.
+    """
+    row = (await connection.execute(select(job).where(job.c.job_id == job_id))).one_or_none()
+    if row is None or owner not in (None, row.owner):
+        raise NotFound("job-not-found", f"There is no job {job_id} of yours; GET /v1/jobs lists them.")
+    return row
+
+
+async def show_jobs(connection: AsyncConnection, rows: Sequence[AnyRow], fleet: Fleet, now_s: float) -> tuple[Job, ...]:
+    """The jobs, each with the reason why it waits."""
+    return tuple([_job(row, job_waits(row, await _ahead(connection, row), fleet, now_s)) for row in rows])
+
+
+async def _ahead(connection: AsyncConnection, row: AnyRow) -> Ahead:
+    if row.state != JobState.QUEUED:
+        return Ahead(0, 0)
+    left = job.c.trials - job.c.trials_done - job.c.trials_active
+    earlier = select(func.coalesce(func.sum(left), 0), func.count()).where(
+        job.c.state.in_(UNENDED), job.c.number < row.number, job.c.cancel_requested.is_(False), left > 0
+    )
+    return Ahead(*(await connection.execute(earlier)).one())
+
+
+def _job(row: AnyRow, waiting_because: str | None) -> Job:
+    return Job(
+        job_id=row.job_id,
+        state=JobState(row.state),
+        waiting_because=waiting_because,
+        policy=row.policy,
+        policy_name=row.policy_name,
+        task=TaskName(row.task),
+        trials=row.trials,
+        seed=row.seed,
+        seed_drawn_by_server=row.seed_drawn_by_server,
+        owner=row.owner,
+        created_at=row.created_at,
+        started_at=row.started_at,
+        ended_at=row.ended_at,
+        trials_done=row.trials_done,
+        trials_running=row.trials_active,
+        successes=row.successes,
+        policy_faults=row.policy_faults,
+        platform_faults=row.platform_faults,
+        reason=row.reason,
+    )
+
+
+async def show_trials(
+    connection: AsyncConnection, owner_job: AnyRow, wanted: Select[Any], fleet: Fleet, now_s: float
+) -> tuple[Trial, ...]:
+    """The job's trials that ``wanted`` selects, with their attempts."""
+    rows = (await connection.execute(wanted)).all()
+    ids = [row.trial_id for row in rows]
+    of_these = select(attempt).where(attempt.c.trial_id.in_(ids)).order_by(attempt.c.trial_id, attempt.c.fence)
+    attempts = (await connection.execute(of_these)).all()
+    queued = select(trial.c.ordinal).where(trial.c.job_number == owner_job.number, trial.c.state == TrialState.QUEUED)
+    waiting = [] if owner_job.state not in UNENDED else list((await connection.execute(queued)).scalars())
+    shown = []
+    for row in rows:
+        before = sum(ordinal < row.ordinal for ordinal in waiting) if row.first_choice is None else 0
+        own = tuple(_attempt(each) for each in attempts if each.trial_id == row.trial_id)
+        shown.append(_trial(row, owner_job, own, trial_waits(row, owner_job, fleet, now_s, before)))
+    return tuple(shown)
+
+
+def _trial(row: AnyRow, owner_job: AnyRow, attempts: tuple[Attempt, ...], waiting_because: str | None) -> Trial:
+    return Trial(
+        trial_id=row.trial_id,
+        job_id=owner_job.job_id,
+        ordinal=row.ordinal,
+        state=TrialState(row.state),
+        waiting_because=waiting_because,
+        task=owner_job.task,
+        seed=row.seed,
+        robot=row.robot,
+        robot_order=tuple(json.loads(row.robot_order)),
+        outcome=None if row.outcome is None else Outcome.model_validate_json(row.outcome),
+        log_sha256=row.log_sha256,
+        log_bytes=row.log_bytes,
+        attempts=attempts,
+    )
+
+
+def _attempt(row: AnyRow) -> Attempt:
+    return Attempt(
+        fence=row.fence,
+        robot=row.robot,
+        state=AttemptState(row.state),
+        reason=row.reason,
+        departure=row.departure,
+        started_at=row.started_at,
+        ended_at=row.ended_at,
+        log_sha256=row.log_sha256,
+    )
+
+
+def show_robot(member: Member, now_s: float) -> Robot:
+    """A robot as it is seen now."""
+    said = member.heartbeat
+    return Robot(
+        robot=member.robot,
+        state=member.state(now_s),
+        pid=None if said is None else said.pid,
+        host=None if said is None else said.host,
+        trial=None if member.lease is None else member.lease.trial_id,
+        job=None if member.lease is None else member.lease.trial_id.rpartition("-")[0],
+        reason="drained by an operator" if member.drain else (None if said is None else said.reason),
+        simulated_s=member.simulated_s,
+        last_seen_at=iso(member.seen_s) if said is not None else None,
+        trials_done=member.trials_done,
+    )

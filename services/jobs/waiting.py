@@ -1,0 +1,95 @@
+"""Why a job or a trial is not over yet, in plain words; nothing waits without a reason that can be read."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from api_schemas.job import FINAL_JOB_STATES
+from api_schemas.robot import RobotState
+from api_schemas.trial import TrialState
+from services.database.rows import AnyRow
+from services.jobs.clock import iso
+from services.jobs.fleet import Fleet, Member
+
+
+@dataclass(frozen=True)
+class Ahead:
+    """What stands before a job in the queue: trials, and the earlier jobs that they belong to."""
+
+    trials: int
+    jobs: int
+
+
+def job_waits(row: AnyRow, ahead: Ahead, fleet: Fleet, now_s: float) -> str | None:
+    """The sentence for a job; None when it is over."""
+    if row.state in FINAL_JOB_STATES:
+        return None
+    if row.cancel_requested:
+        return f"cancelled; {_count(row.trials_active, 'trial')} still being stopped by their robots"
+    left = row.trials - row.trials_done - row.trials_active
+    if row.trials_active:
+        more = f", {left} more wait for a robot" if left else ""
+        return f"{_count(row.trials_active, 'trial')} running{more}"
+    if not fleet.healthy(now_s):
+        return nobody_in_service(fleet, now_s)
+    if ahead.trials:
+        return f"{_count(ahead.trials, 'trial')} of {_count(ahead.jobs, 'earlier job')} {_are(ahead.trials)} ahead"
+    return f"{_count(left, 'trial')} about to be leased: {robots_now(fleet, now_s)}"
+
+
+def trial_waits(row: AnyRow, job: AnyRow, fleet: Fleet, now_s: float, before: int) -> str | None:
+    """The sentence for a trial; ``before`` counts the job's earlier queued trials. None when the trial is over."""
+    if row.state == TrialState.RUNNING:
+        left_s = max(0.0, (row.lease_until_s or now_s) - now_s)
+        return f"running on {row.robot}, whose lease ends in {left_s:.0f} s if not renewed"
+    if row.state == TrialState.LEASED:
+        return f"leased to {row.robot}, which has not answered yet"
+    if row.state != TrialState.QUEUED:
+        return None
+    if not fleet.healthy(now_s):
+        return nobody_in_service(fleet, now_s)
+    if row.first_choice is None:
+        return f"{_count(before, 'queued trial')} of job {job.job_id} before it; its robot is drawn when its turn comes"
+    member = fleet.snapshot(row.first_choice)
+    doing = "was not seen since the services started" if member is None else robot_now(member, now_s)
+    return f"{row.first_choice}, drawn for this trial, {doing}"
+
+
+def nobody_in_service(fleet: Fleet, now_s: float) -> str:
+    """Why no trial can be leased at all."""
+    if not fleet.members:
+        return "no robot is in service: none has joined the farm yet"
+    return f"no robot is in service: {robots_now(fleet, now_s)}"
+
+
+def robots_now(fleet: Fleet, now_s: float) -> str:
+    """All robots and what they do, in one line."""
+    members: Sequence[Member] = sorted(fleet.members.values(), key=lambda member: member.robot)
+    return ", ".join(f"{member.robot} {robot_now(member, now_s)}" for member in members)
+
+
+def robot_now(member: Member, now_s: float) -> str:
+    """What a robot does, as the end of a sentence that begins with its name."""
+    state = member.state(now_s)
+    said = member.heartbeat
+    reason = f" ({said.reason})" if said is not None and said.reason else ""
+    busy = member.lease or member.said_claim()
+    match state:
+        case RobotState.LOST:
+            since = member.lost_s if member.lost_s is not None else member.seen_s
+            return "has not reported yet" if said is None else f"is lost since {iso(since)}"
+        case RobotState.RUNNING | RobotState.LEASED:
+            return f"is running trial {busy.trial_id}" if busy else f"is {state}{reason}"
+        case RobotState.DRAINING:
+            return "is draining" + (f" and still running trial {member.lease.trial_id}" if member.lease else reason)
+        case RobotState.OUT_OF_SERVICE:
+            return f"is out of service{reason}"
+        case _:
+            return "is idle"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def _are(number: int) -> str:
+    return "is" if number == 1 else "are"

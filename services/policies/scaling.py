@@ -1,0 +1,119 @@
+"""What surrounds a network: observations in physical units become its input, its output becomes an action.
+
+x = 2 (o - low) / (high - low) - 1;  y = clip((x - mean) / sqrt(variance + epsilon), ±clip);
+action = clip(network(y), ±clip) · scale.
+The steps stay apart in the graph, in float32, in this order: nothing is folded that would change the numbers.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from onnx import NodeProto, TensorProto, helper, numpy_helper
+
+from api_schemas.policy import ACTION_SIZE, ActionKind, PolicyManifest
+from services.policies.unfit import UnfitError
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """All numbers around the network, as float64; None where there is no such step."""
+
+    low: Array | None
+    high: Array | None
+    mean: Array | None
+    variance: Array | None
+    epsilon: float
+    input_clip: float | None
+    output_clip: float | None
+    output_scale: Array | None
+
+
+def scaling_of(manifest: PolicyManifest, tensors: Mapping[str, Array]) -> Scaling:
+    """The manifest's numbers, and where it leaves them out those of the file's tensors.
+
+    Raises:
+        UnfitError: a list has the wrong length, is half given, or holds numbers that cannot be used.
+    """
+    given, size = manifest.input_scaling, manifest.observation_size
+    low = _vector("observation_low", given.low, tensors, size)
+    high = _vector("observation_high", given.high, tensors, size)
+    mean = _vector("running_mean", given.mean, tensors, size)
+    variance = _vector("running_var", given.variance, tensors, size)
+    for one, other, names in ((low, high, "low and high"), (mean, variance, "mean and variance")):
+        if (one is None) != (other is None):
+            raise UnfitError(f"input scaling needs {names} both or neither")
+    if low is not None and high is not None and not (high > low).all():
+        raise UnfitError("every high of the input scaling must be above its low")
+    if variance is not None and (variance < 0).any():
+        raise UnfitError("the input scaling's variance must not be negative")
+    return Scaling(
+        low, high, mean, variance, given.epsilon, given.clip, manifest.output_scaling.clip, _output_scale(manifest, tensors)
+    )
+
+
+def _output_scale(manifest: PolicyManifest, tensors: Mapping[str, Array]) -> Array | None:
+    scale = manifest.output_scaling.scale
+    if isinstance(scale, int | float):
+        return np.full(ACTION_SIZE, scale)
+    return _vector("torque_limit_nm", scale, tensors if manifest.action_kind == ActionKind.TORQUE else {}, ACTION_SIZE)
+
+
+def _vector(name: str, given: tuple[float, ...] | None, tensors: Mapping[str, Array], size: int) -> Array | None:
+    if given is None and name not in tensors:
+        return None
+    values = np.asarray(tensors[name] if given is None else given, dtype=np.float64)
+    if values.shape != (size,):
+        raise UnfitError(f"{name} must hold {size} numbers, not an array of shape {values.shape}")
+    if not np.isfinite(values).all():
+        raise UnfitError(f"{name} holds numbers that are not finite")
+    return values
+
+
+@dataclass
+class Chain:
+    """Nodes one after the other, each taking what the last gave and one constant; built up, then put into a graph."""
+
+    nodes: list[NodeProto]
+    constants: list[TensorProto]
+    at: str
+
+    def step(self, operator: str, constant: Array) -> None:
+        """Adds ``at = operator(at, constant)``."""
+        name = f"{self.at}_{operator.lower()}"
+        self.constants.append(numpy_helper.from_array(constant.astype(np.float32)[None, :], f"{name}_by"))
+        self.nodes.append(helper.make_node(operator, [self.at, f"{name}_by"], [name]))
+        self.at = name
+
+    def clip(self, bound: float, size: int) -> None:
+        """Adds a clip to ±bound. Min and Max of full size exist, unlike Clip, in the same form in every opset."""
+        self.step("Min", np.full(size, bound))
+        self.step("Max", np.full(size, -bound))
+
+
+def before_network(scaling: Scaling, size: int, at: str) -> Chain:
+    """From the observation named ``at`` to the network's input."""
+    chain = Chain([], [], at)
+    if scaling.low is not None and scaling.high is not None:
+        chain.step("Sub", scaling.low)
+        chain.step("Mul", np.full(size, 2.0))
+        chain.step("Div", scaling.high - scaling.low)
+        chain.step("Sub", np.ones(size))
+    if scaling.mean is not None and scaling.variance is not None:
+        chain.step("Sub", scaling.mean)
+        chain.step("Div", np.sqrt(scaling.variance + scaling.epsilon))
+    if scaling.input_clip is not None:
+        chain.clip(scaling.input_clip, size)
+    return chain
+
+
+def after_network(scaling: Scaling, at: str) -> Chain:
+    """From the network's output named ``at`` to the action."""
+    chain = Chain([], [], at)
+    if scaling.output_clip is not None:
+        chain.clip(scaling.output_clip, ACTION_SIZE)
+    if scaling.output_scale is not None:
+        chain.step("Mul", scaling.output_scale)
+    return chain

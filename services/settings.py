@@ -1,0 +1,40 @@
+"""Settings of the services process: every flag of ``serve`` is also a ``TRIFARM_*`` environment variable."""
+
+from pathlib import Path
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from api_schemas.policy import MAX_WEIGHTS_BYTES
+from api_schemas.robot import LEASE_S, RENEW_EVERY_S
+
+
+class Settings(BaseSettings):
+    """What one services process was told; read once at the start and passed on."""
+
+    model_config = SettingsConfigDict(env_prefix="TRIFARM_", frozen=True, extra="ignore")
+
+    data: Path = Path("farm-data")
+    host: str = "127.0.0.1"
+    port: int = Field(default=8000, ge=0, le=65535)
+    bus: str = "tcp/127.0.0.1:7447"
+    farm: str = Field(default="farm", pattern=r"^[a-z0-9-]{1,40}$")
+    physics: str = "nominal"
+    admin_token: str | None = None
+    robot_token: str | None = None
+    max_attempts: int = Field(default=5, ge=1, description="platform faults of one trial before its job fails")
+    pass_over_s: float = Field(default=30.0, ge=0, description="how long a trial waits for its busy first choice")
+    offer_timeout_s: float = Field(default=2.0, gt=0)
+    refused_pause_s: float = Field(default=1.0, ge=0, description="a robot that refused is not offered again for so long")
+    lease_s: float = Field(default=LEASE_S, gt=0)
+    renew_every_s: float = Field(default=RENEW_EVERY_S, gt=0)
+    sweep_every_s: float = Field(default=0.5, gt=0, description="the safety net under the events that wake the dispatcher")
+    max_weights_bytes: int = Field(default=MAX_WEIGHTS_BYTES, gt=0)
+    max_log_bytes: int = Field(default=1024**3, gt=0)
+    conversion_deadline_s: float = Field(default=60.0, gt=0)
+    conversion_at_once: int = Field(default=1, ge=1, description="conversions that may run at the same time")
+
+    @property
+    def database_url(self) -> str:
+        """Where truth is kept; SQLite inside the data folder."""
+        return f"sqlite+aiosqlite:///{(self.data / 'farm.sqlite').absolute()}"

@@ -1,0 +1,80 @@
+"""What stands between a control step and a robot, simulated or real."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Command:
+    """What a policy asks of n robots until the next command.
+
+    ``desired_torque_nm`` has shape (n, 9) in N m; ``position_target_rad`` has shape (n, 9) in rad, or is None for a command
+    without a position part.
+    """
+
+    desired_torque_nm: np.ndarray
+    position_target_rad: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where n robots and cubes are when a trial begins; all velocities are zero.
+
+    Shapes (n, 9) in rad, (n, 3) in m and (n, 4) wxyz.
+    """
+
+    joint_position_rad: np.ndarray
+    cube_position_world_m: np.ndarray
+    cube_quat_wxyz: np.ndarray
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Everything that happened in a stretch of physics steps, for n robots.
+
+    Row k is the state *before* step k together with the torque that acted during step k. Shapes (n, steps, 9) in rad, rad/s
+    and N m, (n, steps, 3) in m, (n, steps, 4) wxyz. ``first_step`` is the number of the first row since the trial's start.
+    """
+
+    first_step: int
+    joint_position_rad: np.ndarray
+    joint_velocity_rad_s: np.ndarray
+    desired_torque_nm: np.ndarray
+    applied_torque_nm: np.ndarray
+    cube_position_world_m: np.ndarray
+    cube_quat_wxyz: np.ndarray
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What n robots measure now. Shapes (n, 9) in rad, rad/s and N m; truth of the cube (n, 3) in m and (n, 4) wxyz."""
+
+    joint_position_rad: np.ndarray
+    joint_velocity_rad_s: np.ndarray
+    joint_torque_nm: np.ndarray
+    cube_position_world_m: np.ndarray
+    cube_quat_wxyz: np.ndarray
+
+
+class Driver(Protocol):
+    """A robot as a control step sees it."""
+
+    def reset(self, start: Start) -> None:
+        """Bring robot and cube to their start."""
+        ...
+
+    def measure(self) -> Measurement:
+        """The present state."""
+        ...
+
+    def advance(self, schedule: Sequence[tuple[Command, int]]) -> Segment:
+        """Apply commands one after the other, each for a number of steps of 1 ms."""
+        ...
+
+
+def hold_command(joint_position_rad: np.ndarray) -> Command:
+    """The idle action after initialisation: hold a position of shape (n, 9), rad (robot_fingers, CHANGELOG)."""
+    return Command(np.zeros_like(joint_position_rad), joint_position_rad)

@@ -1,0 +1,92 @@
+"""One control period after the other: observe, act, advance. The only place where physics moves.
+
+A trial on the farm, a Gymnasium step and a vectorised training step are all this class with another number of robots.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from api_schemas.policy import ActionKind, PolicyManifest
+from sim_backend.driver.driver import Command, Driver, Measurement, Segment, Start, hold_command
+from sim_backend.driver.tracker import TrackedPose, Tracker
+from sim_backend.observation import ObservationBuilder, Sight
+from sim_backend.tasks.task import Goal
+from sim_backend.trifinger import constants as c
+
+
+@dataclass(frozen=True)
+class Period:
+    """What happened in one control period of n robots.
+
+    ``observation`` (n, size) was read before ``action`` (n, 9) acted; ``tracked`` are the poses delivered within the period
+    and ``after`` is the state at its end.
+    """
+
+    observation: np.ndarray
+    action: np.ndarray
+    segment: Segment
+    tracked: list[TrackedPose]
+    after: Measurement
+
+
+class Episode:
+    """n robots that try n goals under one manifest. Owner of the control clock.
+
+    Between the observation and the manifest's delay after it the previous command goes on acting, as on the real robot;
+    before the first action the robot holds its start position.
+    """
+
+    def __init__(
+        self, driver: Driver, tracker: Tracker, manifest: PolicyManifest, *, physics_step_s: float = c.PHYSICS_STEP_S
+    ) -> None:
+        self._driver, self._tracker, self._manifest = driver, tracker, manifest
+        self._builder = ObservationBuilder(manifest.observation)
+        self._period_steps = round(1 / manifest.rate_hz / physics_step_s)
+        self._delay_steps = round(manifest.action_delay_s / physics_step_s)
+        self._physics_step_s = physics_step_s
+
+    def begin(self, start: Start, goal: Goal) -> TrackedPose:
+        """Reset robots, tracker and clock; returns the pose that the tracker knows at the start."""
+        self._driver.reset(start)
+        self._goal = goal
+        self._step = 0
+        self._command = hold_command(start.joint_position_rad)
+        self._previous_action = np.zeros((len(start.joint_position_rad), 9))
+        self._measurement = self._driver.measure()
+        return self._tracker.reset(start.cube_position_world_m, start.cube_quat_wxyz)
+
+    @property
+    def step(self) -> int:
+        """Physics steps since the start."""
+        return self._step
+
+    def observe(self) -> np.ndarray:
+        """The observation of all robots now, shape (n, size)."""
+        sight = Sight(self._step, self._measurement, self._tracker.latest, self._goal, self._previous_action)
+        self._observation = self._builder.build(sight)
+        return self._observation
+
+    def advance(self, action: np.ndarray) -> Period:
+        """Apply the action of the last observation, shape (n, 9), and advance by one control period."""
+        command = command_of(self._manifest.action_kind, action, self._measurement)
+        segment = self._driver.advance([(self._command, self._delay_steps), (command, self._period_steps - self._delay_steps)])
+        self._step += self._period_steps
+        self._command, self._previous_action = command, action
+        self._tracker.capture(segment)
+        self._measurement = self._driver.measure()
+        return Period(self._observation, action, segment, self._tracker.deliver(self._step), self._measurement)
+
+    @property
+    def measurement(self) -> Measurement:
+        """The present state of all robots."""
+        return self._measurement
+
+
+def command_of(kind: ActionKind, action: np.ndarray, measurement: Measurement) -> Command:
+    """The command that an action of shape (n, 9) stands for."""
+    if kind is ActionKind.TORQUE:
+        return Command(action)
+    if kind is ActionKind.JOINT_POSITION:
+        return Command(np.zeros_like(action), action)
+    return Command(np.zeros_like(action), measurement.joint_position_rad + action)

@@ -1,0 +1,77 @@
+"""From what a robot measures to the vector a policy sees, field by field as its manifest names them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_backend.driver.driver import Measurement
+from sim_backend.driver.tracker import TrackedPose
+from sim_backend.tasks.keypoints import cube_keypoints_world_m
+from sim_backend.tasks.task import Goal
+from sim_backend.trifinger import constants as c
+from sim_backend.trifinger.kinematics import fingertip_position_world_m
+
+
+@dataclass(frozen=True)
+class Sight:
+    """Everything a field may be made of, for n robots at one instant; ``previous_action`` has shape (n, 9)."""
+
+    step: int
+    measurement: Measurement
+    tracked: TrackedPose
+    goal: Goal
+    previous_action: np.ndarray
+
+
+FIELDS: dict[str, Callable[[Sight], np.ndarray]] = {
+    "joint_position_rad": lambda s: s.measurement.joint_position_rad,
+    "joint_velocity_rad_s": lambda s: s.measurement.joint_velocity_rad_s,
+    "joint_torque_nm": lambda s: s.measurement.joint_torque_nm,
+    "fingertip_position_world_m": lambda s: fingertip_position_world_m(s.measurement.joint_position_rad),
+    "cube_position_world_m": lambda s: s.tracked.cube_position_world_m,
+    "cube_quat_wxyz": lambda s: s.tracked.cube_quat_wxyz,
+    "cube_keypoints_world_m": lambda s: cube_keypoints_world_m(s.tracked.cube_position_world_m, s.tracked.cube_quat_wxyz),
+    "tracker_confidence": lambda s: s.tracked.confidence[:, None],
+    "tracker_delay_s": lambda s: np.full((len(s.previous_action), 1), (s.step - s.tracked.capture_step) * c.PHYSICS_STEP_S),
+    "goal_position_world_m": lambda s: s.goal.cube_position_world_m,
+    "goal_quat_wxyz": lambda s: s.goal.cube_quat_wxyz,
+    "goal_keypoints_world_m": lambda s: cube_keypoints_world_m(s.goal.cube_position_world_m, s.goal.cube_quat_wxyz),
+    "goal_fingertip_position_world_m": lambda s: s.goal.fingertip_position_world_m,
+    "previous_action": lambda s: s.previous_action,
+}
+"""Each gives shape (n, size); names and sizes are those of ``api_schemas.policy.OBSERVATION_SIZES``."""
+
+CHANGES_WITH_TRACKER = frozenset({"cube_position_world_m", "cube_quat_wxyz", "cube_keypoints_world_m", "tracker_confidence"})
+CONSTANT_IN_A_TRIAL = frozenset(
+    {"goal_position_world_m", "goal_quat_wxyz", "goal_keypoints_world_m", "goal_fingertip_position_world_m"}
+)
+
+
+class ObservationBuilder:
+    """Builds observation vectors; recomputes a field only when what it is made of has changed."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        unknown = [name for name in names if name not in FIELDS]
+        if unknown:
+            raise ValueError(f"unknown observation fields {unknown}; choose from {', '.join(FIELDS)}")
+        self._names = tuple(names)
+        self._parts: list[np.ndarray] = []
+        self._tracked: TrackedPose | None = None
+        self._goal: Goal | None = None
+
+    def build(self, sight: Sight) -> np.ndarray:
+        """The observation, shape (n, size), float64."""
+        new_frame, new_goal = sight.tracked is not self._tracked, sight.goal is not self._goal
+        fresh = len(self._parts) != len(self._names)
+        parts = []
+        for index, name in enumerate(self._names):
+            stale = (
+                fresh
+                or (new_goal and name in CONSTANT_IN_A_TRIAL)
+                or (new_frame and name in CHANGES_WITH_TRACKER)
+                or not (name in CONSTANT_IN_A_TRIAL or name in CHANGES_WITH_TRACKER)
+            )
+            parts.append(FIELDS[name](sight) if stale else self._parts[index])
+        self._parts, self._tracked, self._goal = parts, sight.tracked, sight.goal
+        return np.concatenate(parts, axis=1)

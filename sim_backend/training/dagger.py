@@ -1,0 +1,223 @@
+"""Imitation of a published expert by DAgger (Ross et al., 2011): the student acts, the expert says what it would have done.
+
+    python -m sim_backend.training.dagger TEACHER.safetensors --out FOLDER [--minutes 4] [--seed 1]
+
+Writes ``push.safetensors``, ``push.json`` (the manifest) and ``push-record.json`` (settings, seeds, score). Needs torch, which
+comes with the extra ``learning``. Runs on two CPU cores.
+"""
+
+import argparse
+import itertools
+import json
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from safetensors.torch import load_file, save_file
+from scipy.stats import binomtest
+from torch import nn
+
+from api_schemas.policy import LAYOUTS, InputScaling, OutputScaling, PolicyManifest
+from sim_backend.driver.simulated import SimulatedDriver
+from sim_backend.driver.tracker import Tracker
+from sim_backend.episode import Episode
+from sim_backend.tasks import TASKS
+from sim_backend.tasks.scoring import score
+from sim_backend.tasks.task import Goal, draw_trial, stack_goals, stack_starts
+from sim_backend.trifinger import constants as c
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything that shapes a run, as kept in its record."""
+
+    task: str = "push"
+    seed: int = 1
+    minutes: float = 4.0
+    robots: int = 128
+    physics_step_s: float = 0.004
+    hidden: tuple[int, ...] = (128, 128)
+    steps_between_updates: int = 10
+    updates: int = 4
+    batch: int = 1024
+    learning_rate: float = 1e-3
+    final_learning_rate: float = 1e-5
+    expert_share_until: float = 0.2  # of the run, falling linearly from 1 to 0
+    largest_memory: int = 2_000_000  # samples
+    evaluation_seed: int = 10_000_000
+    evaluation_trials: int = 200
+
+
+MANIFEST = LAYOUTS["rrc2022-push"]
+
+
+class Teacher:
+    """The published expert: its scaling, its network and its torque limit, as its tensors give them."""
+
+    def __init__(self, path: Path) -> None:
+        self._w = load_file(path)
+
+    @torch.no_grad()
+    def act(self, observation: torch.Tensor) -> torch.Tensor:
+        """Torques (n, 9) in N m for observations (n, 54)."""
+        w = self._w
+        x = 2 * (observation - w["observation_low"]) / (w["observation_high"] - w["observation_low"]) - 1
+        x = ((x - w["running_mean"]) / torch.sqrt(w["running_var"] + 1e-5)).clamp(-5, 5)
+        layers = sum(name.endswith(".weight") for name in w)
+        for index in range(layers):
+            x = x @ w[f"layer{index}.weight"].T + w[f"layer{index}.bias"]
+            if index < layers - 1:
+                x = nn.functional.elu(x)
+        return x.clamp(-1, 1) * w["torque_limit_nm"]
+
+
+class Student(nn.Module):
+    """A smaller network with the same inputs; its inputs are normalised by the first samples it has seen."""
+
+    def __init__(self, inputs: int, hidden: tuple[int, ...]) -> None:
+        super().__init__()
+        sizes = (inputs, *hidden, 9)
+        self.layers = nn.ModuleList(nn.Linear(a, b) for a, b in itertools.pairwise(sizes))
+        self.register_buffer("mean", torch.zeros(inputs))
+        self.register_buffer("variance", torch.ones(inputs))
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """Actions in units of the torque limit, before clipping."""
+        x = ((observation - self.mean) / torch.sqrt(self.variance + 1e-5)).clamp(-5, 5)
+        for layer in self.layers[:-1]:
+            x = nn.functional.elu(layer(x))
+        return self.layers[-1](x)
+
+    @torch.no_grad()
+    def act(self, observation: torch.Tensor) -> torch.Tensor:
+        """Torques (n, 9), N m."""
+        return self(observation).clamp(-1, 1) * c.MAX_TORQUE_NM
+
+
+def begin(episode: Episode, settings: Settings, seeds: range) -> Goal:
+    """Start one trial per robot; returns the goals."""
+    drawn = [draw_trial(TASKS[settings.task], seed) for seed in seeds]
+    goal = stack_goals([goal for _, goal in drawn])
+    episode.begin(stack_starts([start for start, _ in drawn]), goal)
+    return goal
+
+
+def train(settings: Settings, teacher: Teacher) -> tuple[Student, dict]:
+    """DAgger until the time is over; returns the student and what the run did."""
+    torch.manual_seed(settings.seed)
+    rng = np.random.default_rng(settings.seed)
+    episode = _episode(settings.robots, settings.physics_step_s)
+    student = Student(MANIFEST.observation_size, settings.hidden)
+    optimizer = torch.optim.Adam(student.parameters(), lr=settings.learning_rate)
+    seen = torch.empty((settings.largest_memory, MANIFEST.observation_size))
+    wanted = torch.empty((settings.largest_memory, 9))
+    count, first_seed, loss_value = 0, settings.seed * 1_000_000, float("nan")
+    periods = TASKS[settings.task].steps // MANIFEST.period_steps
+    started_s, limit_s, step = time.monotonic(), settings.minutes * 60, 0
+    while (elapsed := (time.monotonic() - started_s) / limit_s) < 1:
+        if step % periods == 0:
+            begin(episode, settings, range(first_seed, first_seed + settings.robots))
+            first_seed += settings.robots
+            expert_acts = rng.random(settings.robots) < max(0.0, 1 - elapsed / settings.expert_share_until)
+        observation = torch.from_numpy(episode.observe()).float()
+        label = teacher.act(observation)
+        rows = (count + np.arange(settings.robots)) % settings.largest_memory
+        seen[rows], wanted[rows] = observation, label / c.MAX_TORQUE_NM
+        count += settings.robots
+        action = torch.where(torch.from_numpy(expert_acts)[:, None], label, student.act(observation))
+        episode.advance(action.double().numpy())
+        step += 1
+        if step % periods == 0 and step <= periods:
+            student.mean.copy_(seen[:count].mean(0))
+            student.variance.copy_(seen[:count].var(0))
+        if step % settings.steps_between_updates == 0:
+            share = min(1.0, elapsed)
+            rate = settings.learning_rate * (settings.final_learning_rate / settings.learning_rate) ** share
+            optimizer.param_groups[0]["lr"] = rate
+            for _ in range(settings.updates):
+                batch = torch.from_numpy(rng.integers(min(count, settings.largest_memory), size=settings.batch))
+                loss = nn.functional.mse_loss(student(seen[batch]), wanted[batch].clamp(-1, 1))
+                optimizer.zero_grad()
+                loss.backward()
+                optimizer.step()
+                loss_value = float(loss)
+        if step % (10 * periods) == 0:
+            print(f"{elapsed:4.0%}  samples {count}  loss {loss_value:.4f}  expert acts {expert_acts.mean():.0%}", flush=True)
+    return student, {"samples": count, "final_loss": loss_value, "wall_s": time.monotonic() - started_s}
+
+
+def evaluate(settings: Settings, actor: Student | Teacher, physics_step_s: float = c.PHYSICS_STEP_S) -> dict:
+    """Success at the end on fresh seeds with physics at 1 kHz."""
+    episode = _episode(settings.evaluation_trials, physics_step_s)
+    task = TASKS[settings.task]
+    first = settings.evaluation_seed
+    goal = begin(episode, settings, range(first, first + settings.evaluation_trials))
+    for _ in range(task.steps // MANIFEST.period_steps):
+        observation = torch.from_numpy(episode.observe()).float()
+        episode.advance(actor.act(observation).double().numpy())
+    state = episode.measurement
+    success = score(task, goal, state.cube_position_world_m, state.cube_quat_wxyz, state.joint_position_rad).success
+    interval = binomtest(int(success.sum()), len(success)).proportion_ci(0.95, method="wilson")
+    return {
+        "trials": len(success),
+        "first_seed": first,
+        "physics_step_s": physics_step_s,
+        "successes": int(success.sum()),
+        "success_rate": float(success.mean()),
+        "interval_95": [float(interval.low), float(interval.high)],
+    }
+
+
+def _episode(robots: int, physics_step_s: float) -> Episode:
+    driver = SimulatedDriver(robots=robots, threads=2, physics_step_s=physics_step_s)
+    return Episode(driver, Tracker(physics_step_s=physics_step_s), MANIFEST, physics_step_s=physics_step_s)
+
+
+def export(student: Student, folder: Path, name: str) -> PolicyManifest:
+    """Write weights and manifest in the form that the farm accepts."""
+    tensors = {f"layer{i}.{kind}": getattr(layer, kind) for i, layer in enumerate(student.layers) for kind in ("weight", "bias")}
+    tensors |= {
+        "running_mean": student.mean,
+        "running_var": student.variance,
+        "torque_limit_nm": torch.full((9,), c.MAX_TORQUE_NM),
+    }
+    save_file({key: value.detach().contiguous().float() for key, value in tensors.items()}, folder / f"{name}.safetensors")
+    manifest = MANIFEST.model_copy(
+        update={
+            "name": f"reference-{name}",
+            "input_scaling": InputScaling(clip=5.0),
+            "output_scaling": OutputScaling(clip=1.0),
+        }
+    )
+    (folder / f"{name}.json").write_text(manifest.model_dump_json(indent=2) + "\n")
+    return manifest
+
+
+def main() -> None:
+    """The command; see the module's docstring."""
+    parser = argparse.ArgumentParser(description="Imitate a published expert by DAgger.")
+    parser.add_argument("teacher", type=Path, help="safetensors of the published push expert")
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--minutes", type=float, default=Settings.minutes)
+    parser.add_argument("--seed", type=int, default=Settings.seed)
+    options = parser.parse_args()
+    torch.set_num_threads(2)
+    settings, teacher = Settings(minutes=options.minutes, seed=options.seed), Teacher(options.teacher)
+    student, run = train(settings, teacher)
+    options.out.mkdir(parents=True, exist_ok=True)
+    export(student, options.out, settings.task)
+    record = {
+        "method": "DAgger; teacher: push expert of Gürtler et al., ICLR 2023 (rr-learning/trifinger-rl-example, BSD-3-Clause)",
+        "settings": asdict(settings),
+        "run": run,
+        "student": evaluate(settings, student),
+        "teacher_same_trials": evaluate(settings, teacher),
+    }
+    (options.out / f"{settings.task}-record.json").write_text(json.dumps(record, indent=2, ensure_ascii=False) + "\n")
+    print(json.dumps({key: record[key] for key in ("student", "teacher_same_trials")}, indent=2))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,184 @@
+"""Every number of the TriFinger Pro, its arena, cube and cameras, with unit and source.
+
+Sources, as cited beside the numbers:
+    RPF   open-dynamic-robot-initiative/robot_properties_fingers @a1dfd63 (URDF of the Pro)
+    RF    open-dynamic-robot-initiative/robot_fingers @90b0a31 (configuration and driver of the real robot)
+    TS    open-dynamic-robot-initiative/trifinger_simulation @53b413f
+    TOT   open-dynamic-robot-initiative/trifinger_object_tracking @78ec981
+    TRD   rr-learning/trifinger_rl_datasets @f23729f
+    MEAS  measured on the public meshes and models
+
+A test compares these numbers with the compiled model and the model with the public URDF.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+FINGER_NAMES = ("finger0", "finger120", "finger240")
+JOINT_SUFFIXES = ("base_to_upper", "upper_to_middle", "middle_to_lower")
+JOINT_NAMES = tuple(f"{finger}_{joint}" for finger in FINGER_NAMES for joint in JOINT_SUFFIXES)
+"""Order of all joint vectors, shape (9,): finger0, finger120, finger240, each from base to tip (RF doc/joint_order.rst)."""
+
+# --- kinematics and bodies of one finger (RPF xacro_files/pro/fingerpro_macro.xacro) ---------------------------------
+
+FINGER_BASE_HEIGHT_M = 0.29
+FINGER_YAW_RAD = tuple(np.deg2rad([0.0, -120.0, -240.0]))
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid link: where its frame sits in its parent's, and its mass properties in its own frame."""
+
+    name: str
+    origin_m: tuple[float, float, float]
+    mass_kg: float
+    centre_of_mass_m: tuple[float, float, float]
+    inertia_kg_m2: tuple[float, float, float, float, float, float]  # ixx, iyy, izz, ixy, ixz, iyz about the centre of mass
+    joint_axis: tuple[float, float, float] | None
+
+
+LINKS = (
+    Link(
+        name="upper",
+        origin_m=(0.0, 0.0, 0.0),
+        mass_kg=0.26689,
+        centre_of_mass_m=(0.006, 0.122, 0.0),
+        inertia_kg_m2=(0.00102362, 0.0000645, 0.00102225, 0.00000889, -0.00000019, 0.00000106),
+        joint_axis=(0.0, 1.0, 0.0),
+    ),
+    Link(
+        name="middle",
+        origin_m=(0.01685, 0.0505, 0.0),
+        mass_kg=0.27163,
+        centre_of_mass_m=(0.03935008, -0.00012438, -0.08666705),
+        inertia_kg_m2=(0.0009406, 0.00094824, 0.00007573, -0.00000046, -0.00003479, 0.00000164),
+        joint_axis=(1.0, 0.0, 0.0),
+    ),
+    Link(
+        name="lower",
+        origin_m=(0.05015, 0.0, -0.16),
+        mass_kg=0.05569,
+        centre_of_mass_m=(0.016327, -0.00001095, -0.04284052),
+        inertia_kg_m2=(0.00013626, 0.00013372, 0.00000667, 0.0, -0.00000662, 0.00000004),
+        joint_axis=(1.0, 0.0, 0.0),
+    ),
+    Link(
+        name="tip",
+        origin_m=(0.019, 0.0, -0.16),
+        mass_kg=0.0092,
+        centre_of_mass_m=(-0.00001194, 0.0, 0.0156006),
+        inertia_kg_m2=(0.00000155, 0.00000155, 0.00000032, 0.0, 0.0, 0.0),
+        joint_axis=None,
+    ),
+)
+
+TIP_RADIUS_M = 0.010  # MEAS meshes/pro/tip_sim.stl: the lower half is a sphere about the tip frame
+TIP_STEM_RADIUS_M = 0.0085  # MEAS same mesh: stem of at most 9.94 mm above the sphere; the link tapers
+MIDDLE_CAPSULE_RADIUS_M = 0.016  # MEAS meshes/pro/int_sim.stl, fitted by eye to the mesh's cross-section
+MIDDLE_CAPSULE_X_M = 0.040  # MEAS same mesh: the tube runs beside the joint axis, through the centre of mass
+
+SOFT_LIMIT_LOWER_RAD = np.tile([-0.33, 0.0, -2.7], 3)  # RPF; RF config/trifingerpro.yml
+SOFT_LIMIT_UPPER_RAD = np.tile([1.0, 1.57, 0.0], 3)
+HARD_LIMIT_LOWER_RAD = np.tile([-1.0, -1.67, -2.8], 3)  # RF config/trifingerpro.yml; end stops of our model
+HARD_LIMIT_UPPER_RAD = np.tile([1.5, 1.67, 2.8], 3)
+START_JOINT_POSITION_RAD = np.tile([0.0, 0.9, -1.7], 3)  # RF config/trifingerpro.yml
+
+# --- motors and safety (RF config/trifingerpro.yml, include/robot_fingers/trifinger_driver.hpp) ----------------------
+
+TORQUE_CONSTANT_NM_A = 0.02
+GEAR_RATIO = 9.0
+MAX_CURRENT_A = 2.2
+MAX_TORQUE_NM = TORQUE_CONSTANT_NM_A * GEAR_RATIO * MAX_CURRENT_A  # 0.396 N m
+SAFETY_DAMPING_NM_S_RAD = np.tile([0.09, 0.09, 0.05], 3)  # the real robot's; TS simulates (0.08, 0.08, 0.04)
+POSITION_GAIN_NM_RAD = np.tile([9.0, 9.0, 9.0], 3)
+VELOCITY_GAIN_NM_S_RAD = np.tile([0.01, 0.01, 0.01], 3)
+MAX_JOINT_VELOCITY_RAD_S = 10.0  # TS trifingerpro_limits.py
+
+# --- rates ------------------------------------------------------------------------------------------------------------
+
+PHYSICS_STEP_S = 0.001  # RF scripts/trifinger_backend.py: control loop of 1 kHz
+CAMERA_PERIOD_S = 0.1  # TOT tricamera_object_tracking_driver.hpp: 10 Hz
+CAMERA_DELAY_S = 0.090  # TS trifinger_platform.py camera_delay_steps, "based on real robot data"
+GRAVITY_M_S2 = 9.81
+
+# --- arena (TS; MEAS meshes/object_containment_sim.stl) ---------------------------------------------------------------
+
+TABLE_HALF_EXTENT_M = (0.38, 0.38, 0.005)  # TS sim_finger.py, top at z = 0
+WALL_PROFILE_M = ((0.1948, 0.0), (0.1948, 0.020), (0.278, 0.174))  # MEAS inner radius, height: a ring, then a cone
+WALL_SEGMENTS = 24  # boxes around the ring: circular to 1.7 mm
+WALL_THICKNESS_M = 0.006  # MEAS 5 to 6 mm
+
+# --- cube v2 (TS cube_v2.urdf; TOT cube_model.hpp) --------------------------------------------------------------------
+
+CUBE_WIDTH_M = 0.065
+CUBE_MASS_KG = 0.094
+CUBE_INERTIA_KG_M2 = 6.619e-5  # on each axis
+CUBE_FACE_COLOURS = {
+    "+x": (0.85, 0.10, 0.10),  # red
+    "-x": (0.80, 0.10, 0.75),  # magenta
+    "+y": (0.10, 0.65, 0.15),  # green
+    "-y": (0.95, 0.85, 0.10),  # yellow
+    "+z": (0.10, 0.20, 0.85),  # blue
+    "-z": (0.10, 0.80, 0.85),  # cyan
+}
+
+# --- contact ----------------------------------------------------------------------------------------------------------
+
+SLIDING_FRICTION = 1.0
+"""Of tips, cube, table and wall alike. No measured value was found; the two public simulators disagree by ten times, and
+both published experts behave as reported at 1.0 (facts/trifinger.md, sections 0 and 1.4)."""
+
+# --- tasks (TS tasks/move_cube; TRD) ----------------------------------------------------------------------------------
+
+ARENA_RADIUS_M = 0.195
+CUBE_RADIUS_M = CUBE_WIDTH_M * 3**0.5 / 2  # of the sphere around the cube
+MAX_CUBE_CENTRE_DISTANCE_M = ARENA_RADIUS_M - CUBE_RADIUS_M  # 0.1387 m
+CUBE_REST_HEIGHT_M = CUBE_WIDTH_M / 2
+MAX_GOAL_HEIGHT_M = 0.1
+CHALLENGE_XY_RANGE_M = 0.39  # TS move_cube: scales of the 2020 cost
+CHALLENGE_Z_RANGE_M = 0.1
+POSITION_TOLERANCE_M = 0.02  # TRD: success within 2 cm
+ANGLE_TOLERANCE_RAD = float(np.deg2rad(22.0))  # and, where orientation counts, 22 degrees
+KEYPOINT_KERNEL_PER_M = 30.0  # TRD reward: 1 / (e^(30 d) + 2 + e^(-30 d))
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A calibrated pinhole camera (TS data/camera_params, 540 x 540 pixels); distortion as k1, k2, p1, p2, k3."""
+
+    name: str
+    focal_px: tuple[float, float]
+    centre_px: tuple[float, float]
+    distortion: tuple[float, float, float, float, float]
+    position_world_m: tuple[float, float, float]
+    optical_axis_world: tuple[float, float, float]
+
+
+CAMERA_RESOLUTION_PX = (540, 540)
+CAMERAS = (
+    Camera(
+        name="camera60",
+        focal_px=(587.298, 591.540),
+        centre_px=(291.286, 277.456),
+        distortion=(-0.23805, 0.10826, -0.00246, 0.00005, -0.02723),
+        position_world_m=(0.250, 0.246, 0.389),
+        optical_axis_world=(-0.471, -0.469, -0.747),
+    ),
+    Camera(
+        name="camera180",
+        focal_px=(585.064, 587.965),
+        centre_px=(281.135, 278.415),
+        distortion=(-0.23739, 0.14669, -0.00336, 0.00022, -0.13565),
+        position_world_m=(-0.002, -0.267, 0.462),
+        optical_axis_world=(0.0, 0.510, -0.860),
+    ),
+    Camera(
+        name="camera300",
+        focal_px=(586.437, 590.807),
+        centre_px=(288.080, 284.183),
+        distortion=(-0.23391, 0.09394, -0.00279, -0.00007, -0.01742),
+        position_world_m=(-0.250, 0.247, 0.389),
+        optical_axis_world=(0.470, -0.463, -0.751),
+    ),
+)

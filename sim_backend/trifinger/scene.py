@@ -1,0 +1,219 @@
+"""The TriFinger Pro in its arena with the cube, built as a MuJoCo specification from the cited constants.
+
+The numbers have one home (``constants.py``), so the MJCF is generated, not written by hand; ``build_scene().to_xml()`` is
+what a log carries. Links are primitive geoms: spheres for the tips, capsules for the links.
+"""
+
+# mujoco fills its namespace when it is imported, which the type checker cannot see
+# pyright: reportAttributeAccessIssue=false
+import numpy as np
+from mujoco import MjModel, MjSpec, mjtCone, mjtGeom, mjtIntegrator
+
+from sim_backend.trifinger import constants as c
+
+TABLE_BITS, CUBE_BITS, FINGER_BITS = 1, 2, 4
+VISUAL_GROUP = 2
+
+
+def build_scene(*, physics_step_s: float = c.PHYSICS_STEP_S, control_slots: int = 0) -> MjSpec:
+    """Specification of the robot, arena and cube.
+
+    Args:
+        physics_step_s: integration step, s.
+        control_slots: numbers of ``userdata`` per simulation, reserved for the compiled control callback.
+
+    Returns:
+        A specification with joints and actuators in the order of ``constants.JOINT_NAMES`` and the cube's free joint last:
+        qpos is joint position (9), cube position (3) and cube quaternion wxyz (4).
+    """
+    spec = MjSpec()
+    spec.modelname = "trifinger_pro"
+    spec.compiler.degree = False
+    spec.nuserdata = control_slots
+    spec.option.timestep = physics_step_s
+    spec.option.integrator = mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 10.0
+    spec.option.gravity = [0.0, 0.0, -c.GRAVITY_M_S2]
+    _add_arena(spec)
+    for finger, yaw_rad in zip(c.FINGER_NAMES, c.FINGER_YAW_RAD, strict=True):
+        _add_finger(spec, finger, float(yaw_rad))
+    _add_cube(spec)
+    _add_cameras(spec)
+    return spec
+
+
+def compile_scene(*, physics_step_s: float = c.PHYSICS_STEP_S, control_slots: int = 0) -> MjModel:
+    """The compiled model of :func:`build_scene`."""
+    return build_scene(physics_step_s=physics_step_s, control_slots=control_slots).compile()
+
+
+def _add_arena(spec: MjSpec) -> None:
+    spec.worldbody.add_light(pos=[0.0, 0.0, 1.5], dir=[0.0, 0.0, -1.0])
+    spec.worldbody.add_geom(
+        name="table",
+        type=mjtGeom.mjGEOM_PLANE,  # only its top within the wall can be reached
+        size=[c.TABLE_HALF_EXTENT_M[0], c.TABLE_HALF_EXTENT_M[1], 0.05],
+        rgba=[0.25, 0.25, 0.27, 1.0],
+        **_contact(TABLE_BITS, CUBE_BITS | FINGER_BITS),
+    )
+    for ring, (bottom, top) in enumerate(zip(c.WALL_PROFILE_M[:-1], c.WALL_PROFILE_M[1:], strict=True)):
+        _add_wall_ring(spec, ring, bottom, top)
+
+
+def _add_wall_ring(spec: MjSpec, ring: int, bottom: tuple[float, float], top: tuple[float, float]) -> None:
+    """Boxes whose inner faces form a ring (or cone) from (radius, height) ``bottom`` to ``top``."""
+    rise, widening = top[1] - bottom[1], top[0] - bottom[0]
+    tilt_rad = float(np.arctan2(widening, rise))
+    half_length = float(np.hypot(rise, widening)) / 2
+    half_width = max(bottom[0], top[0]) * float(np.tan(np.pi / c.WALL_SEGMENTS))
+    half_thickness = c.WALL_THICKNESS_M / 2
+    radius = (bottom[0] + top[0]) / 2 + half_thickness * np.cos(tilt_rad)
+    height = (bottom[1] + top[1]) / 2 - half_thickness * np.sin(tilt_rad)
+    for segment in range(c.WALL_SEGMENTS):
+        angle = 2 * np.pi * segment / c.WALL_SEGMENTS
+        spec.worldbody.add_geom(
+            name=f"wall{ring}_{segment}",
+            type=mjtGeom.mjGEOM_BOX,
+            pos=[radius * np.cos(angle), radius * np.sin(angle), height],
+            quat=_product(_about([0, 0, 1], angle), _about([0, 1, 0], tilt_rad)),
+            size=[half_thickness, half_width, half_length],
+            rgba=[0.85, 0.85, 0.88, 0.25],
+            **_contact(TABLE_BITS, CUBE_BITS | FINGER_BITS),
+        )
+
+
+def _add_finger(spec: MjSpec, finger: str, yaw_rad: float) -> None:
+    parent = spec.worldbody.add_body(
+        name=f"{finger}_base", pos=[0.0, 0.0, c.FINGER_BASE_HEIGHT_M], quat=_about([0, 0, 1], yaw_rad)
+    )
+    for index, link in enumerate(c.LINKS):
+        body = parent.add_body(name=f"{finger}_{link.name}", pos=link.origin_m)
+        body.mass, body.ipos, body.fullinertia = link.mass_kg, link.centre_of_mass_m, link.inertia_kg_m2
+        body.explicitinertial = True
+        if link.joint_axis is not None:
+            _add_driven_joint(spec, body, 3 * c.FINGER_NAMES.index(finger) + index, link.joint_axis)
+        _add_link_geoms(body, finger, link.name)
+        parent = body
+
+
+def _add_driven_joint(spec: MjSpec, body, joint_index: int, axis: tuple[float, float, float]) -> None:
+    name = c.JOINT_NAMES[joint_index]
+    body.add_joint(
+        name=name,
+        axis=axis,
+        limited=True,
+        range=[c.HARD_LIMIT_LOWER_RAD[joint_index], c.HARD_LIMIT_UPPER_RAD[joint_index]],
+    )
+    actuator = spec.add_actuator(name=name, target=name)
+    actuator.trntype = 0  # mjTRN_JOINT
+    actuator.set_to_motor()
+
+
+def _add_link_geoms(body, finger: str, link: str) -> None:
+    """Collision geoms; the upper link is out of reach of everything and has a visual one only."""
+    grey = [0.35, 0.35, 0.38, 1.0]
+    if link == "upper":
+        body.add_geom(
+            type=mjtGeom.mjGEOM_CAPSULE, fromto=[0.0, 0.02, 0.0, 0.0, 0.18, 0.0], size=[0.025, 0, 0], rgba=grey, **_visual()
+        )
+    elif link == "middle":
+        x = c.MIDDLE_CAPSULE_X_M
+        body.add_geom(
+            name=f"{finger}_middle",
+            type=mjtGeom.mjGEOM_CAPSULE,
+            fromto=[x, 0.0, 0.0, x, 0.0, c.LINKS[2].origin_m[2]],
+            size=[c.MIDDLE_CAPSULE_RADIUS_M, 0, 0],
+            rgba=grey,
+            **_contact(FINGER_BITS, TABLE_BITS | CUBE_BITS | FINGER_BITS),
+        )
+    elif link == "lower":
+        x, _, z = c.LINKS[3].origin_m
+        body.add_geom(
+            name=f"{finger}_lower",
+            type=mjtGeom.mjGEOM_CAPSULE,
+            fromto=[x, 0.0, 0.0, x, 0.0, z + c.TIP_RADIUS_M],
+            size=[c.TIP_STEM_RADIUS_M, 0, 0],
+            rgba=grey,
+            **_contact(FINGER_BITS, TABLE_BITS | CUBE_BITS | FINGER_BITS),
+        )
+    else:
+        body.add_geom(
+            name=f"{finger}_tip",
+            type=mjtGeom.mjGEOM_SPHERE,
+            size=[c.TIP_RADIUS_M, 0, 0],
+            rgba=[0.1, 0.1, 0.1, 1.0],
+            **_contact(FINGER_BITS, TABLE_BITS | CUBE_BITS | FINGER_BITS),
+        )
+
+
+def _add_cube(spec: MjSpec) -> None:
+    half = c.CUBE_WIDTH_M / 2
+    body = spec.worldbody.add_body(name="cube", pos=[0.0, 0.0, c.CUBE_REST_HEIGHT_M])
+    body.mass, body.inertia, body.ipos = c.CUBE_MASS_KG, [c.CUBE_INERTIA_KG_M2] * 3, [0.0, 0.0, 0.0]
+    body.explicitinertial = True
+    body.add_freejoint(name="cube")
+    body.add_geom(
+        name="cube",
+        type=mjtGeom.mjGEOM_BOX,
+        size=[half] * 3,
+        rgba=[0.9, 0.9, 0.9, 1.0],
+        **_contact(CUBE_BITS, TABLE_BITS | FINGER_BITS),
+    )
+    for face, colour in c.CUBE_FACE_COLOURS.items():
+        axis, sign = "xyz".index(face[1]), 1.0 if face[0] == "+" else -1.0
+        size, pos = [half * 0.92] * 3, [0.0, 0.0, 0.0]
+        size[axis], pos[axis] = 0.0004, sign * half
+        body.add_geom(name=f"cube_face_{face}", type=mjtGeom.mjGEOM_BOX, size=size, pos=pos, rgba=[*colour, 1.0], **_visual())
+
+
+def _add_cameras(spec: MjSpec) -> None:
+    width_px, height_px = c.CAMERA_RESOLUTION_PX
+    for camera in c.CAMERAS:
+        spec.worldbody.add_camera(
+            name=camera.name,
+            pos=camera.position_world_m,
+            quat=_camera_quat_wxyz(np.array(camera.optical_axis_world)),
+            resolution=c.CAMERA_RESOLUTION_PX,
+            sensor_size=[width_px * 1e-5, height_px * 1e-5],  # only the ratio of focal length to sensor size matters
+            focal_pixel=camera.focal_px,
+            principal_pixel=[camera.centre_px[0] - width_px / 2, camera.centre_px[1] - height_px / 2],
+        )
+
+
+def _contact(contype: int, conaffinity: int) -> dict:
+    return {
+        "contype": contype,
+        "conaffinity": conaffinity,
+        "condim": 3,
+        "friction": [c.SLIDING_FRICTION, 0.005, 0.0001],
+    }
+
+
+def _visual() -> dict:
+    return {"contype": 0, "conaffinity": 0, "group": VISUAL_GROUP, "mass": 0.0}
+
+
+def _about(axis, angle_rad: float) -> np.ndarray:
+    """Quaternion wxyz of a rotation about a unit axis."""
+    return np.concatenate([[np.cos(angle_rad / 2)], np.sin(angle_rad / 2) * np.asarray(axis, dtype=float)])
+
+
+def _product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Product of two quaternions wxyz."""
+    w = p[0] * q[0] - p[1:] @ q[1:]
+    return np.concatenate([[w], p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:])])
+
+
+def _camera_quat_wxyz(optical_axis: np.ndarray) -> np.ndarray:
+    """Orientation of a camera that looks along ``optical_axis`` with world z pointing up in the image."""
+    backward = -optical_axis / np.linalg.norm(optical_axis)  # MuJoCo cameras look along their -z
+    right = np.cross([0.0, 0.0, 1.0], backward)
+    right /= np.linalg.norm(right)
+    matrix = np.stack([right, np.cross(backward, right), backward], axis=1)
+    w = np.sqrt(max(0.0, 1.0 + np.trace(matrix))) / 2
+    if w > 1e-6:
+        skew = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]])
+        return np.concatenate([[w], skew / (4 * w)])
+    eigenvalues, vectors = np.linalg.eigh(matrix)
+    return np.concatenate([[0.0], vectors[:, np.argmax(eigenvalues)]])

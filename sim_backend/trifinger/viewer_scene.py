@@ -1,0 +1,156 @@
+"""The robot as Foxglove and Lichtblick draw it: primitives fixed to frames, and the moving transforms of those frames."""
+
+import functools
+
+import numpy as np
+from foxglove import messages as fm
+
+from sim_backend.trifinger import constants as c
+from sim_backend.trifinger.scene import build_scene
+
+WORLD = "world"
+TRACKED_CUBE = "cube_tracked"
+MEASURED_FRAMES = (
+    *(
+        (f"{finger}_{'base' if i == 0 else c.LINKS[i - 1].name}", f"{finger}_{c.LINKS[i].name}")
+        for finger in c.FINGER_NAMES
+        for i in range(3)
+    ),
+    (WORLD, TRACKED_CUBE),
+)
+"""(parent, child) of the transforms that move, in the order of :func:`measured_transforms`."""
+
+_GREY, _BLACK = fm.Color(r=0.4, g=0.4, b=0.45, a=1.0), fm.Color(r=0.1, g=0.1, b=0.1, a=1.0)
+
+
+def measured_transforms(joint_position_rad: np.ndarray, position_world_m: np.ndarray, quat_wxyz: np.ndarray) -> np.ndarray:
+    """Rows for ``MEASURED_FRAMES``.
+
+    Args:
+        joint_position_rad: shape (n, 9).
+        position_world_m: the tracked cube, shape (n, 3), m.
+        quat_wxyz: the tracked cube, shape (n, 4).
+
+    Returns:
+        Shape (n, 70): per frame x, y, z in m and quaternion wxyz.
+    """
+    rows = np.zeros((len(joint_position_rad), len(MEASURED_FRAMES), 7))
+    for joint in range(9):
+        link = c.LINKS[joint % 3]
+        rows[:, joint, :3] = link.origin_m
+        rows[:, joint, 3] = np.cos(joint_position_rad[:, joint] / 2)
+        rows[:, joint, 4:] = np.sin(joint_position_rad[:, joint] / 2)[:, None] * np.array(link.joint_axis)
+    rows[:, 9, :3], rows[:, 9, 3:] = position_world_m, quat_wxyz
+    return rows.reshape(len(rows), -1)
+
+
+def fixed_transforms() -> bytes:
+    """An encoded message with the transforms that never move: the finger bases and the tips."""
+    transforms = []
+    for finger, yaw in zip(c.FINGER_NAMES, c.FINGER_YAW_RAD, strict=True):
+        base = (0.0, 0.0, c.FINGER_BASE_HEIGHT_M)
+        turned = fm.Quaternion(w=float(np.cos(yaw / 2)), x=0.0, y=0.0, z=float(np.sin(yaw / 2)))
+        transforms.append(_transform(WORLD, f"{finger}_base", base, turned))
+        transforms.append(_transform(f"{finger}_lower", f"{finger}_tip", c.LINKS[3].origin_m, _IDENTITY))
+    return fm.FrameTransforms(transforms=transforms).encode()
+
+
+def measured_scene(goal_position_world_m: np.ndarray | None, goal_quat_wxyz: np.ndarray | None) -> bytes:
+    """An encoded scene of the arena, the fingers, the tracked cube (outlined) and the goal (translucent; none for ``reach``)."""
+    entities = [_arena(), *(_link(finger, link.name) for finger in c.FINGER_NAMES for link in c.LINKS)]
+    ghost = fm.Color(r=1.0, g=1.0, b=1.0, a=0.25)
+    entities.append(_entity(TRACKED_CUBE, TRACKED_CUBE, cubes=[_cube(_pose((0.0, 0.0, 0.0)), c.CUBE_WIDTH_M * 1.01, ghost)]))
+    if goal_position_world_m is not None and goal_quat_wxyz is not None:
+        w, x, y, z = (float(v) for v in goal_quat_wxyz)
+        goal = fm.Pose(position=_vector(goal_position_world_m), orientation=fm.Quaternion(w=w, x=x, y=y, z=z))
+        entities.append(_entity("goal", WORLD, cubes=[_cube(goal, c.CUBE_WIDTH_M, fm.Color(r=0.2, g=0.9, b=0.3, a=0.35))]))
+    return fm.SceneUpdate(entities=entities).encode()
+
+
+def true_scene() -> bytes:
+    """An encoded scene of the cube with its six colours, in the frame ``cube``."""
+    half, cubes = c.CUBE_WIDTH_M / 2, []
+    for face, (red, green, blue) in c.CUBE_FACE_COLOURS.items():
+        axis, sign = "xyz".index(face[1]), 1.0 if face[0] == "+" else -1.0
+        size, centre = [c.CUBE_WIDTH_M * 0.98] * 3, [0.0] * 3
+        size[axis], centre[axis] = c.CUBE_WIDTH_M * 0.02, sign * half * 0.98
+        colour = fm.Color(r=red, g=green, b=blue, a=1.0)
+        cubes.append(fm.CubePrimitive(pose=_pose(centre), size=_vector(size), color=colour))
+    return fm.SceneUpdate(entities=[_entity("cube", "cube", cubes=cubes)]).encode()
+
+
+_IDENTITY = fm.Quaternion(w=1.0, x=0.0, y=0.0, z=0.0)
+
+
+def _link(finger: str, name: str) -> fm.SceneEntity:
+    frame = f"{finger}_{name}"
+    if name == "tip":
+        sphere = fm.SpherePrimitive(pose=_pose((0.0, 0.0, 0.0)), size=_vector([2 * c.TIP_RADIUS_M] * 3), color=_BLACK)
+        return _entity(frame, frame, spheres=[sphere])
+    if name == "upper":
+        return _entity(frame, frame, cylinders=[_cylinder((0.0, 0.1, 0.0), "y", 0.16, 0.025)])
+    radius = c.MIDDLE_CAPSULE_RADIUS_M if name == "middle" else c.TIP_STEM_RADIUS_M
+    x = c.MIDDLE_CAPSULE_X_M if name == "middle" else c.LINKS[3].origin_m[0]
+    length = -c.LINKS[2 if name == "middle" else 3].origin_m[2]
+    return _entity(frame, frame, cylinders=[_cylinder((x, 0.0, -length / 2), "z", length, radius)])
+
+
+@functools.cache
+def _arena() -> fm.SceneEntity:
+    """The table as a disc and the wall as the boxes of the model."""
+    radius = c.WALL_PROFILE_M[-1][0]
+    table = fm.CylinderPrimitive(
+        pose=_pose((0.0, 0.0, -0.0025)),
+        size=_vector([2 * radius, 2 * radius, 0.004]),
+        bottom_scale=1.0,
+        top_scale=1.0,
+        color=fm.Color(r=0.25, g=0.25, b=0.27, a=1.0),
+    )
+    wall = []
+    for geom in build_scene().worldbody.geoms:
+        if geom.name.startswith("wall"):
+            w, x, y, z = (float(v) for v in geom.quat)
+            pose = fm.Pose(position=_vector(geom.pos), orientation=fm.Quaternion(w=w, x=x, y=y, z=z))
+            colour = fm.Color(r=0.85, g=0.85, b=0.88, a=0.15)
+            wall.append(fm.CubePrimitive(pose=pose, size=_vector(2 * np.array(geom.size)), color=colour))
+    return _entity("arena", WORLD, cylinders=[table], cubes=wall)
+
+
+def _entity(name: str, frame: str, **primitives) -> fm.SceneEntity:
+    stamp = fm.Timestamp(sec=0, nsec=0)
+    return fm.SceneEntity(timestamp=stamp, frame_id=frame, id=name, frame_locked=True, **primitives)
+
+
+def _cylinder(centre, axis: str, length_m: float, radius_m: float) -> fm.CylinderPrimitive:
+    quarter = float(np.sqrt(0.5))
+    orientation = fm.Quaternion(w=quarter, x=quarter, y=0.0, z=0.0) if axis == "y" else _IDENTITY
+    return fm.CylinderPrimitive(
+        pose=fm.Pose(position=_vector(centre), orientation=orientation),
+        size=_vector([2 * radius_m, 2 * radius_m, length_m]),
+        bottom_scale=1.0,
+        top_scale=1.0,
+        color=_GREY,
+    )
+
+
+def _cube(pose: fm.Pose, width_m: float, colour: fm.Color) -> fm.CubePrimitive:
+    return fm.CubePrimitive(pose=pose, size=_vector([width_m] * 3), color=colour)
+
+
+def _transform(parent: str, child: str, translation, rotation: fm.Quaternion) -> fm.FrameTransform:
+    return fm.FrameTransform(
+        timestamp=fm.Timestamp(sec=0, nsec=0),
+        parent_frame_id=parent,
+        child_frame_id=child,
+        translation=_vector(translation),
+        rotation=rotation,
+    )
+
+
+def _pose(position) -> fm.Pose:
+    return fm.Pose(position=_vector(position), orientation=_IDENTITY)
+
+
+def _vector(values) -> fm.Vector3:
+    x, y, z = (float(value) for value in values)
+    return fm.Vector3(x=x, y=y, z=z)

@@ -1,0 +1,168 @@
+"""A real services process on free ports, and scripted robots beside it."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+import numpy as np
+import safetensors.numpy
+
+from api_schemas.policy import LAYOUTS, canonical_json, policy_digest
+
+ROOT = Path(__file__).parents[2]
+
+
+def free_port():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        return taken.getsockname()[1]
+
+
+def sha256(content):
+    import hashlib
+
+    return hashlib.sha256(content).hexdigest()
+
+
+def small_policy(layout="rrc2022-push", scale=0.1, width=8, seed=0):
+    """Random weights that fit a layout: (weights, manifest)."""
+    manifest = LAYOUTS[layout]
+    rng = np.random.default_rng(seed)
+    tensors = {
+        "layer0.weight": rng.normal(0, scale, (width, manifest.observation_size)).astype(np.float32),
+        "layer0.bias": rng.normal(0, scale, width).astype(np.float32),
+        "layer1.weight": rng.normal(0, scale, (9, width)).astype(np.float32),
+        "layer1.bias": rng.normal(0, scale, 9).astype(np.float32),
+        "torque_limit_nm": np.full(9, 0.397, np.float32),
+    }
+    return safetensors.numpy.save(tensors), manifest
+
+
+class Services:
+    """A running services process with its clients."""
+
+    def __init__(self, data, **settings):
+        self.data = Path(data)
+        self.settings = {f"TRIFARM_{name.upper()}": str(value) for name, value in settings.items()}
+        self.port, self.bus_port = free_port(), free_port()
+        self.api, self.bus = f"http://127.0.0.1:{self.port}", f"tcp/127.0.0.1:{self.bus_port}"
+        self.robots, self.clients = {}, []
+        self.process = None
+        self.errors = self.data.parent / f"{self.data.name}-stderr.txt"
+
+    def start(self):
+        arguments = ["serve", "--data", str(self.data), "--port", str(self.port), "--bus", self.bus]
+        environment = {name: value for name, value in os.environ.items() if not name.startswith("TRIFARM_")}
+        with self.errors.open("ab") as errors:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "services", *arguments], cwd=ROOT, env=environment | self.settings, stderr=errors
+            )
+        until(self._healthy, 30, "the services to be healthy")
+        self.tokens = json.loads((self.data / "tokens.json").read_text())
+        self.admin = self.client(self.tokens["admin"])
+        return self
+
+    def _healthy(self):
+        assert self.process.poll() is None, self.errors.read_text()
+        try:
+            return httpx.get(f"{self.api}/healthz").status_code == 200
+        except httpx.TransportError:
+            return False
+
+    def client(self, token):
+        client = httpx.Client(base_url=self.api, headers={"Authorization": f"Bearer {token}"}, timeout=60)
+        self.clients.append(client)
+        return client
+
+    def start_robot(self, name, **options):
+        flags = [part for key, value in options.items() for part in _flag(key, value)]
+        script = Path(__file__).parent / "scripted_robot.py"
+        environment = os.environ | {"TRIFARM_ROBOT_TOKEN": self.tokens["robot"]}
+        if name in self.robots:
+            self.robots[name].wait(10)
+        self.robots[name] = subprocess.Popen(
+            [sys.executable, str(script), name, "--api", self.api, "--bus", self.bus, *flags], cwd=ROOT, env=environment
+        )
+        return self.robots[name]
+
+    def start_robots(self, count, **options):
+        for number in range(count):
+            self.start_robot(f"robot-{number}", **options)
+        until(lambda: self.robots_in("idle") == count, 20, f"{count} idle robots")
+
+    def robots_in(self, *states):
+        return sum(robot["state"] in states for robot in self.admin.get("/v1/robots").json()["robots"])
+
+    def upload(self, weights, manifest, client=None, filename="weights.safetensors"):
+        digest = policy_digest(sha256(weights), manifest)
+        return (client or self.admin).put(
+            f"/v1/policies/{digest}",
+            files={"weights": (filename, weights)},
+            data={"manifest": canonical_json(manifest)},
+        )
+
+    def policy(self):
+        answer = self.upload(*small_policy())
+        assert answer.status_code in (200, 201), answer.text
+        return answer.json()["digest"]
+
+    def submit(self, policy, client=None, headers=None, **more):
+        body = {"policy": policy, "task": "push", "trials": 4, "seed": 1} | more
+        return (client or self.admin).post("/v1/jobs", json=body, headers=headers)
+
+    def job(self, job_id):
+        return self.admin.get(f"/v1/jobs/{job_id}").json()
+
+    def wait_for_end(self, job_id, seconds=60):
+        until(lambda: self.job(job_id)["state"] in ("succeeded", "failed", "cancelled"), seconds, f"the end of {job_id}")
+        return self.job(job_id)
+
+    def cpu_s(self):
+        fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    def stop(self, number=signal.SIGTERM):
+        self.process.send_signal(number)
+        return self.process.wait(10)
+
+    def close(self):
+        for robot in self.robots.values():
+            robot.terminate()
+        for robot in self.robots.values():
+            try:
+                robot.wait(5)
+            except subprocess.TimeoutExpired:
+                robot.kill()
+                robot.wait()
+        if self.process is not None and self.process.poll() is None:
+            self.stop()
+        for client in self.clients:
+            client.close()
+
+
+def _flag(key, value):
+    flag = "--" + key.replace("_", "-")
+    return [flag] if value is True else [flag, str(value)]
+
+
+def until(condition, seconds, what):
+    ends = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < ends, f"waited {seconds} s for {what}"
+        time.sleep(0.03)
+
+
+@contextmanager
+def services(data, **settings):
+    running = Services(data, **settings)
+    try:
+        yield running.start()
+    finally:
+        running.close()

@@ -1,0 +1,193 @@
+"""A robot that speaks the whole lease protocol but moves nothing: ``python scripted_robot.py NAME --api … --bus …``.
+
+It is the smallest partner the services can have; outcomes depend on the trial's seed alone.
+"""
+
+import argparse
+import hashlib
+import os
+import queue
+import random
+import signal
+import threading
+import time
+import uuid
+
+import httpx
+import zenoh
+
+from api_schemas import bus
+from api_schemas.robot import Lease, OfferReply, OutcomeReport, Renewal, RobotState
+from api_schemas.trial import FAULT_OF, Measures, Outcome, OutcomeKind, PolicyTiming
+
+
+class ScriptedRobot:
+    """One session, one HTTP client, one trial at a time."""
+
+    def __init__(
+        self, name, api, endpoint, token, *, trial_s=0.05, log_bytes=1000, farm="farm", renew_s=3.0, refuse=False, fail=False
+    ):
+        self.name, self.farm, self.trial_s, self.renew_s = name, farm, trial_s, renew_s
+        self.refuse, self.fail, self.instance = refuse, fail, uuid.uuid4().hex
+        self.body = random.Random(name).randbytes(log_bytes)
+        self.state, self.lease, self.draining = RobotState.IDLE, None, False
+        self.work, self.cancel, self.stopping = queue.Queue(), threading.Event(), threading.Event()
+        self.http = httpx.Client(base_url=api, headers={"Authorization": f"Bearer {token}"}, timeout=30)
+        self.session = zenoh.open(zenoh.Config.from_json5(bus.session_config_json(mode="client", connect=[endpoint])))
+        self.offers = self.session.declare_queryable(bus.offer_key(farm, name), self.offered)
+        self.commands = self.session.declare_queryable(bus.command_key(farm, name), self.commanded)
+        self.token = self.session.liveliness().declare_token(bus.alive_key(farm, name))
+        self.beat()
+
+    def beat(self):
+        lease = self.lease
+        state = RobotState.DRAINING if self.draining else self.state
+        said = bus.Heartbeat(
+            robot=self.name,
+            instance=self.instance,
+            pid=os.getpid(),
+            host="test",
+            state=state,
+            trial_id=lease.trial_id if lease else None,
+            fence=lease.fence if lease else None,
+        )
+        self.session.put(bus.heartbeat_key(self.farm, self.name), said.model_dump_json())
+
+    def reply(self, query, accepted, reason=None):
+        query.reply(str(query.key_expr), OfferReply(accepted=accepted, reason=reason).model_dump_json())
+
+    def offered(self, query):
+        lease = Lease.model_validate_json(query.payload.to_bytes())
+        if self.refuse or self.draining or self.lease is not None:
+            self.reply(query, False, "busy" if self.lease else "not now")
+            return
+        self.lease, self.state = lease, RobotState.LEASED
+        self.cancel.clear()
+        self.reply(query, True)
+        self.work.put(lease)
+
+    def commanded(self, query):
+        command = bus.Command.model_validate_json(query.payload.to_bytes())
+        if command.kind == bus.CommandKind.CANCEL and self.lease and command.trial_id == self.lease.trial_id:
+            self.cancel.set()
+        elif command.kind != bus.CommandKind.CANCEL:
+            self.draining = command.kind == bus.CommandKind.DRAIN
+            self.beat()
+        self.reply(query, True)
+
+    def run(self):
+        """Heartbeats once a second, trials in between."""
+        while not self.stopping.is_set():
+            try:
+                lease = self.work.get(timeout=bus.HEARTBEAT_EVERY_S)
+            except queue.Empty:
+                self.beat()
+                continue
+            self.trial(lease)
+
+    def trial(self, lease):
+        self.state = RobotState.RUNNING
+        self.beat()
+        kind = self.wait_out(lease)
+        if kind is not None:
+            log_sha256 = self.upload(lease)
+            self.lease, self.state = None, RobotState.IDLE
+            if log_sha256 is not None:
+                self.post_outcome(lease, kind, log_sha256)
+        self.lease, self.state = None, RobotState.IDLE
+        self.beat()
+
+    def wait_out(self, lease):
+        ends = time.monotonic() + self.trial_s
+        renew_at = beat_at = time.monotonic() + min(self.renew_s, 1.0)
+        while (left := ends - time.monotonic()) > 0:
+            if self.cancel.wait(min(left, 0.2)):
+                return OutcomeKind.CANCELLED
+            if self.stopping.is_set():
+                return None
+            if time.monotonic() >= beat_at:
+                self.beat()
+                beat_at += 1
+            if time.monotonic() >= renew_at:
+                renew_at += self.renew_s
+                renewal = Renewal(robot=self.name, fence=lease.fence)
+                answer = self.send("POST", f"/v1/leases/{lease.trial_id}/renew", json=renewal.model_dump())
+                if answer.status_code == 409:
+                    return None
+                if answer.is_success and answer.json()["cancel"]:
+                    return OutcomeKind.CANCELLED
+        if self.fail:
+            return OutcomeKind.PLATFORM_ERROR
+        return OutcomeKind.SUCCEEDED if lease.seed % 4 else OutcomeKind.FAILED
+
+    def upload(self, lease):
+        body = lease.seed.to_bytes(8) + self.body
+        log_sha256 = hashlib.sha256(body).hexdigest()
+        path = f"/v1/leases/{lease.trial_id}/{lease.fence}/log"
+        answer = self.send("PUT", path, content=body, headers={"X-Content-SHA256": log_sha256})
+        return log_sha256 if answer.is_success else None
+
+    def post_outcome(self, lease, kind, log_sha256):
+        measures = Measures(
+            success_at_end=kind == OutcomeKind.SUCCEEDED,
+            success_ever=True,
+            success_fraction=0.5,
+            final_position_error_m=0.01,
+            final_angle_error_rad=None,
+            episode_return=100.0,
+            control_steps=750,
+            simulated_s=15.0,
+        )
+        timing = PolicyTiming(mean_ms=0.1, p99_ms=0.2, max_ms=0.5, allowed_ms=11.0, missed=0)
+        outcome = Outcome(kind=kind, fault=FAULT_OF[kind], reason=f"scripted {kind}", measures=measures, policy_timing=timing)
+        report = OutcomeReport(robot=self.name, fence=lease.fence, outcome=outcome, log_sha256=log_sha256)
+        return self.send("POST", f"/v1/leases/{lease.trial_id}/outcome", content=report.model_dump_json())
+
+    def send(self, method, path, **content):
+        """A request that outlives a restart of the services."""
+        while not self.stopping.is_set():
+            try:
+                return self.http.request(method, path, **content)
+            except httpx.TransportError:
+                time.sleep(0.2)
+        raise SystemExit
+
+    def close(self):
+        self.stopping.set()
+        for each in (self.offers, self.commands, self.token):
+            each.undeclare()
+        self.session.close()
+        self.http.close()
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("name")
+    parser.add_argument("--api", required=True)
+    parser.add_argument("--bus", required=True)
+    parser.add_argument("--trial-s", type=float, default=0.05)
+    parser.add_argument("--log-bytes", type=int, default=1000)
+    parser.add_argument("--renew-s", type=float, default=3.0)
+    parser.add_argument("--refuse", action="store_true")
+    parser.add_argument("--fail", action="store_true")
+    given = parser.parse_args()
+    robot = ScriptedRobot(
+        given.name,
+        given.api,
+        given.bus,
+        os.environ["TRIFARM_ROBOT_TOKEN"],
+        trial_s=given.trial_s,
+        log_bytes=given.log_bytes,
+        renew_s=given.renew_s,
+        refuse=given.refuse,
+        fail=given.fail,
+    )
+    signal.signal(signal.SIGTERM, lambda *_: robot.stopping.set())
+    try:
+        robot.run()
+    finally:
+        robot.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,188 @@
+"""What goes wrong on a farm, done to real services: robots die, hang, refuse and come back; the services are killed."""
+
+import signal
+import sqlite3
+import time
+
+import pytest
+
+from tests.integration.farm_process import services, until
+
+OUTCOME = {"kind": "failed", "fault": "none", "reason": "too late"}
+
+
+def states(farm, job_id):
+    return [trial["state"] for trial in farm.admin.get(f"/v1/jobs/{job_id}/trials").json()["trials"]]
+
+
+def running_trial(farm, job_id, robot):
+    trials = farm.admin.get(f"/v1/jobs/{job_id}/trials").json()["trials"]
+    return next((trial for trial in trials if trial["state"] == "running" and trial["robot"] == robot), None)
+
+
+def test_a_killed_robot_costs_one_platform_fault_and_no_trial(tmp_path):
+    with services(tmp_path / "farm", renew_every_s=0.5) as farm:
+        farm.start_robots(2, trial_s=0.3)
+        job_id = farm.submit(farm.policy(), trials=12).json()["job_id"]
+        until(lambda: running_trial(farm, job_id, "robot-1"), 10, "robot-1 to run a trial")
+        farm.robots["robot-1"].kill()
+        assert farm.wait_for_end(job_id, 30)["state"] == "succeeded"
+        report = farm.admin.get(f"/v1/jobs/{job_id}/report").json()
+        assert (report["platform_faults"], report["attempts"], len(report["per_trial"])) == (1, 13, 12)
+        assert "robot-1 was lost" in report["platform_fault_attempts"][0]["reason"]
+        assert [row["attempts"] for row in report["per_trial"]].count(2) == 1
+        robot = farm.admin.get("/v1/robots/robot-1").json()
+        assert robot["state"] == "lost"
+        assert not farm.admin.get("/v1/status").json()["healthy"]
+
+
+def test_a_robot_that_comes_back_anew_frees_its_trial_at_once(tmp_path):
+    with services(tmp_path / "farm") as farm:
+        farm.start_robots(1, trial_s=60)
+        job_id = farm.submit(farm.policy(), trials=1).json()["job_id"]
+        until(lambda: states(farm, job_id) == ["running"], 10, "the trial to run")
+        farm.robots["robot-0"].kill()
+        farm.start_robot("robot-0", trial_s=0.1)
+        farm.wait_for_end(job_id, 10)
+        report = farm.admin.get(f"/v1/jobs/{job_id}/report").json()
+        assert report["platform_fault_attempts"][0]["reason"] == "robot-0 started anew while it held the lease"
+
+
+def test_a_stopped_robot_loses_its_lease_and_is_refused_when_it_wakes(tmp_path):
+    with services(tmp_path / "farm", lease_s=2, renew_every_s=0.3) as farm:
+        sleeper = farm.start_robot("robot-0", trial_s=1.5, renew_s=0.3)
+        until(lambda: farm.robots_in("idle") == 1, 10, "robot-0")
+        job_id = farm.submit(farm.policy(), trials=1).json()["job_id"]
+        until(lambda: states(farm, job_id) == ["running"], 10, "the trial to run")
+        sleeper.send_signal(signal.SIGSTOP)
+        farm.start_robot("robot-1", trial_s=0.1)
+        farm.wait_for_end(job_id, 20)
+        sleeper.send_signal(signal.SIGCONT)
+        time.sleep(1)
+        report = farm.admin.get(f"/v1/jobs/{job_id}/report").json()
+        assert report["per_trial"][0]["robot"] == "robot-1"
+        assert report["platform_faults"] == 1
+        assert states(farm, job_id) == ["done"]
+
+
+def test_a_stale_fence_is_refused_everywhere(tmp_path):
+    with services(tmp_path / "farm") as farm:
+        farm.start_robots(1, trial_s=0.05)
+        job_id = farm.submit(farm.policy(), trials=1).json()["job_id"]
+        farm.wait_for_end(job_id)
+        robot, trial_id = farm.client(farm.tokens["robot"]), f"{job_id}-000"
+        trial = farm.admin.get(f"/v1/trials/{trial_id}").json()
+        answers = [
+            robot.post(f"/v1/leases/{trial_id}/renew", json={"robot": "robot-0", "fence": 1}),
+            robot.put(f"/v1/leases/{trial_id}/1/log", content=b"late"),
+            robot.post(f"/v1/leases/{trial_id}/outcome", json={"robot": "robot-0", "fence": 1, "outcome": OUTCOME}),
+            robot.post(f"/v1/leases/{trial_id}/outcome", json={"robot": "robot-0", "fence": 7, "outcome": OUTCOME}),
+        ]
+        for answer in answers:
+            assert (answer.status_code, answer.json()["type"]) == (409, "/problems/stale-fence")
+        same = {"robot": "robot-0", "fence": 1, "outcome": trial["outcome"], "log_sha256": trial["log_sha256"]}
+        assert robot.post(f"/v1/leases/{trial_id}/outcome", json=same).status_code == 200
+        assert farm.admin.get(f"/v1/trials/{trial_id}").json() == trial
+        missing = robot.post("/v1/leases/jaaaaaaaaaaaa-000/renew", json={"robot": "robot-0", "fence": 1})
+        assert missing.status_code == 404
+
+
+def test_cancel_stops_queued_trials_at_once_and_running_ones_soon(tmp_path):
+    with services(tmp_path / "farm") as farm:
+        farm.start_robots(2, trial_s=60)
+        job_id = farm.submit(farm.policy(), trials=6).json()["job_id"]
+        until(lambda: states(farm, job_id).count("running") == 2, 10, "two trials to run")
+        answer = farm.admin.post(f"/v1/jobs/{job_id}/cancel")
+        assert answer.status_code == 200
+        assert states(farm, job_id).count("cancelled") >= 4
+        assert farm.wait_for_end(job_id, 5)["state"] == "cancelled"
+        assert farm.admin.post(f"/v1/jobs/{job_id}/cancel").status_code == 200
+        assert farm.admin.get(f"/v1/jobs/{job_id}/report").json()["type"] == "/problems/report-not-ready"
+        until(lambda: farm.robots_in("idle") == 2, 5, "the robots to be idle")
+        after = farm.submit(farm.policy(), trials=2).json()["job_id"]
+        until(lambda: farm.job(after)["trials_running"] == 2, 5, "the next job to run")
+
+
+def test_a_trial_that_always_fails_by_the_platform_fails_its_job(tmp_path):
+    with services(tmp_path / "farm", max_attempts=3) as farm:
+        farm.start_robots(1, trial_s=0.02, fail=True)
+        job_id = farm.submit(farm.policy(), trials=3).json()["job_id"]
+        job = farm.wait_for_end(job_id, 20)
+        assert job["state"] == "failed"
+        assert "3 times by the platform's fault" in job["reason"]
+        assert job["waiting_because"] is None
+        assert farm.admin.post(f"/v1/jobs/{job_id}/cancel").status_code == 409
+
+
+def test_a_refusing_robot_is_left_alone_for_a_while_and_others_do_the_work(tmp_path):
+    with services(tmp_path / "farm") as farm:
+        farm.start_robot("robot-0", refuse=True)
+        farm.start_robot("robot-1", trial_s=0.3)
+        until(lambda: farm.robots_in("idle") == 2, 10, "both robots")
+        job_id = farm.submit(farm.policy(), trials=4).json()["job_id"]
+        assert farm.wait_for_end(job_id, 20)["state"] == "succeeded"
+        report = farm.admin.get(f"/v1/jobs/{job_id}/report").json()
+        assert {row["robot"] for row in report["per_trial"]} == {"robot-1"}
+        assert report["platform_faults"] >= 1
+        assert "refused the offer" in report["platform_fault_attempts"][0]["reason"]
+
+
+def test_a_trial_passed_over_for_too_long_goes_to_the_idle_robot(tmp_path):
+    with services(tmp_path / "farm", pass_over_s=0.5) as farm:
+        farm.start_robot("robot-0", trial_s=4)
+        farm.start_robot("robot-1", trial_s=0.02)
+        until(lambda: farm.robots_in("idle") == 2, 10, "both robots")
+        job_id = farm.submit(farm.policy(), trials=4).json()["job_id"]
+        farm.wait_for_end(job_id, 20)
+        report = farm.admin.get(f"/v1/jobs/{job_id}/report").json()
+        departures = [row["departure"] for row in report["per_trial"] if row["departure"]]
+        assert departures == ["first choice robot-0 was busy for 0.5 s"]
+        assert report["platform_faults"] == 0
+
+
+def test_without_robots_a_job_says_why_it_waits_and_is_not_lost_when_the_services_are_killed(tmp_path):
+    with services(tmp_path / "farm") as farm:
+        policy = farm.policy()
+        first, second = (farm.submit(policy, trials=3).json()["job_id"] for _ in range(2))
+        assert farm.job(first)["waiting_because"] == "no robot is in service: none has joined the farm yet"
+        farm.process.kill()
+        farm.process.wait()
+        farm.start()
+        assert farm.job(second)["state"] == "queued"
+        farm.start_robots(1, trial_s=0.3)
+        assert farm.job(second)["waiting_because"] == "3 trials of 1 earlier job are ahead"
+        trial = farm.admin.get(f"/v1/trials/{second}-001").json()
+        assert trial["waiting_because"]
+        for job_id in (first, second):
+            assert farm.wait_for_end(job_id)["state"] == "succeeded"
+
+
+def test_robots_keep_their_trials_when_the_services_are_killed_and_come_back(tmp_path):
+    with services(tmp_path / "farm") as farm:
+        farm.start_robots(2, trial_s=2, renew_s=30)
+        job_id = farm.submit(farm.policy(), trials=4).json()["job_id"]
+        until(lambda: states(farm, job_id).count("running") == 2, 10, "two trials to run")
+        farm.process.kill()
+        farm.process.wait()
+        farm.start()
+        assert farm.wait_for_end(job_id, 40)["state"] == "succeeded"
+        with sqlite3.connect(farm.data / "farm.sqlite") as connection:
+            assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+            accepted = connection.execute("SELECT count(*) FROM attempt WHERE state = 'accepted'").fetchone()[0]
+        connection.close()
+        assert accepted == 4
+
+
+@pytest.mark.parametrize("message", [b"", b"{}", b"\xff\xfe", b'{"robot":"other","instance":"x"}'])
+def test_nonsense_on_the_bus_changes_nothing(tmp_path, message):
+    import zenoh
+
+    from api_schemas import bus
+
+    with services(tmp_path / "farm") as farm:
+        config = zenoh.Config.from_json5(bus.session_config_json(mode="client", connect=[farm.bus]))
+        with zenoh.open(config) as session:
+            session.put(bus.heartbeat_key("farm", "robot-9"), message)
+            time.sleep(0.3)
+        assert farm.admin.get("/v1/robots").json()["robots"] == []
+        assert farm.process.poll() is None

@@ -1,0 +1,167 @@
+"""The walk of one job through real services: real SQLite, real zenoh, real processes, a scripted robot."""
+
+import json
+import time
+from pathlib import Path
+
+import httpx
+import pytest
+
+from api_schemas.report import Report
+from tests.integration.farm_process import services, sha256, until
+
+
+@pytest.fixture(scope="module")
+def farm(tmp_path_factory):
+    with services(tmp_path_factory.mktemp("walk") / "farm") as running:
+        running.start_robots(4, trial_s=0.02, log_bytes=20_000)
+        yield running
+
+
+@pytest.fixture(scope="module")
+def policy(farm):
+    return farm.policy()
+
+
+@pytest.fixture(scope="module")
+def done(farm, policy):
+    """A job of 40 trials that has ended."""
+    job_id = farm.submit(policy, trials=40).json()["job_id"]
+    assert farm.wait_for_end(job_id)["state"] == "succeeded"
+    return job_id
+
+
+def test_forty_trials_give_forty_accepted_outcomes_and_a_report(farm, done):
+    report = Report.model_validate_json(farm.admin.get(f"/v1/jobs/{done}/report").content)
+    assert (report.trials, len(report.per_trial), report.attempts, report.platform_faults) == (40, 40, 40, 0)
+    assert [row.trial for row in report.per_trial] == list(range(40))
+    assert report.successes == sum(row.seed % 4 != 0 for row in report.per_trial)
+    assert [row.trials for row in report.per_robot] == [10, 10, 10, 10]
+
+
+def test_the_report_never_changes(farm, done):
+    one, other = (farm.admin.get(f"/v1/jobs/{done}/report") for _ in range(2))
+    assert one.content == other.content
+    assert one.headers["etag"] == f'"{sha256(one.content)}"'
+    assert f"job {done}" in farm.admin.get(f"/v1/jobs/{done}/report/text").text
+
+
+def test_same_seed_same_trials_and_same_outcomes(farm, policy, done):
+    again = farm.submit(policy, trials=40).json()["job_id"]
+    farm.wait_for_end(again)
+    rows = [
+        [(row["seed"], row["outcome"]["kind"]) for row in farm.admin.get(f"/v1/jobs/{job}/report").json()["per_trial"]]
+        for job in (done, again)
+    ]
+    assert rows[0] == rows[1]
+
+
+def test_a_log_is_served_whole_in_parts_and_not_again(farm, done):
+    trial = farm.admin.get(f"/v1/jobs/{done}/trials").json()["trials"][7]
+    path = f"/v1/trials/{trial['trial_id']}/log"
+    whole = farm.admin.get(path)
+    assert sha256(whole.content) == trial["log_sha256"]
+    assert len(whole.content) == trial["log_bytes"] == 20_008
+    part = farm.admin.get(path, headers={"Range": "bytes=100-199"})
+    assert (part.status_code, part.content) == (206, whole.content[100:200])
+    assert part.headers["content-range"] == "bytes 100-199/20008"
+    assert farm.admin.get(path, headers={"Range": "bytes=-8"}).content == whole.content[-8:]
+    assert farm.admin.get(path, headers={"Range": "bytes=20000-"}).content == whole.content[20_000:]
+    assert farm.admin.get(path, headers={"Range": "bytes=20008-"}).status_code == 416
+    assert farm.admin.get(path, headers={"If-None-Match": whole.headers["etag"]}).status_code == 304
+    head = farm.admin.head(path)
+    assert (head.status_code, head.headers["content-length"], head.content) == (200, "20008", b"")
+
+
+def test_the_history_streams_and_resumes_without_gap_or_repeat(farm, done):
+    events = read_events(farm, done)
+    ids = [int(event["id"]) for event in events]
+    assert ids == list(range(1, len(ids) + 1))
+    assert events[0]["event"] == "job_queued"
+    assert events[-1]["event"] == "job_ended"
+    assert sum(event["event"] == "trial_done" for event in events) == 40
+    assert json.loads(events[-1]["data"])["trials_done"] == 40
+    rest = read_events(farm, done, after=ids[50])
+    assert [event["id"] for event in rest] == [event["id"] for event in events[51:]]
+    assert read_events(farm, done, after=ids[-1]) == []
+    history = farm.admin.get(f"/v1/jobs/{done}/history", params={"after": ids[-1] - 2}).json()
+    assert [event["id"] for event in history] == ids[-2:]
+
+
+def read_events(farm, job_id, after=None):
+    headers = {} if after is None else {"Last-Event-ID": str(after)}
+    with farm.admin.stream("GET", f"/v1/jobs/{job_id}/events", headers=headers) as answer:
+        assert answer.headers["content-type"].startswith("text/event-stream")
+        text = answer.read().decode()
+    blocks = [block for block in text.split("\n\n") if block and not block.startswith(":")]
+    return [dict(line.split(": ", 1) for line in block.split("\n")) for block in blocks]
+
+
+def test_a_live_stream_ends_with_the_job(farm, policy):
+    job_id = farm.submit(policy, trials=8).json()["job_id"]
+    events = read_events(farm, job_id)
+    assert events[-1]["event"] == "job_ended"
+    assert len({event["id"] for event in events}) == len(events)
+
+
+def test_an_idempotency_key_makes_one_job(farm, policy):
+    key = {"Idempotency-Key": "one-key"}
+    first, second = (farm.submit(policy, headers=key, seed=None) for _ in range(2))
+    assert (first.status_code, second.status_code) == (201, 200)
+    assert first.json()["job_id"] == second.json()["job_id"]
+    assert first.headers["location"] == f"/v1/jobs/{first.json()['job_id']}"
+    other = farm.submit(policy, headers=key, trials=5)
+    assert (other.status_code, other.json()["type"]) == (409, "/problems/idempotency-key-reused")
+    assert other.headers["content-type"] == "application/problem+json"
+
+
+def test_jobs_are_listed_page_by_page(farm, policy, done):
+    seen, cursor = [], None
+    while True:
+        page = farm.admin.get("/v1/jobs", params={"limit": 1} | ({"cursor": cursor} if cursor else {})).json()
+        seen += [job["job_id"] for job in page["jobs"]]
+        if (cursor := page["next_cursor"]) is None:
+            break
+    assert len(seen) == len(set(seen))
+    assert done in seen
+
+
+def test_a_drained_robot_takes_no_trial_until_it_is_resumed(farm, policy):
+    assert farm.admin.post("/v1/robots/robot-2/drain").json()["state"] == "draining"
+    job_id = farm.submit(policy, trials=8, seed=3).json()["job_id"]
+    farm.wait_for_end(job_id)
+    report = farm.admin.get(f"/v1/jobs/{job_id}/report").json()
+    assert {row["robot"] for row in report["per_robot"]} == {"robot-0", "robot-1", "robot-3"}
+    departed = [row["departure"] for row in report["per_trial"] if row["departure"]]
+    assert departed == ["robot-2 is draining"] * 2
+    assert report["platform_faults"] == 0
+    farm.admin.post("/v1/robots/robot-2/resume")
+    until(lambda: farm.robots_in("idle") == 4, 5, "robot-2 to be idle again")
+
+
+def test_status_metrics_and_health(farm):
+    status = farm.admin.get("/v1/status").json()
+    assert status["healthy"], status
+    assert status["robots_by_state"]["idle"] == 4
+    assert httpx.get(f"{farm.api}/healthz").json()["status"] == "ok"
+    metrics = httpx.get(f"{farm.api}/metrics").text
+    assert 'trifarm_robots{state="idle"} 4.0' in metrics
+    assert "trifarm_leases_total" in metrics
+
+
+def test_physics_and_learning_are_never_loaded(farm):
+    loaded = Path(f"/proc/{farm.process.pid}/maps").read_text()
+    assert "mujoco" not in loaded
+    assert "libtorch" not in loaded
+    assert "onnxruntime" not in loaded
+
+
+def test_sigterm_ends_everything_within_five_seconds(tmp_path):
+    with services(tmp_path / "farm") as farm:
+        farm.start_robots(1, trial_s=30)
+        job_id = farm.submit(farm.policy(), trials=2).json()["job_id"]
+        with farm.admin.stream("GET", f"/v1/jobs/{job_id}/events"):
+            until(lambda: farm.job(job_id)["state"] == "running", 5, "the job to run")
+            began = time.monotonic()
+            assert farm.stop() == 0
+            assert time.monotonic() - began < 5

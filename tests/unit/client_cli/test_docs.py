@@ -1,0 +1,94 @@
+"""docs/cli.md says what the commands really take, print and exit with."""
+
+import re
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+
+from api_schemas.job import Job, JobPage
+from api_schemas.report import Report
+from api_schemas.robot import Robot, RobotPage
+from api_schemas.status import FarmStatus
+from api_schemas.token import NewToken, TokenPage
+from client_cli import demo, fetch, up
+from client_cli.embedded_farm import EmbeddedFarm
+from client_cli.exit_codes import MEANING
+from client_cli.main import app
+from client_cli.settings import Connection
+from tests.unit.client_cli.farm_server import FarmState, job
+
+PAGE = (Path(__file__).resolve().parents[3] / "docs" / "cli.md").read_text()
+FARM = EmbeddedFarm(Connection("", None), "", Path(), 4, "nominal", Path(), ())
+JSON_KEYS = {
+    "up": up.document(FARM),
+    "demo": demo.document(demo.DemoResult(job(FarmState()), None, None, None)),
+    "submit FILE": Job.model_fields,
+    "jobs": JobPage.model_fields,
+    "report ID": Report.model_fields,
+    "fetch ID": fetch.document(fetch.Fetched(job(FarmState()), Path(), (), 0, 0, None)),
+    "robots": RobotPage.model_fields,
+    "status": FarmStatus.model_fields,
+    "token create": NewToken.model_fields,
+    "token list": TokenPage.model_fields,
+    "token revoke TOKEN": {"token_id": "", "revoked": True},
+}
+"""What the commands that are not said to print another command's document print."""
+
+
+def walk(command, path):
+    """Every command that can be called, by what a user types for it."""
+    arguments = [parameter for parameter in command.params if parameter.param_type_name == "argument"]
+    if path and (not hasattr(command, "commands") or command.invoke_without_command):
+        yield " ".join([*path, *(argument.metavar for argument in arguments)]), command
+    for name, child in getattr(command, "commands", {}).items():
+        yield from walk(child, [*path, name])
+
+
+COMMANDS = dict(walk(get_command(app), []))
+SECTIONS = {
+    title: text for title, text in re.findall(r"^### `trifarm ([^`]+)`\n(.*?)(?=^### |\Z)", PAGE, re.MULTILINE | re.DOTALL)
+}
+
+
+def names_after(label, section):
+    """The names in backticks of the paragraph that begins with ``label``, except those in parentheses."""
+    paragraph = re.search(rf"^{label}: (.*?)\n\n", section, re.MULTILINE | re.DOTALL)
+    return re.findall(r"`([^`]+)`", re.sub(r"\([^)]*\)", "", paragraph[1])) if paragraph else None
+
+
+def test_the_page_has_every_command_and_no_other():
+    assert list(SECTIONS) == sorted(COMMANDS, key=list(SECTIONS).index)
+
+
+@pytest.mark.parametrize("title", COMMANDS)
+def test_flags_are_those_of_the_command(title):
+    documented = re.findall(r"^\| `(--[a-z-]+)` \|", SECTIONS[title], re.MULTILINE)
+    real = [name for parameter in COMMANDS[title].params for name in parameter.opts if name.startswith("--")]
+    assert sorted(documented) == sorted(real)
+
+
+@pytest.mark.parametrize("title", COMMANDS)
+def test_exit_codes_are_those_of_the_help(title):
+    documented = re.search(r"^Exit codes: ([\d, ]+)$", SECTIONS[title], re.MULTILINE)
+    assert documented
+    assert re.findall(r"\d+", documented[1]) == re.findall(r"(\d+) [a-z]", COMMANDS[title].epilog)
+
+
+@pytest.mark.parametrize("title", JSON_KEYS)
+def test_json_keys_are_those_of_the_document(title):
+    assert names_after("JSON keys", SECTIONS[title]) == list(JSON_KEYS[title])
+
+
+def test_the_keys_of_a_robot_are_listed():
+    assert names_after("Each robot", SECTIONS["robots"]) == list(Robot.model_fields)
+
+
+@pytest.mark.parametrize("title", COMMANDS)
+def test_every_command_that_prints_has_json(title):
+    assert "--json" in [name for parameter in COMMANDS[title].params for name in parameter.opts]
+
+
+def test_the_table_of_exit_codes_is_complete():
+    rows = re.findall(r"^\| (\d+) \| (.+) \|$", PAGE, re.MULTILINE)
+    assert rows == [(str(int(code)), text) for code, text in MEANING.items()]

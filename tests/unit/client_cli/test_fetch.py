@@ -1,0 +1,99 @@
+import json
+
+import pytest
+
+from api_schemas.job import JobState
+from tests.unit.client_cli.farm_server import JOB_ID
+
+LOGS = {f"{JOB_ID}-{n:03d}": bytes([n]) * 700_000 for n in range(3)}
+
+
+@pytest.fixture
+def folder(farm, tmp_path):
+    farm.logs = dict(LOGS)
+    return tmp_path / "new" / "logs"
+
+
+def files(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def complete(farm):
+    return {f"trial-{n:03d}.mcap": log for n, log in enumerate(LOGS.values())} | {"report.json": farm.report}
+
+
+def test_fetch_writes_logs_and_the_report_byte_by_byte(farm, trifarm, folder):
+    ended = trifarm("fetch", JOB_ID, "--to", str(folder), "--json")
+    assert ended.code == 0
+    assert files(folder) == complete(farm)
+    assert ended.document["received_bytes"] == 2_100_000
+    assert ended.document["report"] == str(folder / "report.json")
+
+
+def test_fetch_again_brings_only_what_is_missing(farm, trifarm, folder):
+    trifarm("fetch", JOB_ID, "--to", str(folder))
+    (folder / "trial-001.mcap").write_bytes(b"damaged")
+    farm.ranges.clear()
+    ended = trifarm("fetch", JOB_ID, "--to", str(folder), "--json")
+    assert ended.document["already_there"] == 2
+    assert len(farm.ranges) == 1
+    assert files(folder) == complete(farm)
+
+
+def test_a_part_is_resumed(farm, trifarm, folder):
+    folder.mkdir(parents=True)
+    (folder / "trial-002.mcap.part").write_bytes(LOGS[f"{JOB_ID}-002"][:123_456])
+    trifarm("fetch", JOB_ID, "--to", str(folder), "--jobs", "1")
+    assert "bytes=123456-" in farm.ranges
+    assert files(folder) == complete(farm)
+
+
+@pytest.mark.parametrize("part", [b"other" * 10, b"x" * 700_000, b"x" * 800_000])
+def test_a_part_of_something_else_is_begun_anew(farm, trifarm, folder, part):
+    folder.mkdir(parents=True)
+    (folder / "trial-000.mcap.part").write_bytes(part)
+    assert trifarm("fetch", JOB_ID, "--to", str(folder)).code == 0
+    assert files(folder) == complete(farm)
+
+
+def test_a_broken_transfer_is_resumed_at_once(farm, trifarm, folder):
+    farm.trials, farm.log_cuts = 1, [400_000]
+    assert trifarm("fetch", JOB_ID, "--to", str(folder)).code == 0
+    assert farm.ranges[0] is None
+    assert farm.ranges[1] not in {None, "bytes=0-"}
+
+
+def test_a_log_that_is_not_what_the_server_says_never_gets_its_name(farm, trifarm, folder):
+    class Lying(dict):
+        def __getitem__(self, key):
+            return b"y" * 700_000
+
+    farm.logs = Lying(LOGS)
+    ended = trifarm("fetch", JOB_ID, "--to", str(folder))
+    assert ended.code == 1
+    assert "another SHA-256" in ended.err
+    assert not [name for name in files(folder) if not name.endswith(".part")]
+
+
+def test_another_jobs_folder_is_left_alone(farm, trifarm, folder):
+    folder.mkdir(parents=True)
+    (folder / "report.json").write_text(json.dumps({"job_id": "jother"}))
+    ended = trifarm("fetch", JOB_ID, "--to", str(folder))
+    assert ended.code == 2
+    assert "holds the logs of job jother" in ended.err
+
+
+def test_a_running_job_has_nothing_to_fetch_yet(farm, trifarm, folder):
+    farm.state = JobState.RUNNING
+    ended = trifarm("fetch", JOB_ID, "--to", str(folder))
+    assert ended.code == 1
+    assert "is still running (0 of 3 trials done)" in ended.err
+
+
+def test_a_cancelled_job_gives_its_logs_but_no_report(farm, trifarm, folder):
+    farm.state = JobState.CANCELLED
+    del farm.logs[f"{JOB_ID}-002"]
+    ended = trifarm("fetch", JOB_ID, "--to", str(folder), "--json")
+    assert ended.code == 3
+    assert ended.document["report"] is None
+    assert sorted(files(folder)) == ["trial-000.mcap", "trial-001.mcap"]

@@ -1,0 +1,43 @@
+import json
+import stat
+
+import pytest
+
+from client_cli.errors import UsageProblem
+from client_cli.settings import DEFAULT_URL, Connection, default_data_folder, load_connection, save_connection, settings_file
+
+
+def test_a_saved_connection_is_found_again_and_is_private(tmp_path):
+    path = save_connection(Connection("http://farm:1", "secret"), tmp_path / "new")
+    assert load_connection({"TRIFARM_HOME": str(tmp_path / "new")}) == Connection("http://farm:1", "secret")
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert json.loads(path.read_text()) == {"url": "http://farm:1", "token": "secret"}
+    assert [entry.name for entry in path.parent.iterdir()] == ["settings.json"]
+
+
+def test_each_environment_variable_wins_on_its_own(tmp_path):
+    save_connection(Connection("http://farm:1", "stored"), tmp_path)
+    home = {"TRIFARM_HOME": str(tmp_path)}
+    assert load_connection(home | {"TRIFARM_URL": "http://other:2/"}) == Connection("http://other:2", "stored")
+    assert load_connection(home | {"TRIFARM_TOKEN": "given"}) == Connection("http://farm:1", "given")
+
+
+def test_without_anything_the_default_address_is_used(tmp_path):
+    assert load_connection({"TRIFARM_HOME": str(tmp_path)}) == Connection(DEFAULT_URL, None)
+
+
+@pytest.mark.parametrize("content", ["{", "[]", '{"url": 5}'])
+def test_a_broken_settings_file_is_named(tmp_path, content):
+    settings_file(tmp_path).write_text(content)
+    with pytest.raises(UsageProblem, match=r"settings\.json"):
+        load_connection({"TRIFARM_HOME": str(tmp_path)})
+
+
+def test_an_address_without_scheme_is_refused(tmp_path):
+    with pytest.raises(UsageProblem, match="http://"):
+        load_connection({"TRIFARM_HOME": str(tmp_path), "TRIFARM_URL": "localhost:8787"})
+
+
+def test_data_live_in_the_named_home_or_among_the_users_data(tmp_path):
+    assert default_data_folder({"TRIFARM_HOME": str(tmp_path)}) == tmp_path / "farm"
+    assert default_data_folder({"XDG_DATA_HOME": str(tmp_path)}) == tmp_path / "trifarm" / "farm"

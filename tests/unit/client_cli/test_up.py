@@ -1,0 +1,181 @@
+"""The supervisor with real child processes: two tiny programs of the same module names and flags, first on the path."""
+
+import json
+import os
+import signal
+import socket
+import stat
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+
+SERVICES = """
+import argparse, json, os, pathlib, sys
+parser = argparse.ArgumentParser()
+parser.add_argument("command", choices=["serve"])
+for flag in ("--data", "--host", "--port", "--bus", "--farm", "--physics"):
+    parser.add_argument(flag, required=True)
+flags = parser.parse_args()
+assert not {"TRIFARM_TOKEN", "TRIFARM_ADMIN_TOKEN"} & set(os.environ)
+if flags.physics == "broken":
+    sys.exit("no such physics: broken")
+from http.server import BaseHTTPRequestHandler, HTTPServer
+import signal
+if flags.physics == "stubborn":
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+data = pathlib.Path(flags.data)
+(data / "tokens.json").write_text(json.dumps({"admin": "the-admin", "robot": "the-robot"}))
+class Handler(BaseHTTPRequestHandler):
+    def do_GET(self):
+        known = [name.name.removesuffix(".pid") for name in data.glob("robot-*.pid")]
+        rows = [{"robot": r, "state": "idle", "pid": 1, "host": "h", "trial": None, "reason": None} for r in known]
+        body = json.dumps({"robots": rows}).encode()
+        self.send_response(200)
+        self.send_header("content-length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+print("serving", flush=True)
+HTTPServer((flags.host, int(flags.port)), Handler).serve_forever()
+"""
+ROBOTS = """
+import argparse, os, pathlib, subprocess, sys, time
+parser = argparse.ArgumentParser()
+for flag in ("--robots", "--api", "--bus", "--farm", "--data", "--physics"):
+    parser.add_argument(flag, required=True)
+flags = parser.parse_args()
+assert os.environ["TRIFARM_ROBOT_TOKEN"] == "the-robot"
+for n in range(int(flags.robots)):
+    # Robots that do not notice the end of their parent, so that the supervisor has to see to it.
+    robot = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(300)"])
+    (pathlib.Path(flags.data) / f"robot-{n}.pid").write_text(str(robot.pid))
+time.sleep(0.5 if flags.physics == "short" else 300)
+sys.exit("the robots went away")
+"""
+
+
+@pytest.fixture
+def environment(tmp_path):
+    for package, program in (("services", SERVICES), ("robot_farm", ROBOTS)):
+        folder = tmp_path / "path" / package
+        folder.mkdir(parents=True)
+        (folder / "__init__.py").touch()
+        (folder / "__main__.py").write_text(program)
+    given = {name: value for name, value in os.environ.items() if not name.startswith("TRIFARM_")}
+    paths = f"{tmp_path / 'path'}{os.pathsep}{ROOT}"
+    return given | {"PYTHONPATH": paths, "TRIFARM_HOME": str(tmp_path / "home"), "TRIFARM_TOKEN": "mine"}
+
+
+class Up:
+    """A running ``trifarm up``."""
+
+    def __init__(self, environment, tmp_path, *flags):
+        self.data = tmp_path / "data"
+        command = [sys.executable, "-m", "client_cli", "up", "--robots", "2", "--data", str(self.data), "--json", *flags]
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        self.process = subprocess.Popen(command, env=environment, cwd=tmp_path, **pipes)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        if self.process.poll() is None:
+            self.process.terminate()
+        self.process.communicate(timeout=20)
+
+    def document(self):
+        lines = []
+        for line in self.process.stdout:
+            lines.append(line)
+            if line == "}\n":
+                break
+        return json.loads("".join(lines))
+
+    def end(self, number):
+        start_s = time.monotonic()
+        self.process.send_signal(number)
+        out, err = self.process.communicate(timeout=20)
+        return out, err, time.monotonic() - start_s
+
+    def robot_is_alive(self, name):
+        pid = (self.data / f"{name}.pid").read_text()
+        try:
+            # An orphan that was killed stays a zombie where the first process of a container does not reap.
+            return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        except FileNotFoundError:
+            return False
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_farm_comes_up_and_goes_down(environment, tmp_path, number):
+    with Up(environment, tmp_path, "--port", "0") as up:
+        document = up.document()
+        settings = tmp_path / "home" / "settings.json"
+        assert document["settings"] == str(settings)
+        assert json.loads(settings.read_text()) == {"url": document["url"], "token": "the-admin"}
+        assert stat.S_IMODE(settings.stat().st_mode) == 0o600
+        assert document["pid"] == up.process.pid
+        assert up.robot_is_alive("robot-0")
+        out, err, took_s = up.end(number)
+        assert up.process.returncode == 0
+        assert out == ""
+        assert "the farm is stopped" in err
+        assert took_s < 5
+        assert not up.robot_is_alive("robot-0")
+        assert not up.robot_is_alive("robot-1")
+    assert "serving" in (tmp_path / "data" / "logs" / "services.log").read_text()
+
+
+def test_a_child_that_will_not_end_is_killed_within_five_seconds(environment, tmp_path):
+    with Up(environment, tmp_path, "--port", "0", "--physics", "stubborn") as up:
+        up.document()
+        _, _, took_s = up.end(signal.SIGTERM)
+        assert up.process.returncode == 0
+        assert took_s < 5
+
+
+def test_a_second_farm_on_the_same_folder_is_refused(environment, tmp_path):
+    with Up(environment, tmp_path, "--port", "0") as up:
+        up.document()
+        with Up(environment, tmp_path, "--port", "0") as second:
+            out, err = second.process.communicate(timeout=20)
+            assert second.process.returncode == 1
+            assert f"process {up.process.pid}" in err
+            assert "already runs on" in json.loads(out)["error"]["detail"]
+        assert up.process.poll() is None
+
+
+def test_a_busy_port_is_named(environment, tmp_path):
+    with socket.socket() as holder:
+        holder.bind(("127.0.0.1", 0))
+        holder.listen()
+        port = holder.getsockname()[1]
+        with Up(environment, tmp_path, "--port", str(port)) as up:
+            _, err = up.process.communicate(timeout=20)
+    assert up.process.returncode == 1
+    assert f"port {port} of 127.0.0.1 cannot be used" in err
+    assert "--port" in err
+
+
+def test_a_child_that_dies_at_start_shows_its_last_words(environment, tmp_path):
+    with Up(environment, tmp_path, "--port", "0", "--physics", "broken") as up:
+        out, err = up.process.communicate(timeout=20)
+    assert up.process.returncode == 1
+    assert "the services ended with code 1" in err
+    assert "no such physics: broken" in json.loads(out)["error"]["detail"]
+
+
+def test_a_child_that_dies_later_ends_the_farm(environment, tmp_path):
+    with Up(environment, tmp_path, "--port", "0", "--physics", "short") as up:
+        document = up.document()
+        out, err = up.process.communicate(timeout=20)
+        assert document["robots"] == 2
+        assert out == ""
+        assert up.process.returncode == 1
+        assert "the robots ended with code 1" in err
+        assert "the robots went away" in err
+        assert not up.robot_is_alive("robot-0")

@@ -1,0 +1,99 @@
+"""A trial from lease to outcome, with a real policy process and a real log."""
+
+import dataclasses
+from collections import Counter
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from api_schemas import trial_log
+from api_schemas.trial import Fault, OutcomeKind
+from api_schemas.trial_log_reader import read_log
+from robot_farm import trial
+from robot_farm.jail import JailedPolicy
+from robot_farm.trial import Progress, TrialStoppedError, run_trial
+from sim_backend.driver.simulated import SimulatedDriver
+from sim_backend.tasks import TASKS
+from tests.graphs import linear
+from tests.unit.conftest import lease
+
+
+@pytest.fixture
+def one_second(monkeypatch):
+    monkeypatch.setattr(trial, "TASKS", {name: dataclasses.replace(task, duration_s=1.0) for name, task in TASKS.items()})
+
+
+@pytest.fixture
+def policy(tmp_path):
+    with JailedPolicy("linear", linear(tmp_path / "linear.onnx")) as policy:
+        yield policy
+
+
+@pytest.mark.usefixtures("one_second")
+@pytest.mark.parametrize("task", TASKS)
+def test_every_task_runs_and_is_measured(task, policy, tmp_path):
+    progress = Progress()
+    outcome = run_trial(
+        lease(task=task), policy, SimulatedDriver(), tmp_path / "t.mcap", stop_reason=lambda: None, progress=progress
+    )
+    assert outcome.kind in (OutcomeKind.SUCCEEDED, OutcomeKind.FAILED)
+    assert outcome.fault is Fault.NONE
+    assert outcome.measures is not None
+    assert outcome.measures.control_steps == 50
+    assert (outcome.measures.final_angle_error_rad is not None) == TASKS[task].orientation_counts
+    assert progress.simulated_s == 1.0
+    log = read_log(tmp_path / "t.mcap")
+    assert log.metadata["task"] == task
+    assert log.outcome["kind"] == outcome.kind.value
+
+
+def test_log_has_every_channel_at_its_rate(short_log):
+    with short_log.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        counts = Counter(channel.topic for _, channel, _ in reader.iter_messages())
+        attachments = {attachment.name for attachment in reader.iter_attachments()}
+    assert counts[trial_log.JOINT_STATES] == counts[trial_log.TORQUE] == 1000
+    assert counts[trial_log.CUBE_POSE] == 100
+    assert counts[trial_log.TRACKED_POSE] == counts[trial_log.TRACKER] == 11  # one from before the start
+    assert counts[trial_log.POLICY] == 50
+    assert counts[trial_log.MEASURED_SCENE] == counts[trial_log.TRUE_SCENE] == counts[trial_log.GOAL] == 1
+    assert counts[trial_log.MEASURED_TRANSFORMS] == 26
+    assert attachments == {"model.xml", "manifest.json"}
+
+
+def test_same_lease_same_bits_in_a_kept_and_in_a_fresh_process(policy, tmp_path, one_second):
+    driver, outcomes = SimulatedDriver(), []
+    for index in range(3):
+        run_trial(lease(), policy, driver, tmp_path / f"{index}.mcap", stop_reason=lambda: None)
+        run_trial(lease(seed=99, task="lift"), policy, driver, tmp_path / f"{index}-other.mcap", stop_reason=lambda: None)
+    with JailedPolicy("fresh", linear(tmp_path / "fresh.onnx")) as fresh:
+        outcomes.append(run_trial(lease(), fresh, SimulatedDriver(), tmp_path / "fresh.mcap", stop_reason=lambda: None))
+    expected = read_log(tmp_path / "fresh.mcap")
+    for index in range(3):
+        log = read_log(tmp_path / f"{index}.mcap")
+        np.testing.assert_array_equal(log.joint_position_rad, expected.joint_position_rad)
+        np.testing.assert_array_equal(log.cube_quat_wxyz, expected.cube_quat_wxyz)
+
+
+@pytest.mark.usefixtures("one_second")
+def test_nan_policy_is_a_policy_fault_with_a_complete_log(tmp_path):
+    with JailedPolicy("nan", linear(tmp_path / "nan.onnx", bias=float("nan"))) as policy:
+        outcome = run_trial(lease(), policy, SimulatedDriver(), tmp_path / "t.mcap", stop_reason=lambda: None)
+    assert (outcome.kind, outcome.fault) == (OutcomeKind.NONFINITE_ACTION, Fault.POLICY)
+    assert "at 0.000 s" in outcome.reason
+
+
+@pytest.mark.usefixtures("one_second")
+def test_a_stopped_trial_stops_within_one_control_period(policy, tmp_path):
+    asked = []
+
+    def stop_reason():
+        asked.append(1)
+        return "lease lost" if len(asked) > 10 else None
+
+    with pytest.raises(TrialStoppedError, match="lease lost"):
+        run_trial(lease(), policy, SimulatedDriver(), tmp_path / "t.mcap", stop_reason=stop_reason)
+    with (tmp_path / "t.mcap").open("rb") as stream:
+        steps = sum(channel.topic == trial_log.JOINT_STATES for _, channel, _ in make_reader(stream).iter_messages())
+    assert steps == 200

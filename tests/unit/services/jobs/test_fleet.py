@@ -1,0 +1,105 @@
+import pytest
+
+from api_schemas.bus import Heartbeat
+from api_schemas.robot import RobotState
+from services.jobs.claim import Claim
+from services.jobs.fleet import KNOWN_AFTER_LOSS_S, RETURN_AFTER_S, SILENT_AFTER_S, Fleet
+
+CLAIM = Claim("j-000", 1, "robot-0")
+
+
+def beat(state=RobotState.IDLE, claim=None, instance="one", robot="robot-0"):
+    trial_id, fence = (claim.trial_id, claim.fence) if claim else (None, None)
+    return Heartbeat(robot=robot, instance=instance, pid=1, host="h", state=state, trial_id=trial_id, fence=fence)
+
+
+@pytest.fixture
+def fleet():
+    fleet = Fleet()
+    fleet.token_changed("robot-0", present=True, now_s=100.0)
+    fleet.heard(beat(), 100.0)
+    return fleet
+
+
+def state(fleet, now_s=100.0):
+    return fleet.member("robot-0").state(now_s)
+
+
+def test_a_robot_is_idle_once_it_said_so(fleet):
+    assert state(fleet) == RobotState.IDLE
+    assert fleet.ready(100.0) == ("robot-0",)
+
+
+def test_a_heartbeat_is_news_only_when_it_says_something_new(fleet):
+    assert not fleet.heard(beat(), 101.0)
+    assert fleet.heard(beat(RobotState.OUT_OF_SERVICE), 102.0)
+
+
+def test_a_leased_robot_is_not_ready_whatever_it_says(fleet):
+    fleet.leased(CLAIM, 100.0)
+    assert state(fleet) == RobotState.LEASED
+    fleet.accepted(CLAIM)
+    fleet.heard(beat(), 100.1)
+    assert state(fleet) == RobotState.RUNNING
+    assert fleet.ready(100.1) == ()
+
+
+def test_a_robot_is_ready_at_once_after_its_outcome(fleet):
+    fleet.leased(CLAIM, 100.0)
+    fleet.heard(beat(RobotState.RUNNING, CLAIM), 100.1)
+    fleet.freed(CLAIM, done=True)
+    assert fleet.ready(100.2) == ("robot-0",)
+    assert fleet.member("robot-0").trials_done == 1
+
+
+def test_the_end_of_an_old_attempt_does_not_end_the_new_one(fleet):
+    fleet.leased(Claim("j-001", 1, "robot-0"), 100.0)
+    fleet.freed(CLAIM, done=False)
+    assert fleet.member("robot-0").lease == Claim("j-001", 1, "robot-0")
+
+
+def test_a_robot_without_token_is_lost_and_its_last_words_do_not_bring_it_back(fleet):
+    fleet.token_changed("robot-0", present=False, now_s=101.0)
+    assert state(fleet, 101.0) == RobotState.LOST
+    fleet.heard(beat(), 101.0 + RETURN_AFTER_S / 2)
+    assert state(fleet, 102.0) == RobotState.LOST
+    fleet.heard(beat(), 101.1 + RETURN_AFTER_S)
+    assert state(fleet, 104.0) == RobotState.IDLE
+
+
+def test_a_returning_token_brings_it_back(fleet):
+    fleet.token_changed("robot-0", present=False, now_s=101.0)
+    fleet.token_changed("robot-0", present=True, now_s=101.5)
+    assert state(fleet, 101.5) == RobotState.IDLE
+
+
+def test_a_silent_robot_is_lost_though_its_token_stands(fleet):
+    assert state(fleet, 100.0 + SILENT_AFTER_S) == RobotState.IDLE
+    assert state(fleet, 100.1 + SILENT_AFTER_S) == RobotState.LOST
+
+
+def test_a_lost_robot_takes_part_in_draws_for_a_while(fleet):
+    fleet.token_changed("robot-0", present=False, now_s=101.0)
+    assert fleet.known(102.0) == ("robot-0",)
+    assert fleet.healthy(102.0) == frozenset()
+    assert fleet.known(101.0 + KNOWN_AFTER_LOSS_S) == ()
+
+
+def test_a_draining_robot_is_not_healthy(fleet):
+    fleet.member("robot-0").drain = True
+    assert state(fleet) == RobotState.DRAINING
+    assert fleet.healthy(100.0) == frozenset()
+
+
+def test_a_paused_robot_is_not_ready_until_its_time(fleet):
+    fleet.member("robot-0").paused_until_s = 101.0
+    assert fleet.ready(100.9) == ()
+    assert fleet.ready(101.0) == ("robot-0",)
+
+
+def test_leases_that_the_database_does_not_know_are_dropped(fleet):
+    fleet.leased(CLAIM, 100.0)
+    fleet.hold_only([CLAIM])
+    assert fleet.member("robot-0").lease == CLAIM
+    fleet.hold_only([])
+    assert fleet.member("robot-0").lease is None

@@ -1,0 +1,34 @@
+import asyncio
+
+from services.jobs.signals import Signals
+
+
+async def test_a_change_between_watching_and_waiting_is_not_missed():
+    signals = Signals()
+    changed = signals.watch("j1")
+    signals.job_changed("j1")
+    await asyncio.wait_for(changed.wait(), 1)
+
+
+async def test_another_jobs_change_wakes_nobody():
+    signals = Signals()
+    changed = signals.watch("j1")
+    signals.job_changed("j2")
+    assert not changed.is_set()
+
+
+async def test_the_dispatcher_wakes_at_once_and_after_its_time_looks_at_everything():
+    signals = Signals()
+    signals.wake_dispatcher()
+    assert not await signals.dispatcher_woken(10)
+    signals.wake_dispatcher(urgent=True)
+    assert await signals.dispatcher_woken(10)
+    assert await signals.dispatcher_woken(0.01)
+
+
+async def test_closing_ends_all_waiting():
+    signals = Signals()
+    changed = signals.watch("j1")
+    signals.close()
+    assert changed.is_set()
+    await asyncio.wait_for(signals.dispatcher_woken(10), 1)

@@ -1,0 +1,35 @@
+import pytest
+
+from api_schemas.policy import LAYOUTS, canonical_json
+from services.errors import Refused
+from services.policies.child import convert
+from tests.integration.farm_process import small_policy
+
+
+def files(tmp_path):
+    weights, manifest = tmp_path / "w.safetensors", tmp_path / "m.json"
+    content, layout = small_policy()
+    weights.write_bytes(content)
+    manifest.write_text(canonical_json(layout))
+    return weights, manifest, tmp_path / "out.onnx"
+
+
+async def test_a_good_policy_is_converted_and_its_secrets_stay_here(tmp_path, monkeypatch):
+    monkeypatch.setenv("TRIFARM_ADMIN_TOKEN", "trifarm_a_b")
+    converted = await convert(*files(tmp_path), 60)
+    assert converted.warnings == ()
+    assert converted.graph.stat().st_size > 1000
+
+
+async def test_a_child_that_takes_too_long_is_ended(tmp_path):
+    with pytest.raises(Refused, match=r"more than 0\.05 s"):
+        await convert(*files(tmp_path), 0.05)
+
+
+async def test_a_child_that_breaks_is_a_refusal(tmp_path):
+    weights, manifest, out = files(tmp_path)
+    manifest.write_text(canonical_json(LAYOUTS["pose"]))
+    with pytest.raises(Refused, match="nearest ready-made layout"):
+        await convert(weights, manifest, out, 60)
+    with pytest.raises(Refused, match="cannot be converted"):
+        await convert(tmp_path / "missing.onnx", manifest, out, 60)
