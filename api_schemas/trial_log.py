@@ -82,44 +82,52 @@ def _encode_pose(values: list[float]) -> bytes:
     return fm.PoseInFrame(timestamp=_marked_stamp(), frame_id=WORLD_FRAME, pose=pose).encode()
 
 
+class LogChannels:
+    """The channels of a robot's logs and the templates of their messages, made once for all of its trials.
+
+    Args:
+        joint_names: names of the nine joints.
+        frames: (parent, child) of the moving transforms under /measured/tf, in the order of their rows.
+    """
+
+    def __init__(self, *, joint_names: tuple[str, ...], frames: tuple[tuple[str, str], ...]) -> None:
+        self.context = foxglove.Context()
+        self.fixed = {
+            JOINT_STATES: FixedMessage(lambda v: _joint_states(joint_names, v), 3 * len(joint_names)),
+            TORQUE: FixedMessage(_encode_torque, 18),
+            MEASURED_TRANSFORMS: FixedMessage(lambda v: _transforms(frames, v), 7 * len(frames)),
+            TRUE_TRANSFORMS: FixedMessage(lambda v: _transforms(((WORLD_FRAME, "cube"),), v), 7),
+        }
+        self.fixed |= dict.fromkeys((TRACKED_POSE, GOAL, CUBE_POSE), FixedMessage(_encode_pose, 7))
+        self._channels = {
+            topic: foxglove.Channel(topic, schema=schema, message_encoding="protobuf", context=self.context)
+            for topic, schema in _protobuf_schemas().items()
+        }
+        self._channels[TRACKER] = foxglove.Channel(TRACKER, schema=_TRACKER_SCHEMA, context=self.context)
+
+    def log(self, topic: str, message: bytes, time_ns: int) -> None:
+        """One encoded message."""
+        self._channels[topic].log(message, log_time=time_ns)
+
+    def log_rows(self, topic: str, values: np.ndarray, times_ns: np.ndarray) -> None:
+        """Many messages of fixed size; ``values`` has shape (n, doubles of the message)."""
+        log = self._channels[topic].log
+        for encoded, time_ns in zip(self.fixed[topic].rows(values, times_ns), times_ns.tolist(), strict=True):
+            log(encoded, log_time=time_ns)
+
+
 class TrialLogWriter:
     """Writes one trial's log; a context manager. Steps are physics steps of 1 ms since the trial's start.
 
     Args:
         path: file to create; it must not exist.
-        joint_names: names of the nine joints.
-        frames: (parent, child) of the moving transforms under /measured/tf, in the order of their rows.
+        channels: the robot's channels; only one writer may use them at a time.
     """
 
-    def __init__(self, path: Path, *, joint_names: tuple[str, ...], frames: tuple[tuple[str, str], ...]) -> None:
-        self._context = foxglove.Context()
-        options = MCAPWriteOptions(compression_threads=0, compression_level=1, profile="")
-        self._writer = foxglove.open_mcap(path, context=self._context, writer_options=options)
-        self._channels: dict[str, foxglove.Channel] = {}
-        self._joint_states = FixedMessage(lambda v: _joint_states(joint_names, v), 3 * len(joint_names))
-        self._torque = FixedMessage(_encode_torque, 18)
-        self._pose = FixedMessage(_encode_pose, 7)
-        self._transforms = {
-            MEASURED_TRANSFORMS: FixedMessage(lambda v: _transforms(frames, v), 7 * len(frames)),
-            TRUE_TRANSFORMS: FixedMessage(lambda v: _transforms(((WORLD_FRAME, "cube"),), v), 7),
-        }
-        own = {
-            TORQUE: _schema("Torque", [("desired_nm", _DOUBLE, True), ("applied_nm", _DOUBLE, True)]),
-            POLICY: _schema(
-                "PolicyStep",
-                [("observation", _FLOAT, True), ("action", _DOUBLE, True), ("inference_time_ns", _FIXED64, False)],
-            ),
-            JOINT_STATES: fm.JointStates.get_schema(),
-            MEASURED_TRANSFORMS: fm.FrameTransforms.get_schema(),
-            TRUE_TRANSFORMS: fm.FrameTransforms.get_schema(),
-            MEASURED_SCENE: fm.SceneUpdate.get_schema(),
-            TRUE_SCENE: fm.SceneUpdate.get_schema(),
-            EVENTS: fm.Log.get_schema(),
-        }
-        own |= {topic: fm.PoseInFrame.get_schema() for topic in (TRACKED_POSE, GOAL, CUBE_POSE)}
-        for topic, schema in own.items():
-            self._channels[topic] = foxglove.Channel(topic, schema=schema, message_encoding="protobuf", context=self._context)
-        self._channels[TRACKER] = foxglove.Channel(TRACKER, schema=_TRACKER_SCHEMA, context=self._context)
+    def __init__(self, path: Path, channels: LogChannels) -> None:
+        options = MCAPWriteOptions(compression_threads=0, compression_level=1)
+        self._writer = foxglove.open_mcap(path, context=channels.context, writer_options=options)
+        self._channels = channels
 
     def __enter__(self) -> "TrialLogWriter":
         return self
@@ -131,20 +139,20 @@ class TrialLogWriter:
         """Rows of consecutive steps; each array has shape (n, 9), in rad, rad/s and N m."""
         values = np.stack([position, velocity, torque_nm], axis=2).reshape(len(position), -1)
         steps = first_step + np.arange(len(position))
-        self._rows(JOINT_STATES, self._joint_states, values, steps)
+        self._rows(JOINT_STATES, values, steps)
 
     def torque(self, first_step: int, desired_nm: np.ndarray, applied_nm: np.ndarray) -> None:
         """Rows of consecutive steps; each array has shape (n, 9), N m."""
         values = np.concatenate([desired_nm, applied_nm], axis=1)
-        self._rows(TORQUE, self._torque, values, first_step + np.arange(len(values)))
+        self._rows(TORQUE, values, first_step + np.arange(len(values)))
 
     def cube_pose(self, steps: np.ndarray, position_world_m: np.ndarray, quat_wxyz: np.ndarray) -> None:
         """True poses of the cube; shapes (n,), (n, 3), (n, 4)."""
-        self._rows(CUBE_POSE, self._pose, np.concatenate([position_world_m, quat_wxyz], axis=1), steps)
+        self._rows(CUBE_POSE, np.concatenate([position_world_m, quat_wxyz], axis=1), steps)
 
     def transforms(self, topic: str, steps: np.ndarray, values: np.ndarray) -> None:
         """Moving transforms: per frame x, y, z in m and quaternion wxyz; shape (n, 7 * frames)."""
-        self._rows(topic, self._transforms[topic], values, steps)
+        self._rows(topic, values, steps)
 
     def tracked_pose(
         self, capture_step: int, delivery_step: int, position_world_m: np.ndarray, quat_wxyz: np.ndarray, confidence: float
@@ -153,18 +161,18 @@ class TrialLogWriter:
         values = np.concatenate([position_world_m, quat_wxyz])[None]
         stamp_ns = np.array([max(0, capture_step) * STEP_NS])
         at_ns = max(0, delivery_step) * STEP_NS
-        self._channels[TRACKED_POSE].log(self._pose.rows(values, stamp_ns)[0], log_time=at_ns)
+        self._channels.log(TRACKED_POSE, self._channels.fixed[TRACKED_POSE].rows(values, stamp_ns)[0], at_ns)
         report = {
             "capture_time_s": capture_step * STEP_NS / 1e9,
             "delivery_time_s": delivery_step * STEP_NS / 1e9,
             "confidence": float(confidence),
         }
-        self._channels[TRACKER].log(report, log_time=at_ns)
+        self._channels.log(TRACKER, json.dumps(report).encode(), at_ns)
 
     def goal(self, position_world_m: np.ndarray, quat_wxyz: np.ndarray) -> None:
         """The wanted pose of the cube, at the start."""
         values = np.concatenate([position_world_m, quat_wxyz])[None]
-        self._channels[GOAL].log(self._pose.rows(values, np.zeros(1))[0], log_time=0)
+        self._rows(GOAL, values, np.zeros(1))
 
     def policy_step(self, step: int, observation: np.ndarray, action: np.ndarray, inference_time_ns: int) -> None:
         """What the policy saw, what it asked for and how long it took."""
@@ -174,19 +182,18 @@ class TrialLogWriter:
             + b"\x19"
             + inference_time_ns.to_bytes(8, "little")
         )
-        self._channels[POLICY].log(encoded, log_time=step * STEP_NS)
+        self._channels.log(POLICY, encoded, step * STEP_NS)
 
     def message(self, topic: str, step: int, encoded: bytes) -> None:
         """One encoded message of a channel that is written rarely (scenes, fixed transforms)."""
-        self._channels[topic].log(encoded, log_time=step * STEP_NS)
+        self._channels.log(topic, encoded, step * STEP_NS)
 
     def event(self, step: int, text: str, *, error: bool = False) -> None:
         """A line of the trial's history."""
         level = fm.LogLevel.Error if error else fm.LogLevel.Info
         stamp = fm.Timestamp(sec=step // 1000, nsec=step % 1000 * STEP_NS)
-        self._channels[EVENTS].log(
-            fm.Log(timestamp=stamp, level=level, message=text, name="trial").encode(), log_time=step * STEP_NS
-        )
+        event = fm.Log(timestamp=stamp, level=level, message=text, name="trial")
+        self._channels.log(EVENTS, event.encode(), step * STEP_NS)
 
     def metadata(self, name: str, values: dict[str, Any]) -> None:
         """A metadata record; values that are not text are written as JSON."""
@@ -202,10 +209,25 @@ class TrialLogWriter:
         """Hand everything written so far to the operating system."""
         self._writer.flush()
 
-    def _rows(self, topic: str, message: FixedMessage, values: np.ndarray, steps: np.ndarray) -> None:
-        log, times_ns = self._channels[topic].log, np.asarray(steps, dtype=np.int64) * STEP_NS
-        for encoded, time_ns in zip(message.rows(values, times_ns), times_ns.tolist(), strict=True):
-            log(encoded, log_time=time_ns)
+    def _rows(self, topic: str, values: np.ndarray, steps: np.ndarray) -> None:
+        self._channels.log_rows(topic, values, np.asarray(steps, dtype=np.int64) * STEP_NS)
+
+
+def _protobuf_schemas() -> dict[str, foxglove.Schema]:
+    """The schema of every channel but the JSON one."""
+    poses = {topic: fm.PoseInFrame.get_schema() for topic in (TRACKED_POSE, GOAL, CUBE_POSE)}
+    transforms = {topic: fm.FrameTransforms.get_schema() for topic in (MEASURED_TRANSFORMS, TRUE_TRANSFORMS)}
+    scenes = {topic: fm.SceneUpdate.get_schema() for topic in (MEASURED_SCENE, TRUE_SCENE)}
+    step = [("observation", _FLOAT, True), ("action", _DOUBLE, True), ("inference_time_ns", _FIXED64, False)]
+    return {
+        JOINT_STATES: fm.JointStates.get_schema(),
+        TORQUE: _schema("Torque", [("desired_nm", _DOUBLE, True), ("applied_nm", _DOUBLE, True)]),
+        POLICY: _schema("PolicyStep", step),
+        EVENTS: fm.Log.get_schema(),
+        **poses,
+        **transforms,
+        **scenes,
+    }
 
 
 def _joint_states(names: tuple[str, ...], values: list[float]) -> bytes:

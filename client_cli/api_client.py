@@ -205,11 +205,7 @@ def problem_of(response: httpx.Response) -> Problem:
     except ValidationError:
         text = response.text.strip().splitlines()[:1]
         title = f"HTTP {response.status_code} {response.reason_phrase}".rstrip()
-        problem = Problem(
-            type="about:blank", title=title, status=response.status_code, detail=text[0][:200] if text else title
-        )
+        problem = Problem(type="about:blank", title=title, status=response.status_code, detail=text[0][:200] if text else title)
     if problem.status == httpx.codes.UNAUTHORIZED:
-        return problem.model_copy(
-            update={"detail": f"{problem.detail} (TRIFARM_TOKEN or the settings file names the token)"}
-        )
+        return problem.model_copy(update={"detail": f"{problem.detail} (TRIFARM_TOKEN or the settings file names the token)"})
     return problem

@@ -77,9 +77,7 @@ def _read_events(client: ApiClient, job_id: str, followed: Followed, view: Progr
 def ending(job: Job) -> str:
     """How a job ended, in one line that names the next command."""
     if job.state is JobState.SUCCEEDED:
-        return (
-            f"job {job.job_id}: {job.successes} of {job.trials} trials succeeded; 'trifarm report {job.job_id}' shows them"
-        )
+        return f"job {job.job_id}: {job.successes} of {job.trials} trials succeeded; 'trifarm report {job.job_id}' shows them"
     done = f"{job.trials_done} of {job.trials} trials done"
     return f"job {job.job_id} {job.state.value}: {job.reason or 'no reason given'} ({done})"
 

@@ -5,9 +5,7 @@ from typing import Annotated
 
 import typer
 
-JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print exactly one JSON document on stdout; progress goes to stderr.")
-]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print exactly one JSON document on stdout; progress goes to stderr.")]
 JobArgument = Annotated[str, typer.Argument(metavar="ID", help="The job's id, as submit printed it.")]
 ManifestOption = Annotated[
     Path | None,
@@ -18,6 +16,4 @@ LayoutOption = Annotated[
     typer.Option("--layout", metavar="NAME", help="A ready-made manifest: rrc2022-push, rrc2022-lift, keypoints or pose."),
 ]
 RobotsOption = Annotated[int, typer.Option("--robots", min=1, max=64, help="How many simulated robots.")]
-PhysicsOption = Annotated[
-    str, typer.Option("--physics", help="The robots' physics; nominal gives each the same, ideal one.")
-]
+PhysicsOption = Annotated[str, typer.Option("--physics", help="The robots' physics; nominal gives each the same, ideal one.")]

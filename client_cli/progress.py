@@ -22,9 +22,7 @@ class JobProgress:
 
 def progress_of(job: Job) -> JobProgress:
     """Where a job stands before any event."""
-    return JobProgress(
-        trials=job.trials, done=job.trials_done, successes=job.successes, waiting_because=waiting_sentence(job)
-    )
+    return JobProgress(trials=job.trials, done=job.trials_done, successes=job.successes, waiting_because=waiting_sentence(job))
 
 
 def waiting_sentence(job: Job) -> str | None:

@@ -13,9 +13,7 @@ from client_cli.options import JsonOption
 
 def replay(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="A trial's log, such as trial-000.mcap.")],
-    verify: Annotated[
-        bool, typer.Option("--verify", help="Compare every recorded state, and exit 6 if one differs.")
-    ] = False,
+    verify: Annotated[bool, typer.Option("--verify", help="Compare every recorded state, and exit 6 if one differs.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Simulate a log's applied torques again on this machine."""

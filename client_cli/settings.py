@@ -61,9 +61,7 @@ def _stored(path: Path) -> dict[str, str]:
     except (ValueError, OSError) as error:
         raise UsageProblem(f"cannot read the settings file {path}: {error}; delete it or run 'trifarm up' again") from error
     if not isinstance(stored, dict) or not all(isinstance(stored.get(key, ""), str) for key in ("url", "token")):
-        raise UsageProblem(
-            f'the settings file {path} is not {{"url": …, "token": …}}; delete it or run \'trifarm up\' again'
-        )
+        raise UsageProblem(f'the settings file {path} is not {{"url": …, "token": …}}; delete it or run \'trifarm up\' again')
     return stored
 
 

@@ -17,9 +17,7 @@ from client_cli.settings import load_connection
 
 
 def submit(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="The policy's weights: .safetensors, or a single-file .onnx.")
-    ],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The policy's weights: .safetensors, or a single-file .onnx.")],
     task: Annotated[TaskName, typer.Option("--task", help="What is asked of the robot.")],
     *,
     manifest: ManifestOption = None,
@@ -32,9 +30,7 @@ def submit(
     wait: Annotated[bool, typer.Option("--wait", help="Follow the job to its end.")] = False,
     idempotency_key: Annotated[
         str | None,
-        typer.Option(
-            "--idempotency-key", metavar="TEXT", help="The same key and the same job make one job, however often sent."
-        ),
+        typer.Option("--idempotency-key", metavar="TEXT", help="The same key and the same job make one job, however often sent."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:

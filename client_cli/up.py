@@ -22,9 +22,7 @@ def up(
         Path | None,
         typer.Option("--data", metavar="DIR", help="Where database, policies and logs live.", show_default=False),
     ] = None,
-    port: Annotated[
-        int, typer.Option("--port", min=0, max=65535, help="The API's port; 0 takes any free one.")
-    ] = DEFAULT_PORT,
+    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="The API's port; 0 takes any free one.")] = DEFAULT_PORT,
     physics: PhysicsOption = "nominal",
     as_json: JsonOption = False,
 ) -> None:

@@ -14,7 +14,7 @@ from robot_farm.bus_link import BusLink
 from robot_farm.jail import JailedPolicy
 from robot_farm.lease_keeper import LeaseKeeper
 from robot_farm.settings import Settings
-from robot_farm.trial import Progress, TrialStoppedError, run_trial
+from robot_farm.trial import Progress, TrialStoppedError, log_channels, run_trial
 from sim_backend.driver.simulated import SimulatedDriver
 
 IDLE_WAIT_S = 0.5
@@ -30,6 +30,7 @@ class Robot:
         for left_over in self._folder.glob("*.mcap"):
             left_over.unlink()  # of a process that was killed; its lease is void
         self._driver = SimulatedDriver()
+        self._channels = log_channels()
         self._policy: JailedPolicy | None = None
         self._lease: Lease | None = None
         self._keeper: LeaseKeeper | None = None
@@ -88,6 +89,7 @@ class Robot:
                 lease,
                 policy,
                 self._driver,
+                self._channels,
                 log,
                 stop_reason=stop_reason,
                 physics=self._settings.physics,

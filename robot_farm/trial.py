@@ -14,7 +14,7 @@ from api_schemas import trial_log
 from api_schemas.policy import PolicyManifest, canonical_json
 from api_schemas.robot import Lease
 from api_schemas.trial import FAULT_OF, Measures, Outcome, OutcomeKind, PolicyTiming
-from api_schemas.trial_log import TrialLogWriter
+from api_schemas.trial_log import LogChannels, TrialLogWriter
 from robot_farm.jail import JailedPolicy, PolicyFailedError
 from robot_farm.recorder import Recorder
 from sim_backend.driver.driver import Measurement
@@ -51,10 +51,16 @@ class TrialStoppedError(Exception):
     """The trial was stopped from outside: the lease ended or the job was cancelled."""
 
 
+def log_channels() -> LogChannels:
+    """The channels of a TriFinger's logs; a robot makes them once."""
+    return LogChannels(joint_names=c.JOINT_NAMES, frames=viewer_scene.MEASURED_FRAMES)
+
+
 def run_trial(
     lease: Lease,
     policy: JailedPolicy,
     driver: SimulatedDriver,
+    channels: LogChannels,
     log_path: Path,
     *,
     stop_reason: Callable[[], str | None],
@@ -67,6 +73,7 @@ def run_trial(
         lease: what to run.
         policy: the policy's process; a failure of it becomes the outcome.
         driver: the robot (n = 1).
+        channels: the robot's log channels.
         log_path: where the log is written; must not exist.
         stop_reason: asked in every control period; a text ends the trial.
         physics: name of the robot's physics, for the log.
@@ -82,7 +89,7 @@ def run_trial(
     task = TASKS[lease.task.value]
     start, goal = draw_trial(task, lease.seed)
     episode = Episode(driver, Tracker(), lease.manifest)
-    with TrialLogWriter(log_path, joint_names=c.JOINT_NAMES, frames=viewer_scene.MEASURED_FRAMES) as writer:
+    with TrialLogWriter(log_path, channels) as writer:
         _describe(writer, lease, physics)
         tracked = episode.begin(start, goal)
         course = _Course()

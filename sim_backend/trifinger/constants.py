@@ -6,6 +6,7 @@ Sources, as cited beside the numbers:
     TS    open-dynamic-robot-initiative/trifinger_simulation @53b413f
     TOT   open-dynamic-robot-initiative/trifinger_object_tracking @78ec981
     TRD   rr-learning/trifinger_rl_datasets @f23729f
+    IGE   isaac-sim/IsaacGymEnvs @aeed298
     MEAS  measured on the public meshes and models
 
 A test compares these numbers with the compiled model and the model with the public URDF.
@@ -80,8 +81,7 @@ MIDDLE_CAPSULE_X_M = 0.040  # MEAS same mesh: the tube runs beside the joint axi
 
 SOFT_LIMIT_LOWER_RAD = np.tile([-0.33, 0.0, -2.7], 3)  # RPF; RF config/trifingerpro.yml
 SOFT_LIMIT_UPPER_RAD = np.tile([1.0, 1.57, 0.0], 3)
-HARD_LIMIT_LOWER_RAD = np.tile([-1.0, -1.67, -2.8], 3)  # RF config/trifingerpro.yml; end stops of our model
-HARD_LIMIT_UPPER_RAD = np.tile([1.5, 1.67, 2.8], 3)
+"""Soft limits of the driver and, as in the URDF, the range of the model's joints."""
 START_JOINT_POSITION_RAD = np.tile([0.0, 0.9, -1.7], 3)  # RF config/trifingerpro.yml
 
 # --- motors and safety (RF config/trifingerpro.yml, include/robot_fingers/trifinger_driver.hpp) ----------------------
@@ -125,9 +125,12 @@ CUBE_FACE_COLOURS = {
 
 # --- contact ----------------------------------------------------------------------------------------------------------
 
-SLIDING_FRICTION = 1.0
-"""Of tips, cube, table and wall alike. No measured value was found; the two public simulators disagree by ten times, and
-both published experts behave as reported at 1.0 (facts/trifinger.md, sections 0 and 1.4)."""
+CUBE_FRICTION = 1.0
+"""Of the cube against fingers, table and wall. No measured value was found; TS and the released Isaac environment (IGE) agree
+on 1.0, and both published experts behave as reported with it (docs/decisions/0002-contact-and-limits.md)."""
+FINGER_FRICTION = 0.55
+"""Of fingers against table, wall and each other: IGE gives the robot 1.0 and the table 0.1, and its physics engine averages."""
+TABLE_FRICTION = 0.1  # IGE; MuJoCo takes the larger of two frictions, so that the finger's or the cube's counts
 
 # --- tasks (TS tasks/move_cube; TRD) ----------------------------------------------------------------------------------
 

@@ -103,7 +103,7 @@ def _add_driven_joint(spec: MjSpec, body, joint_index: int, axis: tuple[float, f
         name=name,
         axis=axis,
         limited=True,
-        range=[c.HARD_LIMIT_LOWER_RAD[joint_index], c.HARD_LIMIT_UPPER_RAD[joint_index]],
+        range=[c.SOFT_LIMIT_LOWER_RAD[joint_index], c.SOFT_LIMIT_UPPER_RAD[joint_index]],
     )
     actuator = spec.add_actuator(name=name, target=name)
     actuator.trntype = 0  # mjTRN_JOINT
@@ -182,11 +182,14 @@ def _add_cameras(spec: MjSpec) -> None:
 
 
 def _contact(contype: int, conaffinity: int) -> dict:
+    """Contact settings of a collision geom; the cube's friction holds in all of its contacts, whatever it touches."""
+    friction = {TABLE_BITS: c.TABLE_FRICTION, FINGER_BITS: c.FINGER_FRICTION, CUBE_BITS: c.CUBE_FRICTION}[contype]
     return {
         "contype": contype,
         "conaffinity": conaffinity,
         "condim": 3,
-        "friction": [c.SLIDING_FRICTION, 0.005, 0.0001],
+        "friction": [friction, 0.005, 0.0001],
+        "priority": 1 if contype == CUBE_BITS else 0,
     }
 
 

@@ -40,7 +40,7 @@ def short_log(tmp_path_factory) -> Path:
     trial.TASKS = {"push": dataclasses.replace(tasks["push"], duration_s=1.0)}
     try:
         with JailedPolicy("linear", linear(folder / "linear.onnx")) as policy:
-            trial.run_trial(lease(), policy, SimulatedDriver(), path, stop_reason=lambda: None)
+            trial.run_trial(lease(), policy, SimulatedDriver(), trial.log_channels(), path, stop_reason=lambda: None)
     finally:
         trial.TASKS = tasks
     return path

@@ -7,7 +7,7 @@ from mcap.stream_reader import StreamReader
 
 from api_schemas import trial_log
 from api_schemas.fixed_message import FixedMessage
-from api_schemas.trial_log import TrialLogWriter
+from api_schemas.trial_log import LogChannels, TrialLogWriter
 from api_schemas.trial_log_reader import read_log
 
 NAMES = tuple(f"joint{j}" for j in range(9))
@@ -20,7 +20,7 @@ def test_every_message_is_read_back_as_written(tmp_path):
     cube, quat = rng.standard_normal((30, 3)), rng.standard_normal((30, 4))
     cube[0] = 0.0  # zeros must survive: protobuf leaves them out when it can
     path = tmp_path / "log.mcap"
-    with TrialLogWriter(path, joint_names=NAMES, frames=FRAMES) as writer:
+    with TrialLogWriter(path, LogChannels(joint_names=NAMES, frames=FRAMES)) as writer:
         writer.metadata(trial_log.TRIAL_METADATA, {"job_id": "j", "seed": 3})
         writer.joint_states(0, position, velocity, torque)
         writer.torque(0, desired, torque)
@@ -53,7 +53,7 @@ def test_time_stamps_inside_messages_are_the_log_times(short_log):
 
 def test_a_killed_writer_loses_only_what_was_not_flushed(tmp_path):
     path = tmp_path / "log.mcap"
-    writer = TrialLogWriter(path, joint_names=NAMES, frames=FRAMES)
+    writer = TrialLogWriter(path, LogChannels(joint_names=NAMES, frames=FRAMES))
     rows = np.zeros((250, 9))
     writer.joint_states(0, rows, rows, rows)
     writer.flush()

@@ -12,7 +12,7 @@ from api_schemas.trial import Fault, OutcomeKind
 from api_schemas.trial_log_reader import read_log
 from robot_farm import trial
 from robot_farm.jail import JailedPolicy
-from robot_farm.trial import Progress, TrialStoppedError, run_trial
+from robot_farm.trial import Progress, TrialStoppedError, log_channels, run_trial
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.tasks import TASKS
 from tests.graphs import linear
@@ -35,7 +35,13 @@ def policy(tmp_path):
 def test_every_task_runs_and_is_measured(task, policy, tmp_path):
     progress = Progress()
     outcome = run_trial(
-        lease(task=task), policy, SimulatedDriver(), tmp_path / "t.mcap", stop_reason=lambda: None, progress=progress
+        lease(task=task),
+        policy,
+        SimulatedDriver(),
+        log_channels(),
+        tmp_path / "t.mcap",
+        stop_reason=lambda: None,
+        progress=progress,
     )
     assert outcome.kind in (OutcomeKind.SUCCEEDED, OutcomeKind.FAILED)
     assert outcome.fault is Fault.NONE
@@ -63,12 +69,16 @@ def test_log_has_every_channel_at_its_rate(short_log):
 
 
 def test_same_lease_same_bits_in_a_kept_and_in_a_fresh_process(policy, tmp_path, one_second):
-    driver, outcomes = SimulatedDriver(), []
+    driver, channels, outcomes = SimulatedDriver(), log_channels(), []
     for index in range(3):
-        run_trial(lease(), policy, driver, tmp_path / f"{index}.mcap", stop_reason=lambda: None)
-        run_trial(lease(seed=99, task="lift"), policy, driver, tmp_path / f"{index}-other.mcap", stop_reason=lambda: None)
+        run_trial(lease(), policy, driver, channels, tmp_path / f"{index}.mcap", stop_reason=lambda: None)
+        run_trial(
+            lease(seed=99, task="lift"), policy, driver, channels, tmp_path / f"{index}-other.mcap", stop_reason=lambda: None
+        )
     with JailedPolicy("fresh", linear(tmp_path / "fresh.onnx")) as fresh:
-        outcomes.append(run_trial(lease(), fresh, SimulatedDriver(), tmp_path / "fresh.mcap", stop_reason=lambda: None))
+        outcomes.append(
+            run_trial(lease(), fresh, SimulatedDriver(), log_channels(), tmp_path / "fresh.mcap", stop_reason=lambda: None)
+        )
     expected = read_log(tmp_path / "fresh.mcap")
     for index in range(3):
         log = read_log(tmp_path / f"{index}.mcap")
@@ -79,7 +89,7 @@ def test_same_lease_same_bits_in_a_kept_and_in_a_fresh_process(policy, tmp_path,
 @pytest.mark.usefixtures("one_second")
 def test_nan_policy_is_a_policy_fault_with_a_complete_log(tmp_path):
     with JailedPolicy("nan", linear(tmp_path / "nan.onnx", bias=float("nan"))) as policy:
-        outcome = run_trial(lease(), policy, SimulatedDriver(), tmp_path / "t.mcap", stop_reason=lambda: None)
+        outcome = run_trial(lease(), policy, SimulatedDriver(), log_channels(), tmp_path / "t.mcap", stop_reason=lambda: None)
     assert (outcome.kind, outcome.fault) == (OutcomeKind.NONFINITE_ACTION, Fault.POLICY)
     assert "at 0.000 s" in outcome.reason
 
@@ -93,7 +103,7 @@ def test_a_stopped_trial_stops_within_one_control_period(policy, tmp_path):
         return "lease lost" if len(asked) > 10 else None
 
     with pytest.raises(TrialStoppedError, match="lease lost"):
-        run_trial(lease(), policy, SimulatedDriver(), tmp_path / "t.mcap", stop_reason=stop_reason)
+        run_trial(lease(), policy, SimulatedDriver(), log_channels(), tmp_path / "t.mcap", stop_reason=stop_reason)
     with (tmp_path / "t.mcap").open("rb") as stream:
         steps = sum(channel.topic == trial_log.JOINT_STATES for _, channel, _ in make_reader(stream).iter_messages())
     assert steps == 200

@@ -17,8 +17,8 @@ def test_joints_and_actuators_are_in_robot_order(model):
     assert tuple(model.joint(j).name for j in range(9)) == c.JOINT_NAMES
     assert tuple(model.actuator(a).name for a in range(9)) == c.JOINT_NAMES
     assert model.joint(9).name == "cube"
-    assert model.jnt_range[:9, 0] == pytest.approx(c.HARD_LIMIT_LOWER_RAD)
-    assert model.jnt_range[:9, 1] == pytest.approx(c.HARD_LIMIT_UPPER_RAD)
+    assert model.jnt_range[:9, 0] == pytest.approx(c.SOFT_LIMIT_LOWER_RAD)
+    assert model.jnt_range[:9, 1] == pytest.approx(c.SOFT_LIMIT_UPPER_RAD)
 
 
 def test_masses_and_geometry(model):

@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import numpy as np
 import pytest
 
 from api_schemas.trial_log_reader import LogUnreadableError, read_log
