@@ -90,12 +90,16 @@ class Outcome(Schema):
 
 
 class AttemptState(StrEnum):
-    """What became of a lease: still open, its outcome accepted, a platform fault, cancelled, or superseded."""
+    """What became of a lease: still open, its outcome accepted, a platform fault, cancelled, or declined by the robot.
+
+    A declined offer never began, so that it is neither a fault nor an attempt that counts.
+    """
 
     OPEN = "open"
     ACCEPTED = "accepted"
     PLATFORM_FAULT = "platform_fault"
     CANCELLED = "cancelled"
+    DECLINED = "declined"
 
 
 class Attempt(Schema):

@@ -6,6 +6,7 @@ taken. Messages are those of Foxglove where it has one, so that Foxglove and Lic
 """
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -42,7 +43,7 @@ FLUSH_EVERY_STEPS = 250
 """A killed robot loses at most this much: the recorder flushes at least so often."""
 
 
-def _schema(name: str, fields: list[tuple[str, int, bool]]) -> foxglove.Schema:
+def _schema(name: str, fields: Sequence[tuple[str, int, bool]]) -> foxglove.Schema:
     """A protobuf schema of our own from (name, type, repeated) triples."""
     descriptor = descriptor_pb2.FileDescriptorProto(name=f"trifarm/{name}.proto", package="trifarm", syntax="proto3")
     message = descriptor.message_type.add(name=name)

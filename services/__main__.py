@@ -1,4 +1,4 @@
-"""``python -m services serve``: starts the services of a farm in this process."""
+"""``python -m services serve|router``: starts the services of a farm, or its bus alone, in this process."""
 
 import argparse
 import asyncio
@@ -16,26 +16,35 @@ PR_SET_PDEATHSIG = 1
 """Linux prctl(2): the signal to get when the parent ends."""
 
 
-def settings_from(arguments: list[str]) -> Settings:
-    """Flags win over TRIFARM_* variables, which win over defaults."""
+def parsed(arguments: list[str]) -> tuple[str, Settings]:
+    """The command and its settings: flags win over TRIFARM_* variables, which win over defaults."""
     parser = argparse.ArgumentParser(prog="python -m services", description="The services of a trifarm.")
-    serve = parser.add_subparsers(dest="command", required=True).add_parser("serve", help="API, dispatcher and bus")
+    commands = parser.add_subparsers(dest="command", required=True)
+    serve = commands.add_parser("serve", help="API, dispatcher and, without --bus-connect, the bus")
     serve.add_argument("--data", type=Path, help="folder of database, files and tokens")
     serve.add_argument("--host")
     serve.add_argument("--port", type=int)
     serve.add_argument("--bus", help="zenoh endpoint to listen on, as tcp/127.0.0.1:7447")
+    serve.add_argument("--bus-connect", help="zenoh endpoint of a router that runs elsewhere; then none runs here")
     serve.add_argument("--farm", help="the farm's name on the bus")
     serve.add_argument("--physics", help="what the robots were told; shown in the status")
+    router = commands.add_parser("router", help="the bus alone")
+    router.add_argument("--bus", help="zenoh endpoint to listen on, as tcp/0.0.0.0:7447")
     given = {name: value for name, value in vars(parser.parse_args(arguments)).items() if value is not None}
-    given.pop("command")
-    return Settings(**given)
+    command = given.pop("command")
+    return command, Settings(**given)
 
 
 def main() -> None:
     """Runs until told to stop."""
-    settings = settings_from(sys.argv[1:])
+    command, settings = parsed(sys.argv[1:])
     _end_with_parent()
     _log_to_stderr()
+    if command == "router":
+        from services.router import route
+
+        asyncio.run(route(settings))
+        return
     from services.serve import serve
 
     asyncio.run(serve(settings))

@@ -3,7 +3,6 @@
 import asyncio
 import json
 import os
-import signal
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from importlib.metadata import version
@@ -26,6 +25,7 @@ from services.jobs.clock import FarmClock
 from services.jobs.fleet import Fleet
 from services.jobs.signals import Signals
 from services.policies.keeping import Policies
+from services.router import told_to_stop
 from services.settings import Settings
 
 log = structlog.get_logger()
@@ -33,7 +33,6 @@ ADMIN = TokenRequest(owner="operator", scopes=(Scope.ADMIN,))
 ROBOT = TokenRequest(owner="farm", scopes=(Scope.ROBOT,))
 TOKENS_FILE = "tokens.json"
 REQUESTS_END_WITHIN_S = 2
-PARENT_LOOK_S = 0.5
 
 
 class Server(uvicorn.Server):
@@ -67,17 +66,7 @@ async def serve(settings: Settings) -> None:
 
 
 async def _stop_when_told(server: uvicorn.Server, signals: Signals) -> None:
-    told, parent = asyncio.Event(), os.getppid()
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, told.set)
-    while not told.is_set() and os.getppid() == parent:
-        try:
-            async with asyncio.timeout(PARENT_LOOK_S):
-                await told.wait()
-        except TimeoutError:
-            continue
-    log.info("stopping", reason="told to" if told.is_set() else "the parent process has gone")
+    log.info("stopping", reason=await told_to_stop())
     # Streams of events end first: the server waits for its connections.
     signals.close()
     server.should_exit = True
@@ -118,7 +107,7 @@ async def open_farm(settings: Settings) -> AsyncIterator[Farm]:
 async def dispatching(farm: Farm) -> AsyncIterator[Dispatcher]:
     """Opens the bus and runs the dispatcher beside whatever the block does."""
     settings = farm.settings
-    bus = await Bus.open(settings.bus, settings.farm)
+    bus = await Bus.open(settings.bus, settings.farm, connect=settings.bus_connect)
     metrics = Metrics.register(farm.registry)
     dispatcher = Dispatcher(settings, farm.database, bus, farm.clock, farm.fleet, farm.signals, metrics)
     running = asyncio.create_task(dispatcher.run())

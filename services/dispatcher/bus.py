@@ -1,4 +1,4 @@
-"""The bus of the farm: an in-process zenoh router, what it hears from robots and what it asks them."""
+"""The bus of the farm: a router here or a session to one elsewhere, what it hears from robots and what it asks them."""
 
 import asyncio
 import threading
@@ -17,7 +17,7 @@ CLOSE_WITHIN_S = 2.0
 
 
 class Bus:
-    """One router session; its callbacks come from zenoh's threads and hop onto the event loop."""
+    """One session; its callbacks come from zenoh's threads and hop onto the event loop."""
 
     def __init__(self, session: zenoh.Session, farm: str, loop: asyncio.AbstractEventLoop) -> None:
         self._session = session
@@ -26,13 +26,17 @@ class Bus:
         self._declared: list[Any] = []
 
     @classmethod
-    async def open(cls, endpoint: str, farm: str) -> "Bus":
-        """Opens the router on ``endpoint``.
+    async def open(cls, endpoint: str, farm: str, *, connect: str | None = None) -> "Bus":
+        """Opens a router on ``endpoint``, or joins the one at ``connect``.
 
         Raises:
             zenoh.ZError: the address cannot be listened on.
         """
-        config = zenoh.Config.from_json5(bus.session_config_json(mode="router", listen=[endpoint]))
+        if connect is None:
+            text = bus.session_config_json(mode="router", listen=[endpoint])
+        else:
+            text = bus.session_config_json(mode="client", connect=[connect])
+        config = zenoh.Config.from_json5(text)
         session = await asyncio.to_thread(zenoh.open, config)
         return cls(session, farm, asyncio.get_running_loop())
 

@@ -34,5 +34,5 @@ def choose(order: Sequence[str], healthy: Collection[str], faulted: Collection[s
 
 
 def _departure(skipped: Sequence[str], healthy: Collection[str], why: Callable[[str], str]) -> str | None:
-    reasons = [f"{robot} {'failed an earlier attempt' if robot in healthy else why(robot)}" for robot in skipped]
+    reasons = [f"{robot} {'refused or failed an earlier attempt' if robot in healthy else why(robot)}" for robot in skipped]
     return "; ".join(reasons) or None

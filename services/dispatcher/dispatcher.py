@@ -145,8 +145,10 @@ class Dispatcher:
             return
         self.metrics.refusals.inc()
         self.fleet.member(claim.robot).paused_until_s = self.clock.now_s() + self.settings.refused_pause_s
-        said = "did not answer the offer" if reply is None else f"refused the offer: {reply.reason or 'no reason given'}"
-        await self._ender.end(claim, f"{claim.robot} {said}")
+        if reply is None:
+            await self._ender.end(claim, f"{claim.robot} did not answer the offer")
+        else:
+            await self._ender.decline(claim, f"{claim.robot} refused the offer: {reply.reason or 'no reason given'}")
 
     async def _lease(self, claim: Claim, row: AnyRow) -> Lease:
         manifest, graph_sha256 = await self._policy(row.policy)

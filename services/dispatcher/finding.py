@@ -30,7 +30,7 @@ async def find_trial(tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float
     blocks = 0
     while True:
         row = await queue.oldest_of(tx, robot)
-        if row is not None and row.faults == 0:
+        if row is not None and row.fence == 0:
             return row, row.departure
         if row is not None:
             choice = await queue.choose_again(tx, row, healthy, why)

@@ -1,4 +1,4 @@
-"""Leases that must end without an outcome: their time is over, or their robot is gone."""
+"""Leases that must end without an outcome: their time is over, their robot is gone, or it did not take them."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ log = structlog.get_logger()
 
 @dataclass
 class LeaseEnder:
-    """Ends leases by the platform's fault."""
+    """Ends leases that have no outcome."""
 
     settings: Settings
     database: Database
@@ -43,5 +43,15 @@ class LeaseEnder:
         self.fleet.freed(claim, done=False)
         if ending is not None and ending.job_id is not None:
             log.warning("attempt failed by the platform's fault", trial=claim.trial_id, robot=claim.robot, reason=reason)
+            self.signals.job_changed(ending.job_id)
+        self.signals.wake_dispatcher()
+
+    async def decline(self, claim: Claim, reason: str) -> None:
+        """Sends the trial of a refused offer back to the queue; nothing counts."""
+        async with self.database.write() as tx:
+            ending = await completion.decline(tx, self.clock.now_s(), claim, reason)
+        self.fleet.freed(claim, done=False)
+        if ending is not None and ending.job_id is not None:
+            log.info("offer refused", trial=claim.trial_id, robot=claim.robot, reason=reason)
             self.signals.job_changed(ending.job_id)
         self.signals.wake_dispatcher()

@@ -99,9 +99,10 @@ async def policy_of(connection: AsyncConnection, digest: str) -> AnyRow:
 
 
 async def _faulted(connection: AsyncConnection, row: AnyRow) -> frozenset[str]:
-    if row.faults == 0:
+    if row.fence == 0:
         return frozenset()
-    failed = select(attempt.c.robot).where(attempt.c.trial_id == row.trial_id, attempt.c.state == AttemptState.PLATFORM_FAULT)
+    not_again = (AttemptState.PLATFORM_FAULT, AttemptState.DECLINED)
+    failed = select(attempt.c.robot).where(attempt.c.trial_id == row.trial_id, attempt.c.state.in_(not_again))
     return frozenset((await connection.execute(failed)).scalars())
 
 

@@ -99,12 +99,30 @@ async def fault(
     return Ending(now.job_id, done=False, job_ended=ended)
 
 
+async def decline(tx: AsyncConnection, now_s: float, claim: Claim, reason: str) -> Ending | None:
+    """The robot did not take the offer: the trial is queued again and nothing counts. None when the claim does not hold."""
+    moved = await _leave(tx, claim, TrialState.QUEUED)
+    if moved is None:
+        return None
+    await close_attempt(tx, now_s, claim, AttemptState.DECLINED, reason)
+    now = await _record(tx, now_s, moved, "offer_declined", f"trial {moved.ordinal} not taken: {reason}", claim=claim)
+    ended = await _cancel_if_unwanted(tx, now_s, now, claim)
+    return Ending(now.job_id, done=False, job_ended=ended)
+
+
+async def _cancel_if_unwanted(tx: AsyncConnection, now_s: float, now: AnyRow, claim: Claim) -> bool:
+    """A trial that came back to the queue of a job that was cancelled meanwhile is cancelled too."""
+    if not now.cancel_requested and now.state in UNENDED:
+        return False
+    await tx.execute(update(trial).where(trial.c.trial_id == claim.trial_id).values(state=TrialState.CANCELLED))
+    return await end_cancelled(tx, now_s, now)
+
+
 async def _after_fault(
     tx: AsyncConnection, now_s: float, now: AnyRow, moved: AnyRow, *, claim: Claim, reason: str, max_attempts: int
 ) -> bool:
     if now.cancel_requested or now.state not in UNENDED:
-        await tx.execute(update(trial).where(trial.c.trial_id == claim.trial_id).values(state=TrialState.CANCELLED))
-        return await end_cancelled(tx, now_s, now)
+        return await _cancel_if_unwanted(tx, now_s, now, claim)
     if moved.faults < max_attempts:
         return False
     last = f"the last time on {claim.robot}: {reason}"

@@ -24,7 +24,7 @@ async def write(tx: AsyncConnection, job: AnyRow) -> None:
     wanted = (
         select(attempt, trial.c.ordinal)
         .join(trial, trial.c.trial_id == attempt.c.trial_id)
-        .where(attempt.c.job_number == job.number)
+        .where(attempt.c.job_number == job.number, attempt.c.state != AttemptState.DECLINED)
         .order_by(trial.c.ordinal, attempt.c.fence)
     )
     attempts = (await tx.execute(wanted)).all()

@@ -57,7 +57,7 @@ class Teacher:
     """The published expert: its scaling, its network and its torque limit, as its tensors give them."""
 
     def __init__(self, path: Path) -> None:
-        self._w = load_file(path)
+        self._w = {name: tensor.float() for name, tensor in load_file(path).items()}
 
     @torch.no_grad()
     def act(self, observation: torch.Tensor) -> torch.Tensor:
@@ -75,6 +75,9 @@ class Teacher:
 
 class Student(nn.Module):
     """A smaller network with the same inputs; its inputs are normalised by the first samples it has seen."""
+
+    mean: torch.Tensor
+    variance: torch.Tensor
 
     def __init__(self, inputs: int, hidden: tuple[int, ...]) -> None:
         super().__init__()
@@ -142,7 +145,7 @@ def train(settings: Settings, teacher: Teacher) -> tuple[Student, dict]:
                 optimizer.zero_grad()
                 loss.backward()
                 optimizer.step()
-                loss_value = float(loss)
+                loss_value = loss.item()
         if step % (10 * periods) == 0:
             print(f"{elapsed:4.0%}  samples {count}  loss {loss_value:.4f}  expert acts {expert_acts.mean():.0%}", flush=True)
     return student, {"samples": count, "final_loss": loss_value, "wall_s": time.monotonic() - started_s}

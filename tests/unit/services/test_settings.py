@@ -3,22 +3,22 @@ import sys
 
 import pytest
 
-from services.__main__ import settings_from
+from services.__main__ import parsed
 
 
 def test_flags_win_over_variables_over_defaults(monkeypatch):
-    assert settings_from(["serve"]).port == 8000
+    assert parsed(["serve"])[1].port == 8000
     monkeypatch.setenv("TRIFARM_PORT", "1234")
     monkeypatch.setenv("TRIFARM_PASS_OVER_S", "5")
-    assert settings_from(["serve"]).port == 1234
-    assert settings_from(["serve", "--port", "99"]).port == 99
-    assert settings_from(["serve"]).pass_over_s == 5
+    assert parsed(["serve"])[1].port == 1234
+    assert parsed(["serve", "--port", "99"])[1].port == 99
+    assert parsed(["serve"])[1].pass_over_s == 5
 
 
 @pytest.mark.parametrize("arguments", [[], ["fly"], ["serve", "--port", "x"]])
 def test_wrong_arguments_end_with_the_usage(arguments, capsys):
     with pytest.raises(SystemExit) as ended:
-        settings_from(arguments)
+        parsed(arguments)
     assert ended.value.code == 2
     assert "usage" in capsys.readouterr().err
 

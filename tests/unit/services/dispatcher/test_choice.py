@@ -23,7 +23,7 @@ def test_the_next_with_the_reason_when_it_is_not():
 
 def test_a_robot_that_failed_the_trial_comes_after_those_that_did_not():
     choice = choose(ORDER, {"a", "b", "c"}, {"a"}, why)
-    assert (choice.first_choice, choice.departure) == ("b", "a failed an earlier attempt")
+    assert (choice.first_choice, choice.departure) == ("b", "a refused or failed an earlier attempt")
 
 
 def test_when_all_have_failed_it_the_first_tries_again():

@@ -1,0 +1,37 @@
+"""The bus alone: a zenoh router for farms whose services and robots run in processes or containers of their own."""
+
+import asyncio
+import os
+import signal
+
+import structlog
+
+from services.dispatcher.bus import Bus
+from services.settings import Settings
+
+log = structlog.get_logger()
+PARENT_LOOK_S = 0.5
+
+
+async def route(settings: Settings) -> None:
+    """Routes until SIGINT, SIGTERM or the end of the parent process."""
+    bus = await Bus.open(settings.bus, settings.farm)
+    log.info("routing", bus=settings.bus)
+    try:
+        await told_to_stop()
+    finally:
+        await bus.close()
+
+
+async def told_to_stop() -> str:
+    """Waits for SIGINT, SIGTERM or the end of the parent process; says which."""
+    told, parent = asyncio.Event(), os.getppid()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, told.set)
+    while not told.is_set() and os.getppid() == parent:
+        try:
+            async with asyncio.timeout(PARENT_LOOK_S):
+                await told.wait()
+        except TimeoutError:
+            continue
+    return "told to" if told.is_set() else "the parent process has gone"

@@ -1,0 +1,57 @@
+"""What the documents name exists, and the Makefile stays small."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent.parent
+DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_links_lead_somewhere(document):
+    for target in re.findall(r"\]\(([^)#]+)\)", document.read_text()):
+        if not target.startswith("http"):
+            assert (document.parent / target).exists(), f"{document.name} links to {target}, which does not exist"
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_make_targets_in_documents_exist(document):
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    for target in re.findall(r"`make ([a-z-]+)`|^make ([a-z-]+)", document.read_text(), re.MULTILINE):
+        assert (target[0] or target[1]) in targets
+
+
+def test_makefile_has_at_most_ten_targets():
+    phony = re.search(r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert phony is not None
+    assert len(phony.group(1).split()) <= 10
+
+
+def test_documented_log_channels_are_those_of_the_writer():
+    from api_schemas import trial_log
+
+    written = {
+        value for value in vars(trial_log).values() if isinstance(value, str) and value.startswith(("/measured/", "/truth/"))
+    }
+    documented = set(re.findall(r"`(/(?:measured|truth)/[a-z_]+)`", (ROOT / "docs/logs.md").read_text()))
+    assert documented == written
+
+
+def test_documented_layouts_and_manifest_are_valid():
+    from api_schemas.policy import LAYOUTS, PolicyManifest
+
+    text = (ROOT / "docs/policies.md").read_text()
+    assert set(re.findall(r"^\| `([a-z0-9-]+)` \|", text, re.MULTILINE)) == set(LAYOUTS)
+    example = re.search(r"```json\n(.*?)```", text, re.DOTALL)
+    assert example is not None
+    PolicyManifest.model_validate_json(example.group(1))
+
+
+def test_no_file_is_over_300_lines_without_saying_why():
+    for package in ("api_schemas", "sim_backend", "robot_farm", "services", "client_cli"):
+        for path in (ROOT / package).rglob("*.py"):
+            text = path.read_text()
+            if text.count("\n") > 300:
+                assert "one thing" in text.split('"""')[1], f"{path.relative_to(ROOT)} is over 300 lines"

@@ -1,0 +1,78 @@
+"""A real farm for tests: ``trifarm up`` in a folder of its own, spoken to through the command line as a user would."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+TRIFARM = [sys.executable, "-m", "client_cli"]
+READY_WITHIN_S = 60
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+class Farm:
+    """Started on entry, stopped on exit; its settings never touch the user's."""
+
+    def __init__(self, folder: Path, *, robots: int = 4) -> None:
+        self.folder, self.robots = folder, robots
+        self.port = free_port()
+        kept = {name: value for name, value in os.environ.items() if not name.startswith("TRIFARM_")}
+        self.env = kept | {"TRIFARM_HOME": str(folder / "home")}
+        self.log = folder / "up.log"
+
+    def __enter__(self) -> "Farm":
+        command = [*TRIFARM, "up", "--robots", str(self.robots), "--data", str(self.folder / "data"), "--port", str(self.port)]
+        with self.log.open("wb") as out:
+            self.process = subprocess.Popen(command, env=self.env, stdout=out, stderr=subprocess.STDOUT)
+        give_up_s = time.monotonic() + READY_WITHIN_S
+        while "The farm is up" not in self.log.read_text():
+            if self.process.poll() is not None or time.monotonic() > give_up_s:
+                raise AssertionError(f"the farm did not start: {self.log.read_text()[-3000:]}")
+            time.sleep(0.05)
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.stop()
+
+    def stop(self) -> float:
+        """End the farm; gives the seconds that took."""
+        started_s = time.monotonic()
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGTERM)
+        self.process.wait(timeout=10)
+        return time.monotonic() - started_s
+
+    def run(self, *arguments: str, code: int | None = 0) -> str:
+        """Standard output of a command; its exit code must be ``code``."""
+        done = subprocess.run([*TRIFARM, *arguments], env=self.env, capture_output=True, text=True, timeout=280, check=False)
+        assert code is None or done.returncode == code, f"{arguments}: exit {done.returncode}: {done.stdout}{done.stderr}"
+        return done.stdout
+
+    def json(self, *arguments: str, code: int | None = 0) -> dict:
+        return json.loads(self.run(*arguments, "--json", code=code))
+
+    def submit(
+        self, policy: Path, *, layout: str | None = None, task: str = "push", trials: int = 4, seed: int = 1, wait: bool = False
+    ) -> str:
+        """The id of a new job."""
+        more = ["--layout", layout] if layout else []
+        more += ["--wait"] if wait else []
+        arguments = ("submit", str(policy), "--task", task, "--trials", str(trials), "--seed", str(seed), *more)
+        return self.json(*arguments)["job_id"]
+
+    def report(self, job: str) -> dict:
+        """The report, after waiting for the job's end."""
+        self.run("watch", job)
+        return self.json("report", job)
+
+    def running(self) -> list[dict]:
+        return [robot for robot in self.json("robots")["robots"] if robot["state"] == "running"]

@@ -1,0 +1,169 @@
+"""The whole walk of a job on real farms, with what goes wrong on them."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.end_to_end.farm import Farm
+from tests.graphs import endless, linear, memory_hog
+
+ROOT = Path(__file__).parent.parent.parent
+REFERENCE = ROOT / "sim_backend/training/reference_policies/push.safetensors"
+EXPERTS = ROOT.parent / "shared/data/policies"
+
+
+@pytest.fixture(scope="module")
+def farm(tmp_path_factory):
+    with Farm(tmp_path_factory.mktemp("farm"), robots=4) as farm:
+        yield farm
+
+
+def numbers(report: dict) -> list:
+    """What must not depend on machine or robots: each trial's outcome to the last bit."""
+    return [(row["trial"], row["seed"], row["outcome"]["kind"], row["outcome"]["measures"]) for row in report["per_trial"]]
+
+
+def test_reference_policy_from_submission_to_verified_logs(farm, tmp_path):
+    job = farm.submit(REFERENCE, trials=8, seed=11, wait=True)
+    report = farm.report(job)
+    assert report["trials"] == 8 == len(report["per_trial"])
+    assert report["platform_faults"] == 0 == report["policy_faults"]
+    assert report["successes"] >= 6
+    low, high = report["interval_80"]
+    assert low < report["success_rate"] <= high
+    assert sum(row["trials"] for row in report["per_robot"]) == 8
+    farm.run("fetch", job, "--to", str(tmp_path / "logs"))
+    logs = sorted((tmp_path / "logs").glob("*.mcap"))
+    assert [log.name for log in logs] == [f"trial-{k:03d}.mcap" for k in range(8)]
+    assert farm.json("replay", str(logs[0]), "--verify")["same"]
+    summary = farm.json("replay", str(logs[1]))
+    assert summary["joint_states"] == 15000
+    assert abs(summary["tracked_poses"] - 150) <= 2
+
+
+def test_same_seed_same_numbers_on_one_two_and_four_robots(farm, tmp_path):
+    results = [numbers(farm.report(farm.submit(REFERENCE, trials=4, seed=3)))]
+    for robots in (1, 2):
+        with Farm(tmp_path / str(robots), robots=robots) as other:
+            results.append(numbers(other.report(other.submit(REFERENCE, trials=4, seed=3))))
+    assert results[0] == results[1] == results[2]
+
+
+def test_a_killed_robot_costs_one_attempt_and_nothing_else(farm):
+    job = farm.submit(REFERENCE, trials=24, seed=5)
+    killed = None
+    give_up_s = time.monotonic() + 60
+    while killed is None and time.monotonic() < give_up_s:
+        killed = next(iter(farm.running()), None)
+    assert killed is not None, "no robot was seen running"
+    os.kill(killed["pid"], signal.SIGKILL)
+    report = farm.report(job)
+    assert len(report["per_trial"]) == 24 == len({row["trial_id"] for row in report["per_trial"]})
+    assert report["platform_faults"] <= 1
+    assert report["attempts"] == 24 + report["platform_faults"]
+    assert numbers(report) == numbers(farm.report(farm.submit(REFERENCE, trials=24, seed=5)))
+    if report["platform_faults"]:
+        assert report["platform_fault_attempts"][0]["robot"] == killed["robot"]
+
+
+@pytest.mark.parametrize(
+    "make, kind",
+    [
+        (lambda path: linear(path, bias=float("nan")), "nonfinite_action"),
+        (endless, "action_deadline"),
+        (memory_hog, "policy_error"),
+    ],
+    ids=["nan", "endless", "memory"],
+)
+def test_bad_policies_are_the_policys_fault_and_robots_go_on(farm, tmp_path, make, kind):
+    job = farm.submit(make(tmp_path / "bad.onnx"), layout="rrc2022-push", trials=2, seed=1)
+    report = farm.report(job)
+    assert report["policy_faults"] == 2
+    assert report["successes"] == 0 == report["platform_faults"]
+    assert {row["outcome"]["kind"] for row in report["per_trial"]} == {kind}
+    after = farm.report(farm.submit(REFERENCE, trials=4, seed=2))
+    assert after["trials"] == 4
+    assert after["platform_faults"] == 0
+
+
+def test_a_policy_whose_process_dies_is_named(farm, tmp_path):
+    job = farm.submit(linear(tmp_path / "slow.onnx", seed=9), layout="rrc2022-push", task="lift", trials=4, seed=1)
+    give_up_s, killed = time.monotonic() + 60, False
+    while not killed and time.monotonic() < give_up_s:
+        for robot in farm.running():
+            found = subprocess.run(["pgrep", "-P", str(robot["pid"])], capture_output=True, text=True, check=False).stdout.split()
+            if found:
+                os.kill(int(found[0]), signal.SIGKILL)
+                killed = True
+                break
+    report = farm.report(job)
+    assert report["platform_faults"] == 0
+    kinds = [row["outcome"]["kind"] for row in report["per_trial"]]
+    assert len(kinds) == 4
+    assert kinds.count("policy_process_ended") <= 1  # the process may have been killed between two trials
+
+
+@pytest.mark.skipif(not EXPERTS.exists(), reason="the published experts are not beside this checkout (../shared/data/policies)")
+@pytest.mark.parametrize("task, floor", [("push", 34), ("lift", 28)])
+def test_published_experts(farm, task, floor):
+    job = farm.submit(EXPERTS / f"{task}_expert.safetensors", layout=f"rrc2022-{task}", task=task, trials=40, seed=2022)
+    report = farm.report(job)
+    assert report["trials"] == 40
+    assert report["platform_faults"] == 0 == report["policy_faults"]
+    assert report["successes"] >= floor
+
+
+def test_services_never_import_physics_or_learning(farm):
+    pid = next(
+        int(line.split()[0])
+        for line in subprocess.run(
+            ["pgrep", "-af", "services serve"], capture_output=True, text=True, check=True
+        ).stdout.splitlines()
+        if str(farm.port) in line
+    )
+    maps = Path(f"/proc/{pid}/maps").read_text()
+    for library in ("libmujoco", "torch", "onnxruntime"):
+        assert library not in maps
+
+
+def test_everything_ends_within_five_seconds_and_nothing_is_left(tmp_path):
+    with Farm(tmp_path, robots=2) as farm:
+        farm.submit(REFERENCE, trials=40, seed=1)
+        pids = [robot["pid"] for robot in farm.json("robots")["robots"]]
+        assert farm.stop() < 5
+        time.sleep(0.2)
+        for pid in pids:
+            assert not Path(f"/proc/{pid}").exists()
+
+
+def test_robots_end_when_their_parent_is_killed(tmp_path):
+    with Farm(tmp_path, robots=2) as farm:
+        pids = [robot["pid"] for robot in farm.json("robots")["robots"]]
+        farm.process.kill()
+        give_up_s = time.monotonic() + 8
+        while any(Path(f"/proc/{pid}").exists() for pid in pids) and time.monotonic() < give_up_s:
+            time.sleep(0.1)
+        assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
+
+
+def test_job_survives_a_restart_of_the_farm(tmp_path):
+    first = Farm(tmp_path, robots=2)
+    with first:
+        job = first.submit(REFERENCE, trials=12, seed=4)
+        while not first.running():
+            time.sleep(0.05)
+    with Farm(tmp_path, robots=2) as second:
+        report = second.report(job)
+        assert len(report["per_trial"]) == 12
+
+
+def test_module_runs_without_a_farm():
+    env = os.environ | {"TRIFARM_URL": "http://127.0.0.1:1", "TRIFARM_TOKEN": "trifarm_a_b"}
+    done = subprocess.run([sys.executable, "-m", "client_cli", "jobs"], env=env, capture_output=True, text=True, check=False)
+    assert done.returncode == 4
+    assert "127.0.0.1:1" in done.stderr
