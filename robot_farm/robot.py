@@ -11,6 +11,7 @@ from api_schemas.robot import Lease
 from api_schemas.trial import FAULT_OF, Outcome, OutcomeKind
 from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError
 from robot_farm.bus_link import BusLink
+from robot_farm.core import stay_on_one_core, turn
 from robot_farm.jail import JailedPolicy
 from robot_farm.lease_keeper import LeaseKeeper
 from robot_farm.settings import Settings
@@ -27,6 +28,7 @@ class Robot:
         self._name, self._settings, self._say = name, settings, say
         self._folder = settings.robot_folder(name)
         self._folder.mkdir(parents=True, exist_ok=True)
+        self._core = stay_on_one_core(name)
         for left_over in self._folder.glob("*.mcap"):
             left_over.unlink()  # of a process that was killed; its lease is void
         self._driver = SimulatedDriver()
@@ -85,16 +87,17 @@ class Robot:
 
         try:
             policy = self._policy_for(lease, api)
-            outcome = run_trial(
-                lease,
-                policy,
-                self._driver,
-                self._channels,
-                log,
-                stop_reason=stop_reason,
-                physics=self._settings.physics,
-                progress=self._progress,
-            )
+            with turn(self._settings.data / "robots", self._core):
+                outcome = run_trial(
+                    lease,
+                    policy,
+                    self._driver,
+                    self._channels,
+                    log,
+                    stop_reason=stop_reason,
+                    physics=self._settings.physics,
+                    progress=self._progress,
+                )
         except TrialStoppedError as error:
             self._end_policy()
             if keeper.cancelled:

@@ -27,6 +27,7 @@ class Farm:
         self.port = free_port()
         kept = {name: value for name, value in os.environ.items() if not name.startswith("TRIFARM_")}
         self.env = kept | {"TRIFARM_HOME": str(folder / "home")}
+        folder.mkdir(parents=True, exist_ok=True)
         self.log = folder / "up.log"
 
     def __enter__(self) -> "Farm":
