@@ -86,7 +86,7 @@ class PolicyManifest(Schema):
     name: str = Field(default="unnamed", min_length=1, max_length=100)
     observation: Annotated[tuple[str, ...], AfterValidator(_known_fields)] = Field(min_length=1, max_length=32)
     action_kind: ActionKind = ActionKind.TORQUE
-    rate_hz: int = Field(default=50, ge=1, le=1000)
+    rate_hz: int = Field(default=50, ge=4, le=1000)
     action_delay_s: float = Field(default=0.0, ge=0, lt=1)
     activation: Literal["elu", "relu", "tanh"] = "elu"
     input_scaling: InputScaling = InputScaling()

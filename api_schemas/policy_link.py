@@ -18,8 +18,9 @@ RESET = 2
 OK = 0
 FAILED = 1
 READY = 2
+BROKEN = 3  # the runtime itself could not be loaded
 
-MAX_TEXT_BYTES = 2000
+MAX_TEXT_BYTES = 1500
 
 
 class LinkClosedError(Exception):

@@ -6,6 +6,9 @@ from pydantic import Field
 
 from api_schemas.schema import Schema
 
+MAX_REASON = 2000
+"""Characters of a reason."""
+
 
 class TrialState(StrEnum):
     """``queued -> leased -> running -> done``, and back to ``queued`` after a fault of the platform."""
@@ -83,7 +86,7 @@ class Outcome(Schema):
 
     kind: OutcomeKind
     fault: Fault
-    reason: str = Field(max_length=2000)
+    reason: str = Field(max_length=MAX_REASON)
     measures: Measures | None = None
     policy_timing: PolicyTiming | None = None
     wall_s: float = 0.0

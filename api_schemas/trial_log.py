@@ -24,7 +24,7 @@ TORQUE = "/measured/torque"  # trifarm.Torque at 1 kHz: desired and applied
 TRACKED_POSE = "/measured/tracked_cube_pose"  # foxglove.PoseInFrame at 10 Hz
 TRACKER = "/measured/tracker"  # JSON at 10 Hz: capture and delivery time, confidence
 POLICY = "/measured/policy"  # trifarm.PolicyStep at the policy's rate: observation, action, inference time
-GOAL = "/measured/goal"  # foxglove.PoseInFrame, once
+GOAL = "/measured/goal"  # foxglove.PoseInFrame, once; not for ``reach``, whose goal is a metadata record
 MEASURED_TRANSFORMS = "/measured/tf"  # foxglove.FrameTransforms
 MEASURED_SCENE = "/measured/scene"  # foxglove.SceneUpdate, once
 EVENTS = "/measured/events"  # foxglove.Log
@@ -34,6 +34,7 @@ TRUE_SCENE = "/truth/scene"  # foxglove.SceneUpdate, once
 
 TRIAL_METADATA = "trial"
 OUTCOME_METADATA = "outcome"
+GOAL_METADATA = "goal"
 MODEL_ATTACHMENT = "model.xml"
 MANIFEST_ATTACHMENT = "manifest.json"
 

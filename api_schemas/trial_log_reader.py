@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
@@ -23,7 +22,8 @@ class TrialLog:
     """A trial's log as arrays; ``steps`` count milliseconds since the start.
 
     Shapes: joints (n, 9) in rad, rad/s and N m at every step; cube poses (m, 3) in m and (m, 4) wxyz at ``cube_steps``;
-    tracked poses (k, 3), (k, 4) with ``capture_s``, ``delivery_s`` and ``confidence`` (k,).
+    tracked poses (k, 3), (k, 4) with ``capture_s``, ``delivery_s`` and ``confidence`` (k,). ``goal`` is the wanted pose of the
+    cube, None where the task has none.
     """
 
     metadata: dict[str, str]
@@ -42,7 +42,7 @@ class TrialLog:
     capture_s: np.ndarray
     delivery_s: np.ndarray
     confidence: np.ndarray
-    goal: tuple[np.ndarray, np.ndarray]
+    goal: tuple[np.ndarray, np.ndarray] | None
     message_counts: dict[str, int]
 
 
@@ -55,7 +55,7 @@ def read_log(path: Path) -> TrialLog:
     try:
         with path.open("rb") as stream:
             return _read(stream)
-    except (OSError, McapError, EOFError, ValueError, KeyError) as error:
+    except Exception as error:  # the border to foreign bytes: decoders raise errors of many libraries
         raise LogUnreadableError(f"{path.name} cannot be read as a trial log: {error or type(error).__name__}") from error
 
 
@@ -78,7 +78,7 @@ def _read(stream) -> TrialLog:
     cube = [_pose(m) for _, m in messages[trial_log.CUBE_POSE]]
     tracked = [_pose(m) for _, m in messages[trial_log.TRACKED_POSE]]
     tracker = [m for _, m in messages[trial_log.TRACKER]]
-    goal = _pose(messages[trial_log.GOAL][0][1])
+    goals = [_pose(m) for _, m in messages[trial_log.GOAL]]
     return TrialLog(
         metadata=records[trial_log.TRIAL_METADATA],
         outcome=records.get(trial_log.OUTCOME_METADATA, {}),
@@ -96,7 +96,7 @@ def _read(stream) -> TrialLog:
         capture_s=np.array([m["capture_time_s"] for m in tracker]),
         delivery_s=np.array([m["delivery_time_s"] for m in tracker]),
         confidence=np.array([m["confidence"] for m in tracker]),
-        goal=(np.array(goal[0]), np.array(goal[1])),
+        goal=(np.array(goals[0][0]), np.array(goals[0][1])) if goals else None,
         message_counts=dict(counts),
     )
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 TAIL_LINES = 15
-NOT_FOR_CHILDREN = ("TRIFARM_TOKEN", "TRIFARM_URL", "TRIFARM_ADMIN_TOKEN", "TRIFARM_ROBOT_TOKEN")
-"""The caller's own tokens: an embedded farm makes its own."""
+OWN_PREFIX = "TRIFARM_"
+"""No such variable of the caller reaches a child: an embedded farm has its own tokens and settings."""
 
 
 def module_command(module: str, *arguments: str) -> list[str]:
@@ -21,7 +21,7 @@ def module_command(module: str, *arguments: str) -> list[str]:
 
 def child_environment(**extra: str) -> dict[str, str]:
     """The environment of a child; it finds our packages in a clone that nobody has installed, too."""
-    environment = {name: value for name, value in os.environ.items() if name not in NOT_FOR_CHILDREN} | extra
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(OWN_PREFIX)} | extra
     root = Path(__file__).resolve().parents[1]
     if (root / "pyproject.toml").exists():
         environment["PYTHONPATH"] = os.pathsep.join(filter(None, (environment.get("PYTHONPATH"), str(root))))

@@ -12,7 +12,7 @@ from api_schemas.trial import Outcome
 
 RETRY_FOR_S = 120.0
 """An outcome is offered again for so long when the API is away; by then the lease has long run out."""
-_RETRY_STATUS = frozenset({429, 502, 503, 504})
+_RETRY_STATUS = frozenset({429, 500, 502, 503, 504})
 
 
 class LeaseRefusedError(Exception):

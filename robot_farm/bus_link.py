@@ -4,8 +4,10 @@ import os
 import queue
 import socket
 import threading
+import time
 import uuid
 from collections.abc import Callable
+from dataclasses import dataclass
 from importlib.metadata import version
 from types import TracebackType
 
@@ -19,6 +21,14 @@ LIVE_EVERY_S = 0.1
 CLOSE_WITHIN_S = 3.0
 
 
+@dataclass(frozen=True)
+class Accepted:
+    """A lease and when it was accepted, on the robot's monotonic clock."""
+
+    lease: Lease
+    at_s: float
+
+
 class BusLink:
     """Presence of one robot on the bus; a context manager. Owner of the robot's state as others see it.
 
@@ -29,6 +39,7 @@ class BusLink:
         physics: name of its physics, as told to the dispatcher.
         live: gives the live state, or None when nothing runs; called ten times a second.
         on_cancel: called with trial id and fence when a trial shall stop.
+        stopping: whether the robot is about to end and takes no more offers.
     """
 
     def __init__(
@@ -40,14 +51,15 @@ class BusLink:
         *,
         live: Callable[[], bus.LiveState | None],
         on_cancel: Callable[[str, int], None],
+        stopping: Callable[[], bool],
     ) -> None:
         self._endpoint, self._farm, self._robot, self._physics = endpoint, farm, robot, physics
-        self._live, self._on_cancel = live, on_cancel
+        self._live, self._on_cancel, self._stopping = live, on_cancel, stopping
         self._instance = uuid.uuid4().hex
         self._lock = threading.Lock()
         self._state, self._lease = RobotState.IDLE, None
         self._draining = False
-        self._offers: queue.Queue[Lease] = queue.Queue(maxsize=1)
+        self._offers: queue.Queue[Accepted] = queue.Queue(maxsize=1)
         self._closing = threading.Event()
 
     def __enter__(self) -> "BusLink":
@@ -76,7 +88,7 @@ class BusLink:
         closer.start()
         closer.join(timeout=CLOSE_WITHIN_S)
 
-    def next_lease(self, timeout_s: float) -> Lease | None:
+    def next_lease(self, timeout_s: float) -> Accepted | None:
         """The lease that was accepted, or None if none came in time."""
         try:
             return self._offers.get(timeout=timeout_s)
@@ -124,10 +136,10 @@ class BusLink:
                 if (self._lease.trial_id, self._lease.fence) == (lease.trial_id, lease.fence):
                     return OfferReply(accepted=True)  # the same offer again: its first answer was lost
                 return OfferReply(accepted=False, reason=f"busy with trial {self._lease.trial_id}")
-            if self._draining:
-                return OfferReply(accepted=False, reason="draining")
+            if self._draining or self._stopping():
+                return OfferReply(accepted=False, reason="draining" if self._draining else "about to end")
             self._lease, self._state = lease, RobotState.LEASED
-        self._offers.put_nowait(lease)
+        self._offers.put_nowait(Accepted(lease, time.monotonic()))
         return OfferReply(accepted=True)
 
     def _answer_command(self, query: zenoh.Query) -> None:

@@ -43,13 +43,14 @@ class JailedPolicy:
         self._read_fd, from_child = os.pipe()
         os.set_inheritable(to_child, True)
         os.set_inheritable(from_child, True)
+        arguments = (str(graph), str(to_child), str(from_child), str(os.getpid()))
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "robot_farm.jailed_policy", str(graph), str(to_child), str(from_child)],
+            [sys.executable, "-m", "robot_farm.jailed_policy", *arguments],
             pass_fds=(to_child, from_child),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
-            env={"PYTHONPATH": str(Path(__file__).parent.parent), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"},
+            env=_environment(),
             cwd="/",
             start_new_session=True,
         )
@@ -79,6 +80,8 @@ class JailedPolicy:
         if not self._ready:
             self._wait(START_CPU_S, START_WALL_S, "loading the network")
             status, payload, _ = self._reply()
+            if status == policy_link.BROKEN:
+                raise PolicyFailedError(OutcomeKind.PLATFORM_ERROR, f"the robot has no working runtime: {_text(payload)}")
             if status != policy_link.READY:
                 raise PolicyFailedError(OutcomeKind.POLICY_ERROR, f"the network could not be loaded: {_text(payload)}")
             self._ready = True
@@ -166,6 +169,12 @@ class JailedPolicy:
             return PolicyFailedError(OutcomeKind.POLICY_PROCESS_ENDED, "the policy process closed its connection")
         how = f"killed by signal {-code}" if code < 0 else f"exit code {code}"
         return PolicyFailedError(OutcomeKind.POLICY_PROCESS_ENDED, f"the policy process ended ({how})")
+
+
+def _environment() -> dict[str, str]:
+    """Nothing of the robot's environment but where libraries are; above all no token."""
+    kept = {name: os.environ[name] for name in ("LD_LIBRARY_PATH",) if name in os.environ}
+    return kept | {"PYTHONPATH": str(Path(__file__).parent.parent), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
 
 
 def _text(payload: bytes) -> str:

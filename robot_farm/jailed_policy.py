@@ -1,25 +1,35 @@
 """The policy process: runs one ONNX graph on the observations that the robot sends, and nothing else.
 
-Started as ``python -m robot_farm.jailed_policy GRAPH.onnx IN_FD OUT_FD`` by ``jail.py``; imports as little as it can.
+Started as ``python -m robot_farm.jailed_policy GRAPH.onnx IN_FD OUT_FD ROBOT_PID`` by ``jail.py``; imports as little as it can.
 """
 
+import ctypes
 import os
 import resource
+import signal
 import sys
 import time
 
 from api_schemas import policy_link
 
+PR_SET_PDEATHSIG = 1
 MEMORY_BYTES = 4 * 1024**3
 MAX_FILES = 64
 
 
 def main() -> int:
     """Answer requests until the robot closes its end."""
-    graph, read_fd, write_fd = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+    graph, read_fd, write_fd, robot_pid = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
+    _end_with_robot(robot_pid)
     _limit_self()
     try:
-        act = _load(graph)
+        import numpy as np
+        import onnxruntime
+    except Exception as error:  # the robot's installation is broken, which is no fault of the policy
+        _reply_text(write_fd, error, policy_link.BROKEN)
+        return 1
+    try:
+        act = _load(graph, np, onnxruntime)
     except Exception as error:  # whatever the runtime raises goes to the robot as text
         _reply_text(write_fd, error)
         return 1
@@ -31,17 +41,21 @@ def main() -> int:
         return 0
 
 
+def _end_with_robot(robot_pid: int) -> None:
+    """Be killed when the robot ends, however it ends; a network that computes for ever would never notice otherwise."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != robot_pid:
+        sys.exit(1)  # it ended before the line above
+
+
 def _limit_self() -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_NOFILE, (MAX_FILES, MAX_FILES))
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
 
 
-def _load(graph: str):
+def _load(graph: str, np, onnxruntime):
     """The network as a function from observation bytes to an action array and its inference time in ns."""
-    import numpy as np
-    import onnxruntime
-
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
@@ -74,9 +88,9 @@ def _answer(act, read_fd: int, write_fd: int) -> None:
     os.write(write_fd, policy_link.pack_reply(policy_link.OK, action.tobytes(), inference_time_ns))
 
 
-def _reply_text(write_fd: int, error: Exception) -> None:
+def _reply_text(write_fd: int, error: Exception, status: int = policy_link.FAILED) -> None:
     text = f"{type(error).__name__}: {error}".encode(errors="replace")[: policy_link.MAX_TEXT_BYTES]
-    os.write(write_fd, policy_link.pack_reply(policy_link.FAILED, text))
+    os.write(write_fd, policy_link.pack_reply(status, text))
 
 
 if __name__ == "__main__":

@@ -8,13 +8,15 @@ from api_schemas.robot import RENEW_EVERY_S, Lease
 from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError
 
 CANCELLED = "the job was cancelled"
+JOIN_WITHIN_S = 0.5
 
 
 class LeaseKeeper:
     """Renews one lease from a thread of its own; a context manager. Owner of the lease's end on the robot's clock.
 
-    The robot counts a lease from *before* it asked for it, on a monotonic clock, so that it always stops before the
-    dispatcher gives the trial to another.
+    Renewals count from before they were asked for, on a monotonic clock, so that the robot stops before the dispatcher gives
+    the trial to another. The first period counts from the moment the offer was accepted, at most the offer's way over the
+    bus after it was written; the fence refuses whatever a robot does in that moment.
     """
 
     def __init__(self, api: ApiLink, lease: Lease, taken_at_s: float) -> None:
@@ -30,7 +32,7 @@ class LeaseKeeper:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._done.set()
-        self._thread.join()
+        self._thread.join(timeout=JOIN_WITHIN_S)  # a renewal under way must not keep the next lease waiting
 
     def cancel(self) -> None:
         """The dispatcher wants the trial stopped."""
@@ -54,8 +56,11 @@ class LeaseKeeper:
                 reply = self._api.renew(self._lease.trial_id, self._lease.robot, self._lease.fence)
             except ApiUnreachableError:
                 continue  # the lease ends by itself if this goes on
-            except (LeaseRefusedError, RuntimeError) as error:
+            except LeaseRefusedError as error:
                 self._stop_reason = f"the lease is no longer ours: {error}"
+                return
+            except Exception as error:  # an answer that nobody understands is no renewal
+                self._stop_reason = f"the lease could not be renewed: {type(error).__name__}: {error}"
                 return
             self._ends_at_s = asked_at_s + reply.lease_s
             if reply.cancel:

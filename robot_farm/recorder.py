@@ -33,13 +33,15 @@ class Recorder:
 
     def begin(self, task: Task, goal: Goal, tracked: TrackedPose) -> None:
         """Scene, goal and the pose that the tracker knew before the first step."""
-        has_cube_goal = task.moves_cube
-        position, quat = goal.cube_position_world_m[0], goal.cube_quat_wxyz[0]
-        scene = viewer_scene.measured_scene(position if has_cube_goal else None, quat if has_cube_goal else None)
-        self._writer.message(trial_log.MEASURED_SCENE, 0, scene)
+        position, quat, tips = goal.cube_position_world_m[0], goal.cube_quat_wxyz[0], goal.fingertip_position_world_m[0]
+        wanted = (position, quat, None) if task.moves_cube else (None, None, tips)
+        self._writer.message(trial_log.MEASURED_SCENE, 0, viewer_scene.measured_scene(*wanted))
+        if task.moves_cube:
+            self._writer.goal(position, quat)
+        else:
+            self._writer.metadata(trial_log.GOAL_METADATA, {"fingertip_position_world_m": tips.tolist()})
         self._writer.message(trial_log.TRUE_SCENE, 0, viewer_scene.true_scene())
         self._writer.message(trial_log.MEASURED_TRANSFORMS, 0, viewer_scene.fixed_transforms())
-        self._writer.goal(position, quat)
         self._write_tracked(tracked)
 
     def record(self, period: Period, inference_time_ns: int) -> None:

@@ -2,15 +2,14 @@
 
 import contextlib
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 from api_schemas.bus import LiveState
 from api_schemas.robot import Lease
-from api_schemas.trial import FAULT_OF, Outcome, OutcomeKind
+from api_schemas.trial import FAULT_OF, MAX_REASON, Outcome, OutcomeKind
 from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError
-from robot_farm.bus_link import BusLink
+from robot_farm.bus_link import Accepted, BusLink
 from robot_farm.core import stay_on_one_core, turn
 from robot_farm.jail import JailedPolicy
 from robot_farm.lease_keeper import LeaseKeeper
@@ -19,6 +18,8 @@ from robot_farm.trial import Progress, TrialStoppedError, log_channels, run_tria
 from sim_backend.driver.simulated import SimulatedDriver
 
 IDLE_WAIT_S = 0.5
+UNFINISHED = "unfinished"
+UNFINISHED_KEPT = 5
 
 
 class Robot:
@@ -29,8 +30,7 @@ class Robot:
         self._folder = settings.robot_folder(name)
         self._folder.mkdir(parents=True, exist_ok=True)
         self._core = stay_on_one_core(name)
-        for left_over in self._folder.glob("*.mcap"):
-            left_over.unlink()  # of a process that was killed; its lease is void
+        self._keep_left_overs()
         self._driver = SimulatedDriver()
         self._channels = log_channels()
         self._policy: JailedPolicy | None = None
@@ -51,20 +51,22 @@ class Robot:
                     self._settings.physics,
                     live=self._live_state,
                     on_cancel=self._cancel,
+                    stopping=stop.is_set,
                 )
             )
             while not stop.is_set():
-                lease = bus.next_lease(IDLE_WAIT_S)
-                if lease is None:
-                    continue
-                self._serve(lease, api, bus, stop)
+                accepted = bus.next_lease(IDLE_WAIT_S)
+                if accepted is not None:
+                    self._serve(accepted, api, bus, stop)
 
-    def _serve(self, lease: Lease, api: ApiLink, bus: BusLink, stop: threading.Event) -> None:
-        """One lease, from acceptance to outcome. Whatever goes wrong here is the platform's fault, and is reported so."""
-        taken_at_s, log = time.monotonic(), self._folder / f"{lease.trial_id}-{lease.fence}.mcap"
+    def _serve(self, accepted: Accepted, api: ApiLink, bus: BusLink, stop: threading.Event) -> None:
+        """One lease, from acceptance to outcome. Nothing that goes wrong here ends the robot."""
+        lease = accepted.lease
+        log = self._folder / f"{lease.trial_id}-{lease.fence}.mcap"
         log.unlink(missing_ok=True)
         try:
-            with LeaseKeeper(api, lease, taken_at_s) as keeper:
+            with LeaseKeeper(api, lease, accepted.at_s) as keeper:
+                self._progress = Progress()
                 self._lease, self._keeper = lease, keeper
                 bus.running()
                 outcome = self._attempt(lease, api, keeper, log, stop)
@@ -74,6 +76,9 @@ class Robot:
                     api.report_outcome(lease, outcome, digest)
         except (LeaseRefusedError, ApiUnreachableError) as error:
             self._say(f"trial {lease.trial_id}, attempt {lease.fence}: outcome not accepted: {error}")
+        except Exception as error:
+            self._say(f"trial {lease.trial_id}, attempt {lease.fence}: {type(error).__name__}: {error}")
+            self._report_platform_error(lease, api, error)
         finally:
             self._lease = self._keeper = None
             log.unlink(missing_ok=True)
@@ -114,6 +119,23 @@ class Robot:
             self._end_policy()  # never trusted with another trial in the same process
         return outcome
 
+    def _report_platform_error(self, lease: Lease, api: ApiLink, error: Exception) -> None:
+        """Say that the attempt failed here, so that the trial is tried elsewhere before its lease runs out."""
+        reason = f"{self._name} could not bring its outcome home: {type(error).__name__}: {error}"
+        try:
+            api.report_outcome(lease, _ended(OutcomeKind.PLATFORM_ERROR, reason), None)
+        except Exception as second:  # then the lease runs out by itself
+            self._say(f"trial {lease.trial_id}, attempt {lease.fence}: nor could that be told: {second}")
+
+    def _keep_left_overs(self) -> None:
+        """Logs of a process that was killed: their leases are void, but what they hold may explain what happened."""
+        kept = self._folder / UNFINISHED
+        for log in self._folder.glob("*.mcap"):
+            kept.mkdir(exist_ok=True)
+            self._say(f"the log of an attempt that was cut off is kept as {log.rename(kept / log.name)}")
+        for old in sorted(kept.glob("*.mcap"), key=lambda path: path.stat().st_mtime)[:-UNFINISHED_KEPT]:
+            old.unlink()
+
     def _policy_for(self, lease: Lease, api: ApiLink) -> JailedPolicy:
         """The kept process if it runs this policy, a new one otherwise."""
         if self._policy is not None and self._policy.digest == lease.policy:
@@ -151,4 +173,4 @@ class Robot:
 
 
 def _ended(kind: OutcomeKind, reason: str) -> Outcome:
-    return Outcome(kind=kind, fault=FAULT_OF[kind], reason=reason[:2000])
+    return Outcome(kind=kind, fault=FAULT_OF[kind], reason=reason[:MAX_REASON])

@@ -13,7 +13,7 @@ import numpy as np
 from api_schemas import trial_log
 from api_schemas.policy import PolicyManifest, canonical_json
 from api_schemas.robot import Lease
-from api_schemas.trial import FAULT_OF, Measures, Outcome, OutcomeKind, PolicyTiming
+from api_schemas.trial import FAULT_OF, MAX_REASON, Measures, Outcome, OutcomeKind, PolicyTiming
 from api_schemas.trial_log import LogChannels, TrialLogWriter
 from robot_farm.jail import JailedPolicy, PolicyFailedError
 from robot_farm.recorder import Recorder
@@ -152,7 +152,9 @@ def _outcome(
         assert measures is not None, "a trial that ran to its end has at least one period"
         kind = OutcomeKind.SUCCEEDED if measures.success_at_end else OutcomeKind.FAILED
         reason = _sentence(task, measures)
-    return Outcome(kind=kind, fault=FAULT_OF[kind], reason=reason, measures=measures, policy_timing=timing, wall_s=wall_s)
+    return Outcome(
+        kind=kind, fault=FAULT_OF[kind], reason=reason[:MAX_REASON], measures=measures, policy_timing=timing, wall_s=wall_s
+    )
 
 
 def _measures(manifest: PolicyManifest, task: Task, goal: Goal, states: list[Measurement], *, over: bool) -> Measures:

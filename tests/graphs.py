@@ -74,3 +74,21 @@ def memory_hog(path: Path, *, inputs: int = 54, gigabytes: int = 64) -> Path:
         helper.make_node("Expand", ["top", "nine"], ["action"]),
     ]
     return _model(nodes, [_tensor("huge", np.array([floats])), _tensor("nine", np.array([1, 9]))], inputs, path)
+
+
+def long_error(path: Path, *, inputs: int = 54) -> Path:
+    """Fails when it runs, with an error that quotes a name of several thousand characters."""
+    nodes = [
+        helper.make_node("ReduceSum", ["observation"], ["one"], keepdims=0),
+        helper.make_node("Cast", ["one"], ["index"], to=TensorProto.INT64),
+        helper.make_node("Add", ["index", "far"], ["beyond"]),
+        helper.make_node("Gather", ["nine", "beyond"], ["picked"], name="n" * 5000),
+        helper.make_node("Cast", ["picked"], ["number"], to=TensorProto.FLOAT),
+        helper.make_node("Expand", ["number", "shape"], ["action"]),
+    ]
+    initializers = [
+        _tensor("far", np.array(10**6)),
+        _tensor("nine", np.arange(9)),
+        _tensor("shape", np.array([1, 9])),
+    ]
+    return _model(nodes, initializers, inputs, path)

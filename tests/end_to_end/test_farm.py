@@ -55,20 +55,18 @@ def test_same_seed_same_numbers_on_one_two_and_four_robots(farm, tmp_path):
 
 
 def test_a_killed_robot_costs_one_attempt_and_nothing_else(farm):
-    job = farm.submit(REFERENCE, trials=24, seed=5)
-    killed = None
-    give_up_s = time.monotonic() + 60
-    while killed is None and time.monotonic() < give_up_s:
-        killed = next(iter(farm.running()), None)
-    assert killed is not None, "no robot was seen running"
+    job = farm.submit(REFERENCE, task="lift", trials=12, seed=5)
+    killed = farm.robot_in_mid_trial()
     os.kill(killed["pid"], signal.SIGKILL)
     report = farm.report(job)
-    assert len(report["per_trial"]) == 24 == len({row["trial_id"] for row in report["per_trial"]})
-    assert report["platform_faults"] <= 1
-    assert report["attempts"] == 24 + report["platform_faults"]
-    assert numbers(report) == numbers(farm.report(farm.submit(REFERENCE, trials=24, seed=5)))
-    if report["platform_faults"]:
-        assert report["platform_fault_attempts"][0]["robot"] == killed["robot"]
+    assert len(report["per_trial"]) == 12 == len({row["trial_id"] for row in report["per_trial"]})
+    assert report["platform_faults"] == 1
+    assert report["attempts"] == 13
+    (fault,) = report["platform_fault_attempts"]
+    assert fault["robot"] == killed["robot"]
+    assert numbers(report) == numbers(farm.report(farm.submit(REFERENCE, task="lift", trials=12, seed=5)))
+    kept = list((farm.folder / "data/robots" / killed["robot"] / "unfinished").glob("*.mcap"))
+    assert kept, "the log of the cut-off attempt is gone"
 
 
 @pytest.mark.parametrize(
@@ -91,21 +89,34 @@ def test_bad_policies_are_the_policys_fault_and_robots_go_on(farm, tmp_path, mak
     assert after["platform_faults"] == 0
 
 
-def test_a_policy_whose_process_dies_is_named(farm, tmp_path):
-    job = farm.submit(linear(tmp_path / "slow.onnx", seed=9), layout="rrc2022-push", task="lift", trials=4, seed=1)
-    give_up_s, killed = time.monotonic() + 60, False
-    while not killed and time.monotonic() < give_up_s:
-        for robot in farm.running():
-            found = subprocess.run(["pgrep", "-P", str(robot["pid"])], capture_output=True, text=True, check=False).stdout.split()
-            if found:
-                os.kill(int(found[0]), signal.SIGKILL)
-                killed = True
-                break
+def test_a_policy_whose_process_dies_is_named(farm):
+    job = farm.submit(REFERENCE, task="lift", trials=4, seed=1)
+    robot = farm.robot_in_mid_trial()
+    os.kill(policy_processes(robot["pid"])[0], signal.SIGKILL)
     report = farm.report(job)
+    assert report["policy_faults"] == 1
     assert report["platform_faults"] == 0
-    kinds = [row["outcome"]["kind"] for row in report["per_trial"]]
-    assert len(kinds) == 4
-    assert kinds.count("policy_process_ended") <= 1  # the process may have been killed between two trials
+    (dead,) = [row for row in report["per_trial"] if row["outcome"]["kind"] == "policy_process_ended"]
+    assert dead["robot"] == robot["robot"]
+    assert "killed by signal 9" in dead["outcome"]["reason"]
+
+
+def policy_processes(robot_pid: int) -> list[int]:
+    found = subprocess.run(["pgrep", "-P", str(robot_pid)], capture_output=True, text=True, check=False).stdout.split()
+    return [int(pid) for pid in found]
+
+
+def test_an_endless_policy_ends_with_its_robot(tmp_path):
+    with Farm(tmp_path, robots=1) as farm:
+        farm.submit(endless(tmp_path / "endless.onnx"), layout="rrc2022-push", trials=4, seed=1)
+        (pid,) = [robot["pid"] for robot in farm.json("robots")["robots"]]
+        give_up_s = time.monotonic() + 30
+        while not (children := policy_processes(pid)) and time.monotonic() < give_up_s:
+            time.sleep(0.01)
+        os.kill(pid, signal.SIGKILL)
+        time.sleep(0.5)
+        assert children
+        assert not any(Path(f"/proc/{child}").exists() for child in children)
 
 
 @pytest.mark.skipif(not EXPERTS.exists(), reason="the published experts are not beside this checkout (../shared/data/policies)")

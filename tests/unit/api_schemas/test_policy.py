@@ -38,6 +38,10 @@ def test_the_digest_is_the_documented_hash_and_does_not_depend_on_spelling():
     [
         ({"observation": ["nothing"]}, "choose from"),
         ({"observation": []}, "at least 1"),
+        ({"input_scaling": {"clip": float("inf")}}, "finite"),
+        ({"output_scaling": {"scale": float("nan")}}, "finite"),
+        ({"output_scaling": {"scale": [1e999] * 9}}, "finite"),
+        ({"rate_hz": 2}, "greater than or equal to 4"),
         ({"rate_hz": 7}, "multiple of rate_hz"),
         ({"rate_hz": 0}, "greater than"),
         ({"action_delay_s": 0.02}, "shorter than the control period"),

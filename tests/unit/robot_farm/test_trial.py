@@ -1,6 +1,7 @@
 """A trial from lease to outcome, with a real policy process and a real log."""
 
 import dataclasses
+import json
 from collections import Counter
 
 import numpy as np
@@ -15,7 +16,7 @@ from robot_farm.jail import JailedPolicy
 from robot_farm.trial import Progress, TrialStoppedError, log_channels, run_trial
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.tasks import TASKS
-from tests.graphs import linear
+from tests.graphs import linear, long_error
 from tests.unit.conftest import lease
 
 
@@ -107,3 +108,20 @@ def test_a_stopped_trial_stops_within_one_control_period(policy, tmp_path):
     with (tmp_path / "t.mcap").open("rb") as stream:
         steps = sum(channel.topic == trial_log.JOINT_STATES for _, channel, _ in make_reader(stream).iter_messages())
     assert steps == 200
+
+
+@pytest.mark.usefixtures("one_second")
+def test_a_long_error_of_the_network_is_cut_and_stays_the_policys_fault(tmp_path):
+    with JailedPolicy("long", long_error(tmp_path / "long.onnx")) as policy:
+        outcome = run_trial(lease(), policy, SimulatedDriver(), log_channels(), tmp_path / "t.mcap", stop_reason=lambda: None)
+    assert (outcome.kind, outcome.fault) == (OutcomeKind.POLICY_ERROR, Fault.POLICY)
+    assert len(outcome.reason) > 500
+
+
+@pytest.mark.usefixtures("one_second")
+def test_reach_logs_its_fingertip_goal(policy, tmp_path):
+    run_trial(lease(task="reach"), policy, SimulatedDriver(), log_channels(), tmp_path / "t.mcap", stop_reason=lambda: None)
+    assert read_log(tmp_path / "t.mcap").goal is None
+    with (tmp_path / "t.mcap").open("rb") as stream:
+        records = {record.name: record.metadata for record in make_reader(stream).iter_metadata()}
+    assert len(json.loads(records["goal"]["fingertip_position_world_m"])) == 9

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from api_schemas.trial_log_reader import LogUnreadableError, read_log
@@ -36,3 +37,19 @@ def test_a_truncated_log_is_refused(short_log, tmp_path, capsys):
 def test_command_says_same(short_log, capsys):
     assert replay.main([str(short_log), "--verify"]) == 0
     assert "same numbers in all 1000 steps" in capsys.readouterr().out
+
+
+def test_no_damage_gives_anything_but_a_clear_refusal_or_the_log(short_log, tmp_path):
+    rng, whole = np.random.default_rng(0), short_log.read_bytes()
+    broken = tmp_path / "broken.mcap"
+    refused = 0
+    for _ in range(40):
+        data = bytearray(whole[: rng.integers(1, len(whole))] if rng.random() < 0.5 else whole)
+        for place in rng.integers(0, len(data), size=rng.integers(1, 5)):
+            data[place] ^= 1 << rng.integers(8)
+        broken.write_bytes(data)
+        try:
+            read_log(broken)
+        except LogUnreadableError:
+            refused += 1
+    assert refused > 30
