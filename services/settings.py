@@ -16,7 +16,7 @@ class Settings(BaseSettings):
 
     data: Path = Path("farm-data")
     host: str = "127.0.0.1"
-    port: int = Field(default=8000, ge=0, le=65535)
+    port: int = Field(default=8787, ge=0, le=65535)
     bus: str = "tcp/127.0.0.1:7447"
     bus_connect: str | None = Field(default=None, description="a router elsewhere; without it one listens on ``bus`` here")
     farm: str = Field(default="farm", pattern=r"^[a-z0-9-]{1,40}$")

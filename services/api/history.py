@@ -14,12 +14,14 @@ from services.api.jobs import JobId
 from services.database.rows import AnyRow
 from services.errors import Refused
 from services.jobs import views
-from services.jobs.events import events_after
+from services.jobs.events import PAGE, events_after
 
 router = APIRouter(prefix="/v1/jobs/{job_id}", tags=["jobs"])
 LONG_POLL_S = 20.0
 LOOK_AGAIN_S = 2.0
 """Readers look again after so long though nobody woke them: another process may have written."""
+GATHER_S = 0.1
+"""A stream waits so long after a wake-up: a short trial is leased, runs and ends within it, and is read and sent at once."""
 
 
 async def _job(job_id: JobId, caller: User, farm: TheFarm) -> AnyRow:
@@ -42,13 +44,17 @@ LastSeen = Annotated[int, Depends(_last_seen)]
 async def stream_events(row: OwnJob, last_seen: LastSeen, farm: TheFarm) -> AsyncIterator[ServerSentEvent]:
     """Every event after Last-Event-ID, then each new one, until the job's last."""
     while not farm.signals.closing.is_set():
-        for event in await _wait_for(farm, row, last_seen, LOOK_AGAIN_S):
+        changed = farm.signals.watch(row.job_id)
+        found = await _read(farm, row, last_seen)
+        for event in found:
             yield ServerSentEvent(data=event, event=event.kind, id=str(event.id))
             last_seen = event.id
             if event.kind == "job_ended":
                 return
         if await _over(farm, row, last_seen):
             return
+        if len(found) < PAGE and await _woken(changed, LOOK_AGAIN_S):
+            await asyncio.sleep(GATHER_S)
 
 
 @router.get("/history")
@@ -64,12 +70,16 @@ async def _wait_for(farm: Farm, row: AnyRow, after: int, longest_s: float) -> tu
     found = await _read(farm, row, after)
     if found or farm.signals.closing.is_set():
         return found
+    await _woken(changed, longest_s)
+    return await _read(farm, row, after)
+
+
+async def _woken(changed: asyncio.Event, longest_s: float) -> bool:
     try:
         async with asyncio.timeout(longest_s):
-            await changed.wait()
+            return await changed.wait()
     except TimeoutError:
-        pass
-    return await _read(farm, row, after)
+        return False
 
 
 async def _read(farm: Farm, row: AnyRow, after: int) -> tuple[JobEvent, ...]:

@@ -1,9 +1,14 @@
 """Routes of policies: upload, list, get, and the converted graph for robots."""
 
-from collections.abc import AsyncIterator
-from typing import Annotated
+import asyncio
+import hashlib
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Annotated, BinaryIO
 
-from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi import APIRouter, Query, Request, Response
+from fastapi import Path as InPath
 from pydantic import ValidationError
 from starlette.datastructures import FormData, UploadFile
 from starlette.exceptions import HTTPException
@@ -19,7 +24,7 @@ from services.policies.intake import weights_format
 from services.policies.keeping import Upload
 
 router = APIRouter(prefix="/v1/policies", tags=["policies"])
-Digest = Annotated[str, Path(pattern=r"^[0-9a-f]{64}$")]
+Digest = Annotated[str, InPath(pattern=r"^[0-9a-f]{64}$")]
 MANIFEST_BYTES = 256 * 1024
 FORM_BYTES = MANIFEST_BYTES + 64 * 1024
 """What a form may hold beside the weights."""
@@ -44,12 +49,13 @@ async def put_policy(digest: Digest, request: Request, response: Response, calle
     """Takes weights and a manifest; converts and tries them before it answers."""
     limit_bytes = farm.settings.max_weights_bytes
     limited = Request(request.scope, _limited(request, limit_bytes))
-    try:
-        async with limited.form(max_files=1, max_fields=1, max_part_size=MANIFEST_BYTES) as form:
-            upload = await _upload(digest, form, caller.owner, farm)
-    except HTTPException as error:
-        raise Refused("form-malformed", f"The form cannot be read: {error.detail}") from error
-    policy, new = await farm.policies.take(upload, farm.clock.now_iso())
+    with tempfile.TemporaryDirectory(prefix="trifarm-upload-") as folder:
+        try:
+            async with limited.form(max_files=1, max_fields=1, max_part_size=MANIFEST_BYTES) as form:
+                upload = await _upload(digest, form, caller.owner, Path(folder))
+        except HTTPException as error:
+            raise Refused("form-malformed", f"The form cannot be read: {error.detail}") from error
+        policy, new = await farm.policies.take(upload, farm.clock.now_iso())
     response.status_code = 201 if new else 200
     return policy
 
@@ -73,14 +79,22 @@ def _limited(request: Request, limit_bytes: int) -> Receive:
     return receive
 
 
-async def _upload(digest: str, form: FormData, owner: str, farm: TheFarm) -> Upload:
+async def _upload(digest: str, form: FormData, owner: str, folder: Path) -> Upload:
     weights, manifest = form.get("weights"), form.get("manifest")
     if not isinstance(weights, UploadFile) or not isinstance(manifest, str):
         raise Refused("form-incomplete", "Send multipart/form-data with a file 'weights' and a text 'manifest'.")
     kind = weights_format(weights.filename)
     parsed = _manifest(manifest)
-    stored = await farm.files.put(_chunks(weights), limit_bytes=farm.settings.max_weights_bytes, durable=True)
-    return Upload(digest, stored, kind, parsed, owner)
+    path = folder / f"weights.{kind}"
+    sha256 = await asyncio.to_thread(_copy, weights.file, path)
+    return Upload(digest, path, sha256, kind, parsed, owner)
+
+
+def _copy(source: BinaryIO, path: Path) -> str:
+    with path.open("xb+") as file:
+        shutil.copyfileobj(source, file, READ_BYTES)
+        file.seek(0)
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _manifest(text: str) -> PolicyManifest:
@@ -90,11 +104,6 @@ def _manifest(text: str) -> PolicyManifest:
         found = [{"where": ".".join(str(part) for part in each["loc"]), "message": each["msg"]} for each in error.errors()]
         detail = "; ".join(f"{each['where']}: {each['message']}" for each in found)
         raise Refused("manifest-invalid", f"The manifest is not valid: {detail}", errors=found) from error
-
-
-async def _chunks(file: UploadFile) -> AsyncIterator[bytes]:
-    while chunk := await file.read(READ_BYTES):
-        yield chunk
 
 
 @router.get("")

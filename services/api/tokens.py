@@ -5,6 +5,7 @@ import hmac
 import secrets
 from dataclasses import dataclass, field
 
+import structlog
 from sqlalchemy import insert, select, update
 
 from api_schemas.token import NewToken, Scope, Token, TokenRequest
@@ -14,6 +15,7 @@ from services.database.tables import token
 from services.errors import NotFound, Refused, Unauthorised
 from services.jobs.clock import FarmClock, iso
 
+log = structlog.get_logger()
 PREFIX = "trifarm"
 REMEMBERED_S = 1.0
 """How long a checked token is trusted without asking the database: the longest that a revoked one still works elsewhere."""
@@ -90,7 +92,10 @@ class Tokens:
         return NewToken(**_shown(row).model_dump(), secret=bearer)
 
     async def register(self, bearer: str, request: TokenRequest) -> None:
-        """Makes a token that was given from outside valid; again changes nothing.
+        """Makes a token that was given from outside valid, whatever is known under its id; again changes nothing.
+
+        Who starts the services and names a token means this one: its secret and scopes win over stored ones, and it is
+        valid again if it was revoked.
 
         Raises:
             Refused: it does not have the form of a token.
@@ -98,16 +103,30 @@ class Tokens:
         if not _id(bearer):
             raise Refused("token-malformed", f"A token must read {PREFIX}_<id>_<secret>; the one given does not.")
         async with self.database.read() as connection:
-            known = (await connection.execute(select(token.c.token_id).where(token.c.token_id == _id(bearer)))).first()
+            known = (await connection.execute(select(token).where(token.c.token_id == _id(bearer)))).one_or_none()
         if known is None:
             await self._insert(bearer, request)
+            return
+        wanted = {
+            "owner": request.owner,
+            "secret_sha256": sha256(bearer),
+            "scopes": _words(request),
+            "revoked_at": None,
+            "expires_at": None,
+        }
+        changed = sorted(name for name, value in wanted.items() if getattr(known, name) != value)
+        if changed:
+            async with self.database.write() as tx:
+                await tx.execute(update(token).where(token.c.token_id == known.token_id).values(**wanted))
+            self._remembered.clear()
+            log.info("stored token replaced by the given one", token_id=known.token_id, changed=changed)
 
     async def _insert(self, bearer: str, request: TokenRequest) -> AnyRow:
         now_s, days = self.clock.now_s(), request.expires_in_days
         row = insert(token).values(
             token_id=_id(bearer),
             owner=request.owner,
-            scopes=" ".join(sorted(set(request.scopes))),
+            scopes=_words(request),
             secret_sha256=sha256(bearer),
             created_at=iso(now_s),
             expires_at=None if days is None else iso(now_s + days * DAY_S),
@@ -144,6 +163,10 @@ def sha256(bearer: str) -> str:
 def _id(bearer: str) -> str:
     parts = bearer.split("_", 2)
     return parts[1] if len(parts) == 3 and parts[0] == PREFIX and 1 <= len(parts[1]) <= 20 and parts[2] else ""
+
+
+def _words(request: TokenRequest) -> str:
+    return " ".join(sorted(set(request.scopes)))
 
 
 def _shown(row: AnyRow) -> Token:

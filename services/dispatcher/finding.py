@@ -27,8 +27,10 @@ def why_unfit(fleet: Fleet, now_s: float) -> queue.Why:
 async def find_trial(tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float, pass_over_s: float) -> Found | None:
     """The trial that an idle robot gets now; draws orders as far as is needed to find it."""
     healthy, why = fleet.healthy(now_s), why_unfit(fleet, now_s)
+    if robot not in healthy:
+        return None  # it was lost since it was found idle
     blocks = 0
-    while True:
+    while blocks <= BLOCKS_AHEAD:
         row = await queue.oldest_of(tx, robot)
         if row is not None and row.fence == 0:
             return row, row.departure
@@ -36,18 +38,21 @@ async def find_trial(tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float
             choice = await queue.choose_again(tx, row, healthy, why)
             if choice.first_choice == robot:
                 return row, choice.departure
-            continue
+            continue  # it now waits for another robot, so that it is not found again here
         blocks += 1
         if blocks > BLOCKS_AHEAD or await queue.draw(tx, fleet.known(now_s), healthy, why) == 0:
-            return await _find_passed_over(tx, robot, now_s, pass_over_s)
+            break
+    return await _find_passed_over(tx, robot, fleet, now_s, pass_over_s)
 
 
-async def _find_passed_over(tx: AsyncConnection, robot: str, now_s: float, pass_over_s: float) -> Found | None:
-    row = await queue.oldest_of_others(tx, robot)
-    if row is None:
+async def _find_passed_over(tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float, pass_over_s: float) -> Found | None:
+    """A trial that waited too long for its busy first choice, if the robot is the next idle one of the trial's order."""
+    idle = {robot, *fleet.ready(now_s)}
+    # Those who are idle take what is theirs in this same pass.
+    if not (busy := fleet.healthy(now_s) - idle):
         return None
-    if row.passed_over_s is None:
-        await queue.pass_over(tx, row, now_s)
-    if now_s - (row.passed_over_s or now_s) < pass_over_s:
-        return None
-    return row, f"first choice {row.first_choice} was busy for {pass_over_s:g} s"
+    await queue.pass_over(tx, busy, now_s)
+    for row in await queue.passed_over(tx, busy, now_s - pass_over_s):
+        if await queue.next_of(tx, row, idle, why_unfit(fleet, now_s)) == robot:
+            return row, f"first choice {row.first_choice} was busy for {pass_over_s:g} s"
+    return None

@@ -41,21 +41,23 @@ class Hearing:
         self.signals.wake_dispatcher(urgent=True)
 
     def _heard(self, beat: Heartbeat) -> None:
-        before = self.fleet.snapshot(beat.robot)
-        instance = before.heartbeat.instance if before is not None and before.heartbeat is not None else None
-        if not self.fleet.heard(beat, self.clock.now_s()):
+        now_s = self.clock.now_s()
+        new_process = self.fleet.came_anew(beat, now_s)
+        if not self.fleet.heard(beat, now_s):
             return
-        new_process = instance != beat.instance
         if new_process:
             self.steps.start(self._came_anew(beat))
         self.signals.wake_dispatcher(urgent=new_process)
 
     async def _came_anew(self, beat: Heartbeat) -> None:
         """What the robot's last process was doing has ended."""
+        now_s = self.clock.now_s()
         async with self.database.write() as tx:
-            await robots.keep(tx, beat, self.clock.now_s())
-        held = self.fleet.member(beat.robot).lease
-        if held is not None and (beat.trial_id, beat.fence) != (held.trial_id, held.fence):
+            await robots.keep(tx, beat, now_s)
+        member = self.fleet.member(beat.robot)
+        if member.is_doubled(now_s):
+            log.error("robot out of service", robot=beat.robot, reason=member.reason(now_s))
+        elif (held := member.lease) is not None and (beat.trial_id, beat.fence) != (held.trial_id, held.fence):
             await self.leases.end(held, f"{beat.robot} started anew while it held the lease")
 
     def _live(self, live: LiveState) -> None:

@@ -31,6 +31,8 @@ class LeaseEnder:
         if now_s >= row.lease_until_s:
             return f"the lease of {row.robot} ended without renewal"
         member = self.fleet.member(row.robot)
+        if member.is_doubled(now_s):
+            return member.reason(now_s)  # both may be running the trial, under the same fence
         grace_s = self.settings.renew_every_s + 1
         if member.lost_s is not None and now_s - max(member.lost_s, member.renewed_s) >= grace_s:
             return f"{row.robot} was lost and did not come back within {grace_s:g} s"

@@ -15,6 +15,8 @@ from services.jobs.lease import ACTIVE
 from services.jobs.order import drawn_order
 
 Why = Callable[[str], str]
+PASSED_OVER_AT_ONCE = 100
+"""How many of the oldest trials that wait for busy robots are looked at when another robot has nothing of its own."""
 
 
 def _queued() -> Select[Any]:
@@ -26,7 +28,19 @@ def _queued() -> Select[Any]:
 _QUEUED = _queued()
 _ANY = select(trial.c.trial_id).where(trial.c.state == TrialState.QUEUED).limit(1)
 _OLDEST_OF = _QUEUED.where(trial.c.first_choice == bindparam("chosen")).limit(1)
-_OTHERS = _QUEUED.where(trial.c.first_choice > "", trial.c.first_choice != bindparam("chosen")).limit(1)
+_BUSY = trial.c.first_choice.in_(bindparam("busy", expanding=True))
+_WAITING = (
+    select(trial.c.trial_id)
+    .where(trial.c.state == TrialState.QUEUED, _BUSY)
+    .order_by(trial.c.job_number, trial.c.ordinal)
+    .limit(PASSED_OVER_AT_ONCE)
+)
+_PASS_OVER = (
+    update(trial)
+    .where(trial.c.trial_id.in_(_WAITING.scalar_subquery()), trial.c.passed_over_s.is_(None))
+    .values(passed_over_s=bindparam("since_s"))
+)
+_PASSED_OVER = _QUEUED.where(_BUSY, trial.c.passed_over_s <= bindparam("until_s")).limit(PASSED_OVER_AT_ONCE)
 _UNDRAWN = _QUEUED.where(trial.c.first_choice.is_(None)).limit(bindparam("most", type_=Integer))
 _POINT = (
     update(trial)
@@ -48,11 +62,6 @@ async def anything_queued(connection: AsyncConnection) -> bool:
 async def oldest_of(connection: AsyncConnection, robot: str) -> AnyRow | None:
     """The oldest queued trial whose first choice is the robot."""
     return (await connection.execute(_OLDEST_OF, {"chosen": robot})).first()
-
-
-async def oldest_of_others(connection: AsyncConnection, robot: str) -> AnyRow | None:
-    """The oldest queued trial that was drawn for another robot."""
-    return (await connection.execute(_OTHERS, {"chosen": robot})).first()
 
 
 async def draw(tx: AsyncConnection, known: Sequence[str], healthy: Collection[str], why: Why) -> int:
@@ -80,10 +89,19 @@ async def drawn_for(connection: AsyncConnection, robots: Iterable[str]) -> Seque
     return (await connection.execute(_QUEUED.where(trial.c.first_choice.in_(list(robots))))).all()
 
 
-async def pass_over(tx: AsyncConnection, row: AnyRow, now_s: float) -> None:
-    """Notes that another robot is idle while the trial waits for its busy first choice."""
-    noted = update(trial).where(trial.c.trial_id == row.trial_id, trial.c.passed_over_s.is_(None))
-    await tx.execute(noted.values(passed_over_s=now_s))
+async def pass_over(tx: AsyncConnection, busy: Collection[str], now_s: float) -> None:
+    """Notes that another robot is idle while the oldest trials that were drawn for busy robots wait for these."""
+    await tx.execute(_PASS_OVER, {"busy": list(busy), "since_s": now_s})
+
+
+async def passed_over(connection: AsyncConnection, busy: Collection[str], until_s: float) -> Sequence[AnyRow]:
+    """The oldest trials that were drawn for busy robots and have been passed over since ``until_s`` or before."""
+    return (await connection.execute(_PASSED_OVER, {"busy": list(busy), "until_s": until_s})).all()
+
+
+async def next_of(connection: AsyncConnection, row: AnyRow, robots: Collection[str], why: Why) -> str | None:
+    """Which of the robots comes first in the trial's order."""
+    return choose(json.loads(row.robot_order), robots, await _faulted(connection, row), why).first_choice
 
 
 async def active(connection: AsyncConnection) -> Sequence[AnyRow]:

@@ -15,7 +15,10 @@ from services.errors import Refused
 from services.jobs import events, reports
 from services.jobs.claim import Claim
 from services.jobs.clock import iso
-from services.jobs.lease import ACTIVE, UNENDED, close_attempt, stale
+from services.jobs.lease import ACTIVE, UNENDED, check_log, close_attempt, stale
+
+RAN_TO_THE_END = frozenset({OutcomeKind.SUCCEEDED, OutcomeKind.FAILED})
+"""Outcomes that are counted as what the policy can do; without a log nobody could look into them."""
 
 
 @dataclass(frozen=True)
@@ -55,13 +58,14 @@ async def accept(
     """Takes a robot's outcome; the same outcome again changes nothing.
 
     Raises:
-        Refused: kind and fault do not belong together.
+        Refused: kind and fault do not belong together, or the log is not the one that was uploaded under the lease.
         Conflict: the lease is not the robot's any more.
     """
     outcome, claim = report.outcome, Claim(trial_id, report.fence, report.robot)
     if FAULT_OF[outcome.kind] != outcome.fault:
         expected = FAULT_OF[outcome.kind]
         raise Refused("wrong-fault", f"Outcome {outcome.kind} is the fault of {expected}, not of {outcome.fault}; send that.")
+    await check_log(tx, claim, report.log_sha256, needed=outcome.kind in RAN_TO_THE_END)
     if outcome.fault == Fault.PLATFORM:
         ending = await fault(tx, now_s, claim, outcome.reason, max_attempts, outcome=outcome, log_sha256=report.log_sha256)
     elif outcome.kind == OutcomeKind.CANCELLED:

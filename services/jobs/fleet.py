@@ -33,14 +33,18 @@ class Member:
     paused_until_s: float = 0.0
     simulated_s: float | None = None
     trials_done: int = 0
+    instances_s: dict[str, float] = field(default_factory=dict)
+    """When each process of this name was last heard, as far as that is not longer ago than ``SILENT_AFTER_S``."""
+    doubled: bool = False
+    """A process was heard again after another had taken its place."""
 
     def state(self, now_s: float) -> RobotState:
         """What the robot is doing, from all that is known."""
         if self.heartbeat is None or self.lost_s is not None or now_s - self.seen_s > SILENT_AFTER_S:
             return RobotState.LOST
         said = self.heartbeat.state
-        if said == RobotState.OUT_OF_SERVICE:
-            return said
+        if said == RobotState.OUT_OF_SERVICE or self.is_doubled(now_s):
+            return RobotState.OUT_OF_SERVICE
         if self.drain or said == RobotState.DRAINING:
             return RobotState.DRAINING
         if self.lease is not None:
@@ -48,6 +52,24 @@ class Member:
         if said in {RobotState.LEASED, RobotState.RUNNING} and self.said_claim() == self.ended:
             return RobotState.IDLE
         return said
+
+    def is_doubled(self, now_s: float) -> bool:
+        """Whether two living processes call themselves by this name; nobody can tell which of them has the lease."""
+        return self.doubled and sum(now_s - at_s <= SILENT_AFTER_S for at_s in self.instances_s.values()) > 1
+
+    def reason(self, now_s: float) -> str | None:
+        """Why the robot is in its state, when it or what is heard of it says so."""
+        if self.is_doubled(now_s):
+            return f"two processes call themselves {self.robot}; start one of them with --first"
+        return None if self.heartbeat is None else self.heartbeat.reason
+
+    def hear_instance(self, instance: str, now_s: float) -> None:
+        """Notes which process spoke; one that is heard again after another means that both live."""
+        self.doubled = self.is_doubled(now_s)
+        self.instances_s = {each: at_s for each, at_s in self.instances_s.items() if now_s - at_s <= SILENT_AFTER_S}
+        if self.heartbeat is not None and instance != self.heartbeat.instance and instance in self.instances_s:
+            self.doubled = True
+        self.instances_s[instance] = now_s
 
     def said_claim(self) -> Claim | None:
         """The attempt that the last heartbeat named."""
@@ -85,10 +107,21 @@ class Fleet:
         """The robots in service."""
         return frozenset(m.robot for m in self.members.values() if m.healthy(now_s))
 
+    def came_anew(self, beat: Heartbeat, now_s: float) -> bool:
+        """Whether a heartbeat that was not yet taken comes from another process than the last one.
+
+        Of two that are known to live side by side none is new each time that it speaks.
+        """
+        member = self.member(beat.robot)
+        if member.heartbeat is None or member.heartbeat.instance == beat.instance:
+            return member.heartbeat is None
+        return not (member.is_doubled(now_s) and beat.instance in member.instances_s)
+
     def heard(self, beat: Heartbeat, now_s: float) -> bool:
         """Takes a heartbeat; true when it says anything new."""
         member = self.member(beat.robot)
         before, state_before = member.heartbeat, member.state(now_s)
+        member.hear_instance(beat.instance, now_s)
         member.heartbeat, member.seen_s = beat, now_s
         if before is not None and before.instance != beat.instance:
             member.simulated_s = None

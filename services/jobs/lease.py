@@ -1,6 +1,6 @@
 """Leases: the right of one trial to one robot. Each move is one UPDATE guarded by the state and fence that it leaves."""
 
-from sqlalchemy import bindparam, insert, select, update
+from sqlalchemy import String, and_, bindparam, func, insert, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.job import JobState
@@ -8,7 +8,7 @@ from api_schemas.robot import Renewal
 from api_schemas.trial import AttemptState, Outcome, TrialState
 from services.database.rows import AnyRow
 from services.database.tables import attempt, job, trial
-from services.errors import Conflict, NotFound
+from services.errors import Conflict, NotFound, Refused
 from services.jobs import events
 from services.jobs.claim import Claim
 from services.jobs.clock import iso
@@ -45,19 +45,22 @@ _HELD = select(trial.c.trial_id).where(
     trial.c.trial_id == bindparam("of_trial"), trial.c.fence == bindparam("held_fence"), trial.c.state.in_(ACTIVE)
 )
 _OPEN_ATTEMPT = insert(attempt)
+_IS_OPEN = and_(
+    attempt.c.trial_id == bindparam("of_trial"),
+    attempt.c.fence == bindparam("held_fence"),
+    attempt.c.state == AttemptState.OPEN,
+)
+_KEEP_LOG = update(attempt).where(_IS_OPEN).values(log_sha256=bindparam("to_log_sha256"))
+_OPEN_LOG = select(attempt.c.log_sha256).where(_IS_OPEN)
 _CLOSE_ATTEMPT = (
     update(attempt)
-    .where(
-        attempt.c.trial_id == bindparam("of_trial"),
-        attempt.c.fence == bindparam("held_fence"),
-        attempt.c.state == AttemptState.OPEN,
-    )
+    .where(_IS_OPEN)
     .values(
         state=bindparam("to_state"),
         reason=bindparam("to_reason"),
         ended_at=bindparam("at"),
         outcome=bindparam("to_outcome"),
-        log_sha256=bindparam("to_log_sha256"),
+        log_sha256=func.coalesce(bindparam("to_log_sha256", type_=String), attempt.c.log_sha256),
     )
 )
 
@@ -134,6 +137,33 @@ async def check_lease(connection: AsyncConnection, trial_id: str, fence: int) ->
     """Raises unless the trial is leased or running under this fence."""
     if (await connection.execute(_HELD, {"of_trial": trial_id, "held_fence": fence})).one_or_none() is None:
         raise await stale(connection, trial_id, fence)
+
+
+async def keep_log(tx: AsyncConnection, trial_id: str, fence: int, log_sha256: str) -> None:
+    """Notes which log was uploaded under the lease; its outcome can name no other.
+
+    Raises:
+        Conflict: the attempt has ended meanwhile.
+    """
+    kept = {"of_trial": trial_id, "held_fence": fence, "to_log_sha256": log_sha256}
+    if (await tx.execute(_KEEP_LOG, kept)).rowcount != 1:
+        raise await stale(tx, trial_id, fence)
+
+
+async def check_log(connection: AsyncConnection, claim: Claim, log_sha256: str | None, *, needed: bool) -> None:
+    """Raises unless the outcome of an open attempt names the log that was uploaded under its lease.
+
+    Raises:
+        Refused: it names another, or none though one is ``needed``.
+    """
+    open_attempt = {"of_trial": claim.trial_id, "held_fence": claim.fence}
+    row = (await connection.execute(_OPEN_LOG, open_attempt)).one_or_none()
+    if row is None or (log_sha256 is None and not needed) or (log_sha256 is not None and log_sha256 == row.log_sha256):
+        return
+    kept = "none was" if row.log_sha256 is None else f"{row.log_sha256} was"
+    named = "names no log" if log_sha256 is None else f"names log {log_sha256}"
+    detail = f"The outcome {named}, but {kept} uploaded under this lease; "
+    raise Refused("log-missing", detail + f"PUT /v1/leases/{claim.trial_id}/{claim.fence}/log first and name its SHA-256.")
 
 
 async def stale(connection: AsyncConnection, trial_id: str, fence: int) -> Exception:

@@ -129,7 +129,7 @@ def show_robot(member: Member, now_s: float) -> Robot:
         host=None if said is None else said.host,
         trial=None if member.lease is None else member.lease.trial_id,
         job=None if member.lease is None else member.lease.trial_id.rpartition("-")[0],
-        reason="drained by an operator" if member.drain else (None if said is None else said.reason),
+        reason="drained by an operator" if member.drain else member.reason(now_s),
         simulated_s=member.simulated_s,
         last_seen_at=iso(member.seen_s) if said is not None else None,
         trials_done=member.trials_done,

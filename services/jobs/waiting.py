@@ -71,7 +71,7 @@ def robot_now(member: Member, now_s: float) -> str:
     """What a robot does, as the end of a sentence that begins with its name."""
     state = member.state(now_s)
     said = member.heartbeat
-    reason = f" ({said.reason})" if said is not None and said.reason else ""
+    reason = f" ({why})" if (why := member.reason(now_s)) else ""
     busy = member.lease or member.said_claim()
     match state:
         case RobotState.LOST:

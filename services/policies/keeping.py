@@ -21,10 +21,11 @@ from services.settings import Settings
 
 @dataclass(frozen=True)
 class Upload:
-    """What a user sent: weights already in the file store, and the parsed manifest."""
+    """What a user sent: weights in a file that is the caller's, and the parsed manifest."""
 
     digest: str
-    weights: Stored
+    weights: Path
+    weights_sha256: str
     kind: WeightsFormat
     manifest: PolicyManifest
     owner: str
@@ -67,7 +68,7 @@ class Policies:
         Raises:
             Refused: the digest is another, or the policy cannot be converted.
         """
-        actual = policy_digest(upload.weights.sha256, upload.manifest)
+        actual = policy_digest(upload.weights_sha256, upload.manifest)
         if actual != upload.digest:
             detail = f"Weights and manifest have the digest {actual}, not {upload.digest}; PUT them to /v1/policies/{actual}."
             raise Refused("digest-mismatch", detail, digest=actual)
@@ -76,29 +77,29 @@ class Policies:
         except NotFound:
             pass
         graph, warnings = await self._convert(upload)
-        return await self._insert(upload, graph, warnings, now_iso)
+        # Only now, so that weights which were refused leave nothing behind.
+        weights = await self._files.put_file(upload.weights, durable=True)
+        return await self._insert(upload, weights, graph, warnings, now_iso)
 
     async def _convert(self, upload: Upload) -> tuple[Stored, tuple[str, ...]]:
         async with self._converting:
             with tempfile.TemporaryDirectory(prefix="trifarm-conversion-") as name:
-                folder = Path(name)
-                weights, manifest = folder / f"weights.{upload.kind}", folder / "manifest.json"
-                with weights.open("wb") as file:
-                    async for chunk in self._files.read(upload.weights.sha256):
-                        file.write(chunk)
-                intake.check_weights(weights, upload.kind, self._settings.max_weights_bytes)
+                folder, deadline_s = Path(name), self._settings.conversion_deadline_s
+                intake.check_weights(upload.weights, upload.kind, self._settings.max_weights_bytes)
+                manifest = folder / "manifest.json"
                 manifest.write_text(canonical_json(upload.manifest))
-                deadline_s = self._settings.conversion_deadline_s
-                converted = await child.convert(weights, manifest, folder / "policy.onnx", deadline_s)
+                converted = await child.convert(upload.weights, manifest, folder / "policy.onnx", deadline_s)
                 return await self._files.put_file(converted.graph, durable=True), converted.warnings
 
-    async def _insert(self, upload: Upload, graph: Stored, warnings: tuple[str, ...], now_iso: str) -> tuple[Policy, bool]:
+    async def _insert(
+        self, upload: Upload, weights: Stored, graph: Stored, warnings: tuple[str, ...], now_iso: str
+    ) -> tuple[Policy, bool]:
         row = insert(policy).values(
             digest=upload.digest,
             name=upload.manifest.name,
             weights_format=upload.kind,
-            weights_sha256=upload.weights.sha256,
-            weights_bytes=upload.weights.size,
+            weights_sha256=weights.sha256,
+            weights_bytes=weights.size,
             graph_sha256=graph.sha256,
             manifest=canonical_json(upload.manifest),
             warnings=json.dumps(warnings),

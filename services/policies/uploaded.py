@@ -7,6 +7,7 @@ import onnx
 from onnx import AttributeProto, GraphProto, ModelProto, NodeProto, TensorProto, ValueInfoProto, compose
 
 from api_schemas.policy import ACTION_SIZE, PolicyManifest
+from services.policies.randomness import check_repeatable
 from services.policies.unfit import UnfitError, wrong_input, wrong_output
 
 DEFAULT_DOMAINS = frozenset({"", "ai.onnx"})
@@ -74,6 +75,7 @@ def _check_plain(model: ModelProto) -> int:
             raise UnfitError(f"operator {node.op_type} is of domain {node.domain!r}; only the default domain is taken")
     if any(tensor.external_data or tensor.data_location == TensorProto.EXTERNAL for tensor in _tensors(model.graph)):
         raise UnfitError("the file keeps tensors in other files; export it as one file")
+    check_repeatable(list(_graphs(model.graph)))
     return opset
 
 

@@ -3,6 +3,7 @@
 import signal
 import sqlite3
 import time
+from datetime import datetime
 
 import pytest
 
@@ -141,6 +142,70 @@ def test_a_trial_passed_over_for_too_long_goes_to_the_idle_robot(tmp_path):
         departures = [row["departure"] for row in report["per_trial"] if row["departure"]]
         assert departures == ["first choice robot-0 was busy for 0.5 s"]
         assert report["platform_faults"] == 0
+
+
+def test_all_trials_of_a_slow_robot_leave_after_one_waiting_time(tmp_path):
+    with services(tmp_path / "farm", pass_over_s=0.5) as farm:
+        farm.start_robot("robot-0", trial_s=5)
+        farm.start_robot("robot-1", trial_s=0.02)
+        farm.start_robot("robot-2", trial_s=0.02)
+        until(lambda: farm.robots_in("idle") == 3, 10, "all robots")
+        job_id = farm.submit(farm.policy(), trials=12).json()["job_id"]
+        assert farm.wait_for_end(job_id, 20)["state"] == "succeeded"
+        trials = farm.admin.get(f"/v1/jobs/{job_id}/trials").json()["trials"]
+        attempts = [each for trial in trials for each in trial["attempts"]]
+        left = [each for each in attempts if each["departure"]]
+        assert [each["departure"] for each in left] == ["first choice robot-0 was busy for 0.5 s"] * 3
+        began = [datetime.fromisoformat(each["started_at"]) for each in attempts]
+        # One waiting time, the next look of the dispatcher, and room for a busy machine; one by one it took 1.5 s and more.
+        longest_s = max(datetime.fromisoformat(each["started_at"]) - min(began) for each in left).total_seconds()
+        assert 0.5 <= longest_s < 1.5
+
+
+def test_two_processes_of_one_name_are_out_of_service_until_one_is_gone(tmp_path):
+    with services(tmp_path / "farm") as farm:
+        for other in (True, False):
+            farm.start_robot("robot-0", trial_s=0.1)
+            if other:
+                farm.robots["other"] = farm.robots.pop("robot-0")
+                until(lambda: farm.robots_in("idle") == 1, 10, "the first process")
+        until(lambda: farm.robots_in("out_of_service") == 1, 10, "the second process to be found out")
+        assert "two processes call themselves robot-0" in farm.admin.get("/v1/robots/robot-0").json()["reason"]
+        job_id = farm.submit(farm.policy(), trials=2).json()["job_id"]
+        time.sleep(2)
+        assert "start one of them with --first" in farm.job(job_id)["waiting_because"]
+        farm.robots["other"].terminate()
+        assert farm.wait_for_end(job_id, 20)["state"] == "succeeded"
+        assert farm.admin.get(f"/v1/jobs/{job_id}/report").json()["platform_faults"] == 0
+
+
+def test_an_outcome_names_the_log_that_was_uploaded_under_its_lease_also_before_a_restart(tmp_path):
+    with services(tmp_path / "farm") as farm:
+        farm.start_robots(2, trial_s=60, renew_s=60)
+        policy = farm.policy()
+        job_id = farm.submit(policy, trials=2).json()["job_id"]
+        until(lambda: states(farm, job_id) == ["running"] * 2, 10, "both trials to run")
+        robot, trials = farm.client(farm.tokens["robot"]), farm.admin.get(f"/v1/jobs/{job_id}/trials").json()["trials"]
+        mine, other = (trial["trial_id"] for trial in trials)
+
+        def report(log_sha256, kind="failed"):
+            body = {"robot": trials[0]["robot"], "fence": 1, "outcome": OUTCOME | {"kind": kind}, "log_sha256": log_sha256}
+            return robot.post(f"/v1/leases/{mine}/outcome", json=body)
+
+        foreign = robot.put(f"/v1/leases/{other}/1/log", content=b"the log of another trial").json()["sha256"]
+        weights = farm.admin.get(f"/v1/policies/{policy}").json()["weights_sha256"]
+        for wrong in (None, foreign, weights, "0" * 64):
+            answer = report(wrong)
+            assert (answer.status_code, answer.json()["type"]) == (422, "/problems/log-missing"), wrong
+        log_sha256 = robot.put(f"/v1/leases/{mine}/1/log", content=b"my log").json()["sha256"]
+        farm.process.kill()
+        farm.process.wait()
+        farm.start()
+        for wrong in (None, foreign):
+            assert report(wrong, kind="succeeded").json()["type"] == "/problems/log-missing"
+        assert [report(log_sha256).status_code for _ in range(2)] == [200, 200]
+        trial = farm.admin.get(f"/v1/trials/{mine}").json()
+        assert (trial["log_sha256"], trial["log_bytes"]) == (log_sha256, 6)
 
 
 def test_without_robots_a_job_says_why_it_waits_and_is_not_lost_when_the_services_are_killed(tmp_path):

@@ -11,7 +11,7 @@ import safetensors.numpy
 from onnx import TensorProto, helper, numpy_helper
 
 from api_schemas.policy import LAYOUTS, ActionKind, InputScaling, OutputScaling, PolicyManifest
-from tests.integration.farm_process import services, small_policy
+from tests.integration.farm_process import services, sha256, small_policy
 
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "policies"
 EXPERTS = {"push_expert": "rrc2022-push", "lift_expert": "rrc2022-lift"}
@@ -88,6 +88,27 @@ def refused(farm, weights, manifest, *words, filename="weights.safetensors"):
     assert answer.status_code == 422, answer.text
     for word in words:
         assert word in answer.json()["detail"]
+
+
+def test_a_refused_upload_leaves_nothing_in_the_store(farm):
+    weights, layout = small_policy(seed=7)
+    tensors = safetensors.numpy.load(weights) | {"extra": np.zeros(3, np.float32)}
+    before = stored(farm)
+    refused(farm, safetensors.numpy.save(tensors), layout, "unknown: extra")
+    wrong = farm.admin.put(
+        "/v1/policies/" + "0" * 64,
+        files={"weights": ("w.safetensors", weights)},
+        data={"manifest": layout.model_dump_json()},
+    )
+    assert wrong.status_code == 422
+    assert stored(farm) == before
+    accepted = farm.upload(weights, layout).json()
+    assert stored(farm) - before == {accepted["weights_sha256"], accepted["graph_sha256"]}
+    assert (farm.data / "files/sha256" / sha256(weights)[:2] / sha256(weights)).read_bytes() == weights
+
+
+def stored(farm):
+    return {path.name for path in (farm.data / "files").rglob("*") if path.is_file()}
 
 
 def test_shapes_that_do_not_fit_are_explained(farm):
@@ -181,6 +202,10 @@ def test_onnx_that_is_more_than_a_network_is_refused(farm, tmp_path):
     refused(farm, model.SerializeToString(), manifest, "one file", filename="p.onnx")
     wrong, _ = linear(columns=40)
     refused(farm, wrong, manifest, "takes 40", "nearest ready-made layout", filename="p.onnx")
+    drawn = helper.make_node("RandomNormalLike", ["obs"], ["noise"])
+    inside = onnx.load_model_from_string(network).graph.initializer
+    noisy = onnx_network([drawn, helper.make_node("MatMul", ["noise", "w"], ["act"])], constants=inside)
+    refused(farm, noisy, manifest, "RandomNormalLike", "deterministic mean action", filename="p.onnx")
     old, _ = linear(opset=6)
     refused(farm, old, manifest, "opset 6", filename="p.onnx")
 

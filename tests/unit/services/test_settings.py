@@ -7,7 +7,7 @@ from services.__main__ import parsed
 
 
 def test_flags_win_over_variables_over_defaults(monkeypatch):
-    assert parsed(["serve"])[1].port == 8000
+    assert parsed(["serve"])[1].port == 8787
     monkeypatch.setenv("TRIFARM_PORT", "1234")
     monkeypatch.setenv("TRIFARM_PASS_OVER_S", "5")
     assert parsed(["serve"])[1].port == 1234

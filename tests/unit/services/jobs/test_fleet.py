@@ -103,3 +103,51 @@ def test_leases_that_the_database_does_not_know_are_dropped(fleet):
     assert fleet.member("robot-0").lease == CLAIM
     fleet.hold_only([])
     assert fleet.member("robot-0").lease is None
+
+
+def test_a_process_that_takes_the_place_of_another_is_the_robot_from_then_on(fleet):
+    assert fleet.came_anew(beat(instance="two"), 101.0)
+    fleet.heard(beat(instance="two"), 101.0)
+    fleet.heard(beat(instance="three"), 102.0)
+    assert state(fleet, 102.0) == RobotState.IDLE
+    assert not fleet.came_anew(beat(instance="three"), 103.0)
+
+
+def both_heard(fleet, *at_s):
+    for now_s in at_s:
+        fleet.heard(beat(instance="two"), now_s)
+        fleet.heard(beat(instance="one"), now_s + 0.5)
+
+
+def test_two_living_processes_of_one_name_are_out_of_service_with_the_reason(fleet):
+    fleet.leased(CLAIM, 100.0, accepted=True)
+    both_heard(fleet, 101.0)
+    assert state(fleet, 101.5) == RobotState.OUT_OF_SERVICE
+    assert fleet.member("robot-0").reason(101.5) == "two processes call themselves robot-0; start one of them with --first"
+    assert fleet.ready(101.5) == ()
+    assert fleet.healthy(101.5) == frozenset()
+    # Neither is taken for a new process each time that it speaks; a third one is.
+    assert not fleet.came_anew(beat(instance="two"), 102.0)
+    assert fleet.came_anew(beat(instance="three"), 102.0)
+
+
+def test_a_name_is_in_service_again_when_one_process_alone_was_heard_for_a_while(fleet):
+    both_heard(fleet, *range(101, 120))
+    for now_s in range(120, 120 + int(SILENT_AFTER_S)):
+        fleet.heard(beat(instance="two"), now_s)
+        # "one" was heard for the last time at 119.5
+        assert (state(fleet, now_s) == RobotState.OUT_OF_SERVICE) == (now_s <= 119.5 + SILENT_AFTER_S)
+    assert state(fleet, 119.6 + SILENT_AFTER_S) == RobotState.IDLE
+    fleet.heard(beat(instance="two"), 130.0)
+    assert fleet.member("robot-0").reason(130.0) is None
+    fleet.heard(beat(instance="three"), 131.0)
+    assert state(fleet, 131.0) == RobotState.IDLE
+
+
+def test_a_process_that_wakes_after_a_long_sleep_is_found_out_as_soon_as_the_other_speaks(fleet):
+    for now_s in range(101, 150):
+        fleet.heard(beat(instance="two"), now_s)
+    fleet.heard(beat(instance="one"), 150.0)
+    assert state(fleet, 150.0) == RobotState.IDLE
+    fleet.heard(beat(instance="two"), 150.5)
+    assert state(fleet, 150.5) == RobotState.OUT_OF_SERVICE
