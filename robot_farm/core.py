@@ -8,7 +8,7 @@ core costs nothing, and uploads of one robot overlap with the trial of the next.
 import fcntl
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -27,12 +27,15 @@ def stay_on_one_core(robot: str) -> int:
 
 
 @contextmanager
-def turn(folder: Path, core: int) -> Iterator[None]:
-    """Hold the core's turn; the kernel gives it back when the process ends, however it ends."""
+def turn(folder: Path, core: int, *, stop_reason: Callable[[], str | None]) -> Iterator[None]:
+    """Hold the core's turn; the kernel gives it back when the process ends, however it ends.
+
+    Waiting ends early when there is a reason to stop, which the trial then finds itself.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / f"core-{core}.turn").open("w") as file:
         give_up_s = time.monotonic() + TURN_WITHIN_S
-        while time.monotonic() < give_up_s:
+        while time.monotonic() < give_up_s and stop_reason() is None:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 break

@@ -92,7 +92,7 @@ class Robot:
 
         try:
             policy = self._policy_for(lease, api)
-            with turn(self._settings.data / "robots", self._core):
+            with turn(self._settings.data / "robots", self._core, stop_reason=stop_reason):
                 outcome = run_trial(
                     lease,
                     policy,
