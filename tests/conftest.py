@@ -1,0 +1,9 @@
+"""What holds for all tests: signals mean what they mean at a terminal, however the tests were started."""
+
+import signal
+
+
+def pytest_configure() -> None:
+    """A shell's background job and nohup ignore signals, and every process started here would inherit that."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
