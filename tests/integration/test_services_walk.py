@@ -131,6 +131,7 @@ def test_jobs_are_listed_page_by_page(farm, policy, done):
 
 
 def test_a_drained_robot_takes_no_trial_until_it_is_resumed(farm, policy):
+    until(lambda: farm.robots_in("idle") == 4, 10, "the robots to be done with the job before")
     assert farm.admin.post("/v1/robots/robot-2/drain").json()["state"] == "draining"
     job_id = farm.submit(policy, trials=8, seed=3).json()["job_id"]
     farm.wait_for_end(job_id)
@@ -144,6 +145,8 @@ def test_a_drained_robot_takes_no_trial_until_it_is_resumed(farm, policy):
 
 
 def test_status_metrics_and_health(farm):
+    farm.admin.post("/v1/robots/robot-2/resume")  # where the test before ended early
+    until(lambda: farm.robots_in("idle") == 4, 10, "all robots to be idle")
     status = farm.admin.get("/v1/status").json()
     assert status["healthy"], status
     assert status["robots_by_state"]["idle"] == 4
