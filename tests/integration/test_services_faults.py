@@ -1,5 +1,6 @@
 """What goes wrong on a farm, done to real services: robots die, hang, refuse and come back; the services are killed."""
 
+import re
 import signal
 import sqlite3
 import time
@@ -218,7 +219,8 @@ def test_without_robots_a_job_says_why_it_waits_and_is_not_lost_when_the_service
         farm.start()
         assert farm.job(second)["state"] == "queued"
         farm.start_robots(1, trial_s=0.3)
-        assert farm.job(second)["waiting_because"] == "3 trials of 1 earlier job are ahead"
+        # the robot may have done some of the three by the time of the question
+        assert re.fullmatch(r"[123] trials? of 1 earlier job (is|are) ahead", farm.job(second)["waiting_because"])
         trial = farm.admin.get(f"/v1/trials/{second}-001").json()
         assert trial["waiting_because"]
         for job_id in (first, second):
