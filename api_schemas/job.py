@@ -1,9 +1,11 @@
-"""A job: one policy, one task, n trials; the unit a user queues."""
+"""A job: one policy, one task, n trials; the unit a user queues. An identification has excitations instead of a policy."""
 
 from enum import StrEnum
+from typing import Annotated
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
+from api_schemas.object import ObjectName, ObjectScale
 from api_schemas.schema import Schema
 
 MAX_TRIALS = 1000
@@ -20,6 +22,18 @@ class TaskName(StrEnum):
     MOVE_CUBE_2 = "move_cube_2"
     MOVE_CUBE_3 = "move_cube_3"
     MOVE_CUBE_4 = "move_cube_4"
+    IDENTIFY = "identify"  # excitations instead of a policy; asked for with POST /v1/identifications
+
+
+POLICY_TASKS = tuple(task for task in TaskName if task is not TaskName.IDENTIFY)
+"""The tasks that a policy can be asked to do."""
+
+
+def _for_a_policy(task: TaskName) -> TaskName:
+    if task not in POLICY_TASKS:
+        choices = ", ".join(POLICY_TASKS)
+        raise ValueError(f"{task.value} takes no policy, POST /v1/identifications asks for it; choose from {choices}")
+    return task
 
 
 class JobState(StrEnum):
@@ -39,20 +53,28 @@ class JobRequest(Schema):
     """Body of POST /v1/jobs. Without a seed the server draws one."""
 
     policy: str = Field(pattern=r"^[0-9a-f]{64}$", description="digest of an uploaded policy")
-    task: TaskName
+    task: Annotated[TaskName, AfterValidator(_for_a_policy)]
     trials: int = Field(default=40, ge=1, le=MAX_TRIALS)
     seed: int | None = Field(default=None, ge=0, le=MAX_SEED)
+    object: ObjectName = ObjectName.CUBE
+    object_scale: ObjectScale = 1.0
 
 
 class Job(Schema):
-    """A job as the API shows it. Counts of trials are by accepted outcome."""
+    """A job as the API shows it. Counts of trials are by accepted outcome.
+
+    ``policy`` and ``policy_name`` are null for an identification, ``robot`` names the robot that its trials are pinned to.
+    """
 
     job_id: str
     state: JobState
     waiting_because: str | None
-    policy: str
-    policy_name: str
+    policy: str | None
+    policy_name: str | None
     task: TaskName
+    object: ObjectName = ObjectName.CUBE
+    object_scale: float = 1.0
+    robot: str | None = None
     trials: int
     seed: int
     seed_drawn_by_server: bool

@@ -1,7 +1,11 @@
 """The report of a job: outcomes and statistics, written last and never changed."""
 
-from pydantic import Field
+from typing import Annotated, Literal
 
+from pydantic import Field, TypeAdapter
+
+from api_schemas.excitation import ExcitationName
+from api_schemas.object import ObjectName
 from api_schemas.schema import Schema
 from api_schemas.trial import Outcome
 
@@ -50,12 +54,25 @@ class TimingRow(Schema):
     keeps_rate: bool
 
 
-class Report(Schema):
-    """What a user came for. Intervals are Wilson's, as fractions."""
+class BetweenRobots(Schema):
+    """How much of the variance of success lies between robots: 0 when all are alike, 1 when each always ends the same.
 
-    format: str = "trifarm-report/1"
+    The robots stand for all that the farm could have drawn; services/jobs/variance_share.py says how it is estimated.
+    """
+
+    variance_share: float = Field(ge=0, le=1)
+    interval_80: tuple[float, float]
+    robots: int
+
+
+class Report(Schema):
+    """What a user came for. Intervals of rates are Wilson's, as fractions."""
+
+    format: Literal["trifarm-report/1"] = "trifarm-report/1"
     job_id: str
     task: str
+    object: ObjectName = ObjectName.CUBE
+    object_scale: float = 1.0
     policy: str
     policy_name: str
     seed: int
@@ -71,6 +88,7 @@ class Report(Schema):
     platform_faults: int = Field(description="attempts that failed by the platform's fault; never counted in the rate")
     attempts: int
     timing: TimingRow | None
+    between_robots: BetweenRobots | None = None
     per_robot: tuple[RobotRow, ...]
     per_trial: tuple[TrialRow, ...]
     platform_fault_attempts: tuple[FaultRow, ...]
@@ -78,3 +96,46 @@ class Report(Schema):
     started_at: str | None
     ended_at: str
     versions: dict[str, str]
+
+
+class ExcitationRow(Schema):
+    """One accepted recording of an excitation."""
+
+    trial: int
+    trial_id: str
+    excitation: ExcitationName
+    robot: str
+    seed: int
+    attempts: int
+    outcome: Outcome
+    log_sha256: str | None
+
+
+class IdentificationReport(Schema):
+    """What an identification recorded. There is nothing to succeed in, so that it has no rates."""
+
+    format: Literal["trifarm-identification/1"] = "trifarm-identification/1"
+    job_id: str
+    task: str
+    object: ObjectName
+    object_scale: float
+    robot: str
+    seed: int
+    trials: int
+    platform_faults: int
+    attempts: int
+    per_trial: tuple[ExcitationRow, ...]
+    platform_fault_attempts: tuple[FaultRow, ...]
+    created_at: str
+    started_at: str | None
+    ended_at: str
+    versions: dict[str, str]
+
+
+AnyReport = Annotated[Report | IdentificationReport, Field(discriminator="format")]
+_ANY_REPORT: TypeAdapter[Report | IdentificationReport] = TypeAdapter(AnyReport)
+
+
+def read_report(body: bytes) -> Report | IdentificationReport:
+    """A stored report of either kind."""
+    return _ANY_REPORT.validate_json(body)

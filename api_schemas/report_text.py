@@ -2,21 +2,24 @@
 
 from collections.abc import Iterator
 
-from api_schemas.report import FaultRow, Report, TimingRow, TrialRow
+from api_schemas.object import ObjectName
+from api_schemas.report import BetweenRobots, ExcitationRow, FaultRow, IdentificationReport, Report, TimingRow, TrialRow
 from api_schemas.trial import Fault, OutcomeKind
 
 WIDTH = 100
 REASON_WIDTH = 44
 
 
-def render(report: Report) -> str:
+def render(report: Report | IdentificationReport) -> str:
     """The whole report: rate and intervals first, then robots, trials, and apart from them the platform's faults."""
-    return "\n".join(line[:WIDTH].rstrip() for line in _lines(report)) + "\n"
+    lines = _lines(report) if isinstance(report, Report) else _identification(report)
+    return "\n".join(line[:WIDTH].rstrip() for line in lines) + "\n"
 
 
 def _lines(report: Report) -> Iterator[str]:
     yield f"Report of job {report.job_id}: {report.trials} x {report.task} with policy {_cut(report.policy_name, 40)}"
     yield f"policy {report.policy}   seed {report.seed}"
+    yield from _object(report)
     yield ""
     yield f"success rate   {report.successes} of {report.trials} = {report.success_rate:.3f}"
     yield f"  80 % interval {_interval(report.interval_80)}   95 % interval {_interval(report.interval_95)}   (Wilson)"
@@ -30,15 +33,56 @@ def _lines(report: Report) -> Iterator[str]:
     for row in report.per_robot:
         rate = f"{row.robot:<20} {row.trials:>6} {row.successes:>9} {row.success_rate:>6.3f}"
         yield f"{rate}  {_interval(row.interval_80):<13}  {row.platform_faults:>15}"
+    yield from _between(report)
     yield ""
     yield f"{'trial':>5} {'robot':<16} {'outcome':<20} {'error mm':>8} {'deg':>6} {'tries':>5}  reason"
     for row in report.per_trial:
         yield _trial(row)
     yield from _faults(report.platform_fault_attempts)
     yield from _departures(report.per_trial)
+    yield from _made(report)
+
+
+def _identification(report: IdentificationReport) -> Iterator[str]:
+    recorded = "1 excitation" if report.trials == 1 else f"{report.trials} excitations"
+    yield f"Report of job {report.job_id}: {recorded} recorded on {report.robot}"
+    yield f"seed {report.seed}"
+    yield from _object(report)
+    yield f"attempts       {report.attempts} for {report.trials} recordings, platform faults {report.platform_faults}"
     yield ""
-    ran = f"queued {report.created_at}, started {report.started_at}, ended {report.ended_at}"
-    yield ran
+    yield f"{'trial':>5} {'excitation':<16} {'robot':<20} {'tries':>5}  log"
+    for row in report.per_trial:
+        yield _excitation(row)
+    yield from _faults(report.platform_fault_attempts)
+    yield from _made(report)
+
+
+def _excitation(row: ExcitationRow) -> str:
+    log = "-" if row.log_sha256 is None else row.log_sha256[:16] + "…"
+    return f"{row.trial:>5} {row.excitation:<16} {_cut(row.robot, 20):<20} {row.attempts:>5}  {log}"
+
+
+def _object(report: Report | IdentificationReport) -> Iterator[str]:
+    if (report.object, report.object_scale) != (ObjectName.CUBE, 1.0):
+        yield f"object {report.object}, {report.object_scale:g} x its usual size"
+
+
+def _between(report: Report) -> Iterator[str]:
+    if report.between_robots is not None:
+        yield _share(report.between_robots)
+    elif len(report.per_robot) > 1:
+        yield "between robots: no share of the variance can be told from these outcomes"
+
+
+def _share(between: BetweenRobots) -> str:
+    low, high = (100 * bound for bound in between.interval_80)
+    told = f"between robots: {100 * between.variance_share:.1f} % of the variance of success"
+    return f"{told} (80 % interval {low:.1f}–{high:.1f} %, {between.robots} robots)"
+
+
+def _made(report: Report | IdentificationReport) -> Iterator[str]:
+    yield ""
+    yield f"queued {report.created_at}, started {report.started_at}, ended {report.ended_at}"
     yield ", ".join(f"{name} {version}" for name, version in sorted(report.versions.items()))
 
 

@@ -2,9 +2,11 @@
 
 from enum import StrEnum
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
+from api_schemas.excitation import ExcitationName
 from api_schemas.job import TaskName
+from api_schemas.object import ObjectName, ObjectScale
 from api_schemas.policy import PolicyManifest
 from api_schemas.schema import Schema
 from api_schemas.trial import Outcome
@@ -48,19 +50,35 @@ class RobotPage(Schema):
 
 
 class Lease(Schema):
-    """The right of one trial to one robot, as offered over the bus."""
+    """The right of one trial to one robot, as offered over the bus.
+
+    A trial is of a policy (``policy``, ``manifest`` and ``graph_sha256`` are there) or of an excitation, never of both.
+    """
 
     trial_id: str
     job_id: str
     ordinal: int
     fence: int = Field(ge=1)
     robot: str
-    policy: str
-    manifest: PolicyManifest
-    graph_sha256: str
+    policy: str | None = None
+    manifest: PolicyManifest | None = None
+    graph_sha256: str | None = None
+    excitation: ExcitationName | None = None
     task: TaskName
     seed: int
+    object: ObjectName = ObjectName.CUBE
+    object_scale: ObjectScale = 1.0
     lease_s: float = LEASE_S
+
+    @model_validator(mode="after")
+    def _policy_or_excitation(self) -> "Lease":
+        has_policy = [part is not None for part in (self.policy, self.manifest, self.graph_sha256)]
+        identifies = self.task is TaskName.IDENTIFY
+        if identifies != (self.excitation is not None) or has_policy != [not identifies] * 3:
+            raise ValueError(
+                f"a lease for {self.task.value} must have {'an excitation and no policy' if identifies else 'a whole policy'}"
+            )
+        return self
 
 
 class OfferReply(Schema):
@@ -85,9 +103,10 @@ class RenewalReply(Schema):
 
 
 class OutcomeReport(Schema):
-    """Body of POST /v1/leases/{trial_id}/outcome; the log was uploaded before, under the same fence."""
+    """Body of POST /v1/leases/{trial_id}/outcome; truth, if there is any, and log were uploaded before, under the same fence."""
 
     robot: str
     fence: int
     outcome: Outcome
     log_sha256: str | None = Field(default=None, pattern=r"^[0-9a-f]{64}$")
+    truth_sha256: str | None = Field(default=None, pattern=r"^[0-9a-f]{64}$")

@@ -4,6 +4,7 @@ from enum import StrEnum
 
 from pydantic import Field
 
+from api_schemas.excitation import ExcitationName
 from api_schemas.schema import Schema
 
 MAX_REASON = 2000
@@ -33,6 +34,7 @@ class OutcomeKind(StrEnum):
 
     SUCCEEDED = "succeeded"
     FAILED = "failed"  # ran to the end, goal not reached: nobody's fault
+    RECORDED = "recorded"  # an excitation ran to its end; it has no goal
     NONFINITE_ACTION = "nonfinite_action"
     ACTION_DEADLINE = "action_deadline"  # the policy used more than its CPU time for one action
     POLICY_PROCESS_ENDED = "policy_process_ended"
@@ -45,6 +47,7 @@ class OutcomeKind(StrEnum):
 FAULT_OF: dict[OutcomeKind, Fault] = {
     OutcomeKind.SUCCEEDED: Fault.NONE,
     OutcomeKind.FAILED: Fault.NONE,
+    OutcomeKind.RECORDED: Fault.NONE,
     OutcomeKind.NONFINITE_ACTION: Fault.POLICY,
     OutcomeKind.ACTION_DEADLINE: Fault.POLICY,
     OutcomeKind.POLICY_PROCESS_ENDED: Fault.POLICY,
@@ -119,7 +122,7 @@ class Attempt(Schema):
 
 
 class Trial(Schema):
-    """A trial as the API shows it."""
+    """A trial as the API shows it. ``has_truth`` says that operators can fetch what only the simulation knows of it."""
 
     trial_id: str
     job_id: str
@@ -134,6 +137,8 @@ class Trial(Schema):
     log_sha256: str | None
     log_bytes: int | None
     attempts: tuple[Attempt, ...]
+    excitation: ExcitationName | None = None  # of an identification's trial
+    has_truth: bool = False
 
 
 class TrialPage(Schema):

@@ -7,6 +7,7 @@ a second home.
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
@@ -14,12 +15,14 @@ import httpx
 from pydantic import BaseModel, ValidationError
 
 from api_schemas.error import Problem
+from api_schemas.excitation import IdentificationRequest
 from api_schemas.job import Job, JobEvent, JobPage, JobRequest, JobState
 from api_schemas.policy import Policy, PolicyManifest, canonical_json
 from api_schemas.robot import Robot, RobotPage
 from api_schemas.status import FarmStatus
 from api_schemas.token import NewToken, TokenPage, TokenRequest
 from api_schemas.trial import Trial, TrialPage
+from api_schemas.verification import Verification
 from client_cli.errors import ClientError, Refused, ServerAway
 from client_cli.event_stream import job_events
 from client_cli.settings import Connection
@@ -31,8 +34,19 @@ STREAM_TIMEOUT = httpx.Timeout(45.0, connect=5.0)
 """Three missed heartbeats of an event stream (15 s each) mean that the link is dead."""
 POST_TRIES = 4
 CHUNK_BYTES = 1 << 18
+VERIFICATION_TIMEOUT = httpx.Timeout(600.0, connect=5.0)
+"""A verification answers only when the log has been simulated again, and may wait for others before."""
 
 Answer = TypeVar("Answer", bound=BaseModel)
+
+
+@dataclass(frozen=True)
+class StoredFile:
+    """A file on the server: its path, its SHA-256, and its size if that is known."""
+
+    path: str
+    sha256: str
+    size_bytes: int | None
 
 
 class ApiClient:
@@ -72,11 +86,18 @@ class ApiClient:
 
     def create_job(self, request: JobRequest, idempotency_key: str) -> Job:
         """Queue a job. The key makes it safe to ask again when an answer got lost on the way."""
+        return self._create("/v1/jobs", request, idempotency_key)
+
+    def create_identification(self, request: IdentificationRequest, idempotency_key: str) -> Job:
+        """Queue an identification, as ``create_job`` does a job."""
+        return self._create("/v1/identifications", request, idempotency_key)
+
+    def _create(self, path: str, request: JobRequest | IdentificationRequest, idempotency_key: str) -> Job:
         for left in reversed(range(POST_TRIES)):
             try:
                 headers = {"Idempotency-Key": idempotency_key}
                 body = request.model_dump(mode="json")
-                return self._answer(Job, self._send("POST", "/v1/jobs", json=body, headers=headers))
+                return self._answer(Job, self._send("POST", path, json=body, headers=headers))
             except ServerAway:
                 if not left:
                     raise
@@ -112,11 +133,26 @@ class ApiClient:
             if (cursor := page.next_cursor) is None:
                 return tuple(trials)
 
+    def truth(self, trial_id: str) -> StoredFile:
+        """Where a trial's truth is, and what it is; for operators."""
+        path = f"{_path_of(trial_id)}/truth"
+        headers = self._send("HEAD", path, headers={"Accept-Encoding": "identity"}).headers
+        return StoredFile(path, headers.get("etag", "").strip('"'), int(headers.get("content-length", 0)))
+
+    def verify(self, trial_id: str, log: Path) -> Verification:
+        """Have the server simulate a log again on the robot of its trial."""
+        with log.open("rb") as file:
+            chunks = iter(lambda: file.read(CHUNK_BYTES), b"")
+            headers = {"Content-Length": str(log.stat().st_size)}
+            path = f"{_path_of(trial_id)}/verify"
+            response = self._send("POST", path, content=chunks, headers=headers, timeout=VERIFICATION_TIMEOUT)
+        return self._answer(Verification, response)
+
     @contextmanager
-    def log(self, trial_id: str, offset: int) -> Iterator[tuple[int, Iterator[bytes]]]:
-        """A trial's log from byte ``offset``, as the offset at which the server really starts and the bytes."""
+    def file(self, path: str, offset: int) -> Iterator[tuple[int, Iterator[bytes]]]:
+        """A stored file from byte ``offset``, as the offset at which the server really starts and the bytes."""
         headers = {"Accept-Encoding": "identity"} | ({"Range": f"bytes={offset}-"} if offset else {})
-        with self._stream(f"/v1/trials/{trial_id}/log", headers, TIMEOUT) as response:
+        with self._stream(path, headers, TIMEOUT) as response:
             start = offset if response.status_code == httpx.codes.PARTIAL_CONTENT else 0
             yield start, self._guarded(response.iter_bytes(CHUNK_BYTES))
 
@@ -196,6 +232,18 @@ class ApiClient:
                 f"{self.url} answered {response.request.method} {response.request.url.path} with something that is not a "
                 f"{schema.__name__} ({error.error_count()} differences): is it a trifarm server of the same version?"
             ) from error
+
+
+def log_of(trial: Trial) -> StoredFile:
+    """Where the log of a trial is that has one, and what it is."""
+    return StoredFile(f"/v1/trials/{trial.trial_id}/log", trial.log_sha256 or "", trial.log_bytes)
+
+
+def _path_of(trial_id: str) -> str:
+    job_id, _, ordinal = trial_id.rpartition("-")
+    if not job_id or not ordinal.isdecimal():
+        raise ClientError(f"{trial_id!r} is no trial of a farm; one reads like jabcdefghijkl-007")
+    return f"/v1/jobs/{job_id}/trials/{int(ordinal)}"
 
 
 def problem_of(response: httpx.Response) -> Problem:

@@ -10,16 +10,17 @@ from typing import Annotated
 
 import typer
 
-from api_schemas.job import MAX_SEED, MAX_TRIALS, Job, TaskName
+from api_schemas.job import MAX_SEED, MAX_TRIALS, Job, JobRequest, TaskName
 from client_cli.api_client import ApiClient
 from client_cli.embedded_farm import FarmOptions, embedded_farm
 from client_cli.errors import Interrupted
 from client_cli.exit_codes import ExitCode
 from client_cli.fetch import fetch_job
 from client_cli.following import ending, exit_code_of, follow_to_end
-from client_cli.options import JsonOption, LayoutOption, ManifestOption, PhysicsOption, RobotsOption
+from client_cli.options import JsonOption, LayoutOption, ManifestOption, RobotsOption, TaskOption
 from client_cli.output import note, print_document, print_line
 from client_cli.policy_files import read_policy
+from client_cli.robot_options import DEFAULT_PHYSICS, FarmSeedOption, FaultOption, PhysicsOption, ResetOption, RobotOptions
 from client_cli.submit import submit_policy
 
 PARALLEL_DOWNLOADS = 4
@@ -40,11 +41,14 @@ def demo(
     *,
     manifest: ManifestOption = None,
     layout: LayoutOption = None,
-    task: Annotated[TaskName, typer.Option("--task", help="What is asked of the robot.")] = TaskName.PUSH,
+    task: TaskOption = TaskName.PUSH,
     trials: Annotated[int, typer.Option("--trials", min=1, max=MAX_TRIALS, help="How many goals to try.")] = 40,
     seed: Annotated[int, typer.Option("--seed", min=0, max=MAX_SEED, help="Draws goals and robots.")] = 1,
     robots: RobotsOption = 4,
-    physics: PhysicsOption = "nominal",
+    physics: PhysicsOption = DEFAULT_PHYSICS,
+    farm_seed: FarmSeedOption = None,
+    reset: ResetOption = None,
+    fault: FaultOption = None,
     folder: Annotated[Path, typer.Option("--dir", metavar="DIR", help="Everything the demo writes is in here.")] = Path(
         "demo-farm"
     ),
@@ -52,9 +56,10 @@ def demo(
 ) -> None:
     """Start a farm, run a policy on it, print the report, fetch the logs and stop the farm."""
     local = read_policy(policy, manifest, layout)
-    with _farm(folder.absolute(), robots, physics) as client:
+    with _farm(folder.absolute(), RobotOptions.of(robots, physics, farm_seed, reset, fault)) as client:
         note(f"uploading {local.weights.name} and queueing {trials} {task.value} trials")
-        job = follow_to_end(client, submit_policy(client, local, task, trials=trials, seed=seed).job_id)
+        wish = JobRequest(policy=local.digest, task=task, trials=trials, seed=seed)
+        job = follow_to_end(client, submit_policy(client, local, wish).job_id)
         result = _collect(client, job, folder)
     if as_json:
         print_document(document(result))
@@ -64,9 +69,9 @@ def demo(
 
 
 @contextmanager
-def _farm(folder: Path, robots: int, physics: str) -> Iterator[ApiClient]:
-    note(f"starting {robots} robots; everything is in {folder}")
-    options = FarmOptions(data=folder, home=folder / "home", robots=robots, port=0, physics=physics)
+def _farm(folder: Path, robots: RobotOptions) -> Iterator[ApiClient]:
+    note(f"starting {robots.count} robots with {robots.physics_name} physics; everything is in {folder}")
+    options = FarmOptions(data=folder, home=folder / "home", port=0, robots=robots)
     try:
         with embedded_farm(options) as farm, ApiClient(farm.connection) as client:
             yield client

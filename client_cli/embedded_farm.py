@@ -13,6 +13,8 @@ from client_cli.api_client import ApiClient
 from client_cli.child_process import ChildProcess, child_environment, module_command, start_child
 from client_cli.errors import ClientError
 from client_cli.farm_claims import held_folder, usable_port
+from client_cli.farm_record import FarmRecord, save_record
+from client_cli.robot_options import RobotOptions
 from client_cli.settings import Connection, save_connection
 
 HOST = "127.0.0.1"
@@ -31,9 +33,8 @@ class FarmOptions:
 
     data: Path
     home: Path
-    robots: int
     port: int
-    physics: str
+    robots: RobotOptions
 
 
 @dataclass(frozen=True)
@@ -74,24 +75,26 @@ def _start(options: FarmOptions, children: list[ChildProcess]) -> EmbeddedFarm:
         while not client.is_up():
             _pause(children, deadline_s, f"the services did not answer at {url}")
     tokens = _tokens(options.data)
+    save_record(FarmRecord(options.robots.physics, options.robots.farm_seed), options.data)
     children.append(_start_robots(options, url, bus, tokens["robot"]))
     connection = Connection(url, tokens["admin"])
     with ApiClient(connection) as client:
-        while (ready := _robots_in_service(client)) < options.robots:
-            _pause(children, deadline_s, f"only {ready} of {options.robots} robots came up")
+        while (ready := _robots_in_service(client)) < options.robots.count:
+            _pause(children, deadline_s, f"only {ready} of {options.robots.count} robots came up")
     settings = save_connection(connection, options.home)
-    return EmbeddedFarm(connection, bus, options.data, options.robots, options.physics, settings, tuple(children))
+    shown = options.robots.physics_name
+    return EmbeddedFarm(connection, bus, options.data, options.robots.count, shown, settings, tuple(children))
 
 
 def _start_services(options: FarmOptions, port: int, bus: str) -> ChildProcess:
     flags = ["--data", str(options.data), "--host", HOST, "--port", str(port), "--bus", bus]
-    command = module_command("services", "serve", *flags, "--farm", FARM, "--physics", options.physics)
+    command = module_command("services", "serve", *flags, "--farm", FARM, "--physics", options.robots.physics_name)
     return start_child("services", command, child_environment(), options.data / "logs" / "services.log")
 
 
 def _start_robots(options: FarmOptions, url: str, bus: str, token: str) -> ChildProcess:
-    flags = ["--robots", str(options.robots), "--api", url, "--bus", bus, "--farm", FARM, "--data", str(options.data)]
-    command = module_command("robot_farm", *flags, "--physics", options.physics)
+    flags = ["--api", url, "--bus", bus, "--farm", FARM, "--data", str(options.data)]
+    command = module_command("robot_farm", *flags, *options.robots.flags())
     environment = child_environment(TRIFARM_ROBOT_TOKEN=token)
     return start_child("robots", command, environment, options.data / "logs" / "robots.log")
 

@@ -11,12 +11,11 @@ from typing import Annotated
 import typer
 
 from api_schemas.job import FINAL_JOB_STATES, Job, JobState
-from api_schemas.trial import Trial
-from client_cli.api_client import ApiClient
+from client_cli.api_client import ApiClient, StoredFile, log_of
 from client_cli.errors import ClientError, UsageProblem
 from client_cli.exit_codes import ExitCode
 from client_cli.following import ending
-from client_cli.log_download import Download, download_log
+from client_cli.log_download import Download, download, log_name, truth_name
 from client_cli.options import JobArgument, JsonOption
 from client_cli.output import note, print_document, print_line
 from client_cli.settings import load_connection
@@ -31,6 +30,7 @@ class Fetched:
     job: Job
     folder: Path
     logs: tuple[Path, ...]
+    truths: tuple[Path, ...]
     already_there: int
     received_bytes: int
     report: Path | None
@@ -40,15 +40,17 @@ def fetch(
     job_id: JobArgument,
     to: Annotated[Path, typer.Option("--to", metavar="DIR", help="The folder to write to; made if absent.")],
     parallel: Annotated[int, typer.Option("--jobs", min=1, max=16, help="How many logs to download at once.")] = 4,
+    truth: Annotated[bool, typer.Option("--truth", help="The truth of each trial too; for operators.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Download a job's logs (trial-000.mcap …) and, last of all, report.json. Run again, it brings only what is missing."""
     with ApiClient(load_connection(os.environ)) as client:
-        fetched = fetch_job(client, job_id, to, parallel)
+        fetched = fetch_job(client, job_id, to, parallel, with_truth=truth)
     if as_json:
         print_document(document(fetched))
     else:
-        print_line(f"{len(fetched.logs)} logs in {fetched.folder} ({fetched.already_there} were there already)")
+        truths = f" and {len(fetched.truths)} truths" if truth else ""
+        print_line(f"{len(fetched.logs)} logs{truths} in {fetched.folder} ({fetched.already_there} were there already)")
     if fetched.report is None:
         note(f"no {REPORT_NAME}: {ending(fetched.job)}")
         raise typer.Exit(ExitCode.JOB_WITHOUT_REPORT)
@@ -61,13 +63,14 @@ def document(fetched: Fetched) -> dict[str, object]:
         "state": fetched.job.state.value,
         "folder": str(fetched.folder),
         "logs": [str(path) for path in fetched.logs],
+        "truths": [str(path) for path in fetched.truths],
         "already_there": fetched.already_there,
         "received_bytes": fetched.received_bytes,
         "report": str(fetched.report) if fetched.report else None,
     }
 
 
-def fetch_job(client: ApiClient, job_id: str, folder: Path, parallel: int) -> Fetched:
+def fetch_job(client: ApiClient, job_id: str, folder: Path, parallel: int, *, with_truth: bool = False) -> Fetched:
     """Bring all logs of an ended job to ``folder``, then its report: if that is there, the folder is complete."""
     job = client.job(job_id)
     if job.state not in FINAL_JOB_STATES:
@@ -77,14 +80,18 @@ def fetch_job(client: ApiClient, job_id: str, folder: Path, parallel: int) -> Fe
         )
     _claim_folder(folder, job_id)
     trials = [trial for trial in client.trials(job_id) if trial.log_sha256]
-    downloads = _download_all(client, trials, folder, parallel)
+    logs = [(log_of(trial), folder / log_name(trial.ordinal)) for trial in trials]
+    known = [trial for trial in trials if with_truth and trial.has_truth]
+    truths = [(client.truth(trial.trial_id), folder / truth_name(trial.ordinal)) for trial in known]
+    downloads = _download_all(client, logs + truths, parallel)
     report = None
     if job.state is JobState.SUCCEEDED:
         report = _write_report(client.report(job_id), folder / REPORT_NAME)
     return Fetched(
         job=job,
         folder=folder,
-        logs=tuple(sorted(download.path for download in downloads)),
+        logs=tuple(path for _, path in logs),
+        truths=tuple(path for _, path in truths),
         already_there=sum(download.was_there for download in downloads),
         received_bytes=sum(download.size_bytes for download in downloads if not download.was_there),
         report=report,
@@ -103,10 +110,10 @@ def _claim_folder(folder: Path, job_id: str) -> None:
         raise UsageProblem(f"{folder} holds the logs of job {held}; choose another folder for job {job_id}")
 
 
-def _download_all(client: ApiClient, trials: list[Trial], folder: Path, parallel: int) -> list[Download]:
+def _download_all(client: ApiClient, files: list[tuple[StoredFile, Path]], parallel: int) -> list[Download]:
     stop = Event()
     with ThreadPoolExecutor(parallel, thread_name_prefix="fetch") as pool:
-        waiting = [pool.submit(download_log, client, trial, folder, stop) for trial in trials]
+        waiting = [pool.submit(download, client, stored, path, stop) for stored, path in files]
         try:
             return [future.result() for future in as_completed(waiting)]
         finally:

@@ -3,10 +3,11 @@
 import time
 from dataclasses import dataclass, replace
 
-from api_schemas.job import FINAL_JOB_STATES, Job, JobState
+from api_schemas.job import FINAL_JOB_STATES, Job, JobState, TaskName
 from client_cli.api_client import ApiClient
 from client_cli.errors import Interrupted, Refused, ServerAway
 from client_cli.exit_codes import ExitCode
+from client_cli.output import counted
 from client_cli.progress import JobProgress, advance, progress_of, waiting_sentence
 from client_cli.progress_view import ProgressView, progress_view
 
@@ -76,6 +77,9 @@ def _read_events(client: ApiClient, job_id: str, followed: Followed, view: Progr
 
 def ending(job: Job) -> str:
     """How a job ended, in one line that names the next command."""
+    if job.state is JobState.SUCCEEDED and job.task is TaskName.IDENTIFY:
+        recorded = f"{counted(job.trials, 'excitation')} recorded on {job.robot}"
+        return f"job {job.job_id}: {recorded}; 'trifarm fetch {job.job_id} --to DIR' brings them"
     if job.state is JobState.SUCCEEDED:
         return f"job {job.job_id}: {job.successes} of {job.trials} trials succeeded; 'trifarm report {job.job_id}' shows them"
     done = f"{job.trials_done} of {job.trials} trials done"

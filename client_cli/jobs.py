@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from api_schemas.job import FINAL_JOB_STATES, Job, JobState
+from api_schemas.job import FINAL_JOB_STATES, Job, JobState, TaskName
 from client_cli.api_client import ApiClient
 from client_cli.options import JsonOption
 from client_cli.output import age, note, print_document, print_table
@@ -37,4 +37,5 @@ def jobs(
 def _row(job: Job) -> tuple[object, ...]:
     why = job.reason if job.state in FINAL_JOB_STATES else job.waiting_because
     done = f"{job.trials_done}/{job.trials}"
-    return job.job_id, job.state, job.task, done, job.successes, job.policy_name, job.owner, age(job.created_at), why or ""
+    successes = None if job.task is TaskName.IDENTIFY else job.successes
+    return job.job_id, job.state, job.task, done, successes, job.policy_name, job.owner, age(job.created_at), why or ""

@@ -1,12 +1,11 @@
-"""Brings one trial's log into a folder: resumes what was interrupted, checks the SHA-256, renames only what is right."""
+"""Brings a trial's files into a folder: resumes what was interrupted, checks the SHA-256, renames only what is right."""
 
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event
 
-from api_schemas.trial import Trial
-from client_cli.api_client import ApiClient
+from client_cli.api_client import ApiClient, StoredFile
 from client_cli.errors import ClientError, ServerAway
 
 TRIES = 3
@@ -14,7 +13,7 @@ TRIES = 3
 
 @dataclass(frozen=True)
 class Download:
-    """A log that is in its place, and whether it had been there before."""
+    """A file that is in its place, and whether it had been there before."""
 
     path: Path
     size_bytes: int
@@ -30,32 +29,36 @@ def log_name(ordinal: int) -> str:
     return f"trial-{ordinal:03d}.mcap"
 
 
-def download_log(client: ApiClient, trial: Trial, folder: Path, stop: Event) -> Download:
-    """Bring the log of ``trial``, which must have one, to ``folder``."""
-    path = folder / log_name(trial.ordinal)
-    if path.is_file() and sha256_of(path) == trial.log_sha256:
+def truth_name(ordinal: int) -> str:
+    """The file name of a trial's truth in a fetched folder."""
+    return f"trial-{ordinal:03d}.truth.mcap"
+
+
+def download(client: ApiClient, stored: StoredFile, path: Path, stop: Event) -> Download:
+    """Bring a stored file to ``path``."""
+    if path.is_file() and sha256_of(path) == stored.sha256:
         return Download(path, path.stat().st_size, was_there=True)
     part = path.with_name(path.name + ".part")
     for left in reversed(range(TRIES)):
         try:
-            _receive(client, trial, part, stop)
+            _receive(client, stored, part, stop)
         except ServerAway:
             if not left:
                 raise
             continue
-        if sha256_of(part) == trial.log_sha256:
+        if sha256_of(part) == stored.sha256:
             part.replace(path)
             return Download(path, path.stat().st_size, was_there=False)
         # Wrong bytes may come from a part that another job left behind, so the next try starts anew.
         part.unlink()
-    raise ClientError(f"the log of trial {trial.trial_id} came {TRIES} times with another SHA-256 than the server names")
+    raise ClientError(f"{path.name} came {TRIES} times with another SHA-256 than the server names")
 
 
-def _receive(client: ApiClient, trial: Trial, part: Path, stop: Event) -> None:
+def _receive(client: ApiClient, stored: StoredFile, part: Path, stop: Event) -> None:
     offset = part.stat().st_size if part.exists() else 0
-    if trial.log_bytes is not None and offset >= trial.log_bytes:
+    if stored.size_bytes is not None and offset >= stored.size_bytes:
         return
-    with client.log(trial.trial_id, offset) as (start, chunks), part.open("r+b" if offset else "wb") as file:
+    with client.file(stored.path, offset) as (start, chunks), part.open("r+b" if offset else "wb") as file:
         file.seek(start)
         file.truncate()
         for chunk in chunks:

@@ -6,7 +6,23 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from client_cli import cancel, demo, fetch, jobs, replay, report, robots, status, submit, token, up, watch
+from client_cli import (
+    cancel,
+    demo,
+    effects,
+    fetch,
+    identify,
+    jobs,
+    physics,
+    replay,
+    report,
+    robots,
+    status,
+    submit,
+    token,
+    up,
+    watch,
+)
 from client_cli.errors import ClientError, error_document, error_line
 from client_cli.exit_codes import MEANING, OF_EVERY_REQUEST, ExitCode, epilog
 from client_cli.output import note, print_document
@@ -15,17 +31,21 @@ app = typer.Typer(
     name="trifarm", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, epilog=epilog(*MEANING)
 )
 
+OF_A_CHILD = (ExitCode.OK, ExitCode.OTHER, ExitCode.USAGE)
 JOB_END = (*OF_EVERY_REQUEST, ExitCode.JOB_WITHOUT_REPORT, ExitCode.INTERRUPTED)
 
-app.command(epilog=epilog(ExitCode.OK, ExitCode.OTHER, ExitCode.USAGE))(up.up)
+app.command(epilog=epilog(*OF_A_CHILD))(up.up)
 app.command(epilog=epilog(*JOB_END))(demo.demo)
 app.command(epilog=epilog(*JOB_END))(submit.submit)
+app.command(epilog=epilog(*JOB_END))(identify.identify)
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(jobs.jobs)
 app.command(epilog=epilog(*JOB_END))(watch.watch)
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(cancel.cancel)
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(report.report)
 app.command(epilog=epilog(*JOB_END))(fetch.fetch)
-app.command(epilog=epilog(ExitCode.OK, ExitCode.OTHER, ExitCode.USAGE, ExitCode.DIFFERS))(replay.replay)
+app.command(epilog=epilog(*OF_EVERY_REQUEST, ExitCode.DIFFERS))(replay.replay)
+app.command(epilog=epilog(*OF_A_CHILD))(effects.effects)
+app.command(epilog=epilog(*OF_A_CHILD))(physics.physics)
 app.add_typer(robots.commands, name="robots")
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(status.status)
 app.add_typer(token.commands, name="token")

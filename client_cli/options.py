@@ -5,6 +5,9 @@ from typing import Annotated
 
 import typer
 
+from api_schemas.job import POLICY_TASKS, TaskName
+from api_schemas.object import LARGEST_SCALE, SMALLEST_SCALE, ObjectName
+
 JsonOption = Annotated[bool, typer.Option("--json", help="Print exactly one JSON document on stdout; progress goes to stderr.")]
 JobArgument = Annotated[str, typer.Argument(metavar="ID", help="The job's id, as submit printed it.")]
 ManifestOption = Annotated[
@@ -15,5 +18,27 @@ LayoutOption = Annotated[
     str | None,
     typer.Option("--layout", metavar="NAME", help="A ready-made manifest: rrc2022-push, rrc2022-lift, keypoints or pose."),
 ]
+
+
+def _task(given: str) -> TaskName:
+    """A task that a policy can be asked to do, which leaves out ``identify``."""
+    if given not in POLICY_TASKS:
+        raise typer.BadParameter(f"{given!r} is not one of {', '.join(POLICY_TASKS)}")
+    return TaskName(given)
+
+
+TaskOption = Annotated[
+    TaskName, typer.Option("--task", parser=_task, metavar="|".join(POLICY_TASKS), help="What is asked of the robot.")
+]
+ObjectOption = Annotated[
+    ObjectName, typer.Option("--object", help="What lies between the fingers; goals stay those of the cube.")
+]
+ObjectScaleOption = Annotated[
+    float, typer.Option("--object-scale", min=SMALLEST_SCALE, max=LARGEST_SCALE, help="Times the object's usual size.")
+]
+WaitOption = Annotated[bool, typer.Option("--wait", help="Follow the job to its end.")]
+IdempotencyKeyOption = Annotated[
+    str | None,
+    typer.Option("--idempotency-key", metavar="TEXT", help="The same key and the same job make one job, however often sent."),
+]
 RobotsOption = Annotated[int, typer.Option("--robots", min=1, max=64, help="How many simulated robots.")]
-PhysicsOption = Annotated[str, typer.Option("--physics", help="The robots' physics; nominal gives each the same, ideal one.")]

@@ -65,3 +65,8 @@ def duration(seconds: float) -> str:
         if seconds < limit:
             return f"{max(seconds, 0) / divisor:.0f} {unit}"
     return f"{seconds / 86_400:.0f} d"
+
+
+def counted(number: int, noun: str) -> str:
+    """A number of things, such as "1 log" or "3 logs"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from datetime import datetime
 
-from api_schemas.job import Job, JobEvent
+from api_schemas.job import Job, JobEvent, TaskName
 from client_cli.output import duration
 
 
@@ -18,11 +18,18 @@ class JobProgress:
     started_at: str | None = None
     last_done_at: str | None = None
     waiting_because: str | None = None
+    has_goals: bool = True
 
 
 def progress_of(job: Job) -> JobProgress:
     """Where a job stands before any event."""
-    return JobProgress(trials=job.trials, done=job.trials_done, successes=job.successes, waiting_because=waiting_sentence(job))
+    return JobProgress(
+        trials=job.trials,
+        done=job.trials_done,
+        successes=job.successes,
+        waiting_because=waiting_sentence(job),
+        has_goals=job.task is not TaskName.IDENTIFY,
+    )
 
 
 def waiting_sentence(job: Job) -> str | None:
@@ -60,7 +67,7 @@ def estimate_s(progress: JobProgress) -> float | None:
 
 def sentence(progress: JobProgress) -> str:
     """Everything but the bar, such as "11 succeeded, 4 running (robot-0 robot-1), about 12 s left"."""
-    parts = [f"{progress.successes} succeeded"]
+    parts = [f"{progress.successes} succeeded" if progress.has_goals else f"{progress.done} recorded"]
     if progress.running:
         names = sorted({robot for _, robot in progress.running})
         shown = " ".join(names[:4]) + (" …" if len(names) > 4 else "")

@@ -1,25 +1,83 @@
 """``trifarm replay``: simulate a log again and see whether the numbers are the same."""
 
+import json
+import os
 import subprocess
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from api_schemas.verification import Verification
+from client_cli.api_client import ApiClient
 from client_cli.child_process import child_environment, module_command
-from client_cli.errors import UsageProblem
+from client_cli.errors import ClientError, UsageProblem
+from client_cli.exit_codes import ExitCode
 from client_cli.options import JsonOption
+from client_cli.output import note, print_document, print_line
+from client_cli.settings import load_connection
+
+REPLAY = "sim_backend.replay"
+NEEDS_TRUTH = 7
+"""Exit code of a replay that lacks what only the farm knows: the robot's physics."""
 
 
 def replay(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="A trial's log, such as trial-000.mcap.")],
     verify: Annotated[bool, typer.Option("--verify", help="Compare every recorded state, and exit 6 if one differs.")] = False,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", metavar="FILE", help="The trial's truth, which operators can fetch.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Simulate a log's applied torques again on this machine."""
-    if not log.is_file():
-        raise UsageProblem(f"there is no log {log}")
-    flags = [flag for flag, is_set in (("--verify", verify), ("--json", as_json)) if is_set]
-    # The physics runs in a process of its own, so that the client itself never loads a simulator.
-    ended = subprocess.run(module_command("sim_backend.replay", str(log), *flags), env=child_environment(), check=False)
+    """Simulate a log again: here, or with --verify on the server if only the farm knows the robot's physics."""
+    for path in (log, *([] if truth is None else [truth])):
+        if not path.is_file():
+            raise UsageProblem(f"there is no file {path}")
+    flags = ["--verify"] * verify + ([] if truth is None else ["--truth", str(truth)]) + ["--json"] * as_json
+    ended = _run(log, *flags)
+    if ended.returncode == NEEDS_TRUTH and verify and truth is None:
+        raise typer.Exit(_ask_server(log, as_json))
+    sys.stdout.write(ended.stdout)
+    sys.stderr.write(ended.stderr)
     raise typer.Exit(ended.returncode)
+
+
+def _run(log: Path, *flags: str) -> subprocess.CompletedProcess[str]:
+    # The physics runs in a process of its own, so that the client itself never loads a simulator.
+    command = module_command(REPLAY, str(log), *flags)
+    return subprocess.run(command, env=child_environment(), capture_output=True, text=True, check=False)
+
+
+def _ask_server(log: Path, as_json: bool) -> ExitCode:
+    trial_id = _trial_of(log)
+    with ApiClient(load_connection(os.environ)) as client:
+        note(f"{log.name} is of a robot whose physics only its farm knows; {client.url} simulates it again")
+        verdict = client.verify(trial_id, log)
+    if as_json:
+        print_document(verdict)
+    else:
+        print_line(text(verdict, log.name))
+    return ExitCode.OK if verdict.same else ExitCode.DIFFERS
+
+
+def _trial_of(log: Path) -> str:
+    """The id of the log's trial, as the replay reads it."""
+    shown = _run(log, "--json")
+    try:
+        trial_id = json.loads(shown.stdout)["trial"]["trial_id"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise ClientError(f"{log} does not say which trial it is of: {(shown.stdout or shown.stderr).strip()[:200]}") from error
+    return str(trial_id)
+
+
+def text(verdict: Verification, name: str) -> str:
+    """The verdict in one line."""
+    if verdict.same:
+        return f"{name}: same numbers in all {verdict.steps} steps"
+    line = f"{name}: differs from step {verdict.first_difference_step} on"
+    if verdict.largest_joint_difference_rad is None or verdict.largest_cube_difference_m is None:
+        return line
+    joints, cube = f"{verdict.largest_joint_difference_rad:.3g} rad", f"{verdict.largest_cube_difference_m:.3g} m"
+    return f"{line} (by up to {joints} at the joints, {cube} at the cube)"

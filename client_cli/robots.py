@@ -40,7 +40,7 @@ def drain(robot: RobotArgument, as_json: JsonOption = False) -> None:
 
 @commands.command(epilog=epilog(*OF_EVERY_REQUEST))
 def resume(robot: RobotArgument, as_json: JsonOption = False) -> None:
-    """Give a drained robot trials again."""
+    """Give a drained robot trials again; one that is out of service tests itself again first."""
     with ApiClient(load_connection(os.environ)) as client:
         _show(client.resume(robot), as_json)
 

@@ -9,8 +9,9 @@ import typer
 
 from client_cli.embedded_farm import EmbeddedFarm, FarmOptions, embedded_farm
 from client_cli.errors import ClientError
-from client_cli.options import JsonOption, PhysicsOption, RobotsOption
+from client_cli.options import JsonOption, RobotsOption
 from client_cli.output import note, print_document, print_line
+from client_cli.robot_options import DEFAULT_PHYSICS, FarmSeedOption, FaultOption, PhysicsOption, ResetOption, RobotOptions
 from client_cli.settings import DEFAULT_PORT, default_data_folder, home_folder
 
 WATCH_EVERY_S = 0.2
@@ -23,12 +24,16 @@ def up(
         typer.Option("--data", metavar="DIR", help="Where database, policies and logs live.", show_default=False),
     ] = None,
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="The API's port; 0 takes any free one.")] = DEFAULT_PORT,
-    physics: PhysicsOption = "nominal",
+    physics: PhysicsOption = DEFAULT_PHYSICS,
+    farm_seed: FarmSeedOption = None,
+    reset: ResetOption = None,
+    fault: FaultOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Start a farm with API, dispatcher and robots, and keep it running until Ctrl-C."""
     folder = (data or default_data_folder(os.environ)).absolute()
-    options = FarmOptions(data=folder, home=home_folder(os.environ), robots=robots, port=port, physics=physics)
+    told = RobotOptions.of(robots, physics, farm_seed, reset, fault)
+    options = FarmOptions(data=folder, home=home_folder(os.environ), port=port, robots=told)
     try:
         note(f"starting {robots} robots; data in {folder}")
         with embedded_farm(options) as farm:

@@ -70,16 +70,25 @@ class ApiLink:
 
     def upload_log(self, lease: Lease, log: Path) -> str:
         """Upload a log under the lease's fence; returns its SHA-256."""
-        with log.open("rb") as stream:
-            digest = hashlib.file_digest(stream, "sha256").hexdigest()
-        headers = {"X-Content-SHA256": digest, "Content-Length": str(log.stat().st_size)}
-        self._patiently("PUT", f"/v1/leases/{lease.trial_id}/{lease.fence}/log", headers=headers, upload=log)
-        return digest
+        return self._upload(lease, "log", log)
 
-    def report_outcome(self, lease: Lease, outcome: Outcome, log_sha256: str | None) -> None:
+    def upload_truth(self, lease: Lease, truth: Path) -> str:
+        """Upload what only operators may see under the lease's fence; returns its SHA-256."""
+        return self._upload(lease, "truth", truth)
+
+    def report_outcome(self, lease: Lease, outcome: Outcome, log_sha256: str | None, truth_sha256: str | None = None) -> None:
         """Report how the attempt ended; the last word on a lease."""
-        report = OutcomeReport(robot=lease.robot, fence=lease.fence, outcome=outcome, log_sha256=log_sha256)
+        report = OutcomeReport(
+            robot=lease.robot, fence=lease.fence, outcome=outcome, log_sha256=log_sha256, truth_sha256=truth_sha256
+        )
         self._patiently("POST", f"/v1/leases/{lease.trial_id}/outcome", json=report.model_dump(mode="json"))
+
+    def _upload(self, lease: Lease, kind: str, file: Path) -> str:
+        with file.open("rb") as stream:
+            digest = hashlib.file_digest(stream, "sha256").hexdigest()
+        headers = {"X-Content-SHA256": digest, "Content-Length": str(file.stat().st_size)}
+        self._patiently("PUT", f"/v1/leases/{lease.trial_id}/{lease.fence}/{kind}", headers=headers, upload=file)
+        return digest
 
     def _patiently(self, method: str, url: str, *, upload: Path | None = None, **request) -> httpx.Response:
         """Send until it is answered, at most ``RETRY_FOR_S``."""

@@ -58,7 +58,8 @@ class BusLink:
         self._instance = uuid.uuid4().hex
         self._lock = threading.Lock()
         self._state, self._lease = RobotState.IDLE, None
-        self._draining = False
+        self._draining, self._wrong = False, None
+        self._resume_asked = threading.Event()
         self._offers: queue.Queue[Accepted] = queue.Queue(maxsize=1)
         self._closing = threading.Event()
 
@@ -112,7 +113,23 @@ class BusLink:
                 self._lease, self._state = None, self._idle_state()
         self._send_heartbeat()
 
+    def out_of_service(self, reason: str | None) -> None:
+        """The robot is unfit, for this reason, and takes no offers until further notice; None: it is fit again."""
+        with self._lock:
+            self._wrong = reason
+            if self._lease is None:
+                self._state = self._idle_state()
+        self._send_heartbeat()
+
+    def resume_asked(self) -> bool:
+        """Whether an operator wants a robot that is out of service back; asks once for each time that he does."""
+        asked = self._resume_asked.is_set()
+        self._resume_asked.clear()
+        return asked
+
     def _idle_state(self) -> RobotState:
+        if self._wrong is not None:
+            return RobotState.OUT_OF_SERVICE
         return RobotState.DRAINING if self._draining else RobotState.IDLE
 
     def _become(self, state: RobotState) -> None:
@@ -136,6 +153,8 @@ class BusLink:
                 if (self._lease.trial_id, self._lease.fence) == (lease.trial_id, lease.fence):
                     return OfferReply(accepted=True)  # the same offer again: its first answer was lost
                 return OfferReply(accepted=False, reason=f"busy with trial {self._lease.trial_id}")
+            if self._wrong is not None:
+                return OfferReply(accepted=False, reason=f"out of service: {self._wrong}")
             if self._draining or self._stopping():
                 return OfferReply(accepted=False, reason="draining" if self._draining else "about to end")
             self._lease, self._state = lease, RobotState.LEASED
@@ -157,6 +176,8 @@ class BusLink:
             lease = self._lease
             if command.kind is not bus.CommandKind.CANCEL:
                 self._draining = command.kind is bus.CommandKind.DRAIN
+                if self._wrong is not None and not self._draining:
+                    self._resume_asked.set()
                 if lease is None:
                     self._state = self._idle_state()
                 return OfferReply(accepted=True)
@@ -175,6 +196,7 @@ class BusLink:
                 state=self._state,
                 trial_id=self._lease.trial_id if self._lease else None,
                 fence=self._lease.fence if self._lease else None,
+                reason=self._wrong,
                 physics=self._physics,
                 version=version("trifarm"),
             )

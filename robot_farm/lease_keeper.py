@@ -11,6 +11,10 @@ CANCELLED = "the job was cancelled"
 JOIN_WITHIN_S = 0.5
 
 
+class TrialStoppedError(Exception):
+    """The trial was stopped from outside: the lease ended or the job was cancelled."""
+
+
 class LeaseKeeper:
     """Renews one lease from a thread of its own; a context manager. Owner of the lease's end on the robot's clock.
 

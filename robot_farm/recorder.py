@@ -6,24 +6,37 @@ import numpy as np
 
 from api_schemas import trial_log
 from api_schemas.trial_log import TrialLogWriter
+from robot_farm.faults import CAMERA_NAMES
+from sim_backend.driver.driver import Command, Segment
 from sim_backend.driver.tracker import TrackedPose
 from sim_backend.episode import Period
 from sim_backend.tasks.task import Goal, Task
+from sim_backend.trifinger import constants as c
 from sim_backend.trifinger import viewer_scene
+from sim_backend.trifinger.objects import CUBE, Shape
 
-CUBE_EVERY_STEPS = 10
+TRUTH_EVERY_STEPS = 10
+"""Steps from one true state to the next; whoever needs every millisecond has it simulated again."""
 TRANSFORMS_EVERY_STEPS = 40
+_FACES = np.array(list(c.CUBE_FACE_COLOURS))
 
 
 class Recorder:
-    """Collects the periods of one trial (n = 1) and writes them in blocks; a context manager around the writer."""
+    """Collects what happens in one trial (n = 1) and writes it in blocks; a context manager around the writers.
 
-    def __init__(self, writer: TrialLogWriter) -> None:
-        self._writer = writer
-        self._periods: list[Period] = []
-        self._inference_ns: list[int] = []
+    Args:
+        writer: of the log.
+        truth: of the truth file; None where the truth goes into the log, too.
+        shape: the object in the arena.
+    """
+
+    def __init__(self, writer: TrialLogWriter, truth: TrialLogWriter | None = None, shape: Shape = CUBE) -> None:
+        self._writer, self._truth, self._shape = writer, truth, shape
+        self._segments: list[Segment] = []
+        self._reports: list[TrackedPose] = []
         self._steps = 0
         self._tracked: TrackedPose | None = None
+        self._temperature_rise_k: np.ndarray | None = None
 
     def __enter__(self) -> "Recorder":
         return self
@@ -31,64 +44,87 @@ class Recorder:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.flush()
 
-    def begin(self, task: Task, goal: Goal, tracked: TrackedPose) -> None:
-        """Scene, goal and the pose that the tracker knew before the first step."""
+    def begin(self, task: Task | None, goal: Goal, tracked: TrackedPose) -> None:
+        """Scene, goal (None of a task) and the pose that the tracker knew before the first step."""
         position, quat, tips = goal.cube_position_world_m[0], goal.cube_quat_wxyz[0], goal.fingertip_position_world_m[0]
-        wanted = (position, quat, None) if task.moves_cube else (None, None, tips)
-        self._writer.message(trial_log.MEASURED_SCENE, 0, viewer_scene.measured_scene(*wanted))
-        if task.moves_cube:
+        wanted = (None, None, None)
+        if task is not None:
+            wanted = (position, quat, None) if task.moves_cube else (None, None, tips)
+        self._writer.message(trial_log.MEASURED_SCENE, 0, viewer_scene.measured_scene(*wanted, shape=self._shape))
+        if task is not None and task.moves_cube:
             self._writer.goal(position, quat)
-        else:
+        elif task is not None:
             self._writer.metadata(trial_log.GOAL_METADATA, {"fingertip_position_world_m": tips.tolist()})
-        self._writer.message(trial_log.TRUE_SCENE, 0, viewer_scene.true_scene())
+        (self._truth or self._writer).message(trial_log.TRUE_SCENE, 0, viewer_scene.true_scene(self._shape))
         self._writer.message(trial_log.MEASURED_TRANSFORMS, 0, viewer_scene.fixed_transforms())
         self._write_tracked(tracked)
 
-    def record(self, period: Period, inference_time_ns: int) -> None:
-        """One control period."""
-        self._periods.append(period)
-        self._inference_ns.append(inference_time_ns)
-        self._steps += period.segment.joint_position_rad.shape[1]
-        if self._steps + period.segment.joint_position_rad.shape[1] > trial_log.FLUSH_EVERY_STEPS:
-            self.flush()
+    def record(self, period: Period, inference_time_ns: int, temperature_rise_k: np.ndarray | None = None) -> None:
+        """One control period of a policy, and the temperature of the motors after it, shape (9,), K."""
+        self._make_room(period.segment)
+        self._writer.policy_step(period.segment.first_step, period.observation[0], period.action[0], inference_time_ns)
+        self._add(period.segment, period.tracked, temperature_rise_k)
+
+    def record_command(
+        self, command: Command, segment: Segment, tracked: list[TrackedPose], temperature_rise_k: np.ndarray | None = None
+    ) -> None:
+        """One command of an excitation and what followed."""
+        self._make_room(segment)
+        target = None if command.position_target_rad is None else command.position_target_rad[0]
+        self._writer.command(segment.first_step, command.desired_torque_nm[0], target)
+        self._add(segment, tracked, temperature_rise_k)
 
     def flush(self) -> None:
         """Write what was collected and hand it to the operating system."""
-        if not self._periods:
+        if not self._segments:
             return
-        segments = [period.segment for period in self._periods]
-        first = segments[0].first_step
-        joined = {
-            name: np.concatenate([getattr(segment, name)[0] for segment in segments])
-            for name in (
-                "joint_position_rad",
-                "joint_velocity_rad_s",
-                "desired_torque_nm",
-                "applied_torque_nm",
-                "cube_position_world_m",
-                "cube_quat_wxyz",
-            )
-        }
-        self._writer.joint_states(
-            first, joined["joint_position_rad"], joined["joint_velocity_rad_s"], joined["applied_torque_nm"]
-        )
-        self._writer.torque(first, joined["desired_torque_nm"], joined["applied_torque_nm"])
-        self._write_cube(first, joined)
-        for period, inference_time_ns in zip(self._periods, self._inference_ns, strict=True):
-            self._writer.policy_step(period.segment.first_step, period.observation[0], period.action[0], inference_time_ns)
-            for tracked in period.tracked:
-                self._write_tracked(tracked)
-        self._write_measured_transforms(first, joined["joint_position_rad"])
-        self._periods, self._inference_ns, self._steps = [], [], 0
+        first = self._segments[0].first_step
+        self._write_measured(first)
+        for tracked in self._reports:
+            self._write_tracked(tracked)
+        self._write_measured_transforms(first, self._joined("joint_position_rad"))
+        self._write_cube(first)
+        if self._truth is not None:
+            self._write_truth(self._truth, first)
+        self._segments, self._reports, self._steps = [], [], 0
         self._writer.flush()
 
-    def _write_cube(self, first: int, joined: dict[str, np.ndarray]) -> None:
-        rows = _rows_at(first, len(joined["cube_quat_wxyz"]), CUBE_EVERY_STEPS)
-        position, quat = joined["cube_position_world_m"][rows], joined["cube_quat_wxyz"][rows]
-        self._writer.cube_pose(first + rows, position, quat)
+    def _make_room(self, segment: Segment) -> None:
+        if self._steps + segment.joint_position_rad.shape[1] > trial_log.FLUSH_EVERY_STEPS:
+            self.flush()
+
+    def _add(self, segment: Segment, tracked: list[TrackedPose], temperature_rise_k: np.ndarray | None) -> None:
+        self._segments.append(segment)
+        self._reports += tracked
+        self._steps += segment.joint_position_rad.shape[1]
+        self._temperature_rise_k = temperature_rise_k
+
+    def _joined(self, name: str) -> np.ndarray:
+        """A field of all segments that were collected, without the robots' axis."""
+        return np.concatenate([getattr(segment, name)[0] for segment in self._segments])
+
+    def _write_measured(self, first: int) -> None:
+        measured = (self._joined(name) for name in ("joint_position_rad", "joint_velocity_rad_s", "measured_torque_nm"))
+        self._writer.joint_states(first, *measured)
+        self._writer.torque(first, self._joined("desired_torque_nm"), self._joined("applied_torque_nm"))
+
+    def _write_truth(self, truth: TrialLogWriter, first: int) -> None:
+        rows = _rows_at(first, self._steps, TRUTH_EVERY_STEPS)
+        names = ("true_joint_position_rad", "true_joint_velocity_rad_s", "effective_torque_nm")
+        truth.true_joint_states(first + rows, *(self._joined(name)[rows] for name in names))
+        if self._temperature_rise_k is not None:
+            truth.motors(first + self._steps, self._temperature_rise_k)
+        truth.flush()
+
+    def _write_cube(self, first: int) -> None:
+        all_positions, all_quats = self._joined("cube_position_world_m"), self._joined("cube_quat_wxyz")
+        rows = _rows_at(first, len(all_quats), TRUTH_EVERY_STEPS)
+        position, quat = all_positions[rows], all_quats[rows]
+        writer = self._truth or self._writer
+        writer.cube_pose(first + rows, position, quat)
         often = (first + rows) % TRANSFORMS_EVERY_STEPS == 0
         values = np.concatenate([position[often], quat[often]], axis=1)
-        self._writer.transforms(trial_log.TRUE_TRANSFORMS, (first + rows)[often], values)
+        writer.transforms(trial_log.TRUE_TRANSFORMS, (first + rows)[often], values)
 
     def _write_measured_transforms(self, first: int, joint_position_rad: np.ndarray) -> None:
         assert self._tracked is not None, "begin the recording first"
@@ -100,12 +136,17 @@ class Recorder:
 
     def _write_tracked(self, tracked: TrackedPose) -> None:
         self._tracked = tracked
+        faces = {name: _FACES[seen].tolist() for name, seen in zip(CAMERA_NAMES, tracked.visible_faces[0], strict=True)}
         self._writer.tracked_pose(
-            tracked.capture_step,
-            tracked.delivery_step,
+            int(tracked.capture_step[0]),
+            int(tracked.delivery_step[0]),
             tracked.cube_position_world_m[0],
             tracked.cube_quat_wxyz[0],
             float(tracked.confidence[0]),
+            raw_confidence=float(tracked.raw_confidence[0]),
+            raw_position_world_m=tracked.raw_position_world_m[0].tolist(),
+            raw_quat_wxyz=tracked.raw_quat_wxyz[0].tolist(),
+            visible_faces=faces,
         )
 
 

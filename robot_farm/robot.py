@@ -1,4 +1,4 @@
-"""The life of one robot: wait for a lease, run its trial, bring home log and outcome, again."""
+"""One robot at work: wait for a lease, get ready, run its trial, bring home log and outcome, again."""
 
 import contextlib
 import threading
@@ -7,15 +7,21 @@ from pathlib import Path
 
 from api_schemas.bus import LiveState
 from api_schemas.robot import Lease
-from api_schemas.trial import FAULT_OF, MAX_REASON, Outcome, OutcomeKind
+from api_schemas.trial import FAULT_OF, MAX_REASON, Fault, Outcome, OutcomeKind
 from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError
 from robot_farm.bus_link import Accepted, BusLink
 from robot_farm.core import stay_on_one_core, turn
+from robot_farm.hidden_physics import HiddenPhysics, farm_secret
 from robot_farm.jail import JailedPolicy
-from robot_farm.lease_keeper import LeaseKeeper
+from robot_farm.lease_keeper import LeaseKeeper, TrialStoppedError
+from robot_farm.life import Life, OutOfServiceError
+from robot_farm.prepared import Prepared, prepare_plainly, shape_of_lease
+from robot_farm.run import Progress
 from robot_farm.settings import Settings
-from robot_farm.trial import Progress, TrialStoppedError, log_channels, run_trial
+from robot_farm.trial import log_channels, measured_channels, run_trial
+from robot_farm.truth import TruthFile, truth_channels
 from sim_backend.driver.simulated import SimulatedDriver
+from sim_backend.tasks import TASKS
 
 IDLE_WAIT_S = 0.5
 UNFINISHED = "unfinished"
@@ -23,7 +29,7 @@ UNFINISHED_KEPT = 5
 
 
 class Robot:
-    """One robot. Owner of its driver, of the kept policy process and of the lease in hand."""
+    """One robot. Owner of its life (or, where all are alike, of its driver), of the policy process and of the lease in hand."""
 
     def __init__(self, name: str, settings: Settings, say: Callable[[str], None]) -> None:
         self._name, self._settings, self._say = name, settings, say
@@ -31,8 +37,10 @@ class Robot:
         self._folder.mkdir(parents=True, exist_ok=True)
         self._core = stay_on_one_core(name)
         self._keep_left_overs()
-        self._driver = SimulatedDriver()
-        self._channels = log_channels()
+        self._driver: SimulatedDriver | None = None
+        self._life = None if settings.is_plain else _life(name, settings)
+        self._channels = log_channels() if self._life is None else measured_channels()
+        self._truth_channels = truth_channels()
         self._policy: JailedPolicy | None = None
         self._lease: Lease | None = None
         self._keeper: LeaseKeeper | None = None
@@ -41,6 +49,7 @@ class Robot:
     def live_until(self, stop: threading.Event) -> None:
         """Take leases until told to stop; a running trial is given back as the platform's fault."""
         with contextlib.ExitStack() as stack:
+            self._test(stop)
             api = stack.enter_context(ApiLink(self._settings.api, self._settings.token))
             stack.callback(self._end_policy)
             bus = stack.enter_context(
@@ -48,32 +57,40 @@ class Robot:
                     self._settings.bus,
                     self._settings.farm,
                     self._name,
-                    self._settings.physics,
+                    self._settings.physics_name,
                     live=self._live_state,
                     on_cancel=self._cancel,
                     stopping=stop.is_set,
                 )
             )
+            bus.out_of_service(self._unfit)
             while not stop.is_set():
                 accepted = bus.next_lease(IDLE_WAIT_S)
                 if accepted is not None:
                     self._serve(accepted, api, bus, stop)
+                elif bus.resume_asked():
+                    self._test(stop)
+                    bus.out_of_service(self._unfit)
 
     def _serve(self, accepted: Accepted, api: ApiLink, bus: BusLink, stop: threading.Event) -> None:
         """One lease, from acceptance to outcome. Nothing that goes wrong here ends the robot."""
         lease = accepted.lease
         log = self._folder / f"{lease.trial_id}-{lease.fence}.mcap"
-        log.unlink(missing_ok=True)
+        truth = log.with_suffix(".truth.mcap")
+        for file in (log, truth):
+            file.unlink(missing_ok=True)
         try:
             with LeaseKeeper(api, lease, accepted.at_s) as keeper:
                 self._progress = Progress()
                 self._lease, self._keeper = lease, keeper
                 bus.running()
-                outcome = self._attempt(lease, api, keeper, log, stop)
-                if outcome is not None:  # log first, outcome last
+                outcome = self._attempt(lease, api, keeper, log, TruthFile(truth, self._truth_channels), stop)
+                bus.out_of_service(self._unfit)
+                if outcome is not None:  # files first, outcome last
+                    truth_digest = api.upload_truth(lease, truth) if truth.exists() else None
                     digest = api.upload_log(lease, log) if log.exists() else None
                     bus.finishing()
-                    api.report_outcome(lease, outcome, digest)
+                    api.report_outcome(lease, outcome, digest, truth_digest)
         except (LeaseRefusedError, ApiUnreachableError) as error:
             self._say(f"trial {lease.trial_id}, attempt {lease.fence}: outcome not accepted: {error}")
         except Exception as error:
@@ -81,10 +98,13 @@ class Robot:
             self._report_platform_error(lease, api, error)
         finally:
             self._lease = self._keeper = None
-            log.unlink(missing_ok=True)
+            for file in (log, truth):
+                file.unlink(missing_ok=True)
             bus.free(lease)
 
-    def _attempt(self, lease: Lease, api: ApiLink, keeper: LeaseKeeper, log: Path, stop: threading.Event) -> Outcome | None:
+    def _attempt(
+        self, lease: Lease, api: ApiLink, keeper: LeaseKeeper, log: Path, truth: TruthFile, stop: threading.Event
+    ) -> Outcome | None:
         """The outcome to report, or None when the lease is lost and nobody would listen."""
 
         def stop_reason() -> str | None:
@@ -92,17 +112,22 @@ class Robot:
 
         try:
             policy = self._policy_for(lease, api)
-            with turn(self._settings.data / "robots", self._core, stop_reason=stop_reason):
+            with turn(self._settings.robots_folder, self._core, stop_reason=stop_reason):
+                driver, prepared = self._make_ready(lease, truth, stop_reason)
                 outcome = run_trial(
                     lease,
                     policy,
-                    self._driver,
+                    driver,
                     self._channels,
                     log,
                     stop_reason=stop_reason,
-                    physics=self._settings.physics,
+                    physics=self._settings.physics_name,
                     progress=self._progress,
+                    prepared=prepared,
                 )
+        except OutOfServiceError as error:
+            self._say(f"trial {lease.trial_id}, attempt {lease.fence}: given back: {error}")
+            return _ended(OutcomeKind.PLATFORM_ERROR, str(error))
         except TrialStoppedError as error:
             self._end_policy()
             if keeper.cancelled:
@@ -112,12 +137,53 @@ class Robot:
             raise
         except Exception as error:
             self._end_policy()
-            self._driver = SimulatedDriver()
+            self._forget()
             self._say(f"trial {lease.trial_id}, attempt {lease.fence}: {type(error).__name__}: {error}")
             return _ended(OutcomeKind.PLATFORM_ERROR, f"{type(error).__name__}: {error}")
-        if outcome.kind not in (OutcomeKind.SUCCEEDED, OutcomeKind.FAILED):
+        if FAULT_OF[outcome.kind] is not Fault.NONE:
             self._end_policy()  # never trusted with another trial in the same process
         return outcome
+
+    def _make_ready(
+        self, lease: Lease, truth: TruthFile, stop_reason: Callable[[], str | None]
+    ) -> tuple[SimulatedDriver, Prepared]:
+        """The robot's driver and what the trial begins with, after whatever the robot does before."""
+        if self._life is not None:
+            prepared = self._life.prepare(lease, truth, stop_reason)
+            return self._life.driver, prepared
+        shape = shape_of_lease(lease)
+        if self._driver is None or self._driver.shape != shape:
+            self._driver = SimulatedDriver(shape=shape)
+        return self._driver, prepare_plainly(lease, TASKS)
+
+    def _test(self, stop: threading.Event) -> None:
+        """Have the robot test itself outside any trial; a test that breaks off counts as failed."""
+        if self._life is None:
+            return
+
+        def stop_reason() -> str | None:
+            return "the robot is being stopped" if stop.is_set() else None
+
+        try:
+            with turn(self._settings.robots_folder, self._core, stop_reason=stop_reason):
+                wrong = self._life.test_again(stop_reason)
+        except TrialStoppedError:
+            return
+        except Exception as error:
+            self._forget()
+            wrong = self._life.wrong = f"the self-test broke off: {type(error).__name__}: {error}"
+        self._say(f"self-test: {wrong or 'passed'}")
+
+    @property
+    def _unfit(self) -> str | None:
+        """Why the robot is out of service, None while it serves."""
+        return None if self._life is None else self._life.wrong
+
+    def _forget(self) -> None:
+        """Nothing of the last trial is trusted any more."""
+        self._driver = None
+        if self._life is not None:
+            self._life.forget()
 
     def _report_platform_error(self, lease: Lease, api: ApiLink, error: Exception) -> None:
         """Say that the attempt failed here, so that the trial is tried elsewhere before its lease runs out."""
@@ -136,8 +202,10 @@ class Robot:
         for old in sorted(kept.glob("*.mcap"), key=lambda path: path.stat().st_mtime)[:-UNFINISHED_KEPT]:
             old.unlink()
 
-    def _policy_for(self, lease: Lease, api: ApiLink) -> JailedPolicy:
-        """The kept process if it runs this policy, a new one otherwise."""
+    def _policy_for(self, lease: Lease, api: ApiLink) -> JailedPolicy | None:
+        """The kept process if it runs this policy, a new one otherwise; none for an excitation."""
+        if lease.policy is None or lease.graph_sha256 is None:
+            return None
         if self._policy is not None and self._policy.digest == lease.policy:
             return self._policy
         self._end_policy()
@@ -170,6 +238,19 @@ class Robot:
             tracked_cube_position_world_m=tuple(tracked.cube_position_world_m[0].tolist()),
             tracked_cube_quat_wxyz=tuple(tracked.cube_quat_wxyz[0].tolist()),
         )
+
+
+def _life(name: str, settings: Settings) -> Life:
+    """The life of a robot with physics of its own."""
+    hidden = HiddenPhysics(farm_secret(settings.robots_folder, settings.farm_seed), name, settings.physics)
+    return Life(
+        robot=name,
+        draw=hidden.of_trial,
+        reset=settings.reset,
+        faults=tuple(fault for fault in settings.faults if fault.robot == name),
+        fault_rate=settings.fault_rate,
+        self_test_every=settings.self_test_every,
+    )
 
 
 def _ended(kind: OutcomeKind, reason: str) -> Outcome:

@@ -3,9 +3,22 @@
 import argparse
 import os
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 
+from api_schemas.physics_name import NOMINAL, physics_name
+from robot_farm.faults import FORM, Fault, parse_fault
+from sim_backend.effects.ranges import load_ranges
+
 TOKEN_VARIABLE = "TRIFARM_ROBOT_TOKEN"  # noqa: S105 - the name of a variable, not a secret
+SELF_TEST_EVERY = 5
+
+
+class Reset(StrEnum):
+    """How the arena is made ready for a trial."""
+
+    SWEEP = "sweep"  # the fingers bring the object back; the trial starts from where it lies
+    PLACEMENT = "placement"  # the object is put where the trial's seed says
 
 
 @dataclass(frozen=True)
@@ -16,19 +29,74 @@ class Settings:
     bus: str
     farm: str
     data: Path
-    physics: str
     token: str
     robots: int
     first: int
     robot: str | None
+    physics: str
+    farm_seed: int | None
+    reset: Reset
+    faults: tuple[Fault, ...]
+    fault_rate: float
+    self_test_every: int
 
     def robot_folder(self, robot: str) -> Path:
         """Where a robot keeps the policies it fetched and the log it is writing."""
-        return self.data / "robots" / robot
+        return self.robots_folder / robot
+
+    @property
+    def robots_folder(self) -> Path:
+        """Where the robots of this machine keep what is theirs."""
+        return self.data / "robots"
+
+    @property
+    def physics_name(self) -> str:
+        """The robots' physics as they are told to others."""
+        return physics_name(self.physics)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether all robots are the same ideal one, always placed and never at fault: then they have no life of their own."""
+        return self.physics == NOMINAL and self.reset is Reset.PLACEMENT and not self.faults and self.fault_rate == 0.0
 
 
 def parse(arguments: list[str]) -> Settings:
     """Settings from the command line; ends the process with a usage text if they are wrong."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    if options.robots < 1:
+        parser.error(f"--robots is {options.robots}; it must be at least 1")
+    if options.self_test_every < 1:
+        parser.error(f"--self-test-every is {options.self_test_every}; it must be at least 1")
+    if not 0.0 <= options.fault_rate <= 1.0:
+        parser.error(f"--fault-rate is {options.fault_rate:g}; it must be between 0 and 1")
+    try:
+        load_ranges(options.physics)
+    except (ValueError, OSError) as error:
+        parser.error(str(error))
+    token = os.environ.get(TOKEN_VARIABLE)
+    if not token:
+        parser.error(f"set {TOKEN_VARIABLE} to a token with the scope 'robot'")
+    reset = options.reset or (Reset.PLACEMENT if options.physics == NOMINAL else Reset.SWEEP)
+    return Settings(
+        api=options.api.rstrip("/"),
+        bus=options.bus,
+        farm=options.farm,
+        data=options.data,
+        token=token,
+        robots=options.robots,
+        first=options.first,
+        robot=options.robot,
+        physics=options.physics,
+        farm_seed=options.farm_seed,
+        reset=Reset(reset),
+        faults=tuple(options.fault),
+        fault_rate=options.fault_rate,
+        self_test_every=options.self_test_every,
+    )
+
+
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m robot_farm", description="Run robots that take leases from a farm.")
     parser.add_argument("--robots", type=int, default=4, help="how many robots to run (default 4)")
     parser.add_argument("--first", type=int, default=0, help="number of the first robot, for farms on several machines")
@@ -37,21 +105,19 @@ def parse(arguments: list[str]) -> Settings:
     parser.add_argument("--bus", required=True, help="zenoh endpoint, such as tcp/127.0.0.1:7447")
     parser.add_argument("--farm", default="farm", help="name of the farm on the bus")
     parser.add_argument("--data", type=Path, required=True, help="folder for policies and unfinished logs")
-    parser.add_argument("--physics", default="nominal", choices=["nominal"], help="physics of the robots")
-    options = parser.parse_args(arguments)
-    if options.robots < 1:
-        parser.error(f"--robots is {options.robots}; it must be at least 1")
-    token = os.environ.get(TOKEN_VARIABLE)
-    if not token:
-        parser.error(f"set {TOKEN_VARIABLE} to a token with the scope 'robot'")
-    return Settings(
-        api=options.api.rstrip("/"),
-        bus=options.bus,
-        farm=options.farm,
-        data=options.data,
-        physics=options.physics,
-        token=token,
-        robots=options.robots,
-        first=options.first,
-        robot=options.robot,
-    )
+    parser.add_argument("--physics", default="real", help="nominal, mild, real or a file with ranges (default real)")
+    parser.add_argument("--farm-seed", type=int, help="draw the robots' physics from this seed instead of the farm's secret")
+    reset = "how the arena is made ready: sweep or placement (default: sweep; placement with nominal physics)"
+    parser.add_argument("--reset", choices=[reset.value for reset in Reset], help=reset)
+    parser.add_argument("--fault", type=_fault, action="append", default=[], metavar="SPEC", help=f"a fault: {FORM}")
+    parser.add_argument("--fault-rate", type=float, default=0.0, help="probability of a drawn fault in each trial (default 0)")
+    every = f"trials from one self-test to the next (default {SELF_TEST_EVERY})"
+    parser.add_argument("--self-test-every", type=int, default=SELF_TEST_EVERY, help=every)
+    return parser
+
+
+def _fault(text: str) -> Fault:
+    try:
+        return parse_fault(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error

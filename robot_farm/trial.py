@@ -1,64 +1,55 @@
 """One trial, from lease to outcome: goal, robot, policy, the control loop, the log and the score."""
 
+import contextlib
 import functools
 import platform
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from api_schemas import trial_log
 from api_schemas.policy import PolicyManifest, canonical_json
 from api_schemas.robot import Lease
-from api_schemas.trial import FAULT_OF, MAX_REASON, Measures, Outcome, OutcomeKind, PolicyTiming
+from api_schemas.trial import FAULT_OF, MAX_REASON, Fault, Measures, Outcome, OutcomeKind, PolicyTiming
 from api_schemas.trial_log import LogChannels, TrialLogWriter
+from robot_farm.excitation_run import run_excitation
 from robot_farm.jail import JailedPolicy, PolicyFailedError
+from robot_farm.lease_keeper import TrialStoppedError
+from robot_farm.prepared import Prepared, prepare_plainly, shape_of_lease
 from robot_farm.recorder import Recorder
+from robot_farm.run import Failure, Progress, Run
+from robot_farm.truth import write_physics
 from sim_backend.driver.driver import Measurement
 from sim_backend.driver.simulated import PhysicsDivergedError, SimulatedDriver
-from sim_backend.driver.tracker import TrackedPose, Tracker
 from sim_backend.episode import Episode
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.scoring import score
-from sim_backend.tasks.task import Goal, Task, draw_trial
+from sim_backend.tasks.task import Goal, Task
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger import viewer_scene
+from sim_backend.trifinger.objects import Shape
 from sim_backend.trifinger.scene import build_scene
 
-
-@dataclass
-class Progress:
-    """What others may see of a running trial; written by the trial, read by the bus link."""
-
-    simulated_s: float = 0.0
-    duration_s: float = 0.0
-    measurement: Measurement | None = None
-    tracked: TrackedPose | None = None
-
-
-@dataclass
-class _Course:
-    """What a control loop leaves behind: true states after each period, and inference times."""
-
-    states: list[Measurement] = field(default_factory=list)
-    inference_ns: list[int] = field(default_factory=list)
-
-
-class TrialStoppedError(Exception):
-    """The trial was stopped from outside: the lease ended or the job was cancelled."""
+__all__ = ["Progress", "TrialStoppedError", "log_channels", "run_trial"]
 
 
 def log_channels() -> LogChannels:
-    """The channels of a TriFinger's logs; a robot makes them once."""
+    """The channels of a TriFinger's logs where all robots are alike; a robot makes them once."""
     return LogChannels(joint_names=c.JOINT_NAMES, frames=viewer_scene.MEASURED_FRAMES)
+
+
+def measured_channels() -> LogChannels:
+    """The channels of a log that holds nothing but what a real robot could give."""
+    return LogChannels(joint_names=c.JOINT_NAMES, frames=viewer_scene.MEASURED_FRAMES, topics=trial_log.MEASURED_TOPICS)
 
 
 def run_trial(
     lease: Lease,
-    policy: JailedPolicy,
+    policy: JailedPolicy | None,
     driver: SimulatedDriver,
     channels: LogChannels,
     log_path: Path,
@@ -66,18 +57,20 @@ def run_trial(
     stop_reason: Callable[[], str | None],
     physics: str = "nominal",
     progress: Progress | None = None,
+    prepared: Prepared | None = None,
 ) -> Outcome:
     """Run a leased trial and write its log.
 
     Args:
         lease: what to run.
-        policy: the policy's process; a failure of it becomes the outcome.
-        driver: the robot (n = 1).
+        policy: the policy's process; a failure of it becomes the outcome. None for an excitation.
+        driver: the robot (n = 1), with the lease's object in its arena.
         channels: the robot's log channels.
         log_path: where the log is written; must not exist.
         stop_reason: asked in every control period; a text ends the trial.
         physics: name of the robot's physics, for the log.
         progress: filled in as the trial goes on.
+        prepared: what the trial begins with; as all ideal robots begin if None.
 
     Returns:
         The outcome; faults of the policy are outcomes, not exceptions.
@@ -86,70 +79,71 @@ def run_trial(
         TrialStoppedError: ``stop_reason`` gave a reason.
     """
     started_s = time.monotonic()
-    task = TASKS[lease.task.value]
-    start, goal = draw_trial(task, lease.seed)
-    episode = Episode(driver, Tracker(), lease.manifest)
-    with TrialLogWriter(log_path, channels) as writer:
-        _describe(writer, lease, physics)
-        tracked = episode.begin(start, goal)
-        course = _Course()
-        with Recorder(writer) as recorder:
-            recorder.begin(task, goal, tracked)
-            failure = _control_loop(lease, task, policy, episode, recorder, course, stop_reason, progress or Progress())
-        outcome = _outcome(lease.manifest, task, goal, course, failure, time.monotonic() - started_s)
-        writer.event(episode.step, outcome.reason, error=failure is not None)
+    ready = prepared or prepare_plainly(lease, TASKS)
+    with contextlib.ExitStack() as stack:
+        writer = stack.enter_context(TrialLogWriter(log_path, channels))
+        truth = None if ready.truth is None else stack.enter_context(TrialLogWriter(ready.truth.path, ready.truth.channels))
+        _describe(writer, lease, physics, ready)
+        run = Run(lease, ready, driver, stop_reason, progress or Progress(), truth)
+        with Recorder(writer, truth, driver.shape) as recorder:
+            failure, step = run_excitation(run, recorder) if policy is None else _control_loop(run, policy, recorder)
+        if failure is None or FAULT_OF[failure[0]] is Fault.PLATFORM:
+            failure = _closed(ready, step, failure)
+        outcome = _outcome(run, failure, time.monotonic() - started_s)
+        writer.event(step, outcome.reason, error=failure is not None)
         writer.metadata(trial_log.OUTCOME_METADATA, outcome.model_dump(mode="json"))
+        if truth is not None:
+            truth.metadata(trial_log.TRIAL_METADATA, _trial_record(lease, physics))
+            write_physics(truth, ready.physics, ready.start, run.changed)
     return outcome
 
 
-def _control_loop(
-    lease: Lease,
-    task: Task,
-    policy: JailedPolicy,
-    episode: Episode,
-    recorder: Recorder,
-    course: _Course,
-    stop_reason: Callable[[], str | None],
-    progress: Progress,
-) -> tuple[OutcomeKind, str] | None:
-    """Observe, ask, advance until the task's time is over; returns how it failed, or None."""
-    periods = task.steps // lease.manifest.period_steps
+def _control_loop(run: Run, policy: JailedPolicy, recorder: Recorder) -> tuple[Failure | None, int]:
+    """Observe, ask, advance until the task's time is over; returns how it failed, or None, and the step it came to."""
+    task, manifest, progress = run.ready.task, run.lease.manifest, run.progress
+    assert task is not None and manifest is not None, "a trial of a policy has a task and a manifest"
+    episode = Episode(run.driver, run.ready.tracker, manifest)
+    recorder.begin(task, run.ready.goal, episode.begin(run.ready.start, run.ready.goal))
     progress.duration_s, progress.simulated_s, progress.tracked = task.duration_s, 0.0, None
     try:
         policy.reset()
-        for index in range(periods):
-            reason = stop_reason()
-            if reason is not None:
-                raise TrialStoppedError(reason)
+        for index in range(task.steps // manifest.period_steps):
+            run.go_on(episode.step)
             observation = episode.observe()
             action, inference_time_ns = policy.act(observation[0].astype(np.float32))
             period = episode.advance(action[None])
-            recorder.record(period, inference_time_ns)
-            course.inference_ns.append(inference_time_ns)
-            course.states.append(period.after)
-            progress.simulated_s = (index + 1) / lease.manifest.rate_hz
-            progress.measurement, progress.tracked = period.after, period.tracked[-1] if period.tracked else progress.tracked
+            recorder.record(period, inference_time_ns, run.temperature_rise_k)
+            run.inference_ns.append(inference_time_ns)
+            wrong = run.after(period.segment, period.tracked, period.after, (index + 1) / manifest.rate_hz)
+            if wrong is not None:
+                return (OutcomeKind.PLATFORM_ERROR, wrong), episode.step
     except PolicyFailedError as error:
-        return error.kind, f"at {episode.step * c.PHYSICS_STEP_S:.3f} s of {task.duration_s:g} s: {error}"
+        reason = f"at {episode.step * c.PHYSICS_STEP_S:.3f} s of {task.duration_s:g} s: {error}"
+        return (error.kind, reason), episode.step
     except PhysicsDivergedError as error:
-        return OutcomeKind.PLATFORM_ERROR, str(error)
-    return None
+        return (OutcomeKind.PLATFORM_ERROR, str(error)), episode.step
+    return None, episode.step
 
 
-def _outcome(
-    manifest: PolicyManifest,
-    task: Task,
-    goal: Goal,
-    course: _Course,
-    failure: tuple[OutcomeKind, str] | None,
-    wall_s: float,
-) -> Outcome:
-    measures = _measures(manifest, task, goal, course.states, over=failure is None) if course.states else None
-    timing = _timing(manifest, course.inference_ns) if course.inference_ns else None
+def _closed(ready: Prepared, step: int, failure: Failure | None) -> Failure | None:
+    """How the trial failed after all: what a robot finds wrong with itself when it is over is never the policy's fault."""
+    wrong = ready.close(step, failure is not None)
+    if wrong is None:
+        return failure
+    return OutcomeKind.PLATFORM_ERROR, wrong if failure is None else f"{failure[1]}; {wrong}"
+
+
+def _outcome(run: Run, failure: Failure | None, wall_s: float) -> Outcome:
+    manifest, task = run.lease.manifest, run.ready.task
+    measures, timing = None, None
+    if manifest is not None and task is not None and run.states:
+        measures = _measures(manifest, task, run.ready.goal, run.states, over=failure is None)
+        timing = _timing(manifest, run.inference_ns)
     if failure is not None:
         kind, reason = failure
+    elif measures is None or task is None:
+        kind, reason = OutcomeKind.RECORDED, f"excitation {run.lease.excitation} recorded for {run.progress.duration_s:g} s"
     else:
-        assert measures is not None, "a trial that ran to its end has at least one period"
         kind = OutcomeKind.SUCCEEDED if measures.success_at_end else OutcomeKind.FAILED
         reason = _sentence(task, measures)
     return Outcome(
@@ -164,7 +158,7 @@ def _measures(manifest: PolicyManifest, task: Task, goal: Goal, states: list[Mea
         goal,
         np.concatenate([state.cube_position_world_m for state in states]),
         np.concatenate([state.cube_quat_wxyz for state in states]),
-        np.concatenate([state.joint_position_rad for state in states]),
+        np.concatenate([state.true_joint_position_rad for state in states]),
     )
     return Measures(
         success_at_end=bool(scores.success[-1]) and over,
@@ -198,35 +192,43 @@ def _sentence(task: Task, measures: Measures) -> str:
     return f"goal {verdict}: {measures.final_position_error_m * 1000:.0f} mm{turned} away at the end of {task.duration_s:g} s"
 
 
-def _describe(writer: TrialLogWriter, lease: Lease, physics: str) -> None:
+def _describe(writer: TrialLogWriter, lease: Lease, physics: str, ready: Prepared) -> None:
     """Everything that is known before the first step, so that a log explains itself."""
-    writer.metadata(
-        trial_log.TRIAL_METADATA,
-        {
-            "job_id": lease.job_id,
-            "trial_id": lease.trial_id,
-            "ordinal": lease.ordinal,
-            "attempt": lease.fence,
-            "robot": lease.robot,
-            "task": lease.task.value,
-            "seed": lease.seed,
-            "physics": physics,
-            "policy": lease.policy,
-            "graph_sha256": lease.graph_sha256,
-            "versions": {
-                "trifarm": version("trifarm"),
-                "mujoco": version("mujoco-core"),
-                "onnxruntime": version("onnxruntime"),
-                "python": platform.python_version(),
-            },
+    writer.metadata(trial_log.TRIAL_METADATA, _trial_record(lease, physics))
+    if lease.manifest is not None:
+        writer.attach(trial_log.MANIFEST_ATTACHMENT, "application/json", canonical_json(lease.manifest).encode())
+    writer.attach(trial_log.MODEL_ATTACHMENT, "application/xml", _model_xml(shape_of_lease(lease)))
+    what = lease.task.value if lease.excitation is None else f"excitation {lease.excitation.value}"
+    writer.event(0, f"trial {lease.trial_id}, attempt {lease.fence}, on {lease.robot}: {what}, seed {lease.seed}")
+    for text in ready.events:
+        writer.event(0, text)
+
+
+def _trial_record(lease: Lease, physics: str) -> dict[str, Any]:
+    return {
+        "job_id": lease.job_id,
+        "trial_id": lease.trial_id,
+        "ordinal": lease.ordinal,
+        "attempt": lease.fence,
+        "robot": lease.robot,
+        "task": lease.task.value,
+        "excitation": "" if lease.excitation is None else lease.excitation.value,
+        "seed": lease.seed,
+        "object": lease.object.value,
+        "object_scale": lease.object_scale,
+        "physics": physics,
+        "policy": lease.policy or "",
+        "graph_sha256": lease.graph_sha256 or "",
+        "versions": {
+            "trifarm": version("trifarm"),
+            "mujoco": version("mujoco-core"),
+            "onnxruntime": version("onnxruntime"),
+            "python": platform.python_version(),
         },
-    )
-    writer.attach(trial_log.MANIFEST_ATTACHMENT, "application/json", canonical_json(lease.manifest).encode())
-    writer.attach(trial_log.MODEL_ATTACHMENT, "application/xml", _model_xml())
-    writer.event(0, f"trial {lease.trial_id}, attempt {lease.fence}, on {lease.robot}: {lease.task.value}, seed {lease.seed}")
+    }
 
 
 @functools.cache
-def _model_xml() -> bytes:
-    """The robot's nominal model as MJCF; the same for every trial of a process."""
-    return build_scene().to_xml().encode()
+def _model_xml(shape: Shape) -> bytes:
+    """The robot's nominal model as MJCF; the same for every trial with an object."""
+    return build_scene(shape=shape).to_xml().encode()

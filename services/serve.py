@@ -92,6 +92,7 @@ async def open_farm(settings: Settings) -> AsyncIterator[Farm]:
         tokens=Tokens(database, clock),
         registry=registry,
         version=version("trifarm"),
+        verifications=asyncio.Semaphore(settings.verification_at_once),
     )
     try:
         await _first_tokens(settings, farm.tokens)

@@ -1,10 +1,12 @@
 """Settings of the services process: every flag of ``serve`` is also a ``TRIFARM_*`` environment variable."""
 
 from pathlib import Path
+from typing import Annotated
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from api_schemas.physics_name import physics_name
 from api_schemas.policy import MAX_WEIGHTS_BYTES
 from api_schemas.robot import LEASE_S, RENEW_EVERY_S
 
@@ -20,7 +22,9 @@ class Settings(BaseSettings):
     bus: str = "tcp/127.0.0.1:7447"
     bus_connect: str | None = Field(default=None, description="a router elsewhere; without it one listens on ``bus`` here")
     farm: str = Field(default="farm", pattern=r"^[a-z0-9-]{1,40}$")
-    physics: str = "nominal"
+    physics: Annotated[str, AfterValidator(physics_name)] = Field(
+        default="real", description="what the robots were told; only the name is kept"
+    )
     admin_token: str | None = None
     robot_token: str | None = None
     max_attempts: int = Field(default=5, ge=1, description="platform faults of one trial before its job fails")
@@ -33,6 +37,8 @@ class Settings(BaseSettings):
     max_weights_bytes: int = Field(default=MAX_WEIGHTS_BYTES, gt=0)
     max_log_bytes: int = Field(default=1024**3, gt=0)
     conversion_deadline_s: float = Field(default=60.0, gt=0)
+    verification_deadline_s: float = Field(default=120.0, gt=0)
+    verification_at_once: int = Field(default=1, ge=1, description="logs that may be simulated again at the same time")
     conversion_at_once: int = Field(default=1, ge=1, description="conversions that may run at the same time")
 
     @property

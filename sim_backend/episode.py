@@ -51,10 +51,10 @@ class Episode:
         self._driver.reset(start)
         self._goal = goal
         self._step = 0
-        self._command = hold_command(start.joint_position_rad)
-        self._previous_action = np.zeros((len(start.joint_position_rad), 9))
         self._measurement = self._driver.measure()
-        return self._tracker.reset(start.cube_position_world_m, start.cube_quat_wxyz)
+        self._command = hold_command(self._measurement.joint_position_rad)
+        self._previous_action = np.zeros((len(start.joint_position_rad), 9))
+        return self._tracker.reset(self._measurement, start.noise_seed)
 
     @property
     def step(self) -> int:
@@ -63,7 +63,14 @@ class Episode:
 
     def observe(self) -> np.ndarray:
         """The observation of all robots now, shape (n, size)."""
-        sight = Sight(self._step, self._measurement, self._tracker.latest, self._goal, self._previous_action)
+        sight = Sight(
+            self._step,
+            self._measurement,
+            self._tracker.reading(self._step),
+            self._goal,
+            self._previous_action,
+            self._physics_step_s,
+        )
         self._observation = self._builder.build(sight)
         return self._observation
 

@@ -22,6 +22,7 @@ class Sight:
     tracked: TrackedPose
     goal: Goal
     previous_action: np.ndarray
+    physics_step_s: float = c.PHYSICS_STEP_S
 
 
 FIELDS: dict[str, Callable[[Sight], np.ndarray]] = {
@@ -33,7 +34,7 @@ FIELDS: dict[str, Callable[[Sight], np.ndarray]] = {
     "cube_quat_wxyz": lambda s: s.tracked.cube_quat_wxyz,
     "cube_keypoints_world_m": lambda s: cube_keypoints_world_m(s.tracked.cube_position_world_m, s.tracked.cube_quat_wxyz),
     "tracker_confidence": lambda s: s.tracked.confidence[:, None],
-    "tracker_delay_s": lambda s: np.full((len(s.previous_action), 1), (s.step - s.tracked.capture_step) * c.PHYSICS_STEP_S),
+    "tracker_delay_s": lambda s: (s.step - s.tracked.capture_step[:, None]) * s.physics_step_s,
     "goal_position_world_m": lambda s: s.goal.cube_position_world_m,
     "goal_quat_wxyz": lambda s: s.goal.cube_quat_wxyz,
     "goal_keypoints_world_m": lambda s: cube_keypoints_world_m(s.goal.cube_position_world_m, s.goal.cube_quat_wxyz),

@@ -1,33 +1,29 @@
-"""Re-simulates a trial from its log: ``python -m sim_backend.replay LOG [--verify] [--json]``.
+"""Re-simulates a trial from its log: ``python -m sim_backend.replay LOG [--verify] [--truth FILE] [--json]``.
 
-The recorded applied torques drive the nominal model from the recorded start; a true log gives the same numbers, bit for bit.
-Exit codes: 0 same (or shown), 6 the numbers differ, 1 the log cannot be read.
+A robot that is like all others is simulated from its log alone: the recorded applied torques drive the nominal model from the
+recorded start. A robot with physics of its own needs the truth about the trial: what its policy or its excitation asked for goes
+through the whole pipeline again, effects, tracker and all. A true log gives the same numbers, bit for bit.
+Exit codes: 0 same (or shown), 6 the numbers differ, 7 the truth is needed, 1 the log cannot be read.
 """
 
 import argparse
 import json
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
-from api_schemas.trial_log_reader import LogUnreadableError, TrialLog, read_log
+from api_schemas.trial_log_reader import LogUnreadableError, TrialLog, read_log, read_truth
+from sim_backend.replay_comparison import Comparison, Verification, check_complete, shape_of_log, verification
 
 EXIT_UNREADABLE = 1
 EXIT_DIFFERS = 6
+EXIT_NEEDS_TRUTH = 7
 
 
-@dataclass(frozen=True)
-class Verification:
-    """What a replay found. ``first_difference_step`` is the first step whose numbers differ, None if there is none."""
-
-    trial_id: str
-    steps: int
-    same: bool
-    first_difference_step: int | None
-    largest_joint_difference_rad: float
-    largest_cube_difference_m: float
+class TruthNeededError(Exception):
+    """The log is of a robot with physics of its own; it can be simulated again only with the truth about the trial."""
 
 
 def verify(log: TrialLog) -> Verification:
@@ -35,34 +31,25 @@ def verify(log: TrialLog) -> Verification:
 
     Raises:
         LogUnreadableError: the log has gaps or no start, so that there is nothing to compare.
+        TruthNeededError: the log holds no truth, as those of robots with physics of their own.
     """
     from sim_backend.driver.driver import Start
     from sim_backend.driver.simulated import SimulatedDriver
 
-    steps = len(log.joint_steps)
-    if steps == 0 or len(log.applied_torque_nm) != steps or (log.joint_steps != np.arange(steps)).any():
-        raise LogUnreadableError("the log does not have one joint state and one torque for every millisecond from the start")
-    if not len(log.cube_steps) or log.cube_steps[0] != 0:
+    check_complete(log)
+    if not len(log.cube_steps):
+        raise TruthNeededError("the robot has physics of its own that this log does not tell; the farm can verify it")
+    if log.cube_steps[0] != 0:
         raise LogUnreadableError("the log has no true cube pose at the start, so that it cannot be simulated again")
-    driver = SimulatedDriver(safety=False)
+    driver = SimulatedDriver(safety=False, shape=shape_of_log(log))
     driver.reset(Start(log.joint_position_rad[:1], log.cube_position_world_m[:1], log.cube_quat_wxyz[:1]))
     segment = driver.advance_torques(np.ascontiguousarray(log.applied_torque_nm[None]))
-    position = np.abs(segment.joint_position_rad[0] - log.joint_position_rad)
-    velocity = np.abs(segment.joint_velocity_rad_s[0] - log.joint_velocity_rad_s)
-    cube = np.abs(segment.cube_position_world_m[0][log.cube_steps] - log.cube_position_world_m)
-    turned = np.abs(segment.cube_quat_wxyz[0][log.cube_steps] - log.cube_quat_wxyz)
-    different = [
-        *np.flatnonzero((position != 0).any(axis=1) | (velocity != 0).any(axis=1)).tolist()[:1],
-        *log.cube_steps[np.flatnonzero((cube != 0).any(axis=1) | (turned != 0).any(axis=1))].tolist()[:1],
-    ]
-    return Verification(
-        trial_id=log.metadata.get("trial_id", ""),
-        steps=steps,
-        same=not different,
-        first_difference_step=min(different, default=None),
-        largest_joint_difference_rad=float(position.max()),
-        largest_cube_difference_m=float(cube.max()),
-    )
+    found = Comparison()
+    found.compare(log.joint_steps, log.joint_position_rad, segment.joint_position_rad[0], "joint")
+    found.compare(log.joint_steps, log.joint_velocity_rad_s, segment.joint_velocity_rad_s[0])
+    found.compare(log.cube_steps, log.cube_position_world_m, segment.cube_position_world_m[0][log.cube_steps], "cube")
+    found.compare(log.cube_steps, log.cube_quat_wxyz, segment.cube_quat_wxyz[0][log.cube_steps])
+    return verification(log, found.first_step, found.largest)
 
 
 def _summary(log: TrialLog) -> dict:
@@ -76,11 +63,20 @@ def _summary(log: TrialLog) -> dict:
     }
 
 
+def _verified(log: TrialLog, truth: Path | None) -> Verification:
+    if truth is None:
+        return verify(log)
+    from sim_backend.replay_with_truth import verify_with_truth
+
+    return verify_with_truth(log, read_truth(truth))
+
+
 def main(arguments: list[str] | None = None) -> int:
     """The command; see the module's docstring."""
     parser = argparse.ArgumentParser(prog="trifarm replay", description="Show a trial's log, or simulate it again and compare.")
     parser.add_argument("log", type=Path, help="an MCAP file written by a robot of the farm")
-    parser.add_argument("--verify", action="store_true", help="simulate the applied torques again and compare every number")
+    parser.add_argument("--verify", action="store_true", help="simulate the trial again and compare every number")
+    parser.add_argument("--truth", type=Path, metavar="FILE", help="the truth about the trial, from an operator of the farm")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     options = parser.parse_args(arguments)
     try:
@@ -88,13 +84,11 @@ def main(arguments: list[str] | None = None) -> int:
         if not options.verify:
             print(json.dumps(_summary(log), indent=None if options.json else 2))
             return 0
-        result = verify(log)
+        result = _verified(log, options.truth)
     except LogUnreadableError as error:
-        print(
-            json.dumps({"error": str(error)}) if options.json else f"error: {error}",
-            file=sys.stdout if options.json else sys.stderr,
-        )
-        return EXIT_UNREADABLE
+        return _refused(str(error), EXIT_UNREADABLE, as_json=options.json)
+    except TruthNeededError as error:
+        return _refused(str(error), EXIT_NEEDS_TRUTH, as_json=options.json)
     if options.json:
         print(json.dumps(asdict(result)))
     elif result.same:
@@ -105,6 +99,11 @@ def main(arguments: list[str] | None = None) -> int:
             f"{result.largest_joint_difference_rad:.3g} rad at the joints, {result.largest_cube_difference_m:.3g} m at the cube)"
         )
     return 0 if result.same else EXIT_DIFFERS
+
+
+def _refused(reason: str, code: int, *, as_json: bool) -> int:
+    print(json.dumps({"error": reason}) if as_json else f"error: {reason}", file=sys.stdout if as_json else sys.stderr)
+    return code
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 from fastapi import FastAPI
 
-from services.api import history, jobs, leases, overview, policies, problems, robots, token_routes, trials
+from services.api import history, identifications, jobs, leases, overview, policies, problems, robots, token_routes, trials, truth
 from services.api.farm import Farm
 
 
@@ -17,6 +17,6 @@ def create_app(farm: Farm) -> FastAPI:
     )
     app.state.farm = farm
     problems.install(app)
-    for module in (overview, policies, jobs, history, trials, leases, robots, token_routes):
+    for module in (overview, policies, jobs, identifications, history, trials, truth, leases, robots, token_routes):
         app.include_router(module.router)
     return app

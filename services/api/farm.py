@@ -1,5 +1,6 @@
 """What every route works with: the parts of the running services, handed in by the composition."""
 
+import asyncio
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -30,6 +31,7 @@ class Farm:
     tokens: Tokens
     registry: CollectorRegistry
     version: str
+    verifications: asyncio.Semaphore
 
 
 def _farm(request: Request) -> Farm:

@@ -7,7 +7,7 @@ from fastapi.responses import PlainTextResponse
 from sqlalchemy import select
 
 from api_schemas.job import Job, JobPage, JobRequest, JobState
-from api_schemas.report import Report
+from api_schemas.report import AnyReport, read_report
 from api_schemas.report_text import render
 from services.api import cursor as cursors
 from services.api.access import Submitter, User
@@ -29,11 +29,8 @@ async def create_job(
     """Queues a job; with an Idempotency-Key the same request twice is one job."""
     async with farm.database.write() as tx:
         now_s = farm.clock.now_s()
-        job_id, new = await submission.submit(tx, now_s, body, owner=caller.owner, idempotency_key=idempotency_key)
-    farm.signals.wake_dispatcher()
-    response.status_code = 201 if new else 200
-    response.headers["Location"] = f"/v1/jobs/{job_id}"
-    return await _show(job_id, caller, farm)
+        job_id, new = await submission.submit(tx, now_s, body, submission.Sender(caller.owner, idempotency_key))
+    return await show_queued(job_id, new, response, caller, farm)
 
 
 @router.get("")
@@ -75,7 +72,15 @@ async def cancel_job(job_id: JobId, caller: User, farm: TheFarm) -> Job:
     return await _show(job_id, caller, farm)
 
 
-@router.get("/{job_id}/report", response_model=Report)
+async def show_queued(job_id: str, new: bool, response: Response, caller: Caller, farm: Farm) -> Job:
+    """The answer to whoever sent a job: 201 and where it is, or 200 when it had been sent before."""
+    farm.signals.wake_dispatcher()
+    response.status_code = 201 if new else 200
+    response.headers["Location"] = f"/v1/jobs/{job_id}"
+    return await _show(job_id, caller, farm)
+
+
+@router.get("/{job_id}/report", response_model=AnyReport)
 async def get_report(job_id: JobId, request: Request, caller: User, farm: TheFarm) -> Response:
     """The report, byte for byte as it was written at the job's end."""
     body, sha256 = await _report(job_id, caller, farm)
@@ -89,7 +94,7 @@ async def get_report(job_id: JobId, request: Request, caller: User, farm: TheFar
 async def get_report_text(job_id: JobId, caller: User, farm: TheFarm) -> str:
     """The report for people."""
     body, _ = await _report(job_id, caller, farm)
-    return render(Report.model_validate_json(body))
+    return render(read_report(body))
 
 
 async def _report(job_id: str, caller: Caller, farm: Farm) -> tuple[bytes, str]:

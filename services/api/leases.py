@@ -18,8 +18,8 @@ Fence = Annotated[int, Path(ge=1, le=2**31 - 1)]
 AnnouncedSha256 = Annotated[str | None, Header(alias="X-Content-SHA256", pattern=r"^[0-9a-f]{64}$")]
 
 
-class StoredLog(BaseModel):
-    """What became of an uploaded log."""
+class StoredFile(BaseModel):
+    """What became of an uploaded file."""
 
     sha256: str
     bytes: int
@@ -50,16 +50,35 @@ async def put_log(
     _caller: RobotCaller,
     farm: TheFarm,
     x_content_sha256: AnnouncedSha256 = None,
-) -> StoredLog:
+) -> StoredFile:
     """Takes a log under a lease that holds; it is kept under its SHA-256, which the outcome then names."""
+    return await _keep(farm, trial_id, fence, "log", request, x_content_sha256)
+
+
+@router.put("/{trial_id}/{fence}/truth")
+async def put_truth(
+    trial_id: TrialId,
+    fence: Fence,
+    request: Request,
+    _caller: RobotCaller,
+    farm: TheFarm,
+    x_content_sha256: AnnouncedSha256 = None,
+) -> StoredFile:
+    """Takes what only the simulation knows of a trial, as ``log`` takes the log; operators alone can fetch it."""
+    return await _keep(farm, trial_id, fence, "truth", request, x_content_sha256)
+
+
+async def _keep(
+    farm: Farm, trial_id: str, fence: int, kind: lease.FileKind, request: Request, announced: str | None
+) -> StoredFile:
     async with farm.database.read() as connection:
         await lease.check_lease(connection, trial_id, fence)
     limit_bytes = farm.settings.max_log_bytes
-    stored = await farm.files.put(request.stream(), limit_bytes=limit_bytes, expected_sha256=x_content_sha256)
+    stored = await farm.files.put(request.stream(), limit_bytes=limit_bytes, expected_sha256=announced)
     # The file itself is not synced either: what a power cut takes, the robot that lived through it sends again.
     async with farm.database.write(lasting=False) as tx:
-        await lease.keep_log(tx, trial_id, fence, stored.sha256)
-    return StoredLog(sha256=stored.sha256, bytes=stored.size, new=stored.new)
+        await lease.keep_file(tx, trial_id, fence, kind, stored.sha256)
+    return StoredFile(sha256=stored.sha256, bytes=stored.size, new=stored.new)
 
 
 @router.post("/{trial_id}/outcome")

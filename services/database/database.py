@@ -101,12 +101,18 @@ def _prepare_sqlite(engine: AsyncEngine, *, writes: bool) -> None:
             connection.exec_driver_sql("BEGIN IMMEDIATE")
 
 
-async def migrate(url: str) -> None:
-    """Brings the database to the newest form; creates it when there is none."""
+async def migrate(url: str, form: str = "head", *, back: bool = False) -> None:
+    """Brings the database to the newest form, or to another one; creates it when there is none.
+
+    Args:
+        url: of the database.
+        form: a revision.
+        back: the form is an older one.
+    """
     config = Config()
     config.set_main_option("script_location", str(MIGRATIONS).replace("%", "%%"))
     config.set_main_option("sqlalchemy.url", url.replace("%", "%%"))
-    await asyncio.to_thread(command.upgrade, config, "head")
+    await asyncio.to_thread(command.downgrade if back else command.upgrade, config, form)
 
 
 def integrity_check(path: Path) -> str:

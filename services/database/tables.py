@@ -54,9 +54,14 @@ job = Table(
     Column("number", NUMBER, primary_key=True, autoincrement=True),
     Column("job_id", String(20), nullable=False, unique=True),
     Column("state", String(16), nullable=False, index=True),
-    Column("policy", String(64), ForeignKey("policy.digest"), nullable=False),
-    Column("policy_name", String(100), nullable=False),
+    Column("policy", String(64), ForeignKey("policy.digest")),
+    Column("policy_name", String(100)),
     Column("task", String(32), nullable=False),
+    Column("object", String(32), nullable=False, default="cube"),
+    Column("object_scale", Float, nullable=False, default=1.0),
+    # The one robot that runs all trials of the job; where any will do, it is drawn with the first lease.
+    Column("robot", String(40)),
+    Column("any_robot", Boolean, nullable=False, default=False),
     Column("trials", Integer, nullable=False),
     Column("seed", BigInteger, nullable=False),
     Column("seed_drawn_by_server", Boolean, nullable=False),
@@ -86,6 +91,7 @@ trial = Table(
     Column("ordinal", Integer, nullable=False),
     Column("state", String(16), nullable=False),
     Column("seed", BigInteger, nullable=False),
+    Column("excitation", String(32)),
     Column("robot_order", Text, nullable=False, default="[]"),
     Column("first_choice", String(40)),
     Column("departure", Text),
@@ -97,6 +103,7 @@ trial = Table(
     Column("outcome", Text),
     Column("log_sha256", String(64)),
     Column("log_bytes", BigInteger),
+    Column("truth_sha256", String(64)),
     UniqueConstraint("job_number", "ordinal"),
     Index("ix_trial_queue", "state", "first_choice", "job_number", "ordinal"),
 )
@@ -115,6 +122,7 @@ attempt = Table(
     Column("ended_at", String(40)),
     Column("outcome", Text),
     Column("log_sha256", String(64), index=True),
+    Column("truth_sha256", String(64)),
     Index("ix_attempt_robot_state", "robot", "state"),
 )
 

@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 import structlog
 from prometheus_client import CollectorRegistry, Counter, Histogram
 
+from api_schemas.excitation import ExcitationName
 from api_schemas.job import TaskName
+from api_schemas.object import ObjectName
 from api_schemas.policy import PolicyManifest
 from api_schemas.robot import Lease
 from services.database.database import Database
@@ -151,7 +153,7 @@ class Dispatcher:
             await self._ender.decline(claim, f"{claim.robot} refused the offer: {reply.reason or 'no reason given'}")
 
     async def _lease(self, claim: Claim, row: AnyRow) -> Lease:
-        manifest, graph_sha256 = await self._policy(row.policy)
+        manifest, graph_sha256 = (None, None) if row.policy is None else await self._policy(row.policy)
         return Lease(
             trial_id=claim.trial_id,
             job_id=row.job_id,
@@ -161,8 +163,11 @@ class Dispatcher:
             policy=row.policy,
             manifest=manifest,
             graph_sha256=graph_sha256,
+            excitation=None if row.excitation is None else ExcitationName(row.excitation),
             task=TaskName(row.task),
             seed=row.seed,
+            object=ObjectName(row.object),
+            object_scale=row.object_scale,
             lease_s=self.settings.lease_s,
         )
 

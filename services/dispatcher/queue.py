@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any
 
-from sqlalchemy import Integer, Select, bindparam, select, update
+from sqlalchemy import Integer, Select, and_, bindparam, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.trial import AttemptState, TrialState
@@ -20,17 +20,19 @@ PASSED_OVER_AT_ONCE = 100
 
 
 def _queued() -> Select[Any]:
-    columns = (trial, job.c.job_id, job.c.task, job.c.seed.label("job_seed"), job.c.policy, job.c.state.label("job_state"))
-    joined = select(*columns).join(job, job.c.number == trial.c.job_number)
+    renamed = (job.c.seed.label("job_seed"), job.c.state.label("job_state"), job.c.robot.label("pinned_robot"))
+    columns = (job.c.job_id, job.c.task, job.c.policy, job.c.any_robot, job.c.object, job.c.object_scale)
+    joined = select(trial, *columns, *renamed).join(job, job.c.number == trial.c.job_number)
     return joined.where(trial.c.state == TrialState.QUEUED).order_by(trial.c.job_number, trial.c.ordinal)
 
 
 _QUEUED = _queued()
 _ANY = select(trial.c.trial_id).where(trial.c.state == TrialState.QUEUED).limit(1)
 _OLDEST_OF = _QUEUED.where(trial.c.first_choice == bindparam("chosen")).limit(1)
-_BUSY = trial.c.first_choice.in_(bindparam("busy", expanding=True))
+_BUSY = and_(trial.c.first_choice.in_(bindparam("busy", expanding=True)), job.c.robot.is_(None))
 _WAITING = (
     select(trial.c.trial_id)
+    .join(job, job.c.number == trial.c.job_number)
     .where(trial.c.state == TrialState.QUEUED, _BUSY)
     .order_by(trial.c.job_number, trial.c.ordinal)
     .limit(PASSED_OVER_AT_ONCE)
@@ -77,16 +79,20 @@ async def draw(tx: AsyncConnection, known: Sequence[str], healthy: Collection[st
 
 
 async def choose_again(tx: AsyncConnection, row: AnyRow, healthy: Collection[str], why: Why) -> Choice:
-    """Points a drawn trial to the robot that is now the first of its order."""
-    choice = choose(json.loads(row.robot_order), healthy, await _faulted(tx, row), why)
+    """Points a drawn trial to the robot that is now the first of its order; one that is pinned to a robot stays with it."""
+    if row.pinned_robot is not None:
+        choice = Choice((row.pinned_robot,), row.pinned_robot, None)
+    else:
+        choice = choose(json.loads(row.robot_order), healthy, await _faulted(tx, row), why)
     if choice.first_choice is not None and choice.first_choice != row.first_choice:
         await tx.execute(_POINT, _pointing(row, choice))
     return choice
 
 
 async def drawn_for(connection: AsyncConnection, robots: Iterable[str]) -> Sequence[AnyRow]:
-    """The queued trials whose first choice is one of the robots."""
-    return (await connection.execute(_QUEUED.where(trial.c.first_choice.in_(list(robots))))).all()
+    """The queued trials whose first choice is one of the robots and that may go to another."""
+    wanted = _QUEUED.where(trial.c.first_choice.in_(list(robots)), job.c.robot.is_(None))
+    return (await connection.execute(wanted)).all()
 
 
 async def pass_over(tx: AsyncConnection, busy: Collection[str], now_s: float) -> None:

@@ -6,19 +6,16 @@ from typing import Any
 from sqlalchemy import Integer, bindparam, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from api_schemas.job import JobState
+from api_schemas.job import JobState, TaskName
 from api_schemas.robot import OutcomeReport
 from api_schemas.trial import FAULT_OF, AttemptState, Fault, Outcome, OutcomeKind, TrialState
 from services.database.rows import AnyRow
 from services.database.tables import attempt, job, trial
 from services.errors import Refused
-from services.jobs import events, reports
+from services.jobs import events, pinning, reports
 from services.jobs.claim import Claim
 from services.jobs.clock import iso
-from services.jobs.lease import ACTIVE, UNENDED, check_log, close_attempt, stale
-
-RAN_TO_THE_END = frozenset({OutcomeKind.SUCCEEDED, OutcomeKind.FAILED})
-"""Outcomes that are counted as what the policy can do; without a log nobody could look into them."""
+from services.jobs.lease import ACTIVE, UNENDED, check_report, close_attempt, stale
 
 
 @dataclass(frozen=True)
@@ -46,10 +43,12 @@ _LEAVE = (
         outcome=bindparam("to_outcome"),
         log_sha256=bindparam("to_log_sha256"),
         log_bytes=bindparam("to_log_bytes"),
+        truth_sha256=bindparam("to_truth_sha256"),
     )
     .returning(trial.c.job_number, trial.c.ordinal, trial.c.faults)
 )
-_LEFT_WITHOUT = {"to_robot": None, "add_faults": 0, "to_outcome": None, "to_log_sha256": None, "to_log_bytes": None}
+_LEFT_WITHOUT: dict[str, Any] = {"to_robot": None, "add_faults": 0, "to_outcome": None}
+_LEFT_WITHOUT |= {"to_log_sha256": None, "to_log_bytes": None, "to_truth_sha256": None}
 
 
 async def accept(
@@ -58,16 +57,16 @@ async def accept(
     """Takes a robot's outcome; the same outcome again changes nothing.
 
     Raises:
-        Refused: kind and fault do not belong together, or the log is not the one that was uploaded under the lease.
+        Refused: kind and fault do not belong together, or the files are not those that were uploaded under the lease.
         Conflict: the lease is not the robot's any more.
     """
     outcome, claim = report.outcome, Claim(trial_id, report.fence, report.robot)
     if FAULT_OF[outcome.kind] != outcome.fault:
         expected = FAULT_OF[outcome.kind]
         raise Refused("wrong-fault", f"Outcome {outcome.kind} is the fault of {expected}, not of {outcome.fault}; send that.")
-    await check_log(tx, claim, report.log_sha256, needed=outcome.kind in RAN_TO_THE_END)
+    await check_report(tx, claim, report)
     if outcome.fault == Fault.PLATFORM:
-        ending = await fault(tx, now_s, claim, outcome.reason, max_attempts, outcome=outcome, log_sha256=report.log_sha256)
+        ending = await fault(tx, now_s, claim, outcome.reason, max_attempts, report=report)
     elif outcome.kind == OutcomeKind.CANCELLED:
         ending = await _stopped(tx, now_s, claim, report, max_attempts)
     else:
@@ -82,14 +81,13 @@ async def fault(
     reason: str,
     max_attempts: int,
     *,
-    outcome: Outcome | None = None,
-    log_sha256: str | None = None,
+    report: OutcomeReport | None = None,
 ) -> Ending | None:
     """Ends an attempt by the platform's fault; the trial is queued again. None when the claim does not hold any more."""
     moved = await _leave(tx, claim, TrialState.QUEUED, add_faults=1)
     if moved is None:
         return None
-    await close_attempt(tx, now_s, claim, AttemptState.PLATFORM_FAULT, reason, outcome=outcome, log_sha256=log_sha256)
+    await close_attempt(tx, now_s, claim, AttemptState.PLATFORM_FAULT, reason, report=report)
     now = await _record(
         tx,
         now_s,
@@ -99,6 +97,8 @@ async def fault(
         claim=claim,
         add_platform_faults=1,
     )
+    if now.any_robot:
+        await pinning.unpin(tx, now.number)
     ended = await _after_fault(tx, now_s, now, moved, claim=claim, reason=reason, max_attempts=max_attempts)
     return Ending(now.job_id, done=False, job_ended=ended)
 
@@ -110,6 +110,8 @@ async def decline(tx: AsyncConnection, now_s: float, claim: Claim, reason: str) 
         return None
     await close_attempt(tx, now_s, claim, AttemptState.DECLINED, reason)
     now = await _record(tx, now_s, moved, "offer_declined", f"trial {moved.ordinal} not taken: {reason}", claim=claim)
+    if now.any_robot:
+        await pinning.unpin(tx, now.number)
     ended = await _cancel_if_unwanted(tx, now_s, now, claim)
     return Ending(now.job_id, done=False, job_ended=ended)
 
@@ -142,11 +144,12 @@ async def _done(tx: AsyncConnection, now_s: float, claim: Claim, report: Outcome
         "to_outcome": outcome.model_dump_json(),
         "to_log_sha256": report.log_sha256,
         "to_log_bytes": log_bytes,
+        "to_truth_sha256": report.truth_sha256,
     }
     moved = await _leave(tx, claim, TrialState.DONE, to_robot=claim.robot, **kept)
     if moved is None:
         return None
-    await close_attempt(tx, now_s, claim, AttemptState.ACCEPTED, outcome.reason, outcome=outcome, log_sha256=report.log_sha256)
+    await close_attempt(tx, now_s, claim, AttemptState.ACCEPTED, outcome.reason, report=report)
     counts = {
         "add_trials_done": 1,
         "add_successes": int(outcome.kind == OutcomeKind.SUCCEEDED),
@@ -162,7 +165,9 @@ async def _end_if_complete(tx: AsyncConnection, now_s: float, now: AnyRow) -> bo
         return False
     if now.trials_done < now.trials:
         return now.cancel_requested and await end_cancelled(tx, now_s, now)
-    text = f"job succeeded: {now.successes} of {now.trials} trials reached their goal"
+    identified = now.task == TaskName.IDENTIFY
+    did = f"excitations recorded: {now.trials}" if identified else f"{now.successes} of {now.trials} trials reached their goal"
+    text = f"job succeeded: {did}"
     ended = await _end(tx, now_s, now.number, JobState.SUCCEEDED, text)
     await reports.write(tx, ended)
     return True
@@ -173,12 +178,11 @@ async def _stopped(tx: AsyncConnection, now_s: float, claim: Claim, report: Outc
     row = (await tx.execute(asked.where(trial.c.trial_id == claim.trial_id))).one_or_none()
     if row is not None and not row.cancel_requested and row.state in UNENDED:
         reason = f"{claim.robot} stopped the trial though nobody had asked for it"
-        return await fault(tx, now_s, claim, reason, max_attempts, outcome=report.outcome, log_sha256=report.log_sha256)
+        return await fault(tx, now_s, claim, reason, max_attempts, report=report)
     moved = await _leave(tx, claim, TrialState.CANCELLED, to_robot=claim.robot, to_outcome=report.outcome.model_dump_json())
     if moved is None:
         return None
-    reason = report.outcome.reason
-    await close_attempt(tx, now_s, claim, AttemptState.CANCELLED, reason, outcome=report.outcome, log_sha256=report.log_sha256)
+    await close_attempt(tx, now_s, claim, AttemptState.CANCELLED, report.outcome.reason, report=report)
     now = await _record(tx, now_s, moved, "trial_cancelled", f"trial {moved.ordinal} stopped on {claim.robot}", claim=claim)
     return Ending(now.job_id, done=False, job_ended=await end_cancelled(tx, now_s, now))
 

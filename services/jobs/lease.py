@@ -1,19 +1,25 @@
 """Leases: the right of one trial to one robot. Each move is one UPDATE guarded by the state and fence that it leaves."""
 
+from typing import Literal
+
 from sqlalchemy import String, and_, bindparam, func, insert, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.job import JobState
-from api_schemas.robot import Renewal
-from api_schemas.trial import AttemptState, Outcome, TrialState
+from api_schemas.robot import OutcomeReport, Renewal
+from api_schemas.trial import AttemptState, OutcomeKind, TrialState
 from services.database.rows import AnyRow
 from services.database.tables import attempt, job, trial
 from services.errors import Conflict, NotFound, Refused
-from services.jobs import events
+from services.jobs import events, pinning
 from services.jobs.claim import Claim
 from services.jobs.clock import iso
 
 ACTIVE = (TrialState.LEASED, TrialState.RUNNING)
+JUDGED = frozenset({OutcomeKind.SUCCEEDED, OutcomeKind.FAILED})
+RAN_TO_THE_END = JUDGED | {OutcomeKind.RECORDED}
+"""Outcomes of trials that nothing cut short; without a log nobody could look into them."""
+FileKind = Literal["log", "truth"]
 UNENDED = (JobState.QUEUED, JobState.RUNNING)
 
 _LEASE = (
@@ -50,8 +56,15 @@ _IS_OPEN = and_(
     attempt.c.fence == bindparam("held_fence"),
     attempt.c.state == AttemptState.OPEN,
 )
-_KEEP_LOG = update(attempt).where(_IS_OPEN).values(log_sha256=bindparam("to_log_sha256"))
-_OPEN_LOG = select(attempt.c.log_sha256).where(_IS_OPEN)
+_KEEP = {
+    "log": update(attempt).where(_IS_OPEN).values(log_sha256=bindparam("to_sha256")),
+    "truth": update(attempt).where(_IS_OPEN).values(truth_sha256=bindparam("to_sha256")),
+}
+_KEPT = (
+    select(attempt.c.log_sha256, attempt.c.truth_sha256, trial.c.excitation)
+    .join(trial, trial.c.trial_id == attempt.c.trial_id)
+    .where(_IS_OPEN)
+)
 _CLOSE_ATTEMPT = (
     update(attempt)
     .where(_IS_OPEN)
@@ -61,6 +74,7 @@ _CLOSE_ATTEMPT = (
         ended_at=bindparam("at"),
         outcome=bindparam("to_outcome"),
         log_sha256=func.coalesce(bindparam("to_log_sha256", type_=String), attempt.c.log_sha256),
+        truth_sha256=func.coalesce(bindparam("to_truth_sha256", type_=String), attempt.c.truth_sha256),
     )
 )
 
@@ -83,6 +97,8 @@ async def write_lease(
         "started_at": iso(now_s),
     }
     await tx.execute(_OPEN_ATTEMPT, opened)
+    if queued.any_robot:
+        await pinning.pin(tx, queued.job_number, robot)
     await _tell_leased(tx, now_s, queued, robot)
     return claim
 
@@ -139,31 +155,42 @@ async def check_lease(connection: AsyncConnection, trial_id: str, fence: int) ->
         raise await stale(connection, trial_id, fence)
 
 
-async def keep_log(tx: AsyncConnection, trial_id: str, fence: int, log_sha256: str) -> None:
-    """Notes which log was uploaded under the lease; its outcome can name no other.
+async def keep_file(tx: AsyncConnection, trial_id: str, fence: int, kind: FileKind, sha256: str) -> None:
+    """Notes which file was uploaded under the lease; its outcome can name no other.
 
     Raises:
         Conflict: the attempt has ended meanwhile.
     """
-    kept = {"of_trial": trial_id, "held_fence": fence, "to_log_sha256": log_sha256}
-    if (await tx.execute(_KEEP_LOG, kept)).rowcount != 1:
+    kept = {"of_trial": trial_id, "held_fence": fence, "to_sha256": sha256}
+    if (await tx.execute(_KEEP[kind], kept)).rowcount != 1:
         raise await stale(tx, trial_id, fence)
 
 
-async def check_log(connection: AsyncConnection, claim: Claim, log_sha256: str | None, *, needed: bool) -> None:
-    """Raises unless the outcome of an open attempt names the log that was uploaded under its lease.
+async def check_report(connection: AsyncConnection, claim: Claim, report: OutcomeReport) -> None:
+    """Raises unless the outcome of an open attempt fits its trial and names the files that were uploaded under its lease.
 
     Raises:
-        Refused: it names another, or none though one is ``needed``.
+        Refused: it names others, or no log though it ran to its end, or it is none that such a trial can have.
     """
     open_attempt = {"of_trial": claim.trial_id, "held_fence": claim.fence}
-    row = (await connection.execute(_OPEN_LOG, open_attempt)).one_or_none()
-    if row is None or (log_sha256 is None and not needed) or (log_sha256 is not None and log_sha256 == row.log_sha256):
+    row = (await connection.execute(_KEPT, open_attempt)).one_or_none()
+    if row is None:
         return
-    kept = "none was" if row.log_sha256 is None else f"{row.log_sha256} was"
-    named = "names no log" if log_sha256 is None else f"names log {log_sha256}"
-    detail = f"The outcome {named}, but {kept} uploaded under this lease; "
-    raise Refused("log-missing", detail + f"PUT /v1/leases/{claim.trial_id}/{claim.fence}/log first and name its SHA-256.")
+    kind = report.outcome.kind
+    if kind in (JUDGED if row.excitation is not None else {OutcomeKind.RECORDED}):
+        ends = "is of an excitation and can only be recorded" if row.excitation is not None else "has a goal to succeed in"
+        raise Refused("wrong-outcome", f"Trial {claim.trial_id} {ends}; its outcome cannot be {kind}.")
+    _check_file("log", claim, report.log_sha256, row.log_sha256, needed=kind in RAN_TO_THE_END)
+    _check_file("truth", claim, report.truth_sha256, row.truth_sha256, needed=False)
+
+
+def _check_file(kind: FileKind, claim: Claim, named: str | None, kept: str | None, *, needed: bool) -> None:
+    if (named is None and not needed) or (named is not None and named == kept):
+        return
+    was = "none was" if kept is None else f"{kept} was"
+    detail = f"The outcome names {'no ' + kind if named is None else f'{kind} {named}'}, but {was} uploaded under this lease; "
+    path = f"/v1/leases/{claim.trial_id}/{claim.fence}/{kind}"
+    raise Refused(f"{kind}-missing", detail + f"PUT {path} first and name its SHA-256.")
 
 
 async def stale(connection: AsyncConnection, trial_id: str, fence: int) -> Exception:
@@ -184,17 +211,17 @@ async def close_attempt(
     state: AttemptState,
     reason: str | None,
     *,
-    outcome: Outcome | None = None,
-    log_sha256: str | None = None,
+    report: OutcomeReport | None = None,
 ) -> None:
-    """Writes the end of an attempt."""
+    """Writes the end of an attempt, with the robot's report of it if there is one."""
     closed = {
         "of_trial": claim.trial_id,
         "held_fence": claim.fence,
         "to_state": state,
         "to_reason": reason,
         "at": iso(now_s),
-        "to_outcome": None if outcome is None else outcome.model_dump_json(),
-        "to_log_sha256": log_sha256,
+        "to_outcome": None if report is None else report.outcome.model_dump_json(),
+        "to_log_sha256": None if report is None else report.log_sha256,
+        "to_truth_sha256": None if report is None else report.truth_sha256,
     }
     await tx.execute(_CLOSE_ATTEMPT, closed)

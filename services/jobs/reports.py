@@ -8,11 +8,24 @@ from importlib.metadata import version
 from sqlalchemy import insert, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from api_schemas.report import FaultRow, Report, RobotRow, TimingRow, TrialRow
+from api_schemas.excitation import ExcitationName
+from api_schemas.job import TaskName
+from api_schemas.object import ObjectName
+from api_schemas.report import (
+    BetweenRobots,
+    ExcitationRow,
+    FaultRow,
+    IdentificationReport,
+    Report,
+    RobotRow,
+    TimingRow,
+    TrialRow,
+)
 from api_schemas.trial import AttemptState, Fault, Outcome, OutcomeKind
 from services.database.rows import AnyRow
 from services.database.tables import attempt, report, trial
 from services.jobs.statistics import wilson
+from services.jobs.variance_share import variance_share
 
 KEEPS_RATE_MISSED = 0.01
 """A policy keeps its rate when at most this share of its actions came late: then their 99th percentile is in time."""
@@ -28,7 +41,8 @@ async def write(tx: AsyncConnection, job: AnyRow) -> None:
         .order_by(trial.c.ordinal, attempt.c.fence)
     )
     attempts = (await tx.execute(wanted)).all()
-    composed = compose(job, trials, attempts, {"trifarm": version("trifarm")})
+    composer = compose_identification if job.task == TaskName.IDENTIFY else compose
+    composed = composer(job, trials, attempts, {"trifarm": version("trifarm")})
     body = json.dumps(composed.model_dump(mode="json"), sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
     sha256 = hashlib.sha256(body).hexdigest()
     await tx.execute(insert(report).values(job_number=job.number, body=body, sha256=sha256, created_at=job.ended_at))
@@ -44,6 +58,8 @@ def compose(job: AnyRow, trials: Sequence[AnyRow], attempts: Sequence[AnyRow], v
     return Report(
         job_id=job.job_id,
         task=job.task,
+        object=ObjectName(job.object),
+        object_scale=job.object_scale,
         policy=job.policy,
         policy_name=job.policy_name,
         seed=job.seed,
@@ -59,6 +75,7 @@ def compose(job: AnyRow, trials: Sequence[AnyRow], attempts: Sequence[AnyRow], v
         platform_faults=len(faults),
         attempts=len(attempts),
         timing=_timing(outcomes),
+        between_robots=_between_robots(rows),
         per_robot=_robot_rows(rows, faults),
         per_trial=rows,
         platform_fault_attempts=faults,
@@ -66,6 +83,43 @@ def compose(job: AnyRow, trials: Sequence[AnyRow], attempts: Sequence[AnyRow], v
         started_at=job.started_at,
         ended_at=job.ended_at,
         versions=versions,
+    )
+
+
+def compose_identification(
+    job: AnyRow, trials: Sequence[AnyRow], attempts: Sequence[AnyRow], versions: dict[str, str]
+) -> IdentificationReport:
+    """The report of an identification: what was recorded where."""
+    faults = tuple(_fault_row(row) for row in attempts if row.state == AttemptState.PLATFORM_FAULT)
+    return IdentificationReport(
+        job_id=job.job_id,
+        task=job.task,
+        object=ObjectName(job.object),
+        object_scale=job.object_scale,
+        robot=job.robot,
+        seed=job.seed,
+        trials=len(trials),
+        platform_faults=len(faults),
+        attempts=len(attempts),
+        per_trial=tuple(_excitation_row(row, attempts) for row in trials),
+        platform_fault_attempts=faults,
+        created_at=job.created_at,
+        started_at=job.started_at,
+        ended_at=job.ended_at,
+        versions=versions,
+    )
+
+
+def _excitation_row(row: AnyRow, attempts: Sequence[AnyRow]) -> ExcitationRow:
+    return ExcitationRow(
+        trial=row.ordinal,
+        trial_id=row.trial_id,
+        excitation=ExcitationName(row.excitation),
+        robot=row.robot,
+        seed=row.seed,
+        attempts=sum(each.trial_id == row.trial_id for each in attempts),
+        outcome=Outcome.model_validate_json(row.outcome),
+        log_sha256=row.log_sha256,
     )
 
 
@@ -102,6 +156,16 @@ def _robot_row(name: str, rows: Sequence[TrialRow], faults: Sequence[FaultRow]) 
         interval_80=wilson(successes, len(rows), 0.80),
         platform_faults=sum(row.robot == name for row in faults),
     )
+
+
+def _between_robots(rows: Sequence[TrialRow]) -> BetweenRobots | None:
+    names = sorted({row.robot for row in rows})
+    trials = [sum(row.robot == name for row in rows) for name in names]
+    successes = [sum(row.robot == name and row.outcome.kind == OutcomeKind.SUCCEEDED for row in rows) for name in names]
+    share = variance_share(successes, trials, 0.80)
+    if share is None:
+        return None
+    return BetweenRobots(variance_share=share.estimate, interval_80=share.interval, robots=len(names))
 
 
 def _timing(outcomes: Sequence[Outcome]) -> TimingRow | None:

@@ -2,44 +2,88 @@
 
 import base64
 import hashlib
+import json
 import secrets
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 from sqlalchemy import insert, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from api_schemas.job import MAX_SEED, JobRequest, JobState
+from api_schemas.excitation import ANY_ROBOT, ExcitationName, IdentificationRequest
+from api_schemas.job import MAX_SEED, JobRequest, JobState, TaskName
 from api_schemas.trial import TrialState
 from services.database.rows import AnyRow
-from services.database.tables import job, policy, trial
+from services.database.tables import job, policy, robot, trial
 from services.errors import Conflict, NotFound
 from services.jobs import events
 from services.jobs.clock import iso
 from services.jobs.order import trial_seed
 
 
-async def submit(
-    tx: AsyncConnection, now_s: float, request: JobRequest, *, owner: str, idempotency_key: str | None
-) -> tuple[str, bool]:
-    """Inserts a job; gives its id and whether it is new.
+@dataclass(frozen=True)
+class Sender:
+    """Who sends a job, and the key under which he may send it again."""
+
+    owner: str
+    idempotency_key: str | None = None
+
+
+@dataclass(frozen=True)
+class _NewJob:
+    """What is asked for: ``values`` of the job's row, the excitation of each trial (None with a policy), and its sentence."""
+
+    values: dict[str, Any]
+    excitations: Sequence[ExcitationName | None]
+    seed: int | None
+    text: str
+
+
+async def submit(tx: AsyncConnection, now_s: float, request: JobRequest, sender: Sender) -> tuple[str, bool]:
+    """Inserts a job of a policy; gives its id and whether it is new.
 
     Raises:
         NotFound: the policy was not uploaded.
         Conflict: the idempotency key was used for another request.
     """
-    digest = hashlib.sha256(request.model_dump_json().encode()).hexdigest()
-    if idempotency_key is not None and (earlier := await _earlier(tx, owner, idempotency_key)) is not None:
-        return _same(earlier, digest, idempotency_key), False
+    digest = _digest(request)
+    if (earlier := await _earlier(tx, sender, digest)) is not None:
+        return earlier, False
     name = (await tx.execute(select(policy.c.name).where(policy.c.digest == request.policy))).scalar_one_or_none()
     if name is None:
         raise NotFound("policy-not-found", f"No policy has the digest {request.policy}; upload it first with PUT /v1/policies.")
-    job_id = new_job_id()
-    try:
-        await _insert(tx, now_s, job_id, request, policy_name=name, owner=owner, idempotency_key=idempotency_key, digest=digest)
-    except IntegrityError as error:
-        # On a database with several writers another request with this key may have come in between.
-        raise Conflict("idempotency-key-in-use", f"Idempotency-Key {idempotency_key!r} is in use; ask again.") from error
-    return job_id, True
+    values = {
+        "policy": request.policy,
+        "policy_name": name,
+        "task": request.task,
+        "object": request.object,
+        "object_scale": request.object_scale,
+    }
+    text = f"job queued: {request.trials} trials of {request.task} with policy {name}"
+    asked = _NewJob(values, [None] * request.trials, request.seed, text)
+    return await _insert(tx, now_s, asked, sender, digest), True
+
+
+async def identify(tx: AsyncConnection, now_s: float, request: IdentificationRequest, sender: Sender) -> tuple[str, bool]:
+    """Inserts an identification; gives its job's id and whether it is new.
+
+    Raises:
+        NotFound: no robot of this name ever joined.
+        Conflict: the idempotency key was used for another request.
+    """
+    digest = _digest(request)
+    if (earlier := await _earlier(tx, sender, digest)) is not None:
+        return earlier, False
+    named = None if request.robot == ANY_ROBOT else request.robot
+    if named is not None and (await tx.execute(select(robot.c.robot).where(robot.c.robot == named))).first() is None:
+        detail = f"No robot named {named} ever joined this farm; GET /v1/robots lists them, '{ANY_ROBOT}' takes the first idle."
+        raise NotFound("robot-not-found", detail)
+    courses = request.courses()
+    text = f"job queued, excitations: {len(courses)}, on {named or 'one robot, the first that is idle'}"
+    asked = _NewJob({"task": TaskName.IDENTIFY, "robot": named, "any_robot": named is None}, courses, request.seed, text)
+    return await _insert(tx, now_s, asked, sender, digest), True
 
 
 def new_job_id() -> str:
@@ -47,59 +91,65 @@ def new_job_id() -> str:
     return "j" + base64.b32encode(secrets.token_bytes(8)).decode().lower()[:12]
 
 
-async def _earlier(tx: AsyncConnection, owner: str, key: str) -> AnyRow | None:
-    found = select(job.c.job_id, job.c.request_sha256).where(job.c.owner == owner, job.c.idempotency_key == key)
-    return (await tx.execute(found)).one_or_none()
+def _digest(request: JobRequest | IdentificationRequest) -> str:
+    return hashlib.sha256(request.model_dump_json().encode()).hexdigest()
 
 
-def _same(earlier: AnyRow, digest: str, key: str) -> str:
-    if earlier.request_sha256 != digest:
+async def _earlier(tx: AsyncConnection, sender: Sender, digest: str) -> str | None:
+    """The job that was made with this key before."""
+    key = sender.idempotency_key
+    if key is None:
+        return None
+    found = select(job.c.job_id, job.c.request_sha256).where(job.c.owner == sender.owner, job.c.idempotency_key == key)
+    earlier: AnyRow | None = (await tx.execute(found)).one_or_none()
+    if earlier is not None and earlier.request_sha256 != digest:
         raise Conflict(
             "idempotency-key-reused",
             f"Idempotency-Key {key!r} was used for job {earlier.job_id} with another body; choose a new key.",
             job_id=earlier.job_id,
         )
-    return earlier.job_id
+    return None if earlier is None else earlier.job_id
 
 
-async def _insert(
-    tx: AsyncConnection,
-    now_s: float,
-    job_id: str,
-    request: JobRequest,
-    *,
-    policy_name: str,
-    owner: str,
-    idempotency_key: str | None,
-    digest: str,
-) -> None:
-    seed = secrets.randbelow(MAX_SEED) if request.seed is None else request.seed
+async def _insert(tx: AsyncConnection, now_s: float, asked: _NewJob, sender: Sender, digest: str) -> str:
+    job_id, seed = new_job_id(), secrets.randbelow(MAX_SEED) if asked.seed is None else asked.seed
     row = insert(job).values(
         job_id=job_id,
         state=JobState.QUEUED,
-        policy=request.policy,
-        policy_name=policy_name,
-        task=request.task,
-        trials=request.trials,
+        trials=len(asked.excitations),
         seed=seed,
-        seed_drawn_by_server=request.seed is None,
-        owner=owner,
+        seed_drawn_by_server=asked.seed is None,
+        owner=sender.owner,
         created_at=iso(now_s),
         created_s=now_s,
-        idempotency_key=idempotency_key,
+        idempotency_key=sender.idempotency_key,
         request_sha256=digest,
+        **asked.values,
     )
-    number = (await tx.execute(row.returning(job.c.number))).scalar_one()
-    trials = [
+    try:
+        number = (await tx.execute(row.returning(job.c.number))).scalar_one()
+    except IntegrityError as error:
+        # On a database with several writers another request with this key may have come in between.
+        key = sender.idempotency_key
+        raise Conflict("idempotency-key-in-use", f"Idempotency-Key {key!r} is in use; ask again.") from error
+    await tx.execute(insert(trial), _trials(job_id, number, seed, asked))
+    await events.record(tx, iso(now_s), number, "job_queued", asked.text)
+    return job_id
+
+
+def _trials(job_id: str, number: int, seed: int, asked: _NewJob) -> list[dict[str, Any]]:
+    """The rows of a job's trials; those of a named robot wait for it from the start."""
+    named = asked.values.get("robot")
+    return [
         {
             "trial_id": f"{job_id}-{ordinal:03d}",
             "job_number": number,
             "ordinal": ordinal,
             "state": TrialState.QUEUED,
             "seed": trial_seed(seed, ordinal),
+            "excitation": excitation,
+            "robot_order": json.dumps([named] if named else []),
+            "first_choice": named,
         }
-        for ordinal in range(request.trials)
+        for ordinal, excitation in enumerate(asked.excitations)
     ]
-    await tx.execute(insert(trial), trials)
-    text = f"job queued: {request.trials} trials of {request.task} with policy {policy_name}"
-    await events.record(tx, iso(now_s), number, "job_queued", text)

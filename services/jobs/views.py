@@ -7,8 +7,10 @@ from typing import Any
 from sqlalchemy import Select, func, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from api_schemas.excitation import ExcitationName
 from api_schemas.job import Job, JobState, TaskName
-from api_schemas.robot import Robot
+from api_schemas.object import ObjectName
+from api_schemas.robot import Robot, RobotState
 from api_schemas.trial import Attempt, AttemptState, Outcome, Trial, TrialState
 from services.database.rows import AnyRow
 from services.database.tables import attempt, job, trial
@@ -54,6 +56,9 @@ def _job(row: AnyRow, waiting_because: str | None) -> Job:
         policy=row.policy,
         policy_name=row.policy_name,
         task=TaskName(row.task),
+        object=ObjectName(row.object),
+        object_scale=row.object_scale,
+        robot=row.robot,
         trials=row.trials,
         seed=row.seed,
         seed_drawn_by_server=row.seed_drawn_by_server,
@@ -103,6 +108,8 @@ def _trial(row: AnyRow, owner_job: AnyRow, attempts: tuple[Attempt, ...], waitin
         log_sha256=row.log_sha256,
         log_bytes=row.log_bytes,
         attempts=attempts,
+        excitation=None if row.excitation is None else ExcitationName(row.excitation),
+        has_truth=row.truth_sha256 is not None,
     )
 
 
@@ -121,15 +128,15 @@ def _attempt(row: AnyRow) -> Attempt:
 
 def show_robot(member: Member, now_s: float) -> Robot:
     """A robot as it is seen now."""
-    said = member.heartbeat
+    said, state = member.heartbeat, member.state(now_s)
     return Robot(
         robot=member.robot,
-        state=member.state(now_s),
+        state=state,
         pid=None if said is None else said.pid,
         host=None if said is None else said.host,
         trial=None if member.lease is None else member.lease.trial_id,
         job=None if member.lease is None else member.lease.trial_id.rpartition("-")[0],
-        reason="drained by an operator" if member.drain else member.reason(now_s),
+        reason="drained by an operator" if member.drain and state != RobotState.OUT_OF_SERVICE else member.reason(now_s),
         simulated_s=member.simulated_s,
         last_seen_at=iso(member.seen_s) if said is not None else None,
         trials_done=member.trials_done,

@@ -29,8 +29,8 @@ def job_waits(row: AnyRow, ahead: Ahead, fleet: Fleet, now_s: float) -> str | No
     if row.trials_active:
         more = f", {left} more wait for a robot" if left else ""
         return f"{_count(row.trials_active, 'trial')} running{more}"
-    if not fleet.healthy(now_s):
-        return nobody_in_service(fleet, now_s)
+    if (nobody := _nobody_for(row.robot, _count(left, "trial"), fleet, now_s)) is not None:
+        return nobody
     if ahead.trials:
         return f"{_count(ahead.trials, 'trial')} of {_count(ahead.jobs, 'earlier job')} {_are(ahead.trials)} ahead"
     return f"{_count(left, 'trial')} about to be leased: {robots_now(fleet, now_s)}"
@@ -45,13 +45,23 @@ def trial_waits(row: AnyRow, job: AnyRow, fleet: Fleet, now_s: float, before: in
         return f"leased to {row.robot}, which has not answered yet"
     if row.state != TrialState.QUEUED:
         return None
-    if not fleet.healthy(now_s):
-        return nobody_in_service(fleet, now_s)
+    if (nobody := _nobody_for(job.robot, "it", fleet, now_s)) is not None:
+        return nobody
     if row.first_choice is None:
         return f"{_count(before, 'queued trial')} of job {job.job_id} before it; its robot is drawn when its turn comes"
     member = fleet.snapshot(row.first_choice)
     doing = "was not seen since the services started" if member is None else robot_now(member, now_s)
     return f"{row.first_choice}, drawn for this trial, {doing}"
+
+
+def _nobody_for(pinned: str | None, what: str, fleet: Fleet, now_s: float) -> str | None:
+    """Why no robot can run ``what``, where only the ``pinned`` robot may if there is one; None when one is in service."""
+    if pinned is None:
+        return None if fleet.healthy(now_s) else nobody_in_service(fleet, now_s)
+    member = fleet.snapshot(pinned)
+    if member is None:
+        return f"{what} must run on {pinned}, which was not seen since the services started"
+    return None if member.healthy(now_s) else f"{what} must run on {pinned}, which {robot_now(member, now_s)}"
 
 
 def nobody_in_service(fleet: Fleet, now_s: float) -> str:

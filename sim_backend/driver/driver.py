@@ -23,12 +23,15 @@ class Command:
 class Start:
     """Where n robots and cubes are when a trial begins; all velocities are zero.
 
-    Shapes (n, 9) in rad, (n, 3) in m and (n, 4) wxyz.
+    Shapes (n, 9) in rad, (n, 3) in m and (n, 4) wxyz. ``noise_seed`` (n,) seeds everything random about the robots (whole
+    numbers below 2**53, 0 if None); ``motor_temperature_rise_k`` (n, 9) is above ambient, cold if None.
     """
 
     joint_position_rad: np.ndarray
     cube_position_world_m: np.ndarray
     cube_quat_wxyz: np.ndarray
+    noise_seed: np.ndarray | None = None
+    motor_temperature_rise_k: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -37,24 +40,36 @@ class Segment:
 
     Row k is the state *before* step k together with the torque that acted during step k. Shapes (n, steps, 9) in rad, rad/s
     and N m, (n, steps, 3) in m, (n, steps, 4) wxyz. ``first_step`` is the number of the first row since the trial's start.
+    Joint positions, velocities and ``measured_torque_nm`` are what the robot reports; desired is what was asked, applied what
+    the driver sent to the motors. True states, ``effective_torque_nm`` (what reached the joints before friction) and the cube's
+    poses are known to a simulation only. Without effects measured and true are the same arrays.
     """
 
     first_step: int
     joint_position_rad: np.ndarray
     joint_velocity_rad_s: np.ndarray
+    measured_torque_nm: np.ndarray
     desired_torque_nm: np.ndarray
     applied_torque_nm: np.ndarray
+    effective_torque_nm: np.ndarray
+    true_joint_position_rad: np.ndarray
+    true_joint_velocity_rad_s: np.ndarray
     cube_position_world_m: np.ndarray
     cube_quat_wxyz: np.ndarray
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """What n robots measure now. Shapes (n, 9) in rad, rad/s and N m; truth of the cube (n, 3) in m and (n, 4) wxyz."""
+    """What n robots measure now. Shapes (n, 9) in rad, rad/s and N m.
+
+    Known to a simulation only: true joint states (n, 9) and the cube's pose, (n, 3) in m and (n, 4) wxyz.
+    """
 
     joint_position_rad: np.ndarray
     joint_velocity_rad_s: np.ndarray
     joint_torque_nm: np.ndarray
+    true_joint_position_rad: np.ndarray
+    true_joint_velocity_rad_s: np.ndarray
     cube_position_world_m: np.ndarray
     cube_quat_wxyz: np.ndarray
 

@@ -1,8 +1,10 @@
-"""The safety pipeline as a compiled MuJoCo control callback, so that it acts every millisecond without Python.
+"""Safety pipeline and effects as a compiled MuJoCo control callback, so that they act every millisecond without Python.
 
-MuJoCo calls it once a step with pointers to the model and the data. It reads the desired torque from ``ctrl``, its settings
-from the simulation's ``userdata`` and writes the applied torque back to ``ctrl``, which is therefore what a rollout records.
-Models without ``userdata`` are left alone, so that a replay can drive the same joints by the recorded torques.
+MuJoCo calls it once a step with pointers to the model and the data. It reads the desired torque from ``ctrl``, settings and
+states from the simulation's ``userdata`` (``effects/record.py``) and writes the applied torque back to ``ctrl``, which is
+therefore what a rollout records. What effects add goes to ``qfrc_applied`` and to the bounds of the friction constraints, what
+the encoders report goes to ``sensordata``. Models without ``userdata`` are left alone, so that a replay can drive the same
+joints by the recorded torques.
 
 The addresses of the fields come from MuJoCo's own description of its structs (``mujoco.introspect``).
 """
@@ -14,18 +16,14 @@ import functools
 
 import mujoco
 import numba
+import numpy as np
 from mujoco.introspect.ast_nodes import ArrayType, PointerType
 from mujoco.introspect.structs import STRUCTS
 from numba import carray, types  # pyright: ignore[reportPrivateImportUsage]
 
-from sim_backend.driver.safety import joint_applied_torque_nm
-from sim_backend.trifinger import constants as c
-
-SLOT_SAFETY_ON = 0
-"""1.0 where the safety pipeline acts, 0.0 where ``ctrl`` passes unchanged."""
-SLOT_POSITION_TARGET = 1
-"""First of nine position targets, rad, NaN for none."""
-CONTROL_SLOTS = SLOT_POSITION_TARGET + 9
+from sim_backend.driver.compilation import compiled_once
+from sim_backend.driver.control_step import measure_joints, protect_nominal, set_bounds, step_with_effects
+from sim_backend.effects import record as r
 
 _SCALARS = {
     "int": ctypes.c_int,
@@ -73,39 +71,43 @@ def field_word(struct: str, field: str) -> int:
 
 @functools.cache
 def _compiled():
-    """The callback, compiled once a process (0.2 s)."""
-    nuserdata, qpos, qvel, ctrl, userdata = (
-        field_word("mjModel", "nuserdata"),
-        *(field_word("mjData", name) for name in ("qpos", "qvel", "ctrl", "userdata")),
+    """The callback, compiled once a process."""
+    nuserdata = field_word("mjModel", "nuserdata")
+    qpos, qvel, ctrl, userdata, sensordata, qfrc_applied = (
+        field_word("mjData", name) for name in ("qpos", "qvel", "ctrl", "userdata", "sensordata", "qfrc_applied")
     )
-    lower, upper = tuple(c.SOFT_LIMIT_LOWER_RAD), tuple(c.SOFT_LIMIT_UPPER_RAD)
-    kp, kd = tuple(c.POSITION_GAIN_NM_RAD), tuple(c.VELOCITY_GAIN_NM_S_RAD)
-    damping, limit = tuple(c.SAFETY_DAMPING_NM_S_RAD), c.MAX_TORQUE_NM
-    signature = types.void(types.CPointer(types.int64), types.CPointer(types.CPointer(types.float64)))
+    bounds, island_bounds, island_rows = (
+        field_word("mjData", name) for name in ("efc_frictionloss", "iefc_frictionloss", "map_efc2iefc")
+    )
+    signature = types.void(types.CPointer(types.int64), types.CPointer(types.voidptr))
 
-    @numba.cfunc(signature)
     def control(model, data):
-        if model[nuserdata] < CONTROL_SLOTS:
+        size = model[nuserdata]
+        if size < r.CONTROL_SLOTS:
             return
-        slots = carray(data[userdata], (CONTROL_SLOTS,))
-        if slots[SLOT_SAFETY_ON] == 0.0:
+        slots = carray(data[userdata], (size,), np.float64)
+        if slots[r.SAFETY_ON] == 0.0:
             return
-        position, velocity, torque = carray(data[qpos], (9,)), carray(data[qvel], (9,)), carray(data[ctrl], (9,))
-        for j in range(9):
-            torque[j] = joint_applied_torque_nm(
-                torque[j],
-                slots[SLOT_POSITION_TARGET + j],
-                position[j],
-                velocity[j],
-                lower[j],
-                upper[j],
-                kp[j],
-                kd[j],
-                damping[j],
-                limit,
-            )
+        position, velocity = carray(data[qpos], (9,), np.float64), carray(data[qvel], (9,), np.float64)
+        torque = carray(data[ctrl], (9,), np.float64)
+        if slots[r.EFFECTS_ON] == 0.0:
+            protect_nominal(slots, torque, position, velocity)
+            return
+        report = carray(data[sensordata], (r.REPORT_SIZE,), np.float64)
+        force = carray(data[qfrc_applied], (12,), np.float64)
+        step_with_effects(slots, torque, position, velocity, report, force)
+        if slots[r.BOUNDS_ON] == 1.0:  # the joints' constraints come first; the solver works on the copy sorted by islands
+            in_order, by_island = carray(data[bounds], (9,), np.float64), carray(data[island_bounds], (1 << 20,), np.float64)
+            set_bounds(slots, velocity, report, in_order, by_island, carray(data[island_rows], (9,), np.int32))
 
-    return control
+    return compiled_once(lambda cache: numba.cfunc(signature, cache=cache)(control))
+
+
+@functools.cache
+def measurer():
+    """``control_step.measure_joints``, compiled once a process."""
+    rows = types.float64[:, :]
+    return compiled_once(lambda cache: numba.njit([(rows,) * 5], cache=cache)(measure_joints.py_func))
 
 
 @functools.cache

@@ -11,10 +11,13 @@ from mujoco.batch import Batch
 
 from sim_backend.driver import native_control
 from sim_backend.driver.driver import Command, Measurement, Segment, Start
+from sim_backend.driver.robot_model import compile_robot, moves_bounds, needs_model, parameter_slots
+from sim_backend.effects import record as r
+from sim_backend.effects.physics import Physics
 from sim_backend.trifinger import constants as c
-from sim_backend.trifinger.scene import compile_scene
+from sim_backend.trifinger.objects import CUBE, Shape, resting_height_m
 
-_RECORD = ("qpos", "qvel", "ctrl")
+_RECORD, _RECORD_WITH_EFFECTS = ("qpos", "qvel", "ctrl"), ("qpos", "qvel", "ctrl", "sensordata")
 
 
 class PhysicsDivergedError(Exception):
@@ -24,32 +27,84 @@ class PhysicsDivergedError(Exception):
 class SimulatedDriver:
     """n simulated robots, advanced together; a trial has n = 1.
 
-    With ``safety=False`` commands act unchanged, which is what a replay of recorded applied torques needs.
+    Args:
+        robots: n.
+        threads: threads that advance them.
+        physics_step_s: integration step, s.
+        safety: with False commands act unchanged, which is what a replay of recorded applied torques needs.
+        physics: the robots' effects; nominal if None.
+        shape: the object in the arena.
     """
 
     def __init__(
-        self, *, robots: int = 1, threads: int = 1, physics_step_s: float = c.PHYSICS_STEP_S, safety: bool = True
+        self,
+        *,
+        robots: int = 1,
+        threads: int = 1,
+        physics_step_s: float = c.PHYSICS_STEP_S,
+        safety: bool = True,
+        physics: Physics | None = None,
+        shape: Shape = CUBE,
     ) -> None:
         native_control.install()
-        self._model = compile_scene(physics_step_s=physics_step_s, control_slots=native_control.CONTROL_SLOTS)
+        self._step_s, self._shape, self._robots, self._safety = physics_step_s, shape, robots, safety
+        self._model = compile_robot(Physics.nominal(), shape=shape, physics_step_s=physics_step_s)
         self._batch = Batch(self._model, robots, nthread=threads)
-        self._robots = robots
-        self._safety = safety
         self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
-        self._slots = self._batch.bind("userdata")
+        self._slots, self._force = self._batch.bind("userdata"), self._batch.bind("qfrc_applied")
         self._torque_nm = np.zeros((robots, 9))
         self._step = 0
         self._buffers: dict[int, dict] = {}
+        self.set_physics(physics or Physics.nominal(robots))
 
     @property
     def model(self) -> mujoco.MjModel:
-        """The compiled model; not to be changed."""
+        """The compiled nominal model; not to be changed."""
         return self._model
 
     @property
     def robots(self) -> int:
         """Number of robots advanced together."""
         return self._robots
+
+    @property
+    def physics(self) -> Physics:
+        """The robots' effects."""
+        return self._physics
+
+    @property
+    def shape(self) -> Shape:
+        """The object in the arena."""
+        return self._shape
+
+    @property
+    def motor_temperature_rise_k(self) -> np.ndarray:
+        """Temperatures of the motors above ambient now, shape (n, 9), K; zero without effects."""
+        return self._slots[:, r.TEMPERATURE : r.TEMPERATURE + 9].copy()
+
+    def rest_height_m(self, quat_wxyz: np.ndarray) -> np.ndarray:
+        """Height of the object's centre when it rests on the table with the orientations of shape (n, 4); shape (n,), m."""
+        return resting_height_m(self._shape, quat_wxyz) * self._physics.value("cube_size.factor")
+
+    def set_physics(self, physics: Physics) -> None:
+        """Give the robots other effects; their states stay, so that it may happen between control periods."""
+        if physics.n != self._robots:
+            raise ValueError(f"the physics is that of {physics.n} robots; the driver has {self._robots}")
+        models = None
+        if needs_model(physics):
+            models = [compile_robot(physics.row(i), shape=self._shape, physics_step_s=self._step_s) for i in range(self._robots)]
+        self._batch.set_models(models)
+        self._physics, self._effects_on = physics, not physics.is_nominal
+        self._bounds_on = np.array([moves_bounds(physics.row(i)) for i in range(self._robots)], dtype=float)
+        if not self._effects_on:
+            self._force[:] = 0.0
+        self._write_parameters(np.arange(self._robots))
+
+    def _write_parameters(self, rows: np.ndarray) -> None:
+        self._slots[rows, r.EFFECTS_ON] = float(self._effects_on and self._safety)
+        self._slots[rows, r.BOUNDS_ON] = self._bounds_on[rows]
+        parameters = parameter_slots(self._physics, self._slots[:, r.SEED])
+        self._slots[rows, r.CONTROL_SLOTS : r.FILTERED_VELOCITY] = parameters[rows]
 
     def reset(self, start: Start, robots: np.ndarray | None = None) -> None:
         """Put robots and cubes at rest at their start.
@@ -64,19 +119,34 @@ class SimulatedDriver:
         self._qpos[rows, 9:12] = start.cube_position_world_m
         self._qpos[rows, 12:16] = start.cube_quat_wxyz
         self._qvel[rows] = 0.0
-        self._slots[rows, native_control.SLOT_SAFETY_ON] = float(self._safety)
-        self._slots[rows, native_control.SLOT_POSITION_TARGET :] = np.nan
-        self._batch.forward(ids=rows)
+        self._batch.forward(ids=rows)  # while the record is empty, so that the control callback rests
+        self._slots[rows] = 0.0
+        self._slots[rows, r.SAFETY_ON] = float(self._safety)
+        self._slots[rows, r.STEP_S] = self._step_s
+        for first in (r.POSITION_TARGET, r.HELD_TARGET, r.AWAITED_TARGET):
+            self._slots[rows, first : first + 9] = np.nan
+        if start.noise_seed is not None:
+            self._slots[rows, r.SEED] = start.noise_seed
+        if start.motor_temperature_rise_k is not None:
+            self._slots[rows, r.TEMPERATURE : r.TEMPERATURE + 9] = start.motor_temperature_rise_k
+        self._write_parameters(rows)
         self._torque_nm[rows] = 0.0
         if robots is None:
             self._step = 0
 
     def measure(self) -> Measurement:
         """The present state of all robots; copies, so that it may be kept."""
+        position, velocity = self._qpos[:, :9].copy(), self._qvel[:, :9].copy()
+        measured_position, measured_velocity = position, velocity
+        if self._effects_on:
+            measured_position, measured_velocity = np.empty_like(position), np.empty_like(velocity)
+            native_control.measurer()(self._slots, position, velocity, measured_position, measured_velocity)
         return Measurement(
-            joint_position_rad=self._qpos[:, :9].copy(),
-            joint_velocity_rad_s=self._qvel[:, :9].copy(),
+            joint_position_rad=measured_position,
+            joint_velocity_rad_s=measured_velocity,
             joint_torque_nm=self._torque_nm.copy(),
+            true_joint_position_rad=position,
+            true_joint_velocity_rad_s=velocity,
             cube_position_world_m=self._qpos[:, 9:12].copy(),
             cube_quat_wxyz=self._qpos[:, 12:16].copy(),
         )
@@ -100,29 +170,38 @@ class SimulatedDriver:
         torque_nm = np.repeat(command.desired_torque_nm[:, None], steps, axis=1)
         if command.position_target_rad is None:
             return self.advance_torques(torque_nm)
-        self._slots[:, native_control.SLOT_POSITION_TARGET :] = command.position_target_rad
+        self._slots[:, r.POSITION_TARGET : r.POSITION_TARGET + 9] = command.position_target_rad
         segment = self.advance_torques(torque_nm)
-        self._slots[:, native_control.SLOT_POSITION_TARGET :] = np.nan
+        self._slots[:, r.POSITION_TARGET : r.POSITION_TARGET + 9] = np.nan
         return segment
 
     def advance_torques(self, torque_nm: np.ndarray) -> Segment:
         """Apply a torque of its own in every step; shape (n, steps, 9), N m, C-contiguous."""
         steps = torque_nm.shape[1]
         before_qpos, before_qvel = self._qpos[:, None, :].copy(), self._qvel[:, None, :].copy()
-        out = self._batch.rollout(steps, torque_nm, record=_RECORD, out=self._buffer(steps))
+        what = _RECORD_WITH_EFFECTS if self._effects_on else _RECORD
+        out = self._batch.rollout(steps, torque_nm, record=what, out=self._buffer(steps))
         if self._batch.warning.any():
             raise PhysicsDivergedError(f"the physics diverged between step {self._step} and {self._step + steps}")
         qpos = np.concatenate([before_qpos, out["qpos"][:, :-1]], axis=1)
         qvel = np.concatenate([before_qvel, out["qvel"][:, :-1]], axis=1)
-        applied = out["ctrl"].copy()
-        self._torque_nm = applied[:, -1].copy()
+        applied, position, velocity = out["ctrl"].copy(), qpos[:, :, :9], qvel[:, :, :9]
+        measured = (position, velocity, applied, applied)
+        if self._effects_on:
+            report = out["sensordata"].copy()
+            measured = tuple(report[:, :, first : first + 9] for first in (0, 9, 18, 27))
+        self._torque_nm = measured[2][:, -1].copy()
         first, self._step = self._step, self._step + steps
         return Segment(
             first_step=first,
-            joint_position_rad=qpos[:, :, :9],
-            joint_velocity_rad_s=qvel[:, :, :9],
+            joint_position_rad=measured[r.MEASURED_POSITION // 9],
+            joint_velocity_rad_s=measured[r.MEASURED_VELOCITY // 9],
+            measured_torque_nm=measured[r.MEASURED_TORQUE // 9],
             desired_torque_nm=torque_nm,
             applied_torque_nm=applied,
+            effective_torque_nm=measured[r.EFFECTIVE_TORQUE // 9],
+            true_joint_position_rad=position,
+            true_joint_velocity_rad_s=velocity,
             cube_position_world_m=qpos[:, :, 9:12],
             cube_quat_wxyz=qpos[:, :, 12:16],
         )
@@ -135,6 +214,7 @@ class SimulatedDriver:
                 "qpos": np.empty((n, steps, self._model.nq)),
                 "qvel": np.empty((n, steps, self._model.nv)),
                 "ctrl": np.empty((n, steps, self._model.nu)),
+                "sensordata": np.empty((n, steps, r.REPORT_SIZE)),
             }
         return self._buffers[steps]
 

@@ -1,56 +1,130 @@
-"""What reports the cube's pose: 10 Hz and 90 ms late, as on the real robot; without error on nominal robots."""
+"""What reports the object's pose: 10 Hz and 90 ms late, as on the real robot; without error on nominal robots.
 
-from dataclasses import dataclass
+As the real driver does, one process takes an image of each camera, looks for the object in it and appends the result to a time
+series (TOT tricamera_object_tracking_driver.cpp). Reports therefore never overtake each other: one that took long holds up
+those behind it. A frame that is lost leaves no report and does not touch the filter.
+"""
+
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from sim_backend.driver.driver import Segment
+from sim_backend.driver.detection import Values, detect, read, values_of
+from sim_backend.driver.driver import Measurement, Segment
+from sim_backend.effects.physics import Physics
+from sim_backend.effects.tracking import frame_period_s
 from sim_backend.trifinger import constants as c
+from sim_backend.trifinger.objects import CUBE, Shape
+
+CONFIDENCE_THRESHOLD = 0.75
+CONFIDENCE_DECAY = 0.9
+"""Below the threshold the previous pose is repeated with its confidence times this (TOT, same file)."""
+_NEVER = 2**62  # steps
+_WORST_JITTER = 4.0  # standard deviations that the frames before the start allow for
 
 
 @dataclass(frozen=True)
 class TrackedPose:
-    """One report of the tracker for n robots: when the image was taken and when the pose arrived, in physics steps.
+    """The newest report of the tracker for each of n robots.
 
-    Shapes (n, 3) in m, (n, 4) wxyz and (n,) between 0 and 1.
+    ``capture_step`` and ``delivery_step`` (n,) say when the image was taken and when the pose arrived, in physics steps since
+    the start. ``cube_position_world_m`` (n, 3), ``cube_quat_wxyz`` (n, 4) and ``confidence`` (n,), from 0 to 1, are what the
+    filter reports; the raw ones are those of the image. ``visible_faces`` (n, 3 cameras, 6 faces) are in the order of
+    ``constants.CAMERAS`` and ``CUBE_FACE_COLOURS``.
     """
 
-    capture_step: int
-    delivery_step: int
+    capture_step: np.ndarray
+    delivery_step: np.ndarray
     cube_position_world_m: np.ndarray
     cube_quat_wxyz: np.ndarray
     confidence: np.ndarray
+    raw_position_world_m: np.ndarray
+    raw_quat_wxyz: np.ndarray
+    raw_confidence: np.ndarray
+    visible_faces: np.ndarray
+
+
+@dataclass
+class _UnderWay:
+    """Reports of one instant for some of the robots; ``waiting`` says whose has neither arrived nor been lost."""
+
+    rows: np.ndarray
+    report: TrackedPose
+    waiting: np.ndarray
+    next_step: int
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Robots whose cameras have the same rate."""
+
+    period_steps: int
+    rows: np.ndarray
+    values: Values
 
 
 class Tracker:
-    """Turns true poses into late reports. Owner of the frames that are still on their way."""
+    """Turns true poses into late reports. Owner of the reports under way and of the filter's last poses."""
 
-    def __init__(self, *, physics_step_s: float = c.PHYSICS_STEP_S) -> None:
-        self._period_steps = round(c.CAMERA_PERIOD_S / physics_step_s)
-        self._delay_steps = round(c.CAMERA_DELAY_S / physics_step_s)
-        self._under_way: list[TrackedPose] = []
+    def __init__(self, *, physics_step_s: float = c.PHYSICS_STEP_S, physics: Physics | None = None, shape: Shape = CUBE) -> None:
+        self._physics_step_s, self._shape = physics_step_s, shape
+        self._physics, self._groups = physics, list[_Group]()
+        self._under_way: list[_UnderWay] = []
         self._latest: TrackedPose | None = None
 
-    def reset(self, cube_position_world_m: np.ndarray, cube_quat_wxyz: np.ndarray) -> TrackedPose:
-        """Forget everything; the cube has rested where it is for at least one frame, which is returned."""
-        self._under_way = []
-        self._latest = self._frame(-self._period_steps, cube_position_world_m, cube_quat_wxyz)
-        return self._latest
+    def set_physics(self, physics: Physics) -> None:
+        """Give the robots other effects from the next frame on; reports under way stay as they are."""
+        self._physics, self._groups = physics, []
+        if self._latest is not None:
+            self._group(len(self._seed))
+
+    def reset(self, measurement: Measurement, noise_seed: np.ndarray | None = None) -> TrackedPose:
+        """Forget everything; robot and object have rested as they are since long, and the newest report of that is returned.
+
+        Args:
+            measurement: the true state at the start.
+            noise_seed: whole numbers from 0 to 2**53 - 1, shape (n,); zeros if None.
+        """
+        n = len(measurement.cube_quat_wxyz)
+        self._seed = np.zeros(n, dtype=np.int64) if noise_seed is None else np.asarray(noise_seed).astype(np.int64)
+        self._under_way, self._latest = [], None
+        self._previous = _unknown(n)  # for the filter: the newest report, delivered or not
+        self._group(n)
+        truth = measurement.true_joint_position_rad, measurement.cube_position_world_m, measurement.cube_quat_wxyz
+        for group in self._groups:
+            self._capture_before_start(group, truth)
+        self._latest = _unknown(n)
+        self.deliver(0)
+        return self.latest
 
     def capture(self, segment: Segment) -> None:
         """Take the images that fall into a segment."""
         first, steps = segment.first_step, segment.cube_position_world_m.shape[1]
-        for step in range(-(-first // self._period_steps) * self._period_steps, first + steps, self._period_steps):
+        images = [
+            (step, group)
+            for group in self._groups
+            for step in range(-(-first // group.period_steps) * group.period_steps, first + steps, group.period_steps)
+        ]
+        for step, group in sorted(images, key=lambda image: image[0]):
             row = step - first
-            frame = self._frame(step, segment.cube_position_world_m[:, row], segment.cube_quat_wxyz[:, row])
-            self._under_way.append(frame)
+            truth = (segment.true_joint_position_rad, segment.cube_position_world_m, segment.cube_quat_wxyz)
+            self._capture(step, group, group.rows, tuple(array[:, row] for array in truth))
 
     def deliver(self, step: int) -> list[TrackedPose]:
-        """The reports that have arrived by ``step`` and were not delivered before, oldest first."""
-        arrived = [frame for frame in self._under_way if frame.delivery_step <= step]
+        """The reports that have arrived by ``step`` and were not delivered before, oldest first.
+
+        Each is the newest report of every robot after one more has arrived for at least one of them.
+        """
+        arrived = []
+        for flight in self._under_way:
+            if flight.next_step <= step:
+                due = flight.waiting & (flight.report.delivery_step <= step)
+                flight.waiting &= ~due
+                flight.next_step = _first(flight.report.delivery_step, flight.waiting)
+                self._latest = _with_rows(self.latest, flight.rows, flight.report, due)
+                arrived.append(self._latest)
         if arrived:
-            self._under_way = self._under_way[len(arrived) :]
-            self._latest = arrived[-1]
+            self._under_way = [flight for flight in self._under_way if flight.next_step < _NEVER]
         return arrived
 
     @property
@@ -59,5 +133,106 @@ class Tracker:
         assert self._latest is not None, "reset the tracker first"
         return self._latest
 
-    def _frame(self, step: int, position: np.ndarray, quat: np.ndarray) -> TrackedPose:
-        return TrackedPose(step, step + self._delay_steps, position.copy(), quat.copy(), np.ones(len(position)))
+    def reading(self, step: int) -> TrackedPose:
+        """The newest report as a policy reads it at this physics step: with the noise of the reading, if there is any."""
+        assert self._physics is not None, "reset the tracker first"
+        if not self._physics.has("observation_noise"):
+            return self.latest
+        values, pose = self._all_values, (self.latest.cube_position_world_m, self.latest.cube_quat_wxyz)
+        position_m, quat_wxyz = read(values, self._seed, step, *pose)
+        return replace(self.latest, cube_position_world_m=position_m, cube_quat_wxyz=quat_wxyz)
+
+    def _group(self, n: int) -> None:
+        """Sort the robots by the rate of their cameras, unless that is done."""
+        if self._groups:
+            return
+        self._physics = Physics.nominal(n) if self._physics is None else self._physics
+        if self._physics.n != n:
+            raise ValueError(f"the tracker has the physics of {self._physics.n} robots, but there are {n}")
+        self._all_values = values_of(self._physics, self._shape.size_m)
+        period_s = frame_period_s(self._physics.value("tracking_rate.rate_hz"))
+        period_steps = np.maximum(np.rint(period_s / self._physics_step_s).astype(np.int64), 1)
+        for period in np.unique(period_steps):
+            rows = np.flatnonzero(period_steps == period)
+            self._groups.append(_Group(int(period), rows, self._all_values.rows(rows)))
+
+    def _capture_before_start(self, group: _Group, truth: tuple[np.ndarray, ...]) -> None:
+        """Take the images of the resting object whose reports arrive at the start at the latest, and all after them."""
+        worst_s = c.CAMERA_DELAY_S + group.values.extra_s + _WORST_JITTER * group.values.jitter_s
+        frames = np.maximum(np.ceil(worst_s / (group.period_steps * self._physics_step_s) - 1e-9).astype(int), 1)
+        for back in range(frames.max(), 0, -1):
+            present = frames >= back
+            oldest = frames[present] == back
+            self._capture(-back * group.period_steps, group, group.rows[present], truth, oldest)
+
+    def _capture(
+        self,
+        step: int,
+        group: _Group,
+        rows: np.ndarray,
+        truth: tuple[np.ndarray, ...],
+        oldest: np.ndarray | None = None,
+    ) -> None:
+        """Take one image for some robots of a group; the oldest ones are there at the start whatever happens."""
+        values = group.values if len(rows) == len(group.rows) else self._all_values.rows(rows)
+        frame = np.full(len(rows), step // group.period_steps)
+        visible, confidence, position_m, quat_wxyz, delay_s, lost = detect(
+            values, self._seed[rows], frame, *(array[rows] for array in truth)
+        )
+        delivery_step = step + np.rint(delay_s / self._physics_step_s).astype(np.int64)
+        if oldest is not None:
+            lost, delivery_step = lost & ~oldest, np.where(oldest, np.minimum(delivery_step, 0), delivery_step)
+        delivery_step = np.maximum(delivery_step, self._previous.delivery_step[rows])
+        raw = position_m, quat_wxyz, confidence
+        pose = filtered(*raw, *(array[rows] for array in _pose(self._previous)))
+        report, kept = TrackedPose(np.full(len(rows), step), delivery_step, *pose, *raw, visible), ~lost
+        if kept.any():
+            self._previous = _with_rows(self._previous, rows, report, kept)
+            self._under_way.append(_UnderWay(rows, report, kept, _first(delivery_step, kept)))
+
+
+def filtered(position_m, quat_wxyz, confidence, previous_position_m, previous_quat_wxyz, previous_confidence):
+    """What the driver's filter makes of poses: those it is not sure of give way to the ones it reported before.
+
+    Args:
+        position_m: shape (n, 3).
+        quat_wxyz: shape (n, 4).
+        confidence: shape (n,).
+        previous_position_m: shape (n, 3), as reported before.
+        previous_quat_wxyz: shape (n, 4), likewise.
+        previous_confidence: shape (n,), likewise; 0 where there is no previous pose.
+
+    Returns:
+        Position, orientation and confidence, shapes as above.
+    """
+    repeat = (previous_confidence > 0.0) & (confidence < CONFIDENCE_THRESHOLD)
+    return (
+        np.where(repeat[:, None], previous_position_m, position_m),
+        np.where(repeat[:, None], previous_quat_wxyz, quat_wxyz),
+        np.where(repeat, CONFIDENCE_DECAY * previous_confidence, confidence),
+    )
+
+
+def _pose(report: TrackedPose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return report.cube_position_world_m, report.cube_quat_wxyz, report.confidence
+
+
+def _unknown(n: int) -> TrackedPose:
+    """Reports of trackers that have seen nothing yet."""
+    never, position, quat, confidence = np.full(n, -_NEVER), np.zeros((n, 3)), np.tile([1.0, 0, 0, 0], (n, 1)), np.zeros(n)
+    return TrackedPose(never, never, position, quat, confidence, position, quat, confidence, np.zeros((n, 3, 6), dtype=bool))
+
+
+def _first(delivery_step: np.ndarray, waiting: np.ndarray) -> int:
+    """Step of the first report that is waited for."""
+    return int(delivery_step[waiting].min()) if waiting.any() else _NEVER
+
+
+def _with_rows(report: TrackedPose, rows: np.ndarray, changed: TrackedPose, where: np.ndarray) -> TrackedPose:
+    """A report with that of others for some robots: those of ``rows`` that are marked in ``where``."""
+    if len(rows) == len(report.confidence) and where.all():
+        return changed
+    merged = {field.name: getattr(report, field.name).copy() for field in fields(TrackedPose)}
+    for name, values in merged.items():
+        values[rows[where]] = getattr(changed, name)[where]
+    return TrackedPose(**merged)

@@ -1,6 +1,6 @@
 """Imitation of a published expert by DAgger (Ross et al., 2011): the student acts, the expert says what it would have done.
 
-    python -m sim_backend.training.dagger TEACHER.safetensors --out FOLDER [--minutes 4] [--seed 1]
+    python -m sim_backend.training.dagger TEACHER.safetensors --out FOLDER [--minutes 6] [--seed 1] [--physics real]
 
 Writes ``push.safetensors``, ``push.json`` (the manifest) and ``push-record.json`` (settings, seeds, score). Needs torch, which
 comes with the extra ``learning``. Runs on two CPU cores.
@@ -10,7 +10,7 @@ import argparse
 import itertools
 import json
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,10 +22,13 @@ from torch import nn
 from api_schemas.policy import LAYOUTS, InputScaling, OutputScaling, PolicyManifest
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.driver.tracker import Tracker
+from sim_backend.effects.physics import Physics
+from sim_backend.effects.ranges import load_ranges
 from sim_backend.episode import Episode
+from sim_backend.evaluation import evaluate
 from sim_backend.tasks import TASKS
-from sim_backend.tasks.scoring import score
-from sim_backend.tasks.task import Goal, draw_trial, stack_goals, stack_starts
+from sim_backend.tasks.task import draw_trial, stack_goals, stack_starts
+from sim_backend.training.randomization import draw_robots
 from sim_backend.trifinger import constants as c
 
 
@@ -35,10 +38,11 @@ class Settings:
 
     task: str = "push"
     seed: int = 1
-    minutes: float = 4.0
+    minutes: float = 12.0
+    physics: str = "real"  # ranges that the robots trained on are drawn from, anew for each episode
     robots: int = 128
     physics_step_s: float = 0.004
-    hidden: tuple[int, ...] = (128, 128)
+    hidden: tuple[int, ...] = (256, 256)
     steps_between_updates: int = 10
     updates: int = 4
     batch: int = 1024
@@ -99,19 +103,22 @@ class Student(nn.Module):
         return self(observation).clamp(-1, 1) * c.MAX_TORQUE_NM
 
 
-def begin(episode: Episode, settings: Settings, seeds: range) -> Goal:
-    """Start one trial per robot; returns the goals."""
+def begin(settings: Settings, physics: Physics, seeds: range) -> Episode:
+    """Start one trial on each of n robots."""
+    driver = SimulatedDriver(robots=physics.n, threads=2, physics_step_s=settings.physics_step_s, physics=physics)
+    tracker = Tracker(physics_step_s=settings.physics_step_s, physics=physics)
+    episode = Episode(driver, tracker, MANIFEST, physics_step_s=settings.physics_step_s)
     drawn = [draw_trial(TASKS[settings.task], seed) for seed in seeds]
-    goal = stack_goals([goal for _, goal in drawn])
-    episode.begin(stack_starts([start for start, _ in drawn]), goal)
-    return goal
+    start = replace(stack_starts([start for start, _ in drawn]), noise_seed=np.array(seeds, dtype=float))
+    episode.begin(start, stack_goals([goal for _, goal in drawn]))
+    return episode
 
 
 def train(settings: Settings, teacher: Teacher) -> tuple[Student, dict]:
     """DAgger until the time is over; returns the student and what the run did."""
     torch.manual_seed(settings.seed)
     rng = np.random.default_rng(settings.seed)
-    episode = _episode(settings.robots, settings.physics_step_s)
+    ranges = load_ranges(settings.physics)
     student = Student(MANIFEST.observation_size, settings.hidden)
     optimizer = torch.optim.Adam(student.parameters(), lr=settings.learning_rate)
     seen = torch.empty((settings.largest_memory, MANIFEST.observation_size))
@@ -119,9 +126,11 @@ def train(settings: Settings, teacher: Teacher) -> tuple[Student, dict]:
     count, first_seed, loss_value = 0, settings.seed * 1_000_000, float("nan")
     periods = TASKS[settings.task].steps // MANIFEST.period_steps
     started_s, limit_s, step = time.monotonic(), settings.minutes * 60, 0
+    episode, expert_acts = None, np.zeros(settings.robots, dtype=bool)
     while (elapsed := (time.monotonic() - started_s) / limit_s) < 1:
-        if step % periods == 0:
-            begin(episode, settings, range(first_seed, first_seed + settings.robots))
+        if episode is None or step % periods == 0:
+            physics = draw_robots(ranges, rng, settings.robots)
+            episode = begin(settings, physics, range(first_seed, first_seed + settings.robots))
             first_seed += settings.robots
             expert_acts = rng.random(settings.robots) < max(0.0, 1 - elapsed / settings.expert_share_until)
         observation = torch.from_numpy(episode.observe()).float()
@@ -151,31 +160,25 @@ def train(settings: Settings, teacher: Teacher) -> tuple[Student, dict]:
     return student, {"samples": count, "final_loss": loss_value, "wall_s": time.monotonic() - started_s}
 
 
-def evaluate(settings: Settings, actor: Student | Teacher, physics_step_s: float = c.PHYSICS_STEP_S) -> dict:
-    """Success at the end on fresh seeds with physics at 1 kHz."""
-    episode = _episode(settings.evaluation_trials, physics_step_s)
-    task = TASKS[settings.task]
-    first = settings.evaluation_seed
-    goal = begin(episode, settings, range(first, first + settings.evaluation_trials))
-    for _ in range(task.steps // MANIFEST.period_steps):
-        observation = torch.from_numpy(episode.observe()).float()
-        episode.advance(actor.act(observation).double().numpy())
-    state = episode.measurement
-    success = score(task, goal, state.cube_position_world_m, state.cube_quat_wxyz, state.joint_position_rad).success
-    interval = binomtest(int(success.sum()), len(success)).proportion_ci(0.95, method="wilson")
+def measured(settings: Settings, actor: Student | Teacher, physics: str) -> dict:
+    """Success at the end on fresh seeds and fresh robots, with physics at 1 kHz."""
+    trials, first = settings.evaluation_trials, settings.evaluation_seed
+    robots = draw_robots(load_ranges(physics), np.random.default_rng(first), trials)
+    seeds = range(first, first + trials)
+
+    def act(observation: np.ndarray) -> np.ndarray:
+        return actor.act(torch.from_numpy(observation)).numpy()
+
+    success = evaluate(act, MANIFEST, TASKS[settings.task], seeds, physics=robots).success
+    interval = binomtest(int(success.sum()), trials).proportion_ci(0.95, method="wilson")
     return {
-        "trials": len(success),
+        "physics": physics,
+        "trials": trials,
         "first_seed": first,
-        "physics_step_s": physics_step_s,
         "successes": int(success.sum()),
         "success_rate": float(success.mean()),
         "interval_95": [float(interval.low), float(interval.high)],
     }
-
-
-def _episode(robots: int, physics_step_s: float) -> Episode:
-    driver = SimulatedDriver(robots=robots, threads=2, physics_step_s=physics_step_s)
-    return Episode(driver, Tracker(physics_step_s=physics_step_s), MANIFEST, physics_step_s=physics_step_s)
 
 
 def export(student: Student, folder: Path, name: str) -> PolicyManifest:
@@ -205,9 +208,10 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--minutes", type=float, default=Settings.minutes)
     parser.add_argument("--seed", type=int, default=Settings.seed)
+    parser.add_argument("--physics", default=Settings.physics, help="robots to train on: a preset or a TOML file of ranges")
     options = parser.parse_args()
-    torch.set_num_threads(2)
-    settings, teacher = Settings(minutes=options.minutes, seed=options.seed), Teacher(options.teacher)
+    torch.set_num_threads(1)  # a second one waits for work by spinning, on the core that the physics needs
+    settings, teacher = Settings(minutes=options.minutes, seed=options.seed, physics=options.physics), Teacher(options.teacher)
     student, run = train(settings, teacher)
     options.out.mkdir(parents=True, exist_ok=True)
     export(student, options.out, settings.task)
@@ -215,8 +219,8 @@ def main() -> None:
         "method": "DAgger; teacher: push expert of Gürtler et al., ICLR 2023 (rr-learning/trifinger-rl-example, BSD-3-Clause)",
         "settings": asdict(settings),
         "run": run,
-        "student": evaluate(settings, student),
-        "teacher_same_trials": evaluate(settings, teacher),
+        "student": [measured(settings, student, physics) for physics in ("nominal", "real")],
+        "teacher_same_trials": [measured(settings, teacher, physics) for physics in ("nominal", "real")],
     }
     (options.out / f"{settings.task}-record.json").write_text(json.dumps(record, indent=2, ensure_ascii=False) + "\n")
     print(json.dumps({key: record[key] for key in ("student", "teacher_same_trials")}, indent=2))

@@ -16,9 +16,18 @@ def fingertip_position_world_m(joint_position_rad: np.ndarray) -> np.ndarray:
     Returns:
         Shape (..., 9): x, y, z of finger0, finger120 and finger240 in the world frame, m.
     """
+    return _lower_link_position_world_m(joint_position_rad, c.LINKS[3].origin_m)
+
+
+def elbow_position_world_m(joint_position_rad: np.ndarray) -> np.ndarray:
+    """Positions of the upper ends of the lower links, above the tips when a link is upright; shapes as for the tips."""
+    return _lower_link_position_world_m(joint_position_rad, (c.LINKS[3].origin_m[0], 0.0, 0.0))
+
+
+def _lower_link_position_world_m(joint_position_rad: np.ndarray, place_m: tuple[float, float, float]) -> np.ndarray:
     joints = np.asarray(joint_position_rad, dtype=float)
     joints = joints.reshape(*joints.shape[:-1], 3, 3)
-    point = np.broadcast_to(np.array(c.LINKS[3].origin_m), joints.shape).copy()
+    point = np.broadcast_to(np.array(place_m), joints.shape).copy()
     for index in (2, 1, 0):
         link = c.LINKS[index]
         assert link.joint_axis is not None
@@ -37,3 +46,29 @@ def _rotate(point: np.ndarray, plane: tuple[int, int], angle_rad: np.ndarray) ->
     turned[..., first] = cos * point[..., first] - sin * point[..., second]
     turned[..., second] = sin * point[..., first] + cos * point[..., second]
     return turned
+
+
+def joint_position_rad(fingertip_position_world_m: np.ndarray) -> np.ndarray:
+    """Joint positions that bring the tips to given places, the elbow always on its one side (joint 3 is never positive).
+
+    Args:
+        fingertip_position_world_m: shape (..., 9) as from :func:`fingertip_position_world_m`, m.
+
+    Returns:
+        Shape (..., 9), rad; NaN for a finger that does not reach so far. Limits of the joints are not regarded.
+    """
+    point = np.asarray(fingertip_position_world_m, dtype=float)
+    point = point.reshape(*point.shape[:-1], 3, 3).copy()
+    point[..., 2] -= c.FINGER_BASE_HEIGHT_M
+    x, y, z = np.moveaxis(_rotate(point, (0, 1), np.broadcast_to(-np.array(c.FINGER_YAW_RAD), point.shape[:-1])), -1, 0)
+    aside = sum(link.origin_m[0] for link in c.LINKS)  # the finger's plane runs beside the axis of its first joint
+    length = -c.LINKS[3].origin_m[2]  # of both links
+    with np.errstate(invalid="ignore"):
+        down = np.sqrt(x * x + z * z - aside * aside)
+        along = y - c.LINKS[1].origin_m[1]
+        bend = -np.arccos((along * along + down * down) / (2 * length * length) - 1)
+    swing = np.arctan2(x, z) - np.arctan2(aside, -down)
+    swing = np.arctan2(np.sin(swing), np.cos(swing))
+    joints = np.stack([swing, np.arctan2(along, down) - bend / 2, bend], axis=-1)
+    joints[np.isnan(joints).any(axis=-1)] = np.nan
+    return joints.reshape(*joints.shape[:-2], 9)

@@ -10,17 +10,19 @@ import numpy as np
 from mujoco import MjModel, MjSpec, mjtCone, mjtGeom, mjtIntegrator
 
 from sim_backend.trifinger import constants as c
+from sim_backend.trifinger.object_body import add_object
+from sim_backend.trifinger.objects import CUBE, Shape
 
 TABLE_BITS, CUBE_BITS, FINGER_BITS = 1, 2, 4
 VISUAL_GROUP = 2
 
 
-def build_scene(*, physics_step_s: float = c.PHYSICS_STEP_S, control_slots: int = 0) -> MjSpec:
+def build_scene(*, physics_step_s: float = c.PHYSICS_STEP_S, shape: Shape = CUBE) -> MjSpec:
     """Specification of the robot, arena and cube.
 
     Args:
         physics_step_s: integration step, s.
-        control_slots: numbers of ``userdata`` per simulation, reserved for the compiled control callback.
+        shape: the object in the arena; its body and geom are named "cube" whatever it is.
 
     Returns:
         A specification with joints and actuators in the order of ``constants.JOINT_NAMES`` and the cube's free joint last:
@@ -29,7 +31,6 @@ def build_scene(*, physics_step_s: float = c.PHYSICS_STEP_S, control_slots: int 
     spec = MjSpec()
     spec.modelname = "trifinger_pro"
     spec.compiler.degree = False
-    spec.nuserdata = control_slots
     spec.option.timestep = physics_step_s
     spec.option.integrator = mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mjtCone.mjCONE_ELLIPTIC
@@ -38,14 +39,15 @@ def build_scene(*, physics_step_s: float = c.PHYSICS_STEP_S, control_slots: int 
     _add_arena(spec)
     for finger, yaw_rad in zip(c.FINGER_NAMES, c.FINGER_YAW_RAD, strict=True):
         _add_finger(spec, finger, float(yaw_rad))
-    _add_cube(spec)
+    add_object(spec, shape, contact=_contact(CUBE_BITS, TABLE_BITS | FINGER_BITS), visual=_visual())
+    _add_finger_cube_pairs(spec)
     _add_cameras(spec)
     return spec
 
 
-def compile_scene(*, physics_step_s: float = c.PHYSICS_STEP_S, control_slots: int = 0) -> MjModel:
+def compile_scene(*, physics_step_s: float = c.PHYSICS_STEP_S, shape: Shape = CUBE) -> MjModel:
     """The compiled model of :func:`build_scene`."""
-    return build_scene(physics_step_s=physics_step_s, control_slots=control_slots).compile()
+    return build_scene(physics_step_s=physics_step_s, shape=shape).compile()
 
 
 def _add_arena(spec: MjSpec) -> None:
@@ -147,24 +149,17 @@ def _add_link_geoms(body, finger: str, link: str) -> None:
         )
 
 
-def _add_cube(spec: MjSpec) -> None:
-    half = c.CUBE_WIDTH_M / 2
-    body = spec.worldbody.add_body(name="cube", pos=[0.0, 0.0, c.CUBE_REST_HEIGHT_M])
-    body.mass, body.inertia, body.ipos = c.CUBE_MASS_KG, [c.CUBE_INERTIA_KG_M2] * 3, [0.0, 0.0, 0.0]
-    body.explicitinertial = True
-    body.add_freejoint(name="cube")
-    body.add_geom(
-        name="cube",
-        type=mjtGeom.mjGEOM_BOX,
-        size=[half] * 3,
-        rgba=[0.9, 0.9, 0.9, 1.0],
-        **_contact(CUBE_BITS, TABLE_BITS | FINGER_BITS),
-    )
-    for face, colour in c.CUBE_FACE_COLOURS.items():
-        axis, sign = "xyz".index(face[1]), 1.0 if face[0] == "+" else -1.0
-        size, pos = [half * 0.92] * 3, [0.0, 0.0, 0.0]
-        size[axis], pos[axis] = 0.0004, sign * half
-        body.add_geom(name=f"cube_face_{face}", type=mjtGeom.mjGEOM_BOX, size=size, pos=pos, rgba=[*colour, 1.0], **_visual())
+def _add_finger_cube_pairs(spec: MjSpec) -> None:
+    """Contacts of fingers with the cube as explicit pairs, so that their friction is a number of its own."""
+    for finger in c.FINGER_NAMES:
+        for link in ("tip", "lower", "middle"):
+            spec.add_pair(
+                name=f"{finger}_{link}_cube",
+                geomname1=f"{finger}_{link}",
+                geomname2="cube",
+                condim=3,
+                friction=[c.CUBE_FRICTION, c.CUBE_FRICTION, 0.005, 0.0001, 0.0001],
+            )
 
 
 def _add_cameras(spec: MjSpec) -> None:

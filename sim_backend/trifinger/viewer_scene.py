@@ -6,6 +6,7 @@ import numpy as np
 from foxglove import messages as fm
 
 from sim_backend.trifinger import constants as c
+from sim_backend.trifinger.objects import CUBE, Kind, Shape, corners_m
 from sim_backend.trifinger.scene import build_scene
 
 WORLD = "world"
@@ -56,12 +57,15 @@ def fixed_transforms() -> bytes:
 
 
 def measured_scene(
-    goal_position_world_m: np.ndarray | None, goal_quat_wxyz: np.ndarray | None, goal_fingertips_world_m: np.ndarray | None
+    goal_position_world_m: np.ndarray | None,
+    goal_quat_wxyz: np.ndarray | None,
+    goal_fingertips_world_m: np.ndarray | None,
+    shape: Shape = CUBE,
 ) -> bytes:
-    """An encoded scene of arena, fingers, tracked cube and, translucent, the goal: a cube or, for ``reach``, three fingertips."""
+    """An encoded scene of arena, fingers, tracked object and, translucent, the goal: a cube or, for ``reach``, fingertips."""
     entities = [_arena(), *(_link(finger, link.name) for finger in c.FINGER_NAMES for link in c.LINKS)]
     ghost = fm.Color(r=1.0, g=1.0, b=1.0, a=0.25)
-    entities.append(_entity(TRACKED_CUBE, TRACKED_CUBE, cubes=[_cube(_pose((0.0, 0.0, 0.0)), c.CUBE_WIDTH_M * 1.01, ghost)]))
+    entities.append(_entity(TRACKED_CUBE, TRACKED_CUBE, **_object(shape, 1.01, ghost)))
     if goal_position_world_m is not None and goal_quat_wxyz is not None:
         w, x, y, z = (float(v) for v in goal_quat_wxyz)
         goal = fm.Pose(position=_vector(goal_position_world_m), orientation=fm.Quaternion(w=w, x=x, y=y, z=z))
@@ -74,16 +78,46 @@ def measured_scene(
     return fm.SceneUpdate(entities=entities).encode()
 
 
-def true_scene() -> bytes:
-    """An encoded scene of the cube with its six colours, in the frame ``cube``."""
-    half, cubes = c.CUBE_WIDTH_M / 2, []
-    for face, (red, green, blue) in c.CUBE_FACE_COLOURS.items():
-        axis, sign = "xyz".index(face[1]), 1.0 if face[0] == "+" else -1.0
-        size, centre = [c.CUBE_WIDTH_M * 0.98] * 3, [0.0] * 3
-        size[axis], centre[axis] = c.CUBE_WIDTH_M * 0.02, sign * half * 0.98
-        colour = fm.Color(r=red, g=green, b=blue, a=1.0)
-        cubes.append(fm.CubePrimitive(pose=_pose(centre), size=_vector(size), color=colour))
+def true_scene(shape: Shape = CUBE) -> bytes:
+    """An encoded scene of the object with the six colours of its sides, in the frame ``cube``."""
+    colours = [fm.Color(r=red, g=green, b=blue, a=1.0) for red, green, blue in c.CUBE_FACE_COLOURS.values()]
+    if shape.kind is not Kind.BOX:
+        white = fm.Color(r=0.9, g=0.9, b=0.9, a=1.0)
+        parts = _object(shape, 1.0, white)
+        spheres = [
+            fm.SpherePrimitive(pose=_pose(centre), size=_vector([0.1 * shape.size_m[0]] * 3), color=colour)
+            for centre, colour in zip(_side_centres_m(shape), colours, strict=True)
+        ]
+        return fm.SceneUpdate(
+            entities=[_entity("cube", "cube", **parts | {"spheres": [*parts.get("spheres", []), *spheres]})]
+        ).encode()
+    cubes = []
+    for centre, colour in zip(_side_centres_m(shape), colours, strict=True):
+        size = np.where(centre == 0.0, 0.98, 0.02) * shape.size_m
+        cubes.append(fm.CubePrimitive(pose=_pose(0.98 * centre), size=_vector(size), color=colour))
     return fm.SceneUpdate(entities=[_entity("cube", "cube", cubes=cubes)]).encode()
+
+
+def _side_centres_m(shape: Shape) -> np.ndarray:
+    """Centres of the sides in the order of ``CUBE_FACE_COLOURS``, shape (6, 3), m."""
+    sides = [("xyz".index(face[1]), 1.0 if face[0] == "+" else -1.0) for face in c.CUBE_FACE_COLOURS]
+    return np.array([sign * np.eye(3)[axis] * shape.size_m[axis] / 2 for axis, sign in sides])
+
+
+def _object(shape: Shape, enlarged: float, colour: fm.Color) -> dict:
+    """Primitives of an object in its own frame, ``enlarged`` times its size."""
+    size = _vector(enlarged * np.array(shape.size_m))
+    pose = _pose((0.0, 0.0, 0.0))
+    if shape.kind is Kind.BOX:
+        return {"cubes": [fm.CubePrimitive(pose=pose, size=size, color=colour)]}
+    if shape.kind is Kind.SPHERE:
+        return {"spheres": [fm.SpherePrimitive(pose=pose, size=size, color=colour)]}
+    corners = enlarged * corners_m(shape)
+    triangles = [(0, k, k + 1) for k in range(1, 7)] + [(8, 8 + k + 1, 8 + k) for k in range(1, 7)]
+    triangles += [side for k in range(8) for side in ((k, (k + 1) % 8, 8 + k), (8 + k, (k + 1) % 8, 8 + (k + 1) % 8))]
+    points = [fm.Point3(x=float(x), y=float(y), z=float(z)) for x, y, z in corners]
+    indices = [index for triangle in triangles for index in triangle]
+    return {"triangles": [fm.TriangleListPrimitive(pose=pose, points=points, color=colour, indices=indices)]}
 
 
 _IDENTITY = fm.Quaternion(w=1.0, x=0.0, y=0.0, z=0.0)

@@ -24,8 +24,8 @@ def free_port() -> int:
 class Farm:
     """Started on entry, stopped on exit; its settings never touch the user's."""
 
-    def __init__(self, folder: Path, *, robots: int = 4) -> None:
-        self.folder, self.robots = folder, robots
+    def __init__(self, folder: Path, *, robots: int = 4, more: tuple[str, ...] = ("--physics", "nominal")) -> None:
+        self.folder, self.robots, self.more = folder, robots, more
         self.port = free_port()
         kept = {name: value for name, value in os.environ.items() if not name.startswith("TRIFARM_")}
         self.env = kept | {"TRIFARM_HOME": str(folder / "home")}
@@ -34,6 +34,7 @@ class Farm:
 
     def __enter__(self) -> "Farm":
         command = [*TRIFARM, "up", "--robots", str(self.robots), "--data", str(self.folder / "data"), "--port", str(self.port)]
+        command += self.more
         with self.log.open("wb") as out:
             self.process = subprocess.Popen(command, env=self.env, stdout=out, stderr=subprocess.STDOUT)
         give_up_s = time.monotonic() + READY_WITHIN_S

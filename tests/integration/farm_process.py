@@ -117,6 +117,9 @@ class Services:
         body = {"policy": policy, "task": "push", "trials": 4, "seed": 1} | more
         return (client or self.admin).post("/v1/jobs", json=body, headers=headers)
 
+    def identify(self, client=None, headers=None, **more):
+        return (client or self.admin).post("/v1/identifications", json={"robot": "any"} | more, headers=headers)
+
     def job(self, job_id):
         return self.admin.get(f"/v1/jobs/{job_id}").json()
 

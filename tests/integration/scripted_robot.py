@@ -25,10 +25,12 @@ class ScriptedRobot:
     """One session, one HTTP client, one trial at a time."""
 
     def __init__(
-        self, name, api, endpoint, token, *, trial_s=0.05, log_bytes=1000, farm="farm", renew_s=3.0, refuse=False, fail=False
-    ):
+        self, name, api, endpoint, token, *, trial_s=0.05, log_bytes=1000, farm="farm", renew_s=3.0, refuse=False, fail=False,
+        truth=False, breaks=None,
+    ):  # fmt: skip
         self.name, self.farm, self.trial_s, self.renew_s = name, farm, trial_s, renew_s
         self.refuse, self.fail, self.instance = refuse, fail, uuid.uuid4().hex
+        self.truth, self.breaks, self.out_of_service = truth, breaks, None
         self.body = random.Random(name).randbytes(log_bytes)
         self.state, self.lease, self.draining = RobotState.IDLE, None, False
         self.work, self.cancel, self.stopping = queue.Queue(), threading.Event(), threading.Event()
@@ -42,6 +44,7 @@ class ScriptedRobot:
     def beat(self):
         lease = self.lease
         state = RobotState.DRAINING if self.draining else self.state
+        state = RobotState.OUT_OF_SERVICE if self.out_of_service else state
         said = bus.Heartbeat(
             robot=self.name,
             instance=self.instance,
@@ -50,6 +53,7 @@ class ScriptedRobot:
             state=state,
             trial_id=lease.trial_id if lease else None,
             fence=lease.fence if lease else None,
+            reason=self.out_of_service,
         )
         self.session.put(bus.heartbeat_key(self.farm, self.name), said.model_dump_json())
 
@@ -58,7 +62,7 @@ class ScriptedRobot:
 
     def offered(self, query):
         lease = Lease.model_validate_json(query.payload.to_bytes())
-        if self.refuse or self.draining or self.lease is not None:
+        if self.refuse or self.draining or self.out_of_service or self.lease is not None:
             self.reply(query, False, "busy" if self.lease else "not now")
             return
         self.lease, self.state = lease, RobotState.LEASED
@@ -72,6 +76,8 @@ class ScriptedRobot:
             self.cancel.set()
         elif command.kind != bus.CommandKind.CANCEL:
             self.draining = command.kind == bus.CommandKind.DRAIN
+            if command.kind == bus.CommandKind.RESUME:
+                self.out_of_service = None  # its self-test finds nothing any more
             self.beat()
         self.reply(query, True)
 
@@ -90,10 +96,11 @@ class ScriptedRobot:
         self.beat()
         kind = self.wait_out(lease)
         if kind is not None:
-            log_sha256 = self.upload(lease)
+            truth_sha256 = self.upload(lease, "truth", lease.model_dump_json().encode()) if self.truth else None
+            log_sha256 = self.upload(lease, "log", lease.seed.to_bytes(8) + self.body)
             self.lease, self.state = None, RobotState.IDLE
             if log_sha256 is not None:
-                self.post_outcome(lease, kind, log_sha256)
+                self.post_outcome(lease, kind, log_sha256, truth_sha256)
         self.lease, self.state = None, RobotState.IDLE
         self.beat()
 
@@ -116,18 +123,35 @@ class ScriptedRobot:
                     return None
                 if answer.is_success and answer.json()["cancel"]:
                     return OutcomeKind.CANCELLED
+        return self.scripted(lease)
+
+    def scripted(self, lease):
+        """How a trial ends that nothing cut short."""
+        if self.breaks is not None:
+            self.out_of_service, self.breaks = self.breaks, None
+            return OutcomeKind.PLATFORM_ERROR
         if self.fail:
             return OutcomeKind.PLATFORM_ERROR
+        if lease.excitation is not None:
+            return OutcomeKind.RECORDED
         return OutcomeKind.SUCCEEDED if lease.seed % 4 else OutcomeKind.FAILED
 
-    def upload(self, lease):
-        body = lease.seed.to_bytes(8) + self.body
-        log_sha256 = hashlib.sha256(body).hexdigest()
-        path = f"/v1/leases/{lease.trial_id}/{lease.fence}/log"
-        answer = self.send("PUT", path, content=body, headers={"X-Content-SHA256": log_sha256})
-        return log_sha256 if answer.is_success else None
+    def upload(self, lease, what, body):
+        sha256 = hashlib.sha256(body).hexdigest()
+        path = f"/v1/leases/{lease.trial_id}/{lease.fence}/{what}"
+        answer = self.send("PUT", path, content=body, headers={"X-Content-SHA256": sha256})
+        return sha256 if answer.is_success else None
 
-    def post_outcome(self, lease, kind, log_sha256):
+    def post_outcome(self, lease, kind, log_sha256, truth_sha256):
+        outcome = Outcome(kind=kind, fault=FAULT_OF[kind], reason=f"scripted {kind}")
+        if lease.excitation is None:
+            outcome = outcome.model_copy(update=self.measured(kind))
+        report = OutcomeReport(
+            robot=self.name, fence=lease.fence, outcome=outcome, log_sha256=log_sha256, truth_sha256=truth_sha256
+        )
+        return self.send("POST", f"/v1/leases/{lease.trial_id}/outcome", content=report.model_dump_json())
+
+    def measured(self, kind):
         measures = Measures(
             success_at_end=kind == OutcomeKind.SUCCEEDED,
             success_ever=True,
@@ -139,9 +163,7 @@ class ScriptedRobot:
             simulated_s=15.0,
         )
         timing = PolicyTiming(mean_ms=0.1, p99_ms=0.2, max_ms=0.5, allowed_ms=11.0, missed=0)
-        outcome = Outcome(kind=kind, fault=FAULT_OF[kind], reason=f"scripted {kind}", measures=measures, policy_timing=timing)
-        report = OutcomeReport(robot=self.name, fence=lease.fence, outcome=outcome, log_sha256=log_sha256)
-        return self.send("POST", f"/v1/leases/{lease.trial_id}/outcome", content=report.model_dump_json())
+        return {"measures": measures, "policy_timing": timing}
 
     def send(self, method, path, **content):
         """A request that outlives a restart of the services."""
@@ -170,6 +192,8 @@ def main():
     parser.add_argument("--renew-s", type=float, default=3.0)
     parser.add_argument("--refuse", action="store_true")
     parser.add_argument("--fail", action="store_true")
+    parser.add_argument("--truth", action="store_true", help="upload a truth beside each log: the lease itself")
+    parser.add_argument("--breaks", help="go out of service for this reason in the first trial, until told to resume")
     given = parser.parse_args()
     robot = ScriptedRobot(
         given.name,
@@ -181,6 +205,8 @@ def main():
         renew_s=given.renew_s,
         refuse=given.refuse,
         fail=given.fail,
+        truth=given.truth,
+        breaks=given.breaks,
     )
     signal.signal(signal.SIGTERM, lambda *_: robot.stopping.set())
     try:

@@ -1,6 +1,19 @@
+import json
+
 import pytest
 
-from api_schemas.report import FaultRow, Report, RobotRow, TimingRow, TrialRow
+from api_schemas.excitation import ExcitationName
+from api_schemas.report import (
+    BetweenRobots,
+    ExcitationRow,
+    FaultRow,
+    IdentificationReport,
+    Report,
+    RobotRow,
+    TimingRow,
+    TrialRow,
+    read_report,
+)
 from api_schemas.report_text import WIDTH, render
 from api_schemas.trial import FAULT_OF, Measures, Outcome, OutcomeKind
 
@@ -92,3 +105,61 @@ def test_a_quiet_report_has_no_empty_sections():
     text = render(report(trial(0)))
     assert "did not go" not in text
     assert "tried again, not counted" not in text
+
+
+def test_the_share_between_robots_is_told_or_that_it_cannot_be():
+    between = BetweenRobots(variance_share=0.0834, interval_80=(0.021, 0.16049), robots=8)
+    told = render(report(trial(0)).model_copy(update={"between_robots": between}))
+    assert "between robots: 8.3 % of the variance of success (80 % interval 2.1–16.0 %, 8 robots)" in told
+    one = report(trial(0))
+    assert "between robots" not in render(one)
+    assert "no share of the variance can be told" in render(one.model_copy(update={"per_robot": one.per_robot * 2}))
+
+
+def identification(*rows, faults=()):
+    return IdentificationReport(
+        job_id="jabcdefghijkl",
+        task="identify",
+        object="cube",
+        object_scale=1.0,
+        robot="r" * 40,
+        seed=2**63 - 1,
+        trials=len(rows),
+        platform_faults=len(faults),
+        attempts=len(rows) + len(faults),
+        per_trial=rows,
+        platform_fault_attempts=faults,
+        created_at="2026-01-01T00:00:00.000Z",
+        started_at=None,
+        ended_at="2026-01-01T00:00:09.000Z",
+        versions={"trifarm": "0.1.0"},
+    )
+
+
+def test_an_identification_lists_its_recordings_and_has_no_rate():
+    outcome = Outcome(kind=OutcomeKind.RECORDED, fault=FAULT_OF[OutcomeKind.RECORDED], reason="recorded")
+    rows = [
+        ExcitationRow(
+            trial=n,
+            trial_id=f"j-{n:03d}",
+            excitation=name,
+            robot="r" * 40,
+            seed=n,
+            attempts=1,
+            outcome=outcome,
+            log_sha256="a" * 64,
+        )
+        for n, name in enumerate(ExcitationName)
+    ]
+    fault = FaultRow(trial=999, attempt=5, robot="r" * 40, reason="x" * 2000)
+    text = render(identification(*rows, faults=(fault,)))
+    assert all(name in text for name in ExcitationName)
+    assert "rate" not in text
+    assert max(len(line) for line in text.splitlines()) <= WIDTH
+
+
+def test_a_stored_report_of_either_kind_is_read_back_also_one_of_before_there_were_objects():
+    kept = report(trial(0)), identification()
+    assert tuple(read_report(each.model_dump_json().encode()) for each in kept) == kept
+    old = report(trial(0)).model_dump(mode="json", exclude={"object", "object_scale", "between_robots"})
+    assert read_report(json.dumps(old).encode()) == kept[0]

@@ -8,6 +8,7 @@ from mcap.stream_reader import StreamReader
 from api_schemas import trial_log
 from api_schemas.fixed_message import FixedMessage
 from api_schemas.trial_log import LogChannels, TrialLogWriter
+from api_schemas.trial_log_messages import encode_pose
 from api_schemas.trial_log_reader import read_log
 
 NAMES = tuple(f"joint{j}" for j in range(9))
@@ -75,4 +76,4 @@ def test_fixed_message_refuses_times_it_cannot_hold():
     message = FixedMessage(lambda values: np.array(values).tobytes(), 2)
     assert message.rows(np.array([[1.0, 2.0]]), np.array([0])) == [np.array([1.0, 2.0]).tobytes()]
     with pytest.raises(ValueError, match="within 0 and 127 s"):
-        FixedMessage(trial_log._encode_pose, 7).rows(np.zeros((1, 7)), np.array([128 * 10**9]))
+        FixedMessage(encode_pose, 7).rows(np.zeros((1, 7)), np.array([128 * 10**9]))

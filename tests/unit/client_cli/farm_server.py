@@ -13,12 +13,14 @@ from fastapi import FastAPI, Form, Header, Request, UploadFile
 from fastapi.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
 
 from api_schemas.error import MEDIA_TYPE, Problem
+from api_schemas.excitation import IdentificationRequest
 from api_schemas.job import Job, JobEvent, JobPage, JobRequest, JobState, TaskName
 from api_schemas.policy import Policy, PolicyManifest, WeightsFormat, policy_digest
 from api_schemas.robot import Robot, RobotPage, RobotState
 from api_schemas.status import FarmStatus
 from api_schemas.token import NewToken, Token, TokenPage, TokenRequest
 from api_schemas.trial import Trial, TrialPage, TrialState
+from api_schemas.verification import Verification
 
 TOKEN = "trifarm_test_secret"
 JOB_ID = "jabcdefghijkl"
@@ -44,13 +46,18 @@ class FarmState:
     hang_stream: bool = False
     post_answers_lost: int = 0
     commands: list[str] = field(default_factory=list)
+    truths: dict[int, bytes] = field(default_factory=dict)
+    identifications: list[tuple[IdentificationRequest, str | None]] = field(default_factory=list)
+    verdict: Verification | None = None
+    verified: list[tuple[str, bytes]] = field(default_factory=list)
+    task: TaskName = TaskName.PUSH
 
 
 def job(farm: FarmState, **changes: object) -> Job:
     ended = farm.state in {JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED}
     return Job(
         job_id=JOB_ID, state=farm.state, waiting_because=None if ended else "no robot is in service", policy="0" * 64,
-        policy_name="expert", task=TaskName.PUSH, trials=farm.trials, seed=7, seed_drawn_by_server=False, owner="operator",
+        policy_name="expert", task=farm.task, trials=farm.trials, seed=7, seed_drawn_by_server=False, owner="operator",
         created_at=AT, started_at=AT, ended_at=AT if ended else None,
         trials_done=farm.trials if ended else 0, trials_running=0, successes=2 if ended else 0,
         policy_faults=0, platform_faults=0, reason="robot-1 vanished 5 times" if farm.state is JobState.FAILED else None,
@@ -62,6 +69,7 @@ def trial(farm: FarmState, ordinal: int, log: bytes | None) -> Trial:
         trial_id=f"{JOB_ID}-{ordinal:03d}", job_id=JOB_ID, ordinal=ordinal, state=TrialState.DONE, waiting_because=None,
         task="push", seed=ordinal, robot="robot-0", robot_order=("robot-0",), outcome=None, attempts=(),
         log_sha256=None if log is None else hashlib.sha256(log).hexdigest(), log_bytes=None if log is None else len(log),
+        has_truth=ordinal in farm.truths,
     )  # fmt: skip
 
 
@@ -119,6 +127,22 @@ def build_app(farm: FarmState) -> FastAPI:
             farm.post_answers_lost -= 1
             return StreamingResponse(broken_off(b'{"job_id"', 400), headers={"content-length": "400"})
         return job(farm)
+
+    @app.post("/v1/identifications")
+    async def post_identification(request: IdentificationRequest, idempotency_key: str | None = Header(None)):
+        farm.identifications.append((request, idempotency_key))
+        farm.task, farm.trials = TaskName.IDENTIFY, len(request.courses())
+        return job(farm, policy=None, policy_name=None, robot="robot-2")
+
+    @app.api_route("/v1/jobs/{job_id}/trials/{ordinal}/truth", methods=["GET", "HEAD"])
+    async def truth(job_id: str, ordinal: int):
+        content = farm.truths[ordinal]
+        return Response(content, headers={"etag": f'"{hashlib.sha256(content).hexdigest()}"'})
+
+    @app.post("/v1/jobs/{job_id}/trials/{ordinal}/verify")
+    async def verify(job_id: str, ordinal: int, request: Request):
+        farm.verified.append((f"{job_id}-{ordinal:03d}", await request.body()))
+        return farm.verdict
 
     @app.get("/v1/jobs")
     async def list_jobs(state: str | None = None):

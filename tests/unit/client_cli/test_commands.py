@@ -124,20 +124,6 @@ def test_the_token_is_never_printed(farm, trifarm):
         assert TOKEN not in ended.out + ended.err
 
 
-def test_replay_passes_the_exit_code_on(trifarm, tmp_path, monkeypatch):
-    log = tmp_path / "trial-000.mcap"
-    log.write_bytes(b"log")
-    seen = tmp_path / "seen"
-    script = f"import sys; open({str(seen)!r}, 'w').write(' '.join(sys.argv[1:])); sys.exit(6)"
-    monkeypatch.setattr("client_cli.replay.module_command", lambda module, *rest: [sys.executable, "-c", script, module, *rest])
-    assert trifarm("replay", str(log), "--verify", "--json").code == 6
-    assert seen.read_text() == f"sim_backend.replay {log} --verify --json"
-
-
-def test_replay_of_an_absent_log_is_wrong_usage(trifarm):
-    assert trifarm("replay", "absent.mcap").code == 2
-
-
 def test_wrong_usage_ends_with_2(trifarm):
     assert trifarm("submit").code == 2
     assert trifarm("nonsense").code == 2

@@ -7,11 +7,11 @@ import pytest
 from typer.main import get_command
 
 from api_schemas.job import Job, JobPage
-from api_schemas.report import Report
+from api_schemas.report import IdentificationReport, Report
 from api_schemas.robot import Robot, RobotPage
 from api_schemas.status import FarmStatus
 from api_schemas.token import NewToken, TokenPage
-from client_cli import demo, fetch, up
+from client_cli import demo, fetch, identify, up
 from client_cli.embedded_farm import EmbeddedFarm
 from client_cli.exit_codes import MEANING
 from client_cli.main import app
@@ -26,7 +26,8 @@ JSON_KEYS = {
     "submit FILE": Job.model_fields,
     "jobs": JobPage.model_fields,
     "report ID": Report.model_fields,
-    "fetch ID": fetch.document(fetch.Fetched(job(FarmState()), Path(), (), 0, 0, None)),
+    "fetch ID": fetch.document(fetch.Fetched(job(FarmState()), Path(), (), (), 0, 0, None)),
+    "identify": identify.document(identify.Identified(job(FarmState()), None)),
     "robots": RobotPage.model_fields,
     "status": FarmStatus.model_fields,
     "token create": NewToken.model_fields,
@@ -82,6 +83,10 @@ def test_json_keys_are_those_of_the_document(title):
 
 def test_the_keys_of_a_robot_are_listed():
     assert names_after("Each robot", SECTIONS["robots"]) == list(Robot.model_fields)
+
+
+def test_keys_of_an_identifications_report_are_those_of_its_schema():
+    assert names_after("Keys of an identification", SECTIONS["report ID"]) == list(IdentificationReport.model_fields)
 
 
 @pytest.mark.parametrize("title", COMMANDS)

@@ -30,6 +30,17 @@ def test_fetch_writes_logs_and_the_report_byte_by_byte(farm, trifarm, folder):
     assert ended.document["report"] == str(folder / "report.json")
 
 
+def test_operators_fetch_the_truth_too_and_it_is_checked(farm, trifarm, folder):
+    farm.truths = {0: b"truth of 0", 2: b"truth of 2"}
+    ended = trifarm("fetch", JOB_ID, "--to", str(folder), "--truth", "--json")
+    truths = {f"trial-{n:03d}.truth.mcap": truth for n, truth in farm.truths.items()}
+    assert files(folder) == complete(farm) | truths
+    assert ended.document["truths"] == [str(folder / name) for name in truths]
+    (folder / "trial-002.truth.mcap").write_bytes(b"damaged")
+    assert trifarm("fetch", JOB_ID, "--to", str(folder), "--truth", "--json").document["already_there"] == 4
+    assert files(folder) == complete(farm) | truths
+
+
 def test_fetch_again_brings_only_what_is_missing(farm, trifarm, folder):
     trifarm("fetch", JOB_ID, "--to", str(folder))
     (folder / "trial-001.mcap").write_bytes(b"damaged")

@@ -21,6 +21,19 @@ def test_submit_uploads_queues_and_prints_only_the_id(farm, trifarm, weights):
     assert key
 
 
+def test_another_object_is_asked_for(farm, trifarm, weights):
+    flags = ("--object", "sphere", "--object-scale", "0.8")
+    assert trifarm("submit", weights, "--layout", "pose", "--task", "lift", *flags).code == 0
+    ((request, _),) = farm.submissions
+    assert (request.object, request.object_scale) == ("sphere", 0.8)
+
+
+@pytest.mark.parametrize("flags", [("--task", "identify"), ("--task", "lift", "--object-scale", "1.3")])
+def test_what_no_policy_can_be_asked_is_refused_here(farm, trifarm, weights, flags):
+    assert trifarm("submit", weights, "--layout", "pose", *flags).code == 2
+    assert not farm.uploads
+
+
 def test_submit_json_is_the_job(farm, trifarm, weights):
     farm.warnings = ("the output is constant",)
     ended = trifarm("submit", weights, "--layout", "pose", "--task", "push", "--json", "--idempotency-key", "mine")

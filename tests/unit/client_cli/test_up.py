@@ -22,11 +22,11 @@ for flag in ("--data", "--host", "--port", "--bus", "--farm", "--physics"):
     parser.add_argument(flag, required=True)
 flags = parser.parse_args()
 assert not {"TRIFARM_TOKEN", "TRIFARM_ADMIN_TOKEN"} & set(os.environ)
-if flags.physics == "broken":
+if flags.physics == "file:broken":
     sys.exit("no such physics: broken")
 from http.server import BaseHTTPRequestHandler, HTTPServer
 import signal
-if flags.physics == "stubborn":
+if flags.physics == "file:stubborn":
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
 data = pathlib.Path(flags.data)
 (data / "tokens.json").write_text(json.dumps({"admin": "the-admin", "robot": "the-robot"}))
@@ -47,13 +47,17 @@ import argparse, os, pathlib, subprocess, sys, time
 parser = argparse.ArgumentParser()
 for flag in ("--robots", "--api", "--bus", "--farm", "--data", "--physics"):
     parser.add_argument(flag, required=True)
+for flag in ("--farm-seed", "--reset"):
+    parser.add_argument(flag)
+parser.add_argument("--fault", action="append")
 flags = parser.parse_args()
+(pathlib.Path(flags.data) / "told").write_text(repr((flags.physics, flags.farm_seed, flags.reset, flags.fault)))
 assert os.environ["TRIFARM_ROBOT_TOKEN"] == "the-robot"
 for n in range(int(flags.robots)):
     # Robots that do not notice the end of their parent, so that the supervisor has to see to it.
     robot = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(300)"])
     (pathlib.Path(flags.data) / f"robot-{n}.pid").write_text(str(robot.pid))
-time.sleep(0.5 if flags.physics == "short" else 300)
+time.sleep(0.5 if flags.physics.endswith("short.toml") else 300)
 sys.exit("the robots went away")
 """
 
@@ -75,6 +79,8 @@ class Up:
 
     def __init__(self, environment, tmp_path, *flags):
         self.data = tmp_path / "data"
+        for name in ("broken", "stubborn", "short"):
+            (tmp_path / f"{name}.toml").touch()
         command = [sys.executable, "-m", "client_cli", "up", "--robots", "2", "--data", str(self.data), "--json", *flags]
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
         self.process = subprocess.Popen(command, env=environment, cwd=tmp_path, **pipes)
@@ -134,11 +140,36 @@ def test_a_farm_comes_up_and_goes_down(environment, tmp_path, number):
 
 
 def test_a_child_that_will_not_end_is_killed_within_five_seconds(environment, tmp_path):
-    with Up(environment, tmp_path, "--port", "0", "--physics", "stubborn") as up:
+    with Up(environment, tmp_path, "--port", "0", "--physics", "stubborn.toml") as up:
         up.document()
         _, _, took_s = up.end(signal.SIGTERM)
         assert up.process.returncode == 0
         assert took_s < 5
+
+
+def test_what_the_robots_are_told_is_passed_on_and_kept_but_not_shown(environment, tmp_path):
+    flags = ("--physics", "short.toml", "--farm-seed", "7", "--reset", "placement", "--fault", "a", "--fault", "b")
+    with Up(environment, tmp_path, "--port", "0", *flags) as up:
+        assert up.document()["physics"] == "file:short"
+        told = (up.data / "told").read_text()
+    assert told == repr((str(tmp_path / "short.toml"), "7", "placement", ["a", "b"]))
+    record = up.data / "up.json"
+    assert json.loads(record.read_text()) == {"physics": str(tmp_path / "short.toml"), "farm_seed": 7}
+    assert stat.S_IMODE(record.stat().st_mode) == 0o600
+
+
+def test_real_physics_and_a_secret_seed_are_the_default(environment, tmp_path):
+    with Up(environment, tmp_path, "--port", "0") as up:
+        assert up.document()["physics"] == "real"
+        assert (up.data / "told").read_text() == repr(("real", None, None, None))
+
+
+def test_an_unknown_physics_is_refused_before_anything_starts(environment, tmp_path):
+    with Up(environment, tmp_path, "--port", "0", "--physics", "absent") as up:
+        _, err = up.process.communicate(timeout=20)
+    assert up.process.returncode == 2
+    assert "choose from nominal, mild, real" in err
+    assert not up.data.exists()
 
 
 def test_a_second_farm_on_the_same_folder_is_refused(environment, tmp_path):
@@ -165,7 +196,7 @@ def test_a_busy_port_is_named(environment, tmp_path):
 
 
 def test_a_child_that_dies_at_start_shows_its_last_words(environment, tmp_path):
-    with Up(environment, tmp_path, "--port", "0", "--physics", "broken") as up:
+    with Up(environment, tmp_path, "--port", "0", "--physics", "broken.toml") as up:
         out, err = up.process.communicate(timeout=20)
     assert up.process.returncode == 1
     assert "the services ended with code 1" in err
@@ -173,7 +204,7 @@ def test_a_child_that_dies_at_start_shows_its_last_words(environment, tmp_path):
 
 
 def test_a_child_that_dies_later_ends_the_farm(environment, tmp_path):
-    with Up(environment, tmp_path, "--port", "0", "--physics", "short") as up:
+    with Up(environment, tmp_path, "--port", "0", "--physics", "short.toml") as up:
         document = up.document()
         out, err = up.process.communicate(timeout=20)
         assert document["robots"] == 2

@@ -12,6 +12,7 @@ torch = pytest.importorskip("torch", reason="the extra 'learning' is not install
 from safetensors.numpy import save_file  # noqa: E402
 
 from api_schemas.policy import PolicyManifest  # noqa: E402
+from sim_backend.effects.physics import Physics  # noqa: E402
 from sim_backend.training import dagger  # noqa: E402
 
 
@@ -35,8 +36,7 @@ def teacher(tmp_path):
 
 
 def distance(student: dagger.Student, teacher: dagger.Teacher) -> float:
-    episode = dagger._episode(16, 0.004)
-    dagger.begin(episode, dagger.Settings(), range(900, 916))
+    episode = dagger.begin(dagger.Settings(), Physics.nominal(16), range(900, 916))
     errors = []
     for _ in range(50):
         observation = torch.from_numpy(episode.observe()).float()
@@ -54,7 +54,7 @@ def test_student_learns_and_is_exported(teacher, tmp_path):
     student, run = dagger.train(settings, teacher)
     assert run["samples"] > 1000
     assert distance(student, teacher) < 0.7 * before
-    assert dagger.evaluate(settings, student, physics_step_s=0.004)["trials"] == 4
+    assert dagger.measured(settings, student, "real")["trials"] == 4
     dagger.export(student, tmp_path, "push")
     PolicyManifest.model_validate_json((tmp_path / "push.json").read_text())
     command = [sys.executable, "-m", "services.policies.conversion"]

@@ -38,10 +38,10 @@ def test_tracker_is_ten_hertz_and_ninety_milliseconds_late():
         for row in range(20):
             positions[period.segment.first_step + row] = period.segment.cube_position_world_m[:, row]
         tracked += period.tracked
-    assert [pose.capture_step for pose in tracked] == list(range(0, 2000, 100))
-    assert all(pose.delivery_step - pose.capture_step == 90 for pose in tracked)
+    assert [pose.capture_step.tolist() for pose in tracked] == [[step] for step in range(0, 2000, 100)]
+    assert all((pose.delivery_step - pose.capture_step == 90).all() for pose in tracked)
     for pose in tracked:
-        np.testing.assert_array_equal(pose.cube_position_world_m, positions[pose.capture_step])
+        np.testing.assert_array_equal(pose.cube_position_world_m, positions[int(pose.capture_step[0])])
 
 
 def test_a_pose_is_not_seen_before_it_arrives():

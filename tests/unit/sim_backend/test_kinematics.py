@@ -3,7 +3,7 @@ import numpy as np
 
 from sim_backend.tasks.keypoints import angle_between_rad, cube_keypoints_world_m, rotation_matrix
 from sim_backend.trifinger import constants as c
-from sim_backend.trifinger.kinematics import fingertip_position_world_m
+from sim_backend.trifinger.kinematics import elbow_position_world_m, fingertip_position_world_m, joint_position_rad
 from sim_backend.trifinger.scene import compile_scene
 
 
@@ -22,6 +22,20 @@ def test_tips_are_where_the_facts_say():
     tips = fingertip_position_world_m(np.zeros(9))
     np.testing.assert_allclose(tips[:3], [0.086, 0.0505, -0.030], atol=1e-9)
     np.testing.assert_allclose(fingertip_position_world_m(c.START_JOINT_POSITION_RAD)[2::3], 0.0791, atol=1e-4)
+
+
+def test_joints_bring_the_tips_where_they_are_wanted():
+    joints = np.random.default_rng(1).uniform(c.SOFT_LIMIT_LOWER_RAD, c.SOFT_LIMIT_UPPER_RAD, (500, 9))
+    np.testing.assert_allclose(joint_position_rad(fingertip_position_world_m(joints)), joints, atol=1e-6)
+    tips = fingertip_position_world_m(c.START_JOINT_POSITION_RAD)
+    tips[3:6] *= 4
+    assert np.isnan(joint_position_rad(tips)).tolist() == [False] * 3 + [True] * 3 + [False] * 3
+
+
+def test_elbows_and_tips_are_a_link_apart():
+    joints = np.random.default_rng(0).uniform(c.SOFT_LIMIT_LOWER_RAD, c.SOFT_LIMIT_UPPER_RAD, (50, 9))
+    apart = (elbow_position_world_m(joints) - fingertip_position_world_m(joints)).reshape(50, 3, 3)
+    np.testing.assert_allclose(np.linalg.norm(apart, axis=-1), -c.LINKS[3].origin_m[2])
 
 
 def test_keypoint_bits_give_signs_and_clear_bits_are_plus():

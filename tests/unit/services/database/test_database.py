@@ -1,11 +1,15 @@
 import asyncio
+import sqlite3
 
 import pytest
 from sqlalchemy import insert, inspect, select, text
+from sqlalchemy.exc import IntegrityError
 
 from services.database.database import Database, integrity_check, migrate
-from services.database.tables import metadata, token
+from services.database.tables import job, metadata, token
 
+JOB = {"job_id": "j2", "state": "queued", "task": "identify", "trials": 1, "seed": 1, "seed_drawn_by_server": True}
+JOB |= {"owner": "ann", "created_at": "now", "created_s": 0.0, "any_robot": True}
 ROW = {"token_id": "a", "owner": "o", "scopes": "admin", "secret_sha256": "0" * 64, "created_at": "now"}
 
 
@@ -35,6 +39,54 @@ async def test_migrations_make_exactly_the_tables_that_the_code_uses(database):
 
 async def test_migrating_twice_changes_nothing(database):
     await migrate(database.url)
+
+
+FIRST_FORM = """
+INSERT INTO policy VALUES (1, '{d}', 'p', 'onnx', '{d}', 1, '{d}', '{{}}', '[]', 'ann', 'now');
+INSERT INTO job VALUES (1, 'j1', 'running', '{d}', 'p', 'push', 1, 5, 0, 'ann', 'now', 0.0, NULL, NULL, NULL, 0, 0, 1, 0, 0, 0, 1,
+    'key', NULL);
+INSERT INTO trial VALUES ('j1-000', 1, 0, 'running', 5, '[]', NULL, NULL, NULL, 1, 'robot-0', 9.0, 0, NULL, NULL, NULL);
+INSERT INTO attempt VALUES ('j1-000', 1, 1, 'robot-0', 'open', NULL, NULL, 'now', NULL, NULL, NULL);
+INSERT INTO event VALUES (1, 1, 'now', 'job_queued', NULL, NULL, 'queued', 0, 0, 'queued');
+"""
+
+
+def rows(path, statement):
+    with sqlite3.connect(path) as connection:
+        found = connection.execute(statement).fetchall()
+    connection.close()
+    return found
+
+
+async def test_what_the_first_form_holds_is_kept_and_comes_back(tmp_path):
+    path = tmp_path / "farm.sqlite"
+    url = f"sqlite+aiosqlite:///{path}"
+    await migrate(url, "0001")
+    with sqlite3.connect(path) as connection:
+        connection.executescript(FIRST_FORM.format(d="d" * 64))
+    connection.close()
+    before = rows(path, "SELECT * FROM job"), rows(path, "SELECT * FROM trial"), rows(path, "SELECT * FROM attempt")
+    await migrate(url)
+    assert rows(path, "SELECT object, object_scale, robot, any_robot, policy FROM job") == [("cube", 1.0, None, 0, "d" * 64)]
+    assert rows(path, "SELECT excitation, truth_sha256, seed, lease_until_s FROM trial") == [(None, None, 5, 9.0)]
+    assert rows(path, "PRAGMA foreign_key_check") == []
+    # What the tables promise is still promised: names are unique, rows have owners, numbers go on.
+    opened = Database(url)
+    for broken in (
+        "UPDATE job SET job_id = 'j1' WHERE number = 2",
+        "UPDATE trial SET job_number = 7",
+        "UPDATE job SET policy = 'x'",
+    ):
+        with pytest.raises(IntegrityError):
+            async with opened.write() as tx:
+                await tx.execute(insert(job).values(JOB))
+                await tx.execute(text(broken))
+    async with opened.write() as tx:
+        assert (await tx.execute(insert(job).values(JOB).returning(job.c.number))).scalar() == 2
+    await opened.close()
+    await migrate(url, "0001", back=True)
+    assert (rows(path, "SELECT * FROM job"), rows(path, "SELECT * FROM trial"), rows(path, "SELECT * FROM attempt")) == before
+    assert rows(path, "SELECT count(*) FROM event") == [(1,)]
 
 
 async def test_an_acknowledged_commit_is_synced_to_disk(database):

@@ -1,0 +1,38 @@
+"""``trifarm physics``: what a robot of a farm on this machine is really like; for operators, who hold the data folder."""
+
+import subprocess
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from client_cli.child_process import child_environment, module_command
+from client_cli.errors import UsageProblem
+from client_cli.farm_record import load_record
+from client_cli.options import JsonOption
+from client_cli.robot_options import FarmSeedOption, usable_physics
+
+
+def physics(
+    robot: Annotated[str, typer.Option("--robot", metavar="ROBOT", help="The robot's name, such as robot-2.")],
+    data: Annotated[Path, typer.Option("--data", metavar="DIR", help="The farm's data folder.")],
+    told: Annotated[
+        str | None,
+        typer.Option("--physics", metavar="nominal|mild|real|FILE", help="What the robots were told, if not by 'trifarm up'."),
+    ] = None,
+    farm_seed: FarmSeedOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Print a robot's hidden physics. Nothing of it is ever shown by the server."""
+    if not data.is_dir():
+        raise UsageProblem(f"there is no data folder {data}")
+    record = load_record(data) if told is None else None
+    if told is None and record is None:
+        raise UsageProblem(f"no 'trifarm up' ran on {data}: say with --physics what its robots were told")
+    seed = record.farm_seed if record is not None and farm_seed is None else farm_seed
+    flags = ["--data", str(data.absolute()), "--robot", robot]
+    flags += ["--physics", usable_physics(record.physics if record is not None else told or "")]
+    flags += ([] if seed is None else ["--farm-seed", str(seed)]) + (["--json"] if as_json else [])
+    # Only the robots' own code may look; it runs as a process of its own.
+    ended = subprocess.run(module_command("robot_farm.hidden_physics", *flags), env=child_environment(), check=False)
+    raise typer.Exit(ended.returncode)

@@ -1,0 +1,93 @@
+"""What a farm's robots are to be like: the options of ``up`` and ``demo`` that are passed on to them."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from api_schemas.physics_name import NAMED_PHYSICS, physics_name
+from client_cli.errors import UsageProblem
+
+DEFAULT_PHYSICS = "real"
+MAX_FARM_SEED = 2**63 - 1
+
+
+class Reset(StrEnum):
+    """How a robot puts the arena in order between two trials."""
+
+    SWEEP = "sweep"
+    PLACEMENT = "placement"
+
+
+PhysicsOption = Annotated[
+    str,
+    typer.Option(
+        "--physics",
+        metavar="nominal|mild|real|FILE",
+        help="The robots' physics: nominal gives each the same, ideal one, the others hidden ones of its own.",
+    ),
+]
+FarmSeedOption = Annotated[
+    int | None,
+    typer.Option(
+        "--farm-seed", min=0, max=MAX_FARM_SEED, help="Draws the robots' physics; a secret of the data folder if absent."
+    ),
+]
+ResetOption = Annotated[
+    Reset | None,
+    typer.Option("--reset", help="How the arena is put in order: sweep, but placement on nominal farms.", show_default=False),
+]
+FaultOption = Annotated[
+    list[str] | None,
+    typer.Option("--fault", metavar="SPEC", help="A fault that the robots shall have; may be given several times."),
+]
+
+
+@dataclass(frozen=True)
+class RobotOptions:
+    """What the robots are told; ``physics`` is a name of NAMED_PHYSICS or the absolute path of a file."""
+
+    count: int
+    physics: str
+    farm_seed: int | None = None
+    reset: Reset | None = None
+    faults: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, count: int, physics: str, farm_seed: int | None, reset: Reset | None, faults: list[str] | None) -> "RobotOptions":
+        """The options as given on the command line.
+
+        Raises:
+            UsageProblem: there is no such physics.
+        """
+        return cls(count, usable_physics(physics), farm_seed, reset, tuple(faults or ()))
+
+    @property
+    def physics_name(self) -> str:
+        """What may be shown of the physics."""
+        return physics_name(self.physics)
+
+    def flags(self) -> list[str]:
+        """The command line of the robots; what was not asked for is left to their defaults."""
+        flags = ["--robots", str(self.count), "--physics", self.physics]
+        if self.farm_seed is not None:
+            flags += ["--farm-seed", str(self.farm_seed)]
+        if self.reset is not None:
+            flags += ["--reset", self.reset.value]
+        return flags + [part for fault in self.faults for part in ("--fault", fault)]
+
+
+def usable_physics(given: str) -> str:
+    """A named physics, or the absolute path of a file of ranges.
+
+    Raises:
+        UsageProblem: it is neither.
+    """
+    if given in NAMED_PHYSICS:
+        return given
+    path = Path(given)
+    if not path.is_file():
+        raise UsageProblem(f"there is no physics {given!r}: choose from {', '.join(NAMED_PHYSICS)}, or name a file of ranges")
+    return str(path.absolute())

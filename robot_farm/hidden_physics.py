@@ -1,0 +1,105 @@
+"""What makes a robot different from every other, drawn from the farm's secret. Only the robot itself may look.
+
+``python -m robot_farm.hidden_physics --data DIR --robot NAME --physics NAME`` prints it, for operators on the farm's machine.
+"""
+
+import argparse
+import hashlib
+import hmac
+import json
+import os
+import secrets
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from robot_farm.trial_physics import TrialPhysics
+from sim_backend.effects.physics import Physics
+from sim_backend.effects.ranges import load_ranges
+
+SECRET_FILE = "farm-secret"  # noqa: S105 - the name of a file, not a secret
+SECRET_BYTES = 32
+
+
+class HiddenPhysics:
+    """The physics of one robot and of its trials, reproducible from the farm's secret.
+
+    Args:
+        secret: of the farm.
+        robot: name of the robot.
+        physics: name of a table of ranges, or path of a file with one or with the effects that all robots shall have.
+
+    Raises:
+        ValueError: there is no such table, or it is wrong; the message says what.
+    """
+
+    def __init__(self, secret: bytes, robot: str, physics: str) -> None:
+        self._secret, self._robot = secret, robot
+        self._ranges = load_ranges(physics)
+        self.physics: Physics = self._ranges.draw(self.generator("physics"), 1)
+
+    def generator(self, purpose: str) -> np.random.Generator:
+        """Random numbers for one purpose of this robot, the same whenever it is asked."""
+        return np.random.default_rng(int.from_bytes(self._digest(purpose)))
+
+    def of_trial(self, trial_id: str, attempt: int) -> TrialPhysics:
+        """The physics of one attempt at a trial: the robot's, what differs from trial to trial, and a seed of its noise.
+
+        Nobody can foresee it who does not know the secret, and nobody can have it drawn again by asking twice.
+        """
+        rng = self.generator(f"trial:{trial_id}:{attempt}")
+        noise_seed = int(rng.integers(0, 2**53))
+        return TrialPhysics(self._ranges.draw_episode(rng, self.physics), noise_seed, rng)
+
+    def _digest(self, purpose: str) -> bytes:
+        return hmac.digest(self._secret, f"{self._robot}:{purpose}".encode(), "sha256")
+
+
+def farm_secret(folder: Path, farm_seed: int | None) -> bytes:
+    """The secret of a farm: from its seed if it has one, otherwise drawn once and kept in ``folder``.
+
+    Several robots may ask at the same time; all get the same.
+    """
+    if farm_seed is not None:
+        return hashlib.sha256(f"trifarm farm seed {farm_seed}".encode()).digest()
+    path = folder / SECRET_FILE
+    if not path.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        own = folder / f".{SECRET_FILE}-{os.getpid()}-{secrets.token_hex(4)}"
+        with os.fdopen(os.open(own, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+            file.write(secrets.token_bytes(SECRET_BYTES))
+        try:
+            os.link(own, path)  # whole or not at all, and only for the first
+        except FileExistsError:
+            pass
+        finally:
+            own.unlink()
+    return path.read_bytes()
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command; see the module's docstring."""
+    parser = argparse.ArgumentParser(prog="python -m robot_farm.hidden_physics", description="Print a robot's hidden physics.")
+    parser.add_argument("--data", type=Path, required=True, help="the farm's data folder")
+    parser.add_argument("--robot", required=True, help="name of the robot, such as robot-0")
+    parser.add_argument("--physics", default="real", help="what the farm was started with: nominal, mild, real or a file")
+    parser.add_argument("--farm-seed", type=int, help="what the farm was started with, if it was given a seed")
+    parser.add_argument("--json", action="store_true", help="print one line of JSON")
+    options = parser.parse_args(arguments)
+    folder = options.data / "robots"
+    if options.farm_seed is None and not (folder / SECRET_FILE).exists():
+        print(f"error: {folder} has no {SECRET_FILE}: no robot with hidden physics has run there yet", file=sys.stderr)
+        return 1
+    try:
+        hidden = HiddenPhysics(farm_secret(folder, options.farm_seed), options.robot, options.physics)
+    except (ValueError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    document = {"robot": options.robot, "physics": options.physics, "effects": hidden.physics.document()}
+    print(json.dumps(document, indent=None if options.json else 2))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

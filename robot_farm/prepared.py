@@ -1,0 +1,57 @@
+"""What a trial begins with, whoever made it ready."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+from api_schemas.robot import Lease
+from robot_farm.alarm import Alarm
+from robot_farm.faults import Change
+from robot_farm.truth import TruthFile
+from sim_backend.driver.driver import Start
+from sim_backend.driver.tracker import Tracker
+from sim_backend.effects.physics import Physics
+from sim_backend.tasks.task import Goal, Task, draw_trial
+from sim_backend.trifinger.objects import CUBE, Shape, resting_height_m, shape_of
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """Start, goal and cameras of a trial; the task is None for an excitation, which has no goal either.
+
+    The rest is for robots with a life of their own: ``changes`` are faults that come within the trial, ``events`` say what was
+    done to get ready, ``truth`` is where the truth is written (None: into the log), ``alarm`` watches the robot, and ``close``
+    ends the trial on the robot's side: it is told at which step and whether the robot failed, and says what is wrong with it.
+    """
+
+    start: Start
+    goal: Goal
+    tracker: Tracker
+    task: Task | None
+    physics: Physics = field(default_factory=Physics.nominal)
+    changes: tuple[Change, ...] = ()
+    events: tuple[str, ...] = ()
+    truth: TruthFile | None = None
+    alarm: Alarm | None = None
+    close: Callable[[int, bool], str | None] = lambda _step, _failed: None
+
+
+def prepare_plainly(lease: Lease, tasks: dict[str, Task]) -> Prepared:
+    """Everything from the lease alone, as robots that are all alike begin: the object is placed where the seed says."""
+    shape = shape_of_lease(lease)
+    start, goal = draw_start_and_goal(lease, tasks, shape)
+    return Prepared(start, goal, Tracker(shape=shape), tasks.get(lease.task.value))
+
+
+def shape_of_lease(lease: Lease) -> Shape:
+    """The object that the trial is to be tried with."""
+    return shape_of(lease.object.value, lease.object_scale)
+
+
+def draw_start_and_goal(lease: Lease, tasks: dict[str, Task], shape: Shape) -> tuple[Start, Goal]:
+    """What the lease's seed stands for, with the object on the table; an excitation's goal is any task's and means nothing."""
+    start, goal = draw_trial(tasks.get(lease.task.value) or next(iter(tasks.values())), lease.seed)
+    if shape == CUBE:
+        return start, goal
+    position_m = start.cube_position_world_m.copy()
+    position_m[:, 2] = resting_height_m(shape, start.cube_quat_wxyz)
+    return replace(start, cube_position_world_m=position_m), goal

@@ -1,0 +1,62 @@
+"""Child processes of the services: nothing of this process's environment, no standard error, an end after a deadline."""
+
+import asyncio
+import os
+import signal
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import services
+
+KEPT_ENVIRONMENT = ("PATH", "LANG", "LD_LIBRARY_PATH")
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+class ChildTimedOutError(Exception):
+    """The child did not end in time and was killed."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a child ended, and what it had said; a negative status is the signal that ended it."""
+
+    status: int
+    said: bytes
+
+    @property
+    def how(self) -> str:
+        """The end of a sentence that begins with the process."""
+        return f"was ended by signal {-self.status}" if self.status < 0 else f"ended with status {self.status}"
+
+
+async def run_module(module: str, *arguments: str, folder: Path, deadline_s: float) -> Ended:
+    """Runs a module of this installation in ``folder``; whatever is left of it and its own children is killed.
+
+    Raises:
+        ChildTimedOutError: it took longer than ``deadline_s``.
+    """
+    child = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", module, *arguments),
+        cwd=folder,
+        env=_environment(),
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    try:
+        async with asyncio.timeout(deadline_s):
+            said, _ = await child.communicate()
+    except TimeoutError as error:
+        raise ChildTimedOutError(f"it took more than {deadline_s:g} s") from error
+    finally:
+        if child.returncode is None:
+            os.killpg(child.pid, signal.SIGKILL)
+            await child.wait()
+    return Ended(child.returncode or 0, said)
+
+
+def _environment() -> dict[str, str]:
+    kept = {name: os.environ[name] for name in KEPT_ENVIRONMENT if name in os.environ}
+    return {**kept, **ONE_THREAD, "PYTHONPATH": str(Path(services.__file__).parent.parent)}

@@ -1,0 +1,78 @@
+"""The compiled model of one robot: the nominal scene, changed by the effects that MuJoCo has."""
+
+# mujoco fills its namespace when it is imported, which the type checker cannot see
+# pyright: reportAttributeAccessIssue=false
+import mujoco
+import numpy as np
+
+from sim_backend.effects import friction, noise, record, sensing
+from sim_backend.effects.catalogue import CATALOGUE
+from sim_backend.effects.effect import Acts
+from sim_backend.effects.physics import Physics
+from sim_backend.trifinger.objects import CUBE, Shape
+from sim_backend.trifinger.scene import build_scene
+
+
+def robot_spec(physics: Physics, *, shape: Shape = CUBE, physics_step_s: float) -> mujoco.MjSpec:
+    """Specification of one robot with its effects, as plain MJCF can express it.
+
+    Args:
+        physics: effects of one robot (n = 1).
+        shape: the object in the arena.
+        physics_step_s: integration step, s.
+    """
+    spec = build_scene(physics_step_s=physics_step_s, shape=shape)
+    for effect in CATALOGUE.values():
+        if effect.acts is Acts.MODEL and physics.has(effect.name):
+            effect.apply(spec, {p.name: physics.value(effect.key(p))[0] for p in effect.all_parameters})
+    return spec
+
+
+def compile_robot(physics: Physics, *, shape: Shape = CUBE, physics_step_s: float) -> mujoco.MjModel:
+    """The model that the driver runs: with a record for the control callback and a sensor for what it reports."""
+    spec = robot_spec(physics, shape=shape, physics_step_s=physics_step_s)
+    spec.nuserdata = record.record_size(physics_step_s)
+    spec.add_sensor(
+        name="report",
+        type=mujoco.mjtSensor.mjSENS_USER,
+        dim=record.REPORT_SIZE,
+        needstage=mujoco.mjtStage.mjSTAGE_VEL,  # cleared before the control callback writes it, not after
+    )
+    if moves_bounds(physics):
+        friction.reserve_bounds(spec)
+    return spec.compile()
+
+
+def needs_model(physics: Physics) -> bool:
+    """Whether the robots' models differ from the nominal one."""
+    return moves_bounds(physics) or any(e.acts is Acts.MODEL and physics.has(e.name) for e in CATALOGUE.values())
+
+
+def moves_bounds(physics: Physics) -> bool:
+    """Whether the control callback sets the bounds of joint friction."""
+    return any(physics.has(name) for name in friction.MOVING_BOUNDS)
+
+
+def parameter_slots(physics: Physics, noise_seed: np.ndarray) -> np.ndarray:
+    """What the effects fill in each robot's record, from ``CONTROL_SLOTS`` to the first state that changes.
+
+    Args:
+        physics: effects of n robots.
+        noise_seed: seeds of their noise, shape (n,).
+
+    Returns:
+        Shape (n, slots): the parameters, then the errors that stay the same within a trial.
+    """
+    slots = np.zeros((physics.n, record.FILTERED_VELOCITY))
+    for key, first in record.SLOTS.items():
+        values = physics.value(key).reshape(physics.n, -1)
+        slots[:, first : first + values.shape[1]] = values
+    steps, joints = np.zeros(physics.n), np.arange(9)
+    for key, first, channel in (
+        ("joint_episode_noise.position_rad", record.POSITION_EPISODE, record.CHANNEL_POSITION_EPISODE),
+        ("joint_episode_noise.velocity_rad_s", record.VELOCITY_EPISODE, record.CHANNEL_VELOCITY_EPISODE),
+    ):
+        if (physics.value(key) != 0.0).any():
+            normal = noise.gaussians(noise_seed.astype(float), steps, joints + channel)
+            slots[:, first : first + 9] = sensing.noisy(0.0, physics.value(key), normal)
+    return slots[:, record.CONTROL_SLOTS :]

@@ -1,0 +1,109 @@
+"""Effects on links, joints and gravity; all of them are MuJoCo's own and applied to the specification before it is compiled."""
+
+import numpy as np
+
+from sim_backend.effects.effect import Acts, Effect, Group, Parameter, Scope
+from sim_backend.trifinger import constants as c
+
+_LINKS = ("upper", "middle", "lower")
+
+
+def link_mass(spec, values) -> None:
+    """Scale mass and inertia of each link; the tip belongs to the lower link."""
+    for index, factor in enumerate(values["factor"]):
+        finger = c.FINGER_NAMES[index // 3]
+        links = (_LINKS[index % 3], "tip") if index % 3 == 2 else (_LINKS[index % 3],)
+        for link in links:
+            body = spec.body(f"{finger}_{link}")
+            body.mass, body.fullinertia = body.mass * factor, np.asarray(body.fullinertia) * factor
+
+
+def rotor_inertia(spec, values) -> None:
+    """Inertia of the rotors as ``armature``."""
+    for name, inertia in zip(c.JOINT_NAMES, values["armature_kg_m2"], strict=True):
+        spec.joint(name).armature = inertia
+
+
+def joint_stiffness(spec, values) -> None:
+    """A spring at each joint, as the motor cables are."""
+    for name, stiffness, reference in zip(c.JOINT_NAMES, values["stiffness_nm_rad"], values["reference_rad"], strict=True):
+        joint = spec.joint(name)
+        joint.stiffness[0], joint.springref = stiffness, reference
+
+
+def joint_limits(spec, values) -> None:
+    """Shift the ends of each joint's range."""
+    for name, lower, upper in zip(c.JOINT_NAMES, values["lower_rad"], values["upper_rad"], strict=True):
+        joint = spec.joint(name)
+        joint.range = np.asarray(joint.range) + np.array([lower, upper])
+
+
+def table_tilt(spec, values) -> None:
+    """Turn gravity as a table does that stands askew: about x by the roll, then about y by the pitch, seen from the table."""
+    roll, pitch = float(values["roll_rad"]), float(values["pitch_rad"])
+    x, y, z = spec.option.gravity
+    y, z = y * np.cos(roll) + z * np.sin(roll), -y * np.sin(roll) + z * np.cos(roll)
+    x, z = x * np.cos(pitch) - z * np.sin(pitch), x * np.sin(pitch) + z * np.cos(pitch)
+    spec.option.gravity = [x, y, z]
+
+
+def gravity(spec, values) -> None:
+    """Add to the gravity vector."""
+    spec.option.gravity = np.asarray(spec.option.gravity) + values["offset_m_s2"]
+
+
+def _joint(name: str, unit: str, lower: float, upper: float, absent: float, about: str) -> Parameter:
+    return Parameter(name, unit, lower, upper, absent, Scope.JOINT, about)
+
+
+def _effect(name, about, source, apply, *parameters, shape=()) -> Effect:
+    return Effect(name, Group.BODY, about, source, Acts.MODEL, parameters, apply, tuple(shape))
+
+
+EFFECTS = (
+    _effect(
+        "link_mass",
+        "links are heavier or lighter than in the URDF, with their inertia",
+        "Dactyl (arXiv 1808.00177): robot link masses; robot_properties_fingers gives masses from CAD",
+        link_mass,
+        _joint("factor", "", 0.3, 3.0, 1.0, "of mass and inertia of the link behind each joint"),
+    ),
+    _effect(
+        "rotor_inertia",
+        "the rotors' inertia, reflected through the gear",
+        "absent from the URDF; MuJoCo armature",
+        rotor_inertia,
+        _joint("armature_kg_m2", "kg m^2", 0.0, 0.01, 0.0, "on the joint's side of the gear"),
+    ),
+    _effect(
+        "joint_stiffness",
+        "cables pull a joint towards a position",
+        "MuJoCo joint stiffness; motor cables run along the links of the finger",
+        joint_stiffness,
+        _joint("stiffness_nm_rad", "N m/rad", 0.0, 0.5, 0.0, "of the spring"),
+        shape=(_joint("reference_rad", "rad", -2.7, 1.6, 0.0, "where the spring rests"),),
+    ),
+    _effect(
+        "joint_limits",
+        "the mechanical range differs from the nominal one",
+        "Dactyl (arXiv 1808.00177) and IsaacGymEnvs Trifinger.yaml randomise joint limits",
+        joint_limits,
+        _joint("lower_rad", "rad", -0.3, 0.3, 0.0, "added to the lower end"),
+        _joint("upper_rad", "rad", -0.3, 0.3, 0.0, "added to the upper end"),
+    ),
+    _effect(
+        "table_tilt",
+        "the whole platform stands askew",
+        "no platform stands exactly level",
+        table_tilt,
+        Parameter("roll_rad", "rad", -0.2, 0.2, 0.0, Scope.GLOBAL, "about the world's x axis"),
+        Parameter("pitch_rad", "rad", -0.2, 0.2, 0.0, Scope.GLOBAL, "about the world's y axis"),
+    ),
+    _effect(
+        "gravity",
+        "another gravity vector",
+        "Dactyl (arXiv 1808.00177) and IsaacGymEnvs Trifinger.yaml add noise to gravity",
+        gravity,
+        Parameter("offset_m_s2", "m/s^2", -10.0, 10.0, 0.0, Scope.VECTOR, "added to (0, 0, -9.81)"),
+    ),
+)

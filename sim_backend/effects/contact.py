@@ -1,0 +1,127 @@
+"""Effects on the cube and on contacts; all but the random pushes are MuJoCo's own and applied to the specification."""
+
+import numba
+import numpy as np
+
+from sim_backend.effects.effect import Acts, Effect, Group, Parameter, Scope
+from sim_backend.trifinger import constants as c
+
+_MUJOCO_CONTACT_S = 0.02
+
+
+def fingertip_friction(spec, values) -> None:
+    """Friction of fingers against the cube: the explicit contact pairs."""
+    for pair in spec.pairs:
+        pair.friction[:2] = float(values["coefficient"])
+
+
+def table_friction(spec, values) -> None:
+    """Friction of the cube against table and wall; the cube's own value counts there."""
+    spec.geom("cube").friction[0] = float(values["coefficient"])
+
+
+def finger_table_friction(spec, values) -> None:
+    """Friction of fingers against table, wall and each other."""
+    for finger in c.FINGER_NAMES:
+        for link in ("tip", "lower", "middle"):
+            spec.geom(f"{finger}_{link}").friction[0] = float(values["coefficient"])
+
+
+def cube_mass(spec, values) -> None:
+    """Scale mass and inertia of the cube."""
+    body, factor = spec.body("cube"), float(values["factor"])
+    body.mass, body.inertia = body.mass * factor, np.asarray(body.inertia) * factor
+
+
+def cube_size(spec, values) -> None:
+    """Scale the cube's width at the same mass."""
+    body, factor = spec.body("cube"), float(values["factor"])
+    body.inertia = np.asarray(body.inertia) * factor**2
+    for geom in body.geoms:
+        geom.size, geom.pos = np.asarray(geom.size) * factor, np.asarray(geom.pos) * factor
+        if geom.meshname:
+            mesh = spec.mesh(geom.meshname)
+            mesh.scale = np.asarray(mesh.scale) * factor
+
+
+def contact_stiffness(spec, values) -> None:
+    """Time constant and damping ratio of the cube's contacts."""
+    solref = [float(values["time_constant_s"]), float(values["damping_ratio"])]
+    spec.geom("cube").solref = solref
+    for pair in spec.pairs:
+        pair.solref = solref
+
+
+@numba.njit(inline="always")
+def push_force_n(std_n, probability, chance, normal):
+    """Force on the cube in one direction: for a while, by chance."""
+    return std_n * normal if chance < probability else 0.0
+
+
+def _one(name: str, unit: str, lower: float, upper: float, absent: float, about: str) -> Parameter:
+    return Parameter(name, unit, lower, upper, absent, Scope.GLOBAL, about)
+
+
+def _effect(name, about, source, apply, *parameters, acts=Acts.MODEL, shape=()) -> Effect:
+    return Effect(name, Group.CONTACT, about, source, acts, parameters, apply, tuple(shape))
+
+
+_DACTYL = "Dactyl (arXiv 1808.00177), table of randomisations"
+
+EFFECTS = (
+    _effect(
+        "fingertip_friction",
+        "fingers grip the cube more or less",
+        "simulators disagree on it by 10 x (trifinger_simulation 0.1, IsaacGymEnvs 1.0); no measured value was found",
+        fingertip_friction,
+        _one("coefficient", "", 0.05, 3.0, c.CUBE_FRICTION, "of fingers against the cube"),
+    ),
+    _effect(
+        "table_friction",
+        "the cube slides on table and wall more or less easily",
+        "IsaacGymEnvs Trifinger.yaml randomises the table's friction; ContactNets (arXiv 2009.11193) measured 0.18 for a cube",
+        table_friction,
+        _one("coefficient", "", 0.05, 3.0, c.CUBE_FRICTION, "of the cube against table and wall"),
+    ),
+    _effect(
+        "finger_table_friction",
+        "fingers slide on table and wall more or less easily",
+        "IsaacGymEnvs Trifinger.yaml: robot 1.0, table 0.1, averaged",
+        finger_table_friction,
+        _one("coefficient", "", 0.05, 3.0, c.FINGER_FRICTION, "of fingers against table, wall and each other"),
+    ),
+    _effect(
+        "cube_mass",
+        "the cube is heavier or lighter",
+        f"{_DACTYL}; trifinger_simulation has 94 g, IsaacGymEnvs 80 g",
+        cube_mass,
+        _one("factor", "", 0.2, 3.0, 1.0, "of mass and inertia"),
+    ),
+    _effect(
+        "cube_size",
+        "the cube is larger or smaller at the same mass",
+        f"{_DACTYL}; trifinger_object_tracking takes 65.2 mm, the cube's model 65 mm",
+        cube_size,
+        _one("factor", "", 0.8, 1.25, 1.0, "of the width"),
+    ),
+    _effect(
+        "contact_stiffness",
+        "contacts of the cube are softer or stiffer",
+        "MuJoCo solref; soft fingertips",
+        contact_stiffness,
+        _one("time_constant_s", "s", 0.003, 0.2, _MUJOCO_CONTACT_S, "of the contact"),
+        shape=(_one("damping_ratio", "", 0.2, 2.0, 1.0, "of the contact"),),
+    ),
+    _effect(
+        "cube_pushes",
+        "forces push the cube by chance",
+        f"{_DACTYL}: random forces on the object",
+        push_force_n,
+        _one("force_n", "N", 0.0, 5.0, 0.0, "standard deviation in each direction"),
+        acts=Acts.CONTROL,
+        shape=(
+            _one("probability", "", 0.0, 1.0, 0.1, "that a push begins at each duration's begin"),
+            _one("duration_s", "s", 0.001, 1.0, 0.1, "of a push"),
+        ),
+    ),
+)

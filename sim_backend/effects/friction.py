@@ -1,0 +1,136 @@
+"""Friction of the joints.
+
+Constant and viscous friction are MuJoCo's own. Friction that depends on speed, load or direction moves the bound of MuJoCo's
+friction constraint in every step, so that the solver still decides what sticks.
+"""
+
+import math
+
+import numba
+
+from sim_backend.effects.effect import Acts, Effect, Group, Parameter, Scope
+from sim_backend.trifinger import constants as c
+
+DIRECTION_SPEED_RAD_S = 0.02
+"""Within this speed the bound blends from one direction's to the other's."""
+MOVING_BOUNDS = ("stribeck_friction", "load_friction", "directional_friction", "stuck_joint")
+_ROW_NM = 1e-9  # gives a joint its constraint row, for the control callback to set
+_SOLREF, _SOLIMP = [0.004, 1.0], [0.999, 0.9999, 0.001, 0.5, 2.0]  # stiff: a stuck joint creeps by less than 0.001 rad/s
+
+
+def coulomb_friction(spec, values) -> None:
+    """Constant friction as ``frictionloss``."""
+    for name, torque_nm in zip(c.JOINT_NAMES, values["torque_nm"], strict=True):
+        _set_bound(spec.joint(name), torque_nm)
+
+
+def viscous_friction(spec, values) -> None:
+    """Friction in proportion to speed as ``damping``."""
+    for name, damping in zip(c.JOINT_NAMES, values["damping_nm_s_rad"], strict=True):
+        spec.joint(name).damping[0] = damping
+
+
+def reserve_bounds(spec) -> None:
+    """Give every joint a friction constraint whose bound the control callback sets."""
+    for name in c.JOINT_NAMES:
+        joint = spec.joint(name)
+        _set_bound(joint, max(float(joint.frictionloss), _ROW_NM))
+
+
+def _set_bound(joint, torque_nm: float) -> None:
+    joint.frictionloss = torque_nm
+    if torque_nm > 0.0:
+        joint.solref_friction, joint.solimp_friction = _SOLREF, _SOLIMP
+
+
+@numba.njit(inline="always")
+def stribeck_bound_nm(extra_nm, speed_rad_s, velocity_rad_s):
+    """What is added to the bound near standstill."""
+    if extra_nm == 0.0:
+        return 0.0
+    ratio = velocity_rad_s / speed_rad_s
+    return extra_nm * math.exp(-ratio * ratio)
+
+
+@numba.njit(inline="always")
+def load_bound_nm(coefficient, torque_nm):
+    """What is added to the bound by the torque that the gear transmits."""
+    return coefficient * abs(torque_nm)
+
+
+@numba.njit(inline="always")
+def directional_bound_nm(difference_nm, velocity_rad_s):
+    """What is added to the bound when turning towards plus, and taken when turning towards minus."""
+    if difference_nm == 0.0:
+        return 0.0
+    return difference_nm * math.tanh(velocity_rad_s / DIRECTION_SPEED_RAD_S)
+
+
+@numba.njit(inline="always")
+def stuck_bound_nm(holding_torque_nm):
+    """What a jammed joint holds."""
+    return holding_torque_nm
+
+
+def _joint(name: str, unit: str, lower: float, upper: float, absent: float, about: str) -> Parameter:
+    return Parameter(name, unit, lower, upper, absent, Scope.JOINT, about)
+
+
+def _effect(name, about, source, acts, apply, *parameters, shape=(), group=Group.ACTUATION) -> Effect:
+    return Effect(name, group, about, source, acts, parameters, apply, tuple(shape))
+
+
+_BAM = "ladder of friction models of Rhoban/bam (arXiv 2410.08650)"
+
+EFFECTS = (
+    _effect(
+        "coulomb_friction",
+        "a constant torque against motion, and as much holding at rest",
+        f"{_BAM}, m1; MuJoCo frictionloss",
+        Acts.MODEL,
+        coulomb_friction,
+        _joint("torque_nm", "N m", 0.0, 0.5, 0.0, "of each joint"),
+    ),
+    _effect(
+        "viscous_friction",
+        "a torque against motion in proportion to speed",
+        f"{_BAM}, m1; MuJoCo damping",
+        Acts.MODEL,
+        viscous_friction,
+        _joint("damping_nm_s_rad", "N m s/rad", 0.0, 0.5, 0.0, "of each joint"),
+    ),
+    _effect(
+        "stribeck_friction",
+        "friction that is larger near standstill",
+        f"{_BAM}, m2",
+        Acts.CONTROL,
+        stribeck_bound_nm,
+        _joint("extra_nm", "N m", 0.0, 0.2, 0.0, "at rest, above the constant part"),
+        shape=(_joint("speed_rad_s", "rad/s", 0.005, 2.0, 0.1, "at which it has fallen to 1/e"),),
+    ),
+    _effect(
+        "load_friction",
+        "friction that grows with the torque that the gear transmits",
+        f"{_BAM}, m3",
+        Acts.CONTROL,
+        load_bound_nm,
+        _joint("coefficient", "", 0.0, 0.6, 0.0, "friction torque for each N m of motor torque"),
+    ),
+    _effect(
+        "directional_friction",
+        "friction that is larger in one direction than in the other",
+        f"{_BAM}, m5",
+        Acts.CONTROL,
+        directional_bound_nm,
+        _joint("difference_nm", "N m", -0.2, 0.2, 0.0, "added when turning towards plus, taken when turning towards minus"),
+    ),
+    _effect(
+        "stuck_joint",
+        "a joint that is jammed",
+        "a fault that the laboratory's self-test looks for (robot_fingers scripts/trifingerpro_post_submission.py)",
+        Acts.CONTROL,
+        stuck_bound_nm,
+        _joint("holding_torque_nm", "N m", 0.0, 20.0, 0.0, "what the jam holds"),
+        group=Group.FAULT,
+    ),
+)

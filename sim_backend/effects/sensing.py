@@ -1,0 +1,107 @@
+"""Effects between a joint and what its encoder reports; compiled into the control callback, one joint and one step at a time."""
+
+import numba
+
+from sim_backend.effects.effect import Acts, Effect, Group, Parameter, Scope
+
+
+@numba.njit(inline="always")
+def offset_position_rad(position_rad, offset_rad):
+    """An encoder whose zero is off."""
+    return position_rad + offset_rad
+
+
+@numba.njit(inline="always")
+def quantised(value, step):
+    """A value in whole steps of an encoder."""
+    if step == 0.0:
+        return value
+    return round(value / step) * step
+
+
+@numba.njit(inline="always")
+def filtered(previous, value, step_s, time_constant_s):
+    """Next output of a first-order low-pass filter."""
+    if time_constant_s == 0.0:
+        return value
+    return previous + step_s / (time_constant_s + step_s) * (value - previous)
+
+
+@numba.njit(inline="always")
+def noisy(value, std, normal):
+    """A value with an error; ``normal`` is a standard normal number."""
+    return value + std * normal
+
+
+@numba.njit(inline="always")
+def commanded_torque_nm(torque_nm, off):
+    """Torque that a controller sends: none while it restarts."""
+    return 0.0 if off > 0.0 else torque_nm
+
+
+def _joint(name: str, unit: str, lower: float, upper: float, about: str) -> Parameter:
+    return Parameter(name, unit, lower, upper, 0.0, Scope.JOINT, about)
+
+
+def _effect(name, about, source, apply, *parameters, group=Group.SENSING) -> Effect:
+    return Effect(name, group, about, source, Acts.CONTROL, parameters, apply)
+
+
+_BRRC = "noise that teams of the 2020 challenge trained with (cbschaff/benchmark-rrc domain_randomization.py)"
+
+EFFECTS = (
+    _effect(
+        "encoder_offset",
+        "the zero of a joint's encoder is off, as after homing against an end stop",
+        "PACE (arXiv 2509.06342) fits encoder biases; robot_fingers homes against end stops",
+        offset_position_rad,
+        _joint("offset_rad", "rad", -0.2, 0.2, "measured minus true position"),
+    ),
+    _effect(
+        "encoder_quantisation",
+        "positions come in whole steps",
+        "encoders of the finger modules count whole increments of the rotor",
+        quantised,
+        _joint("step_rad", "rad", 0.0, 0.05, "one step, at the joint"),
+    ),
+    _effect(
+        "velocity_filter",
+        "velocities come through a low-pass filter",
+        "motor boards estimate speed from counts over a time and smooth it",
+        filtered,
+        _joint("time_constant_s", "s", 0.0, 0.1, "of the filter"),
+    ),
+    _effect(
+        "joint_noise",
+        "positions, velocities and torques are measured with an error of their own in every step",
+        _BRRC,
+        noisy,
+        _joint("position_rad", "rad", 0.0, 0.1, "standard deviation"),
+        _joint("velocity_rad_s", "rad/s", 0.0, 1.0, "standard deviation"),
+        _joint("torque_nm", "N m", 0.0, 0.1, "standard deviation"),
+    ),
+    _effect(
+        "joint_episode_noise",
+        "positions and velocities are measured with an error that stays the same within a trial",
+        "correlated observation noise of Dactyl (arXiv 1808.00177)",
+        noisy,
+        _joint("position_rad", "rad", 0.0, 0.1, "standard deviation over trials"),
+        _joint("velocity_rad_s", "rad/s", 0.0, 1.0, "standard deviation over trials"),
+    ),
+    _effect(
+        "encoder_jump",
+        "an encoder loses counts",
+        "a fault that the laboratory's self-test looks for (robot_fingers scripts/trifingerpro_post_submission.py)",
+        offset_position_rad,
+        _joint("offset_rad", "rad", -3.2, 3.2, "measured minus true position, on top of any other offset"),
+        group=Group.FAULT,
+    ),
+    _effect(
+        "controller_restart",
+        "the controller restarts and sends no torque meanwhile",
+        "robot_interfaces robot_backend.hpp: driver errors end a run",
+        commanded_torque_nm,
+        Parameter("off", "", 0.0, 1.0, 0.0, Scope.GLOBAL, "above 0 while it restarts"),
+        group=Group.FAULT,
+    ),
+)

@@ -1,0 +1,148 @@
+"""How the published experts fare on farms of `real` robots against nominal ones: same goals, same starts.
+
+    python tests/benchmarks/published_experts.py farms --experts FOLDER --out FILE [--farm-seeds 7001 7002 7003] [--trials 200]
+    python tests/benchmarks/published_experts.py groups --experts FOLDER --out FILE [--farm-seed 7001] [--trials 200]
+
+``farms`` submits push and lift jobs to farms of 8 robots through the whole path, with the arena reset by placement, so that
+trial k has the same goal and start on every farm. ``groups`` leaves one group of effects out at a time, on the same robots and
+goals, with many trials at once (``sim_backend/evaluation.py``). Results are written as they come, and kept ones are not redone.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import bootstrap
+
+ROOT = Path(__file__).parent.parent.parent
+TASKS = ("push", "lift")
+JOB_SEED = 31
+ROBOTS = 8
+
+
+def farm_successes(experts: Path, physics: list[str], trials: int) -> dict[str, dict]:
+    """Success of each trial and its robot, by task, on one farm."""
+    from tests.end_to_end.farm import Farm
+
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        more = (*physics, "--reset", "placement")
+        with Farm(Path(folder), robots=ROBOTS, more=more) as farm:
+            for task in TASKS:
+                weights = experts / f"{task}_expert.safetensors"
+                job = farm.submit(weights, layout=f"rrc2022-{task}", task=task, trials=trials, seed=JOB_SEED)
+                report = farm.report(job)
+                rows = sorted(report["per_trial"], key=lambda row: row["trial"])
+                found[task] = {
+                    "success": [row["outcome"]["kind"] == "succeeded" for row in rows],
+                    "robot": [row["robot"] for row in rows],
+                    "between_robots": report["between_robots"],
+                    "interval_80": report["interval_80"],
+                    "platform_faults": report["platform_faults"],
+                }
+                print(f"{' '.join(physics)} {task}: {np.mean(found[task]['success']):.3f}", flush=True)
+    return found
+
+
+def compared(nominal: dict, real: list[dict]) -> dict[str, dict]:
+    """Rates and paired differences over the farms, by task."""
+    summary = {}
+    for task in TASKS:
+        wins = [np.array(farm[task]["success"], dtype=float) for farm in real]
+        difference = np.concatenate([each - np.array(nominal[task]["success"]) for each in wins])
+        interval = bootstrap((difference,), np.mean, n_resamples=9999, rng=np.random.default_rng(1)).confidence_interval
+        summary[task] = {
+            "nominal": float(np.mean(nominal[task]["success"])),
+            "real": [float(each.mean()) for each in wins],
+            "difference": float(difference.mean()),
+            "difference_interval_95": [float(interval.low), float(interval.high)],
+            "robots": [_by_robot(farm[task]) for farm in real],
+            "variance_between_robots": [farm[task]["between_robots"] for farm in real],
+        }
+    return summary
+
+
+def _by_robot(found: dict) -> dict[str, float]:
+    robots, wins = np.array(found["robot"]), np.array(found["success"], dtype=float)
+    return {str(robot): round(float(wins[robots == robot].mean()), 3) for robot in np.unique(robots)}
+
+
+def group_rates(experts: Path, farm_seed: int, trials: int, kept: dict, out: Path) -> dict:
+    """Success with each group of effects left out, on the robots of one farm seed."""
+    from robot_farm.hidden_physics import HiddenPhysics, farm_secret
+    from sim_backend.effects.catalogue import CATALOGUE
+    from sim_backend.effects.effect import Group
+    from sim_backend.effects.physics import Physics
+
+    secret = farm_secret(Path(), farm_seed)
+    robots = [HiddenPhysics(secret, f"robot-{index}", "real").physics for index in range(ROBOTS)]
+    full = Physics.stack([robots[index % ROBOTS] for index in range(trials)])
+    left_out = {"nothing": []} | {str(group): [e.name for e in CATALOGUE.values() if e.group is group] for group in Group}
+    left_out |= {"everything": list(CATALOGUE)}
+    left_out.pop("fault")
+    for task in TASKS:
+        act, manifest = _expert(experts / f"{task}_expert.safetensors", task)
+        for name, effects in left_out.items():
+            if f"{task} without {name}" not in kept:
+                kept[f"{task} without {name}"] = _wins(act, manifest, task, full.without(effects), trials)
+                out.write_text(json.dumps(kept) + "\n")
+                print(f"{task} without {name}: {np.mean(kept[f'{task} without {name}']):.3f}", flush=True)
+    return kept
+
+
+def _wins(act, manifest, task: str, physics, trials: int) -> list[bool]:
+    from sim_backend.evaluation import evaluate
+    from sim_backend.tasks import TASKS as ALL_TASKS
+
+    seeds = [JOB_SEED * 100_000 + index for index in range(trials)]
+    return evaluate(act, manifest, ALL_TASKS[task], seeds, physics=physics).success.tolist()
+
+
+def _expert(weights: Path, task: str):
+    import onnxruntime
+
+    from api_schemas.policy import LAYOUTS
+
+    manifest = LAYOUTS[f"rrc2022-{task}"]
+    with tempfile.TemporaryDirectory() as folder:
+        wanted, graph = Path(folder) / "manifest.json", Path(folder) / "graph.onnx"
+        wanted.write_text(manifest.model_dump_json())
+        command = [sys.executable, "-m", "services.policies.conversion", str(weights), str(wanted), str(graph)]
+        subprocess.run(command, check=True, capture_output=True)
+        session = onnxruntime.InferenceSession(graph.read_bytes(), providers=["CPUExecutionProvider"])
+    name = session.get_inputs()[0].name
+    return lambda observation: np.concatenate([session.run(None, {name: row[None]})[0] for row in observation]), manifest
+
+
+def main() -> int:
+    """Run, print and keep."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=["farms", "groups"])
+    parser.add_argument("--experts", type=Path, required=True, help="folder of push_expert and lift_expert.safetensors")
+    parser.add_argument("--out", type=Path, required=True, help="results, also of runs before")
+    parser.add_argument("--farm-seeds", type=int, nargs="+", default=[7001, 7002, 7003])
+    parser.add_argument("--trials", type=int, default=200)
+    options = parser.parse_args()
+    kept = json.loads(options.out.read_text()) if options.out.exists() else {}
+    if options.what == "groups":
+        group_rates(options.experts, options.farm_seeds[0], options.trials, kept, options.out)
+        return 0
+    farms = {"nominal": ["--physics", "nominal"]}
+    farms |= {str(seed): ["--physics", "real", "--farm-seed", str(seed)] for seed in options.farm_seeds}
+    for name, physics in farms.items():
+        if name not in kept:
+            kept[name] = farm_successes(options.experts, physics, options.trials)
+            options.out.write_text(json.dumps(kept) + "\n")
+    kept["summary"] = compared(kept["nominal"], [kept[str(seed)] for seed in options.farm_seeds])
+    options.out.write_text(json.dumps(kept) + "\n")
+    print(json.dumps(kept["summary"], indent=2))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(ROOT))
+    sys.exit(main())

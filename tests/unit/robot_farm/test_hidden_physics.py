@@ -1,0 +1,62 @@
+"""The farm's secret and what is drawn from it."""
+
+import json
+import stat
+from multiprocessing import get_context
+
+from robot_farm import hidden_physics
+from robot_farm.hidden_physics import SECRET_BYTES, SECRET_FILE, HiddenPhysics, farm_secret
+
+
+def _ask(folder, answers) -> None:
+    answers.put(farm_secret(folder, None))
+
+
+def test_robots_that_start_together_get_one_secret(tmp_path):
+    context = get_context("spawn")
+    answers = context.Queue()
+    robots = [context.Process(target=_ask, args=(tmp_path / "robots", answers)) for _ in range(3)]
+    for robot in robots:
+        robot.start()
+    secrets = {answers.get(timeout=60) for _ in robots}
+    for robot in robots:
+        robot.join(timeout=60)
+    answers.close()
+    answers.join_thread()
+    assert len(secrets) == 1
+    assert len(secrets.pop()) == SECRET_BYTES
+    assert [file.name for file in (tmp_path / "robots").iterdir()] == [SECRET_FILE]
+    assert stat.S_IMODE((tmp_path / "robots" / SECRET_FILE).stat().st_mode) == 0o600
+
+
+def test_a_farm_seed_needs_no_file(tmp_path):
+    assert farm_secret(tmp_path, 5) == farm_secret(tmp_path, 5) != farm_secret(tmp_path, 6)
+    assert not list(tmp_path.iterdir())
+
+
+def test_robots_differ_and_stay_themselves():
+    one, again, other = (HiddenPhysics(b"secret", name, "real") for name in ("robot-0", "robot-0", "robot-1"))
+    assert one.physics.document() == again.physics.document() != other.physics.document()
+    assert one.physics.document() != HiddenPhysics(b"another", "robot-0", "real").physics.document()
+
+
+def test_each_attempt_has_noise_of_its_own_that_can_be_drawn_again():
+    robot = HiddenPhysics(b"secret", "robot-0", "real")
+    first, again, second = robot.of_trial("j-000", 1), robot.of_trial("j-000", 1), robot.of_trial("j-000", 2)
+    assert first.noise_seed == again.noise_seed != second.noise_seed
+    assert 0 <= first.noise_seed < 2**53
+    assert first.physics.document() == again.physics.document()
+
+
+def test_the_command_prints_what_the_robot_has(tmp_path, capsys):
+    secret = farm_secret(tmp_path / "robots", None)
+    assert hidden_physics.main(["--data", str(tmp_path), "--robot", "robot-2", "--physics", "real", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["effects"] == HiddenPhysics(secret, "robot-2", "real").physics.document()
+    assert printed["robot"] == "robot-2"
+
+
+def test_the_command_draws_no_secret_of_its_own(tmp_path, capsys):
+    assert hidden_physics.main(["--data", str(tmp_path), "--robot", "robot-2"]) == 1
+    assert "farm-secret" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,51 @@
+"""Flags of a robot."""
+
+import pytest
+
+from robot_farm.settings import TOKEN_VARIABLE, Reset, parse
+
+NEEDED = ["--api", "http://127.0.0.1:1/", "--bus", "tcp/127.0.0.1:2", "--data", "data"]
+
+
+@pytest.fixture(autouse=True)
+def _token(monkeypatch):
+    monkeypatch.setenv(TOKEN_VARIABLE, "token")
+
+
+def test_a_nominal_robot_is_plain_and_a_real_one_is_swept():
+    plain, real = parse([*NEEDED, "--physics", "nominal"]), parse(NEEDED)
+    assert plain.is_plain
+    assert plain.reset is Reset.PLACEMENT
+    assert (real.physics_name, real.reset, real.is_plain) == ("real", Reset.SWEEP, False)
+
+
+@pytest.mark.parametrize("flag", [["--reset", "sweep"], ["--fault", "robot-0:dead_camera:camera60"], ["--fault-rate", "0.1"]])
+def test_a_nominal_robot_with_a_life_is_not_plain(flag):
+    assert not parse([*NEEDED, "--physics", "nominal", *flag]).is_plain
+
+
+def test_faults_add_up():
+    spec = "robot-0:dead_camera:camera60"
+    assert len(parse([*NEEDED, "--fault", spec, "--fault", f"{spec}@3"]).faults) == 2
+
+
+def test_a_physics_file_is_named_without_its_folder(tmp_path):
+    file = tmp_path / "sticky.toml"
+    file.write_text("[coulomb_friction]\ntorque_nm = 0.05\n")
+    assert parse([*NEEDED, "--physics", str(file)]).physics_name == "file:sticky"
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (["--physics", "unreal"], "choose from nominal"),
+        (["--fault", "robot-0:dead_camera:camera9"], "choose from camera60"),
+        (["--fault-rate", "2"], "between 0 and 1"),
+        (["--self-test-every", "0"], "at least 1"),
+        (["--reset", "broom"], "sweep"),
+    ],
+)
+def test_what_is_wrong_is_said(flags, says, capsys):
+    with pytest.raises(SystemExit):
+        parse([*NEEDED, *flags])
+    assert says in capsys.readouterr().err

@@ -1,0 +1,33 @@
+"""A database in its newest form, and a fleet of idle robots."""
+
+import pytest
+
+from api_schemas.bus import Heartbeat
+from api_schemas.robot import RobotState
+from services.database.database import Database, migrate
+from services.jobs.fleet import Fleet
+
+
+@pytest.fixture
+async def new_database(tmp_path):
+    url = f"sqlite+aiosqlite:///{tmp_path / 'farm.sqlite'}"
+    await migrate(url)
+    opened = Database(url)
+    yield opened
+    await opened.close()
+
+
+def beat(robot, state=RobotState.IDLE, reason=None):
+    return Heartbeat(robot=robot, instance="one", pid=1, host="h", state=state, reason=reason)
+
+
+@pytest.fixture
+def fleet_of():
+    def make(*robots, now_s=1000.0):
+        fleet = Fleet()
+        for robot in robots:
+            fleet.token_changed(robot, present=True, now_s=now_s)
+            fleet.heard(beat(robot), now_s)
+        return fleet
+
+    return make

@@ -1,0 +1,31 @@
+"""A small program in the place of the replay: does what the log's first word says, beside a truth of any content."""
+
+import json
+import resource
+import sys
+import time
+from pathlib import Path
+
+log, verify, truth_flag, truth, as_json = sys.argv[1:]
+assert (verify, truth_flag, as_json) == ("--verify", "--truth", "--json")
+does = Path(log).read_text()
+answer = {"trial_id": Path(truth).read_text(), "steps": 9, "same": does == "same", "first_difference_step": 3}
+answer |= {"largest_joint_difference_rad": 0.5, "largest_cube_difference_m": 0.25}
+if does == "same":
+    answer |= {"first_difference_step": None, "largest_joint_difference_rad": 0.0, "largest_cube_difference_m": 0.0}
+if does == "hang":
+    time.sleep(60)
+elif does == "crash":
+    sys.exit(3)
+elif does == "garbage":
+    print("{")
+elif does == "limits":
+    limits = [resource.getrlimit(each)[0] for each in (resource.RLIMIT_CPU, resource.RLIMIT_CORE)]
+    print(json.dumps({"error": f"limits {limits}"}))
+    sys.exit(1)
+elif does == "unreadable":
+    print(json.dumps({"error": "the log has gaps"}))
+    sys.exit(1)
+else:
+    print(json.dumps(answer))
+    sys.exit(0 if does == "same" else 6)

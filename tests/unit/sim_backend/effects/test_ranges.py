@@ -1,0 +1,150 @@
+"""Every preset: rows with sources that the catalogue allows, and draws that follow them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim_backend.effects.catalogue import CATALOGUE, PARAMETERS
+from sim_backend.effects.effect import Group
+from sim_backend.effects.physics import Physics
+from sim_backend.effects.ranges import PRESET_NAMES, Distribution, Per, load_ranges
+from sim_backend.effects.tables import renewed
+
+PAGE = Path(__file__).parents[4] / "docs" / "effects.md"
+ROWS = [pytest.param(row, id=f"{name}-{row.key}") for name in PRESET_NAMES for row in load_ranges(name).rows]
+ROW = """
+[[range]]
+key = "cube_mass.factor"
+distribution = "uniform"
+low = 0.9
+high = 1.1
+per = "robot"
+source = "scales"
+dated = 2026-11-21
+"""
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_a_row_draws_within_its_range_and_with_its_shape(row):
+    values = row.draw(np.random.default_rng(1), 4000)
+    parameter = row.parameter
+    assert values.shape == ((4000,) if parameter.width == 1 else (4000, parameter.width))
+    assert len(row.source) > 5
+    assert ((values >= parameter.lower) & (values <= parameter.upper)).all()
+    middle, half = (row.low + row.high) / 2, (row.high - row.low) / 2
+    if row.distribution is Distribution.GAUSSIAN:
+        first = values.reshape(4000, -1)[:, 0]
+        inside = np.abs(first - middle) <= half
+        assert inside.mean() == pytest.approx(0.683, abs=0.03)
+    else:
+        assert ((values >= row.low) & (values <= row.high)).all()
+        if half and row.distribution is not Distribution.EITHER:
+            drawn, low, high = (
+                (np.log(values), np.log(row.low), np.log(row.high))
+                if row.distribution == "loguniform"
+                else (values, row.low, row.high)
+            )
+            assert drawn.reshape(4000, -1)[:, 0].mean() == pytest.approx((low + high) / 2, abs=0.02 * (high - low))
+    if parameter.width > 1 and half:
+        assert (np.ptp(values, axis=1) > 0).any() == row.each
+
+
+@pytest.mark.parametrize("name", PRESET_NAMES)
+def test_the_same_seed_gives_the_same_robots(name):
+    ranges = load_ranges(name)
+    robots = ranges.draw(np.random.default_rng(5), 3)
+    again = ranges.draw(np.random.default_rng(5), 3)
+    assert robots.n == 3
+    assert [robots.row(i).document() for i in range(3)] == [again.row(i).document() for i in range(3)]
+    assert set(robots.given) == {row.key for row in ranges.rows if row.per is Per.ROBOT}
+    episode = ranges.draw_episode(np.random.default_rng(6), robots)
+    assert set(episode.given) == {row.key for row in ranges.rows}
+    assert all((episode.value(key) == robots.value(key)).all() for key in robots.given)
+
+
+def test_nominal_has_no_effect():
+    assert load_ranges("nominal").draw(np.random.default_rng(0), 4).is_nominal
+
+
+def test_real_covers_every_group_and_no_fault():
+    given = {row.key.partition(".")[0] for row in load_ranges("real").rows}
+    assert {CATALOGUE[name].group for name in given} == set(Group) - {Group.FAULT}
+    assert all(row.per is Per.ROBOT for row in load_ranges("real").rows)
+    assert load_ranges("real").draw(np.random.default_rng(0), 2).is_nominal is False
+
+
+def test_mild_is_a_third_of_real():
+    mild = {row.key: row for row in load_ranges("mild").rows}
+    real = {row.key: row for row in load_ranges("real").rows}
+    assert list(mild) == list(real)
+    for key, row in real.items():
+        absent = PARAMETERS[key].absent
+        if mild[key].source == "as in `real`":
+            assert (mild[key].low, mild[key].high) == (row.low, row.high)
+        else:
+            assert 3 * (mild[key].low - absent) == pytest.approx(row.low - absent, rel=1e-4)
+            assert 3 * (mild[key].high - absent) == pytest.approx(row.high - absent, rel=1e-4)
+
+
+def test_dactyls_table_is_the_published_one():
+    rows = {row.key: row for row in load_ranges("dactyl").rows}
+    assert (rows["cube_size.factor"].low, rows["cube_size.factor"].high) == (0.95, 1.05)
+    assert (rows["link_mass.factor"].low, rows["link_mass.factor"].high) == (0.5, 1.5)
+    assert (rows["safety_damping.factor"].low, rows["safety_damping.factor"].high) == (0.3, 3.0)
+    assert (rows["position_gain.factor"].low, rows["position_gain.factor"].high) == (0.75, 1.5)
+    assert rows["gravity.offset_m_s2"].high == 0.4
+    assert rows["joint_limits.lower_rad"].high == 0.15
+
+
+def test_a_file_of_ranges(tmp_path):
+    path = tmp_path / "own.toml"
+    path.write_text('about = "mine"\n' + ROW)
+    ranges = load_ranges(path)
+    assert (ranges.name, ranges.about, len(ranges.rows)) == ("own", "mine", 1)
+
+
+def test_a_file_with_one_robots_physics(tmp_path):
+    path = tmp_path / "one.toml"
+    path.write_text("[fingertip_friction]\ncoefficient = 0.7\n\n[link_mass]\nfactor = [1, 1, 1, 1, 1, 1, 1, 1, 1.2]\n")
+    robots = load_ranges(str(path)).draw(np.random.default_rng(0), 2)
+    assert robots.n == 2
+    assert (
+        robots.row(1).document()
+        == Physics.from_document(
+            {"fingertip_friction": {"coefficient": 0.7}, "link_mass": {"factor": [1.0] * 8 + [1.2]}}
+        ).document()
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("cube_mass.factor", "cube_mass.weight"), "unknown parameter"),
+        (("high = 1.1", "high = 9.9"), r"the catalogue allows 0\.2 to 3"),
+        (("low = 0.9", "low = 1.2"), "must not be larger"),
+        (('"uniform"', '"normal"'), "normal"),
+        (('"robot"', '"robot"\neach = true'), "one number for each robot"),
+        (('source = "scales"\n', ""), "'source' is missing"),
+        (('source = "scales"', 'source = " "'), "no source"),
+        (("low = 0.9", "low = 0.9\nlwo = 1"), "unknown lwo"),
+        (("[[range]]", ROW + "[[range]]"), "more than one range"),
+        (("[[range]]", "range = 3\n[x]"), "must be a list"),
+        (("[[range]]", "[[range"), "is not a TOML file"),
+    ],
+)
+def test_errors_say_what_is_wrong(tmp_path, change, message):
+    path = tmp_path / "wrong.toml"
+    path.write_text(ROW.replace(*change, 1))
+    with pytest.raises(ValueError, match=message):
+        load_ranges(path)
+
+
+def test_an_unknown_name_lists_the_presets():
+    with pytest.raises(ValueError, match="nominal, mild, real"):
+        load_ranges("perfect")
+
+
+def test_the_page_has_the_tables_of_the_code():
+    page = PAGE.read_text(encoding="utf-8")
+    assert page == renewed(page), "run python -m sim_backend.effects.tables docs/effects.md"

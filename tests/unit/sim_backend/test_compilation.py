@@ -1,0 +1,37 @@
+"""Compiled code is kept between processes, and no process fails because it cannot be kept."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+INSTALL = "from sim_backend.driver import native_control; native_control.install(); print('installed')"
+
+
+def run(**environment: str) -> str:
+    kept = {name: value for name, value in os.environ.items() if name not in {"XDG_CACHE_HOME", "HOME"}}
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", INSTALL],
+        env=kept | environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_second_process_finds_what_the_first_compiled(tmp_path: Path):
+    run(XDG_CACHE_HOME=str(tmp_path))
+    kept = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")}
+    assert kept
+    run(XDG_CACHE_HOME=str(tmp_path))
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")} == kept
+
+
+@pytest.mark.parametrize("variable", ["XDG_CACHE_HOME", "HOME"])
+def test_a_folder_that_cannot_be_written_is_no_obstacle(variable: str):
+    assert "installed" in run(**{variable: "/proc/nowhere"})
