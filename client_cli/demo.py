@@ -15,6 +15,7 @@ from client_cli.api_client import ApiClient
 from client_cli.embedded_farm import FarmOptions, embedded_farm
 from client_cli.errors import Interrupted
 from client_cli.exit_codes import ExitCode
+from client_cli.farm_claims import private_files
 from client_cli.fetch import fetch_job
 from client_cli.following import ending, exit_code_of, follow_to_end
 from client_cli.options import JsonOption, LayoutOption, ManifestOption, RobotsOption, TaskOption
@@ -73,7 +74,7 @@ def _farm(folder: Path, robots: RobotOptions) -> Iterator[ApiClient]:
     note(f"starting {robots.count} robots with {robots.physics_name} physics; everything is in {folder}")
     options = FarmOptions(data=folder, home=folder / "home", port=0, robots=robots)
     try:
-        with embedded_farm(options) as farm, ApiClient(farm.connection) as client:
+        with private_files(), embedded_farm(options) as farm, ApiClient(farm.connection) as client:
             yield client
     except (KeyboardInterrupt, Interrupted):
         raise Interrupted("the demo was stopped, and its farm with it") from None

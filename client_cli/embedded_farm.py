@@ -95,7 +95,7 @@ def _start_services(options: FarmOptions, port: int, bus: str) -> ChildProcess:
 def _start_robots(options: FarmOptions, url: str, bus: str, token: str) -> ChildProcess:
     flags = ["--api", url, "--bus", bus, "--farm", FARM, "--data", str(options.data)]
     command = module_command("robot_farm", *flags, *options.robots.flags())
-    environment = child_environment(TRIFARM_ROBOT_TOKEN=token)
+    environment = child_environment(TRIFARM_ROBOT_TOKEN=token, **options.robots.variables())
     return start_child("robots", command, environment, options.data / "logs" / "robots.log")
 
 

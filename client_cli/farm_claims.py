@@ -1,4 +1,4 @@
-"""What an embedded farm must have to itself: its data folder and its ports."""
+"""What an embedded farm must have to itself: its data folder, its files and its ports."""
 
 import fcntl
 import os
@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from client_cli.errors import ClientError
+
+PRIVATE = 0o077
 
 
 def usable_port(host: str, port: int) -> int:
@@ -23,6 +25,16 @@ def usable_port(host: str, port: int) -> int:
                 "--port P, or --port 0 for any free one"
             ) from error
         return listener.getsockname()[1]
+
+
+@contextmanager
+def private_files() -> Iterator[None]:
+    """Whatever is made meanwhile, here and by children, is for this user alone: it holds tokens, policies and the truth."""
+    before = os.umask(PRIVATE)
+    try:
+        yield
+    finally:
+        os.umask(before)
 
 
 @contextmanager

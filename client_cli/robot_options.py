@@ -11,6 +11,7 @@ from api_schemas.physics_name import NAMED_PHYSICS, physics_name
 from client_cli.errors import UsageProblem
 
 DEFAULT_PHYSICS = "real"
+FARM_SEED_VARIABLE = "TRIFARM_FARM_SEED"
 MAX_FARM_SEED = 2**63 - 1
 
 
@@ -69,11 +70,13 @@ class RobotOptions:
         """What may be shown of the physics."""
         return physics_name(self.physics)
 
+    def variables(self) -> dict[str, str]:
+        """The part of what the robots are told that no command line may show."""
+        return {} if self.farm_seed is None else {FARM_SEED_VARIABLE: str(self.farm_seed)}
+
     def flags(self) -> list[str]:
         """The command line of the robots; what was not asked for is left to their defaults."""
         flags = ["--robots", str(self.count), "--physics", self.physics]
-        if self.farm_seed is not None:
-            flags += ["--farm-seed", str(self.farm_seed)]
         if self.reset is not None:
             flags += ["--reset", self.reset.value]
         return flags + [part for fault in self.faults for part in ("--fault", fault)]

@@ -9,6 +9,7 @@ import typer
 
 from client_cli.embedded_farm import EmbeddedFarm, FarmOptions, embedded_farm
 from client_cli.errors import ClientError
+from client_cli.farm_claims import private_files
 from client_cli.options import JsonOption, RobotsOption
 from client_cli.output import note, print_document, print_line
 from client_cli.robot_options import DEFAULT_PHYSICS, FarmSeedOption, FaultOption, PhysicsOption, ResetOption, RobotOptions
@@ -36,7 +37,7 @@ def up(
     options = FarmOptions(data=folder, home=home_folder(os.environ), port=port, robots=told)
     try:
         note(f"starting {robots} robots; data in {folder}")
-        with embedded_farm(options) as farm:
+        with private_files(), embedded_farm(options) as farm:
             if as_json:
                 print_document(document(farm))
             else:

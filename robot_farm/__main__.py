@@ -8,6 +8,8 @@ import threading
 from datetime import UTC, datetime
 
 _PR_SET_PDEATHSIG = 1
+_PR_SET_DUMPABLE = 4
+_OF_THE_SUPERVISOR = ("--robots", "--first", "--farm-seed")
 
 
 def say(text: str) -> None:
@@ -19,13 +21,19 @@ def main() -> int:
     """Run robots until SIGTERM, SIGINT or the end of the parent process."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # before numpy is imported: many robots share few cores
+    os.umask(0o077)  # whatever robots write, unfinished truth among it, is theirs alone
+    from robot_farm.farm_seed import FARM_SEED_VARIABLE
     from robot_farm.settings import parse
 
     settings = parse(sys.argv[1:])
+    if settings.farm_seed is not None:
+        os.environ[FARM_SEED_VARIABLE] = str(settings.farm_seed)  # for the robots, whose command lines everybody can read
     stop, parent_pid = threading.Event(), os.getppid()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    system = ctypes.CDLL(None)
+    system.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    system.prctl(_PR_SET_DUMPABLE, 0)  # no core files, and other processes of the user cannot look into memory or environment
     if settings.robot is None:
         from robot_farm.farm import run_robots
         from robot_farm.watch import watch_parent
@@ -45,14 +53,14 @@ def main() -> int:
 
 
 def _without_count(arguments: list[str]) -> list[str]:
-    """The command line of a single robot: the supervisor's without its counts."""
+    """The command line of a single robot: the supervisor's without its counts and the farm's seed."""
     kept, skip = [], False
     for argument in arguments:
         if skip:
             skip = False
-        elif argument in ("--robots", "--first"):
+        elif argument in _OF_THE_SUPERVISOR:
             skip = True
-        elif not argument.startswith(("--robots=", "--first=")):
+        elif not argument.startswith(tuple(f"{flag}=" for flag in _OF_THE_SUPERVISOR)):
             kept.append(argument)
     return kept
 

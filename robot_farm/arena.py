@@ -17,6 +17,10 @@ from sim_backend.trifinger.objects import Shape
 
 SWEEPS = 2
 """After so many sweeps that left the object out of reach it is placed."""
+HAND_POSITION_M = 0.003
+HAND_TURN_RAD = np.deg2rad(3.0)
+"""Standard deviations of a placement by hand, along each axis of the table and about the vertical. Were it exact, the tracker's
+first report beside the trial's seed, which everybody knows, would give away the errors of the cameras."""
 
 
 class Arena:
@@ -34,6 +38,7 @@ class Arena:
     def new(cls, shape: Shape, physics: Physics, start: Start) -> "Arena":
         """An arena with another object, placed."""
         driver = SimulatedDriver(physics=physics, shape=shape)
+        start = by_encoders(driver, start)
         driver.reset(start)
         return cls(driver, start)
 
@@ -58,12 +63,13 @@ class Arena:
         self.tracker.set_physics(physics)
 
     def place(self, start: Start) -> None:
-        """Put the object, and the fingers, where a start says; clock, seed and temperatures stay as they are."""
+        """Put the object where a start says, and the fingers there by their encoders; clock, seed and temperatures stay."""
         rise_k = self.driver.motor_temperature_rise_k
         position_m = start.cube_position_world_m.copy()
         position_m[:, 2] = self.driver.rest_height_m(start.cube_quat_wxyz)
         placed = replace(start, cube_position_world_m=position_m)
-        self._restart(replace(placed, noise_seed=self._start.noise_seed, motor_temperature_rise_k=rise_k))
+        placed = replace(placed, noise_seed=self._start.noise_seed, motor_temperature_rise_k=rise_k)
+        self._restart(by_encoders(self.driver, placed))
         self.is_placed, self.is_settled = True, True
 
     def set_temperature(self, rise_k: np.ndarray) -> None:
@@ -75,23 +81,30 @@ class Arena:
         rise_k = self.driver.motor_temperature_rise_k
         return replace(self._here(), noise_seed=self._start.noise_seed, motor_temperature_rise_k=rise_k)
 
+    def settle(self) -> np.ndarray | None:
+        """Bring the fingers into their start pose unless they are there; returns as :meth:`bring_back`."""
+        error_rad = None if self.is_settled else retreat(self.motion)
+        self.is_settled = True
+        return error_rad
+
     def bring_back(self, rng: np.random.Generator, events: list[str]) -> np.ndarray | None:
-        """Sweep until the object is seen within reach; place it if it never is.
+        """Sweep until the object is seen within reach, from the start pose and back to it; it is to be placed if it never is.
 
         Args:
             rng: says how far the object is drawn.
             events: told what happened, in numbers that the tracker reported.
 
         Returns:
-            How far each joint is from the start pose after the last motion, shape (9,), rad; None if there was none.
+            How far each joint was from where it should be after the last motion, shape (9,), rad; None if there was none.
         """
-        error_rad = None if self.is_settled else retreat(self.motion)
-        self.is_settled = True
+        error_rad = None
         for _ in range(SWEEPS):
             seen_m = self._seen_m()
             if _distance_m(seen_m) <= REACH_M or _distance_m(seen_m) > c.ARENA_RADIUS_M:
                 break
+            self.is_settled = False  # should the sweep be stopped
             error_rad = sweep(self.motion, plan_sweep(seen_m, self.driver.shape, rng.uniform(*DRAWN_TO_M)))
+            self.is_settled = True
             before_mm, after_mm = 1000 * _distance_m(seen_m), 1000 * _distance_m(self._seen_m())
             events.append(
                 f"a sweep: the object was seen {before_mm:.0f} mm from the centre before it, {after_mm:.0f} mm after it"
@@ -114,6 +127,26 @@ class Arena:
         self.driver.reset(start)
         self.tracker.reset(self.driver.measure(), start.noise_seed)
         self.motion.step = 0
+
+
+def by_encoders(driver: SimulatedDriver, start: Start) -> Start:
+    """The start (n = 1) of a robot that moves its joints until its encoders, for all that they are off, report what is wanted."""
+    driver.reset(start)
+    now = driver.measure()
+    true_rad = start.joint_position_rad - (now.joint_position_rad - now.true_joint_position_rad)
+    return replace(start, joint_position_rad=np.clip(true_rad, c.SOFT_LIMIT_LOWER_RAD, c.SOFT_LIMIT_UPPER_RAD))
+
+
+def by_hand(start: Start, rng: np.random.Generator) -> Start:
+    """The start (n = 1) as a person leaves the object who means to put it there: a little beside it and turned, within reach."""
+    position_m = start.cube_position_world_m.copy()
+    position_m[0, :2] += rng.normal(0.0, HAND_POSITION_M, 2)
+    position_m[0, :2] *= min(1.0, REACH_M / max(_distance_m(position_m[0]), REACH_M))
+    half_rad = rng.normal(0.0, HAND_TURN_RAD) / 2
+    w, x, y, z = start.cube_quat_wxyz[0]
+    cosine, sine = np.cos(half_rad), np.sin(half_rad)  # turned about the vertical after its own orientation
+    turned = [cosine * w - sine * z, cosine * x - sine * y, cosine * y + sine * x, cosine * z + sine * w]
+    return replace(start, cube_position_world_m=position_m, cube_quat_wxyz=np.array([turned]))
 
 
 def _distance_m(position_world_m: np.ndarray) -> float:

@@ -105,6 +105,7 @@ class BusLink:
         with self._lock:
             self._lease = None
             self._state = self._idle_state()
+        self._send_heartbeat()
 
     def free(self, lease: Lease) -> None:
         """A lease is over, however it ended; the next one may have been accepted already."""

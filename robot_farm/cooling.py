@@ -6,10 +6,11 @@ from sim_backend.effects.physics import Physics
 
 BETWEEN_TRIALS_S = 5.0
 """Simulated time in which the motors are off between two trials: results are handed in and the next lease is read."""
-PAUSE_ABOVE_K = 40.0
-"""A motor that is so much warmer than the room does not begin a trial. No source gives a limit for these motors; 65 degrees in
-a room of 25 leaves 15 to the 80 degrees at which the common grade of NdFeB magnets begins to lose its flux for good."""
-RESUME_BELOW_K = 25.0
+PAUSE_ABOVE_K = 30.0
+"""A motor that is so much warmer than the room does not begin a trial. No source gives a limit for these motors. The shells that
+hold them are printed, and PLA softens from 55 to 60 degrees on; this is 55 degrees in a room of 25, and a shell stays a few
+degrees cooler than the motor in it."""
+RESUME_BELOW_K = 20.0
 """To so much the pause lets the hottest motor cool."""
 _TIME_CONSTANT = "thermal_derating.time_constant_s"
 

@@ -35,7 +35,7 @@ def run_robots(settings: Settings, arguments: list[str], stop: threading.Event, 
         stop: set from outside to end.
         say: takes a line for the log.
     """
-    places = [_Place(f"robot-{settings.first + index}") for index in range(settings.robots)]
+    places = [_Place(name) for name in settings.robot_names]
     try:
         while not stop.is_set():
             for place in places:

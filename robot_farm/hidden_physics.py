@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from robot_farm.farm_seed import given_seed
 from robot_farm.trial_physics import TrialPhysics
 from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import load_ranges
@@ -60,6 +61,9 @@ def farm_secret(folder: Path, farm_seed: int | None) -> bytes:
     """The secret of a farm: from its seed if it has one, otherwise drawn once and kept in ``folder``.
 
     Several robots may ask at the same time; all get the same.
+
+    Raises:
+        ValueError: the file that is kept is no secret of a farm.
     """
     if farm_seed is not None:
         return hashlib.sha256(f"trifarm farm seed {farm_seed}".encode()).digest()
@@ -69,13 +73,21 @@ def farm_secret(folder: Path, farm_seed: int | None) -> bytes:
         own = folder / f".{SECRET_FILE}-{os.getpid()}-{secrets.token_hex(4)}"
         with os.fdopen(os.open(own, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
             file.write(secrets.token_bytes(SECRET_BYTES))
+            file.flush()
+            os.fsync(file.fileno())  # or a crash of the machine might leave the name without the bytes
         try:
             os.link(own, path)  # whole or not at all, and only for the first
         except FileExistsError:
             pass
         finally:
             own.unlink()
-    return path.read_bytes()
+    secret = path.read_bytes()
+    if len(secret) != SECRET_BYTES:
+        raise ValueError(
+            f"{path} has {len(secret)} bytes instead of {SECRET_BYTES}: restore it from a copy, or remove it to have another "
+            "secret drawn, which makes other robots of all"
+        )
+    return secret
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -88,11 +100,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true", help="print one line of JSON")
     options = parser.parse_args(arguments)
     folder = options.data / "robots"
-    if options.farm_seed is None and not (folder / SECRET_FILE).exists():
+    try:
+        farm_seed = options.farm_seed if options.farm_seed is not None else given_seed()
+    except ValueError as error:
+        parser.error(str(error))
+    if farm_seed is None and not (folder / SECRET_FILE).exists():
         print(f"error: {folder} has no {SECRET_FILE}: no robot with hidden physics has run there yet", file=sys.stderr)
         return 1
     try:
-        hidden = HiddenPhysics(farm_secret(folder, options.farm_seed), options.robot, options.physics)
+        hidden = HiddenPhysics(farm_secret(folder, farm_seed), options.robot, options.physics)
     except (ValueError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

@@ -12,7 +12,7 @@ import numpy as np
 
 from api_schemas.robot import Lease
 from robot_farm.alarm import Alarm
-from robot_farm.arena import Arena
+from robot_farm.arena import Arena, by_hand
 from robot_farm.cooling import BETWEEN_TRIALS_S, cooled_k, pause_s
 from robot_farm.faults import RESTART_S, Change, Fault, draw_fault, timeline
 from robot_farm.motion import START_RAD
@@ -83,14 +83,16 @@ class Life:
         self._let_chance_act(drawn.rng)
         physics, changes = timeline(drawn.physics, self._all_faults, self._trials)
         placed, goal = draw_start_and_goal(lease, TASKS, shape)
+        placed = by_hand(placed, drawn.rng)
         arena, jump = self._enter(shape, physics, drawn.noise_seed, placed, stop_reason)
         if jump is not None:
             self._fail(jump)
         self._cool(arena, physics, events)
         if self._since_test is None or self._since_test >= self.self_test_every:
-            self._test(arena, events)
+            self._test(arena, drawn.rng, events)
+        self._trust(arena.settle(), "the way back", arena, drawn.rng, events)
         if self.reset is Reset.SWEEP and not arena.is_placed:
-            self._sweep(arena, drawn.rng, events)
+            self._trust(arena.bring_back(drawn.rng, events), "the sweep", arena, drawn.rng, events)
         if self.reset is Reset.PLACEMENT or arena.is_placed:
             arena.place(placed)
             events.append("the object was placed")
@@ -109,7 +111,9 @@ class Life:
             events=tuple(events),
             truth=truth,
             alarm=alarm,
-            close=lambda step, failed: self._close(arena, alarm.jump, physics_at(physics, changes, step), failed=failed),
+            close=lambda step, failed: self._close(
+                arena, alarm.jump, physics_at(physics, changes, step), drawn.rng, failed=failed
+            ),
         )
 
     def test_again(self, stop_reason: StopReason) -> str | None:
@@ -125,9 +129,10 @@ class Life:
         drawn = self.draw("self-test", self._tests)
         physics, _ = timeline(drawn.physics, self._all_faults, self._trials)
         shape = CUBE if self._arena is None else self._arena.driver.shape
-        arena, _ = self._enter(shape, physics, drawn.noise_seed, in_the_middle(shape), stop_reason)
+        placed = by_hand(in_the_middle(shape), drawn.rng)
+        arena, _ = self._enter(shape, physics, drawn.noise_seed, placed, stop_reason)
         try:
-            self._test(arena, [])
+            self._test(arena, drawn.rng, [])
         except OutOfServiceError:
             return self.wrong
         return None
@@ -166,14 +171,13 @@ class Life:
             events.append(f"the robot waited {wait_s:.0f} s for its motors to cool")
         arena.set_temperature(cooled_k(rise_k, physics, BETWEEN_TRIALS_S + wait_s))
 
-    def _sweep(self, arena: Arena, rng: np.random.Generator, events: list[str]) -> None:
-        """Have the fingers bring the object back; test the robot at once if that looks wrong."""
-        error_rad = arena.bring_back(rng, events)
+    def _trust(self, error_rad: np.ndarray | None, what: str, arena: Arena, rng: np.random.Generator, events: list[str]) -> None:
+        """Test the robot at once if a motion, after which its joints were off by so much, looks wrong."""
         if error_rad is not None and wrong_joint(error_rad) is not None:
-            events.append(f"the sweep looked wrong ({wrong_joint(error_rad)}), so that the robot tested itself")
-            self._test(arena, events)
+            events.append(f"{what} looked wrong ({wrong_joint(error_rad)}), so that the robot tested itself")
+            self._test(arena, rng, events)
 
-    def _close(self, arena: Arena, jump: str | None, physics: Physics, *, failed: bool) -> str | None:
+    def _close(self, arena: Arena, jump: str | None, physics: Physics, rng: np.random.Generator, *, failed: bool) -> str | None:
         """The end of a trial: fingers back to their start pose. If anything looks wrong then, the robot tests itself."""
         seen = len(arena.motion.reports)
         try:
@@ -184,7 +188,7 @@ class Life:
             error_rad = retreat(arena.motion)
             arena.is_settled = True
             if failed or wrong_joint(error_rad) is not None or blind_camera(arena.motion.reports[seen:]) is not None:
-                self._test(arena, [])
+                self._test(arena, rng, [])
         except OutOfServiceError as error:
             return str(error)
         except PhysicsDivergedError:
@@ -195,20 +199,17 @@ class Life:
         self.wrong, self._since_test = wrong, None
         raise OutOfServiceError(f"{self.robot} is out of service: {wrong}")
 
-    def _test(self, arena: Arena, events: list[str]) -> None:
-        """The self-test. What the cameras see amiss counts only if they do so of an object in the middle, too.
+    def _test(self, arena: Arena, rng: np.random.Generator, events: list[str]) -> None:
+        """The self-test. Until it is passed there was none, should it be stopped.
 
         Raises:
             OutOfServiceError: it failed.
         """
-        self._since_test = 0
-        self.wrong = try_joints(arena.motion)
-        if self.wrong is None and try_sight(arena.motion, arena.driver.shape) is not None:
-            arena.place(in_the_middle(arena.driver.shape))
-            self.wrong = try_sight(arena.motion, arena.driver.shape, LOOK_AGAIN_S)
-        arena.is_settled = True
+        self._since_test, arena.is_settled = None, False
+        self.wrong = _found_wrong(arena, rng)
         if self.wrong is not None:
             self._fail(self.wrong)
+        self._since_test, arena.is_settled = 0, True
         events.append("the robot passed its self-test")
 
 
@@ -216,6 +217,26 @@ def physics_at(physics: Physics, changes: Sequence[Change], step: int) -> Physic
     """The robot's physics a little after a step of its trial: so long that a controller that restarts is back."""
     come = [change.physics for change in changes if change.at_s <= step * c.PHYSICS_STEP_S + RESTART_S]
     return come[-1] if come else physics
+
+
+def _found_wrong(arena: Arena, rng: np.random.Generator) -> str | None:
+    """What is wrong with the robot, None if nothing is.
+
+    It counts only if it is so with the object in the middle, too: an object may jam joints that are in order, and the cameras see
+    the middle best.
+    """
+    shape = arena.driver.shape
+    middle = by_hand(in_the_middle(shape), rng)
+    if try_joints(arena.motion) is not None:
+        arena.place(middle)
+        arena.is_settled = False
+        wrong = try_joints(arena.motion)
+        if wrong is not None:
+            return wrong
+    if try_sight(arena.motion, shape) is None:
+        return None
+    arena.place(middle)
+    return try_sight(arena.motion, shape, LOOK_AGAIN_S)
 
 
 def in_the_middle(shape: Shape) -> Start:

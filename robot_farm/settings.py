@@ -1,4 +1,4 @@
-"""What a robot process needs to know, from flags and from TRIFARM_ROBOT_TOKEN."""
+"""What a robot process needs to know, from flags and from TRIFARM_ROBOT_TOKEN and TRIFARM_FARM_SEED."""
 
 import argparse
 import os
@@ -7,6 +7,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from api_schemas.physics_name import NOMINAL, physics_name
+from robot_farm.farm_seed import FARM_SEED_VARIABLE, given_seed
 from robot_farm.faults import FORM, Fault, parse_fault
 from sim_backend.effects.ranges import load_ranges
 
@@ -55,6 +56,11 @@ class Settings:
         return physics_name(self.physics)
 
     @property
+    def robot_names(self) -> tuple[str, ...]:
+        """The robots of a supervisor."""
+        return tuple(f"robot-{self.first + index}" for index in range(self.robots))
+
+    @property
     def is_plain(self) -> bool:
         """Whether all robots are the same ideal one, always placed and never at fault: then they have no life of their own."""
         return self.physics == NOMINAL and self.reset is Reset.PLACEMENT and not self.faults and self.fault_rate == 0.0
@@ -77,8 +83,12 @@ def parse(arguments: list[str]) -> Settings:
     token = os.environ.get(TOKEN_VARIABLE)
     if not token:
         parser.error(f"set {TOKEN_VARIABLE} to a token with the scope 'robot'")
+    try:
+        farm_seed = options.farm_seed if options.farm_seed is not None else given_seed()
+    except ValueError as error:
+        parser.error(str(error))
     reset = options.reset or (Reset.PLACEMENT if options.physics == NOMINAL else Reset.SWEEP)
-    return Settings(
+    settings = Settings(
         api=options.api.rstrip("/"),
         bus=options.bus,
         farm=options.farm,
@@ -88,12 +98,17 @@ def parse(arguments: list[str]) -> Settings:
         first=options.first,
         robot=options.robot,
         physics=options.physics,
-        farm_seed=options.farm_seed,
+        farm_seed=farm_seed,
         reset=Reset(reset),
         faults=tuple(options.fault),
         fault_rate=options.fault_rate,
         self_test_every=options.self_test_every,
     )
+    strangers = {fault.robot for fault in settings.faults} - set(settings.robot_names)
+    if settings.robot is None and strangers:  # a single robot is told everybody's faults
+        names = f"{settings.robot_names[0]} to {settings.robot_names[-1]}"
+        parser.error(f"--fault names {', '.join(sorted(strangers))}; the robots are {names}")
+    return settings
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -106,7 +121,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--farm", default="farm", help="name of the farm on the bus")
     parser.add_argument("--data", type=Path, required=True, help="folder for policies and unfinished logs")
     parser.add_argument("--physics", default="real", help="nominal, mild, real or a file with ranges (default real)")
-    parser.add_argument("--farm-seed", type=int, help="draw the robots' physics from this seed instead of the farm's secret")
+    seed = f"draw the robots' physics from this seed instead of the farm's secret (default: {FARM_SEED_VARIABLE})"
+    parser.add_argument("--farm-seed", type=int, help=seed)
     reset = "how the arena is made ready: sweep or placement (default: sweep; placement with nominal physics)"
     parser.add_argument("--reset", choices=[reset.value for reset in Reset], help=reset)
     parser.add_argument("--fault", type=_fault, action="append", default=[], metavar="SPEC", help=f"a fault: {FORM}")

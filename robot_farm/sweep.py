@@ -19,6 +19,8 @@ DRAWN_TO_M = (0.03, 0.08)
 """The centre of the object ends up between so near and so far from the arena's; drawn, so that starts differ."""
 _BEHIND_RADIUS_M = 0.2035  # the tip touches the wall at the height of a cube's upper edge
 _RAISE_RAD = 0.5
+ASIDE_RAD = RAISED_RAD + np.tile([0.3, 0.0, 0.0], 3)
+"""Raised and turned to the side, so that each joint is at least 0.3 rad from the start pose."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,7 @@ def sweep(motion: Motion, plan: SweepPlan) -> np.ndarray:
     """Sweep, and bring the fingers into their start pose.
 
     Returns:
-        How far each joint is from the start pose at the end, shape (9,), rad.
+        As :func:`retreat`.
     """
     motion.go_to(RAISED_RAD, 0.5)
     first, pose_rad = plan.waypoints[0], RAISED_RAD.copy()
@@ -83,13 +85,22 @@ def sweep(motion: Motion, plan: SweepPlan) -> np.ndarray:
 
 
 def retreat(motion: Motion) -> np.ndarray:
-    """Raise all fingers outwards and bring them into the start pose from above; returns as :func:`sweep`."""
+    """Raise all fingers outwards and bring them into the start pose from above, by way of a pose in which no joint is near it.
+
+    Returns:
+        How far each joint was from where it should be, in that pose or in the start pose, whichever is more; shape (9,), rad. A
+        joint that is stuck near one of the two is not near the other.
+    """
     pose_rad = motion.joint_position_rad.copy()
     pose_rad[1::3] = np.minimum(pose_rad[1::3] + _RAISE_RAD, c.SOFT_LIMIT_UPPER_RAD[1::3] - 0.07)
     motion.go_to(pose_rad, 0.3)
     motion.go_to(RAISED_RAD, 0.5)
+    motion.go_to(ASIDE_RAD, 0.3)
+    aside_rad = motion.hold(ASIDE_RAD, 0.2)
+    motion.go_to(RAISED_RAD, 0.3)
     motion.go_to(START_RAD, 0.4)
-    return motion.hold(START_RAD, 0.4)
+    start_rad = motion.hold(START_RAD, 0.4)
+    return np.where(np.abs(aside_rad) > np.abs(start_rad), aside_rad, start_rad)
 
 
 def _tip_between(pose_rad: np.ndarray, plan: SweepPlan, before: Waypoint, after: Waypoint, share: float) -> np.ndarray:

@@ -22,7 +22,7 @@ from robot_farm.lease_keeper import TrialStoppedError
 from robot_farm.prepared import Prepared, prepare_plainly, shape_of_lease
 from robot_farm.recorder import Recorder
 from robot_farm.run import Failure, Progress, Run
-from robot_farm.truth import write_physics
+from robot_farm.truth import rounded, write_physics
 from sim_backend.driver.driver import Measurement
 from sim_backend.driver.simulated import PhysicsDivergedError, SimulatedDriver
 from sim_backend.episode import Episode
@@ -33,6 +33,9 @@ from sim_backend.trifinger import constants as c
 from sim_backend.trifinger import viewer_scene
 from sim_backend.trifinger.objects import Shape
 from sim_backend.trifinger.scene import build_scene
+
+KEPT_MODELS = 8
+"""Objects come in any scale, so that what is kept of them must end somewhere."""
 
 __all__ = ["Progress", "TrialStoppedError", "log_channels", "run_trial"]
 
@@ -89,11 +92,15 @@ def run_trial(
             failure, step = run_excitation(run, recorder) if policy is None else _control_loop(run, policy, recorder)
         if failure is None or FAULT_OF[failure[0]] is Fault.PLATFORM:
             failure = _closed(ready, step, failure)
-        outcome = _outcome(run, failure, time.monotonic() - started_s)
+        exact = _measured(run, failure)
+        measures = exact if truth is None or exact is None else rounded(exact)
+        outcome = _outcome(run, failure, measures, time.monotonic() - started_s)
         writer.event(step, outcome.reason, error=failure is not None)
         writer.metadata(trial_log.OUTCOME_METADATA, outcome.model_dump(mode="json"))
         if truth is not None:
             truth.metadata(trial_log.TRIAL_METADATA, _trial_record(lease, physics))
+            as_it_was = outcome.model_copy(update={"measures": exact})
+            truth.metadata(trial_log.OUTCOME_METADATA, as_it_was.model_dump(mode="json"))
             write_physics(truth, ready.physics, ready.start, run.changed)
     return outcome
 
@@ -133,12 +140,17 @@ def _closed(ready: Prepared, step: int, failure: Failure | None) -> Failure | No
     return OutcomeKind.PLATFORM_ERROR, wrong if failure is None else f"{failure[1]}; {wrong}"
 
 
-def _outcome(run: Run, failure: Failure | None, wall_s: float) -> Outcome:
+def _measured(run: Run, failure: Failure | None) -> Measures | None:
+    """What the trial achieved, as exactly as the simulation knows it; None where nothing was asked or nothing was done."""
     manifest, task = run.lease.manifest, run.ready.task
-    measures, timing = None, None
-    if manifest is not None and task is not None and run.states:
-        measures = _measures(manifest, task, run.ready.goal, run.states, over=failure is None)
-        timing = _timing(manifest, run.inference_ns)
+    if manifest is None or task is None or not run.states:
+        return None
+    return _measures(manifest, task, run.ready.goal, run.states, over=failure is None)
+
+
+def _outcome(run: Run, failure: Failure | None, measures: Measures | None, wall_s: float) -> Outcome:
+    manifest, task = run.lease.manifest, run.ready.task
+    timing = None if manifest is None or measures is None else _timing(manifest, run.inference_ns)
     if failure is not None:
         kind, reason = failure
     elif measures is None or task is None:
@@ -228,7 +240,7 @@ def _trial_record(lease: Lease, physics: str) -> dict[str, Any]:
     }
 
 
-@functools.cache
+@functools.lru_cache(maxsize=KEPT_MODELS)
 def _model_xml(shape: Shape) -> bytes:
     """The robot's nominal model as MJCF; the same for every trial with an object."""
     return build_scene(shape=shape).to_xml().encode()

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from api_schemas import trial_log
+from api_schemas.trial import Measures
 from api_schemas.trial_log import LogChannels, TrialLogWriter
 from robot_farm.faults import Change
 from sim_backend.driver.driver import Start
@@ -22,6 +23,21 @@ class TruthFile:
 def truth_channels() -> LogChannels:
     """The channels of a robot's truth files; a robot makes them once."""
     return LogChannels(joint_names=c.JOINT_NAMES, frames=(), topics=trial_log.TRUTH_TOPICS)
+
+
+def rounded(measures: Measures) -> Measures:
+    """Measures as everybody may see them: to 1 mm, 0.01 rad and a tenth of the return.
+
+    They are measured on true poses; at full precision they would give away by how much the cameras and encoders are off.
+    """
+    angle_rad = measures.final_angle_error_rad
+    return measures.model_copy(
+        update={
+            "final_position_error_m": round(measures.final_position_error_m, 3),
+            "final_angle_error_rad": None if angle_rad is None else round(angle_rad, 2),
+            "episode_return": round(measures.episode_return, 1),
+        }
+    )
 
 
 def write_physics(truth: TrialLogWriter, physics: Physics, start: Start, changed: list[tuple[int, Change]]) -> None:

@@ -4,6 +4,7 @@ import argparse
 import asyncio
 import ctypes
 import logging
+import os
 import signal
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ import structlog
 
 from services.settings import Settings
 
+PRIVATE = 0o077
 PR_SET_PDEATHSIG = 1
 """Linux prctl(2): the signal to get when the parent ends."""
 
@@ -38,6 +40,7 @@ def parsed(arguments: list[str]) -> tuple[str, Settings]:
 def main() -> None:
     """Runs until told to stop."""
     command, settings = parsed(sys.argv[1:])
+    os.umask(PRIVATE)  # database, policies, logs and the truth are for this user alone
     _end_with_parent()
     _log_to_stderr()
     if command == "router":

@@ -13,8 +13,19 @@ KEPT_ENVIRONMENT = ("PATH", "LANG", "LD_LIBRARY_PATH")
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
-class ChildTimedOutError(Exception):
-    """The child did not end in time and was killed."""
+MAX_SAID_BYTES = 64 * 1024
+
+
+class ChildKilledError(Exception):
+    """The child did not end by itself; the message says why it was killed."""
+
+
+class ChildTimedOutError(ChildKilledError):
+    """The child did not end in time."""
+
+
+class ChildSaidTooMuchError(ChildKilledError):
+    """The child said more than anybody wants to read."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +46,7 @@ async def run_module(module: str, *arguments: str, folder: Path, deadline_s: flo
 
     Raises:
         ChildTimedOutError: it took longer than ``deadline_s``.
+        ChildSaidTooMuchError: it said more than ``MAX_SAID_BYTES``.
     """
     child = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", module, *arguments),
@@ -47,14 +59,25 @@ async def run_module(module: str, *arguments: str, folder: Path, deadline_s: flo
     )
     try:
         async with asyncio.timeout(deadline_s):
-            said, _ = await child.communicate()
+            said = await _read(child.stdout)
+            await child.wait()
     except TimeoutError as error:
         raise ChildTimedOutError(f"it took more than {deadline_s:g} s") from error
     finally:
         if child.returncode is None:
             os.killpg(child.pid, signal.SIGKILL)
-            await child.wait()
+            await child.communicate()  # no more than the pipe holds
     return Ended(child.returncode or 0, said)
+
+
+async def _read(stream: asyncio.StreamReader | None) -> bytes:
+    assert stream is not None, "the child's standard output is a pipe"
+    said = bytearray()
+    while chunk := await stream.read(MAX_SAID_BYTES):
+        said += chunk
+        if len(said) > MAX_SAID_BYTES:
+            raise ChildSaidTooMuchError(f"it said more than {MAX_SAID_BYTES} bytes")
+    return bytes(said)
 
 
 def _environment() -> dict[str, str]:

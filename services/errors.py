@@ -4,6 +4,7 @@ ServiceError
   +- NotFound             404  what was named does not exist, or is another owner's
   +- Conflict             409  the state does not allow it (also stale fences and idempotency keys)
   +- Refused              422  the content cannot be accepted
+  +- TooSlow              408
   +- TooLarge             413
   +- Unauthorised         401
   +- Forbidden            403
@@ -45,6 +46,13 @@ class Refused(ServiceError):
 
     status = 422
     title = "Content refused"
+
+
+class TooSlow(ServiceError):
+    """The body did not come in time."""
+
+    status = 408
+    title = "Too slow"
 
 
 class TooLarge(ServiceError):

@@ -29,6 +29,9 @@ class Settings(BaseSettings):
     robot_token: str | None = None
     max_attempts: int = Field(default=5, ge=1, description="platform faults of one trial before its job fails")
     pass_over_s: float = Field(default=30.0, ge=0, description="how long a trial waits for its busy first choice")
+    pinned_robot_gone_s: float = Field(
+        default=600.0, gt=0, description="a job whose one robot is out of service or lost for so long fails"
+    )
     offer_timeout_s: float = Field(default=2.0, gt=0)
     refused_pause_s: float = Field(default=1.0, ge=0, description="a robot that refused is not offered again for so long")
     lease_s: float = Field(default=LEASE_S, gt=0)
@@ -38,6 +41,7 @@ class Settings(BaseSettings):
     max_log_bytes: int = Field(default=1024**3, gt=0)
     conversion_deadline_s: float = Field(default=60.0, gt=0)
     verification_deadline_s: float = Field(default=120.0, gt=0)
+    verification_upload_s: float = Field(default=120.0, gt=0, description="how long a log to be verified may take to arrive")
     verification_at_once: int = Field(default=1, ge=1, description="logs that may be simulated again at the same time")
     conversion_at_once: int = Field(default=1, ge=1, description="conversions that may run at the same time")
 

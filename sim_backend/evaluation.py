@@ -14,7 +14,7 @@ from sim_backend.driver.tracker import Tracker
 from sim_backend.effects.physics import Physics
 from sim_backend.episode import Episode
 from sim_backend.tasks.scoring import score
-from sim_backend.tasks.task import Task, draw_trial, stack_goals, stack_starts
+from sim_backend.tasks.task import Goal, Task, draw_trial, stack_goals, stack_starts
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.objects import CUBE, Shape
 
@@ -43,11 +43,39 @@ def evaluate(
     threads: int = 2,
     physics_step_s: float = c.PHYSICS_STEP_S,
 ) -> Evaluation:
-    """Try the goals of the seeds, all at once.
+    """Try the goals of the seeds with a policy, all at once; everything else as for :func:`begin_trials`."""
+    episode, goal = begin_trials(
+        manifest,
+        task,
+        seeds,
+        physics=physics,
+        noise_seeds=noise_seeds,
+        shape=shape,
+        threads=threads,
+        physics_step_s=physics_step_s,
+    )
+    for _ in range(task.steps // manifest.period_steps):
+        episode.advance(np.asarray(act(episode.observe().astype(np.float32)), dtype=float))
+    state = episode.measurement
+    scores = score(task, goal, state.cube_position_world_m, state.cube_quat_wxyz, state.true_joint_position_rad)
+    return Evaluation(scores.success, scores.position_error_m, scores.angle_error_rad)
+
+
+def begin_trials(
+    manifest: PolicyManifest,
+    task: Task,
+    seeds: Sequence[int],
+    *,
+    physics: Physics | None = None,
+    noise_seeds: np.ndarray | None = None,
+    shape: Shape = CUBE,
+    threads: int = 2,
+    physics_step_s: float = c.PHYSICS_STEP_S,
+) -> tuple[Episode, Goal]:
+    """An episode of n trials that has begun, each with its object at rest on the table, and their goals.
 
     Args:
-        act: the policy.
-        manifest: what it expects.
+        manifest: what the policy expects.
         task: what is asked.
         seeds: one for each trial; draws start and goal as on the farm.
         physics: effects of each trial's robot, n rows; nominal if None.
@@ -56,8 +84,7 @@ def evaluate(
         threads: of the physics.
         physics_step_s: integration step, s.
     """
-    n = len(seeds)
-    driver = SimulatedDriver(robots=n, threads=threads, physics_step_s=physics_step_s, physics=physics, shape=shape)
+    driver = SimulatedDriver(robots=len(seeds), threads=threads, physics_step_s=physics_step_s, physics=physics, shape=shape)
     tracker = Tracker(physics_step_s=physics_step_s, physics=driver.physics, shape=shape)
     episode = Episode(driver, tracker, manifest, physics_step_s=physics_step_s)
     drawn = [draw_trial(task, seed) for seed in seeds]
@@ -66,8 +93,4 @@ def evaluate(
     position[:, 2] = driver.rest_height_m(start.cube_quat_wxyz)
     noise = np.asarray(seeds, dtype=float) if noise_seeds is None else noise_seeds
     episode.begin(replace(start, cube_position_world_m=position, noise_seed=noise), goal)
-    for _ in range(task.steps // round(1 / manifest.rate_hz / c.PHYSICS_STEP_S)):
-        episode.advance(np.asarray(act(episode.observe().astype(np.float32)), dtype=float))
-    state = episode.measurement
-    scores = score(task, goal, state.cube_position_world_m, state.cube_quat_wxyz, state.true_joint_position_rad)
-    return Evaluation(scores.success, scores.position_error_m, scores.angle_error_rad)
+    return episode, goal

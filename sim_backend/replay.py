@@ -1,8 +1,9 @@
-"""Re-simulates a trial from its log: ``python -m sim_backend.replay LOG [--verify] [--truth FILE] [--json]``.
+"""Re-simulates a trial from its log: ``python -m sim_backend.replay LOG [--verify] [--truth FILE [--original FILE]] [--json]``.
 
 A robot that is like all others is simulated from its log alone: the recorded applied torques drive the nominal model from the
 recorded start. A robot with physics of its own needs the truth about the trial: what its policy or its excitation asked for goes
-through the whole pipeline again, effects, tracker and all. A true log gives the same numbers, bit for bit.
+through the whole pipeline again, effects, tracker and all. A true log gives the same numbers, bit for bit. With the farm's own
+log as original, nothing of the given log drives the simulation: it is only compared.
 Exit codes: 0 same (or shown), 6 the numbers differ, 7 the truth is needed, 1 the log cannot be read.
 """
 
@@ -15,11 +16,20 @@ from pathlib import Path
 import numpy as np
 
 from api_schemas.trial_log_reader import LogUnreadableError, TrialLog, read_log, read_truth
-from sim_backend.replay_comparison import Comparison, Verification, check_complete, shape_of_log, verification
+from sim_backend.replay_comparison import (
+    Comparison,
+    NotRepeatableError,
+    Verification,
+    check_complete,
+    shape_of_log,
+    verification,
+)
 
 EXIT_UNREADABLE = 1
 EXIT_DIFFERS = 6
 EXIT_NEEDS_TRUTH = 7
+LONGEST_REASON = 300
+"""Characters of an error's text: a log can name its trial, and so the reason, as long as it likes."""
 
 
 class TruthNeededError(Exception):
@@ -63,12 +73,18 @@ def _summary(log: TrialLog) -> dict:
     }
 
 
-def _verified(log: TrialLog, truth: Path | None) -> Verification:
+def _verified(log: TrialLog, truth: Path | None, original: Path | None) -> Verification:
     if truth is None:
         return verify(log)
     from sim_backend.replay_with_truth import verify_with_truth
 
-    return verify_with_truth(log, read_truth(truth))
+    if original is None:
+        return verify_with_truth(log, read_truth(truth))
+    try:
+        own = read_truth(truth), read_log(original)
+    except LogUnreadableError as error:
+        raise NotRepeatableError(str(error)) from error
+    return verify_with_truth(log, *own)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -77,16 +93,21 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("log", type=Path, help="an MCAP file written by a robot of the farm")
     parser.add_argument("--verify", action="store_true", help="simulate the trial again and compare every number")
     parser.add_argument("--truth", type=Path, metavar="FILE", help="the truth about the trial, from an operator of the farm")
+    parser.add_argument("--original", type=Path, metavar="FILE", help="the farm's own log, which then drives the simulation")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     options = parser.parse_args(arguments)
+    if options.original is not None and options.truth is None:
+        parser.error("--original needs --truth")
     try:
         log = read_log(options.log)
         if not options.verify:
             print(json.dumps(_summary(log), indent=None if options.json else 2))
             return 0
-        result = _verified(log, options.truth)
+        result = _verified(log, options.truth, options.original)
     except LogUnreadableError as error:
         return _refused(str(error), EXIT_UNREADABLE, as_json=options.json)
+    except NotRepeatableError as error:
+        return _refused("the trial cannot be simulated again", EXIT_UNREADABLE, as_json=options.json, hidden=str(error))
     except TruthNeededError as error:
         return _refused(str(error), EXIT_NEEDS_TRUTH, as_json=options.json)
     if options.json:
@@ -101,8 +122,13 @@ def main(arguments: list[str] | None = None) -> int:
     return 0 if result.same else EXIT_DIFFERS
 
 
-def _refused(reason: str, code: int, *, as_json: bool) -> int:
-    print(json.dumps({"error": reason}) if as_json else f"error: {reason}", file=sys.stdout if as_json else sys.stderr)
+def _refused(reason: str, code: int, *, as_json: bool, hidden: str | None = None) -> int:
+    """Say why there is no verdict; ``hidden`` may tell of the robot's physics, and whoever passes it on has to know to whom."""
+    reason = reason[:LONGEST_REASON]
+    if as_json:
+        print(json.dumps({"error": reason} | ({} if hidden is None else {"hidden": hidden[:LONGEST_REASON]})))
+    else:
+        print(f"error: {reason}" + ("" if hidden is None else f": {hidden[:LONGEST_REASON]}"), file=sys.stderr)
     return code
 
 

@@ -7,6 +7,13 @@ import numpy as np
 from api_schemas.trial_log_reader import LogUnreadableError, TrialLog
 from sim_backend.trifinger.objects import Shape, shape_of
 
+LARGEST = float(np.finfo(float).max)
+"""The difference from no number at all: JSON has no infinity."""
+
+
+class NotRepeatableError(Exception):
+    """The farm's own files of a trial cannot be simulated again; says nothing about a log that is compared with them."""
+
 
 @dataclass(frozen=True)
 class Verification:
@@ -36,21 +43,26 @@ class Comparison:
             simulated: shape (n, ...); fewer or more rows differ from the first that is missing.
             name: sort of number whose largest difference is wanted.
         """
-        common = min(len(logged), len(simulated))
-        if logged.shape[1:] != simulated.shape[1:]:
-            common = 0
-        one, other = logged[:common].reshape(common, -1), simulated[:common].reshape(common, -1)
-        differs = np.flatnonzero(((one != other) & ~(np.isnan(one) & np.isnan(other))).any(axis=1))
+        alike = logged.shape[1:] == simulated.shape[1:]
+        common = min(len(logged), len(simulated)) if alike else 0
+        differs = _differing(logged[:common], simulated[:common]) if common else np.empty(0, int)
         if len(differs):
-            self._note(int(steps[differs[0]]))
-        elif len(logged) != len(simulated):
-            self._note(int(steps[common]) if common < len(steps) else int(steps[-1]) if len(steps) else 0)
+            self.note(int(steps[differs[0]]))
+        elif len(logged) != len(simulated) or (len(logged) and not alike):
+            self.note(int(steps[common]) if common < len(steps) else int(steps[-1]) if len(steps) else 0)
         if name and common:
-            difference = np.abs(one - other).max()
-            self.largest[name] = max(self.largest.get(name, 0.0), float(np.nan_to_num(difference, nan=np.inf)))
+            largest = np.nan_to_num(np.abs(logged[:common] - simulated[:common]).max(), nan=LARGEST)
+            self.largest[name] = max(self.largest.get(name, 0.0), float(largest))
 
-    def _note(self, step: int) -> None:
+    def note(self, step: int) -> None:
+        """Something differs at this step."""
         self.first_step = step if self.first_step is None else min(self.first_step, step)
+
+
+def _differing(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The rows in which anything differs; NaN equals NaN."""
+    differs = (one != other) & ~(np.isnan(one) & np.isnan(other))
+    return np.flatnonzero(differs.any(axis=tuple(range(1, differs.ndim))))
 
 
 def check_complete(log: TrialLog) -> None:

@@ -13,11 +13,20 @@ from sim_backend.driver.simulated import PhysicsDivergedError, SimulatedDriver
 from sim_backend.driver.tracker import TrackedPose, Tracker
 from sim_backend.effects.physics import Physics
 from sim_backend.episode import Episode
-from sim_backend.replay_comparison import Comparison, Verification, check_complete, shape_of_log, verification
+from sim_backend.replay_comparison import (
+    Comparison,
+    NotRepeatableError,
+    Verification,
+    check_complete,
+    shape_of_log,
+    verification,
+)
+from sim_backend.replay_with_original import compare_with_original
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.task import draw_trial
 
-STEP_S = 1e-3
+BREAKS = (PhysicsDivergedError, LogUnreadableError, AssertionError, KeyError, IndexError, TypeError, ValueError)
+"""What a simulation from unfit files, or one that goes astray, ends with."""
 
 
 @dataclass
@@ -33,23 +42,36 @@ class _Simulated:
         return np.concatenate([getattr(segment, name)[0] for segment in self.segments])
 
 
-def verify_with_truth(log: TrialLog, truth: TruthLog) -> Verification:
-    """Compare a log, and the truth about its trial, with a new simulation of both.
+def verify_with_truth(log: TrialLog, truth: TruthLog, original: TrialLog | None = None) -> Verification:
+    """Compare a log, and the truth about its trial, with a new simulation.
+
+    Args:
+        log: what is to be verified.
+        truth: of its trial.
+        original: the farm's own log of the trial. Whatever drives the simulation comes from it, so that a made-up log
+            cannot ask the hidden robot a question; None takes the log itself.
 
     Raises:
-        LogUnreadableError: log and truth are not of one trial, or something is missing that the simulation needs.
+        LogUnreadableError: log and truth are not of one trial, or the log's numbers cannot be compared.
+        NotRepeatableError: the simulation itself cannot be done.
     """
     check_complete(log)
     attempts = [(m.get("trial_id"), m.get("attempt")) for m in (log.metadata, truth.metadata)]
     if attempts[0] != attempts[1]:
         raise LogUnreadableError(f"the log is of trial {attempts[0][0]}, the truth of trial {attempts[1][0]}")
-    found = Comparison()
+    found, driving = Comparison(), log if original is None else original
     try:
-        simulated = _simulate(log, truth)
-        _compare_measured(found, log, simulated)
+        check_complete(driving)
+        simulated = _simulate(driving, truth)
         _compare_truth(found, truth, simulated)
-    except (PhysicsDivergedError, KeyError, IndexError, TypeError, ValueError) as error:
-        raise LogUnreadableError(f"the trial cannot be simulated again: {type(error).__name__}: {error}") from error
+    except BREAKS as error:
+        raise NotRepeatableError(f"{type(error).__name__}: {error}") from error
+    try:
+        _compare_measured(found, log, driving, simulated)
+        if original is not None:
+            compare_with_original(found, log, original)
+    except (IndexError, TypeError, ValueError) as error:
+        raise LogUnreadableError(f"the log's numbers cannot be compared: {type(error).__name__}") from error
     return verification(log, found.first_step, found.largest)
 
 
@@ -120,20 +142,20 @@ def _start(physics: dict[str, Any]) -> Start:
     )
 
 
-def _compare_measured(found: Comparison, log: TrialLog, simulated: _Simulated) -> None:
-    steps = log.joint_steps
+def _compare_measured(found: Comparison, log: TrialLog, driving: TrialLog, simulated: _Simulated) -> None:
+    steps, reports = driving.joint_steps, simulated.reports
     found.compare(steps, log.joint_position_rad, simulated.joined("joint_position_rad"), "joint")
     for name in ("joint_velocity_rad_s", "measured_torque_nm", "desired_torque_nm", "applied_torque_nm"):
         found.compare(steps, getattr(log, name), simulated.joined(name))
-    if log.manifest is not None:
-        found.compare(log.policy_steps, log.observation, np.array(simulated.observations))
-    reports = simulated.reports
-    at = np.maximum(np.rint(log.delivery_s / STEP_S).astype(int), 0)
+    if driving.manifest is not None:
+        found.compare(driving.policy_steps, log.observation, np.array(simulated.observations))
+    delivery_step = np.concatenate([report.delivery_step for report in reports])
+    at = np.maximum(delivery_step, 0)
     found.compare(at, log.tracked_position_world_m, np.concatenate([r.cube_position_world_m for r in reports]), "cube")
     found.compare(at, log.tracked_quat_wxyz, np.concatenate([r.cube_quat_wxyz for r in reports]))
     found.compare(at, log.confidence, np.concatenate([r.confidence for r in reports]))
     found.compare(at, log.capture_s, np.concatenate([r.capture_step for r in reports]) * 1_000_000 / 1e9)
-    found.compare(at, log.delivery_s, np.concatenate([r.delivery_step for r in reports]) * 1_000_000 / 1e9)
+    found.compare(at, log.delivery_s, delivery_step * 1_000_000 / 1e9)
 
 
 def _compare_truth(found: Comparison, truth: TruthLog, simulated: _Simulated) -> None:

@@ -53,8 +53,8 @@ def requested_span(header: str | None, size: int) -> Span | None:
     return Span(start, end)
 
 
-async def stored_file(request: Request, files: FileStore, sha256: str, media_type: str, filename: str) -> Response:
-    """The file, the asked part of it, or the word that the reader has it already.
+async def stored_size(files: FileStore, sha256: str) -> int:
+    """Bytes of a stored file.
 
     Raises:
         NotFound: the file is not in the store.
@@ -62,6 +62,16 @@ async def stored_file(request: Request, files: FileStore, sha256: str, media_typ
     size = await files.size(sha256)
     if size is None:
         raise NotFound("file-not-found", f"The file {sha256} is not in the store any more.")
+    return size
+
+
+async def stored_file(request: Request, files: FileStore, sha256: str, media_type: str, filename: str) -> Response:
+    """The file, the asked part of it, or the word that the reader has it already.
+
+    Raises:
+        NotFound: the file is not in the store.
+    """
+    size = await stored_size(files, sha256)
     tag = f'"{sha256}"'
     headers = {"ETag": tag, "Accept-Ranges": "bytes", "Cache-Control": "private, immutable, max-age=31536000"}
     if _names(request.headers.get("if-none-match"), tag):

@@ -15,16 +15,19 @@ from api_schemas.verification import Verification
 from services.api.access import Operator, User
 from services.api.farm import Farm, TheFarm
 from services.api.jobs import JobId
-from services.api.serving import stored_file
+from services.api.serving import stored_file, stored_size
 from services.api.tokens import Caller
 from services.api.trials import MCAP
 from services.database.rows import AnyRow
 from services.database.tables import trial
-from services.errors import NotFound, TooLarge
+from services.errors import NotFound, TooLarge, TooSlow
 from services.jobs import views
 from services.verification import replaying
+from services.verification.replaying import Compared
 
 router = APIRouter(prefix="/v1/jobs/{job_id}/trials/{ordinal}", tags=["trials"])
+SPARE_BYTES = 1024**2
+"""What a log may be larger than twice the one that the farm keeps: packed in another way, it is still the same log."""
 Ordinal = Annotated[int, InPath(ge=0, le=9999)]
 
 
@@ -40,14 +43,19 @@ async def get_truth(job_id: JobId, ordinal: Ordinal, request: Request, _caller: 
     openapi_extra={"requestBody": {"required": True, "content": {MCAP: {"schema": {"type": "string", "format": "binary"}}}}},
 )
 async def verify_log(job_id: JobId, ordinal: Ordinal, request: Request, caller: User, farm: TheFarm) -> Verification:
-    """Simulates the log in the body again on the robot of this trial: the same numbers, or the first step that differs."""
+    """Simulates the trial again and compares the log in the body with that: the same numbers, or the first step that differs."""
     row = await _with_truth(farm, job_id, ordinal, caller.sees_only)
-    async with farm.verifications:
-        with tempfile.TemporaryDirectory(prefix="trifarm-verify-") as folder:
-            log, truth = Path(folder) / "log.mcap", Path(folder) / "truth.mcap"
-            await _write(log, request.stream(), farm.settings.max_log_bytes)
-            await _write(truth, farm.files.read(row.truth_sha256), farm.settings.max_log_bytes)
-            verdict = await replaying.verify(log, truth, farm.settings.verification_deadline_s)
+    for sha256 in (row.truth_sha256, row.log_sha256):
+        await stored_size(farm.files, sha256)
+    with tempfile.TemporaryDirectory(prefix="trifarm-verify-") as folder:
+        files = Compared(*(Path(folder) / f"{name}.mcap" for name in ("log", "truth", "original")))
+        await _receive(files.log, request, 2 * row.log_bytes + SPARE_BYTES, farm.settings.verification_upload_s)
+        # Only now: whoever sends slowly holds up nobody but himself.
+        async with farm.verifications:
+            await _write(files.truth, farm.files.read(row.truth_sha256))
+            await _write(files.original, farm.files.read(row.log_sha256))
+            tell_all = caller.may(Scope.OPERATE)
+            verdict = await replaying.verify(files, farm.settings.verification_deadline_s, tell_all=tell_all)
     return shown_to(caller, verdict)
 
 
@@ -65,17 +73,28 @@ async def _with_truth(farm: Farm, job_id: str, ordinal: int, owner: str | None) 
         row = (await connection.execute(wanted)).one_or_none()
     if row is None:
         raise NotFound("trial-not-found", f"Job {job_id} has no trial {ordinal}; its last is {owner_job.trials - 1}.")
-    if row.truth_sha256 is None:
+    if row.truth_sha256 is None or row.log_sha256 is None:
         detail = f"Trial {row.trial_id} is {row.state} and has no truth apart from its log; a nominal farm's log holds it all."
         raise NotFound("truth-not-found", detail)
     return row
 
 
-async def _write(path: Path, chunks: AsyncIterator[bytes], limit_bytes: int) -> None:
+async def _receive(path: Path, request: Request, limit_bytes: int, within_s: float) -> None:
+    """The body of the request, as far as it comes in time and is not larger than such a log can be."""
     size = 0
+    try:
+        async with asyncio.timeout(within_s):
+            with path.open("xb") as file:
+                async for chunk in request.stream():
+                    size += len(chunk)
+                    if size > limit_bytes:
+                        raise TooLarge("file-too-large", f"The file is larger than the {limit_bytes} bytes that are taken.")
+                    await asyncio.to_thread(file.write, chunk)
+    except TimeoutError as error:
+        raise TooSlow("body-too-slow", f"The file did not arrive within {within_s:g} s; {size} bytes of it did.") from error
+
+
+async def _write(path: Path, chunks: AsyncIterator[bytes]) -> None:
     with path.open("xb") as file:
         async for chunk in chunks:
-            size += len(chunk)
-            if size > limit_bytes:
-                raise TooLarge("file-too-large", f"The file is larger than the {limit_bytes} bytes that are taken.")
             await asyncio.to_thread(file.write, chunk)

@@ -14,6 +14,7 @@ from api_schemas.robot import Lease
 from services.database.database import Database
 from services.database.rows import AnyRow
 from services.dispatcher import queue
+from services.dispatcher.abandoned import Abandoner
 from services.dispatcher.bus import Bus
 from services.dispatcher.commands import Commands
 from services.dispatcher.finding import find_trial, why_unfit
@@ -64,6 +65,8 @@ class Dispatcher:
     def __post_init__(self) -> None:
         self._steps = Steps(self.signals)
         self._ender = LeaseEnder(self.settings, self.database, self.clock, self.fleet, self.signals)
+        gone_s = self.settings.pinned_robot_gone_s
+        self._abandoner = Abandoner(self.database, self.clock, self.fleet, self.signals, gone_s)
         self._commands = Commands(self.bus, self.clock, self.fleet, self._steps, self.settings.offer_timeout_s)
 
     async def run(self) -> None:
@@ -82,6 +85,7 @@ class Dispatcher:
     async def _look(self, *, look_at_active: bool) -> None:
         if look_at_active:
             await self._look_at_active()
+            await self._abandoner.look()
             self._commands.tell_wishes()
         await self._point_away_from_unfit()
         ready = self.fleet.ready(self.clock.now_s())

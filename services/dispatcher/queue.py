@@ -11,7 +11,7 @@ from api_schemas.trial import AttemptState, TrialState
 from services.database.rows import AnyRow
 from services.database.tables import attempt, job, policy, trial
 from services.dispatcher.choice import Choice, choose
-from services.jobs.lease import ACTIVE
+from services.jobs.lease import ACTIVE, UNENDED
 from services.jobs.order import drawn_order
 
 Why = Callable[[str], str]
@@ -115,6 +115,13 @@ async def active(connection: AsyncConnection) -> Sequence[AnyRow]:
     columns = (trial.c.trial_id, trial.c.fence, trial.c.robot, trial.c.lease_until_s, job.c.cancel_requested, job.c.state)
     wanted = select(*columns).join(job, job.c.number == trial.c.job_number).where(trial.c.state.in_(ACTIVE))
     return (await connection.execute(wanted)).all()
+
+
+async def pinned(connection: AsyncConnection) -> Sequence[AnyRow]:
+    """All jobs that wait for the one robot that may run their trials."""
+    columns = (job.c.number, job.c.job_id, job.c.robot, job.c.trials, job.c.trials_done, job.c.created_s)
+    waits = (job.c.state.in_(UNENDED), job.c.robot.is_not(None), job.c.trials_active == 0, job.c.cancel_requested.is_(False))
+    return (await connection.execute(select(*columns).where(*waits))).all()
 
 
 async def policy_of(connection: AsyncConnection, digest: str) -> AnyRow:

@@ -210,6 +210,16 @@ async def _taken_before(tx: AsyncConnection, claim: Claim, outcome: Outcome) -> 
     raise await stale(tx, claim.trial_id, claim.fence)
 
 
+async def abandon(tx: AsyncConnection, now_s: float, job_number: int, reason: str) -> bool:
+    """Fails a job none of whose trials can run any more; false when it has ended, ends already or still runs one."""
+    now = (await tx.execute(select(job).where(job.c.number == job_number))).one()
+    if now.state not in UNENDED or now.cancel_requested or now.trials_active > 0:
+        return False
+    await cancel_queued(tx, job_number)
+    await _end(tx, now_s, job_number, JobState.FAILED, f"job failed: {reason}", set_reason=reason)
+    return True
+
+
 async def cancel_queued(tx: AsyncConnection, job_number: int) -> None:
     """Takes the job's queued trials out of the queue."""
     queued = update(trial).where(trial.c.job_number == job_number, trial.c.state == TrialState.QUEUED)

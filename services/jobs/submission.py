@@ -22,6 +22,9 @@ from services.jobs import events
 from services.jobs.clock import iso
 from services.jobs.order import trial_seed
 
+LATER_FIELDS = frozenset({"object", "object_scale"})
+"""Fields of a job that came after its first form; a job sent before they came and again afterwards is one job."""
+
 
 @dataclass(frozen=True)
 class Sender:
@@ -92,7 +95,13 @@ def new_job_id() -> str:
 
 
 def _digest(request: JobRequest | IdentificationRequest) -> str:
-    return hashlib.sha256(request.model_dump_json().encode()).hexdigest()
+    """Of all that was asked, without what was not there to ask for when the first jobs were sent and was not asked for now."""
+    unasked = {name for name in LATER_FIELDS & type(request).model_fields.keys() if _is_default(request, name)}
+    return hashlib.sha256(request.model_dump_json(exclude=unasked).encode()).hexdigest()
+
+
+def _is_default(request: JobRequest | IdentificationRequest, name: str) -> bool:
+    return getattr(request, name) == type(request).model_fields[name].default
 
 
 async def _earlier(tx: AsyncConnection, sender: Sender, digest: str) -> str | None:

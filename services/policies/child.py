@@ -5,7 +5,7 @@ import signal
 from dataclasses import dataclass
 from pathlib import Path
 
-from services.child import ChildTimedOutError, Ended, run_module
+from services.child import ChildKilledError, Ended, run_module
 from services.errors import Refused
 from services.policies.conversion import SMOKE_CPU_S
 
@@ -27,7 +27,7 @@ async def convert(weights: Path, manifest: Path, out: Path, deadline_s: float) -
     files = (str(weights), str(manifest), str(out))
     try:
         ended = await run_module("services.policies.conversion", *files, folder=out.parent, deadline_s=deadline_s)
-    except ChildTimedOutError as error:
+    except ChildKilledError as error:
         raise Refused("conversion-failed", f"The policy could not be converted: {error}.") from error
     return _read(ended, out)
 

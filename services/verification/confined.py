@@ -7,14 +7,17 @@ import os
 import resource
 import sys
 
-MEMORY_LIMIT_BYTES = 8 * 1024**3
+MEMORY_LIMIT_BYTES = 3 * 1024**3
 FILE_LIMIT_BYTES = 64 * 1024**2
 """Room for the compiled functions that numba keeps."""
+NICENESS = 10
+"""Robots run trials in real time beside this; nobody waits for a verdict as they wait for their next action."""
 
 
 def main() -> None:
     """Never returns."""
     cpu_s, module, *arguments = sys.argv[1:]
+    os.nice(NICENESS)
     resource.setrlimit(resource.RLIMIT_CPU, (int(cpu_s), int(cpu_s)))
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT_BYTES, MEMORY_LIMIT_BYTES))
     resource.setrlimit(resource.RLIMIT_FSIZE, (FILE_LIMIT_BYTES, FILE_LIMIT_BYTES))

@@ -2,12 +2,13 @@
 
 import json
 import math
+from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import ValidationError
 
 from api_schemas.verification import Verification
-from services.child import ChildTimedOutError, Ended, run_module
+from services.child import ChildSaidTooMuchError, ChildTimedOutError, Ended, run_module
 from services.errors import Refused, Unavailable
 
 REPLAY = "sim_backend.replay"
@@ -15,28 +16,48 @@ VERDICTS = frozenset({0, 6})
 """Exit codes of a replay that compared all numbers: the same, or different."""
 
 
-async def verify(log: Path, truth: Path, deadline_s: float) -> Verification:
-    """Simulates the log again with what the truth file holds.
+@dataclass(frozen=True)
+class Compared:
+    """The files of a verification: a log that anyone may have made, and what the farm keeps of its trial."""
+
+    log: Path
+    truth: Path
+    original: Path
+
+
+async def verify(files: Compared, deadline_s: float, *, tell_all: bool) -> Verification:
+    """Simulates the trial again from what the farm keeps, and compares the log with it.
+
+    Args:
+        files: all in one folder.
+        deadline_s: for the whole of it.
+        tell_all: also tell what may be known of the hidden robot only to operators.
 
     Raises:
         Refused: the log cannot be read, or is not one of this truth.
-        Unavailable: it took too long, or the replay broke.
+        Unavailable: it took too long, or the farm's own files cannot be simulated, or the replay broke.
     """
-    arguments = (str(math.ceil(deadline_s)), REPLAY, str(log), "--verify", "--truth", str(truth), "--json")
+    compared = (str(files.log), "--verify", "--truth", str(files.truth), "--original", str(files.original), "--json")
+    arguments = (str(math.ceil(deadline_s)), REPLAY, *compared)
     try:
-        ended = await run_module("services.verification.confined", *arguments, folder=log.parent, deadline_s=deadline_s)
+        ended = await run_module("services.verification.confined", *arguments, folder=files.log.parent, deadline_s=deadline_s)
     except ChildTimedOutError as error:
         raise Unavailable("verification-timed-out", f"The log could not be simulated again: {error}.") from error
-    return _read(ended)
+    except ChildSaidTooMuchError as error:
+        raise Unavailable("verification-failed", f"The log could not be simulated again: {error}.") from error
+    return _read(ended, tell_all)
 
 
-def _read(ended: Ended) -> Verification:
+def _read(ended: Ended, tell_all: bool) -> Verification:
     try:
         said = json.loads(ended.said)
         if ended.status in VERDICTS:
             return Verification.model_validate(said)
-        problem = said["error"]
-    except (ValueError, KeyError, TypeError, ValidationError) as error:
+        problem, hidden = said["error"], said.get("hidden")
+    except (ValueError, KeyError, TypeError, AttributeError, ValidationError) as error:
         detail = f"The log could not be simulated again: the replaying process {ended.how}. The farm's operator can try it."
         raise Unavailable("verification-failed", detail) from error
+    if hidden is not None:
+        why = hidden if tell_all else "the farm's operator can find out why"
+        raise Unavailable("verification-failed", f"The farm's own log cannot be compared with: {problem}; {why}.")
     raise Refused("log-unfit", f"The log cannot be simulated again: {problem}")

@@ -8,6 +8,12 @@ import math
 
 import numba
 
+from sim_backend.driver.joint_reports import (
+    filtered_velocity_rad_s,
+    measured_position_rad,
+    measured_torque_nm,
+    measured_velocity_rad_s,
+)
 from sim_backend.driver.safety import joint_applied_torque_nm
 from sim_backend.effects import record as r
 from sim_backend.effects.actuation import (
@@ -16,28 +22,24 @@ from sim_backend.effects.actuation import (
     correlated_noise,
     delayed_torque_nm,
     derated_torque_nm,
-    is_due,
     sagging_factor,
     saturated_torque_nm,
     scaled_gain,
     scaled_torque_nm,
+    share_of_step,
     temperature_rise_k,
 )
 from sim_backend.effects.contact import push_force_n
 from sim_backend.effects.friction import directional_bound_nm, load_bound_nm, stribeck_bound_nm, stuck_bound_nm
 from sim_backend.effects.noise import gaussian, uniform
 from sim_backend.effects.record import SLOTS
-from sim_backend.effects.sensing import commanded_torque_nm, filtered, noisy, offset_position_rad, quantised
+from sim_backend.effects.sensing import commanded_torque_nm
 from sim_backend.trifinger import constants as c
 
 _LOWER, _UPPER = tuple(c.SOFT_LIMIT_LOWER_RAD), tuple(c.SOFT_LIMIT_UPPER_RAD)
 _KP, _KD = tuple(c.POSITION_GAIN_NM_RAD), tuple(c.VELOCITY_GAIN_NM_S_RAD)
 _DAMPING, _LIMIT = tuple(c.SAFETY_DAMPING_NM_S_RAD), c.MAX_TORQUE_NM
 
-_OFFSET, _JUMP = SLOTS["encoder_offset.offset_rad"], SLOTS["encoder_jump.offset_rad"]
-_QUANTUM, _FILTER = SLOTS["encoder_quantisation.step_rad"], SLOTS["velocity_filter.time_constant_s"]
-_POSITION_NOISE, _VELOCITY_NOISE = SLOTS["joint_noise.position_rad"], SLOTS["joint_noise.velocity_rad_s"]
-_TORQUE_NOISE = SLOTS["joint_noise.torque_nm"]
 _JITTER, _OFF = SLOTS["timing_jitter.std_s"], SLOTS["controller_restart.off"]
 _STIFFNESS, _SAFETY = SLOTS["position_gain.factor"], SLOTS["safety_damping.factor"]
 _DELAY, _CONSTANT = SLOTS["action_delay.delay_s"], SLOTS["torque_constant.error"]
@@ -57,66 +59,41 @@ _PUSH_TIME = SLOTS["cube_pushes.duration_s"]
 
 
 @numba.njit
-def measured_position_rad(slots, j, position_rad):
-    """What the encoder of joint j reports now."""
-    seed, clock = slots[r.SEED], slots[r.CLOCK]
-    value = offset_position_rad(position_rad + slots[r.PLAY + j], slots[_OFFSET + j])
-    value = offset_position_rad(value, slots[_JUMP + j])
-    value = offset_position_rad(value, slots[r.POSITION_EPISODE + j])
-    if slots[_POSITION_NOISE + j] != 0.0:
-        value = noisy(value, slots[_POSITION_NOISE + j], gaussian(seed, clock, r.CHANNEL_POSITION + j))
-    return quantised(value, slots[_QUANTUM + j])
-
-
-@numba.njit
-def filtered_velocity_rad_s(slots, j, velocity_rad_s):
-    """The speed of joint j after the board's filter; its state is that of the step before."""
-    turning = slots[r.ROTOR + j] if slots[_GAP + j] > 0.0 else velocity_rad_s
-    return filtered(slots[r.FILTERED_VELOCITY + j], turning, slots[r.STEP_S], slots[_FILTER + j])
-
-
-@numba.njit
-def measured_velocity_rad_s(slots, j, filtered_rad_s):
-    """What the board of joint j reports now as its speed."""
-    seed, clock = slots[r.SEED], slots[r.CLOCK]
-    value = filtered_rad_s + slots[r.VELOCITY_EPISODE + j]
-    if slots[_VELOCITY_NOISE + j] != 0.0:
-        value = noisy(value, slots[_VELOCITY_NOISE + j], gaussian(seed, clock, r.CHANNEL_VELOCITY + j))
-    return value
-
-
-@numba.njit
-def measure_joints(records, position_rad, velocity_rad_s, measured_position, measured_velocity):
-    """What n robots would report now, without moving their clocks; shapes (n, slots) and (n, 9), results in the last two."""
-    for i in range(len(records)):
-        for j in range(9):
-            measured_position[i, j] = measured_position_rad(records[i], j, position_rad[i, j])
-            speed = filtered_velocity_rad_s(records[i], j, velocity_rad_s[i, j])
-            measured_velocity[i, j] = measured_velocity_rad_s(records[i], j, speed)
-
-
-@numba.njit
 def hold_late_command(slots, torque):
-    """Timing jitter: let the previous command act until the new one has come; shape (9,)."""
+    """Timing jitter: let the previous command act until the new one has come; shape (9,).
+
+    A command that is overtaken by a newer one hands on its time: the newest acts when the first of them was due.
+    """
     if slots[_JITTER] == 0.0:
         for j in range(9):
             slots[r.HELD_TORQUE + j] = torque[j]
             slots[r.HELD_TARGET + j] = slots[r.POSITION_TARGET + j]
         return
-    now_s, is_new = slots[r.CLOCK] * slots[r.STEP_S], False
+    now_s, step_s = slots[r.CLOCK] * slots[r.STEP_S], slots[r.STEP_S]
+    _let_come(slots, share_of_step(now_s, slots[r.DUE_S], step_s))
+    is_new = False
     for j in range(9):
         target, awaited = slots[r.POSITION_TARGET + j], slots[r.AWAITED_TARGET + j]
         if torque[j] != slots[r.AWAITED_TORQUE + j] or (target != awaited and not (math.isnan(target) and math.isnan(awaited))):
             is_new = True
     if is_new:
-        late = abs(gaussian(slots[r.SEED], slots[r.CLOCK], r.CHANNEL_LATENESS))
-        slots[r.DUE_S] = now_s + slots[_JITTER] * late
+        due_s = now_s + slots[_JITTER] * abs(gaussian(slots[r.SEED], slots[r.CLOCK], r.CHANNEL_LATENESS))
+        slots[r.DUE_S] = min(due_s, slots[r.DUE_S]) if slots[r.DUE_S] > now_s else due_s
         for j in range(9):
             slots[r.AWAITED_TORQUE + j] = torque[j]
             slots[r.AWAITED_TARGET + j] = slots[r.POSITION_TARGET + j]
-    if is_due(now_s, slots[r.DUE_S]):
-        for j in range(9):
-            slots[r.HELD_TORQUE + j] = slots[r.AWAITED_TORQUE + j]
+        _let_come(slots, share_of_step(now_s, slots[r.DUE_S], step_s))
+
+
+@numba.njit
+def _let_come(slots, share):
+    """Let the awaited command act for a share of this step: the torque as its mean, a position target if for half of it."""
+    if share <= 0.0:
+        return
+    for j in range(9):
+        held, awaited = slots[r.HELD_TORQUE + j], slots[r.AWAITED_TORQUE + j]
+        slots[r.HELD_TORQUE + j] = awaited if share >= 1.0 else held + share * (awaited - held)
+        if share >= 0.5:
             slots[r.HELD_TARGET + j] = slots[r.AWAITED_TARGET + j]
 
 
@@ -176,29 +153,46 @@ def delay(slots, torque, arrived):
 
 
 @numba.njit
-def drive(slots, torque, position, velocity):
-    """From the torque that arrived at the motors to the torque at the joints, in place; true states, shapes (9,)."""
+def add_noise(slots, torque):
+    """Noise of the motors' currents, in place; shape (9,). White numbers that change within a step act by their mean."""
     seed, clock, step_s = slots[r.SEED], slots[r.CLOCK], slots[r.STEP_S]
-    total = 0.0
+    block = math.floor(clock * step_s / slots[_HOLD] + 1e-9)
+    mean = math.sqrt(min(1.0, slots[_HOLD] / step_s))
     for j in range(9):
-        if slots[_WHITE + j] != 0.0 or slots[_RELATIVE + j] != 0.0:
-            block = math.floor(clock * step_s / slots[_HOLD] + 1e-9)
-            torque[j] += slots[_WHITE + j] * gaussian(seed, block, r.CHANNEL_WHITE + j)
-            if slots[_RELATIVE + j] != 0.0:
-                torque[j] *= 1.0 + slots[_RELATIVE + j] * gaussian(seed, block, r.CHANNEL_RELATIVE + j)
+        if slots[_WHITE + j] != 0.0:
+            torque[j] += mean * slots[_WHITE + j] * gaussian(seed, block, r.CHANNEL_WHITE + j)
+        if slots[_RELATIVE + j] != 0.0:
+            torque[j] *= 1.0 + mean * slots[_RELATIVE + j] * gaussian(seed, block, r.CHANNEL_RELATIVE + j)
         if slots[_SLOW + j] != 0.0:
             fresh = gaussian(seed, clock, r.CHANNEL_CORRELATED + j)
             kept = correlated_noise(slots[r.CORRELATED + j], fresh, step_s, slots[_SLOW_TIME]) if clock > 0.0 else fresh
             slots[r.CORRELATED + j] = kept
             torque[j] += slots[_SLOW + j] * kept
-        total += abs(torque[j])
-    left = sagging_factor(slots[_SAG], total)
+
+
+@numba.njit
+def limit(slots, torque):
+    """What motors and supply give of it, in place; shape (9,)."""
+    total = 0.0
     for j in range(9):
-        value = saturated_torque_nm(torque[j], slots[_SATURATION + j] * left)
-        warm = r.TEMPERATURE + j
+        torque[j] = saturated_torque_nm(torque[j], slots[_SATURATION + j])
+        total += abs(torque[j])
+    if slots[_SAG] != 0.0:
+        left_nm = _LIMIT * sagging_factor(slots[_SAG], total)
+        for j in range(9):
+            torque[j] = saturated_torque_nm(torque[j], left_nm)
+
+
+@numba.njit
+def drive(slots, torque, position, velocity):
+    """From the motors' currents, as torque, to the torque at the joints, in place; true states, shapes (9,)."""
+    step_s = slots[r.STEP_S]
+    for j in range(9):
+        value, warm = torque[j], r.TEMPERATURE + j
         slots[warm] = temperature_rise_k(slots[warm], value, slots[_RISE + j], slots[_WARM_TIME + j], step_s)
         value = derated_torque_nm(scaled_torque_nm(value, slots[_CONSTANT + j]), slots[warm], slots[_LOSS + j])
-        value += cogging_torque_nm(slots[_COGGING + j], slots[_CYCLES + j], slots[_PHASE + j], position[j])
+        rotor_rad = position[j] + slots[r.PLAY + j]
+        value += cogging_torque_nm(slots[_COGGING + j], slots[_CYCLES + j], slots[_PHASE + j], rotor_rad)
         if slots[_GAP + j] > 0.0:
             play, rotor = slots[r.PLAY + j], slots[r.ROTOR + j]
             inertia = slots[_ROTOR_INERTIA + j]
@@ -226,28 +220,17 @@ def push(slots, axis):
 
 
 @numba.njit
-def measured_torque_nm(slots, j, sent_nm):
-    """What the board of joint j reports as its torque: the current that it regulates, not what reaches the joint."""
-    if slots[_TORQUE_NOISE + j] == 0.0:
-        return sent_nm
-    return noisy(sent_nm, slots[_TORQUE_NOISE + j], gaussian(slots[r.SEED], slots[r.CLOCK], r.CHANNEL_TORQUE + j))
-
-
-@numba.njit
-def set_bounds(slots, velocity, report, in_order, by_island, rows):
-    """Bounds of the joints' friction constraints for this step.
+def set_bounds(slots, velocity, report, bounds):
+    """Set the bounds of the joints' friction constraints for this step; shapes (9,), N m.
 
     Args:
         slots: the simulation's record.
-        velocity: true joint velocities, shape (9,), rad/s.
+        velocity: true joint velocities, rad/s.
         report: what :func:`step_with_effects` reported in this step.
-        in_order: bounds in the order of the joints, set, shape (9,), N m.
-        by_island: the solver's copy, sorted by islands, set.
-        rows: where each joint's bound is in the copy, shape (9,).
+        bounds: set.
     """
     for j in range(9):
-        in_order[j] = friction_bound_nm(slots, j, velocity[j], report[r.EFFECTIVE_TORQUE + j])
-        by_island[rows[j]] = in_order[j]
+        bounds[j] = friction_bound_nm(slots, j, velocity[j], report[r.EFFECTIVE_TORQUE + j])
 
 
 @numba.njit
@@ -267,13 +250,17 @@ def step_with_effects(slots, torque, position, velocity, report, force):
         report[r.MEASURED_POSITION + j] = measured_position_rad(slots, j, position[j])
         report[r.MEASURED_VELOCITY + j] = measured_velocity_rad_s(slots, j, speed)
         slots[r.FILTERED_VELOCITY + j] = speed
-    hold_late_command(slots, torque)
-    protect(slots, torque, report[r.MEASURED_POSITION :], report[r.MEASURED_VELOCITY :])
+    if slots[r.SAFETY_ON] == 1.0:
+        hold_late_command(slots, torque)
+        protect(slots, torque, report[r.MEASURED_POSITION :], report[r.MEASURED_VELOCITY :])
     effective = report[r.EFFECTIVE_TORQUE :]
     delay(slots, torque, effective)
+    add_noise(slots, effective)
+    limit(slots, effective)
+    for j in range(9):
+        report[r.MEASURED_TORQUE + j] = measured_torque_nm(slots, j, effective[j])
     drive(slots, effective, position, velocity)
     for j in range(9):
-        report[r.MEASURED_TORQUE + j] = measured_torque_nm(slots, j, torque[j])
         force[j] = effective[j] - torque[j]
     for axis in range(3):
         force[9 + axis] = push(slots, axis)

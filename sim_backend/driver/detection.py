@@ -62,7 +62,7 @@ def values_of(physics: Physics, size_m: tuple[float, float, float]) -> Values:
         extra_s=v("tracking_latency.extra_s"),
         jitter_s=v("tracking_jitter.std_s"),
         dropout_probability=v("tracking_dropout.probability"),
-        dropout_frames=np.rint(v("tracking_dropout.duration_s") / period_s),
+        dropout_frames=v("tracking_dropout.duration_s") / period_s,
         scale_error=v("tracking_scale.factor_error"),
         offset_m=v("tracking_offset.position_m"),
         offset_rad=v("tracking_offset.rotation_rad"),
@@ -191,7 +191,7 @@ def _detect(v, seed, frame, joint_position_rad, position_m, quat_wxyz):
     found_m, found_wxyz = pose_errors.offset_pose(found_m, found_wxyz, v.offset_m, v.offset_rad)
     _meaningless(confidence, found_m, found_wxyz)
     delay_s = tracking.jittered_s(tracking.later_s(c.CAMERA_DELAY_S, v.extra_s), v.jitter_s, _normal(seed, frame, JITTER, 1))
-    gap = 1 if v.dropout_probability.max() == 0.0 else max(1, int(v.dropout_frames.max()))
+    gap = 1 if v.dropout_probability.max() == 0.0 else tracking.gap_frames(v.dropout_frames.max())
     lost = tracking.dropped(v.dropout_probability, v.dropout_frames, _uniform(seed, frame, DROPOUT, gap, -1, 0))
     return seen >= SEEN_SHARE, confidence, found_m, found_wxyz, delay_s, lost
 

@@ -21,9 +21,10 @@ class Command:
 
 @dataclass(frozen=True)
 class Start:
-    """Where n robots and cubes are when a trial begins; all velocities are zero.
+    """Where n robots and cubes are when a trial begins, at rest unless velocities are given.
 
-    Shapes (n, 9) in rad, (n, 3) in m and (n, 4) wxyz. ``noise_seed`` (n,) seeds everything random about the robots (whole
+    Shapes (n, 9) in rad, (n, 3) in m and (n, 4) wxyz; velocities (n, 9) in rad/s and, of the cube, (n, 6): m/s in the world's
+    frame, then rad/s in the cube's. ``noise_seed`` (n,) seeds everything random about the robots (whole
     numbers below 2**53, 0 if None); ``motor_temperature_rise_k`` (n, 9) is above ambient, cold if None.
     """
 
@@ -32,6 +33,8 @@ class Start:
     cube_quat_wxyz: np.ndarray
     noise_seed: np.ndarray | None = None
     motor_temperature_rise_k: np.ndarray | None = None
+    joint_velocity_rad_s: np.ndarray | None = None
+    cube_velocity: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,11 @@ import numpy as np
 from mujoco.introspect.ast_nodes import ArrayType, PointerType
 from mujoco.introspect.structs import STRUCTS
 from numba import carray, types  # pyright: ignore[reportPrivateImportUsage]
+from numba.extending import intrinsic
 
 from sim_backend.driver.compilation import compiled_once
-from sim_backend.driver.control_step import measure_joints, protect_nominal, set_bounds, step_with_effects
+from sim_backend.driver.control_step import protect_nominal, set_bounds, step_with_effects
+from sim_backend.driver.joint_reports import measure_joints
 from sim_backend.effects import record as r
 
 _SCALARS = {
@@ -62,23 +64,41 @@ def _struct(name: str, last_field: str | None = None) -> type[ctypes.Structure]:
     return type(name, (ctypes.Structure,), {"_fields_": [(field.name, _ctype(field.type)) for field in described]})
 
 
-def field_word(struct: str, field: str) -> int:
-    """Position of a field in ``mjData`` or ``mjModel``, in words of 8 bytes from the struct's start."""
+def field_offset(struct: str, field: str) -> int:
+    """Position of a field in ``mjData`` or ``mjModel``, in bytes from the struct's start."""
     offset: int = getattr(_struct(struct, field), field).offset
+    return offset
+
+
+def field_word(struct: str, field: str) -> int:
+    """Position of a field in words of 8 bytes."""
+    offset = field_offset(struct, field)
     assert offset % 8 == 0, f"{struct}.{field} is not aligned"
     return offset // 8
+
+
+@intrinsic
+def _untyped(_context, pointer):
+    """A pointer to anything as a pointer to nothing, so that a struct can be looked at as an array of integers."""
+
+    def generate(context, builder, _signature, arguments):
+        return builder.bitcast(arguments[0], context.get_value_type(types.voidptr))
+
+    return types.voidptr(pointer), generate
 
 
 @functools.cache
 def _compiled():
     """The callback, compiled once a process."""
-    nuserdata = field_word("mjModel", "nuserdata")
+    nuserdata, nsensordata = (field_word("mjModel", name) for name in ("nuserdata", "nsensordata"))
     qpos, qvel, ctrl, userdata, sensordata, qfrc_applied = (
         field_word("mjData", name) for name in ("qpos", "qvel", "ctrl", "userdata", "sensordata", "qfrc_applied")
     )
-    bounds, island_bounds, island_rows = (
-        field_word("mjData", name) for name in ("efc_frictionloss", "iefc_frictionloss", "map_efc2iefc")
+    kinds, bounds, island_bounds, island_rows = (
+        field_word("mjData", name) for name in ("efc_type", "efc_frictionloss", "iefc_frictionloss", "map_efc2iefc")
     )
+    nefc, nisland = (field_offset("mjData", name) // 4 for name in ("nefc", "nisland"))
+    integers, friction = max(nefc, nisland) + 1, int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF)
     signature = types.void(types.CPointer(types.int64), types.CPointer(types.voidptr))
 
     def control(model, data):
@@ -86,26 +106,34 @@ def _compiled():
         if size < r.CONTROL_SLOTS:
             return
         slots = carray(data[userdata], (size,), np.float64)
-        if slots[r.SAFETY_ON] == 0.0:
-            return
         position, velocity = carray(data[qpos], (9,), np.float64), carray(data[qvel], (9,), np.float64)
         torque = carray(data[ctrl], (9,), np.float64)
-        if slots[r.EFFECTS_ON] == 0.0:
-            protect_nominal(slots, torque, position, velocity)
+        if slots[r.EFFECTS_ON] == 0.0 or size < r.SMALLEST or model[nsensordata] < r.REPORT_SIZE:
+            if slots[r.SAFETY_ON] == 1.0:
+                protect_nominal(slots, torque, position, velocity)
             return
         report = carray(data[sensordata], (r.REPORT_SIZE,), np.float64)
         force = carray(data[qfrc_applied], (12,), np.float64)
         step_with_effects(slots, torque, position, velocity, report, force)
-        if slots[r.BOUNDS_ON] == 1.0:  # the joints' constraints come first; the solver works on the copy sorted by islands
-            in_order, by_island = carray(data[bounds], (9,), np.float64), carray(data[island_bounds], (1 << 20,), np.float64)
-            set_bounds(slots, velocity, report, in_order, by_island, carray(data[island_rows], (9,), np.int32))
+        counts = carray(_untyped(data), (integers,), np.int32)  # pyright: ignore[reportCallIssue]
+        if slots[r.BOUNDS_ON] == 0.0 or counts[nefc] < 9:
+            return
+        kind = carray(data[kinds], (9,), np.int32)
+        if kind[0] != friction or kind[8] != friction:  # rows come joint by joint, before those of limits and contacts
+            return
+        in_order = carray(data[bounds], (9,), np.float64)
+        set_bounds(slots, velocity, report, in_order)
+        if counts[nisland] > 0:  # then the solver works on a copy that is sorted by islands
+            rows, by_island = carray(data[island_rows], (9,), np.int32), carray(data[island_bounds], (counts[nefc],), np.float64)
+            for j in range(9):
+                by_island[rows[j]] = in_order[j]
 
     return compiled_once(lambda cache: numba.cfunc(signature, cache=cache)(control))
 
 
 @functools.cache
 def measurer():
-    """``control_step.measure_joints``, compiled once a process."""
+    """``joint_reports.measure_joints``, compiled once a process."""
     rows = types.float64[:, :]
     return compiled_once(lambda cache: numba.njit([(rows,) * 5], cache=cache)(measure_joints.py_func))
 

@@ -2,9 +2,14 @@
 
 # mujoco fills its namespace when it is imported, which the type checker cannot see
 # pyright: reportAttributeAccessIssue=false
-import mujoco
-import numpy as np
+import functools
 
+import mujoco
+import numba
+import numpy as np
+from numba import types  # pyright: ignore[reportPrivateImportUsage]
+
+from sim_backend.driver.compilation import compiled_once
 from sim_backend.effects import friction, noise, record, sensing
 from sim_backend.effects.catalogue import CATALOGUE
 from sim_backend.effects.effect import Acts
@@ -14,7 +19,7 @@ from sim_backend.trifinger.scene import build_scene
 
 
 def robot_spec(physics: Physics, *, shape: Shape = CUBE, physics_step_s: float) -> mujoco.MjSpec:
-    """Specification of one robot with its effects, as plain MJCF can express it.
+    """Specification of one robot with those of its effects that MuJoCo has (``Acts.MODEL``); others do not show in it.
 
     Args:
         physics: effects of one robot (n = 1).
@@ -73,6 +78,13 @@ def parameter_slots(physics: Physics, noise_seed: np.ndarray) -> np.ndarray:
         ("joint_episode_noise.velocity_rad_s", record.VELOCITY_EPISODE, record.CHANNEL_VELOCITY_EPISODE),
     ):
         if (physics.value(key) != 0.0).any():
-            normal = noise.gaussians(noise_seed.astype(float), steps, joints + channel)
+            normal = _gaussians()(noise_seed.astype(float), steps, joints + channel)
             slots[:, first : first + 9] = sensing.noisy(0.0, physics.value(key), normal)
     return slots[:, record.CONTROL_SLOTS :]
+
+
+@functools.cache
+def _gaussians():
+    """``noise.gaussians``, compiled once a machine."""
+    seeds, channels = types.float64[:], types.int64[:]
+    return compiled_once(lambda cache: numba.njit([(seeds, seeds, channels)], cache=cache)(noise.gaussians.py_func))

@@ -101,13 +101,13 @@ class SimulatedDriver:
         self._write_parameters(np.arange(self._robots))
 
     def _write_parameters(self, rows: np.ndarray) -> None:
-        self._slots[rows, r.EFFECTS_ON] = float(self._effects_on and self._safety)
+        self._slots[rows, r.EFFECTS_ON] = float(self._effects_on)
         self._slots[rows, r.BOUNDS_ON] = self._bounds_on[rows]
         parameters = parameter_slots(self._physics, self._slots[:, r.SEED])
         self._slots[rows, r.CONTROL_SLOTS : r.FILTERED_VELOCITY] = parameters[rows]
 
     def reset(self, start: Start, robots: np.ndarray | None = None) -> None:
-        """Put robots and cubes at rest at their start.
+        """Put robots and cubes at their start.
 
         Args:
             start: poses, one row for each robot that is reset.
@@ -119,6 +119,10 @@ class SimulatedDriver:
         self._qpos[rows, 9:12] = start.cube_position_world_m
         self._qpos[rows, 12:16] = start.cube_quat_wxyz
         self._qvel[rows] = 0.0
+        if start.joint_velocity_rad_s is not None:
+            self._qvel[rows, :9] = start.joint_velocity_rad_s
+        if start.cube_velocity is not None:
+            self._qvel[rows, 9:15] = start.cube_velocity
         self._batch.forward(ids=rows)  # while the record is empty, so that the control callback rests
         self._slots[rows] = 0.0
         self._slots[rows, r.SAFETY_ON] = float(self._safety)
@@ -127,6 +131,8 @@ class SimulatedDriver:
             self._slots[rows, first : first + 9] = np.nan
         if start.noise_seed is not None:
             self._slots[rows, r.SEED] = start.noise_seed
+        for first in (r.FILTERED_VELOCITY, r.ROTOR):
+            self._slots[rows, first : first + 9] = self._qvel[rows, :9]
         if start.motor_temperature_rise_k is not None:
             self._slots[rows, r.TEMPERATURE : r.TEMPERATURE + 9] = start.motor_temperature_rise_k
         self._write_parameters(rows)

@@ -20,7 +20,8 @@ GRAZING_COSINE = 0.1
 """A face seen at less than 6 degrees is a line of 2 pixels in the tracker's images of 270 pixels: it counts as looking away."""
 EDGE_M = 0.002
 """Pixels this close to the outline of something in the way are a mixture of both: one pixel at 0.55 m of a 270 px image is
-0.55 m / 293 px = 1.9 mm, and the tracker smooths its images before it halves them (TOT)."""
+0.55 m / 293 px = 1.9 mm, and the tracker smooths its images before it halves them (TOT). Something thinner than a pixel spoils
+no more than its own thickness, so that what has none is not there at all."""
 
 _POSITION_M = np.array([camera.position_world_m for camera in c.CAMERAS])
 _CENTRE = np.array([camera.centre_px for camera in c.CAMERAS])
@@ -115,6 +116,12 @@ def clearance_m(eye, point, capsule):
 
 
 @numba.njit
+def edge_m(capsule):
+    """Width of the mixture around the outline of a capsule (7,), m; see ``EDGE_M``."""
+    return min(EDGE_M, capsule[6])
+
+
+@numba.njit
 def _in_image(camera, point):
     """Whether a point is inside a camera's image; the lens' distortion only shifts the margin."""
     x, y, z = 0.0, 0.0, 0.0
@@ -165,12 +172,14 @@ def _shares(camera, centre, turn, half, face, occluders, near, point):
             b = half[second] * ((2 * j + 1) / SAMPLES - 1.0)
             for k in range(3):
                 point[k] = centre[k] + sign * half[axis] * turn[k, axis] + a * turn[k, first] + b * turn[k, second]
-            free_m = 1.0 if _in_image(camera, point) else -1.0
+            is_seen = is_sharp = _in_image(camera, point)
             for index in range(OCCLUDERS):
-                if free_m > 0.0 and near[index]:
-                    free_m = min(free_m, clearance_m(_POSITION_M[camera], point, occluders[index]))
-            seen += free_m > 0.0
-            sharp += free_m > EDGE_M
+                if is_seen and near[index]:
+                    free_m = clearance_m(_POSITION_M[camera], point, occluders[index])
+                    is_seen = free_m > 0.0
+                    is_sharp = is_sharp and free_m > edge_m(occluders[index])
+            seen += is_seen
+            sharp += is_seen and is_sharp
     return seen / SAMPLES**2, sharp / SAMPLES**2
 
 

@@ -12,7 +12,6 @@ from sim_backend.trifinger import constants as c
 
 MAX_DELAY_S = 0.1
 """The longest action delay; the record of each simulation keeps so much of the past."""
-NO_HOLD_S = 1e-6
 COGGING_PER_TURN = 72
 """Of the rotor: 18 slots and 24 magnets (T-Motor Antigravity 4004, open_robot_actuator_hardware actuator_module_v1)."""
 ROTOR_INERTIA_KG_M2 = 4.5e-6 * c.GEAR_RATIO**2
@@ -28,9 +27,9 @@ def delayed_torque_nm(newer_nm, older_nm, fraction):
 
 
 @numba.njit(inline="always")
-def is_due(now_s, due_s):
-    """Whether a command that was held up acts by now."""
-    return now_s >= due_s - NO_HOLD_S
+def share_of_step(now_s, due_s, step_s):
+    """For which share of the step that begins now a command acts that is due at a time; below 0 if not yet."""
+    return min(1.0, (now_s + step_s - due_s) / step_s)
 
 
 @numba.njit(inline="always")
@@ -103,7 +102,8 @@ def backlash(play_rad, rotor_rad_s, joint_rad_s, torque_nm, gap_rad, rotor_inert
 
     Returns:
         The play, the rotor's speed and the transmitted torque: the motor's torque while the rotor presses against the side
-        it lies on, none while it crosses the gap.
+        it lies on, none while it crosses the gap, and its momentum within one step when it arrives. As the gap goes to zero
+        the torque passes unchanged.
     """
     half = 0.5 * gap_rad
     lies_on = 1.0 if play_rad >= half else (-1.0 if play_rad <= -half else 0.0)
@@ -113,11 +113,10 @@ def backlash(play_rad, rotor_rad_s, joint_rad_s, torque_nm, gap_rad, rotor_inert
         rotor_rad_s = joint_rad_s
     rotor_rad_s = rotor_rad_s + step_s * torque_nm / rotor_inertia_kg_m2
     play_rad = play_rad + step_s * (rotor_rad_s - joint_rad_s)
-    if play_rad >= half:
-        return half, joint_rad_s, 0.0
-    if play_rad <= -half:
-        return -half, joint_rad_s, 0.0
-    return play_rad, rotor_rad_s, 0.0
+    if abs(play_rad) < half:
+        return play_rad, rotor_rad_s, 0.0
+    impact_nm = rotor_inertia_kg_m2 * (rotor_rad_s - joint_rad_s) / step_s
+    return (half if play_rad > 0.0 else -half), joint_rad_s, impact_nm
 
 
 def _joint(name: str, unit: str, lower: float, upper: float, absent: float, about: str) -> Parameter:
@@ -144,7 +143,7 @@ EFFECTS = (
         "timing_jitter",
         "a new command comes late by half-normal chance; until then the previous one is repeated",
         "robot_interfaces doc/timeseries.rst: a late user repeats the previous action; Dactyl (arXiv 1808.00177) jitters timing",
-        is_due,
+        share_of_step,
         _one("std_s", "s", 0.0, 0.02, 0.0, "scale of the half-normal lateness, drawn for each new command"),
     ),
     _effect(
@@ -166,7 +165,7 @@ EFFECTS = (
         "the torque limit of all motors falls with the torque that they give together",
         "a supply with inner resistance: Rhoban/bam (arXiv 2410.08650) and MuJoCo's dcmotor take the voltage as given",
         sagging_factor,
-        _one("loss_per_nm", "1/(N m)", 0.0, 0.5, 0.0, "share of the torque limit lost for each N m of total torque"),
+        _one("loss_per_nm", "1/(N m)", 0.0, 0.5, 0.0, "share of the driver's torque limit lost for each N m of total torque"),
     ),
     _effect(
         "thermal_derating",

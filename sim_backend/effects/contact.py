@@ -88,7 +88,7 @@ EFFECTS = (
         "fingers slide on table and wall more or less easily",
         "IsaacGymEnvs Trifinger.yaml: robot 1.0, table 0.1, averaged",
         finger_table_friction,
-        _one("coefficient", "", 0.05, 3.0, c.FINGER_FRICTION, "of fingers against table, wall and each other"),
+        _one("coefficient", "", c.TABLE_FRICTION, 3.0, c.FINGER_FRICTION, "of fingers against table, wall and each other"),
     ),
     _effect(
         "cube_mass",

@@ -106,11 +106,15 @@ def _checked(n: int, key: str, value: Any) -> np.ndarray:
     shape = _shape(n, parameter)
     try:
         array = np.asarray(value, dtype=float)
-        if array.ndim == 1 and len(shape) == 2 and len(array) == n != shape[1]:
+        if array.ndim == 1 and len(shape) == 2 and len(array) == n > 1:
+            if n == shape[1]:
+                raise ValueError("one number for each robot, or one for each joint, camera or axis?")
             array = array[:, None]  # one number for each robot
         array = np.broadcast_to(array, shape).copy()
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{key} is {value!r}; it must be a number or of shape {shape} ({parameter.scope} scope)") from error
+        raise ValueError(
+            f"{key} is {value!r}; it must be a number or of shape {shape} ({parameter.scope} scope): {error}"
+        ) from error
     outside = ~((array >= parameter.lower) & (array <= parameter.upper))
     if outside.any():
         limits = f"between {parameter.lower:g} and {parameter.upper:g} {parameter.unit}".rstrip()

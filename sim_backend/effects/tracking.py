@@ -40,12 +40,18 @@ def jittered_s(delay_s, std_s, normal):
 
 
 @numba.njit
+def gap_frames(duration_frames):
+    """Length of a gap in whole frames: the nearest number, and at least one."""
+    return max(int(np.rint(duration_frames)), 1)
+
+
+@numba.njit
 def dropped(probability, duration_frames, uniform):
     """Frames that never arrive.
 
     Args:
         probability: that a gap begins with a frame, shape (n,).
-        duration_frames: length of a gap in frames, shape (n,); parts of a frame do not count.
+        duration_frames: length of a gap in frames, shape (n,); see :func:`gap_frames` for parts of a frame.
         uniform: numbers in (0, 1) of this frame and those before it, newest first, shape (n, k).
 
     Returns:
@@ -53,7 +59,7 @@ def dropped(probability, duration_frames, uniform):
     """
     lost = np.zeros(len(probability), dtype=np.bool_)
     for i in range(len(probability)):
-        for k in range(min(max(int(duration_frames[i]), 1), uniform.shape[1])):
+        for k in range(min(gap_frames(duration_frames[i]), uniform.shape[1])):
             lost[i] |= uniform[i, k] < probability[i]
     return lost
 
@@ -62,11 +68,12 @@ def dropped(probability, duration_frames, uniform):
 def missed_share(missed, uniform):
     """Share of the coloured pixels that are not recognised in a frame, shape (n,).
 
-    Exponential with mean ``missed`` (n,) up to 1; ``uniform`` (n, 1) are numbers in (0, 1).
+    Beta(1, (1 - m) / m) with mean m = ``missed`` (n,), up to 0.5: close to an exponential where m is small, but a share whatever
+    m is. ``uniform`` (n, 1) are numbers in (0, 1).
     """
     out = np.empty(len(missed))
     for i in range(len(missed)):
-        out[i] = min(-missed[i] * math.log(uniform[i, 0]), 1.0)
+        out[i] = -math.expm1(missed[i] / (1.0 - missed[i]) * math.log(uniform[i, 0]))
     return out
 
 

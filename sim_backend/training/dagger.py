@@ -1,33 +1,30 @@
 """Imitation of a published expert by DAgger (Ross et al., 2011): the student acts, the expert says what it would have done.
 
-    python -m sim_backend.training.dagger TEACHER.safetensors --out FOLDER [--minutes 6] [--seed 1] [--physics real]
+    python -m sim_backend.training.dagger TEACHER.safetensors --out FOLDER [--minutes 12] [--seed 1] [--physics real]
 
 Writes ``push.safetensors``, ``push.json`` (the manifest) and ``push-record.json`` (settings, seeds, score). Needs torch, which
 comes with the extra ``learning``. Runs on two CPU cores.
 """
 
 import argparse
-import itertools
 import json
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors.torch import load_file, save_file
+from safetensors.torch import save_file
 from scipy.stats import binomtest
 from torch import nn
 
 from api_schemas.policy import LAYOUTS, InputScaling, OutputScaling, PolicyManifest
-from sim_backend.driver.simulated import SimulatedDriver
-from sim_backend.driver.tracker import Tracker
 from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import load_ranges
 from sim_backend.episode import Episode
-from sim_backend.evaluation import evaluate
+from sim_backend.evaluation import begin_trials, evaluate
 from sim_backend.tasks import TASKS
-from sim_backend.tasks.task import draw_trial, stack_goals, stack_starts
+from sim_backend.training.networks import Student, Teacher
 from sim_backend.training.randomization import draw_robots
 from sim_backend.trifinger import constants as c
 
@@ -39,6 +36,7 @@ class Settings:
     task: str = "push"
     seed: int = 1
     minutes: float = 12.0
+    steps: int | None = None  # control periods to train for instead of minutes; the same seed then gives the same student
     physics: str = "real"  # ranges that the robots trained on are drawn from, anew for each episode
     robots: int = 128
     physics_step_s: float = 0.004
@@ -53,111 +51,115 @@ class Settings:
     evaluation_seed: int = 10_000_000
     evaluation_trials: int = 200
 
+    def done(self, steps: int, elapsed_s: float) -> float:
+        """Share of the run that is over after this many control periods and this time, s."""
+        return elapsed_s / (60 * self.minutes) if self.steps is None else steps / self.steps
+
 
 MANIFEST = LAYOUTS["rrc2022-push"]
 
 
-class Teacher:
-    """The published expert: its scaling, its network and its torque limit, as its tensors give them."""
+class Memory:
+    """What was seen and what the teacher would have done there. Owner of the samples; the oldest give way to new ones."""
 
-    def __init__(self, path: Path) -> None:
-        self._w = {name: tensor.float() for name, tensor in load_file(path).items()}
+    def __init__(self, settings: Settings) -> None:
+        self._seen = torch.empty((settings.largest_memory, MANIFEST.observation_size))
+        self._wanted = torch.empty((settings.largest_memory, 9))
+        self.count = 0
 
-    @torch.no_grad()
-    def act(self, observation: torch.Tensor) -> torch.Tensor:
-        """Torques (n, 9) in N m for observations (n, 54)."""
-        w = self._w
-        x = 2 * (observation - w["observation_low"]) / (w["observation_high"] - w["observation_low"]) - 1
-        x = ((x - w["running_mean"]) / torch.sqrt(w["running_var"] + 1e-5)).clamp(-5, 5)
-        layers = sum(name.endswith(".weight") for name in w)
-        for index in range(layers):
-            x = x @ w[f"layer{index}.weight"].T + w[f"layer{index}.bias"]
-            if index < layers - 1:
-                x = nn.functional.elu(x)
-        return x.clamp(-1, 1) * w["torque_limit_nm"]
+    def add(self, observation: torch.Tensor, torque_nm: torch.Tensor) -> None:
+        """Observations (n, size) and the teacher's torques (n, 9), N m."""
+        rows = (self.count + np.arange(len(observation))) % len(self._seen)
+        self._seen[rows], self._wanted[rows] = observation, torque_nm / c.MAX_TORQUE_NM
+        self.count += len(observation)
+
+    def draw(self, rng: np.random.Generator, size: int) -> tuple[torch.Tensor, torch.Tensor]:
+        """Some samples: observations (size, ...) and actions (size, 9) in units of the torque limit."""
+        rows = torch.from_numpy(rng.integers(len(self._kept), size=size))
+        return self._seen[rows], self._wanted[rows].clamp(-1, 1)
+
+    def scaling(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Mean and variance of each input."""
+        return self._kept.mean(0), self._kept.var(0)
+
+    @property
+    def _kept(self) -> torch.Tensor:
+        return self._seen[: self.count]
 
 
-class Student(nn.Module):
-    """A smaller network with the same inputs; its inputs are normalised by the first samples it has seen."""
+class Learner:
+    """The student and its optimiser. Owner of both."""
 
-    mean: torch.Tensor
-    variance: torch.Tensor
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self.student = Student(MANIFEST.observation_size, settings.hidden)
+        self._optimizer = torch.optim.Adam(self.student.parameters(), lr=settings.learning_rate)
+        self.loss = float("nan")
 
-    def __init__(self, inputs: int, hidden: tuple[int, ...]) -> None:
-        super().__init__()
-        sizes = (inputs, *hidden, 9)
-        self.layers = nn.ModuleList(nn.Linear(a, b) for a, b in itertools.pairwise(sizes))
-        self.register_buffer("mean", torch.zeros(inputs))
-        self.register_buffer("variance", torch.ones(inputs))
+    def learn(self, memory: Memory, rng: np.random.Generator, done: float) -> None:
+        """Some updates; the learning rate falls with the share of the run that is done."""
+        first, last = self._settings.learning_rate, self._settings.final_learning_rate
+        self._optimizer.param_groups[0]["lr"] = first * (last / first) ** min(1.0, done)
+        for _ in range(self._settings.updates):
+            observation, wanted = memory.draw(rng, self._settings.batch)
+            loss = nn.functional.mse_loss(self.student(observation), wanted)
+            self._optimizer.zero_grad()
+            loss.backward()
+            self._optimizer.step()
+            self.loss = loss.item()
 
-    def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """Actions in units of the torque limit, before clipping."""
-        x = ((observation - self.mean) / torch.sqrt(self.variance + 1e-5)).clamp(-5, 5)
-        for layer in self.layers[:-1]:
-            x = nn.functional.elu(layer(x))
-        return self.layers[-1](x)
 
-    @torch.no_grad()
-    def act(self, observation: torch.Tensor) -> torch.Tensor:
-        """Torques (n, 9), N m."""
-        return self(observation).clamp(-1, 1) * c.MAX_TORQUE_NM
+class Practice:
+    """Trials one after the other on robots that were never seen before; in some of them the teacher acts."""
+
+    def __init__(self, settings: Settings, teacher: Teacher, rng: np.random.Generator) -> None:
+        self._settings, self._teacher, self._rng = settings, teacher, rng
+        self._ranges = load_ranges(settings.physics)
+        self._first_seed = settings.seed * 1_000_000
+        self.teacher_acts = np.zeros(settings.robots, dtype=bool)
+
+    def begin(self, done: float) -> None:
+        """New robots and goals; the teacher acts the less often, the more of the run is done."""
+        robots = self._settings.robots
+        seeds = range(self._first_seed, self._first_seed + robots)
+        self._episode = begin(self._settings, draw_robots(self._ranges, self._rng, robots), seeds)
+        self._first_seed += robots
+        self.teacher_acts = self._rng.random(robots) < max(0.0, 1 - done / self._settings.expert_share_until)
+
+    def advance(self, student: Student) -> tuple[torch.Tensor, torch.Tensor]:
+        """One control period; returns what was seen in it and what the teacher would have done."""
+        observation = torch.from_numpy(self._episode.observe()).float()
+        wanted = self._teacher.act(observation)
+        action = torch.where(torch.from_numpy(self.teacher_acts)[:, None], wanted, student.act(observation))
+        self._episode.advance(action.double().numpy())
+        return observation, wanted
 
 
 def begin(settings: Settings, physics: Physics, seeds: range) -> Episode:
     """Start one trial on each of n robots."""
-    driver = SimulatedDriver(robots=physics.n, threads=2, physics_step_s=settings.physics_step_s, physics=physics)
-    tracker = Tracker(physics_step_s=settings.physics_step_s, physics=physics)
-    episode = Episode(driver, tracker, MANIFEST, physics_step_s=settings.physics_step_s)
-    drawn = [draw_trial(TASKS[settings.task], seed) for seed in seeds]
-    start = replace(stack_starts([start for start, _ in drawn]), noise_seed=np.array(seeds, dtype=float))
-    episode.begin(start, stack_goals([goal for _, goal in drawn]))
-    return episode
+    return begin_trials(MANIFEST, TASKS[settings.task], seeds, physics=physics, physics_step_s=settings.physics_step_s)[0]
 
 
 def train(settings: Settings, teacher: Teacher) -> tuple[Student, dict]:
-    """DAgger until the time is over; returns the student and what the run did."""
+    """DAgger until the time is over, or for as many steps as are set; returns the student and what the run did."""
     torch.manual_seed(settings.seed)
-    rng = np.random.default_rng(settings.seed)
-    ranges = load_ranges(settings.physics)
-    student = Student(MANIFEST.observation_size, settings.hidden)
-    optimizer = torch.optim.Adam(student.parameters(), lr=settings.learning_rate)
-    seen = torch.empty((settings.largest_memory, MANIFEST.observation_size))
-    wanted = torch.empty((settings.largest_memory, 9))
-    count, first_seed, loss_value = 0, settings.seed * 1_000_000, float("nan")
-    periods = TASKS[settings.task].steps // MANIFEST.period_steps
-    started_s, limit_s, step = time.monotonic(), settings.minutes * 60, 0
-    episode, expert_acts = None, np.zeros(settings.robots, dtype=bool)
-    while (elapsed := (time.monotonic() - started_s) / limit_s) < 1:
-        if episode is None or step % periods == 0:
-            physics = draw_robots(ranges, rng, settings.robots)
-            episode = begin(settings, physics, range(first_seed, first_seed + settings.robots))
-            first_seed += settings.robots
-            expert_acts = rng.random(settings.robots) < max(0.0, 1 - elapsed / settings.expert_share_until)
-        observation = torch.from_numpy(episode.observe()).float()
-        label = teacher.act(observation)
-        rows = (count + np.arange(settings.robots)) % settings.largest_memory
-        seen[rows], wanted[rows] = observation, label / c.MAX_TORQUE_NM
-        count += settings.robots
-        action = torch.where(torch.from_numpy(expert_acts)[:, None], label, student.act(observation))
-        episode.advance(action.double().numpy())
+    rng, started_s = np.random.default_rng(settings.seed), time.monotonic()
+    practice, learner, memory = Practice(settings, teacher, rng), Learner(settings), Memory(settings)
+    periods, step, done = TASKS[settings.task].steps // MANIFEST.period_steps, 0, 0.0
+    while done < 1:
+        if step % periods == 0:
+            practice.begin(done)
+        memory.add(*practice.advance(learner.student))
         step += 1
-        if step % periods == 0 and step <= periods:
-            student.mean.copy_(seen[:count].mean(0))
-            student.variance.copy_(seen[:count].var(0))
+        if step == periods:
+            learner.student.normalise(*memory.scaling())
         if step % settings.steps_between_updates == 0:
-            share = min(1.0, elapsed)
-            rate = settings.learning_rate * (settings.final_learning_rate / settings.learning_rate) ** share
-            optimizer.param_groups[0]["lr"] = rate
-            for _ in range(settings.updates):
-                batch = torch.from_numpy(rng.integers(min(count, settings.largest_memory), size=settings.batch))
-                loss = nn.functional.mse_loss(student(seen[batch]), wanted[batch].clamp(-1, 1))
-                optimizer.zero_grad()
-                loss.backward()
-                optimizer.step()
-                loss_value = loss.item()
+            learner.learn(memory, rng, done)
         if step % (10 * periods) == 0:
-            print(f"{elapsed:4.0%}  samples {count}  loss {loss_value:.4f}  expert acts {expert_acts.mean():.0%}", flush=True)
-    return student, {"samples": count, "final_loss": loss_value, "wall_s": time.monotonic() - started_s}
+            acts = practice.teacher_acts.mean()
+            print(f"{done:4.0%}  samples {memory.count}  loss {learner.loss:.4f}  teacher acts {acts:.0%}", flush=True)
+        done = settings.done(step, time.monotonic() - started_s)
+    return learner.student, {"samples": memory.count, "final_loss": learner.loss, "wall_s": time.monotonic() - started_s}
 
 
 def measured(settings: Settings, actor: Student | Teacher, physics: str) -> dict:

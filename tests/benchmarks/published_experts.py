@@ -16,12 +16,12 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import bootstrap
 
 ROOT = Path(__file__).parent.parent.parent
 TASKS = ("push", "lift")
 JOB_SEED = 31
 ROBOTS = 8
+RESAMPLES = 9999
 
 
 def farm_successes(experts: Path, physics: list[str], trials: int) -> dict[str, dict]:
@@ -49,21 +49,52 @@ def farm_successes(experts: Path, physics: list[str], trials: int) -> dict[str, 
 
 
 def compared(nominal: dict, real: list[dict]) -> dict[str, dict]:
-    """Rates and paired differences over the farms, by task."""
+    """Rates and paired differences over the farms, by task.
+
+    The farms share goals and the nominal trials, so that their pairs are not independent: the difference is averaged over the
+    farms for each goal, and its interval comes from resampling goals, and robots within each farm (:func:`difference_interval`).
+    """
     summary = {}
     for task in TASKS:
-        wins = [np.array(farm[task]["success"], dtype=float) for farm in real]
-        difference = np.concatenate([each - np.array(nominal[task]["success"]) for each in wins])
-        interval = bootstrap((difference,), np.mean, n_resamples=9999, rng=np.random.default_rng(1)).confidence_interval
+        wins = np.array([farm[task]["success"] for farm in real], dtype=float)
+        difference = wins - np.array(nominal[task]["success"], dtype=float)
+        robots = [np.array(farm[task]["robot"]) for farm in real]
         summary[task] = {
             "nominal": float(np.mean(nominal[task]["success"])),
-            "real": [float(each.mean()) for each in wins],
-            "difference": float(difference.mean()),
-            "difference_interval_95": [float(interval.low), float(interval.high)],
+            "real": wins.mean(axis=1).tolist(),
+            "difference": float(difference.mean(axis=0).mean()),
+            "difference_interval_95": list(difference_interval(difference, robots, np.random.default_rng(1))),
             "robots": [_by_robot(farm[task]) for farm in real],
             "variance_between_robots": [farm[task]["between_robots"] for farm in real],
         }
     return summary
+
+
+def difference_interval(
+    difference: np.ndarray, robots: list[np.ndarray], rng: np.random.Generator, resamples: int = RESAMPLES
+) -> tuple[float, float]:
+    """95 % interval of the mean paired difference, by a bootstrap of goals crossed with robots.
+
+    Each resample draws goals, the same ones for all farms, and within each farm robots, all with replacement; a pair counts as
+    often as its goal times as often as its robot was drawn. What belongs to a goal (its difficulty, its one nominal trial) and
+    what belongs to a robot is thereby drawn as a whole. Chance in the single trial is counted in both draws, so that the interval
+    is rather too wide than too narrow (Owen 2007, "The pigeonhole bootstrap").
+
+    Args:
+        difference: success on each farm minus success on the nominal one, shape (farms, goals).
+        robots: who ran each goal, names of shape (goals,) for each farm.
+        rng: for the resamples.
+        resamples: how many.
+    """
+    goals = difference.shape[1]
+    goal_counts = rng.multinomial(goals, np.full(goals, 1 / goals), size=resamples)
+    means = np.zeros(resamples)
+    for row, names in zip(difference, robots, strict=True):
+        known, index = np.unique(names, return_inverse=True)
+        counts = goal_counts * rng.multinomial(len(known), np.full(len(known), 1 / len(known)), size=resamples)[:, index]
+        means += counts @ row / counts.sum(axis=1) / len(difference)
+    low, high = np.quantile(means, [0.025, 0.975])
+    return float(low), float(high)
 
 
 def _by_robot(found: dict) -> dict[str, float]:

@@ -1,13 +1,20 @@
 """Farms whose robots differ: hidden physics stays hidden, sick robots leave, objects and identification go the same way."""
 
 import json
+from collections import defaultdict
 from pathlib import Path
 
+import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from mcap_protobuf.decoder import DecoderFactory
 
+from api_schemas.trial_log import EVENTS, MANIFEST_ATTACHMENT, MEASURED_TOPICS, MODEL_ATTACHMENT, STEP_NS, TORQUE, TRACKER
 from api_schemas.trial_log_reader import read_log
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.replay import EXIT_DIFFERS
+from sim_backend.trifinger.constants import START_JOINT_POSITION_RAD as START_RAD
 from tests.end_to_end.farm import Farm
 
 ROOT = Path(__file__).parent.parent.parent
@@ -49,27 +56,106 @@ def test_sick_robots_leave_with_a_reason_and_their_trials_run_elsewhere(farm, jo
 
 def test_a_log_holds_nothing_that_is_hidden(farm, job, tmp_path):
     farm.run("fetch", job, "--to", str(tmp_path))
-    data = (tmp_path / "trial-000.mcap").read_bytes()
     log = read_log(tmp_path / "trial-000.mcap")
     assert not any(topic.startswith("/truth") for topic in log.message_counts)
     assert log.metadata["physics"] == "real"
-    text = json.dumps([log.metadata, log.outcome])
-    assert not any(key in text or key.encode() in data for key in PARAMETERS)
+    texts = texts_of(tmp_path / "trial-000.mcap")
+    del texts[MANIFEST_ATTACHMENT]  # of the user's own
+    everything = "\n".join(text for found in texts.values() for text in found)
+    assert all(texts[topic] for topic in (EVENTS, TRACKER, "metadata", MODEL_ATTACHMENT))
+    assert "capture_time_s" in everything and log.metadata["trial_id"] in everything and "<mujoco" in everything
+    hidden = set(PARAMETERS) | {key.split(".")[0] for key in PARAMETERS} | {"noise_seed", "motor_temperature_rise_k"}
+    hidden |= {name for key in PARAMETERS if "_" in (name := key.split(".")[1])}  # a single word may mean anything
+    assert len(hidden) > 100 and not [word for word in hidden if f'"{word}"' in everything]
+    effects = physics_of(farm, log.metadata["robot"])["effects"]
+    drawn = {repr(number) for number in numbers_in(effects) if len(repr(number)) > 8}
+    assert len(drawn) > 50 and not [number for number in drawn if number in everything]
     assert (log.confidence < 1.0).any()
     assert farm.json("replay", str(tmp_path / "trial-000.mcap"), "--verify")["same"]
 
 
+def texts_of(log: Path) -> dict[str, list[str]]:
+    """All that can be read in a log as text, by topic: strings of its decoded messages, JSON, metadata and attachments."""
+    texts: dict[str, list[str]] = defaultdict(list)
+    with log.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        for _, channel, message in reader.iter_messages():
+            if channel.message_encoding == "json":
+                texts[channel.topic].append(json.dumps(json.loads(message.data)))
+        for _, channel, _, decoded in reader.iter_decoded_messages([t for t in MEASURED_TOPICS if t != TRACKER]):
+            texts[channel.topic] += [str(value) for field, value in decoded.ListFields() if isinstance(value, str)]
+            texts[channel.topic].append(" ".join(field.name for field in decoded.DESCRIPTOR.fields))
+        texts["metadata"] = [f'"{key}" {value}' for record in reader.iter_metadata() for key, value in record.metadata.items()]
+        for file in reader.iter_attachments():
+            texts[file.name] = [file.data.decode()]
+    return texts
+
+
+def numbers_in(document) -> list[float]:
+    """All numbers of a nested document."""
+    if isinstance(document, dict):
+        return [number for value in document.values() for number in numbers_in(value)]
+    if isinstance(document, list):
+        return [number for value in document for number in numbers_in(value)]
+    return [float(document)]
+
+
+def physics_of(farm, robot: str) -> dict:
+    """What a robot is really like, as an operator may look it up."""
+    return farm.json("physics", "--robot", robot, "--data", str(farm.folder / "data"), "--farm-seed", "99")
+
+
+def test_a_placed_trial_does_not_give_the_encoders_away(farm, job, tmp_path):
+    farm.run("fetch", job, "--to", str(tmp_path))
+    checked = 0
+    for path in sorted(tmp_path.glob("trial-*.mcap")):
+        if "the object was placed" not in texts_of(path)[EVENTS]:
+            continue
+        log, checked = read_log(path), checked + 1
+        effects = physics_of(farm, log.metadata["robot"])["effects"]
+        offset_rad = np.array(effects["encoder_offset"]["offset_rad"])
+        shown_rad = log.joint_position_rad[0] - START_RAD
+        assert np.abs(offset_rad).max() > 4e-3
+        assert np.abs(shown_rad).max() < 1e-4, "one count of an encoder is 3.5e-5 rad"
+    assert checked >= 1, "the first trial of every robot starts with a placement"
+
+
+def forge(log: Path, forged: Path, *, topic: str, step: int) -> None:
+    """A copy, whole and well-formed, in which one number of one message is another."""
+    with log.open("rb") as stream, forged.open("wb") as out:
+        reader, writer = make_reader(stream), Writer(out)
+        writer.start()
+        schemas, channels = {}, {}
+        for schema, channel, message in reader.iter_messages():
+            if schema.id not in schemas:
+                schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
+            if channel.id not in channels:
+                schema_id = schemas[schema.id]
+                channels[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, schema_id, channel.metadata
+                )
+            data = message.data
+            if channel.topic == topic and message.log_time == step * STEP_NS:
+                data = data[:-1] + bytes([data[-1] ^ 1])  # the exponent of the last double
+            writer.add_message(channels[channel.id], message.log_time, data, message.publish_time, message.sequence)
+        for record in reader.iter_metadata():
+            writer.add_metadata(record.name, record.metadata)
+        for file in reader.iter_attachments():
+            writer.add_attachment(file.create_time, file.log_time, file.name, file.media_type, file.data)
+        writer.finish()
+
+
 def test_a_forged_log_is_found_out_by_the_server(farm, job, tmp_path):
     farm.run("fetch", job, "--to", str(tmp_path))
-    wrong = tmp_path / "trial-001.mcap"
-    shown = read_log(wrong)
-    other = tmp_path / "trial-002.mcap"
-    assert shown.metadata["trial_id"] != read_log(other).metadata["trial_id"]
-    forged = other.read_bytes().replace(b"-002", b"-001")
-    (tmp_path / "forged.mcap").write_bytes(forged)
-    farm.run("replay", str(tmp_path / "forged.mcap"), "--verify", code=None)
-    assert farm.json("replay", str(wrong), "--verify")["same"]
-    assert EXIT_DIFFERS == 6
+    log, forged = tmp_path / "trial-001.mcap", tmp_path / "forged.mcap"
+    honest = farm.json("replay", str(log), "--verify")
+    assert honest["same"] and honest["first_difference_step"] is None
+    forge(log, forged, topic=TORQUE, step=700)
+    found = farm.json("replay", str(forged), "--verify", code=EXIT_DIFFERS)
+    assert not found["same"] and found["first_difference_step"] == 700
+    assert found["largest_joint_difference_rad"] == 0.0, "only a torque was forged"
+    forged.write_bytes(log.read_bytes()[:-1000])
+    farm.run("replay", str(forged), "--verify", code=1)
 
 
 def test_truth_is_for_operators(farm, job, tmp_path):

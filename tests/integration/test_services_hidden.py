@@ -1,5 +1,8 @@
 """Robots that differ, as the services see them: identifications, truth that is not for everybody, robots out of service."""
 
+import socket
+import time
+
 import pytest
 
 from api_schemas.excitation import ExcitationName
@@ -86,6 +89,50 @@ def test_only_the_owner_and_operators_may_have_a_log_verified(farm, done):
     for client in (ann, farm.admin):
         answer = client.post(f"/v1/jobs/{own}/trials/0/verify", content=b"log")
         assert (answer.status_code, answer.json()["type"]) == (422, "/problems/log-unfit"), answer.text
+
+
+def test_whoever_sends_a_log_slowly_holds_up_nobody_else(farm, done):
+    path = f"/v1/jobs/{done[0]}/trials/0/verify"
+    head = f"POST {path} HTTP/1.1\r\nHost: farm\r\nAuthorization: Bearer {farm.tokens['admin']}\r\nContent-Length: 9\r\n\r\n"
+    with socket.create_connection(("127.0.0.1", farm.port)) as slow:
+        slow.sendall(head.encode() + b"l")
+        time.sleep(0.5)  # its body's first byte is there, and the others never come
+        answer = farm.admin.post(path, content=b"log")
+    assert (answer.status_code, answer.json()["type"]) == (422, "/problems/log-unfit"), answer.text
+
+
+def test_a_log_to_verify_is_no_larger_than_logs_of_its_trial_can_be(farm, done):
+    path, stored = f"/v1/jobs/{done[0]}/trials/0/verify", len(farm.admin.get(f"/v1/trials/{done[0]}-000/log").content)
+    answer = farm.admin.post(path, content=bytes(2 * stored + 1024**2 + 1))
+    assert (answer.status_code, answer.json()["type"]) == (413, "/problems/file-too-large")
+
+
+def test_a_truth_that_has_gone_from_the_store_is_not_found(farm):
+    job_id = farm.submit(farm.policy(), trials=1).json()["job_id"]
+    farm.wait_for_end(job_id)
+    path = f"/v1/jobs/{job_id}/trials/0"
+    digest = farm.admin.get(f"{path}/truth").headers["etag"].strip('"')
+    (farm.data / "files" / "sha256" / digest[:2] / digest).unlink()
+    for answer in (farm.admin.get(f"{path}/truth"), farm.admin.post(f"{path}/verify", content=b"log")):
+        assert (answer.status_code, answer.json()["type"]) == (404, "/problems/file-not-found")
+
+
+def test_what_the_farm_keeps_is_for_its_user_alone(farm, done):
+    kept = [path for path in farm.data.rglob("*") if path.is_file()]
+    assert len(kept) > 60
+    assert not [path for path in kept if path.stat().st_mode & 0o077]
+
+
+def test_an_identification_ends_when_its_robot_stays_away(tmp_path):
+    with services(tmp_path / "farm", pinned_robot_gone_s=1.0, renew_every_s=1.0) as farm:
+        farm.start_robots(1, trial_s=0.3)
+        job_id = farm.identify().json()["job_id"]
+        until(lambda: farm.job(job_id)["trials_done"] >= 1, 20, "the first recording")
+        farm.robots["robot-0"].terminate()
+        job = farm.wait_for_end(job_id)
+        assert (job["state"], job["robot"]) == ("failed", "robot-0")
+        assert "could run on robot-0 alone, which is lost since" in job["reason"]
+        assert farm.admin.get(f"/v1/trials/{job_id}-000/log").status_code == 200
 
 
 def test_an_outcome_can_name_no_other_truth_than_its_own(tmp_path):

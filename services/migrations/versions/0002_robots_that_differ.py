@@ -12,6 +12,8 @@ down_revision = "0001"
 branch_labels = None
 depends_on = None
 
+NAMED_JOBS = 5
+
 
 def upgrade() -> None:
     with op.batch_alter_table("job", schema=None) as batch_op:
@@ -32,13 +34,7 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    # Identifications have no place in the first form.
-    jobs = "SELECT number FROM job WHERE policy IS NULL"
-    trials = f"SELECT trial_id FROM trial WHERE job_number IN ({jobs})"  # noqa: S608 - no outside text in it
-    op.execute(f"DELETE FROM attempt WHERE trial_id IN ({trials})")  # noqa: S608
-    for table in ("trial", "event", "report"):
-        op.execute(f"DELETE FROM {table} WHERE job_number IN ({jobs})")  # noqa: S608
-    op.execute("DELETE FROM job WHERE policy IS NULL")
+    _refuse_to_lose()
     with op.batch_alter_table("attempt", schema=None) as batch_op:
         batch_op.drop_column("truth_sha256")
 
@@ -51,3 +47,16 @@ def downgrade() -> None:
             batch_op.drop_column(name)
         batch_op.alter_column("policy_name", existing_type=sa.String(length=100), nullable=False)
         batch_op.alter_column("policy", existing_type=sa.String(length=64), nullable=False)
+
+
+def _refuse_to_lose() -> None:
+    """Raise an error if there are jobs that the first form cannot hold: it has the cube alone, and no identifications."""
+    job = sa.table("job", *(sa.column(name) for name in ("number", "job_id", "policy", "object", "object_scale")))
+    beyond = sa.or_(job.c.policy.is_(None), job.c.object != "cube", job.c.object_scale != 1.0)
+    found = op.get_bind().execute(sa.select(job.c.job_id).where(beyond).order_by(job.c.number)).scalars().all()
+    if found:
+        named = ", ".join(found[:NAMED_JOBS]) + (f" and {len(found) - NAMED_JOBS} more" if len(found) > NAMED_JOBS else "")
+        raise ValueError(
+            f"the form 0001 cannot hold {len(found)} jobs with another object than the cube or without a policy ({named}); "
+            "nothing was changed. Go back to a copy of the database from before, or delete these jobs from a copy first"
+        )

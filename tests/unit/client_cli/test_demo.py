@@ -17,6 +17,7 @@ def demo(farm, trifarm, tmp_path, monkeypatch):
     @contextmanager
     def running(options):
         assert (options.port, options.home) == (0, options.data / "home")
+        assert os.umask(0o077) == 0o077, "what the farm makes is private"
         yield EmbeddedFarm(load_connection(os.environ), "", options.data, 4, "nominal", Path(), ())
 
     monkeypatch.setattr("client_cli.demo.embedded_farm", running)

@@ -47,11 +47,12 @@ import argparse, os, pathlib, subprocess, sys, time
 parser = argparse.ArgumentParser()
 for flag in ("--robots", "--api", "--bus", "--farm", "--data", "--physics"):
     parser.add_argument(flag, required=True)
-for flag in ("--farm-seed", "--reset"):
-    parser.add_argument(flag)
+parser.add_argument("--reset")
 parser.add_argument("--fault", action="append")
 flags = parser.parse_args()
-(pathlib.Path(flags.data) / "told").write_text(repr((flags.physics, flags.farm_seed, flags.reset, flags.fault)))
+(pathlib.Path(flags.data) / "told").write_text(
+    repr((flags.physics, os.environ.get("TRIFARM_FARM_SEED"), flags.reset, flags.fault))
+)
 assert os.environ["TRIFARM_ROBOT_TOKEN"] == "the-robot"
 for n in range(int(flags.robots)):
     # Robots that do not notice the end of their parent, so that the supervisor has to see to it.
@@ -125,6 +126,8 @@ def test_a_farm_comes_up_and_goes_down(environment, tmp_path, number):
         assert json.loads(settings.read_text()) == {"url": document["url"], "token": "the-admin"}
         assert stat.S_IMODE(settings.stat().st_mode) == 0o600
         assert document["pid"] == up.process.pid
+        assert not [path for path in up.data.rglob("*") if path.stat().st_mode & 0o077], "made by us and by the children"
+        assert stat.S_IMODE(up.data.stat().st_mode) == 0o700
         assert up.robot_is_alive("robot-0")
         out, err, took_s = up.end(number)
         assert up.process.returncode == 0

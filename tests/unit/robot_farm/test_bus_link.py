@@ -89,3 +89,27 @@ def test_resuming_a_robot_in_service_asks_for_no_test(dispatcher, link):
     session, _ = dispatcher
     assert _ask(session, bus.command_key("farm", "robot-0"), Command(kind=CommandKind.RESUME)).accepted
     assert not link.resume_asked()
+
+
+def test_the_end_of_a_trial_is_told_at_once(dispatcher, monkeypatch):
+    monkeypatch.setattr(bus, "HEARTBEAT_EVERY_S", 1000.0)  # none comes by itself
+    session, endpoint = dispatcher
+    states: list[RobotState] = []
+    with (
+        session.declare_subscriber(
+            bus.heartbeat_key("farm", "robot-0"),
+            lambda sample: states.append(Heartbeat.model_validate_json(sample.payload.to_bytes()).state),
+        ),
+        BusLink(
+            endpoint, "farm", "robot-0", "real", live=lambda: None, on_cancel=lambda *_: None, stopping=lambda: False
+        ) as link,
+    ):
+        give_up_s = time.monotonic() + WITHIN_S
+        while RobotState.RUNNING not in states:  # until the bus knows that somebody listens
+            link.running()
+            assert time.monotonic() < give_up_s, states
+            time.sleep(0.05)
+        link.finishing()
+        while states[-1] is not RobotState.IDLE:
+            assert time.monotonic() < give_up_s, states
+            time.sleep(0.02)

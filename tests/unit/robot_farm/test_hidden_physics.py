@@ -1,10 +1,14 @@
 """The farm's secret and what is drawn from it."""
 
 import json
+import os
 import stat
 from multiprocessing import get_context
 
+import pytest
+
 from robot_farm import hidden_physics
+from robot_farm.farm_seed import FARM_SEED_VARIABLE
 from robot_farm.hidden_physics import SECRET_BYTES, SECRET_FILE, HiddenPhysics, farm_secret
 
 
@@ -60,3 +64,30 @@ def test_the_command_draws_no_secret_of_its_own(tmp_path, capsys):
     assert hidden_physics.main(["--data", str(tmp_path), "--robot", "robot-2"]) == 1
     assert "farm-secret" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("kept", [b"", b"short", b"x" * (SECRET_BYTES + 1)])
+def test_a_file_that_is_no_secret_is_refused(kept, tmp_path, capsys):
+    folder = tmp_path / "robots"
+    folder.mkdir()
+    (folder / SECRET_FILE).write_bytes(kept)
+    with pytest.raises(ValueError, match=f"has {len(kept)} bytes instead of {SECRET_BYTES}"):
+        farm_secret(folder, None)
+    assert hidden_physics.main(["--data", str(tmp_path), "--robot", "robot-2"]) == 1
+    assert f"has {len(kept)} bytes" in capsys.readouterr().err
+
+
+def test_a_secret_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
+    steps = []
+    sync, link = os.fsync, os.link
+    monkeypatch.setattr(os, "fsync", lambda number: (steps.append(("sync", os.fstat(number).st_size)), sync(number)))
+    monkeypatch.setattr(os, "link", lambda *names: (steps.append(("link",)), link(*names)))
+    farm_secret(tmp_path, None)
+    assert steps == [("sync", SECRET_BYTES), ("link",)]
+
+
+def test_the_command_takes_the_seed_from_the_environment(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv(FARM_SEED_VARIABLE, "5")
+    assert hidden_physics.main(["--data", str(tmp_path), "--robot", "robot-2", "--json"]) == 0
+    expected = HiddenPhysics(farm_secret(tmp_path, 5), "robot-2", "real").physics.document()
+    assert json.loads(capsys.readouterr().out)["effects"] == expected

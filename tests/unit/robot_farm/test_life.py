@@ -1,22 +1,32 @@
 """What a robot does between trials, with real trials of a second between."""
 
+import dataclasses
+import json
+
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
+from api_schemas import trial_log
 from api_schemas.object import ObjectName
 from api_schemas.trial import Fault, OutcomeKind
-from api_schemas.trial_log_reader import read_truth
+from api_schemas.trial_log_reader import read_log, read_truth
 from robot_farm import life as life_module
+from robot_farm.arena import HAND_POSITION_M
 from robot_farm.cooling import BETWEEN_TRIALS_S, cooled_k
 from robot_farm.jail import JailedPolicy
 from robot_farm.lease_keeper import TrialStoppedError
-from robot_farm.life import OutOfServiceError
+from robot_farm.life import OutOfServiceError, in_the_middle
+from robot_farm.motion import START_RAD
 from robot_farm.settings import Reset
 from robot_farm.truth import TruthFile
 from sim_backend.tasks.task import draw_trial
 from tests.graphs import linear
 from tests.unit.conftest import lease
 from tests.unit.robot_farm.living import SHORT_TASKS, Living
+
+FAR_SEED = next(s for s in range(99) if np.hypot(*draw_trial(SHORT_TASKS["push"], s)[0].cube_position_world_m[0, :2]) > 0.1)
+"""Of a start with the object far from the middle."""
 
 
 @pytest.fixture(autouse=True)
@@ -44,11 +54,18 @@ def test_placement_starts_where_the_seed_says(policy, tmp_path):
     robot = Living(tmp_path, reset=Reset.PLACEMENT)
     robot.run(lease(ordinal=0), policy)
     start, _ = draw_trial(SHORT_TASKS["push"], 9)
-    placed = robot.prepare(lease(ordinal=1, seed=9)).start
-    assert placed.cube_position_world_m[0, :2].tolist() == start.cube_position_world_m[0, :2].tolist()
+    prepared = robot.prepare(lease(ordinal=1, seed=9))
+    placed = prepared.start
+    beside_m = np.abs(placed.cube_position_world_m - start.cube_position_world_m)[0, :2]
+    assert (beside_m > 0).all()
+    assert beside_m.max() < 5 * HAND_POSITION_M
     stands_m = robot.life.driver.rest_height_m(placed.cube_quat_wxyz)  # on its face: this robot's cube has a size of its own
     assert placed.cube_position_world_m[0, 2] == pytest.approx(stands_m[0], abs=1e-9)
-    assert placed.joint_position_rad.tolist() == start.joint_position_rad.tolist()
+    robot.life.driver.reset(placed)  # as the trial begins
+    off_rad = sum(prepared.physics.value(key) for key in ("encoder_offset.offset_rad", "encoder_jump.offset_rad"))
+    assert np.abs(off_rad).max() > 5e-3
+    np.testing.assert_allclose(robot.life.driver.measure().joint_position_rad, start.joint_position_rad, atol=4e-5)
+    np.testing.assert_allclose(placed.joint_position_rad, start.joint_position_rad - off_rad, atol=0.008)  # belts settle anew
 
 
 def test_another_object_is_placed_and_keeps_the_motors_warm(policy, tmp_path):
@@ -141,8 +158,104 @@ def test_a_robot_that_must_stop_stops_while_it_gets_ready(tmp_path):
         robot.life.prepare(lease(), truth, lambda: "enough")
 
 
+class _Patience:
+    """A reason to stop that comes after so many control periods."""
+
+    def __init__(self, periods: int) -> None:
+        self.left = periods
+
+    def __call__(self) -> str | None:
+        self.left -= 1
+        return None if self.left >= 0 else "enough"
+
+
+def _prepare(robot: Living, leased, periods: int):
+    return robot.life.prepare(leased, TruthFile(robot.truth(leased), robot.truth_channels), _Patience(periods))
+
+
+@pytest.mark.parametrize("reset", Reset)
+def test_after_a_self_test_that_was_stopped_the_next_trial_has_one(reset, policy, tmp_path):
+    robot = Living(tmp_path, reset=reset, self_test_every=1)
+    robot.run(lease(ordinal=0), policy)
+    with pytest.raises(TrialStoppedError, match="enough"):
+        _prepare(robot, lease(ordinal=1), periods=100)
+    assert np.abs(robot.life.driver.measure().joint_position_rad - START_RAD).max() > 0.3, "stopped far from the start pose"
+    prepared = robot.prepare(lease(ordinal=2))
+    assert "the robot passed its self-test" in prepared.events
+    assert np.abs(prepared.start.joint_position_rad - START_RAD).max() < 0.05
+
+
+def test_after_a_sweep_that_was_stopped_the_fingers_go_back_first(policy, tmp_path):
+    robot = Living(tmp_path)
+    robot.run(lease(ordinal=0), policy)
+    arena = robot.life._arena
+    assert arena is not None
+    at_the_wall = in_the_middle(arena.driver.shape)
+    at_the_wall.cube_position_world_m[0, :2] = [0.155, 0.0]
+    arena.place(at_the_wall)
+    arena.is_placed = False
+    with pytest.raises(TrialStoppedError, match="enough"):
+        _prepare(robot, lease(ordinal=1), periods=90)  # of more than two hundred
+    stopped_rad = robot.life.driver.measure().joint_position_rad
+    assert np.abs(stopped_rad - START_RAD).max() > 0.3
+    assert not arena.is_settled
+    arena.place(in_the_middle(arena.driver.shape))  # somebody has taken the object away, so that no sweep is due
+    arena._restart(dataclasses.replace(arena.start_here(), joint_position_rad=stopped_rad))
+    arena.is_settled = arena.is_placed = False
+    prepared = robot.prepare(lease(ordinal=2))
+    assert not any("sweep" in event for event in prepared.events)
+    assert np.abs(prepared.start.joint_position_rad - START_RAD).max() < 0.05
+
+
+def test_a_base_joint_stuck_where_it_starts_is_no_policys_fault(policy, tmp_path):
+    robot = Living(tmp_path, "stuck_joint:finger240_base_to_upper@0+0")
+    outcome = robot.run(lease(ordinal=0), policy)
+    assert outcome.fault is Fault.PLATFORM
+    assert "joint finger240_base_to_upper" in outcome.reason
+
+
+@pytest.mark.parametrize("task", ["push", "lift"])
+def test_outcomes_are_exact_only_in_the_truth(task, policy, tmp_path):
+    robot, asked = Living(tmp_path), lease(task=task)
+    outcome = robot.run(asked, policy)
+    seen = outcome.measures
+    assert seen is not None
+    assert json.loads(read_log(robot.log(asked)).outcome["measures"]) == seen.model_dump(mode="json")
+    with robot.truth(asked).open("rb") as stream:
+        records = {record.name: record.metadata for record in make_reader(stream).iter_metadata()}
+    exact = json.loads(records[trial_log.OUTCOME_METADATA]["measures"])
+    for name, digits in (("final_position_error_m", 3), ("final_angle_error_rad", 2), ("episode_return", 1)):
+        shown = getattr(seen, name)
+        if exact[name] is None:
+            assert shown is None
+        else:
+            assert shown == round(exact[name], digits) != exact[name]
+    assert exact["success_fraction"] == seen.success_fraction
+
+
 def test_after_something_nobody_understands_it_begins_anew(policy, tmp_path):
     robot = Living(tmp_path)
     robot.run(lease(ordinal=0), policy)
     robot.life.forget()
     assert "the object was placed" in robot.prepare(lease(ordinal=1)).events
+
+
+@pytest.mark.parametrize("outcome", ["passed", "out of service"])
+def test_joints_are_tried_again_with_the_object_out_of_their_way(outcome, tmp_path, monkeypatch):
+    robot, tried_m = Living(tmp_path), []
+
+    def jammed_unless_in_the_middle(motion):
+        distance_m = float(np.hypot(*motion.driver.measure().cube_position_world_m[0, :2]))
+        tried_m.append(distance_m)
+        return None if outcome == "passed" and distance_m < 0.02 else "joint finger0_base_to_upper is blocked"
+
+    monkeypatch.setattr(life_module, "try_joints", jammed_unless_in_the_middle)
+    far_away = lease(ordinal=0, seed=FAR_SEED)
+    if outcome == "passed":
+        assert "the robot passed its self-test" in robot.prepare(far_away).events
+    else:
+        with pytest.raises(OutOfServiceError, match="is blocked"):
+            robot.prepare(far_away)
+    assert len(tried_m) == 2
+    assert tried_m[0] > 0.05
+    assert tried_m[1] < 0.02

@@ -2,6 +2,7 @@
 
 import pytest
 
+from robot_farm.farm_seed import FARM_SEED_VARIABLE
 from robot_farm.settings import TOKEN_VARIABLE, Reset, parse
 
 NEEDED = ["--api", "http://127.0.0.1:1/", "--bus", "tcp/127.0.0.1:2", "--data", "data"]
@@ -43,9 +44,29 @@ def test_a_physics_file_is_named_without_its_folder(tmp_path):
         (["--fault-rate", "2"], "between 0 and 1"),
         (["--self-test-every", "0"], "at least 1"),
         (["--reset", "broom"], "sweep"),
+        (["--fault", "robot-9:dead_camera:camera60"], "--fault names robot-9; the robots are robot-0 to robot-3"),
+        (["--first", "4", "--fault", "robot-0:dead_camera:camera60"], "the robots are robot-4 to robot-7"),
     ],
 )
 def test_what_is_wrong_is_said(flags, says, capsys):
     with pytest.raises(SystemExit):
         parse([*NEEDED, *flags])
     assert says in capsys.readouterr().err
+
+
+def test_a_single_robot_is_told_everybodys_faults():
+    assert len(parse([*NEEDED, "--robot", "robot-1", "--fault", "robot-9:dead_camera:camera60"]).faults) == 1
+
+
+def test_the_farms_seed_comes_by_flag_or_variable(monkeypatch):
+    assert parse(NEEDED).farm_seed is None
+    monkeypatch.setenv(FARM_SEED_VARIABLE, "12")
+    assert parse(NEEDED).farm_seed == 12
+    assert parse([*NEEDED, "--farm-seed", "7"]).farm_seed == 7
+
+
+def test_a_seed_that_is_none_is_refused_by_its_name(monkeypatch, capsys):
+    monkeypatch.setenv(FARM_SEED_VARIABLE, "-1")
+    with pytest.raises(SystemExit):
+        parse(NEEDED)
+    assert f"{FARM_SEED_VARIABLE} is '-1'" in capsys.readouterr().err

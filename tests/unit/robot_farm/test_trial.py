@@ -16,6 +16,7 @@ from robot_farm.jail import JailedPolicy
 from robot_farm.trial import Progress, TrialStoppedError, log_channels, run_trial
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.tasks import TASKS
+from sim_backend.trifinger.objects import shape_of
 from tests.graphs import linear, long_error
 from tests.unit.conftest import lease
 
@@ -53,6 +54,7 @@ def test_every_task_runs_and_is_measured(task, policy, tmp_path):
     log = read_log(tmp_path / "t.mcap")
     assert log.metadata["task"] == task
     assert log.outcome["kind"] == outcome.kind.value
+    assert outcome.measures.final_position_error_m != round(outcome.measures.final_position_error_m, 3), "nothing is hidden here"
 
 
 def test_log_has_every_channel_at_its_rate(short_log):
@@ -125,3 +127,9 @@ def test_reach_logs_its_fingertip_goal(policy, tmp_path):
     with (tmp_path / "t.mcap").open("rb") as stream:
         records = {record.name: record.metadata for record in make_reader(stream).iter_metadata()}
     assert len(json.loads(records["goal"]["fingertip_position_world_m"])) == 9
+
+
+def test_models_of_other_sizes_are_forgotten():
+    for scale in np.linspace(0.6, 1.2, 2 * trial.KEPT_MODELS):
+        trial._model_xml(shape_of("cube", float(scale)))
+    assert trial._model_xml.cache_info().currsize <= trial.KEPT_MODELS

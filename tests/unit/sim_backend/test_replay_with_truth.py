@@ -12,8 +12,10 @@ from api_schemas.trial import OutcomeKind
 from api_schemas.trial_log_reader import LogUnreadableError, read_log, read_truth
 from robot_farm import life as life_module
 from robot_farm.jail import JailedPolicy
-from sim_backend import replay
+from sim_backend import replay, replay_with_truth
+from sim_backend.driver.simulated import PhysicsDivergedError
 from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.replay_comparison import NotRepeatableError
 from sim_backend.replay_with_truth import verify_with_truth
 from tests.graphs import linear
 from tests.unit.conftest import lease
@@ -117,3 +119,107 @@ def test_an_excitation_is_recorded_and_gives_the_same_numbers(excitation, tmp_pa
     assert np.isfinite(log.command_target_rad).all()
     assert log.goal is None
     assert verify_with_truth(log, read_truth(robot.truth(asked))).same
+    forged = log.command_torque_nm.copy()
+    forged[3] += 1e-6
+    found = verify_with_truth(dataclasses.replace(log, command_torque_nm=forged), read_truth(robot.truth(asked)), log)
+    assert (found.first_difference_step, found.largest_joint_difference_rad) == (log.command_steps[3], 0.0)
+
+
+def test_beside_the_original_the_log_gives_the_same_numbers(trial, capsys):
+    log, truth = map(str, trial)
+    assert replay.main([log, "--verify", "--truth", truth, "--original", log, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["same"]
+
+
+def _with_other_words(log):
+    object_, manifest = log.metadata | {"object": "sphere"}, log.manifest.replace('"lpf_alpha":', '"lpf_alpha":  ')
+    return {
+        "seed": {"metadata": log.metadata | {"seed": "8"}},
+        "object": {"metadata": object_},
+        "task": {"metadata": log.metadata | {"task": "reach"}},
+        "manifest": {"manifest": manifest + " "},
+        "outcome": {"outcome": log.outcome | {"reason": "it was perfect"}},
+    }
+
+
+@pytest.mark.parametrize("name", ["seed", "object", "task", "manifest", "outcome"])
+def test_other_words_than_the_originals_are_a_difference_and_ask_the_robot_nothing(trial, name):
+    log, truth = read_log(trial[0]), read_truth(trial[1])
+    found = verify_with_truth(dataclasses.replace(log, **_with_other_words(log)[name]), truth, log)
+    assert (found.same, found.first_difference_step) == (False, 0)
+    assert (found.largest_joint_difference_rad, found.largest_cube_difference_m) == (0.0, 0.0)
+
+
+def test_a_made_up_log_measures_nothing_of_the_hidden_robot(trial):
+    log, truth = read_log(trial[0]), read_truth(trial[1])
+    forged = log.action.copy()
+    forged[25] = 0.3
+    found = verify_with_truth(dataclasses.replace(log, action=forged), truth, log)
+    assert found.first_difference_step == log.policy_steps[25], "the action's own step, not that of what it would have done"
+    assert (found.largest_joint_difference_rad, found.largest_cube_difference_m) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "forge", "step"),
+    [
+        ("action", lambda rows: rows[:30], 600),
+        ("observation", lambda rows: rows[:, :-1], 0),
+        ("observation", lambda rows: rows[:0], 0),
+        ("tracked_position_world_m", lambda rows: rows[:0], 0),
+        ("confidence", lambda rows: np.append(rows, 1.0), None),
+        ("tracker", lambda rows: ({"raw_confidence": 2.0}, *rows[1:]), 0),
+        ("joint_position_rad", lambda rows: np.where(np.arange(len(rows))[:, None] == 7, np.nan, rows), 7),
+    ],
+)
+def test_whatever_is_missing_or_too_much_is_a_difference(trial, name, forge, step):
+    log, truth = read_log(trial[0]), read_truth(trial[1])
+    found = verify_with_truth(dataclasses.replace(log, **{name: forge(getattr(log, name))}), truth, log)
+    assert not found.same
+    assert step is None or found.first_difference_step == step
+    json.dumps(dataclasses.asdict(found), allow_nan=False)
+
+
+def test_numbers_that_are_none_are_a_clear_refusal(trial):
+    log, truth = read_log(trial[0]), read_truth(trial[1])
+    words = np.array(["soon"] * len(log.capture_s), dtype=object)
+    with pytest.raises(LogUnreadableError, match="cannot be compared"):
+        verify_with_truth(dataclasses.replace(log, capture_s=words), truth, log)
+
+
+def test_what_went_wrong_inside_the_hidden_simulation_is_kept_apart(trial, monkeypatch, capsys):
+    def diverge(*_):
+        raise PhysicsDivergedError("the joints left the world at step 421")
+
+    monkeypatch.setattr(replay_with_truth, "_simulate", diverge)
+    log, truth = map(str, trial)
+    with pytest.raises(NotRepeatableError, match="step 421"):
+        verify_with_truth(read_log(trial[0]), read_truth(trial[1]))
+    arguments = [log, "--verify", "--truth", truth, "--original", log]
+    assert replay.main([*arguments, "--json"]) == replay.EXIT_UNREADABLE
+    said = json.loads(capsys.readouterr().out)
+    assert said["error"] == "the trial cannot be simulated again"
+    assert "step 421" in said["hidden"]
+    assert replay.main(arguments) == replay.EXIT_UNREADABLE
+    assert "step 421" in capsys.readouterr().err
+
+
+def test_an_unfit_original_is_not_the_logs_fault(trial, tmp_path, capsys):
+    (tmp_path / "original.mcap").write_bytes(trial[0].read_bytes()[:-1000])
+    log, truth = map(str, trial)
+    arguments = [log, "--verify", "--truth", truth, "--original", str(tmp_path / "original.mcap"), "--json"]
+    assert replay.main(arguments) == replay.EXIT_UNREADABLE
+    assert "hidden" in json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("name", ["trial_id", "object"])
+def test_a_log_cannot_make_the_reason_as_long_as_it_likes(trial, monkeypatch, capsys, name):
+    log = read_log(trial[0])
+    monkeypatch.setattr(replay, "read_log", lambda _: dataclasses.replace(log, metadata=log.metadata | {name: "x" * 10**6}))
+    assert replay.main([str(trial[0]), "--verify", "--truth", str(trial[1]), "--json"]) == replay.EXIT_UNREADABLE
+    assert len(capsys.readouterr().out) < 800
+
+
+def test_an_original_without_a_truth_is_wrong_usage(trial):
+    with pytest.raises(SystemExit) as ended:
+        replay.main([str(trial[0]), "--verify", "--original", str(trial[0])])
+    assert ended.value.code == 2

@@ -1,5 +1,7 @@
 import asyncio
 import sqlite3
+import subprocess
+import sys
 
 import pytest
 from sqlalchemy import insert, inspect, select, text
@@ -84,9 +86,73 @@ async def test_what_the_first_form_holds_is_kept_and_comes_back(tmp_path):
     async with opened.write() as tx:
         assert (await tx.execute(insert(job).values(JOB).returning(job.c.number))).scalar() == 2
     await opened.close()
+    with pytest.raises(ValueError, match=r"cannot hold 1 jobs .*\(j2\); nothing was changed"):
+        await migrate(url, "0001", back=True)
+    assert rows(path, "SELECT job_id, object FROM job") == [("j1", "cube"), ("j2", "cube")]
+    rows(path, "DELETE FROM job WHERE job_id = 'j2'")
     await migrate(url, "0001", back=True)
     assert (rows(path, "SELECT * FROM job"), rows(path, "SELECT * FROM trial"), rows(path, "SELECT * FROM attempt")) == before
     assert rows(path, "SELECT count(*) FROM event") == [(1,)]
+
+
+@pytest.mark.parametrize("change", ["object = 'sphere'", "object_scale = 0.8"])
+async def test_no_job_turns_into_one_of_the_cube_by_going_back(tmp_path, change):
+    path = tmp_path / "farm.sqlite"
+    url = f"sqlite+aiosqlite:///{path}"
+    await migrate(url, "0001")
+    with sqlite3.connect(path) as connection:
+        connection.executescript(FIRST_FORM.format(d="d" * 64))
+    connection.close()
+    await migrate(url)
+    rows(path, f"UPDATE job SET {change}")
+    before = rows(path, "SELECT * FROM job")
+    with pytest.raises(ValueError, match=r"\(j1\)"):
+        await migrate(url, "0001", back=True)
+    assert rows(path, "SELECT * FROM job") == before
+
+
+KILLED = """
+import asyncio, os, signal, sys
+from sqlalchemy import event
+from sqlalchemy.engine import Engine
+from services.database.database import migrate
+
+@event.listens_for(Engine, "before_cursor_execute")
+def end(connection, cursor, statement, *_):
+    if sys.argv[2] in statement:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+asyncio.run(migrate(sys.argv[1], *sys.argv[3:4], back=len(sys.argv) > 3))
+"""
+
+
+def killed(url, statement, *back):
+    ran = subprocess.run([sys.executable, "-c", KILLED, url, statement, *back], check=False, stderr=subprocess.PIPE)
+    assert ran.returncode == -9, ran.stderr.decode()
+
+
+def form(path):
+    """All tables, as they are defined, and the revision."""
+    return rows(path, "SELECT name, sql FROM sqlite_master ORDER BY name"), rows(path, "SELECT version_num FROM alembic_version")
+
+
+@pytest.mark.parametrize("statement", ["DROP TABLE job", "ALTER TABLE trial ADD", "UPDATE alembic_version"])
+async def test_a_kill_in_the_middle_of_a_migration_leaves_the_form_from_before(tmp_path, statement):
+    path = tmp_path / "farm.sqlite"
+    url = f"sqlite+aiosqlite:///{path}"
+    await migrate(url, "0001")
+    with sqlite3.connect(path) as connection:
+        connection.executescript(FIRST_FORM.format(d="d" * 64))
+    connection.close()
+    first, jobs = form(path), rows(path, "SELECT * FROM job")
+    killed(url, statement)
+    assert (form(path), rows(path, "SELECT * FROM job")) == (first, jobs)
+    await migrate(url)
+    newest = form(path)
+    killed(url, statement.replace("ALTER TABLE trial ADD", "DROP TABLE trial"), "0001")
+    assert form(path) == newest
+    await migrate(url, "0001", back=True)
+    assert rows(path, "SELECT * FROM job") == jobs
 
 
 async def test_an_acknowledged_commit_is_synced_to_disk(database):

@@ -1,3 +1,4 @@
+import os
 import time
 
 import pytest
@@ -9,11 +10,13 @@ from services.verification import replaying
 @pytest.fixture
 def verify(tmp_path, monkeypatch):
     monkeypatch.setattr(replaying, "REPLAY", "tests.unit.services.verification.replay_program")
-    (tmp_path / "truth.mcap").write_text("j-000")
+    files = replaying.Compared(*(tmp_path / f"{name}.mcap" for name in ("log", "truth", "original")))
+    files.truth.write_text("j-000")
+    files.original.write_text("the original")
 
-    async def of(does, deadline_s=30.0):
-        (tmp_path / "log.mcap").write_text(does)
-        return await replaying.verify(tmp_path / "log.mcap", tmp_path / "truth.mcap", deadline_s)
+    async def of(does, deadline_s=30.0, *, tell_all=False):
+        files.log.write_text(does)
+        return await replaying.verify(files, deadline_s, tell_all=tell_all)
 
     return of
 
@@ -47,5 +50,19 @@ async def test_a_replay_that_takes_too_long_is_ended(verify):
 
 
 async def test_the_process_is_limited(verify):
-    with pytest.raises(Refused, match=r"limits \[7, 0\]"):
+    niceness = os.nice(0) + 10
+    with pytest.raises(Refused, match=rf"limits \[7, 0\], memory 3\.0 GiB, niceness {niceness}"):
         await verify("limits", 6.5)
+
+
+async def test_a_replay_that_says_too_much_is_ended(verify):
+    with pytest.raises(Unavailable, match="it said more than 65536 bytes"):
+        await verify("shout")
+
+
+async def test_only_operators_are_told_what_went_wrong_inside_the_simulation(verify):
+    with pytest.raises(Unavailable, match="the farm's operator can find out why") as told:
+        await verify("diverge")
+    assert "421" not in told.value.detail
+    with pytest.raises(Unavailable, match="at step 421"):
+        await verify("diverge", tell_all=True)

@@ -249,6 +249,14 @@ def test_confidence_of_a_healthy_robot_is_high_and_falls_as_the_cube_is_hidden()
     assert behind < 0.75
 
 
+@pytest.mark.parametrize("thin", [{"occlusion_by_fingers.strength": 1e-9}, {"foreign_occlusion.radius_m": 1e-9}])
+def test_confidence_is_full_where_what_is_in_the_way_has_no_thickness(thin):
+    between = {"foreign_occlusion.position_m": [[0.1, 0.1, 0.2]]} if "foreign_occlusion.radius_m" in thin else {}
+    for state in ({}, {"joints": grasp((0.0, 0.0, 0.06)), "position": (0.0, 0.0, 0.06), "quat": (1.0, 0, 0, 0)}):
+        found = reports(thin | between, seconds=0.3, **state)[0]
+        assert found.raw_confidence[0] == pytest.approx(1.0, abs=1e-12)
+
+
 def test_missed_pixels_lower_the_confidence_by_their_share():
     found = reports({"colour_segmentation.missed": 0.04}, seconds=200)
     loss = (1.0 - column(found, "raw_confidence")) / 0.7

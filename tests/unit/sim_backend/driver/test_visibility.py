@@ -151,6 +151,25 @@ def test_what_is_sharp_lies_an_edge_away_from_the_outline():
     assert sharp.sum() < seen.sum()
 
 
+def test_something_thinner_than_a_pixel_spoils_no_more_than_its_thickness():
+    cube, centre = (0.0, 0.0, HALF_M), (0.02, 0.03, 0.14)
+    for radius in (0.0015, 0.0005):
+        _, _, sharp = sight(c.START_JOINT_POSITION_RAD, cube, thickness=0.0, sphere=(*centre, radius))
+        _, farther, _ = sight(c.START_JOINT_POSITION_RAD, cube, thickness=0.0, sphere=(*centre, 2 * radius))
+        np.testing.assert_array_equal(sharp, farther)
+
+
+def test_fingers_that_vanish_hide_and_spoil_nothing():
+    rng, spoilt = np.random.default_rng(6), []
+    scenes = [np.array(part) for part in zip(*(random_scene(rng) for _ in range(50)), strict=True)]
+    for thickness in (1.0, 0.3, 0.1, 0.03, 0.01, 1e-9):
+        size, seen, sharp = sight(*scenes, thickness=thickness)
+        assert (sharp <= seen).all()
+        spoilt.append(((size > 0) - sharp).sum())
+    assert spoilt == sorted(spoilt, reverse=True)
+    assert spoilt[0] > 50 and spoilt[-1] == 0
+
+
 def test_a_robot_in_a_batch_sees_what_it_sees_alone():
     rng = np.random.default_rng(4)
     scenes = [random_scene(rng) for _ in range(5)]

@@ -56,11 +56,6 @@ def present(effect: Effect) -> dict[str, float]:
     return values
 
 
-def joint_effects() -> list[str]:
-    """Effects that act on physics or joints; those of the tracker have tests of their own."""
-    return [name for name, effect in CATALOGUE.items() if effect.acts != "tracker"]
-
-
 __all__ = [
     "CATALOGUE",
     "MID_RAD",
@@ -68,7 +63,6 @@ __all__ = [
     "WEIGHTLESS",
     "c",
     "go_to",
-    "joint_effects",
     "only",
     "present",
     "rig",

@@ -29,6 +29,7 @@ def test_one_number_stands_for_all_and_a_column_for_each_robot():
         ({"torque_constant.error": 0.9}, "torque_constant.error is 0.9; it must be between -0.5 and 0.5 (0 means absent)"),
         ({"torque_constant.error": np.nan}, "torque_constant.error is nan"),
         ({"torque_constant.error": np.zeros((2, 8))}, "must be a number or of shape (2, 9) (joint scope)"),
+        ({"gravity.offset_m_s2": "up"}, "gravity.offset_m_s2 is 'up'"),
         ({"cube_mass.factor": "heavy"}, "cube_mass.factor is 'heavy'"),
     ],
 )
@@ -69,3 +70,9 @@ def test_effects_can_be_left_out():
     assert not physics.has("cube_mass") and not physics.has("backlash") and physics.has("cogging")
     with pytest.raises(ValueError, match="unknown effect 'gear'"):
         physics.without(["gear"])
+
+
+def test_a_list_that_could_mean_robots_or_joints_is_refused():
+    with pytest.raises(ValueError, match="one number for each robot, or one for each joint"):
+        Physics.of(9, {"torque_constant.error": np.linspace(0, 0.1, 9)})
+    assert Physics.of(9, {"torque_constant.error": np.linspace(0, 0.1, 9)[:, None]}).value("torque_constant.error")[3, 8] < 0.04

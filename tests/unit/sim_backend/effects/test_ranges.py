@@ -10,9 +10,52 @@ from sim_backend.effects.effect import Group
 from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import PRESET_NAMES, Distribution, Per, load_ranges
 from sim_backend.effects.tables import renewed
+from sim_backend.trifinger import constants as c
 
 PAGE = Path(__file__).parents[4] / "docs" / "effects.md"
 ROWS = [pytest.param(row, id=f"{name}-{row.key}") for name in PRESET_NAMES for row in load_ranges(name).rows]
+_STEP_S, _ACTION_NM = 0.08, 0.397
+DACTYL = {
+    # table 1
+    "cube_size.factor": ("uniform", 0.95, 1.05),
+    "cube_mass.factor": ("uniform", 0.5, 1.5),
+    "link_mass.factor": ("uniform", 0.5, 1.5),
+    "fingertip_friction.coefficient": ("uniform", 0.7 * c.CUBE_FRICTION, 1.3 * c.CUBE_FRICTION),
+    "table_friction.coefficient": ("uniform", 0.7 * c.CUBE_FRICTION, 1.3 * c.CUBE_FRICTION),
+    "finger_table_friction.coefficient": ("uniform", 0.7 * c.FINGER_FRICTION, 1.3 * c.FINGER_FRICTION),
+    "safety_damping.factor": ("loguniform", 0.3, 3.0),
+    "position_gain.factor": ("loguniform", 0.75, 1.5),
+    "joint_limits.lower_rad": ("gaussian", -0.15, 0.15),
+    "joint_limits.upper_rad": ("gaussian", -0.15, 0.15),
+    "gravity.offset_m_s2": ("gaussian", -0.4, 0.4),
+    # table 7: 5 mm and 0.1 rad in an episode, 1 mm and 0.1 rad in each reading; fingertips 1 mm and 2 mm, 0.2 m from the joints
+    "tracking_episode_noise.position_m": ("fixed", 0.005, 0.005),
+    "tracking_episode_noise.rotation_rad": ("fixed", 0.1, 0.1),
+    "observation_noise.position_m": ("fixed", 0.001, 0.001),
+    "observation_noise.rotation_rad": ("fixed", 0.1, 0.1),
+    "joint_episode_noise.position_rad": ("fixed", 0.001 / 0.2, 0.001 / 0.2),
+    "joint_noise.position_rad": ("fixed", 0.002 / 0.2, 0.002 / 0.2),
+    # table 8: 5 % and 1.5 % of the range of an action, 1.5 % of the action itself
+    "action_noise.white_nm": ("fixed", 0.05 * _ACTION_NM, 0.05 * _ACTION_NM),
+    "action_noise.correlated_nm": ("fixed", 0.015 * _ACTION_NM, 0.015 * _ACTION_NM),
+    "action_noise.relative": ("fixed", 0.015, 0.015),
+    "action_noise.hold_s": ("fixed", _STEP_S, _STEP_S),
+    "action_noise.time_constant_s": ("fixed", 1000.0, 1000.0),  # as good as constant in an episode
+    # appendix C.2
+    "action_delay.delay_s": ("either", 0.0, _STEP_S),
+    "timing_jitter.std_s": (
+        "loguniform",
+        10 / 10000 / 0.8,
+        10 / 1250 / 0.8,
+    ),  # ten steps; a half-normal's mean is 0.8
+    "tracking_dropout.probability": ("fixed", 0.2 / 10, 0.2 / 10),  # 0.2 in a second of 10 frames
+    "tracking_dropout.duration_s": ("fixed", 1.0, 1.0),
+    "occlusion_by_fingers.strength": ("fixed", 1.0, 1.0),
+    "cube_pushes.force_n": ("fixed", 1.0 * c.CUBE_MASS_KG, 1.0 * c.CUBE_MASS_KG),  # 1 m/s^2
+    "cube_pushes.probability": ("loguniform", 0.001, 0.1),
+    "cube_pushes.duration_s": ("fixed", _STEP_S, _STEP_S),
+}
+"""What arXiv 1808.00177 publishes, by the parameters that express it: distribution and both ends."""
 ROW = """
 [[range]]
 key = "cube_mass.factor"
@@ -89,12 +132,37 @@ def test_mild_is_a_third_of_real():
 
 def test_dactyls_table_is_the_published_one():
     rows = {row.key: row for row in load_ranges("dactyl").rows}
-    assert (rows["cube_size.factor"].low, rows["cube_size.factor"].high) == (0.95, 1.05)
-    assert (rows["link_mass.factor"].low, rows["link_mass.factor"].high) == (0.5, 1.5)
-    assert (rows["safety_damping.factor"].low, rows["safety_damping.factor"].high) == (0.3, 3.0)
-    assert (rows["position_gain.factor"].low, rows["position_gain.factor"].high) == (0.75, 1.5)
-    assert rows["gravity.offset_m_s2"].high == 0.4
-    assert rows["joint_limits.lower_rad"].high == 0.15
+    assert set(rows) == set(DACTYL) | {"backlash.gap_rad"}  # whose calibrated values are not published
+    for key, (distribution, low, high) in DACTYL.items():
+        assert rows[key].distribution == distribution, key
+        assert (rows[key].low, rows[key].high) == (pytest.approx(low), pytest.approx(high)), key
+        assert rows[key].per is Per.EPISODE and rows[key].source.startswith("Dactyl (arXiv 1808.00177)")
+
+
+def test_frictions_of_isaacs_ranges_are_averages_of_the_two_that_touch():
+    robot, table, cube = 1.0, 0.1, 1.0  # IsaacGymEnvs; U(0.5, 1.5) times the table's and U(0.7, 1.3) times the cube's
+    nominal = (cube + table) / 2
+    expected = {
+        "fingertip_friction.coefficient": ((robot + 0.7 * cube) / 2, (robot + 1.3 * cube) / 2),
+        "table_friction.coefficient": (
+            c.CUBE_FRICTION * (0.7 * cube + 0.5 * table) / 2 / nominal,
+            c.CUBE_FRICTION * (1.3 * cube + 1.5 * table) / 2 / nominal,
+        ),
+        "finger_table_friction.coefficient": ((robot + 0.5 * table) / 2, (robot + 1.5 * table) / 2),
+    }
+    assert (robot + table) / 2 == c.FINGER_FRICTION and (robot + cube) / 2 == c.CUBE_FRICTION
+    for name in ("isaacgymenvs", "allshire"):
+        rows = {row.key: row for row in load_ranges(name).rows}
+        for key, ends in expected.items():
+            assert (rows[key].low, rows[key].high) == pytest.approx(ends, abs=5e-4), (name, key)
+            assert "averages" in rows[key].source
+
+
+def test_real_keeps_to_the_numbers_that_its_sources_give():
+    rows = {row.key: (row.low, row.high) for row in load_ranges("real").rows}
+    assert rows["tracking_scale.factor_error"] == pytest.approx((0.0, 65.2 / 65 - 1), abs=1e-4)
+    assert rows["rotor_inertia.armature_kg_m2"] == pytest.approx((4.5e-6 * 81, 1.05 * 5.4e-6 * 81), abs=1e-6)
+    assert rows["thermal_derating.time_constant_s"] == (21 * 10, 21 * 20)
 
 
 def test_a_file_of_ranges(tmp_path):

@@ -23,6 +23,16 @@ def test_gaps_have_their_length_and_share():
     assert abs(lost.mean() - expected) < np.sqrt(2 * frames) * rate_margin(expected, N)
 
 
+@pytest.mark.parametrize(("frames", "whole"), [(0.2, 1), (1.4, 1), (1.6, 2), (2.0, 2), (2.9999999, 3), (7.3, 7)])
+def test_a_gap_lasts_the_nearest_number_of_whole_frames(frames, whole):
+    assert tracking.gap_frames(frames) == whole
+    uniform = np.full((1, 10), 0.5)
+    for since in range(10):
+        began = uniform.copy()
+        began[0, since] = 0.01
+        assert tracking.dropped(np.array([0.1]), np.array([frames]), began)[0] == (since < whole)
+
+
 def test_delays_grow_by_a_constant_and_vary_by_the_jitter_but_never_go_back_in_time():
     delay = tracking.later_s(0.09, np.full(N, 0.02))
     assert (delay == 0.11).all()
@@ -33,9 +43,14 @@ def test_delays_grow_by_a_constant_and_vary_by_the_jitter_but_never_go_back_in_t
 
 
 def test_missed_pixels_have_their_mean_and_stay_a_share():
-    missed = tracking.missed_share(np.full(N, 0.03), uniforms(1))
-    assert abs(missed.mean() - 0.03) < 5 * 0.03 / np.sqrt(N)
-    assert missed.min() > 0 and tracking.missed_share(np.full(N, 0.5), uniforms(1)).max() == 1.0
+    for mean in (0.001, 0.03, 0.2, 0.4, 0.5):
+        missed = tracking.missed_share(np.full(N, mean), uniforms(1))
+        std = mean * np.sqrt((1 - mean) / (1 + mean))  # of Beta(1, (1 - mean) / mean)
+        assert abs(missed.mean() - mean) < 5 * std / np.sqrt(N)
+        assert missed.std() == pytest.approx(std, rel=0.05)
+        assert missed.min() > 0 and missed.max() < 1
+    missed = tracking.missed_share(np.full(N, 0.5), uniforms(1))
+    assert np.histogram(missed, 5, (0, 1))[0].max() < 0.23 * N  # half of the pixels on average: every share is as likely
 
 
 def test_absent_values_change_nothing():

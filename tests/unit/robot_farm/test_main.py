@@ -1,0 +1,67 @@
+"""The processes of robots keep to themselves what they know."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from robot_farm.farm_seed import FARM_SEED_VARIABLE
+from robot_farm.settings import TOKEN_VARIABLE
+
+NEEDED = ["--api", "http://127.0.0.1:1", "--bus", "tcp/127.0.0.1:1"]
+WITHIN_S = 60.0
+_LOOK = """
+import ctypes, os, sys
+from robot_farm import __main__ as main, robot
+
+class Robot:
+    def __init__(self, name, settings, say):
+        open(settings.data / "written", "w").close()
+        print("mode", oct((settings.data / "written").stat().st_mode & 0o777), "dumpable", ctypes.CDLL(None).prctl(3))
+        print("seed", settings.farm_seed)
+
+    def live_until(self, stop):
+        pass
+
+robot.Robot = Robot
+sys.exit(main.main())
+"""
+
+
+def test_a_robots_files_and_memory_are_its_own(tmp_path):
+    """The process as it is started, with a robot in it that only says what it sees."""
+    command = [sys.executable, "-c", _LOOK, "--robot", "robot-0", *NEEDED, "--data", str(tmp_path), "--physics", "nominal"]
+    environment = os.environ | {TOKEN_VARIABLE: "token", FARM_SEED_VARIABLE: "41"}
+    said = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=WITHIN_S, check=True).stdout
+    assert "mode 0o600 dumpable 0" in said
+    assert "seed 41" in said
+
+
+@pytest.mark.parametrize("flag", [["--farm-seed", "907711"], ["--farm-seed=907711"]])
+def test_no_command_line_of_a_robot_has_the_farms_seed(flag, tmp_path):
+    """Real robots under a real supervisor; what anybody on the machine can read of them."""
+    command = [sys.executable, "-m", "robot_farm", "--robots", "2", *NEEDED, "--data", str(tmp_path), *flag]
+    with subprocess.Popen(
+        command, env=os.environ | {TOKEN_VARIABLE: "token"}, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    ) as supervisor:
+        try:
+            lines = _children(supervisor.pid, 2)
+        finally:
+            supervisor.terminate()
+    assert len(lines) == 2
+    assert all("--robot" in line for line in lines)
+    assert not any("907711" in line or "--farm-seed" in line for line in lines)
+
+
+def _children(pid: int, count: int) -> list[str]:
+    give_up_s = time.monotonic() + WITHIN_S
+    while time.monotonic() < give_up_s:
+        pids = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+        lines = [Path(f"/proc/{child}/cmdline").read_text().replace("\0", " ") for child in pids]
+        if sum("--robot robot-" in line for line in lines) == count:
+            return lines
+        time.sleep(0.05)
+    raise AssertionError("the robots were not started")

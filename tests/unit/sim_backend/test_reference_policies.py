@@ -1,0 +1,50 @@
+"""The shipped policies are what their README and their records say."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from safetensors.numpy import load_file
+
+from api_schemas.policy import PolicyManifest
+from sim_backend.training import reference_policies
+
+FOLDER = Path(next(iter(reference_policies.__path__)))
+README = (FOLDER / "README.md").read_text(encoding="utf-8")
+NAMES = sorted(path.stem for path in FOLDER.glob("*.safetensors"))
+
+
+def described(name: str) -> str:
+    """What the README says about one policy."""
+    return re.sub(r"\s+", " ", README.partition(f"**{name}.**")[2].partition("\n\n")[0])
+
+
+def record(name: str) -> dict:
+    return json.loads((FOLDER / f"{name}-record.json").read_text(encoding="utf-8"))
+
+
+def test_there_is_a_policy():
+    assert "push" in NAMES
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_readme_and_record_give_the_layers_that_the_weights_have(name):
+    weights = load_file(FOLDER / f"{name}.safetensors")
+    layers = [weights[f"layer{index}.weight"] for index in range(sum(key.endswith(".weight") for key in weights))]
+    hidden = [layer.shape[0] for layer in layers[:-1]]
+    said = re.search(r"hidden layers of (\d+(?:(?:, | and )\d+)*)", described(name))
+    assert said is not None
+    assert [int(width) for width in re.findall(r"\d+", said[1])] == hidden
+    assert record(name)["settings"]["hidden"] == hidden
+    manifest = PolicyManifest.model_validate_json((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
+    sizes = [manifest.observation_size, *hidden, 9]
+    assert [layer.shape for layer in layers] == list(zip(sizes[1:], sizes[:-1], strict=True))
+    assert [weights[f"layer{index}.bias"].shape for index in range(len(layers))] == [(size,) for size in sizes[1:]]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_readme_and_record_give_the_same_training(name):
+    settings, text = record(name)["settings"], described(name)
+    assert f"drawn anew from the ranges `{settings['physics']}`" in text
+    assert f"({1000 * settings['physics_step_s']:g} ms physics, {settings['robots']} robots" in text
