@@ -214,7 +214,7 @@ EFFECTS = (
     _effect(
         "foreign_occlusion",
         "an opaque ball hangs between cube and cameras",
-        "cables and hands get in the way; the issue asks for occlusion by another object",
+        "reason: cables and hands get in the way",
         foreign_sphere,
         _one("radius_m", "m", 0.0, 0.15, 0.0, "of the ball"),
         shape=(_vector("position_m", "m", -0.5, 0.5, 0.15, "of its centre"),),

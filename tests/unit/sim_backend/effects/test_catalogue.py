@@ -59,7 +59,7 @@ def nominal() -> dict[str, np.ndarray]:
     return course(driver)
 
 
-def test_the_issue_asks_for_at_least_24():
+def test_there_are_at_least_24():
     assert len(EVERY) >= 24
 
 
