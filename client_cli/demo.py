@@ -84,7 +84,8 @@ def _collect(client: ApiClient, job: Job, folder: Path) -> DemoResult:
     if exit_code_of(job) is not ExitCode.OK:
         return DemoResult(job, None, None, None)
     note("fetching the logs")
-    logs = fetch_job(client, job.job_id, folder / f"logs-{job.job_id}", PARALLEL_DOWNLOADS).folder
+    fetched = fetch_job(client, job.job_id, folder / f"logs-{job.job_id}", PARALLEL_DOWNLOADS, with_truth=True)
+    logs = fetched.folder
     return DemoResult(job, json.loads(client.report(job.job_id)), client.report_text(job.job_id), logs)
 
 
@@ -108,6 +109,12 @@ def text(result: DemoResult) -> str:
             "",
             f"Logs and report.json are in {result.logs}{os.sep}",
             "Open one in Lichtblick or Foxglove (its 3D panel shows the scene as it is), or simulate it again:",
-            f"  trifarm replay {result.logs / 'trial-000.mcap'} --verify",
+            f"  trifarm replay {result.logs / 'trial-000.mcap'} --verify{_truth_option(result.logs)}",
         ]
     )
+
+
+def _truth_option(logs: Path) -> str:
+    """What the farm would add by itself, were it still there: robots that differ are simulated again from their truth."""
+    truth = logs / "trial-000.truth.mcap"
+    return f" --truth {truth}" if truth.exists() else ""
