@@ -7,12 +7,14 @@ import time
 from collections.abc import Callable
 
 from robot_farm.settings import Settings
+from sim_backend.driver.compilation import is_kept
 
 LOOK_EVERY_S = 0.1
 RESTART_PAUSE_S = (0.2, 1.0, 5.0, 15.0)
 """Pauses before a robot that died is started again; back to the first after a minute of good service."""
 GOOD_SERVICE_S = 60.0
 END_WITHIN_S = 3.5
+WARM_UP_WITHIN_S = 60.0
 
 
 class _Place:
@@ -35,6 +37,8 @@ def run_robots(settings: Settings, arguments: list[str], stop: threading.Event, 
         stop: set from outside to end.
         say: takes a line for the log.
     """
+    if settings.robots > 1 and not is_kept():
+        _warm_up(stop, say)
     places = [_Place(name) for name in settings.robot_names]
     try:
         while not stop.is_set():
@@ -43,6 +47,16 @@ def run_robots(settings: Settings, arguments: list[str], stop: threading.Event, 
             stop.wait(LOOK_EVERY_S)
     finally:
         _end([place.process for place in places if place.process is not None])
+
+
+def _warm_up(stop: threading.Event, say: Callable[[str], None]) -> None:
+    """Compile once before the robots start, which would otherwise all do so at the same time; that it fails is no obstacle."""
+    say("compiling for the first time, about ten seconds")
+    process = subprocess.Popen([sys.executable, "-P", "-m", "sim_backend.warm_up"], stderr=subprocess.DEVNULL)
+    give_up_s = time.monotonic() + WARM_UP_WITHIN_S
+    while process.poll() is None and not stop.wait(LOOK_EVERY_S) and time.monotonic() < give_up_s:
+        pass
+    _end([process])
 
 
 def _look_after(place: _Place, arguments: list[str], say: Callable[[str], None]) -> None:

@@ -39,10 +39,18 @@ def compiled_once(compile_function: Callable[[bool], Compiled]) -> Compiled:
 @functools.cache
 def _folder() -> Path:
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    digest = hashlib.sha256(numba.__version__.encode())
+    digest = hashlib.sha256(f"{numba.__version__} {Path(__file__).parent}".encode())  # numba's own key holds the path, too
     folders = {Path(__file__).parent, *(Path(path) for package in (effects, trifinger) for path in package.__path__)}
     for source in sorted(source for folder in folders for source in folder.glob("*.py")):
         digest.update(source.read_bytes())
     folder = home / "trifarm" / f"compiled-{digest.hexdigest()[:16]}"
     folder.mkdir(parents=True, exist_ok=True)
     return folder
+
+
+def is_kept() -> bool:
+    """Whether some process of these sources has compiled before and kept what it compiled."""
+    try:
+        return any(_folder().rglob("*.nbc"))
+    except (OSError, RuntimeError):
+        return False

@@ -35,3 +35,25 @@ def test_the_second_process_finds_what_the_first_compiled(tmp_path: Path):
 @pytest.mark.parametrize("variable", ["XDG_CACHE_HOME", "HOME"])
 def test_a_folder_that_cannot_be_written_is_no_obstacle(variable: str):
     assert "installed" in run(**{variable: "/proc/nowhere"})
+
+
+def test_after_warming_up_a_robot_compiles_nothing(tmp_path: Path):
+    def python(code: str) -> str:
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            env=os.environ | {"XDG_CACHE_HOME": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            timeout=200,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    kept = "from sim_backend.driver.compilation import is_kept; print(is_kept())"
+    assert "False" in python(kept)
+    python("from sim_backend.warm_up import main; main()")
+    assert "True" in python(kept)
+    files = sorted(tmp_path.rglob("*.nbc"))
+    python("from sim_backend.warm_up import main; main()")
+    assert sorted(tmp_path.rglob("*.nbc")) == files and len(files) >= 4
