@@ -7,7 +7,7 @@ import math
 
 import numba
 
-from sim_backend.effects.effect import Acts, Effect, Group, Parameter, Scope
+from sim_backend.effects.effect import Acts, Effect, Group, per_joint, per_robot
 from sim_backend.trifinger import constants as c
 
 MAX_DELAY_S = 0.1
@@ -119,14 +119,6 @@ def backlash(play_rad, rotor_rad_s, joint_rad_s, torque_nm, gap_rad, rotor_inert
     return (half if play_rad > 0.0 else -half), joint_rad_s, impact_nm
 
 
-def _joint(name: str, unit: str, lower: float, upper: float, absent: float, about: str) -> Parameter:
-    return Parameter(name, unit, lower, upper, absent, Scope.JOINT, about)
-
-
-def _one(name: str, unit: str, lower: float, upper: float, absent: float, about: str) -> Parameter:
-    return Parameter(name, unit, lower, upper, absent, Scope.GLOBAL, about)
-
-
 def _effect(name, about, source, apply, *parameters, shape=()) -> Effect:
     return Effect(name, Group.ACTUATION, about, source, Acts.CONTROL, parameters, apply, tuple(shape))
 
@@ -137,45 +129,47 @@ EFFECTS = (
         "the torque reaches the motors later than it was sent; a fraction of a step acts as the mean over the step",
         "PACE (arXiv 2509.06342) fits one delay to each robot; MuJoCo's actuator delay is the same law in plain MJCF",
         delayed_torque_nm,
-        _joint("delay_s", "s", 0.0, MAX_DELAY_S, 0.0, "from the safety pipeline to the motor"),
+        per_joint("delay_s", "s", 0.0, MAX_DELAY_S, 0.0, "from the safety pipeline to the motor"),
     ),
     _effect(
         "timing_jitter",
         "a new command comes late by half-normal chance; until then the previous one is repeated",
         "robot_interfaces doc/timeseries.rst: a late user repeats the previous action; Dactyl (arXiv 1808.00177) jitters timing",
         share_of_step,
-        _one("std_s", "s", 0.0, 0.02, 0.0, "scale of the half-normal lateness, drawn for each new command"),
+        per_robot("std_s", "s", 0.0, 0.02, 0.0, "scale of the half-normal lateness, drawn for each new command"),
     ),
     _effect(
         "torque_constant",
         "every torque of a motor is off by the same factor",
         "robot_fingers trifinger_driver.hpp gives one nominal 0.02 N m/A for all motors",
         scaled_torque_nm,
-        _joint("error", "", -0.5, 0.5, 0.0, "relative error of the torque"),
+        per_joint("error", "", -0.5, 0.5, 0.0, "relative error of the torque"),
     ),
     _effect(
         "torque_saturation",
         "the motor gives no more than its own limit, below that of the driver",
         "MuJoCo's dcmotor saturation; robot_fingers config/trifingerpro.yml limits the current to 2.2 A",
         saturated_torque_nm,
-        _joint("limit_nm", "N m", 0.02, c.MAX_TORQUE_NM, c.MAX_TORQUE_NM, "largest torque of the motor"),
+        per_joint("limit_nm", "N m", 0.02, c.MAX_TORQUE_NM, c.MAX_TORQUE_NM, "largest torque of the motor"),
     ),
     _effect(
         "supply_sag",
         "the torque limit of all motors falls with the torque that they give together",
         "a supply with inner resistance: Rhoban/bam (arXiv 2410.08650) and MuJoCo's dcmotor take the voltage as given",
         sagging_factor,
-        _one("loss_per_nm", "1/(N m)", 0.0, 0.5, 0.0, "share of the driver's torque limit lost for each N m of total torque"),
+        per_robot(
+            "loss_per_nm", "1/(N m)", 0.0, 0.5, 0.0, "share of the driver's torque limit lost for each N m of total torque"
+        ),
     ),
     _effect(
         "thermal_derating",
         "a motor that gets warm gives less torque for the same current",
         "MuJoCo's dcmotor thermal; magnets of NdFeB lose about 0.11 % of their flux for each kelvin",
         derated_torque_nm,
-        _joint("loss_per_k", "1/K", 0.0, 0.02, 0.0, "share of the torque lost for each kelvin above ambient"),
+        per_joint("loss_per_k", "1/K", 0.0, 0.02, 0.0, "share of the torque lost for each kelvin above ambient"),
         shape=(
-            _joint("rise_k_nm2", "K/(N m)^2", 0.0, 2000.0, 160.0, "temperature above ambient that a constant torque leads to"),
-            _joint("time_constant_s", "s", 1.0, 3600.0, 300.0, "of heating and cooling"),
+            per_joint("rise_k_nm2", "K/(N m)^2", 0.0, 2000.0, 160.0, "temperature above ambient that a constant torque leads to"),
+            per_joint("time_constant_s", "s", 1.0, 3600.0, 300.0, "of heating and cooling"),
         ),
     ),
     _effect(
@@ -183,10 +177,10 @@ EFFECTS = (
         "the rotor prefers some positions",
         "MuJoCo's dcmotor cogging",
         cogging_torque_nm,
-        _joint("amplitude_nm", "N m", 0.0, 0.05, 0.0, "largest torque, on the joint's side of the gear"),
+        per_joint("amplitude_nm", "N m", 0.0, 0.05, 0.0, "largest torque, on the joint's side of the gear"),
         shape=(
-            _joint("cycles_per_rad", "1/rad", 0.1, 1000.0, COGGING_PER_TURN * c.GEAR_RATIO / (2 * math.pi), "of the torque"),
-            _joint("phase_rad", "rad", -math.pi, math.pi, 0.0, "at joint position zero"),
+            per_joint("cycles_per_rad", "1/rad", 0.1, 1000.0, COGGING_PER_TURN * c.GEAR_RATIO / (2 * math.pi), "of the torque"),
+            per_joint("phase_rad", "rad", -math.pi, math.pi, 0.0, "at joint position zero"),
         ),
     ),
     _effect(
@@ -194,12 +188,12 @@ EFFECTS = (
         "the torque varies by chance, from step to step and slowly",
         "IsaacGymEnvs Trifinger.yaml: white and correlated noise of actions; Dactyl (arXiv 1808.00177), table of randomisations",
         correlated_noise,
-        _joint("white_nm", "N m", 0.0, 0.1, 0.0, "standard deviation, redrawn every hold_s"),
-        _joint("correlated_nm", "N m", 0.0, 0.1, 0.0, "standard deviation of the slow part"),
-        _joint("relative", "", 0.0, 0.5, 0.0, "standard deviation in proportion to the torque, redrawn every hold_s"),
+        per_joint("white_nm", "N m", 0.0, 0.1, 0.0, "standard deviation, redrawn every hold_s"),
+        per_joint("correlated_nm", "N m", 0.0, 0.1, 0.0, "standard deviation of the slow part"),
+        per_joint("relative", "", 0.0, 0.5, 0.0, "standard deviation in proportion to the torque, redrawn every hold_s"),
         shape=(
-            _one("hold_s", "s", 0.001, 0.1, 0.001, "how long a white number is held"),
-            _one("time_constant_s", "s", 0.001, 1000.0, 0.1, "over which the slow part is correlated"),
+            per_robot("hold_s", "s", 0.001, 0.1, 0.001, "how long a white number is held"),
+            per_robot("time_constant_s", "s", 0.001, 1000.0, 0.1, "over which the slow part is correlated"),
         ),
     ),
     _effect(
@@ -207,9 +201,9 @@ EFFECTS = (
         "the rotor turns freely through a gap before the joint follows; encoders sit on the rotor",
         "Dactyl (arXiv 1808.00177) models actuator backlash; belts and bearings of the finger modules have play",
         backlash,
-        _joint("gap_rad", "rad", 0.0, 0.1, 0.0, "width of the play at the joint"),
+        per_joint("gap_rad", "rad", 0.0, 0.1, 0.0, "width of the play at the joint"),
         shape=(
-            _joint(
+            per_joint(
                 "rotor_inertia_kg_m2",
                 "kg m^2",
                 1e-5,
@@ -224,13 +218,13 @@ EFFECTS = (
         "position commands act with another stiffness",
         "Dactyl (arXiv 1808.00177) randomises the actuators' P term",
         scaled_gain,
-        _joint("factor", "", 0.2, 4.0, 1.0, "of the driver's position gain"),
+        per_joint("factor", "", 0.2, 4.0, 1.0, "of the driver's position gain"),
     ),
     _effect(
         "safety_damping",
         "the driver's velocity damping has another gain",
         "robot_fingers config/trifingerpro.yml has 0.09, 0.09, 0.05; trifinger_simulation has 0.08, 0.08, 0.04",
         scaled_gain,
-        _joint("factor", "", 0.0, 3.0, 1.0, "of the driver's safety damping"),
+        per_joint("factor", "", 0.0, 3.0, 1.0, "of the driver's safety damping"),
     ),
 )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim_backend.effects.effect import Acts, Effect, Group, Parameter, Scope
+from sim_backend.effects.effect import Acts, Effect, Group, per_axis, per_joint, per_robot
 from sim_backend.trifinger import constants as c
 
 _LINKS = ("upper", "middle", "lower")
@@ -52,10 +52,6 @@ def gravity(spec, values) -> None:
     spec.option.gravity = np.asarray(spec.option.gravity) + values["offset_m_s2"]
 
 
-def _joint(name: str, unit: str, lower: float, upper: float, absent: float, about: str) -> Parameter:
-    return Parameter(name, unit, lower, upper, absent, Scope.JOINT, about)
-
-
 def _effect(name, about, source, apply, *parameters, shape=()) -> Effect:
     return Effect(name, Group.BODY, about, source, Acts.MODEL, parameters, apply, tuple(shape))
 
@@ -66,44 +62,44 @@ EFFECTS = (
         "links are heavier or lighter than in the URDF, with their inertia",
         "Dactyl (arXiv 1808.00177): robot link masses; robot_properties_fingers gives masses from CAD",
         link_mass,
-        _joint("factor", "", 0.3, 3.0, 1.0, "of mass and inertia of the link behind each joint"),
+        per_joint("factor", "", 0.3, 3.0, 1.0, "of mass and inertia of the link behind each joint"),
     ),
     _effect(
         "rotor_inertia",
         "the rotors' inertia, reflected through the gear",
         "absent from the URDF; MuJoCo armature",
         rotor_inertia,
-        _joint("armature_kg_m2", "kg m^2", 0.0, 0.01, 0.0, "on the joint's side of the gear"),
+        per_joint("armature_kg_m2", "kg m^2", 0.0, 0.01, 0.0, "on the joint's side of the gear"),
     ),
     _effect(
         "joint_stiffness",
         "cables pull a joint towards a position",
         "MuJoCo joint stiffness; motor cables run along the links of the finger",
         joint_stiffness,
-        _joint("stiffness_nm_rad", "N m/rad", 0.0, 0.5, 0.0, "of the spring"),
-        shape=(_joint("reference_rad", "rad", -2.7, 1.6, 0.0, "where the spring rests"),),
+        per_joint("stiffness_nm_rad", "N m/rad", 0.0, 0.5, 0.0, "of the spring"),
+        shape=(per_joint("reference_rad", "rad", -2.7, 1.6, 0.0, "where the spring rests"),),
     ),
     _effect(
         "joint_limits",
         "the mechanical range differs from the nominal one",
         "Dactyl (arXiv 1808.00177) and IsaacGymEnvs Trifinger.yaml randomise joint limits",
         joint_limits,
-        _joint("lower_rad", "rad", -0.3, 0.3, 0.0, "added to the lower end"),
-        _joint("upper_rad", "rad", -0.3, 0.3, 0.0, "added to the upper end"),
+        per_joint("lower_rad", "rad", -0.3, 0.3, 0.0, "added to the lower end"),
+        per_joint("upper_rad", "rad", -0.3, 0.3, 0.0, "added to the upper end"),
     ),
     _effect(
         "table_tilt",
         "the whole platform stands askew",
         "no platform stands exactly level",
         table_tilt,
-        Parameter("roll_rad", "rad", -0.2, 0.2, 0.0, Scope.GLOBAL, "about the world's x axis"),
-        Parameter("pitch_rad", "rad", -0.2, 0.2, 0.0, Scope.GLOBAL, "about the world's y axis"),
+        per_robot("roll_rad", "rad", -0.2, 0.2, 0.0, "about the world's x axis"),
+        per_robot("pitch_rad", "rad", -0.2, 0.2, 0.0, "about the world's y axis"),
     ),
     _effect(
         "gravity",
         "another gravity vector",
         "Dactyl (arXiv 1808.00177) and IsaacGymEnvs Trifinger.yaml add noise to gravity",
         gravity,
-        Parameter("offset_m_s2", "m/s^2", -10.0, 10.0, 0.0, Scope.VECTOR, "added to (0, 0, -9.81)"),
+        per_axis("offset_m_s2", "m/s^2", -10.0, 10.0, 0.0, "added to (0, 0, -9.81)"),
     ),
 )

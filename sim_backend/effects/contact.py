@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 
-from sim_backend.effects.effect import Acts, Effect, Group, Parameter, Scope
+from sim_backend.effects.effect import Acts, Effect, Group, per_robot
 from sim_backend.trifinger import constants as c
 
 _MUJOCO_CONTACT_S = 0.02
@@ -58,10 +58,6 @@ def push_force_n(std_n, probability, chance, normal):
     return std_n * normal if chance < probability else 0.0
 
 
-def _one(name: str, unit: str, lower: float, upper: float, absent: float, about: str) -> Parameter:
-    return Parameter(name, unit, lower, upper, absent, Scope.GLOBAL, about)
-
-
 def _effect(name, about, source, apply, *parameters, acts=Acts.MODEL, shape=()) -> Effect:
     return Effect(name, Group.CONTACT, about, source, acts, parameters, apply, tuple(shape))
 
@@ -74,54 +70,54 @@ EFFECTS = (
         "fingers grip the cube more or less",
         "simulators disagree on it by 10 x (trifinger_simulation 0.1, IsaacGymEnvs 1.0); no measured value was found",
         fingertip_friction,
-        _one("coefficient", "", 0.05, 3.0, c.CUBE_FRICTION, "of fingers against the cube"),
+        per_robot("coefficient", "", 0.05, 3.0, c.CUBE_FRICTION, "of fingers against the cube"),
     ),
     _effect(
         "table_friction",
         "the cube slides on table and wall more or less easily",
         "IsaacGymEnvs Trifinger.yaml randomises the table's friction; ContactNets (arXiv 2009.11193) measured 0.18 for a cube",
         table_friction,
-        _one("coefficient", "", 0.05, 3.0, c.CUBE_FRICTION, "of the cube against table and wall"),
+        per_robot("coefficient", "", 0.05, 3.0, c.CUBE_FRICTION, "of the cube against table and wall"),
     ),
     _effect(
         "finger_table_friction",
         "fingers slide on table and wall more or less easily",
         "IsaacGymEnvs Trifinger.yaml: robot 1.0, table 0.1, averaged",
         finger_table_friction,
-        _one("coefficient", "", c.TABLE_FRICTION, 3.0, c.FINGER_FRICTION, "of fingers against table, wall and each other"),
+        per_robot("coefficient", "", c.TABLE_FRICTION, 3.0, c.FINGER_FRICTION, "of fingers against table, wall and each other"),
     ),
     _effect(
         "cube_mass",
         "the cube is heavier or lighter",
         f"{_DACTYL}; trifinger_simulation has 94 g, IsaacGymEnvs 80 g",
         cube_mass,
-        _one("factor", "", 0.2, 3.0, 1.0, "of mass and inertia"),
+        per_robot("factor", "", 0.2, 3.0, 1.0, "of mass and inertia"),
     ),
     _effect(
         "cube_size",
         "the cube is larger or smaller at the same mass",
         f"{_DACTYL}; trifinger_object_tracking takes 65.2 mm, the cube's model 65 mm",
         cube_size,
-        _one("factor", "", 0.8, 1.25, 1.0, "of the width"),
+        per_robot("factor", "", 0.8, 1.25, 1.0, "of the width"),
     ),
     _effect(
         "contact_stiffness",
         "contacts of the cube are softer or stiffer",
         "MuJoCo solref; soft fingertips",
         contact_stiffness,
-        _one("time_constant_s", "s", 0.003, 0.2, _MUJOCO_CONTACT_S, "of the contact"),
-        shape=(_one("damping_ratio", "", 0.2, 2.0, 1.0, "of the contact"),),
+        per_robot("time_constant_s", "s", 0.003, 0.2, _MUJOCO_CONTACT_S, "of the contact"),
+        shape=(per_robot("damping_ratio", "", 0.2, 2.0, 1.0, "of the contact"),),
     ),
     _effect(
         "cube_pushes",
         "forces push the cube by chance",
         f"{_DACTYL}: random forces on the object",
         push_force_n,
-        _one("force_n", "N", 0.0, 5.0, 0.0, "standard deviation in each direction"),
+        per_robot("force_n", "N", 0.0, 5.0, 0.0, "standard deviation in each direction"),
         acts=Acts.CONTROL,
         shape=(
-            _one("probability", "", 0.0, 1.0, 0.1, "that a push begins at each duration's begin"),
-            _one("duration_s", "s", 0.001, 1.0, 0.1, "of a push"),
+            per_robot("probability", "", 0.0, 1.0, 0.1, "that a push begins at each duration's begin"),
+            per_robot("duration_s", "s", 0.001, 1.0, 0.1, "of a push"),
         ),
     ),
 )

@@ -55,6 +55,21 @@ class Parameter:
         return WIDTHS[self.scope]
 
 
+def per_robot(name: str, unit: str, lower: float, upper: float, absent: float, about: str) -> Parameter:
+    """A parameter with one value per robot."""
+    return Parameter(name, unit, lower, upper, absent, Scope.GLOBAL, about)
+
+
+def per_joint(name: str, unit: str, lower: float, upper: float, absent: float, about: str) -> Parameter:
+    """A parameter with a value for each joint."""
+    return Parameter(name, unit, lower, upper, absent, Scope.JOINT, about)
+
+
+def per_axis(name: str, unit: str, lower: float, upper: float, absent: float, about: str) -> Parameter:
+    """A parameter with a value for each axis of the world."""
+    return Parameter(name, unit, lower, upper, absent, Scope.VECTOR, about)
+
+
 @dataclass(frozen=True)
 class Effect:
     """One named physical deviation from the nominal robot.

@@ -8,7 +8,7 @@ import math
 
 import numba
 
-from sim_backend.effects.effect import Acts, Effect, Group, Parameter, Scope
+from sim_backend.effects.effect import Acts, Effect, Group, per_joint
 from sim_backend.trifinger import constants as c
 
 DIRECTION_SPEED_RAD_S = 0.02
@@ -72,10 +72,6 @@ def stuck_bound_nm(holding_torque_nm):
     return holding_torque_nm
 
 
-def _joint(name: str, unit: str, lower: float, upper: float, absent: float, about: str) -> Parameter:
-    return Parameter(name, unit, lower, upper, absent, Scope.JOINT, about)
-
-
 def _effect(name, about, source, acts, apply, *parameters, shape=(), group=Group.ACTUATION) -> Effect:
     return Effect(name, group, about, source, acts, parameters, apply, tuple(shape))
 
@@ -89,7 +85,7 @@ EFFECTS = (
         f"{_BAM}, m1; MuJoCo frictionloss",
         Acts.MODEL,
         coulomb_friction,
-        _joint("torque_nm", "N m", 0.0, 0.5, 0.0, "of each joint"),
+        per_joint("torque_nm", "N m", 0.0, 0.5, 0.0, "of each joint"),
     ),
     _effect(
         "viscous_friction",
@@ -97,7 +93,7 @@ EFFECTS = (
         f"{_BAM}, m1; MuJoCo damping",
         Acts.MODEL,
         viscous_friction,
-        _joint("damping_nm_s_rad", "N m s/rad", 0.0, 0.5, 0.0, "of each joint"),
+        per_joint("damping_nm_s_rad", "N m s/rad", 0.0, 0.5, 0.0, "of each joint"),
     ),
     _effect(
         "stribeck_friction",
@@ -105,8 +101,8 @@ EFFECTS = (
         f"{_BAM}, m2",
         Acts.CONTROL,
         stribeck_bound_nm,
-        _joint("extra_nm", "N m", 0.0, 0.2, 0.0, "at rest, above the constant part"),
-        shape=(_joint("speed_rad_s", "rad/s", 0.005, 2.0, 0.1, "at which it has fallen to 1/e"),),
+        per_joint("extra_nm", "N m", 0.0, 0.2, 0.0, "at rest, above the constant part"),
+        shape=(per_joint("speed_rad_s", "rad/s", 0.005, 2.0, 0.1, "at which it has fallen to 1/e"),),
     ),
     _effect(
         "load_friction",
@@ -114,7 +110,7 @@ EFFECTS = (
         f"{_BAM}, m3",
         Acts.CONTROL,
         load_bound_nm,
-        _joint("coefficient", "", 0.0, 0.6, 0.0, "friction torque for each N m of motor torque"),
+        per_joint("coefficient", "", 0.0, 0.6, 0.0, "friction torque for each N m of motor torque"),
     ),
     _effect(
         "directional_friction",
@@ -122,7 +118,7 @@ EFFECTS = (
         f"{_BAM}, m5",
         Acts.CONTROL,
         directional_bound_nm,
-        _joint("difference_nm", "N m", -0.2, 0.2, 0.0, "added when turning towards plus, taken when turning towards minus"),
+        per_joint("difference_nm", "N m", -0.2, 0.2, 0.0, "added when turning towards plus, taken when turning towards minus"),
     ),
     _effect(
         "stuck_joint",
@@ -130,7 +126,7 @@ EFFECTS = (
         "a fault that the laboratory's self-test looks for (robot_fingers scripts/trifingerpro_post_submission.py)",
         Acts.CONTROL,
         stuck_bound_nm,
-        _joint("holding_torque_nm", "N m", 0.0, 20.0, 0.0, "what the jam holds"),
+        per_joint("holding_torque_nm", "N m", 0.0, 20.0, 0.0, "what the jam holds"),
         group=Group.FAULT,
     ),
 )

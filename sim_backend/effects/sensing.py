@@ -2,7 +2,7 @@
 
 import numba
 
-from sim_backend.effects.effect import Acts, Effect, Group, Parameter, Scope
+from sim_backend.effects.effect import Acts, Effect, Group, per_joint, per_robot
 
 
 @numba.njit(inline="always")
@@ -39,10 +39,6 @@ def commanded_torque_nm(torque_nm, off):
     return 0.0 if off > 0.0 else torque_nm
 
 
-def _joint(name: str, unit: str, lower: float, upper: float, about: str) -> Parameter:
-    return Parameter(name, unit, lower, upper, 0.0, Scope.JOINT, about)
-
-
 def _effect(name, about, source, apply, *parameters, group=Group.SENSING) -> Effect:
     return Effect(name, group, about, source, Acts.CONTROL, parameters, apply)
 
@@ -55,45 +51,45 @@ EFFECTS = (
         "the zero of a joint's encoder is off, as after homing against an end stop",
         "PACE (arXiv 2509.06342) fits encoder biases; robot_fingers homes against end stops",
         offset_position_rad,
-        _joint("offset_rad", "rad", -0.2, 0.2, "measured minus true position"),
+        per_joint("offset_rad", "rad", -0.2, 0.2, 0.0, "measured minus true position"),
     ),
     _effect(
         "encoder_quantisation",
         "positions come in whole steps",
         "encoders of the finger modules count whole increments of the rotor",
         quantised,
-        _joint("step_rad", "rad", 0.0, 0.05, "one step, at the joint"),
+        per_joint("step_rad", "rad", 0.0, 0.05, 0.0, "one step, at the joint"),
     ),
     _effect(
         "velocity_filter",
         "velocities come through a low-pass filter",
         "motor boards estimate speed from counts over a time and smooth it",
         filtered,
-        _joint("time_constant_s", "s", 0.0, 0.1, "of the filter"),
+        per_joint("time_constant_s", "s", 0.0, 0.1, 0.0, "of the filter"),
     ),
     _effect(
         "joint_noise",
         "positions, velocities and torques are measured with an error of their own in every step",
         _BRRC,
         noisy,
-        _joint("position_rad", "rad", 0.0, 0.1, "standard deviation"),
-        _joint("velocity_rad_s", "rad/s", 0.0, 1.0, "standard deviation"),
-        _joint("torque_nm", "N m", 0.0, 0.1, "standard deviation"),
+        per_joint("position_rad", "rad", 0.0, 0.1, 0.0, "standard deviation"),
+        per_joint("velocity_rad_s", "rad/s", 0.0, 1.0, 0.0, "standard deviation"),
+        per_joint("torque_nm", "N m", 0.0, 0.1, 0.0, "standard deviation"),
     ),
     _effect(
         "joint_episode_noise",
         "positions and velocities are measured with an error that stays the same within a trial",
         "correlated observation noise of Dactyl (arXiv 1808.00177)",
         noisy,
-        _joint("position_rad", "rad", 0.0, 0.1, "standard deviation over trials"),
-        _joint("velocity_rad_s", "rad/s", 0.0, 1.0, "standard deviation over trials"),
+        per_joint("position_rad", "rad", 0.0, 0.1, 0.0, "standard deviation over trials"),
+        per_joint("velocity_rad_s", "rad/s", 0.0, 1.0, 0.0, "standard deviation over trials"),
     ),
     _effect(
         "encoder_jump",
         "an encoder loses counts",
         "a fault that the laboratory's self-test looks for (robot_fingers scripts/trifingerpro_post_submission.py)",
         offset_position_rad,
-        _joint("offset_rad", "rad", -3.2, 3.2, "measured minus true position, on top of any other offset"),
+        per_joint("offset_rad", "rad", -3.2, 3.2, 0.0, "measured minus true position, on top of any other offset"),
         group=Group.FAULT,
     ),
     _effect(
@@ -101,7 +97,7 @@ EFFECTS = (
         "the controller restarts and sends no torque meanwhile",
         "robot_interfaces robot_backend.hpp: driver errors end a run",
         commanded_torque_nm,
-        Parameter("off", "", 0.0, 1.0, 0.0, Scope.GLOBAL, "above 0 while it restarts"),
+        per_robot("off", "", 0.0, 1.0, 0.0, "above 0 while it restarts"),
         group=Group.FAULT,
     ),
 )

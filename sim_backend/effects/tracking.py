@@ -9,7 +9,7 @@ import math
 import numba
 import numpy as np
 
-from sim_backend.effects.effect import Acts, Effect, Group, Parameter, Scope
+from sim_backend.effects.effect import Acts, Effect, Group, Parameter, Scope, per_axis, per_robot
 from sim_backend.effects.pose_errors import jumped_quat, noisy_pose, offset_pose, scaled_position_m
 from sim_backend.trifinger import constants as c
 
@@ -100,18 +100,10 @@ def working(dead):
     return dead < 0.5
 
 
-def _one(name: str, unit: str, lower: float, upper: float, absent: float, about: str) -> Parameter:
-    return Parameter(name, unit, lower, upper, absent, Scope.GLOBAL, about)
-
-
-def _vector(name: str, unit: str, lower: float, upper: float, absent: float, about: str) -> Parameter:
-    return Parameter(name, unit, lower, upper, absent, Scope.VECTOR, about)
-
-
 def _noise(position_about: str, rotation_about: str) -> tuple[Parameter, ...]:
     return (
-        _one("position_m", "m", 0.0, 0.05, 0.0, position_about),
-        _one("rotation_rad", "rad", 0.0, 0.5, 0.0, rotation_about),
+        per_robot("position_m", "m", 0.0, 0.05, 0.0, position_about),
+        per_robot("rotation_rad", "rad", 0.0, 0.5, 0.0, rotation_about),
     )
 
 
@@ -129,44 +121,44 @@ EFFECTS = (
         "images are taken more or less often",
         f"{_TOT} tricamera_object_tracking_driver.hpp: 10 Hz by default, configurable",
         frame_period_s,
-        _one("rate_hz", "Hz", 1.0, 100.0, NOMINAL_RATE_HZ, "of the images"),
+        per_robot("rate_hz", "Hz", 1.0, 100.0, NOMINAL_RATE_HZ, "of the images"),
     ),
     _effect(
         "tracking_latency",
         "reports arrive later than the nominal 90 ms after their image",
         "trifinger_simulation trifinger_platform.py, from real data; trifinger_rl_datasets sim_env.py has delays up to 0.3 s",
         later_s,
-        _one("extra_s", "s", -0.08, 0.3, 0.0, "added to 90 ms"),
+        per_robot("extra_s", "s", -0.08, 0.3, 0.0, "added to 90 ms"),
     ),
     _effect(
         "tracking_jitter",
         "the time from image to report differs from frame to frame",
         f"{_TOT} pose_detector.cpp: an optimisation of random length for each frame",
         jittered_s,
-        _one("std_s", "s", 0.0, 0.1, 0.0, "standard deviation of the delay"),
+        per_robot("std_s", "s", 0.0, 0.1, 0.0, "standard deviation of the delay"),
     ),
     _effect(
         "tracking_dropout",
         "frames are lost and the last report stands",
         "marker freezing in Dactyl (arXiv 1808.00177)",
         dropped,
-        _one("probability", "", 0.0, 1.0, 0.0, "that a gap begins with a frame"),
-        shape=(_one("duration_s", "s", 0.0, 3.0, 0.1, "length of a gap, at least one frame"),),
+        per_robot("probability", "", 0.0, 1.0, 0.0, "that a gap begins with a frame"),
+        shape=(per_robot("duration_s", "s", 0.0, 3.0, 0.1, "length of a gap, at least one frame"),),
     ),
     _effect(
         "tracking_scale",
         "distances are seen too large or too small",
         f"{_TOT} cube_model.hpp takes the cube for 65.2 mm wide, it has 65 mm",
         scaled_position_m,
-        _one("factor_error", "", -0.1, 0.1, 0.0, "of distances from the world's origin"),
+        per_robot("factor_error", "", -0.1, 0.1, 0.0, "of distances from the world's origin"),
     ),
     _effect(
         "tracking_offset",
         "the cameras stand askew to where their calibration says",
         _CALIBRATION,
         offset_pose,
-        _vector("position_m", "m", -0.05, 0.05, 0.0, "reported minus true position"),
-        _vector("rotation_rad", "rad", -0.2, 0.2, 0.0, "rotation vector about the world's origin"),
+        per_axis("position_m", "m", -0.05, 0.05, 0.0, "reported minus true position"),
+        per_axis("rotation_rad", "rad", -0.2, 0.2, 0.0, "rotation vector about the world's origin"),
     ),
     _effect(
         "tracking_noise",
@@ -194,30 +186,30 @@ EFFECTS = (
         "faces are taken for each other, so that the orientation jumps to another of the cube's 24",
         f"{_TOT} a1_introduction.rst: each frame is matched on its own by the colours of the faces; no rate is published",
         jumped_quat,
-        _one("probability", "", 0.0, 1.0, 0.0, "per frame in which all faces are seen"),
-        shape=(_one("growth", "", 1.0, 100.0, 4.0, "factor for each face that is hidden from all cameras"),),
+        per_robot("probability", "", 0.0, 1.0, 0.0, "per frame in which all faces are seen"),
+        shape=(per_robot("growth", "", 1.0, 100.0, 4.0, "factor for each face that is hidden from all cameras"),),
     ),
     _effect(
         "colour_segmentation",
         "part of the faces' pixels is not recognised, by another share in each frame",
         f"{_TOT}: pixels are classified by colour; light and wear differ",
         missed_share,
-        _one("missed", "", 0.0, 0.5, 0.0, "mean share of the pixels"),
+        per_robot("missed", "", 0.0, 0.5, 0.0, "mean share of the pixels"),
     ),
     _effect(
         "occlusion_by_fingers",
         "fingers hide parts of the cube from the cameras",
         f"{_TOT} pose_detector.cpp: confidence falls with the pixels that are seen",
         occluder_radius_m,
-        _one("strength", "", 0.0, 2.0, 0.0, "thickness of the fingers; 1 is that of the model"),
+        per_robot("strength", "", 0.0, 2.0, 0.0, "thickness of the fingers; 1 is that of the model"),
     ),
     _effect(
         "foreign_occlusion",
         "an opaque ball hangs between cube and cameras",
         "reason: cables and hands get in the way",
         foreign_sphere,
-        _one("radius_m", "m", 0.0, 0.15, 0.0, "of the ball"),
-        shape=(_vector("position_m", "m", -0.5, 0.5, 0.15, "of its centre"),),
+        per_robot("radius_m", "m", 0.0, 0.15, 0.0, "of the ball"),
+        shape=(per_axis("position_m", "m", -0.5, 0.5, 0.15, "of its centre"),),
     ),
     _effect(
         "dead_camera",
