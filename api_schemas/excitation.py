@@ -22,6 +22,7 @@ class ExcitationName(StrEnum):
     JOINT_LIMITS = "joint_limits"
     OSCILLATIONS = "oscillations"
     HOLD_POSES = "hold_poses"
+    STANDARD = "standard"
     SLIDE_CUBE = "slide_cube"
 
 

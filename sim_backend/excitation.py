@@ -114,6 +114,33 @@ def hold_poses(rng: np.random.Generator) -> Course:
     return _whole(40.0, *stretches)
 
 
+def standard(rng: np.random.Generator) -> Course:
+    """A little of everything on all joints in 40 s: the session that the detection limits of the reality gap are stated for."""
+    raised, stretches, torques = np.tile(RAISED_RAD, 3), [], []
+    periods_s = np.array([rng.permutation([10.0 / 3, 5.0, 10.0]) for _ in range(3)]).ravel()
+    signs = rng.choice([-1.0, 1.0], 9)
+    ways = [np.tile(_ramp(period), round(10.0 / period))[: commands(10.0)] for period in periods_s]
+    ways = [np.pad(way, (0, commands(10.0) - len(way)), mode="edge") for way in ways]
+    peaks_rad_s = rng.uniform(0.15, 0.2, 9) * np.minimum(1.0, 5.0 / periods_s)
+    stretches.append(raised + (signs * peaks_rad_s) * np.stack(ways, axis=1))
+    for joint in range(3):
+        stretches.append(_raised(joint, 0.12 * _chirp(0.3, 5.0, 2.5, rng.uniform(0, 2 * np.pi, 3))))
+    torques.append(np.zeros((sum(map(len, stretches)), 9)))
+    for joint in range(3):
+        pushes = np.zeros((commands(2.0), 9))
+        pushes[:, joint::3] = 0.08 * _chirp(1.0, 20.0, 2.0, rng.uniform(0, 2 * np.pi, 3))
+        stretches.append(hold(raised, 2.0))
+        torques.append(pushes)
+    stretches.append(_moves(rng, np.tile(LOWER_RAD, 3), np.tile(UPPER_RAD, 3), 5.5))
+    for joint in range(3):
+        ends = [c.SOFT_LIMIT_LOWER_RAD[joint] - BEYOND_LIMIT_RAD, REACHABLE_UPPER_RAD[joint]]
+        ends[1] += BEYOND_LIMIT_RAD if ends[1] == c.SOFT_LIMIT_UPPER_RAD[joint] else 0.0
+        first, second = (np.tile(np.where(np.arange(3) == joint, end, RAISED_RAD), 3) for end in rng.permutation(ends))
+        stretches += [glide(raised, first, 0.8), hold(first, 0.25), glide(first, second, 1.2), hold(second, 0.25)]
+        stretches.append(glide(second, raised, 0.6))
+    return _whole(40.0, *stretches, torques=torques)
+
+
 def _whole(seconds: float, *targets: np.ndarray, torques: list[np.ndarray] | None = None) -> Course:
     """Stretches of targets (k, 9) between the way up and a rest that fills the time."""
     start, raised = c.START_JOINT_POSITION_RAD, np.tile(RAISED_RAD, 3)
@@ -172,6 +199,7 @@ EXCITATIONS: dict[str, Excitation] = {
         Excitation("joint_limits", 40.0, "each joint outward to an end, inward and to the other end", joint_limits),
         Excitation("oscillations", 20.0, "all joints swing at once", oscillations),
         Excitation("hold_poses", 40.0, "poses held still, reached from alternating sides", hold_poses),
+        Excitation("standard", 40.0, "a little of everything on all joints", standard),
         Excitation("slide_cube", 40.0, "a finger pushes the cube and lets it slide", slide_cube),
     )
 }

@@ -61,6 +61,9 @@ def applied_torque_nm(
     position_target_rad: np.ndarray,
     joint_position_rad: np.ndarray,
     joint_velocity_rad_s: np.ndarray,
+    *,
+    position_gain_factor: float | np.ndarray = 1.0,
+    damping_factor: float | np.ndarray = 1.0,
 ) -> np.ndarray:
     """The safety pipeline for all joints of any number of robots.
 
@@ -69,6 +72,8 @@ def applied_torque_nm(
         position_target_rad: shape (..., 9), rad, NaN where the action has no position part.
         joint_position_rad: shape (..., 9), rad.
         joint_velocity_rad_s: shape (..., 9), rad/s.
+        position_gain_factor: of the stiffness, for each joint or all.
+        damping_factor: of the safety damping, for each joint or all.
 
     Returns:
         Applied torque, shape (..., 9), N m.
@@ -80,8 +85,8 @@ def applied_torque_nm(
         joint_velocity_rad_s,
         c.SOFT_LIMIT_LOWER_RAD,
         c.SOFT_LIMIT_UPPER_RAD,
-        c.POSITION_GAIN_NM_RAD,
+        c.POSITION_GAIN_NM_RAD * position_gain_factor,
         c.VELOCITY_GAIN_NM_S_RAD,
-        c.SAFETY_DAMPING_NM_S_RAD,
+        c.SAFETY_DAMPING_NM_S_RAD * damping_factor,
         c.MAX_TORQUE_NM,
     )

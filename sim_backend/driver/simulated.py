@@ -54,7 +54,6 @@ class SimulatedDriver:
         self._slots, self._force = self._batch.bind("userdata"), self._batch.bind("qfrc_applied")
         self._torque_nm = np.zeros((robots, 9))
         self._step = 0
-        self._buffers: dict[int, dict] = {}
         self.set_physics(physics or Physics.nominal(robots))
 
     @property
@@ -184,17 +183,16 @@ class SimulatedDriver:
     def advance_torques(self, torque_nm: np.ndarray) -> Segment:
         """Apply a torque of its own in every step; shape (n, steps, 9), N m, C-contiguous."""
         steps = torque_nm.shape[1]
-        before_qpos, before_qvel = self._qpos[:, None, :].copy(), self._qvel[:, None, :].copy()
-        what = _RECORD_WITH_EFFECTS if self._effects_on else _RECORD
-        out = self._batch.rollout(steps, torque_nm, record=what, out=self._buffer(steps))
+        qpos, qvel = np.empty((self._robots, steps, self._model.nq)), np.empty((self._robots, steps, self._model.nv))
+        qpos[:, 0], qvel[:, 0] = self._qpos, self._qvel
+        out = self._batch.rollout(steps, torque_nm, record=_RECORD_WITH_EFFECTS if self._effects_on else _RECORD)
         if self._batch.warning.any():
             raise PhysicsDivergedError(f"the physics diverged between step {self._step} and {self._step + steps}")
-        qpos = np.concatenate([before_qpos, out["qpos"][:, :-1]], axis=1)
-        qvel = np.concatenate([before_qvel, out["qvel"][:, :-1]], axis=1)
-        applied, position, velocity = out["ctrl"].copy(), qpos[:, :, :9], qvel[:, :, :9]
+        qpos[:, 1:], qvel[:, 1:] = out["qpos"][:, :-1], out["qvel"][:, :-1]
+        applied, position, velocity = out["ctrl"], qpos[:, :, :9], qvel[:, :, :9]
         measured = (position, velocity, applied, applied)
         if self._effects_on:
-            report = out["sensordata"].copy()
+            report = out["sensordata"]
             measured = tuple(report[:, :, first : first + 9] for first in (0, 9, 18, 27))
         self._torque_nm = measured[2][:, -1].copy()
         first, self._step = self._step, self._step + steps
@@ -211,18 +209,6 @@ class SimulatedDriver:
             cube_position_world_m=qpos[:, :, 9:12],
             cube_quat_wxyz=qpos[:, :, 12:16],
         )
-
-    def _buffer(self, steps: int) -> dict:
-        """Output arrays by length of the segment; a trial uses only two lengths."""
-        if steps not in self._buffers:
-            n = self._robots
-            self._buffers[steps] = {
-                "qpos": np.empty((n, steps, self._model.nq)),
-                "qvel": np.empty((n, steps, self._model.nv)),
-                "ctrl": np.empty((n, steps, self._model.nu)),
-                "sensordata": np.empty((n, steps, r.REPORT_SIZE)),
-            }
-        return self._buffers[steps]
 
 
 def _joined(segments: list[Segment]) -> Segment:

@@ -176,15 +176,14 @@ class Tracker:
         """Take one image for some robots of a group; the oldest ones are there at the start whatever happens."""
         values = group.values if len(rows) == len(group.rows) else self._all_values.rows(rows)
         frame = np.full(len(rows), step // group.period_steps)
-        visible, confidence, position_m, quat_wxyz, delay_s, lost = detect(
-            values, self._seed[rows], frame, *(array[rows] for array in truth)
-        )
+        seed, *truth_of_rows = (_rows_of(array, rows) for array in (self._seed, *truth))
+        visible, confidence, position_m, quat_wxyz, delay_s, lost = detect(values, seed, frame, *truth_of_rows)
         delivery_step = step + np.rint(delay_s / self._physics_step_s).astype(np.int64)
         if oldest is not None:
             lost, delivery_step = lost & ~oldest, np.where(oldest, np.minimum(delivery_step, 0), delivery_step)
-        delivery_step = np.maximum(delivery_step, self._previous.delivery_step[rows])
+        delivery_step = np.maximum(delivery_step, _rows_of(self._previous.delivery_step, rows))
         raw = position_m, quat_wxyz, confidence
-        pose = filtered(*raw, *(array[rows] for array in _pose(self._previous)))
+        pose = filtered(*raw, *(_rows_of(array, rows) for array in _pose(self._previous)))
         report, kept = TrackedPose(np.full(len(rows), step), delivery_step, *pose, *raw, visible), ~lost
         if kept.any():
             self._previous = _with_rows(self._previous, rows, report, kept)
@@ -206,6 +205,8 @@ def filtered(position_m, quat_wxyz, confidence, previous_position_m, previous_qu
         Position, orientation and confidence, shapes as above.
     """
     repeat = (previous_confidence > 0.0) & (confidence < CONFIDENCE_THRESHOLD)
+    if not repeat.any():
+        return position_m, quat_wxyz, confidence
     return (
         np.where(repeat[:, None], previous_position_m, position_m),
         np.where(repeat[:, None], previous_quat_wxyz, quat_wxyz),
@@ -221,6 +222,11 @@ def _unknown(n: int) -> TrackedPose:
     """Reports of trackers that have seen nothing yet."""
     never, position, quat, confidence = np.full(n, -_NEVER), np.zeros((n, 3)), np.tile([1.0, 0, 0, 0], (n, 1)), np.zeros(n)
     return TrackedPose(never, never, position, quat, confidence, position, quat, confidence, np.zeros((n, 3, 6), dtype=bool))
+
+
+def _rows_of(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Some rows, or the array itself where they are all of them: indexing would cost a trial as much as the detection does."""
+    return values if len(rows) == len(values) else values[rows]
 
 
 def _first(delivery_step: np.ndarray, waiting: np.ndarray) -> int:

@@ -21,7 +21,7 @@ _SOLREF, _SOLIMP = [0.004, 1.0], [0.999, 0.9999, 0.001, 0.5, 2.0]  # stiff: a st
 def coulomb_friction(spec, values) -> None:
     """Constant friction as ``frictionloss``."""
     for name, torque_nm in zip(c.JOINT_NAMES, values["torque_nm"], strict=True):
-        _set_bound(spec.joint(name), torque_nm)
+        set_bound(spec.joint(name), torque_nm)
 
 
 def viscous_friction(spec, values) -> None:
@@ -34,10 +34,11 @@ def reserve_bounds(spec) -> None:
     """Give every joint a friction constraint whose bound the control callback sets."""
     for name in c.JOINT_NAMES:
         joint = spec.joint(name)
-        _set_bound(joint, max(float(joint.frictionloss), _ROW_NM))
+        set_bound(joint, max(float(joint.frictionloss), _ROW_NM))
 
 
-def _set_bound(joint, torque_nm: float) -> None:
+def set_bound(joint, torque_nm: float) -> None:
+    """Constant friction of one joint of a specification, N m, stiff enough to stick."""
     joint.frictionloss = torque_nm
     if torque_nm > 0.0:
         joint.solref_friction, joint.solimp_friction = _SOLREF, _SOLIMP

@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import date
 from enum import StrEnum
 from pathlib import Path
@@ -12,6 +12,7 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Parameter
+from sim_backend.effects.estimate import Draw, Estimate, take_estimate
 from sim_backend.effects.physics import Physics
 
 PRESET_NAMES = ("nominal", "mild", "real", "dactyl", "allshire", "isaacgymenvs")
@@ -102,16 +103,17 @@ class Range:
 
 @dataclass(frozen=True)
 class Ranges:
-    """A named table of ranges, on top of the physics that all its robots share."""
+    """A named table of ranges, on top of the physics that all its robots share; ``estimate`` says how a study found it."""
 
     name: str
     about: str
     rows: tuple[Range, ...]
     shared: Physics
+    estimate: Estimate = field(default_factory=Estimate)
 
     def draw(self, rng: np.random.Generator, n: int) -> Physics:
         """Physics of n robots: what stays the same for a robot's life. Other effects are absent."""
-        shared = Physics.stack([self.shared] * n)
+        shared = self.estimate.draw(rng, Physics.stack([self.shared] * n))
         return shared.changed({row.key: row.draw(rng, n) for row in self.rows if row.per is Per.ROBOT})
 
     def draw_episode(self, rng: np.random.Generator, physics: Physics) -> Physics:
@@ -121,6 +123,8 @@ class Ranges:
 
 def load_ranges(name_or_path: str | Path) -> Ranges:
     """A preset by its name, or a TOML file: a table of ranges, or the physics of one robot, which all robots then share.
+
+    The file of an extended model (``reality_gap/extended_model.py``) also says where its values come from and how sure they are.
 
     Raises:
         ValueError: neither a preset nor a readable file, or a row that does not hold; the message says which.
@@ -135,7 +139,14 @@ def load_ranges(name_or_path: str | Path) -> Ranges:
         raise ValueError(f"{path} is not a TOML file: {error}") from error
     about = document.pop("about", "")
     rows = _rows(path, document.pop("range", []))
-    return Ranges(path.stem, str(about), rows, Physics.from_document(document))
+    try:
+        estimate = take_estimate(document)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    twice = sorted({interval.key for interval in estimate.intervals} & {row.key for row in rows})
+    if twice and estimate.draws is Draw.INTERVAL_90:
+        raise ValueError(f"{path}: {', '.join(twice)} is drawn from both a range and an interval")
+    return Ranges(path.stem, str(about), rows, Physics.from_document(document), estimate)
 
 
 def _rows(path: Path, entries: Any) -> tuple[Range, ...]:

@@ -1,10 +1,14 @@
 """The interval of the paired difference, on made-up farms whose true difference is known."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.stats import binom
 
-from tests.benchmarks.published_experts import TASKS, compared, difference_interval
+from robot_farm.hidden_physics import HiddenPhysics, farm_secret
+from sim_backend.effects.ranges import load_ranges
+from tests.benchmarks.published_experts import HARDER, TASKS, compared, difference_interval, drawn_robot
 
 GOALS, ROBOTS, FARMS = 200, 8, 3
 STUDIES = 300
@@ -80,3 +84,18 @@ def test_the_summary_averages_over_the_farms():
     low, high = summary["difference_interval_95"]
     assert low < summary["difference"] < high
     assert len(summary["robots"][0]) == ROBOTS
+
+
+def test_a_robot_with_the_ranges_of_real_is_that_of_the_farm():
+    secret = farm_secret(Path(), 7003)
+    assert drawn_robot(7003, "robot-3", {}).document() == HiddenPhysics(secret, "robot-3", "real").physics.document()
+
+
+@pytest.mark.parametrize("name", HARDER)
+def test_harder_ranges_move_a_robot_to_the_same_place_within_them(name):
+    usual, harder = drawn_robot(7003, "robot-3", {}).given, drawn_robot(7003, "robot-3", HARDER[name]).given
+    assert {key for key in usual if not np.array_equal(usual[key], harder[key])} == set(HARDER[name])
+    ranges = {row.key: (row.low, row.high) for row in load_ranges("real").rows}
+    for key, (low, high) in HARDER[name].items():
+        before, after = ranges[key]
+        np.testing.assert_allclose((harder[key] - low) / (high - low), (usual[key] - before) / (after - before))

@@ -1,0 +1,59 @@
+"""One session as a short vector of numbers and two counts: what the tracker does, and what pushes leave unexplained."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_backend.reality_gap.cube_contact import CONTACT_NAMES, ContactSummary, contact_summary
+from sim_backend.reality_gap.cube_replay import PushReplay
+from sim_backend.reality_gap.cube_tracker import TrackerStatistics, tracker_statistics
+from sim_backend.reality_gap.cube_windows import all_push_windows
+from sim_backend.reality_gap.recording import Recording
+from sim_backend.trifinger import constants as c
+
+TRACKER_NAMES = ("delay_s", "log_delay_std", "log_interval", "log_noise_m", "log_noise_rad", "confidence", "rest_height_m")
+NAMES = (*TRACKER_NAMES, *CONTACT_NAMES)
+_SHORTEST_S, _SMALLEST = 1e-4, 1e-6
+
+
+@dataclass(frozen=True)
+class CubeSummary:
+    """A session.
+
+    Attributes:
+        vector: in the order of ``NAMES``, shape (k,); NaN where the log does not hold what is needed.
+        contact: of its pushes, None without any.
+        tracker: statistics that the first numbers are made of.
+    """
+
+    vector: np.ndarray
+    contact: ContactSummary | None
+    tracker: TrackerStatistics | None
+
+
+def summarise(recordings: Sequence[Recording], replay: PushReplay) -> CubeSummary:
+    """The summary of a session's recordings."""
+    contact = contact_summary(replay.replay(all_push_windows(recordings)), replay.trials)
+    return summary_of(tracker_statistics(recordings), contact)
+
+
+def summary_of(tracker: TrackerStatistics | None, contact: ContactSummary | None) -> CubeSummary:
+    """The summary of statistics of the tracker and of pushes, each of which may be missing."""
+    first = np.full(len(TRACKER_NAMES), np.nan) if tracker is None else _tracker_numbers(tracker)
+    second = np.full(len(CONTACT_NAMES), np.nan) if contact is None else contact.score
+    return CubeSummary(np.concatenate([first, second]), contact, tracker)
+
+
+def _tracker_numbers(tracker: TrackerStatistics) -> np.ndarray:
+    return np.array(
+        [
+            tracker.delay_s - c.CAMERA_DELAY_S,
+            np.log(max(tracker.delay_std_s, _SHORTEST_S)) if np.isfinite(tracker.delay_std_s) else np.nan,
+            np.log(tracker.interval_s / c.CAMERA_PERIOD_S),
+            np.log(max(tracker.rest_noise_m, _SMALLEST)),
+            np.log(max(tracker.rest_noise_rad, _SMALLEST)),
+            tracker.confidence,
+            tracker.rest_height_m - c.CUBE_REST_HEIGHT_M,
+        ]
+    )

@@ -1,0 +1,183 @@
+"""What may be wrong with joints: the numbers of the catalogue's effects, and hypotheses as sets of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sim_backend.effects.ranges import load_ranges
+from sim_backend.reality_gap.joint_state import CLOCK, SENSED, JointState, Term
+
+ALL_JOINTS = "all joints"
+PLATFORM = "platform"
+
+SCALES: dict[str, float] = {
+    "coulomb_friction.torque_nm": 0.05,
+    "viscous_friction.damping_nm_s_rad": 0.02,
+    "stribeck_friction.extra_nm": 0.03,
+    "load_friction.coefficient": 0.15,
+    "directional_friction.difference_nm": 0.03,
+    "backlash.gap_rad": 0.01,
+    "action_delay.delay_s": 0.005,
+    "torque_constant.error": 0.1,
+    "torque_saturation.limit_nm": 0.2,
+    "supply_sag.loss_per_nm": 0.2,
+    "thermal_derating.loss_per_k": 0.005,
+    "cogging.amplitude_nm": 0.01,
+    "link_mass.factor": 0.2,
+    "rotor_inertia.armature_kg_m2": 5e-4,
+    "joint_stiffness.stiffness_nm_rad": 0.02,
+    "encoder_offset.offset_rad": 0.02,
+    "velocity_filter.time_constant_s": 0.005,
+    "position_gain.factor": 0.3,
+    "safety_damping.factor": 0.3,
+    "timing_jitter.std_s": 0.005,
+    "controller_restart.off": 1.0,
+    "table_tilt.roll_rad": 0.02,
+    "table_tilt.pitch_rad": 0.02,
+    "gravity.offset_m_s2": 0.5,
+}
+"""How large a deviation each number may have before its size speaks against it: a prior's standard deviation, in its unit."""
+
+_PROBES: dict[str, tuple[float, ...]] = {
+    "backlash.gap_rad": (0.003, 0.01, 0.03),
+    "action_delay.delay_s": (0.001, 0.004, 0.015),
+    "supply_sag.loss_per_nm": (0.05, 0.15, 0.4),
+    "timing_jitter.std_s": (0.0005, 0.001, 0.002, 0.004),
+    "directional_friction.difference_nm": (-0.01, 0.01),
+}
+"""Deviations at which the image of a number that is not linear is taken; others are probed at a hundredth of their scale."""
+
+_SHAPES: dict[str, tuple[str, tuple[float, ...]]] = {
+    "stribeck_friction.extra_nm": ("stribeck_friction.speed_rad_s", (0.04, 0.12, 0.35)),
+    "thermal_derating.loss_per_k": ("thermal_derating.time_constant_s", (5.0, 30.0)),
+    "joint_stiffness.stiffness_nm_rad": ("joint_stiffness.reference_rad", (-2.0, -1.0, 0.0, 1.0)),
+    "cogging.amplitude_nm": ("cogging.phase_rad", (0.0, np.pi / 2)),
+}
+_PAIRED = ("cogging.amplitude_nm", "joint_stiffness.stiffness_nm_rad")
+"""Their shapes span a plane: two images together stand for any phase, or any place of rest."""
+_SCALE_OF_EVERYTHING = ("torque_constant", "link_mass")
+"""All torques and all masses may be off by the same share without any sign of it, so that these are only asked of single joints."""
+_GLOBAL = ("supply_sag.loss_per_nm", "timing_jitter.std_s", "controller_restart.off")
+CLOCK_TOLERANCE = 0.2
+"""Standard deviation of when a torque acted, in samples: a quarter of one between a held torque and its mean over two."""
+_SATURATION_SHARES = (0.6, 0.85, 0.95, 0.99)
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """An effect at a place, as terms with the scale of each one's prior."""
+
+    effect: str
+    where: str
+    terms: tuple[int, ...]
+    scales: tuple[float, ...]
+
+    @property
+    def name(self) -> tuple[str, str]:
+        """Effect and place: several hypotheses may share it that differ in shape."""
+        return self.effect, self.where
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """All terms of a plant, the tolerance of each in a healthy robot, and all hypotheses.
+
+    ``tolerance`` has shape (m,): standard deviations in the terms' units, 0 for what a healthy robot does not have.
+    """
+
+    terms: tuple[Term, ...]
+    tolerance: np.ndarray
+    hypotheses: tuple[Hypothesis, ...]
+
+    def without(self, effects: Sequence[str]) -> "Catalogue":
+        """The same without some effects, neither as hypotheses nor in tolerances."""
+        kept = tuple(h for h in self.hypotheses if h.effect not in effects)
+        tolerance = np.array(
+            [0.0 if t.effect in effects else s for t, s in zip(self.terms, self.tolerance, strict=True)]
+        )
+        return Catalogue(self.terms, tolerance, kept)
+
+
+def healthy_tolerances() -> dict[str, float]:
+    """Standard deviation of each parameter in a healthy robot, from ``healthy.toml``, about the absent value."""
+    found = {}
+    for row in load_ranges(str(Path(__file__).with_name("healthy.toml"))).rows:
+        low, high = row.low - row.parameter.absent, row.high - row.parameter.absent
+        found[row.key] = float(np.sqrt((low * low + low * high + high * high) / 3.0))
+    return found
+
+
+def joint_catalogue(names: Sequence[str], state: JointState, load_nm: np.ndarray, step_s: float, *, has_pipeline: bool) -> Catalogue:
+    """Everything that may be wrong with k joints.
+
+    Args:
+        names: of the joints.
+        state: the present model.
+        load_nm: torques at full rate over all episodes, shape (s, k), N m: where saturation may begin.
+        step_s: between samples.
+        has_pipeline: whether the driver's own safety pipeline is known to have made the torques.
+    """
+    terms: list[Term] = []
+    families: dict[tuple[str, int], list[tuple[int, ...]]] = {}
+    for key, scale in SCALES.items():
+        if not has_pipeline and key.partition(".")[0] in ("position_gain", "safety_damping", "timing_jitter", "controller_restart"):
+            continue
+        if not has_pipeline and key.partition(".")[0] == "supply_sag":
+            continue
+        for index in range(state.width(key)):
+            families[(key, index)] = []
+            for members in _members(key, index, scale, state, load_nm):
+                families[(key, index)].append(tuple(range(len(terms), len(terms) + len(members))))
+                terms += members
+    terms.append(Term(CLOCK, 0, step_s))
+    terms += [Term(SENSED, j, 1.0) for j in range(len(names))]
+    healthy, tolerance = healthy_tolerances(), np.zeros(len(terms))
+    tolerance[-1 - len(names)] = CLOCK_TOLERANCE * step_s
+    tolerance[-len(names) :] = 1.0
+    for (key, _), members in families.items():
+        for term in members[0] if members else ():
+            tolerance[term] = healthy.get(key, 0.0)
+    return Catalogue(tuple(terms), tolerance, tuple(_hypotheses(names, families)))
+
+
+def _members(key: str, index: int, scale: float, state: JointState, load_nm: np.ndarray) -> list[list[Term]]:
+    """The shapes in which a number may show, each as one term or two."""
+    if key == "torque_saturation.limit_nm":
+        limit, load = state.value(key)[index], np.abs(load_nm[:, index])
+        levels = np.unique(np.quantile(load, _SATURATION_SHARES))
+        return [[Term(key, index, float(level - limit))] for level in levels if 0.02 < level < 0.995 * limit]
+    if key in _SHAPES:
+        shape, values = _SHAPES[key]
+        if key in _PAIRED:
+            return [[Term(key, index, scale / 100, ((shape, value),)) for value in values[:: max(1, len(values) - 1)][:2]]]
+        extra = (("thermal_derating.rise_k_nm2", 2000.0),) if key.startswith("thermal") else ()
+        return [[Term(key, index, scale / 100, ((shape, value), *extra))] for value in values]
+    return [[Term(key, index, probe)] for probe in _PROBES.get(key, (scale / 100,))]
+
+
+def _hypotheses(names: Sequence[str], families: dict[tuple[str, int], list[tuple[int, ...]]]) -> list[Hypothesis]:
+    found: list[Hypothesis] = []
+    for key, scale in SCALES.items():
+        effect = key.partition(".")[0]
+        own = {index: members for (k, index), members in families.items() if k == key}
+        if not own or effect in ("table_tilt", "gravity"):
+            continue
+        if key in _GLOBAL:
+            found += [Hypothesis(effect, PLATFORM, m, (scale,) * len(m)) for m in own[0]]
+            continue
+        for index, members in own.items():
+            found += [Hypothesis(effect, names[index], m, (scale,) * len(m)) for m in members]
+        own = {index: members for index, members in own.items() if members}
+        if len(own) > 1 and effect not in _SCALE_OF_EVERYTHING:
+            for shapes in zip(*own.values(), strict=False):
+                terms = tuple(term for members in shapes for term in members)
+                found.append(Hypothesis(effect, ALL_JOINTS, terms, (scale,) * len(terms)))
+    for effect, keys in (
+        ("table_tilt", ("table_tilt.roll_rad", "table_tilt.pitch_rad")),
+        ("gravity", ("gravity.offset_m_s2",)),
+    ):
+        terms = tuple(m[0] for (key, _), members in families.items() if key in keys for m in members)
+        found.append(Hypothesis(effect, PLATFORM, terms, tuple(SCALES[keys[0]] for _ in terms)))
+    return found

@@ -1,0 +1,136 @@
+"""The joints of a MuJoCo model as a plant: what torques a motion needs, and how that depends on masses, gravity and pose."""
+
+# mujoco fills its namespace when it is imported, which the type checker cannot see
+# pyright: reportAttributeAccessIssue=false
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+_ONE_DOF = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+
+
+@dataclass(frozen=True)
+class InverseDynamics:
+    """What torques a motion needs, and its derivatives; all of shape (s, k) or (s, k, ...), N m and per unit.
+
+    Attributes:
+        torque_nm: shape (s, k).
+        by_link_mass: by the factor of mass and inertia of the link behind joint l, shape (s, k, k).
+        by_gravity: by each axis of the gravity vector, shape (s, k, 3).
+        by_position: by the position of joint l, shape (s, k, k).
+        by_acceleration: by the acceleration of joint l, shape (s, k, k), kg m^2.
+    """
+
+    torque_nm: np.ndarray
+    by_link_mass: np.ndarray
+    by_gravity: np.ndarray
+    by_position: np.ndarray
+    by_acceleration: np.ndarray
+
+
+class Plant:
+    """k joints of a model, without contacts, limits and friction; everything else of the model rests.
+
+    Args:
+        model: any compiled model; it is copied.
+        names: the joints that were recorded, all hinges or slides.
+    """
+
+    def __init__(self, model: mujoco.MjModel, names: Sequence[str]) -> None:
+        self.names = tuple(names)
+        self._model = _without_constraints(model)
+        joints = [self._model.joint(name).id for name in names]
+        wrong = [name for name, j in zip(names, joints, strict=True) if int(self._model.jnt_type[j]) not in _ONE_DOF]
+        if wrong:
+            raise ValueError(f"{', '.join(wrong)} is neither a hinge nor a slide; only those can be studied as joints")
+        self._q, self._v = self._model.jnt_qposadr[joints], self._model.jnt_dofadr[joints]
+        self._links = [_rigid_with(self._model, int(self._model.jnt_bodyid[j])) for j in joints]
+        limited = self._model.jnt_limited[joints].astype(bool)
+        self.range_rad = np.where(limited[:, None], self._model.jnt_range[joints], [[-np.inf, np.inf]])
+        """Ends of each joint, shape (k, 2); infinite where there are none."""
+        self.groups = _groups(self._model.dof_treeid[self._v])
+        """Joints of different trees, which do not feel each other and may be probed together."""
+        self._tree = self._model.dof_treeid[self._v]
+
+    @property
+    def joints(self) -> int:
+        """k."""
+        return len(self.names)
+
+    @property
+    def gravity_m_s2(self) -> np.ndarray:
+        """Nominal gravity, shape (3,)."""
+        return self._model.opt.gravity.copy()
+
+    def same_tree(self, joint: int) -> np.ndarray:
+        """Which joints feel a joint, shape (k,)."""
+        return self._tree == self._tree[joint]
+
+    def torque_nm(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+        """Torques for a motion; shapes (s, k) in rad, rad/s, rad/s^2 and N m."""
+        return self._torque(self._model, position, velocity, acceleration)
+
+    def derivatives(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> InverseDynamics:
+        """Torques for a motion and what they depend on; shapes (s, k)."""
+        motion, k = (position, velocity, acceleration), self.joints
+        base = self.torque_nm(*motion)
+        mass, pose, inertia = (np.zeros((*base.shape, k)) for _ in range(3))
+        for group in self.groups:
+            model = mujoco.MjModel.__copy__(self._model)
+            shifted, faster = position.copy(), acceleration.copy()
+            for j in group:
+                model.body_mass[self._links[j]] *= 2.0
+                model.body_inertia[self._links[j]] *= 2.0
+                shifted[:, j] += _POSITION_STEP
+                faster[:, j] += 1.0
+            for target, change in (
+                (mass, self._torque(model, *motion) - base),
+                (pose, (self.torque_nm(shifted, velocity, acceleration) - base) / _POSITION_STEP),
+                (inertia, self.torque_nm(position, velocity, faster) - base),
+            ):
+                for j in group:
+                    target[:, :, j] = np.where(self.same_tree(j), change, 0.0)
+        gravity = np.zeros((*base.shape, 3))
+        for axis in range(3):
+            model = mujoco.MjModel.__copy__(self._model)
+            model.opt.gravity[axis] += 1.0
+            gravity[:, :, axis] = self._torque(model, *motion) - base
+        return InverseDynamics(base, mass, gravity, pose, inertia)
+
+    def _torque(self, model: mujoco.MjModel, position, velocity, acceleration) -> np.ndarray:
+        data = mujoco.MjData(model)
+        out = np.empty_like(position)
+        q, v = self._q, self._v
+        for row in range(len(position)):
+            data.qpos[q], data.qvel[v], data.qacc[v] = position[row], velocity[row], acceleration[row]
+            mujoco.mj_inverse(model, data)
+            out[row] = data.qfrc_inverse[v]
+        return out
+
+
+_POSITION_STEP = 1e-4  # rad or m
+
+
+def _without_constraints(model: mujoco.MjModel) -> mujoco.MjModel:
+    copy = mujoco.MjModel.__copy__(model)
+    copy.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT) | int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+    copy.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    copy.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_INVDISCRETE)
+    return copy
+
+
+def _rigid_with(model: mujoco.MjModel, body: int) -> list[int]:
+    """A body and those that hang on it without a joint."""
+    found = [body]
+    for other in range(body + 1, model.nbody):
+        if model.body_parentid[other] in found and model.body_jntnum[other] == 0:
+            found.append(other)
+    return found
+
+
+def _groups(trees: np.ndarray) -> list[list[int]]:
+    """The i-th joints of all trees together."""
+    members = [list(np.flatnonzero(trees == tree)) for tree in dict.fromkeys(trees.tolist())]
+    return [[int(m[i]) for m in members if i < len(m)] for i in range(max(map(len, members)))]

@@ -1,0 +1,67 @@
+"""A policy from its file: the graph that robots run, or weights that the farm's own conversion makes one of."""
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from api_schemas.policy import LAYOUTS, PolicyManifest
+from sim_backend.evaluation import Act
+
+CONVERSION = "services.policies.conversion"
+"""The program that converts weights; it is started as a process of its own, and nothing of it is imported."""
+
+
+def load_policy(weights: Path, manifest: str) -> tuple[Act, PolicyManifest]:
+    """A policy as a function of observations (n, size), and what it expects.
+
+    Args:
+        weights: a safetensors or ONNX file, as it was uploaded.
+        manifest: name of a ready-made layout, or path of a manifest in JSON.
+
+    Raises:
+        ValueError: there is no such layout or file, or weights and manifest do not make a policy; the message says why.
+    """
+    expected = _manifest(manifest)
+    if not weights.is_file():
+        raise ValueError(f"there is no policy file {weights}")
+    return _act(_converted(weights, expected)), expected
+
+
+def _manifest(given: str) -> PolicyManifest:
+    if given in LAYOUTS:
+        return LAYOUTS[given]
+    path = Path(given)
+    if not path.is_file():
+        raise ValueError(f"there is no manifest {given!r}; choose from {', '.join(LAYOUTS)}, or name a JSON file")
+    return PolicyManifest.model_validate_json(path.read_bytes())
+
+
+def _converted(weights: Path, manifest: PolicyManifest) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        wanted, graph = Path(folder) / "manifest.json", Path(folder) / "graph.onnx"
+        wanted.write_text(manifest.model_dump_json())
+        command = [sys.executable, "-m", CONVERSION, str(weights.absolute()), str(wanted), str(graph)]
+        ended = subprocess.run(command, capture_output=True, text=True, check=False)
+        if not graph.exists():
+            raise ValueError(f"{weights} is no policy for this manifest: {(ended.stdout or ended.stderr).strip()[-500:]}")
+        return graph.read_bytes()
+
+
+def _act(graph: bytes) -> Act:
+    """The graph as robots run it: one observation at a time, in one thread."""
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
+    options.log_severity_level = 4
+    session = onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
+    name = session.get_inputs()[0].name
+
+    def act(observation: np.ndarray) -> np.ndarray:
+        return np.concatenate([np.asarray(session.run(None, {name: row[None]})[0]) for row in observation])
+
+    return act

@@ -1,0 +1,139 @@
+"""A recorded motion made fit for differentiation: gaps filled, smoothed without a shift in time, and thinned out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+
+from sim_backend.reality_gap.recording import JointSignals, Recording, RecordingError
+
+CUTOFF_HZ = 25.0
+"""Below it joints are followed; encoder noise grows with the square of the frequency."""
+ORDER = 4
+FAST_CUTOFF_HZ = 60.0
+"""For the direction of motion, which friction switches with."""
+ROW_S = 0.008
+"""From row to row, or one sample where samples are further apart."""
+EDGE_S = 0.15
+_MIN_SAMPLES = 30
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """One episode of k joints, at full rate (s samples) and thinned out (t rows, every ``every``-th sample).
+
+    Attributes:
+        recording: where it comes from.
+        every: samples from row to row.
+        cutoff_hz: of the low-pass filter.
+        position, velocity, acceleration: smoothed, shape (t, k).
+        fast_position, fast_velocity: smoothed less, at full rate, shape (s, k).
+        valid: rows far from gaps and from both ends of the episode, shape (t, k).
+    """
+
+    recording: Recording
+    every: int
+    cutoff_hz: float
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    fast_position: np.ndarray
+    fast_velocity: np.ndarray
+    valid: np.ndarray
+
+    @property
+    def step_s(self) -> float:
+        """Of the samples."""
+        return self.recording.step_s
+
+    @property
+    def joints(self) -> JointSignals:
+        """As recorded."""
+        assert self.recording.joints is not None
+        return self.recording.joints
+
+    @property
+    def time_s(self) -> np.ndarray:
+        """Of the rows, shape (t,)."""
+        return self.recording.time_s[:: self.every]
+
+    def smoothed(self, series: np.ndarray) -> np.ndarray:
+        """Series at full rate, filtered as the motion was and thinned out; shapes (..., s) and (..., t)."""
+        return _low_pass(series, self.cutoff_hz, self.step_s)[..., :: self.every]
+
+    def averaged(self, series: np.ndarray) -> np.ndarray:
+        """Series at full rate, averaged as second differences over rows average accelerations; shapes (..., s) and (..., t)."""
+        weights = (self.every - np.abs(np.arange(1 - self.every, self.every))) / self.every**2
+        width = self.every - 1
+        padded = np.pad(series, [(0, 0)] * (series.ndim - 1) + [(width, width)], mode="edge")
+        windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * self.every - 1, axis=-1)
+        return windows[..., :: self.every, :] @ weights
+
+    @property
+    def raw_acceleration(self) -> np.ndarray:
+        """Second differences of the positions as reported, over rows; shape (t, k)."""
+        rows = filled_gaps(self.joints.position_rad)[:: self.every]
+        acceleration = np.zeros_like(rows)
+        acceleration[1:-1] = np.diff(rows, 2, axis=0) / (self.step_s * self.every) ** 2
+        return acceleration
+
+
+def white_noise(series: np.ndarray) -> np.ndarray:
+    """Standard deviation of what is white in each column, from fourth differences, which smooth motion has none of; (k,)."""
+    differences = np.diff(series, 4, axis=0)
+    return np.nanmedian(np.abs(differences), axis=0) / (0.6744897501960817 * np.sqrt(70.0))
+
+
+def trajectory(recording: Recording, *, cutoff_hz: float = CUTOFF_HZ) -> Trajectory:
+    """Smooth an episode.
+
+    Raises:
+        RecordingError: it has no joints, or is too short or too slow for the filter.
+    """
+    joints, step_s = recording.joints, recording.step_s
+    if joints is None:
+        raise RecordingError(f"{recording.source}: episode {recording.name} has no joints")
+    if len(recording.time_s) < _MIN_SAMPLES or recording.duration_s < 4 * EDGE_S:
+        raise RecordingError(
+            f"{recording.source}: episode {recording.name} has {len(recording.time_s)} samples in {recording.duration_s:.2g} s; "
+            f"a study needs at least {_MIN_SAMPLES} and {4 * EDGE_S:g} s"
+        )
+    cutoff_hz = min(cutoff_hz, 0.2 / step_s)
+    raw, missing = joints.position_rad, np.isnan(joints.position_rad)
+    filled = filled_gaps(raw)
+    smooth, fast = (_low_pass(filled.T, cutoff, step_s).T for cutoff in (cutoff_hz, min(FAST_CUTOFF_HZ, 0.3 / step_s)))
+    every = max(1, round(ROW_S / step_s))
+    velocity, acceleration = np.gradient(smooth, step_s, axis=0), np.zeros_like(smooth)
+    acceleration[1:-1] = np.diff(smooth, 2, axis=0) / step_s**2
+    edge = round(EDGE_S / step_s)
+    near_gap = signal.convolve(missing.astype(float), np.ones((edge, 1)), mode="same") > 0.5
+    valid = ~near_gap
+    valid[:edge] = valid[-edge:] = False
+    return Trajectory(
+        recording=recording,
+        every=every,
+        cutoff_hz=cutoff_hz,
+        position=smooth[::every],
+        velocity=velocity[::every],
+        acceleration=acceleration[::every],
+        fast_position=fast,
+        fast_velocity=np.gradient(fast, step_s, axis=0),
+        valid=valid[::every],
+    )
+
+
+def filled_gaps(series: np.ndarray) -> np.ndarray:
+    """A series (s, k) whose missing samples are interpolated; zero where everything is missing."""
+    if not np.isnan(series).any():
+        return series
+    filled, index = series.copy(), np.arange(len(series))
+    for column in filled.T:
+        known = ~np.isnan(column)
+        column[:] = np.interp(index, index[known], column[known]) if known.any() else 0.0
+    return filled
+
+
+def _low_pass(series: np.ndarray, cutoff_hz: float, step_s: float) -> np.ndarray:
+    """Along the last axis, forwards and backwards."""
+    sections = signal.butter(ORDER, cutoff_hz, fs=1.0 / step_s, output="sos")
+    return signal.sosfiltfilt(sections, series, padlen=min(series.shape[-1] - 1, round(0.5 / step_s)))

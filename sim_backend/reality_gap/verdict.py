@@ -1,0 +1,80 @@
+"""What a study says in the end, as plain values that become JSON."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from typing import Any
+
+
+class VerdictKind(StrEnum):
+    """How a study ended."""
+
+    NAMED = "named"
+    CONFUSABLE = "confusable"
+    UNEXPLAINED = "unexplained"
+    NOTHING_WRONG = "nothing_wrong"
+    NOT_IDENTIFIABLE = "not_identifiable"
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One number of one effect at one place: ``where`` is a joint's name, ``all joints``, ``table``, an object or ``camera``."""
+
+    effect: str
+    parameter: str
+    where: str
+    value: float
+    unit: str
+    interval_90: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A hypothesis that lost: how far it lies behind (nats of held-out log density) and what separates it."""
+
+    effect: str
+    where: str
+    behind: float
+    separated_by: str
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Error on episodes or stretches that were not used to fit. ``reduction`` is a share of ``before``."""
+
+    metric: str
+    unit: str
+    before: float
+    after: float
+    noise_floor: float
+    reduction: float
+    reduction_interval_95: tuple[float, float]
+    samples: int
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is wrong with the model, or that nothing is, or why nobody can tell.
+
+    ``causes`` holds the named ones, or the members of a confusable set. ``null_p`` is the share of healthy sessions whose
+    largest gain is at least this one's.
+    """
+
+    verdict: VerdictKind
+    summary: str
+    causes: tuple[Cause, ...] = ()
+    held_out: HeldOut | None = None
+    null_p: float | None = None
+    runner_up: Rival | None = None
+    follows: tuple[str, ...] = ()
+    cannot_tell: tuple[str, ...] = ()
+    record_next: tuple[str, ...] = ()
+
+    def document(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return asdict(self)
+
+
+def names_of(causes: Sequence[Cause]) -> frozenset[tuple[str, str]]:
+    """Effect and place of each, without numbers."""
+    return frozenset((cause.effect, cause.where) for cause in causes)
