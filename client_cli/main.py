@@ -11,6 +11,7 @@ from client_cli import (
     demo,
     effects,
     fetch,
+    gap,
     identify,
     jobs,
     physics,
@@ -46,6 +47,7 @@ app.command(epilog=epilog(*JOB_END))(fetch.fetch)
 app.command(epilog=epilog(*OF_EVERY_REQUEST, ExitCode.DIFFERS))(replay.replay)
 app.command(epilog=epilog(*OF_A_CHILD))(effects.effects)
 app.command(epilog=epilog(*OF_A_CHILD))(physics.physics)
+app.add_typer(gap.commands, name="gap")
 app.add_typer(robots.commands, name="robots")
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(status.status)
 app.add_typer(token.commands, name="token")

@@ -13,11 +13,9 @@ import numpy as np
 
 from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.cube_replay import PushReplay, Replayed
-from sim_backend.reality_gap.cube_sessions import cube_sessions, healthy_physics, more_pushes
-from sim_backend.reality_gap.cube_study import LEAST_PUSHES, Evidence
-from sim_backend.reality_gap.cube_tracker import TrackerStatistics, tracker_statistics
-from sim_backend.reality_gap.cube_windows import all_push_windows
-from sim_backend.reality_gap.recording import Recording
+from sim_backend.reality_gap.cube_sessions import healthy_physics, sessions_with_pushes
+from sim_backend.reality_gap.cube_summary import Evidence, evidence_of
+from sim_backend.reality_gap.cube_tracker import TrackerStatistics
 
 EFFECTS = (
     "tracking_latency",
@@ -122,23 +120,10 @@ def gather(cases: Sequence[Case], folder: Path, replay: PushReplay, group: int =
         some = missing[first : first + group]
         physics = Physics.stack([hidden_physics(case) for case in some])
         sessions = sessions_with_pushes(physics, [case.seed for case in some])
-        for case, recordings in zip(some, sessions, strict=True):
-            replayed = replay.replay(all_push_windows(recordings))
-            save_evidence(folder / f"{case.name}.npz", Evidence(tracker_statistics(recordings), tuple(replayed)))
+        for case, evidence in zip(some, evidence_of(sessions, replay), strict=True):
+            save_evidence(folder / f"{case.name}.npz", evidence)
         done += len(some)
         yield done
-
-
-def sessions_with_pushes(physics: Physics, seeds: Sequence[int]) -> list[list[Recording]]:
-    """Sessions as an operator records them: pushes again, with the cube placed anew, if a finger got at it fewer than 4 times."""
-    sessions = cube_sessions(physics, seeds)
-    for attempt in (1, 2):
-        few = [i for i, recordings in enumerate(sessions) if len(all_push_windows(recordings)) < LEAST_PUSHES]
-        if few:
-            again = more_pushes(Physics.stack([physics.row(i) for i in few]), [seeds[i] for i in few], attempt)
-            for i, recording in zip(few, again, strict=True):
-                sessions[i].append(recording)
-    return sessions
 
 
 def save_evidence(path: Path, evidence: Evidence) -> None:

@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy import stats
 
+from sim_backend.reality_gap.cube_counts import healthy_count
 from sim_backend.reality_gap.cube_hypotheses import (
     FINE,
     LINEAR,
     TABLED,
     Null,
     Whitened,
-    healthy_count,
     moved_by,
     response_table,
     whitened,

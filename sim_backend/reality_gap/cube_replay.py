@@ -40,15 +40,16 @@ def _of(effect: str, parameter: str, values: Sequence[float]) -> tuple[Trial, ..
     return tuple(Trial(effect, value, {f"{effect}.{parameter}": value}) for value in values)
 
 
+OFFSETS_M = (-0.008, -0.004, 0.004, 0.008)
 NOMINAL = Trial("nominal", 0.0, {})
 TRIALS: tuple[Trial, ...] = (
     NOMINAL,
-    *_of("cube_mass", "factor", (0.8, 1.25)),
-    *_of("table_friction", "coefficient", (0.35, 0.7, 0.9, 1.15)),
-    *_of("fingertip_friction", "coefficient", (0.5, 0.8, 1.2)),
+    *_of("cube_mass", "factor", (0.5, 0.8, 1.25, 1.6)),
+    *_of("table_friction", "coefficient", (0.35, 0.7, 0.9, 1.15, 1.4)),
+    *_of("fingertip_friction", "coefficient", (0.5, 0.8, 1.2, 1.5)),
     *_of("cube_size", "factor", (1.03,)),
-    Trial("tracking_offset_x", 0.004, {}, bias_m=(0.004, 0.0)),
-    Trial("tracking_offset_y", 0.004, {}, bias_m=(0.0, 0.004)),
+    *(Trial("tracking_offset_x", offset, {}, bias_m=(offset, 0.0)) for offset in OFFSETS_M),
+    *(Trial("tracking_offset_y", offset, {}, bias_m=(0.0, offset)) for offset in OFFSETS_M),
     Trial("tracking_scale", 0.02, {}, scale=0.02),
 )
 

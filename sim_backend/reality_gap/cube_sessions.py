@@ -17,6 +17,7 @@ from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.driver.tracker import TrackedPose, Tracker
 from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import load_ranges
+from sim_backend.reality_gap.cube_windows import LEAST_PUSHES, all_push_windows
 from sim_backend.reality_gap.recording import JointSignals, ObjectSignals, Recording
 from sim_backend.trifinger import constants as c
 
@@ -69,6 +70,18 @@ def more_pushes(physics: Physics, seeds: Sequence[int], attempt: int, *, finer: 
     courses = [slide_cube(rng) for rng in rngs]
     log = _run(driver, Tracker(physics_step_s=step_s, physics=physics), start, courses, finer)
     return [log.recording(i, f"slide_cube-{seed}-{attempt}", "slide_cube") for i, seed in enumerate(seeds)]
+
+
+def sessions_with_pushes(physics: Physics, seeds: Sequence[int]) -> list[list[Recording]]:
+    """Sessions as an operator records them: pushes again, with the cube placed anew, if a finger got at it fewer than 4 times."""
+    sessions = cube_sessions(physics, seeds)
+    for attempt in (1, 2):
+        few = [i for i, recordings in enumerate(sessions) if len(all_push_windows(recordings)) < LEAST_PUSHES]
+        if few:
+            again = more_pushes(Physics.stack([physics.row(i) for i in few]), [seeds[i] for i in few], attempt)
+            for i, recording in zip(few, again, strict=True):
+                sessions[i].append(recording)
+    return sessions
 
 
 def _start(driver: SimulatedDriver, rngs: Sequence[np.random.Generator]) -> Start:

@@ -1,30 +1,33 @@
 """Which cause of the tracker or the cube is at work in logs of one robot: pushes of a cube and a cube at rest."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from sim_backend.reality_gap.cube_calibration import Calibration, load_calibration
 from sim_backend.reality_gap.cube_contact import contact_summary
-from sim_backend.reality_gap.cube_hypotheses import Z_90, Judged, judge, misfit
+from sim_backend.reality_gap.cube_counts import count_p
+from sim_backend.reality_gap.cube_hypotheses import KINDS, Z_90, Judged, judge, largest_gains, misfit, without_worst
 from sim_backend.reality_gap.cube_replay import PushReplay, Replayed
-from sim_backend.reality_gap.cube_summary import NAMES, CubeSummary, summary_of
-from sim_backend.reality_gap.cube_tracker import TrackerStatistics, tracker_statistics
-from sim_backend.reality_gap.cube_windows import all_push_windows
+from sim_backend.reality_gap.cube_summary import NAMES, CubeSummary, Evidence, summary_of, summary_of_evidence
+from sim_backend.reality_gap.cube_tracker import tracker_statistics
+from sim_backend.reality_gap.cube_windows import LEAST_PUSHES, all_push_windows
 from sim_backend.reality_gap.recording import Recording
 from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
 
-GATE_P = 0.02
-"""A gain that so many healthy sessions reach is chance."""
-MISFIT_P = 0.01
+GATE_P = 0.0125
+"""A gain that so many healthy sessions reach is chance; each kind of hypotheses has gains of its own."""
+MISFIT_P = 0.0075
 """As much for the misfit of the whole vector, whatever causes it."""
+COUNT_P = 0.001
+"""As much for losses and jumps that no hypothesis is there for."""
 MARGIN = 2.0
 """Nats by which the best hypothesis must lead, or the next ones may be the cause as well."""
-EXPLAINED = 0.7
-"""Share of what is beyond a healthy session's misfit that a cause must explain; otherwise something else is at work."""
-LEAST_PUSHES = 4
-"""With fewer the excitation is to be recorded again."""
+EXPLAINED, REMAINDER_P = 0.78, 0.025
+"""Something else is at work if a cause explains less than this share of what is beyond a healthy session's misfit, and what it
+leaves is more than so many healthy sessions have."""
 MAX_CONFUSABLE = 3
 _RESAMPLES, _SOLID = 40, 0.8
 
@@ -40,14 +43,6 @@ _SEPARATED_BY = {
     frozenset({"cube_size", "tracking_offset"}): "pushes from opposite sides: a cube's size changes sides, an offset does not",
     frozenset({"tracking_offset", "tracking_scale"}): "a cube at rest at opposite ends of the arena",
 }
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What a session leaves to judge: statistics of the tracker, None with too few reports, and replayed pushes."""
-
-    tracker: TrackerStatistics | None
-    replayed: tuple[Replayed, ...]
 
 
 @dataclass(frozen=True)
@@ -91,18 +86,31 @@ def study_cube(
     return study_evidence(Evidence(tracker_statistics(recordings), tuple(replayed)), rng, calibration)
 
 
-def study_evidence(evidence: Evidence, rng: np.random.Generator, calibration: Calibration) -> CubeStudy:
-    """As :func:`study_cube`, when the pushes have been replayed."""
-    replayed = evidence.replayed
-    summary = summary_of(evidence.tracker, contact_summary(replayed))
+def study_evidence(
+    evidence: Evidence, rng: np.random.Generator, calibration: Calibration, without: Collection[str] = ()
+) -> CubeStudy:
+    """As :func:`study_cube`, when the pushes have been replayed; hypotheses in ``without`` are left out."""
     if evidence.tracker is None:
         text = "there are too few reports of a tracked object to say anything about cube or tracker"
         verdict = Verdict(VerdictKind.NOT_IDENTIFIABLE, text, cannot_tell=("every cause of tracker and cube",))
         return CubeStudy(verdict, (), 0, 0.0)
-    ranking = tuple(judge(summary, calibration.null))
-    chosen = _chosen(ranking, summary, replayed, rng, calibration)
-    verdict = _verdict(ranking, summary, calibration, chosen, len(replayed))
-    return CubeStudy(verdict, ranking, len(replayed), chosen)
+    kept = without_worst(evidence, calibration.null)
+    summary, pushes = summary_of_evidence(kept), len(evidence.replayed)
+    ranking = _ranked(summary, calibration, without)
+    chosen = _chosen(ranking, summary, kept.replayed, rng, calibration, without)
+    verdict = _verdict(ranking, summary, calibration, chosen, pushes)
+    return CubeStudy(verdict, ranking, pushes, chosen)
+
+
+def _ranked(summary: CubeSummary, calibration: Calibration, without: Collection[str]) -> tuple[Judged, ...]:
+    """Hypotheses, those of kinds that gain more than chance before the others, within each by their gain."""
+    ranking = judge(summary, calibration.null, without)
+    beyond = {effect for kind in _beyond_chance(ranking, calibration) for effect in KINDS[kind]}
+    return tuple(sorted(ranking, key=lambda row: (row.effect not in beyond, -row.gain)))
+
+
+def _beyond_chance(ranking: Sequence[Judged], calibration: Calibration) -> list[str]:
+    return [kind for kind, gain in largest_gains(ranking).items() if calibration.gain_p(kind, gain) <= GATE_P]
 
 
 def _chosen(
@@ -111,33 +119,53 @@ def _chosen(
     replayed: Sequence[Replayed],
     rng: np.random.Generator,
     calibration: Calibration,
+    without: Collection[str],
 ) -> float:
     if len(replayed) < 2:
         return 1.0
     same = 0
     for _ in range(_RESAMPLES):
         picked = [replayed[i] for i in rng.integers(len(replayed), size=len(replayed))]
-        again = judge(summary_of(summary.tracker, contact_summary(picked)), calibration.null)
+        again = _ranked(summary_of(summary.tracker, contact_summary(picked)), calibration, without)
         same += again[0].effect == ranking[0].effect
     return same / _RESAMPLES
 
 
 def _verdict(ranking: Sequence[Judged], summary: CubeSummary, calibration: Calibration, chosen: float, pushes: int) -> Verdict:
     best = ranking[0]
-    p = calibration.gain_p(best.gain)
+    p = min(calibration.gain_p(kind, gain) for kind, gain in largest_gains(ranking).items())
+    beyond_chance = {effect for kind in _beyond_chance(ranking, calibration) for effect in KINDS[kind]}
     squares, numbers = misfit(summary, calibration.null)
     far = calibration.misfit_p(squares / numbers) <= MISFIT_P
     cannot, record = _limits_of_log(pushes)
-    shared = {"null_p": p, "cannot_tell": cannot, "record_next": record}
-    if p > GATE_P and not far:
-        text = f"cube and tracker are as those of a healthy robot (p {p:.2g})"
+    shared = {"null_p": 1.0 - (1.0 - p) ** len(KINDS), "cannot_tell": cannot, "record_next": record}
+    if not beyond_chance and not far and not _many(summary, calibration):
+        text = f"cube and tracker are as those of a healthy robot (p {shared['null_p']:.2g})"
         return Verdict(VerdictKind.NOTHING_WRONG, text, **shared)
-    beyond = squares - float(np.median(calibration.misfits)) * numbers
-    counted = best.effect in ("tracking_dropout", "orientation_jumps")
-    if far and not counted and 2.0 * best.gain < EXPLAINED * beyond:
-        text = f"something is wrong, but {best.effect} explains only {2.0 * best.gain / max(beyond, 1e-9):.0%} of it"
+    excess = squares - float(np.median(calibration.misfits)) * numbers
+    explained = 2.0 * best.gain if best.effect not in KINDS["counts"] else 0.0
+    remains = calibration.misfit_p((squares - explained) / numbers) <= REMAINDER_P
+    if (far and remains and explained < EXPLAINED * excess) or not (beyond_chance or far):
+        text = f"something is wrong, but {best.effect} explains only {explained / max(excess, 1e-9):.0%} of it"
         return Verdict(VerdictKind.UNEXPLAINED, text, follows=_follows(summary, calibration), **shared)
-    close = [row for row in ranking[1:] if row.gain > best.gain - MARGIN]
+    return _naming(ranking, beyond_chance or {row.effect for row in ranking}, chosen, shared)
+
+
+def _many(summary: CubeSummary, calibration: Calibration) -> tuple[str, ...]:
+    """Counts that are beyond those of healthy sessions."""
+    tracker, null = summary.tracker, calibration.null
+    assert tracker is not None
+    counts = (
+        ("lost frames", tracker.gaps, tracker.frames + tracker.lost, null.gap_mean, null.gap_variance),
+        ("jumps", tracker.jumps, tracker.jump_frames, null.jump_mean, null.jump_variance),
+    )
+    return tuple(name for name, count, frames, mean, spread in counts if count_p(count, frames, mean, spread) <= COUNT_P)
+
+
+def _naming(ranking: Sequence[Judged], able: Collection[str], chosen: float, shared: dict[str, Any]) -> Verdict:
+    """The best hypothesis by name, or as one of a set where others of those ``able`` come close."""
+    best = ranking[0]
+    close = [row for row in ranking[1:] if row.gain > best.gain - MARGIN and row.effect in able]
     if not close and chosen < _SOLID:
         close = [ranking[1]] if best.gain - ranking[1].gain < 2.0 * MARGIN else []
     members = (best, *close[: MAX_CONFUSABLE - 1])
@@ -145,10 +173,10 @@ def _verdict(ranking: Sequence[Judged], summary: CubeSummary, calibration: Calib
     rival = Rival(runner.effect, runner.estimates[0].where, best.gain - runner.gain, _separated(best, runner))
     causes = tuple(cause for row in members for cause in _causes(row))
     if close:
-        record = (*record, *(_separated(best, row) for row in members[1:]))
-        text = "one of " + ", ".join(row.effect for row in members) + f" (p {p:.2g}); these logs do not say which"
+        record = (*shared["record_next"], *(_separated(best, row) for row in members[1:]))
+        text = "one of " + ", ".join(row.effect for row in members) + f" (p {shared['null_p']:.2g}); these logs do not say which"
         return Verdict(VerdictKind.CONFUSABLE, text, causes, runner_up=rival, **{**shared, "record_next": record})
-    text = f"{best.effect}, {_sentence(best)} (p {p:.2g}); next is {runner.effect}, {rival.behind:.0f} nats behind"
+    text = f"{best.effect}, {_sentence(best)} (p {shared['null_p']:.2g}); next is {runner.effect}, {rival.behind:.0f} nats behind"
     return Verdict(VerdictKind.NAMED, text, causes, runner_up=rival, **shared)
 
 
@@ -172,7 +200,7 @@ def _follows(summary: CubeSummary, calibration: Calibration) -> tuple[str, ...]:
     """The numbers that lie farthest off, each for itself."""
     far = np.abs(summary.vector - calibration.null.mean) / np.sqrt(np.diag(calibration.null.covariance))
     order = np.argsort(-np.nan_to_num(far))[:3]
-    return tuple(f"{NAMES[k]} ({far[k]:.1f} standard deviations)" for k in order)
+    return (*_many(summary, calibration), *(f"{NAMES[k]} ({far[k]:.1f} standard deviations)" for k in order))
 
 
 def _limits_of_log(pushes: int) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_backend.reality_gap.cube_contact import CONTACT_NAMES, ContactSummary, contact_summary
-from sim_backend.reality_gap.cube_replay import PushReplay
+from sim_backend.reality_gap.cube_replay import PushReplay, Replayed
 from sim_backend.reality_gap.cube_tracker import TrackerStatistics, tracker_statistics
 from sim_backend.reality_gap.cube_windows import all_push_windows
 from sim_backend.reality_gap.recording import Recording
@@ -15,6 +15,14 @@ from sim_backend.trifinger import constants as c
 TRACKER_NAMES = ("delay_s", "log_delay_std", "log_interval", "log_noise_m", "log_noise_rad", "confidence", "rest_height_m")
 NAMES = (*TRACKER_NAMES, *CONTACT_NAMES)
 _SHORTEST_S, _SMALLEST = 1e-4, 1e-6
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a session leaves to judge: statistics of the tracker, None with too few reports, and replayed pushes."""
+
+    tracker: TrackerStatistics | None
+    replayed: tuple[Replayed, ...]
 
 
 @dataclass(frozen=True)
@@ -32,10 +40,19 @@ class CubeSummary:
     tracker: TrackerStatistics | None
 
 
-def summarise(recordings: Sequence[Recording], replay: PushReplay) -> CubeSummary:
-    """The summary of a session's recordings."""
-    contact = contact_summary(replay.replay(all_push_windows(recordings)), replay.trials)
-    return summary_of(tracker_statistics(recordings), contact)
+def evidence_of(sessions: Sequence[Sequence[Recording]], replay: PushReplay) -> list[Evidence]:
+    """Of each session, recordings of one robot; the pushes of all are replayed together."""
+    windows = [all_push_windows(recordings) for recordings in sessions]
+    replayed = iter(replay.replay([window for pushes in windows for window in pushes]))
+    return [
+        Evidence(tracker_statistics(recordings), tuple(next(replayed) for _ in pushes))
+        for recordings, pushes in zip(sessions, windows, strict=True)
+    ]
+
+
+def summary_of_evidence(evidence: Evidence) -> CubeSummary:
+    """The summary of all that a session leaves."""
+    return summary_of(evidence.tracker, contact_summary(evidence.replayed))
 
 
 def summary_of(tracker: TrackerStatistics | None, contact: ContactSummary | None) -> CubeSummary:

@@ -11,6 +11,8 @@ from sim_backend.trifinger.kinematics import fingertip_position_world_m
 
 BEFORE_S, LENGTH_S = 0.12, 0.66
 """A window begins so long before the tip comes near the cube, and is so long."""
+LEAST_PUSHES = 4
+"""With fewer the excitation is to be recorded again."""
 NEAR_M = 0.004
 _LOW_M = 0.06  # a tip below this is beside the cube
 _FLAT = 0.97  # cosine between an axis of a cube that lies flat and the vertical

@@ -24,7 +24,7 @@ from sim_backend.effects.body import table_tilt
 from sim_backend.reality_gap import motor_law
 from sim_backend.reality_gap.joint_state import CLOCK, SENSED, JointState, Term
 from sim_backend.reality_gap.plant import InverseDynamics, Plant
-from sim_backend.reality_gap.trajectory import Trajectory, filled_gaps, white_noise
+from sim_backend.reality_gap.trajectory import Trajectory, filled_gaps, position_noise, white_noise
 
 
 class Channel(StrEnum):
@@ -49,7 +49,8 @@ class Equation:
         images: of the terms in ``terms``, shape (r, m), per unit of the parameter.
         terms: indices into the list of terms.
         valid: rows that count, shape (r,).
-        sensor_noise: standard deviation that the noise of the sensors alone gives the residual.
+        sensor_noise: of mechanics: the encoders' white noise times inertia over the square of the time between rows.
+        in_windows: whether that noise decides, so that rows are to be integrated twice over windows.
     """
 
     channel: Channel
@@ -61,6 +62,7 @@ class Equation:
     terms: tuple[int, ...]
     valid: np.ndarray
     sensor_noise: float = 0.0
+    in_windows: bool = False
 
 
 STANDSTILL_RAD_S = 0.02
@@ -80,9 +82,13 @@ class EpisodeEquations:
         path: the episode.
         episode: its index.
         has_safety_pipeline: whether the driver's own pipeline made the sent torque.
+        in_torques: whether errors of the torques, not noise of the encoders, decide how well the mechanics can be known.
     """
 
-    def __init__(self, plant: Plant, path: Trajectory, episode: int, *, has_safety_pipeline: bool) -> None:
+    def __init__(
+        self, plant: Plant, path: Trajectory, episode: int, *, has_safety_pipeline: bool, in_torques: bool = False
+    ) -> None:
+        self._in_torques = in_torques
         self._plant, self._path, self._episode = plant, path, episode
         self._dynamics: InverseDynamics = plant.derivatives(path.position, path.velocity, path.acceleration)
         self._raw_acceleration = path.raw_acceleration
@@ -102,6 +108,7 @@ class EpisodeEquations:
         self._turning = np.ascontiguousarray(path.fast_position.T), np.ascontiguousarray(path.fast_velocity.T)
         self._tilt_images = _tilt_images(self._dynamics.by_gravity, plant.gravity_m_s2)
         self._torque_noise = self._sensor_noise_nm()
+        self._ends = plant.range_rad.copy()
         self.valid_mechanics = path.valid & ~self._still() & ~self._near_end()
 
     @property
@@ -114,10 +121,21 @@ class EpisodeEquations:
         """Inverse dynamics of the nominal model along it."""
         return self._dynamics
 
+    def empty_equation(self, channel: Channel) -> Equation:
+        """The frame of a mechanics or velocity equation: times without values."""
+        rows = len(self._path.time_s)
+        nothing = np.zeros(rows)
+        return Equation(channel, 0, self._episode, self._path.time_s, nothing, np.zeros((rows, 0)), (), np.ones(rows, bool))
+
     @property
     def driving_nm(self) -> np.ndarray:
         """Torques that were sent, or measured if nothing else is known, shape (k, s), N m."""
         return self._driving
+
+    @property
+    def acting_nm(self) -> np.ndarray:
+        """Torques that drive the mechanics: measured where they are known, shape (k, s), N m."""
+        return self._driving if self._through is None else self._through
 
     @property
     def ends_rad(self) -> np.ndarray:
@@ -137,7 +155,16 @@ class EpisodeEquations:
         """What noise of encoders and torque sensors gives the residual of the mechanics, shape (k,), N m."""
         path = self._path
         inertia = np.sqrt(np.mean(self._dynamics.by_acceleration**2, axis=0))
-        return inertia @ (np.sqrt(6.0) * white_noise(path.joints.position_rad) / (path.step_s * path.every) ** 2)
+        return inertia @ (position_noise(path.joints.position_rad) / (path.step_s * path.every) ** 2)
+
+    def keep_off(self, joint: int, side: int, shift_rad: float) -> None:
+        """Let rows near a shifted end of a joint not count: something else than the motor acts there."""
+        self._ends[joint, side] += shift_rad
+        self.valid_mechanics &= ~self._near_end()
+
+    def ignore_joint(self, joint: int) -> None:
+        """Let no row of a joint's mechanics count."""
+        self.valid_mechanics[:, joint] = False
 
     def _still(self) -> np.ndarray:
         speed, width = np.abs(self._path.fast_velocity), max(1, round(_STILL_S / self._path.step_s))
@@ -145,7 +172,7 @@ class EpisodeEquations:
         return share[:: self._path.every] > 0.5
 
     def _near_end(self) -> np.ndarray:
-        q, ends = self._path.fast_position, self._plant.range_rad
+        q, ends = self._path.fast_position, self._ends
         near = (q < ends[:, 0] + _NEAR_END_RAD) | (q > ends[:, 1] - _NEAR_END_RAD)
         width = max(1, round(2 * _NEAR_END_S / self._path.step_s))
         return _moving_mean(near.astype(float), width)[:: self._path.every] > 1e-9
@@ -169,12 +196,13 @@ class EpisodeEquations:
         motion = self._total, self._turning[0][j], self._turning[1][j], self._path.step_s
         return motor_law.along(self._driving[j], *motion, state.motor(j))
 
-    def _needed(self, state: JointState, play: np.ndarray) -> np.ndarray:
+    def _needed(self, state: JointState, play: np.ndarray, *, smooth: bool = False) -> np.ndarray:
         """Torques that the motion needs; ``play`` smoothed, shape (t, k)."""
         d, path = self._dynamics, self._path
-        torque = d.torque_nm + np.einsum("tkl,tl->tk", d.by_acceleration, self._raw_acceleration - path.acceleration)
+        acceleration = path.acceleration if smooth else self._raw_acceleration
+        torque = d.torque_nm + np.einsum("tkl,tl->tk", d.by_acceleration, acceleration - path.acceleration)
         torque += np.einsum("tkl,l->tk", d.by_link_mass, state.value("link_mass.factor") - 1.0)
-        torque += state.value("rotor_inertia.armature_kg_m2") * self._raw_acceleration
+        torque += state.value("rotor_inertia.armature_kg_m2") * acceleration
         torque += state.value("viscous_friction.damping_nm_s_rad") * path.velocity
         stiffness, reference = (state.value(f"joint_stiffness.{name}") for name in ("stiffness_nm_rad", "reference_rad"))
         torque += stiffness * (path.position - reference)
@@ -210,20 +238,39 @@ class EpisodeEquations:
                 images[:, :, i] = self._body_image(state, term)
         return images, currents
 
+    def torque_error(self, state: JointState) -> np.ndarray:
+        """What the motors gave beyond what the smoothed motion needs, both smoothed alike, shape (t, k), N m."""
+        motors = [self._motor(state, j) for j in range(self._plant.joints)]
+        net = self._path.smoothed(np.stack([m[1] for m in motors])).T
+        plays = np.stack([m[2] for m in motors])
+        play = self._path.smoothed(plays).T if plays.any() else np.zeros_like(net)
+        return net - self._needed(state, play, smooth=True)
+
+    @property
+    def torque_error_floor_nm(self) -> np.ndarray:
+        """What the sensors' noise alone makes of :meth:`torque_error`, shape (k,), N m."""
+        path = self._path
+        inertia = np.sqrt(np.mean(self._dynamics.by_acceleration**2, axis=0))
+        moved = inertia @ path.acceleration_noise(position_noise(path.joints.position_rad))
+        measured = path.joints.measured_torque_nm
+        sensed = 0.0 if measured is None else white_noise(measured) * np.sqrt(2.0 * path.cutoff_hz * path.step_s)
+        return np.hypot(moved, sensed)
+
     def _images_of_motors(self, state: JointState, terms: Sequence[Term]) -> tuple[np.ndarray, list[tuple[int, int, np.ndarray]]]:
         """Those of the motor law and of the clock; kept for the next call with the same state and terms."""
         if self._motor_images is not None and self._motor_images[0] is state and self._motor_images[1] is terms:
             return self._motor_images[2]
         k, rows = self._plant.joints, len(self._path.position)
+        thin = self._path.smoothed if self._in_torques else self._path.averaged
         base = [self._nominal_motor(state, j) for j in range(k)]
         images, currents = np.zeros((rows, k, len(terms))), []
         nets, plays, owners, played = [], [], [], []
         for i, term in enumerate(terms):
             if term.key == CLOCK:
-                torque = self._path.averaged(np.stack([net for _, net, _ in base])).T
+                torque = thin(np.stack([net for _, net, _ in base])).T
                 images[:, :, i] = np.gradient(torque, self._path.step_s * self._path.every, axis=0)
             if term.key == SENSED and self._through is not None:
-                images[:, term.index, i] = self._path.averaged(self._through[term.index] - base[term.index][0])
+                images[:, term.index, i] = thin(self._through[term.index] - base[term.index][0])
             if term.key not in motor_law.KEYS:
                 continue
             for j in [term.index] if state.width(term.key) > 1 else range(k):
@@ -240,7 +287,7 @@ class EpisodeEquations:
                 if term.key == "backlash.gap_rad":
                     plays.append((base[j][2] - play) / term.probe)
                     played.append((i, j))
-        for (i, j), image in zip(owners, self._path.averaged(np.stack(nets)) if nets else (), strict=True):
+        for (i, j), image in zip(owners, thin(np.stack(nets)) if nets else (), strict=True):
             images[:, j, i] += image
         for (i, j), image in zip(played, self._path.smoothed(np.stack(plays)) if plays else (), strict=True):
             images[:, :, i] += self._play_image(image, j)
@@ -288,7 +335,10 @@ class EpisodeEquations:
         if reported is None:
             return None
         constant = state.value("velocity_filter.time_constant_s")
-        turning = _lagged(path.fast_velocity, constant, path.step_s)
+        speed = path.fast_velocity
+        if self._has_pipeline:  # these robots report the mean speed since the last sample
+            speed = 0.5 * (speed + np.concatenate([speed[:1], speed[:-1]]))
+        turning = _lagged(speed, constant, path.step_s)
         return path.smoothed((filled_gaps(reported) - turning).T).T
 
     def _velocity_image(self, state: JointState, term: Term) -> np.ndarray:
@@ -341,17 +391,17 @@ class EpisodeEquations:
     def equations(self, state: JointState, terms: Sequence[Term]) -> list[Equation]:
         """All equations of the episode with the images of all terms that have one in them."""
         residual, current = self.mechanics(state)
+        if self._in_torques:
+            residual = self.torque_error(state)
         images, currents = self._mechanics_images(state, terms)
         found = [self._mechanics_equation(j, residual, images) for j in range(self._plant.joints)]
         full = slice(None, None, _thinning(self._path.step_s))
-        if self._through is not None:
+        if self._through is not None and not self._in_torques:  # what unknown boards do before they report is not an effect
             known = ~np.isnan(self._path.joints.position_rad)
             found += self._full_rate(Channel.CURRENT, current, currents, known, full)
         velocity, controller = self.velocity(state), self.controller(state)
-        if velocity is not None:
-            filters = [
-                (i, t.index, self._velocity_image(state, t)) for i, t in enumerate(terms) if t.effect == "velocity_filter"
-            ]
+        if velocity is not None and not self._in_torques:
+            filters = [(i, t.index, self._velocity_image(state, t)) for i, t in enumerate(terms) if t.effect == "velocity_filter"]
             found += self._full_rate(Channel.VELOCITY, velocity, filters, self._path.valid, slice(None), self._path.time_s)
         if controller is not None:
             everywhere = np.ones(controller.shape, bool)
@@ -361,8 +411,21 @@ class EpisodeEquations:
     def _mechanics_equation(self, j: int, residual: np.ndarray, images: np.ndarray) -> Equation:
         used = np.flatnonzero(np.abs(images[:, j]).max(axis=0) > _SMALLEST_IMAGE)
         valid, time_s = self.valid_mechanics[:, j], self._path.time_s
-        terms, noise = tuple(used.tolist()), float(self._torque_noise[j])
-        return Equation(Channel.MECHANICS, j, self._episode, time_s, residual[:, j], images[:, j, used], terms, valid, noise)
+        terms, noise, rows = tuple(used.tolist()), float(self._torque_noise[j]), slice(None)
+        if self._in_torques:
+            rows = slice(None, None, max(1, round(0.4 / (self._path.cutoff_hz * self._path.step_s * self._path.every))))
+        return Equation(
+            Channel.MECHANICS,
+            j,
+            self._episode,
+            time_s[rows],
+            residual[rows, j],
+            images[rows, j][:, used],
+            terms,
+            valid[rows],
+            noise,
+            in_windows=not self._in_torques,
+        )
 
     def _full_rate(self, channel, residual, images, valid, rows: slice, time_s: np.ndarray | None = None) -> list[Equation]:
         """One equation for each joint from images given as (term, joint, series)."""
@@ -453,4 +516,3 @@ def _time_since_change(target: np.ndarray, step_s: float) -> np.ndarray:
 def _changes(target: np.ndarray) -> np.ndarray:
     same = (target[1:] == target[:-1]) | (np.isnan(target[1:]) & np.isnan(target[:-1]))
     return np.concatenate([[False], ~same.all(axis=1)])
-

@@ -20,10 +20,10 @@ WHITE_SHARE = 0.2
 """Of the noise is taken to be white: what slow motion tells is not trusted beyond that, however little noise it seems to have."""
 STUDENT_NU = 4.0
 WINDOW_ROWS = 16
-WINDOW_FLOOR = 0.4
-"""Least noise in a window, as a share of the noise that sensors give a single row: that of a position, hardly less."""
-_AR_ORDER = {Channel.VELOCITY: 8, Channel.CURRENT: 0, Channel.CONTROLLER: 0}
-_SMALLEST_NOISE = {Channel.VELOCITY: 1e-4, Channel.CURRENT: 1e-5, Channel.CONTROLLER: 2e-4}
+WINDOW_FLOOR = 0.9
+"""Least noise in a window, as a share of what the encoders' white noise makes there."""
+_AR_ORDER = {Channel.MECHANICS: 4, Channel.VELOCITY: 8, Channel.CURRENT: 0, Channel.CONTROLLER: 0}
+_SMALLEST_NOISE = {Channel.MECHANICS: 1e-5, Channel.VELOCITY: 2e-3, Channel.CURRENT: 1e-5, Channel.CONTROLLER: 2e-4}
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def folds_of(equation: Equation, episodes: int) -> np.ndarray:
     return (np.floor((equation.time_s - equation.time_s[0]) / STRETCH_S).astype(int) + equation.episode) % FOLDS
 
 
-def whitened(equation: Equation, scales: np.ndarray, fold: np.ndarray) -> Whitened | None:
+def whitened(equation: Equation, scales: np.ndarray, fold: np.ndarray, *, plain: bool = False) -> Whitened | None:
     """Whiten an equation by what is left of it after all its images are fitted; None without enough valid rows.
 
     Mechanics: white noise of a position is a torque's that grows with the square of the frequency, so residual and images are
@@ -74,8 +74,9 @@ def whitened(equation: Equation, scales: np.ndarray, fold: np.ndarray) -> Whiten
         equation: with images of shape (r, m).
         scales: prior standard deviation of each image's coefficient, shape (m,).
         fold: of each row.
+        plain: least squares, every row as it is: for values whose errors are then counted as root mean squares.
     """
-    if equation.channel is Channel.MECHANICS:
+    if equation.in_windows:
         windows = in_windows(equation, fold)
         if windows is None:
             return None
@@ -83,7 +84,7 @@ def whitened(equation: Equation, scales: np.ndarray, fold: np.ndarray) -> Whiten
         floor = WINDOW_FLOOR * equation.sensor_noise
     else:
         valid = equation.valid & np.isfinite(equation.residual)
-        order = _AR_ORDER[equation.channel]
+        order = 0 if plain else _AR_ORDER[equation.channel]
         if valid.sum() < 20 * (order + 1):
             return None
         left, _ = left_over(equation.residual[valid], equation.images[valid], scales, _SMALLEST_NOISE[equation.channel])
@@ -98,6 +99,8 @@ def whitened(equation: Equation, scales: np.ndarray, fold: np.ndarray) -> Whiten
         floor = _SMALLEST_NOISE[equation.channel]
     left, noise = left_over(y, x, scales, floor)
     weight = np.sqrt((STUDENT_NU + 1.0) / (STUDENT_NU + (left / noise) ** 2)) / noise
+    if plain:
+        weight = np.full(len(left), 1.0 / max(float(np.sqrt(np.mean(left**2))), floor))
     return Whitened(equation, y * weight, x * weight[:, None], fold, noise)
 
 

@@ -1,6 +1,6 @@
 """What may be wrong with joints: the numbers of the catalogue's effects, and hypotheses as sets of them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,6 +37,8 @@ SCALES: dict[str, float] = {
     "table_tilt.roll_rad": 0.02,
     "table_tilt.pitch_rad": 0.02,
     "gravity.offset_m_s2": 0.5,
+    "stribeck_friction.speed_rad_s": 0.1,
+    "thermal_derating.time_constant_s": 20.0,
 }
 """How large a deviation each number may have before its size speaks against it: a prior's standard deviation, in its unit."""
 
@@ -55,6 +57,8 @@ _SHAPES: dict[str, tuple[str, tuple[float, ...]]] = {
     "joint_stiffness.stiffness_nm_rad": ("joint_stiffness.reference_rad", (-2.0, -1.0, 0.0, 1.0)),
     "cogging.amplitude_nm": ("cogging.phase_rad", (0.0, np.pi / 2)),
 }
+_ONLY_SHAPES = ("stribeck_friction.speed_rad_s", "thermal_derating.time_constant_s")
+"""These have a prior for when their effect is in the model; alone they are nothing."""
 _PAIRED = ("cogging.amplitude_nm", "joint_stiffness.stiffness_nm_rad")
 """Their shapes span a plane: two images together stand for any phase, or any place of rest."""
 _SCALE_OF_EVERYTHING = ("torque_constant", "link_mass")
@@ -62,7 +66,7 @@ _SCALE_OF_EVERYTHING = ("torque_constant", "link_mass")
 _GLOBAL = ("supply_sag.loss_per_nm", "timing_jitter.std_s", "controller_restart.off")
 CLOCK_TOLERANCE = 0.2
 """Standard deviation of when a torque acted, in samples: a quarter of one between a held torque and its mean over two."""
-_SATURATION_SHARES = (0.6, 0.85, 0.95, 0.99)
+_SATURATION_SHARES = (0.3, 0.5, 0.7, 0.85, 0.95)
 
 
 @dataclass(frozen=True)
@@ -94,9 +98,7 @@ class Catalogue:
     def without(self, effects: Sequence[str]) -> "Catalogue":
         """The same without some effects, neither as hypotheses nor in tolerances."""
         kept = tuple(h for h in self.hypotheses if h.effect not in effects)
-        tolerance = np.array(
-            [0.0 if t.effect in effects else s for t, s in zip(self.terms, self.tolerance, strict=True)]
-        )
+        tolerance = np.array([0.0 if t.effect in effects else s for t, s in zip(self.terms, self.tolerance, strict=True)])
         return Catalogue(self.terms, tolerance, kept)
 
 
@@ -109,7 +111,15 @@ def healthy_tolerances() -> dict[str, float]:
     return found
 
 
-def joint_catalogue(names: Sequence[str], state: JointState, load_nm: np.ndarray, step_s: float, *, has_pipeline: bool) -> Catalogue:
+def joint_catalogue(
+    names: Sequence[str],
+    state: JointState,
+    load_nm: np.ndarray,
+    step_s: float,
+    *,
+    has_pipeline: bool,
+    tolerances: Mapping[str, Sequence[float]],
+) -> Catalogue:
     """Everything that may be wrong with k joints.
 
     Args:
@@ -118,11 +128,19 @@ def joint_catalogue(names: Sequence[str], state: JointState, load_nm: np.ndarray
         load_nm: torques at full rate over all episodes, shape (s, k), N m: where saturation may begin.
         step_s: between samples.
         has_pipeline: whether the driver's own safety pipeline is known to have made the torques.
+        tolerances: what healthy sessions seem to have of effects that healthy robots do not have, one number for each shape.
     """
     terms: list[Term] = []
     families: dict[tuple[str, int], list[tuple[int, ...]]] = {}
     for key, scale in SCALES.items():
-        if not has_pipeline and key.partition(".")[0] in ("position_gain", "safety_damping", "timing_jitter", "controller_restart"):
+        if key in _ONLY_SHAPES:
+            continue
+        if not has_pipeline and key.partition(".")[0] in (
+            "position_gain",
+            "safety_damping",
+            "timing_jitter",
+            "controller_restart",
+        ):
             continue
         if not has_pipeline and key.partition(".")[0] == "supply_sag":
             continue
@@ -137,8 +155,13 @@ def joint_catalogue(names: Sequence[str], state: JointState, load_nm: np.ndarray
     tolerance[-1 - len(names)] = CLOCK_TOLERANCE * step_s
     tolerance[-len(names) :] = 1.0
     for (key, _), members in families.items():
-        for term in members[0] if members else ():
-            tolerance[term] = healthy.get(key, 0.0)
+        # torques and masses of one finger trade places: what each seems to have is the other's
+        usual = tolerances.get(key, []) if key.partition(".")[0] not in _SCALE_OF_EVERYTHING else []
+        for number, member in enumerate(members):
+            for term in member:
+                tolerance[term] = max(
+                    healthy.get(key, 0.0) if number == 0 else 0.0, usual[number] if number < len(usual) else 0.0
+                )
     return Catalogue(tuple(terms), tolerance, tuple(_hypotheses(names, families)))
 
 
@@ -146,7 +169,7 @@ def _members(key: str, index: int, scale: float, state: JointState, load_nm: np.
     """The shapes in which a number may show, each as one term or two."""
     if key == "torque_saturation.limit_nm":
         limit, load = state.value(key)[index], np.abs(load_nm[:, index])
-        levels = np.unique(np.quantile(load, _SATURATION_SHARES))
+        levels = load.max() * np.array(_SATURATION_SHARES)
         return [[Term(key, index, float(level - limit))] for level in levels if 0.02 < level < 0.995 * limit]
     if key in _SHAPES:
         shape, values = _SHAPES[key]

@@ -14,8 +14,8 @@ ODD_JOINT = 1.6
 HEALTHY_NOISE = {"position_rad": 1e-3, "velocity_rad_s": 0.05, "torque_nm": 0.01}
 """No cause below these, if all joints are alike: what sensors of such robots have (0.005 rad/s and 0.005 N m: benchmark-rrc)."""
 HEALTHY_STEP_RAD = 2e-4
-HEALTHY_ACTION_NOISE_NM = 1e-3
-STUCK_RANGE_RAD = 2e-3
+HEALTHY_ACTION_NOISE_NM = 1.5e-3
+STUCK_RANGE_RAD = 0.02
 STUCK_TORQUE_NM = 0.04
 END_MARGIN_RAD = 4e-3
 _PRESSING_NM = 0.05
@@ -24,7 +24,10 @@ _JUMP_RAD = 2e-3
 
 @dataclass(frozen=True)
 class Finding:
-    """An effect at a joint that needs no fit: its value with a 90 % interval, and how often beyond what is healthy it is."""
+    """An effect at a joint that needs no fit: its value with a 90 % interval, and how often beyond what is healthy it is.
+
+    ``episode`` and ``sample`` say when it came, for what happens at one time.
+    """
 
     effect: str
     parameter: str
@@ -32,6 +35,8 @@ class Finding:
     value: float
     interval_90: tuple[float, float]
     excess: float
+    episode: int = 0
+    sample: int = 0
 
 
 def noise_findings(episodes: list[EpisodeEquations]) -> list[Finding]:
@@ -67,10 +72,14 @@ def torque_noise_findings(
     joined = np.concatenate(differences)
     white = np.median([white_noise(d) for d in differences], axis=0)
     slow = np.sqrt(np.maximum(_autocovariance(joined, 3), 0.0))
-    found = _odd("action_noise", "correlated_nm", slow, HEALTHY_ACTION_NOISE_NM, 0.1)
+    found = _odd(
+        "action_noise", "correlated_nm", np.where(slow > HEALTHY_ACTION_NOISE_NM, slow, 0.0), HEALTHY_ACTION_NOISE_NM, 0.1
+    )
     felt = white * np.sqrt(np.clip(1.0 - sensed_share, 0.0, 1.0))
     felt_low = white * np.sqrt(np.clip(1.0 - sensed_share - 3.0 * share_error, 0.0, 1.0))
-    acting = _odd("action_noise", "white_nm", np.where(felt_low > HEALTHY_ACTION_NOISE_NM, felt, 0.0), HEALTHY_ACTION_NOISE_NM, 0.15)
+    acting = _odd(
+        "action_noise", "white_nm", np.where(felt_low > HEALTHY_ACTION_NOISE_NM, felt, 0.0), HEALTHY_ACTION_NOISE_NM, 0.15
+    )
     if not found:
         found += acting
     if not found:
@@ -146,7 +155,7 @@ def _stuck(episodes: list[EpisodeEquations], joint: int) -> list[Finding]:
 
 def _jump(episodes: list[EpisodeEquations], joint: int) -> list[Finding]:
     """A step between two samples that the joint's speed does not explain and that stays."""
-    for episode in episodes:
+    for index, episode in enumerate(episodes):
         raw = filled_gaps(episode.path.joints.position_rad)[:, joint]
         moves = np.diff(raw)
         if len(moves) < 50:
@@ -158,7 +167,8 @@ def _jump(episodes: list[EpisodeEquations], joint: int) -> list[Finding]:
         before, after = moves[at - 3 : at], moves[at + 1 : at + 4]
         size = float(moves[at] - np.median(np.concatenate([before, after])))
         if abs(size) > max(_JUMP_RAD, 12.0 * usual) and max(np.ptp(before), np.ptp(after)) < 0.3 * abs(size):
-            return [Finding("encoder_jump", "offset_rad", joint, size, (size - 2 * usual, size + 2 * usual), abs(size) / _JUMP_RAD)]
+            interval = (size - 2 * usual, size + 2 * usual)
+            return [Finding("encoder_jump", "offset_rad", joint, size, interval, abs(size) / _JUMP_RAD, index, at + 1)]
     return []
 
 
@@ -183,7 +193,16 @@ def _shifted_end(episodes: list[EpisodeEquations], joint: int, offset_rad: float
         shift = float(np.median(np.array(held)) - end)
         if abs(shift) > END_MARGIN_RAD:
             error = max(1e-3, float(np.std(held)))
-            found.append(Finding("joint_limits", parameter, joint, shift, (shift - 1.6 * error, shift + 1.6 * error), abs(shift) / END_MARGIN_RAD))
+            found.append(
+                Finding(
+                    "joint_limits",
+                    parameter,
+                    joint,
+                    shift,
+                    (shift - 1.6 * error, shift + 1.6 * error),
+                    abs(shift) / END_MARGIN_RAD,
+                )
+            )
     return found
 
 

@@ -1,33 +1,60 @@
 """Forward selection of causes among joints' effects: what gains most is taken, everything is fitted anew, until nothing gains."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.equations import Channel, EpisodeEquations
-from sim_backend.reality_gap.evidence import FOLDS, NormalEquations, Whitened, folds_of, normal_equations, reduced, whitened
-from sim_backend.reality_gap.hypotheses import SCALES, Catalogue, Hypothesis, joint_catalogue
+from sim_backend.reality_gap.evidence import (
+    FOLDS,
+    NormalEquations,
+    Reduced,
+    Whitened,
+    folds_of,
+    normal_equations,
+    reduced,
+    whitened,
+)
+from sim_backend.reality_gap.hypotheses import ALL_JOINTS, SCALES, Catalogue, Hypothesis, joint_catalogue
 from sim_backend.reality_gap.joint_state import SENSED, JointState, Term
 
 Progress = Callable[[str, float], None]
 MAX_CAUSES = 24
+MANY_CAUSES = 2.5
+"""Noise that all hypotheses together leave, relative to that of the sensors, from which on more than one thing is wrong."""
+_ROWS_OF_A_SESSION = 30000.0
+MAX_REFUSED = 5
 _NOISE_SCALES = {"link_mass": 0.03, "torque_constant": 0.02}
 """While noise is measured, scales of everything are held close to nominal, so that they do not explain it away."""
+_SHAPE_OF = {
+    "stribeck_friction": ("stribeck_friction.speed_rad_s",),
+    "thermal_derating": ("thermal_derating.time_constant_s",),
+}
+"""Shapes that are fitted, too, once an effect is in the model."""
 _BOUND_SIGMAS = 3.0
-_REFINEMENTS = 2
+_TRUSTED = 0.3
+"""Where much is wrong, tolerances of a healthy robot must not take the place of causes."""
+_REFINEMENTS = 1
+_PROXY_SHARE = 0.004
+"""A cause that gains less than this share of the largest one may only mend what that one's law leaves."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A hypothesis with what it would gain (nats) and its coefficients with their standard errors."""
+    """A hypothesis with what it would gain (nats), its coefficients with their standard errors, and whether they may be.
+
+    ``by_fold`` has shape (f,): what the hypothesis gains on each fold when it is fitted to the others.
+    """
 
     hypothesis: Hypothesis
     gain: float
     held_out: float
     values: np.ndarray
     errors: np.ndarray
+    allowed: bool
+    by_fold: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -44,18 +71,47 @@ class Accepted:
 class Look:
     """Everything that one linearisation tells: normal equations, hypotheses by gain, and noise.
 
-    ``noise_ratio`` has shape (k,): noise of the mechanics relative to that of the sensors.
+    ``mean`` holds the posterior means of all terms, 0 for hypotheses that are not in the model; ``noise_ratio`` has shape (k,): noise of the mechanics relative to that of the sensors.
     """
 
     sums: NormalEquations
     catalogue: Catalogue
     equations: tuple[Whitened, ...]
     candidates: tuple[Candidate, ...]
+    mean: np.ndarray
     accepted_values: np.ndarray
     accepted_errors: np.ndarray
     sensed_share: np.ndarray
     sensed_error: np.ndarray
     noise_ratio: np.ndarray
+    state: JointState
+    accepted: tuple[Accepted, ...]
+    tolerance: np.ndarray
+    rest: Reduced
+
+    @property
+    def best(self) -> Candidate | None:
+        """What gains most and may be; a single joint rather than all of them if that gains hardly less."""
+        return self.best_without(())
+
+    def best_without(
+        self, refused: Collection[tuple[str, str]], least: Callable[[str], float] = lambda _: -np.inf
+    ) -> Candidate | None:
+        """As :attr:`best`, some names left out, and effects that gain less than what healthy sessions show of them."""
+        allowed = [
+            c for c in self.candidates if c.allowed and c.hypothesis.name not in refused and c.gain >= least(c.hypothesis.effect)
+        ]
+        if not allowed:
+            return None
+        enough = allowed[0].gain - max(10.0, 0.05 * allowed[0].gain)
+        single = [c for c in allowed if c.gain >= enough and len(c.hypothesis.terms) <= 2]
+        return single[0] if allowed[0].hypothesis.where == ALL_JOINTS and single else allowed[0]
+
+    @property
+    def mechanics_left(self) -> float:
+        """Half the sum of squares of what the model with its tolerances leaves of the mechanics, nats."""
+        found = [w for w in self.equations if w.equation.channel is Channel.MECHANICS]
+        return 0.5 * sum(float(np.sum((w.residual - w.images @ self.mean[list(w.equation.terms)]) ** 2)) for w in found)
 
 
 @dataclass(frozen=True)
@@ -65,6 +121,7 @@ class JointFit:
     state: JointState
     accepted: tuple[Accepted, ...]
     looks: tuple[Look, ...]
+    final: Look
     errors: dict[tuple[str, str], np.ndarray] = field(default_factory=dict)
 
     @property
@@ -86,18 +143,30 @@ class JointProblem:
         names: of the joints.
         has_pipeline: whether the driver's own safety pipeline made the torques.
         excluded: effects that are not in the catalogue for this study.
+        tolerances: what healthy sessions seem to have, by parameter and shape.
     """
 
     def __init__(
-        self, episodes: Sequence[EpisodeEquations], names: Sequence[str], *, has_pipeline: bool, excluded: Sequence[str] = ()
+        self,
+        episodes: Sequence[EpisodeEquations],
+        names: Sequence[str],
+        *,
+        has_pipeline: bool,
+        excluded: Sequence[str] = (),
+        tolerances: Mapping[str, Sequence[float]] | None = None,
     ) -> None:
         self.episodes, self.names, self.has_pipeline, self.excluded = list(episodes), tuple(names), has_pipeline, tuple(excluded)
+        self._tolerances = tolerances or {}
+        self.expects_many = False
+        """Whether noise is what the present model leaves, not what all hypotheses together would leave."""
         self._load = np.concatenate([e.driving_nm.T for e in episodes])
 
-    def look(self, state: JointState, accepted: Sequence[Accepted]) -> Look:
-        """Linearise at a state and ask every hypothesis what it would gain."""
+    def look(self, state: JointState, accepted: Sequence[Accepted], *, plain: bool = False) -> Look:
+        """Linearise at a state and ask every hypothesis what it would gain; ``plain`` as for :func:`whitened`."""
         step_s = self.episodes[0].path.step_s
-        catalogue = joint_catalogue(self.names, state, self._load, step_s, has_pipeline=self.has_pipeline)
+        catalogue = joint_catalogue(
+            self.names, state, self._load, step_s, has_pipeline=self.has_pipeline, tolerances=self._tolerances
+        )
         catalogue = catalogue.without(self.excluded)
         own = [term for a in accepted for term in a.terms]
         terms = (*catalogue.terms, *own)
@@ -105,13 +174,19 @@ class JointProblem:
         for i, term in enumerate(catalogue.terms):  # what is in the model already needs no tolerance beside it
             if any(term.key == t.key and term.index == t.index for t in own):
                 tolerance[i] = 0.0
+        if plain:  # the causes alone, as whoever uses the model will have them
+            tolerance[: len(catalogue.terms)] = 0.0
         whitening = np.array([_NOISE_SCALES.get(t.effect, SCALES.get(t.key, s)) for t, s in zip(terms, tolerance, strict=True)])
         whitening[len(catalogue.terms) :] = tolerance[len(catalogue.terms) :]
         whitening[[t.effect in self.excluded for t in terms]] = 0.0
+        if self.expects_many:
+            rows = sum(float(e.valid_mechanics.sum()) for e in self.episodes)
+            tolerance[: len(catalogue.terms)] *= min(1.0, np.sqrt(_ROWS_OF_A_SESSION / rows)) * _TRUSTED
+            whitening = tolerance.copy()
         found = []
         for episode in self.episodes:
             for equation in episode.equations(state, terms):
-                white = whitened(equation, whitening[list(equation.terms)], folds_of(equation, len(self.episodes)))
+                white = whitened(equation, whitening[list(equation.terms)], folds_of(equation, len(self.episodes)), plain=plain)
                 if white is not None:
                     found.append(white)
         sums = normal_equations(found, len(terms), FOLDS)
@@ -129,13 +204,10 @@ class JointProblem:
                 continue
             values, covariance = whole.estimate(h.terms, h.scales)
             errors = np.sqrt(np.diag(covariance))
-            if not within_bounds([catalogue.terms[t] for t in h.terms], values, errors, state):
-                continue
+            allowed = within_bounds([catalogue.terms[t] for t in h.terms], values, errors, state)
             gain = whole.gain(h.terms, h.scales)
-            held_out = sum(gain - part.gain(h.terms, h.scales) for part in parts)
-            if not any(tolerance[t] > 0.0 for t in h.terms):
-                gain = min(gain, held_out)
-            candidates.append(Candidate(h, gain, held_out, values, errors))
+            by_fold = np.array([gain - part.gain(h.terms, h.scales) for part in parts])
+            candidates.append(Candidate(h, gain, float(by_fold.sum()), values, errors, allowed, by_fold))
         candidates.sort(key=lambda c: -c.gain)
         first_own = len(catalogue.terms)
         mean, error = _posterior(sums, base, tolerance)
@@ -145,11 +217,16 @@ class JointProblem:
             catalogue,
             found,
             tuple(candidates),
+            mean,
             mean[first_own:],
             error[first_own:],
             mean[sensed],
             error[sensed],
             _noise_ratio(found, len(self.names)),
+            state,
+            tuple(accepted),
+            tolerance,
+            whole,
         )
 
 
@@ -178,8 +255,7 @@ def within_bounds(terms: Sequence[Term], values: np.ndarray, errors: np.ndarray,
         return True
     if terms[0].effect == "joint_stiffness":
         return all(
-            s + 3.0 * e > 0.0
-            for s, e in zip(values[::2] + values[1::2], np.hypot(errors[::2], errors[1::2]), strict=True)
+            s + 3.0 * e > 0.0 for s, e in zip(values[::2] + values[1::2], np.hypot(errors[::2], errors[1::2]), strict=True)
         )
     for term, value, error in zip(terms, values, errors, strict=True):
         parameter, here = PARAMETERS[term.key], state.value(term.key)[term.index]
@@ -235,6 +311,7 @@ def refining_terms(catalogue: Catalogue, hypothesis: Hypothesis) -> tuple[Term, 
         sign = -1.0 if term.probe < 0.0 else 1.0
         shape = () if term.effect == "stribeck_friction" or term.effect == "thermal_derating" else term.shape
         found.append(Term(term.key, term.index, sign * SCALES[term.key] / 100.0, shape))
+        found += [Term(key, term.index, SCALES[key] / 100.0) for key in _SHAPE_OF.get(term.effect, ())]
     return tuple(found)
 
 
@@ -245,7 +322,9 @@ def select(
     progress: Progress,
     *,
     min_share: float = 0.01,
-    accepts: Callable[[Look], Candidate | None] | None = None,
+    confirms: Callable[[Look, Look], bool] = lambda *_: True,
+    plain_values: bool = False,
+    gates: Mapping[str, float] | None = None,
 ) -> JointFit:
     """Take causes one after the other.
 
@@ -255,18 +334,25 @@ def select(
         gate: least gain of a cause, nats.
         progress: told what is done, and which share.
         min_share: least share of what is left unexplained that a cause beyond the first must take away.
-        accepts: chooses among a look's candidates instead of the one that gains most.
+        gates: least gain of a cause of each effect, where healthy sessions tell.
+        plain_values: whether values are fitted by least squares in the end.
+        confirms: whether a cause is worth it, told the looks without and with it; if not, the next best is tried.
     """
-    looks, accepted = [problem.look(state, ())], []
-    while len(accepted) < MAX_CAUSES:
+    looks, accepted, refused = [problem.look(state, ())], [], set()
+    if looks[0].noise_ratio.max() > MANY_CAUSES:
+        problem.expects_many = True
+        looks = [problem.look(state, ())]
+    while len(accepted) < MAX_CAUSES and len(refused) < MAX_REFUSED:
         look = looks[-1]
-        best = accepts(look) if accepts is not None else (look.candidates[0] if look.candidates else None)
-        left = 0.5 * look.sums.square.sum()
-        least = gate if not accepted else max(gate, min_share * left)
-        if best is None or best.gain < least:
+        later = 0.0
+        if accepted:
+            later = max(min_share * look.mechanics_left, _PROXY_SHARE * max(a.gain for a in accepted))
+        best = look.best_without(refused, lambda effect: max((gates or {}).get(effect, gate), later))  # noqa: B023
+        if best is None:
             break
         progress(f"{best.hypothesis.effect}, {best.hypothesis.where}", min(0.9, 0.2 + 0.1 * len(accepted)))
         terms = tuple(look.catalogue.terms[i] for i in best.hypothesis.terms)
+        before, kept = state, list(accepted)
         state = moved(state, terms, best.values)
         accepted = [a for a in accepted if not _contains(best.hypothesis, a)]
         own = refining_terms(look.catalogue, best.hypothesis)
@@ -274,8 +360,19 @@ def select(
         for _ in range(_REFINEMENTS):
             look = problem.look(state, accepted)
             state = _refined(state, accepted, look.accepted_values)
-        looks.append(problem.look(state, accepted))
-    return JointFit(state, tuple(accepted), tuple(looks), _errors(accepted, looks[-1]))
+        new = problem.look(state, accepted)
+        if confirms(looks[-1], new):
+            looks.append(new)
+            state = _refined(state, accepted, new.accepted_values)
+            continue
+        state, accepted = before, kept
+        refused.add(best.hypothesis.name)
+    final = looks[-1]
+    if plain_values and accepted:
+        for _ in range(_REFINEMENTS):
+            state = _refined(state, accepted, problem.look(state, accepted, plain=True).accepted_values)
+        final = problem.look(state, accepted, plain=True)
+    return JointFit(state, tuple(accepted), tuple(looks), final, _errors(accepted, final))
 
 
 def _contains(hypothesis: Hypothesis, other: Accepted) -> bool:
@@ -297,4 +394,3 @@ def _errors(accepted: Sequence[Accepted], look: Look) -> dict[tuple[str, str], n
         errors[(a.effect, a.where)] = look.accepted_errors[at : at + len(a.terms)]
         at += len(a.terms)
     return errors
-

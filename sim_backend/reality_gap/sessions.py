@@ -1,7 +1,9 @@
 """Sessions of simulated robots with known physics: the standard excitation, measured as a farm's log would have it.
 
-Physics runs at half the step that logs have, so that whoever fits them does not see a mirror image of his own model.
+Whoever fits them works on equations along the measured motion, not on a simulation: it is no mirror image of this one.
 """
+
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -14,11 +16,18 @@ from sim_backend.trifinger import constants as c
 
 FINER = 1
 """Physics steps for each logged one."""
+_JUMP_AFTER = 2137  # commands
 _OUT_OF_THE_WAY_M = 1e5  # the cube falls freely for the whole session: contacts would cost most of the time
 
 
 def simulated_sessions(
-    physics: Physics, seeds: list[int], *, excitation: str = "standard", finer: int = FINER, threads: int = 1
+    physics: Physics,
+    seeds: list[int],
+    *,
+    excitation: str = "standard",
+    finer: int = FINER,
+    threads: int = 1,
+    jumps: Mapping[int, tuple[int, float]] | None = None,
 ) -> list[Recording]:
     """One session of each of n robots.
 
@@ -28,6 +37,7 @@ def simulated_sessions(
         excitation: name of a course that needs no sight of the cube.
         finer: physics steps for each logged one.
         threads: that simulate.
+        jumps: encoders that lose counts in the middle: by robot, the joint and the offset in rad.
 
     Returns:
         What the robots measured, at 1 kHz.
@@ -43,6 +53,11 @@ def simulated_sessions(
         target = np.concatenate([command.position_target_rad for command, _ in commands])
         torque = np.concatenate([command.desired_torque_nm for command, _ in commands])
         steps = commands[0][1]
+        if jumps and len(parts.get("position_rad", ())) == _JUMP_AFTER:
+            lost = driver.physics.value("encoder_jump.offset_rad").copy()
+            for robot, (joint, offset_rad) in jumps.items():
+                lost[robot, joint] = offset_rad
+            driver.set_physics(driver.physics.changed({"encoder_jump.offset_rad": lost}))
         segment = driver.advance([(Command(torque, target), steps * finer)])
         logged = {
             "position_rad": segment.joint_position_rad,

@@ -14,6 +14,8 @@ FAST_CUTOFF_HZ = 60.0
 """For the direction of motion, which friction switches with."""
 ROW_S = 0.008
 """From row to row, or one sample where samples are further apart."""
+LEAST_NOISE_RAD = 1e-6
+"""No encoder is trusted beyond this."""
 EDGE_S = 0.15
 _MIN_SAMPLES = 30
 
@@ -61,6 +63,13 @@ class Trajectory:
         """Series at full rate, filtered as the motion was and thinned out; shapes (..., s) and (..., t)."""
         return _low_pass(series, self.cutoff_hz, self.step_s)[..., :: self.every]
 
+    def acceleration_noise(self, position_noise: np.ndarray) -> np.ndarray:
+        """Standard deviation of the smoothed acceleration for white noise of the positions; shapes (k,)."""
+        impulse = np.zeros(2 * round(1.0 / self.step_s) + 1)
+        impulse[len(impulse) // 2] = 1.0
+        response = np.diff(_low_pass(impulse, self.cutoff_hz, self.step_s), 2) / self.step_s**2
+        return position_noise * np.sqrt(response @ response)
+
     def averaged(self, series: np.ndarray) -> np.ndarray:
         """Series at full rate, averaged as second differences over rows average accelerations; shapes (..., s) and (..., t)."""
         weights = (self.every - np.abs(np.arange(1 - self.every, self.every))) / self.every**2
@@ -76,6 +85,16 @@ class Trajectory:
         acceleration = np.zeros_like(rows)
         acceleration[1:-1] = np.diff(rows, 2, axis=0) / (self.step_s * self.every) ** 2
         return acceleration
+
+
+def position_noise(position_rad: np.ndarray) -> np.ndarray:
+    """Standard deviation of the reported positions' errors, at least that of rounding to the smallest step, shape (k,)."""
+    steps = []
+    for column in position_rad.T:
+        moves = np.abs(np.diff(column[~np.isnan(column)]))
+        moves = moves[moves > 1e-12]
+        steps.append(float(np.quantile(moves, 0.01)) if len(moves) else 0.0)
+    return np.maximum(white_noise(position_rad), np.maximum(np.minimum(np.array(steps), 1e-3) / np.sqrt(12.0), LEAST_NOISE_RAD))
 
 
 def white_noise(series: np.ndarray) -> np.ndarray:

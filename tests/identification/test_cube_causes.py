@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from sim_backend.effects.physics import Physics
-from sim_backend.reality_gap.cube_cases import sessions_with_pushes
 from sim_backend.reality_gap.cube_replay import PushReplay
-from sim_backend.reality_gap.cube_sessions import healthy_physics
+from sim_backend.reality_gap.cube_sessions import healthy_physics, sessions_with_pushes
 from sim_backend.reality_gap.cube_study import CubeStudy, study_cube
 from sim_backend.reality_gap.verdict import VerdictKind
 
@@ -31,8 +30,8 @@ HIDDEN = {
     "tracking_latency": Hidden("tracking_latency.extra_s", 0.02, 0.004),
     "tracking_dropout": Hidden("tracking_dropout.probability", 0.08, 0.04),
     "orientation_jumps": Hidden("orientation_jumps.probability", 0.03, 0.02),
-    "tracking_offset": Hidden("tracking_offset.position_m", [0.003, -0.002, 0.002], 0.0015),
-    "cube_mass": Hidden("cube_mass.factor", 1.24, 0.1),
+    "tracking_offset": Hidden("tracking_offset.position_m", [0.005, -0.004, 0.002], 0.0015),
+    "cube_mass": Hidden("cube_mass.factor", 1.40, 0.1),
     "table_friction": Hidden("table_friction.coefficient", 0.7, 0.08),
     "fingertip_friction": Hidden("fingertip_friction.coefficient", 0.6, 0.1),
 }

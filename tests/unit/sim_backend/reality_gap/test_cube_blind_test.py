@@ -6,7 +6,8 @@ import pytest
 from sim_backend.reality_gap.cube_blind_test import judge_case, results
 from sim_backend.reality_gap.cube_calibration import load_calibration
 from sim_backend.reality_gap.cube_cases import Case
-from sim_backend.reality_gap.cube_study import CubeStudy, Evidence, study_cube, study_evidence
+from sim_backend.reality_gap.cube_study import CubeStudy, study_cube, study_evidence
+from sim_backend.reality_gap.cube_summary import Evidence
 from sim_backend.reality_gap.cube_tracker import TrackerStatistics
 from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
 
@@ -20,7 +21,7 @@ def test_right_wrong_missed_and_false_alarms_are_told_apart():
     mass = Case("effect-000", 1, "cube_mass", 2.0, (1.25,))
     healthy, joint = Case("null-000", 2, "", 0.0, ()), Case("joint-000", 3, "link_mass.factor", 0.0, (1.06,))
     judged = [
-        judge_case(mass, _study(VerdictKind.NAMED, "cube_mass")),
+        judge_case(mass, _study(VerdictKind.NAMED, "cube_mass"), _study(VerdictKind.UNEXPLAINED)),
         judge_case(mass, _study(VerdictKind.CONFUSABLE, "table_friction", "cube_mass")),
         judge_case(mass, _study(VerdictKind.NAMED, "table_friction")),
         judge_case(mass, _study(VerdictKind.NOTHING_WRONG)),
@@ -31,6 +32,7 @@ def test_right_wrong_missed_and_false_alarms_are_told_apart():
     found = results(judged, load_calibration(), {})
     assert (found["n_effect"], found["n_null"]) == (4, 2)
     assert [found[key]["k"] for key in ("right_name", "wrong_name", "missed", "unexplained", "false_alarm")] == [2, 1, 1, 0, 1]
+    assert {kind: (rate["k"], rate["n"]) for kind, rate in found["left_out_2x_5x"].items()}["unexplained"] == (1, 1)
     assert found["joint_errors_named_as_cube"]["k"] == 0
     assert found["median_parameter_error"] == pytest.approx(0.05 / 0.25)
     assert found["confusion"]["cube_mass"]["cube_mass or table_friction"] == 1

@@ -15,7 +15,7 @@ from sim_backend.reality_gap.cube_cases import (
     save_evidence,
 )
 from sim_backend.reality_gap.cube_replay import Replayed
-from sim_backend.reality_gap.cube_study import Evidence
+from sim_backend.reality_gap.cube_summary import Evidence
 from sim_backend.reality_gap.cube_tracker import TrackerStatistics
 
 LIMITS = load_calibration().limits

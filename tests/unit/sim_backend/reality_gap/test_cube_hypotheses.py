@@ -5,9 +5,10 @@ import pytest
 
 from sim_backend.reality_gap.cube_calibration import load_calibration
 from sim_backend.reality_gap.cube_contact import CONTACT_NAMES, ContactSummary
-from sim_backend.reality_gap.cube_hypotheses import count_gain, judge, misfit, response_table
-from sim_backend.reality_gap.cube_replay import TRIALS
-from sim_backend.reality_gap.cube_summary import NAMES, TRACKER_NAMES, CubeSummary
+from sim_backend.reality_gap.cube_counts import count_gain
+from sim_backend.reality_gap.cube_hypotheses import judge, misfit, response_table, without_worst
+from sim_backend.reality_gap.cube_replay import TRIALS, Replayed
+from sim_backend.reality_gap.cube_summary import NAMES, TRACKER_NAMES, CubeSummary, Evidence
 from sim_backend.reality_gap.cube_tracker import TrackerStatistics
 
 NULL = load_calibration().null
@@ -74,6 +75,40 @@ def test_a_cube_is_found_at_a_value_between_those_that_were_replayed(effect, val
     best = judge(CubeSummary(vector, contact, _tracker()), NULL)[0]
     assert best.effect == effect
     assert best.estimates[0].value == pytest.approx(value, abs=0.02)
+
+
+def test_an_offset_beyond_those_that_were_replayed_is_found():
+    contact, true_m = _contact(), (-0.010, 0.006)
+    vector = NULL.mean.copy()
+    for trial, value in zip(("tracking_offset_x", "tracking_offset_y"), true_m, strict=True):
+        values, moves = response_table(_summary({}, contact), trial, 0.0)
+        vector += np.array([np.interp(value, values, column) for column in moves.T])
+    best = judge(CubeSummary(vector, contact, _tracker()), NULL)[0]
+    assert best.effect == "tracking_offset"
+    assert [estimate.value for estimate in best.estimates] == pytest.approx([*true_m, 0.0], abs=3e-4)
+
+
+def test_a_hypothesis_that_is_left_out_is_not_judged():
+    moved = _summary({"delay_s": 0.02})
+    assert judge(moved, NULL)[0].effect == "tracking_latency"
+    assert "tracking_latency" not in {row.effect for row in judge(moved, NULL, without=("tracking_latency",))}
+
+
+def _push(rng, wrong: float) -> Replayed:
+    """A push that fits but for noise, and for errors of its own."""
+    way = rng.normal(0.0, 0.3, (len(TRIALS), 120))
+    way[0] = 0.0
+    residual = rng.normal(0.0, 0.02, 120) + wrong * rng.normal(size=120) - way
+    return Replayed(residual, np.arange(120) % 6, np.linspace(0.0, 0.6, 120))
+
+
+def test_the_push_that_went_wrong_is_left_out():
+    rng = np.random.default_rng(4)
+    pushes = tuple(_push(rng, 6.0 if i == 2 else 0.0) for i in range(5))
+    kept = without_worst(Evidence(_tracker(), pushes), NULL).replayed
+    assert len(kept) == 4
+    assert not any(push is pushes[2] for push in kept)
+    assert without_worst(Evidence(_tracker(), pushes[:3]), NULL).replayed == pushes[:3]
 
 
 def test_without_pushes_nothing_is_said_about_mass_and_friction():

@@ -1,0 +1,163 @@
+"""``trifarm gap``: what measured data say is wrong with a model, how good that answer is, and what to record next."""
+
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from client_cli.child_process import child_environment, module_command
+from client_cli.errors import ClientError, Interrupted, UsageProblem
+from client_cli.exit_codes import ExitCode, epilog
+from client_cli.options import JsonOption
+
+REALITY_GAP = "sim_backend.reality_gap"
+ENDS = (ExitCode.OK, ExitCode.OTHER, ExitCode.USAGE, ExitCode.INTERRUPTED)
+TIME_TO_END_S = 5.0
+"""What a child gets after Ctrl-C to leave its results in order."""
+
+commands = typer.Typer(no_args_is_help=True, help="Compare measured data with a model and name the cause.", epilog=epilog(*ENDS))
+
+
+class Method(StrEnum):
+    """Ways from data to a better model."""
+
+    NAMING = "naming"
+    SIMOPT = "simopt"
+    COORDINATE_DESCENT = "coordinate-descent"
+
+
+@commands.command(epilog=epilog(*ENDS))
+def study(
+    data: Annotated[Path, typer.Argument(metavar="STUDY.toml|LOGDIR", help="A study.toml, or a folder of a robot's logs.")],
+    *,
+    data_folder: Annotated[
+        Path | None, typer.Option("--data", metavar="DIR", help="Where the data files of a study.toml lie.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Where the results go.")] = None,
+    method: Annotated[
+        Method, typer.Option("--method", help="naming names the cause; the others are there to be compared with it.")
+    ] = Method.NAMING,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Draws what is random about the study.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Say where measured data and a model disagree, name the cause, write the better model, measure what it gained."""
+    if not data.exists():
+        raise UsageProblem(
+            f"there is no file or folder {data}; give a study.toml, or a folder of logs as 'trifarm fetch' makes it"
+        )
+    if data_folder is not None and not data_folder.is_dir():
+        raise UsageProblem(f"there is no folder {data_folder}")
+    flags = [*_given("--data", data_folder), *_given("--out", out), "--method", method.value, *_given("--seed", seed)]
+    _run("study", str(data), *flags, as_json=as_json)
+
+
+@commands.command(epilog=epilog(*ENDS))
+def blind_test(
+    *,
+    cases: Annotated[
+        int | None, typer.Option("--cases", metavar="N", min=0, help="Robots with a hidden effect; N/2 healthy ones come on top.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Draws the hidden effects.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Where results are kept, and taken up again.")] = None,
+    processes: Annotated[int | None, typer.Option("--processes", metavar="N", min=1, help="How many work side by side.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Hide effects in simulated robots, ask for them, and count the right and wrong answers; goes on where it stopped."""
+    flags = [*_given("--cases", cases), *_given("--seed", seed), *_given("--out", out), *_given("--processes", processes)]
+    _run("blind-test", *flags, as_json=as_json)
+
+
+@commands.command(epilog=epilog(*ENDS))
+def excite(
+    earlier: Annotated[
+        Path | None, typer.Argument(metavar="STUDY_OR_REPORT", help="A study's study.json, report.html or folder.")
+    ] = None,
+    *,
+    robot: Annotated[
+        str | None, typer.Option("--robot", metavar="ROBOT", help="The farm's robot that is to do it, for the command to run.")
+    ] = None,
+    excitation: Annotated[
+        str | None, typer.Option("--excitation", metavar="NAME", help="Which one --csv writes; without it the first advised.")
+    ] = None,
+    csv: Annotated[
+        Path | None, typer.Option("--csv", metavar="FILE", help="Write an excitation's position targets, for a robot elsewhere.")
+    ] = None,
+    model: Annotated[
+        Path | None, typer.Option("--model", metavar="MJCF", help="Whose joints and ranges --csv is made for, if no TriFinger.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Draws what --csv writes.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Say what to record next: after a study what settles its verdict, without one what tells most causes apart."""
+    for path in (earlier, model):
+        if path is not None and not path.exists():
+            raise UsageProblem(f"there is no file {path}")
+    flags = [*_given("--robot", robot), *_given("--excitation", excitation), *_given("--csv", csv), *_given("--model", model)]
+    _run("excite", *([] if earlier is None else [str(earlier)]), *flags, *_given("--seed", seed), as_json=as_json)
+
+
+def _given(flag: str, value: object) -> list[str]:
+    """A flag and its value; nothing if there is none, so that each default has one home, in the child."""
+    return [] if value is None else [flag, str(value)]
+
+
+def _run(*arguments: str, as_json: bool) -> None:
+    """Run a part of the reality gap in a process of its own, which prints for itself, and end with its exit code."""
+    code = _ended(module_command(REALITY_GAP, *arguments, *(["--json"] if as_json else [])), arguments[0])
+    if code not in ENDS:
+        raise ClientError(f"'gap {arguments[0]}' ended with code {code}" if code > 0 else _killed(arguments[0], -code))
+    raise typer.Exit(code)
+
+
+def _killed(part: str, number: int) -> str:
+    why = " (out of memory?)" if number == signal.SIGKILL else ""
+    return f"'gap {part}' was ended by signal {number}{why}"
+
+
+def _ended(command: list[str], part: str) -> int:
+    """Exit code of a child that writes to our stdout and stderr.
+
+    It gets a session of its own, so that a Ctrl-C reaches only us, and we end it together with the processes that it started.
+
+    Raises:
+        Interrupted: by Ctrl-C, SIGTERM or SIGHUP, after the child has ended.
+    """
+    with _signals_as_interrupt():
+        child = subprocess.Popen(command, env=child_environment(), stdin=subprocess.DEVNULL, start_new_session=True)
+        try:
+            return child.wait()
+        except KeyboardInterrupt:
+            _signal_all(child, signal.SIGINT)
+            with suppress(subprocess.TimeoutExpired):
+                child.wait(TIME_TO_END_S)
+            goes_on = "; the same command goes on where it stopped" if part == "blind-test" else ""
+            raise Interrupted(f"'gap {part}' has been stopped{goes_on}") from None
+        finally:
+            _signal_all(child, signal.SIGKILL)
+            child.wait()
+
+
+def _signal_all(child: subprocess.Popen[bytes], number: signal.Signals) -> None:
+    """Signal the child and its own children, which share its process group."""
+    with suppress(ProcessLookupError, PermissionError):
+        os.killpg(child.pid, number)
+
+
+@contextmanager
+def _signals_as_interrupt() -> Iterator[None]:
+    """SIGTERM and SIGHUP act like Ctrl-C, since the child in its own session does not hear them; nohup's wish is kept."""
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,97 @@
+"""The reality gap as commands: ``python -m sim_backend.reality_gap study|blind-test|excite``; ``trifarm gap`` starts them.
+
+Exit codes: 0 a verdict was reached, whichever; 1 data that cannot be used; 2 usage; 130 stopped by the user.
+"""
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+from sim_backend.reality_gap.recording import RecordingError
+
+EXIT_UNUSABLE = 1
+EXIT_INTERRUPTED = 130
+_QUIET_S = 1.0
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one of the commands."""
+    given = sys.argv[1:] if arguments is None else arguments
+    if given[:1] == ["blind-test"]:
+        from sim_backend.reality_gap import blind_test
+
+        return blind_test.main(given[1:])
+    if given[:1] == ["excite"]:
+        from sim_backend.reality_gap import excite
+
+        return excite.main(given[1:])
+    return _study(given)
+
+
+def _study(given: list[str]) -> int:
+    from sim_backend.reality_gap.calibrating import METHODS
+
+    parser = argparse.ArgumentParser(prog="trifarm gap", description="Compare measured data with the simulation.")
+    commands = parser.add_subparsers(dest="command", required=True)
+    study = commands.add_parser("study", help="what the simulation gets wrong, and why")
+    study.add_argument("source", type=Path, metavar="STUDY.toml|LOGDIR", help="a study file, or a folder of the farm's logs")
+    study.add_argument("--data", type=Path, metavar="DIR", help="where a study file's data lie")
+    study.add_argument("--out", type=Path, metavar="DIR", help="where results go (gap-NAME)")
+    study.add_argument("--method", choices=METHODS, default=METHODS[0], help="how to fit (%(default)s)")
+    study.add_argument("--seed", type=int, default=0, help="of resampling and splits (%(default)s)")
+    study.add_argument("--json", action="store_true", help="print the verdict as one JSON document")
+    for name, what in (("blind-test", "hide effects in simulated robots and ask for them"), ("excite", "what to record next")):
+        commands.add_parser(name, help=what)
+    options = parser.parse_args(given)
+    return _run(options)
+
+
+def _run(options: argparse.Namespace) -> int:
+    from sim_backend.reality_gap.report import summary_lines
+    from sim_backend.reality_gap.study import run_study
+
+    out = options.out if options.out is not None else Path(f"gap-{options.source.stem or 'study'}")
+    try:
+        if not options.source.exists():
+            raise RecordingError(f"there is no {options.source}: give a study.toml or a folder of logs")
+        result = run_study(
+            options.source, out, data_root=options.data, method=options.method, seed=options.seed, progress=_Progress()
+        )
+    except RecordingError as error:
+        print(
+            json.dumps({"error": str(error)}) if options.json else f"error: {error}",
+            file=sys.stdout if options.json else sys.stderr,
+        )
+        return EXIT_UNUSABLE
+    if options.json:
+        print(json.dumps(result.document["verdict"] | {"files": [str(path) for path in result.files]}))
+        return 0
+    for line in summary_lines(result.document):
+        print(line)
+    print(f"Report: {out / 'report.html'}")
+    return 0
+
+
+class _Progress:
+    """Tells on stderr what is done, with an estimate of the time left, not more than once a second."""
+
+    def __init__(self) -> None:
+        self._begun, self._told = time.monotonic(), 0.0
+
+    def __call__(self, what: str, share: float) -> None:
+        now = time.monotonic()
+        if now - self._told < _QUIET_S:
+            return
+        self._told = now
+        spent = now - self._begun
+        left = f", about {spent / share * (1 - share):.0f} s left" if share > 0.1 else ""
+        print(f"{share:4.0%} {what}{left}", file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(EXIT_INTERRUPTED)

@@ -1,0 +1,175 @@
+"""From a fit of joints to a verdict: named, confusable, unexplained or nothing wrong."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.reality_gap.equations import Channel
+from sim_backend.reality_gap.flexible import Pattern, patterns
+from sim_backend.reality_gap.joint_checks import Finding, place
+from sim_backend.reality_gap.joint_fit import Accepted, Candidate
+from sim_backend.reality_gap.joint_study import JointStudy, calibration
+from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
+
+CONFUSABLE_NATS = 5.0
+"""A rival that lies less than this behind cannot be told apart: odds of 150."""
+PATTERN_NATS = 60.0
+"""A pattern in what is left that gains less is what healthy sessions have, too."""
+PATTERN_SHARE = 0.1
+"""And it must be this share of what the named causes gain: the rest is the shape of their laws."""
+_VELOCITY_FACTOR = 3.0
+"""Reported velocities follow the motion a little by themselves: both are smoothed, but not by the same board."""
+FOREIGN_PATTERN_SHARE = 1.0
+"""Where there are no healthy sessions: what is left must be more than what was explained."""
+_Z_90 = 1.6448536269514722
+_SYSTEMATIC = 1.5
+"""Intervals are wider than the noise alone makes them: laws are not exact."""
+
+SEPARATES = {
+    frozenset({"action_delay", "viscous_friction"}): "a chirp: a delay shifts the phase and leaves the size",
+    frozenset({"coulomb_friction", "stribeck_friction"}): "slow ramps through zero speed and fast sweeps",
+    frozenset({"coulomb_friction", "viscous_friction"}): "slow and fast motion over the same way",
+    frozenset({"torque_constant", "load_friction"}): "lifting against lowering: friction changes sign with the speed",
+    frozenset({"torque_constant", "link_mass"}): "a known payload, or a fall at zero torque",
+    frozenset({"encoder_offset", "table_tilt"}): "two poses far apart; a tilt moves all fingers alike",
+    frozenset({"encoder_offset", "gravity"}): "two poses far apart",
+    frozenset({"gravity", "table_tilt"}): "another orientation of the base",
+    frozenset({"joint_stiffness", "gravity"}): "a spring is linear in the position, gravity follows its sine",
+    frozenset({"rotor_inertia", "link_mass"}): "the coupling between joints, which a rotor does not have",
+    frozenset({"torque_saturation", "supply_sag"}): "one motor at a time against all together",
+    frozenset({"thermal_derating", "torque_constant"}): "the same motion cold and warm",
+}
+
+
+@dataclass(frozen=True)
+class JointVerdict:
+    """A verdict and what it was drawn from."""
+
+    verdict: Verdict
+    patterns: tuple[Pattern, ...]
+
+
+def judge(study: JointStudy) -> JointVerdict:
+    """Judge a study of joints (held-out errors are added by ``gain``)."""
+    fit, names = study.fit, study.problem.names
+    causes = [cause for a in fit.accepted for cause in _causes(study, a)]
+    causes += [cause for f in study.findings if (cause := _found(f, names, fit.accepted)) is not None]
+    left = patterns(study.problem.episodes, fit.last)
+    rivals = [rival for i, a in enumerate(fit.accepted) if (rival := _rival(study, i, a)) is not None]
+    kind, summary = _kind(study, causes, left, rivals)
+    closest = min(rivals, key=lambda r: r[0].behind)[0] if rivals else None
+    confusable = kind is VerdictKind.CONFUSABLE
+    if confusable:
+        causes += [cause for rival, members in rivals if rival.behind < CONFUSABLE_NATS for cause in members]
+    gains = [a.gain for a in fit.accepted] or ([fit.first.best.gain] if fit.first.best is not None else [])
+    null_p = calibration().null_p(max(gains)) if study.is_calibrated and gains else None
+    verdict = Verdict(
+        verdict=kind,
+        summary=summary,
+        causes=tuple(causes),
+        null_p=null_p,
+        runner_up=closest,
+        follows=tuple(_follows(left[:3], names)) if kind is VerdictKind.UNEXPLAINED else (),
+        cannot_tell=tuple(_cannot_tell(study)),
+        record_next=tuple(_record_next(study, kind, closest)),
+    )
+    return JointVerdict(verdict, tuple(left))
+
+
+def _kind(study, causes, left: Sequence[Pattern], rivals) -> tuple[VerdictKind, str]:
+    explained = sum(a.gain for a in study.fit.accepted)
+    strongest = max((p.gain / (_VELOCITY_FACTOR if p.channel is Channel.VELOCITY else 1.0) for p in left), default=0.0)
+    is_stuck = any(cause.effect == "stuck_joint" for cause in causes)
+    share = PATTERN_SHARE if study.is_calibrated else FOREIGN_PATTERN_SHARE
+    if strongest > max(PATTERN_NATS, share * explained) and not is_stuck:
+        return VerdictKind.UNEXPLAINED, "The data disagree with the model, and no cause of the catalogue explains it well enough."
+    if not causes:
+        return VerdictKind.NOTHING_WRONG, "The data agree with the model as well as a healthy robot's would."
+    if any(rival.behind < CONFUSABLE_NATS for rival, _ in rivals):
+        return VerdictKind.CONFUSABLE, "Some cause explains the data, but these data cannot tell which of those that are listed."
+    named = ", ".join(dict.fromkeys(f"{cause.effect.replace('_', ' ')} ({cause.where})" for cause in causes))
+    return VerdictKind.NAMED, f"The data disagree with the model because of {named}."
+
+
+def _causes(study: JointStudy, accepted: Accepted) -> list[Cause]:
+    """One cause for each number of an effect that is away from absent."""
+    errors, found, seen = study.fit.errors[(accepted.effect, accepted.where)], [], set()
+    for term, error in zip(accepted.terms, errors, strict=True):
+        parameter = PARAMETERS[term.key]
+        if (term.key, term.index) in seen:
+            continue
+        seen.add((term.key, term.index))
+        value, half = float(study.fit.state.value(term.key)[term.index]), _Z_90 * _SYSTEMATIC * float(error)
+        where = accepted.where
+        if parameter.width == 9:
+            where = study.problem.names[term.index]
+        elif parameter.width == 3:
+            where = "xyz"[term.index]
+        interval = (value - half, value + half)
+        found.append(Cause(accepted.effect, parameter.name, where, value, parameter.unit, interval))
+    return found
+
+
+def _found(finding: Finding, names: tuple[str, ...], accepted: Sequence[Accepted]) -> Cause | None:
+    where = place(names, finding.joint)
+    if finding.effect in ("joint_noise", "action_noise") and any(a.where in (where, "platform") for a in accepted):
+        return None  # what the other cause leaves looks like noise
+    unit = PARAMETERS[f"{finding.effect}.{finding.parameter}"].unit
+    return Cause(finding.effect, finding.parameter, where, finding.value, unit, finding.interval_90)
+
+
+def _rival(study: JointStudy, index: int, accepted: Accepted) -> tuple[Rival, list[Cause]] | None:
+    """The best other hypothesis where a cause was taken, with what it would have said."""
+    look = study.fit.looks[index]
+    taken = next((c for c in look.candidates if c.hypothesis.name == (accepted.effect, accepted.where)), None)
+    if taken is None:
+        return None
+    later = {(a.effect, a.where) for a in study.fit.accepted}
+    for candidate in look.candidates:
+        h = candidate.hypothesis
+        if not candidate.allowed or h.name in later or h.effect == accepted.effect or h.where.startswith("all"):
+            continue
+        pair = frozenset({h.effect, accepted.effect})
+        rival = Rival(
+            h.effect, h.where, float(taken.gain - candidate.gain), SEPARATES.get(pair, "a longer and livelier recording")
+        )
+        return rival, _rival_causes(look, candidate, study)
+    return None
+
+
+def _rival_causes(look, candidate: Candidate, study: JointStudy) -> list[Cause]:
+    found = []
+    for index, value, error in zip(candidate.hypothesis.terms, candidate.values, candidate.errors, strict=True):
+        term = look.catalogue.terms[index]
+        parameter, here = PARAMETERS[term.key], study.problem_start(term.key, term.index)
+        where = study.problem.names[term.index] if parameter.width == 9 else candidate.hypothesis.where
+        middle, half = here + float(value), _Z_90 * float(error)
+        found.append(
+            Cause(candidate.hypothesis.effect, parameter.name, where, middle, parameter.unit, (middle - half, middle + half))
+        )
+    return found
+
+
+def _follows(found: Sequence[Pattern], names: tuple[str, ...]) -> list[str]:
+    return [f"{p.variable} of {names[p.joint]} ({p.channel} equation, {p.gain:.0f} nats)" for p in found]
+
+
+def _cannot_tell(study: JointStudy) -> list[str]:
+    said = ["whether all torques and all masses are off by the same share: no motion shows it"]
+    speed = np.max([np.quantile(np.abs(e.path.velocity), 0.99, axis=0) for e in study.problem.episodes], axis=0)
+    slow = [name for name, s in zip(study.problem.names, speed, strict=True) if s < 0.3]
+    if slow:
+        said.append(f"anything that needs speed about {', '.join(slow)}: slower than 0.3 rad/s all the time")
+    if all(e.path.joints.measured_torque_nm is None for e in study.problem.episodes):
+        said.append("whether torque is lost before or after the motor's current: no measured torque")
+    return said
+
+
+def _record_next(study: JointStudy, kind: VerdictKind, closest: Rival | None) -> list[str]:
+    if kind is VerdictKind.CONFUSABLE and closest is not None:
+        return [closest.separated_by]
+    if kind is VerdictKind.UNEXPLAINED:
+        return ["the same motion twice, slowly and fast, to see whether what is left repeats"]
+    return []

@@ -1,0 +1,290 @@
+"""A study: from measured data to a verdict, an extended model, what it gained, and a report.
+
+The process is :func:`run_study`; each step is a module of its own.
+"""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from sim_backend.effects.effect import Scope
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.reality_gap.calibrating import METHODS, calibrate
+from sim_backend.reality_gap.extended_mjcf import extend_mjcf, robot_mjcf, write_mjcf
+from sim_backend.reality_gap.extended_model import extended_model, provenance_of, write_extended_model
+from sim_backend.reality_gap.farm_logs import log_files, read_farm_logs, robot_of
+from sim_backend.reality_gap.foreign_data import read_recordings
+from sim_backend.reality_gap.joint_gain import held_out
+from sim_backend.reality_gap.joint_sections import joint_sections
+from sim_backend.reality_gap.joint_study import JointStudy, NothingMovesError, study_joints
+from sim_backend.reality_gap.joint_verdict import judge
+from sim_backend.reality_gap.object_motion import study_object
+from sim_backend.reality_gap.recording import Recording, RecordingError
+from sim_backend.reality_gap.report import write_html
+from sim_backend.reality_gap.study_file import StudyFile, load_study_file
+from sim_backend.reality_gap.verdict import Cause, HeldOut, Verdict, VerdictKind
+from sim_backend.trifinger import constants as c
+from sim_backend.trifinger.scene import compile_scene
+
+Progress = Callable[[str, float], None]
+CUBE_EXCITATION = "slide_cube"
+
+
+@dataclass(frozen=True)
+class Material:
+    """What a study works on: recordings, the model they are compared with, and where both come from."""
+
+    title: str
+    recordings: tuple[Recording, ...]
+    files: tuple[Path, ...]
+    is_trifinger: bool
+    study_file: StudyFile | None
+    robot: str | None = None
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """The verdict, and the document that reports are made of."""
+
+    verdict: Verdict
+    document: dict[str, Any]
+    files: tuple[Path, ...]
+
+
+def run_study(
+    source: Path,
+    out: Path,
+    *,
+    data_root: Path | None = None,
+    method: str = "naming",
+    seed: int = 0,
+    progress: Progress = lambda *_: None,
+) -> StudyResult:
+    """Study recordings and write ``study.json``, ``report.html`` and the extended model to ``out``.
+
+    Raises:
+        RecordingError: data that cannot be used; the message says why.
+    """
+    rng = np.random.default_rng(seed)
+    material = recordings_of(source, data_root, progress)  # 1 recording
+    verdict, sections = verdict_of(material, method, rng, progress)  # 2 replay, 3 residual, 4 fit, 5 verdict, 7 gain
+    out.mkdir(parents=True, exist_ok=True)
+    files = write_models(material, verdict, out)  # 6 extended model
+    document = _document(material, verdict, sections)
+    (out / "study.json").write_text(json.dumps(document, indent=1))
+    progress("writing the report", 0.95)
+    write_html(document, out / "report.html")  # 8 report
+    return StudyResult(verdict, document, (out / "study.json", out / "report.html", *files))
+
+
+def recordings_of(source: Path, data_root: Path | None, progress: Progress) -> Material:
+    """Step 1: a folder of the farm's logs, or anyone's data by a study.toml."""
+    if source.is_dir():
+        files = log_files(source)
+        recordings = read_farm_logs(files, lambda what, share: progress(what, 0.15 * share))
+        return Material(f"Logs in {source.name}", tuple(recordings), tuple(files), True, None, robot_of(files))
+    study_file = load_study_file(source, data_root)
+    recordings = read_recordings(study_file, lambda what: progress(f"reading {what}", 0.05))
+    files = (source, study_file.model, *dict.fromkeys(entry.file for entry in study_file.recordings))
+    return Material(study_file.title, tuple(recordings), files, False, study_file)
+
+
+def verdict_of(material: Material, method: str, rng: np.random.Generator, progress: Progress) -> tuple[Verdict, dict[str, Any]]:
+    """Steps 2 to 5 and 7 for joints, and for objects that were seen."""
+    of_joints = tuple(r for r in material.recordings if r.joints is not None and r.regime != CUBE_EXCITATION)
+    of_cube = tuple(r for r in material.recordings if r.regime == CUBE_EXCITATION)
+    of_objects = tuple(r for r in material.recordings if r.joints is None and r.objects)
+    found: list[tuple[Verdict, dict[str, Any]]] = []
+    if of_joints:
+        found.append(_joint_verdict(material, of_joints, method, rng, progress))
+    if of_cube and material.is_trifinger:
+        from sim_backend.reality_gap.cube_study import study_cube  # with its replay, which most studies do without
+
+        study = study_cube(of_cube, rng, progress)
+        found.append((study.verdict, {}))
+    if of_objects and material.study_file is not None:
+        found.append(_object_verdict(material.study_file, of_objects, rng, progress))
+    if not found:
+        raise RecordingError("the recordings have neither joints nor objects that could be compared with a model")
+    return found[0] if len(found) == 1 else _together(found)
+
+
+def _joint_verdict(
+    material: Material, recordings: Sequence[Recording], method: str, rng: np.random.Generator, progress: Progress
+) -> tuple[Verdict, dict[str, Any]]:
+    model = compile_scene() if material.study_file is None else material.study_file.compile_model()
+    try:
+        study = study_joints(
+            model,
+            recordings,
+            progress,
+            is_trifinger=material.is_trifinger,
+            nominal=_nominal(material, recordings),
+            gate=None if method == METHODS[0] else np.inf,
+        )
+    except NothingMovesError as error:
+        return not_identifiable(error, material.is_trifinger), {}
+    if method != METHODS[0]:
+        return _calibrated(study, method, rng), {}
+    judged = judge(study)
+    verdict = replace(judged.verdict, held_out=held_out(study.problem, study.fit.final, study.start, rng))
+    progress("drawing what is left", 0.9)
+    return verdict, joint_sections(study, judged.patterns, verdict)
+
+
+def _calibrated(study: JointStudy, method: str, rng: np.random.Generator) -> Verdict:
+    """All numbers at once, by a method that names nothing."""
+    result = calibrate(study.problem, study.start, method, rng)
+    look = study.problem.look(result.state, ())
+    return Verdict(
+        verdict=VerdictKind.NAMED if result.causes else VerdictKind.NOTHING_WRONG,
+        summary=f"Calibrated {len(result.causes)} numbers by {method}: they reproduce the data, which makes none of them a cause.",
+        causes=result.causes,
+        held_out=held_out(study.problem, look, study.start, rng),
+        cannot_tell=("which of these numbers is a cause: this method changes whatever helps",),
+    )
+
+
+def not_identifiable(error: NothingMovesError, is_trifinger: bool) -> Verdict:
+    """Nothing moves: nothing about joints can be told."""
+    what = (
+        "run 'trifarm identify --excitation standard' on the robot"
+        if is_trifinger
+        else "move every joint slowly and fast over its range"
+    )
+    return Verdict(
+        verdict=VerdictKind.NOT_IDENTIFIABLE,
+        summary=f"These data cannot tell anything: {error}.",
+        cannot_tell=("every effect of joints: they rest",),
+        record_next=(f"{what}; 'trifarm gap excite' says how",),
+    )
+
+
+def _nominal(material: Material, recordings: Sequence[Recording]) -> Mapping[str, np.ndarray]:
+    """Values to start from that a study file states for joints' effects."""
+    if material.study_file is None:
+        return {}
+    names, found = recordings[0].joints.names if recordings[0].joints is not None else (), {}
+    for key, value in material.study_file.nominal.items():
+        parameter = PARAMETERS[key]
+        if parameter.scope is Scope.JOINT:
+            by_joint = value if isinstance(value, Mapping) else dict.fromkeys(names, value)
+            found[key] = np.array([float(by_joint.get(name, parameter.absent)) for name in names])  # pyright: ignore[reportArgumentType]
+        else:
+            found[key] = np.atleast_1d(np.asarray(value, dtype=float))
+    return found
+
+
+def _object_verdict(
+    study_file: StudyFile, recordings: Sequence[Recording], rng: np.random.Generator, progress: Progress
+) -> tuple[Verdict, dict[str, Any]]:
+    nominal = {key: float(value) for key, value in study_file.nominal.items() if isinstance(value, int | float)}
+    study = study_object(mujoco.MjSpec.from_file(str(study_file.model)), recordings, nominal, rng, progress)
+    named = ", ".join(dict.fromkeys(cause.effect.replace("_", " ") for cause in study.causes))
+    summary = {
+        VerdictKind.NAMED: f"The data disagree with the model because of {named}.",
+        VerdictKind.CONFUSABLE: f"The data cannot tell apart: {named}.",
+    }.get(study.kind, "The data agree with the model as well as they can tell.")
+    verdict = Verdict(
+        verdict=study.kind,
+        summary=summary,
+        causes=study.causes,
+        held_out=study.confirmation.held_out if study.confirmation is not None else None,
+        null_p=study.null_p,
+        runner_up=study.runner_up,
+        cannot_tell=study.cannot_tell,
+        record_next=study.record_next,
+    )
+    return verdict, dict(study.sections)
+
+
+_ORDER = (
+    VerdictKind.UNEXPLAINED,
+    VerdictKind.CONFUSABLE,
+    VerdictKind.NAMED,
+    VerdictKind.NOTHING_WRONG,
+    VerdictKind.NOT_IDENTIFIABLE,
+)
+
+
+def _together(found: Sequence[tuple[Verdict, dict[str, Any]]]) -> tuple[Verdict, dict[str, Any]]:
+    """One verdict of those on joints and on objects: the one that asks for most attention, with everybody's causes."""
+    verdicts = [verdict for verdict, _ in found]
+    first = min(verdicts, key=lambda verdict: _ORDER.index(verdict.verdict))
+    sections: dict[str, Any] = {}
+    for _, own in reversed(found):
+        sections |= own
+    joined = replace(
+        first,
+        summary=" ".join(verdict.summary for verdict in verdicts),
+        causes=tuple(cause for verdict in verdicts for cause in verdict.causes),
+        held_out=next((v.held_out for v in verdicts if v.held_out is not None), None),
+        follows=tuple(x for v in verdicts for x in v.follows),
+        cannot_tell=tuple(x for v in verdicts for x in v.cannot_tell),
+        record_next=tuple(x for v in verdicts for x in v.record_next),
+    )
+    return joined, sections
+
+
+def write_models(material: Material, verdict: Verdict, out: Path) -> list[Path]:
+    """Step 6: the accepted causes as a file that ``sim_backend`` loads, and as plain MJCF."""
+    if not verdict.causes or verdict.verdict in (VerdictKind.NOT_IDENTIFIABLE, VerdictKind.CONFUSABLE):
+        return []
+    written = []
+    if material.study_file is None:
+        provenance = provenance_of(material.title, verdict.verdict, material.files)
+        model = extended_model(_writable(verdict.causes), provenance, about=verdict.summary)
+        write_extended_model(model, out / "extended-model.toml")
+        spec, _ = robot_mjcf(model.physics)
+        write_mjcf(spec, out / "extended-model.xml", model.estimate)
+        return [out / "extended-model.toml", out / "extended-model.xml"]
+    spec, missing = extend_mjcf(mujoco.MjSpec.from_file(str(material.study_file.model)), verdict.causes)
+    write_mjcf(spec, out / "extended-model.xml")
+    written.append(out / "extended-model.xml")
+    if missing:
+        (out / "extended-model-missing.txt").write_text("\n".join(missing) + "\n")
+        written.append(out / "extended-model-missing.txt")
+    return written
+
+
+def _writable(causes: Sequence[Cause]) -> list[Cause]:
+    """Causes with values inside the catalogue's bounds, as a file must have them."""
+    found = []
+    for cause in causes:
+        parameter = PARAMETERS[f"{cause.effect}.{cause.parameter}"]
+        found.append(replace(cause, value=float(np.clip(cause.value, parameter.lower, parameter.upper))))
+    return found
+
+
+def _document(material: Material, verdict: Verdict, sections: Mapping[str, Any]) -> dict[str, Any]:
+    from sim_backend.reality_gap.extended_model import provenance_of as provenance
+
+    data = provenance(material.title, verdict.verdict, material.files).data
+    return {
+        "format": 1,
+        "title": material.title,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "robot": material.robot,
+        "provenance": {"code": version("trifarm"), "data": [{"file": d.file, "sha256": d.sha256} for d in data]},
+        "verdict": verdict.document(),
+        "recordings": [
+            {
+                "name": r.name,
+                "duration_s": r.duration_s,
+                "samples": len(r.time_s),
+                "regime": r.regime,
+                "used_for": "fit and held out by episodes"
+                if len(material.recordings) >= 5
+                else "fit and held out by stretches of 0.8 s",
+            }
+            for r in material.recordings
+        ],
+        **sections,
+    }

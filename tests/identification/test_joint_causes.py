@@ -1,0 +1,100 @@
+"""Effects hidden in simulated robots are found by name, place and value; healthy robots stay silent; the truth is never read."""
+
+import json
+
+import numpy as np
+import pytest
+
+from sim_backend.reality_gap.blind_cases import SHOWN_BY_JOINTS, Case, draw_cases, sessions_of
+from sim_backend.reality_gap.blind_test import LIMITS_FILE, outcome, summary
+from sim_backend.reality_gap.joint_study import NothingMovesError, study_joints
+from sim_backend.reality_gap.joint_verdict import judge
+from sim_backend.reality_gap.recording import JointSignals, Recording
+from sim_backend.reality_gap.verdict import VerdictKind
+from sim_backend.trifinger import constants as c
+from sim_backend.trifinger.scene import compile_scene
+
+SEED = 4242  # no threshold was made with it
+LIMITS = json.loads(LIMITS_FILE.read_text())["limits"]
+FEW = (
+    "coulomb_friction.torque_nm",
+    "action_delay.delay_s",
+    "load_friction.coefficient",
+    "encoder_offset.offset_rad",
+    "cogging.amplitude_nm",
+    "position_gain.factor",
+)
+
+
+def verdicts(cases, excluded=()):
+    model = compile_scene()
+    for case, recording in zip(cases, sessions_of(cases), strict=True):
+        study = study_joints(model, [recording], lambda *_: None, is_trifinger=True, excluded=excluded)
+        yield case, judge(study).verdict
+
+
+def large(seed, keys, count):
+    """Cases at five times the detection limit."""
+    return [case for case in draw_cases(seed, 3 * len(keys), 0, LIMITS, keys) if case.multiple == 5.0][:count]
+
+
+def test_every_effect_that_joints_show_has_a_detection_limit():
+    assert set(SHOWN_BY_JOINTS) <= set(LIMITS)
+
+
+def test_a_few_hidden_effects_are_named_with_place_and_value():
+    cases = large(SEED, FEW, 6)
+    assert {case.key for case in cases} == set(FEW)
+    for case, verdict in verdicts(cases):
+        assert verdict.verdict is VerdictKind.NAMED, (case, verdict)
+        assert {(cause.effect, cause.where) for cause in verdict.causes} == {(case.effect, case.where)}, case
+        cause = next(cause for cause in verdict.causes if cause.parameter == case.key.partition(".")[2])
+        assert cause.value == pytest.approx(case.value, rel=0.15, abs=0.15 * LIMITS[case.key])
+
+
+def test_healthy_robots_are_not_blamed():
+    cases = [Case(n, SEED + n) for n in range(4)]
+    for _, verdict in verdicts(cases):
+        assert verdict.verdict is VerdictKind.NOTHING_WRONG
+        assert not verdict.causes
+
+
+def test_a_cause_that_the_catalogue_lacks_is_not_blamed_on_another_with_confidence():
+    case = Case(0, SEED, "load_friction", "load_friction.coefficient", c.JOINT_NAMES[1], 1, 5.0, 0.15)
+    for _, verdict in verdicts([case], excluded=("load_friction",)):
+        assert verdict.verdict is VerdictKind.UNEXPLAINED
+        assert any(c.JOINT_NAMES[1] in sentence for sentence in verdict.follows)
+
+
+def test_a_robot_at_rest_tells_nothing():
+    rng, steps = np.random.default_rng(SEED), 5000
+    position = np.tile(c.START_JOINT_POSITION_RAD, (steps, 1)) + 5e-5 * rng.standard_normal((steps, 9))
+    joints = JointSignals(c.JOINT_NAMES, position, np.zeros((steps, 9)), np.zeros((steps, 9)), np.zeros((steps, 9)))
+    rest = Recording("rest", "rest.mcap", 1e-3, 1e-3 * np.arange(steps), joints)
+    with pytest.raises(NothingMovesError, match="no joint moves"):
+        study_joints(compile_scene(), [rest], lambda *_: None, is_trifinger=True)
+
+
+def test_the_blind_test_counts_what_was_said():
+    def line(kind, causes, *, effect="coulomb_friction", multiple=2.0, left_out=False):
+        case = Case(0, 0, effect, f"{effect}.torque_nm" if effect else "", "a" if effect else "", 0, multiple, 0.02).document()
+        said = [
+            {"effect": e, "where": w, "parameter": "torque_nm", "value": 0.021, "interval_90": [0.02, 0.022]} for e, w in causes
+        ]
+        return {"case": case, "left_out": left_out, "verdict": {"verdict": kind, "causes": said}, "naive": {}, "seconds": 1.0}
+
+    lines = [
+        line("named", [("coulomb_friction", "a")]),
+        line("named", [("coulomb_friction", "a"), ("backlash", "a")]),
+        line("named", [("viscous_friction", "a")]),
+        line("confusable", [("coulomb_friction", "a"), ("backlash", "a")]),
+        line("nothing_wrong", [], effect=""),
+        line("named", [("backlash", "b")], effect=""),
+        line("unexplained", [], left_out=True),
+    ]
+    assert [outcome(x) for x in lines[:4]] == ["right", "extra", "wrong", "right set"]
+    counted = summary(lines)
+    assert (counted["n_effect"], counted["n_null"], counted["n_left_out"]) == (4, 2, 1)
+    assert (counted["right_name"]["k"], counted["wrong_name"]["k"], counted["false_alarm"]["k"]) == (1, 1, 1)
+    assert counted["unexplained"]["rate"] == 1.0
+    assert counted["median_parameter_error"] == pytest.approx(0.05)
