@@ -1,6 +1,7 @@
 """The blind test on joints: hides effects in robots, asks the tool, counts: ``trifarm gap blind-test --cases N --seed S --out DIR``.
 
-N cases with an effect, N/2 healthy robots, and N/5 of the cases again with the true cause taken out of the catalogue. Each case is a
+N cases with an effect, N/2 healthy robots, and half of the cases at 5 times the detection limit again with
+the true cause taken out of the catalogue. Each case is a
 line of ``cases-SEED.jsonl``, so that a test goes on where it stopped; a test in several folders or with several seeds is summarised
 together by giving the same folder.
 """
@@ -19,7 +20,7 @@ import numpy as np
 from scipy import stats
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.blind_cases import Case, draw_cases, sessions_of
+from sim_backend.reality_gap.blind_cases import MULTIPLES, Case, draw_cases, sessions_of
 from sim_backend.reality_gap.joint_study import study_joints
 from sim_backend.reality_gap.joint_verdict import judge
 from sim_backend.reality_gap.verdict import VerdictKind
@@ -27,7 +28,6 @@ from sim_backend.trifinger.scene import compile_scene
 
 LIMITS_FILE = Path(__file__).with_name("detection_limits.json")
 _TOGETHER = 4
-_LEFT_OUT_SHARE = 5
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -61,7 +61,7 @@ def run(out: Path, cases: int, seed: int, limits: dict[str, float], processes: i
     done = {(line["case"]["number"], line["left_out"]) for line in kept}
     lines.write_text("".join(json.dumps(line) + "\n" for line in kept))
     drawn = draw_cases(seed, cases, cases // 2, limits)
-    todo = [(case, False) for case in drawn] + [(case, True) for case in drawn[:cases] if case.number % _LEFT_OUT_SHARE == 0]
+    todo = [(case, False) for case in drawn] + [(case, True) for case in drawn[:cases] if case.multiple == MULTIPLES[-1] and case.number % 2 == 0]
     todo = [(case, left_out) for case, left_out in todo if (case.number, left_out) not in done]
     groups = [todo[i : i + _TOGETHER] for i in range(0, len(todo), _TOGETHER)]
     begun, finished = time.monotonic(), 0

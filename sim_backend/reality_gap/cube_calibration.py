@@ -115,9 +115,9 @@ def _judged_apart(
     folds = np.arange(len(sessions)) % _FOLDS
     gains, misfits, told = [], [], dict[str, list[float]]()
     for fold in range(_FOLDS):
-        others = np.flatnonzero(folds != fold)
+        others = np.flatnonzero(folds != fold).tolist()
         without = fit_null([kept[i] for i in others], [jump_probabilities[i] for i in others], breadth)
-        for i in np.flatnonzero(folds == fold):
+        for i in np.flatnonzero(folds == fold).tolist():
             row = summary_of_evidence(without_worst(sessions[i], without))
             gains.append(largest_gains(judge(row, without)))
             squares, numbers = misfit(row, without)

@@ -11,12 +11,15 @@ from sim_backend.reality_gap.trajectory import filled_gaps, white_noise
 
 ODD_JOINT = 1.6
 """A level this many times that of the other joints is odd: levels are known to a few per cent."""
+ODD_MOTOR = 1.3
 HEALTHY_NOISE = {"position_rad": 1e-3, "velocity_rad_s": 0.05, "torque_nm": 0.01}
 """No cause below these, if all joints are alike: what sensors of such robots have (0.005 rad/s and 0.005 N m: benchmark-rrc)."""
 HEALTHY_STEP_RAD = 2e-4
 HEALTHY_ACTION_NOISE_NM = 1.5e-3
 STUCK_RANGE_RAD = 0.02
 STUCK_TORQUE_NM = 0.04
+CREEPING_RANGE_RAD, CREEPING_TORQUE_NM = 0.15, 0.3
+"""Others drag a jammed joint along a little, but never where three quarters of the motor's torque cannot move it."""
 END_MARGIN_RAD = 4e-3
 _PRESSING_NM = 0.05
 _JUMP_RAD = 2e-3
@@ -127,6 +130,15 @@ def encoder_step(position_rad: np.ndarray) -> np.ndarray:
     return np.array(steps)
 
 
+def noisy_motors(episodes: list[EpisodeEquations], state: JointState) -> list[int]:
+    """Joints whose motors' torques differ from what was sent by far more than those of the others."""
+    differences = [d for episode in episodes if (d := episode.current_difference(state)) is not None]
+    if not differences:
+        return []
+    white = np.median([white_noise(d) for d in differences], axis=0)
+    return [j for j in range(len(white)) if white[j] > ODD_MOTOR * np.median(np.delete(white, j))] if len(white) > 2 else []
+
+
 def fault_findings(episodes: list[EpisodeEquations]) -> list[Finding]:
     """Joints that do not move, and encoders that jump."""
     found: list[Finding] = []
@@ -147,7 +159,9 @@ def _stuck(episodes: list[EpisodeEquations], joint: int) -> list[Finding]:
         series = episode.path.fast_position[:, joint]
         spans.append(np.ptp(series))
         pushes.append(np.quantile(np.abs(episode.driving_nm[joint]), 0.99))
-    if max(spans) > STUCK_RANGE_RAD or max(pushes) < STUCK_TORQUE_NM:
+    rests = max(spans) <= STUCK_RANGE_RAD and max(pushes) >= STUCK_TORQUE_NM
+    creeps = max(spans) <= CREEPING_RANGE_RAD and max(pushes) >= CREEPING_TORQUE_NM
+    if not (rests or creeps):
         return []
     held = float(max(pushes))
     return [Finding("stuck_joint", "holding_torque_nm", joint, held, (held, 20.0), held / STUCK_TORQUE_NM)]

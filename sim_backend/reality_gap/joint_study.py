@@ -10,8 +10,15 @@ import mujoco
 import numpy as np
 
 from sim_backend.reality_gap.equations import EpisodeEquations
-from sim_backend.reality_gap.joint_checks import Finding, end_findings, fault_findings, noise_findings, torque_noise_findings
-from sim_backend.reality_gap.joint_fit import JointFit, JointProblem, Look, select
+from sim_backend.reality_gap.joint_checks import (
+    Finding,
+    end_findings,
+    fault_findings,
+    noise_findings,
+    noisy_motors,
+    torque_noise_findings,
+)
+from sim_backend.reality_gap.joint_fit import MANY_CAUSES, JointFit, JointProblem, Look, select
 from sim_backend.reality_gap.joint_gain import held_out_errors
 from sim_backend.reality_gap.joint_state import JointState
 from sim_backend.reality_gap.plant import Plant
@@ -127,7 +134,9 @@ def study_joints(
         if fault.effect == "encoder_jump":
             corrected = _without_jump(recordings[fault.episode], fault)
             path = replace(trajectory(corrected), recording=corrected)
-            episodes[fault.episode] = EpisodeEquations(plant, path, fault.episode, has_safety_pipeline=False)
+            episodes[fault.episode] = EpisodeEquations(
+                plant, path, fault.episode, has_safety_pipeline=is_trifinger, reported=recordings[fault.episode]
+            )
         elif fault.joint is not None:
             for episode in episodes:
                 episode.ignore_joint(fault.joint)
@@ -143,15 +152,32 @@ def study_joints(
     used_gate = gate if gate is not None else _FOREIGN_GATE
     gates = known.gates if gate is None else {}
     nominal_state = JointState(len(names), start)
+    felt = noise_of_motors(problem, nominal_state)
     confirms = (lambda *_: True) if is_trifinger else lambda before, after: _is_worth_it(problem, before, after)
     fit = select(problem, nominal_state, used_gate, progress, confirms=confirms, plain_values=not is_trifinger, gates=gates)
     last = fit.last
     checks = [*noise_findings(episodes), *end_findings(episodes, fit.state)]
-    checks += torque_noise_findings(episodes, fit.state, last.sensed_share, last.sensed_error)
+    checks += felt or torque_noise_findings(episodes, fit.state, last.sensed_share, last.sensed_error)
     checks = [f for f in checks if f.effect not in excluded]
     return JointStudy(
         problem, fit, (*(f for f in faults if f.effect not in excluded), *checks), used_gate, is_trifinger, nominal_state
     )
+
+
+def noise_of_motors(problem: JointProblem, state: JointState) -> list[Finding]:
+    """Noise of single motors that their joints feel; such joints' mechanics is then left out, since it would explain the noise."""
+    odd = noisy_motors(problem.episodes, state)
+    if not odd:
+        return []
+    look = problem.look(state, ())
+    if look.noise_ratio.max() > MANY_CAUSES:
+        return []
+    found = torque_noise_findings(problem.episodes, state, look.sensed_share, look.sensed_error)
+    felt = [f for f in found if f.effect == "action_noise" and f.joint in odd]
+    for finding in felt:
+        for episode in problem.episodes:
+            episode.ignore_joint(finding.joint or 0)
+    return felt
 
 
 def _without_jump(recording: Recording, jump: Finding) -> Recording:

@@ -15,11 +15,11 @@ from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
 
 CONFUSABLE_NATS = 5.0
 """A rival that lies less than this behind cannot be told apart: odds of 150."""
-PATTERN_NATS = 60.0
+PATTERN_NATS = 25.0
 """A pattern in what is left that gains less is what healthy sessions have, too."""
 PATTERN_SHARE = 0.1
 """And it must be this share of what the named causes gain: the rest is the shape of their laws."""
-_VELOCITY_FACTOR = 3.0
+_VELOCITY_FACTOR = 8.0
 """Reported velocities follow the motion a little by themselves: both are smoothed, but not by the same board."""
 FOREIGN_PATTERN_SHARE = 1.0
 """Where there are no healthy sessions: what is left must be more than what was explained."""
@@ -80,7 +80,9 @@ def judge(study: JointStudy) -> JointVerdict:
 
 def _kind(study, causes, left: Sequence[Pattern], rivals) -> tuple[VerdictKind, str]:
     explained = sum(a.gain for a in study.fit.accepted)
-    strongest = max((p.gain / (_VELOCITY_FACTOR if p.channel is Channel.VELOCITY else 1.0) for p in left), default=0.0)
+    noisy = {f.joint for f in study.findings if f.effect == "joint_noise" and f.parameter == "velocity_rad_s"}
+    told = [p for p in left if p.channel is not Channel.VELOCITY or p.joint not in noisy]
+    strongest = max((p.gain / (_VELOCITY_FACTOR if p.channel is Channel.VELOCITY else 1.0) for p in told), default=0.0)
     is_stuck = any(cause.effect == "stuck_joint" for cause in causes)
     share = PATTERN_SHARE if study.is_calibrated else FOREIGN_PATTERN_SHARE
     if strongest > max(PATTERN_NATS, share * explained) and not is_stuck:
