@@ -1,9 +1,8 @@
-"""The blind test on joints: hides effects in robots, asks the tool, counts: ``trifarm gap blind-test --cases N --seed S --out DIR``.
+"""The blind test on joints, ``trifarm gap blind-test --cases N --seed S --out DIR``: hides effects in robots, asks, counts.
 
-N cases with an effect, N/2 healthy robots, and half of the cases at 5 times the detection limit again with
-the true cause taken out of the catalogue. Each case is a
-line of ``cases-SEED.jsonl``, so that a test goes on where it stopped; a test in several folders or with several seeds is summarised
-together by giving the same folder.
+N cases with an effect, N/2 healthy robots, and half of the cases at 5 times the detection limit again with the true cause taken
+out of the catalogue. Each case is a line of ``cases-SEED.jsonl``, so that a test goes on where it stopped; a test in several
+folders or with several seeds is summarised together by giving the same folder.
 """
 
 import argparse
@@ -61,7 +60,9 @@ def run(out: Path, cases: int, seed: int, limits: dict[str, float], processes: i
     done = {(line["case"]["number"], line["left_out"]) for line in kept}
     lines.write_text("".join(json.dumps(line) + "\n" for line in kept))
     drawn = draw_cases(seed, cases, cases // 2, limits)
-    todo = [(case, False) for case in drawn] + [(case, True) for case in drawn[:cases] if case.multiple == MULTIPLES[-1] and case.number % 2 == 0]
+    todo = [(case, False) for case in drawn] + [
+        (case, True) for case in drawn[:cases] if case.multiple == MULTIPLES[-1] and case.number % 2 == 0
+    ]
     todo = [(case, left_out) for case, left_out in todo if (case.number, left_out) not in done]
     groups = [todo[i : i + _TOGETHER] for i in range(0, len(todo), _TOGETHER)]
     begun, finished = time.monotonic(), 0
@@ -124,7 +125,11 @@ def _naive(study) -> dict[str, list[str]]:
 
 
 def outcome(line: dict) -> str:
-    """``right``, ``right set`` (confusable, the truth among them), ``extra`` (right and more), ``wrong``, ``unexplained``, ``missed``."""
+    """How a case ended.
+
+    One of ``right``, ``right set`` (confusable, the truth among them), ``extra`` (right and more), ``wrong``, ``unexplained``
+    and ``missed``.
+    """
     verdict, truth = line["verdict"], (line["case"]["effect"], line["case"]["where"])
     causes = {(cause["effect"], _where(cause)) for cause in verdict["causes"]}
     match verdict["verdict"]:
@@ -240,7 +245,8 @@ def sentences(document: dict) -> list[str]:
     def said(share: dict) -> str:
         if share["rate"] is None:
             return "not asked"
-        return f"{share['rate']:.0%} ({share['k']} of {share['n']}, 90 %: {share['interval_90'][0]:.0%} to {share['interval_90'][1]:.0%})"
+        low, high = share["interval_90"]
+        return f"{share['rate']:.0%} ({share['k']} of {share['n']}, 90 %: {low:.0%} to {high:.0%})"
 
     error = document["median_parameter_error"]
     lines = [

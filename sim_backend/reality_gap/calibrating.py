@@ -65,7 +65,7 @@ def _numbers(look: Look) -> list[int]:
     """One term for each number: the first shape of each single place; springs and cogging need two and are left out."""
     found: dict[tuple[str, int], int] = {}
     for h in look.catalogue.hypotheses:
-        if len(h.terms) > 1 and h.effect not in ("table_tilt", "gravity") or h.effect in ("cogging", "joint_stiffness"):
+        if (len(h.terms) > 1 and h.effect not in ("table_tilt", "gravity")) or h.effect in ("cogging", "joint_stiffness"):
             continue
         for i in h.terms:
             term = look.catalogue.terms[i]
@@ -121,7 +121,8 @@ def _bounded_weights(cost: np.ndarray) -> np.ndarray:
     low, high = np.log(np.ptp(cost) * 1e-9 + 1e-12), np.log(np.ptp(cost) * 1e3 + 1e-9)
     if divergence(low) <= 0.0:
         return special.softmax(-cost / np.exp(low))
-    return special.softmax(-cost / np.exp(optimize.brentq(divergence, low, high)))
+    root: float = optimize.brentq(divergence, low, high)  # pyright: ignore[reportAssignmentType] - without full_output a number
+    return special.softmax(-cost / np.exp(root))
 
 
 def _causes(problem: JointProblem, start: JointState, terms, mean, spread, scales) -> list[Cause]:

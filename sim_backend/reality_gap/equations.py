@@ -25,6 +25,7 @@ from sim_backend.reality_gap.mechanics import Mechanics
 from sim_backend.reality_gap.mechanics_images import JointImage, MechanicsImages
 from sim_backend.reality_gap.motor_torques import MotorTorques
 from sim_backend.reality_gap.plant import InverseDynamics, Plant
+from sim_backend.reality_gap.recording import JointSignals
 from sim_backend.reality_gap.reported_velocity import velocity_image, velocity_residual
 from sim_backend.reality_gap.sent_torque import SentTorque
 from sim_backend.reality_gap.trajectory import Trajectory
@@ -81,13 +82,21 @@ class EpisodeEquations:
         episode: its index.
         has_safety_pipeline: whether the driver's own pipeline made the sent torque.
         in_torques: whether errors of the torques, not noise of the encoders, decide how well the mechanics can be known.
+        reported: what the controller saw, where positions were corrected since.
 
     Attributes:
         valid_mechanics: rows of the mechanics that count, shape (t, k).
     """
 
     def __init__(
-        self, plant: Plant, path: Trajectory, episode: int, *, has_safety_pipeline: bool, in_torques: bool = False
+        self,
+        plant: Plant,
+        path: Trajectory,
+        episode: int,
+        *,
+        has_safety_pipeline: bool,
+        in_torques: bool = False,
+        reported: JointSignals | None = None,
     ) -> None:
         self._plant, self._path, self._episode, self._in_torques = plant, path, episode, in_torques
         self._motors = motors = MotorTorques(path)
@@ -96,7 +105,7 @@ class EpisodeEquations:
         self._images = MechanicsImages(path, motors, self._mechanics.dynamics, plant.gravity_m_s2, thin)
         self._sent: SentTorque | None = None
         if has_safety_pipeline and motors.sent_nm is not None and path.joints.position_target_rad is not None:
-            self._sent = SentTorque(path.joints, motors.sent_nm, path.step_s)
+            self._sent = SentTorque(reported or path.joints, motors.sent_nm, path.step_s)
         self._sensor_noise_nm = self._mechanics.sensor_noise_nm
         self._ends = plant.range_rad.copy()
         self.valid_mechanics = path.valid & ~rests(path) & ~near_end(path, self._ends)

@@ -188,7 +188,7 @@ class Reduced:
     cross: np.ndarray
     log_evidence: float
 
-    def gain(self, terms: Sequence[int], scales: Sequence[float]) -> float:
+    def gain(self, terms: Sequence[int], scales: Sequence[float] | np.ndarray) -> float:
         """Log evidence that some terms add, with priors of the given standard deviations; nats."""
         index, scale = np.array(terms), np.array(scales)
         precision = np.eye(len(index)) + scale[:, None] * self.images[np.ix_(index, index)] * scale
@@ -201,14 +201,14 @@ class Reduced:
         precision = 1.0 + scales**2 * np.diag(self.images)
         return 0.5 * (scales * self.cross) ** 2 / precision - 0.5 * np.log(precision)
 
-    def estimate(self, terms: Sequence[int], scales: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    def estimate(self, terms: Sequence[int], scales: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Posterior mean (d,) and covariance (d, d) of some terms' coefficients."""
         index, scale = np.array(terms), np.array(scales)
         covariance = linalg.inv(self.images[np.ix_(index, index)] + np.diag(1.0 / scale**2))
         return covariance @ self.cross[index], covariance
 
 
-def reduced(sums: tuple[np.ndarray, np.ndarray, float], base: Sequence[int], scales: Sequence[float]) -> Reduced:
+def reduced(sums: tuple[np.ndarray, np.ndarray, float], base: Sequence[int], scales: Sequence[float] | np.ndarray) -> Reduced:
     """Take a base model (terms with the standard deviations of their priors) out of normal equations."""
     images, cross, square = sums
     index, scale = np.array(base, dtype=int), np.array(scales)

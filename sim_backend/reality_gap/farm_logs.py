@@ -25,7 +25,8 @@ def robot_of(files: Sequence[Path]) -> str | None:
     robots = {read_log(path).metadata.get("robot", "") for path in files}
     if len(robots) > 1:
         raise RecordingError(
-            f"the logs are of {len(robots)} robots ({', '.join(sorted(robots))}): a study is of one robot; give it a folder of its own"
+            f"the logs are of {len(robots)} robots ({', '.join(sorted(robots))}): "
+            f"a study is of one robot; give it a folder of its own"
         )
     return robots.pop() or None
 

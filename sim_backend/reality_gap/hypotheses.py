@@ -62,7 +62,7 @@ _ONLY_SHAPES = ("stribeck_friction.speed_rad_s", "thermal_derating.time_constant
 _PAIRED = ("cogging.amplitude_nm", "joint_stiffness.stiffness_nm_rad")
 """Their shapes span a plane: two images together stand for any phase, or any place of rest."""
 _SCALE_OF_EVERYTHING = ("torque_constant", "link_mass")
-"""All torques and all masses may be off by the same share without any sign of it, so that these are only asked of single joints."""
+"""All torques and all masses may be off by the same share without any sign of it: these are only asked of single joints."""
 _GLOBAL = ("supply_sag.loss_per_nm", "timing_jitter.std_s", "controller_restart.off")
 CLOCK_TOLERANCE = 0.2
 """Standard deviation of when a torque acted, in samples: a quarter of one between a held torque and its mean over two."""

@@ -1,4 +1,4 @@
-"""What healthy sessions look like: ``python -m sim_backend.reality_gap.joint_calibration --stage A|B --sessions N --seed S --out F``.
+"""What healthy sessions look like: ``python -m sim_backend.reality_gap.joint_calibration --sessions N --seed S --lines F``.
 
 Stage A measures what a healthy session seems to have of effects that healthy robots do not have (the tolerances), stage B, with
 these, the largest gain of each session (the null) and how far estimates scatter (the detection limits). Both go on where they

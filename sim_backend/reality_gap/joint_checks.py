@@ -194,13 +194,12 @@ def _shifted_end(episodes: list[EpisodeEquations], joint: int, offset_rad: float
         if not np.isfinite(end):
             continue
         outward = 1.0 if side else -1.0
-        beyond, held = [], []
+        held = []
         for episode in episodes:
             q = episode.path.position[:, joint]
             still = np.abs(episode.path.velocity[:, joint]) < 0.05
             pressing = outward * episode.pressing_nm[:, joint]
             near = np.abs(q - end) < 0.3
-            beyond += list(outward * (q[still & (pressing > _PRESSING_NM) & near] - end))
             held += list(q[still & (pressing > _PRESSING_NM) & near])
         if len(held) < 8:
             continue

@@ -34,6 +34,9 @@ _SHAPE_OF = {
 }
 """Shapes that are fitted, too, once an effect is in the model."""
 _BOUND_SIGMAS = 3.0
+_SCALES_OF_EVERYTHING = ("torque_constant", "link_mass")
+_PLAUSIBLE_SCALE = 0.15
+"""Where much is wrong, a torque or a mass that is off by more only makes everything smaller, errors too."""
 _TRUSTED = 0.3
 """Where much is wrong, tolerances of a healthy robot must not take the place of causes."""
 _REFINEMENTS = 1
@@ -205,6 +208,10 @@ class JointProblem:
             values, covariance = whole.estimate(h.terms, h.scales)
             errors = np.sqrt(np.diag(covariance))
             allowed = within_bounds([catalogue.terms[t] for t in h.terms], values, errors, state)
+            if self.expects_many and h.effect in _SCALES_OF_EVERYTHING:
+                here = np.array([state.value(catalogue.terms[t].key)[catalogue.terms[t].index] for t in h.terms])
+                absent = np.array([PARAMETERS[catalogue.terms[t].key].absent for t in h.terms])
+                allowed = allowed and bool(np.all(np.abs(here + values - absent) < _PLAUSIBLE_SCALE))
             gain = whole.gain(h.terms, h.scales)
             by_fold = np.array([gain - part.gain(h.terms, h.scales) for part in parts])
             candidates.append(Candidate(h, gain, float(by_fold.sum()), values, errors, allowed, by_fold))

@@ -26,7 +26,7 @@ def joint_sections(study: JointStudy, patterns: Sequence[Pattern], verdict: Verd
     worst = _worst_joints(before, study)
     return {
         "residuals": {"unit": "N m", "band": "10 to 90 % of the rows", "series": _series(study, before, after, worst)},
-        "worst_window": _worst_window(study, before, after, worst[0]),
+        "worst_window": _worst_window(study, before, worst[0]),
         "ranking": _ranking(study),
         "horizon": _horizon(study, before, after),
         "confusability": _confusability(study),
@@ -89,7 +89,7 @@ def _binned(x: np.ndarray, y: np.ndarray) -> dict[str, list]:
     return rows
 
 
-def _worst_window(study: JointStudy, before, after, joint: int) -> dict[str, Any]:
+def _worst_window(study: JointStudy, before, joint: int) -> dict[str, Any]:
     """The second in which the nominal model's torque error of the worst joint is largest."""
     episode, best, at = 0, -1.0, 0
     for index, (errors, e) in enumerate(zip(before, study.problem.episodes, strict=True)):

@@ -10,7 +10,6 @@ from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.motor_law import KEYS as MOTOR_KEYS
 from sim_backend.reality_gap.motor_law import absent_values
 
-
 CLOCK = "clock.offset_s"
 """Not an effect but what nobody can know of a recording: when within a sample the torque acted that was written there."""
 SENSED = "sensed.share"

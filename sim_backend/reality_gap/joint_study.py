@@ -135,7 +135,7 @@ def study_joints(
             corrected = _without_jump(recordings[fault.episode], fault)
             path = replace(trajectory(corrected), recording=corrected)
             episodes[fault.episode] = EpisodeEquations(
-                plant, path, fault.episode, has_safety_pipeline=is_trifinger, reported=recordings[fault.episode]
+                plant, path, fault.episode, has_safety_pipeline=is_trifinger, reported=recordings[fault.episode].joints
             )
         elif fault.joint is not None:
             for episode in episodes:

@@ -28,7 +28,7 @@ class Mechanics:
     @property
     def pressing_nm(self) -> np.ndarray:
         """What the motors give beyond what the motion needs, shape (t, k), N m."""
-        return self._path.averaged(self._motors.driving_nm).T - self.dynamics.torque_nm
+        return self._path.averaged(self._motors.acting_nm).T - self.dynamics.torque_nm
 
     @property
     def sensor_noise_nm(self) -> np.ndarray:

@@ -56,7 +56,7 @@ class Plant:
 
     @property
     def joints(self) -> int:
-        """k."""
+        """How many."""
         return len(self.names)
 
     @property

@@ -50,7 +50,7 @@ def simulated_sessions(
     commands = [next(course) for course in courses]
     parts: dict[str, list[np.ndarray]] = {}
     while commands:
-        target = np.concatenate([command.position_target_rad for command, _ in commands])
+        target = np.concatenate([t for command, _ in commands if (t := command.position_target_rad) is not None])
         torque = np.concatenate([command.desired_torque_nm for command, _ in commands])
         steps = commands[0][1]
         if jumps and len(parts.get("position_rad", ())) == _JUMP_AFTER:
