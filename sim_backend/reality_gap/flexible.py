@@ -1,7 +1,8 @@
 """What is left when all causes are in the model, and what it follows: a flexible function of one variable after the other.
 
 Each function is a sum of hats over a variable, fitted to the whitened residual of one equation of one joint. Its gain is the
-upper bound of what any cause that acts through this variable could still explain, and which variable gains most says where to look.
+upper bound of what any cause that acts through this variable could still explain, and which variable gains most says where to
+look.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
 """What may be wrong with joints: the numbers of the catalogue's effects, and hypotheses as sets of them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +64,7 @@ _PAIRED = ("cogging.amplitude_nm", "joint_stiffness.stiffness_nm_rad")
 _SCALE_OF_EVERYTHING = ("torque_constant", "link_mass")
 """All torques and all masses may be off by the same share without any sign of it: these are only asked of single joints."""
 _GLOBAL = ("supply_sag.loss_per_nm", "timing_jitter.std_s", "controller_restart.off")
+BEYOND_HEALTHY = 10.0
 CLOCK_TOLERANCE = 0.2
 """Standard deviation of when a torque acted, in samples: a quarter of one between a held torque and its mean over two."""
 _SATURATION_SHARES = (0.3, 0.5, 0.7, 0.85, 0.95)
@@ -162,7 +163,16 @@ def joint_catalogue(
                 tolerance[term] = max(
                     healthy.get(key, 0.0) if number == 0 else 0.0, usual[number] if number < len(usual) else 0.0
                 )
-    return Catalogue(tuple(terms), tolerance, tuple(_hypotheses(names, families)))
+    found = [
+        replace(h, scales=tuple(_scale(scale, tolerance[term]) for term, scale in zip(h.terms, h.scales, strict=True)))
+        for h in _hypotheses(names, families)
+    ]
+    return Catalogue(tuple(terms), tolerance, tuple(found))
+
+
+def _scale(scale: float, tolerance: float) -> float:
+    """A prior for a deviation: not much wider than what is healthy, or its width alone would hide small deviations."""
+    return min(scale, BEYOND_HEALTHY * tolerance) if tolerance > 0.0 else scale
 
 
 def _members(key: str, index: int, scale: float, state: JointState, load_nm: np.ndarray) -> list[list[Term]]:

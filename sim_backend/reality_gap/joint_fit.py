@@ -35,8 +35,9 @@ _SHAPE_OF = {
 """Shapes that are fitted, too, once an effect is in the model."""
 _BOUND_SIGMAS = 3.0
 _SCALES_OF_EVERYTHING = ("torque_constant", "link_mass")
-_PLAUSIBLE_SCALE = 0.15
-"""Where much is wrong, a torque or a mass that is off by more only makes everything smaller, errors too."""
+_PLAUSIBLE_SCALE = {False: 0.35, True: 0.15}
+"""A torque or a mass that is off by more only makes everything smaller, errors too; the more so where much is wrong."""
+_SAME_NATS = 5.0
 _TRUSTED = 0.3
 """Where much is wrong, tolerances of a healthy robot must not take the place of causes."""
 _REFINEMENTS = 1
@@ -106,6 +107,9 @@ class Look:
         ]
         if not allowed:
             return None
+        tilt = next((c for c in allowed if c.hypothesis.effect == "table_tilt"), None)
+        if allowed[0].hypothesis.effect == "gravity" and tilt is not None and allowed[0].gain - tilt.gain < _SAME_NATS:
+            return tilt  # the same with one number less
         enough = allowed[0].gain - max(10.0, 0.05 * allowed[0].gain)
         single = [c for c in allowed if c.gain >= enough and len(c.hypothesis.terms) <= 2]
         return single[0] if allowed[0].hypothesis.where == ALL_JOINTS and single else allowed[0]
@@ -208,10 +212,12 @@ class JointProblem:
             values, covariance = whole.estimate(h.terms, h.scales)
             errors = np.sqrt(np.diag(covariance))
             allowed = within_bounds([catalogue.terms[t] for t in h.terms], values, errors, state)
-            if self.expects_many and h.effect in _SCALES_OF_EVERYTHING:
+            if self.expects_many and h.where == ALL_JOINTS:  # some may have none: their values are cut off at the bound
+                allowed = _mostly_within_bounds([catalogue.terms[t] for t in h.terms], values, errors, state)
+            if h.effect in _SCALES_OF_EVERYTHING:
                 here = np.array([state.value(catalogue.terms[t].key)[catalogue.terms[t].index] for t in h.terms])
                 absent = np.array([PARAMETERS[catalogue.terms[t].key].absent for t in h.terms])
-                allowed = allowed and bool(np.all(np.abs(here + values - absent) < _PLAUSIBLE_SCALE))
+                allowed = allowed and bool(np.all(np.abs(here + values - absent) < _PLAUSIBLE_SCALE[self.expects_many]))
             gain = whole.gain(h.terms, h.scales)
             by_fold = np.array([gain - part.gain(h.terms, h.scales) for part in parts])
             candidates.append(Candidate(h, gain, float(by_fold.sum()), values, errors, allowed, by_fold))
@@ -270,6 +276,13 @@ def within_bounds(terms: Sequence[Term], values: np.ndarray, errors: np.ndarray,
         if not parameter.lower - slack <= here + value <= parameter.upper + slack:
             return False
     return True
+
+
+def _mostly_within_bounds(terms: Sequence[Term], values: np.ndarray, errors: np.ndarray, state: JointState) -> bool:
+    width = 2 if terms[0].effect in ("cogging", "joint_stiffness") else 1
+    parts = range(0, len(terms), width)
+    inside = [within_bounds(terms[i : i + width], values[i : i + width], errors[i : i + width], state) for i in parts]
+    return sum(inside) > len(inside) / 2
 
 
 def moved(state: JointState, terms: Sequence[Term], values: np.ndarray) -> JointState:

@@ -83,6 +83,7 @@ class JointStudy:
         gate: nats that a cause had to gain.
         is_calibrated: whether the gate comes from healthy sessions.
         start: the nominal model.
+        gates: nats that a cause of each effect had to gain, where healthy sessions tell.
     """
 
     problem: JointProblem
@@ -91,6 +92,7 @@ class JointStudy:
     gate: float
     is_calibrated: bool
     start: JointState
+    gates: Mapping[str, float]
 
     def problem_start(self, key: str, index: int) -> float:
         """A value of the model that the study started from."""
@@ -160,7 +162,7 @@ def study_joints(
     checks += felt or torque_noise_findings(episodes, fit.state, last.sensed_share, last.sensed_error)
     checks = [f for f in checks if f.effect not in excluded]
     return JointStudy(
-        problem, fit, (*(f for f in faults if f.effect not in excluded), *checks), used_gate, is_trifinger, nominal_state
+        problem, fit, (*(f for f in faults if f.effect not in excluded), *checks), used_gate, is_trifinger, nominal_state, gates
     )
 
 

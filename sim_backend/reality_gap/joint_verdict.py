@@ -55,7 +55,9 @@ def judge(study: JointStudy) -> JointVerdict:
     """Judge a study of joints (held-out errors are added by ``gain``)."""
     fit, names = study.fit, study.problem.names
     causes = [cause for a in fit.accepted for cause in _causes(study, a)]
-    causes += [cause for f in study.findings if (cause := _found(f, names, fit.accepted)) is not None]
+    acting = {f.joint for f in study.findings if f.effect == "action_noise"}
+    findings = [f for f in study.findings if not (f.effect == "joint_noise" and f.joint in acting)]  # the joint shakes
+    causes += [cause for f in findings if (cause := _found(f, names, fit.accepted)) is not None]
     left = patterns(study.problem.episodes, fit.last)
     rivals = [rival for i, a in enumerate(fit.accepted) if (rival := _rival(study, i, a)) is not None]
     kind, summary = _kind(study, causes, left, rivals)
@@ -80,19 +82,33 @@ def judge(study: JointStudy) -> JointVerdict:
 
 def _kind(study, causes, left: Sequence[Pattern], rivals) -> tuple[VerdictKind, str]:
     explained = sum(a.gain for a in study.fit.accepted)
-    noisy = {f.joint for f in study.findings if f.effect == "joint_noise" and f.parameter == "velocity_rad_s"}
-    told = [p for p in left if p.channel is not Channel.VELOCITY or p.joint not in noisy]
-    strongest = max((p.gain / (_VELOCITY_FACTOR if p.channel is Channel.VELOCITY else 1.0) for p in told), default=0.0)
+    noisy = {f.joint for f in study.findings if f.effect in ("joint_noise", "action_noise")}
+    factor = 1.0 if study.problem.expects_many else _VELOCITY_FACTOR
+    told = [p for p in left if p.joint not in noisy]
+    strongest = max((p.gain / (factor if p.channel is Channel.VELOCITY else 1.0) for p in told), default=0.0)
     is_stuck = any(cause.effect == "stuck_joint" for cause in causes)
     share = PATTERN_SHARE if study.is_calibrated else FOREIGN_PATTERN_SHARE
     if strongest > max(PATTERN_NATS, share * explained) and not is_stuck:
         return VerdictKind.UNEXPLAINED, "The data disagree with the model, and no cause of the catalogue explains it well enough."
     if not causes:
         return VerdictKind.NOTHING_WRONG, "The data agree with the model as well as a healthy robot's would."
-    if any(rival.behind < CONFUSABLE_NATS for rival, _ in rivals):
+    is_single = not study.problem.expects_many  # among many causes each has a proxy for a moment
+    if is_single and any(rival.behind < CONFUSABLE_NATS for rival, _ in rivals):
         return VerdictKind.CONFUSABLE, "Some cause explains the data, but these data cannot tell which of those that are listed."
-    named = ", ".join(dict.fromkeys(f"{cause.effect.replace('_', ' ')} ({cause.where})" for cause in causes))
+    named = ", ".join(_said(causes))
     return VerdictKind.NAMED, f"The data disagree with the model because of {named}."
+
+
+def _said(causes: Sequence[Cause]) -> list[str]:
+    """Each effect with its places, or how many there are."""
+    places: dict[str, list[str]] = {}
+    for cause in causes:
+        places.setdefault(cause.effect, [])
+        if cause.where not in places[cause.effect]:
+            places[cause.effect].append(cause.where)
+    return [
+        f"{effect.replace('_', ' ')} ({', '.join(where) if len(where) <= 2 else f'{len(where)} places'})" for effect, where in places.items()
+    ]
 
 
 def _causes(study: JointStudy, accepted: Accepted) -> list[Cause]:
@@ -111,13 +127,32 @@ def _causes(study: JointStudy, accepted: Accepted) -> list[Cause]:
             where = "xyz"[term.index]
         interval = (value - half, value + half)
         found.append(Cause(accepted.effect, parameter.name, where, value, parameter.unit, interval))
-    return found
+    return _that_matter(study, accepted, found)
+
+
+def _that_matter(study: JointStudy, accepted: Accepted, causes: list[Cause]) -> list[Cause]:
+    """Of a cause at all joints, the joints that have it: away from nominal beyond errors, and not by a trifle."""
+    if not accepted.where.startswith("all"):
+        return causes
+    first = accepted.terms[0].key.partition(".")[2]
+    start = {name: study.problem_start(accepted.terms[0].key, j) for j, name in enumerate(study.problem.names)}
+    sizes = {cause.where: abs(cause.value - start[cause.where]) for cause in causes if cause.parameter == first}
+    largest = max(sizes.values(), default=0.0)
+    kept = {
+        cause.where
+        for cause in causes
+        if cause.parameter == first
+        and sizes[cause.where] > 0.05 * largest
+        and not cause.interval_90[0] <= start[cause.where] <= cause.interval_90[1]
+    }
+    return [cause for cause in causes if cause.where in kept]
 
 
 def _found(finding: Finding, names: tuple[str, ...], accepted: Sequence[Accepted]) -> Cause | None:
     where = place(names, finding.joint)
-    if finding.effect in ("joint_noise", "action_noise") and any(a.where in (where, "platform") for a in accepted):
-        return None  # what the other cause leaves looks like noise
+    follows_another = ("joint_noise", "action_noise", "joint_limits")
+    if finding.effect in follows_another and any(a.where in (where, "platform") or a.where.startswith("all") for a in accepted):
+        return None  # what another cause leaves looks like noise, and holds a joint where it should not be
     unit = PARAMETERS[f"{finding.effect}.{finding.parameter}"].unit
     return Cause(finding.effect, finding.parameter, where, finding.value, unit, finding.interval_90)
 
@@ -133,6 +168,10 @@ def _rival(study: JointStudy, index: int, accepted: Accepted) -> tuple[Rival, li
         h = candidate.hypothesis
         if not candidate.allowed or h.name in later or h.effect == accepted.effect or h.where.startswith("all"):
             continue
+        if candidate.gain < study.gates.get(h.effect, study.gate):
+            continue  # by itself it would not be named either
+        if (accepted.effect, h.effect) == ("table_tilt", "gravity"):
+            continue  # the same with one number more
         pair = frozenset({h.effect, accepted.effect})
         rival = Rival(
             h.effect, h.where, float(taken.gain - candidate.gain), SEPARATES.get(pair, "a longer and livelier recording")
