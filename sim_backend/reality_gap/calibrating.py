@@ -11,7 +11,8 @@ from scipy import optimize, special
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.hypotheses import SCALES
-from sim_backend.reality_gap.joint_fit import Accepted, JointProblem, Look, moved
+from sim_backend.reality_gap.joint_look import Accepted, JointProblem, Look
+from sim_backend.reality_gap.joint_moves import moved
 from sim_backend.reality_gap.joint_state import JointState, Term
 from sim_backend.reality_gap.verdict import Cause
 

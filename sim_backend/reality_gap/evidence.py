@@ -115,7 +115,7 @@ def in_windows(equation: Equation, fold: np.ndarray) -> tuple[np.ndarray, np.nda
     y = equation.residual[used].reshape(count, WINDOW_ROWS)[whole] @ operator.T
     x = np.einsum("pr,crm->cpm", operator, equation.images[used].reshape(count, WINDOW_ROWS, -1)[whole], optimize=True)
     folds = np.repeat(fold[used].reshape(count, WINDOW_ROWS)[whole, WINDOW_ROWS // 2], len(operator))
-    return y.ravel(), x.reshape(-1, x.shape[2]), folds
+    return y.ravel(), x.reshape(y.size, x.shape[2]), folds
 
 
 @functools.cache

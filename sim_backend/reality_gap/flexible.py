@@ -12,7 +12,7 @@ import numpy as np
 
 from sim_backend.reality_gap.equations import Channel, EpisodeEquations, Equation
 from sim_backend.reality_gap.evidence import FOLDS, folds_of, normal_equations, reduced, whitened
-from sim_backend.reality_gap.joint_fit import Look
+from sim_backend.reality_gap.joint_look import Look
 
 HATS = 9
 _SCALE = {Channel.MECHANICS: 0.02, Channel.CURRENT: 0.02, Channel.CONTROLLER: 0.05, Channel.VELOCITY: 0.05}

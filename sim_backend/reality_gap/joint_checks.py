@@ -11,6 +11,8 @@ from sim_backend.reality_gap.trajectory import filled_gaps, white_noise
 
 ODD_JOINT = 1.6
 """A level this many times that of the other joints is odd: levels are known to a few per cent."""
+SLOW_SHARE = 0.15
+"""Less of a noise may seem to last only because it is large."""
 ODD_MOTOR = 1.3
 HEALTHY_NOISE = {"position_rad": 1e-3, "velocity_rad_s": 0.05, "torque_nm": 0.01}
 """No cause below these, if all joints are alike: what sensors of such robots have (0.005 rad/s and 0.005 N m: benchmark-rrc)."""
@@ -76,7 +78,11 @@ def torque_noise_findings(
     white = np.median([white_noise(d) for d in differences], axis=0)
     slow = np.sqrt(np.maximum(_autocovariance(joined, 3), 0.0))
     found = _odd(
-        "action_noise", "correlated_nm", np.where(slow > HEALTHY_ACTION_NOISE_NM, slow, 0.0), HEALTHY_ACTION_NOISE_NM, 0.1
+        "action_noise",
+        "correlated_nm",
+        np.where(slow > np.maximum(HEALTHY_ACTION_NOISE_NM, SLOW_SHARE * white), slow, 0.0),
+        HEALTHY_ACTION_NOISE_NM,
+        0.1,
     )
     felt = white * np.sqrt(np.clip(1.0 - sensed_share, 0.0, 1.0))
     felt_low = white * np.sqrt(np.clip(1.0 - sensed_share - 3.0 * share_error, 0.0, 1.0))

@@ -7,7 +7,8 @@ import numpy as np
 
 from sim_backend.reality_gap.equations import Channel
 from sim_backend.reality_gap.evidence import FOLDS, folds_of
-from sim_backend.reality_gap.joint_fit import JointProblem, Look, moved
+from sim_backend.reality_gap.joint_look import JointProblem, Look
+from sim_backend.reality_gap.joint_moves import moved
 from sim_backend.reality_gap.joint_state import JointState, Term
 from sim_backend.reality_gap.verdict import HeldOut
 

@@ -18,8 +18,9 @@ from sim_backend.reality_gap.joint_checks import (
     noisy_motors,
     torque_noise_findings,
 )
-from sim_backend.reality_gap.joint_fit import MANY_CAUSES, JointFit, JointProblem, Look, select
+from sim_backend.reality_gap.joint_fit import MANY_CAUSES, JointFit, select
 from sim_backend.reality_gap.joint_gain import held_out_errors
+from sim_backend.reality_gap.joint_look import JointProblem, Look
 from sim_backend.reality_gap.joint_state import JointState
 from sim_backend.reality_gap.plant import Plant
 from sim_backend.reality_gap.recording import Recording, RecordingError
@@ -167,7 +168,7 @@ def study_joints(
 
 
 def noise_of_motors(problem: JointProblem, state: JointState) -> list[Finding]:
-    """Noise of single motors that their joints feel; such joints' mechanics is then left out, since it would explain the noise."""
+    """Noise of single motors that their joints feel; their mechanics is then left out, since it would explain the noise."""
     odd = noisy_motors(problem.episodes, state)
     if not odd:
         return []

@@ -9,7 +9,7 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.equations import Channel
 from sim_backend.reality_gap.flexible import Pattern, patterns
 from sim_backend.reality_gap.joint_checks import Finding, place
-from sim_backend.reality_gap.joint_fit import Accepted, Candidate
+from sim_backend.reality_gap.joint_look import Accepted, Candidate
 from sim_backend.reality_gap.joint_study import JointStudy, calibration
 from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
 
@@ -75,7 +75,7 @@ def judge(study: JointStudy) -> JointVerdict:
         runner_up=closest,
         follows=tuple(_follows(left[:3], names)) if kind is VerdictKind.UNEXPLAINED else (),
         cannot_tell=tuple(_cannot_tell(study)),
-        record_next=tuple(_record_next(study, kind, closest)),
+        record_next=tuple(_record_next(kind, closest)),
     )
     return JointVerdict(verdict, tuple(left))
 
@@ -107,7 +107,8 @@ def _said(causes: Sequence[Cause]) -> list[str]:
         if cause.where not in places[cause.effect]:
             places[cause.effect].append(cause.where)
     return [
-        f"{effect.replace('_', ' ')} ({', '.join(where) if len(where) <= 2 else f'{len(where)} places'})" for effect, where in places.items()
+        f"{effect.replace('_', ' ')} ({', '.join(where) if len(where) <= 2 else f'{len(where)} places'})"
+        for effect, where in places.items()
     ]
 
 
@@ -208,7 +209,7 @@ def _cannot_tell(study: JointStudy) -> list[str]:
     return said
 
 
-def _record_next(study: JointStudy, kind: VerdictKind, closest: Rival | None) -> list[str]:
+def _record_next(kind: VerdictKind, closest: Rival | None) -> list[str]:
     if kind is VerdictKind.CONFUSABLE and closest is not None:
         return [closest.separated_by]
     if kind is VerdictKind.UNEXPLAINED:

@@ -14,8 +14,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from sim_backend.effects.effect import Scope
 from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.calibrating import METHODS, calibrate
 from sim_backend.reality_gap.extended_mjcf import extend_mjcf, robot_mjcf, write_mjcf
 from sim_backend.reality_gap.extended_model import extended_model, provenance_of, write_extended_model
@@ -29,8 +29,7 @@ from sim_backend.reality_gap.object_motion import study_object
 from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.report import write_html
 from sim_backend.reality_gap.study_file import StudyFile, load_study_file
-from sim_backend.reality_gap.verdict import Cause, HeldOut, Verdict, VerdictKind
-from sim_backend.trifinger import constants as c
+from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
 from sim_backend.trifinger.scene import compile_scene
 
 Progress = Callable[[str, float], None]
@@ -145,7 +144,7 @@ def _calibrated(study: JointStudy, method: str, rng: np.random.Generator) -> Ver
     look = study.problem.look(result.state, ())
     return Verdict(
         verdict=VerdictKind.NAMED if result.causes else VerdictKind.NOTHING_WRONG,
-        summary=f"Calibrated {len(result.causes)} numbers by {method}: they reproduce the data, which makes none of them a cause.",
+        summary=f"Calibrated {len(result.causes)} numbers by {method}; reproducing data makes none of them a cause.",
         causes=result.causes,
         held_out=held_out(study.problem, look, study.start, rng),
         cannot_tell=("which of these numbers is a cause: this method changes whatever helps",),

@@ -5,7 +5,7 @@ import mujoco
 import numpy as np
 
 from sim_backend.reality_gap.equations import EpisodeEquations
-from sim_backend.reality_gap.joint_fit import JointProblem
+from sim_backend.reality_gap.joint_look import JointProblem
 from sim_backend.reality_gap.joint_state import JointState
 from sim_backend.reality_gap.plant import Plant
 from sim_backend.reality_gap.recording import JointSignals, Recording

@@ -12,13 +12,15 @@ from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.scene import compile_scene
 
 STEPS_S, COMMANDS, HOLD = c.PHYSICS_STEP_S, 60, 20
+BEGUN = slice(4, None)
+"""Once what was sent first has arrived: the law takes a recording to begin in the middle of a motion, the driver from rest."""
 PER_JOINT = np.linspace(1.0, 2.0, 9)
 CASES = {
     "nothing": {},
     "a delay of whole steps": {"action_delay.delay_s": 0.003},
     "a delay between steps": {"action_delay.delay_s": 0.00275},
     "saturation": {"torque_saturation.limit_nm": 0.04 * PER_JOINT},
-    "sag": {"supply_sag.loss_per_nm": 0.6},
+    "sag": {"supply_sag.loss_per_nm": 0.4},
     "torque constant": {"torque_constant.error": 0.05 * PER_JOINT},
     "heat": {"thermal_derating.loss_per_k": 0.01, "thermal_derating.rise_k_nm2": 2000.0, "thermal_derating.time_constant_s": 4.0},
     "cogging": {"cogging.amplitude_nm": 0.01 * PER_JOINT, "cogging.phase_rad": 0.7},
@@ -72,7 +74,7 @@ def test_what_reaches_a_joint_is_what_the_driver_lets_through(case):
     assert others == 0.0 if case == "nothing" else others > 1e-3
     for joint in range(9):
         _, net, _ = lawful(robot, segment, joint)
-        np.testing.assert_allclose(net, segment.effective_torque_nm[0, :, joint], atol=1e-9)
+        np.testing.assert_allclose(net[BEGUN], segment.effective_torque_nm[0, BEGUN, joint], atol=1e-9)
 
 
 @pytest.mark.parametrize("case", ("nothing", "a delay between steps", "saturation", "sag"))
@@ -80,7 +82,7 @@ def test_the_board_measures_the_torque_of_the_current(case):
     robot, segment = driven(CASES[case])
     for joint in range(9):
         current, _, _ = lawful(robot, segment, joint)
-        np.testing.assert_allclose(current, segment.measured_torque_nm[0, :, joint], atol=1e-9)
+        np.testing.assert_allclose(current[BEGUN], segment.measured_torque_nm[0, BEGUN, joint], atol=1e-9)
 
 
 def test_torques_after_the_motor_are_not_measured():
