@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize, special
+from scipy import linalg, optimize, special
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.hypotheses import SCALES
@@ -22,7 +22,8 @@ LEAST_GAIN = 0.001
 _SWEEPS = 30
 KL_BOUND_NATS = 1.0
 """Largest divergence of one update of the distribution (the idea of SimOpt, arXiv 1810.05687; its number for our scales)."""
-_ITERATIONS, _SAMPLES = 12, 600
+_ITERATIONS, _SAMPLES = 200, 600
+_LEAST_SPREAD = 1e-4
 _REPORTED = 0.05  # of a number's scale
 
 
@@ -102,14 +103,13 @@ def _coordinate_descent(quadratic, linear, square: float, lower, upper) -> np.nd
 
 def _simopt(quadratic, linear, lower, upper, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """A Gaussian over the numbers, moved towards what fits within a bound on each update; mean and spread, shape (m,)."""
-    mean, spread = np.zeros(len(linear)), np.full(len(linear), 0.5)
+    mean, covariance = np.zeros(len(linear)), np.diag(np.full(len(linear), 0.25))
     for _ in range(_ITERATIONS):
-        drawn = np.clip(mean + spread * rng.standard_normal((_SAMPLES, len(mean))), lower, upper)
-        cost = 0.5 * np.einsum("si,ij,sj->s", drawn, quadratic, drawn) - drawn @ linear
-        weight = _bounded_weights(cost)
+        drawn = np.clip(mean + rng.standard_normal((_SAMPLES, len(mean))) @ linalg.cholesky(covariance), lower, upper)
+        weight = _bounded_weights(0.5 * ((drawn @ quadratic) * drawn).sum(axis=1) - drawn @ linear)
         mean = weight @ drawn
-        spread = np.maximum(np.sqrt(weight @ (drawn - mean) ** 2), 1e-4)
-    return mean, spread
+        covariance = (weight[:, None] * (drawn - mean)).T @ (drawn - mean) + _LEAST_SPREAD**2 * np.eye(len(mean))
+    return mean, np.sqrt(np.diag(covariance))
 
 
 def _bounded_weights(cost: np.ndarray) -> np.ndarray:

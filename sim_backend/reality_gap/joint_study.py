@@ -156,7 +156,7 @@ def study_joints(
     gates = known.gates if gate is None else {}
     nominal_state = JointState(len(names), start)
     felt = noise_of_motors(problem, nominal_state)
-    confirms = (lambda *_: True) if is_trifinger else lambda before, after: _is_worth_it(problem, before, after)
+    confirms = (lambda *_: True) if is_trifinger else lambda before, after: is_worth_it(problem, before, after)
     fit = select(problem, nominal_state, used_gate, progress, confirms=confirms, plain_values=not is_trifinger, gates=gates)
     last = fit.last
     checks = [*noise_findings(episodes), *end_findings(episodes, fit.state)]
@@ -191,7 +191,7 @@ def _without_jump(recording: Recording, jump: Finding) -> Recording:
     return replace(recording, joints=replace(recording.joints, position_rad=position))
 
 
-def _is_worth_it(problem: JointProblem, before: Look, after: Look) -> bool:
+def is_worth_it(problem: JointProblem, before: Look, after: Look) -> bool:
     """Whether held-out errors fall: at one joint at least by enough, and over all joints."""
     old, new = held_out_errors(problem, before), held_out_errors(problem, after)
     by_joint = 1.0 - new.by_joint_nm / np.maximum(old.by_joint_nm, 1e-12)

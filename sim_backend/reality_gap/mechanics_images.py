@@ -78,7 +78,7 @@ class MechanicsImages:
         images = np.zeros((*self._path.position.shape, len(terms)))
         for i, term in enumerate(terms):
             if term.key == CLOCK:
-                torque = self._thin(np.stack([net for _, net, _ in base])).T
+                torque = self._thin(np.stack([current for current, _, _ in base])).T  # friction goes by the encoders' clock
                 images[:, :, i] = np.gradient(torque, self._row_s, axis=0)
             if term.key == SENSED and self._motors.measured_nm is not None:
                 images[:, term.index, i] = self._thin(self._motors.measured_nm[term.index] - base[term.index][0])

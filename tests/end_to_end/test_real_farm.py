@@ -188,9 +188,9 @@ def test_other_objects_go_the_same_way(farm, kind):
 def test_identification_brings_logs_of_every_excitation(farm, tmp_path):
     done = farm.json("identify", "--robot", "any", "--to", str(tmp_path), "--wait")
     logs = sorted(tmp_path.glob("*.mcap"))
-    assert len(logs) == 7
+    assert len(logs) == 8
     excitations = {read_log(log).metadata["excitation"] for log in logs}
     assert excitations == {
-        "slow_ramps", "fast_sweeps", "chirps", "joint_limits", "oscillations", "hold_poses", "slide_cube",
+        "slow_ramps", "fast_sweeps", "chirps", "joint_limits", "oscillations", "hold_poses", "slide_cube", "standard",
     }  # fmt: skip
     assert done

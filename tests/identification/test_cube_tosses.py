@@ -62,7 +62,10 @@ def test_published_cube_gives_friction_and_the_scale_of_its_measurement():
 )
 def test_hidden_cause_is_named(hidden, scale, effect, value, tolerance):
     study = _study(toss_spec(), tosses(toss_spec(**hidden), 12, 11, scale=scale), {}, 11)
-    assert [cause.effect for cause in study.causes] == [effect]
+    assert study.causes[0].effect == effect
+    if len(study.causes) > 1:  # twelve tosses may not be enough to tell it from its rivals, which then stand beside it
+        assert study.kind is VerdictKind.CONFUSABLE
+        assert study.cannot_tell[0].startswith(f"{effect} or ")
     assert _value(study, effect).value == pytest.approx(value, abs=tolerance)
 
 

@@ -218,7 +218,7 @@ def test_without_robots_a_job_says_why_it_waits_and_is_not_lost_when_the_service
         farm.process.wait()
         farm.start()
         assert farm.job(second)["state"] == "queued"
-        farm.start_robots(1, trial_s=0.3)
+        farm.start_robots(1, trial_s=1.5)
         # the robot may have done some of the three by the time of the question
         assert re.fullmatch(r"[123] trials? of 1 earlier job (is|are) ahead", farm.job(second)["waiting_because"])
         trial = farm.admin.get(f"/v1/trials/{second}-001").json()

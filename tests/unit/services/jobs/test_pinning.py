@@ -159,7 +159,7 @@ async def test_what_waits_for_a_robot_out_of_service_says_so_and_holds_nobody_up
     fleet = fleet_of("a", "b", "c")
     fleet.heard(beat("b", RobotState.OUT_OF_SERVICE, "joint 4 does not follow"), NOW_S)
     one, trials = await shown(database, waiting, fleet)
-    assert one.waiting_because == "7 trials must run on b, which is out of service (joint 4 does not follow)"
+    assert one.waiting_because == f"{len(ExcitationName)} trials must run on b, which is out of service (joint 4 does not follow)"
     assert trials[0].waiting_because == "it must run on b, which is out of service (joint 4 does not follow)"
     assert (await take(database, "c", fleet)).trial_id == f"{other}-000"
     fleet.token_changed("b", present=False, now_s=NOW_S)

@@ -7,6 +7,7 @@ import numpy as np
 from sim_backend.reality_gap.equations import EpisodeEquations
 from sim_backend.reality_gap.joint_look import JointProblem
 from sim_backend.reality_gap.joint_state import JointState
+from sim_backend.reality_gap.joint_study import FOREIGN_CUTOFF_HZ
 from sim_backend.reality_gap.plant import Plant
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.trajectory import trajectory
@@ -14,6 +15,8 @@ from sim_backend.reality_gap.trajectory import trajectory
 NAMES = ("first", "second", "third")
 INERTIA_KG_M2 = 0.004
 STEP_S = 1e-3
+STIFF_SOLREF, STIFF_SOLIMP = (0.002, 1.0), 0.999
+"""MuJoCo's own blur friction over tenths of a radian per second."""
 NO_LIMIT = JointState(3, {"torque_saturation.limit_nm": np.full(3, 10.0)})
 _PERIODS_S = np.array([[1.7, 0.61], [2.3, 0.47], [1.3, 0.83]])
 
@@ -27,7 +30,9 @@ def joints_model(frictionloss=(0.0, 0.0, 0.0)) -> mujoco.MjModel:
     )
     spec = f'<mujoco><compiler angle="radian"/><option timestep="{STEP_S}" integrator="Euler"/><worldbody>{bodies}</worldbody>'
     actuators = "".join(f'<motor joint="{name}"/>' for name in NAMES)
-    return mujoco.MjModel.from_xml_string(f"{spec}<actuator>{actuators}</actuator></mujoco>")
+    model = mujoco.MjModel.from_xml_string(f"{spec}<actuator>{actuators}</actuator></mujoco>")
+    model.dof_solref[:], model.dof_solimp[:, :2] = STIFF_SOLREF, STIFF_SOLIMP
+    return model
 
 
 def drive(model: mujoco.MjModel, seconds: float, missing_nm=lambda velocity: 0.0 * velocity) -> tuple[np.ndarray, np.ndarray]:
@@ -55,6 +60,13 @@ def episode(position: np.ndarray, torque: np.ndarray, **channels: np.ndarray) ->
     return EpisodeEquations(Plant(joints_model(), NAMES), path, 0, has_safety_pipeline=False)
 
 
-def problem(position: np.ndarray, torque: np.ndarray, **channels: np.ndarray) -> JointProblem:
-    """A study's problem of one episode."""
-    return JointProblem([episode(position, torque, **channels)], NAMES, has_pipeline=False)
+def problem(position: np.ndarray, torque: np.ndarray) -> JointProblem:
+    """A problem of one episode whose accelerations decide, as in studies of TriFingers."""
+    return JointProblem([episode(position, torque)], NAMES, has_pipeline=False)
+
+
+def foreign_problem(position: np.ndarray, torque: np.ndarray) -> JointProblem:
+    """A problem of one episode whose torques are compared, as in studies of anybody's robots."""
+    path = trajectory(recording(position, torque), cutoff_hz=FOREIGN_CUTOFF_HZ)
+    episode = EpisodeEquations(Plant(joints_model(), NAMES), path, 0, has_safety_pipeline=False, in_torques=True)
+    return JointProblem([episode], NAMES, has_pipeline=False)

@@ -128,9 +128,11 @@ def test_whitened_rows_are_of_unit_variance_and_without_memory():
     series = white.residual - white.images @ np.linalg.lstsq(white.images, white.residual, rcond=None)[0]
     assert series.std() == pytest.approx(1.0, abs=0.15)
     memory = [series[lag:] @ series[:-lag] / (series @ series) for lag in range(1, 6)]
-    assert np.abs(memory).max() < 0.15  # a fifth of the noise is taken to be white, so some is left
+    # a fifth of the noise is taken to be white, so the first lag keeps about half of its 0.8
+    assert 0.2 < memory[0] < 0.5
+    assert np.abs(memory[1:]).max() < 0.1
     raw = [noise[lag:] @ noise[:-lag] / (noise @ noise) for lag in range(1, 6)]
-    assert np.abs(memory).max() < 0.3 * np.abs(raw).max()
+    assert np.abs(memory).max() < 0.6 * np.abs(raw).max()
 
 
 def test_outliers_count_little_but_in_least_squares():

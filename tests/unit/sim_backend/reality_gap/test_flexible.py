@@ -35,7 +35,7 @@ def test_a_residual_that_follows_velocity_is_found_as_such():
     best = found[0]
     assert (best.channel, best.joint, best.variable) == (Channel.MECHANICS, 1, "velocity")
     others = [p.gain for p in found if p.joint == 1 and p.variable != "velocity"]
-    assert best.gain > 2.0 * max(others)
+    assert best.gain > 1.5 * max(others)  # torques and positions go with velocities, for a part
     assert best.gain > 100.0
     assert max(p.gain for p in found if p.joint != 1) < 5.0
 

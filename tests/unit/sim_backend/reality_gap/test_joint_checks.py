@@ -51,7 +51,7 @@ def test_a_noisy_encoder_is_odd_among_others_and_all_are_beyond_what_is_healthy(
 
 
 def test_noise_of_velocities(motion):
-    velocity = np.gradient(motion[0], 1e-3, axis=0) + noise(motion, np.array([0.1, 0.1, 0.6]))
+    velocity = np.gradient(motion[0], 1e-3, axis=0) + noise(motion, np.array([0.0, 0.0, 0.6]))
     found = noise_findings([episode(*motion, velocity_rad_s=velocity)])
     assert names(found) == [("joint_noise", "velocity_rad_s", 2)]
     assert found[0].value == pytest.approx(0.6, rel=0.1)
@@ -71,7 +71,7 @@ def test_an_encoder_that_rests_comes_in_no_steps():
 
 
 def test_torque_noise_that_a_joint_does_not_feel_is_the_sensors(motion):
-    whole = episode(*motion, measured_torque_nm=motion[1] + noise(motion, np.array([0.003, 0.03, 0.003])))
+    whole = episode(*motion, measured_torque_nm=motion[1] + noise(motion, np.array([0.001, 0.03, 0.001])))
     sensed = torque_noise_findings([whole], NO_LIMIT, np.ones(3), np.full(3, 0.05))
     felt = torque_noise_findings([whole], NO_LIMIT, np.zeros(3), np.full(3, 0.05))
     assert names(sensed) == [("joint_noise", "torque_nm", 1)]
