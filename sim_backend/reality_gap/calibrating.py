@@ -10,7 +10,6 @@ import numpy as np
 from scipy import linalg, optimize, special
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.hypotheses import SCALES
 from sim_backend.reality_gap.joint_look import Accepted, JointProblem, Look
 from sim_backend.reality_gap.joint_moves import moved
 from sim_backend.reality_gap.joint_state import JointState, Term
@@ -47,7 +46,7 @@ def calibrate(problem: JointProblem, start: JointState, method: str, rng: np.ran
     look = problem.look(start, ())
     index = _numbers(look)
     terms = [look.catalogue.terms[i] for i in index]
-    scales = np.array([SCALES[term.key] for term in terms])
+    scales = np.array([look.catalogue.scales[term.key] for term in terms])
     images, cross, square = look.sums.weighted(np.ones(look.sums.folds))
     quadratic = scales[:, None] * images[np.ix_(index, index)] * scales
     linear = scales * cross[index]
@@ -77,8 +76,8 @@ def _numbers(look: Look) -> list[int]:
 
 def _bounds(terms: Sequence[Term], start: JointState, scales: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     here = np.array([start.value(t.key)[t.index] for t in terms])
-    lower = np.array([PARAMETERS[t.key].lower for t in terms]) - here
-    upper = np.array([max(PARAMETERS[t.key].upper, h) for t, h in zip(terms, here, strict=True)]) - here
+    lower = np.array([start.bounds(t.key)[0] for t in terms]) - here
+    upper = np.array([max(start.bounds(t.key)[1], h) for t, h in zip(terms, here, strict=True)]) - here
     return lower / scales, upper / scales
 
 

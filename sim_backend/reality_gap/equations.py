@@ -153,6 +153,10 @@ class EpisodeEquations:
         """What was measured beyond what the model makes of what was sent, shape (s, k), N m; None without both."""
         return None if self._motors.measured_nm is None else -self._mechanics.residual(state)[1]
 
+    def late_steps(self, state: JointState) -> np.ndarray:
+        """Samples by which each position target came late, shape (n,); none where no pipeline of the driver is known."""
+        return np.zeros(0) if self._sent is None else self._sent.late_steps(state)
+
     def empty_equation(self, channel: Channel) -> Equation:
         """The frame of a mechanics or velocity equation: times without values."""
         rows = len(self._path.time_s)

@@ -6,7 +6,7 @@ Residuals are whitened, so that each row of an equation is a number of unit vari
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg
@@ -100,7 +100,8 @@ def whitened(equation: Equation, scales: np.ndarray, fold: np.ndarray, *, plain:
     left, noise = left_over(y, x, scales, floor)
     weight = np.sqrt((STUDENT_NU + 1.0) / (STUDENT_NU + (left / noise) ** 2)) / noise
     if plain:
-        weight = np.full(len(left), 1.0 / max(float(np.sqrt(np.mean(left**2))), floor))
+        noise = max(float(np.sqrt(np.mean(left**2))), floor)
+        weight = np.full(len(left), 1.0 / noise)
     return Whitened(equation, y * weight, x * weight[:, None], fold, noise)
 
 
@@ -162,6 +163,21 @@ def _filtered(series: np.ndarray, taps: np.ndarray) -> np.ndarray:
     for lag, tap in enumerate(taps, start=1):
         out[lag:] -= tap * series[:-lag]
     return out
+
+
+def of_one_noise(equations: Sequence[Whitened]) -> list[Whitened]:
+    """The same with one noise for each joint over all episodes: least squares over all rows, whichever episode they are of."""
+    pooled: dict[tuple[Channel, int], list[Whitened]] = {}
+    for w in equations:
+        pooled.setdefault((w.equation.channel, w.equation.joint), []).append(w)
+    found = []
+    for of_joint in pooled.values():
+        rows = np.array([len(w.residual) for w in of_joint])
+        noise = float(np.sqrt(rows @ np.array([w.noise**2 for w in of_joint]) / rows.sum()))
+        for w in of_joint:
+            by = w.noise / noise
+            found.append(replace(w, residual=w.residual * by, images=w.images * by, noise=noise))
+    return found
 
 
 def normal_equations(equations: Sequence[Whitened], terms: int, folds: int) -> NormalEquations:

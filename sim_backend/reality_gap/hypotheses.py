@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from sim_backend.effects.ranges import load_ranges
-from sim_backend.reality_gap.joint_state import CLOCK, SENSED, JointState, Term
+from sim_backend.reality_gap.joint_state import CLOCK, SENSED, JointState, Term, size_factor
 
 ALL_JOINTS = "all joints"
 PLATFORM = "platform"
@@ -36,7 +36,7 @@ SCALES: dict[str, float] = {
     "controller_restart.off": 1.0,
     "table_tilt.roll_rad": 0.02,
     "table_tilt.pitch_rad": 0.02,
-    "gravity.offset_m_s2": 0.5,
+    "gravity.offset_m_s2": 0.1,
     "stribeck_friction.speed_rad_s": 0.1,
     "thermal_derating.time_constant_s": 20.0,
 }
@@ -65,9 +65,13 @@ _SCALE_OF_EVERYTHING = ("torque_constant", "link_mass")
 """All torques and all masses may be off by the same share without any sign of it: these are only asked of single joints."""
 _GLOBAL = ("supply_sag.loss_per_nm", "timing_jitter.std_s", "controller_restart.off")
 BEYOND_HEALTHY = 10.0
+FOREIGN_TOLERANCE = 0.2
+"""Share of a healthy TriFinger's tolerances that any other robot is granted: its nominal model is all that is known of it."""
 CLOCK_TOLERANCE = 0.2
 """Standard deviation of when a torque acted, in samples: a quarter of one between a held torque and its mean over two."""
 _SATURATION_SHARES = (0.3, 0.5, 0.7, 0.85, 0.95)
+_FOREIGN_SATURATION_SHARES = (0.05, 0.1, 0.2, *_SATURATION_SHARES)
+"""Of the largest torque that was sent; nobody knows what an unknown driver may ask of its motors."""
 
 
 @dataclass(frozen=True)
@@ -89,18 +93,20 @@ class Hypothesis:
 class Catalogue:
     """All terms of a plant, the tolerance of each in a healthy robot, and all hypotheses.
 
-    ``tolerance`` has shape (m,): standard deviations in the terms' units, 0 for what a healthy robot does not have.
+    ``tolerance`` has shape (m,): standard deviations in the terms' units, 0 for what a healthy robot does not have; ``scales``
+    are :data:`SCALES` for a robot of this size.
     """
 
     terms: tuple[Term, ...]
     tolerance: np.ndarray
     hypotheses: tuple[Hypothesis, ...]
+    scales: Mapping[str, float]
 
     def without(self, effects: Sequence[str]) -> "Catalogue":
         """The same without some effects, neither as hypotheses nor in tolerances."""
         kept = tuple(h for h in self.hypotheses if h.effect not in effects)
         tolerance = np.array([0.0 if t.effect in effects else s for t, s in zip(self.terms, self.tolerance, strict=True)])
-        return Catalogue(self.terms, tolerance, kept)
+        return Catalogue(self.terms, tolerance, kept, self.scales)
 
 
 def healthy_tolerances() -> dict[str, float]:
@@ -133,7 +139,9 @@ def joint_catalogue(
     """
     terms: list[Term] = []
     families: dict[tuple[str, int], list[tuple[int, ...]]] = {}
-    for key, scale in SCALES.items():
+    shares = _SATURATION_SHARES if has_pipeline else _FOREIGN_SATURATION_SHARES
+    scales = {key: scale * size_factor(key, state.size) for key, scale in SCALES.items()}
+    for key, scale in scales.items():
         if key in _ONLY_SHAPES:
             continue
         if not has_pipeline and key.partition(".")[0] in (
@@ -147,12 +155,14 @@ def joint_catalogue(
             continue
         for index in range(state.width(key)):
             families[(key, index)] = []
-            for members in _members(key, index, scale, state, load_nm):
+            for members in _members(key, index, scale, state, load_nm, shares):
                 families[(key, index)].append(tuple(range(len(terms), len(terms) + len(members))))
                 terms += members
     terms.append(Term(CLOCK, 0, step_s))
     terms += [Term(SENSED, j, 1.0) for j in range(len(names))]
-    healthy, tolerance = healthy_tolerances(), np.zeros(len(terms))
+    granted = 1.0 if has_pipeline else FOREIGN_TOLERANCE
+    healthy = {key: granted * value for key, value in healthy_tolerances().items()}
+    tolerance = np.zeros(len(terms))
     tolerance[-1 - len(names)] = CLOCK_TOLERANCE * step_s
     tolerance[-len(names) :] = 1.0
     for (key, _), members in families.items():
@@ -163,11 +173,13 @@ def joint_catalogue(
                 tolerance[term] = max(
                     healthy.get(key, 0.0) if number == 0 else 0.0, usual[number] if number < len(usual) else 0.0
                 )
+    if not has_pipeline:
+        return Catalogue(tuple(terms), tolerance, tuple(_hypotheses(names, families, scales)), scales)
     found = [
         replace(h, scales=tuple(_scale(scale, tolerance[term]) for term, scale in zip(h.terms, h.scales, strict=True)))
-        for h in _hypotheses(names, families)
+        for h in _hypotheses(names, families, scales)
     ]
-    return Catalogue(tuple(terms), tolerance, tuple(found))
+    return Catalogue(tuple(terms), tolerance, tuple(found), scales)
 
 
 def _scale(scale: float, tolerance: float) -> float:
@@ -175,11 +187,13 @@ def _scale(scale: float, tolerance: float) -> float:
     return min(scale, BEYOND_HEALTHY * tolerance) if tolerance > 0.0 else scale
 
 
-def _members(key: str, index: int, scale: float, state: JointState, load_nm: np.ndarray) -> list[list[Term]]:
+def _members(
+    key: str, index: int, scale: float, state: JointState, load_nm: np.ndarray, shares: Sequence[float]
+) -> list[list[Term]]:
     """The shapes in which a number may show, each as one term or two."""
     if key == "torque_saturation.limit_nm":
         limit, load = state.value(key)[index], np.abs(load_nm[:, index])
-        levels = load.max() * np.array(_SATURATION_SHARES)
+        levels = load.max() * np.array(shares)
         return [[Term(key, index, float(level - limit))] for level in levels if 0.02 < level < 0.995 * limit]
     if key in _SHAPES:
         shape, values = _SHAPES[key]
@@ -187,12 +201,15 @@ def _members(key: str, index: int, scale: float, state: JointState, load_nm: np.
             return [[Term(key, index, scale / 100, ((shape, value),)) for value in values[:: max(1, len(values) - 1)][:2]]]
         extra = (("thermal_derating.rise_k_nm2", 2000.0),) if key.startswith("thermal") else ()
         return [[Term(key, index, scale / 100, ((shape, value), *extra))] for value in values]
-    return [[Term(key, index, probe)] for probe in _PROBES.get(key, (scale / 100,))]
+    by = size_factor(key, state.size)
+    return [[Term(key, index, by * probe)] for probe in _PROBES.get(key, (scale / by / 100,))]
 
 
-def _hypotheses(names: Sequence[str], families: dict[tuple[str, int], list[tuple[int, ...]]]) -> list[Hypothesis]:
+def _hypotheses(
+    names: Sequence[str], families: dict[tuple[str, int], list[tuple[int, ...]]], scales: Mapping[str, float]
+) -> list[Hypothesis]:
     found: list[Hypothesis] = []
-    for key, scale in SCALES.items():
+    for key, scale in scales.items():
         effect = key.partition(".")[0]
         own = {index: members for (k, index), members in families.items() if k == key}
         if not own or effect in ("table_tilt", "gravity"):
@@ -212,5 +229,5 @@ def _hypotheses(names: Sequence[str], families: dict[tuple[str, int], list[tuple
         ("gravity", ("gravity.offset_m_s2",)),
     ):
         terms = tuple(m[0] for (key, _), members in families.items() if key in keys for m in members)
-        found.append(Hypothesis(effect, PLATFORM, terms, tuple(SCALES[keys[0]] for _ in terms)))
+        found.append(Hypothesis(effect, PLATFORM, terms, tuple(scales[keys[0]] for _ in terms)))
     return found

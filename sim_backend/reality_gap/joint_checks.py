@@ -24,6 +24,8 @@ CREEPING_RANGE_RAD, CREEPING_TORQUE_NM = 0.15, 0.3
 """Others drag a jammed joint along a little, but never where three quarters of the motor's torque cannot move it."""
 END_MARGIN_RAD = 4e-3
 _PRESSING_NM = 0.05
+_SOFT_END_RAD = 2e-3
+"""Ends give way: where a joint is held is not known better than this."""
 _JUMP_RAD = 2e-3
 
 
@@ -56,7 +58,7 @@ def noise_findings(episodes: list[EpisodeEquations]) -> list[Finding]:
         found += _odd("joint_noise", "position_rad", position, HEALTHY_NOISE["position_rad"], 0.05)
     if all(j.velocity_rad_s is not None for j in joints):
         velocity = np.median([white_noise(j.velocity_rad_s) for j in joints if j.velocity_rad_s is not None], axis=0)
-        found += _odd("joint_noise", "velocity_rad_s", velocity, HEALTHY_NOISE["velocity_rad_s"], 0.05)
+        found += _odd("joint_noise", "velocity_rad_s", velocity, HEALTHY_NOISE["velocity_rad_s"], 0.08)
     return found
 
 
@@ -211,7 +213,7 @@ def _shifted_end(episodes: list[EpisodeEquations], joint: int, offset_rad: float
             continue
         shift = float(np.median(np.array(held)) - end)
         if abs(shift) > END_MARGIN_RAD:
-            error = max(1e-3, float(np.std(held)))
+            error = max(_SOFT_END_RAD, float(np.std(held)))
             found.append(
                 Finding(
                     "joint_limits",

@@ -13,10 +13,11 @@ from sim_backend.reality_gap.evidence import (
     Whitened,
     folds_of,
     normal_equations,
+    of_one_noise,
     reduced,
     whitened,
 )
-from sim_backend.reality_gap.hypotheses import ALL_JOINTS, SCALES, Catalogue, Hypothesis, joint_catalogue
+from sim_backend.reality_gap.hypotheses import ALL_JOINTS, Catalogue, Hypothesis, joint_catalogue
 from sim_backend.reality_gap.joint_moves import may_be
 from sim_backend.reality_gap.joint_state import SENSED, JointState, Term
 
@@ -130,6 +131,8 @@ class JointProblem:
         self.expects_many = False
         """Whether noise is what the present model leaves, not what all hypotheses together would leave."""
         self._load = np.concatenate([e.driving_nm.T for e in episodes])
+        self.torque_rms_nm = np.sqrt(np.mean(self._load**2, axis=0))
+        """Root mean square of each joint's torque, shape (k,), N m."""
 
     def look(self, state: JointState, accepted: Sequence[Accepted], *, plain: bool = False) -> Look:
         """Linearise at a state and ask every hypothesis what it would gain; ``plain`` as for :func:`whitened`."""
@@ -140,13 +143,15 @@ class JointProblem:
         catalogue = catalogue.without(self.excluded)
         own = [term for a in accepted for term in a.terms]
         terms = (*catalogue.terms, *own)
-        tolerance = np.concatenate([catalogue.tolerance, [SCALES[term.key] for term in own]])
+        tolerance = np.concatenate([catalogue.tolerance, [catalogue.scales[term.key] for term in own]])
         for i, term in enumerate(catalogue.terms):  # what is in the model already needs no tolerance beside it
             if any(term.key == t.key and term.index == t.index for t in own):
                 tolerance[i] = 0.0
         if plain:  # the causes alone, as whoever uses the model will have them
             tolerance[: len(catalogue.terms)] = 0.0
-        whitening = np.array([_NOISE_SCALES.get(t.effect, SCALES.get(t.key, s)) for t, s in zip(terms, tolerance, strict=True)])
+        whitening = np.array(
+            [_NOISE_SCALES.get(t.effect, catalogue.scales.get(t.key, s)) for t, s in zip(terms, tolerance, strict=True)]
+        )
         whitening[len(catalogue.terms) :] = tolerance[len(catalogue.terms) :]
         whitening[[t.effect in self.excluded for t in terms]] = 0.0
         if self.expects_many:
@@ -159,6 +164,7 @@ class JointProblem:
                 white = whitened(equation, whitening[list(equation.terms)], folds_of(equation, len(self.episodes)), plain=plain)
                 if white is not None:
                     found.append(white)
+        found = of_one_noise(found) if plain else found
         sums = normal_equations(found, len(terms), FOLDS)
         return self._answers(sums, catalogue, tuple(found), tolerance, accepted, state)
 

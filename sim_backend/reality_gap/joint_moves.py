@@ -1,11 +1,12 @@
 """Changes of the model of joints: what the catalogue allows, and how numbers that go in pairs are put in."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.hypotheses import SCALES, Catalogue, Hypothesis
+from sim_backend.reality_gap.hypotheses import Catalogue, Hypothesis
 from sim_backend.reality_gap.joint_state import JointState, Term
 
 _SHAPE_OF = {
@@ -41,13 +42,13 @@ def within_bounds(terms: Sequence[Term], values: np.ndarray, errors: np.ndarray,
     if terms[0].effect == "cogging":
         return True
     if terms[0].effect == "joint_stiffness":
-        return all(
-            s + 3.0 * e > 0.0 for s, e in zip(values[::2] + values[1::2], np.hypot(errors[::2], errors[1::2]), strict=True)
-        )
+        stiffness, error = values[::2] + values[1::2], np.hypot(errors[::2], errors[1::2])
+        # a spring that is no stiffer than its error is a constant torque, which no cable gives
+        return bool(np.all(stiffness + _BOUND_SIGMAS * error > 0.0) and np.any(stiffness > error))
     for term, value, error in zip(terms, values, errors, strict=True):
-        parameter, here = PARAMETERS[term.key], state.value(term.key)[term.index]
+        here, (lower, upper) = state.value(term.key)[term.index], state.bounds(term.key)
         slack = _BOUND_SIGMAS * error + 1e-12
-        if not parameter.lower - slack <= here + value <= parameter.upper + slack:
+        if not lower - slack <= here + value <= max(upper, here) + slack:
             return False
     return True
 
@@ -66,9 +67,8 @@ def moved(state: JointState, terms: Sequence[Term], values: np.ndarray) -> Joint
     if terms and terms[0].effect == "joint_stiffness":
         return _moved_in_pairs(state, terms, values, _sprung)
     for term, value in zip(terms, values, strict=True):
-        parameter, here = PARAMETERS[term.key], float(state.value(term.key)[term.index])
-        upper = max(parameter.upper, here) if term.key == "torque_saturation.limit_nm" else parameter.upper
-        wanted = float(np.clip(here + value, parameter.lower, upper))
+        here, (lower, upper) = float(state.value(term.key)[term.index]), state.bounds(term.key)
+        wanted = float(np.clip(here + value, lower, max(upper, here)))
         state = state.moved(term, wanted - here)
     return state
 
@@ -85,7 +85,7 @@ def _turned(state: JointState, first: Term, second: Term, a: float, b: float) ->
     there = here + a * np.exp(1j * dict(first.shape)[key]) + b * np.exp(1j * dict(second.shape)[key])
     amplitude, phase = state.value("cogging.amplitude_nm").copy(), state.value(key).copy()
     amplitude[j], phase[j] = abs(there), np.angle(there)
-    return JointState(state.joints, {**state.given, "cogging.amplitude_nm": amplitude, key: phase})
+    return replace(state, given={**state.given, "cogging.amplitude_nm": amplitude, key: phase})
 
 
 def _sprung(state: JointState, first: Term, second: Term, a: float, b: float) -> JointState:
@@ -94,7 +94,7 @@ def _sprung(state: JointState, first: Term, second: Term, a: float, b: float) ->
     torque = stiffness[j] * reference[j] + a * dict(first.shape)[key] + b * dict(second.shape)[key]
     stiffness[j] = max(stiffness[j] + a + b, 1e-6)
     reference[j] = np.clip(torque / stiffness[j], PARAMETERS[key].lower, PARAMETERS[key].upper)
-    return JointState(state.joints, {**state.given, "joint_stiffness.stiffness_nm_rad": stiffness, key: reference})
+    return replace(state, given={**state.given, "joint_stiffness.stiffness_nm_rad": stiffness, key: reference})
 
 
 def refining_terms(catalogue: Catalogue, hypothesis: Hypothesis) -> tuple[Term, ...]:
@@ -104,6 +104,6 @@ def refining_terms(catalogue: Catalogue, hypothesis: Hypothesis) -> tuple[Term, 
         term = catalogue.terms[index]
         sign = -1.0 if term.probe < 0.0 else 1.0
         shape = () if term.effect in _SHAPE_OF else term.shape
-        found.append(Term(term.key, term.index, sign * SCALES[term.key] / 100.0, shape))
-        found += [Term(key, term.index, SCALES[key] / 100.0) for key in _SHAPE_OF.get(term.effect, ())]
+        found.append(Term(term.key, term.index, sign * catalogue.scales[term.key] / 100.0, shape))
+        found += [Term(key, term.index, catalogue.scales[key] / 100.0) for key in _SHAPE_OF.get(term.effect, ())]
     return tuple(found)

@@ -10,8 +10,8 @@ from sim_backend.reality_gap.equations import EpisodeEquations
 from sim_backend.reality_gap.flexible import Pattern, heat, since_reversal_s
 from sim_backend.reality_gap.joint_gain import held_out_errors
 from sim_backend.reality_gap.joint_state import JointState
-from sim_backend.reality_gap.joint_study import JointStudy
-from sim_backend.reality_gap.verdict import Verdict
+from sim_backend.reality_gap.joint_study import JointStudy, calibration
+from sim_backend.reality_gap.residual_network import network_error_nm
 
 _BINS = 16
 _SHOWN_JOINTS = 6
@@ -20,7 +20,7 @@ _WINDOW_S = 1.0
 _LAGS = 40
 
 
-def joint_sections(study: JointStudy, patterns: Sequence[Pattern], verdict: Verdict) -> dict[str, Any]:
+def joint_sections(study: JointStudy, patterns: Sequence[Pattern], rng: np.random.Generator) -> dict[str, Any]:
     """All sections of the contract between studies and reports that joints have."""
     before, after = (_errors(study, state) for state in (study.start, study.fit.state))
     worst = _worst_joints(before, study)
@@ -37,7 +37,8 @@ def joint_sections(study: JointStudy, patterns: Sequence[Pattern], verdict: Verd
             {"equation": p.channel.value, "joint": study.problem.names[p.joint], "variable": p.variable, "gain": p.gain}
             for p in patterns[:10]
         ],
-    } | ({} if verdict.held_out is None else {"residual_network": _upper_bound(study, patterns, verdict)})
+        "residual_network": {"held_out": network_error_nm(study.problem.episodes, study.fit.state, rng), "unit": "N m"},
+    }
 
 
 def _errors(study: JointStudy, state: JointState) -> list[np.ndarray]:
@@ -131,7 +132,9 @@ def _ranking(study: JointStudy) -> dict[str, Any]:
         rows.append({"label": f"{name[0]}, {name[1]}", "gain": candidate.gain, "interval_90": interval})
         if len(rows) == _RANKED:
             break
-    return {"unit": "nats", "null_99": study.gate, "noise_floor": None, "rows": rows}
+    null = calibration().largest_gains if study.is_calibrated else np.zeros(0)
+    line = float(np.quantile(null, 0.99)) if len(null) else study.gate
+    return {"unit": "nats", "line": line, "line_is_null_99": bool(len(null)), "noise_floor": None, "rows": rows}
 
 
 def _horizon(study: JointStudy, before, after) -> dict[str, Any]:
@@ -215,18 +218,7 @@ def _autocorrelation(study: JointStudy, before, after, joint: int) -> dict[str, 
 def _ladder(study: JointStudy) -> list[dict[str, Any]]:
     rows = []
     for index, look in enumerate(study.fit.looks):
-        label = "nominal" if index == 0 else f"{study.fit.looks[index].accepted[-1].effect}, {look.accepted[-1].where}"
-        rows.append({"label": label, "held_out": held_out_errors(study.problem, look).all_joints_nm, "unit": "N m"})
+        label = "nominal" if index == 0 else f"{look.accepted[-1].effect}, {look.accepted[-1].where}"
+        shown = study.fit.final if index == len(study.fit.looks) - 1 else look
+        rows.append({"label": label, "held_out": held_out_errors(study.problem, shown).all_joints_nm, "unit": "N m"})
     return rows
-
-
-def _upper_bound(study: JointStudy, patterns: Sequence[Pattern], verdict: Verdict) -> dict[str, Any]:
-    """The held-out error if the strongest pattern of each joint could be explained, too."""
-    assert verdict.held_out is not None
-    gains = sum(
-        max((p.gain for p in patterns if p.joint == j and p.channel.value == "mechanics"), default=0.0)
-        for j in range(len(study.problem.names))
-    )
-    rows = max(1.0, study.fit.last.mechanics_left)
-    share = float(np.clip(1.0 - max(gains, 0.0) / rows, 0.05, 1.0))
-    return {"held_out": max(verdict.held_out.noise_floor, verdict.held_out.after * float(np.sqrt(share))), "unit": "N m"}

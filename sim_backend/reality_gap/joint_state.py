@@ -1,7 +1,7 @@
 """The model of k joints that a study has come to so far: values of effects by "effect.parameter"."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,6 +14,11 @@ CLOCK = "clock.offset_s"
 """Not an effect but what nobody can know of a recording: when within a sample the torque acted that was written there."""
 SENSED = "sensed.share"
 """Nor is this: which share of the difference between measured and sent torque is noise of the sensor, for each joint."""
+
+
+def size_factor(key: str, size: float) -> float:
+    """How much larger a parameter may be in a robot of this size: ``size`` for torques and inertias, 1 for all others."""
+    return size if PARAMETERS[key].unit.startswith(("N m", "kg m")) else 1.0
 
 
 @dataclass(frozen=True)
@@ -40,10 +45,14 @@ class Term:
 
 @dataclass(frozen=True)
 class JointState:
-    """Values that differ from absent; shape (k,) for parameters of joints, (1,) or (3,) for others."""
+    """Values that differ from absent; shape (k,) for parameters of joints, (1,) or (3,) for others.
+
+    ``size`` is this robot's largest torque in units of a TriFinger's: what the catalogue bounds in N m and kg m^2 goes with it.
+    """
 
     joints: int
     given: Mapping[str, np.ndarray] = field(default_factory=dict)
+    size: float = 1.0
 
     def value(self, key: str) -> np.ndarray:
         """Values of a parameter, absent where none was given."""
@@ -58,6 +67,12 @@ class JointState:
         scope = PARAMETERS[key].scope
         return self.joints if scope is Scope.JOINT else PARAMETERS[key].width
 
+    def bounds(self, key: str) -> tuple[float, float]:
+        """The catalogue's bounds of a parameter, for a robot of this size."""
+        parameter = PARAMETERS[key]
+        by = size_factor(key, self.size)
+        return parameter.lower * min(by, 1.0) if parameter.lower > 0.0 else parameter.lower * by, parameter.upper * by
+
     def moved(self, term: Term, by: float, *, with_shape: bool = True) -> "JointState":
         """The state with one number changed by an amount, and its shape parameters set."""
         changed = dict(self.given)
@@ -69,7 +84,7 @@ class JointState:
                 shaped = self.value(key).copy()
                 shaped[term.index if len(shaped) > 1 else 0] = value
                 changed[key] = shaped
-        return JointState(self.joints, changed)
+        return replace(self, given=changed)
 
     def motor(self, joint: int) -> np.ndarray:
         """One joint's values for the motor law."""

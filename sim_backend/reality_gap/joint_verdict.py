@@ -9,7 +9,7 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.equations import Channel
 from sim_backend.reality_gap.flexible import Pattern, patterns
 from sim_backend.reality_gap.joint_checks import Finding, place
-from sim_backend.reality_gap.joint_look import Accepted, Candidate
+from sim_backend.reality_gap.joint_look import Accepted, Candidate, Look
 from sim_backend.reality_gap.joint_study import JointStudy, calibration
 from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
 
@@ -17,14 +17,16 @@ CONFUSABLE_NATS = 5.0
 """A rival that lies less than this behind cannot be told apart: odds of 150."""
 PATTERN_NATS = 25.0
 """A pattern in what is left that gains less is what healthy sessions have, too."""
-PATTERN_SHARE = 0.1
+PATTERN_SHARE = 0.3
 """And it must be this share of what the named causes gain: the rest is the shape of their laws."""
 _VELOCITY_FACTOR = 8.0
 """Reported velocities follow the motion a little by themselves: both are smoothed, but not by the same board."""
 FOREIGN_PATTERN_SHARE = 1.0
 """Where there are no healthy sessions: what is left must be more than what was explained."""
 _Z_90 = 1.6448536269514722
-_SYSTEMATIC = 1.5
+_TRADED_SCALE, _TRADED = 0.2, 2
+"""So many torques or masses that seem off by more than this take the place of something else."""
+_SYSTEMATIC = 2.0
 """Intervals are wider than the noise alone makes them: laws are not exact."""
 
 SEPARATES = {
@@ -41,6 +43,19 @@ SEPARATES = {
     frozenset({"torque_saturation", "supply_sag"}): "one motor at a time against all together",
     frozenset({"thermal_derating", "torque_constant"}): "the same motion cold and warm",
 }
+_SHOWN = {
+    ("joint_noise", "position_rad"): "the noise of the reported position",
+    ("joint_noise", "velocity_rad_s"): "the noise of the reported velocity",
+    ("joint_noise", "torque_nm"): "the noise of the measured torque",
+    ("action_noise", "white_nm"): "torque that was not sent but felt",
+    ("action_noise", "correlated_nm"): "slow torque that was not sent but felt",
+    ("encoder_quantisation", "step_rad"): "the steps of the reported position",
+    ("encoder_jump", "offset_rad"): "a jump of the reported position",
+    ("stuck_joint", "holding_torque_nm"): "the rest under load",
+    ("joint_limits", "lower_rad"): "the place of the lower end",
+    ("joint_limits", "upper_rad"): "the place of the upper end",
+}
+"""What findings show, said without their causes."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +72,7 @@ def judge(study: JointStudy) -> JointVerdict:
     causes = [cause for a in fit.accepted for cause in _causes(study, a)]
     acting = {f.joint for f in study.findings if f.effect == "action_noise"}
     findings = [f for f in study.findings if not (f.effect == "joint_noise" and f.joint in acting)]  # the joint shakes
-    causes += [cause for f in findings if (cause := _found(f, names, fit.accepted)) is not None]
+    causes += [_found(f, names) for f in findings if _is_shown(f, study)]
     left = patterns(study.problem.episodes, fit.last)
     rivals = [rival for i, a in enumerate(fit.accepted) if (rival := _rival(study, i, a)) is not None]
     kind, summary = _kind(study, causes, left, rivals)
@@ -73,7 +88,7 @@ def judge(study: JointStudy) -> JointVerdict:
         causes=tuple(causes),
         null_p=null_p,
         runner_up=closest,
-        follows=tuple(_follows(left[:3], names)) if kind is VerdictKind.UNEXPLAINED else (),
+        follows=(*_odd(study), *_follows(left[:3], names)) if kind is VerdictKind.UNEXPLAINED else (),
         cannot_tell=tuple(_cannot_tell(study)),
         record_next=tuple(_record_next(kind, closest)),
     )
@@ -82,12 +97,19 @@ def judge(study: JointStudy) -> JointVerdict:
 
 def _kind(study, causes, left: Sequence[Pattern], rivals) -> tuple[VerdictKind, str]:
     explained = sum(a.gain for a in study.fit.accepted)
-    noisy = {f.joint for f in study.findings if f.effect in ("joint_noise", "action_noise")}
+    noisy = {f.joint for f in study.findings if f.effect in ("joint_noise", "action_noise") and _is_shown(f, study)}
     factor = 1.0 if study.problem.expects_many else _VELOCITY_FACTOR
     told = [p for p in left if p.joint not in noisy]
     strongest = max((p.gain / (factor if p.channel is Channel.VELOCITY else 1.0) for p in told), default=0.0)
+    if odd := _odd(study):
+        return VerdictKind.UNEXPLAINED, f"No cause of the catalogue explains {odd[0]}."
+    if study.is_calibrated and len(_large_scales(causes)) >= _TRADED:
+        said = "Only torques or masses of several joints that are far off would explain the data: no cause of the catalogue does."
+        return VerdictKind.UNEXPLAINED, said
     is_stuck = any(cause.effect == "stuck_joint" for cause in causes)
     share = PATTERN_SHARE if study.is_calibrated else FOREIGN_PATTERN_SHARE
+    if study.is_calibrated:
+        strongest = max(strongest, _beyond_bounds(study.fit.last))
     if strongest > max(PATTERN_NATS, share * explained) and not is_stuck:
         return VerdictKind.UNEXPLAINED, "The data disagree with the model, and no cause of the catalogue explains it well enough."
     if not causes:
@@ -97,6 +119,26 @@ def _kind(study, causes, left: Sequence[Pattern], rivals) -> tuple[VerdictKind, 
         return VerdictKind.CONFUSABLE, "Some cause explains the data, but these data cannot tell which of those that are listed."
     named = ", ".join(_said(causes))
     return VerdictKind.NAMED, f"The data disagree with the model because of {named}."
+
+
+def _odd(study: JointStudy) -> list[str]:
+    """What no healthy robot shows and no cause of the catalogue explains."""
+    shown = [f for f in study.odd if _is_shown(f, study)]
+    return [f"{_SHOWN[f.effect, f.parameter]} of {place(study.problem.names, f.joint)}" for f in shown]
+
+
+def _beyond_bounds(look: Look) -> float:
+    """What the best hypothesis still gains whose values no robot has, nats: something acts where it does."""
+    return max((c.gain for c in look.candidates if not c.allowed), default=0.0)
+
+
+def _large_scales(causes: Sequence[Cause]) -> list[Cause]:
+    return [
+        cause
+        for cause in causes
+        if cause.effect in ("torque_constant", "link_mass")
+        and abs(cause.value - PARAMETERS[f"{cause.effect}.{cause.parameter}"].absent) > _TRADED_SCALE
+    ]
 
 
 def _said(causes: Sequence[Cause]) -> list[str]:
@@ -149,13 +191,17 @@ def _that_matter(study: JointStudy, accepted: Accepted, causes: list[Cause]) -> 
     return [cause for cause in causes if cause.where in kept]
 
 
-def _found(finding: Finding, names: tuple[str, ...], accepted: Sequence[Accepted]) -> Cause | None:
+def _found(finding: Finding, names: tuple[str, ...]) -> Cause:
     where = place(names, finding.joint)
-    follows_another = ("joint_noise", "action_noise", "joint_limits")
-    if finding.effect in follows_another and any(a.where in (where, "platform") or a.where.startswith("all") for a in accepted):
-        return None  # what another cause leaves looks like noise, and holds a joint where it should not be
     unit = PARAMETERS[f"{finding.effect}.{finding.parameter}"].unit
     return Cause(finding.effect, finding.parameter, where, finding.value, unit, finding.interval_90)
+
+
+def _is_shown(finding: Finding, study: JointStudy) -> bool:
+    """Not what another cause leaves, which looks like noise, and holds a joint where it should not be."""
+    where = place(study.problem.names, finding.joint)
+    may_follow = finding.effect in ("joint_noise", "action_noise", "joint_limits")
+    return not may_follow or not any(a.where in (where, "platform") or a.where.startswith("all") for a in study.fit.accepted)
 
 
 def _rival(study: JointStudy, index: int, accepted: Accepted) -> tuple[Rival, list[Cause]] | None:

@@ -184,7 +184,13 @@ def _sections(selection: Selection, profiles: Sequence[Profile], confirmation: C
         for one in sorted(stage.candidates, key=lambda one: -one.gain)
     ]
     sections: dict[str, Any] = {
-        "ranking": {"unit": "nats", "null_99": selection.stages[0].gate, "noise_floor": None, "rows": rows},
+        "ranking": {
+            "unit": "nats",
+            "line": selection.stages[0].gate,
+            "line_is_null_99": False,
+            "noise_floor": None,
+            "rows": rows,
+        },
         "ladder": list(confirmation.ladder),
         "profiles": [
             {

@@ -58,7 +58,12 @@ def ranking_plot(ranking: Section | None) -> list[Plot]:
     if not ranking or not rows:
         return []
     shown, unit = rows[:MOST_ROWS], words(ranking.get("unit", ""))
-    null, floor = real(ranking.get("null_99")), real(ranking.get("noise_floor"))
+    null, floor = real(ranking.get("line")), real(ranking.get("noise_floor"))
+    is_null = bool(ranking.get("line_is_null_99"))
+    line = "99 % line of the null" if is_null else "a cause must gain as much"
+    beyond = (
+        "the best of all hypotheses does in 99 of 100 healthy sessions" if is_null else "chance may (no healthy sessions known)"
+    )
     figure, axes = _rows_axes([label_name(row["label"]) for row in shown])
     for place, row in enumerate(shown):
         colour = AFTER if null is None or row["gain"] > null else FAINT
@@ -67,9 +72,9 @@ def ranking_plot(ranking: Section | None) -> list[Plot]:
             axes.plot(ends, [place, place], color=colour, linewidth=2.2, solid_capstyle="butt")
         axes.plot([row["gain"]], [place], "o", color=colour, markersize=6)
     axes.axvline(0.0, color=FAINT, linewidth=1.0)
-    keys = [Key("dot-after", "gain with its 90 % interval"), Key("dot-faint", "the same, not above the null's line")]
+    keys = [Key("dot-after", "gain with its 90 % interval"), Key("dot-faint", "the same, not above the line")]
     for at, mark, colour, style, name in (
-        (null, "limit", LIMIT, _DASHES, "99 % line of the null"),
+        (null, "limit", LIMIT, _DASHES, line),
         (floor, "floor", FLOOR, _DOTS, "noise floor: the gain of a perfect model"),
     ):
         if at is not None:
@@ -82,9 +87,9 @@ def ranking_plot(ranking: Section | None) -> list[Plot]:
     caption = (
         f"What each hypothesis gains in held-out log density ({unit}) over the nominal model, {first}"
         f"{'; beyond the dashed line the axis is logarithmic' if stretched else ''}: only what lies right of the dashed line "
-        "gains more than the best of all hypotheses does in 99 of 100 healthy sessions."
+        f"gains more than {beyond}."
     )
-    note = f"{len(rows)} hypotheses" + (f", {over} above the null's line" if null is not None else "")
+    note = f"{len(rows)} hypotheses" + (f", {over} above the line" if null is not None else "")
     panel = Panel(to_svg(figure, "Held-out gains of the hypotheses, ranked"), note=note)
     return [Plot("Ranked held-out gains", caption, (panel,), tuple(keys))]
 

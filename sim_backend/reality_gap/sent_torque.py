@@ -1,6 +1,7 @@
 """The controller equation: what was sent is what the safety pipeline makes of targets and of what the encoders reported."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,6 +11,8 @@ from sim_backend.reality_gap.mechanics_images import JointImage
 from sim_backend.reality_gap.recording import JointSignals
 
 _KEYS = ("position_gain.factor", "safety_damping.factor", "timing_jitter.std_s", "controller_restart.off")
+_TELLING_NM = 1e-4
+"""Two commands whose torques differ by less cannot be told apart."""
 
 
 class SentTorque:
@@ -59,6 +62,19 @@ class SentTorque:
             found += [(i, j, image[:, j]) for j in joints if image[:, j].any()]
         return found
 
+    def late_steps(self, state: JointState) -> np.ndarray:
+        """For each new position target, samples in which what was sent is what the target before it makes; shape (n,)."""
+        starts = np.flatnonzero(_changes(self._target))
+        of_position = starts[~_changes(self._desired)[starts]]
+        base = self._made(state, self._desired, self._target)
+        difference = self._made(state, *_command_before(self._desired, self._target)) - base
+        size = (difference**2).sum(axis=1)
+        share = ((self._sent - base) * difference).sum(axis=1) / np.maximum(size, _TELLING_NM**2)
+        late = np.clip(np.round(share), 0.0, 1.0)
+        ends = np.append(starts[1:], len(late))[np.searchsorted(starts, of_position)]
+        told = [(start, end) for start, end in zip(of_position, ends, strict=True) if size[start] > _TELLING_NM**2]
+        return np.array([late[start:end].sum() for start, end in told])
+
     def _image(self, state: JointState, term: Term) -> np.ndarray:
         """What a term does if all joints have it, shape (s, k)."""
         base = self._made(state, self._desired, self._target)
@@ -69,7 +85,7 @@ class SentTorque:
             return late * (before - base) / term.probe
         if term.key == "controller_restart.off":
             return -base
-        moved = JointState(state.joints, {**state.given, term.key: state.value(term.key) + term.probe})
+        moved = replace(state, given={**state.given, term.key: state.value(term.key) + term.probe})
         return (self._made(moved, self._desired, self._target) - base) / term.probe
 
 

@@ -135,7 +135,7 @@ def _joint_verdict(
     judged = judge(study)
     verdict = replace(judged.verdict, held_out=held_out(study.problem, study.fit.final, study.start, rng))
     progress("drawing what is left", 0.9)
-    return verdict, joint_sections(study, judged.patterns, verdict)
+    return verdict, joint_sections(study, judged.patterns, rng)
 
 
 def _calibrated(study: JointStudy, method: str, rng: np.random.Generator) -> Verdict:

@@ -1,4 +1,4 @@
-"""Three joints without gravity that a controller leads along sines, simulated by MuJoCo itself; apart from the code that studies them."""
+"""Three joints without gravity that a controller leads along sines, by MuJoCo itself; apart from the code that studies them."""
 
 # pyright: reportAttributeAccessIssue=false
 import mujoco
@@ -24,7 +24,8 @@ _PERIODS_S = np.array([[1.7, 0.61], [2.3, 0.47], [1.3, 0.83]])
 def joints_model(frictionloss=(0.0, 0.0, 0.0)) -> mujoco.MjModel:
     """Each joint turns a link of its own about a vertical axis; ranges of 1.5 rad to both sides."""
     bodies = "".join(
-        f'<body pos="{j} 0 0"><joint name="{name}" axis="0 0 1" limited="true" range="-1.5 1.5" frictionloss="{frictionloss[j]}"/>'
+        f'<body pos="{j} 0 0">'
+        f'<joint name="{name}" axis="0 0 1" limited="true" range="-1.5 1.5" frictionloss="{frictionloss[j]}"/>'
         f'<inertial pos="0 0 0" mass="0.1" diaginertia="0.003 0.003 {INERTIA_KG_M2}"/></body>'
         for j, name in enumerate(NAMES)
     )

@@ -80,7 +80,7 @@ def full_document(joints: tuple[str, ...] = JOINTS, against: tuple[str, ...] = t
         ],
         "residuals": {"unit": "N m", "series": [s for joint in joints for s in _residuals(joint, joints, against, rng)]},
         "worst_window": _window(rng),
-        "ranking": {"unit": "nats", "null_99": 11.7, "noise_floor": 96.0, "rows": _ranking(12, joints, rng)},
+        "ranking": {"unit": "nats", "line": 11.7, "line_is_null_99": True, "rows": _ranking(12, joints, rng)},
         "horizon": _horizon(),
         "confusability": _confusability(8, joints, rng),
         "profiles": [_profile("coulomb_friction, " + joints[0], "N m", 0.031, 0.002), _profile("delay", "s", 0.003, 0.004)],

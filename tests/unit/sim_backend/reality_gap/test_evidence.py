@@ -99,7 +99,7 @@ def test_windows_make_white_noise_of_positions_white():
 def test_windows_do_not_hear_of_where_and_how_fast_a_motion_began():
     rows = 4 * WINDOW_ROWS
     jumps = np.zeros(rows)
-    jumps[:: WINDOW_ROWS] = 7.0
+    jumps[::WINDOW_ROWS] = 7.0
     found = in_windows(equation(jumps, in_windows=True), np.zeros(rows, int))
     assert found is not None
     np.testing.assert_allclose(found[0], 0.0, atol=1e-10)

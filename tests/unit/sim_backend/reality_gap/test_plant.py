@@ -8,7 +8,7 @@ import pytest
 from sim_backend.effects.body import link_mass
 from sim_backend.reality_gap.plant import Plant
 from sim_backend.trifinger import constants as c
-from sim_backend.trifinger.scene import compile_scene, build_scene
+from sim_backend.trifinger.scene import build_scene, compile_scene
 
 ROWS = 12
 

@@ -154,7 +154,7 @@ def test_text_of_the_drawings_is_text_and_colours_are_the_pages(full_page):
 def test_every_caption_is_there_and_the_counts_are_with_it(full_page):
     page = Page(full_page)
     assert page.tags.count("figcaption") == page.tags.count("figure") == len(SECTIONS) + len(documents.AGAINST) - 1
-    for note in ("240 held-out windows", "12 hypotheses, 5 above the null's line", "200 trials", "250 samples", "17 fits"):
+    for note in ("240 held-out windows", "12 hypotheses, 5 above the line", "200 trials", "250 samples", "17 fits"):
         assert note in page.text
 
 
@@ -210,7 +210,7 @@ def test_hostile_names_are_only_text(full_page):
 def test_crowded_studies_keep_their_rows_and_mark_what_is_missing(crowded_page):
     page = Page(crowded_page)
     text = "".join(page.text)
-    assert "30 hypotheses, 5 above the null's line" in page.text
+    assert "30 hypotheses, 5 above the line" in page.text
     assert "the 6 of 12 joints with the largest residual" in text
     assert "(3.2 ± 0.3) × 10⁸ N/m" in text
     assert "0.3 µrad (90\xa0%: 0.1 to 0.9)" in text
