@@ -44,6 +44,15 @@ def study(
         Method, typer.Option("--method", help="naming names the cause; the others are there to be compared with it.")
     ] = Method.NAMING,
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Draws what is random about the study.")] = None,
+    trials: Annotated[
+        Path | None, typer.Option("--trials", metavar="JOBDIR", help="A policy's trials on the same robot, as fetched.")
+    ] = None,
+    policy: Annotated[
+        Path | None, typer.Option("--policy", metavar="FILE", help="That policy, to predict its success with both models.")
+    ] = None,
+    manifest: Annotated[
+        str | None, typer.Option("--manifest", metavar="LAYOUT|FILE", help="What the policy expects: a layout or a file.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Say where measured data and a model disagree, name the cause, write the better model, measure what it gained."""
@@ -53,7 +62,11 @@ def study(
         )
     if data_folder is not None and not data_folder.is_dir():
         raise UsageProblem(f"there is no folder {data_folder}")
+    success = (("--trials", trials), ("--policy", policy), ("--manifest", manifest))
+    if len([value for _, value in success if value is not None]) not in (0, len(success)):
+        raise UsageProblem("--trials, --policy and --manifest go together")
     flags = [*_given("--data", data_folder), *_given("--out", out), "--method", method.value, *_given("--seed", seed)]
+    flags += [text for flag, value in success for text in _given(flag, value)]
     _run("study", str(data), *flags, as_json=as_json)
 
 

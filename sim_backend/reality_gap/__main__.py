@@ -41,24 +41,31 @@ def _study(given: list[str]) -> int:
     study.add_argument("--out", type=Path, metavar="DIR", help="where results go (gap-NAME)")
     study.add_argument("--method", choices=METHODS, default=METHODS[0], help="how to fit (%(default)s)")
     study.add_argument("--seed", type=int, default=0, help="of resampling and splits (%(default)s)")
+    study.add_argument("--trials", type=Path, metavar="JOBDIR", help="trials of a policy on the same robot, as fetched")
+    study.add_argument("--policy", type=Path, metavar="FILE", help="that policy: success is predicted with both models")
+    study.add_argument("--manifest", metavar="LAYOUT|FILE", help="what it expects: a ready-made layout or a file")
     study.add_argument("--json", action="store_true", help="print the verdict as one JSON document")
     for name, what in (("blind-test", "hide effects in simulated robots and ask for them"), ("excite", "what to record next")):
         commands.add_parser(name, help=what)
     options = parser.parse_args(given)
+    asked = (options.trials, options.policy, options.manifest)
+    if any(asked) and not all(asked):
+        parser.error("--trials, --policy and --manifest go together")
     return _run(options)
 
 
 def _run(options: argparse.Namespace) -> int:
     from sim_backend.reality_gap.report import summary_lines
     from sim_backend.reality_gap.study import run_study
+    from sim_backend.reality_gap.success_prediction import Trials
 
     out = options.out if options.out is not None else Path(f"gap-{options.source.stem or 'study'}")
     try:
         if not options.source.exists():
             raise RecordingError(f"there is no {options.source}: give a study.toml or a folder of logs")
-        result = run_study(
-            options.source, out, data_root=options.data, method=options.method, seed=options.seed, progress=_Progress()
-        )
+        trials = Trials(options.trials, options.policy, options.manifest) if options.trials is not None else None
+        settings = {"data_root": options.data, "method": options.method, "seed": options.seed}
+        result = run_study(options.source, out, **settings, trials=trials, progress=_Progress())
     except RecordingError as error:
         print(
             json.dumps({"error": str(error)}) if options.json else f"error: {error}",
@@ -66,7 +73,8 @@ def _run(options: argparse.Namespace) -> int:
         )
         return EXIT_UNUSABLE
     if options.json:
-        print(json.dumps(result.document["verdict"] | {"files": [str(path) for path in result.files]}))
+        success = {name: result.document[name] for name in ("success",) if name in result.document}
+        print(json.dumps(result.document["verdict"] | success | {"files": [str(path) for path in result.files]}))
         return 0
     for line in summary_lines(result.document):
         print(line)

@@ -224,7 +224,9 @@ class Reduced:
         return covariance @ self.cross[index], covariance
 
 
-def reduced(sums: tuple[np.ndarray, np.ndarray, float], base: Sequence[int], scales: Sequence[float] | np.ndarray) -> Reduced:
+def reduced(
+    sums: tuple[np.ndarray, np.ndarray, float], base: Sequence[int] | np.ndarray, scales: Sequence[float] | np.ndarray
+) -> Reduced:
     """Take a base model (terms with the standard deviations of their priors) out of normal equations."""
     images, cross, square = sums
     index, scale = np.array(base, dtype=int), np.array(scales)

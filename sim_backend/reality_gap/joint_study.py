@@ -1,5 +1,6 @@
 """Joints: from recordings to a verdict about what the model gets wrong."""
 
+# pyright: reportAttributeAccessIssue=false
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

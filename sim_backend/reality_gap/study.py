@@ -3,6 +3,7 @@
 The process is :func:`run_study`; each step is a module of its own.
 """
 
+# pyright: reportAttributeAccessIssue=false
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,9 +17,9 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
+from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.calibrating import METHODS, calibrate
-from sim_backend.reality_gap.extended_mjcf import extend_mjcf, robot_mjcf, write_mjcf
-from sim_backend.reality_gap.extended_model import extended_model, provenance_of, write_extended_model
+from sim_backend.reality_gap.extended_model import load_extended_model, provenance_of
 from sim_backend.reality_gap.farm_logs import log_files, read_farm_logs, robot_of
 from sim_backend.reality_gap.foreign_data import read_recordings
 from sim_backend.reality_gap.joint_gain import held_out
@@ -29,7 +30,9 @@ from sim_backend.reality_gap.object_motion import study_object
 from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.report import write_html
 from sim_backend.reality_gap.study_file import StudyFile, load_study_file
-from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
+from sim_backend.reality_gap.study_models import write_models
+from sim_backend.reality_gap.success_prediction import Question, Trials, read_question, success_of
+from sim_backend.reality_gap.verdict import Verdict, VerdictKind
 from sim_backend.trifinger.scene import compile_scene
 
 Progress = Callable[[str, float], None]
@@ -64,18 +67,27 @@ def run_study(
     data_root: Path | None = None,
     method: str = "naming",
     seed: int = 0,
+    trials: Trials | None = None,
     progress: Progress = lambda *_: None,
 ) -> StudyResult:
     """Study recordings and write ``study.json``, ``report.html`` and the extended model to ``out``.
+
+    ``trials`` of a policy on the same robot are predicted with both models, where it is one of the farm's.
 
     Raises:
         RecordingError: data that cannot be used; the message says why.
     """
     rng = np.random.default_rng(seed)
     material = recordings_of(source, data_root, progress)  # 1 recording
+    question = _question(material, trials)
     verdict, sections = verdict_of(material, method, rng, progress)  # 2 replay, 3 residual, 4 fit, 5 verdict, 7 gain
     out.mkdir(parents=True, exist_ok=True)
-    files = write_models(material, verdict, out)  # 6 extended model
+    foreign = None if material.study_file is None else material.study_file.model
+    files = write_models(verdict, material.title, material.files, out, model=foreign)  # 6 extended model
+    if question is not None:
+        toml = next((load_extended_model(file) for file in files if file.suffix == ".toml"), None)
+        extended = Physics.nominal() if toml is None else toml.physics
+        sections = {**sections, "success": success_of(question, extended, rng, progress).document()}
     document = _document(material, verdict, sections)
     (out / "study.json").write_text(json.dumps(document, indent=1))
     progress("writing the report", 0.95)
@@ -95,6 +107,14 @@ def recordings_of(source: Path, data_root: Path | None, progress: Progress) -> M
     return Material(study_file.title, tuple(recordings), files, False, study_file)
 
 
+def _question(material: Material, trials: Trials | None) -> Question | None:
+    if trials is None:
+        return None
+    if not material.is_trifinger:
+        raise RecordingError("success can only be predicted for a robot of the farm: give a folder of its logs")
+    return read_question(trials, material.robot)
+
+
 def verdict_of(material: Material, method: str, rng: np.random.Generator, progress: Progress) -> tuple[Verdict, dict[str, Any]]:
     """Steps 2 to 5 and 7 for joints, and for objects that were seen."""
     of_joints = tuple(r for r in material.recordings if r.joints is not None and r.regime != CUBE_EXCITATION)
@@ -106,7 +126,7 @@ def verdict_of(material: Material, method: str, rng: np.random.Generator, progre
     if of_cube and material.is_trifinger:
         from sim_backend.reality_gap.cube_study import study_cube  # with its replay, which most studies do without
 
-        study = study_cube(of_cube, rng, progress)
+        study = study_cube(of_cube, rng, lambda what: progress(what, 0.6))
         found.append((study.verdict, {}))
     if of_objects and material.study_file is not None:
         found.append(_object_verdict(material.study_file, of_objects, rng, progress))
@@ -232,40 +252,8 @@ def _together(found: Sequence[tuple[Verdict, dict[str, Any]]]) -> tuple[Verdict,
     return joined, sections
 
 
-def write_models(material: Material, verdict: Verdict, out: Path) -> list[Path]:
-    """Step 6: the accepted causes as a file that ``sim_backend`` loads, and as plain MJCF."""
-    if not verdict.causes or verdict.verdict in (VerdictKind.NOT_IDENTIFIABLE, VerdictKind.CONFUSABLE):
-        return []
-    written = []
-    if material.study_file is None:
-        provenance = provenance_of(material.title, verdict.verdict, material.files)
-        model = extended_model(_writable(verdict.causes), provenance, about=verdict.summary)
-        write_extended_model(model, out / "extended-model.toml")
-        spec, _ = robot_mjcf(model.physics)
-        write_mjcf(spec, out / "extended-model.xml", model.estimate)
-        return [out / "extended-model.toml", out / "extended-model.xml"]
-    spec, missing = extend_mjcf(mujoco.MjSpec.from_file(str(material.study_file.model)), verdict.causes)
-    write_mjcf(spec, out / "extended-model.xml")
-    written.append(out / "extended-model.xml")
-    if missing:
-        (out / "extended-model-missing.txt").write_text("\n".join(missing) + "\n")
-        written.append(out / "extended-model-missing.txt")
-    return written
-
-
-def _writable(causes: Sequence[Cause]) -> list[Cause]:
-    """Causes with values inside the catalogue's bounds, as a file must have them."""
-    found = []
-    for cause in causes:
-        parameter = PARAMETERS[f"{cause.effect}.{cause.parameter}"]
-        found.append(replace(cause, value=float(np.clip(cause.value, parameter.lower, parameter.upper))))
-    return found
-
-
 def _document(material: Material, verdict: Verdict, sections: Mapping[str, Any]) -> dict[str, Any]:
-    from sim_backend.reality_gap.extended_model import provenance_of as provenance
-
-    data = provenance(material.title, verdict.verdict, material.files).data
+    data = provenance_of(material.title, verdict.verdict, material.files).data
     return {
         "format": 1,
         "title": material.title,
