@@ -77,7 +77,7 @@ def select(
         best = look.best_without(refused, lambda effect: max((gates or {}).get(effect, gate), later))  # noqa: B023
         if best is None:
             break
-        progress(f"{best.hypothesis.effect}, {best.hypothesis.where}", min(0.9, 0.2 + 0.1 * len(accepted)))
+        progress(f"{best.hypothesis.effect}, {best.hypothesis.where}", 0.9 - 0.7 * 0.85 ** len(accepted))
         terms = tuple(look.catalogue.terms[i] for i in best.hypothesis.terms)
         before, kept = state, list(accepted)
         state = moved(state, terms, best.values)
