@@ -68,7 +68,8 @@ def test_what_is_not_given_is_left_to_the_child(trifarm, child, study_file):
 
 def test_a_study_with_all_flags(trifarm, child, study_file, tmp_path):
     asked = child("")
-    flags = ["--data", str(tmp_path), "--out", "results", "--method", "simopt", "--seed", "3", "--json"]
+    flags = ["--data", str(tmp_path), "--out", "results", "--method", "simopt", "--seed", "3"]
+    flags += ["--trials", "lift", "--policy", "lift.onnx", "--manifest", "rrc2022-lift", "--json"]
     assert trifarm("gap", "study", study_file, *flags).code == 0
     assert asked == [[MODULE, "study", study_file, *flags]]
 
@@ -127,6 +128,7 @@ def test_a_child_that_ends_strangely_is_an_error(trifarm, child, program, said):
         (["study"], "STUDY.toml"),
         (["study", str(ROOT), "--data", "absent"], "absent"),
         (["study", str(ROOT), "--method", "guess"], "guess"),
+        (["study", str(ROOT), "--trials", "lift"], "go together"),
         (["blind-test", "--cases", "-1"], "--cases"),
         (["blind-test", "--processes", "0"], "--processes"),
         (["excite", "absent.json"], "absent.json"),
