@@ -57,6 +57,8 @@ _SHAPES: dict[str, tuple[str, tuple[float, ...]]] = {
     "joint_stiffness.stiffness_nm_rad": ("joint_stiffness.reference_rad", (-2.0, -1.0, 0.0, 1.0)),
     "cogging.amplitude_nm": ("cogging.phase_rad", (0.0, np.pi / 2)),
 }
+_SHAPES_OF_MANY = {"thermal_derating.loss_per_k": ("thermal_derating.time_constant_s", (5.0, 30.0, 300.0))}
+"""A motor that warms over minutes looks like a torque constant, unless others pin that down."""
 _ONLY_SHAPES = ("stribeck_friction.speed_rad_s", "thermal_derating.time_constant_s")
 """These have a prior for when their effect is in the model; alone they are nothing."""
 _PAIRED = ("cogging.amplitude_nm", "joint_stiffness.stiffness_nm_rad")
@@ -126,6 +128,7 @@ def joint_catalogue(
     *,
     has_pipeline: bool,
     tolerances: Mapping[str, Sequence[float]],
+    expects_many: bool = False,
 ) -> Catalogue:
     """Everything that may be wrong with k joints.
 
@@ -136,9 +139,11 @@ def joint_catalogue(
         step_s: between samples.
         has_pipeline: whether the driver's own safety pipeline is known to have made the torques.
         tolerances: what healthy sessions seem to have of effects that healthy robots do not have, one number for each shape.
+        expects_many: whether causes beside others are to be told, which show less of their own shape.
     """
     terms: list[Term] = []
     families: dict[tuple[str, int], list[tuple[int, ...]]] = {}
+    shapes = _SHAPES | (_SHAPES_OF_MANY if expects_many else {})
     shares = _SATURATION_SHARES if has_pipeline else _FOREIGN_SATURATION_SHARES
     scales = {key: scale * size_factor(key, state.size) for key, scale in SCALES.items()}
     for key, scale in scales.items():
@@ -155,7 +160,7 @@ def joint_catalogue(
             continue
         for index in range(state.width(key)):
             families[(key, index)] = []
-            for members in _members(key, index, scale, state, load_nm, shares):
+            for members in _members(key, index, scale, state, load_nm, shares, shapes):
                 families[(key, index)].append(tuple(range(len(terms), len(terms) + len(members))))
                 terms += members
     terms.append(Term(CLOCK, 0, step_s))
@@ -188,15 +193,15 @@ def _scale(scale: float, tolerance: float) -> float:
 
 
 def _members(
-    key: str, index: int, scale: float, state: JointState, load_nm: np.ndarray, shares: Sequence[float]
+    key: str, index: int, scale: float, state: JointState, load_nm: np.ndarray, shares: Sequence[float], shapes: Mapping
 ) -> list[list[Term]]:
     """The shapes in which a number may show, each as one term or two."""
     if key == "torque_saturation.limit_nm":
         limit, load = state.value(key)[index], np.abs(load_nm[:, index])
         levels = load.max() * np.array(shares)
         return [[Term(key, index, float(level - limit))] for level in levels if 0.02 < level < 0.995 * limit]
-    if key in _SHAPES:
-        shape, values = _SHAPES[key]
+    if key in shapes:
+        shape, values = shapes[key]
         if key in _PAIRED:
             return [[Term(key, index, scale / 100, ((shape, value),)) for value in values[:: max(1, len(values) - 1)][:2]]]
         extra = (("thermal_derating.rise_k_nm2", 2000.0),) if key.startswith("thermal") else ()

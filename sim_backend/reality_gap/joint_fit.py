@@ -7,7 +7,7 @@ import numpy as np
 
 from sim_backend.reality_gap.hypotheses import Hypothesis
 from sim_backend.reality_gap.joint_look import Accepted, JointProblem, Look
-from sim_backend.reality_gap.joint_moves import moved, refining_terms
+from sim_backend.reality_gap.joint_moves import is_plausible, moved, refining_terms
 from sim_backend.reality_gap.joint_state import JointState
 
 Progress = Callable[[str, float], None]
@@ -88,7 +88,8 @@ def select(
             look = problem.look(state, accepted)
             state = _refined(state, accepted, look.accepted_values)
         new = problem.look(state, accepted)
-        if confirms(looks[-1], new):
+        is_plausible_now = not (problem.expects_many and problem.has_pipeline) or is_plausible(state)
+        if is_plausible_now and confirms(looks[-1], new):
             looks.append(new)
             state = _refined(state, accepted, new.accepted_values)
             continue

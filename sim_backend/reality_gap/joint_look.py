@@ -138,7 +138,13 @@ class JointProblem:
         """Linearise at a state and ask every hypothesis what it would gain; ``plain`` as for :func:`whitened`."""
         step_s = self.episodes[0].path.step_s
         catalogue = joint_catalogue(
-            self.names, state, self._load, step_s, has_pipeline=self.has_pipeline, tolerances=self._tolerances
+            self.names,
+            state,
+            self._load,
+            step_s,
+            has_pipeline=self.has_pipeline,
+            tolerances=self._tolerances,
+            expects_many=self.expects_many,
         )
         catalogue = catalogue.without(self.excluded)
         own = [term for a in accepted for term in a.terms]

@@ -20,6 +20,17 @@ _PLAUSIBLE_SCALE = {False: 0.25, True: 0.15}
 """A torque or a mass that is off by more only makes everything smaller, errors too; the more so where much is wrong."""
 
 
+_PLAUSIBLE_GRAVITY_M_S2 = 0.15
+
+
+def is_plausible(state: JointState) -> bool:
+    """Whether torques, masses and gravity of a model with many causes are near enough to nominal not to hide what is missing."""
+    factor, error = state.value("link_mass.factor"), state.value("torque_constant.error")
+    gravity = float(np.linalg.norm(state.value("gravity.offset_m_s2")))
+    off = max(float(np.abs(factor - 1.0).max()), float(np.abs(error).max()))
+    return off < _PLAUSIBLE_SCALE[True] and gravity < _PLAUSIBLE_GRAVITY_M_S2
+
+
 def may_be(
     terms: Sequence[Term], values: np.ndarray, errors: np.ndarray, state: JointState, *, is_group: bool, expects_many: bool
 ) -> bool:
