@@ -88,6 +88,7 @@ def judge(study: JointStudy) -> JointVerdict:
         causes=tuple(causes),
         null_p=null_p,
         runner_up=closest,
+        rejected=() if confusable else tuple(sorted((rival for rival, _ in rivals), key=lambda rival: rival.behind)),
         follows=(*_odd(study), *_follows(left[:3], names)) if kind is VerdictKind.UNEXPLAINED else (),
         cannot_tell=tuple(_cannot_tell(study)),
         record_next=tuple(_record_next(kind, closest)),

@@ -91,6 +91,7 @@ def evidence_sentences(document: Document) -> list[str]:
         *_residual_network(document.get("residual_network")),
         *_null(verdict.get("null_p")),
         *_runner_up(verdict.get("runner_up")),
+        *_rejected(verdict.get("rejected") or (), verdict.get("runner_up")),
         *_success(document.get("success")),
     ]
     if verdict.get("follows"):
@@ -193,6 +194,18 @@ def _runner_up(rival: Mapping[str, Any] | None) -> list[str]:
     by = words(rival.get("separated_by") or "")
     tail = f"; what separates them: {by}" if by else ""
     return [sentence(f"Runner-up: {place_of(rival['effect'], rival['where'])}, {behind}{tail}")]
+
+
+def _rejected(rivals: Sequence[Mapping[str, Any]], runner_up: Mapping[str, Any] | None) -> list[str]:
+    """Other explanations that lost, one for each effect, beside the runner-up."""
+    seen, found = {(runner_up or {}).get("effect")}, []
+    for rival in rivals:
+        if rival["effect"] in seen:
+            continue
+        seen.add(rival["effect"])
+        behind, by = number(rival.get("behind"), 2), words(rival.get("separated_by") or "")
+        found.append(f"{place_of(rival['effect'], rival['where'])} ({behind} nats behind{f'; {by}' if by else ''})")
+    return [f"Rejected, too: {listed(found)}."] if found else []
 
 
 def _success(success: Mapping[str, Any] | None) -> list[str]:

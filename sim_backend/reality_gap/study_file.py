@@ -125,7 +125,7 @@ def load_study_file(path: Path, data_root: Path | None = None) -> StudyFile:
     model_path = path.parent / top.text("model")
     model = _compiled(model_path)
     root = data_root if data_root is not None else path.parent / top.text("data", ".")
-    time, rate_hz = _time(top.section("time", "[time]"))
+    time, rate_hz = _time(top)
     joints = joint_entries(top, model)
     objects = object_entries(top, model, None if time is None else time.unit)
     signals = signal_entries(top)
@@ -170,7 +170,10 @@ def _compiled(path: Path) -> MjModel:
         raise RecordingError(f"{path}: MuJoCo does not compile it: {' '.join(str(error).split())}") from error
 
 
-def _time(section: Section) -> tuple[Channel | None, float | None]:
+def _time(top: Section) -> tuple[Channel | None, float | None]:
+    """Column or rate; a text in the place of the table is a column in the unit of the file's header, or seconds."""
+    short = {"column": top.table["time"]} if isinstance(top.table.get("time"), str) else None
+    section = top.section("time", "[time]") if short is None else Section(top.file, "[time]", short)
     section.only("column", "unit", "rate_hz")
     if section.has("rate_hz") == section.has("column"):
         raise section.refusal("give either column, the column of time, or rate_hz for samples without one")

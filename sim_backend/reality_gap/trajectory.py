@@ -14,8 +14,8 @@ FAST_CUTOFF_HZ = 60.0
 """For the direction of motion, which friction switches with."""
 ROW_S = 0.008
 """From row to row, or one sample where samples are further apart."""
-LEAST_NOISE_RAD = 1e-6
-"""No encoder is trusted beyond this."""
+LEAST_NOISE_RAD = 3e-5
+"""No encoder is trusted beyond this: laws of friction and gears do not hold to less, however quiet a simulated sensor is."""
 EDGE_S = 0.15
 _MIN_SAMPLES = 30
 

@@ -57,7 +57,8 @@ class Verdict:
     """What is wrong with the model, or that nothing is, or why nobody can tell.
 
     ``causes`` holds the named ones, or the members of a confusable set. ``null_p`` is the share of healthy sessions whose
-    largest gain is at least this one's.
+    largest gain is at least this one's. ``rejected`` are the best other explanations of the named causes, closest first, with
+    what speaks against each; ``runner_up`` is the first of them.
     """
 
     verdict: VerdictKind
@@ -66,6 +67,7 @@ class Verdict:
     held_out: HeldOut | None = None
     null_p: float | None = None
     runner_up: Rival | None = None
+    rejected: tuple[Rival, ...] = ()
     follows: tuple[str, ...] = ()
     cannot_tell: tuple[str, ...] = ()
     record_next: tuple[str, ...] = ()
