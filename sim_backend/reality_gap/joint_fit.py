@@ -64,7 +64,7 @@ def select(
         plain_values: whether values are fitted by least squares in the end.
         confirms: whether a cause is worth it, told the looks without and with it; if not, the next best is tried.
     """
-    looks, accepted, refused = [problem.look(state, ())], [], set()
+    looks, accepted, refused, again = [problem.look(state, ())], [], set(), set()
     if looks[0].noise_ratio.max() > MANY_CAUSES:
         problem.expects_many = True
         looks = [problem.look(state, ())]
@@ -74,23 +74,27 @@ def select(
         if accepted:
             proxy = _PROXY_SHARE[problem.expects_many] * max(a.gain for a in accepted)
             later = max(min_share * look.mechanics_left, proxy)
-        best = look.best_without(refused, lambda effect: max((gates or {}).get(effect, gate), later))  # noqa: B023
+        best = look.best_without(refused | again, lambda effect: max((gates or {}).get(effect, gate), later))  # noqa: B023
         if best is None:
             break
         progress(f"{best.hypothesis.effect}, {best.hypothesis.where}", 0.9 - 0.7 * 0.85 ** len(accepted))
         terms = tuple(look.catalogue.terms[i] for i in best.hypothesis.terms)
         before, kept = state, list(accepted)
         state = moved(state, terms, best.values)
-        accepted = [a for a in accepted if not _contains(best.hypothesis, a)]
-        own = refining_terms(look.catalogue, best.hypothesis)
-        accepted.append(Accepted(best.hypothesis.effect, best.hypothesis.where, own, best.gain))
+        is_new = not {(t.key, t.index) for t in terms} <= {(t.key, t.index) for a in accepted for t in a.terms}
+        if is_new:
+            accepted = [a for a in accepted if not _contains(best.hypothesis, a)]
+            own = refining_terms(look.catalogue, best.hypothesis)
+            accepted.append(Accepted(best.hypothesis.effect, best.hypothesis.where, own, best.gain))
+        else:  # a number that is in the model already, with all joints: it was far from where its law is straight
+            again.add(best.hypothesis.name)
         for _ in range(_REFINEMENTS):
             look = problem.look(state, accepted)
             state = _refined(state, accepted, look.accepted_values)
         new = problem.look(state, accepted)
         is_plausible_now = not (problem.expects_many and problem.has_pipeline) or is_plausible(state)
         if is_plausible_now and confirms(looks[-1], new):
-            looks.append(new)
+            looks = [*looks, new] if is_new else [*looks[:-1], new]
             state = _refined(state, accepted, new.accepted_values)
             continue
         state, accepted = before, kept

@@ -218,6 +218,8 @@ def _rival(study: JointStudy, index: int, accepted: Accepted) -> tuple[Rival, li
             continue
         if candidate.gain < study.gates.get(h.effect, study.gate):
             continue  # by itself it would not be named either
+        if study.problem.expects_many and (candidate.gain > taken.gain or h.effect in {a.effect for a in study.fit.accepted}):
+            continue  # refused for its values, or named elsewhere
         if (accepted.effect, h.effect) == ("table_tilt", "gravity"):
             continue  # the same with one number more
         pair = frozenset({h.effect, accepted.effect})

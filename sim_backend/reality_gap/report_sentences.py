@@ -26,6 +26,8 @@ HEADLINES = {
     "not_identifiable": "These data cannot show what is wrong, or whether anything is.",
 }
 _MOST_LISTED = 8
+_MOST_PLACES = 10
+"""More causes than that are told by effect; each one's value with its interval is in the table and in study.json."""
 _UNIT_SUFFIXES = frozenset(("nm", "n", "rad", "s", "ms", "m", "mm", "kg", "k", "hz", "v", "a", "w", "m2", "s2"))
 
 
@@ -76,11 +78,30 @@ def cause_sentences(document: Document) -> list[str]:
     """One sentence for each effect at each place, with all its numbers."""
     kind = kind_of(document)
     start = {"named": "Cause", "confusable": "Possible cause"}.get(kind, "Considered")
+    places = _places(document["verdict"].get("causes") or ())
+    if len(places) > _MOST_PLACES:
+        return _by_effect(start, places)
     sentences = []
-    for (effect, where), causes in _places(document["verdict"].get("causes") or ()).items():
+    for (effect, where), causes in places.items():
         numbers = "; ".join(_number_of(cause, len(causes) > 1) for cause in causes)
         sentences.append(f"{start}: {place_of(effect, where)}: {numbers}.")
     return sentences
+
+
+def _by_effect(start: str, places: Mapping[tuple[str, str], Sequence[Mapping[str, Any]]]) -> list[str]:
+    """One sentence for each effect: how many places, and from which value to which."""
+    effects: dict[str, list[Mapping[str, Any]]] = {}
+    for (effect, _), causes in places.items():
+        effects.setdefault(effect, []).append(causes[0])
+    found = []
+    for effect, causes in effects.items():
+        if len(causes) == 1:
+            found.append(f"{start}: {place_of(effect, causes[0]['where'])}: {_number_of(causes[0], False)}.")
+            continue
+        unit = words(causes[0].get("unit", ""))
+        low, high = (quantity(end(cause["value"] for cause in causes), unit) for end in (min, max))
+        found.append(f"{start}: {effect_name(effect)}, {len(causes)} places: {low} to {high}.")
+    return found
 
 
 def evidence_sentences(document: Document) -> list[str]:
