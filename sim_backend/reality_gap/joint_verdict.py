@@ -27,7 +27,8 @@ _Z_90 = 1.6448536269514722
 _TRADED_SCALE, _TRADED = 0.2, 2
 """So many torques or masses that seem off by more than this take the place of something else."""
 _SYSTEMATIC = 2.0
-"""Intervals are wider than the noise alone makes them: laws are not exact."""
+_SYSTEMATIC_SHARE = 0.05
+"""Intervals are wider than the noise alone makes them, by a factor and by a share of the deviation: laws are not exact."""
 
 SEPARATES = {
     frozenset({"action_delay", "viscous_friction"}): "a chirp: a delay shifts the phase and leaves the size",
@@ -163,7 +164,9 @@ def _causes(study: JointStudy, accepted: Accepted) -> list[Cause]:
         if (term.key, term.index) in seen:
             continue
         seen.add((term.key, term.index))
-        value, half = float(study.fit.state.value(term.key)[term.index]), _Z_90 * _SYSTEMATIC * float(error)
+        value = float(study.fit.state.value(term.key)[term.index])
+        deviation = value - study.problem_start(term.key, term.index)
+        half = float(np.hypot(_Z_90 * _SYSTEMATIC * error, _SYSTEMATIC_SHARE * deviation))
         where = accepted.where
         if parameter.width == 9:
             where = study.problem.names[term.index]
