@@ -15,9 +15,10 @@ _SHAPE_OF = {
 }
 """Shapes that are fitted, too, once an effect is in the model."""
 _BOUND_SIGMAS = 3.0
-_SCALES_OF_EVERYTHING = ("torque_constant", "link_mass")
+SCALES_OF_EVERYTHING = ("torque_constant", "link_mass")
 _PLAUSIBLE_SCALE = {False: 0.25, True: 0.15}
-"""A torque or a mass that is off by more only makes everything smaller, errors too; the more so where much is wrong."""
+"""A torque or a mass that is smaller by more only makes everything smaller, errors too; the more so where much is wrong."""
+_PLAUSIBLE_GROWTH = {False: 0.6, True: 0.15}
 
 
 _PLAUSIBLE_GRAVITY_M_S2 = 0.15
@@ -41,11 +42,12 @@ def may_be(
     inside = _mostly_within_bounds if is_group and expects_many else within_bounds
     if not inside(terms, values, errors, state):
         return False
-    if terms[0].effect not in _SCALES_OF_EVERYTHING:
+    if terms[0].effect not in SCALES_OF_EVERYTHING:
         return True
     here = np.array([state.value(term.key)[term.index] for term in terms])
     absent = np.array([PARAMETERS[term.key].absent for term in terms])
-    return bool(np.all(np.abs(here + values - absent) < _PLAUSIBLE_SCALE[expects_many]))
+    off = here + values - absent
+    return bool(np.all((off > -_PLAUSIBLE_SCALE[expects_many]) & (off < _PLAUSIBLE_GROWTH[expects_many])))
 
 
 def within_bounds(terms: Sequence[Term], values: np.ndarray, errors: np.ndarray, state: JointState) -> bool:

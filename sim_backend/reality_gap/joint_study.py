@@ -1,6 +1,7 @@
 """Joints: from recordings to a verdict about what the model gets wrong."""
 
 # pyright: reportAttributeAccessIssue=false
+import functools
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,6 +24,7 @@ from sim_backend.reality_gap.joint_checks import (
 from sim_backend.reality_gap.joint_fit import MANY_CAUSES, JointFit, select
 from sim_backend.reality_gap.joint_gain import held_out_errors
 from sim_backend.reality_gap.joint_look import JointProblem, Look
+from sim_backend.reality_gap.joint_moves import SCALES_OF_EVERYTHING
 from sim_backend.reality_gap.joint_state import JointState
 from sim_backend.reality_gap.plant import Plant
 from sim_backend.reality_gap.recording import Recording, RecordingError
@@ -164,7 +166,7 @@ def study_joints(
     used_gate = gate if gate is not None else _FOREIGN_GATE
     gates = known.gates if gate is None else {}
     felt = noise_of_motors(problem, nominal_state)
-    confirms = (lambda *_: True) if is_trifinger else lambda before, after: is_worth_it(problem, before, after)
+    confirms = functools.partial(may_follow if is_trifinger else is_worth_it, problem)
     fit = select(problem, nominal_state, used_gate, progress, confirms=confirms, plain_values=not is_trifinger, gates=gates)
     last = fit.last
     checks = [*noise_findings(episodes), *end_findings(episodes, fit.state)]
@@ -204,6 +206,15 @@ def _without_jump(recording: Recording, jump: Finding) -> Recording:
     position = recording.joints.position_rad.copy()
     position[jump.sample :, jump.joint] -= jump.value
     return replace(recording, joints=replace(recording.joints, position_rad=position))
+
+
+def may_follow(problem: JointProblem, before: Look, after: Look) -> bool:
+    """Whether a TriFinger's torque or mass may be to blame beside other causes: only if it is worth it.
+
+    What the law of an earlier cause leaves spreads over the torques and masses of its finger, one after the other.
+    """
+    is_first = not before.accepted or problem.expects_many
+    return is_first or after.accepted[-1].effect not in SCALES_OF_EVERYTHING or is_worth_it(problem, before, after)
 
 
 def is_worth_it(problem: JointProblem, before: Look, after: Look) -> bool:

@@ -9,6 +9,7 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.equations import Channel
 from sim_backend.reality_gap.flexible import Pattern, patterns
 from sim_backend.reality_gap.joint_checks import Finding, place
+from sim_backend.reality_gap.joint_gain import errors_of, held_out_errors
 from sim_backend.reality_gap.joint_look import Accepted, Candidate, Look
 from sim_backend.reality_gap.joint_study import JointStudy, calibration
 from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
@@ -21,6 +22,7 @@ PATTERN_SHARE = 0.3
 """And it must be this share of what the named causes gain: the rest is the shape of their laws."""
 _VELOCITY_FACTOR = 8.0
 """Reported velocities follow the motion a little by themselves: both are smoothed, but not by the same board."""
+_ALMOST = 0.85
 FOREIGN_PATTERN_SHARE = 1.0
 """Where there are no healthy sessions: what is left must be more than what was explained."""
 _Z_90 = 1.6448536269514722
@@ -101,7 +103,8 @@ def _kind(study, causes, left: Sequence[Pattern], rivals) -> tuple[VerdictKind, 
     explained = sum(a.gain for a in study.fit.accepted)
     noisy = {f.joint for f in study.findings if f.effect in ("joint_noise", "action_noise") and _is_shown(f, study)}
     factor = 1.0 if study.problem.expects_many else _VELOCITY_FACTOR
-    told = [p for p in left if p.joint not in noisy]
+    clear = _almost_explained(study)
+    told = [p for p in left if p.joint not in noisy and not (p.channel is Channel.MECHANICS and p.joint in clear)]
     strongest = max((p.gain / (factor if p.channel is Channel.VELOCITY else 1.0) for p in told), default=0.0)
     if odd := _odd(study):
         return VerdictKind.UNEXPLAINED, f"No cause of the catalogue explains {odd[0]}."
@@ -121,6 +124,14 @@ def _kind(study, causes, left: Sequence[Pattern], rivals) -> tuple[VerdictKind, 
         return VerdictKind.CONFUSABLE, "Some cause explains the data, but these data cannot tell which of those that are listed."
     named = ", ".join(_said(causes))
     return VerdictKind.NAMED, f"The data disagree with the model because of {named}."
+
+
+def _almost_explained(study: JointStudy) -> set[int]:
+    """Joints whose held-out torque error is almost gone: what is left of it is the shape of a law, however clear it is."""
+    if not study.fit.accepted:
+        return set()
+    before, after = errors_of(study.problem, study.start).by_joint_nm, held_out_errors(study.problem, study.fit.last).by_joint_nm
+    return set(np.flatnonzero(after < (1.0 - _ALMOST) * before).tolist())
 
 
 def _odd(study: JointStudy) -> list[str]:
@@ -204,8 +215,10 @@ def _found(finding: Finding, names: tuple[str, ...]) -> Cause:
 def _is_shown(finding: Finding, study: JointStudy) -> bool:
     """Not what another cause leaves, which looks like noise, and holds a joint where it should not be."""
     where = place(study.problem.names, finding.joint)
-    may_follow = finding.effect in ("joint_noise", "action_noise", "joint_limits")
-    return not may_follow or not any(a.where in (where, "platform") or a.where.startswith("all") for a in study.fit.accepted)
+    if finding.effect not in ("joint_noise", "action_noise", "joint_limits"):
+        return True
+    same = (where.partition("_")[0] if finding.effect == "joint_limits" else where, "platform", "all")
+    return not any(a.where.startswith(same) for a in study.fit.accepted)
 
 
 def _rival(study: JointStudy, index: int, accepted: Accepted) -> tuple[Rival, list[Cause]] | None:
