@@ -16,7 +16,7 @@ MANY_CAUSES = 2.5
 """Noise that all hypotheses together leave, relative to that of the sensors, from which on more than one thing is wrong."""
 MAX_REFUSED = 5
 _REFINEMENTS = 1
-_PROXY_SHARE = {False: 0.02, True: 0.004}
+_PROXY_SHARE = {False: 0.04, True: 0.004}
 """A cause that gains less than this share of the largest one may only mend what that one's law leaves."""
 
 

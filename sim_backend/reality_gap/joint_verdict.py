@@ -22,7 +22,7 @@ PATTERN_SHARE = 0.3
 """And it must be this share of what the named causes gain: the rest is the shape of their laws."""
 _VELOCITY_FACTOR = 8.0
 """Reported velocities follow the motion a little by themselves: both are smoothed, but not by the same board."""
-_ALMOST = 0.85
+_ALMOST = 0.7
 FOREIGN_PATTERN_SHARE = 1.0
 """Where there are no healthy sessions: what is left must be more than what was explained."""
 _Z_90 = 1.6448536269514722
