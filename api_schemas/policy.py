@@ -41,10 +41,11 @@ class ActionKind(StrEnum):
 
 
 class WeightsFormat(StrEnum):
-    """The two forms of weights that the farm accepts; neither can carry code."""
+    """The forms of weights that the farm accepts. Of a zip of stable-baselines3 only numbers and plain text are read."""
 
     SAFETENSORS = "safetensors"
     ONNX = "onnx"
+    ZIP = "zip"
 
 
 def _known_fields(names: tuple[str, ...]) -> tuple[str, ...]:

@@ -11,10 +11,13 @@ import signal
 import sys
 from pathlib import Path
 
-CPU_LIMIT_S = 20
-MEMORY_LIMIT_BYTES = 4 * 1024**3
+from api_schemas.policy import MAX_WEIGHTS_BYTES
+
+CPU_LIMIT_S = 5
+MEMORY_LIMIT_BYTES = 1024**3
 FILE_LIMIT_BYTES = 512 * 1024**2
 SMOKE_CPU_S = 2.0
+ARCHIVE_LIMIT_BYTES = MAX_WEIGHTS_BYTES
 
 
 def confine() -> None:
@@ -37,12 +40,16 @@ def convert(weights: Path, manifest_text: str, out: Path) -> None:
     import safetensors.numpy
 
     from api_schemas.policy import PolicyManifest
-    from services.policies import graph, smoke, uploaded
+    from services.policies import graph, sb3_network, smoke, uploaded
 
     manifest = PolicyManifest.model_validate_json(manifest_text)
     content = weights.read_bytes()
     if weights.suffix == ".onnx":
         model = graph.around(uploaded.parse(content, manifest), manifest)
+    elif weights.suffix == ".zip":
+        # What lies within an archive that was deflated is checked here for the first time, against the file's own size at least.
+        limit_bytes = max(len(content), ARCHIVE_LIMIT_BYTES)
+        model = graph.around(sb3_network.read_archive(memoryview(content), limit_bytes, manifest), manifest)
     else:
         model = graph.from_tensors(safetensors.numpy.load(content), manifest)
     out.write_bytes(model.SerializeToString())
@@ -64,11 +71,11 @@ def main() -> None:
     try:
         convert(weights, manifest.read_text(), out)
     except UnfitError as error:
-        _say(problem=str(error))
+        _say(problem={"why": error.why, "part": error.part, "instead": error.instead, "slug": error.slug, "pack": error.pack})
     except MemoryError:
-        _say(problem=f"the conversion needs more than {MEMORY_LIMIT_BYTES} bytes of memory")
+        _say(problem={"why": f"the conversion needs more than {MEMORY_LIMIT_BYTES} bytes of memory"})
     except Exception as error:  # a parser's own error is the user's answer, shortened
-        _say(problem=f"{type(error).__name__}: {error}"[:1000])
+        _say(problem={"why": f"it cannot be converted: {type(error).__name__}: {error}"[:1000]})
 
 
 def _say(**line: object) -> None:
