@@ -4,6 +4,7 @@ All of it works on the file as it lies on disk, costs at most a tenth of a secon
 """
 
 import mmap
+from collections.abc import Callable
 from pathlib import Path
 
 from api_schemas.policy import WeightsFormat
@@ -51,22 +52,25 @@ def check_weights(path: Path, kind: WeightsFormat, limit_bytes: int, filename: s
             )
         with path.open("rb") as file:
             # Not closed by hand: views of it may still be held where an error was raised.
-            check_content(memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)), kind, limit_bytes)
+            mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        check_content(memoryview(mapped), kind, limit_bytes, lambda: mapped.madvise(mmap.MADV_DONTNEED))
     except UnfitError as error:
         # Without the error's own frames, which would keep the file mapped.
         raise refused(error, name) from None
 
 
-def check_content(content: memoryview, kind: WeightsFormat, limit_bytes: int) -> None:
-    """Raises unless the content of a file is a well-formed one of its kind.
+def check_content(
+    content: memoryview, kind: WeightsFormat, limit_bytes: int, forget: Callable[[], object] = lambda: None
+) -> None:
+    """Raises unless the content of a file is a well-formed one of its kind; ``forget`` may drop what has been read of it.
 
     Raises:
         UnfitError: it is another format, not well formed, or over a limit.
     """
     check_start(bytes(content[:FIRST_BYTES]), kind)
     if kind == WeightsFormat.SAFETENSORS:
-        check_safetensors(content)
+        check_safetensors(content, forget)
     elif kind == WeightsFormat.ONNX:
-        check_onnx(content)
+        check_onnx(content, forget)
     else:
         check_entries_of(content, limit_bytes)

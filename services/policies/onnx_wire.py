@@ -3,6 +3,7 @@
 A field that is not in the tables below is refused, whatever its meaning may be to a newer runtime than ours.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from services.policies.operators import ALLOWED
@@ -10,6 +11,7 @@ from services.policies.unfit import UnfitError
 
 VARINT, FIXED64, BYTES, FIXED32 = 0, 1, 2, 5
 FIELD_LIMIT = 60_000
+FORGET_EVERY = 4096
 NODE_LIMIT = 5_000
 DEPTH_LIMIT = 16
 """Messages within messages: a graph within a node of a graph takes three."""
@@ -82,10 +84,16 @@ class Walk:
     text_bytes: int = 0
     dims: int = 0
     number_bytes: int = 0
+    unknown: tuple[bytes, int] | None = None
+    """An operator that is not taken and how deep its node lies, until the node's end: its domain may say more."""
 
 
-def check_onnx(content: memoryview) -> None:
+def check_onnx(content: memoryview, forget: Callable[[], object] = lambda: None) -> None:
     """Raises unless a file is made of nothing but nodes of allowed operators, dense numbers within the file, and names.
+
+    Args:
+        content: the whole file.
+        forget: called now and then; may drop from memory what has been read.
 
     Raises:
         UnfitError: names the part and the limit.
@@ -99,6 +107,8 @@ def check_onnx(content: memoryview) -> None:
             walk.fields += 1
             if walk.fields > FIELD_LIMIT:
                 raise _over(f"it has more than {FIELD_LIMIT} fields")
+            if walk.fields % FORGET_EVERY == 0:
+                forget()
             key, at = _varint(content, at, end)
             number, wire = key >> 3, key & 7
             kind = MESSAGES[message].get(number)
@@ -112,7 +122,9 @@ def check_onnx(content: memoryview) -> None:
                 open_messages.append((message, at, end))
                 message, at, end = kind, begin, at
             else:
-                _check(walk, kind, value, content[begin:at])
+                _check(walk, kind, value, content[begin:at], len(open_messages))
+        if walk.unknown and walk.unknown[1] == len(open_messages):
+            raise _not_taken(walk.unknown[0])
     if walk.graphs == 0:
         raise _broken("it holds no graph")
 
@@ -134,13 +146,15 @@ def _enter(walk: Walk, kind: str, depth: int) -> None:
         walk.dims = 0
 
 
-def _check(walk: Walk, kind: str, value: int, data: memoryview) -> None:
+def _check(walk: Walk, kind: str, value: int, data: memoryview, depth: int) -> None:
     if kind in ("text", "name", "operator", "domain", "empty"):
         walk.text_bytes += len(data)
         if walk.text_bytes > TEXT_LIMIT_BYTES:
             raise _over(f"names and notes take more than {TEXT_LIMIT_BYTES} bytes")
         if kind != "text":
             _check_name(kind, bytes(data[: NAME_LIMIT_BYTES + 1]))
+        if kind == "operator" and bytes(data).decode("latin-1") not in ALLOWED:
+            walk.unknown = bytes(data), depth
     elif kind == "location" and value:
         raise _refusal("Tensor", 13)
     elif kind == "type" and value not in NUMBERS:
@@ -164,13 +178,6 @@ def _check(walk: Walk, kind: str, value: int, data: memoryview) -> None:
 def _check_name(kind: str, name: bytes) -> None:
     if len(name) > NAME_LIMIT_BYTES:
         raise _over(f"a name has more than {NAME_LIMIT_BYTES} bytes")
-    if kind == "operator" and name.decode("latin-1") not in ALLOWED:
-        raise UnfitError(
-            "the operator is not among those that are taken",
-            part=f"operator {_shown(name)}",
-            slug="onnx-operator",
-            instead="export a network of plain arithmetic (docs/policies.md lists the operators), the deterministic mean action",
-        )
     if (kind == "domain" and name not in DOMAINS) or (kind == "empty" and name):
         raise UnfitError(
             "only operators of ONNX's default domain are taken, none of a library's own",
@@ -178,6 +185,15 @@ def _check_name(kind: str, name: bytes) -> None:
             slug="onnx-operator",
             instead="export without custom operators",
         )
+
+
+def _not_taken(name: bytes) -> UnfitError:
+    return UnfitError(
+        "the operator is not among those that are taken",
+        part=f"operator {_shown(name)}",
+        slug="onnx-operator",
+        instead="export the deterministic mean action as plain arithmetic; docs/policies.md lists the operators",
+    )
 
 
 def _value(content: memoryview, at: int, end: int, wire: int) -> tuple[int, int, int]:

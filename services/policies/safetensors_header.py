@@ -3,6 +3,7 @@
 import json
 import math
 import struct
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -17,14 +18,15 @@ EXPONENT = {2: (np.uint16, 0x7C00), 4: (np.uint32, 0x7F800000), 8: (np.uint64, 0
 """The bits that are all set in a number that is not finite, by the bytes of the number."""
 BRACKET_LIMIT = 8 * TENSOR_LIMIT
 """How many objects or lists JSON may hold before a parser of it sees it: what each costs is a multiple of its two bytes."""
-CHUNK_BYTES = 256 * 1024
+CHUNK_BYTES = 1024 * 1024
 
 
-def check_safetensors(content: memoryview | bytes) -> None:
+def check_safetensors(content: memoryview | bytes, forget: Callable[[], object] = lambda: None) -> None:
     """Raises unless a header describes exactly the bytes that follow it, and these are finite numbers.
 
     Args:
         content: the whole file.
+        forget: called now and then; may drop from memory what has been read.
 
     Raises:
         UnfitError: the header is too long, cannot be read, or leaves gaps or overlaps; or a number is not finite.
@@ -37,7 +39,7 @@ def check_safetensors(content: memoryview | bytes) -> None:
         raise _broken(f"its header has {length} bytes; at most {HEADER_LIMIT_BYTES} and the file's size are taken")
     start = LENGTH_BYTES + length
     for begin, end, name, width in _checked(_parsed(bytes(content[LENGTH_BYTES:start])), size - start):
-        _check_finite(content[start + begin : start + end], name, width)
+        _check_finite(content[start + begin : start + end], name, width, forget)
 
 
 def _parsed(text: bytes) -> dict[str, Any]:
@@ -83,10 +85,11 @@ def _span(name: str, tensor: Any) -> tuple[int, int, str, int]:
     return offsets[0], offsets[1], name, width
 
 
-def _check_finite(data: memoryview | bytes, name: str, width: int) -> None:
+def _check_finite(data: memoryview | bytes, name: str, width: int, forget: Callable[[], object]) -> None:
     kind, mask = EXPONENT[width]
     bits = np.frombuffer(data, kind)
     for at in range(0, len(bits), CHUNK_BYTES // width):
+        forget()
         if (bits[at : at + CHUNK_BYTES // width] & kind(mask)).max() == mask:
             raise UnfitError(
                 "it holds numbers that are not finite",
