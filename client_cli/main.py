@@ -8,6 +8,7 @@ import typer
 
 from client_cli import (
     cancel,
+    check,
     demo,
     effects,
     fetch,
@@ -37,6 +38,7 @@ JOB_END = (*OF_EVERY_REQUEST, ExitCode.JOB_WITHOUT_REPORT, ExitCode.INTERRUPTED)
 
 app.command(epilog=epilog(*OF_A_CHILD))(up.up)
 app.command(epilog=epilog(*JOB_END))(demo.demo)
+app.command(epilog=epilog(*OF_A_CHILD, ExitCode.REFUSED, ExitCode.INTERRUPTED))(check.check)
 app.command(epilog=epilog(*JOB_END))(submit.submit)
 app.command(epilog=epilog(*JOB_END))(identify.identify)
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(jobs.jobs)

@@ -114,7 +114,8 @@ def _family(tensors: Mapping[str, Array]) -> Family:
 
 def _layers(tensors: Mapping[str, Array], family: Family) -> list[tuple[Array, Array]]:
     """Weights and biases from the first layer to the last."""
-    numbers = sorted({_number(name, family.hidden) for name in tensors if name.startswith(f"{family.hidden}.")} - {None})
+    stem = re.compile(re.escape(family.hidden) + r"\.(\d{1,3})\..*")
+    numbers = sorted({int(found[1]) for found in map(stem.fullmatch, tensors) if found})
     # A layer, its activation, the next layer: any other step is a norm or a dropout, which would be left out in silence.
     if numbers != list(range(0, 2 * len(numbers), 2)) or (not numbers and not family.last):
         raise UnfitError(
@@ -125,11 +126,6 @@ def _layers(tensors: Mapping[str, Array], family: Family) -> list[tuple[Array, A
         )
     names = [f"{family.hidden}.{number}" for number in numbers] + ([family.last] if family.last else [])
     return [_pair(tensors, name) for name in names]
-
-
-def _number(name: str, stem: str) -> int | None:
-    word = name.removeprefix(f"{stem}.").partition(".")[0]
-    return int(word) if word.isdecimal() and len(word) < 4 else None
 
 
 def _pair(tensors: Mapping[str, Array], name: str) -> tuple[Array, Array]:
@@ -193,7 +189,8 @@ class _Chain:
 
     def linear(self, weight: Array, bias: Array) -> None:
         names = [self._constant("weight", weight), self._constant("bias", bias)]
-        self._add("Gemm", *names, transB=1)
+        self._add("Gemm", *names)
+        self.nodes[-1].attribute.append(helper.make_attribute("transB", 1))
 
     def unary(self, operator: str) -> None:
         self._add(operator)
@@ -206,7 +203,7 @@ class _Chain:
         self.constants.append(numpy_helper.from_array(values, name))
         return name
 
-    def _add(self, operator: str, *names: str, **attributes: int) -> None:
+    def _add(self, operator: str, *names: str) -> None:
         out = f"{PREFIX}step{len(self.nodes)}"
-        self.nodes.append(helper.make_node(operator, [self.at, *names], [out], **attributes))
+        self.nodes.append(helper.make_node(operator, [self.at, *names], [out]))
         self.at = out

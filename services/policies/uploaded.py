@@ -3,8 +3,9 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import onnx
-from onnx import AttributeProto, GraphProto, ModelProto, NodeProto, TensorProto, ValueInfoProto, compose
+from onnx import AttributeProto, GraphProto, ModelProto, NodeProto, TensorProto, ValueInfoProto, compose, numpy_helper
 
 from api_schemas.policy import ACTION_SIZE, PolicyManifest
 from services.policies.randomness import check_repeatable
@@ -15,7 +16,7 @@ OLDEST_OPSET = 7
 """The first in which the operators around the network broadcast as they do today."""
 OLDEST_IR_VERSION = 4
 """The first in which constants need not be inputs too."""
-NODE_LIMIT = 20_000
+NODE_LIMIT = 5_000
 PREFIX = "network/"
 
 
@@ -76,7 +77,28 @@ def _check_plain(model: ModelProto) -> int:
     if any(tensor.external_data or tensor.data_location == TensorProto.EXTERNAL for tensor in _tensors(model.graph)):
         raise UnfitError("the file keeps tensors in other files; export it as one file")
     check_repeatable(list(_graphs(model.graph)))
+    for tensor in _tensors(model.graph):
+        _check_numbers(tensor)
     return opset
+
+
+def _check_numbers(tensor: TensorProto) -> None:
+    """Infinity may be meant, as the bound of a clip or a mask; what is no number never is."""
+    try:
+        values = numpy_helper.to_array(tensor)
+    except Exception as error:
+        raise UnfitError(f"it does not fit its shape ({error})", part=_part(tensor), slug="weights-malformed") from error
+    if values.dtype.kind == "f" and np.isnan(values).any():
+        raise UnfitError(
+            "it holds numbers that are not finite (NaN)",
+            part=_part(tensor),
+            slug="weights-not-finite",
+            instead="look for the step of the training at which it diverged, and export weights from before",
+        )
+
+
+def _part(tensor: TensorProto) -> str:
+    return f"tensor {tensor.name!r:.100}"
 
 
 def _graphs(graph: GraphProto) -> Iterator[GraphProto]:

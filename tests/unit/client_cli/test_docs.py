@@ -7,6 +7,7 @@ import pytest
 from typer.main import get_command
 
 from api_schemas.job import Job, JobPage
+from api_schemas.policy_check import PolicyCheck
 from api_schemas.report import IdentificationReport, Report
 from api_schemas.robot import Robot, RobotPage
 from api_schemas.status import FarmStatus
@@ -24,6 +25,7 @@ JSON_KEYS = {
     "up": up.document(FARM),
     "demo": demo.document(demo.DemoResult(job(FarmState()), None, None, None)),
     "submit FILE": Job.model_fields,
+    "check FILE": PolicyCheck.model_fields,
     "jobs": JobPage.model_fields,
     "report ID": Report.model_fields,
     "fetch ID": fetch.document(fetch.Fetched(job(FarmState()), Path(), (), (), 0, 0, None)),
