@@ -55,10 +55,8 @@ def load(graph: Path) -> onnxruntime.InferenceSession:
 def run(session: onnxruntime.InferenceSession, manifest: PolicyManifest) -> list[str]:
     """Runs the graph a few times; gives a sentence for each thing a user should know.
 
-    A network that fails here may run: the robot's own deadline and limits then end the trial by the policy's fault.
-
     Raises:
-        UnfitError: the network gives the wrong shape.
+        UnfitError: the network fails, or gives the wrong shape.
     """
     actions, spent_s = [], []
     for observation in observations(manifest):
@@ -66,7 +64,8 @@ def run(session: onnxruntime.InferenceSession, manifest: PolicyManifest) -> list
         try:
             (action,) = session.run(["action"], {"observation": observation[None, :]})
         except Exception as error:
-            return [f"failed on a plausible observation; a trial ends at the first such failure ({str(error).strip()[:300]})"]
+            reason = str(error).strip()[:300]
+            raise UnfitError(f"the network fails on a plausible observation ({reason})", slug="dry-run-failed") from error
         spent_s.append(time.process_time() - began_s)
         actions.append(np.asarray(action))
     if actions[0].shape != (1, ACTION_SIZE):
