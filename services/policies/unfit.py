@@ -1,6 +1,7 @@
 """The one error of conversion, and the sentence for shapes that do not fit."""
 
 from api_schemas.policy import ACTION_SIZE, LAYOUTS, OBSERVATION_SIZES, PolicyManifest
+from api_schemas.policy_network import ActionHead
 
 
 class UnfitError(Exception):
@@ -12,11 +13,20 @@ def wrong_input(manifest: PolicyManifest, network_inputs: int) -> UnfitError:
     fields = ", ".join(f"{name} {OBSERVATION_SIZES[name]}" for name in manifest.observation)
     nearest = min(LAYOUTS, key=lambda name: abs(LAYOUTS[name].observation_size - network_inputs))
     return UnfitError(
-        f"the manifest's observation has {manifest.observation_size} numbers ({fields}), but the network takes "
+        f"the manifest's observation has {manifest.observation_size} numbers ({fields}){_stacked(manifest)}, but the network takes "
         f"{network_inputs}; the nearest ready-made layout is {nearest} with {LAYOUTS[nearest].observation_size}"
     )
 
 
-def wrong_output(network_outputs: object) -> UnfitError:
-    """The error for a network that does not give nine numbers."""
-    return UnfitError(f"the network gives {network_outputs} numbers, but an action has {ACTION_SIZE}: one for each joint")
+def _stacked(manifest: PolicyManifest) -> str:
+    stack = manifest.frame_stack
+    return "" if stack is None else f", stacked {stack.count} times {manifest.network_inputs}"
+
+
+def wrong_output(network_outputs: object, manifest: PolicyManifest) -> UnfitError:
+    """The error for a network that does not give the numbers that an action is made of."""
+    if manifest.head is ActionHead.DIRECT:
+        return UnfitError(f"the network gives {network_outputs} numbers, but an action has {ACTION_SIZE}: one for each joint")
+    return UnfitError(
+        f"the network gives {network_outputs} numbers, but the head {manifest.head.value!r} needs {manifest.network_outputs}"
+    )
