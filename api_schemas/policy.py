@@ -58,8 +58,9 @@ def _known_fields(names: tuple[str, ...]) -> tuple[str, ...]:
 class InputScaling(Schema):
     """How an observation becomes the network's input: bounds to [-1, 1], then running mean and variance, then a clip.
 
-    Each list has one number per observation element, or per element of the stack of observations. For safetensors the lists may be left out and are then read from the
-    tensors ``observation_low``, ``observation_high``, ``running_mean`` and ``running_var``, if the file has them.
+    Each list has one number per observation element, or per element of the stack of observations. For safetensors the lists
+    may be left out and are then read from the tensors ``observation_low``, ``observation_high``, ``running_mean`` and
+    ``running_var``, if the file has them.
     """
 
     low: tuple[float, ...] | None = None

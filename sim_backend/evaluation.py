@@ -31,6 +31,10 @@ class Remembering(Protocol):
         """Forget all that was, and begin that many trials; row i of the observations is from now on trial i."""
         ...
 
+    def __call__(self, observation: np.ndarray, /) -> np.ndarray:
+        """Actions (n, 9) of the next observation (n, size) of each trial."""
+        ...
+
 
 @dataclass(frozen=True)
 class Evaluation:

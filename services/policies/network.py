@@ -56,7 +56,9 @@ def read(tensors: Mapping[str, Array], manifest: PolicyManifest) -> Network:
 
 
 def _check_names(tensors: Mapping[str, Array], manifest: PolicyManifest) -> None:
-    counted = {"layer": max(1, _count(tensors, "layer"))} | ({"encoder": _count(tensors, "encoder")} if manifest.recurrent else {})
+    counted = {"layer": max(1, _count(tensors, "layer"))} | (
+        {"encoder": _count(tensors, "encoder")} if manifest.recurrent else {}
+    )
     wanted = {f"{kind}{i}.{part}" for kind, count in counted.items() for i in range(count) for part in ("weight", "bias")}
     if manifest.recurrent:
         wanted |= recurrent.names(tensors)

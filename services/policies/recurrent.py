@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from onnx import helper
@@ -87,7 +88,7 @@ def append(chain: Chain, recurrent: Recurrent) -> None:
         parts = ("h", "c") if recurrent.cell is Cell.LSTM else ("h",)
         states = [f"{STATE}{part}{index}" for part in parts]
         outputs = [f"recurrent{index}_{part}" for part in parts]
-        kind = {"linear_before_reset": 1} if recurrent.cell is Cell.GRU else {}
+        kind: dict[str, Any] = {"linear_before_reset": 1} if recurrent.cell is Cell.GRU else {}
         inputs = [sequence, *weights, "", *states]
         node = helper.make_node(recurrent.cell.value.upper(), inputs, ["", *outputs], hidden_size=size, **kind)
         chain.nodes.append(node)

@@ -7,6 +7,7 @@ The steps stay apart in the graph, in float32, in this order: nothing is folded 
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from onnx import NodeProto, TensorProto, helper, numpy_helper
@@ -127,7 +128,7 @@ class Chain:
         self.constants.append(numpy_helper.from_array(values, name))
         return name
 
-    def node(self, operator: str, inputs: list[str], name: str, **attributes: object) -> str:
+    def node(self, operator: str, inputs: list[str], name: str, **attributes: Any) -> str:
         """Adds a node with one result; gives the result's name."""
         self.nodes.append(helper.make_node(operator, inputs, [name], **attributes))
         return name

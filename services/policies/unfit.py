@@ -13,8 +13,9 @@ def wrong_input(manifest: PolicyManifest, network_inputs: int) -> UnfitError:
     fields = ", ".join(f"{name} {OBSERVATION_SIZES[name]}" for name in manifest.observation)
     nearest = min(LAYOUTS, key=lambda name: abs(LAYOUTS[name].observation_size - network_inputs))
     return UnfitError(
-        f"the manifest's observation has {manifest.observation_size} numbers ({fields}){_stacked(manifest)}, but the network takes "
-        f"{network_inputs}; the nearest ready-made layout is {nearest} with {LAYOUTS[nearest].observation_size}"
+        f"the manifest's observation has {manifest.observation_size} numbers ({fields}){_stacked(manifest)}, "
+        f"but the network takes {network_inputs}; "
+        f"the nearest ready-made layout is {nearest} with {LAYOUTS[nearest].observation_size}"
     )
 
 
