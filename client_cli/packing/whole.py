@@ -52,6 +52,13 @@ def torch_export(path: Path, takes: int) -> Program:
     inputs, _ = program.example_inputs
     if tuple(inputs[0].shape) != (1, takes):
         raise UsageProblem(f"{path.name} was exported for an input of shape {tuple(inputs[0].shape)}; export it for (1, {takes})")
+    idle = [node.name for node in program.graph.nodes if node.op == "placeholder" and not node.users]
+    unused = [name for name in program.graph_signature.user_inputs if name in idle]
+    if unused:
+        raise UsageProblem(
+            f"the exported program does not use its input {unused[0]!r}; torch takes one tensor that is given twice for one "
+            "input: export again with a tensor of its own for each state"
+        )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         traced = torch.jit.trace(module, tuple(inputs), check_trace=False)

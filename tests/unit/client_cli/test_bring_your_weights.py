@@ -13,9 +13,10 @@ from client_cli.policy_files import read_policy
 from tests.unit.client_cli.checkpoints import RlGames, RslRl, Skrl, TorchLstm, mlp
 
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "bring-your-weights.md").read_text()
-ROBOT = re.search(r"```json\n(.*?)```", PAGE, re.DOTALL)[1]
-PYTHON = re.search(r"```python\n(.*?)```", PAGE, re.DOTALL)[1]
-COMMANDS = [line for block in re.findall(r"```\n(.*?)```", PAGE, re.DOTALL) for line in block.splitlines() if " pack " in line]
+BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
+ROBOT = next(text for kind, text in BLOCKS if kind == "json")
+PYTHON = next(text for kind, text in BLOCKS if kind == "python")
+COMMANDS = [line for kind, text in BLOCKS if not kind for line in text.splitlines() if " pack " in line]
 SIZE = PolicyManifest.model_validate_json(ROBOT).observation_size
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")

@@ -137,9 +137,9 @@ def test_torch_script(stack, tmp_path, trifarm, manifest):
 def test_a_program_with_states(exported, tmp_path, trifarm, manifest):
     torch.manual_seed(0)
     module, out = TorchLstm(SIZE), tmp_path / "p.onnx"
-    path, zero = tmp_path / ("policy.pt2" if exported else "policy.pt"), torch.zeros(1, 1, 16)
+    path, zero = tmp_path / ("policy.pt2" if exported else "policy.pt"), (torch.zeros(1, 1, 16), torch.zeros(1, 1, 16))
     if exported:
-        torch.export.save(torch.export.export(module, (torch.zeros(1, SIZE), zero, zero)), path)
+        torch.export.save(torch.export.export(module, (torch.zeros(1, SIZE), *zero)), path)
     else:
         torch.jit.script(module).save(path)
     states = () if exported else ("--state", "1,1,16", "--state", "1,1,16")
@@ -154,6 +154,15 @@ def test_an_exported_program_without_states(tmp_path, trifarm, manifest):
     torch.export.save(torch.export.export(module, (torch.zeros(1, SIZE),)), path)
     pack(trifarm, path, out=out, manifest=manifest(head="gaussian"), options=("--scale", str(SCALE)))
     assert_same(out, lambda trial: module(trial)[:, :9])
+
+
+@DEPRECATED
+def test_a_program_exported_with_one_tensor_for_two_states_is_refused(tmp_path, trifarm, manifest):
+    path, zero = tmp_path / "policy.pt2", torch.zeros(1, 1, 16)
+    torch.export.save(torch.export.export(TorchLstm(SIZE), (torch.zeros(1, SIZE), zero, zero)), path)
+    ended = trifarm("pack", str(path), "--out", str(tmp_path / "p.onnx"), "--manifest", str(manifest()))
+    assert ended.code == 2
+    assert "a tensor of its own for each state" in ended.err
 
 
 @DEPRECATED
