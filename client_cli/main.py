@@ -15,6 +15,7 @@ from client_cli import (
     gap,
     identify,
     jobs,
+    pack,
     physics,
     replay,
     report,
@@ -40,6 +41,7 @@ app.command(epilog=epilog(*OF_A_CHILD))(up.up)
 app.command(epilog=epilog(*JOB_END))(demo.demo)
 app.command(epilog=epilog(*OF_A_CHILD, ExitCode.REFUSED, ExitCode.INTERRUPTED))(check.check)
 app.command(epilog=epilog(*JOB_END))(submit.submit)
+app.command(epilog=epilog(*OF_A_CHILD))(pack.pack)
 app.command(epilog=epilog(*JOB_END))(identify.identify)
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(jobs.jobs)
 app.command(epilog=epilog(*JOB_END))(watch.watch)

@@ -11,6 +11,7 @@ import sys
 import time
 
 from api_schemas import policy_link
+from api_schemas.policy_graph import GraphRunner
 
 PR_SET_PDEATHSIG = 1
 MEMORY_BYTES = 4 * 1024**3
@@ -29,14 +30,14 @@ def main() -> int:
         _reply_text(write_fd, error, policy_link.BROKEN)
         return 1
     try:
-        act = _load(graph, np, onnxruntime)
+        policy = GraphRunner(_load(graph, onnxruntime))
     except Exception as error:  # whatever the runtime raises goes to the robot as text
         _reply_text(write_fd, error)
         return 1
     os.write(write_fd, policy_link.pack_reply(policy_link.READY))
     try:
         while True:
-            _answer(act, read_fd, write_fd)
+            _answer(policy, np, read_fd, write_fd)
     except (policy_link.LinkClosedError, BrokenPipeError):
         return 0
 
@@ -54,32 +55,27 @@ def _limit_self() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
 
 
-def _load(graph: str, np, onnxruntime):
-    """The network as a function from observation bytes to an action array and its inference time in ns."""
+def _load(graph: str, onnxruntime):
+    """The network in a session of one thread."""
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
     options.log_severity_level = 4
-    session = onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
-    name = session.get_inputs()[0].name
-
-    def act(data: bytes):
-        observation = np.frombuffer(data, np.float32)[None]
-        started_ns = time.perf_counter_ns()
-        action = session.run(None, {name: observation})[0]
-        return np.asarray(action, np.float32).reshape(-1), time.perf_counter_ns() - started_ns
-
-    return act
+    return onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
 
 
-def _answer(act, read_fd: int, write_fd: int) -> None:
-    """Answer one request; a feed-forward network has no state, so that a reset needs no more than an acknowledgement."""
+def _answer(policy: GraphRunner, np, read_fd: int, write_fd: int) -> None:
+    """Answer one request: an action that may depend on all observations since the last reset, or a reset."""
     kind, count = policy_link.REQUEST.unpack(policy_link.read_exactly(read_fd, policy_link.REQUEST.size))
     if kind == policy_link.RESET:
+        policy.forget()
         os.write(write_fd, policy_link.pack_reply(policy_link.OK))
         return
     try:
-        action, inference_time_ns = act(policy_link.read_exactly(read_fd, 4 * count))
+        observation = np.frombuffer(policy_link.read_exactly(read_fd, 4 * count), np.float32)[None]
+        started_ns = time.perf_counter_ns()
+        action = policy.act(observation)
+        inference_time_ns = time.perf_counter_ns() - started_ns
     except policy_link.LinkClosedError:
         raise
     except Exception as error:

@@ -1,6 +1,7 @@
 """The network of a stable-baselines3 policy, rebuilt from the names and shapes of its tensors.
 
-What comes out is what ``model.predict(observation, deterministic=True)`` gives, clipped to the bounds of the actions.
+What comes out is what ``model.predict(observation, deterministic=True)`` gives: of a recurrent policy with its own last states,
+which are zero at the beginning of a trial.
 """
 
 import re
@@ -8,16 +9,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from onnx import NodeProto, TensorProto, helper, numpy_helper
 
 from api_schemas.policy import ACTION_SIZE, PolicyManifest
+from api_schemas.policy_network import Cell
+from services.policies import recurrent
 from services.policies.sb3_archive import WEIGHTS, Settings, check_entries_of, read_settings
+from services.policies.scaling import Chain
 from services.policies.torch_file import read_tensors
 from services.policies.unfit import UnfitError, wrong_input, wrong_output
 from services.policies.uploaded import PREFIX, Uploaded
 from services.policies.zip_directory import inflate
 
 OPSET, IR_VERSION = 17, 8
+GIVEN, MEMORY = f"{PREFIX}obs", "lstm_actor."
 Array = np.ndarray
 PARTS = re.compile(
     r"(mlp_extractor\.policy_net|action_net|actor\.(latent_pi|mu|features_extractor)|lstm_actor|(pi_)?features_extractor)\..+"
@@ -39,7 +43,7 @@ ACTOR_CRITIC = Family("mlp_extractor.policy_net", "action_net", "Tanh", squashed
 SAC = Family("actor.latent_pi", "actor.mu", "Relu", squashed=True)
 SAC_CLIPPED = Family("actor.latent_pi", "actor.mu.0", "Relu", squashed=True)
 TD3 = Family("actor.mu", "", "Relu", squashed=True)
-"""PPO and A2C; SAC, and the same with gSDE, which clips the mean; TD3 and DDPG, whose last layer is numbered like the others."""
+"""PPO, A2C and RecurrentPPO; SAC, and the same with gSDE, which clips the mean; TD3 and DDPG, its last layer numbered too."""
 
 
 def read_archive(content: memoryview, limit_bytes: int, manifest: PolicyManifest) -> Uploaded:
@@ -60,37 +64,68 @@ def rebuilt(tensors: Mapping[str, Array], settings: Settings, manifest: PolicyMa
     Raises:
         UnfitError: a tensor is missing, is none of a feed-forward network or has the wrong shape.
     """
+    _check_manifest(manifest)
     family = _family(tensors)
     low, high = _bounds(settings)
+    memory = _memory(tensors, manifest)
     layers = _layers(tensors, family)
-    _check_shapes(layers, manifest)
-    chain = _Chain([], [], f"{PREFIX}obs")
+    _check_shapes(layers, memory, manifest)
+    chain = Chain([], [], GIVEN)
+    if memory is not None:
+        recurrent.append(chain, memory)
     activation = settings.activation or family.activation
     for index, (weight, bias) in enumerate(layers):
-        chain.linear(weight, bias)
+        names = [chain.constant(f"{PREFIX}{part}{index}", values) for part, values in (("weight", weight), ("bias", bias))]
+        chain.at = chain.node("Gemm", [chain.at, *names], f"{PREFIX}linear{index}", transB=1)
         if index < len(layers) - 1:
-            chain.unary(activation)
+            chain.at = chain.node(activation, [chain.at], f"{PREFIX}hidden{index}")
     if family == SAC_CLIPPED and settings.mean_clip > 0:
-        chain.binary("Min", np.full(ACTION_SIZE, settings.mean_clip))
-        chain.binary("Max", np.full(ACTION_SIZE, -settings.mean_clip))
+        chain.clip(settings.mean_clip, ACTION_SIZE)
     if family.squashed or settings.squashed:
-        chain.unary("Tanh")
+        chain.at = chain.node("Tanh", [chain.at], f"{PREFIX}squashed")
         # As stable-baselines3 does it: low + (high - low) / 2 · (x + 1).
-        chain.binary("Add", np.ones(ACTION_SIZE))
-        chain.binary("Mul", 0.5 * (high - low))
-        chain.binary("Add", low)
+        chain.step("Add", np.ones(ACTION_SIZE))
+        chain.step("Mul", 0.5 * (high - low))
+        chain.step("Add", low)
     else:
-        chain.binary("Min", high)
-        chain.binary("Max", low)
-    return Uploaded(chain.nodes, chain.constants, f"{PREFIX}obs", chain.at, OPSET, IR_VERSION)
+        chain.step("Min", high)
+        chain.step("Max", low)
+    states = [(each.name, each.following, each.shape) for each in chain.remembered]
+    return Uploaded(chain.nodes, chain.constants, GIVEN, chain.at, OPSET, IR_VERSION, states)
+
+
+def _check_manifest(manifest: PolicyManifest) -> None:
+    if manifest.recurrent is not None or manifest.states:
+        raise UnfitError(
+            "an archive says itself what its policy remembers",
+            part="the manifest",
+            instead="leave out recurrent and states",
+            slug="manifest-does-not-fit",
+        )
+    if manifest.network_outputs != ACTION_SIZE:
+        raise wrong_output(ACTION_SIZE, manifest)
+
+
+def _memory(tensors: Mapping[str, Array], manifest: PolicyManifest) -> recurrent.Recurrent | None:
+    """The LSTM of RecurrentPPO, which lies between the observation and the layers."""
+    lstm = {name.removeprefix(MEMORY): values for name, values in tensors.items() if name.startswith(MEMORY)}
+    if not lstm:
+        return None
+    cells = {f"recurrent.{name}": _floats(values, MEMORY + name) for name, values in lstm.items()}
+    first = cells.get("recurrent.weight_ih_l0")
+    if set(cells) != recurrent.names(cells) or first is None or first.ndim != 2:
+        raise UnfitError(
+            "its memory is none that can be rebuilt: layers of an LSTM in one direction, with biases",
+            part=f"tensors {MEMORY[:-1]}",
+            slug="network-unknown",
+            pack=True,
+        )
+    if first.shape[1] != manifest.network_inputs:
+        raise wrong_input(manifest, first.shape[1])
+    return recurrent.read(cells, manifest.model_copy(update={"recurrent": Cell.LSTM}), manifest.network_inputs)
 
 
 def _family(tensors: Mapping[str, Array]) -> Family:
-    if any(name.startswith("lstm_actor.") for name in tensors):
-        raise UnfitError(
-            "a recurrent policy (RecurrentPPO) is not rebuilt from its archive", part="entry policy.pth", slug="network-unknown",
-            pack=True,
-        )  # fmt: skip
     other = next((name for name in tensors if "features_extractor." in name), None)
     if other is not None:
         raise UnfitError(
@@ -108,7 +143,10 @@ def _family(tensors: Mapping[str, Array]) -> Family:
     if any(name.startswith("actor.mu.") for name in tensors):
         return TD3
     raise UnfitError(
-        "no policy of PPO, A2C, SAC, TD3 or DDPG is in it", part="entry policy.pth", slug="network-unknown", pack=True
+        "no policy of PPO, A2C, RecurrentPPO, SAC, TD3 or DDPG is in it",
+        part="entry policy.pth",
+        slug="network-unknown",
+        pack=True,
     )
 
 
@@ -132,29 +170,38 @@ def _pair(tensors: Mapping[str, Array], name: str) -> tuple[Array, Array]:
     found = []
     for part in ("weight", "bias"):
         values = tensors.get(f"{name}.{part}")
-        if values is None or values.dtype.kind != "f":
-            raise UnfitError("there is no such tensor of floats", part=f"tensor {name}.{part}", slug="network-unknown", pack=True)
-        with np.errstate(over="ignore"):
-            values = values.astype(np.float32)
-        if not np.isfinite(values).all():
-            raise UnfitError(
-                "it holds numbers that are not finite", part=f"tensor {name}.{part}", slug="weights-not-finite",
-                instead="send weights from before the training diverged",
-            )  # fmt: skip
-        found.append(values)
+        found.append(_floats(values, f"{name}.{part}"))
     return found[0], found[1]
 
 
-def _check_shapes(layers: list[tuple[Array, Array]], manifest: PolicyManifest) -> None:
+def _floats(values: Array | None, name: str) -> Array:
+    if values is None or values.dtype.kind != "f":
+        raise UnfitError("there is no such tensor of floats", part=f"tensor {name}", slug="network-unknown", pack=True)
+    with np.errstate(over="ignore"):
+        values = values.astype(np.float32)
+    if not np.isfinite(values).all():
+        raise UnfitError(
+            "it holds numbers that are not finite",
+            part=f"tensor {name}",
+            slug="weights-not-finite",
+            instead="send weights from before the training diverged",
+        )
+    return values
+
+
+def _check_shapes(layers: list[tuple[Array, Array]], memory: recurrent.Recurrent | None, manifest: PolicyManifest) -> None:
     for index, (weight, bias) in enumerate(layers):
         if weight.ndim != 2 or bias.shape != weight.shape[:1] or 0 in weight.shape:
             raise _misshapen(index, f"weight {weight.shape} and bias {bias.shape} must be (out, in) and (out,)")
         if index and weight.shape[1] != layers[index - 1][0].shape[0]:
             raise _misshapen(index, f"it takes {weight.shape[1]} numbers, the one before gives {layers[index - 1][0].shape[0]}")
-    if layers[0][0].shape[1] != manifest.observation_size:
-        raise wrong_input(manifest, layers[0][0].shape[1])
+    takes = layers[0][0].shape[1]
+    if memory is not None and takes != memory.size:
+        raise _misshapen(0, f"it takes {takes} numbers, the memory gives {memory.size}")
+    if memory is None and takes != manifest.network_inputs:
+        raise wrong_input(manifest, takes)
     if layers[-1][0].shape[0] != ACTION_SIZE:
-        raise wrong_output(layers[-1][0].shape[0])
+        raise wrong_output(layers[-1][0].shape[0], manifest)
 
 
 def _misshapen(index: int, why: str) -> UnfitError:
@@ -177,33 +224,3 @@ def _bounds(settings: Settings) -> tuple[Array, Array]:
             pack=True,
         )
     return np.array(low), np.array(high)
-
-
-@dataclass
-class _Chain:
-    """Nodes one after the other, each taking what the last gave."""
-
-    nodes: list[NodeProto]
-    constants: list[TensorProto]
-    at: str
-
-    def linear(self, weight: Array, bias: Array) -> None:
-        names = [self._constant("weight", weight), self._constant("bias", bias)]
-        self._add("Gemm", *names)
-        self.nodes[-1].attribute.append(helper.make_attribute("transB", 1))
-
-    def unary(self, operator: str) -> None:
-        self._add(operator)
-
-    def binary(self, operator: str, values: Array) -> None:
-        self._add(operator, self._constant("by", values.astype(np.float32)[None, :]))
-
-    def _constant(self, what: str, values: Array) -> str:
-        name = f"{PREFIX}{what}{len(self.nodes)}"
-        self.constants.append(numpy_helper.from_array(values, name))
-        return name
-
-    def _add(self, operator: str, *names: str) -> None:
-        out = f"{PREFIX}step{len(self.nodes)}"
-        self.nodes.append(helper.make_node(operator, [self.at, *names], [out]))
-        self.at = out

@@ -3,6 +3,7 @@
 import shlex
 
 from api_schemas.policy import ACTION_SIZE, LAYOUTS, OBSERVATION_SIZES, PolicyManifest
+from api_schemas.policy_network import ActionHead
 from services.errors import Refused
 
 NAME_LIMIT = 100
@@ -57,9 +58,11 @@ def wrong_input(manifest: PolicyManifest, network_inputs: int) -> UnfitError:
     size = manifest.observation_size
     nearest = min(LAYOUTS, key=lambda name: abs(LAYOUTS[name].observation_size - network_inputs))
     near = LAYOUTS[nearest]
-    instead = f"--layout {nearest} fits" if near.observation_size == network_inputs else "name the fields that it was trained on"
+    fits = manifest.frame_stack is None and near.observation_size == network_inputs
+    instead = f"--layout {nearest} fits" if fits else "name the fields that it was trained on"
     return UnfitError(
-        f"the manifest's observation has {size} numbers ({_fields(manifest)}), but the network takes {network_inputs}; "
+        f"the manifest's observation has {size} numbers ({_fields(manifest)}){_stacked(manifest)}, "
+        f"but the network takes {network_inputs}; "
         f"the nearest ready-made layout is {nearest} with {near.observation_size}\n"
         f"{side_by_side(manifest, nearest, network_inputs)}\n",
         part="the network's input",
@@ -96,10 +99,17 @@ def _all_fields() -> str:
     return ", ".join(f"{name} {size}" for name, size in OBSERVATION_SIZES.items())
 
 
-def wrong_output(network_outputs: object) -> UnfitError:
-    """The error for a network that does not give nine numbers."""
+def _stacked(manifest: PolicyManifest) -> str:
+    stack = manifest.frame_stack
+    return "" if stack is None else f", stacked {stack.count} times {manifest.network_inputs}"
+
+
+def wrong_output(network_outputs: object, manifest: PolicyManifest) -> UnfitError:
+    """The error for a network that does not give the numbers that an action is made of."""
+    direct = manifest.head is ActionHead.DIRECT
+    wanted = f"an action has {ACTION_SIZE}: one for each joint" if direct else f"the head {manifest.head.value!r} needs"
     return UnfitError(
-        f"the network gives {network_outputs} numbers, but an action has {ACTION_SIZE}: one for each joint",
+        f"the network gives {network_outputs} numbers, but {wanted}" + ("" if direct else f" {manifest.network_outputs}"),
         part="the network's output",
         slug="action-does-not-fit",
     )

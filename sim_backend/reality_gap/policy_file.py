@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from api_schemas.policy import LAYOUTS, PolicyManifest
+from api_schemas.policy_graph import GraphRunner, Session
 from sim_backend.evaluation import Act
 
 CONVERSION = "services.policies.conversion"
@@ -58,10 +59,23 @@ def _act(graph: bytes) -> Act:
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
     options.log_severity_level = 4
-    session = onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
-    name = session.get_inputs()[0].name
+    return GraphPolicy(onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"]))
 
-    def act(observation: np.ndarray) -> np.ndarray:
-        return np.concatenate([np.asarray(session.run(None, {name: row[None]})[0]) for row in observation])
 
-    return act
+class GraphPolicy:
+    """A policy in many trials at once; what it remembers of each trial is its own."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._trials: list[GraphRunner] = []
+
+    def begin(self, trials: int) -> None:
+        """Begin that many new trials, with nothing remembered."""
+        self._trials = [GraphRunner(self._session) for _ in range(trials)]
+
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
+        """Actions (n, 9) of the next observation (n, size) of each trial, float32."""
+        if not self._trials:
+            self.begin(len(observation))
+        pairs = zip(self._trials, observation, strict=True)
+        return np.concatenate([trial.act(row[None]) for trial, row in pairs])

@@ -12,7 +12,7 @@ from api_schemas.report import IdentificationReport, Report
 from api_schemas.robot import Robot, RobotPage
 from api_schemas.status import FarmStatus
 from api_schemas.token import NewToken, TokenPage
-from client_cli import demo, fetch, identify, up
+from client_cli import demo, fetch, identify, pack, up
 from client_cli.embedded_farm import EmbeddedFarm
 from client_cli.exit_codes import MEANING
 from client_cli.main import app
@@ -29,6 +29,7 @@ JSON_KEYS = {
     "jobs": JobPage.model_fields,
     "report ID": Report.model_fields,
     "fetch ID": fetch.document(fetch.Fetched(job(FarmState()), Path(), (), (), 0, 0, None)),
+    "pack FILE...": pack.document(Path("p.safetensors"), "", 0.0, ""),
     "identify": identify.document(identify.Identified(job(FarmState()), None)),
     "robots": RobotPage.model_fields,
     "status": FarmStatus.model_fields,

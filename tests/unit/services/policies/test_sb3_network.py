@@ -5,12 +5,13 @@ import onnxruntime
 import pytest
 
 from api_schemas.policy import LAYOUTS, MAX_WEIGHTS_BYTES, InputScaling, OutputScaling, PolicyManifest, WeightsFormat
+from api_schemas.policy_graph import GraphRunner
 from services.policies import graph, sb3_network
 from services.policies.intake import check_weights
 from services.policies.sb3_archive import Settings
 from services.policies.torch_file import read_tensors
 from services.policies.unfit import UnfitError
-from tests.hostile.valid import SB3_NAMES, torch_file, weights
+from tests.hostile.valid import SB3_NAMES, sb3_entries, torch_file, weights, zipped
 
 gym = pytest.importorskip("gymnasium")
 sb3 = pytest.importorskip("stable_baselines3")
@@ -104,6 +105,60 @@ def test_normalised_observations_and_scaled_actions_are_stated_by_the_manifest(t
     assert np.abs(given - np.clip(expected, -0.3, 0.3) * np.float32(1.1)).max() <= 1e-5
 
 
+class Recurrent(torch.nn.Module):
+    """The actor of sb3-contrib's RecurrentPPO, with its names, beside a part of the critic."""
+
+    def __init__(self, layers):
+        super().__init__()
+        self.lstm_actor = torch.nn.LSTM(SIZE, 16, num_layers=layers)
+        self.lstm_critic = torch.nn.LSTM(SIZE, 16)
+        hidden = torch.nn.Sequential(torch.nn.Linear(16, 12), torch.nn.Tanh(), torch.nn.Linear(12, 8), torch.nn.Tanh())
+        self.mlp_extractor = torch.nn.ModuleDict({"policy_net": hidden})
+        self.action_net = torch.nn.Linear(8, 9)
+
+    def trial(self, observations):
+        """The actions of a trial, from a memory of zeros."""
+        remembered, _ = self.lstm_actor(observations[:, None])
+        return self.action_net(self.mlp_extractor["policy_net"](remembered[:, 0])).clip(-1, 1)
+
+
+@pytest.mark.parametrize("layers", [1, 2])
+def test_a_recurrent_policy_remembers_within_a_trial_and_forgets_between(layers, tmp_path):
+    torch.manual_seed(0)
+    actor = Recurrent(layers)
+    with torch.no_grad():
+        actor.action_net.weight *= 5
+    torch.save(actor.state_dict(), tmp_path / "policy.pth")
+    path = tmp_path / "model.zip"
+    path.write_bytes(zipped(sb3_entries() | {"policy.pth": (tmp_path / "policy.pth").read_bytes()}))
+    runner = GraphRunner(converted(path, TORQUES))
+    observations = torch.randn(2, 500, SIZE)
+    memoryless = 0.0
+    for trial in observations:
+        runner.reset()
+        given = np.concatenate([runner.act(each[None].numpy()) for each in trial])
+        with torch.no_grad():
+            assert np.abs(given - actor.trial(trial).numpy()).max() <= 1e-5
+            memoryless = max(memoryless, np.abs(given[1] - actor.trial(trial[1:2]).numpy()).max())
+    assert memoryless > 1e-3
+
+
+def test_an_archive_with_a_manifest_of_another_kind_of_network_is_refused():
+    for change in ({"recurrent": "lstm"}, {"head": "bins", "bins": 11}):
+        manifest = PolicyManifest(observation=LAYOUT.observation, **change)
+        with pytest.raises(UnfitError, match="an archive says itself|'bins' needs 99"):
+            sb3_network.rebuilt(named(), SETTINGS, manifest)
+
+
+def test_an_archive_trained_on_stacked_frames_takes_a_manifest_with_the_stack(tmp_path):
+    manifest = PolicyManifest(observation=("joint_position_rad", "joint_velocity_rad_s"), frame_stack={"count": 3})
+    path = tmp_path / "model.zip"
+    path.write_bytes(zipped(sb3_entries()))
+    runner = GraphRunner(converted(path, manifest))
+    runner.reset()
+    assert runner.act(np.zeros((1, 18), np.float32)).shape == (1, 9)
+
+
 @pytest.mark.parametrize("kind", [torch.float16, torch.float32, torch.float64])
 def test_torch_files_are_read_as_torch_does(kind, tmp_path):
     tensors = {
@@ -145,7 +200,12 @@ def named(**changes):
         ({"action_net__weight": np.zeros((9, 7))}, SETTINGS, "takes 7 numbers"),
         ({"mlp_extractor.policy_net.1.weight": np.zeros(8)}, SETTINGS, "another module"),
         ({"mlp_extractor.policy_net.0.weight": np.zeros((8, 41), np.float32)}, SETTINGS, "nearest ready-made layout is pose"),
-        ({"lstm_actor.weight_ih_l0": np.zeros((8, 8))}, SETTINGS, "recurrent"),
+        ({"lstm_actor.weight_ih_l0": np.zeros((8, 8))}, SETTINGS, "its memory"),
+        (
+            {"action_net__weight": np.zeros((9, 8), np.float32), "lstm_actor.weight_hr_l0": np.zeros((8, 8))},
+            SETTINGS,
+            "its memory",
+        ),
         ({"features_extractor.cnn.0.weight": np.zeros((8, 8))}, SETTINGS, "images"),
         ({}, Settings(None, squashed=False, low=None, high=None, mean_clip=2.0), "action space"),
         ({}, Settings(None, squashed=False, low=(1.0,) * 9, high=(-1.0,) * 9, mean_clip=2.0), "action space"),
