@@ -135,7 +135,7 @@ def test_a_recurrent_policy_remembers_within_a_trial_and_forgets_between(layers,
     observations = torch.randn(2, 500, SIZE)
     memoryless = 0.0
     for trial in observations:
-        runner.reset()
+        runner.forget()
         given = np.concatenate([runner.act(each[None].numpy()) for each in trial])
         with torch.no_grad():
             assert np.abs(given - actor.trial(trial).numpy()).max() <= 1e-5
@@ -146,7 +146,7 @@ def test_a_recurrent_policy_remembers_within_a_trial_and_forgets_between(layers,
 def test_an_archive_with_a_manifest_of_another_kind_of_network_is_refused():
     for change in ({"recurrent": "lstm"}, {"head": "bins", "bins": 11}):
         manifest = PolicyManifest(observation=LAYOUT.observation, **change)
-        with pytest.raises(UnfitError, match="an archive says itself|'bins' needs 99"):
+        with pytest.raises(UnfitError, match=r"an archive says itself|'bins' needs 99"):
             sb3_network.rebuilt(named(), SETTINGS, manifest)
 
 
@@ -155,7 +155,7 @@ def test_an_archive_trained_on_stacked_frames_takes_a_manifest_with_the_stack(tm
     path = tmp_path / "model.zip"
     path.write_bytes(zipped(sb3_entries()))
     runner = GraphRunner(converted(path, manifest))
-    runner.reset()
+    runner.forget()
     assert runner.act(np.zeros((1, 18), np.float32)).shape == (1, 9)
 
 
