@@ -147,13 +147,13 @@ class JailedPolicy:
                 continue  # closed before
 
     def _ask(self, request: bytes) -> tuple[bytes, int]:
+        self._asked += 1
+        if self._asked % _LOOK_EVERY_ACTIONS == 0:
+            self._check_trial(self._cpu_s())
         try:
             os.write(self._write_fd, request)
         except BrokenPipeError:
             raise self._ended() from None
-        self._asked += 1
-        if self._asked % _LOOK_EVERY_ACTIONS == 0:
-            self._check_trial(self._cpu_s())
         self._wait(ACTION_CPU_S, ACTION_WALL_S, "one action")
         status, payload, inference_time_ns = self._reply()
         if status != policy_link.OK:

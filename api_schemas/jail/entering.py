@@ -33,7 +33,9 @@ def end_with_parent(parent_pid: int) -> None:
 
 
 def enter(needs: Needs) -> Jail:
-    """Closes the jail; there is no way back. Call it after all imports and before reading anything that a user sent.
+    """Closes the jail; there is no way back. Call it before anything looks at what a user sent.
+
+    What the process needs but cannot reach from inside, such as imports without an installation, it has to get before.
 
     Returns:
         The layers that are active; the caller tells its parent.
@@ -44,25 +46,24 @@ def enter(needs: Needs) -> Jail:
     _check_alone()
     parent_pid = os.getppid()
     layers: set[Layer] = set()
-    for close in _closing(needs):
-        with suppress(OSError, ValueError):
+    for close in _closing(needs, layers):
+        with suppress(OSError):
             layers |= close()
-    if Layer.UNPRIVILEGED_USER in layers:
-        end_with_parent(parent_pid)  # a change of the user makes the kernel forget it
+    end_with_parent(parent_pid)  # only now: a change of the user makes the kernel forget it
     if (on := machine()) is not None:
         with suppress(OSError):
-            seccomp.restrict(on, files=needs.files, executable_memory=needs.executable_memory)
+            seccomp.restrict(on, files=needs.files, executable_memory=needs.installation)
             layers.add(Layer.SYSTEM_CALLS)
     return Jail.of(layers)
 
 
-def _closing(needs: Needs) -> Iterator[Callable[[], set[Layer]]]:
-    """The layers in their order: each needs rights that a later one takes away."""
+def _closing(needs: Needs, layers: set[Layer]) -> Iterator[Callable[[], set[Layer]]]:
+    """Closes the layers in their order, each of which needs rights that a later one takes away; ``layers`` are closed already."""
     yield lambda: _limit(needs)
     yield _leave_network
     yield _give_up_new_privileges
     yield lambda: landlock.restrict(needs.readable, needs.writable)
-    yield lambda: _become_nobody(needs)
+    yield lambda: _become_nobody(needs, layers)
 
 
 def _check_alone() -> None:
@@ -104,15 +105,26 @@ def _give_up_new_privileges() -> set[Layer]:
     return {Layer.NO_NEW_PRIVILEGES}
 
 
-def _become_nobody(needs: Needs) -> set[Layer]:
-    """A process of root becomes one of a user that owns nothing but its folder; any other one is not root's already."""
+def _become_nobody(needs: Needs, layers: set[Layer]) -> set[Layer]:
+    """A process of root becomes one of a user that owns nothing but its folder; any other one is not root's already.
+
+    Where the installation is closed to that user, it keeps the one right to read all the same, if Landlock says what. Without
+    Landlock it stays root's.
+    """
     if os.geteuid() != 0:
         return {Layer.UNPRIVILEGED_USER}
+    reads_all = not needs.open_to_others
+    if reads_all and Layer.LANDLOCK_FILES not in layers:
+        return set()
+    if reads_all:
+        kernel.prctl(kernel.PR_SET_KEEPCAPS, 1)
     try:
         _change_user(FIRST_USER + os.getpid(), needs)
         _lower(resource.RLIMIT_NPROC, needs.threads)
     except OSError:
         _change_user(NOBODY, needs)
+    if reads_all:
+        kernel.keep_capabilities(kernel.CAP_DAC_READ_SEARCH)
     return {Layer.UNPRIVILEGED_USER}
 
 

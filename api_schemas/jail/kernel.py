@@ -5,10 +5,13 @@ import os
 import sys
 
 PR_SET_PDEATHSIG = 1
+PR_SET_KEEPCAPS = 8
 PR_SET_NO_NEW_PRIVS = 38
 PR_SET_SECCOMP = 22
 SECCOMP_MODE_FILTER = 2
 CLONE_NEWNET = 0x40000000
+CAP_DAC_READ_SEARCH = 2
+_CAPABILITY_VERSION = 0x20080522
 
 
 def prctl(option: int, *arguments: "int | ctypes.c_void_p") -> None:
@@ -36,6 +39,19 @@ def unshare(flags: int) -> None:
         OSError: the kernel refuses.
     """
     _check(_libc().unshare(flags), "unshare")
+
+
+def keep_capabilities(*kept: int) -> None:
+    """Gives up all capabilities but these, which the process must have.
+
+    Raises:
+        OSError: the kernel refuses.
+    """
+    bits = sum(1 << each for each in kept if each < 32)
+    head = (ctypes.c_uint32 * 2)(_CAPABILITY_VERSION, 0)
+    # effective, permitted and inheritable, for the first 32 capabilities and for the others
+    sets = (ctypes.c_uint32 * 6)(bits, bits, 0, 0, 0, 0)
+    _check(_libc().capset(head, sets), "capset")
 
 
 def _libc() -> ctypes.CDLL:

@@ -30,7 +30,7 @@ _ALWAYS = (
     "set_robust_list", "rseq", "sched_yield", "sched_getaffinity", "getcpu", "clock_getres", "clock_nanosleep",
     "nanosleep", "gettimeofday", "time", "times", "getrusage", "getpid", "gettid", "getppid", "getuid", "geteuid",
     "getgid", "getegid", "rt_sigprocmask", "rt_sigreturn", "sigaltstack", "exit", "exit_group", "restart_syscall",
-    "getrandom", "poll", "ppoll", "select", "pselect6", "membarrier", "sysinfo", "uname", "readv", "writev",
+    "getrandom", "poll", "ppoll", "select", "pselect6", "membarrier", "sysinfo", "getpriority", "uname", "readv", "writev",
 )
 """What computing and answering over an open pipe takes."""
 _WITH_FILES = (
@@ -48,12 +48,14 @@ _FCNTL_COMMANDS = (0, 1, 2, 3, 4, 5, 6, 7, 1030)
 
 @dataclass(frozen=True)
 class _Argument:
-    """A call is allowed if one of its arguments, masked, is one of these values."""
+    """A call is allowed if half of one of its arguments, masked, is one of these values."""
 
     name: str
     index: int
     values: tuple[int, ...]
     mask: int = 0xFFFFFFFF
+    and_high: bool = False
+    """Whether the other half must be 0: for pointers. Both machines are little-endian, so that it is the second one."""
 
 
 def restrict(on: str, *, files: bool, executable_memory: bool) -> None:
@@ -103,6 +105,7 @@ def _rules(on: str, pid: int, *, files: bool, executable_memory: bool) -> list[_
     rules = [
         _Argument("clone", 0, (_CLONE_THREAD,), _CLONE_THREAD),  # threads, but no processes
         _Argument("tgkill", 0, (pid,)),  # how a program aborts itself
+        _Argument("prlimit64", 2, (0,), and_high=True),  # to look at limits, not to set them
     ]
     if not executable_memory:
         rules += [_Argument("mmap", 2, (0,), _PROT_EXEC), _Argument("mprotect", 2, (0,), _PROT_EXEC)]
@@ -114,9 +117,9 @@ def _rules(on: str, pid: int, *, files: bool, executable_memory: bool) -> list[_
 def _conditional(rule: _Argument, on: str) -> list[bytes]:
     """Jumps over the whole block if it is another call; else it ends here."""
     tests = [each for value in rule.values for each in (_instruction(_EQUAL, value, 0, 1), _instruction(_RETURN, _ALLOW))]
-    # The low half of an argument: both machines are little-endian, and no value here needs the high one.
-    block = [_instruction(_LOAD, _AT_ARGUMENTS + 8 * rule.index), _instruction(_AND, rule.mask), *tests]
-    block.append(_instruction(_RETURN, _ERROR | errno.EPERM))
+    at, refuse = _AT_ARGUMENTS + 8 * rule.index, _instruction(_RETURN, _ERROR | errno.EPERM)
+    high = [_instruction(_LOAD, at + 4), _instruction(_EQUAL, 0, 1, 0), refuse] if rule.and_high else []
+    block = [*high, _instruction(_LOAD, at), _instruction(_AND, rule.mask), *tests, refuse]
     return [_instruction(_EQUAL, number(rule.name, on) or 0, 0, len(block)), *block]
 
 

@@ -5,8 +5,9 @@ import signal
 from dataclasses import dataclass
 from pathlib import Path
 
+from api_schemas.jail.level import JailLevel
 from services.child import ChildKilledError, Ended, run_module
-from services.errors import Refused
+from services.errors import Refused, Unavailable
 from services.policies.conversion import SMOKE_CPU_S
 
 
@@ -18,13 +19,14 @@ class Converted:
     warnings: tuple[str, ...]
 
 
-async def convert(weights: Path, manifest: Path, out: Path, deadline_s: float) -> Converted:
-    """Converts in a child process with nothing of this one's environment.
+async def convert(weights: Path, manifest: Path, out: Path, deadline_s: float, least: JailLevel = JailLevel.NONE) -> Converted:
+    """Converts in a jailed child process, which gets the folder of ``out`` for its own.
 
     Raises:
         Refused: the policy cannot be converted.
+        Unavailable: the jail does not reach the level ``least``.
     """
-    files = (str(weights), str(manifest), str(out))
+    files = (str(weights), str(manifest), out.name, least.value)
     try:
         ended = await run_module("services.policies.conversion", *files, folder=out.parent, deadline_s=deadline_s)
     except ChildKilledError as error:
@@ -35,6 +37,10 @@ async def convert(weights: Path, manifest: Path, out: Path, deadline_s: float) -
 def _read(ended: Ended, out: Path) -> Converted:
     lines = [json.loads(line) for line in ended.said.decode().splitlines()]
     last = lines[-1] if lines else {}
+    if "too_open" in last:
+        raise Unavailable("jail-too-open", f"The farm takes no policies now: {last['too_open']}. Its operator can change that.")
+    if "broken" in last:
+        raise Unavailable("conversion-broken", f"The policy could not be converted by a fault of the farm: {last['broken']}.")
     if "problem" in last:
         raise Refused("conversion-failed", f"The policy cannot be converted: {last['problem']}.")
     if "warnings" in last:

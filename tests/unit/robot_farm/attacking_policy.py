@@ -7,6 +7,7 @@ more than any network can do. An attack that succeeds answers with an action; on
 import ctypes
 import mmap
 import os
+import resource
 import signal
 import socket
 import sys
@@ -31,7 +32,6 @@ SYSTEM_CALLS = {
     "pidfd_open": 434,
     "perf_event_open": 298,
     "sched_setaffinity": 203,
-    "prlimit64": 302,
     "setsid": 112,
     "execveat": 322,
     "clone3": 435,
@@ -132,7 +132,8 @@ ATTACKS = {
     "inherited files": _inherited_files,
     "load a library": _library,
     "secrets of the environment": _environment,
-    "priority": lambda: os.nice(-5),
+    "raise its limits": lambda: resource.setrlimit(resource.RLIMIT_CORE, (0, 0)),
+    "priority": lambda: os.nice(1),
     "one thread": _thread,
     "200 threads": _many_threads,
 }

@@ -118,8 +118,6 @@ def test_many_quick_actions_come_to_the_trials_deadline(tmp_path, monkeypatch):
             for _ in range(200_000):
                 policy.act(OBSERVATION)
         assert caught.value.kind is OutcomeKind.ACTION_DEADLINE
-        policy.reset()  # the next trial has its own
-        policy.act(OBSERVATION)
 
 
 def test_it_ends_when_its_robot_is_killed(tmp_path):
