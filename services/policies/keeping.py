@@ -88,7 +88,9 @@ class Policies:
                 intake.check_weights(upload.weights, upload.kind, self._settings.max_weights_bytes)
                 manifest = folder / "manifest.json"
                 manifest.write_text(canonical_json(upload.manifest))
-                converted = await child.convert(upload.weights, manifest, folder / "policy.onnx", deadline_s)
+                converted = await child.convert(
+                    upload.weights, manifest, folder / "policy.onnx", deadline_s, self._settings.jail_level
+                )
                 return await self._files.put_file(converted.graph, durable=True), converted.warnings
 
     async def _insert(
