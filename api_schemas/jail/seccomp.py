@@ -69,7 +69,15 @@ def restrict(on: str, *, files: bool, executable_memory: bool) -> None:
     Raises:
         OSError: the kernel has no filters.
     """
-    code = program(on, os.getpid(), files=files, executable_memory=executable_memory)
+    install(program(on, os.getpid(), files=files, executable_memory=executable_memory))
+
+
+def install(code: bytes) -> None:
+    """Has the kernel ask this program about every system call of this process from now on.
+
+    Raises:
+        OSError: the kernel has no filters, or the program is not one.
+    """
     instructions = ctypes.create_string_buffer(code, len(code))
     # struct sock_fprog: a count and, at the width of a pointer, an address
     head = ctypes.create_string_buffer(struct.pack("HxxxxxxQ", len(code) // 8, ctypes.addressof(instructions)))
@@ -79,24 +87,24 @@ def restrict(on: str, *, files: bool, executable_memory: bool) -> None:
 def program(on: str, pid: int, *, files: bool, executable_memory: bool) -> bytes:
     """The filter as classic BPF, 8 bytes an instruction."""
     found = [
-        _instruction(_LOAD, _AT_ARCH),
-        _instruction(_EQUAL, AUDIT_ARCH[on], 1, 0),
-        _instruction(_RETURN, _KILL),
-        _instruction(_LOAD, _AT_NUMBER),
+        instruction(_LOAD, _AT_ARCH),
+        instruction(_EQUAL, AUDIT_ARCH[on], 1, 0),
+        instruction(_RETURN, _KILL),
+        instruction(_LOAD, _AT_NUMBER),
     ]
     allowed = _ALWAYS + (_WITH_FILES if files else ()) + (("mmap", "mprotect") if executable_memory else ())
     for name in allowed:
         if (call := number(name, on)) is not None:
-            found += [_instruction(_EQUAL, call, 0, 1), _instruction(_RETURN, _ALLOW)]
+            found += [instruction(_EQUAL, call, 0, 1), instruction(_RETURN, _ALLOW)]
     for rule in _rules(on, pid, files=files, executable_memory=executable_memory):
         found += _conditional(rule, on)
     # Its flags lie in memory, which a filter cannot read: with ENOSYS the C library takes clone, whose flags it can.
-    found += [_instruction(_EQUAL, number("clone3", on) or 0, 0, 1), _instruction(_RETURN, _ERROR | errno.ENOSYS)]
+    found += [instruction(_EQUAL, number("clone3", on) or 0, 0, 1), instruction(_RETURN, _ERROR | errno.ENOSYS)]
     found += [
-        _instruction(_AT_LEAST, _X32_BIT, 1, 0),
-        _instruction(_AT_LEAST, _NEWER_THAN_THIS_FILE, 1, 0),
-        _instruction(_RETURN, _ERROR | errno.EPERM),
-        _instruction(_RETURN, _ERROR | errno.ENOSYS),
+        instruction(_AT_LEAST, _X32_BIT, 1, 0),
+        instruction(_AT_LEAST, _NEWER_THAN_THIS_FILE, 1, 0),
+        instruction(_RETURN, _ERROR | errno.EPERM),
+        instruction(_RETURN, _ERROR | errno.ENOSYS),
     ]
     return b"".join(found)
 
@@ -116,12 +124,13 @@ def _rules(on: str, pid: int, *, files: bool, executable_memory: bool) -> list[_
 
 def _conditional(rule: _Argument, on: str) -> list[bytes]:
     """Jumps over the whole block if it is another call; else it ends here."""
-    tests = [each for value in rule.values for each in (_instruction(_EQUAL, value, 0, 1), _instruction(_RETURN, _ALLOW))]
-    at, refuse = _AT_ARGUMENTS + 8 * rule.index, _instruction(_RETURN, _ERROR | errno.EPERM)
-    high = [_instruction(_LOAD, at + 4), _instruction(_EQUAL, 0, 1, 0), refuse] if rule.and_high else []
-    block = [*high, _instruction(_LOAD, at), _instruction(_AND, rule.mask), *tests, refuse]
-    return [_instruction(_EQUAL, number(rule.name, on) or 0, 0, len(block)), *block]
+    tests = [each for value in rule.values for each in (instruction(_EQUAL, value, 0, 1), instruction(_RETURN, _ALLOW))]
+    at, refuse = _AT_ARGUMENTS + 8 * rule.index, instruction(_RETURN, _ERROR | errno.EPERM)
+    high = [instruction(_LOAD, at + 4), instruction(_EQUAL, 0, 1, 0), refuse] if rule.and_high else []
+    block = [*high, instruction(_LOAD, at), instruction(_AND, rule.mask), *tests, refuse]
+    return [instruction(_EQUAL, number(rule.name, on) or 0, 0, len(block)), *block]
 
 
-def _instruction(code: int, value: int, if_true: int = 0, if_false: int = 0) -> bytes:
+def instruction(code: int, value: int, if_true: int = 0, if_false: int = 0) -> bytes:
+    """One instruction of classic BPF; jumps count the instructions that are left out."""
     return struct.pack("<HBBI", code, if_true, if_false, value)

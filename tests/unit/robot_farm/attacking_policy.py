@@ -132,7 +132,7 @@ ATTACKS = {
     "inherited files": _inherited_files,
     "load a library": _library,
     "secrets of the environment": _environment,
-    "raise its limits": lambda: resource.setrlimit(resource.RLIMIT_CORE, (0, 0)),
+    "raise its limits": lambda: resource.prlimit(0, resource.RLIMIT_CORE, (0, 0)),
     "priority": lambda: os.nice(1),
     "one thread": _thread,
     "200 threads": _many_threads,
