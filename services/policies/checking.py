@@ -49,7 +49,7 @@ def _converted(weights: Path, kind: str, manifest: PolicyManifest) -> child.Conv
         copy, text = folder / f"weights.{kind}", folder / "manifest.json"
         shutil.copyfile(weights, copy)
         text.write_text(canonical_json(manifest))
-        return asyncio.run(child.convert(copy, text, folder / "policy.onnx", DEADLINE_S, weights.name))
+        return asyncio.run(child.convert(copy, text, folder / "policy.onnx", DEADLINE_S, filename=weights.name))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

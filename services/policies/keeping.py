@@ -95,7 +95,14 @@ class Policies:
                 folder, deadline_s = Path(name), self._settings.conversion_deadline_s
                 manifest = folder / "manifest.json"
                 manifest.write_text(canonical_json(upload.manifest))
-                converted = await child.convert(upload.weights, manifest, folder / "policy.onnx", deadline_s, upload.filename)
+                converted = await child.convert(
+                    upload.weights,
+                    manifest,
+                    folder / "policy.onnx",
+                    deadline_s,
+                    self._settings.jail_level,
+                    filename=upload.filename,
+                )
                 return await self._files.put_file(converted.graph, durable=True), converted.warnings
 
     async def _insert(

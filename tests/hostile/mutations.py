@@ -22,6 +22,7 @@ import onnx
 import onnxruntime
 import safetensors.numpy  # noqa: F401  loaded here, so that no fork loads it again
 
+from api_schemas.jail.level import JailLevel
 from api_schemas.policy import MAX_WEIGHTS_BYTES, WeightsFormat, canonical_json
 from robot_farm.jail import JailedPolicy
 from services.child import Ended
@@ -125,7 +126,7 @@ def position(size, rng):
             return int(rng.integers(size))
 
 
-def forked(work):
+def forked(work, folder):
     """Runs ``work`` in a process of its own; gives how it ended with what it printed, its CPU time and its memory."""
     read_fd, write_fd = os.pipe()
     pid = os.fork()
@@ -135,6 +136,7 @@ def forked(work):
             os.dup2(write_fd, 1)
             os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
             signal.alarm(HANGS_S)
+            os.chdir(folder)
             work()
             status = 0
         finally:
@@ -159,8 +161,8 @@ def try_one(content, kind, folder, tally, label):
         return count_refusal(tally, "refused_before_parsing", error, label)
     finally:
         tally.check_cpu_s = max(tally.check_cpu_s, time.process_time() - began_s)
-    sys.argv = ["conversion", str(path), str(manifest), str(out)]
-    ended, cpu_s, memory_bytes = forked(conversion.main)
+    sys.argv = ["conversion", str(path), str(manifest), out.name, JailLevel.NONE.value]
+    ended, cpu_s, memory_bytes = forked(conversion.main, folder)
     tally.child_cpu_s = max(tally.child_cpu_s, cpu_s)
     tally.child_memory_bytes = max(tally.child_memory_bytes, memory_bytes)
     if ended.status not in (0, -signal.SIGPROF):
@@ -170,7 +172,7 @@ def try_one(content, kind, folder, tally, label):
     except ServiceError as error:
         return count_refusal(tally, "refused_by_converter", error, label)
     tally.outcomes["accepted"] += 1
-    ended, _, _ = forked(lambda: run_graph(out))
+    ended, _, _ = forked(lambda: run_graph(out), folder)
     if ended.status != 0:
         tally.faults.append(f"{label}: accepted, but its graph does not run ({ended.how})")
     if tally.outcomes["accepted"] % ROBOT_EVERY == 1:
