@@ -42,7 +42,7 @@ class Hostile:
 
 def corpus(canary, port):
     """Every hostile file by a name of its own; what runs code writes to ``canary`` and calls at ``port``."""
-    return {**pickles(canary, port), **bombs(), **paths(), **headers(), **onnx_files(), **archives()}
+    return {**pickles(canary, port), **bombs(), **paths(), **headers(), **onnx_files(), **greedy(), **archives()}
 
 
 def pickles(canary, port):
@@ -325,6 +325,28 @@ def onnx_files():
         "group": Hostile("p.onnx", onnx_file() + b"\x0b\x0c", "weights-malformed"),
         "texts instead": Hostile("p.onnx", b"not onnx at all", "weights-malformed"),
         "NaN in onnx": Hostile("p.onnx", nan.SerializeToString(), "weights-not-finite", before_parsing=False),
+    }
+
+
+def greedy():
+    """Graphs that ask for more than a conversion may have: when the runtime folds their constants, and when they run."""
+
+    def of_size(shape):
+        nodes = [
+            helper.make_node("ConstantOfShape", ["shape"], ["zeros"]),
+            helper.make_node("Sin", ["zeros"], ["sines"]),
+            helper.make_node("ReduceMax", ["sines"], ["top"], keepdims=0),
+            helper.make_node("Gemm", ["obs", "w", "b"], ["x"], transB=1),
+            helper.make_node("Gemm", ["x", "v", "c"], ["y"], transB=1),
+            helper.make_node("Add", ["y", "top"], ["act"]),
+        ]
+        model = onnx_model(nodes=nodes)
+        model.graph.initializer.append(numpy_helper.from_array(np.array(shape, np.int64), "shape"))
+        return model.SerializeToString()
+
+    return {
+        "256 GB when it runs": Hostile("p.onnx", of_size([2**36]), "dry-run-failed", before_parsing=False),
+        "two times 512 MB when it is loaded": Hostile("p.onnx", of_size([2**27]), "conversion-failed", before_parsing=False),
     }
 
 
