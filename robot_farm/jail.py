@@ -60,7 +60,7 @@ class JailedPolicy:
         os.set_inheritable(from_child, True)
         arguments = (str(graph), str(to_child), str(from_child), str(os.getpid()))
         self._process = subprocess.Popen(
-            [sys.executable, "-m", module, *arguments],
+            [sys.executable, "-P", "-m", module, *arguments],
             pass_fds=(to_child, from_child),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,

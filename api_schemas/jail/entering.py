@@ -118,11 +118,13 @@ def _become_nobody(needs: Needs, layers: set[Layer]) -> set[Layer]:
         return set()
     if reads_all:
         kernel.prctl(kernel.PR_SET_KEEPCAPS, 1)
+    own = FIRST_USER + os.getpid()
     try:
-        _change_user(FIRST_USER + os.getpid(), needs)
-        _lower(resource.RLIMIT_NPROC, needs.threads)
+        _change_user(own, needs)
     except OSError:
         _change_user(NOBODY, needs)
+    if os.geteuid() == own:
+        _lower(resource.RLIMIT_NPROC, needs.threads)
     if reads_all:
         kernel.keep_capabilities(kernel.CAP_DAC_READ_SEARCH)
     return {Layer.UNPRIVILEGED_USER}
