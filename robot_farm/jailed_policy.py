@@ -30,14 +30,14 @@ def main() -> int:
         _reply_text(write_fd, error, policy_link.BROKEN)
         return 1
     try:
-        policy = GraphRunner(_load(graph, onnxruntime))
+        act = _load(graph, np, onnxruntime)
     except Exception as error:  # whatever the runtime raises goes to the robot as text
         _reply_text(write_fd, error)
         return 1
     os.write(write_fd, policy_link.pack_reply(policy_link.READY))
     try:
         while True:
-            _answer(policy, np, read_fd, write_fd)
+            _answer(act, read_fd, write_fd)
     except (policy_link.LinkClosedError, BrokenPipeError):
         return 0
 
@@ -55,27 +55,44 @@ def _limit_self() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
 
 
-def _load(graph: str, onnxruntime):
-    """The network in a session of one thread."""
+def _load(graph: str, np, onnxruntime):
+    """The network as a function from observation bytes to an action array and its inference time in ns."""
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
     options.log_severity_level = 4
-    return onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
+    session = onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
+    return Network(GraphRunner(session), np)
 
 
-def _answer(policy: GraphRunner, np, read_fd: int, write_fd: int) -> None:
-    """Answer one request: an action that may depend on all observations since the last reset, or a reset."""
+class Network:
+    """A graph with its memory of the present trial; called as the function that ``_load`` gives."""
+
+    def __init__(self, runner: GraphRunner, np) -> None:
+        self._runner, self._np = runner, np
+
+    def forget(self) -> None:
+        """Begin a new trial."""
+        self._runner.forget()
+
+    def __call__(self, data: bytes):
+        """The action and its inference time in ns; it may depend on all observations since the last reset."""
+        observation = self._np.frombuffer(data, self._np.float32)[None]
+        started_ns = time.perf_counter_ns()
+        action = self._runner.act(observation)
+        return action.reshape(-1), time.perf_counter_ns() - started_ns
+
+
+def _answer(act, read_fd: int, write_fd: int) -> None:
+    """Answer one request: an action, or a reset, after which nothing is remembered of what was observed before."""
     kind, count = policy_link.REQUEST.unpack(policy_link.read_exactly(read_fd, policy_link.REQUEST.size))
     if kind == policy_link.RESET:
-        policy.forget()
+        if isinstance(act, Network):
+            act.forget()
         os.write(write_fd, policy_link.pack_reply(policy_link.OK))
         return
     try:
-        observation = np.frombuffer(policy_link.read_exactly(read_fd, 4 * count), np.float32)[None]
-        started_ns = time.perf_counter_ns()
-        action = policy.act(observation)
-        inference_time_ns = time.perf_counter_ns() - started_ns
+        action, inference_time_ns = act(policy_link.read_exactly(read_fd, 4 * count))
     except policy_link.LinkClosedError:
         raise
     except Exception as error:

@@ -59,7 +59,8 @@ def converted(weights: bytes, suffix: str, manifest: PolicyManifest) -> bytes:
 
 def _problem(said: str) -> str:
     lines = [json.loads(line) for line in said.splitlines() if line.startswith("{")]
-    return next((line["problem"] for line in lines if "problem" in line), "")
+    problem = next((line["problem"] for line in lines if "problem" in line), "")
+    return str(problem.get("why", problem)) if isinstance(problem, dict) else problem
 
 
 def observations(manifest: PolicyManifest, normaliser: Normaliser | None) -> Array:
@@ -100,5 +101,5 @@ def check(compared: Compared, unit: str) -> None:
         raise DiffersError(
             f"the packed policy differs from the original by up to {compared.largest_difference:.3g} {unit} "
             f"(allowed {LIMIT:g}, largest action {compared.largest_action:.3g}); nothing was written. Memory that a "
-            "program keeps to itself, another activation or another order of modules are the usual causes"
+            "program keeps to itself is the usual cause"
         )
