@@ -24,9 +24,9 @@ def _stacked(manifest: PolicyManifest) -> str:
     return "" if stack is None else f", stacked {stack.count} times {manifest.network_inputs}"
 
 
-def wrong_output(network_outputs: object, manifest: PolicyManifest | None = None) -> UnfitError:
+def wrong_output(network_outputs: object, manifest: PolicyManifest) -> UnfitError:
     """The error for a network that does not give the numbers that an action is made of."""
-    if manifest is None or manifest.head is ActionHead.DIRECT:
+    if manifest.head is ActionHead.DIRECT:
         return UnfitError(f"the network gives {network_outputs} numbers, but an action has {ACTION_SIZE}: one for each joint")
     return UnfitError(
         f"the network gives {network_outputs} numbers, but the head {manifest.head.value!r} needs {manifest.network_outputs}"
