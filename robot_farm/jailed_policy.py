@@ -62,7 +62,7 @@ class Network:
         observation = self._np.frombuffer(data, self._np.float32)[None]
         started_ns = time.perf_counter_ns()
         action = self._runner.act(observation)
-        return action, time.perf_counter_ns() - started_ns
+        return action.reshape(-1), time.perf_counter_ns() - started_ns
 
     def forget(self) -> None:
         """Begin a new trial."""

@@ -22,8 +22,12 @@ CLIP = 5.0
 
 
 def arrays(state: State) -> dict[str, Array]:
-    """The tensors of a state dict as arrays; whatever else lies in it is left out."""
-    return {name: value.detach().cpu().numpy() for name, value in state.items() if hasattr(value, "detach")}
+    """The tensors of a state dict as arrays; whatever else lies in it is left out.
+
+    ``torch.compile`` puts a word before the names of what it compiled, and numpy has no bfloat16.
+    """
+    tensors = {name.replace("_orig_mod.", ""): value.detach().cpu() for name, value in state.items() if hasattr(value, "detach")}
+    return {name: (each.float() if "bfloat16" in str(each.dtype) else each).numpy() for name, each in tensors.items()}
 
 
 def parts_of(tensors: Mapping[str, Array]) -> dict[str, Part]:
@@ -162,7 +166,7 @@ LIBRARIES: dict[str, Callable[[State, str | None, int], Recipe]] = {
 def library_of(content: State) -> str:
     """Which library wrote a checkpoint, by its keys."""
     model, policy = content.get("model"), content.get("policy")
-    if isinstance(model, Mapping) and any(name.startswith(RL_GAMES) for name in model):
+    if isinstance(model, Mapping) and any(RL_GAMES in name for name in model):
         return "rl-games"
     if isinstance(content.get("model_state_dict"), Mapping) or isinstance(content.get("actor_state_dict"), Mapping):
         return "rsl-rl"

@@ -22,7 +22,9 @@ LIMIT = 1e-5
 """Largest difference of an action that passes, N m or rad."""
 SEED = 20220801
 CONVERSION = "services.policies.conversion"
-"""The farm's own program; a process of its own, of which nothing is imported."""
+"""The farm's own program; a process of its own, of which nothing is imported. It writes in its working folder only."""
+ANY_JAIL = "none"
+"""The least confinement that is asked of it: the weights are the user's own."""
 
 
 class DiffersError(ClientError):
@@ -50,7 +52,7 @@ def converted(weights: bytes, suffix: str, manifest: PolicyManifest) -> bytes:
         given, wanted, graph = folder / f"weights{suffix}", folder / "manifest.json", folder / "graph.onnx"
         given.write_bytes(weights)
         wanted.write_text(canonical_json(manifest))
-        command = [sys.executable, "-m", CONVERSION, str(given), str(wanted), str(graph)]
+        command = [sys.executable, "-m", CONVERSION, str(given), str(wanted), str(graph), ANY_JAIL]
         ended = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
         if graph.exists():
             return graph.read_bytes()
@@ -59,7 +61,8 @@ def converted(weights: bytes, suffix: str, manifest: PolicyManifest) -> bytes:
 
 def _problem(said: str) -> str:
     lines = [json.loads(line) for line in said.splitlines() if line.startswith("{")]
-    return next((line["problem"] for line in lines if "problem" in line), "")
+    problem = next((line["problem"] for line in lines if "problem" in line), "")
+    return str(problem.get("why", problem)) if isinstance(problem, dict) else problem
 
 
 def observations(manifest: PolicyManifest, normaliser: Normaliser | None) -> Array:
@@ -100,5 +103,5 @@ def check(compared: Compared, unit: str) -> None:
         raise DiffersError(
             f"the packed policy differs from the original by up to {compared.largest_difference:.3g} {unit} "
             f"(allowed {LIMIT:g}, largest action {compared.largest_action:.3g}); nothing was written. Memory that a "
-            "program keeps to itself, another activation or another order of modules are the usual causes"
+            "program keeps to itself is the usual cause"
         )

@@ -83,7 +83,11 @@ def _checkpoint(path: Path, form: str, stated: Statement) -> Packing:
     recipe = checkpoints.LIBRARIES[library](content, stated.architecture, stated.manifest.network_inputs)
     manifest, weights = _made(recipe, stated)
     original = TorchOriginal(recipe, stated.manifest, stated.scale, manifest.activation)
-    return Packing(recipe.source, weights, ".safetensors", manifest, original, recipe.normaliser)
+    note = (
+        f"the file does not name the activation: {manifest.activation} is taken. The comparison is with the network rebuilt in "
+        "torch, which cannot show that it was another"
+    )
+    return Packing(recipe.source, weights, ".safetensors", manifest, original, recipe.normaliser, (note,))
 
 
 def _loaded(path: Path) -> Mapping[str, Any]:

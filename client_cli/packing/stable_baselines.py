@@ -143,6 +143,8 @@ def _with_actions(recipe: Recipe, archive: Archive, parts: tuple[Part, ...], on_
 
     space = archive.data["action_space"]
     if "nvec" in space:
+        if np.ptp(_numbers(space["nvec"])):
+            raise UsageProblem(f"the actuators have {space['nvec']} bins; all must have the same number")
         return replace(recipe, head=ActionHead.BINS, bins=parts[-1].gives // ACTION_SIZE)
     low, high = (_numbers(space[name]) for name in ("low", "high"))
     if on_policy:

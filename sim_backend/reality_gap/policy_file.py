@@ -13,6 +13,8 @@ from sim_backend.evaluation import Act
 
 CONVERSION = "services.policies.conversion"
 """The program that converts weights; it is started as a process of its own, and nothing of it is imported."""
+ANY_JAIL = "none"
+"""The least confinement that is asked of it: the weights are the user's own."""
 
 
 def load_policy(weights: Path, manifest: str) -> tuple[Act, PolicyManifest]:
@@ -44,8 +46,8 @@ def _converted(weights: Path, manifest: PolicyManifest) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         wanted, graph = Path(folder) / "manifest.json", Path(folder) / "graph.onnx"
         wanted.write_text(manifest.model_dump_json())
-        command = [sys.executable, "-m", CONVERSION, str(weights.absolute()), str(wanted), str(graph)]
-        ended = subprocess.run(command, capture_output=True, text=True, check=False)
+        command = [sys.executable, "-m", CONVERSION, str(weights.absolute()), str(wanted), str(graph), ANY_JAIL]
+        ended = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
         if not graph.exists():
             raise ValueError(f"{weights} is no policy for this manifest: {(ended.stdout or ended.stderr).strip()[-500:]}")
         return graph.read_bytes()

@@ -52,7 +52,7 @@ def pack(trifarm, *files, out, manifest, options=()):
     return PolicyManifest.model_validate_json(out.with_suffix(".json").read_text())
 
 
-def packed_actions(out):
+def packed_actions(out, observations=OBSERVATIONS):
     """What the farm's graph of the packed files gives in each trial, shape (trials, steps, 9)."""
     asked = PolicyManifest.model_validate_json(out.with_suffix(".json").read_text())
     content = out.read_bytes()
@@ -62,7 +62,7 @@ def packed_actions(out):
         model = graph.from_tensors(safetensors.numpy.load(content), asked)
     policy = GraphRunner(onnxruntime.InferenceSession(model.SerializeToString(), providers=["CPUExecutionProvider"]))
     trials = []
-    for trial in OBSERVATIONS:
+    for trial in observations:
         policy.forget()
         trials.append(np.concatenate([policy.act(row[None]) for row in trial]))
     return np.stack(trials)
@@ -183,7 +183,8 @@ def test_a_program_that_hides_its_memory_is_refused(tmp_path, trifarm, manifest)
     path, out = tmp_path / "policy.pt", tmp_path / "p.onnx"
     torch.jit.script(Hidden()).save(path)
     ended = trifarm("pack", str(path), "--out", str(out), "--manifest", str(manifest()))
-    assert ended.code in (1, 2)
+    assert ended.code == 1
+    assert "Memory that a program keeps to itself" in ended.err
     assert not out.exists()
 
 
@@ -297,6 +298,32 @@ def test_stable_baselines(algorithm, tmp_path, trifarm, manifest):
     assert np.abs(np.stack([by_keys.act(row) for row in OBSERVATIONS[0]]) - wanted[0]).max() <= 1e-5
 
 
+def test_a_stack_of_stable_baselines_is_that_of_its_own_wrapper(tmp_path, trifarm, manifest):
+    stable = pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed")
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
+
+    from tests.unit.client_cli.toy_env import ToyEnv
+
+    torch.manual_seed(0)
+    stacked = VecNormalize(VecFrameStack(DummyVecEnv([lambda: ToyEnv(SIZE)]), 3))
+    model = stable.PPO("MlpPolicy", stacked, device="cpu", n_steps=16, batch_size=16)
+    model.learn(32)
+    path, statistics, out = tmp_path / "model.zip", tmp_path / "vec_normalize.pkl", tmp_path / "p.safetensors"
+    model.save(path)
+    stacked.save(str(statistics))
+    asked = manifest(frame_stack={"count": 3, "fill": "zeros"})
+    pack(trifarm, path, statistics, out=out, manifest=asked, options=("--scale", str(SCALE)))
+    stacked.training = False
+    live, raw, wanted, seen = VecFrameStack(DummyVecEnv([lambda: ToyEnv(SIZE)]), 3), ToyEnv(SIZE), [], []
+    row, plain = live.reset(), raw.reset()[0]
+    for _ in range(10):
+        wanted.append(model.predict(stacked.normalize_obs(row), deterministic=True)[0][0] * SCALE)
+        seen.append(plain)
+        row, plain = live.step(np.zeros((1, 9)))[0], raw.step(np.zeros(9))[0]
+    given = packed_actions(out, [np.stack(seen)])[0]
+    assert np.abs(given - np.stack(wanted)).max() <= 1e-5
+
+
 def test_the_tensors_of_an_mlp_are_the_ones_of_the_documented_form(tmp_path, trifarm, manifest):
     module, path, out = RlGames(SIZE, "mlp"), tmp_path / "last.pth", tmp_path / "p.safetensors"
     torch.save({"model": module.state_dict()}, path)
@@ -306,3 +333,20 @@ def test_the_tensors_of_an_mlp_are_the_ones_of_the_documented_form(tmp_path, tri
     assert asked.output_scaling == OutputScaling(clip=1.0)
     statement = Statement(MANIFEST)
     assert pack_files([path], statement).weights == out.read_bytes(), "the same file packs to the same bytes"
+
+
+def test_names_of_compiled_modules_and_bfloat16_are_read(tmp_path, trifarm, manifest):
+    module, path, out = RlGames(SIZE, "mlp"), tmp_path / "last.pth", tmp_path / "p.safetensors"
+    torch.save({"model": {f"_orig_mod.{name}": value for name, value in module.state_dict().items()}}, path)
+    pack(trifarm, path, out=out, manifest=manifest(), options=("--scale", str(SCALE)))
+    assert_same(out, module)
+    torch.save({name: value.bfloat16() for name, value in mlp(SIZE, 9).state_dict().items()}, path)
+    pack(trifarm, path, out=out, manifest=manifest(), options=("--architecture", "0"))
+
+
+def test_the_activation_that_was_taken_is_said(tmp_path, trifarm, manifest):
+    path, out = tmp_path / "last.pth", tmp_path / "p.safetensors"
+    torch.save({"model": RlGames(SIZE, "mlp").state_dict()}, path)
+    ended = trifarm("pack", str(path), "--out", str(out), "--manifest", str(manifest()), "--json")
+    assert "elu is taken" in ended.err
+    assert ended.document["source"] == "rl_games"
