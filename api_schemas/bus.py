@@ -6,6 +6,7 @@ from typing import Any
 
 from pydantic import Field
 
+from api_schemas.jail.report import JailReport
 from api_schemas.robot import RobotState
 from api_schemas.schema import Schema
 
@@ -58,6 +59,7 @@ class Heartbeat(Schema):
     reason: str | None = None
     physics: str = "nominal"
     version: str = ""
+    jail: JailReport | None = None  # what its policies are put into
 
 
 class LiveState(Schema):

@@ -3,10 +3,11 @@
 import hashlib
 import json
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, BaseModel, Field, model_validator
 
+from api_schemas.policy_network import MOST_BINS, ActionHead, Cell, FrameStack, NetworkState
 from api_schemas.schema import Schema
 
 OBSERVATION_SIZES: dict[str, int] = {
@@ -41,10 +42,11 @@ class ActionKind(StrEnum):
 
 
 class WeightsFormat(StrEnum):
-    """The two forms of weights that the farm accepts; neither can carry code."""
+    """The forms of weights that the farm accepts. Of a zip of stable-baselines3 only numbers and plain text are read."""
 
     SAFETENSORS = "safetensors"
     ONNX = "onnx"
+    ZIP = "zip"
 
 
 def _known_fields(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -57,8 +59,9 @@ def _known_fields(names: tuple[str, ...]) -> tuple[str, ...]:
 class InputScaling(Schema):
     """How an observation becomes the network's input: bounds to [-1, 1], then running mean and variance, then a clip.
 
-    Each list has one number per observation element. For safetensors the lists may be left out and are then read from the
-    tensors ``observation_low``, ``observation_high``, ``running_mean`` and ``running_var``, if the file has them.
+    Each list has one number per observation element, or per element of the stack of observations. For safetensors the lists
+    may be left out and are then read from the tensors ``observation_low``, ``observation_high``, ``running_mean`` and
+    ``running_var``, if the file has them.
     """
 
     low: tuple[float, ...] | None = None
@@ -70,17 +73,23 @@ class InputScaling(Schema):
 
 
 class OutputScaling(Schema):
-    """How the network's output becomes an action: clipped to ±clip, then multiplied by ``scale`` (N m or rad).
+    """How the network's output becomes an action: squashed, clipped to ±clip, times ``scale``, plus ``offset`` (N m or rad).
 
-    ``scale`` may be one number or nine; for safetensors it may be left out and is then read from ``torque_limit_nm``.
+    ``scale`` and ``offset`` may be one number or nine; for safetensors ``scale`` may be left out and is then read from
+    ``torque_limit_nm``.
     """
 
     clip: float | None = Field(default=None, gt=0)
     scale: float | tuple[float, ...] | None = None
+    squash: Literal["tanh"] | None = None
+    offset: float | tuple[float, ...] | None = None
 
 
 class PolicyManifest(Schema):
-    """What a policy expects of the robot that runs it."""
+    """What a policy expects of the robot that runs it.
+
+    ``recurrent`` names the cell of a safetensors file with memory, ``states`` the memory of an ONNX file.
+    """
 
     format: Literal["trifarm-policy/1"] = "trifarm-policy/1"
     name: str = Field(default="unnamed", min_length=1, max_length=100)
@@ -91,6 +100,11 @@ class PolicyManifest(Schema):
     activation: Literal["elu", "relu", "tanh"] = "elu"
     input_scaling: InputScaling = InputScaling()
     output_scaling: OutputScaling = OutputScaling()
+    frame_stack: FrameStack | None = None
+    recurrent: Cell | None = None
+    states: tuple[NetworkState, ...] = Field(default=(), max_length=8)
+    head: ActionHead = ActionHead.DIRECT
+    bins: int | None = Field(default=None, ge=2, le=MOST_BINS)
 
     @model_validator(mode="after")
     def _timing_fits(self) -> "PolicyManifest":
@@ -103,6 +117,27 @@ class PolicyManifest(Schema):
         if abs(self.action_delay_s * 1000 - round(self.action_delay_s * 1000)) > 1e-9:
             raise ValueError(f"action_delay_s is {self.action_delay_s}; it must be a whole number of milliseconds")
         return self
+
+    @model_validator(mode="after")
+    def _network_fits(self) -> "PolicyManifest":
+        if (self.bins is None) == (self.head is ActionHead.BINS):
+            raise ValueError(f"head is {self.head.value} and bins is {self.bins}; give bins with the head 'bins', and only there")
+        if self.recurrent is not None and self.states:
+            raise ValueError("recurrent is for safetensors, states for ONNX; give one of them")
+        names = [name for state in self.states for name in (state.input, state.output)]
+        if len(set(names)) != len(names):
+            raise ValueError("each state needs an input and an output of its own")
+        return self
+
+    @property
+    def network_inputs(self) -> int:
+        """Numbers that the network takes: an observation, or a stack of them."""
+        return self.observation_size * (self.frame_stack.count if self.frame_stack else 1)
+
+    @property
+    def network_outputs(self) -> int:
+        """Numbers that the network gives."""
+        return ACTION_SIZE * {ActionHead.DIRECT: 1, ActionHead.GAUSSIAN: 2, ActionHead.BINS: self.bins or 0}[self.head]
 
     @property
     def observation_size(self) -> int:
@@ -161,9 +196,23 @@ LAYOUTS: dict[str, PolicyManifest] = {
 """Ready-made manifests by name; ``rrc2022-*`` are those of the published experts (facts/trifinger.md, section 0)."""
 
 
+ADDED_LATER = ("frame_stack", "recurrent", "states", "head", "bins")
+ADDED_TO_OUTPUT_SCALING = ("squash", "offset")
+"""Fields that the first manifests did not have; left out where they say nothing, so that no digest has changed."""
+
+
 def canonical_json(manifest: PolicyManifest) -> str:
-    """The one spelling of a manifest that is hashed: sorted keys, no spaces, defaults written out."""
-    return json.dumps(manifest.model_dump(mode="json"), sort_keys=True, separators=(",", ":"), allow_nan=False)
+    """The one spelling of a manifest that is hashed: sorted keys, no spaces, defaults written out but those added later."""
+    content = manifest.model_dump(mode="json")
+    _drop_defaults(content, manifest, ADDED_LATER)
+    _drop_defaults(content["output_scaling"], manifest.output_scaling, ADDED_TO_OUTPUT_SCALING)
+    return json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def _drop_defaults(content: dict[str, Any], given: BaseModel, names: tuple[str, ...]) -> None:
+    for name in names:
+        if getattr(given, name) == type(given).model_fields[name].default:
+            del content[name]
 
 
 def policy_digest(weights_sha256: str, manifest: PolicyManifest) -> str:

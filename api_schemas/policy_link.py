@@ -1,7 +1,8 @@
 """Frames between a robot and its policy process: fixed headers, float32 numbers, nothing that could be code.
 
 Request: kind, count of numbers, then the observation (float32). Reply: status, count, inference time in ns, then nine
-float32 numbers or an error text of ``count`` bytes.
+float32 numbers or a text of ``count`` bytes: an error, or the layers of the jail that the process has closed around itself,
+which it tells once and before it reads the network.
 """
 
 import os
@@ -19,6 +20,7 @@ OK = 0
 FAILED = 1
 READY = 2
 BROKEN = 3  # the runtime itself could not be loaded
+JAILED = 4
 
 MAX_TEXT_BYTES = 1500
 

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field, TypeAdapter
 
 from api_schemas.excitation import ExcitationName
+from api_schemas.jail.report import JailReport
 from api_schemas.object import ObjectName
 from api_schemas.schema import Schema
 from api_schemas.trial import Outcome
@@ -89,6 +90,7 @@ class Report(Schema):
     attempts: int
     timing: TimingRow | None
     between_robots: BetweenRobots | None = None
+    jail: JailReport | None = Field(default=None, description="the most open one that the policy ran in")
     per_robot: tuple[RobotRow, ...]
     per_trial: tuple[TrialRow, ...]
     platform_fault_attempts: tuple[FaultRow, ...]

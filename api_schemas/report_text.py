@@ -28,6 +28,8 @@ def _lines(report: Report) -> Iterator[str]:
     yield f"faults         {policy_faults}, platform {report.platform_faults} (not counted)"
     yield f"attempts       {report.attempts} for {report.trials} trials"
     yield from _timing(report.timing)
+    if report.jail is not None:
+        yield f"jail           {report.jail.level} ({len(report.jail.layers)} layers)"
     yield ""
     yield f"{'robot':<20} {'trials':>6} {'successes':>9} {'rate':>6}  {'80 % interval':<13}  {'platform faults':>15}"
     for row in report.per_robot:

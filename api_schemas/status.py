@@ -1,5 +1,8 @@
 """How the farm is, in plain words."""
 
+from pydantic import Field
+
+from api_schemas.jail.report import JailReport
 from api_schemas.schema import Schema
 
 
@@ -17,3 +20,5 @@ class FarmStatus(Schema):
     version: str
     farm: str
     physics: str
+    jail: JailReport | None = Field(default=None, description="what conversions and verifications are put into")
+    robots_by_jail: dict[str, int] = Field(default={}, description="robots by the level of their policies' jail")

@@ -5,6 +5,7 @@ from enum import StrEnum
 from pydantic import Field
 
 from api_schemas.excitation import ExcitationName
+from api_schemas.jail.report import JailReport
 from api_schemas.schema import Schema
 
 MAX_REASON = 2000
@@ -93,6 +94,7 @@ class Outcome(Schema):
     measures: Measures | None = None
     policy_timing: PolicyTiming | None = None
     wall_s: float = 0.0
+    jail: JailReport | None = None  # of the policy's process; none where it never started or there was no policy
 
 
 class AttemptState(StrEnum):

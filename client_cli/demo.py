@@ -21,7 +21,15 @@ from client_cli.following import ending, exit_code_of, follow_to_end
 from client_cli.options import JsonOption, LayoutOption, ManifestOption, RobotsOption, TaskOption
 from client_cli.output import note, print_document, print_line
 from client_cli.policy_files import read_policy
-from client_cli.robot_options import DEFAULT_PHYSICS, FarmSeedOption, FaultOption, PhysicsOption, ResetOption, RobotOptions
+from client_cli.robot_options import (
+    DEFAULT_PHYSICS,
+    FarmSeedOption,
+    FaultOption,
+    JailOption,
+    PhysicsOption,
+    ResetOption,
+    RobotOptions,
+)
 from client_cli.submit import submit_policy
 
 PARALLEL_DOWNLOADS = 4
@@ -50,6 +58,7 @@ def demo(
     farm_seed: FarmSeedOption = None,
     reset: ResetOption = None,
     fault: FaultOption = None,
+    jail_level: JailOption = None,
     folder: Annotated[Path, typer.Option("--dir", metavar="DIR", help="Everything the demo writes is in here.")] = Path(
         "demo-farm"
     ),
@@ -57,7 +66,8 @@ def demo(
 ) -> None:
     """Start a farm, run a policy on it, print the report, fetch the logs and stop the farm."""
     local = read_policy(policy, manifest, layout)
-    with _farm(folder.absolute(), RobotOptions.of(robots, physics, farm_seed, reset, fault)) as client:
+    home, told = folder.absolute(), RobotOptions.of(robots, physics, farm_seed, reset, fault)
+    with _farm(FarmOptions(data=home, home=home / "home", port=0, robots=told, jail_level=jail_level)) as client:
         note(f"uploading {local.weights.name} and queueing {trials} {task.value} trials")
         wish = JobRequest(policy=local.digest, task=task, trials=trials, seed=seed)
         job = follow_to_end(client, submit_policy(client, local, wish).job_id)
@@ -70,9 +80,9 @@ def demo(
 
 
 @contextmanager
-def _farm(folder: Path, robots: RobotOptions) -> Iterator[ApiClient]:
-    note(f"starting {robots.count} robots with {robots.physics_name} physics; everything is in {folder}")
-    options = FarmOptions(data=folder, home=folder / "home", port=0, robots=robots)
+def _farm(options: FarmOptions) -> Iterator[ApiClient]:
+    robots = options.robots
+    note(f"starting {robots.count} robots with {robots.physics_name} physics; everything is in {options.data}")
     try:
         with private_files(), embedded_farm(options) as farm, ApiClient(farm.connection) as client:
             yield client

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from api_schemas.jail.level import JailLevel
 from api_schemas.robot import RobotState
 from client_cli.api_client import ApiClient
 from client_cli.child_process import ChildProcess, child_environment, module_command, start_child
@@ -29,12 +30,17 @@ ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @dataclass(frozen=True)
 class FarmOptions:
-    """What a farm is to be; ``port`` 0 takes any free one, ``home`` gets the settings file."""
+    """What a farm is to be; ``port`` 0 takes any free one, ``home`` gets the settings file; ``jail_level`` None is usual."""
 
     data: Path
     home: Path
     port: int
     robots: RobotOptions
+    jail_level: JailLevel | None = None
+
+    def jail_flags(self) -> list[str]:
+        """What services and robots are told of it."""
+        return [] if self.jail_level is None else ["--jail-level", self.jail_level.value]
 
 
 @dataclass(frozen=True)
@@ -87,14 +93,14 @@ def _start(options: FarmOptions, children: list[ChildProcess]) -> EmbeddedFarm:
 
 
 def _start_services(options: FarmOptions, port: int, bus: str) -> ChildProcess:
-    flags = ["--data", str(options.data), "--host", HOST, "--port", str(port), "--bus", bus]
+    flags = ["--data", str(options.data), "--host", HOST, "--port", str(port), "--bus", bus, *options.jail_flags()]
     command = module_command("services", "serve", *flags, "--farm", FARM, "--physics", options.robots.physics_name)
     return start_child("services", command, child_environment(), options.data / "logs" / "services.log")
 
 
 def _start_robots(options: FarmOptions, url: str, bus: str, token: str) -> ChildProcess:
     flags = ["--api", url, "--bus", bus, "--farm", FARM, "--data", str(options.data)]
-    command = module_command("robot_farm", *flags, *options.robots.flags())
+    command = module_command("robot_farm", *flags, *options.robots.flags(), *options.jail_flags())
     environment = child_environment(TRIFARM_ROBOT_TOKEN=token, **options.robots.variables())
     return start_child("robots", command, environment, options.data / "logs" / "robots.log")
 

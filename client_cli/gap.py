@@ -1,25 +1,19 @@
 """``trifarm gap``: what measured data say is wrong with a model, how good that answer is, and what to record next."""
 
-import os
-import signal
-import subprocess
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from client_cli.child_process import child_environment, module_command
-from client_cli.errors import ClientError, Interrupted, UsageProblem
+from client_cli.child_process import module_command
+from client_cli.errors import ClientError, UsageProblem
 from client_cli.exit_codes import ExitCode, epilog
+from client_cli.foreground import how_it_ended, run_to_end
 from client_cli.options import JsonOption
 
 REALITY_GAP = "sim_backend.reality_gap"
 ENDS = (ExitCode.OK, ExitCode.OTHER, ExitCode.USAGE, ExitCode.INTERRUPTED)
-TIME_TO_END_S = 5.0
-"""What a child gets after Ctrl-C to leave its results in order."""
 
 commands = typer.Typer(no_args_is_help=True, help="Compare measured data with a model and name the cause.", epilog=epilog(*ENDS))
 
@@ -122,55 +116,9 @@ def _given(flag: str, value: object) -> list[str]:
 
 def _run(*arguments: str, as_json: bool) -> None:
     """Run a part of the reality gap in a process of its own, which prints for itself, and end with its exit code."""
-    code = _ended(module_command(REALITY_GAP, *arguments, *(["--json"] if as_json else [])), arguments[0])
+    goes_on = "; the same command goes on where it stopped" if arguments[0] == "blind-test" else ""
+    command = module_command(REALITY_GAP, *arguments, *(["--json"] if as_json else []))
+    code = run_to_end(command, f"'gap {arguments[0]}' has been stopped{goes_on}")
     if code not in ENDS:
-        raise ClientError(f"'gap {arguments[0]}' ended with code {code}" if code > 0 else _killed(arguments[0], -code))
+        raise ClientError(f"'gap {arguments[0]}' {how_it_ended(code)}")
     raise typer.Exit(code)
-
-
-def _killed(part: str, number: int) -> str:
-    why = " (out of memory?)" if number == signal.SIGKILL else ""
-    return f"'gap {part}' was ended by signal {number}{why}"
-
-
-def _ended(command: list[str], part: str) -> int:
-    """Exit code of a child that writes to our stdout and stderr.
-
-    It gets a session of its own, so that a Ctrl-C reaches only us, and we end it together with the processes that it started.
-
-    Raises:
-        Interrupted: by Ctrl-C, SIGTERM or SIGHUP, after the child has ended.
-    """
-    with _signals_as_interrupt():
-        child = subprocess.Popen(command, env=child_environment(), stdin=subprocess.DEVNULL, start_new_session=True)
-        try:
-            return child.wait()
-        except KeyboardInterrupt:
-            _signal_all(child, signal.SIGINT)
-            with suppress(subprocess.TimeoutExpired):
-                child.wait(TIME_TO_END_S)
-            goes_on = "; the same command goes on where it stopped" if part == "blind-test" else ""
-            raise Interrupted(f"'gap {part}' has been stopped{goes_on}") from None
-        finally:
-            _signal_all(child, signal.SIGKILL)
-            child.wait()
-
-
-def _signal_all(child: subprocess.Popen[bytes], number: signal.Signals) -> None:
-    """Signal the child and its own children, which share its process group."""
-    with suppress(ProcessLookupError, PermissionError):
-        os.killpg(child.pid, number)
-
-
-@contextmanager
-def _signals_as_interrupt() -> Iterator[None]:
-    """SIGTERM and SIGHUP act like Ctrl-C, since the child in its own session does not hear them; nohup's wish is kept."""
-    numbers = [signal.SIGINT, signal.SIGTERM]
-    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
-        numbers.append(signal.SIGHUP)
-    before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

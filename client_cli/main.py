@@ -8,12 +8,14 @@ import typer
 
 from client_cli import (
     cancel,
+    check,
     demo,
     effects,
     fetch,
     gap,
     identify,
     jobs,
+    pack,
     physics,
     replay,
     report,
@@ -37,7 +39,9 @@ JOB_END = (*OF_EVERY_REQUEST, ExitCode.JOB_WITHOUT_REPORT, ExitCode.INTERRUPTED)
 
 app.command(epilog=epilog(*OF_A_CHILD))(up.up)
 app.command(epilog=epilog(*JOB_END))(demo.demo)
+app.command(epilog=epilog(*OF_A_CHILD, ExitCode.REFUSED, ExitCode.INTERRUPTED))(check.check)
 app.command(epilog=epilog(*JOB_END))(submit.submit)
+app.command(epilog=epilog(*OF_A_CHILD))(pack.pack)
 app.command(epilog=epilog(*JOB_END))(identify.identify)
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(jobs.jobs)
 app.command(epilog=epilog(*JOB_END))(watch.watch)

@@ -25,27 +25,33 @@ class LocalPolicy:
 def read_policy(weights: Path, manifest_file: Path | None, layout: str | None) -> LocalPolicy:
     """Check and digest a policy; raises UsageProblem with the limit and the valid choices."""
     _check_weights(weights)
-    manifest = _manifest(weights, manifest_file, layout)
+    manifest = find_manifest(weights, manifest_file, layout)
     with weights.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     return LocalPolicy(weights=weights, manifest=manifest, digest=policy_digest(sha256, manifest))
 
 
-def _check_weights(weights: Path) -> None:
+def check_is_file(weights: Path) -> None:
+    """Raise UsageProblem where there is no such file."""
     if not weights.is_file():
         raise UsageProblem(f"there is no file {weights}")
+
+
+def _check_weights(weights: Path) -> None:
+    check_is_file(weights)
     suffixes = [f".{form}" for form in WeightsFormat]
     if weights.suffix not in suffixes:
         raise UsageProblem(
             f"{weights.name} ends in {weights.suffix or 'no suffix'!r}, but a policy's weights are one file that cannot "
-            f"carry code: {' or '.join(suffixes)}"
+            f"carry code: {', '.join(suffixes)}; 'trifarm pack FILE' makes one of other formats"
         )
     size = weights.stat().st_size
     if not 0 < size <= MAX_WEIGHTS_BYTES:
         raise UsageProblem(f"{weights.name} has {size} bytes; allowed are 1 to {MAX_WEIGHTS_BYTES}")
 
 
-def _manifest(weights: Path, manifest_file: Path | None, layout: str | None) -> PolicyManifest:
+def find_manifest(weights: Path, manifest_file: Path | None, layout: str | None) -> PolicyManifest:
+    """The manifest by its file, by a layout's name, or beside the weights; raises UsageProblem with the choices."""
     if manifest_file and layout:
         raise UsageProblem("give --manifest or --layout, not both")
     if layout:

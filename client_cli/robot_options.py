@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from api_schemas.jail.level import JailLevel
 from api_schemas.physics_name import NAMED_PHYSICS, physics_name
 from client_cli.errors import UsageProblem
 
@@ -43,6 +44,14 @@ ResetOption = Annotated[
 FaultOption = Annotated[
     list[str] | None,
     typer.Option("--fault", metavar="SPEC", help="A fault that the robots shall have; may be given several times."),
+]
+JailOption = Annotated[
+    JailLevel | None,
+    typer.Option(
+        "--jail-level",
+        help="Run no policy, and take no upload, where the jail does not reach this level.",
+        show_default="limits",
+    ),
 ]
 
 

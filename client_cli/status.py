@@ -29,9 +29,20 @@ def text(farm: FarmStatus, url: str) -> str:
         f"robots: {_counts(farm.robots_by_state)}",
         f"jobs:   {_counts(farm.jobs_by_state)}",
         f"trials: {farm.trials_running} running, {farm.trials_queued} queued{oldest}",
+        *_jail(farm),
         f"farm {farm.farm!r} at {url}, physics {farm.physics}, version {farm.version}",
     ]
     return "\n".join(lines)
+
+
+def _jail(farm: FarmStatus) -> list[str]:
+    """What uploads and policies are shut into; nothing if the farm does not tell."""
+    if farm.jail is None:
+        return []
+    return [
+        f"jail:   {farm.jail.level} for uploads, robots: {_counts(farm.robots_by_jail)}",
+        f"        {', '.join(farm.jail.layers)}",
+    ]
 
 
 def _counts(by_state: dict[str, int]) -> str:

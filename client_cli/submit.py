@@ -27,7 +27,7 @@ from client_cli.settings import load_connection
 
 
 def submit(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The policy's weights: .safetensors, or a single-file .onnx.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The policy's weights: .safetensors, .onnx or SB3's .zip.")],
     task: TaskOption,
     *,
     manifest: ManifestOption = None,

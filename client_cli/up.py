@@ -12,7 +12,15 @@ from client_cli.errors import ClientError
 from client_cli.farm_claims import private_files
 from client_cli.options import JsonOption, RobotsOption
 from client_cli.output import note, print_document, print_line
-from client_cli.robot_options import DEFAULT_PHYSICS, FarmSeedOption, FaultOption, PhysicsOption, ResetOption, RobotOptions
+from client_cli.robot_options import (
+    DEFAULT_PHYSICS,
+    FarmSeedOption,
+    FaultOption,
+    JailOption,
+    PhysicsOption,
+    ResetOption,
+    RobotOptions,
+)
 from client_cli.settings import DEFAULT_PORT, default_data_folder, home_folder
 
 WATCH_EVERY_S = 0.2
@@ -29,12 +37,13 @@ def up(
     farm_seed: FarmSeedOption = None,
     reset: ResetOption = None,
     fault: FaultOption = None,
+    jail_level: JailOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Start a farm with API, dispatcher and robots, and keep it running until Ctrl-C."""
     folder = (data or default_data_folder(os.environ)).absolute()
     told = RobotOptions.of(robots, physics, farm_seed, reset, fault)
-    options = FarmOptions(data=folder, home=home_folder(os.environ), port=port, robots=told)
+    options = FarmOptions(data=folder, home=home_folder(os.environ), port=port, robots=told, jail_level=jail_level)
     try:
         note(f"starting {robots} robots; data in {folder}")
         with private_files(), embedded_farm(options) as farm:

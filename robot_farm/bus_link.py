@@ -15,6 +15,7 @@ import zenoh
 from pydantic import ValidationError
 
 from api_schemas import bus
+from api_schemas.jail.report import JailReport
 from api_schemas.robot import Lease, OfferReply, RobotState
 
 LIVE_EVERY_S = 0.1
@@ -40,6 +41,7 @@ class BusLink:
         live: gives the live state, or None when nothing runs; called ten times a second.
         on_cancel: called with trial id and fence when a trial shall stop.
         stopping: whether the robot is about to end and takes no more offers.
+        jail: what its policies are put into.
     """
 
     def __init__(
@@ -52,8 +54,10 @@ class BusLink:
         live: Callable[[], bus.LiveState | None],
         on_cancel: Callable[[str, int], None],
         stopping: Callable[[], bool],
+        jail: JailReport | None = None,
     ) -> None:
         self._endpoint, self._farm, self._robot, self._physics = endpoint, farm, robot, physics
+        self._jail = jail
         self._live, self._on_cancel, self._stopping = live, on_cancel, stopping
         self._instance = uuid.uuid4().hex
         self._lock = threading.Lock()
@@ -200,6 +204,7 @@ class BusLink:
                 reason=self._wrong,
                 physics=self._physics,
                 version=version("trifarm"),
+                jail=self._jail,
             )
         self._heartbeats.put(beat.model_dump_json())
 

@@ -1,7 +1,8 @@
 """The robot's side of the policy process: starts it, asks it under a deadline, ends it.
 
 The deadline counts the process's own CPU time, so that a noisy machine never makes a policy fail: one second of CPU for an
-action is the policy's fault, ten seconds of wall time without that CPU time are the platform's.
+action is the policy's fault, ten seconds of wall time without that CPU time are the platform's. All actions of a trial
+together have a limit, too; it is looked at when an action is slow and otherwise only now and then, so that it costs nothing.
 """
 
 import os
@@ -16,14 +17,19 @@ from types import TracebackType
 import numpy as np
 
 from api_schemas import policy_link
+from api_schemas.jail.environment import jail_environment
+from api_schemas.jail.level import Jail, JailLevel, Layer, too_open
 from api_schemas.policy import ACTION_SIZE
 from api_schemas.trial import OutcomeKind
 
 ACTION_CPU_S = 1.0
 ACTION_WALL_S = 10.0
+TRIAL_CPU_S = 120.0
+_LOOK_EVERY_ACTIONS = 100
 START_CPU_S = 20.0
 START_WALL_S = 60.0
 _POLL_S = 0.05
+_POLICY_PROCESS = "robot_farm.jailed_policy"
 
 
 class PolicyFailedError(Exception):
@@ -35,22 +41,31 @@ class PolicyFailedError(Exception):
 
 
 class JailedPolicy:
-    """One policy in its own process. Kept for consecutive trials of the same policy; state is reset between them."""
+    """One policy in its own process. Kept for consecutive trials of the same policy; state is reset between them.
 
-    def __init__(self, digest: str, graph: Path) -> None:
-        self.digest = digest
+    Args:
+        digest: of the policy.
+        graph: the ONNX file.
+        least: a policy whose jail does not reach this level is not loaded.
+        module: what runs in the process; another one than the policy process's is for tests alone.
+    """
+
+    def __init__(self, digest: str, graph: Path, *, least: JailLevel = JailLevel.NONE, module: str = _POLICY_PROCESS) -> None:
+        self.digest, self._least = digest, least
+        self.jail: Jail | None = None
+        """How closed the process said it is, once it has."""
         to_child, self._write_fd = os.pipe()
         self._read_fd, from_child = os.pipe()
         os.set_inheritable(to_child, True)
         os.set_inheritable(from_child, True)
         arguments = (str(graph), str(to_child), str(from_child), str(os.getpid()))
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "robot_farm.jailed_policy", *arguments],
+            [sys.executable, "-P", "-m", module, *arguments],
             pass_fds=(to_child, from_child),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
-            env=_environment(),
+            env=jail_environment(),
             cwd="/",
             start_new_session=True,
         )
@@ -59,6 +74,7 @@ class JailedPolicy:
         self._poll = select.poll()
         self._poll.register(self._read_fd, select.POLLIN)
         self._ready = False
+        self._asked, self._trial_from_cpu_s = 0, 0.0
 
     def __enter__(self) -> "JailedPolicy":
         return self
@@ -75,17 +91,26 @@ class JailedPolicy:
         """Forget the last trial; waits until the network is loaded when it is the first.
 
         Raises:
-            PolicyFailedError: the process ended, failed to load or missed its deadline.
+            PolicyFailedError: the process ended, failed to load, is not jailed enough or missed its deadline.
         """
         if not self._ready:
-            self._wait(START_CPU_S, START_WALL_S, "loading the network")
-            status, payload, _ = self._reply()
-            if status == policy_link.BROKEN:
-                raise PolicyFailedError(OutcomeKind.PLATFORM_ERROR, f"the robot has no working runtime: {_text(payload)}")
-            if status != policy_link.READY:
-                raise PolicyFailedError(OutcomeKind.POLICY_ERROR, f"the network could not be loaded: {_text(payload)}")
-            self._ready = True
+            self._start()
+        self._trial_from_cpu_s = self._cpu_s()
         self._ask(policy_link.pack_request(policy_link.RESET))
+
+    def _start(self) -> None:
+        self._wait(START_CPU_S, START_WALL_S, "starting the policy process")
+        status, payload, _ = self._reply()
+        if status != policy_link.JAILED:
+            raise PolicyFailedError(OutcomeKind.PLATFORM_ERROR, f"the robot has no working runtime: {_text(payload)}")
+        self.jail = Jail.of([Layer(name) for name in _text(payload).split()])
+        if (reason := too_open(self.jail, self._least)) is not None:
+            raise PolicyFailedError(OutcomeKind.PLATFORM_ERROR, f"the policy is not run: {reason}")
+        self._wait(START_CPU_S, START_WALL_S, "loading the network")
+        status, payload, _ = self._reply()
+        if status != policy_link.READY:
+            raise PolicyFailedError(OutcomeKind.POLICY_ERROR, f"the network could not be loaded: {_text(payload)}")
+        self._ready = True
 
     def act(self, observation: np.ndarray) -> tuple[np.ndarray, int]:
         """Ask for one action.
@@ -122,6 +147,9 @@ class JailedPolicy:
                 continue  # closed before
 
     def _ask(self, request: bytes) -> tuple[bytes, int]:
+        self._asked += 1
+        if self._asked % _LOOK_EVERY_ACTIONS == 0:
+            self._check_trial(self._cpu_s())
         try:
             os.write(self._write_fd, request)
         except BrokenPipeError:
@@ -139,6 +167,7 @@ class JailedPolicy:
         started_s, cpu_start_s = time.monotonic() - _POLL_S, self._cpu_s()
         while not self._poll.poll(_POLL_S * 1000):
             cpu_s = self._cpu_s() - cpu_start_s
+            self._check_trial(cpu_start_s + cpu_s)
             if cpu_s > cpu_limit_s:
                 raise PolicyFailedError(
                     OutcomeKind.ACTION_DEADLINE, f"{what} took more than {cpu_limit_s:g} s of the policy's CPU time"
@@ -148,6 +177,11 @@ class JailedPolicy:
                     OutcomeKind.PLATFORM_ERROR,
                     f"{what} took {wall_limit_s:g} s of wall time but only {cpu_s:.2f} s of CPU time",
                 )
+
+    def _check_trial(self, cpu_s: float) -> None:
+        if self._ready and cpu_s - self._trial_from_cpu_s > TRIAL_CPU_S:
+            reason = f"the actions of one trial took more than {TRIAL_CPU_S:g} s of the policy's CPU time"
+            raise PolicyFailedError(OutcomeKind.ACTION_DEADLINE, reason)
 
     def _cpu_s(self) -> float:
         """CPU time of the process; a process that has ended reads as an ended one."""
@@ -169,12 +203,6 @@ class JailedPolicy:
             return PolicyFailedError(OutcomeKind.POLICY_PROCESS_ENDED, "the policy process closed its connection")
         how = f"killed by signal {-code}" if code < 0 else f"exit code {code}"
         return PolicyFailedError(OutcomeKind.POLICY_PROCESS_ENDED, f"the policy process ended ({how})")
-
-
-def _environment() -> dict[str, str]:
-    """Nothing of the robot's environment but where libraries are; above all no token."""
-    kept = {name: os.environ[name] for name in ("LD_LIBRARY_PATH",) if name in os.environ}
-    return kept | {"PYTHONPATH": str(Path(__file__).parent.parent), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
 
 
 def _text(payload: bytes) -> str:

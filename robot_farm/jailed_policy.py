@@ -1,35 +1,44 @@
 """The policy process: runs one ONNX graph on the observations that the robot sends, and nothing else.
 
 Started as ``python -m robot_farm.jailed_policy GRAPH.onnx IN_FD OUT_FD ROBOT_PID`` by ``jail.py``; imports as little as it can.
+It loads the runtime, opens the graph, closes the jail, and only then looks at what a stranger made.
 """
 
-import ctypes
 import os
-import resource
-import signal
 import sys
 import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 from api_schemas import policy_link
+from api_schemas.jail.entering import end_with_parent, enter
+from api_schemas.jail.needs import Needs
+from api_schemas.policy_graph import GraphRunner
 
-PR_SET_PDEATHSIG = 1
-MEMORY_BYTES = 4 * 1024**3
-MAX_FILES = 64
+NEEDS = Needs(memory_bytes=4 * 1024**3)
+"""No file, no folder: the graph is read before."""
+
+Act = Callable[[bytes], tuple[Any, int]]
+"""From an observation's bytes to an action (float32 array) and its inference time in ns."""
 
 
-def main() -> int:
-    """Answer requests until the robot closes its end."""
-    graph, read_fd, write_fd, robot_pid = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
-    _end_with_robot(robot_pid)
-    _limit_self()
+def main(load: Callable[..., Act] | None = None) -> int:
+    """Answer requests until the robot closes its end. ``load`` makes something else of the graph than a network: tests only."""
+    graph, read_fd, write_fd, robot_pid = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
+    end_with_parent(robot_pid)
     try:
         import numpy as np
         import onnxruntime
+
+        content = graph.read_bytes()
+        jail = enter(NEEDS)
     except Exception as error:  # the robot's installation is broken, which is no fault of the policy
         _reply_text(write_fd, error, policy_link.BROKEN)
         return 1
+    os.write(write_fd, policy_link.pack_reply(policy_link.JAILED, " ".join(jail.layers).encode()))
     try:
-        act = _load(graph, np, onnxruntime)
+        act = (load or _load)(content, np, onnxruntime)
     except Exception as error:  # whatever the runtime raises goes to the robot as text
         _reply_text(write_fd, error)
         return 1
@@ -41,41 +50,40 @@ def main() -> int:
         return 0
 
 
-def _end_with_robot(robot_pid: int) -> None:
-    """Be killed when the robot ends, however it ends; a network that computes for ever would never notice otherwise."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != robot_pid:
-        sys.exit(1)  # it ended before the line above
+class Network:
+    """One policy in a session of one thread, with what it remembers of a trial."""
+
+    def __init__(self, runner: GraphRunner, np: Any) -> None:
+        self._runner = runner
+        self._np = np
+
+    def __call__(self, data: bytes) -> tuple[Any, int]:
+        """From an observation's bytes to an action (float32 array) and its inference time in ns."""
+        observation = self._np.frombuffer(data, self._np.float32)[None]
+        started_ns = time.perf_counter_ns()
+        action = self._runner.act(observation)
+        return action.reshape(-1), time.perf_counter_ns() - started_ns
+
+    def forget(self) -> None:
+        """Begin a new trial."""
+        self._runner.forget()
 
 
-def _limit_self() -> None:
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    resource.setrlimit(resource.RLIMIT_NOFILE, (MAX_FILES, MAX_FILES))
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
-
-
-def _load(graph: str, np, onnxruntime):
+def _load(graph: bytes, np, onnxruntime) -> Network:
     """The network as a function from observation bytes to an action array and its inference time in ns."""
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
     options.log_severity_level = 4
-    session = onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
-    name = session.get_inputs()[0].name
-
-    def act(data: bytes):
-        observation = np.frombuffer(data, np.float32)[None]
-        started_ns = time.perf_counter_ns()
-        action = session.run(None, {name: observation})[0]
-        return np.asarray(action, np.float32).reshape(-1), time.perf_counter_ns() - started_ns
-
-    return act
+    return Network(GraphRunner(onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])), np)
 
 
-def _answer(act, read_fd: int, write_fd: int) -> None:
-    """Answer one request; a feed-forward network has no state, so that a reset needs no more than an acknowledgement."""
+def _answer(act: Act, read_fd: int, write_fd: int) -> None:
+    """Answer one request: an action that may depend on all observations since the last reset, or a reset."""
     kind, count = policy_link.REQUEST.unpack(policy_link.read_exactly(read_fd, policy_link.REQUEST.size))
     if kind == policy_link.RESET:
+        if isinstance(act, Network):
+            act.forget()
         os.write(write_fd, policy_link.pack_reply(policy_link.OK))
         return
     try:

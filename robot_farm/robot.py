@@ -6,6 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from api_schemas.bus import LiveState
+from api_schemas.jail.detection import detect
+from api_schemas.jail.level import too_open
+from api_schemas.jail.report import JailReport
 from api_schemas.robot import Lease
 from api_schemas.trial import FAULT_OF, MAX_REASON, Fault, Outcome, OutcomeKind
 from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError
@@ -41,6 +44,7 @@ class Robot:
         self._life = None if settings.is_plain else _life(name, settings)
         self._channels = log_channels() if self._life is None else measured_channels()
         self._truth_channels = truth_channels()
+        self._jail = detect()
         self._policy: JailedPolicy | None = None
         self._lease: Lease | None = None
         self._keeper: LeaseKeeper | None = None
@@ -61,6 +65,7 @@ class Robot:
                     live=self._live_state,
                     on_cancel=self._cancel,
                     stopping=stop.is_set,
+                    jail=JailReport.of(self._jail),
                 )
             )
             bus.out_of_service(self._unfit)
@@ -177,7 +182,8 @@ class Robot:
     @property
     def _unfit(self) -> str | None:
         """Why the robot is out of service, None while it serves."""
-        return None if self._life is None else self._life.wrong
+        reason = too_open(self._jail, self._settings.jail_level)
+        return reason if reason is not None or self._life is None else self._life.wrong
 
     def _forget(self) -> None:
         """Nothing of the last trial is trusted any more."""
@@ -210,7 +216,7 @@ class Robot:
             return self._policy
         self._end_policy()
         graph = api.fetch_graph(lease.policy, lease.graph_sha256, self._folder)
-        self._policy = JailedPolicy(lease.policy, graph)
+        self._policy = JailedPolicy(lease.policy, graph, least=self._settings.jail_level)
         return self._policy
 
     def _end_policy(self) -> None:

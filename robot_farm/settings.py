@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
+from api_schemas.jail.level import JailLevel
 from api_schemas.physics_name import NOMINAL, physics_name
 from robot_farm.farm_seed import FARM_SEED_VARIABLE, given_seed
 from robot_farm.faults import FORM, Fault, parse_fault
 from sim_backend.effects.ranges import load_ranges
 
 TOKEN_VARIABLE = "TRIFARM_ROBOT_TOKEN"  # noqa: S105 - the name of a variable, not a secret
+JAIL_LEVEL_VARIABLE = "TRIFARM_JAIL_LEVEL"
 SELF_TEST_EVERY = 5
 
 
@@ -40,6 +42,8 @@ class Settings:
     faults: tuple[Fault, ...]
     fault_rate: float
     self_test_every: int
+    jail_level: JailLevel = JailLevel.LIMITS
+    """A robot whose policies cannot be shut in as closely as this is out of service."""
 
     def robot_folder(self, robot: str) -> Path:
         """Where a robot keeps the policies it fetched and the log it is writing."""
@@ -70,6 +74,8 @@ def parse(arguments: list[str]) -> Settings:
     """Settings from the command line; ends the process with a usage text if they are wrong."""
     parser = _parser()
     options = parser.parse_args(arguments)
+    if options.jail_level not in set(JailLevel):
+        parser.error(f"{JAIL_LEVEL_VARIABLE} is {options.jail_level!r}; choose from {', '.join(JailLevel)}")
     if options.robots < 1:
         parser.error(f"--robots is {options.robots}; it must be at least 1")
     if options.self_test_every < 1:
@@ -103,6 +109,7 @@ def parse(arguments: list[str]) -> Settings:
         faults=tuple(options.fault),
         fault_rate=options.fault_rate,
         self_test_every=options.self_test_every,
+        jail_level=JailLevel(options.jail_level),
     )
     strangers = {fault.robot for fault in settings.faults} - set(settings.robot_names)
     if settings.robot is None and strangers:  # a single robot is told everybody's faults
@@ -127,6 +134,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--reset", choices=[reset.value for reset in Reset], help=reset)
     parser.add_argument("--fault", type=_fault, action="append", default=[], metavar="SPEC", help=f"a fault: {FORM}")
     parser.add_argument("--fault-rate", type=float, default=0.0, help="probability of a drawn fault in each trial (default 0)")
+    jail = f"serve only where the jail of policies reaches this level (default: {JAIL_LEVEL_VARIABLE}, or {JailLevel.LIMITS})"
+    levels, usual = [level.value for level in JailLevel], os.environ.get(JAIL_LEVEL_VARIABLE, JailLevel.LIMITS.value)
+    parser.add_argument("--jail-level", choices=levels, default=usual, help=jail)
     every = f"trials from one self-test to the next (default {SELF_TEST_EVERY})"
     parser.add_argument("--self-test-every", type=int, default=SELF_TEST_EVERY, help=every)
     return parser

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from api_schemas import trial_log
+from api_schemas.jail.report import JailReport
 from api_schemas.policy import PolicyManifest, canonical_json
 from api_schemas.robot import Lease
 from api_schemas.trial import FAULT_OF, MAX_REASON, Fault, Measures, Outcome, OutcomeKind, PolicyTiming
@@ -94,7 +95,7 @@ def run_trial(
             failure = _closed(ready, step, failure)
         exact = _measured(run, failure)
         measures = exact if truth is None or exact is None else rounded(exact)
-        outcome = _outcome(run, failure, measures, time.monotonic() - started_s)
+        outcome = _outcome(run, failure, measures, time.monotonic() - started_s).model_copy(update={"jail": _jail(policy)})
         writer.event(step, outcome.reason, error=failure is not None)
         writer.metadata(trial_log.OUTCOME_METADATA, outcome.model_dump(mode="json"))
         if truth is not None:
@@ -103,6 +104,11 @@ def run_trial(
             truth.metadata(trial_log.OUTCOME_METADATA, as_it_was.model_dump(mode="json"))
             write_physics(truth, ready.physics, ready.start, run.changed)
     return outcome
+
+
+def _jail(policy: JailedPolicy | None) -> JailReport | None:
+    """What the policy ran in; None if there was none, or if it did not come so far."""
+    return None if policy is None or policy.jail is None else JailReport.of(policy.jail)
 
 
 def _control_loop(run: Run, policy: JailedPolicy, recorder: Recorder) -> tuple[Failure | None, int]:

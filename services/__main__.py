@@ -11,6 +11,7 @@ from pathlib import Path
 
 import structlog
 
+from api_schemas.jail.level import JailLevel
 from services.settings import Settings
 
 PRIVATE = 0o077
@@ -30,6 +31,8 @@ def parsed(arguments: list[str]) -> tuple[str, Settings]:
     serve.add_argument("--bus-connect", help="zenoh endpoint of a router that runs elsewhere; then none runs here")
     serve.add_argument("--farm", help="the farm's name on the bus")
     serve.add_argument("--physics", help="what the robots were told; shown in the status")
+    levels = [level.value for level in JailLevel]
+    serve.add_argument("--jail-level", choices=levels, help="take nothing where the jail of children does not reach this level")
     router = commands.add_parser("router", help="the bus alone")
     router.add_argument("--bus", help="zenoh endpoint to listen on, as tcp/0.0.0.0:7447")
     given = {name: value for name, value in vars(parser.parse_args(arguments)).items() if value is not None}

@@ -7,11 +7,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-import services
-
-KEPT_ENVIRONMENT = ("PATH", "LANG", "LD_LIBRARY_PATH")
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-
+from api_schemas.jail.environment import jail_environment
 
 MAX_SAID_BYTES = 64 * 1024
 
@@ -42,16 +38,18 @@ class Ended:
 
 
 async def run_module(module: str, *arguments: str, folder: Path, deadline_s: float) -> Ended:
-    """Runs a module of this installation in ``folder``; whatever is left of it and its own children is killed.
+    """Runs a module of this installation in ``folder``, which it is to see as its working folder and may come to own.
+
+    Whatever is left of it and its own children is killed in the end. The module enters its jail by itself.
 
     Raises:
         ChildTimedOutError: it took longer than ``deadline_s``.
         ChildSaidTooMuchError: it said more than ``MAX_SAID_BYTES``.
     """
     child = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", module, *arguments),
+        *(sys.executable, "-P", "-m", module, *arguments),
         cwd=folder,
-        env=_environment(),
+        env=jail_environment(),
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.DEVNULL,
@@ -78,8 +76,3 @@ async def _read(stream: asyncio.StreamReader | None) -> bytes:
         if len(said) > MAX_SAID_BYTES:
             raise ChildSaidTooMuchError(f"it said more than {MAX_SAID_BYTES} bytes")
     return bytes(said)
-
-
-def _environment() -> dict[str, str]:
-    kept = {name: os.environ[name] for name in KEPT_ENVIRONMENT if name in os.environ}
-    return {**kept, **ONE_THREAD, "PYTHONPATH": str(Path(services.__file__).parent.parent)}

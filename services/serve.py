@@ -12,6 +12,7 @@ import structlog
 import uvicorn
 from prometheus_client import CollectorRegistry, ProcessCollector
 
+from api_schemas.jail.detection import detect
 from api_schemas.token import Scope, TokenRequest
 from services.api.app import create_app
 from services.api.farm import Farm
@@ -58,6 +59,7 @@ async def serve(settings: Settings) -> None:
         )
         server = Server(config)
         watching = asyncio.create_task(_stop_when_told(server, farm.signals))
+        log.info("jail", level=farm.jail.level, layers=farm.jail.layers, asked_for=settings.jail_level)
         log.info("serving", host=settings.host, port=settings.port, bus=settings.bus, data=str(settings.data))
         try:
             await server.serve()
@@ -93,6 +95,7 @@ async def open_farm(settings: Settings) -> AsyncIterator[Farm]:
         registry=registry,
         version=version("trifarm"),
         verifications=asyncio.Semaphore(settings.verification_at_once),
+        jail=await asyncio.to_thread(detect),
     )
     try:
         await _first_tokens(settings, farm.tokens)

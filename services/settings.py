@@ -6,6 +6,7 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from api_schemas.jail.level import JailLevel
 from api_schemas.physics_name import physics_name
 from api_schemas.policy import MAX_WEIGHTS_BYTES
 from api_schemas.robot import LEASE_S, RENEW_EVERY_S
@@ -44,6 +45,9 @@ class Settings(BaseSettings):
     verification_upload_s: float = Field(default=120.0, gt=0, description="how long a log to be verified may take to arrive")
     verification_at_once: int = Field(default=1, ge=1, description="logs that may be simulated again at the same time")
     conversion_at_once: int = Field(default=1, ge=1, description="conversions that may run at the same time")
+    jail_level: JailLevel = Field(
+        default=JailLevel.LIMITS, description="no policy and no log is taken where the jail of children does not reach this level"
+    )
 
     @property
     def database_url(self) -> str:

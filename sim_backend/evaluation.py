@@ -5,6 +5,7 @@ The same control period, effects and scores as in a trial on the farm; one simul
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -20,6 +21,19 @@ from sim_backend.trifinger.objects import CUBE, Shape
 
 Act = Callable[[np.ndarray], np.ndarray]
 """A policy: observations (n, size) as float32 to actions (n, 9)."""
+
+
+@runtime_checkable
+class Remembering(Protocol):
+    """A policy that keeps something of each trial, such as the states of an LSTM."""
+
+    def begin(self, trials: int) -> None:
+        """Forget all that was, and begin that many trials; row i of the observations is from now on trial i."""
+        ...
+
+    def __call__(self, observation: np.ndarray, /) -> np.ndarray:
+        """Actions (n, 9) of the next observation (n, size) of each trial."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -43,7 +57,10 @@ def evaluate(
     threads: int = 2,
     physics_step_s: float = c.PHYSICS_STEP_S,
 ) -> Evaluation:
-    """Try the goals of the seeds with a policy, all at once; everything else as for :func:`begin_trials`."""
+    """Try the goals of the seeds with a policy, all at once; everything else as for :func:`begin_trials`.
+
+    A policy that remembers (:class:`Remembering`) begins anew.
+    """
     episode, goal = begin_trials(
         manifest,
         task,
@@ -54,6 +71,8 @@ def evaluate(
         threads=threads,
         physics_step_s=physics_step_s,
     )
+    if isinstance(act, Remembering):
+        act.begin(len(seeds))
     for _ in range(task.steps // manifest.period_steps):
         episode.advance(np.asarray(act(episode.observe().astype(np.float32)), dtype=float))
     state = episode.measurement

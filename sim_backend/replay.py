@@ -36,6 +36,13 @@ class TruthNeededError(Exception):
     """The log is of a robot with physics of its own; it can be simulated again only with the truth about the trial."""
 
 
+def prepare() -> None:
+    """Compile, or load what an earlier process compiled, while this one can still reach it: ``main`` may run in a jail."""
+    from sim_backend import warm_up
+
+    warm_up.main()
+
+
 def verify(log: TrialLog) -> Verification:
     """Compare a log's joint states and true cube poses with a new simulation of its applied torques.
 

@@ -1,5 +1,6 @@
-"""What holds for all tests: signals mean what they mean at a terminal, however the tests were started."""
+"""What holds for all tests: signals mean what they mean at a terminal, and onnxruntime reports to nobody."""
 
+import os
 import signal
 
 
@@ -7,3 +8,4 @@ def pytest_configure() -> None:
     """A shell's background job and nohup ignore signals, and every process started here would inherit that."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    os.environ["ORT_DISABLE_TELEMETRY"] = "1"

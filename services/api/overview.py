@@ -7,6 +7,8 @@ from fastapi import APIRouter, Response
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Gauge, generate_latest
 from sqlalchemy import func, select
 
+from api_schemas.jail.level import too_open
+from api_schemas.jail.report import JailReport
 from api_schemas.job import JobState
 from api_schemas.robot import RobotState
 from api_schemas.status import FarmStatus
@@ -44,6 +46,8 @@ async def status(_caller: AnyCaller, farm: TheFarm) -> FarmStatus:
     """The farm at a glance."""
     load, problems = await _load(farm), _problems(farm)
     in_service = len(farm.fleet.healthy(farm.clock.now_s()))
+    if (reason := too_open(farm.jail, farm.settings.jail_level)) is not None:
+        problems = (*problems, f"no policy and no log is taken: {reason}")
     if load.trials_queued and not in_service:
         problems = (f"{load.trials_queued} trials wait and {nobody_in_service(farm.fleet, farm.clock.now_s())}", *problems)
     return FarmStatus(
@@ -59,6 +63,8 @@ async def status(_caller: AnyCaller, farm: TheFarm) -> FarmStatus:
         version=farm.version,
         farm=farm.settings.farm,
         physics=farm.settings.physics,
+        jail=JailReport.of(farm.jail),
+        robots_by_jail=_jails(farm),
     )
 
 
@@ -100,6 +106,11 @@ def _problems(farm: Farm) -> tuple[str, ...]:
     if not members:
         return ("no robot has joined the farm yet",)
     return tuple(f"{m.robot} {robot_now(m, now_s)}" for m in members if m.state(now_s) in wrong)
+
+
+def _jails(farm: Farm) -> dict[str, int]:
+    beats = [member.heartbeat for member in farm.fleet.members.values()]
+    return dict(Counter(str(beat.jail.level) for beat in beats if beat is not None and beat.jail is not None))
 
 
 def _gauge(registry: CollectorRegistry, name: str, words: str, values: dict[str, int], label: str) -> None:

@@ -33,7 +33,7 @@ _BODY = {
     "type": "object",
     "required": ["weights", "manifest"],
     "properties": {
-        "weights": {"type": "string", "format": "binary", "description": "a .safetensors or .onnx file"},
+        "weights": {"type": "string", "format": "binary", "description": "a .safetensors, .onnx or stable-baselines3 .zip file"},
         "manifest": {"type": "string", "description": "JSON text of a PolicyManifest"},
     },
 }
@@ -87,7 +87,7 @@ async def _upload(digest: str, form: FormData, owner: str, folder: Path) -> Uplo
     parsed = _manifest(manifest)
     path = folder / f"weights.{kind}"
     sha256 = await asyncio.to_thread(_copy, weights.file, path)
-    return Upload(digest, path, sha256, kind, parsed, owner)
+    return Upload(digest, path, sha256, kind, parsed, owner, weights.filename)
 
 
 def _copy(source: BinaryIO, path: Path) -> str:

@@ -10,6 +10,7 @@ from fastapi import APIRouter, Request, Response
 from fastapi import Path as InPath
 from sqlalchemy import select
 
+from api_schemas.jail.level import too_open
 from api_schemas.token import Scope
 from api_schemas.verification import Verification
 from services.api.access import Operator, User
@@ -20,7 +21,7 @@ from services.api.tokens import Caller
 from services.api.trials import MCAP
 from services.database.rows import AnyRow
 from services.database.tables import trial
-from services.errors import NotFound, TooLarge, TooSlow
+from services.errors import NotFound, TooLarge, TooSlow, Unavailable
 from services.jobs import views
 from services.verification import replaying
 from services.verification.replaying import Compared
@@ -45,6 +46,8 @@ async def get_truth(job_id: JobId, ordinal: Ordinal, request: Request, _caller: 
 async def verify_log(job_id: JobId, ordinal: Ordinal, request: Request, caller: User, farm: TheFarm) -> Verification:
     """Simulates the trial again and compares the log in the body with that: the same numbers, or the first step that differs."""
     row = await _with_truth(farm, job_id, ordinal, caller.sees_only)
+    if (reason := too_open(farm.jail, farm.settings.jail_level)) is not None:
+        raise Unavailable("jail-too-open", f"The farm takes no logs now: {reason}. Its operator can change that.")
     for sha256 in (row.truth_sha256, row.log_sha256):
         await stored_size(farm.files, sha256)
     with tempfile.TemporaryDirectory(prefix="trifarm-verify-") as folder:

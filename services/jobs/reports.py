@@ -9,6 +9,7 @@ from sqlalchemy import insert, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.excitation import ExcitationName
+from api_schemas.jail.report import weakest
 from api_schemas.job import TaskName
 from api_schemas.object import ObjectName
 from api_schemas.report import (
@@ -76,6 +77,7 @@ def compose(job: AnyRow, trials: Sequence[AnyRow], attempts: Sequence[AnyRow], v
         attempts=len(attempts),
         timing=_timing(outcomes),
         between_robots=_between_robots(rows),
+        jail=weakest(outcome.jail for outcome in outcomes),
         per_robot=_robot_rows(rows, faults),
         per_trial=rows,
         platform_fault_attempts=faults,

@@ -5,9 +5,11 @@ import signal
 from dataclasses import dataclass
 from pathlib import Path
 
+from api_schemas.jail.level import JailLevel
 from services.child import ChildKilledError, Ended, run_module
-from services.errors import Refused
+from services.errors import Refused, Unavailable
 from services.policies.conversion import SMOKE_CPU_S
+from services.policies.unfit import UnfitError, refused
 
 
 @dataclass(frozen=True)
@@ -18,27 +20,53 @@ class Converted:
     warnings: tuple[str, ...]
 
 
-async def convert(weights: Path, manifest: Path, out: Path, deadline_s: float) -> Converted:
-    """Converts in a child process with nothing of this one's environment.
+async def convert(
+    weights: Path,
+    manifest: Path,
+    out: Path,
+    deadline_s: float,
+    least: JailLevel = JailLevel.NONE,
+    *,
+    filename: str | None = None,
+) -> Converted:
+    """Converts in a jailed child process, which gets the folder of ``out`` for its own.
+
+    Args:
+        weights: the file, named by its format.
+        manifest: what it expects, as JSON.
+        out: where the graph is written.
+        deadline_s: how long it may take.
+        least: the level that the jail must reach.
+        filename: what the weights' owner calls them; without it the path's name.
 
     Raises:
         Refused: the policy cannot be converted.
+        Unavailable: the jail does not reach the level ``least``.
     """
-    files = (str(weights), str(manifest), str(out))
+    files = (str(weights), str(manifest), out.name, least.value)
     try:
         ended = await run_module("services.policies.conversion", *files, folder=out.parent, deadline_s=deadline_s)
     except ChildKilledError as error:
-        raise Refused("conversion-failed", f"The policy could not be converted: {error}.") from error
-    return _read(ended, out)
+        raise _failed(str(error), filename or weights.name) from error
+    return _read(ended, out, filename or weights.name)
 
 
-def _read(ended: Ended, out: Path) -> Converted:
+def _read(ended: Ended, out: Path, filename: str) -> Converted:
     lines = [json.loads(line) for line in ended.said.decode().splitlines()]
     last = lines[-1] if lines else {}
+    if "too_open" in last:
+        raise Unavailable("jail-too-open", f"The farm takes no policies now: {last['too_open']}. Its operator can change that.")
+    if "broken" in last:
+        raise Unavailable("conversion-broken", f"The policy could not be converted by a fault of the farm: {last['broken']}.")
     if "problem" in last:
-        raise Refused("conversion-failed", f"The policy cannot be converted: {last['problem']}.")
+        raise refused(UnfitError(**last["problem"]), filename)
     if "warnings" in last:
         return Converted(out, tuple(f"Smoke run: the network {warning}." for warning in last["warnings"]))
     if last.get("converted") and ended.status == -signal.SIGPROF:
         return Converted(out, (f"Smoke run: the network used more than {SMOKE_CPU_S:g} s of CPU time and was stopped.",))
-    raise Refused("conversion-failed", f"The policy cannot be converted: the converting process {ended.how}.")
+    raise _failed(f"the converting process {ended.how}", filename)
+
+
+def _failed(why: str, filename: str) -> Refused:
+    instead = "it asks for more time or memory than a policy may have; send a smaller network"
+    return refused(UnfitError(f"the policy cannot be converted: {why}", instead=instead), filename)

@@ -1,115 +1,76 @@
-"""What is checked of weights before anything parses them: size, and for safetensors the header's own arithmetic."""
+"""What is checked of weights before anything parses or inflates them: their size, their first bytes and their structure.
 
-import json
-import math
-import struct
+All of it works on the file as it lies on disk, costs at most a tenth of a second of CPU time and keeps nothing of it in memory.
+"""
+
+import mmap
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from api_schemas.policy import WeightsFormat
-from services.errors import Refused, TooLarge
-
-HEADER_LIMIT_BYTES = 1024 * 1024
-TENSOR_LIMIT = 512
-DTYPE_BYTES = {"F16": 2, "F32": 4, "F64": 8}
-LENGTH_BYTES = 8
+from services.errors import TooLarge
+from services.policies.foreign import FIRST_BYTES, check_start, named_foreign
+from services.policies.onnx_wire import check_onnx
+from services.policies.safetensors_header import check_safetensors
+from services.policies.sb3_archive import check_entries_of
+from services.policies.unfit import UnfitError, printable, refused
 
 
 def weights_format(filename: str | None) -> WeightsFormat:
     """The form of the weights, by the end of their file's name.
 
     Raises:
-        Refused: neither .safetensors nor .onnx.
+        Refused: none of those that are taken.
     """
     for known in WeightsFormat:
         if (filename or "").lower().endswith(f".{known}"):
             return known
-    raise Refused(
-        "unknown-weights-format",
-        f"The weights' file is named {filename!r}; its name must end in .safetensors or .onnx. "
-        "Pickles, .pt and .zip files can carry code and are not taken.",
-    )
+    raise refused(named_foreign(filename), filename)
 
 
-def check_weights(path: Path, kind: WeightsFormat, limit_bytes: int) -> None:
+def check_weights(path: Path, kind: WeightsFormat, limit_bytes: int, filename: str | None = None) -> None:
     """Raises unless the file may be given to a parser.
+
+    Args:
+        path: the file.
+        kind: its format by its name.
+        limit_bytes: the most that is taken.
+        filename: what its owner calls it; without it the path's name.
 
     Raises:
         TooLarge: over the limit.
-        Refused: empty, or not a well-formed safetensors file.
+        Refused: empty, another format, or not well formed.
     """
-    size = path.stat().st_size
+    size, name = path.stat().st_size, filename or path.name
     if size > limit_bytes:
-        raise TooLarge("weights-too-large", f"The weights have {size} bytes; at most {limit_bytes} are taken.")
-    if size == 0:
-        raise Refused("weights-empty", "The weights' file is empty.")
-    if kind == WeightsFormat.SAFETENSORS:
+        detail = f"{printable(name)}: the weights have {size} bytes; at most {limit_bytes} are taken."
+        raise TooLarge("weights-too-large", detail, file=printable(name), part="", instead="send the policy's network alone")
+    try:
+        if size == 0:
+            raise UnfitError(
+                "the weights' file is empty", slug="weights-empty", instead="check that the upload was not cut short"
+            )
         with path.open("rb") as file:
-            header = file.read(LENGTH_BYTES + HEADER_LIMIT_BYTES)
-        check_safetensors(header, size)
+            # Not closed by hand: views of it may still be held where an error was raised.
+            mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        check_content(memoryview(mapped), kind, limit_bytes, lambda: mapped.madvise(mmap.MADV_DONTNEED))
+    except UnfitError as error:
+        # Without the error's own frames, which would keep the file mapped.
+        raise refused(error, name) from None
 
 
-def check_safetensors(start: bytes, size: int) -> None:
-    """Raises unless a safetensors header describes exactly the bytes that follow it.
-
-    Args:
-        start: the first bytes of the file, with the whole header in them.
-        size: bytes of the whole file.
+def check_content(
+    content: memoryview, kind: WeightsFormat, limit_bytes: int, forget: Callable[[], object] = lambda: None
+) -> None:
+    """Raises unless the content of a file is a well-formed one of its kind; ``forget`` may drop what has been read of it.
 
     Raises:
-        Refused: the header is too long, cannot be read, or leaves gaps or overlaps.
+        UnfitError: it is another format, not well formed, or over a limit.
     """
-    if len(start) < LENGTH_BYTES:
-        raise _broken(f"it has {size} bytes, less than the {LENGTH_BYTES} of a header's length")
-    (length,) = struct.unpack("<Q", start[:LENGTH_BYTES])
-    if length > min(HEADER_LIMIT_BYTES, size - LENGTH_BYTES):
-        raise _broken(f"its header has {length} bytes; at most {HEADER_LIMIT_BYTES} and the file's size are taken")
-    try:
-        header = json.loads(start[LENGTH_BYTES : LENGTH_BYTES + length], object_pairs_hook=_without_repeats)
-    except (ValueError, RecursionError) as error:
-        raise _broken(f"its header is not JSON: {error}") from error
-    if not isinstance(header, dict):
-        raise _broken("its header is not a JSON object")
-    header.pop("__metadata__", None)
-    _check_tensors(header, size - LENGTH_BYTES - length)
-
-
-def _check_tensors(tensors: dict[str, Any], data_bytes: int) -> None:
-    if not 1 <= len(tensors) <= TENSOR_LIMIT:
-        raise _broken(f"it has {len(tensors)} tensors; 1 to {TENSOR_LIMIT} are taken")
-    spans = sorted(_span(name, tensor) for name, tensor in tensors.items())
-    at = 0
-    for begin, end, name in spans:
-        if begin != at:
-            raise _broken(f"tensor {name!r} begins at byte {begin} where {at} was expected: gaps and overlaps are refused")
-        at = end
-    if at != data_bytes:
-        raise _broken(f"its tensors take {at} bytes, but {data_bytes} follow the header")
-
-
-def _span(name: str, tensor: Any) -> tuple[int, int, str]:
-    if not isinstance(tensor, dict) or set(tensor) != {"dtype", "shape", "data_offsets"}:
-        raise _broken(f"tensor {name!r} must have dtype, shape and data_offsets")
-    width = DTYPE_BYTES.get(tensor["dtype"]) if isinstance(tensor["dtype"], str) else None
-    if width is None:
-        raise _broken(f"tensor {name!r} has dtype {tensor['dtype']!r}; choose from {', '.join(DTYPE_BYTES)}")
-    shape, offsets = tensor["shape"], tensor["data_offsets"]
-    if not _counts(shape) or not _counts(offsets) or len(offsets) != 2:
-        raise _broken(f"tensor {name!r} has a shape or offsets that are not whole numbers")
-    if offsets[1] - offsets[0] != math.prod(shape) * width:
-        raise _broken(f"tensor {name!r} of shape {shape} does not fit its {offsets[1] - offsets[0]} bytes")
-    return offsets[0], offsets[1], name
-
-
-def _counts(values: Any) -> bool:
-    return isinstance(values, list) and len(values) <= 8 and all(type(value) is int and 0 <= value < 2**48 for value in values)
-
-
-def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    if len({name for name, _ in pairs}) != len(pairs):
-        raise ValueError("a name appears twice")
-    return dict(pairs)
-
-
-def _broken(reason: str) -> Refused:
-    return Refused("weights-malformed", f"The safetensors file is not well formed: {reason}.")
+    check_start(bytes(content[:FIRST_BYTES]), kind)
+    if kind == WeightsFormat.SAFETENSORS:
+        check_safetensors(content, forget)
+    elif kind == WeightsFormat.ONNX:
+        check_onnx(content, forget)
+    else:
+        check_entries_of(content, limit_bytes)

@@ -16,7 +16,10 @@ from services.database.tables import policy
 from services.errors import NotFound, Refused
 from services.files.store import FileStore, Stored
 from services.policies import child, intake
+from services.policies.unfit import printable
 from services.settings import Settings
+
+WRONG_DIGEST = "check that the upload was not cut short, and send it to the address with the digest of what you have"
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,7 @@ class Upload:
     kind: WeightsFormat
     manifest: PolicyManifest
     owner: str
+    filename: str | None = None
 
 
 class Policies:
@@ -71,11 +75,15 @@ class Policies:
         actual = policy_digest(upload.weights_sha256, upload.manifest)
         if actual != upload.digest:
             detail = f"Weights and manifest have the digest {actual}, not {upload.digest}; PUT them to /v1/policies/{actual}."
-            raise Refused("digest-mismatch", detail, digest=actual)
+            raise Refused(
+                "digest-mismatch", detail, digest=actual, file=printable(upload.filename), part="", instead=WRONG_DIGEST
+            )
         try:
             return await self.find(actual), False
         except NotFound:
             pass
+        limit_bytes = self._settings.max_weights_bytes
+        await asyncio.to_thread(intake.check_weights, upload.weights, upload.kind, limit_bytes, upload.filename)
         graph, warnings = await self._convert(upload)
         # Only now, so that weights which were refused leave nothing behind.
         weights = await self._files.put_file(upload.weights, durable=True)
@@ -85,10 +93,16 @@ class Policies:
         async with self._converting:
             with tempfile.TemporaryDirectory(prefix="trifarm-conversion-") as name:
                 folder, deadline_s = Path(name), self._settings.conversion_deadline_s
-                intake.check_weights(upload.weights, upload.kind, self._settings.max_weights_bytes)
                 manifest = folder / "manifest.json"
                 manifest.write_text(canonical_json(upload.manifest))
-                converted = await child.convert(upload.weights, manifest, folder / "policy.onnx", deadline_s)
+                converted = await child.convert(
+                    upload.weights,
+                    manifest,
+                    folder / "policy.onnx",
+                    deadline_s,
+                    self._settings.jail_level,
+                    filename=upload.filename,
+                )
                 return await self._files.put_file(converted.graph, durable=True), converted.warnings
 
     async def _insert(

@@ -7,6 +7,7 @@ import numpy as np
 import onnxruntime
 
 from api_schemas.policy import ACTION_SIZE, OBSERVATION_SIZES, PolicyManifest
+from api_schemas.policy_graph import GraphRunner
 from services.policies.unfit import UnfitError
 
 RUNS = 8
@@ -55,20 +56,20 @@ def load(graph: Path) -> onnxruntime.InferenceSession:
 def run(session: onnxruntime.InferenceSession, manifest: PolicyManifest) -> list[str]:
     """Runs the graph a few times; gives a sentence for each thing a user should know.
 
-    A network that fails here may run: the robot's own deadline and limits then end the trial by the policy's fault.
-
     Raises:
-        UnfitError: the network gives the wrong shape.
+        UnfitError: the network fails, or gives the wrong shape.
     """
     actions, spent_s = [], []
+    policy = GraphRunner(session)
     for observation in observations(manifest):
         began_s = time.process_time()
         try:
-            (action,) = session.run(["action"], {"observation": observation[None, :]})
+            action = policy.act(observation[None, :])
         except Exception as error:
-            return [f"failed on a plausible observation; a trial ends at the first such failure ({str(error).strip()[:300]})"]
+            reason = str(error).strip()[:300]
+            raise UnfitError(f"the network fails on a plausible observation ({reason})", slug="dry-run-failed") from error
         spent_s.append(time.process_time() - began_s)
-        actions.append(np.asarray(action))
+        actions.append(action)
     if actions[0].shape != (1, ACTION_SIZE):
         raise UnfitError(f"the network gives an array of shape {actions[0].shape} instead of (1, {ACTION_SIZE})")
     return _warnings(np.concatenate(actions), float(np.median(spent_s)), 1 / manifest.rate_hz)

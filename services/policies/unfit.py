@@ -1,22 +1,115 @@
-"""The one error of conversion, and the sentence for shapes that do not fit."""
+"""The one error of weights that are not taken: why, which part of the file, and what to do instead."""
+
+import shlex
 
 from api_schemas.policy import ACTION_SIZE, LAYOUTS, OBSERVATION_SIZES, PolicyManifest
+from api_schemas.policy_network import ActionHead
+from services.errors import Refused
+
+NAME_LIMIT = 100
 
 
 class UnfitError(Exception):
-    """The weights and the manifest do not make a policy; the message says why and what to do."""
+    """The weights and the manifest do not make a policy; the message says why.
+
+    Args:
+        why: a sentence without its full stop.
+        part: the entry, tensor or operator it is about; empty where it is the whole file.
+        instead: what to do; empty where ``why`` says it.
+        slug: the problem's type.
+        pack: whether reading the file runs its author's code, so that only the author's own machine may do it.
+    """
+
+    def __init__(
+        self, why: str, *, part: str = "", instead: str = "", slug: str = "conversion-failed", pack: bool = False
+    ) -> None:
+        super().__init__(why)
+        self.why = why
+        self.part = part
+        self.instead = instead
+        self.slug = slug
+        self.pack = pack
+
+
+def problem_of(error: UnfitError, filename: str | None) -> dict[str, str]:
+    """The error as the members of a problem document: slug, detail, file, part and instead."""
+    file = printable(filename)
+    instead = error.instead
+    if error.pack:
+        instead = f"run `trifarm pack {shlex.quote(file)}` on your own machine and upload what it writes"
+    where = f"{file}, {error.part}" if error.part else file
+    detail = f"{where}: {error.why}" + (f"; {instead}" if instead else "")
+    return {"slug": error.slug, "detail": f"{detail}.", "file": file, "part": error.part, "instead": instead}
+
+
+def refused(error: UnfitError, filename: str | None) -> Refused:
+    """The error as the services' own, about a file of that name."""
+    return Refused(**problem_of(error, filename))
+
+
+def printable(name: str | None) -> str:
+    """A name that a user gave, short and without control characters."""
+    text = "".join(each if each.isprintable() else "?" for each in name or "")
+    return (text if len(text) <= NAME_LIMIT else text[:NAME_LIMIT] + "…") or "FILE"
 
 
 def wrong_input(manifest: PolicyManifest, network_inputs: int) -> UnfitError:
-    """The error for a network whose input does not have the manifest's size."""
-    fields = ", ".join(f"{name} {OBSERVATION_SIZES[name]}" for name in manifest.observation)
+    """The error for a network whose input does not have the manifest's size: both lists side by side."""
+    size = manifest.observation_size
     nearest = min(LAYOUTS, key=lambda name: abs(LAYOUTS[name].observation_size - network_inputs))
+    near = LAYOUTS[nearest]
+    fits = manifest.frame_stack is None and near.observation_size == network_inputs
+    instead = f"--layout {nearest} fits" if fits else "name the fields that it was trained on"
     return UnfitError(
-        f"the manifest's observation has {manifest.observation_size} numbers ({fields}), but the network takes "
-        f"{network_inputs}; the nearest ready-made layout is {nearest} with {LAYOUTS[nearest].observation_size}"
+        f"the manifest's observation has {size} numbers ({_fields(manifest)}){_stacked(manifest)}, "
+        f"but the network takes {network_inputs}; "
+        f"the nearest ready-made layout is {nearest} with {near.observation_size}\n"
+        f"{side_by_side(manifest, nearest, network_inputs)}\n",
+        part="the network's input",
+        instead=f"{instead}; every field and its size: {_all_fields()}",
+        slug="observation-does-not-fit",
     )
 
 
-def wrong_output(network_outputs: object) -> UnfitError:
-    """The error for a network that does not give nine numbers."""
-    return UnfitError(f"the network gives {network_outputs} numbers, but an action has {ACTION_SIZE}: one for each joint")
+def side_by_side(manifest: PolicyManifest, layout: str, network_inputs: int) -> str:
+    """The manifest's fields beside those of a ready-made layout, each with the elements it takes, and the network's count."""
+    left = ["the manifest", *_rows(manifest)]
+    right = [f"layout {layout}", *_rows(LAYOUTS[layout])]
+    height = max(len(left), len(right))
+    pad = max(len(row) for row in left)
+    rows = zip(left + [""] * (height - len(left)), right + [""] * (height - len(right)), strict=True)
+    return "\n".join(f"  {one:<{pad}} | {other}".rstrip() for one, other in rows) + f"\n  the network takes {network_inputs}"
+
+
+def _rows(manifest: PolicyManifest) -> list[str]:
+    """One row for each field, such as "0-8 joint_position_rad 9", and the sum."""
+    rows, at = [], 0
+    for name in manifest.observation:
+        size = OBSERVATION_SIZES[name]
+        rows.append(f"{at}-{at + size - 1} {name} {size}" if size > 1 else f"{at} {name} {size}")
+        at += size
+    return [*rows, f"sum {at}"]
+
+
+def _fields(manifest: PolicyManifest) -> str:
+    return ", ".join(f"{name} {OBSERVATION_SIZES[name]}" for name in manifest.observation)
+
+
+def _all_fields() -> str:
+    return ", ".join(f"{name} {size}" for name, size in OBSERVATION_SIZES.items())
+
+
+def _stacked(manifest: PolicyManifest) -> str:
+    stack = manifest.frame_stack
+    return "" if stack is None else f", stacked {stack.count} times {manifest.network_inputs}"
+
+
+def wrong_output(network_outputs: object, manifest: PolicyManifest) -> UnfitError:
+    """The error for a network that does not give the numbers that an action is made of."""
+    direct = manifest.head is ActionHead.DIRECT
+    wanted = f"an action has {ACTION_SIZE}: one for each joint" if direct else f"the head {manifest.head.value!r} needs"
+    return UnfitError(
+        f"the network gives {network_outputs} numbers, but {wanted}" + ("" if direct else f" {manifest.network_outputs}"),
+        part="the network's output",
+        slug="action-does-not-fit",
+    )

@@ -3,10 +3,12 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import onnx
-from onnx import AttributeProto, GraphProto, ModelProto, NodeProto, TensorProto, ValueInfoProto, compose
+from onnx import AttributeProto, GraphProto, ModelProto, NodeProto, TensorProto, ValueInfoProto, compose, numpy_helper
 
-from api_schemas.policy import ACTION_SIZE, PolicyManifest
+from api_schemas.policy import PolicyManifest
+from services.policies.memory import check_states
 from services.policies.randomness import check_repeatable
 from services.policies.unfit import UnfitError, wrong_input, wrong_output
 
@@ -15,7 +17,7 @@ OLDEST_OPSET = 7
 """The first in which the operators around the network broadcast as they do today."""
 OLDEST_IR_VERSION = 4
 """The first in which constants need not be inputs too."""
-NODE_LIMIT = 20_000
+NODE_LIMIT = 5_000
 PREFIX = "network/"
 
 
@@ -29,6 +31,8 @@ class Uploaded:
     gives: str
     opset: int
     ir_version: int
+    states: Sequence[tuple[str, str, tuple[int, ...]]] = ()
+    """The input and the output of each state, and its shape."""
 
 
 def parse(content: bytes, manifest: PolicyManifest) -> Uploaded:
@@ -42,6 +46,7 @@ def parse(content: bytes, manifest: PolicyManifest) -> Uploaded:
     except Exception as error:
         raise UnfitError(f"the file cannot be read as ONNX: {error}") from error
     opset = _check_plain(model)
+    check_states(model.graph, manifest)
     model.graph.ClearField("value_info")
     given, gives = _ends(model.graph, manifest)
     try:
@@ -55,6 +60,7 @@ def parse(content: bytes, manifest: PolicyManifest) -> Uploaded:
         PREFIX + gives,
         opset,
         max(model.ir_version, OLDEST_IR_VERSION),
+        [(PREFIX + each.input, PREFIX + each.output, each.shape) for each in manifest.states],
     )
 
 
@@ -76,7 +82,28 @@ def _check_plain(model: ModelProto) -> int:
     if any(tensor.external_data or tensor.data_location == TensorProto.EXTERNAL for tensor in _tensors(model.graph)):
         raise UnfitError("the file keeps tensors in other files; export it as one file")
     check_repeatable(list(_graphs(model.graph)))
+    for tensor in _tensors(model.graph):
+        _check_numbers(tensor)
     return opset
+
+
+def _check_numbers(tensor: TensorProto) -> None:
+    """Infinity may be meant, as the bound of a clip or a mask; what is no number never is."""
+    try:
+        values = numpy_helper.to_array(tensor)
+    except Exception as error:
+        raise UnfitError(f"it does not fit its shape ({error})", part=_part(tensor), slug="weights-malformed") from error
+    if values.dtype.kind == "f" and np.isnan(values).any():
+        raise UnfitError(
+            "it holds numbers that are not finite (NaN)",
+            part=_part(tensor),
+            slug="weights-not-finite",
+            instead="look for the step of the training at which it diverged, and export weights from before",
+        )
+
+
+def _part(tensor: TensorProto) -> str:
+    return f"tensor {tensor.name!r:.100}"
 
 
 def _graphs(graph: GraphProto) -> Iterator[GraphProto]:
@@ -103,17 +130,21 @@ def _tensors(graph: GraphProto) -> Iterator[TensorProto]:
 
 def _ends(graph: GraphProto, manifest: PolicyManifest) -> tuple[str, str]:
     constants = {each.name for each in graph.initializer}
-    inputs = [each for each in graph.input if each.name not in constants]
-    if len(inputs) != 1 or len(graph.output) != 1:
-        raise UnfitError(f"the graph has {len(inputs)} inputs and {len(graph.output)} outputs; it must have one of each")
-    given, gives = inputs[0], graph.output[0]
+    inputs = [each for each in graph.input if each.name not in constants | {state.input for state in manifest.states}]
+    outputs = [each for each in graph.output if each.name not in {state.output for state in manifest.states}]
+    if len(inputs) != 1 or len(outputs) != 1:
+        raise UnfitError(
+            f"the graph has {len(inputs)} inputs and {len(outputs)} outputs beside the manifest's states; "
+            "it must have one of each"
+        )
+    given, gives = inputs[0], outputs[0]
     rows, columns = (shape := _shape(given))[:1], shape[1:]
     if len(columns) != 1 or rows[0] not in (1, None):
         raise UnfitError(f"the graph's input has shape {_words(shape)}; it must be [1, n] or [batch, n]")
-    if columns[0] not in (None, manifest.observation_size):
+    if columns[0] not in (None, manifest.network_inputs):
         raise wrong_input(manifest, columns[0])
-    if (out := _shape(gives)) and out[-1] not in (None, ACTION_SIZE):
-        raise wrong_output(out[-1])
+    if (out := _shape(gives)) and out[-1] not in (None, manifest.network_outputs):
+        raise wrong_output(out[-1], manifest)
     for each in (given, gives):
         if each.type.tensor_type.elem_type != TensorProto.FLOAT:
             raise UnfitError(f"{each.name} must be float32")

@@ -1,31 +1,34 @@
-"""``python -m services.verification.confined CPU_S MODULE ARGUMENT...``: limits itself, then becomes the named module.
+"""``python -m services.verification.confined CPU_S MODULE ARGUMENT...``: runs the named module in a jail and its working folder.
 
-The module reads a log that anyone may have made; limits outlive the exec, and the module need not know of them.
+The module reads a log that anyone may have made. It has a ``main``, which takes the arguments, and a ``prepare``, which is called
+before the jail is closed and may still read and write what is kept between processes, such as compiled functions.
 """
 
+import importlib
 import os
-import resource
 import sys
+from pathlib import Path
+
+from api_schemas.jail.entering import enter
+from api_schemas.jail.needs import Needs
 
 MEMORY_LIMIT_BYTES = 3 * 1024**3
-FILE_LIMIT_BYTES = 64 * 1024**2
-"""Room for the compiled functions that numba keeps."""
+FILE_LIMIT_BYTES = 1024**2
 NICENESS = 10
 """Robots run trials in real time beside this; nobody waits for a verdict as they wait for their next action."""
 
 
-def main() -> None:
-    """Never returns."""
-    cpu_s, module, *arguments = sys.argv[1:]
+def main() -> int:
+    """The module's own exit status."""
+    cpu_s, name, *arguments = sys.argv[1:]
     os.nice(NICENESS)
-    resource.setrlimit(resource.RLIMIT_CPU, (int(cpu_s), int(cpu_s)))
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT_BYTES, MEMORY_LIMIT_BYTES))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (FILE_LIMIT_BYTES, FILE_LIMIT_BYTES))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     # What is still held open from the parent beyond the standard three is none of the child's business.
     os.closerange(3, 1024)
-    os.execv(sys.executable, [sys.executable, "-P", "-m", module, *arguments])  # noqa: S606 - without a shell is the point
+    module = importlib.import_module(name)
+    module.prepare()
+    enter(Needs(MEMORY_LIMIT_BYTES, int(cpu_s), FILE_LIMIT_BYTES, installation=True, folder=Path.cwd()))
+    return module.main(arguments)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -37,7 +37,8 @@ async def verify(files: Compared, deadline_s: float, *, tell_all: bool) -> Verif
         Refused: the log cannot be read, or is not one of this truth.
         Unavailable: it took too long, or the farm's own files cannot be simulated, or the replay broke.
     """
-    compared = (str(files.log), "--verify", "--truth", str(files.truth), "--original", str(files.original), "--json")
+    # By name alone: the process owns the folder, but perhaps may not pass those above it.
+    compared = (files.log.name, "--verify", "--truth", files.truth.name, "--original", files.original.name, "--json")
     arguments = (str(math.ceil(deadline_s)), REPLAY, *compared)
     try:
         ended = await run_module("services.verification.confined", *arguments, folder=files.log.parent, deadline_s=deadline_s)

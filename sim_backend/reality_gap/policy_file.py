@@ -8,10 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from api_schemas.policy import LAYOUTS, PolicyManifest
+from api_schemas.policy_graph import GraphRunner, Session
 from sim_backend.evaluation import Act
 
 CONVERSION = "services.policies.conversion"
 """The program that converts weights; it is started as a process of its own, and nothing of it is imported."""
+ANY_JAIL = "none"
+"""The least confinement that is asked of it: the weights are the user's own."""
 
 
 def load_policy(weights: Path, manifest: str) -> tuple[Act, PolicyManifest]:
@@ -43,8 +46,8 @@ def _converted(weights: Path, manifest: PolicyManifest) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         wanted, graph = Path(folder) / "manifest.json", Path(folder) / "graph.onnx"
         wanted.write_text(manifest.model_dump_json())
-        command = [sys.executable, "-m", CONVERSION, str(weights.absolute()), str(wanted), str(graph)]
-        ended = subprocess.run(command, capture_output=True, text=True, check=False)
+        command = [sys.executable, "-m", CONVERSION, str(weights.absolute()), str(wanted), str(graph), ANY_JAIL]
+        ended = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
         if not graph.exists():
             raise ValueError(f"{weights} is no policy for this manifest: {(ended.stdout or ended.stderr).strip()[-500:]}")
         return graph.read_bytes()
@@ -58,10 +61,23 @@ def _act(graph: bytes) -> Act:
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
     options.log_severity_level = 4
-    session = onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
-    name = session.get_inputs()[0].name
+    return GraphPolicy(onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"]))
 
-    def act(observation: np.ndarray) -> np.ndarray:
-        return np.concatenate([np.asarray(session.run(None, {name: row[None]})[0]) for row in observation])
 
-    return act
+class GraphPolicy:
+    """A policy in many trials at once; what it remembers of each trial is its own."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._trials: list[GraphRunner] = []
+
+    def begin(self, trials: int) -> None:
+        """Begin that many new trials, with nothing remembered."""
+        self._trials = [GraphRunner(self._session) for _ in range(trials)]
+
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
+        """Actions (n, 9) of the next observation (n, size) of each trial, float32."""
+        if not self._trials:
+            self.begin(len(observation))
+        pairs = zip(self._trials, observation, strict=True)
+        return np.concatenate([trial.act(row[None]) for trial, row in pairs])

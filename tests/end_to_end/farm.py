@@ -24,8 +24,16 @@ def free_port() -> int:
 class Farm:
     """Started on entry, stopped on exit; its settings never touch the user's."""
 
-    def __init__(self, folder: Path, *, robots: int = 4, more: tuple[str, ...] = ("--physics", "nominal")) -> None:
-        self.folder, self.robots, self.more = folder, robots, more
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        robots: int = 4,
+        more: tuple[str, ...] = ("--physics", "nominal"),
+        through: tuple[str, ...] = (),
+    ) -> None:
+        """``through``: a script that becomes the interpreter of the farm."""
+        self.folder, self.robots, self.more, self.through = folder, robots, more, through
         self.port = free_port()
         kept = {name: value for name, value in os.environ.items() if not name.startswith("TRIFARM_")}
         self.env = kept | {"TRIFARM_HOME": str(folder / "home")}
@@ -33,7 +41,18 @@ class Farm:
         self.log = folder / "up.log"
 
     def __enter__(self) -> "Farm":
-        command = [*TRIFARM, "up", "--robots", str(self.robots), "--data", str(self.folder / "data"), "--port", str(self.port)]
+        command = [
+            sys.executable,
+            *self.through,
+            *TRIFARM[1:],
+            "up",
+            "--robots",
+            str(self.robots),
+            "--data",
+            str(self.folder / "data"),
+            "--port",
+            str(self.port),
+        ]
         command += self.more
         with self.log.open("wb") as out:
             self.process = subprocess.Popen(command, env=self.env, stdout=out, stderr=subprocess.STDOUT)

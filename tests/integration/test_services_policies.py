@@ -134,7 +134,7 @@ def test_bad_tensors_are_refused(farm, change, word):
     refused(farm, safetensors.numpy.save(kept), manifest, word)
 
 
-@pytest.mark.parametrize("name", ["w.pt", "w.zip", "w.pkl", ""])
+@pytest.mark.parametrize("name", ["w.pt", "w.zip", "w.pkl", "w.onnx", ""])
 def test_other_files_are_refused_by_name(farm, name):
     weights, manifest = small_policy()
     answer = farm.upload(weights, manifest, filename=name or None)
@@ -215,9 +215,15 @@ def test_odd_networks_are_taken_with_a_warning(farm):
     zero = numpy_helper.from_array(np.zeros((54, 9), np.float32), "w")
     constant = onnx_network([helper.make_node("MatMul", ["obs", "w"], ["act"])], constants=[zero])
     assert "the same action" in farm.upload(constant, layout, filename="p.onnx").json()["warnings"][0]
+    huge = numpy_helper.from_array(np.full((54, 9), 3e38, np.float32), "w")
+    broken = onnx_network([helper.make_node("MatMul", ["obs", "w"], ["act"])], constants=[huge])
+    assert "not finite" in farm.upload(broken, layout, filename="p.onnx").json()["warnings"][0]
+
+
+def test_weights_that_are_no_numbers_are_refused(farm):
     nan = numpy_helper.from_array(np.full((54, 9), np.nan, np.float32), "w")
     broken = onnx_network([helper.make_node("MatMul", ["obs", "w"], ["act"])], constants=[nan])
-    assert "not finite" in farm.upload(broken, layout, filename="p.onnx").json()["warnings"][0]
+    refused(farm, broken, LAYOUTS["rrc2022-push"], "tensor 'w'", "not finite", filename="p.onnx")
 
 
 def endless_network():

@@ -60,3 +60,50 @@ def test_manifests_that_cannot_be(change, word):
 def test_every_field_has_a_size():
     everything = PolicyManifest(observation=tuple(OBSERVATION_SIZES))
     assert everything.observation_size == sum(OBSERVATION_SIZES.values())
+
+
+@pytest.mark.parametrize(
+    ("name", "digest"),
+    [
+        ("rrc2022-push", "fb7e1f5163c5d177ac62682182e1ec473b0420ab2e20aa0f054c379033e80796"),
+        ("rrc2022-lift", "a5a81af66850e8cff79913987ecaac1f479e7a786fd5076effdf9895812b5397"),
+        ("keypoints", "65a4bcb5e07f02120deb24bb8b05de90958b509516593c27af8f0fc56abae874"),
+        ("pose", "48618f49d74a93b46f0097dd9a9d0248f8e5b36f8026b46cc90f8a944df661c2"),
+    ],
+)
+def test_digests_of_old_manifests_have_not_changed(name, digest):
+    assert policy_digest("0" * 64, LAYOUTS[name]) == digest
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"frame_stack": {"count": 3}},
+        {"recurrent": "gru"},
+        {"states": [{"input": "h", "output": "g", "shape": [1, 1, 4]}]},
+        {"head": "bins", "bins": 11},
+        {"output_scaling": {"squash": "tanh"}},
+        {"output_scaling": {"offset": 0.1}},
+    ],
+)
+def test_each_later_field_is_part_of_the_digest(change):
+    changed = PolicyManifest.model_validate(FIELDS | change)
+    assert policy_digest("0" * 64, changed) != policy_digest("0" * 64, PolicyManifest.model_validate(FIELDS))
+    assert PolicyManifest.model_validate_json(canonical_json(changed)) == changed
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"frame_stack": {"count": 1}}, "greater than or equal to 2"),
+        ({"head": "bins"}, "give bins with the head"),
+        ({"bins": 11}, "give bins with the head"),
+        ({"recurrent": "rnn"}, "lstm"),
+        ({"states": [{"input": "h", "output": "h", "shape": [4]}]}, "of its own"),
+        ({"states": [{"input": "h", "output": "g", "shape": [60_000, 60_000]}]}, "may hold"),
+        ({"recurrent": "gru", "states": [{"input": "h", "output": "g", "shape": [4]}]}, "give one of them"),
+    ],
+)
+def test_networks_that_cannot_be(change, word):
+    with pytest.raises(ValidationError, match=word):
+        PolicyManifest.model_validate(FIELDS | change)

@@ -7,11 +7,12 @@ import pytest
 from typer.main import get_command
 
 from api_schemas.job import Job, JobPage
+from api_schemas.policy_check import PolicyCheck
 from api_schemas.report import IdentificationReport, Report
 from api_schemas.robot import Robot, RobotPage
 from api_schemas.status import FarmStatus
 from api_schemas.token import NewToken, TokenPage
-from client_cli import demo, fetch, identify, up
+from client_cli import demo, fetch, identify, pack, up
 from client_cli.embedded_farm import EmbeddedFarm
 from client_cli.exit_codes import MEANING
 from client_cli.main import app
@@ -24,9 +25,11 @@ JSON_KEYS = {
     "up": up.document(FARM),
     "demo": demo.document(demo.DemoResult(job(FarmState()), None, None, None)),
     "submit FILE": Job.model_fields,
+    "check FILE": PolicyCheck.model_fields,
     "jobs": JobPage.model_fields,
     "report ID": Report.model_fields,
     "fetch ID": fetch.document(fetch.Fetched(job(FarmState()), Path(), (), (), 0, 0, None)),
+    "pack FILE...": pack.document(Path("p.safetensors"), "", 0.0, ""),
     "identify": identify.document(identify.Identified(job(FarmState()), None)),
     "robots": RobotPage.model_fields,
     "status": FarmStatus.model_fields,

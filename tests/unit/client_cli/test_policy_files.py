@@ -38,7 +38,7 @@ def test_a_named_manifest_wins_over_the_one_beside(weights, tmp_path):
     ("name", "content", "says"),
     [
         ("absent.onnx", None, "there is no file"),
-        ("model.pt", b"x", "cannot carry code: .safetensors or .onnx"),
+        ("model.pt", b"x", "cannot carry code: .safetensors, .onnx, .zip; "),
         ("model", b"x", "no suffix"),
         ("empty.onnx", b"", "1 to 67108864"),
         ("huge.onnx", b"\0" * (MAX_WEIGHTS_BYTES + 1), "67108865 bytes"),

@@ -2,8 +2,9 @@
 
 import pytest
 
+from api_schemas.jail.level import JailLevel
 from robot_farm.farm_seed import FARM_SEED_VARIABLE
-from robot_farm.settings import TOKEN_VARIABLE, Reset, parse
+from robot_farm.settings import JAIL_LEVEL_VARIABLE, TOKEN_VARIABLE, Reset, parse
 
 NEEDED = ["--api", "http://127.0.0.1:1/", "--bus", "tcp/127.0.0.1:2", "--data", "data"]
 
@@ -70,3 +71,14 @@ def test_a_seed_that_is_none_is_refused_by_its_name(monkeypatch, capsys):
     with pytest.raises(SystemExit):
         parse(NEEDED)
     assert f"{FARM_SEED_VARIABLE} is '-1'" in capsys.readouterr().err
+
+
+def test_the_least_jail_is_a_flag_or_a_variable(monkeypatch, capsys):
+    assert parse(NEEDED).jail_level is JailLevel.LIMITS
+    monkeypatch.setenv(JAIL_LEVEL_VARIABLE, "full")
+    assert parse(NEEDED).jail_level is JailLevel.FULL
+    assert parse([*NEEDED, "--jail-level", "filesystem"]).jail_level is JailLevel.FILESYSTEM
+    monkeypatch.setenv(JAIL_LEVEL_VARIABLE, "thick walls")
+    with pytest.raises(SystemExit):
+        parse(NEEDED)
+    assert "choose from none, limits, filesystem, full" in capsys.readouterr().err

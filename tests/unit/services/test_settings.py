@@ -3,6 +3,7 @@ import sys
 
 import pytest
 
+from api_schemas.jail.level import JailLevel
 from services.__main__ import parsed
 
 
@@ -13,6 +14,13 @@ def test_flags_win_over_variables_over_defaults(monkeypatch):
     assert parsed(["serve"])[1].port == 1234
     assert parsed(["serve", "--port", "99"])[1].port == 99
     assert parsed(["serve"])[1].pass_over_s == 5
+
+
+def test_the_least_jail_is_a_setting(monkeypatch):
+    assert parsed(["serve"])[1].jail_level is JailLevel.LIMITS
+    monkeypatch.setenv("TRIFARM_JAIL_LEVEL", "filesystem")
+    assert parsed(["serve"])[1].jail_level is JailLevel.FILESYSTEM
+    assert parsed(["serve", "--jail-level", "full"])[1].jail_level is JailLevel.FULL
 
 
 @pytest.mark.parametrize("arguments", [[], ["fly"], ["serve", "--port", "x"]])

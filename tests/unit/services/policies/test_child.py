@@ -1,7 +1,15 @@
+import asyncio
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 
+from api_schemas.jail import landlock
+from api_schemas.jail.level import JailLevel
 from api_schemas.policy import LAYOUTS, canonical_json
-from services.errors import Refused
+from services.errors import Refused, Unavailable
 from services.policies.child import convert
 from tests.integration.farm_process import small_policy
 
@@ -33,3 +41,30 @@ async def test_a_child_that_breaks_is_a_refusal(tmp_path):
         await convert(weights, manifest, out, 60)
     with pytest.raises(Refused, match="cannot be converted"):
         await convert(tmp_path / "missing.onnx", manifest, out, 60)
+
+
+async def test_a_jail_that_is_closed_enough_converts(tmp_path):
+    if not landlock.abi():
+        pytest.skip("this kernel has no Landlock")
+    converted = await convert(*files(tmp_path), 60, JailLevel.FULL)
+    assert converted.warnings == ()
+
+
+def test_a_jail_that_is_too_open_takes_nothing(tmp_path):
+    if not landlock.abi():
+        pytest.skip("this kernel has no Landlock to take away")
+    files(tmp_path)
+    root = Path(__file__).parents[4]
+    command = [sys.executable, str(root / "tests" / "without_landlock.py"), "-m", __name__, str(tmp_path)]
+    environment = os.environ | {"PYTHONPATH": str(root)}
+    ran = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.startswith("jail-too-open The farm takes no policies now: the jail here reaches level limits"), ran.stdout
+    assert not (tmp_path / "out.onnx").exists()
+
+
+if __name__ == "__main__":
+    try:
+        asyncio.run(convert(*files(Path(sys.argv[1])), 60, JailLevel.FILESYSTEM))
+    except Unavailable as refusal:
+        print(refusal.slug, refusal.detail)

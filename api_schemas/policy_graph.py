@@ -1,0 +1,47 @@
+"""How a converted graph is run: an observation in, an action out, and what it remembers of a trial goes from call to call.
+
+A graph with memory has, beside ``observation`` and ``action``, an input for each state and an output that gives the next one,
+named like the input with ``NEXT`` before it. A trial begins with zeros.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+OBSERVATION = "observation"
+ACTION = "action"
+NEXT = "next_"
+
+
+class Session(Protocol):
+    """What is needed of an onnxruntime session."""
+
+    def get_inputs(self) -> Sequence[Any]:
+        """Its inputs, each with a name and a shape."""
+        ...
+
+    def run(self, output_names: Sequence[str], input_feed: dict[str, Any]) -> Sequence[Any]:
+        """The named outputs."""
+        ...
+
+
+class GraphRunner:
+    """One policy in one trial; owner of the trial's memory. Several may share a session."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        states = [each for each in session.get_inputs() if each.name != OBSERVATION]
+        self._blank = {each.name: np.zeros(each.shape, np.float32) for each in states}
+        self._outputs = [ACTION, *(NEXT + name for name in self._blank)]
+        self._memory = self._blank
+
+    def forget(self) -> None:
+        """Begin a new trial."""
+        self._memory = self._blank
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        """The action for one observation, float32 of shape (1, n)."""
+        action, *states = self._session.run(self._outputs, {OBSERVATION: observation, **self._memory})
+        self._memory = dict(zip(self._blank, states, strict=True))
+        return np.asarray(action, np.float32)
