@@ -8,8 +8,10 @@ from typing import Any
 
 import pytest
 
+from api_schemas.policy import PolicyManifest
 from client_cli.main import run
 from tests.unit.client_cli.farm_server import TOKEN, FarmState, serving
+from tests.unit.client_cli.packed import MANIFEST
 
 
 @dataclass(frozen=True)
@@ -64,3 +66,15 @@ def trifarm(home: Path, capsys: pytest.CaptureFixture[str]) -> Trifarm:
         return Ended(int(end.value.code or 0), out, err)
 
     return call
+
+
+@pytest.fixture
+def manifest(tmp_path: Path) -> Callable[..., Path]:
+    """Writes the manifest of the packing tests with changes."""
+
+    def write(**changes):
+        path = tmp_path / "wanted.json"
+        path.write_text(PolicyManifest.model_validate(json.loads(MANIFEST.model_dump_json()) | changes).model_dump_json())
+        return path
+
+    return write
