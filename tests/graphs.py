@@ -34,6 +34,17 @@ def linear(path: Path, *, inputs: int = 54, seed: int = 0, bias: float = 0.0) ->
     return _model(nodes, [_tensor("w", weights), _tensor("b", np.full((1, 9), bias, np.float32))], inputs, path)
 
 
+def no_number(path: Path, *, inputs: int = 54) -> Path:
+    """Finite weights whose actions are the root of a negative number."""
+    nodes = [
+        helper.make_node("MatMul", ["observation", "w"], ["x"]),
+        helper.make_node("Add", ["x", "b"], ["below"]),
+        helper.make_node("Sqrt", ["below"], ["action"]),
+    ]
+    weights, bias = np.zeros((inputs, 9), np.float32), np.full((1, 9), -1.0, np.float32)
+    return _model(nodes, [_tensor("w", weights), _tensor("b", bias)], inputs, path)
+
+
 def endless(path: Path, *, inputs: int = 54) -> Path:
     """Adds up one number for ever (2^62 rounds)."""
     body = helper.make_graph(

@@ -29,7 +29,7 @@ _Z_90 = 1.6448536269514722
 _TRADED_SCALE, _TRADED = 0.2, 2
 """So many torques or masses that seem off by more than this take the place of something else."""
 _SYSTEMATIC = 2.0
-_SYSTEMATIC_SHARE = 0.05
+_SYSTEMATIC_SHARE = 0.1
 """Intervals are wider than the noise alone makes them, by a factor and by a share of the deviation: laws are not exact."""
 
 SEPARATES = {

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.end_to_end.farm import Farm
-from tests.graphs import endless, linear, memory_hog
+from tests.graphs import endless, linear, memory_hog, no_number
 
 ROOT = Path(__file__).parent.parent.parent
 REFERENCE = ROOT / "sim_backend/training/reference_policies/push.safetensors"
@@ -72,11 +72,10 @@ def test_a_killed_robot_costs_one_attempt_and_nothing_else(farm):
 @pytest.mark.parametrize(
     "make, kind",
     [
-        (lambda path: linear(path, bias=float("nan")), "nonfinite_action"),
+        (no_number, "nonfinite_action"),
         (endless, "action_deadline"),
-        (memory_hog, "policy_error"),
     ],
-    ids=["nan", "endless", "memory"],
+    ids=["nan", "endless"],
 )
 def test_bad_policies_are_the_policys_fault_and_robots_go_on(farm, tmp_path, make, kind):
     job = farm.submit(make(tmp_path / "bad.onnx"), layout="rrc2022-push", trials=2, seed=1)
@@ -87,6 +86,20 @@ def test_bad_policies_are_the_policys_fault_and_robots_go_on(farm, tmp_path, mak
     after = farm.report(farm.submit(REFERENCE, trials=4, seed=2))
     assert after["trials"] == 4
     assert after["platform_faults"] == 0
+
+
+@pytest.mark.parametrize(
+    "make, problem",
+    [
+        (lambda path: linear(path, bias=float("nan")), "/problems/weights-not-finite"),
+        (memory_hog, "/problems/dry-run-failed"),
+    ],
+    ids=["nan", "memory"],
+)
+def test_what_cannot_run_never_gets_into_the_queue(farm, tmp_path, make, problem):
+    bad = make(tmp_path / "bad.onnx")
+    refused = farm.json("submit", str(bad), "--task", "push", "--layout", "rrc2022-push", "--trials", "2", code=5)
+    assert refused["error"]["type"] == problem
 
 
 def test_a_policy_whose_process_dies_is_named(farm):
