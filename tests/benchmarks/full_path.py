@@ -48,8 +48,8 @@ FIRST_SEED = 500
 def convert(folder: Path) -> tuple[Path, PolicyManifest]:
     """The reference policy as the graph that robots run."""
     manifest, graph = REFERENCE.with_suffix(".json"), folder / "push.onnx"
-    command = [sys.executable, "-m", "services.policies.conversion", str(REFERENCE), str(manifest), str(graph)]
-    subprocess.run(command, check=True, capture_output=True)
+    command = [sys.executable, "-m", "services.policies.conversion", str(REFERENCE), str(manifest), str(graph), "none"]
+    subprocess.run(command, check=True, capture_output=True, cwd=folder)
     return graph, PolicyManifest.model_validate_json(manifest.read_text())
 
 

@@ -204,8 +204,9 @@ def _expert(weights: Path, task: str):
     with tempfile.TemporaryDirectory() as folder:
         wanted, graph = Path(folder) / "manifest.json", Path(folder) / "graph.onnx"
         wanted.write_text(manifest.model_dump_json())
-        command = [sys.executable, "-m", "services.policies.conversion", str(weights), str(wanted), str(graph)]
-        subprocess.run(command, check=True, capture_output=True)
+        files = [str(weights.absolute()), str(wanted), str(graph)]
+        command = [sys.executable, "-m", "services.policies.conversion", *files, "none"]
+        subprocess.run(command, check=True, capture_output=True, cwd=folder)
         session = onnxruntime.InferenceSession(graph.read_bytes(), providers=["CPUExecutionProvider"])
     name = session.get_inputs()[0].name
     return lambda observation: np.concatenate([session.run(None, {name: row[None]})[0] for row in observation]), manifest

@@ -59,7 +59,7 @@ def test_student_learns_and_is_exported(teacher, tmp_path):
     PolicyManifest.model_validate_json((tmp_path / "push.json").read_text())
     command = [sys.executable, "-m", "services.policies.conversion"]
     files = [str(tmp_path / name) for name in ("push.safetensors", "push.json", "push.onnx")]
-    done = subprocess.run([*command, *files], capture_output=True, text=True, check=True)
+    done = subprocess.run([*command, *files, "none"], capture_output=True, text=True, check=True, cwd=tmp_path)
     assert json.loads(done.stdout.splitlines()[0]) == {"converted": True}
 
 
