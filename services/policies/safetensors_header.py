@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from services.policies.unfit import UnfitError
+from services.policies.unfit import UnfitError, not_finite
 
 HEADER_LIMIT_BYTES = 1024 * 1024
 TENSOR_LIMIT = 512
@@ -91,12 +91,7 @@ def _check_finite(data: memoryview | bytes, name: str, width: int, forget: Calla
     for at in range(0, len(bits), CHUNK_BYTES // width):
         forget()
         if (bits[at : at + CHUNK_BYTES // width] & kind(mask)).max() == mask:
-            raise UnfitError(
-                "it holds numbers that are not finite",
-                part=_part(name),
-                slug="weights-not-finite",
-                instead="look for the step of the training at which it diverged, and send weights from before",
-            )
+            raise not_finite(_part(name))
 
 
 def _counts(values: Any) -> bool:

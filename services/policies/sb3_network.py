@@ -16,7 +16,7 @@ from services.policies import recurrent
 from services.policies.sb3_archive import WEIGHTS, Settings, check_entries_of, read_settings
 from services.policies.scaling import Chain
 from services.policies.torch_file import read_tensors
-from services.policies.unfit import UnfitError, wrong_input, wrong_output
+from services.policies.unfit import UnfitError, not_finite, wrong_input, wrong_output
 from services.policies.uploaded import PREFIX, Uploaded
 from services.policies.zip_directory import inflate
 
@@ -180,12 +180,7 @@ def _floats(values: Array | None, name: str) -> Array:
     with np.errstate(over="ignore"):
         values = values.astype(np.float32)
     if not np.isfinite(values).all():
-        raise UnfitError(
-            "it holds numbers that are not finite",
-            part=f"tensor {name}",
-            slug="weights-not-finite",
-            instead="send weights from before the training diverged",
-        )
+        raise not_finite(f"tensor {name}")
     return values
 
 

@@ -31,6 +31,16 @@ class UnfitError(Exception):
         self.pack = pack
 
 
+def not_finite(part: str) -> UnfitError:
+    """The error for a tensor with NaN or infinity in it."""
+    return UnfitError(
+        "it holds numbers that are not finite",
+        part=part,
+        slug="weights-not-finite",
+        instead="look for the step of the training at which it diverged, and send weights from before",
+    )
+
+
 def problem_of(error: UnfitError, filename: str | None) -> dict[str, str]:
     """The error as the members of a problem document: slug, detail, file, part and instead."""
     file = printable(filename)

@@ -10,7 +10,7 @@ from onnx import AttributeProto, GraphProto, ModelProto, NodeProto, TensorProto,
 from api_schemas.policy import PolicyManifest
 from services.policies.memory import check_states
 from services.policies.randomness import check_repeatable
-from services.policies.unfit import UnfitError, wrong_input, wrong_output
+from services.policies.unfit import UnfitError, not_finite, wrong_input, wrong_output
 
 DEFAULT_DOMAINS = frozenset({"", "ai.onnx"})
 OLDEST_OPSET = 7
@@ -94,12 +94,7 @@ def _check_numbers(tensor: TensorProto) -> None:
     except Exception as error:
         raise UnfitError(f"it does not fit its shape ({error})", part=_part(tensor), slug="weights-malformed") from error
     if values.dtype.kind == "f" and np.isnan(values).any():
-        raise UnfitError(
-            "it holds numbers that are not finite (NaN)",
-            part=_part(tensor),
-            slug="weights-not-finite",
-            instead="look for the step of the training at which it diverged, and export weights from before",
-        )
+        raise not_finite(_part(tensor))
 
 
 def _part(tensor: TensorProto) -> str:

@@ -63,9 +63,11 @@ _ONLY_SHAPES = ("stribeck_friction.speed_rad_s", "thermal_derating.time_constant
 """These have a prior for when their effect is in the model; alone they are nothing."""
 _PAIRED = ("cogging.amplitude_nm", "joint_stiffness.stiffness_nm_rad")
 """Their shapes span a plane: two images together stand for any phase, or any place of rest."""
-_SCALE_OF_EVERYTHING = ("torque_constant", "link_mass")
+SCALES_OF_EVERYTHING = ("torque_constant", "link_mass")
 """All torques and all masses may be off by the same share without any sign of it: these are only asked of single joints."""
 _GLOBAL = ("supply_sag.loss_per_nm", "timing_jitter.std_s", "controller_restart.off")
+_OF_THE_DRIVER = ("position_gain", "safety_damping", "timing_jitter", "controller_restart", "supply_sag")
+"""What only a robot can have whose driver is known."""
 BEYOND_HEALTHY = 10.0
 FOREIGN_TOLERANCE = 0.2
 """Share of a healthy TriFinger's tolerances that any other robot is granted: its nominal model is all that is known of it."""
@@ -149,14 +151,7 @@ def joint_catalogue(
     for key, scale in scales.items():
         if key in _ONLY_SHAPES:
             continue
-        if not has_pipeline and key.partition(".")[0] in (
-            "position_gain",
-            "safety_damping",
-            "timing_jitter",
-            "controller_restart",
-        ):
-            continue
-        if not has_pipeline and key.partition(".")[0] == "supply_sag":
+        if not has_pipeline and key.partition(".")[0] in _OF_THE_DRIVER:
             continue
         for index in range(state.width(key)):
             families[(key, index)] = []
@@ -172,7 +167,7 @@ def joint_catalogue(
     tolerance[-len(names) :] = 1.0
     for (key, _), members in families.items():
         # torques and masses of one finger trade places: what each seems to have is the other's
-        usual = tolerances.get(key, []) if key.partition(".")[0] not in _SCALE_OF_EVERYTHING else []
+        usual = tolerances.get(key, []) if key.partition(".")[0] not in SCALES_OF_EVERYTHING else []
         for number, member in enumerate(members):
             for term in member:
                 tolerance[term] = max(
@@ -225,7 +220,7 @@ def _hypotheses(
         for index, members in own.items():
             found += [Hypothesis(effect, names[index], m, (scale,) * len(m)) for m in members]
         own = {index: members for index, members in own.items() if members}
-        if len(own) > 1 and effect not in _SCALE_OF_EVERYTHING:
+        if len(own) > 1 and effect not in SCALES_OF_EVERYTHING:
             for shapes in zip(*own.values(), strict=False):
                 terms = tuple(term for members in shapes for term in members)
                 found.append(Hypothesis(effect, ALL_JOINTS, terms, (scale,) * len(terms)))

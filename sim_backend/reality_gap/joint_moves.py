@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.hypotheses import Catalogue, Hypothesis
+from sim_backend.reality_gap.hypotheses import SCALES_OF_EVERYTHING, Catalogue, Hypothesis
 from sim_backend.reality_gap.joint_state import JointState, Term
 
 _SHAPE_OF = {
@@ -15,10 +15,10 @@ _SHAPE_OF = {
 }
 """Shapes that are fitted, too, once an effect is in the model."""
 _BOUND_SIGMAS = 3.0
-SCALES_OF_EVERYTHING = ("torque_constant", "link_mass")
 _PLAUSIBLE_SCALE = {False: 0.25, True: 0.15}
 """A torque or a mass that is smaller by more only makes everything smaller, errors too; the more so where much is wrong."""
 _PLAUSIBLE_GROWTH = {False: 0.6, True: 0.15}
+"""Growth makes errors larger too, so that nothing hides in it; what several causes share stays small both ways."""
 
 
 _PLAUSIBLE_GRAVITY_M_S2 = 0.15

@@ -13,6 +13,7 @@ import numpy as np
 
 from sim_backend.reality_gap.command_lateness import with_measured_lateness
 from sim_backend.reality_gap.equations import EpisodeEquations
+from sim_backend.reality_gap.hypotheses import SCALES_OF_EVERYTHING
 from sim_backend.reality_gap.joint_checks import (
     Finding,
     end_findings,
@@ -24,7 +25,6 @@ from sim_backend.reality_gap.joint_checks import (
 from sim_backend.reality_gap.joint_fit import MANY_CAUSES, JointFit, select
 from sim_backend.reality_gap.joint_gain import held_out_errors
 from sim_backend.reality_gap.joint_look import JointProblem, Look
-from sim_backend.reality_gap.joint_moves import SCALES_OF_EVERYTHING
 from sim_backend.reality_gap.joint_state import JointState
 from sim_backend.reality_gap.plant import Plant
 from sim_backend.reality_gap.recording import Recording, RecordingError

@@ -8,6 +8,7 @@ import numpy as np
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.equations import Channel
 from sim_backend.reality_gap.flexible import Pattern, patterns
+from sim_backend.reality_gap.hypotheses import SCALES_OF_EVERYTHING
 from sim_backend.reality_gap.joint_checks import Finding, place
 from sim_backend.reality_gap.joint_gain import errors_of, held_out_errors
 from sim_backend.reality_gap.joint_look import Accepted, Candidate, Look
@@ -23,6 +24,7 @@ PATTERN_SHARE = 0.3
 _VELOCITY_FACTOR = 8.0
 """Reported velocities follow the motion a little by themselves: both are smoothed, but not by the same board."""
 _ALMOST = 0.7
+"""Where so much of the held-out error is gone, what is left is the shape of a law and not another cause."""
 FOREIGN_PATTERN_SHARE = 1.0
 """Where there are no healthy sessions: what is left must be more than what was explained."""
 _Z_90 = 1.6448536269514722
@@ -149,7 +151,7 @@ def _large_scales(causes: Sequence[Cause]) -> list[Cause]:
     return [
         cause
         for cause in causes
-        if cause.effect in ("torque_constant", "link_mass")
+        if cause.effect in SCALES_OF_EVERYTHING
         and abs(cause.value - PARAMETERS[f"{cause.effect}.{cause.parameter}"].absent) > _TRADED_SCALE
     ]
 

@@ -71,3 +71,10 @@ def foreign_problem(position: np.ndarray, torque: np.ndarray) -> JointProblem:
     path = trajectory(recording(position, torque), cutoff_hz=FOREIGN_CUTOFF_HZ)
     episode = EpisodeEquations(Plant(joints_model(), NAMES), path, 0, has_safety_pipeline=False, in_torques=True)
     return JointProblem([episode], NAMES, has_pipeline=False)
+
+
+def planted_friction(torque_nm: float) -> JointProblem:
+    """A problem of anybody's robot with Coulomb friction in the second joint, and a little noise of the encoders."""
+    position, torque = drive(joints_model(frictionloss=(0.0, torque_nm, 0.0)), 12.0)
+    position += 3e-5 * np.random.default_rng(0).standard_normal(position.shape)
+    return foreign_problem(position, torque)

@@ -5,16 +5,14 @@ import pytest
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.calibrating import METHODS, as_look, calibrate
-from tests.unit.sim_backend.reality_gap.driven_joints import NAMES, NO_LIMIT, drive, foreign_problem, joints_model
+from tests.unit.sim_backend.reality_gap.driven_joints import NAMES, NO_LIMIT, planted_friction
 
 PLANTED_NM = 0.03
 
 
 @pytest.fixture(scope="module")
 def planted():
-    position, torque = drive(joints_model(frictionloss=(0.0, PLANTED_NM, 0.0)), 12.0)
-    position += 3e-5 * np.random.default_rng(0).standard_normal(position.shape)
-    return foreign_problem(position, torque)
+    return planted_friction(PLANTED_NM)
 
 
 @pytest.mark.parametrize("method", [m for m in METHODS if m != "naming"])

@@ -9,16 +9,14 @@ from sim_backend.reality_gap.evidence import FOLDS
 from sim_backend.reality_gap.joint_fit import select
 from sim_backend.reality_gap.joint_gain import TorqueErrors, errors_of, folds_of_rows, held_out, held_out_errors
 from sim_backend.reality_gap.joint_study import is_worth_it
-from tests.unit.sim_backend.reality_gap.driven_joints import NAMES, NO_LIMIT, drive, foreign_problem, joints_model
+from tests.unit.sim_backend.reality_gap.driven_joints import NAMES, NO_LIMIT, planted_friction
 
 PLANTED_NM = 0.03
 
 
 @pytest.fixture(scope="module")
 def planted():
-    position, torque = drive(joints_model(frictionloss=(0.0, PLANTED_NM, 0.0)), 12.0)
-    position += 3e-5 * np.random.default_rng(0).standard_normal(position.shape)
-    return foreign_problem(position, torque)
+    return planted_friction(PLANTED_NM)
 
 
 @pytest.fixture(scope="module")
