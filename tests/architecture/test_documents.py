@@ -60,8 +60,8 @@ def test_no_file_is_over_300_lines_without_saying_why():
 
 def test_documented_detection_limits_are_those_that_are_used():
     text = (ROOT / "docs/detection-limits.md").read_text()
-    joints = json.loads((ROOT / "sim_backend/reality_gap/detection_limits.json").read_text())["limits"]
-    cube = json.loads((ROOT / "sim_backend/reality_gap/cube_calibration.json").read_text())["limits"]
+    joints = json.loads((ROOT / "sim_backend/reality_gap/blind_test/detection_limits.json").read_text())["limits"]
+    cube = json.loads((ROOT / "sim_backend/reality_gap/cube/calibration.json").read_text())["limits"]
     sides = {"": "", ".down": ", below nominal", ".up": ", above nominal"}
     used = [(f"`{name}`", f"{value:.3g}") for name, value in joints.items()]
     for key, value in cube.items():
