@@ -25,7 +25,7 @@ class TokenRequest(Schema):
 
 
 class Token(Schema):
-    """A token without its secret."""
+    """A token without its secret; one with a ``robot`` speaks for this robot alone."""
 
     token_id: str
     owner: str
@@ -34,6 +34,7 @@ class Token(Schema):
     expires_at: str | None
     last_used_at: str | None
     revoked_at: str | None
+    robot: str | None = None
 
 
 class NewToken(Token):

@@ -39,6 +39,8 @@ class Settings(BaseSettings):
     renew_every_s: float = Field(default=RENEW_EVERY_S, gt=0)
     sweep_every_s: float = Field(default=0.5, gt=0, description="the safety net under the events that wake the dispatcher")
     max_weights_bytes: int = Field(default=MAX_WEIGHTS_BYTES, gt=0)
+    max_queued_jobs_per_user: int = Field(default=200, ge=1, description="jobs of one user that have not ended")
+    max_policy_bytes_per_user: int = Field(default=10 * 1024**3, gt=0, description="weights of one user's policies together")
     max_log_bytes: int = Field(default=1024**3, gt=0)
     conversion_deadline_s: float = Field(default=60.0, gt=0)
     verification_deadline_s: float = Field(default=120.0, gt=0)

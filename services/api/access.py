@@ -30,9 +30,20 @@ def _needs(*any_of: Scope) -> Callable[[Caller], Awaitable[Caller]]:
     return check
 
 
+async def _robot(caller: Annotated[Caller, Depends(_needs(Scope.ROBOT))]) -> Caller:
+    if caller.robot is None and not caller.may(Scope.ADMIN):
+        detail = "A token of the whole farm speaks for no robot; get the robot's own with POST /v1/robots/<robot>/token."
+        raise Forbidden("token-of-no-robot", detail)
+    return caller
+
+
 AnyCaller = Annotated[Caller, Depends(_caller)]
 User = Annotated[Caller, Depends(_needs(Scope.SUBMIT, Scope.OPERATE))]
 Submitter = Annotated[Caller, Depends(_needs(Scope.SUBMIT))]
 Operator = Annotated[Caller, Depends(_needs(Scope.OPERATE))]
-RobotCaller = Annotated[Caller, Depends(_needs(Scope.ROBOT))]
+RobotCaller = Annotated[Caller, Depends(_robot)]
+"""A robot with its own token, or an administrator, who may speak for any (``robot`` is None)."""
+Joining = Annotated[Caller, Depends(_needs(Scope.ROBOT))]
+"""Who may ask for a robot's own token."""
+Bearer = Annotated[HTTPAuthorizationCredentials, Depends(_bearer)]
 Admin = Annotated[Caller, Depends(_needs(Scope.ADMIN))]

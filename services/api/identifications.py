@@ -6,7 +6,7 @@ from api_schemas.excitation import IdentificationRequest
 from api_schemas.job import Job
 from services.api.access import Submitter
 from services.api.farm import TheFarm
-from services.api.jobs import IdempotencyKey, show_queued
+from services.api.jobs import IdempotencyKey, sender_of, show_queued
 from services.jobs import submission
 
 router = APIRouter(prefix="/v1/identifications", tags=["jobs"])
@@ -18,6 +18,6 @@ async def create_identification(
 ) -> Job:
     """Queues an identification, which is a job of the task ``identify``; an Idempotency-Key works as for other jobs."""
     async with farm.database.write() as tx:
-        sender = submission.Sender(caller.owner, idempotency_key)
+        sender = sender_of(caller, farm, idempotency_key)
         job_id, new = await submission.identify(tx, farm.clock.now_s(), body, sender)
     return await show_queued(job_id, new, response, caller, farm)

@@ -29,7 +29,7 @@ async def create_job(
     """Queues a job; with an Idempotency-Key the same request twice is one job."""
     async with farm.database.write() as tx:
         now_s = farm.clock.now_s()
-        job_id, new = await submission.submit(tx, now_s, body, submission.Sender(caller.owner, idempotency_key))
+        job_id, new = await submission.submit(tx, now_s, body, sender_of(caller, farm, idempotency_key))
     return await show_queued(job_id, new, response, caller, farm)
 
 
@@ -70,6 +70,12 @@ async def cancel_job(job_id: JobId, caller: User, farm: TheFarm) -> Job:
     farm.signals.job_changed(job_id)
     farm.signals.wake_dispatcher(urgent=True)
     return await _show(job_id, caller, farm)
+
+
+def sender_of(caller: Caller, farm: Farm, idempotency_key: str | None) -> submission.Sender:
+    """Who sends a job: users with their own policies and within their share of the queue, operators with everything."""
+    may_queue = None if caller.sees_only is None else farm.settings.max_queued_jobs_per_user
+    return submission.Sender(caller.owner, idempotency_key, caller.sees_only, may_queue)
 
 
 async def show_queued(job_id: str, new: bool, response: Response, caller: Caller, farm: Farm) -> Job:

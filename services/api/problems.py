@@ -12,7 +12,7 @@ from sqlalchemy.exc import DBAPIError
 from starlette.exceptions import HTTPException
 
 from api_schemas.error import MEDIA_TYPE, Problem
-from services.errors import ServiceError
+from services.errors import ServiceError, TooMany
 
 log = structlog.get_logger()
 
@@ -29,6 +29,8 @@ def install(app: FastAPI) -> None:
 async def _service_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, ServiceError)
     headers = {"WWW-Authenticate": "Bearer"} if error.status == 401 else None
+    if isinstance(error, TooMany):
+        headers = {"Retry-After": str(error.retry_after_s)}
     return _answer(request, error.status, error.slug, error.title, error.detail, members=error.members, headers=headers)
 
 

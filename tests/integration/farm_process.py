@@ -81,6 +81,12 @@ class Services:
         self.clients.append(client)
         return client
 
+    def robot_client(self, name):
+        """A client that speaks for one robot."""
+        joined = self.client(self.tokens["robot"]).post(f"/v1/robots/{name}/token")
+        assert joined.status_code == 200, joined.text
+        return self.client(joined.json()["secret"])
+
     def start_robot(self, name, **options):
         flags = [part for key, value in options.items() for part in _flag(key, value)]
         script = Path(__file__).parent / "scripted_robot.py"
