@@ -6,6 +6,9 @@ from pydantic import Field
 
 from api_schemas.schema import Schema
 
+MAX_DAYS = 36_500
+"""A token that is to live for a hundred years may as well not expire."""
+
 
 class Scope(StrEnum):
     """What a token may do; ``admin`` may do everything."""
@@ -21,7 +24,7 @@ class TokenRequest(Schema):
 
     owner: str = Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9._@-]+$")
     scopes: tuple[Scope, ...] = Field(min_length=1)
-    expires_in_days: float | None = Field(default=None, gt=0)
+    expires_in_days: float | None = Field(default=None, gt=0, le=MAX_DAYS)
 
 
 class Token(Schema):

@@ -5,6 +5,7 @@ from fastapi import APIRouter, Response
 from api_schemas.excitation import IdentificationRequest
 from api_schemas.job import Job
 from services.api.access import Submitter
+from services.api.document import refusals
 from services.api.farm import TheFarm
 from services.api.jobs import IdempotencyKey, sender_of, show_queued
 from services.jobs import submission
@@ -12,7 +13,7 @@ from services.jobs import submission
 router = APIRouter(prefix="/v1/identifications", tags=["jobs"])
 
 
-@router.post("", response_model=Job, status_code=201, responses={200: {"model": Job}})
+@router.post("", response_model=Job, status_code=201, responses={200: {"model": Job}, **refusals(404, 409)})
 async def create_identification(
     body: IdentificationRequest, response: Response, caller: Submitter, farm: TheFarm, idempotency_key: IdempotencyKey = None
 ) -> Job:

@@ -7,6 +7,7 @@ from pydantic import BaseModel
 
 from api_schemas.robot import OutcomeReport, Renewal, RenewalReply
 from services.api.access import RobotCaller
+from services.api.document import BINARY, refusals
 from services.api.farm import Farm, TheFarm
 from services.api.tokens import Caller
 from services.api.trials import TrialId
@@ -15,6 +16,7 @@ from services.jobs import completion, lease
 from services.jobs.claim import Claim
 
 router = APIRouter(prefix="/v1/leases", tags=["leases"])
+FILE = {"requestBody": {"required": True, "content": {"application/octet-stream": {"schema": BINARY}}}}
 Fence = Annotated[int, Path(ge=1, le=2**31 - 1)]
 AnnouncedSha256 = Annotated[str | None, Header(alias="X-Content-SHA256", pattern=r"^[0-9a-f]{64}$")]
 
@@ -33,7 +35,7 @@ class OutcomeReply(BaseModel):
     accepted: bool = True
 
 
-@router.post("/{trial_id}/renew")
+@router.post("/{trial_id}/renew", responses=refusals(409))
 async def renew_lease(trial_id: TrialId, body: Renewal, caller: RobotCaller, farm: TheFarm) -> RenewalReply:
     """Prolongs a lease."""
     _check_robot(caller, body.robot)
@@ -44,7 +46,7 @@ async def renew_lease(trial_id: TrialId, body: Renewal, caller: RobotCaller, far
     return RenewalReply(lease_s=lease_s, cancel=cancel)
 
 
-@router.put("/{trial_id}/{fence}/log")
+@router.put("/{trial_id}/{fence}/log", responses=refusals(409), openapi_extra=FILE)
 async def put_log(
     trial_id: TrialId,
     fence: Fence,
@@ -58,7 +60,7 @@ async def put_log(
     return await _keep(farm, trial_id, fence, "log", request, x_content_sha256)
 
 
-@router.put("/{trial_id}/{fence}/truth")
+@router.put("/{trial_id}/{fence}/truth", responses=refusals(409), openapi_extra=FILE)
 async def put_truth(
     trial_id: TrialId,
     fence: Fence,
@@ -96,7 +98,7 @@ async def _keep(
     return StoredFile(sha256=stored.sha256, bytes=stored.size, new=stored.new)
 
 
-@router.post("/{trial_id}/outcome")
+@router.post("/{trial_id}/outcome", responses=refusals(409))
 async def post_outcome(
     trial_id: TrialId, body: OutcomeReport, after: BackgroundTasks, caller: RobotCaller, farm: TheFarm
 ) -> OutcomeReply:

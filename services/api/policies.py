@@ -17,6 +17,7 @@ from starlette.types import Message, Receive
 from api_schemas.policy import Policy, PolicyManifest, PolicyPage
 from services.api import cursor as cursors
 from services.api.access import RobotCaller, Submitter, User
+from services.api.document import files
 from services.api.farm import Farm, TheFarm
 from services.api.serving import stored_file
 from services.api.tokens import Caller
@@ -27,6 +28,7 @@ from services.policies.keeping import Upload
 
 router = APIRouter(prefix="/v1/policies", tags=["policies"])
 Digest = Annotated[str, InPath(pattern=r"^[0-9a-f]{64}$")]
+GRAPH = "application/octet-stream"
 MANIFEST_BYTES = 256 * 1024
 FORM_BYTES = MANIFEST_BYTES + 64 * 1024
 """What a form may hold beside the weights."""
@@ -124,10 +126,10 @@ async def get_policy(digest: Digest, caller: User, farm: TheFarm) -> Policy:
     return await farm.policies.find(digest, caller.sees_only)
 
 
-@router.get("/{digest}/graph", response_class=Response)
+@router.get("/{digest}/graph", response_class=Response, responses=files(GRAPH))
 async def get_graph(digest: Digest, request: Request, caller: RobotCaller, farm: TheFarm) -> Response:
     """The converted graph, for a robot that holds a lease of the policy."""
     async with farm.database.read() as connection:
         await lease.check_policy_leased(connection, digest, caller.robot)
     policy = await farm.policies.find(digest)
-    return await stored_file(request, farm.files, policy.graph_sha256, "application/octet-stream", f"{digest}.onnx")
+    return await stored_file(request, farm.files, policy.graph_sha256, GRAPH, f"{digest}.onnx")

@@ -10,6 +10,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from sqlalchemy.exc import DBAPIError
 from starlette.exceptions import HTTPException
+from starlette.routing import Match
 
 from api_schemas.error import MEDIA_TYPE, Problem
 from services.errors import ServiceError, TooMany
@@ -48,7 +49,16 @@ async def _http_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
     slug = {404: "no-such-route", 405: "method-not-allowed"}.get(error.status_code, "http-error")
     detail = f"{request.method} {request.url.path}: {error.detail}; /docs lists the routes."
-    return _answer(request, error.status_code, slug, str(error.detail), detail, headers=error.headers)
+    headers = error.headers
+    if error.status_code == 405:
+        headers = {"Allow": ", ".join(sorted(_methods(request)))}
+    return _answer(request, error.status_code, slug, str(error.detail), detail, headers=headers)
+
+
+def _methods(request: Request) -> set[str]:
+    """What may be done with a path: several routes can share it, and the first alone is asked."""
+    found = [route for route in request.app.state.operations if route.matches(request.scope)[0] is not Match.NONE]
+    return {method for route in found for method in route.methods}
 
 
 async def _database_error(request: Request, error: Exception) -> JSONResponse:

@@ -2,6 +2,7 @@
 
 import hashlib
 import hmac
+import re
 import secrets
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -19,6 +20,7 @@ from services.jobs.clock import FarmClock, iso
 
 log = structlog.get_logger()
 PREFIX = "trifarm"
+FORM = re.compile(rf"{PREFIX}_([A-Za-z0-9.@-]{{1,20}})_(.+)")
 REMEMBERED_S = 0.3
 """How long a checked token is trusted without asking the database: the longest that a revoked one still works elsewhere."""
 LAST_USED_EVERY_S = 60.0
@@ -152,7 +154,10 @@ class Tokens:
             Refused: it does not have the form of a token.
         """
         if not _id(bearer):
-            raise Refused("token-malformed", f"A token must read {PREFIX}_<id>_<secret>; the one given does not.")
+            raise Refused(
+                "token-malformed",
+                f"A token must read {PREFIX}_<id>_<secret>, the id 1 to 20 of A-Z a-z 0-9 . @ -; the given one does not.",
+            )
         async with self.database.read() as connection:
             known = (await connection.execute(select(token).where(token.c.token_id == _id(bearer)))).one_or_none()
         if known is None:
@@ -221,8 +226,8 @@ def derived(parent_id: str, parent: str, robot: str) -> str:
 
 
 def _id(bearer: str) -> str:
-    parts = bearer.split("_", 2)
-    return parts[1] if len(parts) == 3 and parts[0] == PREFIX and 1 <= len(parts[1]) <= 20 and parts[2] else ""
+    found = FORM.fullmatch(bearer)
+    return "" if found is None else found[1]
 
 
 def _words(request: TokenRequest) -> str:
