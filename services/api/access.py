@@ -3,7 +3,7 @@
 from collections.abc import Awaitable, Callable
 from typing import Annotated
 
-from fastapi import Depends
+from fastapi import Depends, Request
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
 from api_schemas.token import Scope
@@ -14,10 +14,14 @@ from services.errors import Forbidden, Unauthorised
 _bearer = HTTPBearer(auto_error=False, description="A token of the farm: trifarm_<id>_<secret>")
 
 
-async def _caller(farm: TheFarm, credentials: Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)]) -> Caller:
+async def _caller(
+    request: Request, farm: TheFarm, credentials: Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)]
+) -> Caller:
     if credentials is None:
         raise Unauthorised("token-missing", "Send the header 'Authorization: Bearer trifarm_…'.")
-    return await farm.tokens.caller(credentials.credentials)
+    caller = await farm.tokens.caller(credentials.credentials)
+    request.state.caller = caller  # for the limits and the audit line
+    return caller
 
 
 def _needs(*any_of: Scope) -> Callable[[Caller], Awaitable[Caller]]:

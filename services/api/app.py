@@ -17,6 +17,7 @@ from services.api import (
     trials,
     truth,
 )
+from services.api.door import Door
 from services.api.farm import Farm
 
 
@@ -32,6 +33,7 @@ def create_app(farm: Farm) -> FastAPI:
     app.state.farm, app.state.operations = farm, []
     problems.install(app)
     document.install(app)
+    app.add_middleware(Door, settings=farm.settings, tokens=farm.tokens)
     for module in (overview, policies, jobs, identifications, history, trials, truth, leases, robots, token_routes):
         app.include_router(module.router)
         app.state.operations += [route for route in module.router.routes if isinstance(route, APIRoute)]

@@ -32,7 +32,8 @@ async def _service_error(request: Request, error: Exception) -> JSONResponse:
     headers = {"WWW-Authenticate": "Bearer"} if error.status == 401 else None
     if isinstance(error, TooMany):
         headers = {"Retry-After": str(error.retry_after_s)}
-    return _answer(request, error.status, error.slug, error.title, error.detail, members=error.members, headers=headers)
+    request.state.token_id = error.members.get("token_id")
+    return answer(request, error.status, error.slug, error.title, error.detail, members=error.members, headers=headers)
 
 
 async def _invalid(request: Request, error: Exception) -> JSONResponse:
@@ -42,7 +43,7 @@ async def _invalid(request: Request, error: Exception) -> JSONResponse:
         for each in error.errors()
     ]
     detail = "; ".join(f"{each['where']}: {each['message']}" for each in found)
-    return _answer(request, 422, "invalid-request", "Request is not valid", detail, members={"errors": found})
+    return answer(request, 422, "invalid-request", "Request is not valid", detail, members={"errors": found})
 
 
 async def _http_error(request: Request, error: Exception) -> JSONResponse:
@@ -52,7 +53,7 @@ async def _http_error(request: Request, error: Exception) -> JSONResponse:
     headers = error.headers
     if error.status_code == 405:
         headers = {"Allow": ", ".join(sorted(_methods(request)))}
-    return _answer(request, error.status_code, slug, str(error.detail), detail, headers=headers)
+    return answer(request, error.status_code, slug, str(error.detail), detail, headers=headers)
 
 
 def _methods(request: Request) -> set[str]:
@@ -62,17 +63,26 @@ def _methods(request: Request) -> set[str]:
 
 
 async def _database_error(request: Request, error: Exception) -> JSONResponse:
-    log.error("database error", path=request.url.path, exc_info=error)
+    assert isinstance(error, DBAPIError)
+    error.hide_parameters = True  # hashes of tokens, keys and manifests of users are among them
+    log.error("database error", route=_route(request), exc_info=error)
     detail = "The database did not answer; nothing was changed by this request. Try again in a moment."
-    return _answer(request, 503, "database-unavailable", "Not available now", detail, headers={"Retry-After": "2"})
+    return answer(request, 503, "database-unavailable", "Not available now", detail, headers={"Retry-After": "2"})
 
 
 async def _unexpected(request: Request, error: Exception) -> JSONResponse:
-    log.error("unexpected error", path=request.url.path, exc_info=error)
-    return _answer(request, 500, "internal-error", "Error of the farm", "The farm failed; its log says how. Please report it.")
+    log.error("unexpected error", route=_route(request), exc_info=error)
+    number = getattr(request.state, "request_id", "unknown")
+    detail = f"The farm failed; its log says how, under the request {number}. Please report it."
+    return answer(request, 500, "internal-error", "Error of the farm", detail, headers={"X-Request-Id": number})
 
 
-def _answer(
+def _route(request: Request) -> str:
+    """The route without its ids: whatever was put into an address must not get into the log with it."""
+    return getattr(request.scope.get("route"), "path", "unknown")
+
+
+def answer(
     request: Request,
     status: int,
     slug: str,
@@ -82,6 +92,8 @@ def _answer(
     members: Mapping[str, Any] | None = None,
     headers: Mapping[str, str] | None = None,
 ) -> JSONResponse:
+    """A problem document as the answer; the audit line of the request names it."""
+    request.state.problem = slug
     problem = Problem(
         type=f"/problems/{slug}", title=title, status=status, detail=detail, instance=request.url.path, **(members or {})
     )

@@ -96,10 +96,14 @@ class Tokens:
             raise Unauthorised("token-unknown", "This token is not known here; ask the farm's operator for one.")
         for revoked_at in (row.revoked_at, row.parent_revoked_at):
             if revoked_at is not None:
-                raise Unauthorised("token-revoked", f"This token was revoked at {revoked_at}; ask for a new one.")
+                raise Unauthorised(
+                    "token-revoked", f"This token was revoked at {revoked_at}; ask for a new one.", token_id=row.token_id
+                )
         for expires_at in (row.expires_at, row.parent_expires_at):
             if expires_at is not None and expires_at <= iso(now_s):
-                raise Unauthorised("token-expired", f"This token expired at {expires_at}; ask for a new one.")
+                raise Unauthorised(
+                    "token-expired", f"This token expired at {expires_at}; ask for a new one.", token_id=row.token_id
+                )
 
     async def _used(self, token_id: str, now_s: float) -> None:
         if now_s - self._used_s.get(token_id, 0.0) < LAST_USED_EVERY_S:

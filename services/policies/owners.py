@@ -1,4 +1,4 @@
-"""Whose policies are whose: everybody who has sent one owns it, sees it and may ask for trials of it; and how much one may keep."""
+"""Whose policies are whose: who has sent one owns it, sees it and may ask for trials of it; and how much one may keep."""
 
 from collections.abc import Sequence
 

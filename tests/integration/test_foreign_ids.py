@@ -104,7 +104,7 @@ def test_five_hundred_requests_with_anothers_ids_get_the_answer_of_ids_that_nobo
     while asked < REQUESTS:
         for method, path in found:
             usual = "a robot" if "/leases/" in path or path.endswith("/graph") else "a user"
-                who = usual if rng.random() < 0.7 else rng.choice(sorted(clients))
+            who = usual if rng.random() < 0.7 else rng.choice(sorted(clients))
             names = re.findall(r"{(\w+)}", path)
             if (who != "a user" and path == "/v1/robots/{robot}/token") or (method, path) in OPEN_TO_ALL:
                 continue  # joining is what these tokens are for: below
