@@ -1,6 +1,7 @@
 """The only file of the robots that speaks HTTP: renews leases, fetches policies, uploads logs and outcomes."""
 
 import hashlib
+import ssl
 import time
 from pathlib import Path
 from types import TracebackType
@@ -24,25 +25,29 @@ class ApiUnreachableError(Exception):
     """The API could not be reached in time."""
 
 
-def own_token(api: str, token: str, robot: str, timeout_s: float = 5.0) -> str:
+def own_token(api: str, token: str, robot: str, *, ca: Path | None = None, timeout_s: float = 5.0) -> str:
     """The robot's own token, with which it can act for itself alone; for the farm's token or its own.
 
     Raises:
         ApiUnreachableError: no answer.
         RuntimeError: the token is none of a robot's, or was revoked.
     """
-    with ApiLink(api, token, timeout_s=timeout_s) as link:
+    with ApiLink(api, token, ca=ca, timeout_s=timeout_s) as link:
         return NewToken.model_validate_json(link.once("POST", f"/v1/robots/{robot}/token").content).secret
 
 
 class ApiLink:
-    """A robot's connection to the API; a context manager. Safe to use from several threads."""
+    """A robot's connection to the API; a context manager. Safe to use from several threads.
 
-    def __init__(self, api: str, token: str, *, timeout_s: float = 30.0) -> None:
+    ``ca`` is a PEM file with the certificates that vouch for the API's, instead of those that this machine trusts.
+    """
+
+    def __init__(self, api: str, token: str, *, ca: Path | None = None, timeout_s: float = 30.0) -> None:
         self._client = httpx.Client(
             base_url=api,
             headers={"Authorization": f"Bearer {token}"},
             timeout=httpx.Timeout(timeout_s, connect=min(timeout_s, 5.0)),
+            verify=True if ca is None else ssl.create_default_context(cafile=ca),
             trust_env=False,  # robots speak to the address they were given, never through a proxy of the environment
         )
 

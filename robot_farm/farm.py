@@ -85,7 +85,7 @@ def _look_after(place: _Place, settings: Settings, arguments: list[str], say: Ca
 
 def _own_token(place: _Place, settings: Settings, say: Callable[[str], None]) -> str | None:
     try:
-        return own_token(settings.api, settings.token, place.name, JOIN_WITHIN_S)
+        return own_token(settings.api, settings.token, place.name, ca=settings.ca, timeout_s=JOIN_WITHIN_S)
     except (ApiUnreachableError, RuntimeError) as error:
         say(f"{place.name} cannot join the farm yet: {error}")
         return None

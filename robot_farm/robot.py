@@ -58,7 +58,7 @@ class Robot:
             token = self._own_token(stop)
             if token is None:
                 return
-            api = stack.enter_context(ApiLink(self._settings.api, token))
+            api = stack.enter_context(ApiLink(self._settings.api, token, ca=self._settings.ca))
             stack.callback(self._end_policy)
             bus = stack.enter_context(
                 BusLink(
@@ -85,7 +85,7 @@ class Robot:
         """What the robot shows to the API; None when it was told to stop before the API answered."""
         while not stop.is_set():
             try:
-                return own_token(self._settings.api, self._settings.token, self._name)
+                return own_token(self._settings.api, self._settings.token, self._name, ca=self._settings.ca)
             except ApiUnreachableError as error:
                 self._say(f"cannot join the farm yet: {error}")
                 stop.wait(JOIN_AGAIN_S)

@@ -1,9 +1,9 @@
 """Settings of the services process: every flag of ``serve`` is also a ``TRIFARM_*`` environment variable."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, SecretStr, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from api_schemas.jail.level import JailLevel
@@ -26,8 +26,12 @@ class Settings(BaseSettings):
     physics: Annotated[str, AfterValidator(physics_name)] = Field(
         default="real", description="what the robots were told; only the name is kept"
     )
-    admin_token: str | None = None
-    robot_token: str | None = None
+    tls_certificate: Path | None = Field(
+        default=None, description="PEM file with the certificate and its chain: serves https alone"
+    )
+    tls_key: Path | None = Field(default=None, description="PEM file with the certificate's private key")
+    admin_token: SecretStr | None = None
+    robot_token: SecretStr | None = None
     max_attempts: int = Field(default=5, ge=1, description="platform faults of one trial before its job fails")
     pass_over_s: float = Field(default=30.0, ge=0, description="how long a trial waits for its busy first choice")
     pinned_robot_gone_s: float = Field(
@@ -54,6 +58,13 @@ class Settings(BaseSettings):
     jail_level: JailLevel = Field(
         default=JailLevel.LIMITS, description="no policy and no log is taken where the jail of children does not reach this level"
     )
+
+    @model_validator(mode="after")
+    def _tls_is_whole(self) -> Self:
+        if (self.tls_certificate is None) != (self.tls_key is None):
+            there, missing = ("TRIFARM_TLS_CERTIFICATE", "TRIFARM_TLS_KEY")[:: 1 if self.tls_key is None else -1]
+            raise ValueError(f"{there} is given without {missing}; https needs both files, http neither")
+        return self
 
     @property
     def database_url(self) -> str:
