@@ -1,4 +1,4 @@
-"""Where the server is and who asks: TRIFARM_URL, TRIFARM_TOKEN and TRIFARM_CA, else the settings file that ``trifarm up`` wrote."""
+"""Where the server is and who asks: TRIFARM_URL, _TOKEN and _CA, else the settings file that ``trifarm up`` wrote."""
 
 import json
 import os

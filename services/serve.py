@@ -64,14 +64,8 @@ async def serve(settings: Settings) -> None:
         server = Server(config)
         watching = asyncio.create_task(_stop_when_told(server, farm.signals))
         log.info("jail", level=farm.jail.level, layers=farm.jail.layers, asked_for=settings.jail_level)
-        log.info(
-            "serving",
-            scheme="http" if settings.tls_key is None else "https",
-            host=settings.host,
-            port=settings.port,
-            bus=settings.bus,
-            data=str(settings.data),
-        )
+        where = {"host": settings.host, "port": settings.port, "bus": settings.bus, "data": str(settings.data)}
+        log.info("serving", scheme="http" if settings.tls_key is None else "https", **where)
         try:
             await server.serve()
         finally:

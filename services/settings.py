@@ -26,9 +26,7 @@ class Settings(BaseSettings):
     physics: Annotated[str, AfterValidator(physics_name)] = Field(
         default="real", description="what the robots were told; only the name is kept"
     )
-    tls_certificate: Path | None = Field(
-        default=None, description="PEM file with the certificate and its chain: serves https alone"
-    )
+    tls_certificate: Path | None = Field(default=None, description="PEM file with the certificate and its chain: for https")
     tls_key: Path | None = Field(default=None, description="PEM file with the certificate's private key")
     admin_token: SecretStr | None = None
     robot_token: SecretStr | None = None

@@ -64,13 +64,9 @@ class Services:
         arguments = ["serve", "--data", str(self.data), "--port", str(self.port), "--bus", self.bus]
         environment = {name: value for name, value in os.environ.items() if not name.startswith("TRIFARM_")}
         with self.errors.open("ab") as errors:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "services", *arguments],
-                cwd=ROOT,
-                env=environment | self.settings,
-                stdout=errors,
-                stderr=errors,
-            )
+            command = [sys.executable, "-m", "services", *arguments]
+            environment |= self.settings
+            self.process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=errors, stderr=errors)
         until(self._healthy, 30, "the services to be healthy")
         given = [self.settings.get(f"TRIFARM_{name}_TOKEN") for name in ("ADMIN", "ROBOT")]
         self.tokens = dict(zip(("admin", "robot"), given, strict=True))
