@@ -4,6 +4,7 @@ It is one class of over 150 lines because it mirrors the list of the API's route
 a second home.
 """
 
+import ssl
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -57,7 +58,10 @@ class ApiClient:
         headers = {"Authorization": f"Bearer {connection.token}"} if connection.token else {}
         # A proxy for the outside world must not stand between us and a farm on this very machine.
         is_local = httpx.URL(connection.url).host in {"127.0.0.1", "localhost", "::1"}
-        self._http = httpx.Client(base_url=connection.url, headers=headers, timeout=TIMEOUT, trust_env=not is_local)
+        trusted = True if connection.ca is None else ssl.create_default_context(cafile=connection.ca)
+        self._http = httpx.Client(
+            base_url=connection.url, headers=headers, timeout=TIMEOUT, trust_env=not is_local, verify=trusted
+        )
 
     def __enter__(self) -> Self:
         return self

@@ -55,12 +55,17 @@ async def serve(settings: Settings) -> None:
             lifespan="off",
             log_config=None,
             access_log=False,
+            proxy_headers=settings.trusted_proxies is not None,
+            forwarded_allow_ips=settings.trusted_proxies,
+            ssl_certfile=settings.tls_certificate,
+            ssl_keyfile=settings.tls_key,
             timeout_graceful_shutdown=REQUESTS_END_WITHIN_S,
         )
         server = Server(config)
         watching = asyncio.create_task(_stop_when_told(server, farm.signals))
         log.info("jail", level=farm.jail.level, layers=farm.jail.layers, asked_for=settings.jail_level)
-        log.info("serving", host=settings.host, port=settings.port, bus=settings.bus, data=str(settings.data))
+        where = {"host": settings.host, "port": settings.port, "bus": settings.bus, "data": str(settings.data)}
+        log.info("serving", scheme="http" if settings.tls_key is None else "https", **where)
         try:
             await server.serve()
         finally:
@@ -128,7 +133,7 @@ async def _first_tokens(settings: Settings, tokens: Tokens) -> None:
     given = ((settings.admin_token, ADMIN), (settings.robot_token, ROBOT))
     for bearer, request in given:
         if bearer is not None:
-            await tokens.register(bearer, request)
+            await tokens.register(bearer.get_secret_value(), request)
     if any(bearer is not None for bearer, _ in given) or await tokens.all():
         return
     made = {"admin": (await tokens.make(ADMIN)).secret, "robot": (await tokens.make(ROBOT)).secret}

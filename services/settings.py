@@ -1,9 +1,9 @@
 """Settings of the services process: every flag of ``serve`` is also a ``TRIFARM_*`` environment variable."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, SecretStr, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from api_schemas.jail.level import JailLevel
@@ -26,8 +26,10 @@ class Settings(BaseSettings):
     physics: Annotated[str, AfterValidator(physics_name)] = Field(
         default="real", description="what the robots were told; only the name is kept"
     )
-    admin_token: str | None = None
-    robot_token: str | None = None
+    tls_certificate: Path | None = Field(default=None, description="PEM file with the certificate and its chain: for https")
+    tls_key: Path | None = Field(default=None, description="PEM file with the certificate's private key")
+    admin_token: SecretStr | None = None
+    robot_token: SecretStr | None = None
     max_attempts: int = Field(default=5, ge=1, description="platform faults of one trial before its job fails")
     pass_over_s: float = Field(default=30.0, ge=0, description="how long a trial waits for its busy first choice")
     pinned_robot_gone_s: float = Field(
@@ -39,6 +41,12 @@ class Settings(BaseSettings):
     renew_every_s: float = Field(default=RENEW_EVERY_S, gt=0)
     sweep_every_s: float = Field(default=0.5, gt=0, description="the safety net under the events that wake the dispatcher")
     max_weights_bytes: int = Field(default=MAX_WEIGHTS_BYTES, gt=0)
+    max_queued_jobs_per_user: int = Field(default=200, ge=1, description="jobs of one user that have not ended")
+    max_policy_bytes_per_user: int = Field(default=10 * 1024**3, gt=0, description="weights of one user's policies together")
+    requests_per_s: float = Field(default=100.0, ge=0, description="of one token, ten seconds' worth at once; 0: no limit")
+    robot_requests_per_s: float = Field(default=1000.0, ge=0, description="the same for the token of a robot")
+    anonymous_requests_per_s: float = Field(default=10.0, ge=0, description="of one address without a token that is known good")
+    trusted_proxies: str | None = Field(default=None, description="addresses whose X-Forwarded-For is believed, by commas")
     max_log_bytes: int = Field(default=1024**3, gt=0)
     conversion_deadline_s: float = Field(default=60.0, gt=0)
     verification_deadline_s: float = Field(default=120.0, gt=0)
@@ -48,6 +56,13 @@ class Settings(BaseSettings):
     jail_level: JailLevel = Field(
         default=JailLevel.LIMITS, description="no policy and no log is taken where the jail of children does not reach this level"
     )
+
+    @model_validator(mode="after")
+    def _tls_is_whole(self) -> Self:
+        if (self.tls_certificate is None) != (self.tls_key is None):
+            there, missing = ("TRIFARM_TLS_CERTIFICATE", "TRIFARM_TLS_KEY")[:: 1 if self.tls_key is None else -1]
+            raise ValueError(f"{there} is given without {missing}; https needs both files, http neither")
+        return self
 
     @property
     def database_url(self) -> str:

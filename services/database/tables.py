@@ -1,4 +1,4 @@
-"""The tables: policies, jobs, trials, attempts, events, reports, robots and tokens.
+"""The tables: policies and their owners, jobs, trials, attempts, events, reports, robots and tokens.
 
 States are stored as the words of ``api_schemas``; times for people as ISO 8601 text in UTC, times that are compared as
 seconds of the farm's clock. Every statement that uses these tables runs on SQLite and on PostgreSQL.
@@ -48,6 +48,16 @@ policy = Table(
     Column("created_at", String(40), nullable=False),
 )
 
+policy_owner = Table(
+    "policy_owner",
+    metadata,
+    Column("number", NUMBER, primary_key=True, autoincrement=True),
+    Column("digest", String(64), ForeignKey("policy.digest"), nullable=False),
+    Column("owner", String(64), nullable=False),
+    Column("created_at", String(40), nullable=False),
+    UniqueConstraint("owner", "digest"),
+)
+
 job = Table(
     "job",
     metadata,
@@ -81,6 +91,7 @@ job = Table(
     Column("idempotency_key", String(200)),
     Column("request_sha256", String(64)),
     UniqueConstraint("owner", "idempotency_key"),
+    Index("ix_job_owner_state", "owner", "state"),
 )
 
 trial = Table(
@@ -172,4 +183,7 @@ token = Table(
     Column("expires_at", String(40)),
     Column("last_used_at", String(40)),
     Column("revoked_at", String(40)),
+    # A token of one robot, and the token of the farm that it was derived from.
+    Column("robot", String(40)),
+    Column("parent", String(20)),
 )

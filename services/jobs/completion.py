@@ -207,7 +207,7 @@ async def _taken_before(tx: AsyncConnection, claim: Claim, outcome: Outcome) -> 
     row = (await tx.execute(wanted)).one_or_none()
     if row is not None and row.outcome == outcome.model_dump_json():
         return Ending(None, done=row.state == AttemptState.ACCEPTED)
-    raise await stale(tx, claim.trial_id, claim.fence)
+    raise await stale(tx, claim.trial_id, claim.fence, claim.robot)
 
 
 async def abandon(tx: AsyncConnection, now_s: float, job_number: int, reason: str) -> bool:

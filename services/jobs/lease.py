@@ -50,6 +50,7 @@ _CONFIRM = (
 _HELD = select(trial.c.trial_id).where(
     trial.c.trial_id == bindparam("of_trial"), trial.c.fence == bindparam("held_fence"), trial.c.state.in_(ACTIVE)
 )
+_EVER_HELD = select(attempt.c.fence).where(attempt.c.trial_id == bindparam("of_trial"), attempt.c.robot == bindparam("held_by"))
 _OPEN_ATTEMPT = insert(attempt)
 _IS_OPEN = and_(
     attempt.c.trial_id == bindparam("of_trial"),
@@ -63,7 +64,7 @@ _KEEP = {
 _KEPT = (
     select(attempt.c.log_sha256, attempt.c.truth_sha256, trial.c.excitation)
     .join(trial, trial.c.trial_id == attempt.c.trial_id)
-    .where(_IS_OPEN)
+    .where(_IS_OPEN, attempt.c.robot == bindparam("held_by"))
 )
 _CLOSE_ATTEMPT = (
     update(attempt)
@@ -144,15 +145,30 @@ async def renew(tx: AsyncConnection, now_s: float, trial_id: str, renewal: Renew
     )
     number = (await tx.execute(prolonged)).scalar_one_or_none()
     if number is None:
-        raise await stale(tx, trial_id, renewal.fence)
+        raise await stale(tx, trial_id, renewal.fence, renewal.robot)
     row = (await tx.execute(select(job.c.cancel_requested, job.c.state).where(job.c.number == number))).one()
     return row.cancel_requested or row.state not in UNENDED
 
 
-async def check_lease(connection: AsyncConnection, trial_id: str, fence: int) -> None:
-    """Raises unless the trial is leased or running under this fence."""
-    if (await connection.execute(_HELD, {"of_trial": trial_id, "held_fence": fence})).one_or_none() is None:
-        raise await stale(connection, trial_id, fence)
+async def check_lease(connection: AsyncConnection, trial_id: str, fence: int, robot: str | None) -> None:
+    """Raises unless the trial is leased or running under this fence; with ``robot``, by it."""
+    held = _HELD if robot is None else _HELD.where(trial.c.robot == robot)
+    if (await connection.execute(held, {"of_trial": trial_id, "held_fence": fence})).one_or_none() is None:
+        raise await stale(connection, trial_id, fence, robot)
+
+
+async def check_policy_leased(connection: AsyncConnection, digest: str, robot: str | None) -> None:
+    """Raises unless the robot holds a lease of a trial with this policy; without ``robot`` whoever asks may have any.
+
+    Raises:
+        NotFound: it holds none, whether there is such a policy or not.
+    """
+    if robot is None:
+        return
+    leased = select(trial.c.trial_id).join(job, job.c.number == trial.c.job_number)
+    leased = leased.where(trial.c.state.in_(ACTIVE), trial.c.robot == robot, job.c.policy == digest).limit(1)
+    if (await connection.execute(leased)).first() is None:
+        raise NotFound("policy-not-leased", f"{robot} holds no lease of a trial with the policy {digest}; it needs no graph.")
 
 
 async def keep_file(tx: AsyncConnection, trial_id: str, fence: int, kind: FileKind, sha256: str) -> None:
@@ -172,7 +188,7 @@ async def check_report(connection: AsyncConnection, claim: Claim, report: Outcom
     Raises:
         Refused: it names others, or no log though it ran to its end, or it is none that such a trial can have.
     """
-    open_attempt = {"of_trial": claim.trial_id, "held_fence": claim.fence}
+    open_attempt = {"of_trial": claim.trial_id, "held_fence": claim.fence, "held_by": claim.robot}
     row = (await connection.execute(_KEPT, open_attempt)).one_or_none()
     if row is None:
         return
@@ -193,12 +209,13 @@ def _check_file(kind: FileKind, claim: Claim, named: str | None, kept: str | Non
     raise Refused(f"{kind}-missing", detail + f"PUT {path} first and name its SHA-256.")
 
 
-async def stale(connection: AsyncConnection, trial_id: str, fence: int) -> Exception:
-    """The error that tells a robot why its lease does not hold."""
+async def stale(connection: AsyncConnection, trial_id: str, fence: int, robot: str | None = None) -> Exception:
+    """The error that tells a robot why its lease does not hold; of trials that it never held it learns nothing."""
+    held = robot is None or (await connection.execute(_EVER_HELD, {"of_trial": trial_id, "held_by": robot})).first() is not None
     wanted = select(trial.c.fence, trial.c.state).where(trial.c.trial_id == trial_id)
     row = (await connection.execute(wanted)).one_or_none()
-    if row is None:
-        return NotFound("trial-not-found", f"There is no trial {trial_id}.")
+    if row is None or not held:
+        return NotFound("trial-not-found", f"There is no trial {trial_id} of this robot's.")
     now = f"Trial {trial_id} is {row.state} under fence {row.fence}; fence {fence} does not hold it."
     detail = f"{now} Stop and take a new lease."
     return Conflict("stale-fence", detail, fence=row.fence, state=row.state)
