@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.end_to_end.farm import Farm
-from tests.graphs import endless, linear, memory_hog, no_number
+from tests.graphs import endless, endless_in_time, linear, memory_hog, no_number_in_time
 
 ROOT = Path(__file__).parent.parent.parent
 REFERENCE = ROOT / "sim_backend/training/reference_policies/push.safetensors"
@@ -72,13 +72,13 @@ def test_a_killed_robot_costs_one_attempt_and_nothing_else(farm):
 @pytest.mark.parametrize(
     "make, kind",
     [
-        (no_number, "nonfinite_action"),
-        (endless, "action_deadline"),
+        (no_number_in_time, "nonfinite_action"),
+        (endless_in_time, "action_deadline"),
     ],
     ids=["nan", "endless"],
 )
 def test_bad_policies_are_the_policys_fault_and_robots_go_on(farm, tmp_path, make, kind):
-    job = farm.submit(make(tmp_path / "bad.onnx"), layout="rrc2022-push", trials=2, seed=1)
+    job = farm.submit(make(tmp_path / "bad.onnx"), trials=2, seed=1)
     report = farm.report(job)
     assert report["policy_faults"] == 2
     assert report["successes"] == 0 == report["platform_faults"]
@@ -93,8 +93,9 @@ def test_bad_policies_are_the_policys_fault_and_robots_go_on(farm, tmp_path, mak
     [
         (lambda path: linear(path, bias=float("nan")), "/problems/weights-not-finite"),
         (memory_hog, "/problems/dry-run-failed"),
+        (endless, "/problems/dry-run-too-slow"),
     ],
-    ids=["nan", "memory"],
+    ids=["nan", "memory", "endless"],
 )
 def test_what_cannot_run_never_gets_into_the_queue(farm, tmp_path, make, problem):
     bad = make(tmp_path / "bad.onnx")
@@ -129,7 +130,7 @@ def computes(pid: int) -> bool:
 
 def test_an_endless_policy_ends_with_its_robot(tmp_path):
     with Farm(tmp_path, robots=1) as farm:
-        farm.submit(endless(tmp_path / "endless.onnx"), layout="rrc2022-push", trials=4, seed=1)
+        farm.submit(endless_in_time(tmp_path / "endless.onnx"), trials=4, seed=1)
         (pid,) = [robot["pid"] for robot in farm.json("robots")["robots"]]
         give_up_s = time.monotonic() + 30
         while not (children := policy_processes(pid)) and time.monotonic() < give_up_s:
