@@ -7,8 +7,11 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from api_schemas.trial_log_reader import read_log
+from tests.end_to_end import recurrent
 from tests.end_to_end.farm import Farm
 from tests.graphs import endless, endless_in_time, linear, memory_hog, no_number_in_time
 
@@ -67,6 +70,31 @@ def test_a_killed_robot_costs_one_attempt_and_nothing_else(farm):
     assert numbers(report) == numbers(farm.report(farm.submit(REFERENCE, task="lift", trials=12, seed=5)))
     kept = list((farm.folder / "data/robots" / killed["robot"] / "unfinished").glob("*.mcap"))
     assert kept, "the log of the cut-off attempt is gone"
+
+
+def test_a_recurrent_policy_keeps_its_memory_in_a_trial_and_forgets_it_between(farm, tmp_path):
+    """Each robot runs two trials in one process; the logs hold what sb3-contrib's own policy would have done from no memory."""
+    model = recurrent.trained()
+    job = farm.submit(recurrent.saved(model, tmp_path / "recurrent.zip"), task="reach", trials=8, seed=4)
+    report = farm.report(job)
+    assert report["platform_faults"] == 0 == report["policy_faults"]
+    farm.run("fetch", job, "--to", str(tmp_path / "logs"))
+    left_over, differences, seconds = {}, [], 0
+    for row in report["per_trial"]:
+        log = read_log(tmp_path / "logs" / f"trial-{row['trial']:03d}.mcap")
+        wanted, memory = recurrent.predicted(model, log.observation)
+        differences.append(np.abs(log.action - wanted).max())
+        early = log.observation[:20]
+        forgetful = np.concatenate([recurrent.predicted(model, each[None])[0] for each in early])
+        assert np.abs(forgetful - wanted[:20]).max() > 1e-3, "without memory it would have acted otherwise"
+        if row["robot"] in left_over:
+            haunted, _ = recurrent.predicted(model, early, left_over[row["robot"]])
+            assert np.abs(haunted - wanted[:20]).max() > 1e-3, "and with that of the robot's last trial, too"
+            seconds += 1
+        left_over[row["robot"]] = memory
+    assert seconds > 0
+    print(f"largest difference from sb3-contrib's own actions in {len(differences)} trials: {max(differences):.2g} N m")
+    assert max(differences) <= 1e-5
 
 
 @pytest.mark.parametrize(
