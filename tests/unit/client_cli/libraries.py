@@ -1,7 +1,7 @@
 """A few steps of training with rsl_rl, skrl and rl_games themselves: the checkpoint that each saves, and its own policy.
 
-Each function writes a checkpoint and gives a function from a trial's observations (steps, n) to its actions (steps, 9), in units of
-the training and from no memory.
+Each function writes a checkpoint and gives a function from the observations of a trial (steps, n) to its actions (steps, 9), in
+units of the training and from no memory.
 """
 
 import gymnasium
