@@ -30,7 +30,7 @@ from client_cli.settings import Connection
 
 TIMEOUT = httpx.Timeout(30.0, connect=5.0)
 UPLOAD_TIMEOUT = httpx.Timeout(180.0, connect=5.0)
-"""A policy's upload answers only after its conversion and smoke run."""
+"""A policy's upload answers only after its conversion and dry run."""
 STREAM_TIMEOUT = httpx.Timeout(45.0, connect=5.0)
 """Three missed heartbeats of an event stream (15 s each) mean that the link is dead."""
 POST_TRIES = 4
