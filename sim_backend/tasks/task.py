@@ -1,7 +1,7 @@
 """A task: how long it lasts, how starts and goals are drawn, and which errors count."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -16,6 +16,14 @@ class Goal:
     cube_position_world_m: np.ndarray
     cube_quat_wxyz: np.ndarray
     fingertip_position_world_m: np.ndarray
+
+
+    def with_rows(self, index: np.ndarray, goals: "Goal") -> "Goal":
+        """The same trials, but those of ``index`` with other goals."""
+        merged = {field.name: getattr(self, field.name).copy() for field in fields(Goal)}
+        for name, values in merged.items():
+            values[index] = getattr(goals, name)
+        return Goal(**merged)
 
 
 @dataclass(frozen=True)
