@@ -63,7 +63,7 @@ class Episode:
         self._goal = self._goal.with_rows(robots, goal)
         self._begun[robots] = self._step
         self._measurement = self._driver.measure()
-        self._command = _held(self._command, robots, start.joint_position_rad)
+        self._command = _held(self._command, robots, self._measurement.joint_position_rad[robots])
         self._previous_action = self._previous_action.copy()
         self._previous_action[robots] = 0.0
         self._tracker.restart(robots, self._measurement, start.noise_seed, self._step)

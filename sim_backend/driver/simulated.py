@@ -81,9 +81,14 @@ class SimulatedDriver:
         return self._shape
 
     @property
+    def cube_velocity(self) -> np.ndarray:
+        """Velocities of the objects now, shape (n, 6): m/s in the world's frame, then rad/s in the object's."""
+        return self._qvel[:, 9:15].copy()
+
+    @property
     def diverged(self) -> np.ndarray:
         """Which simulations became unstable since their reset, shape (n,)."""
-        return self._batch.warning.any(axis=1)
+        return self._batch.warning.reshape(self._robots, -1).any(axis=1)
 
     @property
     def motor_temperature_rise_k(self) -> np.ndarray:
