@@ -18,6 +18,7 @@ class TaskName(StrEnum):
     PUSH = "push"
     LIFT = "lift"
     REACH = "reach"
+    FLOOR_POSE = "floor_pose"
     MOVE_CUBE_1 = "move_cube_1"
     MOVE_CUBE_2 = "move_cube_2"
     MOVE_CUBE_3 = "move_cube_3"

@@ -23,6 +23,7 @@ from client_cli import (
     status,
     submit,
     token,
+    train,
     up,
     watch,
 )
@@ -51,6 +52,7 @@ app.command(epilog=epilog(*JOB_END))(fetch.fetch)
 app.command(epilog=epilog(*OF_EVERY_REQUEST, ExitCode.DIFFERS))(replay.replay)
 app.command(epilog=epilog(*OF_A_CHILD))(effects.effects)
 app.command(epilog=epilog(*OF_A_CHILD))(physics.physics)
+app.command(epilog=epilog(*OF_A_CHILD, ExitCode.INTERRUPTED))(train.train)
 app.add_typer(gap.commands, name="gap")
 app.add_typer(robots.commands, name="robots")
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(status.status)

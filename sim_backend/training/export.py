@@ -1,0 +1,68 @@
+"""A trained actor as the farm takes it: weights with their input scaling in one safetensors file, and its manifest."""
+
+from pathlib import Path
+
+import numpy as np
+from safetensors.numpy import load_file, save_file
+
+from api_schemas.policy import InputScaling, PolicyManifest
+from api_schemas.policy_network import ActionHead
+from sim_backend.training.actor_critic import CLIP, EPSILON, ActorCritic
+
+
+class ExportedPolicy:
+    """A policy from its file, for many trials at once; what the farm makes of the same file gives the same actions."""
+
+    def __init__(self, tensors: dict[str, np.ndarray], manifest: PolicyManifest) -> None:
+        self.tensors, self.manifest = tensors, manifest
+        layers = sum(name.endswith(".weight") for name in tensors)
+        self._layers = [(tensors[f"layer{i}.weight"].T, tensors[f"layer{i}.bias"]) for i in range(layers)]
+
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
+        """Actions (n, 9), as the manifest means them, for observations (n, size)."""
+        scaling, after = self.manifest.input_scaling, self.manifest.output_scaling
+        deviation = np.sqrt(self.tensors["running_var"] + np.float32(scaling.epsilon))
+        x = (observation - self.tensors["running_mean"]) / deviation
+        if scaling.clip is not None:
+            x = np.clip(x, -scaling.clip, scaling.clip)
+        for weight, bias in self._layers[:-1]:
+            x = x @ weight + bias
+            x = np.where(x > 0, x, np.expm1(np.minimum(x, 0)))
+        x = x @ self._layers[-1][0] + self._layers[-1][1]
+        if self.manifest.head is ActionHead.BINS:
+            assert self.manifest.bins is not None
+            x = np.linspace(-1, 1, self.manifest.bins)[x.reshape(len(x), 9, -1).argmax(axis=2)]
+        if after.clip is not None:
+            x = np.clip(x, -after.clip, after.clip)
+        assert isinstance(after.scale, float)
+        return x * after.scale
+
+
+def exported(policy: ActorCritic, manifest: PolicyManifest, name: str) -> ExportedPolicy:
+    """The actor alone; what it takes from differences of places goes into its first layer, which is the same sum."""
+    inputs, n = policy.features_extractor, policy.features_extractor.seen
+    linear = [module for module in policy.mlp_extractor.actor if hasattr(module, "weight")] + [policy.action_net]
+    weights = [(layer.weight.detach().double().numpy(), layer.bias.detach().double().numpy()) for layer in linear]
+    mean, variance = inputs.mean[:n].double().numpy(), inputs.variance[:n].double().numpy()
+    differences, (weight, bias) = inputs.differences.double().numpy(), weights[0]
+    of_differences = weight[:, n:] @ differences
+    weights[0] = (weight[:, :n] + of_differences * np.sqrt(variance + EPSILON), bias + of_differences @ mean)
+    tensors = {"running_mean": mean, "running_var": variance}
+    for i, (weight, bias) in enumerate(weights):
+        tensors |= {f"layer{i}.weight": weight, f"layer{i}.bias": bias}
+    scaled = {"name": name, "input_scaling": InputScaling(clip=CLIP, epsilon=EPSILON)}
+    as_float32 = {key: np.ascontiguousarray(value, dtype=np.float32) for key, value in tensors.items()}
+    return ExportedPolicy(as_float32, manifest.model_copy(update=scaled))
+
+
+def write_policy(policy: ExportedPolicy, folder: Path, name: str) -> Path:
+    """Write ``NAME.safetensors`` and ``NAME.json`` (the manifest); returns the path of the weights."""
+    path = folder / f"{name}.safetensors"
+    save_file(policy.tensors, path)
+    path.with_suffix(".json").write_text(policy.manifest.model_dump_json(indent=2) + "\n")
+    return path
+
+
+def read_policy(path: Path) -> ExportedPolicy:
+    """A policy without memory, as :func:`write_policy` writes it."""
+    return ExportedPolicy(load_file(path), PolicyManifest.model_validate_json(path.with_suffix(".json").read_text()))
