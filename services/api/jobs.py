@@ -75,6 +75,7 @@ async def cancel_job(job_id: JobId, caller: User, farm: TheFarm) -> Job:
 async def show_queued(job_id: str, new: bool, response: Response, caller: Caller, farm: Farm) -> Job:
     """The answer to whoever sent a job: 201 and where it is, or 200 when it had been sent before."""
     farm.signals.wake_dispatcher()
+    farm.signals.tell_others(job_id)
     response.status_code = 201 if new else 200
     response.headers["Location"] = f"/v1/jobs/{job_id}"
     return await _show(job_id, caller, farm)

@@ -24,14 +24,22 @@ def why_unfit(fleet: Fleet, now_s: float) -> queue.Why:
     return why
 
 
-async def find_trial(tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float, pass_over_s: float) -> Found | None:
-    """The trial that an idle robot gets now; draws orders as far as is needed to find it."""
+async def find_trial(tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float, limit: int | None = None) -> Found | None:
+    """The trial that is for an idle robot now; draws orders as far as is needed to find it.
+
+    Args:
+        tx: a transaction that no other dispatcher is in.
+        robot: the idle robot.
+        fleet: as it is seen now.
+        now_s: now.
+        limit: how many trials a user may have running; None is any number.
+    """
     healthy, why = fleet.healthy(now_s), why_unfit(fleet, now_s)
     if robot not in healthy:
         return None  # it was lost since it was found idle
     blocks = 0
     while blocks <= BLOCKS_AHEAD:
-        row = await queue.oldest_of(tx, robot)
+        row = await queue.next_of_robot(tx, robot, limit)
         if row is not None and row.fence == 0:
             return row, row.departure
         if row is not None:
@@ -40,19 +48,32 @@ async def find_trial(tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float
                 return row, choice.departure
             continue  # it now waits for another robot, so that it is not found again here
         blocks += 1
-        if blocks > BLOCKS_AHEAD or await queue.draw(tx, fleet.known(now_s), healthy, why) == 0:
+        if blocks > BLOCKS_AHEAD or await queue.draw(tx, fleet.known(now_s), healthy, why, limit) == 0:
             break
-    return await _find_passed_over(tx, robot, fleet, now_s, pass_over_s)
+    return None
 
 
-async def _find_passed_over(tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float, pass_over_s: float) -> Found | None:
+async def find_passed_over(
+    tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float, pass_over_s: float, limit: int | None = None
+) -> Found | None:
     """A trial that waited too long for its busy first choice, if the robot is the next idle one of the trial's order."""
-    idle = {robot, *fleet.ready(now_s)}
-    # Those who are idle take what is theirs in this same pass.
-    if not (busy := fleet.healthy(now_s) - idle):
+    if not (busy := _busy(robot, fleet, now_s)):
         return None
-    await queue.pass_over(tx, busy, now_s)
-    for row in await queue.passed_over(tx, busy, now_s - pass_over_s):
+    idle = {robot, *fleet.ready(now_s)}
+    for row in await queue.passed_over(tx, busy, now_s - pass_over_s, limit):
         if await queue.next_of(tx, row, idle, why_unfit(fleet, now_s)) == robot:
             return row, f"first choice {row.first_choice} was busy for {pass_over_s:g} s"
     return None
+
+
+async def pass_over(tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float, limit: int | None = None) -> None:
+    """Notes that the robot found nothing while trials wait for busy ones; in a transaction that holds nothing else."""
+    if busy := _busy(robot, fleet, now_s):
+        await queue.pass_over(tx, busy, now_s, limit)
+
+
+def _busy(robot: str, fleet: Fleet, now_s: float) -> frozenset[str]:
+    """Who is in service and not idle: those who are idle take what is theirs in this same pass."""
+    if robot not in (healthy := fleet.healthy(now_s)):
+        return frozenset()
+    return healthy - {robot, *fleet.ready(now_s)}

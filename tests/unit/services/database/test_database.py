@@ -7,7 +7,8 @@ import pytest
 from sqlalchemy import insert, inspect, select, text
 from sqlalchemy.exc import IntegrityError
 
-from services.database.database import Database, integrity_check, migrate
+from services.database.database import Database, migrate
+from services.database.sqlite import integrity_check
 from services.database.tables import job, metadata, token
 
 JOB = {"job_id": "j2", "state": "queued", "task": "identify", "trials": 1, "seed": 1, "seed_drawn_by_server": True}
