@@ -5,6 +5,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_en
 
 SCHEME = "postgresql+asyncpg"
 CONNECTIONS = 8
+"""That each of the two pools keeps, and as many again when they are needed."""
 CONNECT_WITHIN_S = 5
 HELD_AT_MOST_MS = 10_000
 """A transaction whose process was stopped or cut off in the middle is taken back after so long, and its locks are free."""
@@ -26,8 +27,12 @@ BRIEF = text("SET LOCAL synchronous_commit TO OFF")
 
 
 def open_engines(url: str) -> tuple[AsyncEngine, AsyncEngine]:
-    """The engine of the readers and that of the writers; they share their connections."""
-    writers = create_async_engine(
+    """The engine of the readers and that of the writers; apart, so that who writes never waits for who wants to read."""
+    return _engine(url).execution_options(isolation_level="AUTOCOMMIT"), _engine(url)
+
+
+def _engine(url: str) -> AsyncEngine:
+    return create_async_engine(
         url,
         pool_size=CONNECTIONS,
         max_overflow=CONNECTIONS,
@@ -35,7 +40,6 @@ def open_engines(url: str) -> tuple[AsyncEngine, AsyncEngine]:
         pool_pre_ping=True,
         connect_args={"timeout": CONNECT_WITHIN_S, "command_timeout": STATEMENT_MS / 1000, "server_settings": SESSION},
     )
-    return writers.execution_options(isolation_level="AUTOCOMMIT"), writers
 
 
 def is_postgres(connection: AsyncConnection) -> bool:

@@ -29,7 +29,7 @@ class FileHome(Protocol):
         """What the files are read from."""
         ...
 
-    async def take(self, file: Path, key: str, size: int, *, durable: bool) -> bool:
+    async def take(self, file: Path, key: str, *, durable: bool) -> bool:
         """Keeps the file under the key; false, and nothing changes, when there is one already."""
         ...
 
@@ -41,7 +41,7 @@ class LocalHome:
         self._root = root
         self.objects: ObjectStore = LocalStore(root)
 
-    async def take(self, file: Path, key: str, size: int, *, durable: bool) -> bool:
+    async def take(self, file: Path, key: str, *, durable: bool) -> bool:
         """Moves the file; ``durable`` waits until the disk has its name, too."""
         try:
             await obstore.rename_async(self.objects, str(file.relative_to(self._root)), key, overwrite=False)
@@ -59,14 +59,14 @@ class S3Home:
     def __init__(self, objects: S3Store) -> None:
         self.objects: ObjectStore = objects
 
-    async def take(self, file: Path, key: str, size: int, *, durable: bool) -> bool:
+    async def take(self, file: Path, key: str, *, durable: bool) -> bool:  # noqa: knows nothing less
         """Uploads the file; what the server has acknowledged is durable.
 
         S3 puts a whole object only where there is none; for one in parts it cannot promise that. The key is the hash of the
         content, so that the second of two at the same time writes what is there already.
         """
         try:
-            if size <= IN_ONE_PIECE_BYTES:
+            if await asyncio.to_thread(lambda: file.stat().st_size) <= IN_ONE_PIECE_BYTES:
                 await obstore.put_async(self.objects, key, file, mode="create", use_multipart=False)
                 return True
             if await self._has(key):

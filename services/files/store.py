@@ -81,7 +81,7 @@ class FileStore:
                     "content-mismatch", f"The body's SHA-256 is {sha256}, not {expected_sha256} as announced; send again."
                 )
             with _away_if_unreachable():
-                new = await self._home.take(spool, _key(sha256), size, durable=durable)
+                new = await self._home.take(spool, _key(sha256), durable=durable)
             return Stored(sha256, size, new)
         finally:
             spool.unlink(missing_ok=True)

@@ -18,11 +18,10 @@ _ACTIVE_ON = select(trial.c.trial_id, trial.c.fence).where(trial.c.robot == bind
 
 
 async def load(tx: AsyncConnection, fleet: Fleet, now_s: float, lease_s: float, *, prolong: bool) -> None:
-    """Puts what the database knows into an empty fleet.
+    """Puts what the database knows into an empty fleet; ``prolong`` gives open leases their full time again.
 
-    Args:
-        prolong: give open leases their full time again. Where one process alone writes, its last clock is gone, and robots
-            need a moment to find this one; where others write too, they have gone on counting.
+    Where one process alone writes, its last clock is gone, and robots need a moment to find this one. Where others write
+    too, they have gone on counting.
     """
     await refresh(tx, fleet)
     of_active = select(trial.c.trial_id, trial.c.fence, trial.c.robot, trial.c.state).where(trial.c.state.in_(ACTIVE))

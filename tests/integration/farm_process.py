@@ -54,7 +54,7 @@ class Services:
         self.port, self.bus_port = free_port(), free_port()
         self.api, self.bus = f"http://127.0.0.1:{self.port}", f"tcp/127.0.0.1:{self.bus_port}"
         self.robots, self.clients = {}, []
-        self.process = None
+        self.process, self.tokens = None, {}
         self.errors = self.data.parent / f"{self.data.name}-stderr.txt"
 
     def start(self):
@@ -65,7 +65,8 @@ class Services:
                 [sys.executable, "-m", "services", *arguments], cwd=ROOT, env=environment | self.settings, stderr=errors
             )
         until(self._healthy, 30, "the services to be healthy")
-        self.tokens = json.loads((self.data / "tokens.json").read_text())
+        if not self.tokens:
+            self.tokens = json.loads((self.data / "tokens.json").read_text())
         self.admin = self.client(self.tokens["admin"])
         return self
 
