@@ -51,7 +51,7 @@ async def list_jobs(
         wanted = wanted.where(job.c.owner == caller.sees_only)
     async with farm.database.read() as connection:
         rows = (await connection.execute(wanted)).all()
-        shown = await views.show_jobs(connection, rows[:limit], farm.fleet, farm.clock.now_s())
+        shown = await views.show_jobs(connection, rows[:limit], farm.fleet, farm.clock.now_s(), farm.settings.user_trials_at_once)
     return JobPage(jobs=shown, next_cursor=cursors.encode(rows[limit - 1].number if len(rows) > limit else None))
 
 
@@ -104,7 +104,7 @@ async def _report(job_id: str, caller: Caller, farm: Farm) -> tuple[bytes, str]:
         found = (await connection.execute(select(report).where(report.c.job_number == row.number))).one_or_none()
         if found is not None:
             return found.body, found.sha256
-        (shown,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s())
+        (shown,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s(), farm.settings.user_trials_at_once)
     why = shown.waiting_because or shown.reason
     detail = f"Job {job_id} is {shown.state} and has no report{f': {why}' if why else ''}."
     raise Conflict("report-not-ready", detail, state=shown.state, waiting_because=shown.waiting_because)
@@ -113,5 +113,5 @@ async def _report(job_id: str, caller: Caller, farm: Farm) -> tuple[bytes, str]:
 async def _show(job_id: str, caller: Caller, farm: Farm) -> Job:
     async with farm.database.read() as connection:
         row = await views.job_row(connection, job_id, caller.sees_only)
-        (shown,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s())
+        (shown,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s(), farm.settings.user_trials_at_once)
     return shown

@@ -18,7 +18,7 @@ from api_schemas.trial import TrialState
 from services.database.database import Database
 from services.database.postgres import dispatch_alone
 from services.database.rows import AnyRow
-from services.dispatcher import queue, turns
+from services.dispatcher import queue
 from services.dispatcher.abandoned import Abandoner
 from services.dispatcher.bus import Bus
 from services.dispatcher.commands import Commands
@@ -168,10 +168,7 @@ class Dispatcher:
         row, departure = found
         now_s, lease_s = self.clock.now_s(), self.settings.lease_s
         claim = await lease.write_lease(tx, now_s, row, robot, departure=departure, lease_s=lease_s)
-        if claim is None:
-            return None
-        await turns.served(tx, row.owner, now_s)
-        return claim, row
+        return None if claim is None else (claim, row)
 
     @asynccontextmanager
     async def _alone(self, *, lasting: bool = True) -> AsyncIterator[AsyncConnection]:

@@ -3,12 +3,12 @@
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from services.database.rows import AnyRow
-from services.dispatcher import queue
+from services.dispatcher import queue, turns
 from services.jobs.fleet import Fleet
 from services.jobs.waiting import robot_now
 
 BLOCKS_AHEAD = 3
-"""How many blocks of orders are drawn to find a trial for one idle robot."""
+"""How many blocks of orders are drawn at most to find a trial for one idle robot."""
 
 Found = tuple[AnyRow, str | None]
 """A queued trial, and why the robot that gets it is not the first of the trial's order."""
@@ -37,20 +37,23 @@ async def find_trial(tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float
     healthy, why = fleet.healthy(now_s), why_unfit(fleet, now_s)
     if robot not in healthy:
         return None  # it was lost since it was found idle
+    at_limit = await turns.at_limit(tx, limit)
     blocks = 0
-    while blocks <= BLOCKS_AHEAD:
-        row = await queue.next_of_robot(tx, robot, limit)
-        if row is not None and row.fence == 0:
-            return row, row.departure
-        if row is not None:
-            choice = await queue.choose_again(tx, row, healthy, why)
-            if choice.first_choice == robot:
-                return row, choice.departure
-            continue  # it now waits for another robot, so that it is not found again here
-        blocks += 1
-        if blocks > BLOCKS_AHEAD or await queue.draw(tx, fleet.known(now_s), healthy, why, limit) == 0:
-            break
-    return None
+    while True:
+        drawn = await turns.next_with_drawn(tx, robot, at_limit)
+        undrawn = await turns.next_with_undrawn(tx, at_limit) if blocks < BLOCKS_AHEAD else None
+        # Whoever was served longest ago comes next, also if nothing of his was drawn for this robot yet.
+        if undrawn is not None and (drawn is None or undrawn.served_s < drawn.served_s):
+            blocks += 1
+            await queue.draw(tx, undrawn.owner, fleet.known(now_s), healthy, why)
+            continue
+        row = None if drawn is None else await queue.oldest_of(tx, robot, drawn.owner)
+        if row is None or row.fence == 0:
+            return None if row is None else (row, row.departure)
+        choice = await queue.choose_again(tx, row, healthy, why)
+        if choice.first_choice == robot:
+            return row, choice.departure
+        # It now waits for another robot, so that it is not found again here.
 
 
 async def find_passed_over(
@@ -60,7 +63,7 @@ async def find_passed_over(
     if not (busy := _busy(robot, fleet, now_s)):
         return None
     idle = {robot, *fleet.ready(now_s)}
-    for row in await queue.passed_over(tx, busy, now_s - pass_over_s, limit):
+    for row in await queue.passed_over(tx, busy, now_s - pass_over_s, await turns.at_limit(tx, limit)):
         if await queue.next_of(tx, row, idle, why_unfit(fleet, now_s)) == robot:
             return row, f"first choice {row.first_choice} was busy for {pass_over_s:g} s"
     return None
@@ -69,7 +72,7 @@ async def find_passed_over(
 async def pass_over(tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float, limit: int | None = None) -> None:
     """Notes that the robot found nothing while trials wait for busy ones; in a transaction that holds nothing else."""
     if busy := _busy(robot, fleet, now_s):
-        await queue.pass_over(tx, busy, now_s, limit)
+        await queue.pass_over(tx, busy, now_s, await turns.at_limit(tx, limit))
 
 
 def _busy(robot: str, fleet: Fleet, now_s: float) -> frozenset[str]:

@@ -10,7 +10,6 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 from api_schemas.trial import AttemptState, TrialState
 from services.database.rows import AnyRow
 from services.database.tables import PINNED, attempt, job, policy, trial
-from services.dispatcher import turns
 from services.dispatcher.choice import Choice, choose
 from services.jobs.lease import ACTIVE
 from services.jobs.locking import lock_job
@@ -70,19 +69,14 @@ async def anything_queued(connection: AsyncConnection) -> bool:
     return (await connection.execute(_ANY)).first() is not None
 
 
-async def next_of_robot(connection: AsyncConnection, robot: str, limit: int | None) -> AnyRow | None:
-    """The queued trial whose first choice is the robot and whose turn it is: the oldest of the user who comes next."""
-    owner = await turns.whose(connection, robot, limit)
-    return None if owner is None else (await connection.execute(_OLDEST_OF, {"chosen": robot, "of_owner": owner})).first()
+async def oldest_of(connection: AsyncConnection, robot: str, owner: str) -> AnyRow | None:
+    """The user's oldest queued trial whose first choice is the robot."""
+    return (await connection.execute(_OLDEST_OF, {"chosen": robot, "of_owner": owner})).first()
 
 
-async def draw(tx: AsyncConnection, known: Sequence[str], healthy: Collection[str], why: Why, limit: int | None) -> int:
-    """Draws orders for trials that have none, one for each known robot, of the user who comes next; gives how many."""
-    owner = await turns.whose(tx, None, limit)
-    if owner is None:
-        return 0
-    wanted = {"of_owner": owner, "most": max(1, len(known))}
-    rows = (await tx.execute(_UNDRAWN, wanted)).all()
+async def draw(tx: AsyncConnection, owner: str, known: Sequence[str], healthy: Collection[str], why: Why) -> None:
+    """Draws the orders of the user's next trials that have none, one for each known robot."""
+    rows = (await tx.execute(_UNDRAWN, {"of_owner": owner, "most": max(1, len(known))})).all()
     for number in sorted({row.job_number for row in rows}):
         await lock_job(tx, number)
     choices = []
@@ -91,7 +85,6 @@ async def draw(tx: AsyncConnection, known: Sequence[str], healthy: Collection[st
         choices.append(_pointing(row, choose(order, healthy, await _faulted(tx, row), why)))
     if choices:
         await tx.execute(_POINT, choices)
-    return len(rows)
 
 
 async def choose_again(tx: AsyncConnection, row: AnyRow, healthy: Collection[str], why: Why) -> Choice:
@@ -112,20 +105,20 @@ async def drawn_for(connection: AsyncConnection, robots: Iterable[str]) -> Seque
     return (await connection.execute(wanted)).all()
 
 
-async def pass_over(tx: AsyncConnection, busy: Collection[str], now_s: float, limit: int | None) -> None:
+async def pass_over(tx: AsyncConnection, busy: Collection[str], now_s: float, at_limit: Sequence[str]) -> None:
     """Notes that another robot is idle while the oldest trials that were drawn for busy robots wait for these.
 
     In a transaction of its own: it takes trials without their jobs, and must wait for nobody while it has them.
     """
-    at_limit = await turns.at_limit(tx, limit)
     # Two statements: as a part of the other one, the first may run more than once and find more than its limit.
     waiting = (await tx.execute(_WAITING, {"busy": list(busy), "at_limit": at_limit})).scalars().all()
     await tx.execute(_PASS_OVER, {"waiting": waiting, "since_s": now_s})
 
 
-async def passed_over(connection: AsyncConnection, busy: Collection[str], until_s: float, limit: int | None) -> Sequence[AnyRow]:
+async def passed_over(
+    connection: AsyncConnection, busy: Collection[str], until_s: float, at_limit: Sequence[str]
+) -> Sequence[AnyRow]:
     """The oldest trials that were drawn for busy robots and have been passed over since ``until_s`` or before."""
-    at_limit = await turns.at_limit(connection, limit)
     return (await connection.execute(_PASSED_OVER, {"busy": list(busy), "until_s": until_s, "at_limit": at_limit})).all()
 
 

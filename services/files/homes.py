@@ -59,7 +59,7 @@ class S3Home:
     def __init__(self, objects: S3Store) -> None:
         self.objects: ObjectStore = objects
 
-    async def take(self, file: Path, key: str, *, durable: bool) -> bool:  # noqa: knows nothing less
+    async def take(self, file: Path, key: str, *, durable: bool) -> bool:  # noqa: ARG002
         """Uploads the file; what the server has acknowledged is durable.
 
         S3 puts a whole object only where there is none; for one in parts it cannot promise that. The key is the hash of the

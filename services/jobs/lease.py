@@ -9,7 +9,7 @@ from api_schemas.job import JobState
 from api_schemas.robot import OutcomeReport, Renewal
 from api_schemas.trial import AttemptState, OutcomeKind, TrialState
 from services.database.rows import AnyRow
-from services.database.tables import attempt, job, trial
+from services.database.tables import attempt, job, trial, turn
 from services.errors import Conflict, NotFound, Refused
 from services.jobs import events, pinning
 from services.jobs.claim import Claim
@@ -69,6 +69,7 @@ _KEPT = (
     .join(trial, trial.c.trial_id == attempt.c.trial_id)
     .where(_IS_OPEN)
 )
+_END_TURN = update(turn).where(turn.c.owner == bindparam("of_owner")).values(served_s=bindparam("at_s"))
 _CLOSE_ATTEMPT = (
     update(attempt)
     .where(_IS_OPEN)
@@ -108,7 +109,14 @@ async def write_lease(
     if queued.any_robot:
         await pinning.pin(tx, queued.job_number, robot)
     await _tell_leased(tx, now_s, queued, robot)
+    await _end_turn(tx, now_s, queued.owner)
     return claim
+
+
+async def _end_turn(tx: AsyncConnection, now_s: float, owner: str) -> None:
+    """The user was served: now others come first."""
+    if (await tx.execute(_END_TURN, {"of_owner": owner, "at_s": now_s})).rowcount == 0:
+        await tx.execute(insert(turn).values(owner=owner, served_s=now_s))
 
 
 async def _tell_leased(tx: AsyncConnection, now_s: float, queued: AnyRow, robot: str) -> None:

@@ -97,7 +97,7 @@ async def test_only_the_named_robot_gets_the_trials_however_long_it_is_busy(data
     assert await take(database, "a", fleet) is None
     first = await take(database, "b", fleet)
     async with database.write() as tx:
-        await queue.pass_over(tx, ["b"], 0.0, None)
+        await queue.pass_over(tx, ["b"], 0.0, ())
     assert [await take(database, name, fleet) for name in "ac"] == [None, None]
     await end(database, fleet, first)
     assert (await take(database, "b", fleet)).robot == "b"
