@@ -28,6 +28,10 @@ class ServiceError(Exception):
         self.members = members
 
 
+class NotReady(Exception):
+    """The services cannot start; the message says what they found and what to do next."""
+
+
 class NotFound(ServiceError):
     """What was named does not exist for this caller."""
 

@@ -57,6 +57,16 @@ class Settings(BaseSettings):
         default=JailLevel.LIMITS, description="no policy and no log is taken where the jail of children does not reach this level"
     )
 
+    # The two homes: without these, truth and files are in the data folder.
+    database_url: str | None = Field(default=None, repr=False, description="postgresql://user:password@host/name")
+    files_url: str | None = Field(default=None, description="s3://bucket/prefix")
+    s3_endpoint: str | None = Field(default=None, description="of an S3 server that is not Amazon's, as http://host:7070")
+    s3_region: str = "us-east-1"
+    s3_access_key_id: str | None = Field(default=None, description="without it, what AWS_* variables or the machine give")
+    s3_secret_access_key: SecretStr | None = None
+    dispatches: bool = Field(default=True, description="false: this process answers requests and gives no leases")
+    user_trials_at_once: int | None = Field(default=None, ge=1, description="how many trials one user may have running")
+
     @model_validator(mode="after")
     def _tls_is_whole(self) -> Self:
         if (self.tls_certificate is None) != (self.tls_key is None):
@@ -65,6 +75,6 @@ class Settings(BaseSettings):
         return self
 
     @property
-    def database_url(self) -> str:
-        """Where truth is kept; SQLite inside the data folder."""
-        return f"sqlite+aiosqlite:///{(self.data / 'farm.sqlite').absolute()}"
+    def truth_url(self) -> str:
+        """Where truth is kept; without other word SQLite inside the data folder."""
+        return self.database_url or f"sqlite:///{(self.data / 'farm.sqlite').absolute()}"

@@ -52,7 +52,7 @@ async def list_jobs(
         wanted = wanted.where(job.c.owner == caller.sees_only)
     async with farm.database.read() as connection:
         rows = (await connection.execute(wanted)).all()
-        shown = await views.show_jobs(connection, rows[:limit], farm.fleet, farm.clock.now_s())
+        shown = await views.show_jobs(connection, rows[:limit], farm.fleet, farm.clock.now_s(), farm.settings.user_trials_at_once)
     return JobPage(jobs=shown, next_cursor=cursors.encode(rows[limit - 1].number if len(rows) > limit else None))
 
 
@@ -82,6 +82,7 @@ def sender_of(caller: Caller, farm: Farm, idempotency_key: str | None) -> submis
 async def show_queued(job_id: str, new: bool, response: Response, caller: Caller, farm: Farm) -> Job:
     """The answer to whoever sent a job: 201 and where it is, or 200 when it had been sent before."""
     farm.signals.wake_dispatcher()
+    farm.signals.tell_others(job_id)
     response.status_code = 201 if new else 200
     response.headers["Location"] = f"/v1/jobs/{job_id}"
     return await _show(job_id, caller, farm)
@@ -110,7 +111,7 @@ async def _report(job_id: str, caller: Caller, farm: Farm) -> tuple[bytes, str]:
         found = (await connection.execute(select(report).where(report.c.job_number == row.number))).one_or_none()
         if found is not None:
             return found.body, found.sha256
-        (shown,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s())
+        (shown,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s(), farm.settings.user_trials_at_once)
     why = shown.waiting_because or shown.reason
     detail = f"Job {job_id} is {shown.state} and has no report{f': {why}' if why else ''}."
     raise Conflict("report-not-ready", detail, state=shown.state, waiting_because=shown.waiting_because)
@@ -119,5 +120,5 @@ async def _report(job_id: str, caller: Caller, farm: Farm) -> tuple[bytes, str]:
 async def _show(job_id: str, caller: Caller, farm: Farm) -> Job:
     async with farm.database.read() as connection:
         row = await views.job_row(connection, job_id, caller.sees_only)
-        (shown,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s())
+        (shown,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s(), farm.settings.user_trials_at_once)
     return shown

@@ -2,18 +2,19 @@
 
 from typing import Literal
 
-from sqlalchemy import String, and_, bindparam, func, insert, select, update
+from sqlalchemy import String, and_, bindparam, exists, func, insert, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.job import JobState
 from api_schemas.robot import OutcomeReport, Renewal
 from api_schemas.trial import AttemptState, OutcomeKind, TrialState
 from services.database.rows import AnyRow
-from services.database.tables import attempt, job, trial
+from services.database.tables import attempt, job, trial, turn
 from services.errors import Conflict, NotFound, Refused
 from services.jobs import events, pinning
 from services.jobs.claim import Claim
 from services.jobs.clock import iso
+from services.jobs.locking import lock_job, lock_job_of
 
 ACTIVE = (TrialState.LEASED, TrialState.RUNNING)
 JUDGED = frozenset({OutcomeKind.SUCCEEDED, OutcomeKind.FAILED})
@@ -22,12 +23,15 @@ RAN_TO_THE_END = JUDGED | {OutcomeKind.RECORDED}
 FileKind = Literal["log", "truth"]
 UNENDED = (JobState.QUEUED, JobState.RUNNING)
 
+_held = trial.alias("held")
+_IS_FREE = ~exists().where(_held.c.robot == bindparam("to_robot"), _held.c.state.in_(ACTIVE))
 _LEASE = (
     update(trial)
     .where(
         trial.c.trial_id == bindparam("of_trial"),
         trial.c.state == TrialState.QUEUED,
         trial.c.fence == bindparam("old_fence"),
+        _IS_FREE,
     )
     .values(
         state=TrialState.LEASED,
@@ -66,6 +70,7 @@ _KEPT = (
     .join(trial, trial.c.trial_id == attempt.c.trial_id)
     .where(_IS_OPEN, attempt.c.robot == bindparam("held_by"))
 )
+_END_TURN = update(turn).where(turn.c.owner == bindparam("of_owner")).values(served_s=bindparam("at_s"))
 _CLOSE_ATTEMPT = (
     update(attempt)
     .where(_IS_OPEN)
@@ -83,7 +88,11 @@ _CLOSE_ATTEMPT = (
 async def write_lease(
     tx: AsyncConnection, now_s: float, queued: AnyRow, robot: str, *, departure: str | None, lease_s: float
 ) -> Claim | None:
-    """Gives the queued trial to the robot under the next fence; None when the trial is no longer as it was read."""
+    """Gives the queued trial to the robot under the next fence.
+
+    None when the trial is no longer as it was read, or when the robot has got another one from somebody else.
+    """
+    await lock_job(tx, queued.job_number)
     leased = {"of_trial": queued.trial_id, "old_fence": queued.fence, "to_robot": robot, "until_s": now_s + lease_s}
     if (await tx.execute(_LEASE, leased)).rowcount != 1:
         return None
@@ -101,7 +110,14 @@ async def write_lease(
     if queued.any_robot:
         await pinning.pin(tx, queued.job_number, robot)
     await _tell_leased(tx, now_s, queued, robot)
+    await _end_turn(tx, now_s, queued.owner)
     return claim
+
+
+async def _end_turn(tx: AsyncConnection, now_s: float, owner: str) -> None:
+    """The user was served: now others come first."""
+    if (await tx.execute(_END_TURN, {"of_owner": owner, "at_s": now_s})).rowcount == 0:
+        await tx.execute(insert(turn).values(owner=owner, served_s=now_s))
 
 
 async def _tell_leased(tx: AsyncConnection, now_s: float, queued: AnyRow, robot: str) -> None:
@@ -117,6 +133,7 @@ async def _tell_leased(tx: AsyncConnection, now_s: float, queued: AnyRow, robot:
 async def confirm_lease(tx: AsyncConnection, now_s: float, claim: Claim) -> bool:
     """The robot accepted the offer: the trial runs. False when the lease ended in the meantime."""
     held = {"of_trial": claim.trial_id, "held_fence": claim.fence}
+    await lock_job_of(tx, claim.trial_id)
     row = (await tx.execute(_CONFIRM, held)).one_or_none()
     if row is None:
         return False

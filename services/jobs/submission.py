@@ -168,18 +168,19 @@ async def _insert(tx: AsyncConnection, now_s: float, asked: _NewJob, sender: Sen
         # On a database with several writers another request with this key may have come in between.
         key = sender.idempotency_key
         raise Conflict("idempotency-key-in-use", f"Idempotency-Key {key!r} is in use; ask again.") from error
-    await tx.execute(insert(trial), _trials(job_id, number, seed, asked))
+    await tx.execute(insert(trial), _trials(job_id, number, seed, asked, sender))
     await events.record(tx, iso(now_s), number, "job_queued", asked.text)
     return job_id
 
 
-def _trials(job_id: str, number: int, seed: int, asked: _NewJob) -> list[dict[str, Any]]:
+def _trials(job_id: str, number: int, seed: int, asked: _NewJob, sender: Sender) -> list[dict[str, Any]]:
     """The rows of a job's trials; those of a named robot wait for it from the start."""
     named = asked.values.get("robot")
     return [
         {
             "trial_id": f"{job_id}-{ordinal:03d}",
             "job_number": number,
+            "owner": sender.owner,
             "ordinal": ordinal,
             "state": TrialState.QUEUED,
             "seed": trial_seed(seed, ordinal),

@@ -1,7 +1,6 @@
 """Why a job or a trial is not over yet, in plain words; nothing waits without a reason that can be read."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from api_schemas.job import FINAL_JOB_STATES
 from api_schemas.robot import RobotState
@@ -9,17 +8,10 @@ from api_schemas.trial import TrialState
 from services.database.rows import AnyRow
 from services.jobs.clock import iso
 from services.jobs.fleet import Fleet, Member
+from services.jobs.position import Ahead
 
 
-@dataclass(frozen=True)
-class Ahead:
-    """What stands before a job in the queue: trials, and the earlier jobs that they belong to."""
-
-    trials: int
-    jobs: int
-
-
-def job_waits(row: AnyRow, ahead: Ahead, fleet: Fleet, now_s: float) -> str | None:
+def job_waits(row: AnyRow, ahead: Ahead, fleet: Fleet, now_s: float, limit: int | None = None) -> str | None:
     """The sentence for a job; None when it is over."""
     if row.state in FINAL_JOB_STATES:
         return None
@@ -31,8 +23,11 @@ def job_waits(row: AnyRow, ahead: Ahead, fleet: Fleet, now_s: float) -> str | No
         return f"{_count(row.trials_active, 'trial')} running{more}"
     if (nobody := _nobody_for(row.robot, _count(left, "trial"), fleet, now_s)) is not None:
         return nobody
+    if limit is not None and ahead.running_of_owner >= limit:
+        return f"{_count(ahead.running_of_owner, 'trial')} of {row.owner} running, and a user may have {limit} at the same time"
     if ahead.trials:
-        return f"{_count(ahead.trials, 'trial')} of {_count(ahead.jobs, 'earlier job')} {_are(ahead.trials)} ahead"
+        about = "" if ahead.wait_s is None else f", about {_lasting(ahead.wait_s)}"
+        return f"{_count(ahead.trials, 'trial')} {_are(ahead.trials)} ahead{about}"
     return f"{_count(left, 'trial')} about to be leased: {robots_now(fleet, now_s, row.job_id)}"
 
 
@@ -106,6 +101,10 @@ def _trial(trial_id: str, of_job: str | None) -> str:
 
 def _count(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def _lasting(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.0f} h"
 
 
 def _are(number: int) -> str:

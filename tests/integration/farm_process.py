@@ -57,7 +57,7 @@ class Services:
         self.api, self.bus = f"{scheme}://127.0.0.1:{self.port}", f"tcp/127.0.0.1:{self.bus_port}"
         self.verify = ssl.create_default_context(cafile=settings["tls_certificate"]) if scheme == "https" else True
         self.robots, self.clients = {}, []
-        self.process = None
+        self.process, self.tokens = None, {}
         self.errors = self.data.parent / f"{self.data.name}-stderr.txt"
 
     def start(self):
@@ -68,10 +68,10 @@ class Services:
             environment |= self.settings
             self.process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=errors, stderr=errors)
         until(self._healthy, 30, "the services to be healthy")
-        given = [self.settings.get(f"TRIFARM_{name}_TOKEN") for name in ("ADMIN", "ROBOT")]
-        self.tokens = dict(zip(("admin", "robot"), given, strict=True))
-        if (self.data / "tokens.json").exists():
-            self.tokens = json.loads((self.data / "tokens.json").read_text())
+        if not self.tokens:
+            given = [self.settings.get(f"TRIFARM_{name}_TOKEN") for name in ("ADMIN", "ROBOT")]
+            made = self.data / "tokens.json"
+            self.tokens = json.loads(made.read_text()) if made.exists() else dict(zip(("admin", "robot"), given, strict=True))
         self.admin = self.client(self.tokens["admin"])
         return self
 
