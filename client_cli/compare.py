@@ -77,13 +77,15 @@ def _lines(found: Comparison) -> Iterator[str]:
 def _difference(task: TaskComparison, found: Difference, position: int) -> Iterator[str]:
     low, high = found.interval_95
     yield ""
-    yield f"  {found.other} against {found.first}: {100 * found.difference:+.1f} points, 95 % interval {100 * low:+.1f} to {100 * high:+.1f}"
+    interval = f"95 % interval {100 * low:+.1f} to {100 * high:+.1f}"
+    yield f"  {found.other} against {found.first}: {100 * found.difference:+.1f} points, {interval}"
     yield f"    McNemar's exact p {found.p:.4f}: {_verdict(found)}"
     yield f"    both {found.both}, neither {found.neither}, gained {found.gained}, lost {found.lost}"
     changed = list(changed_sides(task, position))
     for goal in changed[:MOST_GOALS_SHOWN]:
         word = "gained" if goal.succeeded[position] else "lost"
-        yield f"    {word:<6}  trial {goal.trials[0]} on {goal.robots[0]} -> trial {goal.trials[position]} on {goal.robots[position]}"
+        before, after = ((goal.trials[at], goal.robots[at]) for at in (0, position))
+        yield f"    {word:<6}  trial {before[0]} on {before[1]} -> trial {after[0]} on {after[1]}"
     if len(changed) > MOST_GOALS_SHOWN:
         yield f"    and {len(changed) - MOST_GOALS_SHOWN} more; --json lists all"
 

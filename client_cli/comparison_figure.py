@@ -39,7 +39,7 @@ def draw(found: Comparison, path: Path) -> None:
         middles.append(at + (len(task.jobs) - 1) / 2)
         at += len(task.jobs) + 0.7
     axes.set_xticks(middles, [f"{task.task} (N = {task.goals})" for task in found.tasks])
-    axes.tick_params(axis="x", length=0, pad=34)
+    axes.tick_params(axis="x", length=0, pad=18)
     axes.set_ylim(0, 100)
     axes.set_ylabel("success rate, %")
     axes.set_title("success rates with 80 % intervals (Wilson)", fontsize=9)

@@ -2,7 +2,20 @@
 
 from fastapi import FastAPI
 
-from services.api import history, identifications, jobs, leases, overview, policies, problems, robots, token_routes, trials, truth
+from services.api import (
+    history,
+    identifications,
+    jobs,
+    leases,
+    overview,
+    policies,
+    problems,
+    robots,
+    signatures,
+    token_routes,
+    trials,
+    truth,
+)
 from services.api.farm import Farm
 
 
@@ -17,6 +30,7 @@ def create_app(farm: Farm) -> FastAPI:
     )
     app.state.farm = farm
     problems.install(app)
-    for module in (overview, policies, jobs, identifications, history, trials, truth, leases, robots, token_routes):
+    users = (overview, policies, jobs, signatures, identifications, history, trials, truth)
+    for module in (*users, leases, robots, token_routes):
         app.include_router(module.router)
     return app

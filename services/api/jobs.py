@@ -13,9 +13,8 @@ from services.api import cursor as cursors
 from services.api.access import Submitter, User
 from services.api.farm import Farm, TheFarm
 from services.api.tokens import Caller
-from services.database.tables import job, report
-from services.errors import Conflict
-from services.jobs import cancellation, submission, views
+from services.database.tables import job
+from services.jobs import cancellation, reports, submission, views
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
 JobId = Annotated[str, Path(pattern=r"^[a-z0-9]{1,20}$")]
@@ -98,15 +97,7 @@ async def get_report_text(job_id: JobId, caller: User, farm: TheFarm) -> str:
 
 
 async def _report(job_id: str, caller: Caller, farm: Farm) -> tuple[bytes, str]:
-    async with farm.database.read() as connection:
-        row = await views.job_row(connection, job_id, caller.sees_only)
-        found = (await connection.execute(select(report).where(report.c.job_number == row.number))).one_or_none()
-        if found is not None:
-            return found.body, found.sha256
-        (shown,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s())
-    why = shown.waiting_because or shown.reason
-    detail = f"Job {job_id} is {shown.state} and has no report{f': {why}' if why else ''}."
-    raise Conflict("report-not-ready", detail, state=shown.state, waiting_because=shown.waiting_because)
+    return await reports.stored(farm.database, farm.fleet, farm.clock.now_s(), job_id, caller.sees_only)
 
 
 async def _show(job_id: str, caller: Caller, farm: Farm) -> Job:

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Depends, Query, Response
-from fastapi.responses import RedirectResponse
+from fastapi.responses import HTMLResponse, RedirectResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from api_schemas.job import FINAL_JOB_STATES, Job, TaskName
+from api_schemas.report import Report, read_report
+from api_schemas.report_page import render_page, style_source
 from api_schemas.trial import Outcome, OutcomeKind, TrialState
-from services.api import jobs
+from services.api import jobs, signatures
 from services.api.farm import Farm, TheFarm
 from services.api.jobs import JobId
 from services.dashboard import figures, live
@@ -19,7 +21,8 @@ from services.dashboard.pages import HEADERS, PageRoute, page, part
 from services.dashboard.queries import successes_over_time, trial_rows
 from services.dashboard.sessions import Changing, Session, SignedIn
 from services.database.rows import AnyRow
-from services.jobs import views
+from services.errors import NotFound
+from services.jobs import reports, views
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 ON_A_PAGE = 100
@@ -142,6 +145,19 @@ async def stream_job(job_id: JobId, session: SignedIn, farm: TheFarm, wanted: Th
     made = live.stream(lambda: parts(session, farm, job_id, wanted), farm.signals, lambda: farm.signals.watch(job_id))
     async for event in made:
         yield event
+
+
+@router.get("/jobs/{job_id}/report")
+async def show_report(job_id: JobId, session: SignedIn, farm: TheFarm, save: bool = False) -> Response:
+    """The signed report: the very page that ``trifarm report --html`` writes."""
+    body, _ = await reports.stored(farm.database, farm.fleet, farm.clock.now_s(), job_id, session.caller.sees_only)
+    report = read_report(body)
+    if not isinstance(report, Report):
+        raise NotFound("report-not-a-page", f"Job {job_id} is an identification; its report has no page.")
+    headers = HEADERS | {"Content-Security-Policy": f"default-src 'none'; style-src {style_source()}; frame-ancestors 'none'"}
+    if save:
+        headers["Content-Disposition"] = f'attachment; filename="report-{job_id}.html"'
+    return HTMLResponse(render_page(report, signatures.sign(body, farm)), headers=headers)
 
 
 @router.post("/jobs/{job_id}/cancel")

@@ -6,7 +6,7 @@ from fastapi import APIRouter, FastAPI, Path, Response
 from fastapi.responses import FileResponse
 
 from services.api.farm import Farm
-from services.dashboard import farm_page, job_page, jobs_page, sign_in
+from services.dashboard import compare_page, farm_page, job_page, jobs_page, sign_in, trial_page
 from services.dashboard.pages import FOLDER, HEADERS
 from services.dashboard.sessions import Seal
 from services.errors import NotFound
@@ -20,7 +20,8 @@ def mount(app: FastAPI, farm: Farm) -> None:
     """Adds the pages to the API's application; sessions are sealed with the farm's key."""
     app.state.dashboard_seal = Seal.of(FarmKey.of(farm.settings.data))
     app.state.dashboard_watcher = farm_page.Watcher()
-    for module in (sign_in, farm_page, jobs_page, job_page):
+    app.state.dashboard_replays = trial_page.Replays(farm.settings.data / "replays")
+    for module in (sign_in, farm_page, jobs_page, job_page, compare_page, trial_page):
         app.include_router(module.router)
     app.include_router(router)
 

@@ -83,12 +83,20 @@ SignedIn = Annotated[Session, Depends(_session)]
 
 async def _changing(request: Request, session: SignedIn, csrf: Annotated[str, Form(max_length=100)] = "") -> Session:
     """The session of a request that changes something: only a form of our own pages may send it."""
-    site = request.headers.get("sec-fetch-site", "same-origin")
-    if site not in {"same-origin", "none"} or not secrets.compare_digest(csrf.encode(), session.csrf.encode()):
-        raise Forbidden(
-            "form-not-ours", "This form was not made by this page, or it is older than the session; load the page again."
-        )
+    refuse_foreign(request)
+    if not secrets.compare_digest(csrf.encode(), session.csrf.encode()):
+        raise Forbidden("form-not-ours", "This form is older than the session, or was not made here; load the page again.")
     return session
+
+
+def refuse_foreign(request: Request) -> None:
+    """Refuses a form that another site has sent.
+
+    Raises:
+        Forbidden: the browser says that it was one.
+    """
+    if request.headers.get("sec-fetch-site", "same-origin") not in {"same-origin", "none"}:
+        raise Forbidden("form-not-ours", "This form was sent by another site; open this farm's own page.")
 
 
 Changing = Annotated[Session, Depends(_changing)]

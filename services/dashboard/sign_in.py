@@ -9,7 +9,7 @@ from fastapi.responses import RedirectResponse
 from api_schemas.token import Scope
 from services.api.farm import TheFarm
 from services.dashboard.pages import HEADERS, PageRoute, page
-from services.dashboard.sessions import COOKIE, Changing, TheSeal, set_cookie
+from services.dashboard.sessions import COOKIE, Changing, TheSeal, refuse_foreign, set_cookie
 from services.errors import Forbidden, Unauthorised
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
@@ -29,16 +29,17 @@ async def sign_in(
     farm: TheFarm,
     seal: TheSeal,
     token: Annotated[str, Form(max_length=300)],
-    then: Annotated[str, Form()] = "/",
+    then: Annotated[str, Form(max_length=2000)] = "/",
 ) -> Response:
     """Takes the token once; from then on the cookie stands for it."""
+    refuse_foreign(request)
     try:
         caller = await farm.tokens.caller(token.strip())
         if not caller.may(Scope.SUBMIT, Scope.OPERATE):
             raise Forbidden("scope-missing", f"The token of {caller.owner} may neither submit nor operate.")
     except (Unauthorised, Forbidden) as error:
-        shown = {"title": "Sign in", "then": own_path(then), "problem": error.detail}
-        return page("sign_in.html", None, status=error.status, **shown)
+        status, problem = error.status, error.detail
+        return page("sign_in.html", None, status=status, title="Sign in", then=own_path(then), problem=problem)
     answer = RedirectResponse(own_path(then), status_code=303, headers=HEADERS)
     set_cookie(request, answer, seal.close(token.strip()))
     return answer
