@@ -126,8 +126,21 @@ export class Scene {
     this.shadows(solid.filter((body) => body.frame !== "world"), frames);
     gl.enable(gl.BLEND);
     gl.depthMask(false);
-    for (const body of seen) if (body.opacity < 0.99) this.show(body, matrixOf(frames(body.frame)), body.opacity);
+    this.glass(seen.filter((body) => body.opacity < 0.99), frames);
     gl.depthMask(true);
+  }
+
+  // Of each translucent body a place shows one layer only, so that the seams of its parts do not show.
+  glass(bodies, frames) {
+    const { gl } = this;
+    gl.clear(gl.STENCIL_BUFFER_BIT);
+    gl.enable(gl.STENCIL_TEST);
+    gl.stencilOp(gl.KEEP, gl.KEEP, gl.REPLACE);
+    bodies.forEach((body, index) => {
+      gl.stencilFunc(gl.NOTEQUAL, index + 1, 255);
+      this.show(body, matrixOf(frames(body.frame)), body.opacity);
+    });
+    gl.disable(gl.STENCIL_TEST);
   }
 
   show(body, model, opacity, isFlat = 0) {
