@@ -1,4 +1,4 @@
-"""The command line of trifarm, and ``Farm`` for programs: a stranger to services and robots that speaks only HTTP with the farm."""
+"""The command line of trifarm, and ``Farm`` for programs: strangers to services and robots, with HTTP between them."""
 
 from typing import TYPE_CHECKING
 

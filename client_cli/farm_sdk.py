@@ -169,5 +169,6 @@ class FarmTrial:
             ClientError: the trial has no log.
         """
         if self.trial.log_sha256 is None:
-            raise ClientError(f"trial {self.trial.trial_id} is {self.trial.state} and has no log; logs come with accepted outcomes")
+            name, state = self.trial.trial_id, self.trial.state
+            raise ClientError(f"trial {name} is {state} and has no log; logs come with accepted outcomes")
         return download(self.client, log_of(self.trial), Path(path), Event()).path

@@ -24,9 +24,9 @@ def percent(fraction: float | None) -> str:
     return "–" if fraction is None else f"{100 * fraction:.0f} %"
 
 
-def interval(bounds: tuple[float, float]) -> str:
-    """The bounds of a rate."""
-    return f"{100 * bounds[0]:.0f}–{100 * bounds[1]:.0f} %"
+def points(difference: float) -> str:
+    """A difference of two rates, in percentage points."""
+    return f"{100 * difference:+.1f}".replace("-", "−")
 
 
 def duration(seconds: float | None) -> str:
@@ -75,7 +75,7 @@ def counted(number: int, noun: str) -> str:
 
 FILTERS: dict[str, Callable[..., str]] = {
     "percent": percent,
-    "interval": interval,
+    "points": points,
     "duration": duration,
     "ago": ago,
     "moment": moment,

@@ -63,8 +63,8 @@ def looked(tmp_path_factory):
         pytest.skip(f"there is no {CHROMIUM}: the pages are not looked at in a browser")
     with Farm(tmp_path_factory.mktemp("browser"), robots=2) as farm:
         looked = Looked(farm)
-        with looked.api:
-            yield looked
+        yield looked
+        looked.api.close()
 
 
 @pytest.fixture(scope="package")

@@ -88,7 +88,7 @@ def test_changes_are_seen_within_a_second(operator, looked, jobs):
     late_s = []
     done = looked.api.get(f"/v1/jobs/{jobs['running']}").json()["trials_done"]
     give_up_s = time.monotonic() + 60
-    while len(late_s) < 3 and time.monotonic() < give_up_s:
+    while len(late_s) < 2 and time.monotonic() < give_up_s:
         now = looked.api.get(f"/v1/jobs/{jobs['running']}").json()["trials_done"]
         if now != done:
             seen_s, done = time.monotonic(), now
@@ -98,6 +98,7 @@ def test_changes_are_seen_within_a_second(operator, looked, jobs):
             late_s.append(time.monotonic() - seen_s)
         time.sleep(0.02)
     print(f"seen after {[round(s, 3) for s in late_s]} s")
+    assert late_s
     assert statistics.median(late_s) < 1.0
 
 
