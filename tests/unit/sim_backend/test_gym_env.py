@@ -55,7 +55,7 @@ def test_a_trial_of_the_farm_can_be_asked_for():
 
 def test_unknown_names_are_told_the_known_ones():
     for name, value in (("layout", "nothing"), ("physics", "nothing"), ("task", "nothing")):
-        with pytest.raises(ValueError, match="nothing.*choose from"):
+        with pytest.raises(ValueError, match=r"nothing.*choose from"):
             gym_env.TrifingerEnv(**{name: value})
 
 
