@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import safetensors.numpy
-from sim_backend.reality_gap.policy_file import load_policy
+from sim_backend.reality_gap.success.policy_file import load_policy
 
 from api_schemas.policy import PolicyManifest
 from services.policies.recorded import FIELDS, RECORDING
