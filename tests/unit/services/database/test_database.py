@@ -77,6 +77,28 @@ async def test_what_the_first_form_holds_is_kept_and_comes_back(tmp_path):
     assert rows(path, "SELECT count(*) FROM event") == [(1,)]
 
 
+async def test_policies_of_the_older_forms_belong_to_who_sent_them_and_to_who_ran_them(tmp_path):
+    path = tmp_path / "farm.sqlite"
+    url = f"sqlite+aiosqlite:///{path}"
+    await migrate(url, "0001")
+    with sqlite3.connect(path) as connection:
+        connection.executescript(FIRST_FORM.format(d="d" * 64))
+        for number, owner in ((2, "bob"), (3, "bob")):
+            columns = "job_id, state, policy, policy_name, task, trials, seed, seed_drawn_by_server, owner, created_at, created_s"
+            more = "cancel_requested, trials_done, trials_active, successes, policy_faults, platform_faults, last_event"
+            values = (f"j{number}", "succeeded", "d" * 64, "p", "push", 1, 1, 0, owner, f"then {number}", 0.0, *[0] * 7)
+            connection.execute(f"INSERT INTO job ({columns}, {more}) VALUES ({','.join('?' * len(values))})", values)
+    connection.close()
+    await migrate(url)
+    owned = [("d" * 64, "ann", "now"), ("d" * 64, "bob", "then 2")]
+    assert rows(path, "SELECT digest, owner, created_at FROM policy_owner ORDER BY number") == owned
+    for token_id, robot in (("t", "'r'"), ("u", "NULL")):
+        values = f"VALUES ('{token_id}', 'o', 'robot', 's', 'now', {robot})"
+        rows(path, f"INSERT INTO token (token_id, owner, scopes, secret_sha256, created_at, robot) {values}")
+    await migrate(url, "0002", back=True)
+    assert rows(path, "SELECT token_id FROM token") == [("u",)]  # one robot's token would have become the whole farm's
+
+
 @pytest.mark.parametrize("change", ["object = 'sphere'", "object_scale = 0.8"])
 async def test_no_job_turns_into_one_of_the_cube_by_going_back(tmp_path, change):
     path = tmp_path / "farm.sqlite"
