@@ -1,8 +1,8 @@
 """What a robot loses while another robot's policy attacks: ``python -m tests.benchmarks.attacked_farm --out FILE``.
 
 A real farm of two robots. One trial of the reference policy runs with the other robot idle, and again while that robot runs one
-hostile trial after the other; both kinds in turns, for each attack. Compared are the medians of the wall time of a control step and
-of the CPU time that the robot itself spends on one; only on a machine with nothing else to do does the former say something.
+hostile trial after the other; both kinds in turns, for each attack. Compared are the medians of the wall time of a control step
+and of the CPU time that the robot itself spends on one; only on a machine with nothing else to do does the former say something.
 """
 
 import argparse
@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[2]
 REFERENCE = ROOT / "sim_backend/training/reference_policies/push.safetensors"
 HOSTILE_TRIALS = 200
 LIMIT = 1.1
-REPLACE = '''
+REPLACE = """
 import subprocess
 
 _start = subprocess.Popen.__init__
@@ -37,7 +37,7 @@ def _started(self, command, *rest, **named):
 
 
 subprocess.Popen.__init__ = _started
-'''
+"""
 """Lies as ``sitecustomize`` where the farm's own processes look for modules; policy processes get no such path."""
 
 
@@ -70,7 +70,9 @@ class AttackedFarm:
         self.farm.__exit__(*ended)
 
     def _policy(self, weights: Path, layout: str | None = None) -> str:
-        job = self.farm.json("submit", str(weights), "--task", "reach", "--trials", "1", *(["--layout", layout] if layout else []))
+        job = self.farm.json(
+            "submit", str(weights), "--task", "reach", "--trials", "1", *(["--layout", layout] if layout else [])
+        )
         self.farm.run("watch", job["job_id"], code=None)
         return job["policy"]
 
@@ -144,7 +146,10 @@ def main() -> int:
         document["attacks"] = {}
         for each in given.attack or NAMES:
             document["attacks"][each] = found = measure(farm, each, given.pairs)
-            print(f"{each}: wall x{found['wall_ratio']}, CPU x{found['cpu_ratio']}, {found['hostile_trials_that_ended']}", flush=True)
+            print(
+                f"{each}: wall x{found['wall_ratio']}, CPU x{found['cpu_ratio']}, {found['hostile_trials_that_ended']}",
+                flush=True,
+            )
     document["load_after"] = round(os.getloadavg()[0], 2)
     given.out.write_text(json.dumps(document, indent=2) + "\n")
     return int(any(each["wall_ratio"] > LIMIT for each in document["attacks"].values()))
