@@ -59,7 +59,8 @@ def test_a_policy_that_would_be_refused(name, capfd, tmp_path):
 
 def test_the_dry_run_is_part_of_the_verdict(capfd, tmp_path):
     constant = {"layer0.weight": np.zeros((9, SIZE), np.float32), "layer0.bias": np.full(9, 0.1, np.float32)}
-    code, out, _ = checked(capfd, *file(tmp_path, "p.safetensors", safetensors.numpy.save(constant)), "--json")
+    code, out, err = checked(capfd, *file(tmp_path, "p.safetensors", safetensors.numpy.save(constant)), "--json")
+    assert "problem" in json.loads(out), (out, err)
     problem = json.loads(out)["problem"]
     assert (code, problem["type"], problem["part"]) == (5, "/problems/dry-run-constant", "the dry run")
 
