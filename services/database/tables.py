@@ -138,7 +138,7 @@ attempt = Table(
     Column("ended_at", String(40)),
     Column("outcome", Text),
     Column("log_sha256", String(64), index=True),
-    Column("truth_sha256", String(64)),
+    Column("truth_sha256", String(64), index=True),
     Index("ix_attempt_robot_state", "robot", "state"),
 )
 

@@ -38,11 +38,13 @@ def upgrade() -> None:
     op.execute(OWNERS)
     op.create_index("ix_trial_queue", "trial", ["state", "first_choice", "owner", "job_number", "ordinal"])
     op.create_index("ix_trial_lease", "trial", ["robot"], unique=True, sqlite_where=LEASED, postgresql_where=LEASED)
+    op.create_index("ix_attempt_truth_sha256", "attempt", ["truth_sha256"])
     op.create_index("ix_job_pinned", "job", ["number"], sqlite_where=PINNED, postgresql_where=PINNED)
 
 
 def downgrade() -> None:
     op.drop_index("ix_job_pinned", "job")
+    op.drop_index("ix_attempt_truth_sha256", "attempt")
     op.drop_index("ix_trial_lease", "trial")
     op.drop_index("ix_trial_queue", "trial")
     with op.batch_alter_table("trial", schema=None) as batch_op:
