@@ -33,6 +33,7 @@ metadata = MetaData(
 # SQLite numbers rows by itself only for a column of exactly the type INTEGER.
 NUMBER = BigInteger().with_variant(Integer, "sqlite")
 LEASED = "state IN ('leased', 'running')"
+UNDRAWN = "state = 'queued' AND first_choice IS NULL"
 PINNED = "robot IS NOT NULL AND state IN ('queued', 'running')"
 
 policy = Table(
@@ -85,7 +86,7 @@ job = Table(
     Column("request_sha256", String(64)),
     UniqueConstraint("owner", "idempotency_key"),
     # Identifications that wait for their robot; the dispatcher looks at them again and again.
-    Index("ix_job_pinned", "number", sqlite_where=text(PINNED), postgresql_where=text(PINNED)),
+    Index("ix_job_pinned", "state", "robot", sqlite_where=text(PINNED), postgresql_where=text(PINNED)),
 )
 
 trial = Table(
@@ -112,6 +113,8 @@ trial = Table(
     Column("truth_sha256", String(64)),
     UniqueConstraint("job_number", "ordinal"),
     Index("ix_trial_queue", "state", "first_choice", "owner", "job_number", "ordinal"),
+    # PostgreSQL finds the first of an order behind "is null" in a partial index only.
+    Index("ix_trial_undrawn", "owner", "job_number", "ordinal", sqlite_where=text(UNDRAWN), postgresql_where=text(UNDRAWN)),
     # No robot ever has two leases.
     Index("ix_trial_lease", "robot", unique=True, sqlite_where=text(LEASED), postgresql_where=text(LEASED)),
 )
@@ -175,6 +178,9 @@ robot = Table(
     Column("host", String(200)),
     Column("drain", Boolean, nullable=False, default=False),
     Column("trials_done", Integer, nullable=False, default=0),
+    Column("faults_in_a_row", Integer, nullable=False, default=0),
+    # Why the farm has taken it out of service.
+    Column("withdrawn", Text),
     Column("first_seen_at", String(40), nullable=False),
 )
 

@@ -18,16 +18,16 @@ def back_up(data: Path, target: Path) -> dict[str, Any]:
     """Copies the farm in ``data`` to ``target``; a later backup to the same folder copies what is new.
 
     The database is copied as it is at one moment; files are written before the rows that name them and never change, so
-    that whatever the copy names is there. The record is written last: a folder with one is whole.
+    that whatever the copy names is there. The record says so last: until then the backup is not whole.
 
     Raises:
         UpkeepError: ``data`` is no farm's folder, or ``target`` holds something else than a backup.
     """
-    if target.exists() and any(target.iterdir()) and folders.record_in(target) is None and not (target / DATABASE).exists():
+    if target.exists() and any(target.iterdir()) and not (target / RECORD).exists():
         raise UpkeepError(f"{target} is not empty and no backup; name a new folder, or that of an earlier backup")
     with folders.opened(data / DATABASE) as farm:
         target.mkdir(parents=True, exist_ok=True, mode=0o700)
-        (target / RECORD).unlink(missing_ok=True)
+        (target / RECORD).write_text(json.dumps({}))
         _copy_database(farm, target / DATABASE)
     with folders.opened(target / DATABASE) as copy:
         form, named = folders.form_of(copy), folders.references(copy)

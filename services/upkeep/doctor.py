@@ -58,7 +58,9 @@ def _database(farm: sqlite3.Connection) -> Iterator[Finding]:
     elif form in {script.revision for script in scripts.walk_revisions()}:
         yield _found("note", "form", f"{form}; this version brings it to {newest} when it starts")
     else:
-        yield _found("problem", "form", f"{form} was made by a newer version than this, which knows {newest}; start the newer one")
+        yield _found(
+            "problem", "form", f"{form} was made by a newer version than this, which knows {newest}; start the newer one"
+        )
 
 
 def _files(farm: sqlite3.Connection, data: Path, *, deep: bool) -> Iterator[Finding]:
@@ -75,13 +77,17 @@ def _files(farm: sqlite3.Connection, data: Path, *, deep: bool) -> Iterator[Find
         yield _found("ok", "content", f"all {len(there)} files are what their names say")
     loose = [path.stat().st_size for name, path in there.items() if name not in named.needed | named.others]
     if loose:
-        yield _found("note", "unused", f"{len(loose)} files of {sum(loose)} bytes belong to nothing; TRIFARM_KEEP_LOGS_DAYS removes such")
+        yield _found(
+            "note", "unused", f"{len(loose)} files of {sum(loose)} bytes belong to nothing; TRIFARM_KEEP_LOGS_DAYS removes such"
+        )
 
 
 def _jobs(farm: sqlite3.Connection, data: Path) -> Iterator[Finding]:
     without = "SELECT job_id FROM job WHERE state = 'succeeded' AND number NOT IN (SELECT job_number FROM report)"
     lost = [row[0] for row in farm.execute(without)]
-    changed = [number for number, body, sha256 in farm.execute("SELECT job_number, body, sha256 FROM report") if _sha(body) != sha256]
+    changed = [
+        number for number, body, sha256 in farm.execute("SELECT job_number, body, sha256 FROM report") if _sha(body) != sha256
+    ]
     if lost or changed:
         yield _found("problem", "reports", f"{len(lost)} are missing ({_some(lost)}), {len(changed)} were changed")
     else:
@@ -89,7 +95,9 @@ def _jobs(farm: sqlite3.Connection, data: Path) -> Iterator[Finding]:
     unended = farm.execute("SELECT count(*) FROM job WHERE state IN ('queued', 'running')").fetchone()[0]
     runs = _is_running(data)
     if unended and not runs:
-        yield _found("note", "jobs", f"{unended} are not over and no farm runs here; 'trifarm up --data {data}' goes on with them")
+        yield _found(
+            "note", "jobs", f"{unended} are not over and no farm runs here; 'trifarm up --data {data}' goes on with them"
+        )
     yield _found("ok", "farm", "runs" if runs else "does not run")
 
 
@@ -116,8 +124,8 @@ def _is_running(data: Path) -> bool:
     return False
 
 
-def _sha(body: bytes) -> str:
-    return hashlib.sha256(body).hexdigest()
+def _sha(body: bytes | str) -> str:
+    return hashlib.sha256(body if isinstance(body, bytes) else body.encode()).hexdigest()
 
 
 def _some(names: list[str]) -> str:

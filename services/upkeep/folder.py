@@ -102,8 +102,8 @@ def copy_small(source: Path, target: Path) -> None:
 def record_in(folder: Path) -> dict[str, object] | None:
     """What a backup says of itself; None when the folder is no whole backup."""
     try:
-        return json.loads((folder / RECORD).read_text())
-    except FileNotFoundError:
+        return json.loads((folder / RECORD).read_text()) or None
+    except (FileNotFoundError, ValueError):
         return None
 
 

@@ -1,7 +1,6 @@
 """Backup while the farm runs, restore elsewhere, the same reports; and a doctor who finds what was broken."""
 
 import json
-import os
 import subprocess
 import sys
 
@@ -21,7 +20,6 @@ def trifarm(*arguments, code=0):
 
 @pytest.fixture(scope="module")
 def farm(tmp_path_factory):
-    os.umask(0o077)
     with services(tmp_path_factory.mktemp("upkeep") / "farm") as running:
         running.start_robots(2, trial_s=0.05, log_bytes=5000, truth=True)
         yield running
@@ -65,7 +63,7 @@ def test_folders_that_cannot_be_used_are_refused_with_a_sentence(farm, done, tmp
         return trifarm(*arguments, code=1)["error"]["detail"]
 
     assert "there is no database" in refused("backup", "--data", tmp_path, "--to", tmp_path / "b")
-    assert "is not empty and no backup" in refused("backup", "--data", farm.data, "--to", farm.data / "logs" / "..")
+    assert "is not empty and no backup" in refused("backup", "--data", farm.data, "--to", farm.data)
     (tmp_path / "half").mkdir()
     assert "is no whole backup" in refused("restore", "--from", tmp_path / "half", "--data", tmp_path / "new")
     trifarm("backup", "--data", farm.data, "--to", tmp_path / "whole")
