@@ -1,5 +1,7 @@
 """PostgreSQL as the home of truth: many writers, none of whom can hold the others up for long."""
 
+from typing import Any
+
 from sqlalchemy import ColumnElement, func, select, text
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
 
@@ -53,6 +55,6 @@ async def dispatch_alone(tx: AsyncConnection) -> None:
         await tx.execute(select(func.pg_advisory_xact_lock(DISPATCHING)))
 
 
-def server_clock_s() -> ColumnElement[float]:
+def server_clock_s() -> ColumnElement[Any]:
     """The clock of the database's host, in seconds since 1970."""
     return func.extract("epoch", func.clock_timestamp())

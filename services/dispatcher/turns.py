@@ -16,7 +16,7 @@ from services.database.tables import UNDRAWN, trial, turn
 from services.jobs.lease import ACTIVE
 
 
-def _next_user(chosen: ColumnElement[bool]) -> Select[Any]:
+def _next_user(chosen: ColumnElement[bool]) -> Select[Any, Any]:
     """Of the users with a trial that is ``chosen`` the one who was served longest ago; one never served comes first."""
     users = select(select(func.min(trial.c.owner)).where(chosen).scalar_subquery().label("owner")).cte("users", recursive=True)
     following = select(func.min(trial.c.owner)).where(chosen, trial.c.owner > users.c.owner).scalar_subquery()

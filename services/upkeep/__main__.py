@@ -1,4 +1,4 @@
-"""``python -m services.upkeep backup|restore|doctor``: one JSON document on stdout; ``{"error": sentence}`` and code 1 if it failed."""
+"""``python -m services.upkeep backup|restore|doctor``: one JSON document on stdout, code 1 and ``{"error": …}`` if it failed."""
 
 import argparse
 import json

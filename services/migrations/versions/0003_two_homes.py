@@ -40,8 +40,8 @@ def upgrade() -> None:
         batch_op.add_column(sa.Column("owner", sa.String(length=64), nullable=False, server_default=""))
     op.execute(OWNERS)
     op.create_index("ix_trial_queue", "trial", ["state", "first_choice", "owner", "job_number", "ordinal"])
-    undrawn = {"sqlite_where": UNDRAWN, "postgresql_where": UNDRAWN}
-    op.create_index("ix_trial_undrawn", "trial", ["owner", "job_number", "ordinal"], **undrawn)
+    undrawn = ["owner", "job_number", "ordinal"]
+    op.create_index("ix_trial_undrawn", "trial", undrawn, sqlite_where=UNDRAWN, postgresql_where=UNDRAWN)
     op.create_index("ix_trial_lease", "trial", ["robot"], unique=True, sqlite_where=LEASED, postgresql_where=LEASED)
     op.create_index("ix_attempt_truth_sha256", "attempt", ["truth_sha256"])
     op.create_index("ix_job_pinned", "job", ["state", "robot"], sqlite_where=PINNED, postgresql_where=PINNED)
