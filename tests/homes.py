@@ -52,6 +52,11 @@ class Postgres:
         finally:
             await connection.close()
 
+    def make_newest(self):
+        """The template of new databases."""
+        now(self.run("CREATE DATABASE newest TEMPLATE template0"))
+        now(migrate(self.url("newest")))
+
     async def empty(self):
         """The address of a new database without tables."""
         name = f"empty{next(self.numbers)}"
@@ -167,8 +172,7 @@ def _wait(answers, process, log, within_s=20):
 @pytest.fixture(scope="session")
 def postgres():
     with postgres_server(*QUICK) as running:
-        now(running.run("CREATE DATABASE newest TEMPLATE template0"))
-        now(migrate(running.url("newest")))
+        running.make_newest()
         yield running
 
 
