@@ -12,7 +12,7 @@ from pathlib import Path
 import structlog
 import uvicorn
 from prometheus_client import CollectorRegistry, ProcessCollector
-from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from api_schemas.jail.detection import detect
 from api_schemas.token import Scope, TokenRequest
@@ -182,7 +182,10 @@ async def _first_tokens(settings: Settings, tokens: Tokens) -> None:
     given = ((settings.admin_token, ADMIN), (settings.robot_token, ROBOT))
     for bearer, request in given:
         if bearer is not None:
-            await tokens.register(bearer, request)
+            try:
+                await tokens.register(bearer, request)
+            except IntegrityError:
+                await tokens.register(bearer, request)  # another process did so at the same time
     if any(bearer is not None for bearer, _ in given) or await tokens.all():
         return
     made = {"admin": (await tokens.make(ADMIN)).secret, "robot": (await tokens.make(ROBOT)).secret}

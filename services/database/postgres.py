@@ -2,7 +2,9 @@
 
 from typing import Any
 
+import asyncpg
 from sqlalchemy import ColumnElement, func, select, text
+from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
 
 SCHEME = "postgresql+asyncpg"
@@ -23,6 +25,8 @@ SESSION = {
     "tcp_keepalives_interval": "2",
     "tcp_keepalives_count": "3",
 }
+AWAY = (OSError, SQLAlchemyError, asyncpg.PostgresError, asyncpg.InterfaceError)
+"""What the way to a server that is stopped, starting, full or cut off may end with."""
 MIGRATING = 0x7472_6966_0001
 DISPATCHING = 0x7472_6966_0002
 BRIEF = text("SET LOCAL synchronous_commit TO OFF")

@@ -8,6 +8,7 @@ from sqlalchemy import (
     BigInteger,
     Boolean,
     Column,
+    Dialect,
     Float,
     ForeignKey,
     Index,
@@ -20,6 +21,7 @@ from sqlalchemy import (
     UniqueConstraint,
     text,
 )
+from sqlalchemy.types import TypeDecorator
 
 metadata = MetaData(
     naming_convention={
@@ -29,6 +31,18 @@ metadata = MetaData(
         "pk": "pk_%(table_name)s",
     }
 )
+
+
+class Words(TypeDecorator[str]):
+    """Text from outside, without the character NUL: PostgreSQL refuses it, so that one in an error would keep a trial from ending."""
+
+    impl = Text
+    cache_ok = True
+
+    def process_bind_param(self, value: str | None, dialect: Dialect) -> str | None:  # noqa: ARG002  SQLAlchemy's signature
+        """What is stored."""
+        return None if value is None else value.replace("\0", "\ufffd")
+
 
 # SQLite numbers rows by itself only for a column of exactly the type INTEGER.
 NUMBER = BigInteger().with_variant(Integer, "sqlite")
@@ -41,7 +55,7 @@ policy = Table(
     metadata,
     Column("number", NUMBER, primary_key=True, autoincrement=True),
     Column("digest", String(64), nullable=False, unique=True),
-    Column("name", String(100), nullable=False),
+    Column("name", Words(100), nullable=False),
     Column("weights_format", String(16), nullable=False),
     Column("weights_sha256", String(64), nullable=False),
     Column("weights_bytes", BigInteger, nullable=False),
@@ -59,7 +73,7 @@ job = Table(
     Column("job_id", String(20), nullable=False, unique=True),
     Column("state", String(16), nullable=False, index=True),
     Column("policy", String(64), ForeignKey("policy.digest")),
-    Column("policy_name", String(100)),
+    Column("policy_name", Words(100)),
     Column("task", String(32), nullable=False),
     Column("object", String(32), nullable=False, default="cube"),
     Column("object_scale", Float, nullable=False, default=1.0),
@@ -74,7 +88,7 @@ job = Table(
     Column("created_s", Float, nullable=False),
     Column("started_at", String(40)),
     Column("ended_at", String(40)),
-    Column("reason", Text),
+    Column("reason", Words),
     Column("cancel_requested", Boolean, nullable=False, default=False),
     Column("trials_done", Integer, nullable=False, default=0),
     Column("trials_active", Integer, nullable=False, default=0),
@@ -101,7 +115,7 @@ trial = Table(
     Column("excitation", String(32)),
     Column("robot_order", Text, nullable=False, default="[]"),
     Column("first_choice", String(40)),
-    Column("departure", Text),
+    Column("departure", Words),
     Column("passed_over_s", Float),
     Column("fence", Integer, nullable=False, default=0),
     Column("robot", String(40)),
@@ -135,8 +149,8 @@ attempt = Table(
     Column("job_number", NUMBER, nullable=False, index=True),
     Column("robot", String(40), nullable=False),
     Column("state", String(16), nullable=False),
-    Column("reason", Text),
-    Column("departure", Text),
+    Column("reason", Words),
+    Column("departure", Words),
     Column("started_at", String(40), nullable=False),
     Column("ended_at", String(40)),
     Column("outcome", Text),
@@ -154,7 +168,7 @@ event = Table(
     Column("kind", String(24), nullable=False),
     Column("trial_ordinal", Integer),
     Column("robot", String(40)),
-    Column("text", Text, nullable=False),
+    Column("text", Words, nullable=False),
     Column("trials_done", Integer, nullable=False),
     Column("successes", Integer, nullable=False),
     Column("state", String(16), nullable=False),
@@ -180,7 +194,7 @@ robot = Table(
     Column("trials_done", Integer, nullable=False, default=0),
     Column("faults_in_a_row", Integer, nullable=False, default=0),
     # Why the farm has taken it out of service.
-    Column("withdrawn", Text),
+    Column("withdrawn", Words),
     Column("first_seen_at", String(40), nullable=False),
 )
 
