@@ -67,6 +67,11 @@ class Settings(BaseSettings):
     dispatches: bool = Field(default=True, description="false: this process answers requests and gives no leases")
     user_trials_at_once: int | None = Field(default=None, ge=1, description="how many trials one user may have running")
 
+    keep_logs_days: float | None = Field(
+        default=None, gt=0, description="logs that no report refers to are removed after so long"
+    )
+    keep_logs_bytes: int | None = Field(default=None, ge=0, description="and the oldest of them where they are more than this")
+
     @model_validator(mode="after")
     def _tls_is_whole(self) -> Self:
         if (self.tls_certificate is None) != (self.tls_key is None):
