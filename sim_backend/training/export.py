@@ -34,14 +34,13 @@ class ExportedPolicy:
             x = np.linspace(-1, 1, self.manifest.bins)[x.reshape(len(x), 9, -1).argmax(axis=2)]
         if after.clip is not None:
             x = np.clip(x, -after.clip, after.clip)
-        assert isinstance(after.scale, float)
-        return x * after.scale
+        return x * np.asarray(after.scale) + np.asarray(0.0 if after.offset is None else after.offset)
 
 
 def exported(policy: ActorCritic, manifest: PolicyManifest, name: str) -> ExportedPolicy:
     """The actor alone; what it takes from differences of places goes into its first layer, which is the same sum."""
     inputs, n = policy.features_extractor, policy.features_extractor.seen
-    linear = [module for module in policy.mlp_extractor.actor if hasattr(module, "weight")] + [policy.action_net]
+    linear = [*policy.actor_layers, policy.action_net]
     weights = [(layer.weight.detach().double().numpy(), layer.bias.detach().double().numpy()) for layer in linear]
     mean, variance = inputs.mean[:n].double().numpy(), inputs.variance[:n].double().numpy()
     differences, (weight, bias) = inputs.differences.double().numpy(), weights[0]

@@ -71,7 +71,7 @@ class Run:
             self._look_around()
         left = self.recipe.samples - self.model.num_timesteps
         if left > 0:
-            self.model.learn(left, Watch(self), reset_num_timesteps=False, log_interval=None)
+            self.model.learn(left, Watch(self), reset_num_timesteps=False, log_interval=1)
 
     def evaluate(self) -> list[Tried]:
         """Try the policy as it is, on the goals that all evaluations of the run have."""
