@@ -1,8 +1,23 @@
 """The HTTP application: all routes over one farm."""
 
 from fastapi import FastAPI
+from fastapi.routing import APIRoute
 
-from services.api import history, identifications, jobs, leases, overview, policies, problems, robots, token_routes, trials, truth
+from services.api import (
+    document,
+    history,
+    identifications,
+    jobs,
+    leases,
+    overview,
+    policies,
+    problems,
+    robots,
+    token_routes,
+    trials,
+    truth,
+)
+from services.api.door import Door
 from services.api.farm import Farm
 
 
@@ -15,8 +30,11 @@ def create_app(farm: Farm) -> FastAPI:
         # A JSON body is taken as such also when its sender forgot to say so; no browser holds these tokens.
         strict_content_type=False,
     )
-    app.state.farm = farm
+    app.state.farm, app.state.operations = farm, []
     problems.install(app)
+    document.install(app)
+    app.add_middleware(Door, settings=farm.settings, tokens=farm.tokens)
     for module in (overview, policies, jobs, identifications, history, trials, truth, leases, robots, token_routes):
         app.include_router(module.router)
+        app.state.operations += [route for route in module.router.routes if isinstance(route, APIRoute)]
     return app

@@ -1,4 +1,4 @@
-"""The tables: policies, jobs, trials, attempts, events, reports, robots and tokens.
+"""The tables: policies and their owners, jobs, trials, attempts, events, reports, robots, turns of users, and tokens.
 
 States are stored as the words of ``api_schemas``; times for people as ISO 8601 text in UTC, times that are compared as
 seconds of the farm's clock. Every statement that uses these tables runs on SQLite and on PostgreSQL.
@@ -18,6 +18,7 @@ from sqlalchemy import (
     Table,
     Text,
     UniqueConstraint,
+    text,
 )
 
 metadata = MetaData(
@@ -31,6 +32,8 @@ metadata = MetaData(
 
 # SQLite numbers rows by itself only for a column of exactly the type INTEGER.
 NUMBER = BigInteger().with_variant(Integer, "sqlite")
+LEASED = "state IN ('leased', 'running')"
+PINNED = "robot IS NOT NULL AND state IN ('queued', 'running')"
 
 policy = Table(
     "policy",
@@ -46,6 +49,16 @@ policy = Table(
     Column("warnings", Text, nullable=False),
     Column("owner", String(64), nullable=False),
     Column("created_at", String(40), nullable=False),
+)
+
+policy_owner = Table(
+    "policy_owner",
+    metadata,
+    Column("number", NUMBER, primary_key=True, autoincrement=True),
+    Column("digest", String(64), ForeignKey("policy.digest"), nullable=False),
+    Column("owner", String(64), nullable=False),
+    Column("created_at", String(40), nullable=False),
+    UniqueConstraint("owner", "digest"),
 )
 
 job = Table(
@@ -81,6 +94,9 @@ job = Table(
     Column("idempotency_key", String(200)),
     Column("request_sha256", String(64)),
     UniqueConstraint("owner", "idempotency_key"),
+    Index("ix_job_owner_state", "owner", "state"),
+    # Identifications that wait for their robot; the dispatcher looks at them again and again.
+    Index("ix_job_pinned", "number", sqlite_where=text(PINNED), postgresql_where=text(PINNED)),
 )
 
 trial = Table(
@@ -88,6 +104,7 @@ trial = Table(
     metadata,
     Column("trial_id", String(30), primary_key=True),
     Column("job_number", NUMBER, ForeignKey("job.number"), nullable=False),
+    Column("owner", String(64), nullable=False),
     Column("ordinal", Integer, nullable=False),
     Column("state", String(16), nullable=False),
     Column("seed", BigInteger, nullable=False),
@@ -105,7 +122,17 @@ trial = Table(
     Column("log_bytes", BigInteger),
     Column("truth_sha256", String(64)),
     UniqueConstraint("job_number", "ordinal"),
-    Index("ix_trial_queue", "state", "first_choice", "job_number", "ordinal"),
+    Index("ix_trial_queue", "state", "first_choice", "owner", "job_number", "ordinal"),
+    # No robot ever has two leases.
+    Index("ix_trial_lease", "robot", unique=True, sqlite_where=text(LEASED), postgresql_where=text(LEASED)),
+)
+
+turn = Table(
+    "turn",
+    metadata,
+    Column("owner", String(64), primary_key=True),
+    # When a trial of his was last leased; who has waited longest comes next.
+    Column("served_s", Float, nullable=False),
 )
 
 attempt = Table(
@@ -158,6 +185,7 @@ robot = Table(
     Column("pid", Integer),
     Column("host", String(200)),
     Column("drain", Boolean, nullable=False, default=False),
+    Column("trials_done", Integer, nullable=False, default=0),
     Column("first_seen_at", String(40), nullable=False),
 )
 
@@ -172,4 +200,7 @@ token = Table(
     Column("expires_at", String(40)),
     Column("last_used_at", String(40)),
     Column("revoked_at", String(40)),
+    # A token of one robot, and the token of the farm that it was derived from.
+    Column("robot", String(40)),
+    Column("parent", String(20)),
 )

@@ -164,6 +164,15 @@ class Fleet:
             if member.lease is not None and member.lease not in active:
                 self.freed(member.lease, done=False)
 
+    def learn(self, claim: Claim, renewed_s: float, *, accepted: bool) -> None:
+        """Takes a lease from the database that another process may have written, or had renewed."""
+        member = self.member(claim.robot)
+        if member.lease is None and member.ended != claim:
+            self.leased(claim, renewed_s, accepted=accepted)
+        if member.lease == claim:
+            member.lease_accepted = member.lease_accepted or accepted
+            member.renewed_s = max(member.renewed_s, renewed_s)
+
     def snapshot(self, robot: str) -> Member | None:
         """A copy of what is known of the robot; None when it was never seen."""
         member = self.members.get(robot)

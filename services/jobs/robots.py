@@ -1,40 +1,71 @@
 """What the database keeps of robots: who ever joined, the operator's wish to drain, and the leases they hold."""
 
-from sqlalchemy import func, insert, select, update
+from sqlalchemy import bindparam, insert, or_, select, update
+from sqlalchemy.exc import IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.bus import Heartbeat
-from api_schemas.trial import AttemptState, TrialState
-from services.database.tables import attempt, robot, trial
+from api_schemas.trial import TrialState
+from services.database.tables import robot, trial
 from services.errors import NotFound
 from services.jobs.claim import Claim
 from services.jobs.clock import iso
 from services.jobs.fleet import Fleet
 from services.jobs.lease import ACTIVE
 
+_COUNT_DONE = update(robot).where(robot.c.robot == bindparam("of_robot")).values(trials_done=robot.c.trials_done + 1)
+_ACTIVE_ON = select(trial.c.trial_id, trial.c.fence).where(trial.c.robot == bindparam("of_robot"), trial.c.state.in_(ACTIVE))
 
-async def load(tx: AsyncConnection, fleet: Fleet, now_s: float, lease_s: float) -> None:
-    """Puts what the database knows into an empty fleet, and gives open leases their full time again.
 
-    The clock of the process that wrote the leases is gone; their robots need a moment to find this one.
+async def load(tx: AsyncConnection, fleet: Fleet, now_s: float, lease_s: float, *, prolong: bool) -> None:
+    """Puts what the database knows into an empty fleet; ``prolong`` gives open leases their full time again.
+
+    Where one process alone writes, its last clock is gone, and robots need a moment to find this one. Where others write
+    too, they have gone on counting.
     """
-    for row in await tx.execute(select(robot.c.robot, robot.c.drain)):
-        fleet.member(row.robot).drain = row.drain
-    done = select(attempt.c.robot, func.count().label("done")).where(attempt.c.state == AttemptState.ACCEPTED)
-    for row in await tx.execute(done.group_by(attempt.c.robot)):
-        fleet.member(row.robot).trials_done = row.done
-    prolonged = update(trial).where(trial.c.state.in_(ACTIVE)).values(lease_until_s=now_s + lease_s)
-    for row in await tx.execute(prolonged.returning(trial.c.trial_id, trial.c.fence, trial.c.robot, trial.c.state)):
+    await refresh(tx, fleet)
+    of_active = select(trial.c.trial_id, trial.c.fence, trial.c.robot, trial.c.state).where(trial.c.state.in_(ACTIVE))
+    rows = (await tx.execute(of_active)).all()
+    if prolong:
+        await tx.execute(update(trial).where(trial.c.state.in_(ACTIVE)).values(lease_until_s=now_s + lease_s))
+    for row in rows:
         claim = Claim(row.trial_id, row.fence, row.robot)
         fleet.leased(claim, now_s, accepted=row.state == TrialState.RUNNING)
 
 
-async def keep(tx: AsyncConnection, beat: Heartbeat, now_s: float) -> None:
-    """Writes down a robot that joined or whose process started anew."""
+async def refresh(connection: AsyncConnection, fleet: Fleet) -> None:
+    """Puts the operators' wishes and the counts of trials into the fleet, as they are in the database."""
+    for row in await connection.execute(select(robot.c.robot, robot.c.drain, robot.c.trials_done)):
+        member = fleet.member(row.robot)
+        member.drain, member.trials_done = row.drain, row.trials_done
+
+
+async def keep(tx: AsyncConnection, beat: Heartbeat, now_s: float) -> bool:
+    """Writes down a robot that joined or whose process started anew; false when somebody had done so before."""
     named = {"instance": beat.instance, "pid": beat.pid, "host": beat.host}
-    changed = await tx.execute(update(robot).where(robot.c.robot == beat.robot).values(**named))
-    if changed.rowcount == 0:
-        await tx.execute(insert(robot).values(robot=beat.robot, drain=False, first_seen_at=iso(now_s), **named))
+    other = or_(robot.c.instance != beat.instance, robot.c.instance.is_(None))
+    changed = await tx.execute(update(robot).where(robot.c.robot == beat.robot, other).values(**named))
+    if changed.rowcount:
+        return True
+    if (await tx.execute(select(robot.c.robot).where(robot.c.robot == beat.robot))).first() is not None:
+        return False
+    try:
+        async with tx.begin_nested():
+            await tx.execute(insert(robot).values(robot=beat.robot, drain=False, first_seen_at=iso(now_s), **named))
+    except IntegrityError:
+        return False  # another process of the services heard it too
+    return True
+
+
+async def held_by(connection: AsyncConnection, name: str) -> Claim | None:
+    """The attempt that the robot has a lease for."""
+    row = (await connection.execute(_ACTIVE_ON, {"of_robot": name})).first()
+    return None if row is None else Claim(row.trial_id, row.fence, name)
+
+
+async def count_done(tx: AsyncConnection, name: str) -> None:
+    """One more outcome of the robot was accepted."""
+    await tx.execute(_COUNT_DONE, {"of_robot": name})
 
 
 async def wish_drain(tx: AsyncConnection, name: str, *, drain: bool) -> None:

@@ -8,13 +8,13 @@ from pathlib import Path
 from api_schemas.jail.level import JailLevel
 from services.child import ChildKilledError, Ended, run_module
 from services.errors import Refused, Unavailable
-from services.policies.conversion import SMOKE_CPU_S
-from services.policies.unfit import UnfitError, refused
+from services.policies.conversion import DRY_RUN_CPU_S
+from services.policies.unfit import UnfitError, refused, too_slow
 
 
 @dataclass(frozen=True)
 class Converted:
-    """The graph's file, and what the smoke run found worth saying."""
+    """The graph's file, and what the dry run found worth saying."""
 
     graph: Path
     warnings: tuple[str, ...]
@@ -61,9 +61,9 @@ def _read(ended: Ended, out: Path, filename: str) -> Converted:
     if "problem" in last:
         raise refused(UnfitError(**last["problem"]), filename)
     if "warnings" in last:
-        return Converted(out, tuple(f"Smoke run: the network {warning}." for warning in last["warnings"]))
+        return Converted(out, tuple(f"Dry run: the policy {warning}." for warning in last["warnings"]))
     if last.get("converted") and ended.status == -signal.SIGPROF:
-        return Converted(out, (f"Smoke run: the network used more than {SMOKE_CPU_S:g} s of CPU time and was stopped.",))
+        raise refused(too_slow(f"the network used more than {DRY_RUN_CPU_S:g} s of CPU time and was stopped"), filename)
     raise _failed(f"the converting process {ended.how}", filename)
 
 

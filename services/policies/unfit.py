@@ -41,6 +41,16 @@ def not_finite(part: str) -> UnfitError:
     )
 
 
+def too_slow(why: str) -> UnfitError:
+    """The error for a network that cannot keep its rate."""
+    return UnfitError(
+        why,
+        part="the dry run",
+        instead="send a smaller network, or state a lower rate_hz if it was trained with one",
+        slug="dry-run-too-slow",
+    )
+
+
 def problem_of(error: UnfitError, filename: str | None) -> dict[str, str]:
     """The error as the members of a problem document: slug, detail, file, part and instead."""
     file = printable(filename)

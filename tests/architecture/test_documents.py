@@ -1,5 +1,6 @@
 """What the documents name exists, and the Makefile stays small."""
 
+import json
 import re
 from pathlib import Path
 
@@ -55,3 +56,16 @@ def test_no_file_is_over_300_lines_without_saying_why():
             text = path.read_text()
             if text.count("\n") > 300:
                 assert "one thing" in text.split('"""')[1], f"{path.relative_to(ROOT)} is over 300 lines"
+
+
+def test_documented_detection_limits_are_those_that_are_used():
+    text = (ROOT / "docs/detection-limits.md").read_text()
+    joints = json.loads((ROOT / "sim_backend/reality_gap/blind_test/detection_limits.json").read_text())["limits"]
+    cube = json.loads((ROOT / "sim_backend/reality_gap/cube/calibration.json").read_text())["limits"]
+    sides = {"": "", ".down": ", below nominal", ".up": ", above nominal"}
+    used = [(f"`{name}`", f"{value:.3g}") for name, value in joints.items()]
+    for key, value in cube.items():
+        name = key.partition(".")[0]
+        used.append((f"`{name}`{sides[key.removeprefix(name)]}", f"{value:.3g}"))
+    documented = re.findall(r"^\| (`[a-z0-9_.]+`(?:, \w+ nominal)?) \| ([-0-9.e]+) \|", text, re.MULTILINE)
+    assert documented == used

@@ -140,7 +140,7 @@ def test_an_outcome_can_name_no_other_truth_than_its_own(tmp_path):
         farm.start_robots(1, trial_s=60, renew_s=60)
         job_id = farm.submit(farm.policy(), trials=1).json()["job_id"]
         until(lambda: farm.job(job_id)["trials_running"] == 1, 10, "the trial to run")
-        robot, lease = farm.client(farm.tokens["robot"]), f"/v1/leases/{job_id}-000/1"
+        robot, lease = farm.robot_client("robot-0"), f"/v1/leases/{job_id}-000/1"
         log = robot.put(f"{lease}/log", content=b"log").json()["sha256"]
         outcome = {"kind": "failed", "fault": "none", "reason": "missed"}
         body = {"robot": "robot-0", "fence": 1, "outcome": outcome, "log_sha256": log}

@@ -4,11 +4,12 @@ import subprocess
 import sys
 
 import pytest
-from sqlalchemy import insert, inspect, select, text
+from sqlalchemy import insert, select, text
 from sqlalchemy.exc import IntegrityError
 
-from services.database.database import Database, integrity_check, migrate
-from services.database.tables import job, metadata, token
+from services.database.database import Database, migrate
+from services.database.sqlite import integrity_check
+from services.database.tables import job, token
 
 JOB = {"job_id": "j2", "state": "queued", "task": "identify", "trials": 1, "seed": 1, "seed_drawn_by_server": True}
 JOB |= {"owner": "ann", "created_at": "now", "created_s": 0.0, "any_robot": True}
@@ -22,25 +23,6 @@ async def database(tmp_path):
     opened = Database(url)
     yield opened
     await opened.close()
-
-
-async def test_migrations_make_exactly_the_tables_that_the_code_uses(database):
-    def shape(connection):
-        found = inspect(connection)
-        tables = {name: {each["name"]: each["nullable"] for each in found.get_columns(name)} for name in found.get_table_names()}
-        indexes = {name: {each["name"] for each in found.get_indexes(name)} for name in tables}
-        return tables, indexes
-
-    async with database.read() as connection:
-        tables, indexes = await connection.run_sync(shape)
-    tables.pop("alembic_version")
-    assert tables == {t.name: {c.name: c.nullable for c in t.columns} for t in metadata.sorted_tables}
-    for table in metadata.sorted_tables:
-        assert indexes[table.name] == {index.name for index in table.indexes}
-
-
-async def test_migrating_twice_changes_nothing(database):
-    await migrate(database.url)
 
 
 FIRST_FORM = """
@@ -166,26 +148,26 @@ async def test_an_acknowledged_commit_is_synced_to_disk(database):
         assert (await tx.execute(text("PRAGMA synchronous"))).scalar() == 2
 
 
-async def test_an_error_takes_the_whole_transaction_back(database):
+async def test_an_error_takes_the_whole_transaction_back(new_database):
     with pytest.raises(ZeroDivisionError):
-        async with database.write() as tx:
+        async with new_database.write() as tx:
             await tx.execute(insert(token).values(ROW))
             raise ZeroDivisionError
-    async with database.read() as connection:
+    async with new_database.read() as connection:
         assert (await connection.execute(select(token))).all() == []
 
 
-async def test_writers_take_turns_and_readers_see_only_what_is_committed(database):
+async def test_many_write_at_once_and_readers_see_only_what_is_committed(new_database):
     async def write(name):
-        async with database.write() as tx:
+        async with new_database.write() as tx:
             await tx.execute(insert(token).values(ROW | {"token_id": name}))
-            async with database.read() as connection:
+            async with new_database.read() as connection:
                 seen = (await connection.execute(select(token.c.token_id))).scalars().all()
             assert name not in seen
             await asyncio.sleep(0)
 
     await asyncio.gather(*(write(str(number)) for number in range(20)))
-    async with database.read() as connection:
+    async with new_database.read() as connection:
         assert len((await connection.execute(select(token))).all()) == 20
 
 

@@ -1,0 +1,53 @@
+"""two homes: users take turns, a robot has one lease, and what several processes count is counted in the database
+
+Revision ID: 0003
+Revises: 0002
+"""
+
+import sqlalchemy as sa
+from alembic import op
+
+revision = "0004"
+down_revision = "0003"
+branch_labels = None
+depends_on = None
+
+LEASED = sa.text("state IN ('leased', 'running')")
+PINNED = sa.text("robot IS NOT NULL AND state IN ('queued', 'running')")
+OWNERS = "UPDATE trial SET owner = (SELECT job.owner FROM job WHERE job.number = trial.job_number)"
+DONE = (
+    "UPDATE robot SET trials_done = "
+    "(SELECT count(*) FROM attempt WHERE attempt.robot = robot.robot AND attempt.state = 'accepted')"
+)
+
+
+def upgrade() -> None:
+    op.create_table(
+        "turn",
+        sa.Column("owner", sa.String(length=64), nullable=False),
+        sa.Column("served_s", sa.Float(), nullable=False),
+        sa.PrimaryKeyConstraint("owner", name=op.f("pk_turn")),
+    )
+    with op.batch_alter_table("robot", schema=None) as batch_op:
+        batch_op.add_column(sa.Column("trials_done", sa.Integer(), nullable=False, server_default="0"))
+    op.execute(DONE)
+
+    op.drop_index("ix_trial_queue", "trial")
+    with op.batch_alter_table("trial", schema=None) as batch_op:
+        batch_op.add_column(sa.Column("owner", sa.String(length=64), nullable=False, server_default=""))
+    op.execute(OWNERS)
+    op.create_index("ix_trial_queue", "trial", ["state", "first_choice", "owner", "job_number", "ordinal"])
+    op.create_index("ix_trial_lease", "trial", ["robot"], unique=True, sqlite_where=LEASED, postgresql_where=LEASED)
+    op.create_index("ix_job_pinned", "job", ["number"], sqlite_where=PINNED, postgresql_where=PINNED)
+
+
+def downgrade() -> None:
+    op.drop_index("ix_job_pinned", "job")
+    op.drop_index("ix_trial_lease", "trial")
+    op.drop_index("ix_trial_queue", "trial")
+    with op.batch_alter_table("trial", schema=None) as batch_op:
+        batch_op.drop_column("owner")
+    op.create_index("ix_trial_queue", "trial", ["state", "first_choice", "job_number", "ordinal"])
+    with op.batch_alter_table("robot", schema=None) as batch_op:
+        batch_op.drop_column("trials_done")
+    op.drop_table("turn")
