@@ -114,14 +114,14 @@ def summary_of_rates(blocks: list[dict]) -> dict:
 
 
 def ppo_shares(recipe: str, threads: int, iterations: int) -> dict:
-    """What the loop of PPO spends its time on, as shares of the clock."""
+    """What the loop of PPO spends its time on, as shares of the clock, once all robots have begun."""
     from sim_backend.training.recipe import load_recipe
     from sim_backend.training.train import Run
 
     name, settings = load_recipe(recipe)
     samples = settings.ppo.robots * settings.ppo.steps * iterations
     quick = settings.model_copy(update={"samples": samples, "minutes": None})
-    watches = {name: Stopwatch() for name in ("physics", "environment", "act", "update")}
+    watches = {name: Stopwatch() for name in ("begin", "physics", "environment", "act", "update")}
     with tempfile.TemporaryDirectory() as folder:
         run = Run(name, quick, Path(folder), threads=threads, tell=lambda _line: None)
         _watch(watches["physics"], run.robots.environment._driver, "advance_torques")
@@ -129,12 +129,14 @@ def ppo_shares(recipe: str, threads: int, iterations: int) -> dict:
         for method in ("forward", "predict_values"):
             _watch(watches["act"], run.policy, method)
         _watch(watches["update"], run.model, "train")
+        _watch(watches["begin"], run.robots, "reset")
         run._look_around()
         for watch in watches.values():
             watch.wall_s = watch.cpu_s = 0.0
         whole = Stopwatch()
         run.model.num_timesteps = 1  # it has looked around already
         whole(run.learn)
+    whole.wall_s, whole.cpu_s = whole.wall_s - watches["begin"].wall_s, whole.cpu_s - watches["begin"].cpu_s
     spent = {name: watch.wall_s / whole.wall_s for name, watch in watches.items()}
     networks = spent["act"] + spent["update"]
     return {

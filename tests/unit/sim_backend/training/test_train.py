@@ -1,6 +1,8 @@
 """A run in small: what it exports is what it learned, it goes on where it stopped, and a critic may know more than the actor."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -64,6 +66,28 @@ def test_what_is_exported_is_what_was_learned(tmp_path, action, privileged):
     acts = policy(seen["seen"] if privileged else seen)
     close = np.isclose(acts, wanted, atol=1e-5)
     assert close.mean() > (0.99 if action == "dactyl bins" else 1 - 1e-9)  # two bins may be equally preferred
+
+
+def test_a_memory_is_exported_with_the_policy(tmp_path):
+    from sim_backend.evaluation import Remembering
+
+    networks = {"actor": (8,), "critic": (8,), "memory": 6}
+    run = Run("lstm", recipe(networks=networks, physics="real"), tmp_path, threads=1, tell=lambda _: None)
+    run.learn()
+    path = write_policy(run.exported(), tmp_path, "lstm")
+    policy, states = read_policy(path), None
+    assert isinstance(policy, Remembering)
+    policy.begin(25)
+    seen, beginning = run.robots.reset(), np.ones(25, dtype=bool)
+    for _ in range(3):
+        learned, states = run.policy.predict(seen, states, beginning, deterministic=True)
+        wanted = run.robots.environment.practice.action_space.to_command(learned)
+        np.testing.assert_allclose(policy(seen), wanted, atol=1e-5)
+        seen, beginning = run.robots.step(learned)[0], np.zeros(25, dtype=bool)
+    files = [str(path), str(path.with_suffix(".json")), str(tmp_path / "lstm.onnx")]
+    command = [sys.executable, "-m", "services.policies.conversion", *files, "none"]
+    done = subprocess.run(command, check=False, capture_output=True, text=True, cwd=tmp_path)
+    assert (tmp_path / "lstm.onnx").exists(), done.stdout + done.stderr
 
 
 def test_a_stopped_run_goes_on(tmp_path, capsys):
