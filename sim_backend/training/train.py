@@ -9,6 +9,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -170,6 +171,7 @@ class Run:
 
     @torch.no_grad()
     def _values(self, observation) -> np.ndarray:
+        assert isinstance(self.policy, ActorCritic)
         tensors = self.policy.obs_to_tensor(observation)[0]
         return self.policy.predict_values(tensors).flatten().numpy()
 
@@ -192,6 +194,7 @@ def practice_of_recipe(recipe: Recipe, randomizer: Randomizer) -> Practice:
 def _ppo(recipe: Recipe, robots: NormalisedReturns) -> PPO | RecurrentPPO:
     ppo, networks = recipe.ppo, recipe.networks
     first, last = ppo.learning_rate, ppo.final_learning_rate or ppo.learning_rate
+    method: Any
     method, policy = (PPO, ActorCritic) if networks.memory is None else (RecurrentPPO, RecurrentActorCritic)
     return method(
         policy,

@@ -1,8 +1,10 @@
 """A run in small: what it exports is what it learned, it goes on where it stopped, and a critic may know more than the actor."""
 
 import json
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -109,7 +111,8 @@ def test_a_stopped_run_goes_on(tmp_path, capsys):
     assert second["returns"][2] > first["returns"][2]
     weights = [state["policy"]["action_net.weight"] for state in (first, second)]
     assert (weights[0] != weights[1]).any()
-    assert list(document(record, folder))[:2] == ["folder", "policy"]
+    page = (Path(__file__).parents[4] / "docs" / "cli.md").read_text().split("### `trifarm train RECIPE`")[1]
+    assert re.findall("`([^`]+)`", re.search(r"^JSON keys: (.*)$", page, re.MULTILINE)[1]) == list(document(record, folder))
 
 
 def test_levels_follow_each_other(tmp_path):
