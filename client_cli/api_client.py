@@ -20,6 +20,7 @@ from api_schemas.excitation import IdentificationRequest
 from api_schemas.job import Job, JobEvent, JobPage, JobRequest, JobState
 from api_schemas.policy import Policy, PolicyManifest, canonical_json
 from api_schemas.robot import Robot, RobotPage
+from api_schemas.signature import Signature
 from api_schemas.status import FarmStatus
 from api_schemas.token import NewToken, TokenPage, TokenRequest
 from api_schemas.trial import Trial, TrialPage
@@ -167,6 +168,10 @@ class ApiClient:
     def report_text(self, job_id: str) -> str:
         """The report for people."""
         return self._send("GET", f"/v1/jobs/{job_id}/report/text").text
+
+    def signature(self, job_id: str) -> Signature:
+        """The farm's word for the report."""
+        return self._get(Signature, f"/v1/jobs/{job_id}/report/signature")
 
     def robots(self) -> RobotPage:
         """All robots."""

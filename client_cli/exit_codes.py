@@ -13,6 +13,8 @@ class ExitCode(IntEnum):
     SERVER_AWAY = 4
     REFUSED = 5
     DIFFERS = 6
+    WORSE = 7
+    UNVERIFIED = 8
     INTERRUPTED = 130
 
 
@@ -23,7 +25,9 @@ MEANING: dict[ExitCode, str] = {
     ExitCode.JOB_WITHOUT_REPORT: "the job failed or was cancelled",
     ExitCode.SERVER_AWAY: "no server answers",
     ExitCode.REFUSED: "the server refused",
-    ExitCode.DIFFERS: "the replay differs from the log",
+    ExitCode.DIFFERS: "the replay differs from the log, or the report was changed",
+    ExitCode.WORSE: "a compared job is worse than the first",
+    ExitCode.UNVERIFIED: "the report is signed by a key that is not known here",
     ExitCode.INTERRUPTED: "interrupted by Ctrl-C",
 }
 

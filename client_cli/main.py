@@ -9,6 +9,7 @@ import typer
 from client_cli import (
     cancel,
     check,
+    compare,
     demo,
     effects,
     fetch,
@@ -25,6 +26,7 @@ from client_cli import (
     token,
     train,
     up,
+    verify,
     watch,
 )
 from client_cli.errors import ClientError, error_document, error_line
@@ -48,6 +50,8 @@ app.command(epilog=epilog(*OF_EVERY_REQUEST))(jobs.jobs)
 app.command(epilog=epilog(*JOB_END))(watch.watch)
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(cancel.cancel)
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(report.report)
+app.command("compare", epilog=epilog(*OF_EVERY_REQUEST, ExitCode.WORSE))(compare.compare_jobs)
+app.command(epilog=epilog(*OF_A_CHILD, ExitCode.DIFFERS, ExitCode.UNVERIFIED))(verify.verify)
 app.command(epilog=epilog(*JOB_END))(fetch.fetch)
 app.command(epilog=epilog(*OF_EVERY_REQUEST, ExitCode.DIFFERS))(replay.replay)
 app.command(epilog=epilog(*OF_A_CHILD))(effects.effects)

@@ -18,6 +18,7 @@ from api_schemas.token import Scope, TokenRequest
 from services.api.app import create_app
 from services.api.farm import Farm
 from services.api.tokens import Tokens
+from services.dashboard.mount import mount
 from services.database.database import Database, address, migrate
 from services.dispatcher.bus import Bus
 from services.dispatcher.dispatcher import Dispatcher, Metrics
@@ -53,8 +54,10 @@ class Server(uvicorn.Server):
 async def serve(settings: Settings) -> None:
     """Serves until SIGINT, SIGTERM or the end of the parent process."""
     async with open_farm(settings) as farm, dispatching(farm):
+        app = create_app(farm)
+        mount(app, farm)
         config = uvicorn.Config(
-            create_app(farm),
+            app,
             host=settings.host,
             port=settings.port,
             lifespan="off",

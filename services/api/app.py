@@ -13,6 +13,7 @@ from services.api import (
     policies,
     problems,
     robots,
+    signatures,
     token_routes,
     trials,
     truth,
@@ -34,7 +35,8 @@ def create_app(farm: Farm) -> FastAPI:
     problems.install(app)
     document.install(app)
     app.add_middleware(Door, settings=farm.settings, tokens=farm.tokens)
-    for module in (overview, policies, jobs, identifications, history, trials, truth, leases, robots, token_routes):
+    users = (overview, policies, jobs, signatures, identifications, history, trials, truth)
+    for module in (*users, leases, robots, token_routes):
         app.include_router(module.router)
         app.state.operations += [route for route in module.router.routes if isinstance(route, APIRoute)]
     return app

@@ -10,7 +10,7 @@ from contextlib import suppress
 
 import structlog
 from sqlalchemy.exc import DBAPIError
-from starlette.datastructures import Headers, MutableHeaders
+from starlette.datastructures import MutableHeaders
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Send
 from starlette.types import Scope as Asgi
@@ -26,6 +26,8 @@ RECHECK_S = 0.3
 WATCHED = frozenset({"GET", "HEAD"})
 """Answers that are cut off. A change is not: its token is looked at while its body comes in, and then it is carried out."""
 UNAUTHORISED = 401
+SESSION_COOKIE = "trifarm_session"
+"""In which a browser that has signed in on the dashboard shows its sealed token."""
 REVOKED = "The token of this request ended while it was answered; ask for a new one."
 
 
@@ -149,9 +151,11 @@ class _Watch:
 
 
 def _key(scope: Asgi) -> str:
-    """The hash of the token that is shown, under which it is known here; empty without one."""
-    kind, _, bearer = Headers(scope=scope).get("authorization", "").partition(" ")
-    return hashlib.sha256(bearer.encode()).hexdigest() if kind.lower() == "bearer" and bearer else ""
+    """The hash of the token, or of the dashboard's cookie, that is shown, under which it is known here; empty without one."""
+    request = Request(scope)
+    kind, _, bearer = request.headers.get("authorization", "").partition(" ")
+    shown = bearer if kind.lower() == "bearer" else request.cookies.get(SESSION_COOKIE, "")
+    return hashlib.sha256(shown.encode()).hexdigest() if shown else ""
 
 
 async def _refuse(scope: Asgi, receive: Receive, passage: _Passage, draw: Draw, buckets: Buckets) -> None:

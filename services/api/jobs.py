@@ -14,9 +14,8 @@ from services.api.access import Submitter, User
 from services.api.document import refusals
 from services.api.farm import Farm, TheFarm
 from services.api.tokens import Caller
-from services.database.tables import job, report
-from services.errors import Conflict
-from services.jobs import cancellation, submission, views
+from services.database.tables import job
+from services.jobs import cancellation, reports, submission, views
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
 JobId = Annotated[str, Path(pattern=r"^[a-z0-9]{1,20}$")]
@@ -91,7 +90,7 @@ async def show_queued(job_id: str, new: bool, response: Response, caller: Caller
 @router.get("/{job_id}/report", response_model=AnyReport, responses={304: {"description": "As known"}, **refusals(409)})
 async def get_report(job_id: JobId, request: Request, caller: User, farm: TheFarm) -> Response:
     """The report, byte for byte as it was written at the job's end."""
-    body, sha256 = await _report(job_id, caller, farm)
+    body, sha256 = await stored_report(job_id, caller, farm)
     tag = f'"{sha256}"'
     if request.headers.get("if-none-match") == tag:
         return Response(status_code=304, headers={"ETag": tag})
@@ -101,20 +100,14 @@ async def get_report(job_id: JobId, request: Request, caller: User, farm: TheFar
 @router.get("/{job_id}/report/text", response_class=PlainTextResponse, responses=refusals(409))
 async def get_report_text(job_id: JobId, caller: User, farm: TheFarm) -> str:
     """The report for people."""
-    body, _ = await _report(job_id, caller, farm)
+    body, _ = await stored_report(job_id, caller, farm)
     return render(read_report(body))
 
 
-async def _report(job_id: str, caller: Caller, farm: Farm) -> tuple[bytes, str]:
-    async with farm.database.read() as connection:
-        row = await views.job_row(connection, job_id, caller.sees_only)
-        found = (await connection.execute(select(report).where(report.c.job_number == row.number))).one_or_none()
-        if found is not None:
-            return found.body, found.sha256
-        (shown,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s(), farm.settings.user_trials_at_once)
-    why = shown.waiting_because or shown.reason
-    detail = f"Job {job_id} is {shown.state} and has no report{f': {why}' if why else ''}."
-    raise Conflict("report-not-ready", detail, state=shown.state, waiting_because=shown.waiting_because)
+async def stored_report(job_id: str, caller: Caller, farm: Farm) -> tuple[bytes, str]:
+    """The report of a job that the caller may see, as it was written, and its SHA-256."""
+    limit = farm.settings.user_trials_at_once
+    return await reports.stored(farm.database, farm.fleet, farm.clock.now_s(), job_id, caller.sees_only, limit)
 
 
 async def _show(job_id: str, caller: Caller, farm: Farm) -> Job:

@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Sequence
 from importlib.metadata import version
+from typing import Any
 
 from sqlalchemy import insert, select
 from sqlalchemy.ext.asyncio import AsyncConnection
@@ -22,14 +23,46 @@ from api_schemas.report import (
     TimingRow,
     TrialRow,
 )
+from api_schemas.signature import Signature, unsigned
 from api_schemas.trial import AttemptState, Fault, Outcome, OutcomeKind
+from services.database.database import Database
 from services.database.rows import AnyRow
 from services.database.tables import attempt, report, trial
+from services.errors import Conflict
+from services.jobs import views
+from services.jobs.fleet import Fleet
 from services.jobs.statistics import wilson
 from services.jobs.variance_share import variance_share
+from services.signing import FarmKey
 
 KEEPS_RATE_MISSED = 0.01
 """A policy keeps its rate when at most this share of its actions came late: then their 99th percentile is in time."""
+
+
+async def stored(
+    database: Database, fleet: Fleet, now_s: float, job_id: str, owner: str | None, user_trials_at_once: int | None
+) -> tuple[bytes, str]:
+    """The report of a job as it was written, and its SHA-256; with ``owner`` only if the job is his.
+
+    Raises:
+        NotFound: there is no such job.
+        Conflict: it has no report.
+    """
+    async with database.read() as connection:
+        row = await views.job_row(connection, job_id, owner)
+        found = (await connection.execute(select(report).where(report.c.job_number == row.number))).one_or_none()
+        if found is not None:
+            return found.body, found.sha256
+        (shown,) = await views.show_jobs(connection, [row], fleet, now_s, user_trials_at_once)
+    why = shown.waiting_because or shown.reason
+    detail = f"Job {job_id} is {shown.state} and has no report{f': {why}' if why else ''}."
+    raise Conflict("report-not-ready", detail, state=shown.state, waiting_because=shown.waiting_because)
+
+
+def sign(body: dict[str, Any], key: FarmKey) -> Signature:
+    """The farm's word for a report."""
+    wanted = unsigned(key.public_hex, body)
+    return wanted.model_copy(update={"signature": key.sign(wanted.signed_bytes())})
 
 
 async def write(tx: AsyncConnection, job: AnyRow) -> None:

@@ -49,6 +49,22 @@ def test_reference_policy_from_submission_to_verified_logs(farm, tmp_path):
     assert abs(summary["tracked_poses"] - 150) <= 2
 
 
+def test_the_example_of_the_documents_runs_and_its_report_is_signed(farm, tmp_path):
+    example = ROOT / "docs/examples/first_job.py"
+    env = farm.env | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, str(example), str(REFERENCE), "2"], cwd=tmp_path, env=env, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    first, *trials = done.stdout.splitlines()
+    assert "of 2 succeeded" in first
+    assert [line.split(" on ")[0] for line in trials] == ["trial 0", "trial 1"]
+    page = tmp_path / "report.html"
+    assert farm.json("verify", str(page))["verdict"] == "true", "the key was kept when the report was fetched"
+    page.write_text(page.read_text().replace("of 2 trials succeeded", "of 2 trials succeeded, and well"))
+    assert farm.json("verify", str(page), code=6)["changed"] == ["what the page shows under 'result'"]
+
+
 def test_same_seed_same_numbers_on_one_two_and_four_robots(farm, tmp_path):
     results = [numbers(farm.report(farm.submit(REFERENCE, trials=4, seed=3)))]
     for robots in (1, 2):

@@ -1,7 +1,7 @@
 """two homes: users take turns, a robot has one lease, and what several processes count is counted in the database
 
-Revision ID: 0003
-Revises: 0002
+Revision ID: 0004
+Revises: 0003
 """
 
 import sqlalchemy as sa

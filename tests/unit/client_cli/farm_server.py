@@ -35,6 +35,7 @@ class FarmState:
     trials: int = 3
     logs: dict[str, bytes] = field(default_factory=dict)
     report: bytes = b'{"job_id": "jabcdefghijkl",  "trials": 3}'
+    reports: dict[str, bytes] = field(default_factory=dict)
     problem: Problem | None = None
     streams: list[list[JobEvent | None]] = field(default_factory=list)
     last_event_ids: list[str | None] = field(default_factory=list)
@@ -178,7 +179,7 @@ def build_app(farm: FarmState) -> FastAPI:
 
     @app.get("/v1/jobs/{job_id}/report")
     async def report(job_id: str):
-        return Response(farm.report, media_type="application/json")
+        return Response(farm.reports.get(job_id, farm.report), media_type="application/json")
 
     @app.get("/v1/jobs/{job_id}/report/text")
     async def report_text(job_id: str):

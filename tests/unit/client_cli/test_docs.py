@@ -6,13 +6,15 @@ from pathlib import Path
 import pytest
 from typer.main import get_command
 
+from api_schemas.comparison import Comparison
 from api_schemas.job import Job, JobPage
 from api_schemas.policy_check import PolicyCheck
 from api_schemas.report import IdentificationReport, Report
 from api_schemas.robot import Robot, RobotPage
+from api_schemas.signature import Signature
 from api_schemas.status import FarmStatus
 from api_schemas.token import NewToken, TokenPage
-from client_cli import demo, fetch, identify, pack, up
+from client_cli import demo, fetch, identify, pack, up, verify
 from client_cli.embedded_farm import EmbeddedFarm
 from client_cli.exit_codes import MEANING
 from client_cli.main import app
@@ -21,6 +23,7 @@ from tests.unit.client_cli.farm_server import FarmState, job
 
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "cli.md").read_text()
 FARM = EmbeddedFarm(Connection("", None), "", Path(), 4, "nominal", Path(), ())
+SIGNATURE = Signature(key="0" * 64, job_id="", policy="", report_sha256="0" * 64, parts={}, signature="0" * 128)
 JSON_KEYS = {
     "up": up.document(FARM),
     "demo": demo.document(demo.DemoResult(job(FarmState()), None, None, None)),
@@ -28,6 +31,8 @@ JSON_KEYS = {
     "check FILE": PolicyCheck.model_fields,
     "jobs": JobPage.model_fields,
     "report ID": Report.model_fields,
+    "compare ID...": Comparison.model_fields,
+    "verify REPORT": verify.document(verify.Verified(SIGNATURE, (), True)),
     "fetch ID": fetch.document(fetch.Fetched(job(FarmState()), Path(), (), (), 0, 0, None)),
     "pack FILE...": pack.document(Path("p.safetensors"), "", 0.0, ""),
     "identify": identify.document(identify.Identified(job(FarmState()), None)),

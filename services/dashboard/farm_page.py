@@ -1,0 +1,141 @@
+"""The page of the farm: is it well, what do its robots do, who waits, and what is wrong now."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Path, Request, Response
+from fastapi.responses import RedirectResponse
+from fastapi.sse import EventSourceResponse, ServerSentEvent
+
+from api_schemas.robot import Robot, RobotState
+from api_schemas.status import FarmStatus
+from api_schemas.token import Scope
+from services.api import overview, robots
+from services.api.farm import Farm, TheFarm
+from services.dashboard import live, queries
+from services.dashboard.pages import HEADERS, PageRoute, page, part
+from services.dashboard.sessions import Operating, Session, SignedIn
+
+router = APIRouter(route_class=PageRoute, include_in_schema=False)
+LAST_TRIALS = 50
+RATE_MINUTES = 30
+KEPT_S = 0.5
+"""All who look share what was read within so long."""
+HISTORY_KEPT_S = 3.0
+NEEDS_ATTENTION = frozenset({RobotState.OUT_OF_SERVICE, RobotState.LOST})
+Name = Annotated[str, Path(pattern=r"^[a-z0-9-]{1,40}$")]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The farm as it was a moment ago."""
+
+    status: FarmStatus
+    robots: tuple[Robot, ...]
+    loads: list[queries.UserLoad]
+
+
+@dataclass(frozen=True)
+class History:
+    """What the robots did lately."""
+
+    recent: dict[str, tuple[int, int]]
+    per_minute: list[int]
+
+
+@dataclass
+class Watcher:
+    """Reads the farm for all who look at it; belongs to the event loop."""
+
+    _seen: tuple[float, Seen] | None = None
+    _history: tuple[float, History] | None = None
+    _lock: asyncio.Lock = field(default_factory=asyncio.Lock)
+
+    async def look(self, session: Session, farm: Farm) -> tuple[Seen, History]:
+        """The farm now, or as it was ``KEPT_S`` ago."""
+        async with self._lock:
+            now_s = farm.clock.now_s()
+            if self._history is None or now_s - self._history[0] > HISTORY_KEPT_S:
+                async with farm.database.read() as connection:
+                    ended = await queries.recently_ended(connection)
+                self._history = (now_s, History(queries.by_robot(ended, LAST_TRIALS), _per_minute(ended)))
+            if self._seen is None or now_s - self._seen[0] > KEPT_S:
+                async with farm.database.read() as connection:
+                    loads = await queries.load_by_user(connection)
+                listed = await robots.list_robots(session.caller, farm)
+                self._seen = (now_s, Seen(await overview.status(session.caller, farm), listed.robots, loads))
+            return self._seen[1], self._history[1]
+
+
+def _per_minute(ended: list[queries.Ended]) -> list[int]:
+    now, counts = datetime.now(UTC), [0] * RATE_MINUTES
+    for each in ended:
+        minutes = int((now - datetime.fromisoformat(each.ended_at)).total_seconds() // 60)
+        if 0 <= minutes < RATE_MINUTES:
+            counts[RATE_MINUTES - 1 - minutes] += 1
+    return counts
+
+
+def _watcher(request: Request) -> Watcher:
+    return request.app.state.dashboard_watcher
+
+
+TheWatcher = Annotated[Watcher, Depends(_watcher)]
+
+
+async def parts(session: Session, farm: Farm, watcher: Watcher) -> dict[str, str]:
+    """The parts of the page, each robot one."""
+    seen, history = await watcher.look(session, farm)
+    own, operates = session.caller.owner, session.caller.may(Scope.OPERATE)
+    loads = [load for load in seen.loads if operates or load.owner == own]
+    made = {
+        "health": part("farm/health.html", status=seen.status, robots=len(seen.robots)),
+        "queue": part("farm/queue.html", status=seen.status, per_minute=history.per_minute),
+        "users": part("farm/users.html", loads=loads, operates=operates),
+    }
+    for robot in sorted(seen.robots, key=lambda each: (each.state not in NEEDS_ATTENTION, each.robot)):
+        done = history.recent.get(robot.robot)
+        visible = operates or await _is_own(robot.job, session, farm)
+        context = {"robot": robot, "recent": done, "operates": operates, "csrf": session.csrf, "visible": visible}
+        made[f"robot-{robot.robot}"] = part("farm/robot.html", **context)
+    return made
+
+
+async def _is_own(job_id: str | None, session: Session, farm: Farm) -> bool:
+    """Whether a user may see the job that a robot works for."""
+    if job_id is None:
+        return False
+    async with farm.database.read() as connection:
+        rows = await connection.execute(queries.owner_of(job_id))
+        return rows.scalar() == session.caller.owner
+
+
+@router.get("/")
+async def show_farm(session: SignedIn, farm: TheFarm, watcher: TheWatcher) -> Response:
+    """The whole page."""
+    made = await parts(session, farm, watcher)
+    return page("farm.html", session, parts=made, title="Farm", here="farm", live="/live", farm_name=farm.settings.farm)
+
+
+@router.get("/live", response_class=EventSourceResponse)
+async def stream_farm(session: SignedIn, farm: TheFarm, watcher: TheWatcher) -> AsyncIterator[ServerSentEvent]:
+    """What changes on the page."""
+    async for event in live.stream(lambda: parts(session, farm, watcher), farm.signals):
+        yield event
+
+
+@router.post("/robots/{robot}/drain")
+async def drain(robot: Name, session: Operating, farm: TheFarm) -> Response:
+    """The operator's wish, as the API takes it."""
+    await robots.drain_robot(robot, session.caller, farm)
+    return RedirectResponse(f"/#robot-{robot}", status_code=303, headers=HEADERS)
+
+
+@router.post("/robots/{robot}/resume")
+async def resume(robot: Name, session: Operating, farm: TheFarm) -> Response:
+    """Takes a drained robot into service again."""
+    await robots.resume_robot(robot, session.caller, farm)
+    return RedirectResponse(f"/#robot-{robot}", status_code=303, headers=HEADERS)

@@ -1,0 +1,167 @@
+"""The page of one job: how far it is, its success rate as it narrows, its robots, and its trials, failures first."""
+
+from collections import defaultdict
+from collections.abc import AsyncIterator, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Depends, Query, Response
+from fastapi.responses import HTMLResponse, RedirectResponse
+from fastapi.sse import EventSourceResponse, ServerSentEvent
+
+from api_schemas.job import FINAL_JOB_STATES, Job, TaskName
+from api_schemas.report import Report, read_report
+from api_schemas.report_page import render_page, style_source
+from api_schemas.trial import Outcome, OutcomeKind, TrialState
+from services.api import jobs, signatures
+from services.api.farm import Farm, TheFarm
+from services.api.jobs import JobId, stored_report
+from services.dashboard import figures, live
+from services.dashboard.pages import HEADERS, PageRoute, page, part
+from services.dashboard.queries import successes_over_time, trial_rows
+from services.dashboard.sessions import Changing, Session, SignedIn
+from services.database.rows import AnyRow
+from services.errors import NotFound
+from services.jobs import views
+
+router = APIRouter(route_class=PageRoute, include_in_schema=False)
+ON_A_PAGE = 100
+Order = Literal["failures", "trial", "robot", "error"]
+
+
+@dataclass(frozen=True)
+class TrialLine:
+    """One trial in the table."""
+
+    row: AnyRow
+    outcome: Outcome | None
+
+    @property
+    def rank(self) -> int:
+        """Failures first, then what runs, then successes, then what waits."""
+        if self.outcome is None:
+            return {"running": 2, "leased": 2, "queued": 4}.get(self.row.state, 5)
+        if self.outcome.kind in {OutcomeKind.SUCCEEDED, OutcomeKind.RECORDED}:
+            return 3
+        return 0 if self.outcome.fault != "none" else 1
+
+    @property
+    def waits(self) -> bool:
+        """Whether nothing has happened to it yet."""
+        return self.row.state == TrialState.QUEUED and self.row.fence == 0
+
+    @property
+    def error_m(self) -> float:
+        """How far from the goal it ended; infinitely far where that was not measured."""
+        measures = None if self.outcome is None else self.outcome.measures
+        return float("inf") if measures is None else measures.final_position_error_m
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """How the table of trials is to be."""
+
+    order: Order
+    first: int
+
+
+def _wanted(order: Order = "failures", first: Annotated[int, Query(ge=0, le=10_000)] = 0) -> Wanted:
+    return Wanted(order, first)
+
+
+TheWanted = Annotated[Wanted, Depends(_wanted)]
+
+
+async def parts(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> dict[str, str]:
+    """The parts of the page.
+
+    Raises:
+        NotFound: there is no such job, or it is another's.
+    """
+    async with farm.database.read() as connection:
+        row = await views.job_row(connection, job_id, session.caller.sees_only)
+        (job,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s(), farm.settings.user_trials_at_once)
+        trials = [_line(each) for each in await trial_rows(connection, row.number)]
+        steps = await successes_over_time(connection, row.number)
+    judged = job.task is not TaskName.IDENTIFY
+    made = {"head": part("job/head.html", job=job, csrf=session.csrf, ended=job.state in FINAL_JOB_STATES)}
+    made["progress"] = part(
+        "job/progress.html", job=job, bar=figures.Bar.of("all", job.successes, job.trials_done), judged=judged
+    )
+    if judged:
+        made |= _figures(job, trials, steps)
+    lines = _ordered(trials, wanted.order)
+    waiting = 0
+    if wanted.order == "failures":
+        waiting = sum(line.waits for line in lines)
+        lines = [line for line in lines if not line.waits]
+    shown = lines[wanted.first : wanted.first + ON_A_PAGE]
+    more = wanted.first + ON_A_PAGE if wanted.first + ON_A_PAGE < len(lines) else None
+    made["trials"] = part("job/trials.html", job=job, lines=shown, wanted=wanted, more=more, waiting=waiting)
+    return made
+
+
+def _figures(job: Job, trials: Sequence[TrialLine], steps: Sequence[tuple[int, int]]) -> dict[str, str]:
+    of: dict[str, list[bool]] = defaultdict(list)
+    for line in trials:
+        if line.outcome is not None and line.row.robot is not None:
+            of[line.row.robot].append(line.outcome.kind == OutcomeKind.SUCCEEDED)
+    bars = [figures.Bar.of(robot, sum(done), len(done)) for robot, done in sorted(of.items())]
+    measured = [line for line in trials if line.outcome is not None and line.outcome.measures is not None]
+    errors = [(line.error_m, line.outcome.kind == OutcomeKind.SUCCEEDED) for line in measured if line.outcome]
+    return {
+        "curve": part("job/curve.html", job=job, curve=figures.narrowing(steps, job.trials), any=bool(steps)),
+        "robots": part("job/robots.html", bars=bars),
+        "errors": part("job/errors.html", dots=figures.dots(errors), ticks=figures.ticks()),
+    }
+
+
+def _line(row: AnyRow) -> TrialLine:
+    return TrialLine(row, None if row.outcome is None else Outcome.model_validate_json(row.outcome))
+
+
+def _ordered(lines: Sequence[TrialLine], order: Order) -> list[TrialLine]:
+    keys = {
+        "failures": lambda line: (line.rank, line.row.ordinal),
+        "trial": lambda line: line.row.ordinal,
+        "robot": lambda line: (line.row.robot or "~", line.rank, line.row.ordinal),
+        "error": lambda line: (-line.error_m if line.outcome else 1.0, line.row.ordinal),
+    }
+    return sorted(lines, key=keys[order])
+
+
+@router.get("/jobs/{job_id}")
+async def show_job(job_id: JobId, session: SignedIn, farm: TheFarm, wanted: TheWanted) -> Response:
+    """The whole page."""
+    made = await parts(session, farm, job_id, wanted)
+    stream = f"/jobs/{job_id}/live?order={wanted.order}&first={wanted.first}"
+    return page("job.html", session, parts=made, title=f"Job {job_id}", here="jobs", job_id=job_id, live=stream)
+
+
+@router.get("/jobs/{job_id}/live", response_class=EventSourceResponse)
+async def stream_job(job_id: JobId, session: SignedIn, farm: TheFarm, wanted: TheWanted) -> AsyncIterator[ServerSentEvent]:
+    """What changes on the page."""
+    await jobs.get_job(job_id, session.caller, farm)
+    made = live.stream(lambda: parts(session, farm, job_id, wanted), farm.signals, lambda: farm.signals.watch(job_id))
+    async for event in made:
+        yield event
+
+
+@router.get("/jobs/{job_id}/report")
+async def show_report(job_id: JobId, session: SignedIn, farm: TheFarm, save: bool = False) -> Response:
+    """The signed report: the very page that ``trifarm report --html`` writes."""
+    body, _ = await stored_report(job_id, session.caller, farm)
+    report = read_report(body)
+    if not isinstance(report, Report):
+        raise NotFound("report-not-a-page", f"Job {job_id} is an identification; its report has no page.")
+    headers = HEADERS | {"Content-Security-Policy": f"default-src 'none'; style-src {style_source()}; frame-ancestors 'none'"}
+    if save:
+        headers["Content-Disposition"] = f'attachment; filename="report-{job_id}.html"'
+    return HTMLResponse(render_page(report, signatures.sign(body, farm)), headers=headers)
+
+
+@router.post("/jobs/{job_id}/cancel")
+async def cancel(job_id: JobId, session: Changing, farm: TheFarm) -> Response:
+    """The wish to end the job, as the API takes it."""
+    await jobs.cancel_job(job_id, session.caller, farm)
+    return RedirectResponse(f"/jobs/{job_id}", status_code=303, headers=HEADERS)

@@ -1,0 +1,92 @@
+"""The page of jobs: which there are, found by state or by text, newest first."""
+
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from typing import Annotated, Literal
+from urllib.parse import urlencode
+
+from fastapi import APIRouter, Depends, Query, Response
+from fastapi.sse import EventSourceResponse, ServerSentEvent
+
+from api_schemas.job import FINAL_JOB_STATES, JobState
+from services.api import cursor as cursors
+from services.api.farm import Farm, TheFarm
+from services.dashboard import live
+from services.dashboard.figures import Bar
+from services.dashboard.pages import PageRoute, page, part
+from services.dashboard.queries import JobFilter, ahead_of
+from services.dashboard.sessions import Session, SignedIn
+from services.database.rows import AnyRow
+from services.jobs.waiting import Ahead, job_waits
+
+router = APIRouter(route_class=PageRoute, include_in_schema=False)
+ON_A_PAGE = 25
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the address of the page asks for."""
+
+    state: JobState | None
+    text: str
+    cursor: str | None
+
+    def address(self, **changes: str | None) -> str:
+        """The address of the same list with changes."""
+        asked = {"state": self.state and self.state.value, "q": self.text or None, "cursor": self.cursor} | changes
+        given = {name: value for name, value in asked.items() if value}
+        return "/jobs" + (f"?{urlencode(given)}" if given else "")
+
+
+def _wanted(
+    state: Literal["", "queued", "running", "succeeded", "failed", "cancelled"] = "",
+    q: Annotated[str, Query(max_length=100)] = "",
+    cursor: Annotated[str | None, Query(max_length=40)] = None,
+) -> Wanted:
+    return Wanted(JobState(state) if state else None, q.strip(), cursor or None)
+
+
+TheWanted = Annotated[Wanted, Depends(_wanted)]
+
+
+@dataclass(frozen=True)
+class Line:
+    """One job in the list."""
+
+    job: AnyRow
+    bar: Bar
+    why: str | None
+
+
+async def parts(session: Session, farm: Farm, wanted: Wanted) -> dict[str, str]:
+    """The list, and the way to the next page."""
+    chosen = JobFilter(session.caller.sees_only, wanted.state, wanted.text, cursors.decode(wanted.cursor))
+    async with farm.database.read() as connection:
+        rows = (await connection.execute(chosen.select(ON_A_PAGE + 1))).all()
+        ahead = await ahead_of(connection, rows[:ON_A_PAGE])
+    lines = [_line(row, ahead.get(row.number, Ahead(0, 0)), farm) for row in rows[:ON_A_PAGE]]
+    following = cursors.encode(rows[ON_A_PAGE - 1].number) if len(rows) > ON_A_PAGE else None
+    following = None if following is None else wanted.address(cursor=following)
+    shows_owner = session.caller.sees_only is None
+    return {"jobs": part("jobs/list.html", lines=lines, following=following, wanted=wanted, shows_owner=shows_owner)}
+
+
+def _line(row: AnyRow, ahead: Ahead, farm: Farm) -> Line:
+    ended = row.state in FINAL_JOB_STATES
+    why = row.reason if ended else job_waits(row, ahead, farm.fleet, farm.clock.now_s())
+    return Line(row, Bar.of(row.job_id, row.successes, row.trials_done), why)
+
+
+@router.get("/jobs")
+async def show_jobs(session: SignedIn, farm: TheFarm, wanted: TheWanted) -> Response:
+    """The whole page."""
+    made = await parts(session, farm, wanted)
+    more = {"wanted": wanted, "states": list(JobState), "live": f"/live/jobs{wanted.address()[5:]}"}
+    return page("jobs.html", session, parts=made, title="Jobs", here="jobs", **more)
+
+
+@router.get("/live/jobs", response_class=EventSourceResponse)
+async def stream_jobs(session: SignedIn, farm: TheFarm, wanted: TheWanted) -> AsyncIterator[ServerSentEvent]:
+    """What changes in the list."""
+    async for event in live.stream(lambda: parts(session, farm, wanted), farm.signals):
+        yield event

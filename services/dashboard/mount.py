@@ -1,0 +1,38 @@
+"""Puts the dashboard beside the API, on the same application."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, FastAPI, Path, Response
+from fastapi.responses import FileResponse
+from fastapi.routing import APIRoute
+
+from services.api.farm import Farm
+from services.dashboard import compare_page, farm_page, job_page, jobs_page, sign_in, trial_page
+from services.dashboard.pages import FOLDER, HEADERS
+from services.dashboard.sessions import Seal
+from services.errors import NotFound
+from services.signing import FarmKey
+
+router = APIRouter(include_in_schema=False)
+MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+
+
+def mount(app: FastAPI, farm: Farm) -> None:
+    """Adds the pages to the API's application; sessions are sealed with the farm's key."""
+    app.state.dashboard_seal = Seal.of(FarmKey.of(farm.settings.data))
+    app.state.dashboard_watcher = farm_page.Watcher()
+    app.state.dashboard_replays = trial_page.Replays(farm.settings.data / "replays")
+    for pages in (sign_in, farm_page, jobs_page, job_page, compare_page, trial_page):
+        app.include_router(pages.router)
+        app.state.operations += [route for route in pages.router.routes if isinstance(route, APIRoute)]
+    app.include_router(router)
+
+
+@router.get("/static/{name}")
+async def static(name: Annotated[str, Path(pattern=r"^[a-z_]{1,30}\.(css|js|svg)$")]) -> Response:
+    """Our own styles and modules; browsers ask each time whether there is another, so that a new version is seen at once."""
+    path = FOLDER / "static" / name
+    if not path.is_file():
+        raise NotFound("file-not-found", f"There is no {name} here.")
+    headers = HEADERS | {"Cache-Control": "no-cache"}
+    return FileResponse(path, media_type=MEDIA_TYPES[path.suffix], headers=headers)

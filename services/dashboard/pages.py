@@ -1,0 +1,91 @@
+"""How pages are made: templates that escape whatever they show, headers that let nothing foreign in, errors as pages."""
+
+import json
+from collections.abc import Callable, Coroutine, Mapping
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from fastapi import Request, Response
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import HTMLResponse, RedirectResponse
+from fastapi.routing import APIRoute
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from services.dashboard import words
+from services.dashboard.sessions import COOKIE, Session
+from services.errors import ServiceError, Unauthorised
+
+FOLDER = Path(__file__).parent
+NOTHING_FOREIGN = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
+    "form-action 'self'; frame-ancestors 'none'; base-uri 'none'"
+)
+HEADERS = {
+    "Content-Security-Policy": NOTHING_FOREIGN,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+
+
+def _environment() -> Environment:
+    made = Environment(
+        loader=FileSystemLoader(FOLDER / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters |= words.FILTERS
+    return made
+
+
+_ENVIRONMENT = _environment()
+
+
+def part(template: str, **context: Any) -> str:
+    """A part of a page as HTML; whatever is no markup of ours is escaped."""
+    return _ENVIRONMENT.get_template(template).render(context)
+
+
+def page(
+    template: str, session: Session | None, *, parts: Mapping[str, str] | None = None, status: int = 200, **context: Any
+) -> Response:
+    """A whole page; ``parts`` are those of it that are renewed while somebody looks."""
+    made = {name: Markup(html) for name, html in (parts or {}).items()}  # noqa: S704 - each was rendered by ``part``
+    html = part(template, session=session, parts=made, **context)
+    return HTMLResponse(html, status_code=status, headers=HEADERS)
+
+
+class PageRoute(APIRoute):
+    """A route for people: who is not signed in is led to the sign-in, and errors are pages."""
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        """The handler with its errors shown."""
+        handle = super().get_route_handler()
+
+        async def shown(request: Request) -> Response:
+            try:
+                return await handle(request)
+            except Unauthorised as error:
+                return _to_sign_in(request, error)
+            except ServiceError as error:
+                return page("error.html", None, status=error.status, title=error.title, detail=error.detail)
+            except RequestValidationError as error:
+                found = "; ".join(f"{'.'.join(str(at) for at in each['loc'])}: {each['msg']}" for each in error.errors())
+                return page("error.html", None, status=422, title="Not understood", detail=found)
+
+        return shown
+
+
+def _to_sign_in(request: Request, error: Unauthorised) -> Response:
+    wants_page = request.method == "GET" and "text/html" in request.headers.get("accept", "")
+    if not wants_page:
+        return Response(json.dumps({"detail": error.detail}), status_code=401, media_type="application/json", headers=HEADERS)
+    back = request.url.path + (f"?{request.url.query}" if request.url.query else "")
+    answer = RedirectResponse(f"/sign-in?then={quote(back)}", status_code=303, headers=HEADERS)
+    if error.slug != "session-missing":
+        answer.delete_cookie(COOKIE)
+    return answer

@@ -1,0 +1,171 @@
+"""Reduces a trial's log to what a browser draws: run as a process of its own, so that a large log holds up nobody.
+
+The result is one file: the length of a JSON header as four bytes, the header, and the arrays that it names as float32, all
+little-endian. A log of any length becomes at most a few megabytes.
+"""
+
+import json
+import struct
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.reader import McapReader, make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from api_schemas import trial_log as t
+
+MOST_SAMPLES = 1500
+"""Of each array over time; more than a screen has columns."""
+NS = 1e9
+OFTEN = (t.JOINT_STATES, t.TORQUE, t.POLICY, t.CUBE_POSE, t.MEASURED_TRANSFORMS)
+RARE = (t.TRACKED_POSE, t.TRACKER, t.GOAL, t.MEASURED_SCENE, t.TRUE_SCENE, t.EVENTS)
+SHAPES = ("cubes", "spheres", "cylinders", "triangles")
+
+
+def main(arguments: list[str]) -> None:
+    """``LOG OUT [TRUTH]``: reduces the log, with what the truth adds to it, to the file OUT."""
+    log, out, *truth = (Path(argument) for argument in arguments)
+    header, arrays = reduce(log, truth[0] if truth else None)
+    out.write_bytes(packed(header, arrays))
+
+
+def reduce(log: Path, truth: Path | None) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """What is drawn of a trial: a header of scene and words, and arrays over time in seconds, metres, radians and N m."""
+    found: dict[str, list[tuple[float, Any]]] = {topic: [] for topic in (*OFTEN, *RARE)}
+    with log.open("rb") as stream:
+        reader = make_reader(stream)
+        records = {record.name: record.metadata for record in reader.iter_metadata()}
+        _collect(reader, (*OFTEN, *RARE), found)
+    if truth is not None:
+        with truth.open("rb") as stream:
+            _collect(make_reader(stream), (t.CUBE_POSE, t.TRUE_SCENE), found)
+    header = {
+        "format": "trifarm-replay/1",
+        "task": records.get(t.TRIAL_METADATA, {}).get("task", ""),
+        "fixed": [],
+        "frames": [],
+        "entities": [*_entities(found[t.MEASURED_SCENE]), *_entities(found[t.TRUE_SCENE])],
+        "events": [{"t_s": at_s, "text": message.message} for at_s, message in found[t.EVENTS]],
+        "goal": [_pose(message.pose) for _, message in found[t.GOAL]][:1],
+    }
+    arrays = _arrays(found)
+    fixed, moving = _transforms(found[t.MEASURED_TRANSFORMS])
+    header |= {"fixed": fixed, "frames": moving[0]}
+    arrays |= {"frame_t_s": moving[1], "frame_pose": moving[2]}
+    header["duration_s"] = max(
+        (float(times[-1]) for name, times in arrays.items() if name.endswith("t_s") and len(times)), default=0
+    )
+    return header, arrays
+
+
+def packed(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> bytes:
+    """The file: the header says where in what follows it each array begins."""
+    parts, at = [], 0
+    listed = {}
+    for name, values in arrays.items():
+        part = np.ascontiguousarray(values, dtype="<f4").tobytes()
+        listed[name] = {"shape": list(values.shape), "at": at}
+        parts.append(part)
+        at += len(part)
+    text = json.dumps(header | {"arrays": listed}, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)  # so that the arrays lie on even addresses
+    return struct.pack("<I", len(text)) + text + b"".join(parts)
+
+
+def _collect(reader: McapReader, topics: tuple[str, ...], found: dict[str, list[tuple[float, Any]]]) -> None:
+    """Decodes of each frequent topic only as many messages as will be drawn, evenly over time."""
+    summary = reader.get_summary()
+    if summary is None or summary.statistics is None:
+        raise SystemExit("the log has no summary: the robot that wrote it did not finish")
+    counts = {
+        channel.topic: summary.statistics.channel_message_counts.get(number, 0) for number, channel in summary.channels.items()
+    }
+    every = {topic: max(1, -(-counts.get(topic, 0) // MOST_SAMPLES)) for topic in OFTEN}
+    seen = dict.fromkeys(topics, 0)
+    factory, decoders = DecoderFactory(), {}
+    for schema, channel, message in reader.iter_messages(topics=list(topics)):
+        topic = channel.topic
+        seen[topic] += 1
+        if (seen[topic] - 1) % every.get(topic, 1):
+            continue
+        if channel.id not in decoders:
+            decoder = json.loads if channel.message_encoding == "json" else factory.decoder_for(channel.message_encoding, schema)
+            decoders[channel.id] = decoder
+        found[topic].append((message.log_time / NS, decoders[channel.id](message.data)))
+
+
+def _arrays(found: dict[str, list[tuple[float, Any]]]) -> dict[str, np.ndarray]:
+    joints = np.array([[(j.position, j.velocity, j.effort) for j in message.joints] for _, message in found[t.JOINT_STATES]])
+    joints = joints.reshape(-1, 9, 3)
+    torque = found[t.TORQUE]
+    return {
+        "joint_t_s": _times(found[t.JOINT_STATES]),
+        "joint_position_rad": joints[:, :, 0],
+        "joint_velocity_rad_s": joints[:, :, 1],
+        "torque_t_s": _times(torque),
+        "desired_nm": np.array([message.desired_nm for _, message in torque]).reshape(-1, 9),
+        "applied_nm": np.array([message.applied_nm for _, message in torque]).reshape(-1, 9),
+        "tracked_t_s": _times(found[t.TRACKED_POSE]),
+        "tracked_pose": _poses(message.pose for _, message in found[t.TRACKED_POSE]),
+        "confidence": np.array([message["confidence"] for _, message in found[t.TRACKER]]),
+        "true_t_s": _times(found[t.CUBE_POSE]),
+        "true_pose": _poses(message.pose for _, message in found[t.CUBE_POSE]),
+        "policy_t_s": _times(found[t.POLICY]),
+        "inference_ms": np.array([message.inference_time_ns / 1e6 for _, message in found[t.POLICY]]),
+    }
+
+
+def _times(messages: list[tuple[float, Any]]) -> np.ndarray:
+    return np.array([at_s for at_s, _ in messages])
+
+
+def _poses(poses: Iterable[Any]) -> np.ndarray:
+    """Shape (n, 7): position and quaternion wxyz."""
+    return np.array([_pose(pose) for pose in poses]).reshape(-1, 7)
+
+
+def _pose(pose: Any) -> list[float]:
+    p, q = pose.position, pose.orientation
+    return [p.x, p.y, p.z, q.w, q.x, q.y, q.z]
+
+
+def _transforms(messages: list[tuple[float, Any]]) -> tuple[list[dict], tuple[list[list[str]], np.ndarray, np.ndarray]]:
+    """The transforms that never move, and the names, times and rows of those that do; shape (n, frames, 7)."""
+    if not messages:
+        return [], ([], np.zeros(0), np.zeros((0, 0, 7)))
+    (_, first), *rest = messages
+    fixed = [{"parent": f.parent_frame_id, "child": f.child_frame_id, "pose": _transform(f)} for f in first.transforms]
+    if not rest:
+        return fixed, ([], np.zeros(0), np.zeros((0, 0, 7)))
+    names = [[f.parent_frame_id, f.child_frame_id] for f in rest[0][1].transforms]
+    rows = np.array([[_transform(f) for f in message.transforms] for _, message in rest])
+    return fixed, (names, _times(rest), rows)
+
+
+def _transform(frame: Any) -> list[float]:
+    p, q = frame.translation, frame.rotation
+    return [p.x, p.y, p.z, q.w, q.x, q.y, q.z]
+
+
+def _entities(scenes: list[tuple[float, Any]]) -> Iterator[dict[str, Any]]:
+    """The primitives of a scene, each with its frame."""
+    for _, scene in scenes[:1]:
+        for entity in scene.entities:
+            for kind in SHAPES:
+                for shape in getattr(entity, kind):
+                    yield {"id": entity.id, "frame": entity.frame_id, "kind": kind, **_primitive(kind, shape)}
+
+
+def _primitive(kind: str, shape: Any) -> dict[str, Any]:
+    c = shape.color
+    common = {"pose": _pose(shape.pose), "colour": [c.r, c.g, c.b, c.a]}
+    if kind == "triangles":
+        return common | {"points": [[p.x, p.y, p.z] for p in shape.points], "indices": list(shape.indices)}
+    return common | {"size": [shape.size.x, shape.size.y, shape.size.z]}
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,118 @@
+"""Sessions of the dashboard: a cookie with the token inside, sealed by the farm, which no script and no other site can use."""
+
+import base64
+import hashlib
+import hmac
+import secrets
+from dataclasses import dataclass
+from typing import Annotated
+
+from cryptography.fernet import Fernet, InvalidToken
+from fastapi import Depends, Form, Request, Response
+
+from api_schemas.token import Scope
+from services.api.door import SESSION_COOKIE as COOKIE
+from services.api.farm import TheFarm
+from services.api.tokens import Caller
+from services.errors import Forbidden, Unauthorised
+from services.signing import FarmKey
+
+LASTS_S = 12 * 3600
+"""After so long a browser has to show the token again."""
+
+
+@dataclass(frozen=True)
+class Session:
+    """Who looks, and the word that his forms must carry."""
+
+    caller: Caller
+    csrf: str
+
+
+@dataclass(frozen=True)
+class Seal:
+    """Seals and opens cookies; nothing is kept, so that sessions outlive a restart and end with their token."""
+
+    secret: bytes
+
+    @classmethod
+    def of(cls, key: FarmKey) -> "Seal":
+        """The seal of a farm."""
+        return cls(key.secret_for("dashboard sessions"))
+
+    def close(self, bearer: str) -> str:
+        """The cookie that stands for a token."""
+        return self._fernet.encrypt(bearer.encode()).decode()
+
+    def open(self, cookie: str) -> str | None:
+        """The token inside a cookie; None when it is too old or none of ours."""
+        try:
+            return self._fernet.decrypt(cookie, ttl=LASTS_S).decode()
+        except InvalidToken:
+            return None
+
+    def word(self, cookie: str) -> str:
+        """What the forms of this session carry."""
+        return hmac.new(self.secret, b"form " + cookie.encode(), hashlib.sha256).hexdigest()
+
+    @property
+    def _fernet(self) -> Fernet:
+        return Fernet(base64.urlsafe_b64encode(self.secret))
+
+
+def _seal(request: Request) -> Seal:
+    return request.app.state.dashboard_seal
+
+
+TheSeal = Annotated[Seal, Depends(_seal)]
+
+
+async def _session(request: Request, farm: TheFarm, seal: TheSeal) -> Session:
+    cookie = request.cookies.get(COOKIE)
+    bearer = None if cookie is None else seal.open(cookie)
+    if cookie is None or bearer is None:
+        raise Unauthorised("session-missing", "Sign in with a token of the farm.")
+    caller = await farm.tokens.caller(bearer)
+    request.state.caller = caller  # for the limits and the audit line
+    if not caller.may(Scope.SUBMIT, Scope.OPERATE):
+        raise Forbidden("scope-missing", f"The token of {caller.owner} may neither submit nor operate; this page is for those.")
+    return Session(caller, seal.word(cookie))
+
+
+SignedIn = Annotated[Session, Depends(_session)]
+
+
+async def _changing(request: Request, session: SignedIn, csrf: Annotated[str, Form(max_length=100)] = "") -> Session:
+    """The session of a request that changes something: only a form of our own pages may send it."""
+    refuse_foreign(request)
+    if not secrets.compare_digest(csrf.encode(), session.csrf.encode()):
+        raise Forbidden("form-not-ours", "This form is older than the session, or was not made here; load the page again.")
+    return session
+
+
+def refuse_foreign(request: Request) -> None:
+    """Refuses a form that another site has sent.
+
+    Raises:
+        Forbidden: the browser says that it was one.
+    """
+    if request.headers.get("sec-fetch-site", "same-origin") not in {"same-origin", "none"}:
+        raise Forbidden("form-not-ours", "This form was sent by another site; open this farm's own page.")
+
+
+Changing = Annotated[Session, Depends(_changing)]
+
+
+async def _operating(session: Changing) -> Session:
+    if not session.caller.may(Scope.OPERATE):
+        raise Forbidden("scope-missing", f"This needs the scope operate; the token of {session.caller.owner} does not have it.")
+    return session
+
+
+Operating = Annotated[Session, Depends(_operating)]
+
+
+def set_cookie(request: Request, response: Response, cookie: str) -> None:
+    """Gives the browser its session: out of reach of scripts, not sent along by other sites."""
+    secure = request.url.scheme == "https"
+    response.set_cookie(COOKIE, cookie, max_age=LASTS_S, httponly=True, samesite="lax", secure=secure)

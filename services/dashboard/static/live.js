@@ -1,0 +1,34 @@
+// Renews the parts of a page that the server sends anew, and keeps the keyboard's focus where it was.
+
+const address = document.body.dataset.live;
+const lost = document.querySelector(".link-lost");
+
+function renew(name, html) {
+  const element = document.getElementById(name);
+  if (!element || element.dataset.part === undefined) return;
+  const focused = element.contains(document.activeElement) ? document.activeElement.id : "";
+  const scrolled = element.querySelector(".scroll")?.scrollLeft ?? 0;
+  element.innerHTML = html;
+  const scroll = element.querySelector(".scroll");
+  if (scroll) scroll.scrollLeft = scrolled;
+  if (focused) document.getElementById(focused)?.focus({ preventScroll: true });
+}
+
+function follow() {
+  const source = new EventSource(address);
+  source.addEventListener("open", () => (lost.hidden = true));
+  source.addEventListener("error", () => (lost.hidden = false));
+  source.addEventListener("parts", (event) => {
+    for (const [name, html] of Object.entries(JSON.parse(event.data))) renew(name, html);
+    document.body.dataset.renewed = String(Number(document.body.dataset.renewed ?? 0) + 1);
+  });
+  source.addEventListener("anew", () => {
+    source.close();
+    location.reload();
+  });
+  // A page that was left needs no stream; one that the browser brings back as it was needs a new one.
+  addEventListener("pagehide", () => source.close(), { once: true });
+  addEventListener("pageshow", (event) => event.persisted && location.reload(), { once: true });
+}
+
+if (address) follow();

@@ -1,0 +1,86 @@
+"""Numbers and times as people read them; the filters of the templates."""
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from typing import Any
+
+STATES = {
+    "idle": "idle",
+    "leased": "starting",
+    "running": "running",
+    "draining": "draining",
+    "out_of_service": "out of service",
+    "lost": "lost",
+    "queued": "queued",
+    "succeeded": "succeeded",
+    "failed": "failed",
+    "cancelled": "cancelled",
+    "done": "done",
+}
+
+
+def percent(fraction: float | None) -> str:
+    """A fraction as whole percent."""
+    return "–" if fraction is None else f"{100 * fraction:.0f} %"
+
+
+def points(difference: float) -> str:
+    """A difference of two rates, in percentage points."""
+    return f"{100 * difference:+.1f}".replace("-", "−")
+
+
+def duration(seconds: float | None) -> str:
+    """A duration in one or two units."""
+    if seconds is None:
+        return "–"
+    whole = int(max(seconds, 0))
+    for unit_s, unit, next_s, following in ((86_400, "d", 3600, "h"), (3600, "h", 60, "min"), (60, "min", 1, "s")):
+        if whole >= unit_s:
+            rest = whole % unit_s // next_s
+            return f"{whole // unit_s} {unit} {rest} {following}" if rest else f"{whole // unit_s} {unit}"
+    return f"{whole} s"
+
+
+def ago(at: str | None) -> str:
+    """How long ago a moment was."""
+    if at is None:
+        return "–"
+    return f"{duration((datetime.now(UTC) - datetime.fromisoformat(at)).total_seconds())} ago"
+
+
+def moment(at: str | None) -> str:
+    """A moment to the second."""
+    return "–" if at is None else at[:19].replace("T", " ") + " UTC"
+
+
+def millimetres(metres: float | None) -> str:
+    """A length of a few centimetres."""
+    return "–" if metres is None else f"{1e3 * metres:.1f}"
+
+
+def degrees(radians: float | None) -> str:
+    """An angle."""
+    return "–" if radians is None else f"{radians * 57.29577951308232:.1f}"
+
+
+def state(name: Any) -> str:
+    """The word for a state."""
+    return STATES.get(str(name), str(name).replace("_", " "))
+
+
+def counted(number: int, noun: str) -> str:
+    """A number of things."""
+    return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"
+
+
+FILTERS: dict[str, Callable[..., str]] = {
+    "percent": percent,
+    "points": points,
+    "duration": duration,
+    "ago": ago,
+    "moment": moment,
+    "millimetres": millimetres,
+    "degrees": degrees,
+    "state": state,
+    "counted": counted,
+}

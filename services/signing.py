@@ -1,0 +1,64 @@
+"""The farm's key: an Ed25519 key in the data folder that only its owner reads; it signs reports and seals sessions."""
+
+import hashlib
+import hmac
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+KEY_FILE = "farm-key"
+SEED_BYTES = 32
+
+
+@dataclass(frozen=True)
+class FarmKey:
+    """One farm's key; its seed never leaves this process."""
+
+    seed: bytes
+
+    @classmethod
+    def of(cls, data: Path) -> "FarmKey":
+        """The key of a data folder, made at the first call.
+
+        Raises:
+            ValueError: the file is there and holds no key.
+        """
+        path = data / KEY_FILE
+        if not path.exists():
+            _make(path)
+        seed = bytes.fromhex(path.read_text().strip())
+        if len(seed) != SEED_BYTES:
+            raise ValueError(f"{path} holds {len(seed)} bytes; a farm's key has {SEED_BYTES}: restore it or delete the file")
+        return cls(seed)
+
+    @property
+    def public_hex(self) -> str:
+        """The public key, by which anybody checks a signature."""
+        return self._private.public_key().public_bytes_raw().hex()
+
+    def sign(self, content: bytes) -> str:
+        """The signature of a content; the same content always has the same one."""
+        return self._private.sign(content).hex()
+
+    def secret_for(self, use: str) -> bytes:
+        """A secret of 32 bytes for another use, from which nobody finds the key or the secret of a third."""
+        return hmac.digest(self.seed, use.encode(), hashlib.sha256)
+
+    @property
+    def _private(self) -> Ed25519PrivateKey:
+        return Ed25519PrivateKey.from_private_bytes(self.seed)
+
+
+def _make(path: Path) -> None:
+    """Writes a new key under its name only when it is whole; of two processes that do so at once, one wins."""
+    unfinished = path.with_suffix(f".{os.getpid()}.new")
+    with os.fdopen(os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+        file.write(Ed25519PrivateKey.generate().private_bytes_raw().hex())
+    try:
+        os.link(unfinished, path)
+    except FileExistsError:
+        pass
+    finally:
+        unfinished.unlink()

@@ -1,0 +1,97 @@
+"""One real farm and one real browser for all tests of this folder."""
+
+import hashlib
+import json
+import shutil
+import subprocess
+import tarfile
+import time
+from pathlib import Path
+
+import httpx
+import pytest
+
+from api_schemas.policy import PolicyManifest, canonical_json, policy_digest
+from tests.end_to_end.farm import Farm
+
+CHROMIUM = "/usr/bin/chromium"
+REFERENCE = Path(__file__).parent.parent.parent / "sim_backend/training/reference_policies/push.safetensors"
+HOSTILE = """<img src=x onerror=alert(1)>"'&{{7*7}}</script><script>alert(2)</script>"""
+FLAGS = ["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+
+
+class Looked:
+    """A farm that people look at: its address, its tokens, and the jobs that it runs."""
+
+    def __init__(self, farm: Farm) -> None:
+        settings = json.loads((farm.folder / "home" / "settings.json").read_text())
+        self.farm, self.url, self.operator = farm, settings["url"], settings["token"]
+        self.api = self.client(self.operator)
+        self.user = self.token("ann")
+        self.stranger = self.token("bob")
+
+    def client(self, token: str) -> httpx.Client:
+        return httpx.Client(base_url=self.url, headers={"Authorization": f"Bearer {token}"}, timeout=30)
+
+    def token(self, owner: str) -> str:
+        return self.api.post("/v1/tokens", json={"owner": owner, "scopes": ["submit"]}).json()["secret"]
+
+    def submit(self, policy: str, token: str, trials: int, seed: int = 1) -> str:
+        body = {"policy": policy, "task": "push", "trials": trials, "seed": seed}
+        with self.client(token) as client:
+            return client.post("/v1/jobs", json=body).raise_for_status().json()["job_id"]
+
+    def upload(self, name: str) -> str:
+        """The digest of the reference policy under another name."""
+        weights = REFERENCE.read_bytes()
+        manifest = PolicyManifest.model_validate(json.loads(REFERENCE.with_suffix(".json").read_text()) | {"name": name})
+        digest = policy_digest(hashlib.sha256(weights).hexdigest(), manifest)
+        files, data = {"weights": ("weights.safetensors", weights)}, {"manifest": canonical_json(manifest)}
+        self.api.put(f"/v1/policies/{digest}", files=files, data=data).raise_for_status()
+        return digest
+
+    def wait(self, job_id: str) -> None:
+        give_up_s = time.monotonic() + 90
+        while self.api.get(f"/v1/jobs/{job_id}").json()["state"] != "succeeded":
+            assert time.monotonic() < give_up_s, f"job {job_id} has not ended"
+            time.sleep(0.1)
+
+
+@pytest.fixture(scope="package")
+def looked(tmp_path_factory):
+    if not Path(CHROMIUM).exists():
+        pytest.skip(f"there is no {CHROMIUM}: the pages are not looked at in a browser")
+    with Farm(tmp_path_factory.mktemp("browser"), robots=2) as farm:
+        looked = Looked(farm)
+        yield looked
+        looked.api.close()
+
+
+@pytest.fixture(scope="package")
+def browser(looked):
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield started
+        started.close()
+
+
+@pytest.fixture(scope="package")
+def axe(tmp_path_factory) -> str:
+    """The source of axe-core."""
+    folder = tmp_path_factory.mktemp("axe")
+    if shutil.which("npm") is None:
+        pytest.skip("there is no npm to fetch axe-core with: accessibility is not checked")
+    packing = ["npm", "pack", "axe-core@4.14.1", "--silent"]
+    try:
+        done = subprocess.run(packing, cwd=folder, capture_output=True, text=True, timeout=60, check=False)
+    except subprocess.TimeoutExpired:
+        pytest.skip("npm did not bring axe-core within 60 s: accessibility is not checked")
+    archives = list(folder.glob("*.tgz"))
+    if not archives:
+        pytest.skip(f"npm could not bring axe-core, so accessibility is not checked: {done.stderr.strip()[-200:]}")
+    with tarfile.open(archives[0]) as archive:
+        member = archive.extractfile("package/axe.min.js")
+        assert member is not None
+        return member.read().decode()

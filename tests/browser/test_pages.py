@@ -1,0 +1,214 @@
+"""People look at a real farm while it works: operators, a user, a stranger, and whoever cannot see."""
+
+import os
+import statistics
+import time
+from pathlib import Path
+
+import httpx
+import pytest
+
+from tests.browser.conftest import HOSTILE
+
+PICTURES = os.environ.get("TRIFARM_PICTURES")
+"""A folder; where it is named, each page is kept there as a picture."""
+
+
+class Visit:
+    """A signed-in page that keeps what the browser complained about."""
+
+    def __init__(self, browser, looked, token, *, dark=False, width=1280, height=860):
+        self.context = browser.new_context(
+            viewport={"width": width, "height": height}, color_scheme="dark" if dark else "light", base_url=looked.url
+        )
+        self.page = self.context.new_page()
+        self.complaints = []
+        self.page.on("console", lambda said: self.complaints.append(said.text) if said.type == "error" else None)
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("dialog", lambda dialog: (self.complaints.append(f"dialog {dialog.message}"), dialog.dismiss()))
+        self.page.goto("/sign-in")
+        self.page.fill("#token", token)
+        self.page.click("button.strong")
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.context.close()
+
+
+@pytest.fixture(scope="module")
+def jobs(looked):
+    """Two jobs on the same goals and one that runs for long, all of a policy with a hostile name."""
+    digest = looked.upload(HOSTILE)
+    ended, again = (looked.submit(digest, looked.user, trials=2, seed=3) for _ in range(2))
+    yield {"ended": ended, "again": again, "running": looked.submit(digest, looked.user, trials=40, seed=4)}
+
+
+@pytest.fixture(scope="module")
+def operator(browser, looked):
+    with Visit(browser, looked, looked.operator) as visit:
+        yield visit
+
+
+@pytest.fixture(scope="module")
+def ended(looked, jobs):
+    """The job that has ended."""
+    looked.wait(jobs["ended"])
+    return jobs["ended"]
+
+
+def test_a_stranger_is_kept_out(browser, looked, jobs):
+    context = browser.new_context(base_url=looked.url)
+    page = context.new_page()
+    page.goto(f"/jobs/{jobs['ended']}?order=trial")
+    assert page.url.endswith(f"/sign-in?then=/jobs/{jobs['ended']}%3Forder%3Dtrial")
+    page.fill("#token", "trifarm_0_wrong")
+    page.click("button.strong")
+    assert "not known here" in page.inner_text("[role=alert]")
+    page.fill("#token", looked.stranger)
+    page.click("button.strong")
+    assert page.url.endswith(f"/jobs/{jobs['ended']}?order=trial"), "the sign-in leads to where one wanted to go"
+    assert "There is no job" in page.inner_text("main"), "and another's job does not exist for him"
+    for path in (f"/trials/{jobs['ended']}-000", f"/trials/{jobs['ended']}-000/replay", f"/jobs/{jobs['ended']}/report"):
+        assert context.request.get(path).status == 404
+    page.goto("/jobs")
+    assert jobs["ended"] not in page.content()
+    page.goto("/")
+    assert page.locator("button", has_text="Drain").count() == 0
+    assert jobs["running"] not in page.content(), "a robot does not tell whose trial it runs"
+    forged = context.request.post("/robots/robot-0/drain", form={"csrf": "0" * 64})
+    assert forged.status == 403
+    context.close()
+
+
+def test_changes_are_seen_within_a_second(operator, looked, jobs):
+    page = operator.page
+    page.goto(f"/jobs/{jobs['running']}")
+    late_s = []
+    done = looked.api.get(f"/v1/jobs/{jobs['running']}").json()["trials_done"]
+    give_up_s = time.monotonic() + 60
+    while len(late_s) < 2 and time.monotonic() < give_up_s:
+        now = looked.api.get(f"/v1/jobs/{jobs['running']}").json()["trials_done"]
+        if now != done:
+            seen_s, done = time.monotonic(), now
+            page.wait_for_function(
+                "wanted => parseInt(document.querySelector('#progress dd').textContent) >= wanted", arg=now, timeout=5000
+            )
+            late_s.append(time.monotonic() - seen_s)
+        time.sleep(0.02)
+    print(f"seen after {[round(s, 3) for s in late_s]} s")
+    assert late_s
+    assert statistics.median(late_s) < 1.0
+
+
+def test_an_operator_drains_a_robot_and_takes_it_back(operator):
+    page = operator.page
+    page.goto("/")
+    card = page.locator("#robot-robot-1")
+    card.get_by_role("button", name="Drain robot-1").click()
+    page.wait_for_function("() => document.querySelector('#robot-robot-1').textContent.includes('draining')", timeout=5000)
+    card.get_by_role("button", name="Resume robot-1").click()
+    page.wait_for_function("() => !document.querySelector('#robot-robot-1').textContent.includes('draining')", timeout=30_000)
+
+
+def test_a_trial_replays_and_scrubs(operator, ended):
+    page = operator.page
+    page.goto(f"/jobs/{ended}?order=trial")
+    page.click("#trial-0")
+    page.wait_for_selector("#replay[data-ready=yes]", timeout=20_000)
+    assert page.locator("#wait").is_hidden(), page.inner_text("#wait")
+    assert page.locator(".time-plot canvas:visible").count() >= 5
+    first = page.locator("#scene").screenshot()
+    page.evaluate(
+        "() => { const slider = document.querySelector('#time'); slider.value = 9; slider.dispatchEvent(new Event('input')); }"
+    )
+    page.wait_for_function("() => document.querySelector('#replay').dataset.time === '9.000'")
+    assert page.locator("#scene").screenshot() != first
+    assert "9.00 s" in page.inner_text("#now")
+    page.select_option("#speed", "4")
+    page.click("#play")
+    page.wait_for_function("() => Number(document.querySelector('#replay').dataset.time) > 10", timeout=5000)
+    page.focus("#scene")
+    page.keyboard.press("ArrowLeft")
+    page.click("[data-view=top]")
+
+
+def test_names_that_users_chose_are_only_text(operator, jobs, ended):
+    page = operator.page
+    for path in ("/", "/jobs", f"/jobs/{ended}", f"/trials/{ended}-000", f"/compare?jobs={ended}", f"/jobs/{ended}/report"):
+        page.goto(path)
+        assert page.locator("img[src=x]").count() == 0, path
+        if path != "/":
+            assert HOSTILE in page.inner_text("body"), path
+    page.goto("/jobs?q=%3Cscript%3Ealert(3)%3C%2Fscript%3E")
+    assert page.input_value("#q") == "<script>alert(3)</script>"
+
+
+def test_two_jobs_are_compared(operator, looked, jobs, ended):
+    looked.wait(jobs["again"])
+    page = operator.page
+    page.goto(f"/compare?jobs={ended}")
+    page.check(f"#job-{jobs['again']}")
+    page.get_by_role("button", name="Compare").click()
+    assert "N = 2" in page.inner_text("main")
+    assert "No difference that chance would not explain" in page.inner_text("main")
+
+
+def test_a_user_cancels_his_job(browser, looked, jobs):
+    with Visit(browser, looked, looked.user) as visit:
+        visit.page.goto(f"/jobs/{jobs['running']}")
+        visit.page.get_by_role("button", name="Cancel job").click()
+        visit.page.locator("h1", has_text="cancelled").wait_for(timeout=10_000)
+        visit.page.get_by_role("button", name="Sign out").click()
+        assert visit.page.url.endswith("/sign-in")
+        visit.page.goto("/jobs")
+        assert "/sign-in" in visit.page.url
+        assert visit.complaints == []
+
+
+@pytest.mark.parametrize("dark, width", [(False, 1280), (True, 390)], ids=["light-wide", "dark-narrow"])
+def test_everybody_can_use_every_page(browser, looked, ended, axe, dark, width):
+    with Visit(browser, looked, looked.operator, dark=dark, width=width) as visit:
+        page = visit.page
+        for path in ("/sign-in", "/", "/jobs", f"/jobs/{ended}", f"/trials/{ended}-000", f"/compare?jobs={ended}"):
+            page.goto(path)
+            page.wait_for_timeout(300)
+            page.evaluate(axe)
+            found = page.evaluate("async () => (await axe.run()).violations")
+            worst = [each for each in found if each["impact"] in ("serious", "critical")]
+            grave = [(each["id"], [node["html"][:120] for node in each["nodes"]]) for each in worst]
+            assert not grave, f"{path}: {grave}"
+            assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), f"{path} is wider than its window"
+
+
+def test_pages_are_light_and_quick(browser, looked, ended):
+    with Visit(browser, looked, looked.operator) as visit:
+        entries = "performance.getEntriesByType('resource').concat(performance.getEntriesByType('navigation'))"
+        sizes = visit.page.evaluate(f"{entries}.map(entry => entry.encodedBodySize)")
+        assert 1_000 < sum(sizes) < 150_000
+        cookies = {cookie["name"]: cookie["value"] for cookie in visit.context.cookies()}
+    with httpx.Client(base_url=looked.url, cookies=cookies) as client:
+        for path in ("/", "/jobs", f"/jobs/{ended}", f"/trials/{ended}-000", f"/compare?jobs={ended}"):
+            times_s = []
+            for _ in range(5):
+                began_s = time.perf_counter()
+                assert client.get(path).status_code == 200
+                times_s.append(time.perf_counter() - began_s)
+            assert statistics.median(times_s) < 0.3, path
+
+
+def test_pictures_of_every_page(browser, looked, ended):
+    if PICTURES is None:
+        pytest.skip("TRIFARM_PICTURES names no folder to keep pictures in")
+    folder = Path(PICTURES)
+    for dark, width, name in ((False, 1280, "light-wide"), (True, 390, "dark-narrow")):
+        with Visit(browser, looked, looked.operator, dark=dark, width=width) as visit:
+            for page, path in {"farm": "/", "jobs": "/jobs", "job": f"/jobs/{ended}", "trial": f"/trials/{ended}-000"}.items():
+                visit.page.goto(path)
+                visit.page.wait_for_timeout(2500)
+                visit.page.screenshot(path=folder / f"{page}-{name}.png")
+
+
+def test_the_browser_had_nothing_to_complain_about(operator):
+    assert operator.complaints == []

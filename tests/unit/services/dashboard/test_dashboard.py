@@ -1,0 +1,143 @@
+"""What the pages are made of: sessions, addresses, figures, and the queue as the list of jobs tells it."""
+
+import numpy as np
+import pytest
+
+from services.dashboard import figures, words
+from services.dashboard.sessions import Seal
+from services.dashboard.sign_in import own_path
+from services.jobs.statistics import wilson
+
+
+def test_a_session_opens_with_its_own_seal_only():
+    seal, other = Seal(b"k" * 32), Seal(b"o" * 32)
+    cookie = seal.close("trifarm_a_b")
+    assert "trifarm_a_b" not in cookie
+    assert seal.open(cookie) == "trifarm_a_b"
+    assert other.open(cookie) is None
+    assert seal.open(cookie[:-4] + "AAAA") is None
+    assert seal.open("") is None
+    assert seal.word(cookie) != seal.word(seal.close("trifarm_a_b"))
+
+
+def test_an_old_session_is_over(monkeypatch):
+    import time
+
+    seal = Seal(b"k" * 32)
+    cookie = seal.close("trifarm_a_b")
+    later = time.time() + 13 * 3600
+    monkeypatch.setattr(time, "time", lambda: later)
+    assert seal.open(cookie) is None
+
+
+@pytest.mark.parametrize(
+    "then, leads_to",
+    [
+        ("/jobs?q=a", "/jobs?q=a"),
+        ("//evil.example", "/"),
+        ("/\\evil.example", "/"),
+        ("https://evil.example", "/"),
+        ("/jobs\r\nSet-Cookie: a=b", "/"),
+        ("", "/"),
+    ],
+)
+def test_the_sign_in_leads_to_this_farm_only(then, leads_to):
+    assert own_path(then) == leads_to
+
+
+def test_the_curve_narrows_as_wilsons_interval_does():
+    curve = figures.narrowing([(1, 1), (2, 1), (40, 30)], 40)
+    points = np.array([[float(value) for value in point.split(",")] for point in curve.band.split()])
+    assert points.shape == (6, 2)
+    low, high = wilson(30, 40, figures.LEVEL)
+    assert points[2] == pytest.approx([100, 100 - 100 * high], abs=0.01)
+    assert points[3] == pytest.approx([100, 100 - 100 * low], abs=0.01)
+    assert figures.narrowing([], 40) == figures.Curve("", "")
+
+
+def test_errors_lie_between_the_ends_of_their_axis():
+    xs = [figures.error_x(error) for error in (0.0, 0.001, 0.02, 0.4, 9.0)]
+    assert xs == sorted(xs)
+    assert (xs[0], xs[-1]) == (0.0, 100.0)
+
+
+@pytest.mark.parametrize(
+    "seconds, text", [(None, "–"), (-1, "0 s"), (61, "1 min 1 s"), (7200, "2 h"), (90_061, "1 d 1 h"), (59.9, "59 s")]
+)
+def test_durations_are_read_in_two_units(seconds, text):
+    assert words.duration(seconds) == text
+
+
+async def test_the_list_of_jobs_tells_the_same_queue_as_each_job(tmp_path):
+    from sqlalchemy import insert, select
+
+    from services.dashboard.queries import JobFilter, ahead_of
+    from services.database.database import Database, migrate
+    from services.database.tables import job
+    from services.jobs import views
+
+    url = f"sqlite+aiosqlite:///{tmp_path / 'farm.sqlite'}"
+    await migrate(url)
+    database = Database(url)
+    states = ["succeeded", "running", "queued", "cancelled", "queued", "queued"]
+    common = {"task": "push", "seed": 1, "seed_drawn_by_server": False, "created_at": "2026-01-01T00:00:00Z", "created_s": 0.0}
+    async with database.write() as tx:
+        for number, state in enumerate(states, start=1):
+            done = 10 if state == "succeeded" else 0
+            owner = "ann" if number % 2 else "100%_bob"
+            row = {"number": number, "job_id": f"j{number}", "state": state, "owner": owner, "trials": 10, "trials_done": done}
+            await tx.execute(insert(job).values(**row, cancel_requested=number == 5, **common))
+    async with database.read() as connection:
+        rows = (await connection.execute(select(job).order_by(job.c.number))).all()
+        ahead = await ahead_of(connection, rows)
+        for row in rows:
+            if row.number in ahead:
+                assert ahead[row.number] == await views._ahead(connection, row)
+        assert ahead[6].trials == 20
+        found = {
+            text: (await connection.execute(JobFilter(None, None, text, None).select(9))).all() for text in ("%_", "J3", "x")
+        }
+    assert [row.number for row in found["%_"]] == [6, 4, 2], "what a user types is no pattern"
+    assert [row.number for row in found["J3"]] == [3]
+    assert found["x"] == []
+    await database.close()
+
+
+def test_a_log_is_reduced_to_what_is_drawn(short_log, tmp_path):
+    import json
+    import struct
+
+    from api_schemas.trial_log_reader import read_log
+    from services.dashboard import reduction
+
+    out = tmp_path / "replay.bin"
+    reduction.main([str(short_log), str(out)])
+    content = out.read_bytes()
+    (size,) = struct.unpack("<I", content[:4])
+    header, log = json.loads(content[4 : 4 + size]), read_log(short_log)
+
+    def array(name):
+        place = header["arrays"][name]
+        count = int(np.prod(place["shape"]))
+        return np.frombuffer(content, "<f4", count, 4 + size + place["at"]).reshape(place["shape"])
+
+    assert size % 4 == 0
+    assert header["duration_s"] == pytest.approx(1.0, abs=0.01)
+    np.testing.assert_allclose(array("joint_position_rad"), log.joint_position_rad, rtol=1e-6)
+    np.testing.assert_allclose(array("applied_nm"), log.applied_torque_nm, rtol=1e-6)
+    np.testing.assert_allclose(array("tracked_pose")[:, :3], log.tracked_position_world_m, rtol=1e-6)
+    np.testing.assert_allclose(array("true_pose")[:, :3], log.cube_position_world_m, rtol=1e-6)
+    np.testing.assert_allclose(header["goal"][0][:3], log.goal[0])
+    assert array("frame_pose").shape[1:] == (len(header["frames"]), 7)
+    known = {"world", "cube", *(child for _, child in header["frames"]), *(fixed["child"] for fixed in header["fixed"])}
+    assert {entity["frame"] for entity in header["entities"]} <= known
+    assert {"arena", "goal", "cube_tracked", "cube"} <= {entity["id"] for entity in header["entities"]}
+
+
+def test_a_long_log_becomes_no_more_than_a_screen_has_columns(monkeypatch, short_log):
+    from services.dashboard import reduction
+
+    monkeypatch.setattr(reduction, "MOST_SAMPLES", 100)
+    _, arrays = reduction.reduce(short_log, None)
+    assert len(arrays["joint_t_s"]) == 100
+    assert np.ptp(np.diff(arrays["joint_t_s"])) < 1e-6
