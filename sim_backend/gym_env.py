@@ -38,6 +38,7 @@ class TrifingerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     | index | meaning | min | max | unit |
     |---|---|---|---|---|
     | 0 to 8 with ``action="torque"`` | torque at the joint, in 0.396 N m | -1 | 1 | |
+    | 0 to 8 with ``action="joint position"`` | position between the ends of the joint's range | -1 | 1 | |
     | 0 to 8 with ``action="joint delta"`` | change of the measured position, in 0.1 rad | -1 | 1 | |
     | 0 to 8 with ``action="dactyl bins"`` (``MultiDiscrete``) | the same change, as the number of one of 11 bins | 0 | 10 | |
 

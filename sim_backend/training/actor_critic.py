@@ -106,6 +106,8 @@ class Networks(nn.Module):
     def __init__(self, actor_inputs: int, features: int, actor: tuple[int, ...], critic: tuple[int, ...]) -> None:
         super().__init__()
         self._actor_inputs = actor_inputs
+        self.actor: nn.Sequential
+        self.critic: nn.Sequential
         self.actor, self.critic = _layers((actor_inputs, *actor)), _layers((features, *critic))
         self.latent_dim_pi, self.latent_dim_vf = actor[-1], critic[-1]
 
@@ -134,6 +136,13 @@ class ActorCritic(ActorCriticPolicy):
     def __init__(self, *arguments: Any, actor: tuple[int, ...], critic: tuple[int, ...], **keywords: Any) -> None:
         self._actor, self._critic = actor, critic
         super().__init__(*arguments, **keywords)
+
+    @property
+    def actor_layers(self) -> list[nn.Linear]:
+        """The hidden layers of the actor."""
+        networks = self.mlp_extractor
+        assert isinstance(networks, Networks)
+        return [module for module in networks.actor if isinstance(module, nn.Linear)]
 
     def _build_mlp_extractor(self) -> None:
         inputs = self.features_extractor

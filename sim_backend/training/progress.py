@@ -33,11 +33,11 @@ class Watch(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         """The last iteration's observations go into the scaling, after the updates that were made with the old one."""
-        run, buffer = self._run, self.model.rollout_buffer  # type: ignore[attr-defined]
+        run = self._run
         if self._samples_before is None:
             self._samples_before = run.model.num_timesteps
         elif run.iterations <= run.recipe.ppo.freeze_inputs_after:
-            run.policy.features_extractor.learn_scaling(_seen(buffer.observations))
+            run.policy.features_extractor.learn_scaling(_seen(self._observations))
 
     def _on_step(self) -> bool:
         ended, run = self._run.robots.ended, self._run
@@ -53,6 +53,7 @@ class Watch(BaseCallback):
     def _on_rollout_end(self) -> None:
         run, now = self._run, time.monotonic()
         run.iterations += 1
+        self._observations = self.model.rollout_buffer.observations  # type: ignore[attr-defined]  # it empties itself before the next
         run.seconds, self._counted_s = run.seconds + now - self._counted_s, now
         if run.model.num_timesteps >= self._due:
             self._evaluate()

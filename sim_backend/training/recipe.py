@@ -39,11 +39,22 @@ class RewardTable(Table):
 
 
 class Networks(Table):
-    """Hidden layers of actor and critic, ELU between them; with ``privileged`` the critic knows what only a simulation knows."""
+    """Hidden layers of actor and critic, ELU between them.
+
+    With ``privileged`` the critic knows what only a simulation knows. With ``memory`` an LSTM of so many cells comes before the
+    layers, in the actor and in the critic.
+    """
 
     actor: Layers = (128, 128)
     critic: Layers = (256, 128)
     privileged: bool = False
+    memory: Annotated[int, Field(ge=1, le=1024)] | None = None
+
+    @model_validator(mode="after")
+    def _fit_together(self) -> "Networks":
+        if self.privileged and self.memory:
+            raise ValueError("privileged and memory do not go together: the memory's inputs would be those of the critic, too")
+        return self
 
 
 class Ppo(Table):

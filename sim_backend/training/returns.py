@@ -14,7 +14,8 @@ class NormalisedReturns(VecEnvWrapper):
     """Divides rewards by the standard deviation of discounted returns, and goes on counting where only time ended a trial.
 
     stable-baselines3 has both (``VecNormalize`` and a bootstrap in ``collect_rollouts``), but asks the critic once for each
-    trial that ends; here it is asked once for all. Owner of the running return and its variance.
+    trial that ends; here it is asked once for all, unless there is no ``value_of``: a critic with memory is asked by sb3-contrib.
+    Owner of the running return and its variance.
 
     Args:
         robots: the environment.
@@ -39,7 +40,7 @@ class NormalisedReturns(VecEnvWrapper):
         return self.venv.reset()
 
     def step_wait(self):
-        """One control period; the ``info`` of ended trials no longer says that time ended them, since that is in the reward."""
+        """One control period; where the reward has it already, ``info`` no longer says that time ended a trial."""
         observation, reward, done, infos = self.venv.step_wait()
         self._return = self._return * self._discount + reward
         self._learn(self._return)
@@ -52,7 +53,7 @@ class NormalisedReturns(VecEnvWrapper):
                 last = ended.observation[goes_on]
                 seen = {SEEN: last, PRIVILEGED: ended.privileged[goes_on]} if isinstance(observation, dict) else last
                 reward[ended.robots[goes_on]] += self._discount * self.value_of(seen)
-            for robot in ended.robots:
+            for robot in () if self.value_of is None else ended.robots:
                 infos[robot]["TimeLimit.truncated"] = False
         return observation, reward, done, infos
 

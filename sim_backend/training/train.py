@@ -9,9 +9,11 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
+from sb3_contrib import RecurrentPPO
 from stable_baselines3 import PPO
 
 from sim_backend.action_space import ActionSpace
@@ -23,6 +25,7 @@ from sim_backend.training.export import ExportedPolicy, exported, write_policy
 from sim_backend.training.progress import Watch
 from sim_backend.training.randomization import Randomizer, randomizer_of
 from sim_backend.training.recipe import Recipe
+from sim_backend.training.recurrent import RecurrentActorCritic
 from sim_backend.training.returns import NormalisedReturns
 from sim_backend.training.trying import Tried, try_policy
 from sim_backend.vec_env import TrifingerVecEnv
@@ -62,8 +65,9 @@ class Run:
         )
         self.returns = NormalisedReturns(self.robots, recipe.ppo.discount)
         self.model = _ppo(recipe, self.returns)
-        self.policy: ActorCritic = self.model.policy  # type: ignore[assignment]
-        self.returns.value_of = self._values
+        self.policy: ActorCritic | RecurrentActorCritic = self.model.policy  # type: ignore[assignment]
+        if recipe.networks.memory is None:
+            self.returns.value_of = self._values
 
     def learn(self) -> None:
         """Train until the samples or minutes of the recipe are over."""
@@ -71,7 +75,7 @@ class Run:
             self._look_around()
         left = self.recipe.samples - self.model.num_timesteps
         if left > 0:
-            self.model.learn(left, Watch(self), reset_num_timesteps=False, log_interval=None)
+            self.model.learn(left, Watch(self), reset_num_timesteps=False, log_interval=1)
 
     def evaluate(self) -> list[Tried]:
         """Try the policy as it is, on the goals that all evaluations of the run have."""
@@ -167,6 +171,7 @@ class Run:
 
     @torch.no_grad()
     def _values(self, observation) -> np.ndarray:
+        assert isinstance(self.policy, ActorCritic)
         tensors = self.policy.obs_to_tensor(observation)[0]
         return self.policy.predict_values(tensors).flatten().numpy()
 
@@ -186,11 +191,13 @@ def practice_of_recipe(recipe: Recipe, randomizer: Randomizer) -> Practice:
     )
 
 
-def _ppo(recipe: Recipe, robots: NormalisedReturns) -> PPO:
-    ppo, manifest = recipe.ppo, recipe.manifest
+def _ppo(recipe: Recipe, robots: NormalisedReturns) -> PPO | RecurrentPPO:
+    ppo, networks = recipe.ppo, recipe.networks
     first, last = ppo.learning_rate, ppo.final_learning_rate or ppo.learning_rate
-    return PPO(
-        ActorCritic,
+    method: Any
+    method, policy = (PPO, ActorCritic) if networks.memory is None else (RecurrentPPO, RecurrentActorCritic)
+    return method(
+        policy,
         robots,
         learning_rate=lambda left: last + (first - last) * left,
         n_steps=ppo.steps,
@@ -203,10 +210,11 @@ def _ppo(recipe: Recipe, robots: NormalisedReturns) -> PPO:
         vf_coef=ppo.value,
         max_grad_norm=ppo.largest_gradient,
         policy_kwargs={
-            "actor": recipe.networks.actor,
-            "critic": recipe.networks.critic,
+            "actor": networks.actor,
+            "critic": networks.critic,
+            **({} if networks.memory is None else {"memory": networks.memory}),
             "features_extractor_class": Inputs,
-            "features_extractor_kwargs": {"manifest": manifest},
+            "features_extractor_kwargs": {"manifest": recipe.manifest},
             "log_std_init": float(np.log(ppo.first_deviation)),
         },
         seed=recipe.seed,

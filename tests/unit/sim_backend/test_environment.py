@@ -118,9 +118,10 @@ def test_actions_are_what_their_manifest_says(mode):
     acts = ActionSpace(mode)
     manifest = acts.manifest(practice_of("push").manifest)
     least, most = (0, BINS - 1) if mode is ActionMode.BINS else (-1, 1)
-    np.testing.assert_allclose(acts.to_command(np.full((1, 9), most)), acts.largest)
-    np.testing.assert_allclose(acts.to_command(np.full((1, 9), least)), -acts.largest)
-    assert manifest.output_scaling.scale == acts.largest
+    scaling = manifest.output_scaling
+    offset = 0.0 if scaling.offset is None else np.array(scaling.offset)
+    np.testing.assert_allclose(acts.to_command(np.full((1, 9), most))[0], offset + np.array(scaling.scale))
+    np.testing.assert_allclose(acts.to_command(np.full((1, 9), least))[0], offset - np.array(scaling.scale))
     assert (manifest.bins == BINS) == (mode is ActionMode.BINS)
 
 

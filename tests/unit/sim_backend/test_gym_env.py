@@ -10,6 +10,7 @@ gymnasium = pytest.importorskip("gymnasium", reason="the extra 'learning' is not
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from sim_backend import gym_env  # noqa: E402
+from sim_backend.action_space import ActionMode  # noqa: E402
 from sim_backend.layouts import TRAINING_LAYOUTS, layout_of  # noqa: E402
 from sim_backend.observation_space import FIELDS, observation_space  # noqa: E402
 from sim_backend.tasks import TASKS  # noqa: E402
@@ -29,7 +30,7 @@ def test_gymnasium_finds_nothing_wrong(name):
     check_env(environment.unwrapped, skip_render_check=True)
 
 
-@pytest.mark.parametrize("action", ["torque", "joint delta", "dactyl bins"])
+@pytest.mark.parametrize("action", [mode.value for mode in ActionMode])
 @pytest.mark.parametrize("reward", ["keypoint kernel", "position+rotation"])
 def test_actions_and_rewards_by_name(action, reward):
     environment = gymnasium.make(
