@@ -138,11 +138,16 @@ async def show_job(job_id: JobId, session: SignedIn, farm: TheFarm, wanted: TheW
     return page("job.html", session, parts=made, title=f"Job {job_id}", here="jobs", job_id=job_id, live=stream)
 
 
+async def _seen_job(job_id: JobId, session: SignedIn, farm: TheFarm) -> Job:
+    return await jobs.get_job(job_id, session.caller, farm)
+
+
 @router.get("/jobs/{job_id}/live", response_class=EventSourceResponse)
-async def stream_job(job_id: JobId, session: SignedIn, farm: TheFarm, wanted: TheWanted) -> AsyncIterator[ServerSentEvent]:
+async def stream_job(
+    job: Annotated[Job, Depends(_seen_job)], session: SignedIn, farm: TheFarm, wanted: TheWanted
+) -> AsyncIterator[ServerSentEvent]:
     """What changes on the page."""
-    await jobs.get_job(job_id, session.caller, farm)
-    made = live.stream(lambda: parts(session, farm, job_id, wanted), farm.signals, lambda: farm.signals.watch(job_id))
+    made = live.stream(farm, session, lambda: parts(session, farm, job.job_id, wanted), lambda: farm.signals.watch(job.job_id))
     async for event in made:
         yield event
 
