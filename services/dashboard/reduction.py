@@ -86,7 +86,8 @@ def _collect(reader: McapReader, topics: tuple[str, ...], found: dict[str, list[
     every = {topic: max(1, -(-counts.get(topic, 0) // MOST_SAMPLES)) for topic in OFTEN}
     seen = dict.fromkeys(topics, 0)
     factory, decoders = DecoderFactory(), {}
-    for schema, channel, message in reader.iter_messages(topics=list(topics)):
+    # In the order of the file, which is that of time within each topic: to merge all topics by time takes a third longer.
+    for schema, channel, message in reader.iter_messages(topics=list(topics), log_time_order=False):
         topic = channel.topic
         seen[topic] += 1
         if (seen[topic] - 1) % every.get(topic, 1):
