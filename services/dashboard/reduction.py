@@ -40,8 +40,10 @@ def reduce(log: Path, truth: Path | None) -> tuple[dict[str, Any], dict[str, np.
         records = {record.name: record.metadata for record in reader.iter_metadata()}
         _collect(reader, (*OFTEN, *RARE), found)
     if truth is not None:
+        known = (t.CUBE_POSE, t.TRUE_SCENE)
+        found |= {topic: [] for topic in known}
         with truth.open("rb") as stream:
-            _collect(make_reader(stream), (t.CUBE_POSE, t.TRUE_SCENE), found)
+            _collect(make_reader(stream), known, found)
     header = {
         "format": "trifarm-replay/1",
         "task": records.get(t.TRIAL_METADATA, {}).get("task", ""),
