@@ -29,6 +29,11 @@ def points(difference: float) -> str:
     return f"{100 * difference:+.1f}".replace("-", "−")
 
 
+def chance(p: float) -> str:
+    """A p-value."""
+    return f"{p:.4f}" if p >= 1e-4 else "< 0.0001"
+
+
 def duration(seconds: float | None) -> str:
     """A duration in one or two units."""
     if seconds is None:
@@ -80,6 +85,7 @@ def counted(number: int, noun: str) -> str:
 FILTERS: dict[str, Callable[..., str]] = {
     "percent": percent,
     "points": points,
+    "chance": chance,
     "duration": duration,
     "ago": ago,
     "moment": moment,
