@@ -1,7 +1,7 @@
 """The page of one job: how far it is, its success rate as it narrows, its robots, and its trials, failures first."""
 
 from collections import defaultdict
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -147,9 +147,26 @@ async def stream_job(
     job: Annotated[Job, Depends(_seen_job)], session: SignedIn, farm: TheFarm, wanted: TheWanted
 ) -> AsyncIterator[ServerSentEvent]:
     """What changes on the page."""
-    made = live.stream(farm, session, lambda: parts(session, farm, job.job_id, wanted), lambda: farm.signals.watch(job.job_id))
-    async for event in made:
+    make = _when_changed(session, farm, job.job_id, wanted)
+    async for event in live.stream(farm, session, make, lambda: farm.signals.watch(job.job_id)):
         yield event
+
+
+def _when_changed(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> Callable[[], Awaitable[live.Parts]]:
+    """The parts of the page, made anew only when the job has another event or waits for something else."""
+    mark: tuple[int, str | None] | None = None
+    made: live.Parts = {}
+
+    async def make() -> live.Parts:
+        nonlocal mark, made
+        async with farm.database.read() as connection:
+            row = await views.job_row(connection, job_id, session.caller.sees_only)
+            (job,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s())
+        if mark != (row.last_event, job.waiting_because):
+            mark, made = (row.last_event, job.waiting_because), await parts(session, farm, job_id, wanted)
+        return made
+
+    return make
 
 
 @router.get("/jobs/{job_id}/report")

@@ -48,7 +48,7 @@ class Seal:
     def open(self, cookie: str) -> str | None:
         """The token inside a cookie; None when it is too old or none of ours."""
         try:
-            return self._fernet.decrypt(cookie, ttl=LASTS_S).decode()
+            return self._fernet.decrypt(cookie.encode(), ttl=LASTS_S).decode()
         except InvalidToken:
             return None
 

@@ -116,6 +116,8 @@ def test_the_signed_report_is_the_same_for_all_who_ask(farm, operator, job):
     page = operator.get(f"/jobs/{job}/report").text
     signature = farm.admin.get(f"/v1/jobs/{job}/report/signature").json()
     assert signature["signature"] in page
+    saved = operator.get(f"/jobs/{job}/report?save=true")
+    assert (saved.text, f"report-{job}.html" in saved.headers["content-disposition"]) == (page, True)
     assert signature["key"] == farm.admin.get("/v1/key").json()["key"]
     assert signature["report_sha256"] == farm.admin.get(f"/v1/jobs/{job}/report").headers["etag"].strip('"')
 
@@ -132,3 +134,18 @@ def test_a_log_that_is_none_is_said_and_nothing_breaks(operator, job):
 )
 def test_what_is_not_understood_is_said_politely(operator, path):
     assert operator.get(path).status_code in (404, 422)
+
+
+def test_a_page_of_a_job_is_renewed_until_its_end(farm, operator):
+    farm.start_robot("robot-slow", trial_s=0.3)
+    job_id = farm.submit(farm.policy(), trials=6).json()["job_id"]
+    done = []
+    with operator.stream("GET", f"/jobs/{job_id}/live") as answer:
+        for line in answer.iter_lines():
+            parts = json.loads(line.removeprefix("data: ")) if line.startswith("data: ") else {}
+            if "progress" in parts:
+                done.append(int(parts["progress"].split("<dt>done</dt><dd>")[1].split(" ")[0]))
+            if "done</span>" in parts.get("head", "") or done[-1:] == [6]:
+                break
+    assert done == sorted(done)
+    assert done[-1] == 6
