@@ -201,6 +201,8 @@ def _score(gained: int, lost: int, goals: int, difference: float) -> float:
     likeliest_lost = (math.sqrt(max(0.0, b * b - 4 * a * c)) - b) / (2 * a)
     variance = goals * (2 * likeliest_lost + difference * (1 - difference))
     away = gained - lost - goals * difference
+    if away == 0:
+        return 0.0
     return math.copysign(math.inf, away) if variance <= 1e-15 else away / math.sqrt(variance)
 
 

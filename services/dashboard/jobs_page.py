@@ -82,5 +82,5 @@ async def show_jobs(session: SignedIn, farm: TheFarm, wanted: TheWanted) -> Resp
 @router.get("/live/jobs", response_class=EventSourceResponse)
 async def stream_jobs(session: SignedIn, farm: TheFarm, wanted: TheWanted) -> AsyncIterator[ServerSentEvent]:
     """What changes in the list."""
-    async for event in live.stream(lambda: parts(session, farm, wanted), farm.signals):
+    async for event in live.stream(farm, session, lambda: parts(session, farm, wanted)):
         yield event

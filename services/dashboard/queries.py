@@ -2,7 +2,7 @@
 
 import json
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from sqlalchemy import Select, func, or_, select
@@ -96,9 +96,9 @@ class JobFilter:
         return wanted
 
 
-def owner_of(job_id: str) -> Select[tuple]:
-    """The statement for a job's owner."""
-    return select(job.c.owner).where(job.c.job_id == job_id)
+def owned(job_ids: Collection[str], owner: str) -> Select[tuple]:
+    """The statement for those of the jobs that are this owner's."""
+    return select(job.c.job_id).where(job.c.job_id.in_(job_ids), job.c.owner == owner)
 
 
 async def trial_rows(connection: AsyncConnection, number: int) -> Sequence[AnyRow]:

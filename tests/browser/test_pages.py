@@ -1,5 +1,6 @@
 """People look at a real farm while it works: operators, a user, a stranger, and whoever cannot see."""
 
+import itertools
 import os
 import statistics
 import time
@@ -201,13 +202,14 @@ def test_pages_are_light_and_quick(browser, looked, ended):
 def test_pictures_of_every_page(browser, looked, ended):
     if PICTURES is None:
         pytest.skip("TRIFARM_PICTURES names no folder to keep pictures in")
-    folder = Path(PICTURES)
-    for dark, width, name in ((False, 1280, "light-wide"), (True, 390, "dark-narrow")):
+    pages = {"farm": "/", "jobs": "/jobs", "job": f"/jobs/{ended}", "trial": f"/trials/{ended}-000", "compare": "/compare"}
+    for dark, width in itertools.product((False, True), (1280, 390)):
+        name = f"{'dark' if dark else 'light'}-{'wide' if width > 1000 else 'narrow'}"
         with Visit(browser, looked, looked.operator, dark=dark, width=width) as visit:
-            for page, path in {"farm": "/", "jobs": "/jobs", "job": f"/jobs/{ended}", "trial": f"/trials/{ended}-000"}.items():
+            for page, path in pages.items():
                 visit.page.goto(path)
                 visit.page.wait_for_timeout(2500)
-                visit.page.screenshot(path=folder / f"{page}-{name}.png")
+                visit.page.screenshot(path=Path(PICTURES) / f"{page}-{name}.png")
 
 
 def test_the_browser_had_nothing_to_complain_about(operator):

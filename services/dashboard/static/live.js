@@ -6,9 +6,13 @@ const lost = document.querySelector(".link-lost");
 function renew(name, html) {
   const element = document.getElementById(name);
   if (!element || element.dataset.part === undefined) return;
+  // What looks the same is left alone: a screen reader need not say it again.
+  const made = document.createElement(element.tagName);
+  made.innerHTML = html;
+  if (made.innerHTML === element.innerHTML) return;
   const focused = element.contains(document.activeElement) ? document.activeElement.id : "";
   const scrolled = element.querySelector(".scroll")?.scrollLeft ?? 0;
-  element.innerHTML = html;
+  element.replaceChildren(...made.childNodes);
   const scroll = element.querySelector(".scroll");
   if (scroll) scroll.scrollLeft = scrolled;
   if (focused) document.getElementById(focused)?.focus({ preventScroll: true });

@@ -51,7 +51,8 @@ function moments(log) {
       found.push({ at: t[k], text: isUp ? "lifted" : fell ? "dropped" : "put down", kind: fell ? "not" : "now" });
     }
   }
-  for (const event of log.events) found.push({ at: event.t_s, text: event.text, kind: "now" });
+  // What the log says at its very start is on the page already.
+  for (const event of log.events) if (event.t_s > 0) found.push({ at: event.t_s, text: event.text, kind: "now" });
   return found.sort((a, b) => a.at - b.at);
 }
 

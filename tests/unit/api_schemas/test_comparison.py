@@ -42,6 +42,11 @@ def test_at_the_bounds_the_score_is_that_of_the_likeliest_rates(gained, lost, go
         assert score == pytest.approx(expected, abs=2e-3)
 
 
+def test_where_no_goal_changed_sides_the_interval_is_the_same_to_both_sides():
+    z = NormalDist().inv_cdf(0.975)
+    assert paired_interval(0, 0, 40, 0.95) == pytest.approx((-(z**2) / (40 + z**2), z**2 / (40 + z**2)), abs=1e-9)
+
+
 def test_the_interval_covers_the_truth_about_as_often_as_it_says():
     rng = np.random.default_rng(5)
     both, gained, lost, goals = 0.4, 0.25, 0.15, 40
