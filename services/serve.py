@@ -33,6 +33,7 @@ from services.jobs.signals import Signals
 from services.policies.keeping import Policies
 from services.router import told_to_stop
 from services.settings import Settings
+from services.signing import FarmKey
 from services.upkeep import retention
 from services.upkeep.retention import Rules
 
@@ -126,6 +127,7 @@ async def open_farm(settings: Settings) -> AsyncIterator[Farm]:
         version=version("trifarm"),
         verifications=asyncio.Semaphore(settings.verification_at_once),
         jail=await asyncio.to_thread(detect),
+        key=FarmKey.of(settings.data, settings.farm_key and settings.farm_key.get_secret_value()),
     )
     try:
         await _first_tokens(settings, farm.tokens)

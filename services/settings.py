@@ -30,6 +30,9 @@ class Settings(BaseSettings):
     tls_key: Path | None = Field(default=None, description="PEM file with the certificate's private key")
     admin_token: SecretStr | None = None
     robot_token: SecretStr | None = None
+    farm_key: SecretStr | None = Field(
+        default=None, description="32 bytes as hexadecimal digits; without it, one in the data folder"
+    )
     max_attempts: int = Field(default=5, ge=1, description="platform faults of one trial before its job fails")
     pass_over_s: float = Field(default=30.0, ge=0, description="how long a trial waits for its busy first choice")
     pinned_robot_gone_s: float = Field(

@@ -10,7 +10,6 @@ from services.api.document import refusals
 from services.api.farm import Farm, TheFarm
 from services.api.jobs import JobId, stored_report
 from services.jobs import reports
-from services.signing import FarmKey
 
 router = APIRouter(prefix="/v1", tags=["jobs"])
 
@@ -18,7 +17,7 @@ router = APIRouter(prefix="/v1", tags=["jobs"])
 @router.get("/key")
 async def get_key(_caller: AnyCaller, farm: TheFarm) -> PublicKey:
     """The key by which the farm's signatures are checked."""
-    return PublicKey(key=FarmKey.of(farm.settings.data).public_hex)
+    return PublicKey(key=farm.key.public_hex)
 
 
 @router.get("/jobs/{job_id}/report/signature", responses=refusals(409))
@@ -30,4 +29,4 @@ async def get_signature(job_id: JobId, caller: User, farm: TheFarm) -> Signature
 
 def sign(body: bytes, farm: Farm) -> Signature:
     """The farm's word for a stored report."""
-    return reports.sign(json.loads(body), FarmKey.of(farm.settings.data))
+    return reports.sign(json.loads(body), farm.key)

@@ -115,6 +115,9 @@ def test_the_key_is_private_and_lasts(tmp_path):
     (tmp_path / KEY_FILE).write_text("ab")
     with pytest.raises(ValueError, match="32"):
         FarmKey.of(tmp_path)
+    assert FarmKey.of(tmp_path / "elsewhere", first.seed.hex()) == first
+    with pytest.raises(ValueError, match="TRIFARM_FARM_KEY"):
+        FarmKey.of(tmp_path / "elsewhere", "no key")
 
 
 def test_signatures_are_the_same_at_every_time(key):
