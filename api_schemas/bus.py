@@ -41,6 +41,11 @@ def command_key(farm: str, robot: str) -> str:
     return f"{ROOT}/{farm}/robot/{robot}/command"
 
 
+def change_key(farm: str) -> str:
+    """Key on which processes of the services tell each other that they changed something."""
+    return f"{ROOT}/{farm}/services/change"
+
+
 def robot_of_key(key: str) -> str:
     """The robot named in a key of this module."""
     return key.split("/")[4]
@@ -60,6 +65,12 @@ class Heartbeat(Schema):
     physics: str = "nominal"
     version: str = ""
     jail: JailReport | None = None  # what its policies are put into
+
+
+class Change(Schema):
+    """One process of the services has changed a job, or something else; the others look into the database."""
+
+    job_id: str | None = None
 
 
 class LiveState(Schema):

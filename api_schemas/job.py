@@ -18,6 +18,7 @@ class TaskName(StrEnum):
     PUSH = "push"
     LIFT = "lift"
     REACH = "reach"
+    FLOOR_POSE = "floor_pose"
     MOVE_CUBE_1 = "move_cube_1"
     MOVE_CUBE_2 = "move_cube_2"
     MOVE_CUBE_3 = "move_cube_3"
@@ -64,6 +65,8 @@ class Job(Schema):
     """A job as the API shows it. Counts of trials are by accepted outcome.
 
     ``policy`` and ``policy_name`` are null for an identification, ``robot`` names the robot that its trials are pinned to.
+    While a job is queued, ``queue_position`` counts the trials up to and with its first in the order in which robots take them
+    now, and ``estimated_wait_s`` says how long that may last; null when nothing is known to tell it from.
     """
 
     job_id: str
@@ -88,6 +91,8 @@ class Job(Schema):
     policy_faults: int
     platform_faults: int
     reason: str | None = None
+    queue_position: int | None = None
+    estimated_wait_s: float | None = None
 
 
 class JobPage(Schema):

@@ -6,6 +6,9 @@ from pydantic import Field
 
 from api_schemas.schema import Schema
 
+MAX_DAYS = 36_500
+"""A token that is to live for a hundred years may as well not expire."""
+
 
 class Scope(StrEnum):
     """What a token may do; ``admin`` may do everything."""
@@ -21,11 +24,11 @@ class TokenRequest(Schema):
 
     owner: str = Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9._@-]+$")
     scopes: tuple[Scope, ...] = Field(min_length=1)
-    expires_in_days: float | None = Field(default=None, gt=0)
+    expires_in_days: float | None = Field(default=None, gt=0, le=MAX_DAYS)
 
 
 class Token(Schema):
-    """A token without its secret."""
+    """A token without its secret; one with a ``robot`` speaks for this robot alone."""
 
     token_id: str
     owner: str
@@ -34,6 +37,7 @@ class Token(Schema):
     expires_at: str | None
     last_used_at: str | None
     revoked_at: str | None
+    robot: str | None = None
 
 
 class NewToken(Token):

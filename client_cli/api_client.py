@@ -4,6 +4,7 @@ It is one class of over 150 lines because it mirrors the list of the API's route
 a second home.
 """
 
+import ssl
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -30,7 +31,7 @@ from client_cli.settings import Connection
 
 TIMEOUT = httpx.Timeout(30.0, connect=5.0)
 UPLOAD_TIMEOUT = httpx.Timeout(180.0, connect=5.0)
-"""A policy's upload answers only after its conversion and smoke run."""
+"""A policy's upload answers only after its conversion and dry run."""
 STREAM_TIMEOUT = httpx.Timeout(45.0, connect=5.0)
 """Three missed heartbeats of an event stream (15 s each) mean that the link is dead."""
 POST_TRIES = 4
@@ -58,7 +59,10 @@ class ApiClient:
         headers = {"Authorization": f"Bearer {connection.token}"} if connection.token else {}
         # A proxy for the outside world must not stand between us and a farm on this very machine.
         is_local = httpx.URL(connection.url).host in {"127.0.0.1", "localhost", "::1"}
-        self._http = httpx.Client(base_url=connection.url, headers=headers, timeout=TIMEOUT, trust_env=not is_local)
+        trusted = True if connection.ca is None else ssl.create_default_context(cafile=connection.ca)
+        self._http = httpx.Client(
+            base_url=connection.url, headers=headers, timeout=TIMEOUT, trust_env=not is_local, verify=trusted
+        )
 
     def __enter__(self) -> Self:
         return self

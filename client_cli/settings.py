@@ -1,4 +1,4 @@
-"""Where the server is and who asks: TRIFARM_URL and TRIFARM_TOKEN, else the settings file that ``trifarm up`` wrote."""
+"""Where the server is and who asks: TRIFARM_URL, _TOKEN and _CA, else the settings file that ``trifarm up`` wrote."""
 
 import json
 import os
@@ -16,10 +16,14 @@ DEFAULT_URL = f"http://127.0.0.1:{DEFAULT_PORT}"
 
 @dataclass(frozen=True)
 class Connection:
-    """Address of the server and the bearer token to show it; without a token only /healthz answers."""
+    """Address of the server and the bearer token to show it; without a token only /healthz answers.
+
+    ``ca`` is a PEM file with the certificates that vouch for the server's, instead of those that this machine trusts.
+    """
 
     url: str
     token: str | None
+    ca: str | None = None
 
 
 def home_folder(environ: Mapping[str, str]) -> Path:
@@ -50,7 +54,10 @@ def load_connection(environ: Mapping[str, str]) -> Connection:
     url = environ.get("TRIFARM_URL") or stored.get("url") or DEFAULT_URL
     if not url.startswith(("http://", "https://")):
         raise UsageProblem(f"the server's address is {url!r}; it must begin with http:// or https://")
-    return Connection(url=url.rstrip("/"), token=environ.get("TRIFARM_TOKEN") or stored.get("token"))
+    token, ca = environ.get("TRIFARM_TOKEN") or stored.get("token"), environ.get("TRIFARM_CA") or stored.get("ca")
+    if ca is not None and not Path(ca).is_file():
+        raise UsageProblem(f"TRIFARM_CA names {ca}, which is no file; it must be a PEM file with the certificates to trust")
+    return Connection(url=url.rstrip("/"), token=token, ca=ca)
 
 
 def _stored(path: Path) -> dict[str, str]:
@@ -60,7 +67,7 @@ def _stored(path: Path) -> dict[str, str]:
         return {}
     except (ValueError, OSError) as error:
         raise UsageProblem(f"cannot read the settings file {path}: {error}; delete it or run 'trifarm up' again") from error
-    if not isinstance(stored, dict) or not all(isinstance(stored.get(key, ""), str) for key in ("url", "token")):
+    if not isinstance(stored, dict) or not all(isinstance(stored.get(key, ""), str) for key in ("url", "token", "ca")):
         raise UsageProblem(f'the settings file {path} is not {{"url": …, "token": …}}; delete it or run \'trifarm up\' again')
     return stored
 
@@ -72,6 +79,6 @@ def save_connection(connection: Connection, home: Path) -> Path:
     temporary = path.with_suffix(f".{os.getpid()}.tmp")
     descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
     with os.fdopen(descriptor, "w") as file:
-        json.dump(asdict(connection), file, indent=2)
+        json.dump({name: value for name, value in asdict(connection).items() if name != "ca" or value}, file, indent=2)
     temporary.replace(path)
     return path

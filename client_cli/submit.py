@@ -60,7 +60,7 @@ def submit(
 
 
 def submit_policy(client: ApiClient, policy: LocalPolicy, wish: JobRequest, idempotency_key: str | None = None) -> Job:
-    """Upload ``policy`` and queue the job of it; what the smoke run found strange is noted, not refused."""
+    """Upload ``policy`` and queue the job of it; what the dry run found strange is noted, not refused."""
     uploaded = client.upload_policy(policy.digest, policy.weights, policy.manifest)
     for warning in uploaded.warnings:
         note(f"warning: {warning}")

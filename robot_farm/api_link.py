@@ -1,6 +1,7 @@
 """The only file of the robots that speaks HTTP: renews leases, fetches policies, uploads logs and outcomes."""
 
 import hashlib
+import ssl
 import time
 from pathlib import Path
 from types import TracebackType
@@ -8,6 +9,7 @@ from types import TracebackType
 import httpx
 
 from api_schemas.robot import Lease, OutcomeReport, Renewal, RenewalReply
+from api_schemas.token import NewToken
 from api_schemas.trial import Outcome
 
 RETRY_FOR_S = 120.0
@@ -23,14 +25,29 @@ class ApiUnreachableError(Exception):
     """The API could not be reached in time."""
 
 
-class ApiLink:
-    """A robot's connection to the API; a context manager. Safe to use from several threads."""
+def own_token(api: str, token: str, robot: str, *, ca: Path | None = None, timeout_s: float = 5.0) -> str:
+    """The robot's own token, with which it can act for itself alone; for the farm's token or its own.
 
-    def __init__(self, api: str, token: str) -> None:
+    Raises:
+        ApiUnreachableError: no answer.
+        RuntimeError: the token is none of a robot's, or was revoked.
+    """
+    with ApiLink(api, token, ca=ca, timeout_s=timeout_s) as link:
+        return NewToken.model_validate_json(link.once("POST", f"/v1/robots/{robot}/token").content).secret
+
+
+class ApiLink:
+    """A robot's connection to the API; a context manager. Safe to use from several threads.
+
+    ``ca`` is a PEM file with the certificates that vouch for the API's, instead of those that this machine trusts.
+    """
+
+    def __init__(self, api: str, token: str, *, ca: Path | None = None, timeout_s: float = 30.0) -> None:
         self._client = httpx.Client(
             base_url=api,
             headers={"Authorization": f"Bearer {token}"},
-            timeout=httpx.Timeout(30.0, connect=5.0),
+            timeout=httpx.Timeout(timeout_s, connect=min(timeout_s, 5.0)),
+            verify=True if ca is None else ssl.create_default_context(cafile=ca),
             trust_env=False,  # robots speak to the address they were given, never through a proxy of the environment
         )
 
@@ -48,7 +65,7 @@ class ApiLink:
             ApiUnreachableError: no answer.
         """
         body = Renewal(robot=robot, fence=fence).model_dump(mode="json")
-        response = self._once("POST", f"/v1/leases/{trial_id}/renew", json=body)
+        response = self.once("POST", f"/v1/leases/{trial_id}/renew", json=body)
         return RenewalReply.model_validate_json(response.content)
 
     def fetch_graph(self, digest: str, sha256: str, folder: Path) -> Path:
@@ -96,16 +113,17 @@ class ApiLink:
         while True:
             try:
                 if upload is None:
-                    return self._once(method, url, **request)
+                    return self.once(method, url, **request)
                 with upload.open("rb") as stream:
-                    return self._once(method, url, content=iter(lambda: stream.read(1 << 20), b""), **request)
+                    return self.once(method, url, content=iter(lambda: stream.read(1 << 20), b""), **request)
             except ApiUnreachableError:
                 if time.monotonic() > give_up_s:
                     raise
             time.sleep(pause_s)
             pause_s = min(2 * pause_s, 3.0)
 
-    def _once(self, method: str, url: str, **request) -> httpx.Response:
+    def once(self, method: str, url: str, **request) -> httpx.Response:
+        """Send once and sort out what can come back."""
         try:
             response = self._client.request(method, url, **request)
         except httpx.TransportError as error:

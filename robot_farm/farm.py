@@ -1,12 +1,14 @@
 """Several robots on one machine: starts a process for each, starts those anew that die, ends all of them together."""
 
+import os
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable
 
-from robot_farm.settings import Settings
+from robot_farm.api_link import ApiUnreachableError, LeaseRefusedError, own_token
+from robot_farm.settings import TOKEN_VARIABLE, Settings
 from sim_backend.driver.compilation import is_kept
 
 LOOK_EVERY_S = 0.1
@@ -15,6 +17,8 @@ RESTART_PAUSE_S = (0.2, 1.0, 5.0, 15.0)
 GOOD_SERVICE_S = 60.0
 END_WITHIN_S = 3.5
 WARM_UP_WITHIN_S = 60.0
+JOIN_WITHIN_S = 2.0
+JOIN_AGAIN_S = 1.0
 
 
 class _Place:
@@ -26,6 +30,7 @@ class _Place:
         self.started_at_s = 0.0
         self.deaths = 0
         self.start_at_s = 0.0
+        self.token: str | None = None
 
 
 def run_robots(settings: Settings, arguments: list[str], stop: threading.Event, say: Callable[[str], None]) -> None:
@@ -43,7 +48,7 @@ def run_robots(settings: Settings, arguments: list[str], stop: threading.Event, 
     try:
         while not stop.is_set():
             for place in places:
-                _look_after(place, arguments, say)
+                _look_after(place, settings, arguments, say)
             stop.wait(LOOK_EVERY_S)
     finally:
         _end([place.process for place in places if place.process is not None])
@@ -59,7 +64,7 @@ def _warm_up(stop: threading.Event, say: Callable[[str], None]) -> None:
     _end([process])
 
 
-def _look_after(place: _Place, arguments: list[str], say: Callable[[str], None]) -> None:
+def _look_after(place: _Place, settings: Settings, arguments: list[str], say: Callable[[str], None]) -> None:
     now_s = time.monotonic()
     if place.process is not None and place.process.poll() is not None:
         say(f"{place.name} (pid {place.process.pid}) ended with {_how(place.process.returncode)}; it is started again")
@@ -67,8 +72,23 @@ def _look_after(place: _Place, arguments: list[str], say: Callable[[str], None])
         place.start_at_s = now_s + RESTART_PAUSE_S[min(place.deaths, len(RESTART_PAUSE_S)) - 1]
         place.process = None
     if place.process is None and now_s >= place.start_at_s:
+        place.token = place.token or _own_token(place, settings, say)
+        if place.token is None:
+            place.start_at_s = time.monotonic() + JOIN_AGAIN_S
+            return
         place.started_at_s = now_s
-        place.process = subprocess.Popen([sys.executable, "-P", "-m", "robot_farm", "--robot", place.name, *arguments])
+        # The farm's token, which can speak for every robot, stays here.
+        environment = os.environ | {TOKEN_VARIABLE: place.token}
+        command = [sys.executable, "-P", "-m", "robot_farm", "--robot", place.name, *arguments]
+        place.process = subprocess.Popen(command, env=environment)
+
+
+def _own_token(place: _Place, settings: Settings, say: Callable[[str], None]) -> str | None:
+    try:
+        return own_token(settings.api, settings.token, place.name, ca=settings.ca, timeout_s=JOIN_WITHIN_S)
+    except (ApiUnreachableError, LeaseRefusedError, RuntimeError) as error:
+        say(f"{place.name} cannot join the farm yet: {error}")
+        return None
 
 
 def _how(returncode: int) -> str:

@@ -13,6 +13,7 @@ from robot_farm.faults import FORM, Fault, parse_fault
 from sim_backend.effects.ranges import load_ranges
 
 TOKEN_VARIABLE = "TRIFARM_ROBOT_TOKEN"  # noqa: S105 - the name of a variable, not a secret
+CA_VARIABLE = "TRIFARM_CA"
 JAIL_LEVEL_VARIABLE = "TRIFARM_JAIL_LEVEL"
 SELF_TEST_EVERY = 5
 
@@ -42,6 +43,8 @@ class Settings:
     faults: tuple[Fault, ...]
     fault_rate: float
     self_test_every: int
+    ca: Path | None = None
+    """Certificates that vouch for the API's."""
     jail_level: JailLevel = JailLevel.LIMITS
     """A robot whose policies cannot be shut in as closely as this is out of service."""
 
@@ -76,6 +79,8 @@ def parse(arguments: list[str]) -> Settings:
     options = parser.parse_args(arguments)
     if options.jail_level not in set(JailLevel):
         parser.error(f"{JAIL_LEVEL_VARIABLE} is {options.jail_level!r}; choose from {', '.join(JailLevel)}")
+    if options.ca is not None and not options.ca.is_file():
+        parser.error(f"--ca is {options.ca}, which is no file; it must be a PEM file with the certificates to trust")
     if options.robots < 1:
         parser.error(f"--robots is {options.robots}; it must be at least 1")
     if options.self_test_every < 1:
@@ -110,6 +115,7 @@ def parse(arguments: list[str]) -> Settings:
         fault_rate=options.fault_rate,
         self_test_every=options.self_test_every,
         jail_level=JailLevel(options.jail_level),
+        ca=options.ca,
     )
     strangers = {fault.robot for fault in settings.faults} - set(settings.robot_names)
     if settings.robot is None and strangers:  # a single robot is told everybody's faults
@@ -134,6 +140,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--reset", choices=[reset.value for reset in Reset], help=reset)
     parser.add_argument("--fault", type=_fault, action="append", default=[], metavar="SPEC", help=f"a fault: {FORM}")
     parser.add_argument("--fault-rate", type=float, default=0.0, help="probability of a drawn fault in each trial (default 0)")
+    named = os.environ.get(CA_VARIABLE)
+    ca = f"PEM file with the certificates that vouch for the API's (default: {CA_VARIABLE}, or those of this machine)"
+    parser.add_argument("--ca", type=Path, default=Path(named) if named else None, help=ca)
     jail = f"serve only where the jail of policies reaches this level (default: {JAIL_LEVEL_VARIABLE}, or {JailLevel.LIMITS})"
     levels, usual = [level.value for level in JailLevel], os.environ.get(JAIL_LEVEL_VARIABLE, JailLevel.LIMITS.value)
     parser.add_argument("--jail-level", choices=levels, default=usual, help=jail)

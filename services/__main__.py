@@ -1,4 +1,4 @@
-"""``python -m services serve|router``: starts the services of a farm, or its bus alone, in this process."""
+"""``python -m services serve|dispatch|router``: starts the services of a farm, or a part of them, in this process."""
 
 import argparse
 import asyncio
@@ -24,15 +24,19 @@ def parsed(arguments: list[str]) -> tuple[str, Settings]:
     parser = argparse.ArgumentParser(prog="python -m services", description="The services of a trifarm.")
     commands = parser.add_subparsers(dest="command", required=True)
     serve = commands.add_parser("serve", help="API, dispatcher and, without --bus-connect, the bus")
-    serve.add_argument("--data", type=Path, help="folder of database, files and tokens")
+    dispatcher = commands.add_parser("dispatch", help="a dispatcher alone, beside others that share a PostgreSQL database")
+    for each in (serve, dispatcher):
+        each.add_argument("--data", type=Path, help="folder of database, files and tokens, as far as they have no other home")
+        each.add_argument("--bus-connect", help="zenoh endpoint of a router that runs elsewhere; then none runs here")
+        each.add_argument("--farm", help="the farm's name on the bus")
     serve.add_argument("--host")
     serve.add_argument("--port", type=int)
     serve.add_argument("--bus", help="zenoh endpoint to listen on, as tcp/127.0.0.1:7447")
-    serve.add_argument("--bus-connect", help="zenoh endpoint of a router that runs elsewhere; then none runs here")
-    serve.add_argument("--farm", help="the farm's name on the bus")
     serve.add_argument("--physics", help="what the robots were told; shown in the status")
     levels = [level.value for level in JailLevel]
     serve.add_argument("--jail-level", choices=levels, help="take nothing where the jail of children does not reach this level")
+    no_dispatch = "answer requests and give no leases; 'dispatch' does that elsewhere"
+    serve.add_argument("--no-dispatch", dest="dispatches", action="store_const", const=False, help=no_dispatch)
     router = commands.add_parser("router", help="the bus alone")
     router.add_argument("--bus", help="zenoh endpoint to listen on, as tcp/0.0.0.0:7447")
     given = {name: value for name, value in vars(parser.parse_args(arguments)).items() if value is not None}
@@ -51,9 +55,13 @@ def main() -> None:
 
         asyncio.run(route(settings))
         return
-    from services.serve import serve
+    from services.errors import NotReady
+    from services.serve import dispatch, serve
 
-    asyncio.run(serve(settings))
+    try:
+        asyncio.run({"serve": serve, "dispatch": dispatch}[command](settings))
+    except NotReady as error:
+        sys.exit(f"the services did not start: {error}")
 
 
 def _end_with_parent() -> None:

@@ -7,7 +7,8 @@ ServiceError
   +- TooSlow              408
   +- TooLarge             413
   +- Unauthorised         401
-  +- Forbidden            403
+  +- Forbidden            403  a scope is missing, or a share is used up
+  +- TooMany              429  more at once than one may ask for
   +- Unavailable          503  a part of the farm is away; try again
 """
 
@@ -25,6 +26,10 @@ class ServiceError(Exception):
         self.slug = slug
         self.detail = detail
         self.members = members
+
+
+class NotReady(Exception):
+    """The services cannot start; the message says what they found and what to do next."""
 
 
 class NotFound(ServiceError):
@@ -70,10 +75,21 @@ class Unauthorised(ServiceError):
 
 
 class Forbidden(ServiceError):
-    """A valid token without the needed scope."""
+    """A valid token that may not do this."""
 
     status = 403
-    title = "Scope missing"
+    title = "Not allowed"
+
+
+class TooMany(ServiceError):
+    """More at once than one may ask for; ``retry_after_s`` is when to ask again at the earliest."""
+
+    status = 429
+    title = "Too many"
+
+    def __init__(self, slug: str, detail: str, retry_after_s: int, **members: Any) -> None:
+        super().__init__(slug, detail, **members)
+        self.retry_after_s = retry_after_s
 
 
 class Unavailable(ServiceError):

@@ -3,7 +3,8 @@
 import asyncio
 import json
 import os
-from collections.abc import AsyncIterator, Iterator
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -11,6 +12,7 @@ from pathlib import Path
 import structlog
 import uvicorn
 from prometheus_client import CollectorRegistry, ProcessCollector
+from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from api_schemas.jail.detection import detect
 from api_schemas.token import Scope, TokenRequest
@@ -18,9 +20,11 @@ from services.api.app import create_app
 from services.api.farm import Farm
 from services.api.tokens import Tokens
 from services.dashboard.mount import mount
-from services.database.database import Database, migrate
+from services.database.database import Database, address, migrate
 from services.dispatcher.bus import Bus
 from services.dispatcher.dispatcher import Dispatcher, Metrics
+from services.errors import NotReady, ServiceError
+from services.files.homes import open_home
 from services.files.store import FileStore
 from services.jobs import robots
 from services.jobs.clock import FarmClock
@@ -29,12 +33,17 @@ from services.jobs.signals import Signals
 from services.policies.keeping import Policies
 from services.router import told_to_stop
 from services.settings import Settings
+from services.upkeep import retention
+from services.upkeep.retention import Rules
 
 log = structlog.get_logger()
 ADMIN = TokenRequest(owner="operator", scopes=(Scope.ADMIN,))
 ROBOT = TokenRequest(owner="farm", scopes=(Scope.ROBOT,))
 TOKENS_FILE = "tokens.json"
 REQUESTS_END_WITHIN_S = 2
+TIDY_EVERY_S = 3600.0
+FOLLOW_EVERY_S = 10.0
+"""How often the clock of a shared database is read again: clocks of two machines part by less than 1 ms in that time."""
 
 
 class Server(uvicorn.Server):
@@ -58,16 +67,30 @@ async def serve(settings: Settings) -> None:
             lifespan="off",
             log_config=None,
             access_log=False,
+            proxy_headers=settings.trusted_proxies is not None,
+            forwarded_allow_ips=settings.trusted_proxies,
+            ssl_certfile=settings.tls_certificate,
+            ssl_keyfile=settings.tls_key,
             timeout_graceful_shutdown=REQUESTS_END_WITHIN_S,
         )
         server = Server(config)
         watching = asyncio.create_task(_stop_when_told(server, farm.signals))
         log.info("jail", level=farm.jail.level, layers=farm.jail.layers, asked_for=settings.jail_level)
-        log.info("serving", host=settings.host, port=settings.port, bus=settings.bus, data=str(settings.data))
+        where = {"host": settings.host, "port": settings.port, "bus": settings.bus, "data": str(settings.data)}
+        log.info("serving", scheme="http" if settings.tls_key is None else "https", **where)
         try:
             await server.serve()
         finally:
             watching.cancel()
+
+
+async def dispatch(settings: Settings) -> None:
+    """Gives leases until told to stop, beside processes that answer requests; they share a database on PostgreSQL."""
+    if settings.database_url is None or settings.bus_connect is None:
+        raise NotReady("a dispatcher alone shares a database and a bus; set TRIFARM_DATABASE_URL and --bus-connect")
+    async with open_farm(settings) as farm, dispatching(farm):
+        log.info("dispatching", bus=settings.bus_connect)
+        log.info("stopping", reason=await told_to_stop())
 
 
 async def _stop_when_told(server: uvicorn.Server, signals: Signals) -> None:
@@ -81,11 +104,15 @@ async def _stop_when_told(server: uvicorn.Server, signals: Signals) -> None:
 async def open_farm(settings: Settings) -> AsyncIterator[Farm]:
     """Opens database and files, brings them up to date, and makes the first tokens."""
     settings.data.mkdir(parents=True, exist_ok=True)
-    await migrate(settings.database_url)
-    database, clock, registry = Database(settings.database_url), FarmClock.start(), CollectorRegistry()
+    url = address(settings.truth_url)
+    await migrate(url)
+    database, clock, registry = Database(url), FarmClock.start(), CollectorRegistry()
     ProcessCollector(registry=registry)
-    files = FileStore(settings.data / "files")
+    # The folder is this process's own; only what is kept may have another home, which others share.
+    files = FileStore(settings.data / "files", open_home(settings))
     files.forget_unfinished()
+    if database.is_shared:
+        await clock.set_by(database)
     farm = Farm(
         settings=settings,
         database=database,
@@ -103,11 +130,43 @@ async def open_farm(settings: Settings) -> AsyncIterator[Farm]:
     try:
         await _first_tokens(settings, farm.tokens)
         async with database.write() as tx:
-            await robots.load(tx, farm.fleet, clock.now_s(), settings.lease_s)
-        yield farm
+            await robots.load(tx, farm.fleet, clock.now_s(), settings.lease_s, prolong=not database.is_shared)
+        async with _beside(farm):
+            yield farm
     finally:
         farm.signals.close()
         await database.close()
+
+
+@asynccontextmanager
+async def _beside(farm: Farm) -> AsyncIterator[None]:
+    """Runs what goes on beside all requests: the clock follows the database's, and old logs go."""
+    repeated = [_repeat("logs were not tidied", TIDY_EVERY_S, lambda: _tidy(farm))]
+    if farm.database.is_shared:
+        repeated.append(_repeat("the clock was not set", FOLLOW_EVERY_S, lambda: farm.clock.set_by(farm.database)))
+    running = [asyncio.create_task(each) for each in repeated]
+    try:
+        yield
+    finally:
+        for each in running:
+            each.cancel()
+        await asyncio.wait(running)
+
+
+async def _repeat(failed: str, every_s: float, work: Callable[[], Awaitable[None]]) -> None:
+    while True:
+        await asyncio.sleep(every_s)
+        try:
+            await work()
+        except (OSError, SQLAlchemyError, ServiceError) as error:
+            log.warning(failed, reason=str(error))
+
+
+async def _tidy(farm: Farm) -> None:
+    rules = Rules(farm.settings.keep_logs_days, farm.settings.keep_logs_bytes)
+    removed = await retention.tidy(farm.database, farm.files, rules, time.time())
+    if removed.files:
+        log.info("old logs removed", files=removed.files, bytes=removed.bytes)
 
 
 @asynccontextmanager
@@ -131,7 +190,10 @@ async def _first_tokens(settings: Settings, tokens: Tokens) -> None:
     given = ((settings.admin_token, ADMIN), (settings.robot_token, ROBOT))
     for bearer, request in given:
         if bearer is not None:
-            await tokens.register(bearer, request)
+            try:
+                await tokens.register(bearer.get_secret_value(), request)
+            except IntegrityError:
+                await tokens.register(bearer.get_secret_value(), request)  # another process did so at the same time
     if any(bearer is not None for bearer, _ in given) or await tokens.all():
         return
     made = {"admin": (await tokens.make(ADMIN)).secret, "robot": (await tokens.make(ROBOT)).secret}

@@ -1,9 +1,9 @@
 """Settings of the services process: every flag of ``serve`` is also a ``TRIFARM_*`` environment variable."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, SecretStr, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from api_schemas.jail.level import JailLevel
@@ -26,8 +26,10 @@ class Settings(BaseSettings):
     physics: Annotated[str, AfterValidator(physics_name)] = Field(
         default="real", description="what the robots were told; only the name is kept"
     )
-    admin_token: str | None = None
-    robot_token: str | None = None
+    tls_certificate: Path | None = Field(default=None, description="PEM file with the certificate and its chain: for https")
+    tls_key: Path | None = Field(default=None, description="PEM file with the certificate's private key")
+    admin_token: SecretStr | None = None
+    robot_token: SecretStr | None = None
     max_attempts: int = Field(default=5, ge=1, description="platform faults of one trial before its job fails")
     pass_over_s: float = Field(default=30.0, ge=0, description="how long a trial waits for its busy first choice")
     pinned_robot_gone_s: float = Field(
@@ -39,6 +41,12 @@ class Settings(BaseSettings):
     renew_every_s: float = Field(default=RENEW_EVERY_S, gt=0)
     sweep_every_s: float = Field(default=0.5, gt=0, description="the safety net under the events that wake the dispatcher")
     max_weights_bytes: int = Field(default=MAX_WEIGHTS_BYTES, gt=0)
+    max_queued_jobs_per_user: int = Field(default=200, ge=1, description="jobs of one user that have not ended")
+    max_policy_bytes_per_user: int = Field(default=10 * 1024**3, gt=0, description="weights of one user's policies together")
+    requests_per_s: float = Field(default=100.0, ge=0, description="of one token, ten seconds' worth at once; 0: no limit")
+    robot_requests_per_s: float = Field(default=1000.0, ge=0, description="the same for the token of a robot")
+    anonymous_requests_per_s: float = Field(default=10.0, ge=0, description="of one address without a token that is known good")
+    trusted_proxies: str | None = Field(default=None, description="addresses whose X-Forwarded-For is believed, by commas")
     max_log_bytes: int = Field(default=1024**3, gt=0)
     conversion_deadline_s: float = Field(default=60.0, gt=0)
     verification_deadline_s: float = Field(default=120.0, gt=0)
@@ -49,7 +57,29 @@ class Settings(BaseSettings):
         default=JailLevel.LIMITS, description="no policy and no log is taken where the jail of children does not reach this level"
     )
 
+    # The two homes: without these, truth and files are in the data folder.
+    database_url: str | None = Field(default=None, repr=False, description="postgresql://user:password@host/name")
+    files_url: str | None = Field(default=None, description="s3://bucket/prefix")
+    s3_endpoint: str | None = Field(default=None, description="of an S3 server that is not Amazon's, as http://host:7070")
+    s3_region: str = "us-east-1"
+    s3_access_key_id: str | None = Field(default=None, description="without it, what AWS_* variables or the machine give")
+    s3_secret_access_key: SecretStr | None = None
+    dispatches: bool = Field(default=True, description="false: this process answers requests and gives no leases")
+    user_trials_at_once: int | None = Field(default=None, ge=1, description="how many trials one user may have running")
+
+    keep_logs_days: float | None = Field(
+        default=None, gt=0, description="logs that no report refers to are removed after so long"
+    )
+    keep_logs_bytes: int | None = Field(default=None, ge=0, description="and the oldest of them where they are more than this")
+
+    @model_validator(mode="after")
+    def _tls_is_whole(self) -> Self:
+        if (self.tls_certificate is None) != (self.tls_key is None):
+            there, missing = ("TRIFARM_TLS_CERTIFICATE", "TRIFARM_TLS_KEY")[:: 1 if self.tls_key is None else -1]
+            raise ValueError(f"{there} is given without {missing}; https needs both files, http neither")
+        return self
+
     @property
-    def database_url(self) -> str:
-        """Where truth is kept; SQLite inside the data folder."""
-        return f"sqlite+aiosqlite:///{(self.data / 'farm.sqlite').absolute()}"
+    def truth_url(self) -> str:
+        """Where truth is kept; without other word SQLite inside the data folder."""
+        return self.database_url or f"sqlite:///{(self.data / 'farm.sqlite').absolute()}"

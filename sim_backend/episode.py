@@ -34,7 +34,8 @@ class Episode:
     """n robots that try n goals under one manifest. Owner of the control clock.
 
     Between the observation and the manifest's delay after it the previous command goes on acting, as on the real robot;
-    before the first action the robot holds its start position.
+    before the first action the robot holds its start position. Robots may begin anew while others go on (:meth:`restart`):
+    each one's trial has a clock of its own.
     """
 
     def __init__(
@@ -50,23 +51,45 @@ class Episode:
         """Reset robots, tracker and clock; returns the pose that the tracker knows at the start."""
         self._driver.reset(start)
         self._goal = goal
-        self._step = 0
+        self._step, self._begun = 0, np.zeros(len(start.joint_position_rad), dtype=np.int64)
         self._measurement = self._driver.measure()
         self._command = hold_command(self._measurement.joint_position_rad)
         self._previous_action = np.zeros((len(start.joint_position_rad), 9))
         return self._tracker.reset(self._measurement, start.noise_seed)
 
+    def restart(self, robots: np.ndarray, start: Start, goal: Goal) -> None:
+        """Begin new trials with some of the robots, one row of start and goal each, while the others go on."""
+        self._driver.reset(start, robots)
+        self._goal = self._goal.with_rows(robots, goal)
+        self._begun[robots] = self._step
+        self._measurement = self._driver.measure()
+        self._command = _held(self._command, robots, self._measurement.joint_position_rad[robots])
+        self._previous_action = self._previous_action.copy()
+        self._previous_action[robots] = 0.0
+        self._tracker.restart(robots, self._measurement, start.noise_seed, self._step)
+
     @property
     def step(self) -> int:
-        """Physics steps since the start."""
+        """Physics steps since the start of all."""
         return self._step
+
+    @property
+    def trial_step(self) -> np.ndarray:
+        """Physics steps since the begin of each robot's trial, shape (n,)."""
+        return self._step - self._begun
+
+    @property
+    def goal(self) -> Goal:
+        """The goals of all robots."""
+        return self._goal
 
     def observe(self) -> np.ndarray:
         """The observation of all robots now, shape (n, size)."""
+        trial_step = self.trial_step
         sight = Sight(
-            self._step,
+            trial_step,
             self._measurement,
-            self._tracker.reading(self._step),
+            self._tracker.reading(trial_step),
             self._goal,
             self._previous_action,
             self._physics_step_s,
@@ -77,7 +100,8 @@ class Episode:
     def advance(self, action: np.ndarray) -> Period:
         """Apply the action of the last observation, shape (n, 9), and advance by one control period."""
         command = command_of(self._manifest.action_kind, action, self._measurement)
-        segment = self._driver.advance([(self._command, self._delay_steps), (command, self._period_steps - self._delay_steps)])
+        schedule = [(self._command, self._delay_steps), (command, self._period_steps - self._delay_steps)]
+        segment = self._driver.advance([(command, steps) for command, steps in schedule if steps])
         self._step += self._period_steps
         self._command, self._previous_action = command, action
         self._tracker.capture(segment)
@@ -88,6 +112,14 @@ class Episode:
     def measurement(self) -> Measurement:
         """The present state of all robots."""
         return self._measurement
+
+
+def _held(command: Command, robots: np.ndarray, joint_position_rad: np.ndarray) -> Command:
+    """A command that lets some robots hold a position, one row each, and is as it was for the others."""
+    torque_nm = command.desired_torque_nm.copy()
+    target = np.full_like(torque_nm, np.nan) if command.position_target_rad is None else command.position_target_rad.copy()
+    torque_nm[robots], target[robots] = 0.0, joint_position_rad
+    return Command(torque_nm, target)
 
 
 def command_of(kind: ActionKind, action: np.ndarray, measurement: Measurement) -> Command:

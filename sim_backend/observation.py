@@ -15,9 +15,12 @@ from sim_backend.trifinger.kinematics import fingertip_position_world_m
 
 @dataclass(frozen=True)
 class Sight:
-    """Everything a field may be made of, for n robots at one instant; ``previous_action`` has shape (n, 9)."""
+    """Everything a field may be made of, for n robots at one instant.
 
-    step: int
+    ``step`` counts physics steps since the begin of each robot's trial, shape (n,); ``previous_action`` has shape (n, 9).
+    """
+
+    step: np.ndarray
     measurement: Measurement
     tracked: TrackedPose
     goal: Goal
@@ -34,7 +37,7 @@ FIELDS: dict[str, Callable[[Sight], np.ndarray]] = {
     "cube_quat_wxyz": lambda s: s.tracked.cube_quat_wxyz,
     "cube_keypoints_world_m": lambda s: cube_keypoints_world_m(s.tracked.cube_position_world_m, s.tracked.cube_quat_wxyz),
     "tracker_confidence": lambda s: s.tracked.confidence[:, None],
-    "tracker_delay_s": lambda s: (s.step - s.tracked.capture_step[:, None]) * s.physics_step_s,
+    "tracker_delay_s": lambda s: (s.step - s.tracked.capture_step)[:, None] * s.physics_step_s,
     "goal_position_world_m": lambda s: s.goal.cube_position_world_m,
     "goal_quat_wxyz": lambda s: s.goal.cube_quat_wxyz,
     "goal_keypoints_world_m": lambda s: cube_keypoints_world_m(s.goal.cube_position_world_m, s.goal.cube_quat_wxyz),

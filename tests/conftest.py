@@ -3,6 +3,8 @@
 import os
 import signal
 
+from tests.homes import postgres, s3  # noqa: F401  fixtures of the whole run
+
 
 def pytest_configure() -> None:
     """A shell's background job and nohup ignore signals, and every process started here would inherit that."""

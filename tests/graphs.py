@@ -6,6 +6,11 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
+from api_schemas.policy import LAYOUTS, PolicyManifest, canonical_json
+
+GOOD_ACTIONS = 60
+"""More than an upload's dry run asks for in a row."""
+
 
 def _model(nodes, initializers, inputs: int, path: Path) -> Path:
     graph = helper.make_graph(
@@ -34,20 +39,9 @@ def linear(path: Path, *, inputs: int = 54, seed: int = 0, bias: float = 0.0) ->
     return _model(nodes, [_tensor("w", weights), _tensor("b", np.full((1, 9), bias, np.float32))], inputs, path)
 
 
-def no_number(path: Path, *, inputs: int = 54) -> Path:
-    """Finite weights whose actions are the root of a negative number."""
-    nodes = [
-        helper.make_node("MatMul", ["observation", "w"], ["x"]),
-        helper.make_node("Add", ["x", "b"], ["below"]),
-        helper.make_node("Sqrt", ["below"], ["action"]),
-    ]
-    weights, bias = np.zeros((inputs, 9), np.float32), np.full((1, 9), -1.0, np.float32)
-    return _model(nodes, [_tensor("w", weights), _tensor("b", bias)], inputs, path)
-
-
-def endless(path: Path, *, inputs: int = 54) -> Path:
-    """Adds up one number for ever (2^62 rounds)."""
-    body = helper.make_graph(
+def _doubling() -> onnx.GraphProto:
+    """The body of a loop: one addition, and on."""
+    return helper.make_graph(
         [
             helper.make_node("Identity", ["go_in"], ["go_out"]),
             helper.make_node("Add", ["sum_in", "sum_in"], ["sum_out"]),
@@ -63,9 +57,13 @@ def endless(path: Path, *, inputs: int = 54) -> Path:
             helper.make_tensor_value_info("sum_out", TensorProto.FLOAT, [1, 9]),
         ],
     )
+
+
+def endless(path: Path, *, inputs: int = 54) -> Path:
+    """Adds up one number for ever (2^62 rounds)."""
     nodes = [
         helper.make_node("MatMul", ["observation", "w"], ["start"]),
-        helper.make_node("Loop", ["rounds", "go", "start"], ["action"], body=body),
+        helper.make_node("Loop", ["rounds", "go", "start"], ["action"], body=_doubling()),
     ]
     initializers = [
         _tensor("w", np.zeros((inputs, 9), np.float32)),
@@ -103,3 +101,53 @@ def long_error(path: Path, *, inputs: int = 54) -> Path:
         _tensor("shape", np.array([1, 9])),
     ]
     return _model(nodes, initializers, inputs, path)
+
+
+def _in_time(path: Path, late, initializers) -> Path:
+    """A good policy until it has acted ``GOOD_ACTIONS`` times, which it counts; from then on ``late`` decides.
+
+    ``late`` are nodes that make ``fault`` of ``beyond``, shape (1, 1): how many actions beyond those. Its manifest lies beside.
+    """
+    ends = [helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, size]) for name, size in (("observation", 54), ("n", 1))]
+    gives = [helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, size]) for name, size in (("action", 9), ("n_next", 1))]
+    weights = np.random.default_rng(0).normal(size=(54, 9)).astype(np.float32) * 0.1
+    nodes = [
+        helper.make_node("Add", ["n", "one"], ["n_next"]),
+        helper.make_node("Sub", ["n_next", "good"], ["beyond"]),
+        *late,
+        helper.make_node("Mul", ["fault", "nothing"], ["none"]),
+        helper.make_node("MatMul", ["observation", "w"], ["x"]),
+        helper.make_node("Tanh", ["x"], ["y"]),
+        helper.make_node("Add", ["y", "none"], ["action"]),
+    ]
+    numbers = {"one": 1.0, "good": float(GOOD_ACTIONS), "nothing": 0.0}
+    constants = [_tensor(name, np.full((1, 1), number, np.float32)) for name, number in numbers.items()]
+    graph = helper.make_graph(nodes, "policy", ends, gives, [*constants, _tensor("w", weights), *initializers])
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), path)
+    states = [{"input": "n", "output": "n_next", "shape": [1, 1]}]
+    manifest = PolicyManifest.model_validate(LAYOUTS["rrc2022-push"].model_dump() | {"states": states})
+    path.with_suffix(".json").write_text(canonical_json(manifest))
+    return path
+
+
+def no_number_in_time(path: Path) -> Path:
+    """Its weights are finite, and so are its first actions; then comes the root of a negative number."""
+    return _in_time(path, [helper.make_node("Neg", ["beyond"], ["left"]), helper.make_node("Sqrt", ["left"], ["fault"])], [])
+
+
+def endless_in_time(path: Path) -> Path:
+    """Its first actions are quick; then it adds up one number for ever."""
+    late = [
+        helper.make_node("Relu", ["beyond"], ["late"]),
+        helper.make_node("Mul", ["late", "many"], ["long"]),
+        helper.make_node("Cast", ["long"], ["wide"], to=TensorProto.INT64),
+        helper.make_node("Reshape", ["wide", "scalar"], ["rounds"]),
+        helper.make_node("Loop", ["rounds", "go", "start"], ["fault"], body=_doubling()),
+    ]
+    initializers = [
+        _tensor("many", np.full((1, 1), 2.0**50, np.float32)),
+        _tensor("scalar", np.array([], np.int64)),
+        _tensor("go", np.array(True)),
+        _tensor("start", np.zeros((1, 9), np.float32)),
+    ]
+    return _in_time(path, late, initializers)

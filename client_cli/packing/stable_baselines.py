@@ -173,10 +173,12 @@ class LibraryOriginal:
         unit = wanted.output_scaling.scale if scale is None else scale
         self._scale = np.asarray(1.0 if unit is None else unit)
         self._stack = Stack(wanted)
+        self._memory: Any = None
 
     def begin(self) -> None:
         """Begin a trial."""
         self._stack.begin()
+        self._memory = None
 
     def act(self, observation: Array) -> Array:
         """The action (9,), in N m or rad, for an observation (n,)."""
@@ -187,7 +189,8 @@ class LibraryOriginal:
             row = self._stack(statistics.normalize_obs(observation))
         else:
             row = statistics.normalize_obs(self._stack(observation))
-        action = self._archive.policy.predict(row.astype(np.float32), deterministic=True)[0]
+        # A recurrent policy begins with zeros where it is given nothing; the others hand back what they were given.
+        action, self._memory = self._archive.policy.predict(row.astype(np.float32), self._memory, deterministic=True)
         space = self._archive.policy.action_space
         if hasattr(space, "nvec"):
             action = action * 2 / (space.nvec - 1) - 1

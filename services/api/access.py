@@ -3,7 +3,7 @@
 from collections.abc import Awaitable, Callable
 from typing import Annotated
 
-from fastapi import Depends
+from fastapi import Depends, Request
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
 from api_schemas.token import Scope
@@ -14,10 +14,14 @@ from services.errors import Forbidden, Unauthorised
 _bearer = HTTPBearer(auto_error=False, description="A token of the farm: trifarm_<id>_<secret>")
 
 
-async def _caller(farm: TheFarm, credentials: Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)]) -> Caller:
+async def _caller(
+    request: Request, farm: TheFarm, credentials: Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)]
+) -> Caller:
     if credentials is None:
         raise Unauthorised("token-missing", "Send the header 'Authorization: Bearer trifarm_…'.")
-    return await farm.tokens.caller(credentials.credentials)
+    caller = await farm.tokens.caller(credentials.credentials)
+    request.state.caller = caller  # for the limits and the audit line
+    return caller
 
 
 def _needs(*any_of: Scope) -> Callable[[Caller], Awaitable[Caller]]:
@@ -30,9 +34,20 @@ def _needs(*any_of: Scope) -> Callable[[Caller], Awaitable[Caller]]:
     return check
 
 
+async def _robot(caller: Annotated[Caller, Depends(_needs(Scope.ROBOT))]) -> Caller:
+    if caller.robot is None and not caller.may(Scope.ADMIN):
+        detail = "A token of the whole farm speaks for no robot; get the robot's own with POST /v1/robots/<robot>/token."
+        raise Forbidden("token-of-no-robot", detail)
+    return caller
+
+
 AnyCaller = Annotated[Caller, Depends(_caller)]
 User = Annotated[Caller, Depends(_needs(Scope.SUBMIT, Scope.OPERATE))]
 Submitter = Annotated[Caller, Depends(_needs(Scope.SUBMIT))]
 Operator = Annotated[Caller, Depends(_needs(Scope.OPERATE))]
-RobotCaller = Annotated[Caller, Depends(_needs(Scope.ROBOT))]
+RobotCaller = Annotated[Caller, Depends(_robot)]
+"""A robot with its own token, or an administrator, who may speak for any (``robot`` is None)."""
+Joining = Annotated[Caller, Depends(_needs(Scope.ROBOT))]
+"""Who may ask for a robot's own token."""
+Bearer = Annotated[HTTPAuthorizationCredentials, Depends(_bearer)]
 Admin = Annotated[Caller, Depends(_needs(Scope.ADMIN))]

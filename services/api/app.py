@@ -1,8 +1,10 @@
 """The HTTP application: all routes over one farm."""
 
 from fastapi import FastAPI
+from fastapi.routing import APIRoute
 
 from services.api import (
+    document,
     history,
     identifications,
     jobs,
@@ -16,6 +18,7 @@ from services.api import (
     trials,
     truth,
 )
+from services.api.door import Door
 from services.api.farm import Farm
 
 
@@ -28,9 +31,12 @@ def create_app(farm: Farm) -> FastAPI:
         # A JSON body is taken as such also when its sender forgot to say so; no browser holds these tokens.
         strict_content_type=False,
     )
-    app.state.farm = farm
+    app.state.farm, app.state.operations = farm, []
     problems.install(app)
+    document.install(app)
+    app.add_middleware(Door, settings=farm.settings, tokens=farm.tokens)
     users = (overview, policies, jobs, signatures, identifications, history, trials, truth)
     for module in (*users, leases, robots, token_routes):
         app.include_router(module.router)
+        app.state.operations += [route for route in module.router.routes if isinstance(route, APIRoute)]
     return app

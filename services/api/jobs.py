@@ -11,6 +11,7 @@ from api_schemas.report import AnyReport, read_report
 from api_schemas.report_text import render
 from services.api import cursor as cursors
 from services.api.access import Submitter, User
+from services.api.document import refusals
 from services.api.farm import Farm, TheFarm
 from services.api.tokens import Caller
 from services.database.tables import job
@@ -21,14 +22,14 @@ JobId = Annotated[str, Path(pattern=r"^[a-z0-9]{1,20}$")]
 IdempotencyKey = Annotated[str | None, Header(alias="Idempotency-Key", min_length=1, max_length=200)]
 
 
-@router.post("", response_model=Job, status_code=201, responses={200: {"model": Job}})
+@router.post("", response_model=Job, status_code=201, responses={200: {"model": Job}, **refusals(404, 409)})
 async def create_job(
     body: JobRequest, response: Response, caller: Submitter, farm: TheFarm, idempotency_key: IdempotencyKey = None
 ) -> Job:
     """Queues a job; with an Idempotency-Key the same request twice is one job."""
     async with farm.database.write() as tx:
         now_s = farm.clock.now_s()
-        job_id, new = await submission.submit(tx, now_s, body, submission.Sender(caller.owner, idempotency_key))
+        job_id, new = await submission.submit(tx, now_s, body, sender_of(caller, farm, idempotency_key))
     return await show_queued(job_id, new, response, caller, farm)
 
 
@@ -50,7 +51,7 @@ async def list_jobs(
         wanted = wanted.where(job.c.owner == caller.sees_only)
     async with farm.database.read() as connection:
         rows = (await connection.execute(wanted)).all()
-        shown = await views.show_jobs(connection, rows[:limit], farm.fleet, farm.clock.now_s())
+        shown = await views.show_jobs(connection, rows[:limit], farm.fleet, farm.clock.now_s(), farm.settings.user_trials_at_once)
     return JobPage(jobs=shown, next_cursor=cursors.encode(rows[limit - 1].number if len(rows) > limit else None))
 
 
@@ -60,7 +61,7 @@ async def get_job(job_id: JobId, caller: User, farm: TheFarm) -> Job:
     return await _show(job_id, caller, farm)
 
 
-@router.post("/{job_id}/cancel")
+@router.post("/{job_id}/cancel", responses=refusals(409))
 async def cancel_job(job_id: JobId, caller: User, farm: TheFarm) -> Job:
     """Takes queued trials out of the queue and has running ones stopped; the job ends when they have."""
     async with farm.database.write() as tx:
@@ -71,37 +72,46 @@ async def cancel_job(job_id: JobId, caller: User, farm: TheFarm) -> Job:
     return await _show(job_id, caller, farm)
 
 
+def sender_of(caller: Caller, farm: Farm, idempotency_key: str | None) -> submission.Sender:
+    """Who sends a job: users with their own policies and within their share of the queue, operators with everything."""
+    may_queue = None if caller.sees_only is None else farm.settings.max_queued_jobs_per_user
+    return submission.Sender(caller.owner, idempotency_key, caller.sees_only, may_queue)
+
+
 async def show_queued(job_id: str, new: bool, response: Response, caller: Caller, farm: Farm) -> Job:
     """The answer to whoever sent a job: 201 and where it is, or 200 when it had been sent before."""
     farm.signals.wake_dispatcher()
+    farm.signals.tell_others(job_id)
     response.status_code = 201 if new else 200
     response.headers["Location"] = f"/v1/jobs/{job_id}"
     return await _show(job_id, caller, farm)
 
 
-@router.get("/{job_id}/report", response_model=AnyReport)
+@router.get("/{job_id}/report", response_model=AnyReport, responses={304: {"description": "As known"}, **refusals(409)})
 async def get_report(job_id: JobId, request: Request, caller: User, farm: TheFarm) -> Response:
     """The report, byte for byte as it was written at the job's end."""
-    body, sha256 = await _report(job_id, caller, farm)
+    body, sha256 = await stored_report(job_id, caller, farm)
     tag = f'"{sha256}"'
     if request.headers.get("if-none-match") == tag:
         return Response(status_code=304, headers={"ETag": tag})
     return Response(body, media_type="application/json", headers={"ETag": tag})
 
 
-@router.get("/{job_id}/report/text", response_class=PlainTextResponse)
+@router.get("/{job_id}/report/text", response_class=PlainTextResponse, responses=refusals(409))
 async def get_report_text(job_id: JobId, caller: User, farm: TheFarm) -> str:
     """The report for people."""
-    body, _ = await _report(job_id, caller, farm)
+    body, _ = await stored_report(job_id, caller, farm)
     return render(read_report(body))
 
 
-async def _report(job_id: str, caller: Caller, farm: Farm) -> tuple[bytes, str]:
-    return await reports.stored(farm.database, farm.fleet, farm.clock.now_s(), job_id, caller.sees_only)
+async def stored_report(job_id: str, caller: Caller, farm: Farm) -> tuple[bytes, str]:
+    """The report of a job that the caller may see, as it was written, and its SHA-256."""
+    limit = farm.settings.user_trials_at_once
+    return await reports.stored(farm.database, farm.fleet, farm.clock.now_s(), job_id, caller.sees_only, limit)
 
 
 async def _show(job_id: str, caller: Caller, farm: Farm) -> Job:
     async with farm.database.read() as connection:
         row = await views.job_row(connection, job_id, caller.sees_only)
-        (shown,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s())
+        (shown,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s(), farm.settings.user_trials_at_once)
     return shown

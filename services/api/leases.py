@@ -7,13 +7,16 @@ from pydantic import BaseModel
 
 from api_schemas.robot import OutcomeReport, Renewal, RenewalReply
 from services.api.access import RobotCaller
+from services.api.document import BINARY, refusals
 from services.api.farm import Farm, TheFarm
+from services.api.tokens import Caller
 from services.api.trials import TrialId
-from services.errors import Refused
+from services.errors import Forbidden, Refused
 from services.jobs import completion, lease
 from services.jobs.claim import Claim
 
 router = APIRouter(prefix="/v1/leases", tags=["leases"])
+FILE = {"requestBody": {"required": True, "content": {"application/octet-stream": {"schema": BINARY}}}}
 Fence = Annotated[int, Path(ge=1, le=2**31 - 1)]
 AnnouncedSha256 = Annotated[str | None, Header(alias="X-Content-SHA256", pattern=r"^[0-9a-f]{64}$")]
 
@@ -32,9 +35,10 @@ class OutcomeReply(BaseModel):
     accepted: bool = True
 
 
-@router.post("/{trial_id}/renew")
-async def renew_lease(trial_id: TrialId, body: Renewal, _caller: RobotCaller, farm: TheFarm) -> RenewalReply:
+@router.post("/{trial_id}/renew", responses=refusals(409))
+async def renew_lease(trial_id: TrialId, body: Renewal, caller: RobotCaller, farm: TheFarm) -> RenewalReply:
     """Prolongs a lease."""
+    _check_robot(caller, body.robot)
     now_s, lease_s = farm.clock.now_s(), farm.settings.lease_s
     async with farm.database.write(lasting=False) as tx:
         cancel = await lease.renew(tx, now_s, trial_id, body, lease_s)
@@ -42,37 +46,50 @@ async def renew_lease(trial_id: TrialId, body: Renewal, _caller: RobotCaller, fa
     return RenewalReply(lease_s=lease_s, cancel=cancel)
 
 
-@router.put("/{trial_id}/{fence}/log")
+@router.put("/{trial_id}/{fence}/log", responses=refusals(409), openapi_extra=FILE)
 async def put_log(
     trial_id: TrialId,
     fence: Fence,
     request: Request,
-    _caller: RobotCaller,
+    caller: RobotCaller,
     farm: TheFarm,
     x_content_sha256: AnnouncedSha256 = None,
 ) -> StoredFile:
     """Takes a log under a lease that holds; it is kept under its SHA-256, which the outcome then names."""
+    await _check_lease(farm, trial_id, fence, caller)
     return await _keep(farm, trial_id, fence, "log", request, x_content_sha256)
 
 
-@router.put("/{trial_id}/{fence}/truth")
+@router.put("/{trial_id}/{fence}/truth", responses=refusals(409), openapi_extra=FILE)
 async def put_truth(
     trial_id: TrialId,
     fence: Fence,
     request: Request,
-    _caller: RobotCaller,
+    caller: RobotCaller,
     farm: TheFarm,
     x_content_sha256: AnnouncedSha256 = None,
 ) -> StoredFile:
     """Takes what only the simulation knows of a trial, as ``log`` takes the log; operators alone can fetch it."""
+    await _check_lease(farm, trial_id, fence, caller)
     return await _keep(farm, trial_id, fence, "truth", request, x_content_sha256)
+
+
+def _check_robot(caller: Caller, robot: str) -> None:
+    """A robot speaks for itself alone."""
+    if caller.robot not in (None, robot):
+        raise Forbidden(
+            "token-of-another-robot", f"The token is of {caller.robot} and the body speaks for {robot}; send your own."
+        )
+
+
+async def _check_lease(farm: Farm, trial_id: str, fence: int, caller: Caller) -> None:
+    async with farm.database.read() as connection:
+        await lease.check_lease(connection, trial_id, fence, caller.robot)
 
 
 async def _keep(
     farm: Farm, trial_id: str, fence: int, kind: lease.FileKind, request: Request, announced: str | None
 ) -> StoredFile:
-    async with farm.database.read() as connection:
-        await lease.check_lease(connection, trial_id, fence)
     limit_bytes = farm.settings.max_log_bytes
     stored = await farm.files.put(request.stream(), limit_bytes=limit_bytes, expected_sha256=announced)
     # The file itself is not synced either: what a power cut takes, the robot that lived through it sends again.
@@ -81,11 +98,12 @@ async def _keep(
     return StoredFile(sha256=stored.sha256, bytes=stored.size, new=stored.new)
 
 
-@router.post("/{trial_id}/outcome")
+@router.post("/{trial_id}/outcome", responses=refusals(409))
 async def post_outcome(
-    trial_id: TrialId, body: OutcomeReport, after: BackgroundTasks, _caller: RobotCaller, farm: TheFarm
+    trial_id: TrialId, body: OutcomeReport, after: BackgroundTasks, caller: RobotCaller, farm: TheFarm
 ) -> OutcomeReply:
     """Takes the outcome of an attempt; the same one again is taken again and changes nothing."""
+    _check_robot(caller, body.robot)
     log_bytes = None if body.log_sha256 is None else await farm.files.size(body.log_sha256)
     if body.log_sha256 is not None and log_bytes is None:
         raise Refused("log-missing", f"No log {body.log_sha256} was uploaded; PUT /v1/leases/{trial_id}/{body.fence}/log first.")

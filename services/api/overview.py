@@ -4,6 +4,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from fastapi import APIRouter, Response
+from fastapi.responses import PlainTextResponse
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Gauge, generate_latest
 from sqlalchemy import func, select
 
@@ -68,7 +69,7 @@ async def status(_caller: AnyCaller, farm: TheFarm) -> FarmStatus:
     )
 
 
-@router.get("/metrics", response_class=Response)
+@router.get("/metrics", response_class=PlainTextResponse)
 async def metrics(farm: TheFarm) -> Response:
     """Counters of this process and gauges of the farm, for Prometheus."""
     load, registry = await _load(farm), CollectorRegistry()

@@ -17,14 +17,18 @@ from starlette.types import Message, Receive
 from api_schemas.policy import Policy, PolicyManifest, PolicyPage
 from services.api import cursor as cursors
 from services.api.access import RobotCaller, Submitter, User
-from services.api.farm import TheFarm
+from services.api.document import files
+from services.api.farm import Farm, TheFarm
 from services.api.serving import stored_file
+from services.api.tokens import Caller
 from services.errors import Refused, TooLarge
+from services.jobs import lease
 from services.policies.intake import weights_format
 from services.policies.keeping import Upload
 
 router = APIRouter(prefix="/v1/policies", tags=["policies"])
 Digest = Annotated[str, InPath(pattern=r"^[0-9a-f]{64}$")]
+GRAPH = "application/octet-stream"
 MANIFEST_BYTES = 256 * 1024
 FORM_BYTES = MANIFEST_BYTES + 64 * 1024
 """What a form may hold beside the weights."""
@@ -52,7 +56,7 @@ async def put_policy(digest: Digest, request: Request, response: Response, calle
     with tempfile.TemporaryDirectory(prefix="trifarm-upload-") as folder:
         try:
             async with limited.form(max_files=1, max_fields=1, max_part_size=MANIFEST_BYTES) as form:
-                upload = await _upload(digest, form, caller.owner, Path(folder))
+                upload = await _upload(digest, form, Path(folder), caller, farm)
         except HTTPException as error:
             raise Refused("form-malformed", f"The form cannot be read: {error.detail}") from error
         policy, new = await farm.policies.take(upload, farm.clock.now_iso())
@@ -79,7 +83,7 @@ def _limited(request: Request, limit_bytes: int) -> Receive:
     return receive
 
 
-async def _upload(digest: str, form: FormData, owner: str, folder: Path) -> Upload:
+async def _upload(digest: str, form: FormData, folder: Path, caller: Caller, farm: Farm) -> Upload:
     weights, manifest = form.get("weights"), form.get("manifest")
     if not isinstance(weights, UploadFile) or not isinstance(manifest, str):
         raise Refused("form-incomplete", "Send multipart/form-data with a file 'weights' and a text 'manifest'.")
@@ -87,7 +91,8 @@ async def _upload(digest: str, form: FormData, owner: str, folder: Path) -> Uplo
     parsed = _manifest(manifest)
     path = folder / f"weights.{kind}"
     sha256 = await asyncio.to_thread(_copy, weights.file, path)
-    return Upload(digest, path, sha256, kind, parsed, owner, weights.filename)
+    share_bytes = None if caller.sees_only is None else farm.settings.max_policy_bytes_per_user
+    return Upload(digest, path, sha256, kind, parsed, caller.owner, weights.filename, share_bytes)
 
 
 def _copy(source: BinaryIO, path: Path) -> str:
@@ -108,21 +113,23 @@ def _manifest(text: str) -> PolicyManifest:
 
 @router.get("")
 async def list_policies(
-    _caller: User, farm: TheFarm, cursor: str | None = None, limit: Annotated[int, Query(ge=1, le=200)] = 50
+    caller: User, farm: TheFarm, cursor: str | None = None, limit: Annotated[int, Query(ge=1, le=200)] = 50
 ) -> PolicyPage:
-    """Policies, newest first."""
-    policies, following = await farm.policies.page(cursors.decode(cursor), limit)
+    """Policies, newest first; users see their own, operators all."""
+    policies, following = await farm.policies.page(cursors.decode(cursor), limit, caller.sees_only)
     return PolicyPage(policies=policies, next_cursor=cursors.encode(following))
 
 
 @router.get("/{digest}")
-async def get_policy(digest: Digest, _caller: User, farm: TheFarm) -> Policy:
+async def get_policy(digest: Digest, caller: User, farm: TheFarm) -> Policy:
     """One policy."""
-    return await farm.policies.find(digest)
+    return await farm.policies.find(digest, caller.sees_only)
 
 
-@router.get("/{digest}/graph", response_class=Response)
-async def get_graph(digest: Digest, request: Request, _caller: RobotCaller, farm: TheFarm) -> Response:
-    """The converted graph that robots run."""
+@router.get("/{digest}/graph", response_class=Response, responses=files(GRAPH))
+async def get_graph(digest: Digest, request: Request, caller: RobotCaller, farm: TheFarm) -> Response:
+    """The converted graph, for a robot that holds a lease of the policy."""
+    async with farm.database.read() as connection:
+        await lease.check_policy_leased(connection, digest, caller.robot)
     policy = await farm.policies.find(digest)
-    return await stored_file(request, farm.files, policy.graph_sha256, "application/octet-stream", f"{digest}.onnx")
+    return await stored_file(request, farm.files, policy.graph_sha256, GRAPH, f"{digest}.onnx")

@@ -10,9 +10,10 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from sqlalchemy.exc import DBAPIError
 from starlette.exceptions import HTTPException
+from starlette.routing import Match
 
 from api_schemas.error import MEDIA_TYPE, Problem
-from services.errors import ServiceError
+from services.errors import ServiceError, TooMany
 
 log = structlog.get_logger()
 
@@ -28,8 +29,11 @@ def install(app: FastAPI) -> None:
 
 async def _service_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, ServiceError)
-    headers = {"WWW-Authenticate": "Bearer"} if error.status == 401 else None
-    return _answer(request, error.status, error.slug, error.title, error.detail, members=error.members, headers=headers)
+    headers = {401: {"WWW-Authenticate": "Bearer"}, 503: {"Retry-After": "2"}}.get(error.status)
+    if isinstance(error, TooMany):
+        headers = {"Retry-After": str(error.retry_after_s)}
+    request.state.token_id = error.members.get("token_id")
+    return answer(request, error.status, error.slug, error.title, error.detail, members=error.members, headers=headers)
 
 
 async def _invalid(request: Request, error: Exception) -> JSONResponse:
@@ -39,28 +43,46 @@ async def _invalid(request: Request, error: Exception) -> JSONResponse:
         for each in error.errors()
     ]
     detail = "; ".join(f"{each['where']}: {each['message']}" for each in found)
-    return _answer(request, 422, "invalid-request", "Request is not valid", detail, members={"errors": found})
+    return answer(request, 422, "invalid-request", "Request is not valid", detail, members={"errors": found})
 
 
 async def _http_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
     slug = {404: "no-such-route", 405: "method-not-allowed"}.get(error.status_code, "http-error")
     detail = f"{request.method} {request.url.path}: {error.detail}; /docs lists the routes."
-    return _answer(request, error.status_code, slug, str(error.detail), detail, headers=error.headers)
+    headers = error.headers
+    if error.status_code == 405:
+        headers = {"Allow": ", ".join(sorted(_methods(request)))}
+    return answer(request, error.status_code, slug, str(error.detail), detail, headers=headers)
+
+
+def _methods(request: Request) -> set[str]:
+    """What may be done with a path: several routes can share it, and the first alone is asked."""
+    found = [route for route in request.app.state.operations if route.matches(request.scope)[0] is not Match.NONE]
+    return {method for route in found for method in route.methods}
 
 
 async def _database_error(request: Request, error: Exception) -> JSONResponse:
-    log.error("database error", path=request.url.path, exc_info=error)
+    assert isinstance(error, DBAPIError)
+    error.hide_parameters = True  # hashes of tokens, keys and manifests of users are among them
+    log.error("database error", route=_route(request), exc_info=error)
     detail = "The database did not answer; nothing was changed by this request. Try again in a moment."
-    return _answer(request, 503, "database-unavailable", "Not available now", detail, headers={"Retry-After": "2"})
+    return answer(request, 503, "database-unavailable", "Not available now", detail, headers={"Retry-After": "2"})
 
 
 async def _unexpected(request: Request, error: Exception) -> JSONResponse:
-    log.error("unexpected error", path=request.url.path, exc_info=error)
-    return _answer(request, 500, "internal-error", "Error of the farm", "The farm failed; its log says how. Please report it.")
+    log.error("unexpected error", route=_route(request), exc_info=error)
+    number = getattr(request.state, "request_id", "unknown")
+    detail = f"The farm failed; its log says how, under the request {number}. Please report it."
+    return answer(request, 500, "internal-error", "Error of the farm", detail, headers={"X-Request-Id": number})
 
 
-def _answer(
+def _route(request: Request) -> str:
+    """The route without its ids: whatever was put into an address must not get into the log with it."""
+    return getattr(request.scope.get("route"), "path", "unknown")
+
+
+def answer(
     request: Request,
     status: int,
     slug: str,
@@ -70,6 +92,8 @@ def _answer(
     members: Mapping[str, Any] | None = None,
     headers: Mapping[str, str] | None = None,
 ) -> JSONResponse:
+    """A problem document as the answer; the audit line of the request names it."""
+    request.state.problem = slug
     problem = Problem(
         type=f"/problems/{slug}", title=title, status=status, detail=detail, instance=request.url.path, **(members or {})
     )

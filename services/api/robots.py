@@ -1,56 +1,83 @@
 """Routes of robots: how they are, and the operator's wish to drain one."""
 
+from collections.abc import Sequence
 from typing import Annotated
 
 from fastapi import APIRouter, Path
+from sqlalchemy import select
 
 from api_schemas.robot import Robot, RobotPage
-from services.api.access import AnyCaller, Operator
+from api_schemas.token import NewToken
+from services.api.access import AnyCaller, Bearer, Joining, Operator
 from services.api.farm import Farm, TheFarm
+from services.api.tokens import Caller
+from services.database.tables import job
 from services.errors import NotFound
 from services.jobs import robots, views
+from services.jobs.fleet import Member
 
 router = APIRouter(prefix="/v1/robots", tags=["robots"])
 Name = Annotated[str, Path(pattern=r"^[a-z0-9-]{1,40}$")]
 
 
 @router.get("")
-async def list_robots(_caller: AnyCaller, farm: TheFarm) -> RobotPage:
-    """All robots that ever joined, by name."""
-    now_s = farm.clock.now_s()
+async def list_robots(caller: AnyCaller, farm: TheFarm) -> RobotPage:
+    """All robots that ever joined, by name; users see which of their own trials run on them, operators all."""
     members = sorted(farm.fleet.members.values(), key=lambda member: member.robot)
-    return RobotPage(robots=tuple(views.show_robot(member, now_s) for member in members))
+    return RobotPage(robots=await _show(members, caller, farm))
 
 
 @router.get("/{robot}")
-async def get_robot(robot: Name, _caller: AnyCaller, farm: TheFarm) -> Robot:
+async def get_robot(robot: Name, caller: AnyCaller, farm: TheFarm) -> Robot:
     """One robot."""
-    return _show(robot, farm)
+    return await _show_one(robot, caller, farm)
+
+
+@router.post("/{robot}/token")
+async def join_robot(robot: Name, caller: Joining, bearer: Bearer, farm: TheFarm) -> NewToken:
+    """The robot's own token, made of the farm's: with it alone it takes part in leases, its own. Always the same one."""
+    return await farm.tokens.of_robot(caller, bearer.credentials, robot)
 
 
 @router.post("/{robot}/drain")
-async def drain_robot(robot: Name, _caller: Operator, farm: TheFarm) -> Robot:
+async def drain_robot(robot: Name, caller: Operator, farm: TheFarm) -> Robot:
     """Lets the robot finish its trial and take no other."""
-    return await _wish(robot, farm, drain=True)
+    return await _wish(robot, caller, farm, drain=True)
 
 
 @router.post("/{robot}/resume")
-async def resume_robot(robot: Name, _caller: Operator, farm: TheFarm) -> Robot:
+async def resume_robot(robot: Name, caller: Operator, farm: TheFarm) -> Robot:
     """Takes a drained robot into service again."""
-    return await _wish(robot, farm, drain=False)
+    return await _wish(robot, caller, farm, drain=False)
 
 
-async def _wish(robot: str, farm: Farm, *, drain: bool) -> Robot:
+async def _wish(robot: str, caller: Caller, farm: Farm, *, drain: bool) -> Robot:
     async with farm.database.write() as tx:
         await robots.wish_drain(tx, robot, drain=drain)
     member = farm.fleet.member(robot)
     member.drain, member.resume_wanted = drain, not drain
+    member.withdrawn = member.withdrawn if drain else None
+    farm.signals.tell_others(None)
     farm.signals.wake_dispatcher(urgent=True)
-    return _show(robot, farm)
+    return await _show_one(robot, caller, farm)
 
 
-def _show(robot: str, farm: Farm) -> Robot:
+async def _show_one(robot: str, caller: Caller, farm: Farm) -> Robot:
     member = farm.fleet.snapshot(robot)
     if member is None:
         raise NotFound("robot-not-found", f"No robot named {robot} ever joined this farm; GET /v1/robots lists them.")
-    return views.show_robot(member, farm.clock.now_s())
+    (shown,) = await _show([member], caller, farm)
+    return shown
+
+
+async def _show(members: Sequence[Member], caller: Caller, farm: Farm) -> tuple[Robot, ...]:
+    now_s = farm.clock.now_s()
+    shown = tuple(views.show_robot(member, now_s) for member in members)
+    if caller.sees_only is None:
+        return shown
+    running = {robot.job for robot in shown if robot.job is not None}
+    own = select(job.c.job_id).where(job.c.job_id.in_(running), job.c.owner == caller.sees_only)
+    async with farm.database.read() as connection:
+        mine = set((await connection.execute(own)).scalars())
+    hidden = {"job": None, "trial": None, "simulated_s": None}
+    return tuple(robot if robot.job in mine else robot.model_copy(update=hidden) for robot in shown)

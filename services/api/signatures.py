@@ -7,7 +7,7 @@ from fastapi import APIRouter
 from api_schemas.signature import PublicKey, Signature
 from services.api.access import AnyCaller, User
 from services.api.farm import Farm, TheFarm
-from services.api.jobs import JobId
+from services.api.jobs import JobId, stored_report
 from services.jobs import reports
 from services.signing import FarmKey
 
@@ -23,7 +23,7 @@ async def get_key(_caller: AnyCaller, farm: TheFarm) -> PublicKey:
 @router.get("/jobs/{job_id}/report/signature")
 async def get_signature(job_id: JobId, caller: User, farm: TheFarm) -> Signature:
     """The signature of a job's report; the same at every time."""
-    body, _ = await reports.stored(farm.database, farm.fleet, farm.clock.now_s(), job_id, caller.sees_only)
+    body, _ = await stored_report(job_id, caller, farm)
     return sign(body, farm)
 
 

@@ -1,12 +1,15 @@
 """Routes of tokens, for administrators."""
 
-from fastapi import APIRouter
+from typing import Annotated
+
+from fastapi import APIRouter, Path
 
 from api_schemas.token import NewToken, TokenPage, TokenRequest
 from services.api.access import Admin
 from services.api.farm import TheFarm
 
 router = APIRouter(prefix="/v1/tokens", tags=["tokens"])
+TokenId = Annotated[str, Path(pattern=r"^[A-Za-z0-9.@-]{1,20}$")]
 
 
 @router.post("", status_code=201)
@@ -22,6 +25,6 @@ async def list_tokens(_caller: Admin, farm: TheFarm) -> TokenPage:
 
 
 @router.delete("/{token_id}", status_code=204)
-async def revoke_token(token_id: str, _caller: Admin, farm: TheFarm) -> None:
+async def revoke_token(token_id: TokenId, _caller: Admin, farm: TheFarm) -> None:
     """Ends a token at once."""
     await farm.tokens.revoke(token_id)

@@ -2,34 +2,44 @@
 
 import hashlib
 import hmac
+import re
 import secrets
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import structlog
-from sqlalchemy import insert, select, update
+from sqlalchemy import delete, insert, select, update
+from sqlalchemy.exc import IntegrityError
 
 from api_schemas.token import NewToken, Scope, Token, TokenRequest
 from services.database.database import Database
 from services.database.rows import AnyRow
 from services.database.tables import token
-from services.errors import NotFound, Refused, Unauthorised
+from services.errors import Forbidden, NotFound, Refused, Unauthorised
 from services.jobs.clock import FarmClock, iso
 
 log = structlog.get_logger()
 PREFIX = "trifarm"
-REMEMBERED_S = 1.0
+FORM = re.compile(rf"{PREFIX}_([A-Za-z0-9.@-]{{1,20}})_(.+)")
+REMEMBERED_S = 0.3
 """How long a checked token is trusted without asking the database: the longest that a revoked one still works elsewhere."""
 LAST_USED_EVERY_S = 60.0
 DAY_S = 86_400.0
+_PARENT = token.alias("parent")
+_WITH_PARENT = select(
+    token, _PARENT.c.revoked_at.label("parent_revoked_at"), _PARENT.c.expires_at.label("parent_expires_at")
+).select_from(token.outerjoin(_PARENT, _PARENT.c.token_id == token.c.parent))
 
 
 @dataclass(frozen=True)
 class Caller:
-    """Who asks, and what he may."""
+    """Who asks, and what he may; ``robot`` is the one that the token speaks for, ``key`` the SHA-256 of the token."""
 
     token_id: str
     owner: str
     scopes: frozenset[Scope]
+    robot: str | None = None
+    key: str = ""
 
     def may(self, *any_of: Scope) -> bool:
         """Whether one of the scopes, or admin, is his."""
@@ -43,7 +53,7 @@ class Caller:
 
 @dataclass
 class Tokens:
-    """The tokens of the farm; truth is the database, remembered for a second because robots ask often."""
+    """The tokens of the farm; truth is the database, remembered for a moment because robots ask often."""
 
     database: Database
     clock: FarmClock
@@ -56,14 +66,25 @@ class Tokens:
         Raises:
             Unauthorised: it is unknown, revoked or expired.
         """
-        now_s, hashed = self.clock.now_s(), sha256(bearer)
+        return await self._known(sha256(bearer), _id(bearer))
+
+    async def still_holds(self, caller: Caller) -> bool:
+        """Whether the token of a caller who is being served is still valid."""
+        try:
+            await self._known(caller.key, caller.token_id)
+        except Unauthorised:
+            return False
+        return True
+
+    async def _known(self, hashed: str, token_id: str) -> Caller:
+        now_s = self.clock.now_s()
         if (known := self._remembered.get(hashed)) is not None and now_s < known[1]:
             return known[0]
         async with self.database.read() as connection:
-            row = (await connection.execute(select(token).where(token.c.token_id == _id(bearer)))).one_or_none()
+            row = (await connection.execute(_WITH_PARENT.where(token.c.token_id == token_id))).one_or_none()
         self._check(row, hashed, now_s)
         assert row is not None, "_check refuses a missing row"
-        caller = Caller(row.token_id, row.owner, frozenset(Scope(scope) for scope in row.scopes.split()))
+        caller = Caller(row.token_id, row.owner, frozenset(Scope(scope) for scope in row.scopes.split()), row.robot, hashed)
         await self._used(row.token_id, now_s)
         self._remembered = {each: kept for each, kept in self._remembered.items() if now_s < kept[1]}
         self._remembered[hashed] = (caller, now_s + REMEMBERED_S)
@@ -73,10 +94,16 @@ class Tokens:
     def _check(row: AnyRow | None, hashed: str, now_s: float) -> None:
         if row is None or not hmac.compare_digest(row.secret_sha256, hashed):
             raise Unauthorised("token-unknown", "This token is not known here; ask the farm's operator for one.")
-        if row.revoked_at is not None:
-            raise Unauthorised("token-revoked", f"This token was revoked at {row.revoked_at}; ask for a new one.")
-        if row.expires_at is not None and row.expires_at <= iso(now_s):
-            raise Unauthorised("token-expired", f"This token expired at {row.expires_at}; ask for a new one.")
+        for revoked_at in (row.revoked_at, row.parent_revoked_at):
+            if revoked_at is not None:
+                raise Unauthorised(
+                    "token-revoked", f"This token was revoked at {revoked_at}; ask for a new one.", token_id=row.token_id
+                )
+        for expires_at in (row.expires_at, row.parent_expires_at):
+            if expires_at is not None and expires_at <= iso(now_s):
+                raise Unauthorised(
+                    "token-expired", f"This token expired at {expires_at}; ask for a new one.", token_id=row.token_id
+                )
 
     async def _used(self, token_id: str, now_s: float) -> None:
         if now_s - self._used_s.get(token_id, 0.0) < LAST_USED_EVERY_S:
@@ -91,6 +118,36 @@ class Tokens:
         row = await self._insert(bearer, request)
         return NewToken(**_shown(row).model_dump(), secret=bearer)
 
+    async def of_robot(self, caller: Caller, bearer: str, robot: str) -> NewToken:
+        """The token of one robot, derived from the one that the caller shows: the same however often he asks.
+
+        It ends with the one that it was derived from. Whoever shows a robot's own token gets that.
+
+        Raises:
+            Forbidden: the token is another robot's.
+            Unauthorised: the robot's token was revoked.
+        """
+        if caller.robot not in (None, robot):
+            raise Forbidden(
+                "token-of-another-robot", f"The token is of {caller.robot}, not of {robot}; it can join as itself only."
+            )
+        if caller.robot is None:
+            bearer = derived(caller.token_id, bearer, robot)
+        await self._keep_derived(caller, bearer, robot)
+        await self.caller(bearer)
+        async with self.database.read() as connection:
+            row = (await connection.execute(select(token).where(token.c.token_id == _id(bearer)))).one()
+        return NewToken(**_shown(row).model_dump(), secret=bearer)
+
+    async def _keep_derived(self, caller: Caller, bearer: str, robot: str) -> None:
+        async with self.database.read() as connection:
+            known = (await connection.execute(select(token.c.token_id).where(token.c.token_id == _id(bearer)))).first()
+        if known is not None:
+            return
+        request = TokenRequest(owner=caller.owner, scopes=(Scope.ROBOT,))
+        with suppress(IntegrityError):  # it asked twice at the same time
+            await self._insert(bearer, request, robot=robot, parent=caller.token_id)
+
     async def register(self, bearer: str, request: TokenRequest) -> None:
         """Makes a token that was given from outside valid, whatever is known under its id; again changes nothing.
 
@@ -101,7 +158,10 @@ class Tokens:
             Refused: it does not have the form of a token.
         """
         if not _id(bearer):
-            raise Refused("token-malformed", f"A token must read {PREFIX}_<id>_<secret>; the one given does not.")
+            raise Refused(
+                "token-malformed",
+                f"A token must read {PREFIX}_<id>_<secret>, the id 1 to 20 of A-Z a-z 0-9 . @ -; the given one does not.",
+            )
         async with self.database.read() as connection:
             known = (await connection.execute(select(token).where(token.c.token_id == _id(bearer)))).one_or_none()
         if known is None:
@@ -118,10 +178,11 @@ class Tokens:
         if changed:
             async with self.database.write() as tx:
                 await tx.execute(update(token).where(token.c.token_id == known.token_id).values(**wanted))
+                await tx.execute(delete(token).where(token.c.parent == known.token_id))
             self._remembered.clear()
             log.info("stored token replaced by the given one", token_id=known.token_id, changed=changed)
 
-    async def _insert(self, bearer: str, request: TokenRequest) -> AnyRow:
+    async def _insert(self, bearer: str, request: TokenRequest, *, robot: str | None = None, parent: str | None = None) -> AnyRow:
         now_s, days = self.clock.now_s(), request.expires_in_days
         row = insert(token).values(
             token_id=_id(bearer),
@@ -130,6 +191,8 @@ class Tokens:
             secret_sha256=sha256(bearer),
             created_at=iso(now_s),
             expires_at=None if days is None else iso(now_s + days * DAY_S),
+            robot=robot,
+            parent=parent,
         )
         async with self.database.write() as tx:
             return (await tx.execute(row.returning(*token.c))).one()
@@ -160,9 +223,15 @@ def sha256(bearer: str) -> str:
     return hashlib.sha256(bearer.encode()).hexdigest()
 
 
+def derived(parent_id: str, parent: str, robot: str) -> str:
+    """The token of a robot, which nobody can make who does not have the one that it is made of."""
+    number = hashlib.sha256(f"{parent_id} {robot}".encode()).hexdigest()[:16]
+    return f"{PREFIX}_{number}_{hmac.new(parent.encode(), f'robot {robot}'.encode(), hashlib.sha256).hexdigest()}"
+
+
 def _id(bearer: str) -> str:
-    parts = bearer.split("_", 2)
-    return parts[1] if len(parts) == 3 and parts[0] == PREFIX and 1 <= len(parts[1]) <= 20 and parts[2] else ""
+    found = FORM.fullmatch(bearer)
+    return "" if found is None else found[1]
 
 
 def _words(request: TokenRequest) -> str:
@@ -178,4 +247,5 @@ def _shown(row: AnyRow) -> Token:
         expires_at=row.expires_at,
         last_used_at=row.last_used_at,
         revoked_at=row.revoked_at,
+        robot=row.robot,
     )

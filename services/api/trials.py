@@ -9,6 +9,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 from api_schemas.trial import Trial, TrialPage
 from services.api import cursor as cursors
 from services.api.access import User
+from services.api.document import files
 from services.api.farm import TheFarm
 from services.api.jobs import JobId
 from services.api.serving import stored_file
@@ -54,7 +55,8 @@ async def get_trial(trial_id: TrialId, caller: User, farm: TheFarm) -> Trial:
     return shown[0]
 
 
-@router.api_route("/trials/{trial_id}/log", methods=["GET", "HEAD"], response_class=Response)
+@router.head("/trials/{trial_id}/log", response_class=Response, responses=files(MCAP))
+@router.get("/trials/{trial_id}/log", response_class=Response, responses=files(MCAP))
 async def get_log(trial_id: TrialId, request: Request, caller: User, farm: TheFarm) -> Response:
     """The MCAP log of the accepted attempt; byte ranges are served."""
     async with farm.database.read() as connection:

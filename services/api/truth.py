@@ -14,6 +14,7 @@ from api_schemas.jail.level import too_open
 from api_schemas.token import Scope
 from api_schemas.verification import Verification
 from services.api.access import Operator, User
+from services.api.document import BINARY, files, refusals
 from services.api.farm import Farm, TheFarm
 from services.api.jobs import JobId
 from services.api.serving import stored_file, stored_size
@@ -21,18 +22,21 @@ from services.api.tokens import Caller
 from services.api.trials import MCAP
 from services.database.rows import AnyRow
 from services.database.tables import trial
-from services.errors import NotFound, TooLarge, TooSlow, Unavailable
+from services.errors import NotFound, Refused, TooLarge, TooSlow, Unavailable
 from services.jobs import views
 from services.verification import replaying
 from services.verification.replaying import Compared
 
 router = APIRouter(prefix="/v1/jobs/{job_id}/trials/{ordinal}", tags=["trials"])
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+"""How every MCAP file begins (mcap.dev/spec, "Magic")."""
 SPARE_BYTES = 1024**2
 """What a log may be larger than twice the one that the farm keeps: packed in another way, it is still the same log."""
 Ordinal = Annotated[int, InPath(ge=0, le=9999)]
 
 
-@router.api_route("/truth", methods=["GET", "HEAD"], response_class=Response)
+@router.head("/truth", response_class=Response, responses=files(MCAP))
+@router.get("/truth", response_class=Response, responses=files(MCAP))
 async def get_truth(job_id: JobId, ordinal: Ordinal, request: Request, _caller: Operator, farm: TheFarm) -> Response:
     """The MCAP file with the trial's truth and its robot's physics; byte ranges are served."""
     row = await _with_truth(farm, job_id, ordinal, None)
@@ -41,7 +45,8 @@ async def get_truth(job_id: JobId, ordinal: Ordinal, request: Request, _caller: 
 
 @router.post(
     "/verify",
-    openapi_extra={"requestBody": {"required": True, "content": {MCAP: {"schema": {"type": "string", "format": "binary"}}}}},
+    responses=refusals(408),
+    openapi_extra={"requestBody": {"required": True, "content": {"application/octet-stream": {"schema": BINARY}}}},
 )
 async def verify_log(job_id: JobId, ordinal: Ordinal, request: Request, caller: User, farm: TheFarm) -> Verification:
     """Simulates the trial again and compares the log in the body with that: the same numbers, or the first step that differs."""
@@ -53,6 +58,7 @@ async def verify_log(job_id: JobId, ordinal: Ordinal, request: Request, caller: 
     with tempfile.TemporaryDirectory(prefix="trifarm-verify-") as folder:
         files = Compared(*(Path(folder) / f"{name}.mcap" for name in ("log", "truth", "original")))
         await _receive(files.log, request, 2 * row.log_bytes + SPARE_BYTES, farm.settings.verification_upload_s)
+        await asyncio.to_thread(_check_form, files.log)
         # Only now: whoever sends slowly holds up nobody but himself.
         async with farm.verifications:
             await _write(files.truth, farm.files.read(row.truth_sha256))
@@ -95,6 +101,15 @@ async def _receive(path: Path, request: Request, limit_bytes: int, within_s: flo
                     await asyncio.to_thread(file.write, chunk)
     except TimeoutError as error:
         raise TooSlow("body-too-slow", f"The file did not arrive within {within_s:g} s; {size} bytes of it did.") from error
+
+
+def _check_form(path: Path) -> None:
+    """Refuses what is plainly no log before a process is started to read it."""
+    with path.open("rb") as file:
+        start = file.read(len(MCAP_MAGIC))
+    if start != MCAP_MAGIC:
+        detail = f"The file begins with {start!r} and is no MCAP file; send a log that 'trifarm fetch' brought."
+        raise Refused("log-unfit", detail)
 
 
 async def _write(path: Path, chunks: AsyncIterator[bytes]) -> None:

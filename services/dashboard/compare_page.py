@@ -10,13 +10,13 @@ from api_schemas.comparison import Comparison, NotComparableError, TaskCompariso
 from api_schemas.job import JobState, TaskName
 from api_schemas.report import Report, read_report
 from services.api.farm import Farm, TheFarm
+from services.api.jobs import stored_report
 from services.dashboard.figures import Bar
 from services.dashboard.pages import PageRoute, page
 from services.dashboard.sessions import Session, SignedIn
 from services.database.rows import AnyRow
 from services.database.tables import job
 from services.errors import NotFound, Refused
-from services.jobs import reports
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 MOST_JOBS = 12
@@ -46,7 +46,7 @@ async def show_comparison(
 
 
 async def _report(job_id: str, session: Session, farm: Farm) -> Report:
-    body, _ = await reports.stored(farm.database, farm.fleet, farm.clock.now_s(), job_id, session.caller.sees_only)
+    body, _ = await stored_report(job_id, session.caller, farm)
     report = read_report(body)
     if not isinstance(report, Report):
         raise NotFound("report-without-goals", f"Job {job_id} is an identification, which has no goals to compare.")

@@ -15,14 +15,14 @@ from api_schemas.report_page import render_page, style_source
 from api_schemas.trial import Outcome, OutcomeKind, TrialState
 from services.api import jobs, signatures
 from services.api.farm import Farm, TheFarm
-from services.api.jobs import JobId
+from services.api.jobs import JobId, stored_report
 from services.dashboard import figures, live
 from services.dashboard.pages import HEADERS, PageRoute, page, part
 from services.dashboard.queries import successes_over_time, trial_rows
 from services.dashboard.sessions import Changing, Session, SignedIn
 from services.database.rows import AnyRow
 from services.errors import NotFound
-from services.jobs import reports, views
+from services.jobs import views
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 ON_A_PAGE = 100
@@ -80,7 +80,7 @@ async def parts(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> di
     """
     async with farm.database.read() as connection:
         row = await views.job_row(connection, job_id, session.caller.sees_only)
-        (job,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s())
+        (job,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s(), farm.settings.user_trials_at_once)
         trials = [_line(each) for each in await trial_rows(connection, row.number)]
         steps = await successes_over_time(connection, row.number)
     judged = job.task is not TaskName.IDENTIFY
@@ -172,7 +172,7 @@ def _when_changed(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> 
 @router.get("/jobs/{job_id}/report")
 async def show_report(job_id: JobId, session: SignedIn, farm: TheFarm, save: bool = False) -> Response:
     """The signed report: the very page that ``trifarm report --html`` writes."""
-    body, _ = await reports.stored(farm.database, farm.fleet, farm.clock.now_s(), job_id, session.caller.sees_only)
+    body, _ = await stored_report(job_id, session.caller, farm)
     report = read_report(body)
     if not isinstance(report, Report):
         raise NotFound("report-not-a-page", f"Job {job_id} is an identification; its report has no page.")

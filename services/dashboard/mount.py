@@ -4,6 +4,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, FastAPI, Path, Response
 from fastapi.responses import FileResponse
+from fastapi.routing import APIRoute
 
 from services.api.farm import Farm
 from services.dashboard import compare_page, farm_page, job_page, jobs_page, sign_in, trial_page
@@ -21,8 +22,9 @@ def mount(app: FastAPI, farm: Farm) -> None:
     app.state.dashboard_seal = Seal.of(FarmKey.of(farm.settings.data))
     app.state.dashboard_watcher = farm_page.Watcher()
     app.state.dashboard_replays = trial_page.Replays(farm.settings.data / "replays")
-    for module in (sign_in, farm_page, jobs_page, job_page, compare_page, trial_page):
-        app.include_router(module.router)
+    for pages in (sign_in, farm_page, jobs_page, job_page, compare_page, trial_page):
+        app.include_router(pages.router)
+        app.state.operations += [route for route in pages.router.routes if isinstance(route, APIRoute)]
     app.include_router(router)
 
 

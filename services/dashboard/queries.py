@@ -13,7 +13,6 @@ from api_schemas.trial import AttemptState, OutcomeKind
 from services.database.rows import AnyRow
 from services.database.tables import attempt, event, job, trial
 from services.jobs.lease import UNENDED
-from services.jobs.waiting import Ahead
 
 RECENT_JOBS = 300
 RECENT_ATTEMPTS = 2000
@@ -95,25 +94,6 @@ class JobFilter:
             columns = (job.c.job_id, job.c.policy_name, job.c.owner, job.c.task, job.c.policy)
             wanted = wanted.where(or_(*(column.icontains(self.text, autoescape=True) for column in columns)))
         return wanted
-
-
-async def ahead_of(connection: AsyncConnection, rows: Sequence[AnyRow]) -> dict[int, Ahead]:
-    """What stands before each queued job, by its number; one statement for the whole list."""
-    queued = [row.number for row in rows if row.state == JobState.QUEUED]
-    if not queued:
-        return {}
-    before = {"order_by": job.c.number, "rows": (None, -1)}
-    counted = (
-        select(
-            job.c.number,
-            func.coalesce(func.sum(LEFT).over(**before), 0).label("trials"),
-            func.count().over(**before).label("jobs"),
-        )
-        .where(job.c.state.in_(UNENDED), job.c.cancel_requested.is_(False), LEFT > 0)
-        .subquery()
-    )
-    found = await connection.execute(select(counted).where(counted.c.number.in_(queued)))
-    return {row.number: Ahead(row.trials, row.jobs) for row in found}
 
 
 def owned(job_ids: Collection[str], owner: str) -> Select[tuple]:

@@ -11,12 +11,12 @@ from cryptography.fernet import Fernet, InvalidToken
 from fastapi import Depends, Form, Request, Response
 
 from api_schemas.token import Scope
+from services.api.door import SESSION_COOKIE as COOKIE
 from services.api.farm import TheFarm
 from services.api.tokens import Caller
 from services.errors import Forbidden, Unauthorised
 from services.signing import FarmKey
 
-COOKIE = "trifarm_session"
 LASTS_S = 12 * 3600
 """After so long a browser has to show the token again."""
 
@@ -74,6 +74,7 @@ async def _session(request: Request, farm: TheFarm, seal: TheSeal) -> Session:
     if cookie is None or bearer is None:
         raise Unauthorised("session-missing", "Sign in with a token of the farm.")
     caller = await farm.tokens.caller(bearer)
+    request.state.caller = caller  # for the limits and the audit line
     if not caller.may(Scope.SUBMIT, Scope.OPERATE):
         raise Forbidden("scope-missing", f"The token of {caller.owner} may neither submit nor operate; this page is for those.")
     return Session(caller, seal.word(cookie), bearer)

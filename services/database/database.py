@@ -1,45 +1,44 @@
-"""The database as the services use it: readers beside one writer, and migrations to the newest form."""
+"""The database as the services use it: SQLite or PostgreSQL, chosen by its address alone; and migrations to the newest form."""
 
 import asyncio
-import sqlite3
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, nullcontext
 from pathlib import Path
-from typing import Any
 
-import aiosqlite
 from alembic import command
 from alembic.config import Config
-from sqlalchemy import event
+from alembic.script import ScriptDirectory
+from sqlalchemy import inspect, text
+from sqlalchemy.engine import make_url
+from sqlalchemy.exc import ArgumentError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
 
+from services.database import postgres, sqlite
+from services.errors import NotReady, Unavailable
+
 MIGRATIONS = Path(__file__).parent.parent / "migrations"
-READERS = 4
-BUSY_TIMEOUT_MS = 10_000
+ADDRESSES = "give postgresql://user:password@host/name, or none for SQLite in the data folder"
 
 
 class Database:
     """Two engines on one database; owns all connections.
 
     SQLite lets one connection write at a time; waiting for it in this process is cheaper and fairer than SQLite's own
-    busy loop, so writers queue on a lock.
+    busy loop, so writers queue on a lock. PostgreSQL lets many write, and every move of a job locks the job's row first.
     """
 
     def __init__(self, url: str) -> None:
         self.url = url
-        self._readers = create_async_engine(url, isolation_level="AUTOCOMMIT", pool_size=READERS, max_overflow=READERS)
-        near = {"async_creator": lambda: _near_connection(url)} if url.startswith("sqlite") else {}
-        self._writer = create_async_engine(url, pool_size=1, max_overflow=0, **near)
+        self.is_shared = not url.startswith("sqlite")
+        """Whether other processes may write too."""
+        self._readers, self._writer = (postgres if self.is_shared else sqlite).open_engines(url)
         self._brief_writer = self._writer.execution_options(lasting=False)
-        self._one_writer = asyncio.Lock()
-        if self._writer.dialect.name == "sqlite":
-            _prepare_sqlite(self._readers, writes=False)
-            _prepare_sqlite(self._writer, writes=True)
+        self._turn: AbstractAsyncContextManager[object] = nullcontext() if self.is_shared else asyncio.Lock()
 
     @asynccontextmanager
     async def read(self) -> AsyncIterator[AsyncConnection]:
         """A connection for statements that change nothing; each sees what is committed when it runs."""
-        async with self._readers.connect() as connection:
+        async with _reached(self._readers) as connection:
             yield connection
 
     @asynccontextmanager
@@ -51,7 +50,9 @@ class Database:
                 a restart would find out anyway, such as that a robot answered.
         """
         writer = self._writer if lasting else self._brief_writer
-        async with self._one_writer, writer.begin() as connection:
+        async with self._turn, _reached(writer) as connection, connection.begin():
+            if self.is_shared and not lasting:
+                await connection.execute(postgres.BRIEF)
             yield connection
 
     async def close(self) -> None:
@@ -60,45 +61,38 @@ class Database:
         await self._writer.dispose()
 
 
-class NearConnection(aiosqlite.Connection):
-    """A connection that goes to its thread only for what can wait on the disk or on a lock.
+@asynccontextmanager
+async def _reached(engine: AsyncEngine) -> AsyncIterator[AsyncConnection]:
+    """A connection, or the error that the database is away; what goes wrong on the connection later is its user's."""
+    connection = engine.connect()
+    try:
+        await connection.start()
+    except postgres.AWAY as error:
+        detail = "The database did not answer; nothing was changed by this request. Try again in a moment."
+        raise Unavailable("database-unavailable", detail) from error
+    try:
+        yield connection
+    finally:
+        await connection.close()
 
-    A statement of the writer takes SQLite some 20 µs, the way to a thread and back four times as much, and SQLAlchemy goes
-    it four times a statement. Only BEGIN (the lock) and COMMIT (the disk) are worth it.
+
+def address(url: str) -> str:
+    """A database's address as people write it, with the driver that is used here.
+
+    Raises:
+        NotReady: it is neither SQLite nor PostgreSQL.
     """
-
-    async def _execute(self, function: Callable[..., Any], *args: Any, **more: Any) -> Any:
-        waits = function.__name__ in {"commit", "close"} or (args and isinstance(args[0], str) and args[0].startswith("BEGIN"))
-        if waits or self._connection is None:
-            return await super()._execute(function, *args, **more)
-        return function(*args, **more)
-
-
-async def _near_connection(url: str) -> aiosqlite.Connection:
-    path = url.partition("///")[2]
-    connection = NearConnection(lambda: sqlite3.connect(path, check_same_thread=False), iter_chunk_size=64)
-    return await connection
-
-
-def _prepare_sqlite(engine: AsyncEngine, *, writes: bool) -> None:
-    @event.listens_for(engine.sync_engine, "connect")
-    def _pragmas(connection: Any, _record: Any) -> None:
-        cursor = connection.cursor()
-        cursor.execute("PRAGMA journal_mode = WAL")
-        cursor.execute("PRAGMA foreign_keys = ON")
-        cursor.execute(f"PRAGMA busy_timeout = {BUSY_TIMEOUT_MS}")
-        cursor.close()
-        # The driver would start transactions late and deferred; the "begin" event below does it instead.
-        connection.isolation_level = None
-
-    if writes:
-
-        @event.listens_for(engine.sync_engine, "begin")
-        def _begin(connection: Any) -> None:
-            # FULL syncs the log at every commit: with NORMAL a power cut could take back an acknowledged submission.
-            lasting = connection.get_execution_options().get("lasting", True)
-            connection.exec_driver_sql(f"PRAGMA synchronous = {'FULL' if lasting else 'NORMAL'}")
-            connection.exec_driver_sql("BEGIN IMMEDIATE")
+    try:
+        parsed = make_url(url)
+    except ArgumentError as error:
+        raise NotReady(f"the database's address cannot be read; {ADDRESSES}") from error
+    match parsed.get_backend_name():
+        case "postgresql" | "postgres":
+            return parsed.set(drivername=postgres.SCHEME).render_as_string(hide_password=False)
+        case "sqlite":
+            return parsed.set(drivername="sqlite+aiosqlite").render_as_string(hide_password=False)
+        case other:
+            raise NotReady(f"the database is {other}; {ADDRESSES}")
 
 
 async def migrate(url: str, form: str = "head", *, back: bool = False) -> None:
@@ -108,14 +102,41 @@ async def migrate(url: str, form: str = "head", *, back: bool = False) -> None:
         url: of the database.
         form: a revision.
         back: the form is an older one.
+
+    Raises:
+        NotReady: the database does not answer, or a newer version of the services has changed it.
     """
     config = Config()
     config.set_main_option("script_location", str(MIGRATIONS).replace("%", "%%"))
     config.set_main_option("sqlalchemy.url", url.replace("%", "%%"))
+    await _refuse_newer(url, config)
     await asyncio.to_thread(command.downgrade if back else command.upgrade, config, form)
 
 
-def integrity_check(path: Path) -> str:
-    """SQLite's own verdict on a database file; ``ok`` when it is whole."""
-    with sqlite3.connect(path) as connection:
-        return str(connection.execute("PRAGMA integrity_check").fetchone()[0])
+async def form_of(url: str) -> str | None:
+    """The revision that a database is in; None when it has no tables.
+
+    Raises:
+        NotReady: it does not answer.
+    """
+    engine = create_async_engine(url)
+    try:
+        async with engine.connect() as connection:
+            if not await connection.run_sync(lambda sync: inspect(sync).has_table("alembic_version")):
+                return None
+            return (await connection.execute(text("SELECT version_num FROM alembic_version"))).scalar_one_or_none()
+    except postgres.AWAY as error:
+        where = make_url(url).render_as_string(hide_password=True)
+        raise NotReady(f"the database at {where} cannot be opened ({error}); see that it runs and lets this user in") from error
+    finally:
+        await engine.dispose()
+
+
+async def _refuse_newer(url: str, config: Config) -> None:
+    form, scripts = await form_of(url), ScriptDirectory.from_config(config)
+    if form is not None and form not in {script.revision for script in scripts.walk_revisions()}:
+        newest = scripts.get_current_head()
+        raise NotReady(
+            f"the database has the form {form}, and this version of the services knows forms up to {newest}; start the version "
+            "that changed it, or give this one a copy of the database from before. Nothing was changed"
+        )

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from api_schemas import bus
 from api_schemas.robot import Lease, OfferReply
+from services.jobs.signals import Signals
 
 log = structlog.get_logger()
 CLOSE_WITHIN_S = 2.0
@@ -57,6 +58,25 @@ class Bus:
 
         key = bus.alive_key(self._farm, "*")
         self._declared.append(self._session.liveliness().declare_subscriber(key, hop, history=True))
+
+    def share_changes(self, signals: Signals) -> None:
+        """Tells other processes of the services what changes here, and has what changes there looked at."""
+        key = bus.change_key(self._farm)
+        publisher = self._session.declare_publisher(key, express=True, allowed_destination=zenoh.Locality.REMOTE)
+
+        def tell(job_id: str | None) -> None:
+            publisher.put(bus.Change(job_id=job_id).model_dump_json())
+
+        def hop(sample: zenoh.Sample) -> None:
+            try:
+                job_id = bus.Change.model_validate_json(sample.payload.to_bytes()).job_id
+            except ValueError as error:
+                self._hop(log.warning, "message on the bus ignored", key=key, reason=str(error))
+            else:
+                self._hop(signals.changed_elsewhere, job_id)
+
+        self._declared += [publisher, self._session.declare_subscriber(key, hop, allowed_origin=zenoh.Locality.REMOTE)]
+        signals.tell_others = tell
 
     async def offer(self, lease: Lease, timeout_s: float) -> OfferReply | None:
         """Offers a lease to its robot; None when no answer came in time."""

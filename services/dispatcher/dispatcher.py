@@ -1,27 +1,32 @@
 """Gives leases: looks whenever something changed, writes the lease, commits, and only then offers it over the bus."""
 
 import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 
 import structlog
 from prometheus_client import CollectorRegistry, Counter, Histogram
+from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.excitation import ExcitationName
 from api_schemas.job import TaskName
 from api_schemas.object import ObjectName
 from api_schemas.policy import PolicyManifest
 from api_schemas.robot import Lease
+from api_schemas.trial import TrialState
 from services.database.database import Database
+from services.database.postgres import dispatch_alone
 from services.database.rows import AnyRow
 from services.dispatcher import queue
 from services.dispatcher.abandoned import Abandoner
 from services.dispatcher.bus import Bus
 from services.dispatcher.commands import Commands
-from services.dispatcher.finding import find_trial, why_unfit
+from services.dispatcher.finding import Found, find_passed_over, find_trial, pass_over, why_unfit
 from services.dispatcher.hearing import Hearing
 from services.dispatcher.overdue import LeaseEnder
 from services.dispatcher.steps import Steps
-from services.jobs import lease
+from services.jobs import lease, robots
 from services.jobs.claim import Claim
 from services.jobs.clock import FarmClock
 from services.jobs.fleet import Fleet
@@ -29,6 +34,8 @@ from services.jobs.signals import Signals
 from services.settings import Settings
 
 log = structlog.get_logger()
+SETTLE_S = 2.0
+"""A dispatcher that joins others gives no lease for so long: two heartbeats of every robot."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +58,7 @@ class Metrics:
 
 @dataclass
 class Dispatcher:
-    """The only giver of leases; one task on the event loop."""
+    """Gives leases; one task on the event loop. Others may do the same beside it, on a database that they share."""
 
     settings: Settings
     database: Database
@@ -61,6 +68,7 @@ class Dispatcher:
     signals: Signals
     metrics: Metrics
     _manifests: dict[str, tuple[PolicyManifest, str]] = field(default_factory=dict)
+    _gives_from_s: float = 0.0
 
     def __post_init__(self) -> None:
         self._steps = Steps(self.signals)
@@ -72,6 +80,10 @@ class Dispatcher:
     async def run(self) -> None:
         """Looks until the process stops."""
         Hearing(self.database, self.clock, self.fleet, self.signals, self._steps, self._ender).listen(self.bus)
+        if self.database.is_shared:
+            self.bus.share_changes(self.signals)
+            # Until every robot was heard, others know better who is in service.
+            self._gives_from_s = self.clock.now_s() + SETTLE_S
         while not self.signals.closing.is_set():
             look_at_active = await self.signals.dispatcher_woken(self.settings.sweep_every_s)
             try:
@@ -85,8 +97,11 @@ class Dispatcher:
     async def _look(self, *, look_at_active: bool) -> None:
         if look_at_active:
             await self._look_at_active()
-            await self._abandoner.look()
             self._commands.tell_wishes()
+        if not self.settings.dispatches or self.clock.now_s() < self._gives_from_s:
+            return
+        if look_at_active:
+            await self._abandoner.look()
         await self._point_away_from_unfit()
         ready = self.fleet.ready(self.clock.now_s())
         if not ready or not await self._anything_queued():
@@ -98,10 +113,15 @@ class Dispatcher:
     async def _look_at_active(self) -> None:
         async with self.database.read() as connection:
             rows = await queue.active(connection)
+            await robots.refresh(connection, self.fleet)
         now_s = self.clock.now_s()
         active = {Claim(row.trial_id, row.fence, row.robot): row for row in rows}
         self.fleet.hold_only(active)
         for claim, row in active.items():
+            renewed_s = row.lease_until_s - self.settings.lease_s
+            self.fleet.learn(claim, renewed_s, accepted=row.trial_state == TrialState.RUNNING)
+            if not self.settings.dispatches:
+                continue
             if (reason := self._ender.why_overdue(row, now_s)) is not None:
                 await self._ender.end(claim, reason)
             elif row.cancel_requested or row.state not in lease.UNENDED:
@@ -117,7 +137,7 @@ class Dispatcher:
         async with self.database.read() as connection:
             rows = await queue.drawn_for(connection, unfit)
         if rows:
-            async with self.database.write() as tx:
+            async with self._alone() as tx:
                 for row in rows:
                     await queue.choose_again(tx, row, healthy, why_unfit(self.fleet, now_s))
 
@@ -127,17 +147,34 @@ class Dispatcher:
 
     async def _give(self, robot: str) -> tuple[Claim, AnyRow] | None:
         """Writes a lease for the robot, if there is a trial for it."""
-        async with self.database.write() as tx:
-            now_s = self.clock.now_s()
-            found = await find_trial(tx, robot, self.fleet, now_s, self.settings.pass_over_s)
-            if found is None:
-                return None
-            row, departure = found
-            claim = await lease.write_lease(tx, now_s, row, robot, departure=departure, lease_s=self.settings.lease_s)
-        if claim is None:
-            return None
-        self.fleet.leased(claim, now_s)
-        return claim, row
+        now_s, limit = self.clock.now_s(), self.settings.user_trials_at_once
+        async with self._alone() as tx:
+            found = await find_trial(tx, robot, self.fleet, now_s, limit)
+            given = None if found is None else await self._write_lease(tx, found, robot)
+        if found is None:
+            async with self._alone() as tx:
+                found = await find_passed_over(tx, robot, self.fleet, now_s, self.settings.pass_over_s, limit)
+                given = None if found is None else await self._write_lease(tx, found, robot)
+        if found is None:
+            async with self._alone(lasting=False) as tx:
+                await pass_over(tx, robot, self.fleet, now_s, limit)
+        if given is not None:
+            self.fleet.leased(given[0], now_s)
+            self.signals.tell_others(given[1].job_id)
+        return given
+
+    async def _write_lease(self, tx: AsyncConnection, found: Found, robot: str) -> tuple[Claim, AnyRow] | None:
+        row, departure = found
+        now_s, lease_s = self.clock.now_s(), self.settings.lease_s
+        claim = await lease.write_lease(tx, now_s, row, robot, departure=departure, lease_s=lease_s)
+        return None if claim is None else (claim, row)
+
+    @asynccontextmanager
+    async def _alone(self, *, lasting: bool = True) -> AsyncIterator[AsyncConnection]:
+        """A transaction that no other dispatcher is in."""
+        async with self.database.write(lasting=lasting) as tx:
+            await dispatch_alone(tx)
+            yield tx
 
     async def _offer(self, claim: Claim, row: AnyRow) -> None:
         with self.metrics.offer_s.time():

@@ -3,12 +3,12 @@
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from services.database.rows import AnyRow
-from services.dispatcher import queue
+from services.dispatcher import queue, turns
 from services.jobs.fleet import Fleet
 from services.jobs.waiting import robot_now
 
 BLOCKS_AHEAD = 3
-"""How many blocks of orders are drawn to find a trial for one idle robot."""
+"""How many blocks of orders are drawn at most to find a trial for one idle robot."""
 
 Found = tuple[AnyRow, str | None]
 """A queued trial, and why the robot that gets it is not the first of the trial's order."""
@@ -24,35 +24,59 @@ def why_unfit(fleet: Fleet, now_s: float) -> queue.Why:
     return why
 
 
-async def find_trial(tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float, pass_over_s: float) -> Found | None:
-    """The trial that an idle robot gets now; draws orders as far as is needed to find it."""
+async def find_trial(tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float, limit: int | None = None) -> Found | None:
+    """The trial that is for an idle robot now; draws orders as far as is needed to find it.
+
+    Args:
+        tx: a transaction that no other dispatcher is in.
+        robot: the idle robot.
+        fleet: as it is seen now.
+        now_s: now.
+        limit: how many trials a user may have running; None is any number.
+    """
     healthy, why = fleet.healthy(now_s), why_unfit(fleet, now_s)
     if robot not in healthy:
         return None  # it was lost since it was found idle
+    at_limit = await turns.at_limit(tx, limit)
     blocks = 0
-    while blocks <= BLOCKS_AHEAD:
-        row = await queue.oldest_of(tx, robot)
-        if row is not None and row.fence == 0:
-            return row, row.departure
-        if row is not None:
-            choice = await queue.choose_again(tx, row, healthy, why)
-            if choice.first_choice == robot:
-                return row, choice.departure
-            continue  # it now waits for another robot, so that it is not found again here
-        blocks += 1
-        if blocks > BLOCKS_AHEAD or await queue.draw(tx, fleet.known(now_s), healthy, why) == 0:
-            break
-    return await _find_passed_over(tx, robot, fleet, now_s, pass_over_s)
+    while True:
+        drawn = await turns.next_with_drawn(tx, robot, at_limit)
+        undrawn = await turns.next_with_undrawn(tx, at_limit) if blocks < BLOCKS_AHEAD else None
+        # Whoever was served longest ago comes next, also if nothing of his was drawn for this robot yet.
+        if undrawn is not None and (drawn is None or undrawn.served_s < drawn.served_s):
+            blocks += 1
+            await queue.draw(tx, undrawn.owner, fleet.known(now_s), healthy, why)
+            continue
+        row = None if drawn is None else await queue.oldest_of(tx, robot, drawn.owner)
+        if row is None or row.fence == 0:
+            return None if row is None else (row, row.departure)
+        choice = await queue.choose_again(tx, row, healthy, why)
+        if choice.first_choice == robot:
+            return row, choice.departure
+        # It now waits for another robot, so that it is not found again here.
 
 
-async def _find_passed_over(tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float, pass_over_s: float) -> Found | None:
+async def find_passed_over(
+    tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float, pass_over_s: float, limit: int | None = None
+) -> Found | None:
     """A trial that waited too long for its busy first choice, if the robot is the next idle one of the trial's order."""
-    idle = {robot, *fleet.ready(now_s)}
-    # Those who are idle take what is theirs in this same pass.
-    if not (busy := fleet.healthy(now_s) - idle):
+    if not (busy := _busy(robot, fleet, now_s)):
         return None
-    await queue.pass_over(tx, busy, now_s)
-    for row in await queue.passed_over(tx, busy, now_s - pass_over_s):
+    idle = {robot, *fleet.ready(now_s)}
+    for row in await queue.passed_over(tx, busy, now_s - pass_over_s, await turns.at_limit(tx, limit)):
         if await queue.next_of(tx, row, idle, why_unfit(fleet, now_s)) == robot:
             return row, f"first choice {row.first_choice} was busy for {pass_over_s:g} s"
     return None
+
+
+async def pass_over(tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float, limit: int | None = None) -> None:
+    """Notes that the robot found nothing while trials wait for busy ones; in a transaction that holds nothing else."""
+    if busy := _busy(robot, fleet, now_s):
+        await queue.pass_over(tx, busy, now_s, await turns.at_limit(tx, limit))
+
+
+def _busy(robot: str, fleet: Fleet, now_s: float) -> frozenset[str]:
+    """Who is in service and not idle: those who are idle take what is theirs in this same pass."""
+    if robot not in (healthy := fleet.healthy(now_s)):
+        return frozenset()
+    return healthy - {robot, *fleet.ready(now_s)}

@@ -53,11 +53,16 @@ class Hearing:
         """What the robot's last process was doing has ended."""
         now_s = self.clock.now_s()
         async with self.database.write() as tx:
-            await robots.keep(tx, beat, now_s)
+            is_new = await robots.keep(tx, beat, now_s)
+            held = await robots.held_by(tx, beat.robot)
         member = self.fleet.member(beat.robot)
         if member.is_doubled(now_s):
             log.error("robot out of service", robot=beat.robot, reason=member.reason(now_s))
-        elif (held := member.lease) is not None and (beat.trial_id, beat.fence) != (held.trial_id, held.fence):
+        elif (
+            (is_new or not self.database.is_shared)
+            and held is not None
+            and (beat.trial_id, beat.fence) != (held.trial_id, held.fence)
+        ):
             await self.leases.end(held, f"{beat.robot} started anew while it held the lease")
 
     def _live(self, live: LiveState) -> None:

@@ -4,14 +4,27 @@ import json
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any
 
-from sqlalchemy import Integer, Select, and_, bindparam, select, update
+from sqlalchemy import (
+    Boolean,
+    FromClause,
+    Integer,
+    Select,
+    String,
+    and_,
+    bindparam,
+    literal_column,
+    select,
+    text,
+    update,
+)
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.trial import AttemptState, TrialState
 from services.database.rows import AnyRow
-from services.database.tables import attempt, job, policy, trial
+from services.database.tables import PINNED, UNDRAWN, attempt, job, policy, trial
 from services.dispatcher.choice import Choice, choose
-from services.jobs.lease import ACTIVE, UNENDED
+from services.jobs.lease import ACTIVE
+from services.jobs.locking import lock_job
 from services.jobs.order import drawn_order
 
 Why = Callable[[str], str]
@@ -19,31 +32,57 @@ PASSED_OVER_AT_ONCE = 100
 """How many of the oldest trials that wait for busy robots are looked at when another robot has nothing of its own."""
 
 
-def _queued() -> Select[Any]:
+def _with_job(trials: FromClause) -> Select[Any]:
+    """Trials with what the dispatcher wants to know of their jobs, oldest first."""
     renamed = (job.c.seed.label("job_seed"), job.c.state.label("job_state"), job.c.robot.label("pinned_robot"))
     columns = (job.c.job_id, job.c.task, job.c.policy, job.c.any_robot, job.c.object, job.c.object_scale)
-    joined = select(trial, *columns, *renamed).join(job, job.c.number == trial.c.job_number)
-    return joined.where(trial.c.state == TrialState.QUEUED).order_by(trial.c.job_number, trial.c.ordinal)
+    joined = select(trials, *columns, *renamed).join(job, job.c.number == trials.c.job_number)
+    return joined.order_by(trials.c.job_number, trials.c.ordinal)
 
 
-_QUEUED = _queued()
+def _oldest_of() -> Select[Any]:
+    """The oldest of a user's trials for a robot; it is found before its job is, or a database may begin with all jobs."""
+    chosen = (trial.c.state == TrialState.QUEUED, trial.c.first_choice == bindparam("chosen"), trial.c.owner == _OF_OWNER)
+    return _with_job(select(trial).where(*chosen).order_by(trial.c.job_number, trial.c.ordinal).limit(1).subquery())
+
+
+def _oldest_undrawn() -> Select[Any]:
+    """The oldest of a user's trials that have no order yet.
+
+    The user and all behind him in the alphabet, cut off, and he alone of these: so a database has no other way to that order
+    than the index of such trials, and does not look for them among all that are done.
+    """
+    seed = select(job.c.seed).where(job.c.number == trial.c.job_number).scalar_subquery().label("job_seed")
+    from_him = select(trial, seed).where(literal_column(UNDRAWN, Boolean), trial.c.owner >= _OF_OWNER)
+    few = from_him.order_by(trial.c.owner, trial.c.job_number, trial.c.ordinal).limit(bindparam("most", type_=Integer)).subquery()
+    return select(few).where(few.c.owner == _OF_OWNER).order_by(few.c.job_number, few.c.ordinal)
+
+
+_OF_OWNER = bindparam("of_owner", type_=String)
+_QUEUED = _with_job(trial).where(trial.c.state == TrialState.QUEUED)
 _ANY = select(trial.c.trial_id).where(trial.c.state == TrialState.QUEUED).limit(1)
-_OLDEST_OF = _QUEUED.where(trial.c.first_choice == bindparam("chosen")).limit(1)
-_BUSY = and_(trial.c.first_choice.in_(bindparam("busy", expanding=True)), job.c.robot.is_(None))
+_OLDEST_OF = _oldest_of()
+_OLDEST_UNDRAWN = _oldest_undrawn()
+_BUSY = and_(
+    trial.c.first_choice.in_(bindparam("busy", expanding=True)),
+    job.c.robot.is_(None),
+    trial.c.owner.not_in(bindparam("at_limit", expanding=True)),
+)
 _WAITING = (
     select(trial.c.trial_id)
     .join(job, job.c.number == trial.c.job_number)
     .where(trial.c.state == TrialState.QUEUED, _BUSY)
     .order_by(trial.c.job_number, trial.c.ordinal)
     .limit(PASSED_OVER_AT_ONCE)
+    # Who is moving a trial now need not be waited for: the mark can be made the next time.
+    .with_for_update(of=trial, skip_locked=True)
 )
 _PASS_OVER = (
     update(trial)
-    .where(trial.c.trial_id.in_(_WAITING.scalar_subquery()), trial.c.passed_over_s.is_(None))
+    .where(trial.c.trial_id.in_(bindparam("waiting", expanding=True)), trial.c.passed_over_s.is_(None))
     .values(passed_over_s=bindparam("since_s"))
 )
 _PASSED_OVER = _QUEUED.where(_BUSY, trial.c.passed_over_s <= bindparam("until_s")).limit(PASSED_OVER_AT_ONCE)
-_UNDRAWN = _QUEUED.where(trial.c.first_choice.is_(None)).limit(bindparam("most", type_=Integer))
 _POINT = (
     update(trial)
     .where(trial.c.trial_id == bindparam("of_trial"), trial.c.state == TrialState.QUEUED)
@@ -61,21 +100,22 @@ async def anything_queued(connection: AsyncConnection) -> bool:
     return (await connection.execute(_ANY)).first() is not None
 
 
-async def oldest_of(connection: AsyncConnection, robot: str) -> AnyRow | None:
-    """The oldest queued trial whose first choice is the robot."""
-    return (await connection.execute(_OLDEST_OF, {"chosen": robot})).first()
+async def oldest_of(connection: AsyncConnection, robot: str, owner: str) -> AnyRow | None:
+    """The user's oldest queued trial whose first choice is the robot."""
+    return (await connection.execute(_OLDEST_OF, {"chosen": robot, "of_owner": owner})).first()
 
 
-async def draw(tx: AsyncConnection, known: Sequence[str], healthy: Collection[str], why: Why) -> int:
-    """Draws the orders of the next trials that have none, one for each known robot; gives how many there were."""
-    rows = (await tx.execute(_UNDRAWN, {"most": max(1, len(known))})).all()
+async def draw(tx: AsyncConnection, owner: str, known: Sequence[str], healthy: Collection[str], why: Why) -> None:
+    """Draws the orders of the user's next trials that have none, one for each known robot."""
+    rows = (await tx.execute(_OLDEST_UNDRAWN, {"of_owner": owner, "most": max(1, len(known))})).all()
+    for number in sorted({row.job_number for row in rows}):
+        await lock_job(tx, number)
     choices = []
     for row in rows:
         order = json.loads(row.robot_order) or drawn_order(row.job_seed, row.ordinal, known)
         choices.append(_pointing(row, choose(order, healthy, await _faulted(tx, row), why)))
     if choices:
         await tx.execute(_POINT, choices)
-    return len(rows)
 
 
 async def choose_again(tx: AsyncConnection, row: AnyRow, healthy: Collection[str], why: Why) -> Choice:
@@ -85,6 +125,7 @@ async def choose_again(tx: AsyncConnection, row: AnyRow, healthy: Collection[str
     else:
         choice = choose(json.loads(row.robot_order), healthy, await _faulted(tx, row), why)
     if choice.first_choice is not None and choice.first_choice != row.first_choice:
+        await lock_job(tx, row.job_number)
         await tx.execute(_POINT, _pointing(row, choice))
     return choice
 
@@ -95,14 +136,21 @@ async def drawn_for(connection: AsyncConnection, robots: Iterable[str]) -> Seque
     return (await connection.execute(wanted)).all()
 
 
-async def pass_over(tx: AsyncConnection, busy: Collection[str], now_s: float) -> None:
-    """Notes that another robot is idle while the oldest trials that were drawn for busy robots wait for these."""
-    await tx.execute(_PASS_OVER, {"busy": list(busy), "since_s": now_s})
+async def pass_over(tx: AsyncConnection, busy: Collection[str], now_s: float, at_limit: Sequence[str]) -> None:
+    """Notes that another robot is idle while the oldest trials that were drawn for busy robots wait for these.
+
+    In a transaction of its own: it takes trials without their jobs, and must wait for nobody while it has them.
+    """
+    # Two statements: as a part of the other one, the first may run more than once and find more than its limit.
+    waiting = (await tx.execute(_WAITING, {"busy": list(busy), "at_limit": at_limit})).scalars().all()
+    await tx.execute(_PASS_OVER, {"waiting": waiting, "since_s": now_s})
 
 
-async def passed_over(connection: AsyncConnection, busy: Collection[str], until_s: float) -> Sequence[AnyRow]:
+async def passed_over(
+    connection: AsyncConnection, busy: Collection[str], until_s: float, at_limit: Sequence[str]
+) -> Sequence[AnyRow]:
     """The oldest trials that were drawn for busy robots and have been passed over since ``until_s`` or before."""
-    return (await connection.execute(_PASSED_OVER, {"busy": list(busy), "until_s": until_s})).all()
+    return (await connection.execute(_PASSED_OVER, {"busy": list(busy), "until_s": until_s, "at_limit": at_limit})).all()
 
 
 async def next_of(connection: AsyncConnection, row: AnyRow, robots: Collection[str], why: Why) -> str | None:
@@ -112,7 +160,8 @@ async def next_of(connection: AsyncConnection, row: AnyRow, robots: Collection[s
 
 async def active(connection: AsyncConnection) -> Sequence[AnyRow]:
     """All leased and running trials, with what their jobs want."""
-    columns = (trial.c.trial_id, trial.c.fence, trial.c.robot, trial.c.lease_until_s, job.c.cancel_requested, job.c.state)
+    columns = (trial.c.trial_id, trial.c.fence, trial.c.robot, trial.c.lease_until_s, trial.c.state.label("trial_state"))
+    columns = (*columns, job.c.cancel_requested, job.c.state)
     wanted = select(*columns).join(job, job.c.number == trial.c.job_number).where(trial.c.state.in_(ACTIVE))
     return (await connection.execute(wanted)).all()
 
@@ -120,7 +169,11 @@ async def active(connection: AsyncConnection) -> Sequence[AnyRow]:
 async def pinned(connection: AsyncConnection) -> Sequence[AnyRow]:
     """All jobs that wait for the one robot that may run their trials."""
     columns = (job.c.number, job.c.job_id, job.c.robot, job.c.trials, job.c.trials_done, job.c.created_s)
-    waits = (job.c.state.in_(UNENDED), job.c.robot.is_not(None), job.c.trials_active == 0, job.c.cancel_requested.is_(False))
+    waits = (
+        text(f"job.{PINNED.replace(' AND state', ' AND job.state')}"),
+        job.c.trials_active == 0,
+        job.c.cancel_requested.is_(False),
+    )
     return (await connection.execute(select(*columns).where(*waits))).all()
 
 

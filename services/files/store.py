@@ -1,24 +1,29 @@
-"""The file store: write-once objects named by the SHA-256 of their content, in a local folder."""
+"""The file store: write-once objects named by the SHA-256 of their content, in a local folder or on S3."""
 
 import asyncio
 import hashlib
 import os
 import secrets
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
 import obstore
-from obstore.exceptions import AlreadyExistsError
-from obstore.store import LocalStore
+import structlog
+from obstore.exceptions import GenericError, PermissionDeniedError, UnauthenticatedError
 
-from services.errors import Refused, TooLarge
+from services.errors import Refused, TooLarge, Unavailable
+from services.files.homes import FileHome, LocalHome
+
+log = structlog.get_logger()
 
 SPOOL_BYTES = 1024 * 1024
 """How much is gathered before a thread hashes and writes it: small enough for memory, large enough to be worth the hop."""
 READ_BYTES = 256 * 1024
 INCOMING = "incoming"
+OBJECTS = "sha256"
 
 
 @dataclass(frozen=True)
@@ -30,13 +35,28 @@ class Stored:
     new: bool
 
 
-class FileStore:
-    """Content-addressed files below one folder; owns that folder."""
+@dataclass(frozen=True)
+class Kept:
+    """An object as the store lists it; ``stored_s`` is when it came, in seconds since 1970 of the store's clock."""
 
-    def __init__(self, root: Path) -> None:
+    sha256: str
+    size: int
+    stored_s: float
+
+
+class FileStore:
+    """Content-addressed files; owns the folder that uploads are gathered in, and everything in its home."""
+
+    def __init__(self, root: Path, home: FileHome | None = None) -> None:
+        """Opens the store.
+
+        Args:
+            root: the folder whose ``incoming`` uploads are gathered in.
+            home: where they are kept; without one below the same folder.
+        """
         self._root = root
         (root / INCOMING).mkdir(parents=True, exist_ok=True)
-        self._store = LocalStore(root)
+        self._home = LocalHome(root) if home is None else home
 
     async def put(
         self, chunks: AsyncIterator[bytes], *, limit_bytes: int, expected_sha256: str | None = None, durable: bool = False
@@ -60,9 +80,8 @@ class FileStore:
                 raise Refused(
                     "content-mismatch", f"The body's SHA-256 is {sha256}, not {expected_sha256} as announced; send again."
                 )
-            new = await self._name(spool, sha256)
-            if durable:
-                await asyncio.to_thread(_sync_folder, (self._root / _key(sha256)).parent)
+            with _away_if_unreachable():
+                new = await self._home.take(spool, _key(sha256), durable=durable)
             return Stored(sha256, size, new)
         finally:
             spool.unlink(missing_ok=True)
@@ -75,7 +94,8 @@ class FileStore:
     async def size(self, sha256: str) -> int | None:
         """Bytes of an object; None when it is not there."""
         try:
-            return (await obstore.head_async(self._store, _key(sha256)))["size"]
+            with _away_if_unreachable():
+                return (await obstore.head_async(self._home.objects, _key(sha256)))["size"]
         except FileNotFoundError:
             return None
 
@@ -90,9 +110,22 @@ class FileStore:
             raise FileNotFoundError(sha256)
         if stop <= start:
             return
-        found = await obstore.get_async(self._store, _key(sha256), options={"range": (start, stop)})
-        async for chunk in found.stream(READ_BYTES):
-            yield bytes(chunk)
+        with _away_if_unreachable():
+            found = await obstore.get_async(self._home.objects, _key(sha256), options={"range": (start, stop)})
+            async for chunk in found.stream(READ_BYTES):
+                yield bytes(chunk)
+
+    async def all(self) -> AsyncIterator[Kept]:
+        """Every object of the store."""
+        with _away_if_unreachable():
+            async for page in obstore.list(self._home.objects, prefix=OBJECTS):
+                for each in page:
+                    yield Kept(each["path"].rpartition("/")[2], each["size"], each["last_modified"].timestamp())
+
+    async def remove(self, sha256: str) -> None:
+        """Takes an object out of the store for good; one that is not there is no error."""
+        with _away_if_unreachable(), suppress(FileNotFoundError):
+            await obstore.delete_async(self._home.objects, _key(sha256))
 
     def forget_unfinished(self) -> int:
         """Removes what a killed process left half written; gives how many files. Call when no upload can be under way."""
@@ -101,17 +134,19 @@ class FileStore:
             path.unlink()
         return len(left)
 
-    async def _name(self, spool: Path, sha256: str) -> bool:
-        try:
-            source = f"{INCOMING}/{spool.name}"
-            await obstore.rename_async(self._store, source, _key(sha256), overwrite=False)
-        except AlreadyExistsError:
-            return False
-        return True
+
+@contextmanager
+def _away_if_unreachable() -> Iterator[None]:
+    """What S3 could not do for us, after several tries, as the error that says so to whoever asked."""
+    try:
+        yield
+    except (GenericError, PermissionDeniedError, UnauthenticatedError) as error:
+        log.error("file store unreachable", reason=str(error))
+        raise Unavailable("files-unavailable", "The file store did not answer; try again in a moment.") from error
 
 
 def _key(sha256: str) -> str:
-    return f"sha256/{sha256[:2]}/{sha256}"
+    return f"{OBJECTS}/{sha256[:2]}/{sha256}"
 
 
 async def _spool(path: Path, chunks: AsyncIterator[bytes], limit_bytes: int, *, durable: bool) -> tuple[str, int]:
@@ -138,14 +173,6 @@ def _take(hashed: "hashlib._Hash", file: BinaryIO, chunks: list[bytes]) -> None:
         view = memoryview(chunk)
         while view:
             view = view[file.write(view) :]
-
-
-def _sync_folder(folder: Path) -> None:
-    opened = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(opened)
-    finally:
-        os.close(opened)
 
 
 async def _read(path: Path) -> AsyncIterator[bytes]:

@@ -18,7 +18,7 @@ async def cancel(tx: AsyncConnection, now_s: float, job_number: int) -> None:
     Raises:
         Conflict: the job has ended in another way.
     """
-    row = (await tx.execute(select(job).where(job.c.number == job_number))).one()
+    row = (await tx.execute(select(job).where(job.c.number == job_number).with_for_update())).one()
     if row.state == JobState.CANCELLED or (row.cancel_requested and row.state in UNENDED):
         return
     if row.state not in UNENDED:

@@ -1,16 +1,27 @@
-"""The farm's clock: the wall's at the start, monotonic ever after, so that a jump of the wall's clock expires no lease."""
+"""The farm's clock: one for all processes that share a database, and no jump of this machine's own clock moves it."""
 
 import time
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
+from sqlalchemy import select
 
-@dataclass(frozen=True)
+from services.database.database import Database
+from services.database.postgres import server_clock_s
+
+READINGS = 3
+
+
+@dataclass
 class FarmClock:
-    """Seconds since 1970 as of the start of this process, plus what has passed since."""
+    """Seconds since 1970 as of the start of this process, plus what has passed since.
+
+    With a database that others share, ``set_by`` it from time to time: leases are written and read by its clock.
+    """
 
     started_s: float
     started_monotonic_s: float
+    _latest_s: float = 0.0
 
     @classmethod
     def start(cls) -> "FarmClock":
@@ -19,11 +30,29 @@ class FarmClock:
 
     def now_s(self) -> float:
         """Seconds; never goes back within one process."""
-        return self.started_s + time.monotonic() - self.started_monotonic_s
+        self._latest_s = max(self._latest_s, self.started_s + time.monotonic() - self.started_monotonic_s)
+        return self._latest_s
 
     def now_iso(self) -> str:
         """The same moment for people, UTC."""
         return iso(self.now_s())
+
+    async def set_by(self, database: Database) -> None:
+        """Takes over the clock of the database's host, as near as its quickest answer of a few allows."""
+        self.started_s, self.started_monotonic_s, _ = min([await _reading(database) for _ in range(READINGS)], key=_took_s)
+
+
+async def _reading(database: Database) -> tuple[float, float, float]:
+    """What the database's clock said, what the monotonic one said halfway, and how long the answer took."""
+    async with database.read() as connection:
+        asked_s = time.monotonic()
+        said_s = float((await connection.execute(select(server_clock_s()))).scalar_one())
+        answered_s = time.monotonic()
+    return said_s, (asked_s + answered_s) / 2, answered_s - asked_s
+
+
+def _took_s(reading: tuple[float, float, float]) -> float:
+    return reading[2]
 
 
 def iso(seconds: float) -> str:

@@ -12,10 +12,11 @@ from api_schemas.trial import FAULT_OF, AttemptState, Fault, Outcome, OutcomeKin
 from services.database.rows import AnyRow
 from services.database.tables import attempt, job, trial
 from services.errors import Refused
-from services.jobs import events, pinning, reports
+from services.jobs import events, pinning, reports, robots
 from services.jobs.claim import Claim
 from services.jobs.clock import iso
 from services.jobs.lease import ACTIVE, UNENDED, check_report, close_attempt, stale
+from services.jobs.locking import lock_job_of
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,7 @@ async def accept(
     if FAULT_OF[outcome.kind] != outcome.fault:
         expected = FAULT_OF[outcome.kind]
         raise Refused("wrong-fault", f"Outcome {outcome.kind} is the fault of {expected}, not of {outcome.fault}; send that.")
+    await lock_job_of(tx, trial_id)
     await check_report(tx, claim, report)
     if outcome.fault == Fault.PLATFORM:
         ending = await fault(tx, now_s, claim, outcome.reason, max_attempts, report=report)
@@ -84,10 +86,12 @@ async def fault(
     report: OutcomeReport | None = None,
 ) -> Ending | None:
     """Ends an attempt by the platform's fault; the trial is queued again. None when the claim does not hold any more."""
+    await lock_job_of(tx, claim.trial_id)
     moved = await _leave(tx, claim, TrialState.QUEUED, add_faults=1)
     if moved is None:
         return None
     await close_attempt(tx, now_s, claim, AttemptState.PLATFORM_FAULT, reason, report=report)
+    await robots.count_fault(tx, claim.robot, reason)
     now = await _record(
         tx,
         now_s,
@@ -105,6 +109,7 @@ async def fault(
 
 async def decline(tx: AsyncConnection, now_s: float, claim: Claim, reason: str) -> Ending | None:
     """The robot did not take the offer: the trial is queued again and nothing counts. None when the claim does not hold."""
+    await lock_job_of(tx, claim.trial_id)
     moved = await _leave(tx, claim, TrialState.QUEUED)
     if moved is None:
         return None
@@ -150,6 +155,7 @@ async def _done(tx: AsyncConnection, now_s: float, claim: Claim, report: Outcome
     if moved is None:
         return None
     await close_attempt(tx, now_s, claim, AttemptState.ACCEPTED, outcome.reason, report=report)
+    await robots.count_done(tx, claim.robot)
     counts = {
         "add_trials_done": 1,
         "add_successes": int(outcome.kind == OutcomeKind.SUCCEEDED),
@@ -207,12 +213,12 @@ async def _taken_before(tx: AsyncConnection, claim: Claim, outcome: Outcome) -> 
     row = (await tx.execute(wanted)).one_or_none()
     if row is not None and row.outcome == outcome.model_dump_json():
         return Ending(None, done=row.state == AttemptState.ACCEPTED)
-    raise await stale(tx, claim.trial_id, claim.fence)
+    raise await stale(tx, claim.trial_id, claim.fence, claim.robot)
 
 
 async def abandon(tx: AsyncConnection, now_s: float, job_number: int, reason: str) -> bool:
     """Fails a job none of whose trials can run any more; false when it has ended, ends already or still runs one."""
-    now = (await tx.execute(select(job).where(job.c.number == job_number))).one()
+    now = (await tx.execute(select(job).where(job.c.number == job_number).with_for_update())).one()
     if now.state not in UNENDED or now.cancel_requested or now.trials_active > 0:
         return False
     await cancel_queued(tx, job_number)

@@ -26,6 +26,8 @@ class Member:
     lost_s: float | None = None
     drain: bool = False
     resume_wanted: bool = False
+    withdrawn: str | None = None
+    """Why the farm took it out of service; it may itself think that it is well."""
     lease: Claim | None = None
     lease_accepted: bool = False
     renewed_s: float = 0.0
@@ -43,7 +45,7 @@ class Member:
         if self.heartbeat is None or self.lost_s is not None or now_s - self.seen_s > SILENT_AFTER_S:
             return RobotState.LOST
         said = self.heartbeat.state
-        if said == RobotState.OUT_OF_SERVICE or self.is_doubled(now_s):
+        if said == RobotState.OUT_OF_SERVICE or self.withdrawn is not None or self.is_doubled(now_s):
             return RobotState.OUT_OF_SERVICE
         if self.drain or said == RobotState.DRAINING:
             return RobotState.DRAINING
@@ -61,7 +63,7 @@ class Member:
         """Why the robot is in its state, when it or what is heard of it says so."""
         if self.is_doubled(now_s):
             return f"two processes call themselves {self.robot}; start one of them with --first"
-        return None if self.heartbeat is None else self.heartbeat.reason
+        return self.withdrawn or (None if self.heartbeat is None else self.heartbeat.reason)
 
     def hear_instance(self, instance: str, now_s: float) -> None:
         """Notes which process spoke; one that is heard again after another means that both live."""
@@ -163,6 +165,15 @@ class Fleet:
         for member in self.members.values():
             if member.lease is not None and member.lease not in active:
                 self.freed(member.lease, done=False)
+
+    def learn(self, claim: Claim, renewed_s: float, *, accepted: bool) -> None:
+        """Takes a lease from the database that another process may have written, or had renewed."""
+        member = self.member(claim.robot)
+        if member.lease is None and member.ended != claim:
+            self.leased(claim, renewed_s, accepted=accepted)
+        if member.lease == claim:
+            member.lease_accepted = member.lease_accepted or accepted
+            member.renewed_s = max(member.renewed_s, renewed_s)
 
     def snapshot(self, robot: str) -> Member | None:
         """A copy of what is known of the robot; None when it was never seen."""

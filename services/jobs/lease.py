@@ -2,18 +2,19 @@
 
 from typing import Literal
 
-from sqlalchemy import String, and_, bindparam, func, insert, select, update
+from sqlalchemy import String, and_, bindparam, exists, func, insert, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.job import JobState
 from api_schemas.robot import OutcomeReport, Renewal
 from api_schemas.trial import AttemptState, OutcomeKind, TrialState
 from services.database.rows import AnyRow
-from services.database.tables import attempt, job, trial
+from services.database.tables import attempt, job, trial, turn
 from services.errors import Conflict, NotFound, Refused
 from services.jobs import events, pinning
 from services.jobs.claim import Claim
 from services.jobs.clock import iso
+from services.jobs.locking import lock_job, lock_job_of
 
 ACTIVE = (TrialState.LEASED, TrialState.RUNNING)
 JUDGED = frozenset({OutcomeKind.SUCCEEDED, OutcomeKind.FAILED})
@@ -22,12 +23,15 @@ RAN_TO_THE_END = JUDGED | {OutcomeKind.RECORDED}
 FileKind = Literal["log", "truth"]
 UNENDED = (JobState.QUEUED, JobState.RUNNING)
 
+_held = trial.alias("held")
+_IS_FREE = ~exists().where(_held.c.robot == bindparam("to_robot"), _held.c.state.in_(ACTIVE))
 _LEASE = (
     update(trial)
     .where(
         trial.c.trial_id == bindparam("of_trial"),
         trial.c.state == TrialState.QUEUED,
         trial.c.fence == bindparam("old_fence"),
+        _IS_FREE,
     )
     .values(
         state=TrialState.LEASED,
@@ -50,6 +54,7 @@ _CONFIRM = (
 _HELD = select(trial.c.trial_id).where(
     trial.c.trial_id == bindparam("of_trial"), trial.c.fence == bindparam("held_fence"), trial.c.state.in_(ACTIVE)
 )
+_EVER_HELD = select(attempt.c.fence).where(attempt.c.trial_id == bindparam("of_trial"), attempt.c.robot == bindparam("held_by"))
 _OPEN_ATTEMPT = insert(attempt)
 _IS_OPEN = and_(
     attempt.c.trial_id == bindparam("of_trial"),
@@ -63,8 +68,9 @@ _KEEP = {
 _KEPT = (
     select(attempt.c.log_sha256, attempt.c.truth_sha256, trial.c.excitation)
     .join(trial, trial.c.trial_id == attempt.c.trial_id)
-    .where(_IS_OPEN)
+    .where(_IS_OPEN, attempt.c.robot == bindparam("held_by"))
 )
+_END_TURN = update(turn).where(turn.c.owner == bindparam("of_owner")).values(served_s=bindparam("at_s"))
 _CLOSE_ATTEMPT = (
     update(attempt)
     .where(_IS_OPEN)
@@ -82,7 +88,11 @@ _CLOSE_ATTEMPT = (
 async def write_lease(
     tx: AsyncConnection, now_s: float, queued: AnyRow, robot: str, *, departure: str | None, lease_s: float
 ) -> Claim | None:
-    """Gives the queued trial to the robot under the next fence; None when the trial is no longer as it was read."""
+    """Gives the queued trial to the robot under the next fence.
+
+    None when the trial is no longer as it was read, or when the robot has got another one from somebody else.
+    """
+    await lock_job(tx, queued.job_number)
     leased = {"of_trial": queued.trial_id, "old_fence": queued.fence, "to_robot": robot, "until_s": now_s + lease_s}
     if (await tx.execute(_LEASE, leased)).rowcount != 1:
         return None
@@ -100,7 +110,14 @@ async def write_lease(
     if queued.any_robot:
         await pinning.pin(tx, queued.job_number, robot)
     await _tell_leased(tx, now_s, queued, robot)
+    await _end_turn(tx, now_s, queued.owner)
     return claim
+
+
+async def _end_turn(tx: AsyncConnection, now_s: float, owner: str) -> None:
+    """The user was served: now others come first."""
+    if (await tx.execute(_END_TURN, {"of_owner": owner, "at_s": now_s})).rowcount == 0:
+        await tx.execute(insert(turn).values(owner=owner, served_s=now_s))
 
 
 async def _tell_leased(tx: AsyncConnection, now_s: float, queued: AnyRow, robot: str) -> None:
@@ -116,6 +133,7 @@ async def _tell_leased(tx: AsyncConnection, now_s: float, queued: AnyRow, robot:
 async def confirm_lease(tx: AsyncConnection, now_s: float, claim: Claim) -> bool:
     """The robot accepted the offer: the trial runs. False when the lease ended in the meantime."""
     held = {"of_trial": claim.trial_id, "held_fence": claim.fence}
+    await lock_job_of(tx, claim.trial_id)
     row = (await tx.execute(_CONFIRM, held)).one_or_none()
     if row is None:
         return False
@@ -144,15 +162,30 @@ async def renew(tx: AsyncConnection, now_s: float, trial_id: str, renewal: Renew
     )
     number = (await tx.execute(prolonged)).scalar_one_or_none()
     if number is None:
-        raise await stale(tx, trial_id, renewal.fence)
+        raise await stale(tx, trial_id, renewal.fence, renewal.robot)
     row = (await tx.execute(select(job.c.cancel_requested, job.c.state).where(job.c.number == number))).one()
     return row.cancel_requested or row.state not in UNENDED
 
 
-async def check_lease(connection: AsyncConnection, trial_id: str, fence: int) -> None:
-    """Raises unless the trial is leased or running under this fence."""
-    if (await connection.execute(_HELD, {"of_trial": trial_id, "held_fence": fence})).one_or_none() is None:
-        raise await stale(connection, trial_id, fence)
+async def check_lease(connection: AsyncConnection, trial_id: str, fence: int, robot: str | None) -> None:
+    """Raises unless the trial is leased or running under this fence; with ``robot``, by it."""
+    held = _HELD if robot is None else _HELD.where(trial.c.robot == robot)
+    if (await connection.execute(held, {"of_trial": trial_id, "held_fence": fence})).one_or_none() is None:
+        raise await stale(connection, trial_id, fence, robot)
+
+
+async def check_policy_leased(connection: AsyncConnection, digest: str, robot: str | None) -> None:
+    """Raises unless the robot holds a lease of a trial with this policy; without ``robot`` whoever asks may have any.
+
+    Raises:
+        NotFound: it holds none, whether there is such a policy or not.
+    """
+    if robot is None:
+        return
+    leased = select(trial.c.trial_id).join(job, job.c.number == trial.c.job_number)
+    leased = leased.where(trial.c.state.in_(ACTIVE), trial.c.robot == robot, job.c.policy == digest).limit(1)
+    if (await connection.execute(leased)).first() is None:
+        raise NotFound("policy-not-leased", f"{robot} holds no lease of a trial with the policy {digest}; it needs no graph.")
 
 
 async def keep_file(tx: AsyncConnection, trial_id: str, fence: int, kind: FileKind, sha256: str) -> None:
@@ -172,7 +205,7 @@ async def check_report(connection: AsyncConnection, claim: Claim, report: Outcom
     Raises:
         Refused: it names others, or no log though it ran to its end, or it is none that such a trial can have.
     """
-    open_attempt = {"of_trial": claim.trial_id, "held_fence": claim.fence}
+    open_attempt = {"of_trial": claim.trial_id, "held_fence": claim.fence, "held_by": claim.robot}
     row = (await connection.execute(_KEPT, open_attempt)).one_or_none()
     if row is None:
         return
@@ -193,12 +226,13 @@ def _check_file(kind: FileKind, claim: Claim, named: str | None, kept: str | Non
     raise Refused(f"{kind}-missing", detail + f"PUT {path} first and name its SHA-256.")
 
 
-async def stale(connection: AsyncConnection, trial_id: str, fence: int) -> Exception:
-    """The error that tells a robot why its lease does not hold."""
+async def stale(connection: AsyncConnection, trial_id: str, fence: int, robot: str | None = None) -> Exception:
+    """The error that tells a robot why its lease does not hold; of trials that it never held it learns nothing."""
+    held = robot is None or (await connection.execute(_EVER_HELD, {"of_trial": trial_id, "held_by": robot})).first() is not None
     wanted = select(trial.c.fence, trial.c.state).where(trial.c.trial_id == trial_id)
     row = (await connection.execute(wanted)).one_or_none()
-    if row is None:
-        return NotFound("trial-not-found", f"There is no trial {trial_id}.")
+    if row is None or not held:
+        return NotFound("trial-not-found", f"There is no trial {trial_id} of this robot's.")
     now = f"Trial {trial_id} is {row.state} under fence {row.fence}; fence {fence} does not hold it."
     detail = f"{now} Stop and take a new lease."
     return Conflict("stale-fence", detail, fence=row.fence, state=row.state)

@@ -39,7 +39,9 @@ KEEPS_RATE_MISSED = 0.01
 """A policy keeps its rate when at most this share of its actions came late: then their 99th percentile is in time."""
 
 
-async def stored(database: Database, fleet: Fleet, now_s: float, job_id: str, owner: str | None) -> tuple[bytes, str]:
+async def stored(
+    database: Database, fleet: Fleet, now_s: float, job_id: str, owner: str | None, user_trials_at_once: int | None
+) -> tuple[bytes, str]:
     """The report of a job as it was written, and its SHA-256; with ``owner`` only if the job is his.
 
     Raises:
@@ -51,7 +53,7 @@ async def stored(database: Database, fleet: Fleet, now_s: float, job_id: str, ow
         found = (await connection.execute(select(report).where(report.c.job_number == row.number))).one_or_none()
         if found is not None:
             return found.body, found.sha256
-        (shown,) = await views.show_jobs(connection, [row], fleet, now_s)
+        (shown,) = await views.show_jobs(connection, [row], fleet, now_s, user_trials_at_once)
     why = shown.waiting_because or shown.reason
     detail = f"Job {job_id} is {shown.state} and has no report{f': {why}' if why else ''}."
     raise Conflict("report-not-ready", detail, state=shown.state, waiting_because=shown.waiting_because)

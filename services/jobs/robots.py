@@ -1,48 +1,95 @@
 """What the database keeps of robots: who ever joined, the operator's wish to drain, and the leases they hold."""
 
-from sqlalchemy import func, insert, select, update
+from sqlalchemy import bindparam, insert, or_, select, update
+from sqlalchemy.exc import IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.bus import Heartbeat
-from api_schemas.trial import AttemptState, TrialState
-from services.database.tables import attempt, robot, trial
+from api_schemas.trial import TrialState
+from services.database.tables import robot, trial
 from services.errors import NotFound
 from services.jobs.claim import Claim
 from services.jobs.clock import iso
 from services.jobs.fleet import Fleet
 from services.jobs.lease import ACTIVE
 
+FAULTS_IN_A_ROW = 5
+"""A robot on which so many attempts in a row failed by the platform's fault gets no other until an operator says so."""
+_OF_ROBOT = update(robot).where(robot.c.robot == bindparam("of_robot"))
+_COUNT_DONE = _OF_ROBOT.values(trials_done=robot.c.trials_done + 1, faults_in_a_row=0)
+_COUNT_FAULT = _OF_ROBOT.values(faults_in_a_row=robot.c.faults_in_a_row + 1).returning(robot.c.faults_in_a_row)
+_WITHDRAW = _OF_ROBOT.where(robot.c.withdrawn.is_(None)).values(withdrawn=bindparam("because"))
+_ACTIVE_ON = select(trial.c.trial_id, trial.c.fence).where(trial.c.robot == bindparam("of_robot"), trial.c.state.in_(ACTIVE))
 
-async def load(tx: AsyncConnection, fleet: Fleet, now_s: float, lease_s: float) -> None:
-    """Puts what the database knows into an empty fleet, and gives open leases their full time again.
 
-    The clock of the process that wrote the leases is gone; their robots need a moment to find this one.
+async def load(tx: AsyncConnection, fleet: Fleet, now_s: float, lease_s: float, *, prolong: bool) -> None:
+    """Puts what the database knows into an empty fleet; ``prolong`` gives open leases their full time again.
+
+    Where one process alone writes, its last clock is gone, and robots need a moment to find this one. Where others write
+    too, they have gone on counting.
     """
-    for row in await tx.execute(select(robot.c.robot, robot.c.drain)):
-        fleet.member(row.robot).drain = row.drain
-    done = select(attempt.c.robot, func.count().label("done")).where(attempt.c.state == AttemptState.ACCEPTED)
-    for row in await tx.execute(done.group_by(attempt.c.robot)):
-        fleet.member(row.robot).trials_done = row.done
-    prolonged = update(trial).where(trial.c.state.in_(ACTIVE)).values(lease_until_s=now_s + lease_s)
-    for row in await tx.execute(prolonged.returning(trial.c.trial_id, trial.c.fence, trial.c.robot, trial.c.state)):
+    await refresh(tx, fleet)
+    of_active = select(trial.c.trial_id, trial.c.fence, trial.c.robot, trial.c.state).where(trial.c.state.in_(ACTIVE))
+    rows = (await tx.execute(of_active)).all()
+    if prolong:
+        await tx.execute(update(trial).where(trial.c.state.in_(ACTIVE)).values(lease_until_s=now_s + lease_s))
+    for row in rows:
         claim = Claim(row.trial_id, row.fence, row.robot)
         fleet.leased(claim, now_s, accepted=row.state == TrialState.RUNNING)
 
 
-async def keep(tx: AsyncConnection, beat: Heartbeat, now_s: float) -> None:
-    """Writes down a robot that joined or whose process started anew."""
+async def refresh(connection: AsyncConnection, fleet: Fleet) -> None:
+    """Puts what the database keeps of the robots into the fleet: wishes of operators, counts, and who was withdrawn."""
+    columns = (robot.c.robot, robot.c.drain, robot.c.trials_done, robot.c.withdrawn)
+    for row in await connection.execute(select(*columns)):
+        member = fleet.member(row.robot)
+        member.drain, member.trials_done, member.withdrawn = row.drain, row.trials_done, row.withdrawn
+
+
+async def keep(tx: AsyncConnection, beat: Heartbeat, now_s: float) -> bool:
+    """Writes down a robot that joined or whose process started anew; false when somebody had done so before."""
     named = {"instance": beat.instance, "pid": beat.pid, "host": beat.host}
-    changed = await tx.execute(update(robot).where(robot.c.robot == beat.robot).values(**named))
-    if changed.rowcount == 0:
-        await tx.execute(insert(robot).values(robot=beat.robot, drain=False, first_seen_at=iso(now_s), **named))
+    other = or_(robot.c.instance != beat.instance, robot.c.instance.is_(None))
+    changed = await tx.execute(update(robot).where(robot.c.robot == beat.robot, other).values(**named))
+    if changed.rowcount:
+        return True
+    if (await tx.execute(select(robot.c.robot).where(robot.c.robot == beat.robot))).first() is not None:
+        return False
+    try:
+        async with tx.begin_nested():
+            await tx.execute(insert(robot).values(robot=beat.robot, drain=False, first_seen_at=iso(now_s), **named))
+    except IntegrityError:
+        return False  # another process of the services heard it too
+    return True
+
+
+async def held_by(connection: AsyncConnection, name: str) -> Claim | None:
+    """The attempt that the robot has a lease for."""
+    row = (await connection.execute(_ACTIVE_ON, {"of_robot": name})).first()
+    return None if row is None else Claim(row.trial_id, row.fence, name)
+
+
+async def count_done(tx: AsyncConnection, name: str) -> None:
+    """One more outcome of the robot was accepted."""
+    await tx.execute(_COUNT_DONE, {"of_robot": name})
+
+
+async def count_fault(tx: AsyncConnection, name: str, reason: str) -> None:
+    """One more attempt on the robot failed by the platform's fault; too many in a row take it out of service."""
+    in_a_row = (await tx.execute(_COUNT_FAULT, {"of_robot": name})).scalar_one_or_none()
+    if in_a_row is None or in_a_row < FAULTS_IN_A_ROW:
+        return
+    because = f"{in_a_row} attempts in a row failed on it, the last because: {reason}; 'trifarm robots resume {name}' tries again"
+    await tx.execute(_WITHDRAW, {"of_robot": name, "because": because})
 
 
 async def wish_drain(tx: AsyncConnection, name: str, *, drain: bool) -> None:
-    """Writes down whether the robot shall be drained.
+    """Writes down whether the robot shall be drained; one that shall not is tried again if it was withdrawn.
 
     Raises:
         NotFound: no robot of this name ever joined.
     """
-    changed = await tx.execute(update(robot).where(robot.c.robot == name).values(drain=drain))
+    again = {} if drain else {"faults_in_a_row": 0, "withdrawn": None}
+    changed = await tx.execute(update(robot).where(robot.c.robot == name).values(drain=drain, **again))
     if changed.rowcount == 0:
         raise NotFound("robot-not-found", f"No robot named {name} ever joined this farm; GET /v1/robots lists them.")

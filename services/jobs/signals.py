@@ -1,16 +1,22 @@
 """What wakes those who wait inside this process: the dispatcher, and readers of a job's history."""
 
 import asyncio
+from collections.abc import Callable
 
 
 class Signals:
-    """Wake-ups without content: whoever wakes reads the truth from the database. Lives on one event loop."""
+    """Wake-ups without content: whoever wakes reads the truth from the database. Lives on one event loop.
+
+    ``tell_others`` passes changes on to other processes of the services, where there may be some: the id of the job that
+    changed, or None when it was something else.
+    """
 
     def __init__(self) -> None:
         self._dispatch = asyncio.Event()
         self._history: dict[str, asyncio.Event] = {}
         self._urgent = False
         self.closing = asyncio.Event()
+        self.tell_others: Callable[[str | None], None] = lambda _job_id: None
 
     def wake_dispatcher(self, *, urgent: bool = False) -> None:
         """Something changed that may let a lease be given; ``urgent`` also has running leases looked at now."""
@@ -33,7 +39,17 @@ class Signals:
         return self._history.setdefault(job_id, asyncio.Event())
 
     def job_changed(self, job_id: str) -> None:
-        """Wakes the readers of the job's history; call after the commit."""
+        """Wakes the readers of the job's history, here and elsewhere; call after the commit."""
+        self._wake_readers(job_id)
+        self.tell_others(job_id)
+
+    def changed_elsewhere(self, job_id: str | None) -> None:
+        """Another process has changed the job, or something else of the farm."""
+        if job_id is not None:
+            self._wake_readers(job_id)
+        self.wake_dispatcher(urgent=True)
+
+    def _wake_readers(self, job_id: str) -> None:
         if (waiting := self._history.pop(job_id, None)) is not None:
             waiting.set()
 
@@ -41,5 +57,5 @@ class Signals:
         """Ends all waiting: the process stops."""
         self.closing.set()
         for job_id in list(self._history):
-            self.job_changed(job_id)
+            self._wake_readers(job_id)
         self._dispatch.set()

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import insert, select
+from sqlalchemy import func, insert, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection
 
@@ -16,22 +16,32 @@ from api_schemas.excitation import ANY_ROBOT, ExcitationName, IdentificationRequ
 from api_schemas.job import MAX_SEED, JobRequest, JobState, TaskName
 from api_schemas.trial import TrialState
 from services.database.rows import AnyRow
-from services.database.tables import job, policy, robot, trial
-from services.errors import Conflict, NotFound
+from services.database.tables import job, robot, trial
+from services.errors import Conflict, NotFound, TooMany
 from services.jobs import events
 from services.jobs.clock import iso
+from services.jobs.lease import UNENDED
 from services.jobs.order import trial_seed
+from services.policies import owners
 
 LATER_FIELDS = frozenset({"object", "object_scale"})
 """Fields of a job that came after its first form; a job sent before they came and again afterwards is one job."""
 
+LOOK_AGAIN_S = 30
+"""When a user whose share of the queue is used up may ask again at the earliest; how long his jobs take nobody knows."""
+
 
 @dataclass(frozen=True)
 class Sender:
-    """Who sends a job, and the key under which he may send it again."""
+    """Who sends a job, and the key under which he may send it again.
+
+    ``sees_only`` is the owner whose policies alone he may use, ``may_queue`` how many jobs of his may be unended; None is all.
+    """
 
     owner: str
     idempotency_key: str | None = None
+    sees_only: str | None = None
+    may_queue: int | None = None
 
 
 @dataclass(frozen=True)
@@ -48,23 +58,24 @@ async def submit(tx: AsyncConnection, now_s: float, request: JobRequest, sender:
     """Inserts a job of a policy; gives its id and whether it is new.
 
     Raises:
-        NotFound: the policy was not uploaded.
+        NotFound: the policy was not uploaded, or by others only.
         Conflict: the idempotency key was used for another request.
+        TooMany: he has as many unended jobs as he may have.
     """
     digest = _digest(request)
     if (earlier := await _earlier(tx, sender, digest)) is not None:
         return earlier, False
-    name = (await tx.execute(select(policy.c.name).where(policy.c.digest == request.policy))).scalar_one_or_none()
-    if name is None:
+    kept = await owners.find(tx, request.policy, sender.sees_only)
+    if kept is None:
         raise NotFound("policy-not-found", f"No policy has the digest {request.policy}; upload it first with PUT /v1/policies.")
     values = {
         "policy": request.policy,
-        "policy_name": name,
+        "policy_name": kept.name,
         "task": request.task,
         "object": request.object,
         "object_scale": request.object_scale,
     }
-    text = f"job queued: {request.trials} trials of {request.task} with policy {name}"
+    text = f"job queued: {request.trials} trials of {request.task} with policy {kept.name}"
     asked = _NewJob(values, [None] * request.trials, request.seed, text)
     return await _insert(tx, now_s, asked, sender, digest), True
 
@@ -75,6 +86,7 @@ async def identify(tx: AsyncConnection, now_s: float, request: IdentificationReq
     Raises:
         NotFound: no robot of this name ever joined.
         Conflict: the idempotency key was used for another request.
+        TooMany: he has as many unended jobs as he may have.
     """
     digest = _digest(request)
     if (earlier := await _earlier(tx, sender, digest)) is not None:
@@ -120,7 +132,22 @@ async def _earlier(tx: AsyncConnection, sender: Sender, digest: str) -> str | No
     return None if earlier is None else earlier.job_id
 
 
+async def _check_share(tx: AsyncConnection, sender: Sender) -> None:
+    if sender.may_queue is None:
+        return
+    await owners.hold(tx, sender.owner)
+    unended = select(func.count()).select_from(job).where(job.c.owner == sender.owner, job.c.state.in_(UNENDED))
+    count = (await tx.execute(unended)).scalar_one()
+    if count >= sender.may_queue:
+        detail = (
+            f"{sender.owner} has {count} jobs that have not ended and may have {sender.may_queue}. Wait until one has ended, "
+            "cancel one with POST /v1/jobs/<job>/cancel, or ask for more trials in one job."
+        )
+        raise TooMany("queued-jobs-quota", detail, LOOK_AGAIN_S, unended_jobs=count, limit=sender.may_queue)
+
+
 async def _insert(tx: AsyncConnection, now_s: float, asked: _NewJob, sender: Sender, digest: str) -> str:
+    await _check_share(tx, sender)
     job_id, seed = new_job_id(), secrets.randbelow(MAX_SEED) if asked.seed is None else asked.seed
     row = insert(job).values(
         job_id=job_id,
@@ -141,18 +168,19 @@ async def _insert(tx: AsyncConnection, now_s: float, asked: _NewJob, sender: Sen
         # On a database with several writers another request with this key may have come in between.
         key = sender.idempotency_key
         raise Conflict("idempotency-key-in-use", f"Idempotency-Key {key!r} is in use; ask again.") from error
-    await tx.execute(insert(trial), _trials(job_id, number, seed, asked))
+    await tx.execute(insert(trial), _trials(job_id, number, seed, asked, sender))
     await events.record(tx, iso(now_s), number, "job_queued", asked.text)
     return job_id
 
 
-def _trials(job_id: str, number: int, seed: int, asked: _NewJob) -> list[dict[str, Any]]:
+def _trials(job_id: str, number: int, seed: int, asked: _NewJob, sender: Sender) -> list[dict[str, Any]]:
     """The rows of a job's trials; those of a named robot wait for it from the start."""
     named = asked.values.get("robot")
     return [
         {
             "trial_id": f"{job_id}-{ordinal:03d}",
             "job_number": number,
+            "owner": sender.owner,
             "ordinal": ordinal,
             "state": TrialState.QUEUED,
             "seed": trial_seed(seed, ordinal),

@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from sqlalchemy import Select, func, select
+from sqlalchemy import Select, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.excitation import ExcitationName
@@ -18,7 +18,8 @@ from services.errors import NotFound
 from services.jobs.clock import iso
 from services.jobs.fleet import Fleet, Member
 from services.jobs.lease import UNENDED
-from services.jobs.waiting import Ahead, job_waits, trial_waits
+from services.jobs.position import Ahead, ahead_of
+from services.jobs.waiting import job_waits, trial_waits
 
 
 async def job_row(connection: AsyncConnection, job_id: str, owner: str | None) -> AnyRow:
@@ -33,26 +34,21 @@ async def job_row(connection: AsyncConnection, job_id: str, owner: str | None) -
     return row
 
 
-async def show_jobs(connection: AsyncConnection, rows: Sequence[AnyRow], fleet: Fleet, now_s: float) -> tuple[Job, ...]:
-    """The jobs, each with the reason why it waits."""
-    return tuple([_job(row, job_waits(row, await _ahead(connection, row), fleet, now_s)) for row in rows])
+async def show_jobs(
+    connection: AsyncConnection, rows: Sequence[AnyRow], fleet: Fleet, now_s: float, limit: int | None = None
+) -> tuple[Job, ...]:
+    """The jobs, each with the reason why it waits; ``limit`` is how many trials a user may have running."""
+    ahead = await ahead_of(connection, rows, len(fleet.healthy(now_s)))
+    return tuple([_job(row, ahead.get(row.number), fleet, now_s, limit) for row in rows])
 
 
-async def _ahead(connection: AsyncConnection, row: AnyRow) -> Ahead:
-    if row.state != JobState.QUEUED:
-        return Ahead(0, 0)
-    left = job.c.trials - job.c.trials_done - job.c.trials_active
-    earlier = select(func.coalesce(func.sum(left), 0), func.count()).where(
-        job.c.state.in_(UNENDED), job.c.number < row.number, job.c.cancel_requested.is_(False), left > 0
-    )
-    return Ahead(*(await connection.execute(earlier)).one())
-
-
-def _job(row: AnyRow, waiting_because: str | None) -> Job:
+def _job(row: AnyRow, ahead: Ahead | None, fleet: Fleet, now_s: float, limit: int | None) -> Job:
     return Job(
+        queue_position=None if ahead is None else ahead.trials + 1,
+        estimated_wait_s=None if ahead is None or ahead.wait_s is None else round(ahead.wait_s, 1),
+        waiting_because=job_waits(row, ahead or Ahead(0), fleet, now_s, limit),
         job_id=row.job_id,
         state=JobState(row.state),
-        waiting_because=waiting_because,
         policy=row.policy,
         policy_name=row.policy_name,
         task=TaskName(row.task),

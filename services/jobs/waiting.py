@@ -1,7 +1,6 @@
 """Why a job or a trial is not over yet, in plain words; nothing waits without a reason that can be read."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from api_schemas.job import FINAL_JOB_STATES
 from api_schemas.robot import RobotState
@@ -9,17 +8,10 @@ from api_schemas.trial import TrialState
 from services.database.rows import AnyRow
 from services.jobs.clock import iso
 from services.jobs.fleet import Fleet, Member
+from services.jobs.position import Ahead
 
 
-@dataclass(frozen=True)
-class Ahead:
-    """What stands before a job in the queue: trials, and the earlier jobs that they belong to."""
-
-    trials: int
-    jobs: int
-
-
-def job_waits(row: AnyRow, ahead: Ahead, fleet: Fleet, now_s: float) -> str | None:
+def job_waits(row: AnyRow, ahead: Ahead, fleet: Fleet, now_s: float, limit: int | None = None) -> str | None:
     """The sentence for a job; None when it is over."""
     if row.state in FINAL_JOB_STATES:
         return None
@@ -31,9 +23,18 @@ def job_waits(row: AnyRow, ahead: Ahead, fleet: Fleet, now_s: float) -> str | No
         return f"{_count(row.trials_active, 'trial')} running{more}"
     if (nobody := _nobody_for(row.robot, _count(left, "trial"), fleet, now_s)) is not None:
         return nobody
-    if ahead.trials:
-        return f"{_count(ahead.trials, 'trial')} of {_count(ahead.jobs, 'earlier job')} {_are(ahead.trials)} ahead"
-    return f"{_count(left, 'trial')} about to be leased: {robots_now(fleet, now_s)}"
+    about = f"{_count(left, 'trial')} about to be leased: {robots_now(fleet, now_s, row.job_id)}"
+    return _others_first(row, ahead, limit) or about
+
+
+def _others_first(row: AnyRow, ahead: Ahead, limit: int | None) -> str | None:
+    """What has to run before the job's first trial does; None when nothing has to."""
+    if limit is not None and ahead.running_of_owner >= limit:
+        return f"{_count(ahead.running_of_owner, 'trial')} of {row.owner} running, and a user may have {limit} at the same time"
+    if ahead.trials == 0:
+        return None
+    about = "" if ahead.wait_s is None else f", about {_lasting(ahead.wait_s)}"
+    return f"{_count(ahead.trials, 'trial')} {_are(ahead.trials)} ahead{about}"
 
 
 def trial_waits(row: AnyRow, job: AnyRow, fleet: Fleet, now_s: float, before: int) -> str | None:
@@ -50,7 +51,7 @@ def trial_waits(row: AnyRow, job: AnyRow, fleet: Fleet, now_s: float, before: in
     if row.first_choice is None:
         return f"{_count(before, 'queued trial')} of job {job.job_id} before it; its robot is drawn when its turn comes"
     member = fleet.snapshot(row.first_choice)
-    doing = "was not seen since the services started" if member is None else robot_now(member, now_s)
+    doing = "was not seen since the services started" if member is None else robot_now(member, now_s, job.job_id)
     return f"{row.first_choice}, drawn for this trial, {doing}"
 
 
@@ -71,14 +72,14 @@ def nobody_in_service(fleet: Fleet, now_s: float) -> str:
     return f"no robot is in service: {robots_now(fleet, now_s)}"
 
 
-def robots_now(fleet: Fleet, now_s: float) -> str:
+def robots_now(fleet: Fleet, now_s: float, of_job: str | None = None) -> str:
     """All robots and what they do, in one line."""
     members: Sequence[Member] = sorted(fleet.members.values(), key=lambda member: member.robot)
-    return ", ".join(f"{member.robot} {robot_now(member, now_s)}" for member in members)
+    return ", ".join(f"{member.robot} {robot_now(member, now_s, of_job)}" for member in members)
 
 
-def robot_now(member: Member, now_s: float) -> str:
-    """What a robot does, as the end of a sentence that begins with its name."""
+def robot_now(member: Member, now_s: float, of_job: str | None = None) -> str:
+    """What a robot does, as the end of a sentence that begins with its name; it names trials of this job alone."""
     state = member.state(now_s)
     said = member.heartbeat
     reason = f" ({why})" if (why := member.reason(now_s)) else ""
@@ -88,17 +89,28 @@ def robot_now(member: Member, now_s: float) -> str:
             since = member.lost_s if member.lost_s is not None else member.seen_s
             return "has not reported yet" if said is None else f"is lost since {iso(since)}"
         case RobotState.RUNNING | RobotState.LEASED:
-            return f"is running trial {busy.trial_id}" if busy else f"is {state}{reason}"
+            return f"is running {_trial(busy.trial_id, of_job)}" if busy else f"is {state}{reason}"
         case RobotState.DRAINING:
-            return "is draining" + (f" and still running trial {member.lease.trial_id}" if member.lease else reason)
+            return "is draining" + (f" and still running {_trial(member.lease.trial_id, of_job)}" if member.lease else reason)
         case RobotState.OUT_OF_SERVICE:
             return f"is out of service{reason}"
         case _:
             return "is idle"
 
 
+def _trial(trial_id: str, of_job: str | None) -> str:
+    """Sentences are read by the owner of one job; what others run is nobody's business but theirs."""
+    if of_job is None:
+        return "a trial"
+    return f"trial {trial_id}" if trial_id.rpartition("-")[0] == of_job else "a trial of another job"
+
+
 def _count(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def _lasting(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.0f} h"
 
 
 def _are(number: int) -> str:

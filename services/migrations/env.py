@@ -4,14 +4,18 @@ import asyncio
 from typing import Any
 
 from alembic import context
-from sqlalchemy import Connection, event, pool
+from sqlalchemy import Connection, event, func, pool, select
 from sqlalchemy.ext.asyncio import AsyncEngine, create_async_engine
 
+from services.database.postgres import MIGRATING
 from services.database.tables import metadata
 
 
 def _run(connection: Connection) -> None:
     # SQLite can take back changes of tables like any other, though Alembic does not count on it.
+    if connection.dialect.name == "postgresql":
+        # Services that start at the same time take turns; the second finds nothing left to do.
+        connection.execute(select(func.pg_advisory_xact_lock(MIGRATING)))
     context.configure(connection=connection, target_metadata=metadata, render_as_batch=True, transactional_ddl=True)
     with context.begin_transaction():
         context.run_migrations()

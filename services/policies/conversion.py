@@ -1,7 +1,7 @@
 """The child process that converts a policy: ``python -m services.policies.conversion WEIGHTS MANIFEST OUT.onnx LEVEL``.
 
 ``OUT.onnx`` lies in the working folder, the only one that it sees from its jail; it refuses a jail below ``LEVEL``. It prints one
-line of JSON when the graph is written and one more after the smoke run. The kernel ends it when it computes for too long; the
+line of JSON when the graph is written and one more after the dry run. The kernel ends it when it computes for too long; the
 parent then goes by the lines that it has.
 """
 
@@ -19,7 +19,7 @@ from api_schemas.policy import MAX_WEIGHTS_BYTES
 CPU_LIMIT_S = 5
 MEMORY_LIMIT_BYTES = 1024**3
 FILE_LIMIT_BYTES = 512 * 1024**2
-SMOKE_CPU_S = 2.0
+DRY_RUN_CPU_S = 2.0
 ARCHIVE_LIMIT_BYTES = MAX_WEIGHTS_BYTES
 
 
@@ -52,7 +52,7 @@ def convert(weights: bytes, kind: str, manifest_text: str, out: Path) -> None:
     import safetensors.numpy
 
     from api_schemas.policy import PolicyManifest
-    from services.policies import graph, sb3_network, smoke, uploaded
+    from services.policies import dry_run, graph, sb3_network, uploaded
 
     manifest = PolicyManifest.model_validate_json(manifest_text)
     if kind == ".onnx":
@@ -64,11 +64,11 @@ def convert(weights: bytes, kind: str, manifest_text: str, out: Path) -> None:
     else:
         model = graph.from_tensors(safetensors.numpy.load(weights), manifest)
     out.write_bytes(model.SerializeToString())
-    session = smoke.load(out)
+    session = dry_run.load(out)
     _say(converted=True)
     # The default action of this signal ends the process: also from inside a native loop that never comes back to Python.
-    signal.setitimer(signal.ITIMER_PROF, SMOKE_CPU_S)
-    warnings = smoke.run(session, manifest)
+    signal.setitimer(signal.ITIMER_PROF, DRY_RUN_CPU_S)
+    warnings = dry_run.run(session, manifest)
     signal.setitimer(signal.ITIMER_PROF, 0)
     _say(warnings=warnings)
 

@@ -3,10 +3,13 @@
 import asyncio
 import json
 import tempfile
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqlalchemy import insert, select
+from sqlalchemy import insert
 from sqlalchemy.exc import IntegrityError
 
 from api_schemas.policy import Policy, PolicyManifest, WeightsFormat, canonical_json, policy_digest
@@ -15,7 +18,7 @@ from services.database.rows import AnyRow
 from services.database.tables import policy
 from services.errors import NotFound, Refused
 from services.files.store import FileStore, Stored
-from services.policies import child, intake
+from services.policies import child, intake, owners
 from services.policies.unfit import printable
 from services.settings import Settings
 
@@ -24,7 +27,7 @@ WRONG_DIGEST = "check that the upload was not cut short, and send it to the addr
 
 @dataclass(frozen=True)
 class Upload:
-    """What a user sent: weights in a file that is the caller's, and the parsed manifest."""
+    """What a user sent: weights in a file that is the caller's, and the parsed manifest; ``share_bytes`` is what he may keep."""
 
     digest: str
     weights: Path
@@ -33,6 +36,7 @@ class Upload:
     manifest: PolicyManifest
     owner: str
     filename: str | None = None
+    share_bytes: int | None = None
 
 
 class Policies:
@@ -43,34 +47,33 @@ class Policies:
         self._database = database
         self._files = files
         self._converting = asyncio.Semaphore(settings.conversion_at_once)
+        self._coming_bytes: Counter[str] = Counter()
 
-    async def find(self, digest: str) -> Policy:
-        """The policy of a digest.
+    async def find(self, digest: str, owner: str | None = None) -> Policy:
+        """The policy of a digest; with ``owner`` only if it is his.
 
         Raises:
-            NotFound: it was never uploaded.
+            NotFound: it was never uploaded, or by others only.
         """
         async with self._database.read() as connection:
-            row = (await connection.execute(select(policy).where(policy.c.digest == digest))).one_or_none()
+            row = await owners.find(connection, digest, owner)
         if row is None:
             raise NotFound("policy-not-found", f"No policy has the digest {digest}; upload it with PUT /v1/policies/{digest}.")
         return show(row)
 
-    async def page(self, before: int | None, limit: int) -> tuple[tuple[Policy, ...], int | None]:
-        """Policies, newest first, numbered below ``before``; and the number to go on from."""
-        wanted = select(policy).order_by(policy.c.number.desc()).limit(limit + 1)
-        if before is not None:
-            wanted = wanted.where(policy.c.number < before)
+    async def page(self, before: int | None, limit: int, owner: str | None) -> tuple[tuple[Policy, ...], int | None]:
+        """Policies, newest first, placed below ``before``, with ``owner`` only his; and the place to go on from."""
         async with self._database.read() as connection:
-            rows = (await connection.execute(wanted)).all()
+            rows = await owners.page(connection, before, limit + 1, owner)
         shown = tuple(show(row) for row in rows[:limit])
-        return shown, rows[limit - 1].number if len(rows) > limit else None
+        return shown, rows[limit - 1].place if len(rows) > limit else None
 
     async def take(self, upload: Upload, now_iso: str) -> tuple[Policy, bool]:
         """Keeps an upload; gives the policy and whether it is new.
 
         Raises:
             Refused: the digest is another, or the policy cannot be converted.
+            Forbidden: its owner has no room for it.
         """
         actual = policy_digest(upload.weights_sha256, upload.manifest)
         if actual != upload.digest:
@@ -78,10 +81,29 @@ class Policies:
             raise Refused(
                 "digest-mismatch", detail, digest=actual, file=printable(upload.filename), part="", instead=WRONG_DIGEST
             )
+        async with self._database.read() as connection:
+            mine, known = [await owners.find(connection, actual, owner) for owner in (upload.owner, None)]
+        if mine is not None:
+            return show(mine), False
+        with self._coming(upload) as coming_bytes:
+            async with self._database.read() as connection:
+                await owners.check_room(connection, upload.owner, coming_bytes, upload.share_bytes)
+            if known is not None:
+                return await self._own(upload, now_iso)
+            return await self._keep(upload, now_iso)
+
+    @contextmanager
+    def _coming(self, upload: Upload) -> Iterator[int]:
+        """What comes in for an owner at this moment, this upload among it: all of it must find room, or nothing is converted."""
+        size = upload.weights.stat().st_size
+        self._coming_bytes[upload.owner] += size
         try:
-            return await self.find(actual), False
-        except NotFound:
-            pass
+            yield self._coming_bytes[upload.owner]
+        finally:
+            self._coming_bytes[upload.owner] -= size
+            self._coming_bytes += Counter()  # forgets those of whom nothing comes any more
+
+    async def _keep(self, upload: Upload, now_iso: str) -> tuple[Policy, bool]:
         limit_bytes = self._settings.max_weights_bytes
         await asyncio.to_thread(intake.check_weights, upload.weights, upload.kind, limit_bytes, upload.filename)
         graph, warnings = await self._convert(upload)
@@ -120,13 +142,24 @@ class Policies:
             owner=upload.owner,
             created_at=now_iso,
         )
-        new = True
         try:
             async with self._database.write() as tx:
+                await owners.hold(tx, upload.owner)
+                await owners.check_room(tx, upload.owner, weights.size, upload.share_bytes)
                 await tx.execute(row)
+                await owners.own(tx, upload.digest, upload.owner, now_iso)
         except IntegrityError:
-            new = False  # the same policy came in twice at the same time
-        return await self.find(upload.digest), new
+            return await self._own(upload, now_iso)  # the same policy came in twice at the same time
+        return await self.find(upload.digest, upload.owner), True
+
+    async def _own(self, upload: Upload, now_iso: str) -> tuple[Policy, bool]:
+        """Makes a policy that is kept already the sender's too: he has shown that he has it, and learns nothing else."""
+        async with self._database.write() as tx:
+            await owners.hold(tx, upload.owner)
+            size = await asyncio.to_thread(lambda: upload.weights.stat().st_size)
+            await owners.check_room(tx, upload.owner, size, upload.share_bytes)
+            new = await owners.own(tx, upload.digest, upload.owner, now_iso)
+        return await self.find(upload.digest, upload.owner), new
 
 
 def show(row: AnyRow) -> Policy:

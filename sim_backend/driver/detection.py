@@ -236,6 +236,6 @@ def detect(values: Values, seed: np.ndarray, frame: np.ndarray, joint_position_r
     return _compiled()[0](values, seed, frame, *arrays)
 
 
-def read(values: Values, seed: np.ndarray, step: int, position_m, quat_wxyz):
-    """Poses (n, 3) and (n, 4) as they are read at a physics step, with the noise of the reading."""
+def read(values: Values, seed: np.ndarray, step: int | np.ndarray, position_m, quat_wxyz):
+    """Poses (n, 3) and (n, 4) as they are read at a physics step (of each, or of all), with the noise of the reading."""
     return _compiled()[1](values, seed, np.full(len(seed), step), position_m, quat_wxyz)

@@ -80,8 +80,8 @@ class Measurement:
 class Driver(Protocol):
     """A robot as a control step sees it."""
 
-    def reset(self, start: Start) -> None:
-        """Bring robot and cube to their start."""
+    def reset(self, start: Start, robots: np.ndarray | None = None) -> None:
+        """Bring robots and cubes to their start: all of them, or those whose indices are given, one row each."""
         ...
 
     def measure(self) -> Measurement:

@@ -11,7 +11,7 @@ from mujoco.batch import Batch
 
 from sim_backend.driver import native_control
 from sim_backend.driver.driver import Command, Measurement, Segment, Start
-from sim_backend.driver.robot_model import compile_robot, moves_bounds, needs_model, parameter_slots
+from sim_backend.driver.robot_model import compile_robot, moving_bounds, needs_model, parameter_slots
 from sim_backend.effects import record as r
 from sim_backend.effects.physics import Physics
 from sim_backend.trifinger import constants as c
@@ -34,6 +34,8 @@ class SimulatedDriver:
         safety: with False commands act unchanged, which is what a replay of recorded applied torques needs.
         physics: the robots' effects; nominal if None.
         shape: the object in the arena.
+        divergence_ends: whether a simulation that becomes unstable ends all (:class:`PhysicsDivergedError`); otherwise
+            :attr:`diverged` says which they are, and they must be reset.
     """
 
     def __init__(
@@ -45,6 +47,7 @@ class SimulatedDriver:
         safety: bool = True,
         physics: Physics | None = None,
         shape: Shape = CUBE,
+        divergence_ends: bool = True,
     ) -> None:
         native_control.install()
         self._step_s, self._shape, self._robots, self._safety = physics_step_s, shape, robots, safety
@@ -53,7 +56,8 @@ class SimulatedDriver:
         self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
         self._slots, self._force = self._batch.bind("userdata"), self._batch.bind("qfrc_applied")
         self._torque_nm = np.zeros((robots, 9))
-        self._step = 0
+        self._step, self._divergence_ends = 0, divergence_ends
+        self._models: list[mujoco.MjModel] | None = None
         self.set_physics(physics or Physics.nominal(robots))
 
     @property
@@ -77,6 +81,16 @@ class SimulatedDriver:
         return self._shape
 
     @property
+    def cube_velocity(self) -> np.ndarray:
+        """Velocities of the objects now, shape (n, 6): m/s in the world's frame, then rad/s in the object's."""
+        return self._qvel[:, 9:15].copy()
+
+    @property
+    def diverged(self) -> np.ndarray:
+        """Which simulations became unstable since their reset, shape (n,)."""
+        return self._batch.warning.reshape(self._robots, -1).any(axis=1)
+
+    @property
     def motor_temperature_rise_k(self) -> np.ndarray:
         """Temperatures of the motors above ambient now, shape (n, 9), K; zero without effects."""
         return self._slots[:, r.TEMPERATURE : r.TEMPERATURE + 9].copy()
@@ -85,25 +99,40 @@ class SimulatedDriver:
         """Height of the object's centre when it rests on the table with the orientations of shape (n, 4); shape (n,), m."""
         return resting_height_m(self._shape, quat_wxyz) * self._physics.value("cube_size.factor")
 
-    def set_physics(self, physics: Physics) -> None:
-        """Give the robots other effects; their states stay, so that it may happen between control periods."""
-        if physics.n != self._robots:
-            raise ValueError(f"the physics is that of {physics.n} robots; the driver has {self._robots}")
-        models = None
-        if needs_model(physics):
-            models = [compile_robot(physics.row(i), shape=self._shape, physics_step_s=self._step_s) for i in range(self._robots)]
-        self._batch.set_models(models)
-        self._physics, self._effects_on = physics, not physics.is_nominal
-        self._bounds_on = np.array([moves_bounds(physics.row(i)) for i in range(self._robots)], dtype=float)
+    def set_physics(self, physics: Physics, robots: np.ndarray | None = None) -> None:
+        """Give the robots other effects; their states stay, so that it may happen between control periods.
+
+        Args:
+            physics: of the robots that are changed.
+            robots: their indices; all of them if None.
+        """
+        rows = np.arange(self._robots) if robots is None else np.asarray(robots)
+        if physics.n != len(rows):
+            raise ValueError(f"the physics is that of {physics.n} robots; it is to be that of {len(rows)}")
+        self._physics = physics if robots is None else self._physics.with_rows(rows, physics)
+        self._compile_models(physics, rows)
+        self._effects_on = not self._physics.is_nominal
+        self._slots[:, r.EFFECTS_ON] = float(self._effects_on)
         if not self._effects_on:
             self._force[:] = 0.0
-        self._write_parameters(np.arange(self._robots))
+        self._write_parameters(physics, rows)
 
-    def _write_parameters(self, rows: np.ndarray) -> None:
-        self._slots[rows, r.EFFECTS_ON] = float(self._effects_on)
-        self._slots[rows, r.BOUNDS_ON] = self._bounds_on[rows]
-        parameters = parameter_slots(self._physics, self._slots[:, r.SEED])
-        self._slots[rows, r.CONTROL_SLOTS : r.FILTERED_VELOCITY] = parameters[rows]
+    def _compile_models(self, physics: Physics, rows: np.ndarray) -> None:
+        """Models of their own for the robots that need one; a nominal batch shares one model."""
+        if not needs_model(self._physics):
+            self._models = None
+        else:
+            self._models = self._models or [self._model] * self._robots
+            differs = needs_model(physics)
+            for i, row in enumerate(rows):
+                own = compile_robot(physics.row(i), shape=self._shape, physics_step_s=self._step_s) if differs else self._model
+                self._models[row] = own
+        if self._models is not None or self._batch.models is not None:
+            self._batch.set_models(self._models)
+
+    def _write_parameters(self, physics: Physics, rows: np.ndarray) -> None:
+        self._slots[rows, r.BOUNDS_ON] = moving_bounds(physics)
+        self._slots[rows, r.CONTROL_SLOTS : r.FILTERED_VELOCITY] = parameter_slots(physics, self._slots[rows, r.SEED])
 
     def reset(self, start: Start, robots: np.ndarray | None = None) -> None:
         """Put robots and cubes at their start.
@@ -126,6 +155,7 @@ class SimulatedDriver:
         self._slots[rows] = 0.0
         self._slots[rows, r.SAFETY_ON] = float(self._safety)
         self._slots[rows, r.STEP_S] = self._step_s
+        self._slots[rows, r.EFFECTS_ON] = float(self._effects_on)
         for first in (r.POSITION_TARGET, r.HELD_TARGET, r.AWAITED_TARGET):
             self._slots[rows, first : first + 9] = np.nan
         if start.noise_seed is not None:
@@ -134,7 +164,7 @@ class SimulatedDriver:
             self._slots[rows, first : first + 9] = self._qvel[rows, :9]
         if start.motor_temperature_rise_k is not None:
             self._slots[rows, r.TEMPERATURE : r.TEMPERATURE + 9] = start.motor_temperature_rise_k
-        self._write_parameters(rows)
+        self._write_parameters(self._physics.rows(rows), rows)
         self._torque_nm[rows] = 0.0
         if robots is None:
             self._step = 0
@@ -186,7 +216,7 @@ class SimulatedDriver:
         qpos, qvel = np.empty((self._robots, steps, self._model.nq)), np.empty((self._robots, steps, self._model.nv))
         qpos[:, 0], qvel[:, 0] = self._qpos, self._qvel
         out = self._batch.rollout(steps, torque_nm, record=_RECORD_WITH_EFFECTS if self._effects_on else _RECORD)
-        if self._batch.warning.any():
+        if self._divergence_ends and self._batch.warning.any():
             raise PhysicsDivergedError(f"the physics diverged between step {self._step} and {self._step + steps}")
         qpos[:, 1:], qvel[:, 1:] = out["qpos"][:, :-1], out["qvel"][:, :-1]
         applied, position, velocity = out["ctrl"], qpos[:, :, :9], qvel[:, :, :9]

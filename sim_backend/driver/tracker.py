@@ -46,7 +46,10 @@ class TrackedPose:
 
 @dataclass
 class _UnderWay:
-    """Reports of one instant for some of the robots; ``waiting`` says whose has neither arrived nor been lost."""
+    """Reports of one instant for some of the robots; ``waiting`` says whose has neither arrived nor been lost.
+
+    ``next_step`` is the driver's step at which the next of them arrives.
+    """
 
     rows: np.ndarray
     report: TrackedPose
@@ -56,15 +59,20 @@ class _UnderWay:
 
 @dataclass(frozen=True)
 class _Group:
-    """Robots whose cameras have the same rate."""
+    """Robots whose cameras take their images at the same steps: ``phase_steps``, then every ``period_steps``."""
 
     period_steps: int
+    phase_steps: int
     rows: np.ndarray
     values: Values
 
 
 class Tracker:
-    """Turns true poses into late reports. Owner of the reports under way and of the filter's last poses."""
+    """Turns true poses into late reports. Owner of the reports under way and of the filter's last poses.
+
+    Each robot's clock begins with its own trial: frames and times in its reports count from there. Steps of segments and of
+    :meth:`deliver` are the driver's.
+    """
 
     def __init__(self, *, physics_step_s: float = c.PHYSICS_STEP_S, physics: Physics | None = None, shape: Shape = CUBE) -> None:
         self._physics_step_s, self._shape = physics_step_s, shape
@@ -76,7 +84,7 @@ class Tracker:
         """Give the robots other effects from the next frame on; reports under way stay as they are."""
         self._physics, self._groups = physics, []
         if self._latest is not None:
-            self._group(len(self._seed))
+            self._group()
 
     def reset(self, measurement: Measurement, noise_seed: np.ndarray | None = None) -> TrackedPose:
         """Forget everything; robot and object have rested as they are since long, and the newest report of that is returned.
@@ -87,15 +95,42 @@ class Tracker:
         """
         n = len(measurement.cube_quat_wxyz)
         self._seed = np.zeros(n, dtype=np.int64) if noise_seed is None else np.asarray(noise_seed).astype(np.int64)
-        self._under_way, self._latest = [], None
+        self._begun = np.zeros(n, dtype=np.int64)
+        self._under_way, self._groups = [], []
         self._previous = _unknown(n)  # for the filter: the newest report, delivered or not
-        self._group(n)
+        self._latest = _unknown(n)
+        self._begin(np.ones(n, dtype=bool), measurement, 0)
+        return self.latest
+
+    def restart(self, robots: np.ndarray, measurement: Measurement, noise_seed: np.ndarray | None, step: int) -> None:
+        """Begin anew for some of the robots, whose objects have rested as they are since long; the others go on.
+
+        Args:
+            robots: their indices.
+            measurement: the true state of all robots now.
+            noise_seed: seeds for these robots; zeros if None.
+            step: the driver's step now.
+        """
+        begins = np.zeros(len(self._seed), dtype=bool)
+        begins[robots] = True
+        self._seed, self._begun = self._seed.copy(), self._begun.copy()
+        self._seed[robots] = 0 if noise_seed is None else np.asarray(noise_seed).astype(np.int64)
+        self._begun[robots] = step
+        for flight in self._under_way:
+            flight.waiting &= ~begins[flight.rows]
+            flight.next_step = self._first(flight.rows, flight.report.delivery_step, flight.waiting)
+        everything, nothing = np.arange(len(begins)), _unknown(len(begins))
+        self._previous = _with_rows(self._previous, everything, nothing, begins)
+        self._latest = _with_rows(self.latest, everything, nothing, begins)
+        self._groups = []
+        self._begin(begins, measurement, step)
+
+    def _begin(self, begins: np.ndarray, measurement: Measurement, step: int) -> None:
+        self._group()
         truth = measurement.true_joint_position_rad, measurement.cube_position_world_m, measurement.cube_quat_wxyz
         for group in self._groups:
-            self._capture_before_start(group, truth)
-        self._latest = _unknown(n)
-        self.deliver(0)
-        return self.latest
+            self._capture_before_start(group, np.flatnonzero(begins[group.rows]), truth, step)
+        self.deliver(step)
 
     def capture(self, segment: Segment) -> None:
         """Take the images that fall into a segment."""
@@ -103,7 +138,7 @@ class Tracker:
         images = [
             (step, group)
             for group in self._groups
-            for step in range(-(-first // group.period_steps) * group.period_steps, first + steps, group.period_steps)
+            for step in range(first + (group.phase_steps - first) % group.period_steps, first + steps, group.period_steps)
         ]
         for step, group in sorted(images, key=lambda image: image[0]):
             row = step - first
@@ -118,9 +153,9 @@ class Tracker:
         arrived = []
         for flight in self._under_way:
             if flight.next_step <= step:
-                due = flight.waiting & (flight.report.delivery_step <= step)
+                due = flight.waiting & (flight.report.delivery_step + _rows_of(self._begun, flight.rows) <= step)
                 flight.waiting &= ~due
-                flight.next_step = _first(flight.report.delivery_step, flight.waiting)
+                flight.next_step = self._first(flight.rows, flight.report.delivery_step, flight.waiting)
                 self._latest = _with_rows(self.latest, flight.rows, flight.report, due)
                 arrived.append(self._latest)
         if arrived:
@@ -133,8 +168,8 @@ class Tracker:
         assert self._latest is not None, "reset the tracker first"
         return self._latest
 
-    def reading(self, step: int) -> TrackedPose:
-        """The newest report as a policy reads it at this physics step: with the noise of the reading, if there is any."""
+    def reading(self, step: int | np.ndarray) -> TrackedPose:
+        """The newest report as a policy reads it at this step of the trial: with the noise of the reading, if there is any."""
         assert self._physics is not None, "reset the tracker first"
         if not self._physics.has("observation_noise"):
             return self.latest
@@ -142,28 +177,34 @@ class Tracker:
         position_m, quat_wxyz = read(values, self._seed, step, *pose)
         return replace(self.latest, cube_position_world_m=position_m, cube_quat_wxyz=quat_wxyz)
 
-    def _group(self, n: int) -> None:
-        """Sort the robots by the rate of their cameras, unless that is done."""
-        if self._groups:
-            return
+    def _group(self) -> None:
+        """Sort the robots by the steps at which their cameras take images."""
+        n = len(self._seed)
         self._physics = Physics.nominal(n) if self._physics is None else self._physics
         if self._physics.n != n:
             raise ValueError(f"the tracker has the physics of {self._physics.n} robots, but there are {n}")
         self._all_values = values_of(self._physics, self._shape.size_m)
         period_s = frame_period_s(self._physics.value("tracking_rate.rate_hz"))
         period_steps = np.maximum(np.rint(period_s / self._physics_step_s).astype(np.int64), 1)
-        for period in np.unique(period_steps):
-            rows = np.flatnonzero(period_steps == period)
-            self._groups.append(_Group(int(period), rows, self._all_values.rows(rows)))
+        phase_steps = self._begun % period_steps
+        for period, phase in sorted(set(zip(period_steps.tolist(), phase_steps.tolist(), strict=True))):
+            rows = np.flatnonzero((period_steps == period) & (phase_steps == phase))
+            self._groups.append(_Group(period, phase, rows, self._all_values.rows(rows)))
 
-    def _capture_before_start(self, group: _Group, truth: tuple[np.ndarray, ...]) -> None:
-        """Take the images of the resting object whose reports arrive at the start at the latest, and all after them."""
-        worst_s = c.CAMERA_DELAY_S + group.values.extra_s + _WORST_JITTER * group.values.jitter_s
+    def _capture_before_start(self, group: _Group, begin: np.ndarray, truth: tuple[np.ndarray, ...], step: int) -> None:
+        """Take the images of the resting object whose reports arrive at the start at the latest, and all after them.
+
+        ``begin`` are the places in the group of the robots that begin at ``step``.
+        """
+        if not len(begin):
+            return
+        rows, values = group.rows[begin], group.values
+        worst_s = c.CAMERA_DELAY_S + values.extra_s[begin] + _WORST_JITTER * values.jitter_s[begin]
         frames = np.maximum(np.ceil(worst_s / (group.period_steps * self._physics_step_s) - 1e-9).astype(int), 1)
         for back in range(frames.max(), 0, -1):
             present = frames >= back
             oldest = frames[present] == back
-            self._capture(-back * group.period_steps, group, group.rows[present], truth, oldest)
+            self._capture(step - back * group.period_steps, group, rows[present], truth, oldest)
 
     def _capture(
         self,
@@ -175,19 +216,24 @@ class Tracker:
     ) -> None:
         """Take one image for some robots of a group; the oldest ones are there at the start whatever happens."""
         values = group.values if len(rows) == len(group.rows) else self._all_values.rows(rows)
-        frame = np.full(len(rows), step // group.period_steps)
+        capture_step = step - _rows_of(self._begun, rows)
+        frame = capture_step // group.period_steps
         seed, *truth_of_rows = (_rows_of(array, rows) for array in (self._seed, *truth))
         visible, confidence, position_m, quat_wxyz, delay_s, lost = detect(values, seed, frame, *truth_of_rows)
-        delivery_step = step + np.rint(delay_s / self._physics_step_s).astype(np.int64)
+        delivery_step = capture_step + np.rint(delay_s / self._physics_step_s).astype(np.int64)
         if oldest is not None:
             lost, delivery_step = lost & ~oldest, np.where(oldest, np.minimum(delivery_step, 0), delivery_step)
         delivery_step = np.maximum(delivery_step, _rows_of(self._previous.delivery_step, rows))
         raw = position_m, quat_wxyz, confidence
         pose = filtered(*raw, *(_rows_of(array, rows) for array in _pose(self._previous)))
-        report, kept = TrackedPose(np.full(len(rows), step), delivery_step, *pose, *raw, visible), ~lost
+        report, kept = TrackedPose(capture_step, delivery_step, *pose, *raw, visible), ~lost
         if kept.any():
             self._previous = _with_rows(self._previous, rows, report, kept)
-            self._under_way.append(_UnderWay(rows, report, kept, _first(delivery_step, kept)))
+            self._under_way.append(_UnderWay(rows, report, kept, self._first(rows, delivery_step, kept)))
+
+    def _first(self, rows: np.ndarray, delivery_step: np.ndarray, waiting: np.ndarray) -> int:
+        """The driver's step of the first report that is waited for."""
+        return int((delivery_step + _rows_of(self._begun, rows))[waiting].min()) if waiting.any() else _NEVER
 
 
 def filtered(position_m, quat_wxyz, confidence, previous_position_m, previous_quat_wxyz, previous_confidence):
@@ -227,11 +273,6 @@ def _unknown(n: int) -> TrackedPose:
 def _rows_of(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Some rows, or the array itself where they are all of them: indexing would cost a trial as much as the detection does."""
     return values if len(rows) == len(values) else values[rows]
-
-
-def _first(delivery_step: np.ndarray, waiting: np.ndarray) -> int:
-    """Step of the first report that is waited for."""
-    return int(delivery_step[waiting].min()) if waiting.any() else _NEVER
 
 
 def _with_rows(report: TrackedPose, rows: np.ndarray, changed: TrackedPose, where: np.ndarray) -> TrackedPose:

@@ -42,8 +42,15 @@ class Physics:
 
     def has(self, effect: str) -> bool:
         """Whether any of the robots has the effect."""
-        found = CATALOGUE[effect]
-        return any((self.value(found.key(p)) != p.absent).any() for p in found.parameters if found.key(p) in self.given)
+        return bool(self.having(effect).any())
+
+    def having(self, effect: str) -> np.ndarray:
+        """Which of the robots have the effect, shape (n,)."""
+        found, having = CATALOGUE[effect], np.zeros(self.n, dtype=bool)
+        for key, absent in ((found.key(p), p.absent) for p in found.parameters):
+            if key in self.given:
+                having |= (self.given[key].reshape(self.n, -1) != absent).any(axis=1)
+        return having
 
     def value(self, key: str) -> np.ndarray:
         """Values of a parameter: shape (n,), or (n, 9) or (n, 3); the absent value where none was given."""
@@ -55,6 +62,17 @@ class Physics:
     def row(self, index: int) -> "Physics":
         """One robot's physics."""
         return Physics(1, {key: values[index : index + 1] for key, values in self.given.items()})
+
+    def rows(self, index: np.ndarray) -> "Physics":
+        """The physics of some of the robots, in this order."""
+        return Physics(len(index), {key: values[index] for key, values in self.given.items()})
+
+    def with_rows(self, index: np.ndarray, rows: "Physics") -> "Physics":
+        """The same robots, but those of ``index`` with the physics of ``rows``."""
+        merged = {key: self.value(key).copy() for key in dict.fromkeys((*self.given, *rows.given))}
+        for key, values in merged.items():
+            values[index] = rows.value(key)
+        return Physics(self.n, merged)
 
     @classmethod
     def stack(cls, rows: Sequence["Physics"]) -> "Physics":

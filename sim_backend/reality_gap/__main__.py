@@ -20,18 +20,18 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one of the commands."""
     given = sys.argv[1:] if arguments is None else arguments
     if given[:1] == ["blind-test"]:
-        from sim_backend.reality_gap import blind_test
+        from sim_backend.reality_gap.blind_test import joints
 
-        return blind_test.main(given[1:])
+        return joints.main(given[1:])
     if given[:1] == ["excite"]:
-        from sim_backend.reality_gap import excite
+        from sim_backend.reality_gap.excite import answer
 
-        return excite.main(given[1:])
+        return answer.main(given[1:])
     return _study(given)
 
 
 def _study(given: list[str]) -> int:
-    from sim_backend.reality_gap.calibrating import METHODS
+    from sim_backend.reality_gap.joints.calibrating import METHODS
 
     parser = argparse.ArgumentParser(prog="trifarm gap", description="Compare measured data with the simulation.")
     commands = parser.add_subparsers(dest="command", required=True)
@@ -55,9 +55,9 @@ def _study(given: list[str]) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from sim_backend.reality_gap.report import summary_lines
+    from sim_backend.reality_gap.report.report import summary_lines
     from sim_backend.reality_gap.study import run_study
-    from sim_backend.reality_gap.success_prediction import Trials
+    from sim_backend.reality_gap.success.prediction import Trials
 
     out = options.out if options.out is not None else Path(f"gap-{options.source.stem or 'study'}")
     try:

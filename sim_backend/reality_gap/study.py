@@ -18,20 +18,20 @@ import numpy as np
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
 from sim_backend.effects.physics import Physics
-from sim_backend.reality_gap.calibrating import METHODS, calibrate
-from sim_backend.reality_gap.extended_model import load_extended_model, provenance_of
+from sim_backend.reality_gap.extended.files import write_models
+from sim_backend.reality_gap.extended.model import load_extended_model, provenance_of
 from sim_backend.reality_gap.farm_logs import log_files, read_farm_logs, robot_of
-from sim_backend.reality_gap.foreign_data import read_recordings
-from sim_backend.reality_gap.joint_gain import held_out
-from sim_backend.reality_gap.joint_sections import joint_sections
-from sim_backend.reality_gap.joint_study import JointStudy, NothingMovesError, study_joints
-from sim_backend.reality_gap.joint_verdict import judge
-from sim_backend.reality_gap.object_motion import study_object
+from sim_backend.reality_gap.foreign.episodes import read_recordings
+from sim_backend.reality_gap.foreign.study_file import StudyFile, load_study_file
+from sim_backend.reality_gap.joints.calibrating import METHODS, calibrate
+from sim_backend.reality_gap.joints.gain import held_out
+from sim_backend.reality_gap.joints.sections import joint_sections
+from sim_backend.reality_gap.joints.study import JointStudy, NothingMovesError, study_joints
+from sim_backend.reality_gap.joints.verdict import judge
 from sim_backend.reality_gap.recording import Recording, RecordingError
-from sim_backend.reality_gap.report import write_html
-from sim_backend.reality_gap.study_file import StudyFile, load_study_file
-from sim_backend.reality_gap.study_models import write_models
-from sim_backend.reality_gap.success_prediction import Question, Trials, read_question, success_of
+from sim_backend.reality_gap.report.report import write_html
+from sim_backend.reality_gap.success.prediction import Question, Trials, read_question, success_of
+from sim_backend.reality_gap.tosses.study import study_object
 from sim_backend.reality_gap.verdict import Verdict, VerdictKind
 from sim_backend.trifinger.scene import compile_scene
 
@@ -124,7 +124,7 @@ def verdict_of(material: Material, method: str, rng: np.random.Generator, progre
     if of_joints:
         found.append(_joint_verdict(material, of_joints, method, rng, progress))
     if of_cube and material.is_trifinger:
-        from sim_backend.reality_gap.cube_study import study_cube  # with its replay, which most studies do without
+        from sim_backend.reality_gap.cube.study import study_cube  # with its replay, which most studies do without
 
         study = study_cube(of_cube, rng, lambda what: progress(what, 0.6))
         found.append((study.verdict, {}))

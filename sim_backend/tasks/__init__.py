@@ -1,7 +1,7 @@
 """What is asked of a robot: goals, start poses and how well they were reached. ``TASKS`` is the whole list."""
 
-from sim_backend.tasks.move_cube import LIFT, MOVE_CUBE_LEVELS, PUSH
+from sim_backend.tasks.move_cube import FLOOR_POSE, LIFT, MOVE_CUBE_LEVELS, PUSH
 from sim_backend.tasks.reach import REACH
 from sim_backend.tasks.task import Task
 
-TASKS: dict[str, Task] = {task.name: task for task in (PUSH, LIFT, REACH, *MOVE_CUBE_LEVELS)}
+TASKS: dict[str, Task] = {task.name: task for task in (PUSH, LIFT, REACH, FLOOR_POSE, *MOVE_CUBE_LEVELS)}

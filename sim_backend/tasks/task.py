@@ -1,7 +1,7 @@
 """A task: how long it lasts, how starts and goals are drawn, and which errors count."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -17,6 +17,17 @@ class Goal:
     cube_quat_wxyz: np.ndarray
     fingertip_position_world_m: np.ndarray
 
+    def rows(self, index: np.ndarray) -> "Goal":
+        """The goals of some of the trials, in this order."""
+        return Goal(**{field.name: getattr(self, field.name)[index] for field in fields(Goal)})
+
+    def with_rows(self, index: np.ndarray, goals: "Goal") -> "Goal":
+        """The same trials, but those of ``index`` with other goals."""
+        merged = {field.name: getattr(self, field.name).copy() for field in fields(Goal)}
+        for name, values in merged.items():
+            values[index] = getattr(goals, name)
+        return Goal(**merged)
+
 
 @dataclass(frozen=True)
 class Task:
@@ -29,6 +40,7 @@ class Task:
     moves_cube: bool = True
     orientation_counts: bool = False
     challenge_cost: bool = False  # the 2020 challenge's cost as return, instead of the keypoint kernel
+    starts_upright: bool = False  # the cube begins with its +z face up, as at the goal; otherwise any face is up
 
     @property
     def steps(self) -> int:
@@ -39,13 +51,17 @@ class Task:
 def draw_trial(task: Task, seed: int) -> tuple[Start, Goal]:
     """Start and goal of one trial (n = 1), from nothing but the trial's seed."""
     rng = np.random.default_rng(seed)
-    return draw_start(rng), task.draw_goal(rng)
+    return draw_start(rng, upright=task.starts_upright), task.draw_goal(rng)
 
 
-def draw_start(rng: np.random.Generator) -> Start:
-    """Fingers in their start pose; the cube anywhere on the floor, any face up, any yaw (move_cube, initial pose)."""
+def draw_start(rng: np.random.Generator, *, upright: bool = False) -> Start:
+    """Fingers in their start pose; the cube anywhere on the floor, any face up, any yaw (move_cube, initial pose).
+
+    ``upright`` leaves only the yaw to chance.
+    """
     position = np.array([*draw_in_disc(rng, c.MAX_CUBE_CENTRE_DISTANCE_M), c.CUBE_REST_HEIGHT_M])
-    return Start(c.START_JOINT_POSITION_RAD[None].copy(), position[None], draw_face_up_quat_wxyz(rng)[None])
+    quat = draw_yaw_quat_wxyz(rng) if upright else draw_face_up_quat_wxyz(rng)
+    return Start(c.START_JOINT_POSITION_RAD[None].copy(), position[None], quat[None])
 
 
 def draw_in_disc(rng: np.random.Generator, radius_m: float) -> np.ndarray:
@@ -74,6 +90,12 @@ def draw_face_up_quat_wxyz(rng: np.random.Generator) -> np.ndarray:
     cos, sin = np.cos(half_yaw), np.sin(half_yaw)
     w, x, y, z = tilt
     return np.array([cos * w - sin * z, cos * x - sin * y, cos * y + sin * x, cos * z + sin * w])
+
+
+def draw_yaw_quat_wxyz(rng: np.random.Generator) -> np.ndarray:
+    """The +z face up, then a random yaw; shape (4,)."""
+    half_yaw = rng.uniform(0, 2 * np.pi) / 2
+    return np.array([np.cos(half_yaw), 0.0, 0.0, np.sin(half_yaw)])
 
 
 def draw_quat_wxyz(rng: np.random.Generator) -> np.ndarray:

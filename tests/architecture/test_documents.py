@@ -1,5 +1,6 @@
 """What the documents name exists, and the Makefile stays small."""
 
+import json
 import re
 from pathlib import Path
 
@@ -49,9 +50,32 @@ def test_documented_layouts_and_manifest_are_valid():
     PolicyManifest.model_validate_json(example.group(1))
 
 
+@pytest.mark.parametrize("name", ["docs/scale.md", "docker-compose.yml"])
+def test_settings_in_documents_and_containers_exist(name):
+    from services.settings import Settings
+
+    outside = {"TRIFARM_URL", "TRIFARM_TOKEN", "TRIFARM_KEY"}  # of the command line, and of the compose file itself
+    named = set(re.findall(r"\bTRIFARM_[A-Z0-9_]+", (ROOT / name).read_text())) - outside
+    assert named
+    assert named <= {f"TRIFARM_{field.upper()}" for field in Settings.model_fields}
+
+
 def test_no_file_is_over_300_lines_without_saying_why():
     for package in ("api_schemas", "sim_backend", "robot_farm", "services", "client_cli"):
         for path in (ROOT / package).rglob("*.py"):
             text = path.read_text()
             if text.count("\n") > 300:
                 assert "one thing" in text.split('"""')[1], f"{path.relative_to(ROOT)} is over 300 lines"
+
+
+def test_documented_detection_limits_are_those_that_are_used():
+    text = (ROOT / "docs/detection-limits.md").read_text()
+    joints = json.loads((ROOT / "sim_backend/reality_gap/blind_test/detection_limits.json").read_text())["limits"]
+    cube = json.loads((ROOT / "sim_backend/reality_gap/cube/calibration.json").read_text())["limits"]
+    sides = {"": "", ".down": ", below nominal", ".up": ", above nominal"}
+    used = [(f"`{name}`", f"{value:.3g}") for name, value in joints.items()]
+    for key, value in cube.items():
+        name = key.partition(".")[0]
+        used.append((f"`{name}`{sides[key.removeprefix(name)]}", f"{value:.3g}"))
+    documented = re.findall(r"^\| (`[a-z0-9_.]+`(?:, \w+ nominal)?) \| ([-0-9.e]+) \|", text, re.MULTILINE)
+    assert documented == used

@@ -28,7 +28,7 @@ def outcomes(options: argparse.Namespace, kept: dict) -> dict:
     from sim_backend.effects.effect import Group
     from sim_backend.effects.physics import Physics
     from sim_backend.evaluation import evaluate
-    from sim_backend.reality_gap.policy_file import load_policy
+    from sim_backend.reality_gap.success.policy_file import load_policy
     from sim_backend.tasks import TASKS
 
     true = HiddenPhysics(farm_secret(Path(), options.farm_seed), options.robot, "real").physics
@@ -53,7 +53,7 @@ def outcomes(options: argparse.Namespace, kept: dict) -> dict:
 
 def summary(kept: dict) -> dict:
     """The gain of each oracle, and what two measurements of the same robot differ by."""
-    from sim_backend.reality_gap.success_gain import success_gain
+    from sim_backend.reality_gap.success.gain import success_gain
 
     return {
         name: success_gain(kept["nominal"], kept[name], kept["measured"], np.random.default_rng(RNG_SEED)).document()

@@ -7,10 +7,13 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from api_schemas.trial_log_reader import read_log
+from tests.end_to_end import recurrent
 from tests.end_to_end.farm import Farm
-from tests.graphs import endless, linear, memory_hog, no_number
+from tests.graphs import endless, endless_in_time, linear, memory_hog, no_number_in_time
 
 ROOT = Path(__file__).parent.parent.parent
 REFERENCE = ROOT / "sim_backend/training/reference_policies/push.safetensors"
@@ -85,16 +88,41 @@ def test_a_killed_robot_costs_one_attempt_and_nothing_else(farm):
     assert kept, "the log of the cut-off attempt is gone"
 
 
+def test_a_recurrent_policy_keeps_its_memory_in_a_trial_and_forgets_it_between(farm, tmp_path):
+    """Each robot runs two trials in one process; the logs hold what sb3-contrib's own policy would have done from no memory."""
+    model = recurrent.trained()
+    job = farm.submit(recurrent.saved(model, tmp_path / "recurrent.zip"), task="reach", trials=8, seed=4)
+    report = farm.report(job)
+    assert report["platform_faults"] == 0 == report["policy_faults"]
+    farm.run("fetch", job, "--to", str(tmp_path / "logs"))
+    left_over, differences, seconds = {}, [], 0
+    for row in report["per_trial"]:
+        log = read_log(tmp_path / "logs" / f"trial-{row['trial']:03d}.mcap")
+        wanted, memory = recurrent.predicted(model, log.observation)
+        differences.append(np.abs(log.action - wanted).max())
+        early = log.observation[:20]
+        forgetful = np.concatenate([recurrent.predicted(model, each[None])[0] for each in early])
+        assert np.abs(forgetful - wanted[:20]).max() > 1e-3, "without memory it would have acted otherwise"
+        if row["robot"] in left_over:
+            haunted, _ = recurrent.predicted(model, early, left_over[row["robot"]])
+            assert np.abs(haunted - wanted[:20]).max() > 1e-3, "and with that of the robot's last trial, too"
+            seconds += 1
+        left_over[row["robot"]] = memory
+    assert seconds > 0
+    print(f"largest difference from sb3-contrib's own actions in {len(differences)} trials: {max(differences):.2g} N m")
+    assert max(differences) <= 1e-5
+
+
 @pytest.mark.parametrize(
     "make, kind",
     [
-        (no_number, "nonfinite_action"),
-        (endless, "action_deadline"),
+        (no_number_in_time, "nonfinite_action"),
+        (endless_in_time, "action_deadline"),
     ],
     ids=["nan", "endless"],
 )
 def test_bad_policies_are_the_policys_fault_and_robots_go_on(farm, tmp_path, make, kind):
-    job = farm.submit(make(tmp_path / "bad.onnx"), layout="rrc2022-push", trials=2, seed=1)
+    job = farm.submit(make(tmp_path / "bad.onnx"), trials=2, seed=1)
     report = farm.report(job)
     assert report["policy_faults"] == 2
     assert report["successes"] == 0 == report["platform_faults"]
@@ -109,8 +137,9 @@ def test_bad_policies_are_the_policys_fault_and_robots_go_on(farm, tmp_path, mak
     [
         (lambda path: linear(path, bias=float("nan")), "/problems/weights-not-finite"),
         (memory_hog, "/problems/dry-run-failed"),
+        (endless, "/problems/dry-run-too-slow"),
     ],
-    ids=["nan", "memory"],
+    ids=["nan", "memory", "endless"],
 )
 def test_what_cannot_run_never_gets_into_the_queue(farm, tmp_path, make, problem):
     bad = make(tmp_path / "bad.onnx")
@@ -145,7 +174,7 @@ def computes(pid: int) -> bool:
 
 def test_an_endless_policy_ends_with_its_robot(tmp_path):
     with Farm(tmp_path, robots=1) as farm:
-        farm.submit(endless(tmp_path / "endless.onnx"), layout="rrc2022-push", trials=4, seed=1)
+        farm.submit(endless_in_time(tmp_path / "endless.onnx"), trials=4, seed=1)
         (pid,) = [robot["pid"] for robot in farm.json("robots")["robots"]]
         give_up_s = time.monotonic() + 30
         while not (children := policy_processes(pid)) and time.monotonic() < give_up_s:

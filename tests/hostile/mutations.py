@@ -3,9 +3,11 @@
 Each mutation goes the way of an upload, through the pre-check and the converting child. Every answer must be a typed refusal or
 an acceptance whose graph gives nine numbers; some of the accepted run in a robot's own policy process as well.
 The child is forked from this process, which has loaded what it needs, so that a thousand take minutes; it is limited as always.
+What a child costs with its start-up is measured apart, on a valid file of each kind.
 """
 
 import argparse
+import asyncio
 import json
 import os
 import platform
@@ -27,7 +29,8 @@ from api_schemas.policy import MAX_WEIGHTS_BYTES, WeightsFormat, canonical_json
 from robot_farm.jail import JailedPolicy
 from services.child import Ended
 from services.errors import ServiceError
-from services.policies import child, conversion, graph, intake, sb3_network, smoke, uploaded  # noqa: F401
+from services.policies import child, conversion, dry_run, graph, intake, recorded, sb3_network, uploaded  # noqa: F401
+from tests.hostile.measured import measured_children
 from tests.hostile.valid import MANIFEST, VALID, sb3_entries, torch_entries, zipped
 
 ROBOT_EVERY = 50
@@ -180,6 +183,19 @@ def try_one(content, kind, folder, tally, label):
     return None
 
 
+def whole_child(content, suffix, folder):
+    """What a child costs that starts from nothing and takes the file."""
+    path, manifest = folder / f"weights.{suffix}", folder / "manifest.json"
+    path.write_bytes(content)
+    manifest.write_text(canonical_json(MANIFEST))
+    with measured_children() as cost:
+        asyncio.run(child.convert(path, manifest, folder / "policy.onnx", HANGS_S))
+    return {
+        "cpu_s_of_a_whole_converter": round(cost.cpu_s, 3),
+        "memory_mb_of_a_whole_converter": round(cost.memory_bytes / 2**20),
+    }
+
+
 def count_refusal(tally, outcome, error, label):
     """Counts a refusal; one that is no typed 4xx with all its members is a fault."""
     tally.outcomes[outcome] += 1
@@ -191,7 +207,7 @@ def count_refusal(tally, outcome, error, label):
 def run_graph(path):
     """Raises unless the graph gives nine numbers for each of a few observations."""
     session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
-    for observation in smoke.observations(MANIFEST):
+    for observation in recorded.observations(MANIFEST)[::20]:
         (action,) = session.run(["action"], {"observation": observation[None, :]})
         assert action.shape == (1, 9)
 
@@ -201,7 +217,7 @@ def run_by_robot(path, tally, label):
     with JailedPolicy(label, path) as policy:
         try:
             policy.reset()
-            policy.act(smoke.observations(MANIFEST)[0])
+            policy.act(recorded.observations(MANIFEST)[0])
         except Exception as error:
             if "not finite" not in str(error):
                 tally.faults.append(f"{label}: accepted, but a robot says {error}")
@@ -215,7 +231,7 @@ def main():
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, required=True, help="the result, as JSON")
     given = parser.parse_args()
-    tallies = {kind: Tally() for kind in KINDS}
+    tallies, whole = {kind: Tally() for kind in KINDS}, {}
     with tempfile.TemporaryDirectory(prefix="trifarm-mutations-") as name:
         for number, (kind, tally) in enumerate(tallies.items()):
             (suffix, make), rng = KINDS[kind], np.random.default_rng([given.seed, number])
@@ -224,10 +240,11 @@ def main():
                 if content == valid:
                     tally.outcomes["unchanged"] += 1
                 try_one(content, suffix, Path(name), tally, f"{kind} {each}")
+            whole[kind] = whole_child(make(0, rng)[0], suffix, Path(name))
             sys.stderr.write(f"{kind}: {dict(tally.outcomes)}, {len(tally.faults)} faults\n")
     versions = {"python": platform.python_version(), "onnx": onnx.__version__, "onnxruntime": onnxruntime.__version__}
     document = {"format": "trifarm-hostile-mutations/1", "count": given.count, "seed": given.seed, "versions": versions}
-    document["kinds"] = {kind: tally.document() for kind, tally in tallies.items()}
+    document["kinds"] = {kind: tally.document() | whole[kind] for kind, tally in tallies.items()}
     given.out.write_text(json.dumps(document, indent=2) + "\n")
     return 1 if any(tally.faults for tally in tallies.values()) else 0
 

@@ -1,6 +1,5 @@
 """Every hostile file is refused with a typed problem that says what to do, at its price, and no canary fires."""
 
-import resource
 import socket
 import time
 from pathlib import Path
@@ -13,10 +12,11 @@ from services.policies import conversion
 from services.policies.child import convert
 from services.policies.intake import check_weights, weights_format
 from tests.hostile.corpus import corpus
-from tests.hostile.valid import MANIFEST, VALID, canary_pickle
+from tests.hostile.measured import measured_children
+from tests.hostile.valid import MANIFEST, VALID, canary_pickle, sized
 
 CHECK_CPU_S, CHECK_MEMORY_BYTES = 0.1, 64 * 2**20
-CHILD_CPU_S = 5.0
+CHILD_CPU_S, CHILD_MEMORY_BYTES = 5.0, 2**30
 NAMES = list(corpus(Path("canary"), 1))
 
 
@@ -62,17 +62,20 @@ def check(path, filename):
     return found, time.thread_time() - began_s, peak_bytes() - before_bytes
 
 
-async def converted(path, tmp_path):
-    """What the converting child says, and its CPU time, start-up included."""
-    manifest = tmp_path / "manifest.json"
-    manifest.write_text(canonical_json(MANIFEST))
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    try:
-        found = await convert(path, manifest, tmp_path / "policy.onnx", 60)
-    except ServiceError as error:
-        found = error
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return found, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+async def converted(path, tmp_path, manifest=MANIFEST):
+    """What the converting child says, and what it cost, start-up included."""
+    text = tmp_path / "manifest.json"
+    text.write_text(canonical_json(manifest))
+    with measured_children() as cost:
+        try:
+            return await convert(path, text, tmp_path / "policy.onnx", 60), cost
+        except ServiceError as error:
+            return error, cost
+
+
+def assert_cheap(cost):
+    assert cost.cpu_s <= CHILD_CPU_S
+    assert 0 < cost.memory_bytes <= CHILD_MEMORY_BYTES
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -85,8 +88,8 @@ async def test_a_hostile_file_is_refused(name, cases, silent, tmp_path):
     assert memory_bytes <= CHECK_MEMORY_BYTES
     assert (found is not None) == case.before_parsing, found
     if found is None:
-        found, cpu_s = await converted(path, tmp_path)
-        assert cpu_s <= CHILD_CPU_S
+        found, cost = await converted(path, tmp_path)
+        assert_cheap(cost)
     assert isinstance(found, ServiceError), found
     assert 400 <= found.status < 500
     assert case.slug in (found.slug, "")
@@ -128,10 +131,24 @@ async def test_a_valid_file_of_each_kind_is_accepted_at_its_price(kind, tmp_path
     found, cpu_s, _ = check(path, path.name)
     assert found is None
     assert cpu_s <= CHECK_CPU_S
-    accepted, cpu_s = await converted(path, tmp_path)
+    accepted, cost = await converted(path, tmp_path)
     assert not isinstance(accepted, ServiceError), accepted
     assert accepted.warnings == ()
-    assert cpu_s <= CHILD_CPU_S
+    assert_cheap(cost)
+
+
+@pytest.mark.parametrize("kind", VALID)
+async def test_the_largest_file_of_each_kind_is_judged_at_the_same_price(kind, tmp_path):
+    """64 MiB of weights that are well formed: whether they are taken or refused, they cost no more than others."""
+    path = tmp_path / f"weights.{kind}"
+    path.write_bytes(sized(kind, 62 * 2**20))
+    assert 60 * 2**20 < path.stat().st_size <= MAX_WEIGHTS_BYTES
+    found, cpu_s, memory_bytes = check(path, path.name)
+    print(f"{kind}: pre-check {cpu_s:.3f} s, {memory_bytes / 2**20:.0f} MB")
+    assert found is None
+    said, cost = await converted(path, tmp_path)
+    print(f"{kind}: child {cost.cpu_s:.2f} s, {cost.memory_bytes / 2**20:.0f} MB, {said}")
+    assert_cheap(cost)
 
 
 def test_the_converting_child_has_no_more_than_a_gigabyte_of_addresses():

@@ -26,6 +26,8 @@ def test_mutations_are_refused_with_a_type_or_run(tmp_path):
         assert kind["largest_cpu_s_before_parsing"] <= 0.1
         assert kind["largest_cpu_s_of_converter"] <= 5
         assert kind["largest_memory_mb_of_converter"] <= 1024
+        assert kind["largest_cpu_s_of_converter"] + kind["cpu_s_of_a_whole_converter"] <= 5
+        assert kind["memory_mb_of_a_whole_converter"] <= 1024
     assert ended.returncode == 0
 
 

@@ -17,9 +17,9 @@ MANIFEST = LAYOUTS["rrc2022-push"].model_copy(update={"output_scaling": OutputSc
 SIZE, WIDTH = 54, 8
 
 
-def weights(seed=0):
+def weights(seed=0, width=WIDTH):
     rng = np.random.default_rng(seed)
-    shapes = [(WIDTH, SIZE), (WIDTH,), (9, WIDTH), (9,)]
+    shapes = [(width, SIZE), (width,), (9, width), (9,)]
     return [rng.normal(0, 0.1, shape).astype(np.float32) for shape in shapes]
 
 
@@ -28,9 +28,9 @@ def safetensors_file(seed=0):
     return safetensors.numpy.save(dict(zip(names, weights(seed), strict=True)))
 
 
-def onnx_model(seed=0, nodes=None):
-    first, first_bias, second, second_bias = weights(seed)
-    constants = [
+def onnx_model(seed=0, nodes=None, constants=None):
+    first, first_bias, second, second_bias = constants or weights(seed)
+    tensors = [
         numpy_helper.from_array(each, name) for each, name in ((first, "w"), (first_bias, "b"), (second, "v"), (second_bias, "c"))
     ]
     usual = [
@@ -40,7 +40,7 @@ def onnx_model(seed=0, nodes=None):
     ]
     given = helper.make_tensor_value_info("obs", TensorProto.FLOAT, [1, SIZE])
     gives = helper.make_tensor_value_info("act", TensorProto.FLOAT, [1, 9])
-    graph = helper.make_graph(nodes or usual, "net", [given], [gives], constants)
+    graph = helper.make_graph(nodes or usual, "net", [given], [gives], tensors)
     return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
 
 
@@ -154,3 +154,14 @@ class Canary:
 
 def canary_pickle(path: Path, port: int, protocol=2):
     return pickle.dumps(Canary(path, port), protocol)
+
+
+def sized(kind, size_bytes, seed=0):
+    """A valid file of about so many bytes: one hidden layer, as wide as it takes."""
+    tensors = weights(seed, width=size_bytes // 4 // (SIZE + 1 + 9))
+    if kind == "safetensors":
+        names = ("layer0.weight", "layer0.bias", "layer1.weight", "layer1.bias")
+        return safetensors.numpy.save(dict(zip(names, tensors, strict=True)))
+    if kind == "onnx":
+        return onnx_model(constants=tensors).SerializeToString()
+    return zipped(sb3_entries() | {"policy.pth": torch_file(dict(zip(SB3_NAMES, tensors, strict=True)))})

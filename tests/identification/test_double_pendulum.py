@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.joint_gain import errors_of, held_out_errors
-from sim_backend.reality_gap.joint_state import JointState
-from sim_backend.reality_gap.joint_study import study_joints
-from sim_backend.reality_gap.joint_verdict import judge
+from sim_backend.reality_gap.joints.gain import errors_of, held_out_errors
+from sim_backend.reality_gap.joints.state import JointState
+from sim_backend.reality_gap.joints.study import study_joints
+from sim_backend.reality_gap.joints.verdict import judge
 from sim_backend.reality_gap.study import recordings_of
 from sim_backend.reality_gap.verdict import VerdictKind, names_of
 

@@ -5,8 +5,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.joint_study import study_joints
-from sim_backend.reality_gap.joint_verdict import judge
+from sim_backend.reality_gap.joints.study import study_joints
+from sim_backend.reality_gap.joints.verdict import judge
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.verdict import Verdict, VerdictKind
 

@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.blind_cases import SHOWN_BY_JOINTS, Case, draw_cases, sessions_of
-from sim_backend.reality_gap.blind_test import LIMITS_FILE, outcome, summary
-from sim_backend.reality_gap.joint_study import NothingMovesError, study_joints
-from sim_backend.reality_gap.joint_verdict import judge
+from sim_backend.reality_gap.blind_test.joint_cases import SHOWN_BY_JOINTS, Case, draw_cases, sessions_of
+from sim_backend.reality_gap.blind_test.joints import LIMITS_FILE, outcome, summary
+from sim_backend.reality_gap.joints.study import NothingMovesError, study_joints
+from sim_backend.reality_gap.joints.verdict import judge
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.verdict import VerdictKind
 from sim_backend.trifinger import constants as c

@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import socket
+import ssl
 import subprocess
 import sys
 import time
@@ -52,34 +53,45 @@ class Services:
         self.data = Path(data)
         self.settings = {f"TRIFARM_{name.upper()}": str(value) for name, value in settings.items()}
         self.port, self.bus_port = free_port(), free_port()
-        self.api, self.bus = f"http://127.0.0.1:{self.port}", f"tcp/127.0.0.1:{self.bus_port}"
+        scheme = "https" if "tls_key" in settings else "http"
+        self.api, self.bus = f"{scheme}://127.0.0.1:{self.port}", f"tcp/127.0.0.1:{self.bus_port}"
+        self.verify = ssl.create_default_context(cafile=settings["tls_certificate"]) if scheme == "https" else True
         self.robots, self.clients = {}, []
-        self.process = None
+        self.process, self.tokens = None, {}
         self.errors = self.data.parent / f"{self.data.name}-stderr.txt"
 
     def start(self):
         arguments = ["serve", "--data", str(self.data), "--port", str(self.port), "--bus", self.bus]
         environment = {name: value for name, value in os.environ.items() if not name.startswith("TRIFARM_")}
         with self.errors.open("ab") as errors:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "services", *arguments], cwd=ROOT, env=environment | self.settings, stderr=errors
-            )
+            command = [sys.executable, "-m", "services", *arguments]
+            environment |= self.settings
+            self.process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=errors, stderr=errors)
         until(self._healthy, 30, "the services to be healthy")
-        self.tokens = json.loads((self.data / "tokens.json").read_text())
+        if not self.tokens:
+            given = [self.settings.get(f"TRIFARM_{name}_TOKEN") for name in ("ADMIN", "ROBOT")]
+            made = self.data / "tokens.json"
+            self.tokens = json.loads(made.read_text()) if made.exists() else dict(zip(("admin", "robot"), given, strict=True))
         self.admin = self.client(self.tokens["admin"])
         return self
 
     def _healthy(self):
         assert self.process.poll() is None, self.errors.read_text()
         try:
-            return httpx.get(f"{self.api}/healthz").status_code == 200
+            return httpx.get(f"{self.api}/healthz", verify=self.verify).status_code == 200
         except httpx.TransportError:
             return False
 
     def client(self, token):
-        client = httpx.Client(base_url=self.api, headers={"Authorization": f"Bearer {token}"}, timeout=60)
+        client = httpx.Client(base_url=self.api, headers={"Authorization": f"Bearer {token}"}, timeout=60, verify=self.verify)
         self.clients.append(client)
         return client
+
+    def robot_client(self, name):
+        """A client that speaks for one robot."""
+        joined = self.client(self.tokens["robot"]).post(f"/v1/robots/{name}/token")
+        assert joined.status_code == 200, joined.text
+        return self.client(joined.json()["secret"])
 
     def start_robot(self, name, **options):
         flags = [part for key, value in options.items() for part in _flag(key, value)]
@@ -108,8 +120,8 @@ class Services:
             data={"manifest": canonical_json(manifest)},
         )
 
-    def policy(self):
-        answer = self.upload(*small_policy())
+    def policy(self, client=None):
+        answer = self.upload(*small_policy(), client=client)
         assert answer.status_code in (200, 201), answer.text
         return answer.json()["digest"]
 

@@ -35,6 +35,9 @@ class ScriptedRobot:
         self.state, self.lease, self.draining = RobotState.IDLE, None, False
         self.work, self.cancel, self.stopping = queue.Queue(), threading.Event(), threading.Event()
         self.http = httpx.Client(base_url=api, headers={"Authorization": f"Bearer {token}"}, timeout=30)
+        joined = self.http.post(f"/v1/robots/{name}/token")
+        assert joined.status_code == 200, joined.text
+        self.http.headers["Authorization"] = f"Bearer {joined.json()['secret']}"
         self.session = zenoh.open(zenoh.Config.from_json5(bus.session_config_json(mode="client", connect=[endpoint])))
         self.offers = self.session.declare_queryable(bus.offer_key(farm, name), self.offered)
         self.commands = self.session.declare_queryable(bus.command_key(farm, name), self.commanded)

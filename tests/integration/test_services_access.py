@@ -33,6 +33,9 @@ def test_tokens_are_private_and_only_hashes_are_stored(farm):
 
 def test_a_user_sees_his_own_jobs_only(farm, policy):
     (_, ann), (_, bob), (_, operator) = (user(farm, *who) for who in (("ann", "submit"), ("bob", "submit"), ("op", "operate")))
+    assert farm.submit(policy, client=ann).json()["type"] == "/problems/policy-not-found"  # it is the administrator's
+    assert farm.upload(*small_policy(), client=ann).status_code == 201  # though it was there
+    assert farm.upload(*small_policy(), client=ann).status_code == 200
     job_id = farm.submit(policy, client=ann).json()["job_id"]
     paths = [f"/v1/jobs/{job_id}{tail}" for tail in ("", "/trials", "/report", "/events", "/history", "/report/text")]
     paths += [f"/v1/trials/{job_id}-000", f"/v1/trials/{job_id}-000/log"]
@@ -60,6 +63,8 @@ def test_a_user_sees_his_own_jobs_only(farm, policy):
 def test_each_scope_opens_its_routes_and_no_others(farm, method, path, allowed):
     for scope in ("submit", "operate", "robot", "admin"):
         _, client = user(farm, f"only-{scope}", scope)
+        if scope == "robot":
+            client = farm.client(client.post("/v1/robots/robot-8/token").json()["secret"])
         status = client.request(method, path).status_code
         assert (status != 403) == (scope in allowed), (scope, status)
     assert httpx.request(method, farm.api + path).status_code == 401

@@ -24,7 +24,7 @@ def manifest(**changes):
 
 
 def test_a_recurrent_policy_is_kept_and_its_graph_remembers(farm):
-    weights, asked = safetensors.numpy.save(tensors(12, 3)), manifest(recurrent="gru")
+    weights, asked = safetensors.numpy.save(tensors(12, 3)), manifest(recurrent="gru", output_scaling={"clip": 1.0, "scale": 0.3})
     answer = farm.upload(weights, asked)
     assert answer.status_code == 201, answer.text
     assert answer.json()["warnings"] == []

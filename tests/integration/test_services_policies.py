@@ -210,14 +210,17 @@ def test_onnx_that_is_more_than_a_network_is_refused(farm, tmp_path):
     refused(farm, old, manifest, "opset 6", filename="p.onnx")
 
 
-def test_odd_networks_are_taken_with_a_warning(farm):
+def test_what_the_dry_run_finds_is_refused_with_its_type(farm):
     layout = LAYOUTS["rrc2022-push"].model_copy(update={"output_scaling": OutputScaling(), "input_scaling": InputScaling()})
-    zero = numpy_helper.from_array(np.zeros((54, 9), np.float32), "w")
-    constant = onnx_network([helper.make_node("MatMul", ["obs", "w"], ["act"])], constants=[zero])
-    assert "the same action" in farm.upload(constant, layout, filename="p.onnx").json()["warnings"][0]
-    huge = numpy_helper.from_array(np.full((54, 9), 3e38, np.float32), "w")
-    broken = onnx_network([helper.make_node("MatMul", ["obs", "w"], ["act"])], constants=[huge])
-    assert "not finite" in farm.upload(broken, layout, filename="p.onnx").json()["warnings"][0]
+    for value, slug in ((0.0, "dry-run-constant"), (3e38, "dry-run-not-finite"), (1e3, "dry-run-limits")):
+        columns = np.full((54, 9), value, np.float32)
+        columns[45:] = 0  # the previous action, which it would add to what it does now
+        constants = [numpy_helper.from_array(columns, "w")]
+        network = onnx_network([helper.make_node("MatMul", ["obs", "w"], ["act"])], constants=constants)
+        answer = farm.upload(network, layout, filename="p.onnx")
+        assert (answer.status_code, answer.json()["type"]) == (422, f"/problems/{slug}")
+        assert answer.json()["part"] == "the dry run"
+        assert answer.json()["instead"]
 
 
 def test_weights_that_are_no_numbers_are_refused(farm):
@@ -256,10 +259,10 @@ def endless_network():
     return onnx_network(nodes, constants=constants)
 
 
-def test_a_network_that_computes_for_ever_is_taken_with_a_warning(farm):
+def test_a_network_that_computes_for_ever_is_refused(farm):
     answer = farm.upload(endless_network(), LAYOUTS["rrc2022-push"], filename="p.onnx")
-    assert answer.status_code == 201, answer.text
-    assert "more than 2 s of CPU time" in answer.json()["warnings"][0]
+    assert (answer.status_code, answer.json()["type"]) == (422, "/problems/dry-run-too-slow")
+    assert "more than 2 s of CPU time" in answer.json()["detail"]
 
 
 def test_manifests_are_checked(farm):

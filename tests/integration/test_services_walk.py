@@ -1,4 +1,4 @@
-"""The walk of one job through real services: real SQLite, real zenoh, real processes, a scripted robot."""
+"""The walk of one job through real services on each home: real databases, real zenoh, real processes, a scripted robot."""
 
 import json
 import time
@@ -9,12 +9,15 @@ import httpx
 import pytest
 
 from api_schemas.report import Report
+from tests.homes import scale_settings
 from tests.integration.farm_process import services, sha256, until
 
 
-@pytest.fixture(scope="module")
-def farm(tmp_path_factory):
-    with services(tmp_path_factory.mktemp("walk") / "farm") as running:
+@pytest.fixture(scope="module", params=["embedded", "scale"])
+def farm(request, tmp_path_factory):
+    scale = request.param == "scale"
+    homes = scale_settings(*(request.getfixturevalue(name) for name in ("postgres", "s3"))) if scale else {}
+    with services(tmp_path_factory.mktemp("walk") / "farm", **homes) as running:
         running.start_robots(4, trial_s=0.02, log_bytes=20_000)
         yield running
 

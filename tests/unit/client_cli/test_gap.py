@@ -189,9 +189,9 @@ def keys_on_the_page(command):
 
 
 def test_documented_keys_are_those_of_the_reality_gap():
-    from sim_backend.reality_gap.blind_test import summary
-    from sim_backend.reality_gap.excite import document
-    from sim_backend.reality_gap.excite_advice import first_advice
+    from sim_backend.reality_gap.blind_test.joints import summary
+    from sim_backend.reality_gap.excite.advice import first_advice
+    from sim_backend.reality_gap.excite.answer import document
     from sim_backend.reality_gap.verdict import Verdict, VerdictKind
 
     verdict = Verdict(VerdictKind.NOTHING_WRONG, "").document()

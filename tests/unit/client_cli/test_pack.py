@@ -1,7 +1,7 @@
 """``trifarm pack``: each format goes in as its library writes it, and comes out as a policy that computes the same torques.
 
-rl_games, rsl_rl, skrl and sb3-contrib are not installed here: their checkpoints are made by hand in the key layout that they
-publish, by modules whose forward pass is written here a second time.
+Those of rl_games, rsl_rl and skrl are made by hand here, in every key layout that the libraries have published, by modules whose
+forward pass is written a second time; what the installed versions save is in ``test_pack_libraries.py``.
 """
 
 import subprocess

@@ -11,7 +11,7 @@ from robot_farm.trial import log_channels, run_trial
 from services.policies import graph
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.evaluation import evaluate
-from sim_backend.reality_gap.policy_file import GraphPolicy
+from sim_backend.reality_gap.success.policy_file import GraphPolicy
 from sim_backend.tasks import TASKS
 from tests.unit.conftest import lease
 

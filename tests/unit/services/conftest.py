@@ -1,4 +1,4 @@
-"""A database in its newest form, and a fleet of idle robots."""
+"""A database in its newest form on each home, and a fleet of idle robots."""
 
 import pytest
 
@@ -8,10 +8,13 @@ from services.database.database import Database, migrate
 from services.jobs.fleet import Fleet
 
 
-@pytest.fixture
-async def new_database(tmp_path):
-    url = f"sqlite+aiosqlite:///{tmp_path / 'farm.sqlite'}"
-    await migrate(url)
+@pytest.fixture(params=["sqlite", "postgres"])
+async def new_database(request, tmp_path):
+    if request.param == "postgres":
+        url = await request.getfixturevalue("postgres").cleared()
+    else:
+        url = f"sqlite+aiosqlite:///{tmp_path / 'farm.sqlite'}"
+        await migrate(url)
     opened = Database(url)
     yield opened
     await opened.close()

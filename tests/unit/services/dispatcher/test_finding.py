@@ -7,9 +7,8 @@ from sqlalchemy import insert, select, update
 from api_schemas.bus import Heartbeat
 from api_schemas.robot import RobotState
 from api_schemas.trial import AttemptState, TrialState
-from services.database.database import Database, migrate
 from services.database.tables import attempt, job, policy, trial
-from services.dispatcher.finding import find_trial
+from services.dispatcher.finding import find_passed_over, find_trial, pass_over
 from services.dispatcher.queue import PASSED_OVER_AT_ONCE
 from services.jobs.claim import Claim
 from services.jobs.fleet import Fleet
@@ -23,15 +22,11 @@ ORDERS = [("a", "b", "c"), ("a", "c", "b"), ("a", "b", "c")]
 
 
 @pytest.fixture
-async def database(tmp_path):
-    url = f"sqlite+aiosqlite:///{tmp_path / 'farm.sqlite'}"
-    await migrate(url)
-    opened = Database(url)
-    async with opened.write() as tx:
+async def database(new_database):
+    async with new_database.write() as tx:
         await tx.execute(insert(policy).values(POLICY))
         await tx.execute(insert(job).values(JOB))
-    yield opened
-    await opened.close()
+    return new_database
 
 
 async def add_trials(database, orders, fence=0):
@@ -61,8 +56,17 @@ def fleet_of(*robots, busy=()):
 
 
 async def found_by(database, robot, fleet, now_s=NOW_S, pass_over_s=0.5):
-    async with asyncio.timeout(5), database.write() as tx:
-        return await find_trial(tx, robot, fleet, now_s, pass_over_s)
+    """What the robot finds, in the transactions of a dispatcher."""
+    async with asyncio.timeout(5):
+        async with database.write() as tx:
+            found = await find_trial(tx, robot, fleet, now_s)
+        if found is None:
+            async with database.write() as tx:
+                found = await find_passed_over(tx, robot, fleet, now_s, pass_over_s)
+        if found is None:
+            async with database.write() as tx:
+                await pass_over(tx, robot, fleet, now_s)
+        return found
 
 
 async def take(database, robot, fleet, now_s):

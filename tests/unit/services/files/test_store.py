@@ -1,9 +1,16 @@
+import asyncio
 import hashlib
+import time
+from datetime import timedelta
 
 import pytest
 
-from services.errors import Refused, TooLarge
+from services.errors import NotReady, Refused, TooLarge, Unavailable
+from services.files import homes
+from services.files.homes import open_home
 from services.files.store import FileStore
+from services.settings import Settings
+from tests.homes import S3_KEYS, free_port, s3_home_settings
 
 
 async def chunks(*parts):
@@ -15,9 +22,12 @@ async def whole(store, sha256, *span):
     return b"".join([chunk async for chunk in store.read(sha256, *span)])
 
 
-@pytest.fixture
-def store(tmp_path):
-    return FileStore(tmp_path)
+@pytest.fixture(params=["local", "s3"])
+def store(request, tmp_path):
+    """A store on each home; what comes in is gathered below ``tmp_path``."""
+    if request.param == "local":
+        return FileStore(tmp_path)
+    return FileStore(tmp_path, open_home(s3_home_settings(request.getfixturevalue("s3"))))
 
 
 def sha(content):
@@ -80,3 +90,44 @@ async def test_a_missing_object(store):
     assert await store.size("0" * 64) is None
     with pytest.raises(FileNotFoundError):
         await whole(store, "0" * 64)
+
+
+async def test_a_file_in_parts_is_the_same_file(store, monkeypatch):
+    monkeypatch.setattr(homes, "IN_ONE_PIECE_BYTES", 1_000_000)
+    monkeypatch.setattr(homes, "PART_BYTES", 6_000_000)
+    large = b"0123456789" * 1_300_000
+    first, second = [await store.put(chunks(large), limit_bytes=len(large)) for _ in range(2)]
+    assert (first.new, second.new) == (True, False)
+    assert await store.size(sha(large)) == len(large)
+    assert await whole(store, sha(large)) == large
+
+
+async def test_what_is_listed_can_be_removed(store):
+    kept = {(await store.put(chunks(content), limit_bytes=9)).sha256: len(content) for content in (b"", b"one", b"three")}
+    listed = [each async for each in store.all()]
+    assert {each.sha256: each.size for each in listed} == kept
+    assert all(abs(each.stored_s - time.time()) < 60 for each in listed)
+    await store.remove(sha(b"one"))
+    await store.remove(sha(b"one"))
+    assert await store.size(sha(b"one")) is None
+    assert {each.sha256 async for each in store.all()} == set(kept) - {sha(b"one")}
+
+
+async def test_several_who_put_the_same_at_once_make_one(store):
+    stored = await asyncio.gather(*(store.put(chunks(b"same"), limit_bytes=9, durable=True) for _ in range(8)))
+    assert sum(each.new for each in stored) == 1
+
+
+async def test_a_server_that_does_not_answer_is_an_error_that_says_so(tmp_path, monkeypatch):
+    monkeypatch.setattr(homes, "TRIES", {"max_retries": 0, "retry_timeout": timedelta(seconds=1)})
+    nobody = Settings(files_url="s3://bucket", s3_endpoint=f"http://127.0.0.1:{free_port()}", **S3_KEYS)
+    store = FileStore(tmp_path, open_home(nobody))
+    with pytest.raises(Unavailable, match="did not answer"):
+        await store.put(chunks(b"x"), limit_bytes=9)
+    with pytest.raises(Unavailable):
+        await store.size(sha(b"x"))
+
+
+def test_another_home_than_these_is_refused():
+    with pytest.raises(NotReady, match=r"gs://b; give s3://bucket/prefix"):
+        open_home(Settings(files_url="gs://b"))

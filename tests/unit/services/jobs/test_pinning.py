@@ -36,7 +36,7 @@ async def asked(database, name="any", excitations=("chirps", "hold_poses"), send
 async def take(database, name, fleet):
     """The claim of the trial that the robot gets, as the dispatcher gives it; None when there is none."""
     async with database.write() as tx:
-        found = await find_trial(tx, name, fleet, NOW_S, 30.0)
+        found = await find_trial(tx, name, fleet, NOW_S)
         if found is None:
             return None
         claim = await lease.write_lease(tx, NOW_S, found[0], name, departure=found[1], lease_s=15.0)
@@ -97,7 +97,7 @@ async def test_only_the_named_robot_gets_the_trials_however_long_it_is_busy(data
     assert await take(database, "a", fleet) is None
     first = await take(database, "b", fleet)
     async with database.write() as tx:
-        await queue.pass_over(tx, ["b"], 0.0)
+        await queue.pass_over(tx, ["b"], 0.0, ())
     assert [await take(database, name, fleet) for name in "ac"] == [None, None]
     await end(database, fleet, first)
     assert (await take(database, "b", fleet)).robot == "b"

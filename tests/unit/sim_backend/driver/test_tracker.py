@@ -176,3 +176,28 @@ def test_the_length_of_segments_does_not_matter():
 def test_physics_of_another_number_of_robots_is_refused():
     with pytest.raises(ValueError, match="the physics of 2 robots, but there are 1"):
         Tracker(physics=Physics.nominal(2)).reset(start(segment(0, 20)))
+
+
+def test_a_robot_that_begins_anew_has_a_clock_of_its_own():
+    physics = Physics.of(3, {"tracking_latency.extra_s": [0.0, 0.15, 0.02], "tracking_noise.position_m": 0.01})
+    together, alone = Tracker(physics=physics), Tracker(physics=physics.row(1))
+    together.reset(start(segment(0, 20, 3)), np.array([1, 2, 3]))
+    first = alone.reset(start(segment(0, 20)), np.array([9]))
+    begun = 340
+    for step in range(0, begun, 20):
+        together.capture(segment(step, 20, 3))
+        together.deliver(step + 20)
+    others = together.latest.capture_step[[0, 2]].copy()
+    together.restart(np.array([1]), start(segment(0, 20, 3)), np.array([9]), begun)
+    np.testing.assert_array_equal(together.latest.capture_step[[0, 2]], others)
+    np.testing.assert_array_equal(together.latest.capture_step[1], first.capture_step[0])
+    for own in range(0, 600, 20):
+        together.capture(segment(begun + own, 20, 3))
+        alone.capture(segment(own, 20))
+        together.deliver(begun + own + 20)
+        alone.deliver(own + 20)
+        for name in ("capture_step", "delivery_step", "cube_position_world_m", "confidence"):
+            np.testing.assert_array_equal(
+                getattr(together.latest, name)[1:2], getattr(alone.latest, name), err_msg=f"{own} {name}"
+            )
+    assert (together.latest.capture_step[[0, 2]] >= others + 500).all()

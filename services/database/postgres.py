@@ -1,0 +1,64 @@
+"""PostgreSQL as the home of truth: many writers, none of whom can hold the others up for long."""
+
+from typing import Any
+
+import asyncpg
+from sqlalchemy import ColumnElement, func, select, text
+from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
+
+SCHEME = "postgresql+asyncpg"
+CONNECTIONS = 8
+"""That each of the two pools keeps, and as many again when they are needed."""
+CONNECT_WITHIN_S = 5
+HELD_AT_MOST_MS = 10_000
+"""A transaction whose process was stopped or cut off in the middle is taken back after so long, and its locks are free."""
+STATEMENT_MS = 60_000
+SESSION = {
+    "application_name": "trifarm",
+    "jit": "off",
+    "timezone": "UTC",
+    "idle_in_transaction_session_timeout": str(HELD_AT_MOST_MS),
+    "lock_timeout": str(2 * HELD_AT_MOST_MS),
+    "statement_timeout": str(STATEMENT_MS),
+    "tcp_keepalives_idle": "5",
+    "tcp_keepalives_interval": "2",
+    "tcp_keepalives_count": "3",
+}
+AWAY = (OSError, SQLAlchemyError, asyncpg.PostgresError, asyncpg.InterfaceError)
+"""What the way to a server that is stopped, starting, full or cut off may end with."""
+MIGRATING = 0x7472_6966_0001
+DISPATCHING = 0x7472_6966_0002
+BRIEF = text("SET LOCAL synchronous_commit TO OFF")
+
+
+def open_engines(url: str) -> tuple[AsyncEngine, AsyncEngine]:
+    """The engine of the readers and that of the writers; apart, so that who writes never waits for who wants to read."""
+    return _engine(url).execution_options(isolation_level="AUTOCOMMIT"), _engine(url)
+
+
+def _engine(url: str) -> AsyncEngine:
+    return create_async_engine(
+        url,
+        pool_size=CONNECTIONS,
+        max_overflow=CONNECTIONS,
+        # A connection that a restart of the server has cut is found out before it is used.
+        pool_pre_ping=True,
+        connect_args={"timeout": CONNECT_WITHIN_S, "command_timeout": STATEMENT_MS / 1000, "server_settings": SESSION},
+    )
+
+
+def is_postgres(connection: AsyncConnection) -> bool:
+    """Whether several processes may write at the same time."""
+    return connection.dialect.name == "postgresql"
+
+
+async def dispatch_alone(tx: AsyncConnection) -> None:
+    """Waits until no other dispatcher is in a transaction that looks for trials; holds until this one ends."""
+    if is_postgres(tx):
+        await tx.execute(select(func.pg_advisory_xact_lock(DISPATCHING)))
+
+
+def server_clock_s() -> ColumnElement[Any]:
+    """The clock of the database's host, in seconds since 1970."""
+    return func.extract("epoch", func.clock_timestamp())

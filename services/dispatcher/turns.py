@@ -1,0 +1,48 @@
+"""Users take turns: whose trial is next for a robot, and who has as many trials running as he may.
+
+The users that have something queued are found by stepping through an index from one name to the next, so that the cost
+follows the number of these users and not that of their trials.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from sqlalchemy import Boolean, ColumnElement, Select, and_, bindparam, func, literal, literal_column, select
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from api_schemas.trial import TrialState
+from services.database.rows import AnyRow
+from services.database.tables import UNDRAWN, trial, turn
+from services.jobs.lease import ACTIVE
+
+
+def _next_user(chosen: ColumnElement[bool]) -> Select[Any, Any]:
+    """Of the users with a trial that is ``chosen`` the one who was served longest ago; one never served comes first."""
+    users = select(select(func.min(trial.c.owner)).where(chosen).scalar_subquery().label("owner")).cte("users", recursive=True)
+    following = select(func.min(trial.c.owner)).where(chosen, trial.c.owner > users.c.owner).scalar_subquery()
+    users = users.union_all(select(following).where(users.c.owner.is_not(None)))
+    served_s = func.coalesce(turn.c.served_s, literal(-1.0))
+    may = and_(users.c.owner.is_not(None), users.c.owner.not_in(bindparam("at_limit", expanding=True)))
+    found = select(users.c.owner, served_s.label("served_s")).outerjoin(turn, turn.c.owner == users.c.owner).where(may)
+    return found.order_by(served_s, users.c.owner).limit(1)
+
+
+_DRAWN = _next_user(and_(trial.c.state == TrialState.QUEUED, trial.c.first_choice == bindparam("chosen")))
+_UNDRAWN = _next_user(literal_column(UNDRAWN, Boolean))
+_RUNNING = select(trial.c.owner).where(trial.c.state.in_(ACTIVE)).group_by(trial.c.owner)
+_AT_LIMIT = _RUNNING.having(func.count() >= bindparam("limit"))
+
+
+async def next_with_drawn(connection: AsyncConnection, robot: str, at_limit: Sequence[str]) -> AnyRow | None:
+    """Of the users with a trial drawn for the robot the one who comes next: ``owner`` and ``served_s``."""
+    return (await connection.execute(_DRAWN, {"chosen": robot, "at_limit": at_limit})).one_or_none()
+
+
+async def next_with_undrawn(connection: AsyncConnection, at_limit: Sequence[str]) -> AnyRow | None:
+    """Of the users with trials that are not drawn yet the one who comes next: ``owner`` and ``served_s``."""
+    return (await connection.execute(_UNDRAWN, {"at_limit": at_limit})).one_or_none()
+
+
+async def at_limit(connection: AsyncConnection, limit: int | None) -> Sequence[str]:
+    """The users that have ``limit`` trials running, or more; nobody where there is no limit."""
+    return () if limit is None else (await connection.execute(_AT_LIMIT, {"limit": limit})).scalars().all()

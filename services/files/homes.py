@@ -1,0 +1,127 @@
+"""Where files are kept: a local folder or a bucket of an S3 server; each gives a file its name once only."""
+
+import asyncio
+import os
+from datetime import timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import obstore
+from obstore.exceptions import AlreadyExistsError
+from obstore.store import LocalStore, ObjectStore, S3Store
+
+from services.errors import NotReady
+from services.settings import Settings
+
+if TYPE_CHECKING:
+    from obstore.store import ClientConfig, RetryConfig, S3Config
+
+IN_ONE_PIECE_BYTES = 32 * 1024**2
+"""Larger files go to S3 in parts, so that none has to be in memory as a whole."""
+PART_BYTES = 8 * 1024**2
+PARTS_AT_ONCE = 4
+TRIES: "RetryConfig" = {"max_retries": 5, "retry_timeout": timedelta(seconds=20)}
+
+
+class FileHome(Protocol):
+    """Keeps whole files under keys."""
+
+    @property
+    def objects(self) -> ObjectStore:
+        """What the files are read from."""
+        ...
+
+    async def take(self, file: Path, key: str, *, durable: bool) -> bool:
+        """Keeps the file under the key; false, and nothing changes, when there is one already."""
+        ...
+
+
+class LocalHome:
+    """A folder; files are moved into it, so they must be on the same disk."""
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        self.objects: ObjectStore = LocalStore(root)
+
+    async def take(self, file: Path, key: str, *, durable: bool) -> bool:
+        """Moves the file; ``durable`` waits until the disk has its name, too."""
+        try:
+            await obstore.rename_async(self.objects, str(file.relative_to(self._root)), key, overwrite=False)
+            new = True
+        except AlreadyExistsError:
+            new = False
+        if durable:
+            await asyncio.to_thread(_sync_folder, (self._root / key).parent)
+        return new
+
+
+class S3Home:
+    """A bucket, or what lies in it under a prefix."""
+
+    def __init__(self, objects: S3Store) -> None:
+        self.objects: ObjectStore = objects
+
+    async def take(self, file: Path, key: str, *, durable: bool) -> bool:  # noqa: ARG002
+        """Uploads the file; what the server has acknowledged is durable.
+
+        S3 puts a whole object only where there is none; for one in parts it cannot promise that. The key is the hash of the
+        content, so that the second of two at the same time writes what is there already.
+        """
+        try:
+            if await asyncio.to_thread(lambda: file.stat().st_size) <= IN_ONE_PIECE_BYTES:
+                await obstore.put_async(self.objects, key, file, mode="create", use_multipart=False)
+                return True
+            if await self._has(key):
+                return False
+            await obstore.put_async(
+                self.objects, key, file, use_multipart=True, chunk_size=PART_BYTES, max_concurrency=PARTS_AT_ONCE
+            )
+            return True
+        except AlreadyExistsError:
+            return False
+
+    async def _has(self, key: str) -> bool:
+        try:
+            await obstore.head_async(self.objects, key)
+        except FileNotFoundError:
+            return False
+        return True
+
+
+def open_home(settings: Settings) -> FileHome | None:
+    """The home that the settings name; None where the data folder is it.
+
+    Raises:
+        NotReady: it is neither on S3 nor none at all.
+    """
+    if settings.files_url is None:
+        return None
+    if not settings.files_url.startswith("s3://"):
+        raise NotReady(f"the files are to be in {settings.files_url}; give s3://bucket/prefix, or none for the data folder")
+    return S3Home(
+        S3Store.from_url(settings.files_url, config=_s3_config(settings), client_options=_waits(settings), retry_config=TRIES)
+    )
+
+
+def _s3_config(settings: Settings) -> "S3Config":
+    config: S3Config = {"region": settings.s3_region}
+    if settings.s3_endpoint is not None:
+        config["endpoint"] = settings.s3_endpoint
+    if settings.s3_access_key_id is not None:
+        config["access_key_id"] = settings.s3_access_key_id
+    if settings.s3_secret_access_key is not None:
+        config["secret_access_key"] = settings.s3_secret_access_key.get_secret_value()
+    return config
+
+
+def _waits(settings: Settings) -> "ClientConfig":
+    without_tls = (settings.s3_endpoint or "").startswith("http://")
+    return {"connect_timeout": "5s", "timeout": "60s", "allow_http": without_tls}
+
+
+def _sync_folder(folder: Path) -> None:
+    opened = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(opened)
+    finally:
+        os.close(opened)

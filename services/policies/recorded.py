@@ -1,0 +1,52 @@
+"""What a robot saw in real trials of several tasks, as any manifest's policy would have seen it.
+
+The file beside this one is written by ``python -m tests.benchmarks.record_observations``; its header says what it was made with.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import safetensors.numpy
+
+from api_schemas.policy import ACTION_SIZE, OBSERVATION_SIZES, PolicyManifest
+
+RECORDING = Path(__file__).with_name("recorded_observations.safetensors")
+PREVIOUS_ACTION = "previous_action"
+"""Not recorded: it is the tried policy's own, zero before its first, as in every trial."""
+FIELDS = tuple(name for name in OBSERVATION_SIZES if name != PREVIOUS_ACTION)
+
+
+@dataclass(frozen=True)
+class RecordedTrial:
+    """The beginning of one trial.
+
+    ``fields`` holds, by name, arrays of shape (steps, size) in the field's unit, one row for each control period of 20 ms.
+    """
+
+    task: str
+    fields: Mapping[str, np.ndarray]
+
+    @property
+    def steps(self) -> int:
+        """How many observations there are."""
+        return len(next(iter(self.fields.values())))
+
+    def observation(self, step: int, manifest: PolicyManifest, previous_action: np.ndarray) -> np.ndarray:
+        """What a policy of this manifest sees at a step after an action of shape (9,); float32, shape (n,)."""
+        seen = [previous_action if name == PREVIOUS_ACTION else self.fields[name][step] for name in manifest.observation]
+        return np.concatenate(seen).astype(np.float32)
+
+
+def recorded_trials(path: Path = RECORDING) -> tuple[RecordedTrial, ...]:
+    """The trials of a recording, in the order of their names."""
+    tensors = safetensors.numpy.load(path.read_bytes())
+    tasks = sorted({name.partition("/")[0] for name in tensors})
+    return tuple(RecordedTrial(task, {field: tensors[f"{task}/{field}"] for field in FIELDS}) for task in tasks)
+
+
+def observations(manifest: PolicyManifest) -> np.ndarray:
+    """All recorded observations as a policy sees them that has never acted, float32, shape (steps of all trials, n)."""
+    still = np.zeros(ACTION_SIZE)
+    return np.stack([trial.observation(step, manifest, still) for trial in recorded_trials() for step in range(trial.steps)])

@@ -1,0 +1,1 @@
+"""Anyone's measured data, read as a study.toml says."""

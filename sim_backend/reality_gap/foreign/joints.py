@@ -1,0 +1,85 @@
+"""Joints of foreign data on the episode's grid."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sim_backend.reality_gap.foreign import time_grid
+from sim_backend.reality_gap.foreign.data_table import find
+from sim_backend.reality_gap.foreign.measurement_units import chosen_factor
+from sim_backend.reality_gap.foreign.rows import Rows
+from sim_backend.reality_gap.foreign.study_entries import JointEntry
+from sim_backend.reality_gap.recording import JointSignals
+
+_HELD = ("commanded_torque", "desired_torque")
+_SIGNED = ("velocity", "commanded_torque", "measured_torque", "desired_torque")
+
+
+def position_rows(rows: Rows, joints: Sequence[JointEntry]) -> np.ndarray:
+    """Times at which any joint has a position, shape (m,)."""
+    there = np.zeros(len(rows.index), dtype=bool)
+    for joint in joints:
+        there |= np.isfinite(rows.column(joint.channels["position"]))
+    return rows.time_s[there]
+
+
+def joint_signals(rows: Rows, grid: time_grid.Grid, joints: Sequence[JointEntry]) -> JointSignals:
+    """Joints on a grid: positions unwrapped, commands held, everything in the model's direction and zero.
+
+    Raises:
+        RecordingError: a channel without any value.
+    """
+    columns = [_joint(rows, grid, joint) for joint in joints]
+
+    def together(word: str) -> np.ndarray | None:
+        if not any(word in column for column in columns):
+            return None
+        nothing = np.full(grid.count, np.nan)
+        return np.column_stack([column.get(word, nothing) for column in columns])
+
+    position_rad = together("position")
+    assert position_rad is not None, "every joint has a position"
+    return JointSignals(
+        names=tuple(joint.name for joint in joints),
+        position_rad=position_rad,
+        velocity_rad_s=together("velocity"),
+        commanded_torque_nm=together("commanded_torque"),
+        measured_torque_nm=together("measured_torque"),
+        desired_torque_nm=together("desired_torque"),
+        position_target_rad=together("position_target"),
+        temperature_rise_k=together("temperature"),
+    )
+
+
+def _joint(rows: Rows, grid: time_grid.Grid, joint: JointEntry) -> dict[str, np.ndarray]:
+    found = {word: rows.column(channel) for word, channel in joint.channels.items() if channel.key in rows.values}
+    position = found.pop("position")
+    turns = not joint.slide and (joint.wrapped if joint.wrapped is not None else time_grid.jumps(rows.time_s, position))
+    zero = joint.zero * _factor(rows, joint, "position")
+    position = joint.sign * ((time_grid.unwrapped(position) if turns else position) - zero)
+    signals = {"position": time_grid.interpolated(grid, rows.time_s, position)}
+    for word in _SIGNED:
+        if word in found:
+            signals[word] = _resampled(rows, grid, word, joint.sign * found[word])
+    if "position_target" in found:
+        target = time_grid.held(grid, rows.time_s, _target(joint, found["position_target"], zero, position, turns=turns))
+        signals["position_target"] = target
+    if "temperature" in found:
+        rise = found["temperature"] - joint.ambient * _factor(rows, joint, "temperature")
+        signals["temperature"] = time_grid.interpolated(grid, rows.time_s, rise, own_rate=True)
+    return signals
+
+
+def _target(joint: JointEntry, target: np.ndarray, zero: float, position: np.ndarray, *, turns: bool) -> np.ndarray:
+    """Position targets as the positions are counted: in the model's direction, and on the same turn where angles wrap."""
+    target = joint.sign * (target - zero)
+    return time_grid.on_the_turn_of(target, position) if turns else target
+
+
+def _resampled(rows: Rows, grid: time_grid.Grid, word: str, values: np.ndarray) -> np.ndarray:
+    return time_grid.held(grid, rows.time_s, values) if word in _HELD else time_grid.interpolated(grid, rows.time_s, values)
+
+
+def _factor(rows: Rows, joint: JointEntry, word: str) -> float:
+    channel = joint.channels[word]
+    return chosen_factor(channel.unit, find(rows.table, channel.column, channel.key).unit, channel.quantity, channel.key)

@@ -1,0 +1,232 @@
+"""What joints show without any fit: levels of noise, steps of encoders, jumps, joints that do not move, shifted ends."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_backend.reality_gap.joints.equations import EpisodeEquations
+from sim_backend.reality_gap.joints.hypotheses import ALL_JOINTS
+from sim_backend.reality_gap.joints.state import JointState
+from sim_backend.reality_gap.joints.trajectory import filled_gaps, white_noise
+
+ODD_JOINT = 1.6
+"""A level this many times that of the other joints is odd: levels are known to a few per cent."""
+SLOW_SHARE = 0.15
+"""Less of a noise may seem to last only because it is large."""
+ODD_MOTOR = 1.3
+HEALTHY_NOISE = {"position_rad": 1e-3, "velocity_rad_s": 0.05, "torque_nm": 0.01}
+"""No cause below these, if all joints are alike: what sensors of such robots have (0.005 rad/s and 0.005 N m: benchmark-rrc)."""
+HEALTHY_STEP_RAD = 2e-4
+HEALTHY_ACTION_NOISE_NM = 1.5e-3
+STUCK_RANGE_RAD = 0.02
+STUCK_TORQUE_NM = 0.04
+CREEPING_RANGE_RAD, CREEPING_TORQUE_NM = 0.15, 0.3
+"""Others drag a jammed joint along a little, but never where three quarters of the motor's torque cannot move it."""
+END_MARGIN_RAD = 4e-3
+_PRESSING_NM = 0.05
+_SOFT_END_RAD = 2e-3
+"""Ends give way: where a joint is held is not known better than this."""
+_JUMP_RAD = 2e-3
+
+
+@dataclass(frozen=True)
+class Finding:
+    """An effect at a joint that needs no fit: its value with a 90 % interval, and how often beyond what is healthy it is.
+
+    ``episode`` and ``sample`` say when it came, for what happens at one time.
+    """
+
+    effect: str
+    parameter: str
+    joint: int | None
+    value: float
+    interval_90: tuple[float, float]
+    excess: float
+    episode: int = 0
+    sample: int = 0
+
+
+def noise_findings(episodes: list[EpisodeEquations]) -> list[Finding]:
+    """Noise of positions, velocities and torques, and steps of encoders, beyond what is healthy or what other joints have."""
+    found: list[Finding] = []
+    joints = [episode.path.joints for episode in episodes]
+    steps = np.median([encoder_step(j.position_rad) for j in joints], axis=0)
+    found += _odd("encoder_quantisation", "step_rad", steps, HEALTHY_STEP_RAD, 0.02)
+    position = np.median([white_noise(j.position_rad) for j in joints], axis=0)
+    position = np.sqrt(np.maximum(position**2 - steps**2 / 12.0, 0.0))
+    if not any(f.effect == "encoder_quantisation" for f in found):
+        found += _odd("joint_noise", "position_rad", position, HEALTHY_NOISE["position_rad"], 0.05)
+    if all(j.velocity_rad_s is not None for j in joints):
+        velocity = np.median([white_noise(j.velocity_rad_s) for j in joints if j.velocity_rad_s is not None], axis=0)
+        found += _odd("joint_noise", "velocity_rad_s", velocity, HEALTHY_NOISE["velocity_rad_s"], 0.08)
+    return found
+
+
+def torque_noise_findings(
+    episodes: list[EpisodeEquations], state: JointState, sensed_share: np.ndarray, share_error: np.ndarray
+) -> list[Finding]:
+    """Noise between what was sent and what was measured, told apart by whether the joint felt it.
+
+    Args:
+        episodes: of a study.
+        state: the present model.
+        sensed_share: share of the difference that the joint did not feel, shape (k,).
+        share_error: its standard error.
+    """
+    differences = [d for episode in episodes if (d := episode.current_difference(state)) is not None]
+    if not differences:
+        return []
+    joined = np.concatenate(differences)
+    white = np.median([white_noise(d) for d in differences], axis=0)
+    slow = np.sqrt(np.maximum(_autocovariance(joined, 3), 0.0))
+    found = _odd(
+        "action_noise",
+        "correlated_nm",
+        np.where(slow > np.maximum(HEALTHY_ACTION_NOISE_NM, SLOW_SHARE * white), slow, 0.0),
+        HEALTHY_ACTION_NOISE_NM,
+        0.1,
+    )
+    felt = white * np.sqrt(np.clip(1.0 - sensed_share, 0.0, 1.0))
+    felt_low = white * np.sqrt(np.clip(1.0 - sensed_share - 3.0 * share_error, 0.0, 1.0))
+    acting = _odd(
+        "action_noise", "white_nm", np.where(felt_low > HEALTHY_ACTION_NOISE_NM, felt, 0.0), HEALTHY_ACTION_NOISE_NM, 0.15
+    )
+    if not found:
+        found += acting
+    if not found:
+        found += _odd("joint_noise", "torque_nm", white, HEALTHY_NOISE["torque_nm"], 0.05)
+    return found
+
+
+def _autocovariance(series: np.ndarray, lag: int) -> np.ndarray:
+    """Of the part that lasts for some samples but is no slow drift, shape (k,)."""
+    fast = series - np.median(series, axis=0)
+    products = fast[lag:] * fast[:-lag]
+    return np.median(products, axis=0) / 0.4549 if len(products) else np.zeros(series.shape[1])
+
+
+def _odd(effect: str, parameter: str, levels: np.ndarray, healthy: float, relative_error: float) -> list[Finding]:
+    """Joints whose level is odd among the others, or all of them if all are beyond what is healthy."""
+
+    def finding(joint: int | None, value: float, excess: float) -> Finding:
+        return Finding(effect, parameter, joint, value, (value * (1 - relative_error), value * (1 + relative_error)), excess)
+
+    found = []
+    for joint, level in enumerate(levels):
+        others = np.delete(levels, joint)
+        usual = float(np.median(others)) if len(others) else healthy
+        if level > ODD_JOINT * max(usual, 0.02 * healthy) and (len(others) > 1 or level > healthy):
+            found.append(finding(joint, float(level), float(level / max(usual, 0.02 * healthy))))
+    if len(found) <= len(levels) // 2 and np.median(levels) > healthy:
+        value = float(np.median(levels))
+        return [finding(None, value, value / healthy)]
+    return found
+
+
+def encoder_step(position_rad: np.ndarray) -> np.ndarray:
+    """The step in which positions come, 0 where they come in none, shape (k,)."""
+    steps = []
+    for column in position_rad.T:
+        moves = np.abs(np.diff(column[~np.isnan(column)]))
+        moves = moves[moves > 1e-9]
+        if len(moves) < 20:
+            steps.append(0.0)
+            continue
+        smallest = float(np.quantile(moves, 0.01))
+        ratio = moves[moves < 30 * smallest] / smallest
+        steps.append(smallest if np.median(np.abs(ratio - np.round(ratio))) < 0.01 else 0.0)
+    return np.array(steps)
+
+
+def noisy_motors(episodes: list[EpisodeEquations], state: JointState) -> list[int]:
+    """Joints whose motors' torques differ from what was sent by far more than those of the others."""
+    differences = [d for episode in episodes if (d := episode.current_difference(state)) is not None]
+    if not differences:
+        return []
+    white = np.median([white_noise(d) for d in differences], axis=0)
+    return [j for j in range(len(white)) if white[j] > ODD_MOTOR * np.median(np.delete(white, j))] if len(white) > 2 else []
+
+
+def fault_findings(episodes: list[EpisodeEquations]) -> list[Finding]:
+    """Joints that do not move, and encoders that jump."""
+    found: list[Finding] = []
+    for joint in range(len(episodes[0].ends_rad)):
+        found += _stuck(episodes, joint) or _jump(episodes, joint)
+    return found
+
+
+def end_findings(episodes: list[EpisodeEquations], state: JointState) -> list[Finding]:
+    """Ends of joints that are not where they should be, once encoders are known to be off by what the model says."""
+    offsets = state.value("encoder_offset.offset_rad")
+    return [f for joint, offset in enumerate(offsets) for f in _shifted_end(episodes, joint, float(offset))]
+
+
+def _stuck(episodes: list[EpisodeEquations], joint: int) -> list[Finding]:
+    spans, pushes = [], []
+    for episode in episodes:
+        series = episode.path.fast_position[:, joint]
+        spans.append(np.ptp(series))
+        pushes.append(np.quantile(np.abs(episode.driving_nm[joint]), 0.99))
+    rests = max(spans) <= STUCK_RANGE_RAD and max(pushes) >= STUCK_TORQUE_NM
+    creeps = max(spans) <= CREEPING_RANGE_RAD and max(pushes) >= CREEPING_TORQUE_NM
+    if not (rests or creeps):
+        return []
+    held = float(max(pushes))
+    return [Finding("stuck_joint", "holding_torque_nm", joint, held, (held, 20.0), held / STUCK_TORQUE_NM)]
+
+
+def _jump(episodes: list[EpisodeEquations], joint: int) -> list[Finding]:
+    """A step between two samples that the joint's speed does not explain and that stays."""
+    for index, episode in enumerate(episodes):
+        raw = filled_gaps(episode.path.joints.position_rad)[:, joint]
+        moves = np.diff(raw)
+        if len(moves) < 50:
+            continue
+        usual = np.median(np.abs(np.diff(moves))) / 0.6745
+        around = 0.5 * (np.roll(moves, 2) + np.roll(moves, -2))
+        odd = np.abs(moves - around)
+        at = int(np.argmax(odd[5:-5])) + 5
+        before, after = moves[at - 3 : at], moves[at + 1 : at + 4]
+        size = float(moves[at] - np.median(np.concatenate([before, after])))
+        if abs(size) > max(_JUMP_RAD, 12.0 * usual) and max(np.ptp(before), np.ptp(after)) < 0.3 * abs(size):
+            interval = (size - 2 * usual, size + 2 * usual)
+            return [Finding("encoder_jump", "offset_rad", joint, size, interval, abs(size) / _JUMP_RAD, index, at + 1)]
+    return []
+
+
+def _shifted_end(episodes: list[EpisodeEquations], joint: int, offset_rad: float) -> list[Finding]:
+    """An end that is passed, or a place inside the range where the joint is held although the motor presses outwards."""
+    found: list[Finding] = []
+    for side, parameter in ((0, "lower_rad"), (1, "upper_rad")):
+        end = float(episodes[0].ends_rad[joint, side]) + offset_rad
+        if not np.isfinite(end):
+            continue
+        outward = 1.0 if side else -1.0
+        held = []
+        for episode in episodes:
+            q = episode.path.position[:, joint]
+            still = np.abs(episode.path.velocity[:, joint]) < 0.05
+            pressing = outward * episode.pressing_nm[:, joint]
+            near = np.abs(q - end) < 0.3
+            held += list(q[still & (pressing > _PRESSING_NM) & near])
+        if len(held) < 8:
+            continue
+        shift = float(np.median(np.array(held)) - end)
+        if abs(shift) > END_MARGIN_RAD:
+            error = max(_SOFT_END_RAD, float(np.std(held)))
+            found.append(
+                Finding(
+                    "joint_limits",
+                    parameter,
+                    joint,
+                    shift,
+                    (shift - 1.6 * error, shift + 1.6 * error),
+                    abs(shift) / END_MARGIN_RAD,
+                )
+            )
+    return found
+
+
+def place(names: tuple[str, ...], joint: int | None) -> str:
+    """Name of a joint, or all of them."""
+    return ALL_JOINTS if joint is None else names[joint]

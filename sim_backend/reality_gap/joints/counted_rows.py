@@ -1,0 +1,42 @@
+"""Which rows of the mechanics count: those in which the motor alone moves a joint that does move."""
+
+import numpy as np
+
+from sim_backend.reality_gap.joints.trajectory import Trajectory
+
+STANDSTILL_RAD_S = 0.02
+"""Below it friction may hold anything, so that mechanics says nothing."""
+_STILL_S = 0.03
+_NEAR_END_RAD = 0.012
+_NEAR_END_S = 0.06
+
+
+def rests(path: Trajectory) -> np.ndarray:
+    """Rows around which a joint stands still for most of the time, shape (t, k)."""
+    speed, width = np.abs(path.fast_velocity), max(1, round(_STILL_S / path.step_s))
+    share = _moving_mean((speed < STANDSTILL_RAD_S).astype(float), width)
+    return share[:: path.every] > 0.5
+
+
+def near_end(path: Trajectory, ends_rad: np.ndarray) -> np.ndarray:
+    """Rows around which a joint comes near an end of its range, where something else than the motor acts.
+
+    Args:
+        path: the smoothed episode.
+        ends_rad: of the joints' ranges, shape (k, 2).
+
+    Returns:
+        Shape (t, k).
+    """
+    q = path.fast_position
+    near = (q < ends_rad[:, 0] + _NEAR_END_RAD) | (q > ends_rad[:, 1] - _NEAR_END_RAD)
+    width = max(1, round(2 * _NEAR_END_S / path.step_s))
+    return _moving_mean(near.astype(float), width)[:: path.every] > 1e-9
+
+
+def _moving_mean(series: np.ndarray, width: int) -> np.ndarray:
+    """Over ``width`` samples around each, along the first axis."""
+    padded = np.concatenate([np.zeros((1, series.shape[1])), np.cumsum(series, axis=0)])
+    low, high = np.arange(len(series)) - width // 2, np.arange(len(series)) + width // 2 + 1
+    low, high = np.clip(low, 0, len(series)), np.clip(high, 0, len(series))
+    return (padded[high] - padded[low]) / (high - low)[:, None]

@@ -1,0 +1,233 @@
+"""Looks at the joints of a study with any model: what each hypothesis would gain, and what the model leaves."""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_backend.reality_gap.joints.equations import Channel, EpisodeEquations
+from sim_backend.reality_gap.joints.evidence import (
+    FOLDS,
+    NormalEquations,
+    Reduced,
+    Whitened,
+    folds_of,
+    normal_equations,
+    of_one_noise,
+    reduced,
+    whitened,
+)
+from sim_backend.reality_gap.joints.hypotheses import ALL_JOINTS, Catalogue, Hypothesis, joint_catalogue
+from sim_backend.reality_gap.joints.moves import may_be
+from sim_backend.reality_gap.joints.state import SENSED, JointState, Term
+
+_ROWS_OF_A_SESSION = 30000.0
+_NOISE_SCALES = {"link_mass": 0.03, "torque_constant": 0.02}
+"""While noise is measured, scales of everything are held close to nominal, so that they do not explain it away."""
+_SAME_NATS = 5.0
+_TRUSTED = 0.3
+"""Where much is wrong, tolerances of a healthy robot must not take the place of causes."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A hypothesis with what it would gain (nats), its coefficients with their standard errors, and whether they may be.
+
+    ``by_fold`` has shape (f,): what the hypothesis gains on each fold when it is fitted to the others.
+    """
+
+    hypothesis: Hypothesis
+    gain: float
+    held_out: float
+    values: np.ndarray
+    errors: np.ndarray
+    allowed: bool
+    by_fold: np.ndarray
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """An effect at a place that the model has now: its terms, and how much it gained when it was taken."""
+
+    effect: str
+    where: str
+    terms: tuple[Term, ...]
+    gain: float
+
+
+@dataclass(frozen=True)
+class Look:
+    """Everything that one linearisation tells: normal equations, hypotheses by gain, and noise.
+
+    ``mean`` holds the posterior means of all terms, 0 for hypotheses that are not in the model; ``noise_ratio`` has shape (k,):
+    noise of the mechanics relative to that of the sensors.
+    """
+
+    sums: NormalEquations
+    catalogue: Catalogue
+    equations: tuple[Whitened, ...]
+    candidates: tuple[Candidate, ...]
+    mean: np.ndarray
+    accepted_values: np.ndarray
+    accepted_errors: np.ndarray
+    sensed_share: np.ndarray
+    sensed_error: np.ndarray
+    noise_ratio: np.ndarray
+    state: JointState
+    accepted: tuple[Accepted, ...]
+    tolerance: np.ndarray
+    rest: Reduced
+
+    @property
+    def best(self) -> Candidate | None:
+        """What gains most and may be; a single joint rather than all of them if that gains hardly less."""
+        return self.best_without(())
+
+    def best_without(
+        self, refused: Collection[tuple[str, str]], least: Callable[[str], float] = lambda _: -np.inf
+    ) -> Candidate | None:
+        """As :attr:`best`, some names left out, and effects that gain less than what healthy sessions show of them."""
+        allowed = [
+            c for c in self.candidates if c.allowed and c.hypothesis.name not in refused and c.gain >= least(c.hypothesis.effect)
+        ]
+        if not allowed:
+            return None
+        tilt = next((c for c in allowed if c.hypothesis.effect == "table_tilt"), None)
+        if allowed[0].hypothesis.effect == "gravity" and tilt is not None and allowed[0].gain - tilt.gain < _SAME_NATS:
+            return tilt  # the same with one number less
+        enough = allowed[0].gain - max(10.0, 0.05 * allowed[0].gain)
+        single = [c for c in allowed if c.gain >= enough and len(c.hypothesis.terms) <= 2]
+        return single[0] if allowed[0].hypothesis.where == ALL_JOINTS and single else allowed[0]
+
+    @property
+    def mechanics_left(self) -> float:
+        """Half the sum of squares of what the model with its tolerances leaves of the mechanics, nats."""
+        found = [w for w in self.equations if w.equation.channel is Channel.MECHANICS]
+        return 0.5 * sum(float(np.sum((w.residual - w.images @ self.mean[list(w.equation.terms)]) ** 2)) for w in found)
+
+
+class JointProblem:
+    """The episodes of a study with the names of their joints; looks at them with any model.
+
+    Args:
+        episodes: all of the same joints.
+        names: of the joints.
+        has_pipeline: whether the driver's own safety pipeline made the torques.
+        excluded: effects that are not in the catalogue for this study.
+        tolerances: what healthy sessions seem to have, by parameter and shape.
+    """
+
+    def __init__(
+        self,
+        episodes: Sequence[EpisodeEquations],
+        names: Sequence[str],
+        *,
+        has_pipeline: bool,
+        excluded: Sequence[str] = (),
+        tolerances: Mapping[str, Sequence[float]] | None = None,
+    ) -> None:
+        self.episodes, self.names, self.has_pipeline, self.excluded = list(episodes), tuple(names), has_pipeline, tuple(excluded)
+        self._tolerances = tolerances or {}
+        self.expects_many = False
+        """Whether noise is what the present model leaves, not what all hypotheses together would leave."""
+        self._load = np.concatenate([e.driving_nm.T for e in episodes])
+        self.torque_rms_nm = np.sqrt(np.mean(self._load**2, axis=0))
+        """Root mean square of each joint's torque, shape (k,), N m."""
+
+    def look(self, state: JointState, accepted: Sequence[Accepted], *, plain: bool = False) -> Look:
+        """Linearise at a state and ask every hypothesis what it would gain; ``plain`` as for :func:`whitened`."""
+        step_s = self.episodes[0].path.step_s
+        catalogue = joint_catalogue(
+            self.names,
+            state,
+            self._load,
+            step_s,
+            has_pipeline=self.has_pipeline,
+            tolerances=self._tolerances,
+            expects_many=self.expects_many,
+        )
+        catalogue = catalogue.without(self.excluded)
+        own = [term for a in accepted for term in a.terms]
+        terms = (*catalogue.terms, *own)
+        tolerance = np.concatenate([catalogue.tolerance, [catalogue.scales[term.key] for term in own]])
+        for i, term in enumerate(catalogue.terms):  # what is in the model already needs no tolerance beside it
+            if any(term.key == t.key and term.index == t.index for t in own):
+                tolerance[i] = 0.0
+        if plain:  # the causes alone, as whoever uses the model will have them
+            tolerance[: len(catalogue.terms)] = 0.0
+        whitening = np.array(
+            [_NOISE_SCALES.get(t.effect, catalogue.scales.get(t.key, s)) for t, s in zip(terms, tolerance, strict=True)]
+        )
+        whitening[len(catalogue.terms) :] = tolerance[len(catalogue.terms) :]
+        whitening[[t.effect in self.excluded for t in terms]] = 0.0
+        if self.expects_many:
+            rows = sum(float(e.valid_mechanics.sum()) for e in self.episodes)
+            tolerance[: len(catalogue.terms)] *= min(1.0, np.sqrt(_ROWS_OF_A_SESSION / rows)) * _TRUSTED
+            whitening = tolerance.copy()
+        found = []
+        for episode in self.episodes:
+            for equation in episode.equations(state, terms):
+                white = whitened(equation, whitening[list(equation.terms)], folds_of(equation, len(self.episodes)), plain=plain)
+                if white is not None:
+                    found.append(white)
+        found = of_one_noise(found) if plain else found
+        sums = normal_equations(found, len(terms), FOLDS)
+        return self._answers(sums, catalogue, tuple(found), tolerance, accepted, state)
+
+    def _answers(self, sums, catalogue, found, tolerance, accepted, state) -> Look:
+        base = np.flatnonzero(tolerance > 0.0)
+        weights = np.ones(FOLDS)
+        whole = reduced(sums.weighted(weights), base, tolerance[base])
+        parts = [reduced(sums.weighted(weights - np.eye(FOLDS)[f]), base, tolerance[base]) for f in range(FOLDS) if sums.rows[f]]
+        taken = {(a.effect, a.where) for a in accepted}
+        candidates = []
+        for h in catalogue.hypotheses:
+            if h.name in taken:
+                continue
+            values, covariance = whole.estimate(h.terms, h.scales)
+            errors = np.sqrt(np.diag(covariance))
+            own = [catalogue.terms[t] for t in h.terms]
+            is_group = h.where == ALL_JOINTS
+            allowed = may_be(own, values, errors, state, is_group=is_group, expects_many=self.expects_many)
+            gain = whole.gain(h.terms, h.scales)
+            by_fold = np.array([gain - part.gain(h.terms, h.scales) for part in parts])
+            candidates.append(Candidate(h, gain, float(by_fold.sum()), values, errors, allowed, by_fold))
+        candidates.sort(key=lambda c: -c.gain)
+        first_own = len(catalogue.terms)
+        mean, error = _posterior(sums, base, tolerance)
+        sensed = [i for i, t in enumerate(catalogue.terms) if t.key == SENSED]
+        return Look(
+            sums,
+            catalogue,
+            found,
+            tuple(candidates),
+            mean,
+            mean[first_own:],
+            error[first_own:],
+            mean[sensed],
+            error[sensed],
+            _noise_ratio(found, len(self.names)),
+            state,
+            tuple(accepted),
+            tolerance,
+            whole,
+        )
+
+
+def _posterior(sums: NormalEquations, base: np.ndarray, tolerance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    images, cross, _ = sums.weighted(np.ones(sums.folds))
+    scale = tolerance[base]
+    precision = np.eye(len(base)) + scale[:, None] * images[np.ix_(base, base)] * scale
+    covariance = np.linalg.inv(precision)
+    mean, error = np.zeros(len(tolerance)), np.zeros(len(tolerance))
+    mean[base] = scale * (covariance @ (scale * cross[base]))
+    error[base] = scale * np.sqrt(np.diag(covariance))
+    return mean, error
+
+
+def _noise_ratio(found: Sequence[Whitened], joints: int) -> np.ndarray:
+    ratio = np.zeros(joints)
+    for w in found:
+        if w.equation.channel is Channel.MECHANICS and w.equation.sensor_noise > 0.0:
+            ratio[w.equation.joint] = max(ratio[w.equation.joint], w.noise / w.equation.sensor_noise)
+    return ratio

@@ -1,0 +1,74 @@
+"""What the motors of k joints gave along one recorded motion, as the motor law makes it of what was sent or measured."""
+
+import numpy as np
+
+from sim_backend.reality_gap.joints import motor_law
+from sim_backend.reality_gap.joints.state import JointState, Term
+from sim_backend.reality_gap.joints.trajectory import Trajectory, filled_gaps
+
+BEFORE_CURRENT = motor_law.KEYS[:3]
+"""Parameters that change the current; all others act on what the current gives."""
+
+
+class MotorTorques:
+    """The motors along one episode of s samples.
+
+    Args:
+        path: the smoothed episode.
+
+    Raises:
+        ValueError: the episode has no torque.
+    """
+
+    def __init__(self, path: Trajectory) -> None:
+        sent, measured = path.joints.commanded_torque_nm, path.joints.measured_torque_nm
+        if sent is None and measured is None:
+            raise ValueError(f"episode {path.recording.name} has no torque")
+        self.sent_nm = None if sent is None else filled_gaps(sent)
+        """What was sent with gaps filled, shape (s, k), N m; None if it is not known."""
+        known = None if measured is None else filled_gaps(measured)
+        driving = self.sent_nm if self.sent_nm is not None else known
+        assert driving is not None
+        self.driving_nm = np.ascontiguousarray(driving.T)
+        """What was sent, or measured if nothing else is known, shape (k, s), N m."""
+        self.measured_nm = None if known is None or self.sent_nm is None else np.ascontiguousarray(known.T)
+        """What was measured of the current beside what was sent, shape (k, s), N m; None without both."""
+        self._total = np.abs(driving).sum(axis=1)
+        self._position = np.ascontiguousarray(path.fast_position.T)
+        self._velocity = np.ascontiguousarray(path.fast_velocity.T)
+        self._step_s = path.step_s
+
+    @property
+    def joints(self) -> int:
+        """How many."""
+        return len(self.driving_nm)
+
+    @property
+    def acting_nm(self) -> np.ndarray:
+        """Torques that drive the mechanics: measured where they are known, shape (k, s), N m."""
+        return self.driving_nm if self.measured_nm is None else self.measured_nm
+
+    def along(self, state: JointState, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Torque of the current, torque left at the joint, and play, at full rate; shape (s,)."""
+        values = state.motor(j)
+        if self.measured_nm is None:
+            return self._law(self.driving_nm[j], values, j)
+        before, after = values.copy(), values.copy()
+        count = len(BEFORE_CURRENT)
+        before[count:], after[:count] = motor_law.absent_values()[count:], motor_law.absent_values()[:count]
+        current = self._law(self.driving_nm[j], before, j)[0]
+        _, net, play = self._law(self.measured_nm[j], after, j)
+        return current, net, play
+
+    def along_sent(self, state: JointState, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As :meth:`along`, driven by what was sent: images must not hold the noise that residuals hold."""
+        return self._law(self.driving_nm[j], state.motor(j), j)
+
+    def _law(self, torque_nm: np.ndarray, values: np.ndarray, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return motor_law.along(torque_nm, self._total, self._position[j], self._velocity[j], self._step_s, values)
+
+    def cogging_image(self, state: JointState, term: Term, j: int) -> np.ndarray:
+        """What cogging of the term's own phase, beside the one that the state has, adds per N m, shape (s,)."""
+        values = state.moved(term, 0.0).motor(j)
+        cycles, phase = (values[motor_law.KEYS.index(f"cogging.{name}")] for name in ("cycles_per_rad", "phase_rad"))
+        return -np.sin(2.0 * np.pi * cycles * self._position[j] + phase)

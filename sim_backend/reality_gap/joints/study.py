@@ -1,0 +1,247 @@
+"""Joints: from recordings to a verdict about what the model gets wrong."""
+
+# pyright: reportAttributeAccessIssue=false
+import functools
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from sim_backend.reality_gap.joints.checks import (
+    Finding,
+    end_findings,
+    fault_findings,
+    noise_findings,
+    noisy_motors,
+    torque_noise_findings,
+)
+from sim_backend.reality_gap.joints.command_lateness import with_measured_lateness
+from sim_backend.reality_gap.joints.equations import EpisodeEquations
+from sim_backend.reality_gap.joints.fit import MANY_CAUSES, JointFit, select
+from sim_backend.reality_gap.joints.gain import held_out_errors
+from sim_backend.reality_gap.joints.hypotheses import SCALES_OF_EVERYTHING
+from sim_backend.reality_gap.joints.look import JointProblem, Look
+from sim_backend.reality_gap.joints.plant import Plant
+from sim_backend.reality_gap.joints.state import JointState
+from sim_backend.reality_gap.joints.trajectory import trajectory
+from sim_backend.reality_gap.recording import Recording, RecordingError
+from sim_backend.trifinger import constants as c
+
+CALIBRATION_FILE = Path(__file__).with_name("calibration.json")
+FOREIGN_CUTOFF_HZ = 12.0
+"""Where nobody knows what a motor board does, torques are compared below this frequency only."""
+LEAST_REDUCTION = 0.02
+"""Share of the held-out error that a cause must take away where there are no healthy sessions to compare with."""
+LEAST_TORQUE_SHARE = 0.01
+"""And what it takes away must be this share of the joint's torque: integrators and filters alone make errors of some 0.1 %."""
+_FOREIGN_GATE = 12.0
+"""Nats that a cause must gain where no healthy sessions are known: odds of 160 000, shared by some hundred hypotheses."""
+_LEAST_MOTION_RAD_S = 0.05
+_LEAST_MOVING_SHARE = 0.02
+
+
+class NothingMovesError(Exception):
+    """No joint moves enough for its physics to show."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What healthy sessions look like to this tool.
+
+    Attributes:
+        tolerances: standard deviation of each number that a healthy robot does not have, by parameter and shape.
+        largest_gains: of healthy sessions, one each, nats, sorted.
+        gates: gain that a cause of each effect must have, nats, by effect.
+        largest_noise_ratio: of healthy sessions, one each, sorted.
+    """
+
+    tolerances: Mapping[str, Sequence[float]]
+    largest_gains: np.ndarray
+    largest_noise_ratio: np.ndarray
+    gates: Mapping[str, float]
+
+    def null_p(self, gain: float) -> float:
+        """Share of healthy sessions whose largest gain is at least this one's."""
+        return float((1 + np.sum(self.largest_gains >= gain)) / (1 + len(self.largest_gains)))
+
+
+@cache
+def calibration() -> Calibration:
+    """The calibration for TriFingers that is kept with the code; empty where there is none."""
+    if not CALIBRATION_FILE.exists():
+        return Calibration({}, np.zeros(0), np.zeros(0), {})
+    kept = json.loads(CALIBRATION_FILE.read_text())
+    gains, ratios = (np.sort(kept[name]) for name in ("largest_gains", "largest_noise_ratio"))
+    return Calibration(kept["tolerances"], gains, ratios, kept.get("gates", {}))
+
+
+@dataclass(frozen=True)
+class JointStudy:
+    """What the joints' recordings say.
+
+    Attributes:
+        problem: the episodes as equations.
+        fit: causes in the order in which they were taken.
+        findings: what needed no fit.
+        odd: what no healthy robot shows either, but whose effect was left out of the catalogue.
+        gate: nats that a cause had to gain.
+        is_calibrated: whether the gate comes from healthy sessions.
+        start: the nominal model.
+        gates: nats that a cause of each effect had to gain, where healthy sessions tell.
+    """
+
+    problem: JointProblem
+    fit: JointFit
+    findings: tuple[Finding, ...]
+    odd: tuple[Finding, ...]
+    gate: float
+    is_calibrated: bool
+    start: JointState
+    gates: Mapping[str, float]
+
+    def problem_start(self, key: str, index: int) -> float:
+        """A value of the model that the study started from."""
+        return float(self.start.value(key)[index])
+
+
+def study_joints(
+    model: mujoco.MjModel,
+    recordings: Sequence[Recording],
+    progress: Callable[[str, float], None],
+    *,
+    is_trifinger: bool,
+    excluded: Sequence[str] = (),
+    nominal: Mapping[str, np.ndarray] | None = None,
+    gate: float | None = None,
+) -> JointStudy:
+    """Compare recordings with a model and find what is wrong with it.
+
+    Args:
+        model: the nominal one.
+        recordings: with joints, all the same ones.
+        progress: told what is done, and which share of all.
+        is_trifinger: whether healthy sessions of this robot are known.
+        excluded: effects that are left out of the catalogue.
+        nominal: values to start from, by parameter, shape (k,), (1,) or (3,).
+        gate: least gain in nats; the calibrated one if None.
+
+    Raises:
+        RecordingError: recordings that cannot be used.
+        NothingMovesError: no joint moves.
+    """
+    names = _names(recordings)
+    plant = Plant(model, names)
+    episodes = []
+    for index, recording in enumerate(recordings):
+        progress(f"reading {recording.name}", 0.15 * index / len(recordings))
+        path = trajectory(recording) if is_trifinger else trajectory(recording, cutoff_hz=FOREIGN_CUTOFF_HZ)
+        episodes.append(EpisodeEquations(plant, path, index, has_safety_pipeline=is_trifinger, in_torques=not is_trifinger))
+    faults = fault_findings(episodes)
+    for fault in faults:
+        if fault.effect == "encoder_jump":
+            corrected = _without_jump(recordings[fault.episode], fault)
+            path = replace(trajectory(corrected), recording=corrected)
+            episodes[fault.episode] = EpisodeEquations(
+                plant, path, fault.episode, has_safety_pipeline=is_trifinger, reported=recordings[fault.episode].joints
+            )
+        elif fault.joint is not None:
+            for episode in episodes:
+                episode.ignore_joint(fault.joint)
+    _check_motion(episodes)
+    known = calibration() if is_trifinger else Calibration({}, np.zeros(0), np.zeros(0), {})
+    limit = c.MAX_TORQUE_NM if is_trifinger else max(float(np.abs(e.driving_nm).max()) for e in episodes)
+    start = {"torque_saturation.limit_nm": np.full(len(names), limit), **(nominal or {})}
+    left_out = tuple(excluded)
+    excluded = (*excluded, *{"encoder_offset" for f in faults if f.effect == "encoder_jump"})
+    size = 1.0 if is_trifinger else max(1.0, float(np.max(limit)) / c.MAX_TORQUE_NM)
+    nominal_state = JointState(len(names), start, size)
+    for end in end_findings(episodes, nominal_state):
+        for episode in episodes:
+            episode.keep_off(end.joint or 0, 1 if end.parameter == "upper_rad" else 0, end.value)
+    problem = JointProblem(episodes, names, has_pipeline=is_trifinger, excluded=excluded, tolerances=known.tolerances)
+    used_gate = gate if gate is not None else _FOREIGN_GATE
+    gates = known.gates if gate is None else {}
+    felt = noise_of_motors(problem, nominal_state)
+    confirms = functools.partial(may_follow if is_trifinger else is_worth_it, problem)
+    fit = select(problem, nominal_state, used_gate, progress, confirms=confirms, plain_values=not is_trifinger, gates=gates)
+    last = fit.last
+    checks = [*noise_findings(episodes), *end_findings(episodes, fit.state)]
+    checks += felt or torque_noise_findings(episodes, fit.state, last.sensed_share, last.sensed_error)
+    found = [*faults, *checks]
+    return JointStudy(
+        problem,
+        with_measured_lateness(fit, episodes),
+        tuple(f for f in found if f.effect not in excluded),
+        tuple(f for f in found if f.effect in left_out),
+        used_gate,
+        is_trifinger,
+        nominal_state,
+        gates,
+    )
+
+
+def noise_of_motors(problem: JointProblem, state: JointState) -> list[Finding]:
+    """Noise of single motors that their joints feel; their mechanics is then left out, since it would explain the noise."""
+    odd = noisy_motors(problem.episodes, state)
+    if not odd:
+        return []
+    look = problem.look(state, ())
+    if look.noise_ratio.max() > MANY_CAUSES:
+        return []
+    found = torque_noise_findings(problem.episodes, state, look.sensed_share, look.sensed_error)
+    felt = [f for f in found if f.effect == "action_noise" and f.joint in odd]
+    for finding in felt:
+        for episode in problem.episodes:
+            episode.ignore_joint(finding.joint or 0)
+    return felt
+
+
+def _without_jump(recording: Recording, jump: Finding) -> Recording:
+    """The recording as its encoder would have reported it without losing counts."""
+    assert recording.joints is not None and jump.joint is not None
+    position = recording.joints.position_rad.copy()
+    position[jump.sample :, jump.joint] -= jump.value
+    return replace(recording, joints=replace(recording.joints, position_rad=position))
+
+
+def may_follow(problem: JointProblem, before: Look, after: Look) -> bool:
+    """Whether a TriFinger's torque or mass may be to blame beside other causes: only if it is worth it.
+
+    What the law of an earlier cause leaves spreads over the torques and masses of its finger, one after the other.
+    """
+    is_first = not before.accepted or problem.expects_many
+    return is_first or after.accepted[-1].effect not in SCALES_OF_EVERYTHING or is_worth_it(problem, before, after)
+
+
+def is_worth_it(problem: JointProblem, before: Look, after: Look) -> bool:
+    """Whether held-out errors fall: at one joint at least by enough, and over all joints."""
+    old, new = (held_out_errors(problem, look).by_joint_nm for look in (before, after))
+    reduction = 1.0 - new / np.maximum(old, 1e-12)
+    removed_nm = np.sqrt(np.maximum(old**2 - new**2, 0.0))
+    is_enough = (reduction > LEAST_REDUCTION) & (removed_nm > LEAST_TORQUE_SHARE * problem.torque_rms_nm)
+    return bool(is_enough.any() and reduction.min() > -0.5 * LEAST_REDUCTION)
+
+
+def _names(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    found = {recording.joints.names for recording in recordings if recording.joints is not None}
+    if len(found) != 1:
+        raise RecordingError(f"all episodes must have the same joints; found {sorted(found) or 'none'}")
+    for recording in recordings:
+        joints = recording.joints
+        if joints is not None and joints.commanded_torque_nm is None and joints.measured_torque_nm is None:
+            raise RecordingError(
+                f"{recording.source}: episode {recording.name} has no torque; give commanded or measured torques"
+            )
+    return found.pop()
+
+
+def _check_motion(episodes: Sequence[EpisodeEquations]) -> None:
+    moving = max(float(np.mean(np.abs(e.path.velocity) > _LEAST_MOTION_RAD_S, axis=0).max()) for e in episodes)
+    if moving < _LEAST_MOVING_SHARE:
+        raise NothingMovesError(
+            f"no joint moves faster than {_LEAST_MOTION_RAD_S:g} rad/s for {_LEAST_MOVING_SHARE:.0%} of the time"
+        )

@@ -1,0 +1,284 @@
+"""From a fit of joints to a verdict: named, confusable, unexplained or nothing wrong."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.reality_gap.joints.checks import Finding, place
+from sim_backend.reality_gap.joints.equations import Channel
+from sim_backend.reality_gap.joints.flexible import Pattern, patterns
+from sim_backend.reality_gap.joints.gain import errors_of, held_out_errors
+from sim_backend.reality_gap.joints.hypotheses import SCALES_OF_EVERYTHING
+from sim_backend.reality_gap.joints.look import Accepted, Candidate, Look
+from sim_backend.reality_gap.joints.study import JointStudy, calibration
+from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
+
+CONFUSABLE_NATS = 5.0
+"""A rival that lies less than this behind cannot be told apart: odds of 150."""
+PATTERN_NATS = 25.0
+"""A pattern in what is left that gains less is what healthy sessions have, too."""
+PATTERN_SHARE = 0.3
+"""And it must be this share of what the named causes gain: the rest is the shape of their laws."""
+_VELOCITY_FACTOR = 8.0
+"""Reported velocities follow the motion a little by themselves: both are smoothed, but not by the same board."""
+_ALMOST = 0.7
+"""Where so much of the held-out error is gone, what is left is the shape of a law and not another cause."""
+FOREIGN_PATTERN_SHARE = 1.0
+"""Where there are no healthy sessions: what is left must be more than what was explained."""
+_Z_90 = 1.6448536269514722
+_TRADED_SCALE, _TRADED = 0.2, 2
+"""So many torques or masses that seem off by more than this take the place of something else."""
+_SYSTEMATIC = 2.0
+_SYSTEMATIC_SHARE = 0.1
+"""Intervals are wider than the noise alone makes them, by a factor and by a share of the deviation: laws are not exact."""
+
+SEPARATES = {
+    frozenset({"action_delay", "viscous_friction"}): "a chirp: a delay shifts the phase and leaves the size",
+    frozenset({"coulomb_friction", "stribeck_friction"}): "slow ramps through zero speed and fast sweeps",
+    frozenset({"coulomb_friction", "viscous_friction"}): "slow and fast motion over the same way",
+    frozenset({"torque_constant", "load_friction"}): "lifting against lowering: friction changes sign with the speed",
+    frozenset({"torque_constant", "link_mass"}): "a known payload, or a fall at zero torque",
+    frozenset({"encoder_offset", "table_tilt"}): "two poses far apart; a tilt moves all fingers alike",
+    frozenset({"encoder_offset", "gravity"}): "two poses far apart",
+    frozenset({"gravity", "table_tilt"}): "another orientation of the base",
+    frozenset({"joint_stiffness", "gravity"}): "a spring is linear in the position, gravity follows its sine",
+    frozenset({"rotor_inertia", "link_mass"}): "the coupling between joints, which a rotor does not have",
+    frozenset({"torque_saturation", "supply_sag"}): "one motor at a time against all together",
+    frozenset({"thermal_derating", "torque_constant"}): "the same motion cold and warm",
+}
+_SHOWN = {
+    ("joint_noise", "position_rad"): "the noise of the reported position",
+    ("joint_noise", "velocity_rad_s"): "the noise of the reported velocity",
+    ("joint_noise", "torque_nm"): "the noise of the measured torque",
+    ("action_noise", "white_nm"): "torque that was not sent but felt",
+    ("action_noise", "correlated_nm"): "slow torque that was not sent but felt",
+    ("encoder_quantisation", "step_rad"): "the steps of the reported position",
+    ("encoder_jump", "offset_rad"): "a jump of the reported position",
+    ("stuck_joint", "holding_torque_nm"): "the rest under load",
+    ("joint_limits", "lower_rad"): "the place of the lower end",
+    ("joint_limits", "upper_rad"): "the place of the upper end",
+}
+"""What findings show, said without their causes."""
+
+
+@dataclass(frozen=True)
+class JointVerdict:
+    """A verdict and what it was drawn from."""
+
+    verdict: Verdict
+    patterns: tuple[Pattern, ...]
+
+
+def judge(study: JointStudy) -> JointVerdict:
+    """Judge a study of joints (held-out errors are added by ``gain``)."""
+    fit, names = study.fit, study.problem.names
+    causes = [cause for a in fit.accepted for cause in _causes(study, a)]
+    acting = {f.joint for f in study.findings if f.effect == "action_noise"}
+    findings = [f for f in study.findings if not (f.effect == "joint_noise" and f.joint in acting)]  # the joint shakes
+    causes += [_found(f, names) for f in findings if _is_shown(f, study)]
+    left = patterns(study.problem.episodes, fit.last)
+    rivals = [rival for i, a in enumerate(fit.accepted) if (rival := _rival(study, i, a)) is not None]
+    kind, summary = _kind(study, causes, left, rivals)
+    closest = min(rivals, key=lambda r: r[0].behind)[0] if rivals else None
+    confusable = kind is VerdictKind.CONFUSABLE
+    if confusable:
+        causes += [cause for rival, members in rivals if rival.behind < CONFUSABLE_NATS for cause in members]
+    gains = [a.gain for a in fit.accepted] or ([fit.first.best.gain] if fit.first.best is not None else [])
+    null_p = calibration().null_p(max(gains)) if study.is_calibrated and gains else None
+    verdict = Verdict(
+        verdict=kind,
+        summary=summary,
+        causes=tuple(causes),
+        null_p=null_p,
+        runner_up=closest,
+        rejected=() if confusable else tuple(sorted((rival for rival, _ in rivals), key=lambda rival: rival.behind)),
+        follows=(*_odd(study), *_follows(left[:3], names)) if kind is VerdictKind.UNEXPLAINED else (),
+        cannot_tell=tuple(_cannot_tell(study)),
+        record_next=tuple(_record_next(kind, closest)),
+    )
+    return JointVerdict(verdict, tuple(left))
+
+
+def _kind(study, causes, left: Sequence[Pattern], rivals) -> tuple[VerdictKind, str]:
+    explained = sum(a.gain for a in study.fit.accepted)
+    noisy = {f.joint for f in study.findings if f.effect in ("joint_noise", "action_noise") and _is_shown(f, study)}
+    factor = 1.0 if study.problem.expects_many else _VELOCITY_FACTOR
+    clear = _almost_explained(study)
+    told = [p for p in left if p.joint not in noisy and not (p.channel is Channel.MECHANICS and p.joint in clear)]
+    strongest = max((p.gain / (factor if p.channel is Channel.VELOCITY else 1.0) for p in told), default=0.0)
+    if odd := _odd(study):
+        return VerdictKind.UNEXPLAINED, f"No cause of the catalogue explains {odd[0]}."
+    if study.is_calibrated and len(_large_scales(causes)) >= _TRADED:
+        said = "Only torques or masses of several joints that are far off would explain the data: no cause of the catalogue does."
+        return VerdictKind.UNEXPLAINED, said
+    is_stuck = any(cause.effect == "stuck_joint" for cause in causes)
+    share = PATTERN_SHARE if study.is_calibrated else FOREIGN_PATTERN_SHARE
+    if study.is_calibrated:
+        strongest = max(strongest, _beyond_bounds(study.fit.last))
+    if strongest > max(PATTERN_NATS, share * explained) and not is_stuck:
+        return VerdictKind.UNEXPLAINED, "The data disagree with the model, and no cause of the catalogue explains it well enough."
+    if not causes:
+        return VerdictKind.NOTHING_WRONG, "The data agree with the model as well as a healthy robot's would."
+    is_single = not study.problem.expects_many  # among many causes each has a proxy for a moment
+    if is_single and any(rival.behind < CONFUSABLE_NATS for rival, _ in rivals):
+        return VerdictKind.CONFUSABLE, "Some cause explains the data, but these data cannot tell which of those that are listed."
+    named = ", ".join(_said(causes))
+    return VerdictKind.NAMED, f"The data disagree with the model because of {named}."
+
+
+def _almost_explained(study: JointStudy) -> set[int]:
+    """Joints whose held-out torque error is almost gone: what is left of it is the shape of a law, however clear it is."""
+    if not study.fit.accepted:
+        return set()
+    before, after = errors_of(study.problem, study.start).by_joint_nm, held_out_errors(study.problem, study.fit.last).by_joint_nm
+    return set(np.flatnonzero(after < (1.0 - _ALMOST) * before).tolist())
+
+
+def _odd(study: JointStudy) -> list[str]:
+    """What no healthy robot shows and no cause of the catalogue explains."""
+    shown = [f for f in study.odd if _is_shown(f, study)]
+    return [f"{_SHOWN[f.effect, f.parameter]} of {place(study.problem.names, f.joint)}" for f in shown]
+
+
+def _beyond_bounds(look: Look) -> float:
+    """What the best hypothesis still gains whose values no robot has, nats: something acts where it does."""
+    return max((c.gain for c in look.candidates if not c.allowed), default=0.0)
+
+
+def _large_scales(causes: Sequence[Cause]) -> list[Cause]:
+    return [
+        cause
+        for cause in causes
+        if cause.effect in SCALES_OF_EVERYTHING
+        and abs(cause.value - PARAMETERS[f"{cause.effect}.{cause.parameter}"].absent) > _TRADED_SCALE
+    ]
+
+
+def _said(causes: Sequence[Cause]) -> list[str]:
+    """Each effect with its places, or how many there are."""
+    places: dict[str, list[str]] = {}
+    for cause in causes:
+        places.setdefault(cause.effect, [])
+        if cause.where not in places[cause.effect]:
+            places[cause.effect].append(cause.where)
+    return [
+        f"{effect.replace('_', ' ')} ({', '.join(where) if len(where) <= 2 else f'{len(where)} places'})"
+        for effect, where in places.items()
+    ]
+
+
+def _causes(study: JointStudy, accepted: Accepted) -> list[Cause]:
+    """One cause for each number of an effect that is away from absent."""
+    errors, found, seen = study.fit.errors[(accepted.effect, accepted.where)], [], set()
+    for term, error in zip(accepted.terms, errors, strict=True):
+        parameter = PARAMETERS[term.key]
+        if (term.key, term.index) in seen:
+            continue
+        seen.add((term.key, term.index))
+        value = float(study.fit.state.value(term.key)[term.index])
+        deviation = value - study.problem_start(term.key, term.index)
+        half = float(np.hypot(_Z_90 * _SYSTEMATIC * error, _SYSTEMATIC_SHARE * deviation))
+        where = accepted.where
+        if parameter.width == 9:
+            where = study.problem.names[term.index]
+        elif parameter.width == 3:
+            where = "xyz"[term.index]
+        interval = (value - half, value + half)
+        found.append(Cause(accepted.effect, parameter.name, where, value, parameter.unit, interval))
+    return _that_matter(study, accepted, found)
+
+
+def _that_matter(study: JointStudy, accepted: Accepted, causes: list[Cause]) -> list[Cause]:
+    """Of a cause at all joints, the joints that have it: away from nominal beyond errors, and not by a trifle."""
+    if not accepted.where.startswith("all"):
+        return causes
+    first = accepted.terms[0].key.partition(".")[2]
+    start = {name: study.problem_start(accepted.terms[0].key, j) for j, name in enumerate(study.problem.names)}
+    sizes = {cause.where: abs(cause.value - start[cause.where]) for cause in causes if cause.parameter == first}
+    largest = max(sizes.values(), default=0.0)
+    kept = {
+        cause.where
+        for cause in causes
+        if cause.parameter == first
+        and sizes[cause.where] > 0.05 * largest
+        and not cause.interval_90[0] <= start[cause.where] <= cause.interval_90[1]
+    }
+    return [cause for cause in causes if cause.where in kept]
+
+
+def _found(finding: Finding, names: tuple[str, ...]) -> Cause:
+    where = place(names, finding.joint)
+    unit = PARAMETERS[f"{finding.effect}.{finding.parameter}"].unit
+    return Cause(finding.effect, finding.parameter, where, finding.value, unit, finding.interval_90)
+
+
+def _is_shown(finding: Finding, study: JointStudy) -> bool:
+    """Not what another cause leaves, which looks like noise, and holds a joint where it should not be."""
+    where = place(study.problem.names, finding.joint)
+    if finding.effect not in ("joint_noise", "action_noise", "joint_limits"):
+        return True
+    same = (where.partition("_")[0] if finding.effect == "joint_limits" else where, "platform", "all")
+    return not any(a.where.startswith(same) for a in study.fit.accepted)
+
+
+def _rival(study: JointStudy, index: int, accepted: Accepted) -> tuple[Rival, list[Cause]] | None:
+    """The best other hypothesis where a cause was taken, with what it would have said."""
+    look = study.fit.looks[index]
+    taken = next((c for c in look.candidates if c.hypothesis.name == (accepted.effect, accepted.where)), None)
+    if taken is None:
+        return None
+    later = {(a.effect, a.where) for a in study.fit.accepted}
+    for candidate in look.candidates:
+        h = candidate.hypothesis
+        if not candidate.allowed or h.name in later or h.effect == accepted.effect or h.where.startswith("all"):
+            continue
+        if candidate.gain < study.gates.get(h.effect, study.gate):
+            continue  # by itself it would not be named either
+        if study.problem.expects_many and (candidate.gain > taken.gain or h.effect in {a.effect for a in study.fit.accepted}):
+            continue  # refused for its values, or named elsewhere
+        if (accepted.effect, h.effect) == ("table_tilt", "gravity"):
+            continue  # the same with one number more
+        pair = frozenset({h.effect, accepted.effect})
+        rival = Rival(
+            h.effect, h.where, float(taken.gain - candidate.gain), SEPARATES.get(pair, "a longer and livelier recording")
+        )
+        return rival, _rival_causes(look, candidate, study)
+    return None
+
+
+def _rival_causes(look, candidate: Candidate, study: JointStudy) -> list[Cause]:
+    found = []
+    for index, value, error in zip(candidate.hypothesis.terms, candidate.values, candidate.errors, strict=True):
+        term = look.catalogue.terms[index]
+        parameter, here = PARAMETERS[term.key], study.problem_start(term.key, term.index)
+        where = study.problem.names[term.index] if parameter.width == 9 else candidate.hypothesis.where
+        middle, half = here + float(value), _Z_90 * float(error)
+        found.append(
+            Cause(candidate.hypothesis.effect, parameter.name, where, middle, parameter.unit, (middle - half, middle + half))
+        )
+    return found
+
+
+def _follows(found: Sequence[Pattern], names: tuple[str, ...]) -> list[str]:
+    return [f"{p.variable} of {names[p.joint]} ({p.channel} equation, {p.gain:.0f} nats)" for p in found]
+
+
+def _cannot_tell(study: JointStudy) -> list[str]:
+    said = ["whether all torques and all masses are off by the same share: no motion shows it"]
+    speed = np.max([np.quantile(np.abs(e.path.velocity), 0.99, axis=0) for e in study.problem.episodes], axis=0)
+    slow = [name for name, s in zip(study.problem.names, speed, strict=True) if s < 0.3]
+    if slow:
+        said.append(f"anything that needs speed about {', '.join(slow)}: slower than 0.3 rad/s all the time")
+    if all(e.path.joints.measured_torque_nm is None for e in study.problem.episodes):
+        said.append("whether torque is lost before or after the motor's current: no measured torque")
+    return said
+
+
+def _record_next(kind: VerdictKind, closest: Rival | None) -> list[str]:
+    if kind is VerdictKind.CONFUSABLE and closest is not None:
+        return [closest.separated_by]
+    if kind is VerdictKind.UNEXPLAINED:
+        return ["the same motion twice, slowly and fast, to see whether what is left repeats"]
+    return []

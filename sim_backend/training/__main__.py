@@ -1,0 +1,91 @@
+"""The command behind ``trifarm train``; see ``train.py``."""
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+OK, OTHER, USAGE, INTERRUPTED = 0, 1, 2, 130
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Train as asked; returns the exit code."""
+    options = _parser().parse_args(arguments)
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # torch's threads would wait by spinning on the cores of the physics
+    try:
+        from sim_backend.training.train import CHECKPOINT, Run
+    except ImportError as error:
+        return _problem(f"training needs packages that are not installed ({error.name}): pip install 'trifarm[learning]'", OTHER)
+    from sim_backend.training.recipe import RecipeError, load_recipe
+
+    try:
+        name, recipe = load_recipe(options.recipe)
+    except RecipeError as error:
+        return _problem(str(error), USAGE)
+    folder = options.out or Path(f"train-{name}")
+    there = (folder / CHECKPOINT).exists()
+    if there and not options.resume:
+        return _problem(f"{folder} has the checkpoint of a run; give --resume to go on with it, or another --out", USAGE)
+    if options.resume and not there:
+        return _problem(f"{folder} has no checkpoint to go on from; leave --resume out to begin", USAGE)
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        run = Run(name, recipe, folder, threads=options.threads, tell=_tell)
+    except ValueError as error:
+        return _problem(f"recipe {name}: {error}", USAGE)
+    return _train(run, options, _tell)
+
+
+def _train(run, options: argparse.Namespace, tell: Callable[[str], None]) -> int:
+    try:
+        if options.resume:
+            run.go_on()
+            tell(f"goes on at {run.model.num_timesteps:,} samples")
+        run.learn()
+        run.keep()
+        record = run.finish()
+    except KeyboardInterrupt:
+        run.keep()
+        tell(f"stopped at {run.model.num_timesteps:,} samples; --resume goes on from there")
+        return INTERRUPTED
+    policy = run.folder / record["policy"]
+    if options.json:
+        print(json.dumps(document(record, run.folder), indent=2))
+    else:
+        for tried in record["final"]:
+            low, high = tried["interval_80"]
+            rate = f"{tried['success_rate']:.1%} (80 % interval {low:.1%} to {high:.1%})"
+            print(f"{tried['physics']} robots, {tried['trials']} fresh goals: {rate}")
+        print(f"{policy} can be uploaded: trifarm submit {policy} --task {run.recipe.task}")
+    return OK
+
+
+def document(record: dict, folder: Path) -> dict:
+    """What ``--json`` prints of a run's record."""
+    files = {"folder": str(folder), "policy": str(folder / record["policy"])}
+    return files | {key: record[key] for key in ("recipe", "samples", "wall_s", "final")}
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="trifarm train", description="Train a policy by a recipe.")
+    parser.add_argument("recipe", help="name of a shipped recipe, or a TOML file")
+    parser.add_argument("--out", type=Path, help="folder of the run; train-RECIPE if left out")
+    parser.add_argument("--resume", action="store_true", help="go on from the folder's checkpoint")
+    parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--json", action="store_true")
+    return parser
+
+
+def _tell(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
+def _problem(sentence: str, code: int) -> int:
+    _tell(f"error: {sentence}")
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,64 @@
+"""Rewards as PPO gets them: scaled by the spread of returns, with the value of what would have come after a trial's end."""
+
+from collections.abc import Callable
+
+import numpy as np
+from stable_baselines3.common.vec_env import VecEnvWrapper
+
+from sim_backend.vec_env import PRIVILEGED, SEEN, TrifingerVecEnv
+
+CLIP = 10.0
+
+
+class NormalisedReturns(VecEnvWrapper):
+    """Divides rewards by the standard deviation of discounted returns, and goes on counting where only time ended a trial.
+
+    stable-baselines3 has both (``VecNormalize`` and a bootstrap in ``collect_rollouts``), but asks the critic once for each
+    trial that ends; here it is asked once for all, unless there is no ``value_of``: a critic with memory is asked by sb3-contrib.
+    Owner of the running return and its variance.
+
+    Args:
+        robots: the environment.
+        discount: of PPO.
+    """
+
+    def __init__(self, robots: TrifingerVecEnv, discount: float) -> None:
+        super().__init__(robots)
+        self._robots, self._discount = robots, discount
+        self._return = np.zeros(robots.num_envs)
+        self.mean, self.variance, self.count = 0.0, 1.0, 1e-4
+        self.value_of: Callable | None = None
+
+    @property
+    def deviation(self) -> float:
+        """What rewards are divided by."""
+        return float(np.sqrt(self.variance + 1e-8))
+
+    def reset(self):
+        """Begin with all robots."""
+        self._return[:] = 0.0
+        return self.venv.reset()
+
+    def step_wait(self):
+        """One control period; where the reward has it already, ``info`` no longer says that time ended a trial."""
+        observation, reward, done, infos = self.venv.step_wait()
+        self._return = self._return * self._discount + reward
+        self._learn(self._return)
+        reward = np.clip(reward / self.deviation, -CLIP, CLIP)
+        ended = self._robots.ended
+        if ended is not None:
+            self._return[done] = 0.0
+            goes_on = ~ended.diverged
+            if self.value_of is not None and goes_on.any():
+                last = ended.observation[goes_on]
+                seen = {SEEN: last, PRIVILEGED: ended.privileged[goes_on]} if isinstance(observation, dict) else last
+                reward[ended.robots[goes_on]] += self._discount * self.value_of(seen)
+            for robot in () if self.value_of is None else ended.robots:
+                infos[robot]["TimeLimit.truncated"] = False
+        return observation, reward, done, infos
+
+    def _learn(self, values: np.ndarray) -> None:
+        n, mean, variance = len(values), float(values.mean()), float(values.var())
+        total, apart = self.count + n, mean - self.mean
+        squares = self.variance * self.count + variance * n + apart**2 * self.count * n / total
+        self.mean, self.variance, self.count = self.mean + apart * n / total, squares / total, total

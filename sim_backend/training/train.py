@@ -1,0 +1,228 @@
+"""A training run from its recipe to a policy that the farm takes: PPO of stable-baselines3 on many robots at once.
+
+    python -m sim_backend.training RECIPE [--out DIR] [--resume] [--json]
+
+Everything goes into one folder: the policy and its manifest, ``record.json``, and a checkpoint from which it can go on.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from sb3_contrib import RecurrentPPO
+from stable_baselines3 import PPO
+
+from sim_backend.action_space import ActionSpace
+from sim_backend.practice import Practice
+from sim_backend.tasks import TASKS
+from sim_backend.tasks.reward import Reward
+from sim_backend.training.actor_critic import ActorCritic, Inputs, whole_of
+from sim_backend.training.export import ExportedPolicy, exported, write_policy
+from sim_backend.training.progress import Watch
+from sim_backend.training.randomization import Randomizer, randomizer_of
+from sim_backend.training.recipe import Recipe
+from sim_backend.training.recurrent import RecurrentActorCritic
+from sim_backend.training.returns import NormalisedReturns
+from sim_backend.training.trying import Tried, try_policy
+from sim_backend.vec_env import TrifingerVecEnv
+
+EVALUATION_SEED, FINAL_SEED = 10_000_000, 20_000_000
+"""First seeds of the goals of evaluations; training draws its own from 2**53."""
+CHECKPOINT, RECORD = "checkpoint.pt", "record.json"
+
+
+@dataclass
+class Run:
+    """A run in its folder. Owner of networks, robots and of what has been measured so far."""
+
+    name: str
+    recipe: Recipe
+    folder: Path
+    threads: int = 2
+    tell: Callable[[str], None] = print
+    seconds: float = 0.0  # before this start
+    iterations: int = 0
+    level: int = 0
+    starts: int = 1
+    evaluations: list[dict] = field(default_factory=list)
+    curve: list[dict] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        recipe = self.recipe
+        torch.manual_seed(recipe.seed)
+        torch.set_num_threads(self.threads)
+        self.randomizer: Randomizer = randomizer_of(recipe)
+        self.robots = TrifingerVecEnv(
+            practice_of_recipe(recipe, self.randomizer),
+            robots=recipe.ppo.robots,
+            threads=self.threads,
+            seed=recipe.seed,
+            privileged=recipe.networks.privileged,
+        )
+        self.returns = NormalisedReturns(self.robots, recipe.ppo.discount)
+        self.model = _ppo(recipe, self.returns)
+        self.policy: ActorCritic | RecurrentActorCritic = self.model.policy  # type: ignore[assignment]
+        if recipe.networks.memory is None:
+            self.returns.value_of = self._values
+
+    def learn(self) -> None:
+        """Train until the samples or minutes of the recipe are over."""
+        if self.model.num_timesteps == 0:
+            self._look_around()
+        left = self.recipe.samples - self.model.num_timesteps
+        if left > 0:
+            self.model.learn(left, Watch(self), reset_num_timesteps=False, log_interval=1)
+
+    def evaluate(self) -> list[Tried]:
+        """Try the policy as it is, on the goals that all evaluations of the run have."""
+        settings, task, policy = self.recipe.evaluation, TASKS[self.recipe.task], self.exported()
+        seeds = range(EVALUATION_SEED, EVALUATION_SEED + settings.trials)
+        return [
+            try_policy(policy, policy.manifest, task, seeds, physics, threads=self.threads, physics_step_s=0.004)[0]
+            for physics in settings.physics
+        ]
+
+    def finish(self) -> dict:
+        """Write the policy, try it on fresh goals at 1 kHz, and write the record, which is returned."""
+        policy = self.exported()
+        path = write_policy(policy, self.folder, self.name)
+        trials, task = self.recipe.evaluation.final_trials, TASKS[self.recipe.task]
+        seeds = range(FINAL_SEED, FINAL_SEED + trials)
+        final = [
+            try_policy(policy, policy.manifest, task, seeds, physics, threads=self.threads)[0].document()
+            for physics in (self.recipe.evaluation.physics if trials else ())
+        ]
+        record = self.record() | {"policy": path.name, "final": final}
+        (self.folder / RECORD).write_text(json.dumps(record, indent=2) + "\n")
+        return record
+
+    def exported(self) -> ExportedPolicy:
+        """The actor as the farm takes it."""
+        return exported(self.policy, self.robots.environment.practice.manifest, self.name)
+
+    def record(self) -> dict:
+        """What the run has done so far."""
+        return {
+            "recipe": self.name,
+            "settings": self.recipe.model_dump(mode="json"),
+            "samples": self.model.num_timesteps,
+            "iterations": self.iterations,
+            "wall_s": round(self.seconds, 1),
+            "starts": self.starts,
+            "level": self.level,
+            "randomization": self.randomizer.document(),
+            "return_scaling": {"mean": self.returns.mean, "variance": self.returns.variance},
+            "curve": self.curve,
+            "evaluations": self.evaluations,
+        }
+
+    def keep(self) -> None:
+        """Write the checkpoint; whatever happens there is a whole one."""
+        state = {
+            "policy": self.policy.state_dict(),
+            "optimizer": self.policy.optimizer.state_dict(),
+            "returns": [self.returns.mean, self.returns.variance, self.returns.count],
+            "samples": self.model.num_timesteps,
+            "settings": self.recipe.model_dump_json(),
+            "randomization": self.randomizer.state(),
+            "run": [self.iterations, self.seconds, self.level, self.starts],
+            "evaluations": json.dumps([self.evaluations, self.curve]),
+        }
+        fresh = self.folder / (CHECKPOINT + ".new")
+        torch.save(state, fresh)
+        fresh.replace(self.folder / CHECKPOINT)
+
+    def go_on(self) -> None:
+        """Take up the checkpoint; robots begin new trials, drawn from another seed than before."""
+        state = torch.load(self.folder / CHECKPOINT, weights_only=True)
+        self.policy.load_state_dict(state["policy"])
+        self.policy.optimizer.load_state_dict(state["optimizer"])
+        self.returns.mean, self.returns.variance, self.returns.count = state["returns"]
+        self.model.num_timesteps = state["samples"]
+        self.randomizer.restore(state["randomization"])
+        self.iterations, self.seconds, level, starts = state["run"]
+        self.evaluations, self.curve = json.loads(state["evaluations"])
+        self.starts = starts + 1
+        self.robots.seed(self.recipe.seed + 1_000_003 * starts)
+        torch.manual_seed(self.recipe.seed + 1_000_003 * starts)
+        self.set_level(level)
+
+    def set_level(self, level: int) -> None:
+        """Practise this level of the curriculum from now on, all robots beginning anew."""
+        self.level = level
+        if self.recipe.curriculum:
+            levels = [*self.recipe.curriculum]
+            task = TASKS[levels[level].task if level < len(levels) else self.recipe.task]
+            self.robots.environment.practice = replace(self.robots.environment.practice, task=task)
+
+    def _look_around(self) -> None:
+        """Learn the scaling of the inputs from some steps with actions by chance, before anything else."""
+        rng, observation = np.random.default_rng(self.recipe.seed), self.robots.reset()
+        for _ in range(self.recipe.ppo.steps):
+            self.policy.features_extractor.learn_scaling(_as_rows(observation))
+            space = self.robots.action_space
+            shape = (self.robots.num_envs, 9)
+            actions = rng.uniform(-0.5, 0.5, shape) if hasattr(space, "low") else rng.integers(0, 11, shape)
+            observation = self.robots.step(actions)[0]
+
+    @torch.no_grad()
+    def _values(self, observation) -> np.ndarray:
+        assert isinstance(self.policy, ActorCritic)
+        tensors = self.policy.obs_to_tensor(observation)[0]
+        return self.policy.predict_values(tensors).flatten().numpy()
+
+
+def practice_of_recipe(recipe: Recipe, randomizer: Randomizer) -> Practice:
+    """What the recipe lets robots practise."""
+    acts = ActionSpace(recipe.action, recipe.action_scale)
+    task = recipe.curriculum[0].task if recipe.curriculum else recipe.task
+    return Practice(
+        TASKS[task],
+        acts.manifest(recipe.manifest),
+        acts,
+        Reward(**recipe.reward.model_dump()),
+        randomizer.draw,
+        recipe.episode_s,
+        recipe.physics_step_s,
+    )
+
+
+def _ppo(recipe: Recipe, robots: NormalisedReturns) -> PPO | RecurrentPPO:
+    ppo, networks = recipe.ppo, recipe.networks
+    first, last = ppo.learning_rate, ppo.final_learning_rate or ppo.learning_rate
+    method: Any
+    method, policy = (PPO, ActorCritic) if networks.memory is None else (RecurrentPPO, RecurrentActorCritic)
+    return method(
+        policy,
+        robots,
+        learning_rate=lambda left: last + (first - last) * left,
+        n_steps=ppo.steps,
+        batch_size=ppo.minibatch,
+        n_epochs=ppo.epochs,
+        gamma=ppo.discount,
+        gae_lambda=ppo.gae_lambda,
+        clip_range=ppo.clip,
+        ent_coef=ppo.entropy,
+        vf_coef=ppo.value,
+        max_grad_norm=ppo.largest_gradient,
+        policy_kwargs={
+            "actor": networks.actor,
+            "critic": networks.critic,
+            **({} if networks.memory is None else {"memory": networks.memory}),
+            "features_extractor_class": Inputs,
+            "features_extractor_kwargs": {"manifest": recipe.manifest},
+            "log_std_init": float(np.log(ppo.first_deviation)),
+        },
+        seed=recipe.seed,
+        device="cpu",
+    )
+
+
+def _as_rows(observation) -> torch.Tensor:
+    if isinstance(observation, dict):
+        return whole_of({name: torch.from_numpy(part) for name, part in observation.items()})
+    return torch.from_numpy(observation)

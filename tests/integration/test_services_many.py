@@ -1,0 +1,90 @@
+"""Several processes of the services on one PostgreSQL database and one S3 server: whoever is asked, it is one farm."""
+
+import signal
+
+import pytest
+
+from tests.homes import scale_settings
+from tests.integration.farm_process import Services, services, until
+
+
+@pytest.fixture(scope="module")
+def pair(postgres, s3, tmp_path_factory):
+    """Two services processes, each with API and dispatcher, and two robots that speak to each: (first, second)."""
+    folder, settings = tmp_path_factory.mktemp("many"), scale_settings(postgres, s3) | {"renew_every_s": 0.5}
+    with services(folder / "first", **settings) as first:
+        second = Services(folder / "second", bus_connect=first.bus, **settings)
+        second.tokens = first.tokens
+        try:
+            second.start()
+            for number, each in enumerate((first, first, second, second)):
+                each.bus = first.bus
+                each.start_robot(f"robot-{number}", trial_s=0.1)
+            for each in (first, second):
+                until(lambda farm=each: farm.robots_in("idle") == 4, 30, "four idle robots")
+            yield first, second
+        finally:
+            second.close()
+
+
+def test_what_one_takes_the_other_shows_and_all_robots_work(pair):
+    first, second = pair
+    job_id = first.submit(first.policy(), trials=40).json()["job_id"]
+    with second.admin.stream("GET", f"/v1/jobs/{job_id}/events") as answer:
+        ids = [int(line.removeprefix("id: ")) for line in answer.iter_lines() if line.startswith("id: ")]
+    assert ids == list(range(1, len(ids) + 1))
+    reports = [each.admin.get(f"/v1/jobs/{job_id}/report") for each in pair]
+    assert reports[0].content == reports[1].content
+    report = reports[0].json()
+    assert (report["trials"], report["attempts"], report["platform_faults"]) == (40, 40, 0)
+    assert [row["trials"] for row in report["per_robot"]] == [10, 10, 10, 10]
+    trial = second.admin.get(f"/v1/jobs/{job_id}/trials").json()["trials"][0]
+    logs = [each.admin.get(f"/v1/trials/{trial['trial_id']}/log").content for each in pair]
+    assert len(logs[0]) > 0
+    assert logs[0] == logs[1]
+    done = [{row["robot"]: row["trials_done"] for row in each.admin.get("/v1/robots").json()["robots"]} for each in pair]
+    until(lambda: [row["trials_done"] for row in second.admin.get("/v1/robots").json()["robots"]] == [10] * 4, 5, str(done))
+
+
+def test_a_wish_at_one_is_kept_by_the_other(pair):
+    first, second = pair
+    second.admin.post("/v1/robots/robot-0/drain")
+    until(lambda: first.admin.get("/v1/robots/robot-0").json()["state"] == "draining", 5, "robot-0 to drain")
+    job_id = first.submit(first.policy(), trials=12).json()["job_id"]
+    first.wait_for_end(job_id)
+    report = first.admin.get(f"/v1/jobs/{job_id}/report").json()
+    assert {row["robot"] for row in report["per_robot"]} == {"robot-1", "robot-2", "robot-3"}
+    second.admin.post("/v1/robots/robot-0/resume")
+    for each in pair:
+        until(lambda farm=each: farm.robots_in("idle") == 4, 10, "robot-0 to be idle again")
+
+
+def test_the_same_key_at_both_makes_one_job(pair):
+    policy, key = pair[0].policy(), {"Idempotency-Key": "both"}
+    sent = [each.submit(policy, headers=key) for each in pair]
+    assert [answer.status_code for answer in sent] == [201, 200]
+    assert len({answer.json()["job_id"] for answer in sent}) == 1
+    pair[1].wait_for_end(sent[0].json()["job_id"])
+
+
+def test_cancel_at_one_stops_what_the_other_leased(pair):
+    first, second = pair
+    job_id = first.submit(first.policy(), trials=1000).json()["job_id"]
+    until(lambda: second.job(job_id)["trials_done"] > 4, 20, "some trials to be done")
+    second.admin.post(f"/v1/jobs/{job_id}/cancel")
+    assert first.wait_for_end(job_id, 10)["state"] == "cancelled"
+
+
+def test_a_killed_process_loses_nothing_and_the_other_ends_the_job(pair):
+    first, second = pair
+    job_id = second.submit(second.policy(), trials=60).json()["job_id"]
+    until(lambda: first.job(job_id)["trials_done"] > 4, 20, "some trials to be done")
+    second.process.kill()
+    second.process.wait()
+    for number in (2, 3):
+        second.robots[f"robot-{number}"].kill()
+    assert first.wait_for_end(job_id, 60)["state"] == "succeeded"
+    report = first.admin.get(f"/v1/jobs/{job_id}/report").json()
+    assert len(report["per_trial"]) == 60
+    assert report["attempts"] == 60 + report["platform_faults"]
+    assert first.stop(signal.SIGTERM) == 0

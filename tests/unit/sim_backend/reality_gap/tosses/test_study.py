@@ -1,0 +1,38 @@
+"""A study of tosses refuses what it cannot use, and says of an object at rest that nothing can be told."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sim_backend.reality_gap.recording import RecordingError
+from sim_backend.reality_gap.tosses.study import study_object
+from sim_backend.reality_gap.verdict import VerdictKind
+from tests.unit.sim_backend.reality_gap.tosses.simulated_tosses import toss_spec, tosses
+
+
+def _study(recordings, nominal=None):
+    return study_object(toss_spec(), recordings, nominal or {}, np.random.default_rng(0), lambda *_: None)
+
+
+def test_an_object_at_rest_tells_nothing_and_says_what_to_record():
+    still = []
+    for recording in tosses(toss_spec(), 4, 4):
+        signals = recording.objects[0]
+        rest = replace(signals, position_m=signals.position_m[[-1] * 40], quat_wxyz=signals.quat_wxyz[[-1] * 40])
+        still.append(replace(recording, objects=(replace(rest, time_s=signals.time_s[:40]),)))
+    study = _study(still)
+    assert study.kind is VerdictKind.NOT_IDENTIFIABLE
+    assert study.causes == ()
+    assert any("free flight" in advice for advice in study.record_next)
+    assert any("friction" in sentence for sentence in study.cannot_tell)
+
+
+def test_refusals_say_why():
+    found = tosses(toss_spec(), 2, 4)
+    with pytest.raises(RecordingError, match="at least two episodes"):
+        _study(found[:1])
+    with pytest.raises(RecordingError, match="no recording has poses"):
+        _study([replace(one, objects=()) for one in found])
+    with pytest.raises(ValueError, match=r"table_friction.coefficient is 9; it must be between 0.05 and 3"):
+        _study(found, {"table_friction.coefficient": 9.0})

@@ -1,0 +1,40 @@
+"""Recipes: every shipped one holds, and what does not hold is told where."""
+
+import pytest
+
+pytest.importorskip("torch", reason="the extra 'learning' is not installed")
+
+from sim_backend.training.recipe import RecipeError, load_recipe, shipped_recipes
+
+LEAST = 'task = "reach"\nlayout = "reach"\nsamples = 16384\n'
+
+
+@pytest.mark.parametrize("name", shipped_recipes())
+def test_shipped_recipes_hold(name):
+    found, recipe = load_recipe(name)
+    assert found == name
+    assert recipe.about
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        ('task = "juggle"', "unknown task 'juggle'; choose from push"),
+        ('layout = "smell"', "unknown layout 'smell'; choose from"),
+        ("robots = 4", "robots: Extra inputs are not permitted"),
+        ("[ppo]\nminibatch = 1000", "minibatch is 1000; it must divide robots times steps, 16384"),
+        ("samples = 0", "samples: Input should be greater than or equal to 1"),
+    ],
+)
+def test_what_does_not_hold_is_told_where(tmp_path, line, sentence):
+    path = tmp_path / "mine.toml"
+    key = line.split(" =")[0]
+    path.write_text("".join(old + "\n" for old in LEAST.splitlines() if not old.startswith(key + " =")) + line + "\n")
+    with pytest.raises(RecipeError, match="mine") as caught:
+        load_recipe(str(path))
+    assert sentence in str(caught.value)
+
+
+def test_a_missing_recipe_is_told_what_there_is():
+    with pytest.raises(RecipeError, match=r"no recipe 'pull'; choose from .*push.*or name a TOML file"):
+        load_recipe("pull")

@@ -1,0 +1,145 @@
+"""A run in small: what it exports is what it learned, it goes on where it stopped, and a critic may know more than the actor."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="the extra 'learning' is not installed")
+pytest.importorskip("stable_baselines3", reason="the extra 'learning' is not installed")
+
+from sim_backend.layouts import layout_of  # noqa: E402
+from sim_backend.training.__main__ import document, main  # noqa: E402
+from sim_backend.training.actor_critic import difference_matrix  # noqa: E402
+from sim_backend.training.export import read_policy, write_policy  # noqa: E402
+from sim_backend.training.recipe import Recipe  # noqa: E402
+from sim_backend.training.train import Run  # noqa: E402
+
+pytestmark = pytest.mark.filterwarnings("default")  # torch's own
+TINY = """
+task = "reach"
+layout = "reach"
+episode_s = 0.4
+samples = {samples}
+[networks]
+actor = [8]
+critic = [8]
+[ppo]
+robots = 25
+steps = 8
+epochs = 1
+minibatch = 100
+[evaluation]
+every_samples = 200
+trials = 2
+physics = ["nominal"]
+final_trials = 2
+"""
+
+
+def recipe(**changes) -> Recipe:
+    settings = {
+        "task": "push",
+        "layout": "push",
+        "episode_s": 0.4,
+        "samples": 400,
+        "networks": {"actor": (16,), "critic": (16,)},
+        "ppo": {"robots": 25, "steps": 8, "epochs": 2, "minibatch": 100},
+        "evaluation": {"every_samples": 10_000, "trials": 2, "final_trials": 0},
+    }
+    return Recipe.model_validate(settings | changes)
+
+
+@pytest.mark.parametrize("action", ["torque", "dactyl bins"])
+@pytest.mark.parametrize("privileged", [False, True])
+def test_what_is_exported_is_what_was_learned(tmp_path, action, privileged):
+    networks = {"actor": (16, 16), "critic": (16,), "privileged": privileged}
+    run = Run("mine", recipe(action=action, networks=networks, physics="real"), tmp_path, threads=1, tell=lambda _: None)
+    run.learn()
+    seen = run.robots.reset()
+    with torch.no_grad():
+        learned = run.policy.get_distribution(run.policy.obs_to_tensor(seen)[0]).mode().numpy()
+    wanted = run.robots.environment.practice.action_space.to_command(learned)
+    policy = read_policy(write_policy(run.exported(), tmp_path, "mine"))
+    acts = policy(seen["seen"] if privileged else seen)
+    close = np.isclose(acts, wanted, atol=1e-5)
+    assert close.mean() > (0.99 if action == "dactyl bins" else 1 - 1e-9)  # two bins may be equally preferred
+
+
+def test_a_memory_is_exported_with_the_policy(tmp_path):
+    from sim_backend.evaluation import Remembering
+
+    networks = {"actor": (8,), "critic": (8,), "memory": 6}
+    run = Run("lstm", recipe(networks=networks, physics="real"), tmp_path, threads=1, tell=lambda _: None)
+    run.learn()
+    path = write_policy(run.exported(), tmp_path, "lstm")
+    policy, states = read_policy(path), None
+    assert isinstance(policy, Remembering)
+    policy.begin(25)
+    seen, beginning = run.robots.reset(), np.ones(25, dtype=bool)
+    for _ in range(3):
+        learned, states = run.policy.predict(seen, states, beginning, deterministic=True)
+        wanted = run.robots.environment.practice.action_space.to_command(learned)
+        np.testing.assert_allclose(policy(seen), wanted, atol=1e-5)
+        seen, beginning = run.robots.step(learned)[0], np.zeros(25, dtype=bool)
+    files = [str(path), str(path.with_suffix(".json")), str(tmp_path / "lstm.onnx")]
+    command = [sys.executable, "-m", "services.policies.conversion", *files, "none"]
+    done = subprocess.run(command, check=False, capture_output=True, text=True, cwd=tmp_path)
+    assert (tmp_path / "lstm.onnx").exists(), done.stdout + done.stderr
+
+
+def test_a_stopped_run_goes_on(tmp_path, capsys):
+    path, folder = tmp_path / "tiny.toml", tmp_path / "run"
+    path.write_text(TINY.format(samples=400))
+    arguments = [str(path), "--out", str(folder), "--threads", "1"]
+    assert main([*arguments, "--resume"]) == 2  # there is nothing to go on from
+    assert main(arguments) == 0
+    first = torch.load(folder / "checkpoint.pt", weights_only=True)
+    assert main(arguments) == 2
+    assert "--resume" in capsys.readouterr().err
+    path.write_text(TINY.format(samples=800))
+    assert main([*arguments, "--resume", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["samples"] == 800
+    record = json.loads((folder / "record.json").read_text())
+    assert record["samples"] == 800 and record["starts"] == 2
+    assert [each["samples"] for each in record["evaluations"]] == [200, 400, 600, 800]
+    second = torch.load(folder / "checkpoint.pt", weights_only=True)
+    assert second["returns"][2] > first["returns"][2]
+    weights = [state["policy"]["action_net.weight"] for state in (first, second)]
+    assert (weights[0] != weights[1]).any()
+    page = (Path(__file__).parents[4] / "docs" / "cli.md").read_text().split("### `trifarm train RECIPE`")[1]
+    assert re.findall("`([^`]+)`", re.search(r"^JSON keys: (.*)$", page, re.MULTILINE)[1]) == list(document(record, folder))
+
+
+def test_levels_follow_each_other(tmp_path):
+    levels = [{"task": "push", "until": 0.01}, {"task": "floor_pose", "until": 1.0}]
+    run = Run("levels", recipe(layout="move", task="lift", curriculum=levels), tmp_path, threads=1, tell=lambda _: None)
+    names = []
+    for level in (0, 1, 2):
+        run.set_level(level)
+        names.append(run.robots.environment.practice.task.name)
+    assert names == ["push", "floor_pose", "lift"]
+
+
+@pytest.mark.parametrize("layout", ["push", "move", "pose", "reach", "rrc2022-lift"])
+def test_differences_are_those_of_the_places_in_an_observation(layout):
+    from sim_backend.environment import Environment
+    from sim_backend.practice import practice_of
+
+    manifest = layout_of(layout)
+    environment = Environment(practice_of("reach" if layout == "reach" else "lift", layout=manifest, physics_step_s=0.004))
+    seen = environment.reset(np.random.default_rng(2))[0].astype(float)
+    found = difference_matrix(manifest) @ seen * 0.1
+    goal, cube = environment.goal, environment._state.cube_position_world_m[0]
+    tips, wanted = environment._state.fingertip_position_world_m[0], goal.fingertip_position_world_m[0]
+    parts = {
+        "push": [tips - np.tile(cube, 3), goal.cube_position_world_m[0] - cube],
+        "reach": [tips - wanted],
+        "pose": [goal.cube_position_world_m[0] - cube],
+    }
+    expected = parts.get(layout, parts["pose"] if layout == "rrc2022-lift" else parts["push"])
+    np.testing.assert_allclose(found, np.concatenate(expected), atol=1e-6)
