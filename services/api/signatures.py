@@ -6,6 +6,7 @@ from fastapi import APIRouter
 
 from api_schemas.signature import PublicKey, Signature
 from services.api.access import AnyCaller, User
+from services.api.document import refusals
 from services.api.farm import Farm, TheFarm
 from services.api.jobs import JobId, stored_report
 from services.jobs import reports
@@ -20,7 +21,7 @@ async def get_key(_caller: AnyCaller, farm: TheFarm) -> PublicKey:
     return PublicKey(key=FarmKey.of(farm.settings.data).public_hex)
 
 
-@router.get("/jobs/{job_id}/report/signature")
+@router.get("/jobs/{job_id}/report/signature", responses=refusals(409))
 async def get_signature(job_id: JobId, caller: User, farm: TheFarm) -> Signature:
     """The signature of a job's report; the same at every time."""
     body, _ = await stored_report(job_id, caller, farm)
