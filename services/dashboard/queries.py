@@ -1,4 +1,4 @@
-"""What the pages ask the database beyond what the API asks; every statement is answered from an index or a few recent jobs."""
+"""What the pages ask the database beyond what the API asks: all but the search by text from an index or a few jobs."""
 
 import json
 from collections import defaultdict

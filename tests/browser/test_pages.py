@@ -41,7 +41,7 @@ class Visit:
 @pytest.fixture(scope="module")
 def jobs(looked):
     """Two jobs on the same goals and one that runs for long, all of a policy with a hostile name."""
-    digest = looked.upload(HOSTILE)
+    digest = looked.upload(HOSTILE, looked.user)
     ended, again = (looked.submit(digest, looked.user, trials=2, seed=3) for _ in range(2))
     yield {"ended": ended, "again": again, "running": looked.submit(digest, looked.user, trials=40, seed=4)}
 
@@ -166,6 +166,14 @@ def test_a_user_cancels_his_job(browser, looked, jobs):
         visit.page.goto("/jobs")
         assert "/sign-in" in visit.page.url
         assert visit.complaints == []
+
+
+def test_a_revoked_token_closes_the_pages_that_it_opened(browser, looked):
+    made = looked.api.post("/v1/tokens", json={"owner": "carl", "scopes": ["submit"]}).json()
+    with Visit(browser, looked, made["secret"]) as visit:
+        visit.page.wait_for_selector("body[data-renewed]", timeout=10_000)
+        looked.api.delete(f"/v1/tokens/{made['token_id']}").raise_for_status()
+        visit.page.wait_for_url("**/sign-in**", timeout=20_000)
 
 
 @pytest.mark.parametrize("dark, width", [(False, 1280), (True, 390)], ids=["light-wide", "dark-narrow"])

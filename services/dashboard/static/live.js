@@ -1,5 +1,6 @@
 // Renews the parts of a page that the server sends anew, and keeps the keyboard's focus where it was.
 
+const REFUSED_PAUSE_MS = 1500;
 const address = document.body.dataset.live;
 const lost = document.querySelector(".link-lost");
 
@@ -21,7 +22,11 @@ function renew(name, html) {
 function follow() {
   const source = new EventSource(address);
   source.addEventListener("open", () => (lost.hidden = true));
-  source.addEventListener("error", () => (lost.hidden = false));
+  source.addEventListener("error", () => {
+    lost.hidden = false;
+    // The server answered and gave no stream: the page itself will say why, perhaps that one must sign in again.
+    if (source.readyState === EventSource.CLOSED) setTimeout(() => location.reload(), REFUSED_PAUSE_MS);
+  });
   source.addEventListener("parts", (event) => {
     for (const [name, html] of Object.entries(JSON.parse(event.data))) renew(name, html);
     document.body.dataset.renewed = String(Number(document.body.dataset.renewed ?? 0) + 1);
