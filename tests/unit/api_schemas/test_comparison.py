@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import minimize_scalar
 from scipy.stats import binomtest
 
-from api_schemas.comparison import NotComparableError, changed_sides, compare, mcnemar, paired_interval, wilson
+from api_schemas.comparison import NotComparableError, changed_sides, compare, mcnemar, paired_interval
 from api_schemas.trial import OutcomeKind
 from tests.unit.api_schemas.test_report_text import report, trial
 
@@ -54,13 +54,6 @@ def test_the_interval_covers_the_truth_about_as_often_as_it_says():
     bounds = np.array([paired_interval(int(row[1]), int(row[2]), goals, 0.8) for row in drawn])
     covered = np.mean((bounds[:, 0] <= gained - lost) & (gained - lost <= bounds[:, 1]))
     assert 0.76 < covered < 0.84
-
-
-def test_wilson_is_the_services_wilson():
-    from services.jobs.statistics import wilson as other
-
-    for successes, trials in ((0, 7), (7, 7), (11, 40)):
-        assert wilson(successes, trials, 0.8) == pytest.approx(other(successes, trials, 0.8), abs=1e-12)
 
 
 def test_goals_are_paired_by_their_seed_and_changed_sides_are_named():
