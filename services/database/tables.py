@@ -34,7 +34,7 @@ metadata = MetaData(
 
 
 class Words(TypeDecorator[str]):
-    """Text from outside, without the character NUL: PostgreSQL refuses it, so that one in an error would keep a trial from ending."""
+    """Text from outside, without the character NUL: PostgreSQL refuses it, and one in an error would keep a trial from ending."""
 
     impl = Text
     cache_ok = True

@@ -129,7 +129,7 @@ def main():
     parser.add_argument("--claims", type=int, default=200)
     asked = parser.parse_args()
     counts, found = (400, asked.many), {}
-    with tempfile.TemporaryDirectory() as folder, postgres_server(*QUICK) as postgres:
+    with tempfile.TemporaryDirectory() as folder, postgres_server(*QUICK[:4]) as postgres:
         urls = [f"sqlite+aiosqlite:///{Path(folder) / name}.sqlite" for name in ("few", "many")]
         found["sqlite"] = asyncio.run(measure(urls, counts, asked.claims))
         asyncio.run(postgres.run("CREATE DATABASE few"))
