@@ -5,14 +5,12 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any
 
 from sqlalchemy import (
-    Boolean,
     FromClause,
     Integer,
     Select,
     String,
     and_,
     bindparam,
-    literal_column,
     select,
     text,
     update,
@@ -53,7 +51,7 @@ def _oldest_undrawn() -> Select[Any]:
     than the index of such trials, and does not look for them among all that are done.
     """
     seed = select(job.c.seed).where(job.c.number == trial.c.job_number).scalar_subquery().label("job_seed")
-    from_him = select(trial, seed).where(literal_column(UNDRAWN, Boolean), trial.c.owner >= _OF_OWNER)
+    from_him = select(trial, seed).where(text(UNDRAWN), trial.c.owner >= _OF_OWNER)
     few = from_him.order_by(trial.c.owner, trial.c.job_number, trial.c.ordinal).limit(bindparam("most", type_=Integer)).subquery()
     return select(few).where(few.c.owner == _OF_OWNER).order_by(few.c.job_number, few.c.ordinal)
 
@@ -170,7 +168,7 @@ async def pinned(connection: AsyncConnection) -> Sequence[AnyRow]:
     """All jobs that wait for the one robot that may run their trials."""
     columns = (job.c.number, job.c.job_id, job.c.robot, job.c.trials, job.c.trials_done, job.c.created_s)
     waits = (
-        text(f"job.{PINNED.replace(' AND state', ' AND job.state')}"),
+        text(PINNED),
         job.c.trials_active == 0,
         job.c.cancel_requested.is_(False),
     )

@@ -7,7 +7,7 @@ follows the number of these users and not that of their trials.
 from collections.abc import Sequence
 from typing import Any
 
-from sqlalchemy import Boolean, ColumnElement, Select, and_, bindparam, func, literal, literal_column, select
+from sqlalchemy import ColumnElement, Select, TextClause, and_, bindparam, func, literal, select, text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.trial import TrialState
@@ -16,7 +16,7 @@ from services.database.tables import UNDRAWN, trial, turn
 from services.jobs.lease import ACTIVE
 
 
-def _next_user(chosen: ColumnElement[bool]) -> Select[Any, Any]:
+def _next_user(chosen: ColumnElement[bool] | TextClause) -> Select[Any, Any]:
     """Of the users with a trial that is ``chosen`` the one who was served longest ago; one never served comes first."""
     users = select(select(func.min(trial.c.owner)).where(chosen).scalar_subquery().label("owner")).cte("users", recursive=True)
     following = select(func.min(trial.c.owner)).where(chosen, trial.c.owner > users.c.owner).scalar_subquery()
@@ -28,7 +28,7 @@ def _next_user(chosen: ColumnElement[bool]) -> Select[Any, Any]:
 
 
 _DRAWN = _next_user(and_(trial.c.state == TrialState.QUEUED, trial.c.first_choice == bindparam("chosen")))
-_UNDRAWN = _next_user(literal_column(UNDRAWN, Boolean))
+_UNDRAWN = _next_user(text(UNDRAWN))
 _RUNNING = select(trial.c.owner).where(trial.c.state.in_(ACTIVE)).group_by(trial.c.owner)
 _AT_LIMIT = _RUNNING.having(func.count() >= bindparam("limit"))
 

@@ -12,6 +12,7 @@ import argparse
 import asyncio
 import json
 import platform
+import random
 import statistics
 import tempfile
 import time
@@ -31,29 +32,32 @@ from services.jobs.fleet import Fleet
 from services.jobs.order import trial_seed
 from tests.homes import QUICK, postgres_server
 
-ROBOTS = tuple(f"robot-{number:02d}" for number in range(20))
-USERS, TRIALS, AT_ONCE = 20, 40, 10_000
+ROBOTS = tuple(f"robot-{number}" for number in range(4))
+USERS, JOBS_OF, AT_ONCE = 20, (10, 40), 10_000
+"""The few are in smaller jobs, so that all users have some of them too."""
 LIMIT = 1.5
 D = "d" * 64
 POLICY = {"digest": D, "name": "p", "weights_format": "onnx", "weights_sha256": D, "weights_bytes": 1, "graph_sha256": D}
 POLICY |= {"manifest": "{}", "warnings": "[]", "owner": "o", "created_at": "now"}
-JOB = {"state": "queued", "policy": D, "policy_name": "p", "task": "push", "trials": TRIALS, "seed_drawn_by_server": False}
+JOB = {"state": "queued", "policy": D, "policy_name": "p", "task": "push", "seed_drawn_by_server": False}
 JOB |= {"created_at": "now", "created_s": 0.0}
 TRIAL = {"state": TrialState.QUEUED, "fence": 0, "faults": 0, "robot_order": "[]"}
 
 
-async def fill(url, trials):
-    """A database with so many queued trials, in jobs of 40; user 0 has every second job."""
+async def fill(url, trials, each_job):
+    """A database with so many queued trials in jobs of ``each_job``; user 0 has every second job."""
     await migrate(url)
     database = Database(url)
-    owners = [f"user-{0 if number % 2 else number // 2 % USERS:02d}" for number in range(trials // TRIALS)]
-    jobs = [{"number": n, "job_id": f"j{n}", "owner": owner, "seed": n} | JOB for n, owner in enumerate(owners, 1)]
+    owners = [f"user-{0 if number % 2 else number // 2 % USERS:02d}" for number in range(trials // each_job)]
+    jobs = [
+        {"number": n, "job_id": f"j{n}", "owner": owner, "seed": n, "trials": each_job} | JOB for n, owner in enumerate(owners, 1)
+    ]
     rows = [
         {"trial_id": f"{each['job_id']}-{ordinal:03d}", "job_number": each["number"], "owner": each["owner"], "ordinal": ordinal}
         | {"seed": trial_seed(each["seed"], ordinal)}
         | TRIAL
         for each in jobs
-        for ordinal in range(TRIALS)
+        for ordinal in range(each_job)
     ]
     async with database.write() as tx:
         await tx.execute(insert(policy).values(POLICY))
@@ -99,11 +103,12 @@ async def look(database):
 
 
 async def measure(urls, counts, claims):
-    databases = [await fill(url, count) for url, count in zip(urls, counts, strict=True)]
+    databases = [await fill(*given) for given in zip(urls, counts, JOBS_OF, strict=True)]
     times = {"claim": ([], []), "look": ([], [])}
-    for number in range(claims):
+    order = random.Random(1).choices(ROBOTS, k=claims)
+    for number, robot in enumerate(order):
         for which, database in enumerate(databases):
-            times["claim"][which].append(await claim(database, ROBOTS[number % len(ROBOTS)], number))
+            times["claim"][which].append(await claim(database, robot, number))
             times["look"][which].append(await look(database))
     for database in databases:
         await database.close()
@@ -126,16 +131,25 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path)
     parser.add_argument("--many", type=int, default=400_000)
-    parser.add_argument("--claims", type=int, default=200)
+    parser.add_argument(
+        "--claims", type=int, default=50, help="so few that no user of the 400 runs out of trials: then less is drawn there"
+    )
     asked = parser.parse_args()
     counts, found = (400, asked.many), {}
-    with tempfile.TemporaryDirectory() as folder, postgres_server(*QUICK) as postgres:
+    with tempfile.TemporaryDirectory() as folder, postgres_server(*QUICK[:4]) as postgres:
         urls = [f"sqlite+aiosqlite:///{Path(folder) / name}.sqlite" for name in ("few", "many")]
         found["sqlite"] = asyncio.run(measure(urls, counts, asked.claims))
         asyncio.run(postgres.run("CREATE DATABASE few"))
         asyncio.run(postgres.run("CREATE DATABASE many"))
         found["postgres"] = asyncio.run(measure([postgres.url("few"), postgres.url("many")], counts, asked.claims))
-    result = {"trials": counts, "users": USERS, "robots": len(ROBOTS), "claims": asked.claims, "limit": LIMIT} | found
+    result = {
+        "trials": counts,
+        "users": USERS,
+        "trials_of_a_job": JOBS_OF,
+        "robots": len(ROBOTS),
+        "claims": asked.claims,
+        "limit": LIMIT,
+    } | found
     result |= {"holds": all(found[home]["claim"]["ratio"] <= LIMIT for home in found), "machine": platform.machine()}
     body = json.dumps(result, indent=2)
     print(body)

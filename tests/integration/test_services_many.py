@@ -1,30 +1,50 @@
 """Several processes of the services on one PostgreSQL database and one S3 server: whoever is asked, it is one farm."""
 
+import os
 import signal
+import subprocess
+import sys
+from contextlib import contextmanager
 
 import pytest
 
 from tests.homes import scale_settings
-from tests.integration.farm_process import Services, services, until
+from tests.integration.farm_process import ROOT, Services, services, until
 
 
 @pytest.fixture(scope="module")
 def pair(postgres, s3, tmp_path_factory):
-    """Two services processes, each with API and dispatcher, and two robots that speak to each: (first, second)."""
+    """An API without dispatcher, an API with one, a dispatcher alone, and two robots at each API: (first, second)."""
     folder, settings = tmp_path_factory.mktemp("many"), scale_settings(postgres, s3) | {"renew_every_s": 0.5}
-    with services(folder / "first", **settings) as first:
+    with services(folder / "first", dispatches="false", **settings) as first:
         second = Services(folder / "second", bus_connect=first.bus, **settings)
         second.tokens = first.tokens
         try:
             second.start()
-            for number, each in enumerate((first, first, second, second)):
-                each.bus = first.bus
-                each.start_robot(f"robot-{number}", trial_s=0.1)
-            for each in (first, second):
-                until(lambda farm=each: farm.robots_in("idle") == 4, 30, "four idle robots")
-            yield first, second
+            with dispatcher(folder / "third", second.settings):
+                for number, each in enumerate((first, first, second, second)):
+                    each.bus = first.bus
+                    each.start_robot(f"robot-{number}", trial_s=0.1)
+                for each in (first, second):
+                    until(lambda farm=each: farm.robots_in("idle") == 4, 60, "four idle robots")
+                yield first, second
         finally:
             second.close()
+
+
+@contextmanager
+def dispatcher(data, settings):
+    """A dispatcher alone; it ends in good order."""
+    command = [sys.executable, "-m", "services", "dispatch", "--data", str(data)]
+    said = data.parent / "third.txt"
+    with said.open("wb") as errors:
+        process = subprocess.Popen(command, cwd=ROOT, env=os.environ | settings, stderr=errors)
+    try:
+        until(lambda: '"dispatching"' in said.read_text(), 30, "the dispatcher")
+        yield
+    finally:
+        process.terminate()
+        assert process.wait(10) == 0, said.read_text()
 
 
 def test_what_one_takes_the_other_shows_and_all_robots_work(pair):
@@ -75,7 +95,7 @@ def test_cancel_at_one_stops_what_the_other_leased(pair):
     assert first.wait_for_end(job_id, 10)["state"] == "cancelled"
 
 
-def test_a_killed_process_loses_nothing_and_the_other_ends_the_job(pair):
+def test_a_killed_process_loses_nothing_and_the_others_end_the_job(pair):
     first, second = pair
     job_id = second.submit(second.policy(), trials=60).json()["job_id"]
     until(lambda: first.job(job_id)["trials_done"] > 4, 20, "some trials to be done")

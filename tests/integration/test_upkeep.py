@@ -33,7 +33,7 @@ def done(farm):
 
 
 def test_a_backup_of_a_running_farm_is_restored_elsewhere_with_the_same_reports_and_goes_on(farm, done, tmp_path):
-    running = farm.submit(farm.policy(), trials=300, seed=2).json()["job_id"]
+    running = farm.submit(farm.policy(), trials=120, seed=2).json()["job_id"]
     until(lambda: farm.job(running)["trials_done"] > 10, 20, "some trials to be done")
     first = trifarm("backup", "--data", farm.data, "--to", tmp_path / "backup")
     until(lambda: farm.job(running)["trials_done"] > 30, 20, "more trials to be done")
@@ -55,7 +55,7 @@ def test_a_backup_of_a_running_farm_is_restored_elsewhere_with_the_same_reports_
         kept = restored.job(running)["trials_done"]
         assert kept >= 30
         restored.start_robots(2)
-        assert restored.wait_for_end(running, 100)["trials_done"] == 300
+        assert restored.wait_for_end(running, 100)["trials_done"] == 120
 
 
 def test_folders_that_cannot_be_used_are_refused_with_a_sentence(farm, done, tmp_path):
