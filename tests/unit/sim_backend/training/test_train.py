@@ -16,8 +16,10 @@ from sim_backend.layouts import layout_of  # noqa: E402
 from sim_backend.training.__main__ import document, main  # noqa: E402
 from sim_backend.training.actor_critic import difference_matrix  # noqa: E402
 from sim_backend.training.export import read_policy, write_policy  # noqa: E402
+from sim_backend.training.progress import Watch  # noqa: E402
 from sim_backend.training.recipe import Recipe  # noqa: E402
 from sim_backend.training.train import Run  # noqa: E402
+from sim_backend.trifinger.constants import CUBE_RADIUS_M  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("default")  # torch's own
 TINY = """
@@ -115,14 +117,30 @@ def test_a_stopped_run_goes_on(tmp_path, capsys):
     assert re.findall("`([^`]+)`", re.search(r"^JSON keys: (.*)$", page, re.MULTILINE)[1]) == list(document(record, folder))
 
 
-def test_levels_follow_each_other(tmp_path):
-    levels = [{"task": "push", "until": 0.01}, {"task": "floor_pose", "until": 1.0}]
+def test_levels_follow_each_other_as_trials_succeed(tmp_path):
+    levels = [{"task": "push", "until": 0.5}, {"task": "floor_pose", "until": 1.0}]
     run = Run("levels", recipe(layout="move", task="lift", curriculum=levels), tmp_path, threads=1, tell=lambda _: None)
-    names = []
-    for level in (0, 1, 2):
-        run.set_level(level)
+    run.learn()
+    watch, names = Watch(run), []
+    watch.init_callback(run.model)
+    for successes in ([True] * 99 + [False] * 101, [True] * 100 + [False] * 100, [True] * 199 + [False], [True] * 200):
+        watch._recent = list(successes)
+        watch._go_up()
         names.append(run.robots.environment.practice.task.name)
-    assert names == ["push", "floor_pose", "lift"]
+    assert names == ["push", "floor_pose", "floor_pose", "lift"]
+    assert run.record()["level"] == 2
+    heights = run.robots.environment.goal.cube_position_world_m[:, 2]
+    assert heights.min() > CUBE_RADIUS_M - 1e-9  # all robots have goals in the air at once
+    np.testing.assert_array_equal(run.model._last_episode_starts, np.ones(25, dtype=bool))
+
+
+def test_ranges_grow_within_a_run(tmp_path):
+    growing = {"method": "adr", "trials": 1, "low": 0.0, "high": 0.0, "step": 0.5, "at_boundary": 0.9}
+    run = Run("adr", recipe(physics="real", samples=1000, randomization=growing), tmp_path, threads=1, tell=lambda _: None)
+    assert run.record()["randomization"]["entropy"] == pytest.approx(np.log(1e-3), rel=0.3)
+    run.learn()
+    assert (run.randomizer.reach > 0.0).sum() > 10  # every trial at a boundary counts as good enough
+    assert run.record()["randomization"]["boundaries"]["coulomb_friction.torque_nm"][1] <= 0.2
 
 
 @pytest.mark.parametrize("layout", ["push", "move", "pose", "reach", "rrc2022-lift"])
