@@ -28,7 +28,8 @@ class Watch(BaseCallback):
         self._successes: list[bool] = []
         self._returns: list[float] = []
         self._recent: list[bool] = []
-        self._due = (len(run.evaluations) + 1) * run.recipe.evaluation.every_samples
+        every = run.recipe.evaluation.every_samples
+        self._due = (run.model.num_timesteps // every + 1) * every
         self._board = _board(run)
 
     def _on_rollout_start(self) -> None:

@@ -38,7 +38,7 @@ minibatch = 100
 [evaluation]
 every_samples = 200
 trials = 2
-physics = ["nominal"]
+physics = ["nominal", "mild"]
 final_trials = 2
 """
 
@@ -108,7 +108,9 @@ def test_a_stopped_run_goes_on(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["samples"] == 800
     record = json.loads((folder / "record.json").read_text())
     assert record["samples"] == 800 and record["starts"] == 2
-    assert [each["samples"] for each in record["evaluations"]] == [200, 400, 600, 800]
+    tried = [(each["samples"], each["physics"]) for each in record["evaluations"]]
+    assert tried == [(samples, physics) for samples in (200, 400, 600, 800) for physics in ("nominal", "mild")]
+    assert [each["physics"] for each in record["final"]] == ["nominal", "mild"]
     second = torch.load(folder / "checkpoint.pt", weights_only=True)
     assert second["returns"][2] > first["returns"][2]
     weights = [state["policy"]["action_net.weight"] for state in (first, second)]
