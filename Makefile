@@ -2,7 +2,7 @@
 PYTHON ?= python3
 PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: setup demo test check up bench train-reference image clean
+.PHONY: setup demo test check up bench train-reference image homes clean
 
 setup: .venv/full        ## install everything, learning and tests included (torch: several GB)
 
@@ -29,6 +29,9 @@ train-reference: .venv/full  ## train the shipped push policy anew (needs TEACHE
 
 image:                   ## container images
 	docker compose build
+
+homes:                   ## what tests of PostgreSQL and S3 need; without it they are skipped
+	tests/install_homes.sh
 
 clean:                   ## remove what the other targets made
 	rm -rf .venv demo-farm build *.egg-info bench-results.json

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from api_schemas.report import Report
 from api_schemas.schema import Schema
+from api_schemas.success_rate import wilson
 from api_schemas.trial import OutcomeKind
 
 CHANCE = 0.05
@@ -201,13 +202,6 @@ def _score(gained: int, lost: int, goals: int, difference: float) -> float:
     likeliest_lost = (math.sqrt(max(0.0, b * b - 4 * a * c)) - b) / (2 * a)
     variance = goals * (2 * likeliest_lost + difference * (1 - difference))
     away = gained - lost - goals * difference
+    if away == 0:
+        return 0.0
     return math.copysign(math.inf, away) if variance <= 1e-15 else away / math.sqrt(variance)
-
-
-def wilson(successes: int, trials: int, level: float) -> tuple[float, float]:
-    """Wilson's score interval of a rate. Source: E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209."""
-    z = NormalDist().inv_cdf((1 + level) / 2)
-    rate = successes / trials
-    centre, scale = rate + z * z / (2 * trials), 1 + z * z / trials
-    half = z * math.sqrt(rate * (1 - rate) / trials + z * z / (4 * trials * trials))
-    return max(0.0, (centre - half) / scale), min(1.0, (centre + half) / scale)

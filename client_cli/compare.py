@@ -79,7 +79,7 @@ def _difference(task: TaskComparison, found: Difference, position: int) -> Itera
     yield ""
     interval = f"95 % interval {100 * low:+.1f} to {100 * high:+.1f}"
     yield f"  {found.other} against {found.first}: {100 * found.difference:+.1f} points, {interval}"
-    yield f"    McNemar's exact p {found.p:.4f}: {_verdict(found)}"
+    yield f"    McNemar's exact p {_p(found.p)}: {_verdict(found)}"
     yield f"    both {found.both}, neither {found.neither}, gained {found.gained}, lost {found.lost}"
     changed = list(changed_sides(task, position))
     for goal in changed[:MOST_GOALS_SHOWN]:
@@ -88,6 +88,10 @@ def _difference(task: TaskComparison, found: Difference, position: int) -> Itera
         yield f"    {word:<6}  trial {before[0]} on {before[1]} -> trial {after[0]} on {after[1]}"
     if len(changed) > MOST_GOALS_SHOWN:
         yield f"    and {len(changed) - MOST_GOALS_SHOWN} more; --json lists all"
+
+
+def _p(p: float) -> str:
+    return f"{p:.4f}" if p >= 1e-4 else "< 0.0001"
 
 
 def _verdict(found: Difference) -> str:

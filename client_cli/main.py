@@ -7,10 +7,12 @@ from typing import Annotated, NoReturn
 import typer
 
 from client_cli import (
+    backup,
     cancel,
     check,
     compare,
     demo,
+    doctor,
     effects,
     fetch,
     gap,
@@ -20,6 +22,7 @@ from client_cli import (
     physics,
     replay,
     report,
+    restore,
     robots,
     status,
     submit,
@@ -60,6 +63,9 @@ app.command(epilog=epilog(*OF_A_CHILD, ExitCode.INTERRUPTED))(train.train)
 app.add_typer(gap.commands, name="gap")
 app.add_typer(robots.commands, name="robots")
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(status.status)
+app.command(epilog=epilog(*OF_A_CHILD))(backup.backup)
+app.command(epilog=epilog(*OF_A_CHILD))(restore.restore)
+app.command(epilog=epilog(*OF_A_CHILD))(doctor.doctor)
 app.add_typer(token.commands, name="token")
 
 

@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from robot_farm.api_link import ApiUnreachableError, own_token
+from robot_farm.api_link import ApiUnreachableError, LeaseRefusedError, own_token
 from robot_farm.settings import TOKEN_VARIABLE, Settings
 from sim_backend.driver.compilation import is_kept
 
@@ -86,7 +86,7 @@ def _look_after(place: _Place, settings: Settings, arguments: list[str], say: Ca
 def _own_token(place: _Place, settings: Settings, say: Callable[[str], None]) -> str | None:
     try:
         return own_token(settings.api, settings.token, place.name, ca=settings.ca, timeout_s=JOIN_WITHIN_S)
-    except (ApiUnreachableError, RuntimeError) as error:
+    except (ApiUnreachableError, LeaseRefusedError, RuntimeError) as error:
         say(f"{place.name} cannot join the farm yet: {error}")
         return None
 

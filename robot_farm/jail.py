@@ -3,6 +3,9 @@
 The deadline counts the process's own CPU time, so that a noisy machine never makes a policy fail: one second of CPU for an
 action is the policy's fault, ten seconds of wall time without that CPU time are the platform's. All actions of a trial
 together have a limit, too; it is looked at when an action is slow and otherwise only now and then, so that it costs nothing.
+
+What the process sends is a stranger's: the robot's ends of both pipes never block, because each request and each reply is short
+enough to go through a pipe whole, and every number of a reply is looked at before it is used.
 """
 
 import os
@@ -29,6 +32,9 @@ _LOOK_EVERY_ACTIONS = 100
 START_CPU_S = 20.0
 START_WALL_S = 60.0
 _POLL_S = 0.05
+_ACTION_BYTES = 4 * ACTION_SIZE
+_LONGEST_INFERENCE_NS = 86_400 * 10**9
+"""A day: a machine may have slept in between, but what is longer than this is made up, and no log could hold it."""
 _POLICY_PROCESS = "robot_farm.jailed_policy"
 
 
@@ -71,6 +77,8 @@ class JailedPolicy:
         )
         os.close(to_child)
         os.close(from_child)
+        os.set_blocking(self._write_fd, False)
+        os.set_blocking(self._read_fd, False)
         self._poll = select.poll()
         self._poll.register(self._read_fd, select.POLLIN)
         self._ready = False
@@ -125,9 +133,11 @@ class JailedPolicy:
             PolicyFailedError: as for :meth:`reset`, or the action is not finite or has another size.
         """
         payload, inference_time_ns = self._ask(policy_link.pack_request(policy_link.ACT, observation))
+        if len(payload) != _ACTION_BYTES:
+            raise PolicyFailedError(
+                OutcomeKind.POLICY_ERROR, f"the action has {len(payload) / 4:g} numbers instead of {ACTION_SIZE}"
+            )
         action = np.frombuffer(payload, np.float32).astype(np.float64)
-        if action.shape != (ACTION_SIZE,):
-            raise PolicyFailedError(OutcomeKind.POLICY_ERROR, f"the action has {action.size} numbers instead of {ACTION_SIZE}")
         if not np.isfinite(action).all():
             raise PolicyFailedError(OutcomeKind.NONFINITE_ACTION, f"the action is not finite: {action.tolist()}")
         return action, inference_time_ns
@@ -154,6 +164,10 @@ class JailedPolicy:
             os.write(self._write_fd, request)
         except BrokenPipeError:
             raise self._ended() from None
+        except BlockingIOError:
+            raise PolicyFailedError(
+                OutcomeKind.POLICY_ERROR, "the policy process answers without reading what it is asked"
+            ) from None
         self._wait(ACTION_CPU_S, ACTION_WALL_S, "one action")
         status, payload, inference_time_ns = self._reply()
         if status != policy_link.OK:
@@ -192,9 +206,15 @@ class JailedPolicy:
 
     def _reply(self) -> tuple[int, bytes, int]:
         try:
-            return policy_link.read_reply(self._read_fd)
+            status, payload, inference_time_ns = policy_link.read_reply(self._read_fd)
         except policy_link.LinkClosedError:
             raise self._ended() from None
+        except BlockingIOError:
+            raise PolicyFailedError(OutcomeKind.POLICY_ERROR, "the policy process sent a part of a reply and no more") from None
+        if inference_time_ns > _LONGEST_INFERENCE_NS:
+            reason = f"the policy process says that an action took {inference_time_ns / 1e9:g} s"
+            raise PolicyFailedError(OutcomeKind.POLICY_ERROR, reason)
+        return status, payload, inference_time_ns
 
     def _ended(self) -> PolicyFailedError:
         try:
@@ -206,4 +226,5 @@ class JailedPolicy:
 
 
 def _text(payload: bytes) -> str:
-    return payload.decode(errors="replace")
+    """What the process said, without what would steer a terminal that shows it."""
+    return "".join(each if each.isprintable() else " " for each in payload.decode(errors="replace"))

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from api_schemas import policy_link
+from api_schemas import policy_link, runtime
 from api_schemas.jail.entering import end_with_parent, enter
 from api_schemas.jail.needs import Needs
 from api_schemas.policy_graph import GraphRunner
@@ -29,8 +29,8 @@ def main(load: Callable[..., Act] | None = None) -> int:
     end_with_parent(robot_pid)
     try:
         import numpy as np
-        import onnxruntime
 
+        onnxruntime = runtime.runtime()
         content = graph.read_bytes()
         jail = enter(NEEDS)
     except Exception as error:  # the robot's installation is broken, which is no fault of the policy
@@ -69,13 +69,9 @@ class Network:
         self._runner.forget()
 
 
-def _load(graph: bytes, np, onnxruntime) -> Network:
+def _load(graph: bytes, np, _onnxruntime) -> Network:
     """The network as a function from observation bytes to an action array and its inference time in ns."""
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
-    options.log_severity_level = 4
-    return Network(GraphRunner(onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])), np)
+    return Network(GraphRunner(runtime.session(graph)), np)
 
 
 def _answer(act: Act, read_fd: int, write_fd: int) -> None:

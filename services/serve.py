@@ -3,7 +3,8 @@
 import asyncio
 import json
 import os
-from collections.abc import AsyncIterator, Iterator
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -11,7 +12,7 @@ from pathlib import Path
 import structlog
 import uvicorn
 from prometheus_client import CollectorRegistry, ProcessCollector
-from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from api_schemas.jail.detection import detect
 from api_schemas.token import Scope, TokenRequest
@@ -22,7 +23,7 @@ from services.dashboard.mount import mount
 from services.database.database import Database, address, migrate
 from services.dispatcher.bus import Bus
 from services.dispatcher.dispatcher import Dispatcher, Metrics
-from services.errors import NotReady
+from services.errors import NotReady, ServiceError
 from services.files.homes import open_home
 from services.files.store import FileStore
 from services.jobs import robots
@@ -32,12 +33,16 @@ from services.jobs.signals import Signals
 from services.policies.keeping import Policies
 from services.router import told_to_stop
 from services.settings import Settings
+from services.signing import FarmKey
+from services.upkeep import retention
+from services.upkeep.retention import Rules
 
 log = structlog.get_logger()
 ADMIN = TokenRequest(owner="operator", scopes=(Scope.ADMIN,))
 ROBOT = TokenRequest(owner="farm", scopes=(Scope.ROBOT,))
 TOKENS_FILE = "tokens.json"
 REQUESTS_END_WITHIN_S = 2
+TIDY_EVERY_S = 3600.0
 FOLLOW_EVERY_S = 10.0
 """How often the clock of a shared database is read again: clocks of two machines part by less than 1 ms in that time."""
 
@@ -122,12 +127,13 @@ async def open_farm(settings: Settings) -> AsyncIterator[Farm]:
         version=version("trifarm"),
         verifications=asyncio.Semaphore(settings.verification_at_once),
         jail=await asyncio.to_thread(detect),
+        key=FarmKey.of(settings.data, settings.farm_key and settings.farm_key.get_secret_value()),
     )
     try:
         await _first_tokens(settings, farm.tokens)
         async with database.write() as tx:
             await robots.load(tx, farm.fleet, clock.now_s(), settings.lease_s, prolong=not database.is_shared)
-        async with _following(farm):
+        async with _beside(farm):
             yield farm
     finally:
         farm.signals.close()
@@ -135,23 +141,34 @@ async def open_farm(settings: Settings) -> AsyncIterator[Farm]:
 
 
 @asynccontextmanager
-async def _following(farm: Farm) -> AsyncIterator[None]:
-    """Keeps the clock with that of the database where others share it."""
-    following = asyncio.create_task(_follow(farm)) if farm.database.is_shared else None
+async def _beside(farm: Farm) -> AsyncIterator[None]:
+    """Runs what goes on beside all requests: the clock follows the database's, and old logs go."""
+    repeated = [_repeat("logs were not tidied", TIDY_EVERY_S, lambda: _tidy(farm))]
+    if farm.database.is_shared:
+        repeated.append(_repeat("the clock was not set", FOLLOW_EVERY_S, lambda: farm.clock.set_by(farm.database)))
+    running = [asyncio.create_task(each) for each in repeated]
     try:
         yield
     finally:
-        if following is not None:
-            following.cancel()
+        for each in running:
+            each.cancel()
+        await asyncio.wait(running)
 
 
-async def _follow(farm: Farm) -> None:
+async def _repeat(failed: str, every_s: float, work: Callable[[], Awaitable[None]]) -> None:
     while True:
-        await asyncio.sleep(FOLLOW_EVERY_S)
+        await asyncio.sleep(every_s)
         try:
-            await farm.clock.set_by(farm.database)
-        except (OSError, SQLAlchemyError) as error:
-            log.warning("the database's clock was not read", reason=str(error))
+            await work()
+        except (OSError, SQLAlchemyError, ServiceError) as error:
+            log.warning(failed, reason=str(error))
+
+
+async def _tidy(farm: Farm) -> None:
+    rules = Rules(farm.settings.keep_logs_days, farm.settings.keep_logs_bytes)
+    removed = await retention.tidy(farm.database, farm.files, rules, time.time())
+    if removed.files:
+        log.info("old logs removed", files=removed.files, bytes=removed.bytes)
 
 
 @asynccontextmanager
@@ -175,7 +192,10 @@ async def _first_tokens(settings: Settings, tokens: Tokens) -> None:
     given = ((settings.admin_token, ADMIN), (settings.robot_token, ROBOT))
     for bearer, request in given:
         if bearer is not None:
-            await tokens.register(bearer.get_secret_value(), request)
+            try:
+                await tokens.register(bearer.get_secret_value(), request)
+            except IntegrityError:
+                await tokens.register(bearer.get_secret_value(), request)  # another process did so at the same time
     if any(bearer is not None for bearer, _ in given) or await tokens.all():
         return
     made = {"admin": (await tokens.make(ADMIN)).secret, "robot": (await tokens.make(ROBOT)).secret}

@@ -30,6 +30,9 @@ class Settings(BaseSettings):
     tls_key: Path | None = Field(default=None, description="PEM file with the certificate's private key")
     admin_token: SecretStr | None = None
     robot_token: SecretStr | None = None
+    farm_key: SecretStr | None = Field(
+        default=None, description="32 bytes as hexadecimal digits; without it, one in the data folder"
+    )
     max_attempts: int = Field(default=5, ge=1, description="platform faults of one trial before its job fails")
     pass_over_s: float = Field(default=30.0, ge=0, description="how long a trial waits for its busy first choice")
     pinned_robot_gone_s: float = Field(
@@ -66,6 +69,11 @@ class Settings(BaseSettings):
     s3_secret_access_key: SecretStr | None = None
     dispatches: bool = Field(default=True, description="false: this process answers requests and gives no leases")
     user_trials_at_once: int | None = Field(default=None, ge=1, description="how many trials one user may have running")
+
+    keep_logs_days: float | None = Field(
+        default=None, gt=0, description="logs that no report refers to are removed after so long"
+    )
+    keep_logs_bytes: int | None = Field(default=None, ge=0, description="and the oldest of them where they are more than this")
 
     @model_validator(mode="after")
     def _tls_is_whole(self) -> Self:

@@ -19,18 +19,29 @@ class FarmKey:
     seed: bytes
 
     @classmethod
-    def of(cls, data: Path) -> "FarmKey":
-        """The key of a data folder, made at the first call.
+    def of(cls, data: Path, given: str | None = None) -> "FarmKey":
+        """The key that is given, as 64 hexadecimal digits; without one that of the data folder, made at the first call.
+
+        Processes that serve one farm from several folders must be given the same.
 
         Raises:
-            ValueError: the file is there and holds no key.
+            ValueError: what is given, or the file that is there, holds no key.
         """
+        if given is not None:
+            return cls._read(given, "TRIFARM_FARM_KEY", "set")
         path = data / KEY_FILE
         if not path.exists():
             _make(path)
-        seed = bytes.fromhex(path.read_text().strip())
+        return cls._read(path.read_text(), str(path), "restore the file or delete it for")
+
+    @classmethod
+    def _read(cls, text: str, where: str, do: str) -> "FarmKey":
+        try:
+            seed = bytes.fromhex(text.strip())
+        except ValueError:
+            seed = b""
         if len(seed) != SEED_BYTES:
-            raise ValueError(f"{path} holds {len(seed)} bytes; a farm's key has {SEED_BYTES}: restore it or delete the file")
+            raise ValueError(f"{where} holds no key of a farm, {SEED_BYTES} bytes in hexadecimal digits; {do} a new one")
         return cls(seed)
 
     @property

@@ -39,8 +39,21 @@ class Postgres:
 
     port: int
     folder: Path
-    process: subprocess.Popen
+    command: list
+    more: dict
+    process: subprocess.Popen | None = None
     numbers: Iterator[int] = field(default_factory=itertools.count)
+
+    def start(self):
+        """Starts the server, also again."""
+        with (self.folder / "log").open("ab") as errors:
+            self.process = subprocess.Popen(self.command, stderr=errors, **self.more)
+        _wait(lambda: now(self.run("SELECT 1")), self.process, self.folder / "log")
+
+    def stop(self):
+        """Ends it at once, as a crash would."""
+        self.process.send_signal(signal.SIGQUIT)
+        self.process.wait(10)
 
     def url(self, name):
         return f"postgresql+asyncpg://postgres@127.0.0.1:{self.port}/{name}"
@@ -51,6 +64,11 @@ class Postgres:
             return await connection.fetch(statement)
         finally:
             await connection.close()
+
+    def make_newest(self):
+        """The template of new databases."""
+        now(self.run("CREATE DATABASE newest TEMPLATE template0"))
+        now(migrate(self.url("newest")))
 
     async def empty(self):
         """The address of a new database without tables."""
@@ -102,16 +120,12 @@ def postgres_server(*options):
         subprocess.run(made, check=True, **quiet, **who)
         port = free_port()
         place = ("-c", "listen_addresses=127.0.0.1", "-c", f"port={port}", "-c", f"unix_socket_directories={folder}")
-        with (folder / "log").open("wb") as errors:
-            command = [os.path.realpath(server), "-D", "data", *place, *options]
-            process = subprocess.Popen(command, stderr=errors, **quiet, **who)
-        running = Postgres(port, folder, process)
+        running = Postgres(port, folder, [os.path.realpath(server), "-D", "data", *place, *options], quiet | who)
         try:
-            _wait(lambda: now(running.run("SELECT 1")), process, folder / "log")
+            running.start()
             yield running
         finally:
-            process.send_signal(signal.SIGQUIT)
-            process.wait(10)
+            running.stop()
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -167,8 +181,7 @@ def _wait(answers, process, log, within_s=20):
 @pytest.fixture(scope="session")
 def postgres():
     with postgres_server(*QUICK) as running:
-        now(running.run("CREATE DATABASE newest TEMPLATE template0"))
-        now(migrate(running.url("newest")))
+        running.make_newest()
         yield running
 
 

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 import api_schemas
+from api_schemas.runtime import SILENT
 
 _KEPT = ("LD_LIBRARY_PATH",)
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -16,5 +17,5 @@ def jail_environment() -> dict[str, str]:
     """
     kept = {name: os.environ[name] for name in _KEPT if name in os.environ}
     root = str(Path(api_schemas.__file__).parent.parent)
-    own = {"PYTHONPATH": root, "PYTHONDONTWRITEBYTECODE": "1", "ORT_DISABLE_TELEMETRY": "1"}
+    own = {"PYTHONPATH": root, "PYTHONDONTWRITEBYTECODE": "1"} | SILENT
     return kept | dict.fromkeys(_ONE_THREAD, "1") | own

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from api_schemas import runtime
 from api_schemas.policy import PolicyManifest, canonical_json
 from api_schemas.policy_graph import GraphRunner
 from client_cli.errors import ClientError, UsageProblem
@@ -76,12 +77,7 @@ def observations(manifest: PolicyManifest, normaliser: Normaliser | None) -> Arr
 
 def compare(original: Original, graph: bytes, given: Array) -> Compared:
     """Run both through the same trials; both begin each trial with nothing remembered."""
-    import onnxruntime
-
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.log_severity_level = 4
-    packed = GraphRunner(onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"]))
+    packed = GraphRunner(runtime.session(graph))
     difference = action = 0.0
     for trial in given:
         original.begin()

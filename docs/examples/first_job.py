@@ -1,4 +1,4 @@
-"""Ten trials of a policy, and of each failure how far from its goal the object was while the time went by.
+"""Ten trials of a policy, how far from its goal the object was in each of them, and a signed report.
 
 Needs a farm: ``trifarm up`` in another terminal, or TRIFARM_URL and TRIFARM_TOKEN of one elsewhere.
 """
@@ -17,5 +17,5 @@ with Farm() as farm:
     for each in job.trials():
         log = each.log()
         away_mm = 1e3 * np.linalg.norm(log.tracked_position_world_m - log.goal[0], axis=1)
-        print(f"trial {each.trial.ordinal} on {each.trial.robot}: {away_mm[0]:.0f} mm at first, {away_mm[-1]:.0f} mm at last")
+        print(f"trial {each.trial.ordinal} on {each.trial.robot}: {away_mm[0]:.0f} mm away at first, {away_mm[-1]:.0f} at last")
     job.save_report("report.html")

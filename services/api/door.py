@@ -52,7 +52,8 @@ class Door:
         try:
             await self._serve(scope, receive, passage)
         finally:
-            audit.write(scope, passage.status, passage.made)
+            if passage.status == 0:
+                audit.write(scope, 0, None)
 
     async def _serve(self, scope: Asgi, receive: Receive, passage: "_Passage") -> None:
         key, address = _key(scope), network((scope.get("client") or ("unknown",))[0])
@@ -78,12 +79,12 @@ class Door:
 
 
 class _Passage:
-    """The way of an answer out: adds the headers of every answer, and remembers what the audit line tells."""
+    """The way of an answer out: adds the headers of every answer, and writes the audit line when it is known."""
 
     def __init__(self, scope: Asgi, send: Send) -> None:
-        self._send, self._state = send, scope["state"]
+        self._send, self._scope = send, scope
         self._limits: dict[str, str] = {}
-        self.status, self.made, self.ended, self.is_stream = 0, None, False, False
+        self.status, self.ended, self.is_stream = 0, False, False
 
     def limit(self, buckets: Buckets, draw: Draw) -> None:
         """What the answer tells of the asker's bucket."""
@@ -94,10 +95,12 @@ class _Passage:
         """Sends one message of the answer."""
         if message["type"] == "http.response.start":
             headers = MutableHeaders(scope=message)
-            headers["X-Request-Id"] = self._state["request_id"]
+            headers["X-Request-Id"] = self._scope["state"]["request_id"]
             headers.update(self._limits)
-            self.status, self.made = message["status"], headers.get("location")
+            self.status = message["status"]
             self.is_stream = headers.get("content-type", "").startswith("text/event-stream")
+            # Before the answer goes out: whoever has it finds its line.
+            audit.write(self._scope, self.status, headers.get("location"))
         await self._send(message)
         self.ended = message["type"] == "http.response.body" and not message.get("more_body", False)
 

@@ -16,6 +16,7 @@ from services.jobs.fleet import Fleet
 from services.jobs.signals import Signals
 from services.policies.keeping import Policies
 from services.settings import Settings
+from services.signing import FarmKey
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class Farm:
     version: str
     verifications: asyncio.Semaphore
     jail: Jail
+    key: FarmKey
 
 
 def _farm(request: Request) -> Farm:

@@ -29,7 +29,7 @@ def install(app: FastAPI) -> None:
 
 async def _service_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, ServiceError)
-    headers = {"WWW-Authenticate": "Bearer"} if error.status == 401 else None
+    headers = {401: {"WWW-Authenticate": "Bearer"}, 503: {"Retry-After": "2"}}.get(error.status)
     if isinstance(error, TooMany):
         headers = {"Retry-After": str(error.retry_after_s)}
     request.state.token_id = error.members.get("token_id")

@@ -56,6 +56,7 @@ async def _wish(robot: str, caller: Caller, farm: Farm, *, drain: bool) -> Robot
         await robots.wish_drain(tx, robot, drain=drain)
     member = farm.fleet.member(robot)
     member.drain, member.resume_wanted = drain, not drain
+    member.withdrawn = member.withdrawn if drain else None
     farm.signals.tell_others(None)
     farm.signals.wake_dispatcher(urgent=True)
     return await _show_one(robot, caller, farm)

@@ -6,10 +6,10 @@ from fastapi import APIRouter
 
 from api_schemas.signature import PublicKey, Signature
 from services.api.access import AnyCaller, User
+from services.api.document import refusals
 from services.api.farm import Farm, TheFarm
 from services.api.jobs import JobId, stored_report
 from services.jobs import reports
-from services.signing import FarmKey
 
 router = APIRouter(prefix="/v1", tags=["jobs"])
 
@@ -17,10 +17,10 @@ router = APIRouter(prefix="/v1", tags=["jobs"])
 @router.get("/key")
 async def get_key(_caller: AnyCaller, farm: TheFarm) -> PublicKey:
     """The key by which the farm's signatures are checked."""
-    return PublicKey(key=FarmKey.of(farm.settings.data).public_hex)
+    return PublicKey(key=farm.key.public_hex)
 
 
-@router.get("/jobs/{job_id}/report/signature")
+@router.get("/jobs/{job_id}/report/signature", responses=refusals(409))
 async def get_signature(job_id: JobId, caller: User, farm: TheFarm) -> Signature:
     """The signature of a job's report; the same at every time."""
     body, _ = await stored_report(job_id, caller, farm)
@@ -29,4 +29,4 @@ async def get_signature(job_id: JobId, caller: User, farm: TheFarm) -> Signature
 
 def sign(body: bytes, farm: Farm) -> Signature:
     """The farm's word for a stored report."""
-    return reports.sign(json.loads(body), FarmKey.of(farm.settings.data))
+    return reports.sign(json.loads(body), farm.key)

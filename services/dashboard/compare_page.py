@@ -31,7 +31,7 @@ async def show_comparison(
     job_ids: Annotated[list[str] | None, Query(alias="job", max_length=MOST_JOBS)] = None,
 ) -> Response:
     """Compares the jobs that the address names, ``jobs=a,b`` or ``job=a&job=b``; of fewer than two, asks for more."""
-    named = list(dict.fromkeys([*filter(None, jobs.split(",")), *(job_ids or [])]))
+    named = list(dict.fromkeys(name for name in (*jobs.split(","), *(job_ids or [])) if name))
     if len(named) > MOST_JOBS:
         raise Refused("too-many-jobs", f"{len(named)} jobs are named; at most {MOST_JOBS} are compared at once.")
     found, problem = None, None

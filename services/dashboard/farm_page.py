@@ -96,21 +96,21 @@ async def parts(session: Session, farm: Farm, watcher: Watcher) -> dict[str, str
         "queue": part("farm/queue.html", status=seen.status, per_minute=history.per_minute),
         "users": part("farm/users.html", loads=loads, operates=operates),
     }
+    visible = await _visible_jobs(seen.robots, session, farm)
     for robot in sorted(seen.robots, key=lambda each: (each.state not in NEEDS_ATTENTION, each.robot)):
-        done = history.recent.get(robot.robot)
-        visible = operates or await _is_own(robot.job, session, farm)
-        context = {"robot": robot, "recent": done, "operates": operates, "csrf": session.csrf, "visible": visible}
+        context = {"robot": robot, "recent": history.recent.get(robot.robot), "visible": robot.job in visible}
+        context |= {"operates": operates, "csrf": session.csrf}
         made[f"robot-{robot.robot}"] = part("farm/robot.html", **context)
     return made
 
 
-async def _is_own(job_id: str | None, session: Session, farm: Farm) -> bool:
-    """Whether a user may see the job that a robot works for."""
-    if job_id is None:
-        return False
+async def _visible_jobs(listed: tuple[Robot, ...], session: Session, farm: Farm) -> frozenset[str]:
+    """Of the jobs that robots work for, those that the viewer may see."""
+    running = frozenset(robot.job for robot in listed if robot.job is not None)
+    if session.caller.sees_only is None or not running:
+        return running
     async with farm.database.read() as connection:
-        rows = await connection.execute(queries.owner_of(job_id))
-        return rows.scalar() == session.caller.owner
+        return frozenset((await connection.execute(queries.owned(running, session.caller.owner))).scalars())
 
 
 @router.get("/")
@@ -123,7 +123,7 @@ async def show_farm(session: SignedIn, farm: TheFarm, watcher: TheWatcher) -> Re
 @router.get("/live", response_class=EventSourceResponse)
 async def stream_farm(session: SignedIn, farm: TheFarm, watcher: TheWatcher) -> AsyncIterator[ServerSentEvent]:
     """What changes on the page."""
-    async for event in live.stream(lambda: parts(session, farm, watcher), farm.signals):
+    async for event in live.stream(farm, session, lambda: parts(session, farm, watcher)):
         yield event
 
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from services.jobs.statistics import wilson
+from api_schemas.success_rate import wilson
 
 SMALLEST_MM, LARGEST_MM = 1.0, 400.0
 ERROR_TICKS_MM = (1, 3, 10, 30, 100, 300)

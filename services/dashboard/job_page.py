@@ -1,7 +1,7 @@
 """The page of one job: how far it is, its success rate as it narrows, its robots, and its trials, failures first."""
 
 from collections import defaultdict
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -138,13 +138,35 @@ async def show_job(job_id: JobId, session: SignedIn, farm: TheFarm, wanted: TheW
     return page("job.html", session, parts=made, title=f"Job {job_id}", here="jobs", job_id=job_id, live=stream)
 
 
+async def _seen_job(job_id: JobId, session: SignedIn, farm: TheFarm) -> Job:
+    return await jobs.get_job(job_id, session.caller, farm)
+
+
 @router.get("/jobs/{job_id}/live", response_class=EventSourceResponse)
-async def stream_job(job_id: JobId, session: SignedIn, farm: TheFarm, wanted: TheWanted) -> AsyncIterator[ServerSentEvent]:
+async def stream_job(
+    job: Annotated[Job, Depends(_seen_job)], session: SignedIn, farm: TheFarm, wanted: TheWanted
+) -> AsyncIterator[ServerSentEvent]:
     """What changes on the page."""
-    await jobs.get_job(job_id, session.caller, farm)
-    made = live.stream(lambda: parts(session, farm, job_id, wanted), farm.signals, lambda: farm.signals.watch(job_id))
-    async for event in made:
+    make = _when_changed(session, farm, job.job_id, wanted)
+    async for event in live.stream(farm, session, make, lambda: farm.signals.watch(job.job_id)):
         yield event
+
+
+def _when_changed(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> Callable[[], Awaitable[live.Parts]]:
+    """The parts of the page, made anew only when the job has another event or waits for something else."""
+    mark: tuple[int, str | None] | None = None
+    made: live.Parts = {}
+
+    async def make() -> live.Parts:
+        nonlocal mark, made
+        async with farm.database.read() as connection:
+            row = await views.job_row(connection, job_id, session.caller.sees_only)
+            (job,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s())
+        if mark != (row.last_event, job.waiting_because):
+            mark, made = (row.last_event, job.waiting_because), await parts(session, farm, job_id, wanted)
+        return made
+
+    return make
 
 
 @router.get("/jobs/{job_id}/report")

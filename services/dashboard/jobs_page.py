@@ -8,16 +8,15 @@ from urllib.parse import urlencode
 from fastapi import APIRouter, Depends, Query, Response
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from api_schemas.job import FINAL_JOB_STATES, JobState
+from api_schemas.job import Job, JobState
 from services.api import cursor as cursors
 from services.api.farm import Farm, TheFarm
 from services.dashboard import live
 from services.dashboard.figures import Bar
 from services.dashboard.pages import PageRoute, page, part
-from services.dashboard.queries import JobFilter, ahead_of
+from services.dashboard.queries import JobFilter
 from services.dashboard.sessions import Session, SignedIn
-from services.database.rows import AnyRow
-from services.jobs.waiting import Ahead, job_waits
+from services.jobs import views
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 ON_A_PAGE = 25
@@ -53,7 +52,7 @@ TheWanted = Annotated[Wanted, Depends(_wanted)]
 class Line:
     """One job in the list."""
 
-    job: AnyRow
+    job: Job
     bar: Bar
     why: str | None
 
@@ -63,18 +62,13 @@ async def parts(session: Session, farm: Farm, wanted: Wanted) -> dict[str, str]:
     chosen = JobFilter(session.caller.sees_only, wanted.state, wanted.text, cursors.decode(wanted.cursor))
     async with farm.database.read() as connection:
         rows = (await connection.execute(chosen.select(ON_A_PAGE + 1))).all()
-        ahead = await ahead_of(connection, rows[:ON_A_PAGE])
-    lines = [_line(row, ahead.get(row.number, Ahead(0, 0)), farm) for row in rows[:ON_A_PAGE]]
+        limit = farm.settings.user_trials_at_once
+        jobs = await views.show_jobs(connection, rows[:ON_A_PAGE], farm.fleet, farm.clock.now_s(), limit)
+    lines = [Line(job, Bar.of(job.job_id, job.successes, job.trials_done), job.waiting_because or job.reason) for job in jobs]
     following = cursors.encode(rows[ON_A_PAGE - 1].number) if len(rows) > ON_A_PAGE else None
     following = None if following is None else wanted.address(cursor=following)
     shows_owner = session.caller.sees_only is None
     return {"jobs": part("jobs/list.html", lines=lines, following=following, wanted=wanted, shows_owner=shows_owner)}
-
-
-def _line(row: AnyRow, ahead: Ahead, farm: Farm) -> Line:
-    ended = row.state in FINAL_JOB_STATES
-    why = row.reason if ended else job_waits(row, ahead, farm.fleet, farm.clock.now_s())
-    return Line(row, Bar.of(row.job_id, row.successes, row.trials_done), why)
 
 
 @router.get("/jobs")
@@ -88,5 +82,5 @@ async def show_jobs(session: SignedIn, farm: TheFarm, wanted: TheWanted) -> Resp
 @router.get("/live/jobs", response_class=EventSourceResponse)
 async def stream_jobs(session: SignedIn, farm: TheFarm, wanted: TheWanted) -> AsyncIterator[ServerSentEvent]:
     """What changes in the list."""
-    async for event in live.stream(lambda: parts(session, farm, wanted), farm.signals):
+    async for event in live.stream(farm, session, lambda: parts(session, farm, wanted)):
         yield event

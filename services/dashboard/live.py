@@ -7,7 +7,9 @@ from contextlib import suppress
 
 from fastapi.sse import ServerSentEvent
 
-from services.jobs.signals import Signals
+from services.api.farm import Farm
+from services.dashboard.sessions import Session
+from services.errors import ServiceError
 
 Parts = Mapping[str, str]
 """The HTML of each part by the id of its element."""
@@ -18,27 +20,34 @@ GATHER_S = 0.1
 
 
 async def stream(
-    make: Callable[[], Awaitable[Parts]], signals: Signals, watch: Callable[[], asyncio.Event] | None = None
+    farm: Farm, session: Session, make: Callable[[], Awaitable[Parts]], watch: Callable[[], asyncio.Event] | None = None
 ) -> AsyncIterator[ServerSentEvent]:
-    """The parts that differ from what was sent last; ``anew`` when there are others than before, so that the page loads again.
+    """The parts that differ from what was sent last; ``anew`` when the page is to be loaded again.
+
+    That is so when there are other parts than before, and when the token was revoked or what is shown has gone.
 
     Args:
+        farm: whose end ends the stream.
+        session: of whoever looks.
         make: renders all parts as they are now.
-        signals: its end ends the stream.
         watch: gives an event that is set at the next change of what is shown.
     """
     sent: dict[str, str] = {}
-    while not signals.closing.is_set():
+    while not farm.signals.closing.is_set():
         changed = watch() if watch else None
-        parts = await make()
-        if sent and parts.keys() != sent.keys():
+        try:
+            await farm.tokens.caller(session.bearer)
+            parts = await make()
+        except ServiceError:
+            parts = {}
+        if not parts or (sent and parts.keys() != sent.keys()):
             yield ServerSentEvent(raw_data="{}", event="anew")
             return
         different = {name: html for name, html in parts.items() if sent.get(name) != html}
         if different:
             yield ServerSentEvent(raw_data=json.dumps(different), event="parts")
             sent |= different
-        if await _waited(changed or signals.closing):
+        if await _waited(changed or farm.signals.closing):
             await asyncio.sleep(GATHER_S)
 
 

@@ -11,7 +11,6 @@ from services.dashboard import compare_page, farm_page, job_page, jobs_page, sig
 from services.dashboard.pages import FOLDER, HEADERS
 from services.dashboard.sessions import Seal
 from services.errors import NotFound
-from services.signing import FarmKey
 
 router = APIRouter(include_in_schema=False)
 MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
@@ -19,7 +18,7 @@ MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+
 
 def mount(app: FastAPI, farm: Farm) -> None:
     """Adds the pages to the API's application; sessions are sealed with the farm's key."""
-    app.state.dashboard_seal = Seal.of(FarmKey.of(farm.settings.data))
+    app.state.dashboard_seal = Seal.of(farm.key)
     app.state.dashboard_watcher = farm_page.Watcher()
     app.state.dashboard_replays = trial_page.Replays(farm.settings.data / "replays")
     for pages in (sign_in, farm_page, jobs_page, job_page, compare_page, trial_page):

@@ -1,8 +1,8 @@
-"""What the pages ask the database beyond what the API asks; every statement is answered from an index or a few recent jobs."""
+"""What the pages ask the database beyond what the API asks: all but the search by text from an index or a few jobs."""
 
 import json
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from sqlalchemy import Select, func, or_, select
@@ -13,7 +13,6 @@ from api_schemas.trial import AttemptState, OutcomeKind
 from services.database.rows import AnyRow
 from services.database.tables import attempt, event, job, trial
 from services.jobs.lease import UNENDED
-from services.jobs.waiting import Ahead
 
 RECENT_JOBS = 300
 RECENT_ATTEMPTS = 2000
@@ -97,28 +96,9 @@ class JobFilter:
         return wanted
 
 
-async def ahead_of(connection: AsyncConnection, rows: Sequence[AnyRow]) -> dict[int, Ahead]:
-    """What stands before each queued job, by its number; one statement for the whole list."""
-    queued = [row.number for row in rows if row.state == JobState.QUEUED]
-    if not queued:
-        return {}
-    before = {"order_by": job.c.number, "rows": (None, -1)}
-    counted = (
-        select(
-            job.c.number,
-            func.coalesce(func.sum(LEFT).over(**before), 0).label("trials"),
-            func.count().over(**before).label("jobs"),
-        )
-        .where(job.c.state.in_(UNENDED), job.c.cancel_requested.is_(False), LEFT > 0)
-        .subquery()
-    )
-    found = await connection.execute(select(counted).where(counted.c.number.in_(queued)))
-    return {row.number: Ahead(row.trials, row.jobs) for row in found}
-
-
-def owner_of(job_id: str) -> Select[tuple]:
-    """The statement for a job's owner."""
-    return select(job.c.owner).where(job.c.job_id == job_id)
+def owned(job_ids: Collection[str], owner: str) -> Select[tuple]:
+    """The statement for those of the jobs that are this owner's."""
+    return select(job.c.job_id).where(job.c.job_id.in_(job_ids), job.c.owner == owner)
 
 
 async def trial_rows(connection: AsyncConnection, number: int) -> Sequence[AnyRow]:

@@ -40,8 +40,10 @@ def reduce(log: Path, truth: Path | None) -> tuple[dict[str, Any], dict[str, np.
         records = {record.name: record.metadata for record in reader.iter_metadata()}
         _collect(reader, (*OFTEN, *RARE), found)
     if truth is not None:
+        known = (t.CUBE_POSE, t.TRUE_SCENE)
+        found |= {topic: [] for topic in known}
         with truth.open("rb") as stream:
-            _collect(make_reader(stream), (t.CUBE_POSE, t.TRUE_SCENE), found)
+            _collect(make_reader(stream), known, found)
     header = {
         "format": "trifarm-replay/1",
         "task": records.get(t.TRIAL_METADATA, {}).get("task", ""),
@@ -86,7 +88,8 @@ def _collect(reader: McapReader, topics: tuple[str, ...], found: dict[str, list[
     every = {topic: max(1, -(-counts.get(topic, 0) // MOST_SAMPLES)) for topic in OFTEN}
     seen = dict.fromkeys(topics, 0)
     factory, decoders = DecoderFactory(), {}
-    for schema, channel, message in reader.iter_messages(topics=list(topics)):
+    # In the order of the file, which is that of time within each topic: to merge all topics by time takes a third longer.
+    for schema, channel, message in reader.iter_messages(topics=list(topics), log_time_order=False):
         topic = channel.topic
         seen[topic] += 1
         if (seen[topic] - 1) % every.get(topic, 1):

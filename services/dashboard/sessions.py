@@ -4,7 +4,7 @@ import base64
 import hashlib
 import hmac
 import secrets
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated
 
 from cryptography.fernet import Fernet, InvalidToken
@@ -23,10 +23,11 @@ LASTS_S = 12 * 3600
 
 @dataclass(frozen=True)
 class Session:
-    """Who looks, and the word that his forms must carry."""
+    """Who looks, the word that his forms must carry, and the token that he signed in with."""
 
     caller: Caller
     csrf: str
+    bearer: str = field(repr=False)
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class Seal:
     def open(self, cookie: str) -> str | None:
         """The token inside a cookie; None when it is too old or none of ours."""
         try:
-            return self._fernet.decrypt(cookie, ttl=LASTS_S).decode()
+            return self._fernet.decrypt(cookie.encode(), ttl=LASTS_S).decode()
         except InvalidToken:
             return None
 
@@ -76,7 +77,7 @@ async def _session(request: Request, farm: TheFarm, seal: TheSeal) -> Session:
     request.state.caller = caller  # for the limits and the audit line
     if not caller.may(Scope.SUBMIT, Scope.OPERATE):
         raise Forbidden("scope-missing", f"The token of {caller.owner} may neither submit nor operate; this page is for those.")
-    return Session(caller, seal.word(cookie))
+    return Session(caller, seal.word(cookie), bearer)
 
 
 SignedIn = Annotated[Session, Depends(_session)]

@@ -112,11 +112,12 @@ async def get_replay(
             wanted = select(trial_table.c.truth_sha256).where(trial_table.c.trial_id == trial_id)
             truth = (await connection.execute(wanted)).scalar_one()
     path = await replays.reduced(farm, shown.log_sha256, truth)
-    headers = HEADERS | {"Cache-Control": "private, max-age=86400"}
-    return FileResponse(path, media_type="application/octet-stream", headers=headers)
+    return FileResponse(path, media_type="application/octet-stream", headers=HEADERS)
 
 
 @router.get("/trials/{trial_id}/log")
 async def get_log(trial_id: TrialId, request: Request, session: SignedIn, farm: TheFarm) -> Response:
-    """The log itself, as the API serves it."""
-    return await trials.get_log(trial_id, request, session.caller, farm)
+    """The log itself, as the API serves it, but not for whoever uses this browser next."""
+    answer = await trials.get_log(trial_id, request, session.caller, farm)
+    answer.headers.update(HEADERS)
+    return answer

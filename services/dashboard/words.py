@@ -29,6 +29,11 @@ def points(difference: float) -> str:
     return f"{100 * difference:+.1f}".replace("-", "−")
 
 
+def chance(p: float) -> str:
+    """A p-value."""
+    return f"{p:.4f}" if p >= 1e-4 else "< 0.0001"
+
+
 def duration(seconds: float | None) -> str:
     """A duration in one or two units."""
     if seconds is None:
@@ -42,10 +47,14 @@ def duration(seconds: float | None) -> str:
 
 
 def ago(at: str | None) -> str:
-    """How long ago a moment was."""
+    """How long ago a moment was, no finer than a reader cares for: a list that is watched must not change each second."""
     if at is None:
         return "–"
-    return f"{duration((datetime.now(UTC) - datetime.fromisoformat(at)).total_seconds())} ago"
+    seconds = (datetime.now(UTC) - datetime.fromisoformat(at)).total_seconds()
+    for unit_s, unit in ((86_400, "d"), (3600, "h"), (60, "min")):
+        if seconds >= 2 * unit_s or (unit_s == 60 and seconds >= unit_s):
+            return f"{seconds // unit_s:.0f} {unit} ago"
+    return "just now"
 
 
 def moment(at: str | None) -> str:
@@ -76,6 +85,7 @@ def counted(number: int, noun: str) -> str:
 FILTERS: dict[str, Callable[..., str]] = {
     "percent": percent,
     "points": points,
+    "chance": chance,
     "duration": duration,
     "ago": ago,
     "moment": moment,

@@ -10,11 +10,11 @@ from alembic.config import Config
 from alembic.script import ScriptDirectory
 from sqlalchemy import inspect, text
 from sqlalchemy.engine import make_url
-from sqlalchemy.exc import ArgumentError, SQLAlchemyError
-from sqlalchemy.ext.asyncio import AsyncConnection, create_async_engine
+from sqlalchemy.exc import ArgumentError
+from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
 
 from services.database import postgres, sqlite
-from services.errors import NotReady
+from services.errors import NotReady, Unavailable
 
 MIGRATIONS = Path(__file__).parent.parent / "migrations"
 ADDRESSES = "give postgresql://user:password@host/name, or none for SQLite in the data folder"
@@ -38,7 +38,7 @@ class Database:
     @asynccontextmanager
     async def read(self) -> AsyncIterator[AsyncConnection]:
         """A connection for statements that change nothing; each sees what is committed when it runs."""
-        async with self._readers.connect() as connection:
+        async with _reached(self._readers) as connection:
             yield connection
 
     @asynccontextmanager
@@ -50,7 +50,7 @@ class Database:
                 a restart would find out anyway, such as that a robot answered.
         """
         writer = self._writer if lasting else self._brief_writer
-        async with self._turn, writer.begin() as connection:
+        async with self._turn, _reached(writer) as connection, connection.begin():
             if self.is_shared and not lasting:
                 await connection.execute(postgres.BRIEF)
             yield connection
@@ -59,6 +59,21 @@ class Database:
         """Closes all connections."""
         await self._readers.dispose()
         await self._writer.dispose()
+
+
+@asynccontextmanager
+async def _reached(engine: AsyncEngine) -> AsyncIterator[AsyncConnection]:
+    """A connection, or the error that the database is away; what goes wrong on the connection later is its user's."""
+    connection = engine.connect()
+    try:
+        await connection.start()
+    except postgres.AWAY as error:
+        detail = "The database did not answer; nothing was changed by this request. Try again in a moment."
+        raise Unavailable("database-unavailable", detail) from error
+    try:
+        yield connection
+    finally:
+        await connection.close()
 
 
 def address(url: str) -> str:
@@ -110,7 +125,7 @@ async def form_of(url: str) -> str | None:
             if not await connection.run_sync(lambda sync: inspect(sync).has_table("alembic_version")):
                 return None
             return (await connection.execute(text("SELECT version_num FROM alembic_version"))).scalar_one_or_none()
-    except (OSError, SQLAlchemyError) as error:
+    except postgres.AWAY as error:
         where = make_url(url).render_as_string(hide_password=True)
         raise NotReady(f"the database at {where} cannot be opened ({error}); see that it runs and lets this user in") from error
     finally:

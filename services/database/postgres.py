@@ -1,6 +1,10 @@
 """PostgreSQL as the home of truth: many writers, none of whom can hold the others up for long."""
 
+from typing import Any
+
+import asyncpg
 from sqlalchemy import ColumnElement, func, select, text
+from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
 
 SCHEME = "postgresql+asyncpg"
@@ -21,6 +25,8 @@ SESSION = {
     "tcp_keepalives_interval": "2",
     "tcp_keepalives_count": "3",
 }
+AWAY = (OSError, SQLAlchemyError, asyncpg.PostgresError, asyncpg.InterfaceError)
+"""What the way to a server that is stopped, starting, full or cut off may end with."""
 MIGRATING = 0x7472_6966_0001
 DISPATCHING = 0x7472_6966_0002
 BRIEF = text("SET LOCAL synchronous_commit TO OFF")
@@ -53,6 +59,6 @@ async def dispatch_alone(tx: AsyncConnection) -> None:
         await tx.execute(select(func.pg_advisory_xact_lock(DISPATCHING)))
 
 
-def server_clock_s() -> ColumnElement[float]:
+def server_clock_s() -> ColumnElement[Any]:
     """The clock of the database's host, in seconds since 1970."""
     return func.extract("epoch", func.clock_timestamp())

@@ -8,6 +8,7 @@ from sqlalchemy import (
     BigInteger,
     Boolean,
     Column,
+    Dialect,
     Float,
     ForeignKey,
     Index,
@@ -20,6 +21,7 @@ from sqlalchemy import (
     UniqueConstraint,
     text,
 )
+from sqlalchemy.types import TypeDecorator
 
 metadata = MetaData(
     naming_convention={
@@ -30,9 +32,22 @@ metadata = MetaData(
     }
 )
 
+
+class Words(TypeDecorator[str]):
+    """Text from outside without NUL, which PostgreSQL refuses: one in an error's text would keep a trial from ending."""
+
+    impl = Text
+    cache_ok = True
+
+    def process_bind_param(self, value: str | None, dialect: Dialect) -> str | None:  # noqa: ARG002  SQLAlchemy's signature
+        """What is stored."""
+        return None if value is None else value.replace("\0", "\ufffd")
+
+
 # SQLite numbers rows by itself only for a column of exactly the type INTEGER.
 NUMBER = BigInteger().with_variant(Integer, "sqlite")
 LEASED = "state IN ('leased', 'running')"
+UNDRAWN = "state = 'queued' AND first_choice IS NULL"
 PINNED = "robot IS NOT NULL AND state IN ('queued', 'running')"
 
 policy = Table(
@@ -40,7 +55,7 @@ policy = Table(
     metadata,
     Column("number", NUMBER, primary_key=True, autoincrement=True),
     Column("digest", String(64), nullable=False, unique=True),
-    Column("name", String(100), nullable=False),
+    Column("name", Words(100), nullable=False),
     Column("weights_format", String(16), nullable=False),
     Column("weights_sha256", String(64), nullable=False),
     Column("weights_bytes", BigInteger, nullable=False),
@@ -68,7 +83,7 @@ job = Table(
     Column("job_id", String(20), nullable=False, unique=True),
     Column("state", String(16), nullable=False, index=True),
     Column("policy", String(64), ForeignKey("policy.digest")),
-    Column("policy_name", String(100)),
+    Column("policy_name", Words(100)),
     Column("task", String(32), nullable=False),
     Column("object", String(32), nullable=False, default="cube"),
     Column("object_scale", Float, nullable=False, default=1.0),
@@ -83,7 +98,7 @@ job = Table(
     Column("created_s", Float, nullable=False),
     Column("started_at", String(40)),
     Column("ended_at", String(40)),
-    Column("reason", Text),
+    Column("reason", Words),
     Column("cancel_requested", Boolean, nullable=False, default=False),
     Column("trials_done", Integer, nullable=False, default=0),
     Column("trials_active", Integer, nullable=False, default=0),
@@ -96,7 +111,7 @@ job = Table(
     UniqueConstraint("owner", "idempotency_key"),
     Index("ix_job_owner_state", "owner", "state"),
     # Identifications that wait for their robot; the dispatcher looks at them again and again.
-    Index("ix_job_pinned", "number", sqlite_where=text(PINNED), postgresql_where=text(PINNED)),
+    Index("ix_job_pinned", "state", "robot", sqlite_where=text(PINNED), postgresql_where=text(PINNED)),
 )
 
 trial = Table(
@@ -111,7 +126,7 @@ trial = Table(
     Column("excitation", String(32)),
     Column("robot_order", Text, nullable=False, default="[]"),
     Column("first_choice", String(40)),
-    Column("departure", Text),
+    Column("departure", Words),
     Column("passed_over_s", Float),
     Column("fence", Integer, nullable=False, default=0),
     Column("robot", String(40)),
@@ -123,6 +138,8 @@ trial = Table(
     Column("truth_sha256", String(64)),
     UniqueConstraint("job_number", "ordinal"),
     Index("ix_trial_queue", "state", "first_choice", "owner", "job_number", "ordinal"),
+    # PostgreSQL finds the first of an order behind "is null" in a partial index only.
+    Index("ix_trial_undrawn", "owner", "job_number", "ordinal", sqlite_where=text(UNDRAWN), postgresql_where=text(UNDRAWN)),
     # No robot ever has two leases.
     Index("ix_trial_lease", "robot", unique=True, sqlite_where=text(LEASED), postgresql_where=text(LEASED)),
 )
@@ -143,13 +160,13 @@ attempt = Table(
     Column("job_number", NUMBER, nullable=False, index=True),
     Column("robot", String(40), nullable=False),
     Column("state", String(16), nullable=False),
-    Column("reason", Text),
-    Column("departure", Text),
+    Column("reason", Words),
+    Column("departure", Words),
     Column("started_at", String(40), nullable=False),
     Column("ended_at", String(40)),
     Column("outcome", Text),
     Column("log_sha256", String(64), index=True),
-    Column("truth_sha256", String(64)),
+    Column("truth_sha256", String(64), index=True),
     Index("ix_attempt_robot_state", "robot", "state"),
 )
 
@@ -162,7 +179,7 @@ event = Table(
     Column("kind", String(24), nullable=False),
     Column("trial_ordinal", Integer),
     Column("robot", String(40)),
-    Column("text", Text, nullable=False),
+    Column("text", Words, nullable=False),
     Column("trials_done", Integer, nullable=False),
     Column("successes", Integer, nullable=False),
     Column("state", String(16), nullable=False),
@@ -186,6 +203,9 @@ robot = Table(
     Column("host", String(200)),
     Column("drain", Boolean, nullable=False, default=False),
     Column("trials_done", Integer, nullable=False, default=0),
+    Column("faults_in_a_row", Integer, nullable=False, default=0),
+    # Why the farm has taken it out of service.
+    Column("withdrawn", Words),
     Column("first_seen_at", String(40), nullable=False),
 )
 

@@ -113,8 +113,7 @@ class Dispatcher:
     async def _look_at_active(self) -> None:
         async with self.database.read() as connection:
             rows = await queue.active(connection)
-            if self.database.is_shared:
-                await robots.refresh(connection, self.fleet)
+            await robots.refresh(connection, self.fleet)
         now_s = self.clock.now_s()
         active = {Claim(row.trial_id, row.fence, row.robot): row for row in rows}
         self.fleet.hold_only(active)

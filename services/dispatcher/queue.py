@@ -4,12 +4,24 @@ import json
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any
 
-from sqlalchemy import Integer, Select, and_, bindparam, select, text, update
+from sqlalchemy import (
+    Boolean,
+    FromClause,
+    Integer,
+    Select,
+    String,
+    and_,
+    bindparam,
+    literal_column,
+    select,
+    text,
+    update,
+)
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.trial import AttemptState, TrialState
 from services.database.rows import AnyRow
-from services.database.tables import PINNED, attempt, job, policy, trial
+from services.database.tables import PINNED, UNDRAWN, attempt, job, policy, trial
 from services.dispatcher.choice import Choice, choose
 from services.jobs.lease import ACTIVE
 from services.jobs.locking import lock_job
@@ -20,17 +32,37 @@ PASSED_OVER_AT_ONCE = 100
 """How many of the oldest trials that wait for busy robots are looked at when another robot has nothing of its own."""
 
 
-def _queued() -> Select[Any]:
+def _with_job(trials: FromClause) -> Select[Any]:
+    """Trials with what the dispatcher wants to know of their jobs, oldest first."""
     renamed = (job.c.seed.label("job_seed"), job.c.state.label("job_state"), job.c.robot.label("pinned_robot"))
     columns = (job.c.job_id, job.c.task, job.c.policy, job.c.any_robot, job.c.object, job.c.object_scale)
-    joined = select(trial, *columns, *renamed).join(job, job.c.number == trial.c.job_number)
-    return joined.where(trial.c.state == TrialState.QUEUED).order_by(trial.c.job_number, trial.c.ordinal)
+    joined = select(trials, *columns, *renamed).join(job, job.c.number == trials.c.job_number)
+    return joined.order_by(trials.c.job_number, trials.c.ordinal)
 
 
-_QUEUED = _queued()
+def _oldest_of() -> Select[Any]:
+    """The oldest of a user's trials for a robot; it is found before its job is, or a database may begin with all jobs."""
+    chosen = (trial.c.state == TrialState.QUEUED, trial.c.first_choice == bindparam("chosen"), trial.c.owner == _OF_OWNER)
+    return _with_job(select(trial).where(*chosen).order_by(trial.c.job_number, trial.c.ordinal).limit(1).subquery())
+
+
+def _oldest_undrawn() -> Select[Any]:
+    """The oldest of a user's trials that have no order yet.
+
+    The user and all behind him in the alphabet, cut off, and he alone of these: so a database has no other way to that order
+    than the index of such trials, and does not look for them among all that are done.
+    """
+    seed = select(job.c.seed).where(job.c.number == trial.c.job_number).scalar_subquery().label("job_seed")
+    from_him = select(trial, seed).where(literal_column(UNDRAWN, Boolean), trial.c.owner >= _OF_OWNER)
+    few = from_him.order_by(trial.c.owner, trial.c.job_number, trial.c.ordinal).limit(bindparam("most", type_=Integer)).subquery()
+    return select(few).where(few.c.owner == _OF_OWNER).order_by(few.c.job_number, few.c.ordinal)
+
+
+_OF_OWNER = bindparam("of_owner", type_=String)
+_QUEUED = _with_job(trial).where(trial.c.state == TrialState.QUEUED)
 _ANY = select(trial.c.trial_id).where(trial.c.state == TrialState.QUEUED).limit(1)
-_OF_OWNER = _QUEUED.where(trial.c.owner == bindparam("of_owner"))
-_OLDEST_OF = _OF_OWNER.where(trial.c.first_choice == bindparam("chosen")).limit(1)
+_OLDEST_OF = _oldest_of()
+_OLDEST_UNDRAWN = _oldest_undrawn()
 _BUSY = and_(
     trial.c.first_choice.in_(bindparam("busy", expanding=True)),
     job.c.robot.is_(None),
@@ -51,7 +83,6 @@ _PASS_OVER = (
     .values(passed_over_s=bindparam("since_s"))
 )
 _PASSED_OVER = _QUEUED.where(_BUSY, trial.c.passed_over_s <= bindparam("until_s")).limit(PASSED_OVER_AT_ONCE)
-_UNDRAWN = _OF_OWNER.where(trial.c.first_choice.is_(None)).limit(bindparam("most", type_=Integer))
 _POINT = (
     update(trial)
     .where(trial.c.trial_id == bindparam("of_trial"), trial.c.state == TrialState.QUEUED)
@@ -76,7 +107,7 @@ async def oldest_of(connection: AsyncConnection, robot: str, owner: str) -> AnyR
 
 async def draw(tx: AsyncConnection, owner: str, known: Sequence[str], healthy: Collection[str], why: Why) -> None:
     """Draws the orders of the user's next trials that have none, one for each known robot."""
-    rows = (await tx.execute(_UNDRAWN, {"of_owner": owner, "most": max(1, len(known))})).all()
+    rows = (await tx.execute(_OLDEST_UNDRAWN, {"of_owner": owner, "most": max(1, len(known))})).all()
     for number in sorted({row.job_number for row in rows}):
         await lock_job(tx, number)
     choices = []

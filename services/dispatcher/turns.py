@@ -7,20 +7,19 @@ follows the number of these users and not that of their trials.
 from collections.abc import Sequence
 from typing import Any
 
-from sqlalchemy import ColumnElement, Select, and_, bindparam, func, literal, select
+from sqlalchemy import Boolean, ColumnElement, Select, and_, bindparam, func, literal, literal_column, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.trial import TrialState
 from services.database.rows import AnyRow
-from services.database.tables import trial, turn
+from services.database.tables import UNDRAWN, trial, turn
 from services.jobs.lease import ACTIVE
 
 
-def _next_user(chosen: ColumnElement[bool]) -> Select[Any]:
-    """Of the users with a queued trial that is ``chosen`` the one who was served longest ago; one never served comes first."""
-    waits = and_(trial.c.state == TrialState.QUEUED, chosen)
-    users = select(select(func.min(trial.c.owner)).where(waits).scalar_subquery().label("owner")).cte("users", recursive=True)
-    following = select(func.min(trial.c.owner)).where(waits, trial.c.owner > users.c.owner).scalar_subquery()
+def _next_user(chosen: ColumnElement[bool]) -> Select[Any, Any]:
+    """Of the users with a trial that is ``chosen`` the one who was served longest ago; one never served comes first."""
+    users = select(select(func.min(trial.c.owner)).where(chosen).scalar_subquery().label("owner")).cte("users", recursive=True)
+    following = select(func.min(trial.c.owner)).where(chosen, trial.c.owner > users.c.owner).scalar_subquery()
     users = users.union_all(select(following).where(users.c.owner.is_not(None)))
     served_s = func.coalesce(turn.c.served_s, literal(-1.0))
     may = and_(users.c.owner.is_not(None), users.c.owner.not_in(bindparam("at_limit", expanding=True)))
@@ -28,8 +27,8 @@ def _next_user(chosen: ColumnElement[bool]) -> Select[Any]:
     return found.order_by(served_s, users.c.owner).limit(1)
 
 
-_DRAWN = _next_user(trial.c.first_choice == bindparam("chosen"))
-_UNDRAWN = _next_user(trial.c.first_choice.is_(None))
+_DRAWN = _next_user(and_(trial.c.state == TrialState.QUEUED, trial.c.first_choice == bindparam("chosen")))
+_UNDRAWN = _next_user(literal_column(UNDRAWN, Boolean))
 _RUNNING = select(trial.c.owner).where(trial.c.state.in_(ACTIVE)).group_by(trial.c.owner)
 _AT_LIMIT = _RUNNING.having(func.count() >= bindparam("limit"))
 

@@ -4,7 +4,7 @@ import asyncio
 import os
 from datetime import timedelta
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import obstore
 from obstore.exceptions import AlreadyExistsError
@@ -13,12 +13,14 @@ from obstore.store import LocalStore, ObjectStore, S3Store
 from services.errors import NotReady
 from services.settings import Settings
 
+if TYPE_CHECKING:
+    from obstore.store import ClientConfig, RetryConfig, S3Config
+
 IN_ONE_PIECE_BYTES = 32 * 1024**2
 """Larger files go to S3 in parts, so that none has to be in memory as a whole."""
 PART_BYTES = 8 * 1024**2
 PARTS_AT_ONCE = 4
-TRIES = {"max_retries": 5, "retry_timeout": timedelta(seconds=20)}
-WAITS = {"connect_timeout": "5s", "timeout": "60s"}
+TRIES: "RetryConfig" = {"max_retries": 5, "retry_timeout": timedelta(seconds=20)}
 
 
 class FileHome(Protocol):
@@ -96,22 +98,25 @@ def open_home(settings: Settings) -> FileHome | None:
         return None
     if not settings.files_url.startswith("s3://"):
         raise NotReady(f"the files are to be in {settings.files_url}; give s3://bucket/prefix, or none for the data folder")
-    secret = settings.s3_secret_access_key
-    given = {
-        "endpoint": settings.s3_endpoint,
-        "access_key_id": settings.s3_access_key_id,
-        "secret_access_key": None if secret is None else secret.get_secret_value(),
-    }
-    plain = {} if settings.s3_endpoint is None else {"allow_http": settings.s3_endpoint.startswith("http://")}
     return S3Home(
-        S3Store.from_url(
-            settings.files_url,
-            region=settings.s3_region,
-            client_options=WAITS | plain,
-            retry_config=TRIES,
-            **{name: value for name, value in given.items() if value is not None},
-        )
+        S3Store.from_url(settings.files_url, config=_s3_config(settings), client_options=_waits(settings), retry_config=TRIES)
     )
+
+
+def _s3_config(settings: Settings) -> "S3Config":
+    config: S3Config = {"region": settings.s3_region}
+    if settings.s3_endpoint is not None:
+        config["endpoint"] = settings.s3_endpoint
+    if settings.s3_access_key_id is not None:
+        config["access_key_id"] = settings.s3_access_key_id
+    if settings.s3_secret_access_key is not None:
+        config["secret_access_key"] = settings.s3_secret_access_key.get_secret_value()
+    return config
+
+
+def _waits(settings: Settings) -> "ClientConfig":
+    without_tls = (settings.s3_endpoint or "").startswith("http://")
+    return {"connect_timeout": "5s", "timeout": "60s", "allow_http": without_tls}
 
 
 def _sync_folder(folder: Path) -> None:

@@ -91,6 +91,7 @@ async def fault(
     if moved is None:
         return None
     await close_attempt(tx, now_s, claim, AttemptState.PLATFORM_FAULT, reason, report=report)
+    await robots.count_fault(tx, claim.robot, reason)
     now = await _record(
         tx,
         now_s,

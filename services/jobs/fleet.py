@@ -26,6 +26,8 @@ class Member:
     lost_s: float | None = None
     drain: bool = False
     resume_wanted: bool = False
+    withdrawn: str | None = None
+    """Why the farm took it out of service; it may itself think that it is well."""
     lease: Claim | None = None
     lease_accepted: bool = False
     renewed_s: float = 0.0
@@ -43,7 +45,7 @@ class Member:
         if self.heartbeat is None or self.lost_s is not None or now_s - self.seen_s > SILENT_AFTER_S:
             return RobotState.LOST
         said = self.heartbeat.state
-        if said == RobotState.OUT_OF_SERVICE or self.is_doubled(now_s):
+        if said == RobotState.OUT_OF_SERVICE or self.withdrawn is not None or self.is_doubled(now_s):
             return RobotState.OUT_OF_SERVICE
         if self.drain or said == RobotState.DRAINING:
             return RobotState.DRAINING
@@ -61,7 +63,7 @@ class Member:
         """Why the robot is in its state, when it or what is heard of it says so."""
         if self.is_doubled(now_s):
             return f"two processes call themselves {self.robot}; start one of them with --first"
-        return None if self.heartbeat is None else self.heartbeat.reason
+        return self.withdrawn or (None if self.heartbeat is None else self.heartbeat.reason)
 
     def hear_instance(self, instance: str, now_s: float) -> None:
         """Notes which process spoke; one that is heard again after another means that both live."""

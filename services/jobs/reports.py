@@ -24,6 +24,7 @@ from api_schemas.report import (
     TrialRow,
 )
 from api_schemas.signature import Signature, unsigned
+from api_schemas.success_rate import wilson
 from api_schemas.trial import AttemptState, Fault, Outcome, OutcomeKind
 from services.database.database import Database
 from services.database.rows import AnyRow
@@ -31,7 +32,6 @@ from services.database.tables import attempt, report, trial
 from services.errors import Conflict
 from services.jobs import views
 from services.jobs.fleet import Fleet
-from services.jobs.statistics import wilson
 from services.jobs.variance_share import variance_share
 from services.signing import FarmKey
 

@@ -13,7 +13,12 @@ from services.jobs.clock import iso
 from services.jobs.fleet import Fleet
 from services.jobs.lease import ACTIVE
 
-_COUNT_DONE = update(robot).where(robot.c.robot == bindparam("of_robot")).values(trials_done=robot.c.trials_done + 1)
+FAULTS_IN_A_ROW = 5
+"""A robot on which so many attempts in a row failed by the platform's fault gets no other until an operator says so."""
+_OF_ROBOT = update(robot).where(robot.c.robot == bindparam("of_robot"))
+_COUNT_DONE = _OF_ROBOT.values(trials_done=robot.c.trials_done + 1, faults_in_a_row=0)
+_COUNT_FAULT = _OF_ROBOT.values(faults_in_a_row=robot.c.faults_in_a_row + 1).returning(robot.c.faults_in_a_row)
+_WITHDRAW = _OF_ROBOT.where(robot.c.withdrawn.is_(None)).values(withdrawn=bindparam("because"))
 _ACTIVE_ON = select(trial.c.trial_id, trial.c.fence).where(trial.c.robot == bindparam("of_robot"), trial.c.state.in_(ACTIVE))
 
 
@@ -34,10 +39,11 @@ async def load(tx: AsyncConnection, fleet: Fleet, now_s: float, lease_s: float, 
 
 
 async def refresh(connection: AsyncConnection, fleet: Fleet) -> None:
-    """Puts the operators' wishes and the counts of trials into the fleet, as they are in the database."""
-    for row in await connection.execute(select(robot.c.robot, robot.c.drain, robot.c.trials_done)):
+    """Puts what the database keeps of the robots into the fleet: wishes of operators, counts, and who was withdrawn."""
+    columns = (robot.c.robot, robot.c.drain, robot.c.trials_done, robot.c.withdrawn)
+    for row in await connection.execute(select(*columns)):
         member = fleet.member(row.robot)
-        member.drain, member.trials_done = row.drain, row.trials_done
+        member.drain, member.trials_done, member.withdrawn = row.drain, row.trials_done, row.withdrawn
 
 
 async def keep(tx: AsyncConnection, beat: Heartbeat, now_s: float) -> bool:
@@ -68,12 +74,22 @@ async def count_done(tx: AsyncConnection, name: str) -> None:
     await tx.execute(_COUNT_DONE, {"of_robot": name})
 
 
+async def count_fault(tx: AsyncConnection, name: str, reason: str) -> None:
+    """One more attempt on the robot failed by the platform's fault; too many in a row take it out of service."""
+    in_a_row = (await tx.execute(_COUNT_FAULT, {"of_robot": name})).scalar_one_or_none()
+    if in_a_row is None or in_a_row < FAULTS_IN_A_ROW:
+        return
+    because = f"{in_a_row} attempts in a row failed on it, the last because: {reason}; 'trifarm robots resume {name}' tries again"
+    await tx.execute(_WITHDRAW, {"of_robot": name, "because": because})
+
+
 async def wish_drain(tx: AsyncConnection, name: str, *, drain: bool) -> None:
-    """Writes down whether the robot shall be drained.
+    """Writes down whether the robot shall be drained; one that shall not is tried again if it was withdrawn.
 
     Raises:
         NotFound: no robot of this name ever joined.
     """
-    changed = await tx.execute(update(robot).where(robot.c.robot == name).values(drain=drain))
+    again = {} if drain else {"faults_in_a_row": 0, "withdrawn": None}
+    changed = await tx.execute(update(robot).where(robot.c.robot == name).values(drain=drain, **again))
     if changed.rowcount == 0:
         raise NotFound("robot-not-found", f"No robot named {name} ever joined this farm; GET /v1/robots lists them.")

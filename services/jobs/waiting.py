@@ -23,16 +23,15 @@ def job_waits(row: AnyRow, ahead: Ahead, fleet: Fleet, now_s: float, limit: int 
         return f"{_count(row.trials_active, 'trial')} running{more}"
     if (nobody := _nobody_for(row.robot, _count(left, "trial"), fleet, now_s)) is not None:
         return nobody
-    return (
-        _others_first(row, ahead, limit) or f"{_count(left, 'trial')} about to be leased: {robots_now(fleet, now_s, row.job_id)}"
-    )
+    about = f"{_count(left, 'trial')} about to be leased: {robots_now(fleet, now_s, row.job_id)}"
+    return _others_first(row, ahead, limit) or about
 
 
 def _others_first(row: AnyRow, ahead: Ahead, limit: int | None) -> str | None:
-    """Which trials come before those of a queued job; None when none does."""
+    """What has to run before the job's first trial does; None when nothing has to."""
     if limit is not None and ahead.running_of_owner >= limit:
         return f"{_count(ahead.running_of_owner, 'trial')} of {row.owner} running, and a user may have {limit} at the same time"
-    if not ahead.trials:
+    if ahead.trials == 0:
         return None
     about = "" if ahead.wait_s is None else f", about {_lasting(ahead.wait_s)}"
     return f"{_count(ahead.trials, 'trial')} {_are(ahead.trials)} ahead{about}"

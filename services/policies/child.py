@@ -4,12 +4,15 @@ import json
 import signal
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from api_schemas.jail.level import JailLevel
 from services.child import ChildKilledError, Ended, run_module
 from services.errors import Refused, Unavailable
 from services.policies.conversion import DRY_RUN_CPU_S
 from services.policies.unfit import UnfitError, refused, too_slow
+
+PROBLEM_FIELDS = frozenset({"why", "part", "instead", "slug", "pack"})
 
 
 @dataclass(frozen=True)
@@ -51,14 +54,24 @@ async def convert(
     return _read(ended, out, filename or weights.name)
 
 
+def _last_line(said: bytes) -> dict[str, Any]:
+    """What the child said last; nothing where it is not as the child writes it, for it may be the stranger's by then."""
+    try:
+        last = json.loads(said.decode().splitlines()[-1])
+        problem, warnings = last.get("problem", {}), last.get("warnings", [])
+        known = all(type(each) in (str, bool) for each in problem.values()) and set(problem) <= PROBLEM_FIELDS
+        return last if known and all(isinstance(each, str) for each in warnings) else {}
+    except (ValueError, LookupError, AttributeError, TypeError, RecursionError):
+        return {}
+
+
 def _read(ended: Ended, out: Path, filename: str) -> Converted:
-    lines = [json.loads(line) for line in ended.said.decode().splitlines()]
-    last = lines[-1] if lines else {}
+    last = _last_line(ended.said)
     if "too_open" in last:
         raise Unavailable("jail-too-open", f"The farm takes no policies now: {last['too_open']}. Its operator can change that.")
     if "broken" in last:
         raise Unavailable("conversion-broken", f"The policy could not be converted by a fault of the farm: {last['broken']}.")
-    if "problem" in last:
+    if "why" in last.get("problem", {}):
         raise refused(UnfitError(**last["problem"]), filename)
     if "warnings" in last:
         return Converted(out, tuple(f"Dry run: the policy {warning}." for warning in last["warnings"]))

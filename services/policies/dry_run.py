@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import onnxruntime
 
+from api_schemas import runtime
 from api_schemas.policy import ACTION_SIZE, ActionKind, PolicyManifest
-from api_schemas.policy_graph import GraphRunner
+from api_schemas.policy_graph import GraphRunner, Session
 from api_schemas.robot_limits import MAX_TORQUE_NM, SOFT_LIMIT_LOWER_RAD, SOFT_LIMIT_UPPER_RAD
 from services.policies.recorded import RecordedTrial, recorded_trials
 from services.policies.unfit import UnfitError, too_slow
@@ -37,23 +37,19 @@ class DryRun:
     spent_s: np.ndarray
 
 
-def load(graph: Path) -> onnxruntime.InferenceSession:
-    """A session of one thread, as robots have it.
+def load(graph: Path) -> Session:
+    """A session as robots have it.
 
     Raises:
         UnfitError: the runtime cannot load the graph.
     """
-    onnxruntime.disable_telemetry_events()
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.log_severity_level = 4
     try:
-        return onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
+        return runtime.session(graph)
     except Exception as error:
         raise UnfitError(f"the runtime cannot load the network: {error}") from error
 
 
-def run(session: onnxruntime.InferenceSession, manifest: PolicyManifest) -> list[str]:
+def run(session: Session, manifest: PolicyManifest) -> list[str]:
     """Runs the graph through the recorded trials and judges it; gives a sentence for each thing a user should know.
 
     Raises:
@@ -67,7 +63,7 @@ def run(session: onnxruntime.InferenceSession, manifest: PolicyManifest) -> list
     return warnings
 
 
-def _through_trials(session: onnxruntime.InferenceSession, manifest: PolicyManifest) -> DryRun:
+def _through_trials(session: Session, manifest: PolicyManifest) -> DryRun:
     actions, spent_s = [], []
     policy = GraphRunner(session)
     for trial in recorded_trials():

@@ -41,6 +41,8 @@ class Settings:
     low: tuple[float, ...] | None
     high: tuple[float, ...] | None
     mean_clip: float
+    bins: tuple[int, ...] | None = None
+    """Of a MultiDiscrete action space, for each actuator."""
 
 
 def check_entries_of(content: memoryview, limit_bytes: int) -> dict[str, Entry]:
@@ -96,7 +98,14 @@ def read_settings(content: memoryview, entries: Mapping[str, Entry]) -> Settings
         _bounds(space, "low"),
         _bounds(space, "high"),
         _mean_clip(arguments.get("clip_mean")),
+        _bins(space),
     )
+
+
+def _bins(space: Mapping[str, Any]) -> tuple[int, ...] | None:
+    """The numbers of choices that a MultiDiscrete space prints; None for other spaces."""
+    counts = _bounds(space, "nvec")
+    return None if counts is None else tuple(int(each) for each in counts)
 
 
 def _mean_clip(said: object) -> float:

@@ -1,7 +1,8 @@
 """The network of a stable-baselines3 policy, rebuilt from the names and shapes of its tensors.
 
 What comes out is what ``model.predict(observation, deterministic=True)`` gives: of a recurrent policy with its own last states,
-which are zero at the beginning of a trial.
+which are zero at the beginning of a trial. Of a MultiDiscrete action space it is the centres of the chosen bins, which lie evenly
+in [-1, 1].
 """
 
 import re
@@ -11,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from api_schemas.policy import ACTION_SIZE, PolicyManifest
-from api_schemas.policy_network import Cell
+from api_schemas.policy_network import MOST_BINS, ActionHead, Cell
 from services.policies import recurrent
+from services.policies.heads import take_action
 from services.policies.sb3_archive import WEIGHTS, Settings, check_entries_of, read_settings
 from services.policies.scaling import Chain
 from services.policies.torch_file import read_tensors
@@ -66,10 +68,11 @@ def rebuilt(tensors: Mapping[str, Array], settings: Settings, manifest: PolicyMa
     """
     _check_manifest(manifest)
     family = _family(tensors)
-    low, high = _bounds(settings)
+    bins = _bins(settings)
+    low, high = _bounds(settings) if bins is None else (np.empty(0), np.empty(0))
     memory = _memory(tensors, manifest)
     layers = _layers(tensors, family)
-    _check_shapes(layers, memory, manifest)
+    _check_shapes(layers, memory, manifest, ACTION_SIZE * (bins or 1))
     chain = Chain([], [], GIVEN)
     if memory is not None:
         recurrent.append(chain, memory)
@@ -81,7 +84,9 @@ def rebuilt(tensors: Mapping[str, Array], settings: Settings, manifest: PolicyMa
             chain.at = chain.node(activation, [chain.at], f"{PREFIX}hidden{index}")
     if family == SAC_CLIPPED and settings.mean_clip > 0:
         chain.clip(settings.mean_clip, ACTION_SIZE)
-    if family.squashed or settings.squashed:
+    if bins is not None:
+        take_action(chain, manifest.model_copy(update={"head": ActionHead.BINS, "bins": bins}))
+    elif family.squashed or settings.squashed:
         chain.at = chain.node("Tanh", [chain.at], f"{PREFIX}squashed")
         # As stable-baselines3 does it: low + (high - low) / 2 · (x + 1).
         chain.step("Add", np.ones(ACTION_SIZE))
@@ -184,7 +189,9 @@ def _floats(values: Array | None, name: str) -> Array:
     return values
 
 
-def _check_shapes(layers: list[tuple[Array, Array]], memory: recurrent.Recurrent | None, manifest: PolicyManifest) -> None:
+def _check_shapes(
+    layers: list[tuple[Array, Array]], memory: recurrent.Recurrent | None, manifest: PolicyManifest, gives: int
+) -> None:
     for index, (weight, bias) in enumerate(layers):
         if weight.ndim != 2 or bias.shape != weight.shape[:1] or 0 in weight.shape:
             raise _misshapen(index, f"weight {weight.shape} and bias {bias.shape} must be (out, in) and (out,)")
@@ -195,12 +202,30 @@ def _check_shapes(layers: list[tuple[Array, Array]], memory: recurrent.Recurrent
         raise _misshapen(0, f"it takes {takes} numbers, the memory gives {memory.size}")
     if memory is None and takes != manifest.network_inputs:
         raise wrong_input(manifest, takes)
-    if layers[-1][0].shape[0] != ACTION_SIZE:
+    if layers[-1][0].shape[0] != gives:
         raise wrong_output(layers[-1][0].shape[0], manifest)
 
 
 def _misshapen(index: int, why: str) -> UnfitError:
     return UnfitError(why, part=f"layer {index} of policy.pth", slug="weights-malformed")
+
+
+def _bins(settings: Settings) -> int | None:
+    """How many bins each joint has; None where the actions are numbers.
+
+    Raises:
+        UnfitError: not nine joints with the same number of bins.
+    """
+    if settings.bins is None:
+        return None
+    counts = set(settings.bins)
+    if len(settings.bins) != ACTION_SIZE or len(counts) != 1 or not 2 <= settings.bins[0] <= MOST_BINS:
+        raise UnfitError(
+            f"its action space has {list(settings.bins[:20])} bins, not {ACTION_SIZE} times the same number of 2 to {MOST_BINS}",
+            part="entry data, action_space",
+            slug="action-does-not-fit",
+        )
+    return settings.bins[0]
 
 
 def _bounds(settings: Settings) -> tuple[Array, Array]:

@@ -57,9 +57,15 @@ def problem_of(error: UnfitError, filename: str | None) -> dict[str, str]:
     instead = error.instead
     if error.pack:
         instead = f"run `trifarm pack {shlex.quote(file)}` on your own machine and upload what it writes"
-    where = f"{file}, {error.part}" if error.part else file
-    detail = f"{where}: {error.why}" + (f"; {instead}" if instead else "")
-    return {"slug": error.slug, "detail": f"{detail}.", "file": file, "part": error.part, "instead": instead}
+    part = _plain(error.part)
+    where = f"{file}, {part}" if part else file
+    detail = f"{where}: {_plain(error.why)}" + (f"; {instead}" if instead else "")
+    return {"slug": error.slug, "detail": f"{detail}.", "file": file, "part": part, "instead": instead}
+
+
+def _plain(text: str) -> str:
+    """Without what would steer a terminal: names within a file are a stranger's, and parsers quote them."""
+    return "".join(each if each.isprintable() or each == "\n" else "?" for each in text)
 
 
 def refused(error: UnfitError, filename: str | None) -> Refused:

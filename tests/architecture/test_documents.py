@@ -50,6 +50,16 @@ def test_documented_layouts_and_manifest_are_valid():
     PolicyManifest.model_validate_json(example.group(1))
 
 
+@pytest.mark.parametrize("name", ["docs/scale.md", "docker-compose.yml"])
+def test_settings_in_documents_and_containers_exist(name):
+    from services.settings import Settings
+
+    outside = {"TRIFARM_URL", "TRIFARM_TOKEN", "TRIFARM_KEY"}  # of the command line, and of the compose file itself
+    named = set(re.findall(r"\bTRIFARM_[A-Z0-9_]+", (ROOT / name).read_text())) - outside
+    assert named
+    assert named <= {f"TRIFARM_{field.upper()}" for field in Settings.model_fields}
+
+
 def test_no_file_is_over_300_lines_without_saying_why():
     for package in ("api_schemas", "sim_backend", "robot_farm", "services", "client_cli"):
         for path in (ROOT / package).rglob("*.py"):

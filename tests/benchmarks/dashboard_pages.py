@@ -12,7 +12,7 @@ from pathlib import Path
 import httpx
 import numpy as np
 
-from tests.integration.farm_process import Services
+from tests.integration.farm_process import Services, until
 
 JOBS, TRIALS, QUEUED = 10_000, 40, 1_000
 PAGES = (
@@ -115,7 +115,9 @@ def main() -> None:
             farm.stop()
             fill(Path(folder) / "farm" / "farm.sqlite", policy, report)
             farm.start()
-            farm.start_robots(4, trial_s=2.0)
+            for number in range(4):
+                farm.start_robot(f"robot-{number}", trial_s=2.0)
+            until(lambda: farm.robots_in("idle", "leased", "running") == 4, 30, "4 robots at work")
             found = {"jobs": JOBS, "trials": JOBS * TRIALS, "queued_jobs": QUEUED, "cores": os.cpu_count()}
             found |= {"load_before": os.getloadavg()[0], "pages": measure(farm, given.seconds)}
         finally:

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import safetensors.numpy
-from sim_backend.reality_gap.policy_file import load_policy
 
 from api_schemas.policy import PolicyManifest
 from services.policies.recorded import FIELDS, RECORDING
 from sim_backend.effects.ranges import load_ranges
 from sim_backend.evaluation import begin_trials
+from sim_backend.reality_gap.success.policy_file import load_policy
 from sim_backend.tasks import TASKS
 
 ROOT = Path(__file__).parents[2]

@@ -41,13 +41,14 @@ class Looked:
         with self.client(token) as client:
             return client.post("/v1/jobs", json=body).raise_for_status().json()["job_id"]
 
-    def upload(self, name: str) -> str:
-        """The digest of the reference policy under another name."""
+    def upload(self, name: str, token: str) -> str:
+        """The digest of the reference policy under another name, which is then the token's owner's."""
         weights = REFERENCE.read_bytes()
         manifest = PolicyManifest.model_validate(json.loads(REFERENCE.with_suffix(".json").read_text()) | {"name": name})
         digest = policy_digest(hashlib.sha256(weights).hexdigest(), manifest)
         files, data = {"weights": ("weights.safetensors", weights)}, {"manifest": canonical_json(manifest)}
-        self.api.put(f"/v1/policies/{digest}", files=files, data=data).raise_for_status()
+        with self.client(token) as client:
+            client.put(f"/v1/policies/{digest}", files=files, data=data).raise_for_status()
         return digest
 
     def wait(self, job_id: str) -> None:

@@ -1,5 +1,6 @@
 """People look at a real farm while it works: operators, a user, a stranger, and whoever cannot see."""
 
+import itertools
 import os
 import statistics
 import time
@@ -40,7 +41,7 @@ class Visit:
 @pytest.fixture(scope="module")
 def jobs(looked):
     """Two jobs on the same goals and one that runs for long, all of a policy with a hostile name."""
-    digest = looked.upload(HOSTILE)
+    digest = looked.upload(HOSTILE, looked.user)
     ended, again = (looked.submit(digest, looked.user, trials=2, seed=3) for _ in range(2))
     yield {"ended": ended, "again": again, "running": looked.submit(digest, looked.user, trials=40, seed=4)}
 
@@ -167,6 +168,14 @@ def test_a_user_cancels_his_job(browser, looked, jobs):
         assert visit.complaints == []
 
 
+def test_a_revoked_token_closes_the_pages_that_it_opened(browser, looked):
+    made = looked.api.post("/v1/tokens", json={"owner": "carl", "scopes": ["submit"]}).json()
+    with Visit(browser, looked, made["secret"]) as visit:
+        visit.page.wait_for_selector("body[data-renewed]", timeout=10_000)
+        looked.api.delete(f"/v1/tokens/{made['token_id']}").raise_for_status()
+        visit.page.wait_for_url("**/sign-in**", timeout=20_000)
+
+
 @pytest.mark.parametrize("dark, width", [(False, 1280), (True, 390)], ids=["light-wide", "dark-narrow"])
 def test_everybody_can_use_every_page(browser, looked, ended, axe, dark, width):
     with Visit(browser, looked, looked.operator, dark=dark, width=width) as visit:
@@ -201,13 +210,14 @@ def test_pages_are_light_and_quick(browser, looked, ended):
 def test_pictures_of_every_page(browser, looked, ended):
     if PICTURES is None:
         pytest.skip("TRIFARM_PICTURES names no folder to keep pictures in")
-    folder = Path(PICTURES)
-    for dark, width, name in ((False, 1280, "light-wide"), (True, 390, "dark-narrow")):
+    pages = {"farm": "/", "jobs": "/jobs", "job": f"/jobs/{ended}", "trial": f"/trials/{ended}-000", "compare": "/compare"}
+    for dark, width in itertools.product((False, True), (1280, 390)):
+        name = f"{'dark' if dark else 'light'}-{'wide' if width > 1000 else 'narrow'}"
         with Visit(browser, looked, looked.operator, dark=dark, width=width) as visit:
-            for page, path in {"farm": "/", "jobs": "/jobs", "job": f"/jobs/{ended}", "trial": f"/trials/{ended}-000"}.items():
+            for page, path in pages.items():
                 visit.page.goto(path)
                 visit.page.wait_for_timeout(2500)
-                visit.page.screenshot(path=folder / f"{page}-{name}.png")
+                visit.page.screenshot(path=Path(PICTURES) / f"{page}-{name}.png")
 
 
 def test_the_browser_had_nothing_to_complain_about(operator):

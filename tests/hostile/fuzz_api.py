@@ -1,6 +1,6 @@
 """schemathesis against the OpenAPI document that a real services process serves: no 5xx, nothing that the document does not say.
 
-``python -m tests.hostile.fuzz_api --examples 200 --seed 1 --out FILE`` runs it twice, with ids as the document allows them (most
+``python -m tests.hostile.fuzz_api --examples 40 --seed 1 --out FILE`` runs it twice, with ids as the document allows them (most
 exist nowhere) and with ids of things that exist, and keeps the counts. Exit code 1 tells that something was found.
 """
 

@@ -13,7 +13,7 @@ from services.policies.child import convert
 from services.policies.intake import check_weights, weights_format
 from tests.hostile.corpus import corpus
 from tests.hostile.measured import measured_children
-from tests.hostile.valid import MANIFEST, VALID, canary_pickle, largest
+from tests.hostile.valid import MANIFEST, VALID, canary_pickle, sized
 
 CHECK_CPU_S, CHECK_MEMORY_BYTES = 0.1, 64 * 2**20
 CHILD_CPU_S, CHILD_MEMORY_BYTES = 5.0, 2**30
@@ -141,7 +141,7 @@ async def test_a_valid_file_of_each_kind_is_accepted_at_its_price(kind, tmp_path
 async def test_the_largest_file_of_each_kind_is_judged_at_the_same_price(kind, tmp_path):
     """64 MiB of weights that are well formed: whether they are taken or refused, they cost no more than others."""
     path = tmp_path / f"weights.{kind}"
-    path.write_bytes(largest(kind))
+    path.write_bytes(sized(kind, 62 * 2**20))
     assert 60 * 2**20 < path.stat().st_size <= MAX_WEIGHTS_BYTES
     found, cpu_s, memory_bytes = check(path, path.name)
     print(f"{kind}: pre-check {cpu_s:.3f} s, {memory_bytes / 2**20:.0f} MB")

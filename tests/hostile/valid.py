@@ -156,10 +156,9 @@ def canary_pickle(path: Path, port: int, protocol=2):
     return pickle.dumps(Canary(path, port), protocol)
 
 
-def largest(kind):
-    """A valid file of nearly as many bytes as are taken: one hidden layer, as wide as it takes."""
-    width = 62 * 2**20 // 4 // (SIZE + 1 + 9)
-    tensors = weights(width=width)
+def sized(kind, size_bytes, seed=0):
+    """A valid file of about so many bytes: one hidden layer, as wide as it takes."""
+    tensors = weights(seed, width=size_bytes // 4 // (SIZE + 1 + 9))
     if kind == "safetensors":
         names = ("layer0.weight", "layer0.bias", "layer1.weight", "layer1.bias")
         return safetensors.numpy.save(dict(zip(names, tensors, strict=True)))

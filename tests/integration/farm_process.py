@@ -120,8 +120,8 @@ class Services:
             data={"manifest": canonical_json(manifest)},
         )
 
-    def policy(self):
-        answer = self.upload(*small_policy())
+    def policy(self, client=None):
+        answer = self.upload(*small_policy(), client=client)
         assert answer.status_code in (200, 201), answer.text
         return answer.json()["digest"]
 

@@ -8,6 +8,7 @@ import pytest
 from api_schemas.excitation import ExcitationName
 from api_schemas.report import BetweenRobots, IdentificationReport, Report
 from api_schemas.robot import Lease
+from services.api.truth import MCAP_MAGIC
 from tests.integration.farm_process import services, sha256, until
 from tests.integration.test_services_access import user
 
@@ -68,7 +69,7 @@ def test_truth_is_for_operators_alone(farm, done):
     assert operator.get(path, headers={"Range": "bytes=10-19"}).content == whole.content[10:20]
     head = operator.head(path)
     assert (head.headers["etag"], int(head.headers["content-length"])) == (whole.headers["etag"], len(whole.content))
-    own = farm.submit(farm.policy(), client=ann, trials=1).json()["job_id"]
+    own = farm.submit(farm.policy(ann), client=ann, trials=1).json()["job_id"]
     farm.wait_for_end(own)
     for client in (ann, robot):
         for job in (own, job_id):
@@ -82,12 +83,12 @@ def test_truth_is_for_operators_alone(farm, done):
 
 def test_only_the_owner_and_operators_may_have_a_log_verified(farm, done):
     (_, ann), (_, bob) = user(farm, "ann2", "submit"), user(farm, "bob2", "submit")
-    own = farm.submit(farm.policy(), client=ann, trials=1).json()["job_id"]
+    own = farm.submit(farm.policy(ann), client=ann, trials=1).json()["job_id"]
     farm.wait_for_end(own)
     assert bob.post(f"/v1/jobs/{own}/trials/0/verify", content=b"log").status_code == 404
     # What a scripted robot sends is no log, and the replay says so; nobody else is any the wiser.
     for client in (ann, farm.admin):
-        answer = client.post(f"/v1/jobs/{own}/trials/0/verify", content=b"log")
+        answer = client.post(f"/v1/jobs/{own}/trials/0/verify", content=MCAP_MAGIC + b"log")
         assert (answer.status_code, answer.json()["type"]) == (422, "/problems/log-unfit"), answer.text
 
 
@@ -97,7 +98,7 @@ def test_whoever_sends_a_log_slowly_holds_up_nobody_else(farm, done):
     with socket.create_connection(("127.0.0.1", farm.port)) as slow:
         slow.sendall(head.encode() + b"l")
         time.sleep(0.5)  # its body's first byte is there, and the others never come
-        answer = farm.admin.post(path, content=b"log")
+        answer = farm.admin.post(path, content=MCAP_MAGIC + b"log")
     assert (answer.status_code, answer.json()["type"]) == (422, "/problems/log-unfit"), answer.text
 
 

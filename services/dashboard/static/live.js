@@ -1,14 +1,19 @@
 // Renews the parts of a page that the server sends anew, and keeps the keyboard's focus where it was.
 
+const REFUSED_PAUSE_MS = 1500;
 const address = document.body.dataset.live;
 const lost = document.querySelector(".link-lost");
 
 function renew(name, html) {
   const element = document.getElementById(name);
   if (!element || element.dataset.part === undefined) return;
+  // What looks the same is left alone: a screen reader need not say it again.
+  const made = document.createElement(element.tagName);
+  made.innerHTML = html;
+  if (made.innerHTML === element.innerHTML) return;
   const focused = element.contains(document.activeElement) ? document.activeElement.id : "";
   const scrolled = element.querySelector(".scroll")?.scrollLeft ?? 0;
-  element.innerHTML = html;
+  element.replaceChildren(...made.childNodes);
   const scroll = element.querySelector(".scroll");
   if (scroll) scroll.scrollLeft = scrolled;
   if (focused) document.getElementById(focused)?.focus({ preventScroll: true });
@@ -17,7 +22,11 @@ function renew(name, html) {
 function follow() {
   const source = new EventSource(address);
   source.addEventListener("open", () => (lost.hidden = true));
-  source.addEventListener("error", () => (lost.hidden = false));
+  source.addEventListener("error", () => {
+    lost.hidden = false;
+    // The server answered and gave no stream: the page itself will say why, perhaps that one must sign in again.
+    if (source.readyState === EventSource.CLOSED) setTimeout(() => location.reload(), REFUSED_PAUSE_MS);
+  });
   source.addEventListener("parts", (event) => {
     for (const [name, html] of Object.entries(JSON.parse(event.data))) renew(name, html);
     document.body.dataset.renewed = String(Number(document.body.dataset.renewed ?? 0) + 1);

@@ -33,25 +33,33 @@ function distances(poses, goal) {
   return out;
 }
 
-// When the object came to its goal or left it, and when it was lifted or put down: each with its time.
+// The samples at which a condition begins or ends; one sample alone is taken for a jump of the tracker.
+function changes(count, holds) {
+  const found = [];
+  let now = false;
+  for (let k = 1; k + 1 < count; k++)
+    if (holds(k, now) !== now && holds(k + 1, now) !== now) {
+      now = !now;
+      found.push([k, now]);
+    }
+  return found;
+}
+
+// When the object came to its goal or left it, and when it was lifted, put down or dropped: each with its time.
 function moments(log) {
-  const found = [], t = log.tracked_t_s, poses = log.tracked_pose;
-  const [goal] = log.goal;
+  const t = log.tracked_t_s, poses = log.tracked_pose, [goal] = log.goal;
+  const height = (k) => poses[7 * k + 2];
+  const early = Array.from(t.subarray(0, 5), (_, k) => height(k)).sort((a, b) => a - b);
+  const rest = early[early.length >> 1] ?? 0;
   const away = goal ? distances(poses, goal) : null;
-  let isThere = false, isUp = false;
-  for (let k = 1; k < t.length; k++) {
-    if (away && away[k] < TOLERANCE_MM !== isThere) {
-      isThere = !isThere;
+  const found = log.events.filter((event) => event.t_s > 0).map((event) => ({ at: event.t_s, text: event.text, kind: "now" }));
+  if (away)
+    for (const [k, isThere] of changes(t.length, (k) => away[k] < TOLERANCE_MM))
       found.push({ at: t[k], text: isThere ? "at the goal" : "left the goal", kind: isThere ? "ok" : "not" });
-    }
-    const height = poses[7 * k + 2] - poses[2];
-    if (isUp ? height < 0.4 * LIFTED_M : height > LIFTED_M) {
-      isUp = !isUp;
-      const fell = !isUp && poses[7 * Math.max(0, k - 3) + 2] - poses[7 * k + 2] > LIFTED_M;
-      found.push({ at: t[k], text: isUp ? "lifted" : fell ? "dropped" : "put down", kind: fell ? "not" : "now" });
-    }
+  for (const [k, isUp] of changes(t.length, (k, up) => height(k) - rest > (up ? 0.4 : 1) * LIFTED_M)) {
+    const fell = !isUp && height(Math.max(0, k - 3)) - height(k) > LIFTED_M;
+    found.push({ at: t[k], text: isUp ? "lifted" : fell ? "dropped" : "put down", kind: fell ? "not" : "now" });
   }
-  for (const event of log.events) found.push({ at: event.t_s, text: event.text, kind: "now" });
   return found.sort((a, b) => a.at - b.at);
 }
 

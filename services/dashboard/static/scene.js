@@ -5,9 +5,9 @@ import { after, lookAt, matrixOf, NO_TURN, perspective, shadowOnto, times } from
 
 const LIGHT = [0.35, -0.25, 0.9];
 const TABLE_TOP_M = 0.0006;
-const TARGET = [0, 0, 0.09];
+const TARGET = [0, 0, 0.1];
 export const VIEWS = {
-  corner: { yaw: -0.9, pitch: 0.52, distance: 0.85 },
+  corner: { yaw: -0.9, pitch: 0.5, distance: 0.98 },
   front: { yaw: -Math.PI / 2, pitch: 0.2, distance: 0.85 },
   side: { yaw: 0, pitch: 0.2, distance: 0.85 },
   top: { yaw: -Math.PI / 2, pitch: 1.55, distance: 0.8 },

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from api_schemas import runtime
 from api_schemas.policy import LAYOUTS, PolicyManifest
 from api_schemas.policy_graph import GraphRunner, Session
 from sim_backend.evaluation import Act
@@ -55,13 +56,7 @@ def _converted(weights: Path, manifest: PolicyManifest) -> bytes:
 
 def _act(graph: bytes) -> Act:
     """The graph as robots run it: one observation at a time, in one thread."""
-    import onnxruntime
-
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
-    options.log_severity_level = 4
-    return GraphPolicy(onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"]))
+    return GraphPolicy(runtime.session(graph))
 
 
 class GraphPolicy:

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import minimize_scalar
 from scipy.stats import binomtest
 
-from api_schemas.comparison import NotComparableError, changed_sides, compare, mcnemar, paired_interval, wilson
+from api_schemas.comparison import NotComparableError, changed_sides, compare, mcnemar, paired_interval
 from api_schemas.trial import OutcomeKind
 from tests.unit.api_schemas.test_report_text import report, trial
 
@@ -42,6 +42,11 @@ def test_at_the_bounds_the_score_is_that_of_the_likeliest_rates(gained, lost, go
         assert score == pytest.approx(expected, abs=2e-3)
 
 
+def test_where_no_goal_changed_sides_the_interval_is_the_same_to_both_sides():
+    z = NormalDist().inv_cdf(0.975)
+    assert paired_interval(0, 0, 40, 0.95) == pytest.approx((-(z**2) / (40 + z**2), z**2 / (40 + z**2)), abs=1e-9)
+
+
 def test_the_interval_covers_the_truth_about_as_often_as_it_says():
     rng = np.random.default_rng(5)
     both, gained, lost, goals = 0.4, 0.25, 0.15, 40
@@ -49,13 +54,6 @@ def test_the_interval_covers_the_truth_about_as_often_as_it_says():
     bounds = np.array([paired_interval(int(row[1]), int(row[2]), goals, 0.8) for row in drawn])
     covered = np.mean((bounds[:, 0] <= gained - lost) & (gained - lost <= bounds[:, 1]))
     assert 0.76 < covered < 0.84
-
-
-def test_wilson_is_the_services_wilson():
-    from services.jobs.statistics import wilson as other
-
-    for successes, trials in ((0, 7), (7, 7), (11, 40)):
-        assert wilson(successes, trials, 0.8) == pytest.approx(other(successes, trials, 0.8), abs=1e-12)
 
 
 def test_goals_are_paired_by_their_seed_and_changed_sides_are_named():

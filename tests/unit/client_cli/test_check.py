@@ -2,12 +2,14 @@
 
 import json
 
+import numpy as np
 import pytest
+import safetensors.numpy
 
 from api_schemas.policy import canonical_json, policy_digest
 from client_cli.main import run
 from tests.hostile.corpus import pickles
-from tests.hostile.valid import MANIFEST, VALID
+from tests.hostile.valid import MANIFEST, SIZE, VALID
 from tests.integration.farm_process import sha256
 
 
@@ -53,6 +55,14 @@ def test_a_policy_that_would_be_refused(name, capfd, tmp_path):
     assert code == 5
     assert (problem["type"], problem["status"], problem["file"]) == (f"/problems/{case.slug}", 422, case.filename)
     assert not (tmp_path / "canary").exists()
+
+
+def test_the_dry_run_is_part_of_the_verdict(capfd, tmp_path):
+    constant = {"layer0.weight": np.zeros((9, SIZE), np.float32), "layer0.bias": np.full(9, 0.1, np.float32)}
+    code, out, err = checked(capfd, *file(tmp_path, "p.safetensors", safetensors.numpy.save(constant)), "--json")
+    assert "problem" in json.loads(out), (out, err)
+    problem = json.loads(out)["problem"]
+    assert (code, problem["type"], problem["part"]) == (5, "/problems/dry-run-constant", "the dry run")
 
 
 def test_a_layout_that_does_not_fit_is_shown_beside_one_that_does(capfd, tmp_path):

@@ -6,6 +6,7 @@ import re
 import pytest
 
 from api_schemas.report_page import TOLERANCE_DEG, TOLERANCE_MM, render_page
+from api_schemas.report_text import render
 from api_schemas.signature import Signature
 from client_cli.errors import ClientError, UsageProblem
 from client_cli.exit_codes import ExitCode
@@ -114,6 +115,9 @@ def test_the_key_is_private_and_lasts(tmp_path):
     (tmp_path / KEY_FILE).write_text("ab")
     with pytest.raises(ValueError, match="32"):
         FarmKey.of(tmp_path)
+    assert FarmKey.of(tmp_path / "elsewhere", first.seed.hex()) == first
+    with pytest.raises(ValueError, match="TRIFARM_FARM_KEY"):
+        FarmKey.of(tmp_path / "elsewhere", "no key")
 
 
 def test_signatures_are_the_same_at_every_time(key):
@@ -144,3 +148,13 @@ def test_the_command_says_what_was_found(trifarm, page, key, tmp_path):
     assert ended.code == ExitCode.DIFFERS
     assert ended.document["changed"][0] == "successes"
     assert trifarm("verify", str(file), "--key", "nonsense").code == ExitCode.USAGE
+
+
+def test_the_print_has_a_page_of_figures_and_every_trial(key, tmp_path):
+    from client_cli.report_pdf import LINES_ON_A_PAGE, write_pdf
+
+    body = report(*(trial(number, name="$robot_1$") for number in range(90)), name="$x^2$ " + HOSTILE)
+    write_pdf(body, sign(body.model_dump(mode="json"), key), tmp_path / "report.pdf")
+    content = (tmp_path / "report.pdf").read_bytes()
+    assert content.startswith(b"%PDF")
+    assert len(re.findall(rb"/Type /Page\b", content)) == 1 + -(-(len(render(body).splitlines())) // LINES_ON_A_PAGE) == 3

@@ -5,6 +5,8 @@ more than any network can do. An attack that succeeds answers with an action; on
 """
 
 import ctypes
+import errno
+import functools
 import mmap
 import os
 import resource
@@ -13,9 +15,11 @@ import socket
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import robot_farm.jailed_policy
+from api_schemas import policy_link
 from api_schemas.jail import kernel
 
 SYSTEM_CALLS = {
@@ -35,16 +39,72 @@ SYSTEM_CALLS = {
     "setsid": 112,
     "execveat": 322,
     "clone3": 435,
+    "process_vm_readv": 310,
+    "kcmp": 312,
+    "pidfd_getfd": 438,
+    "pidfd_send_signal": 424,
+    "kill": 62,
+    "tkill": 200,
+    "rt_sigqueueinfo": 129,
+    "shmget": 29,
+    "msgget": 68,
+    "semget": 64,
+    "mq_open": 240,
+    "memfd_secret": 447,
+    "io_uring_enter": 426,
+    "prctl": 157,
+    "personality": 135,
+    "modify_ldt": 154,
+    "seccomp": 317,
+    "timer_create": 222,
+    "timerfd_create": 283,
+    "setitimer": 38,
+    "epoll_create1": 291,
+    "inotify_init1": 294,
+    "fanotify_init": 300,
+    "name_to_handle_at": 303,
+    "open_by_handle_at": 304,
+    "sendmsg": 46,
+    "recvmsg": 47,
+    "ioctl": 16,
+    "vmsplice": 278,
+    "mlockall": 151,
+    "setpriority": 141,
+    "sched_setscheduler": 144,
+    "chroot": 161,
+    "pivot_root": 155,
+    "add_key": 248,
+    "init_module": 175,
+    "kexec_load": 246,
+    "capset": 126,
+    "rt_sigaction": 13,
 }
 """On x86-64."""
 
 
 def attack(name: str) -> None:
     """Carries out the named attack; returns if it succeeded."""
-    if name.startswith("call "):
-        kernel.system_call(SYSTEM_CALLS[name.removeprefix("call ")], 0, 0, 0, 0)
-        return
-    ATTACKS[name]()
+    if name.startswith("open "):
+        _all_denied({each: functools.partial(os.open, each, os.O_RDONLY) for each in name.split()[1:]})
+    elif name == "system calls":
+        _all_denied({each: functools.partial(kernel.system_call, number, 0, 0, 0, 0) for each, number in SYSTEM_CALLS.items()})
+    else:
+        (ATTACKS | LINK_ATTACKS)[name]()
+
+
+def _all_denied(attempts: dict[str, Callable[[], object]]) -> None:
+    """Raises PermissionError if each attempt is denied, and another error that names those that are not."""
+    reached = []
+    for name, attempt in attempts.items():
+        try:
+            attempt()
+        except OSError as error:
+            if error.errno in (errno.EPERM, errno.EACCES, errno.ENOSYS):
+                continue
+        reached.append(name)
+    if reached:
+        raise ValueError(f"the kernel looked at {', '.join(reached)}")
+    raise PermissionError(f"all {len(attempts)} were denied")
 
 
 def _thread() -> None:
@@ -137,6 +197,40 @@ ATTACKS = {
     "one thread": _thread,
     "200 threads": _many_threads,
 }
+
+
+def _descriptor_of_robot() -> int:
+    """Where replies to the robot go in."""
+    return int(sys.argv[3])
+
+
+def _part_of_a_reply() -> None:
+    os.write(_descriptor_of_robot(), b"half")
+    time.sleep(3600)
+
+
+def _answers_in_advance() -> None:
+    """Many good replies at once; from then on it reads nothing more."""
+    reply = policy_link.pack_reply(policy_link.OK, bytes(36))
+    for _ in range(1000):
+        os.write(_descriptor_of_robot(), reply)
+    time.sleep(3600)
+
+
+def _reply(payload: bytes, inference_time_ns: int = 0) -> None:
+    os.write(_descriptor_of_robot(), policy_link.pack_reply(policy_link.OK, payload, inference_time_ns))
+    time.sleep(3600)
+
+
+LINK_ATTACKS = {
+    "a part of a reply": _part_of_a_reply,
+    "answers in advance": _answers_in_advance,
+    "a part of a number": lambda: _reply(bytes(35)),
+    "too many numbers": lambda: _reply(bytes(360)),
+    "an inference of 500 years": lambda: _reply(bytes(36), 2**64 - 1),
+    "a reply of 4 GB": lambda: os.write(_descriptor_of_robot(), policy_link.REPLY.pack(0, 2**32 - 1, 0)),
+}
+"""What a process can try with the one thing that it has: the pipes to its robot."""
 
 
 def _load(graph: bytes, np, _onnxruntime) -> robot_farm.jailed_policy.Act:

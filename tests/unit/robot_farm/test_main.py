@@ -1,9 +1,13 @@
 """The processes of robots keep to themselves what they know."""
 
+import json
 import os
 import subprocess
 import sys
+import threading
 import time
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
@@ -43,10 +47,15 @@ def test_a_robots_files_and_memory_are_its_own(tmp_path):
 @pytest.mark.parametrize("flag", [["--farm-seed", "907711"], ["--farm-seed=907711"]])
 def test_no_command_line_of_a_robot_has_the_farms_seed(flag, tmp_path):
     """Real robots under a real supervisor; what anybody on the machine can read of them."""
-    command = [sys.executable, "-m", "robot_farm", "--robots", "2", *NEEDED, "--data", str(tmp_path), *flag]
-    with subprocess.Popen(
-        command, env=os.environ | {TOKEN_VARIABLE: "token"}, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    ) as supervisor:
+    with (
+        _api() as url,
+        subprocess.Popen(
+            [sys.executable, "-m", "robot_farm", "--robots", "2", *NEEDED, "--api", url, "--data", str(tmp_path), *flag],
+            env=os.environ | {TOKEN_VARIABLE: "token"},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        ) as supervisor,
+    ):
         try:
             lines = _children(supervisor.pid, 2)
         finally:
@@ -54,6 +63,31 @@ def test_no_command_line_of_a_robot_has_the_farms_seed(flag, tmp_path):
     assert len(lines) == 2
     assert all("--robot" in line for line in lines)
     assert not any("907711" in line or "--farm-seed" in line for line in lines)
+
+
+class _Joining(BaseHTTPRequestHandler):
+    """Gives each robot that joins a token."""
+
+    def do_POST(self):
+        token = {"token_id": "t", "owner": "farm", "scopes": ["robot"], "created_at": "now", "secret": "trifarm_t_secret"}
+        body = json.dumps(token | {"expires_at": None, "last_used_at": None, "revoked_at": None}).encode()
+        self.send_response(200)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *_):
+        pass
+
+
+@contextmanager
+def _api():
+    with ThreadingHTTPServer(("127.0.0.1", 0), _Joining) as server:
+        serving = threading.Thread(target=server.serve_forever, daemon=True)
+        serving.start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
+        serving.join()
 
 
 def _children(pid: int, count: int) -> list[str]:

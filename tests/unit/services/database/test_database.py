@@ -2,14 +2,19 @@ import asyncio
 import sqlite3
 import subprocess
 import sys
+import time
 
 import pytest
 from sqlalchemy import insert, select, text
 from sqlalchemy.exc import IntegrityError
 
 from services.database.database import Database, migrate
+from services.database.postgres import server_clock_s
 from services.database.sqlite import integrity_check
-from services.database.tables import job, token
+from services.database.tables import job, robot, token
+from services.errors import Unavailable
+from services.jobs.clock import FarmClock
+from tests.homes import QUICK, postgres_server
 
 JOB = {"job_id": "j2", "state": "queued", "task": "identify", "trials": 1, "seed": 1, "seed_drawn_by_server": True}
 JOB |= {"owner": "ann", "created_at": "now", "created_s": 0.0, "any_robot": True}
@@ -75,6 +80,28 @@ async def test_what_the_first_form_holds_is_kept_and_comes_back(tmp_path):
     await migrate(url, "0001", back=True)
     assert (rows(path, "SELECT * FROM job"), rows(path, "SELECT * FROM trial"), rows(path, "SELECT * FROM attempt")) == before
     assert rows(path, "SELECT count(*) FROM event") == [(1,)]
+
+
+async def test_policies_of_the_older_forms_belong_to_who_sent_them_and_to_who_ran_them(tmp_path):
+    path = tmp_path / "farm.sqlite"
+    url = f"sqlite+aiosqlite:///{path}"
+    await migrate(url, "0001")
+    with sqlite3.connect(path) as connection:
+        connection.executescript(FIRST_FORM.format(d="d" * 64))
+        for number, owner in ((2, "bob"), (3, "bob")):
+            columns = "job_id, state, policy, policy_name, task, trials, seed, seed_drawn_by_server, owner, created_at, created_s"
+            more = "cancel_requested, trials_done, trials_active, successes, policy_faults, platform_faults, last_event"
+            values = (f"j{number}", "succeeded", "d" * 64, "p", "push", 1, 1, 0, owner, f"then {number}", 0.0, *[0] * 7)
+            connection.execute(f"INSERT INTO job ({columns}, {more}) VALUES ({','.join('?' * len(values))})", values)
+    connection.close()
+    await migrate(url)
+    owned = [("d" * 64, "ann", "now"), ("d" * 64, "bob", "then 2")]
+    assert rows(path, "SELECT digest, owner, created_at FROM policy_owner ORDER BY number") == owned
+    for token_id, of_robot in (("t", "'r'"), ("u", "NULL")):
+        values = f"VALUES ('{token_id}', 'o', 'robot', 's', 'now', {of_robot})"
+        rows(path, f"INSERT INTO token (token_id, owner, scopes, secret_sha256, created_at, robot) {values}")
+    await migrate(url, "0002", back=True)
+    assert rows(path, "SELECT token_id FROM token") == [("u",)]  # one robot's token would have become the whole farm's
 
 
 @pytest.mark.parametrize("change", ["object = 'sphere'", "object_scale = 0.8"])
@@ -173,3 +200,43 @@ async def test_many_write_at_once_and_readers_see_only_what_is_committed(new_dat
 
 async def test_integrity(database, tmp_path):
     assert integrity_check(tmp_path / "farm.sqlite") == "ok"
+
+
+async def test_a_server_that_was_restarted_is_used_again_and_one_that_is_away_is_an_error_that_says_so():
+    with postgres_server(*QUICK) as server:
+        database = Database(server.url("postgres"))
+
+        async def ask():
+            async with database.read() as reader, database.write() as writer:
+                return [(await each.execute(text("SELECT 1"))).scalar() for each in (reader, writer)]
+
+        assert await ask() == [1, 1]
+        server.stop()
+        for way in (database.read, database.write):
+            with pytest.raises(Unavailable, match="nothing was changed"):
+                async with way():
+                    pass
+        await asyncio.to_thread(server.start)
+        assert await ask() == [1, 1]
+        await database.close()
+
+
+async def test_words_with_a_character_that_one_database_refuses_are_kept_on_both(new_database):
+    async with new_database.write() as tx:
+        await tx.execute(insert(robot).values(robot="a", drain=False, first_seen_at="now", withdrawn="broke\0 down"))
+    async with new_database.read() as connection:
+        assert (await connection.execute(select(robot.c.withdrawn))).scalar() == "broke\ufffd down"
+
+
+async def test_a_clock_that_is_set_by_the_database_does_not_follow_this_machines(new_database, monkeypatch):
+    if not new_database.is_shared:
+        pytest.skip("SQLite has no clock of its own")
+    monkeypatch.setattr(time, "time", lambda: 0.0)
+    clock = FarmClock.start()
+    await clock.set_by(new_database)
+    async with new_database.read() as connection:
+        said_s = float((await connection.execute(select(server_clock_s()))).scalar_one())
+    assert abs(clock.now_s() - said_s) < 0.5
+    last_s = clock.now_s()
+    clock.started_s -= 3600
+    assert clock.now_s() >= last_s

@@ -9,7 +9,9 @@ import pytest
 from api_schemas.jail import landlock
 from api_schemas.jail.level import JailLevel
 from api_schemas.policy import LAYOUTS, canonical_json
+from services.child import Ended
 from services.errors import Refused, Unavailable
+from services.policies import child
 from services.policies.child import convert
 from tests.integration.farm_process import small_policy
 
@@ -41,6 +43,28 @@ async def test_a_child_that_breaks_is_a_refusal(tmp_path):
         await convert(weights, manifest, out, 60)
     with pytest.raises(Refused, match="cannot be converted"):
         await convert(tmp_path / "missing.onnx", manifest, out, 60)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        b"",
+        b"{",
+        b"\xff\n",
+        b"[]\n",
+        b"[" * 50_000,
+        b'{"problem": {}}',
+        b'{"problem": {"why": []}}',
+        b'{"problem": {"why": "", "x": ""}}',
+        b'{"problem": 3}',
+        b'{"warnings": [1]}',
+        b'{"warnings": null}',
+        b'{"converted": true}\nnonsense',
+    ],
+)
+def test_whatever_a_taken_over_child_says_is_a_refusal(said, tmp_path):
+    with pytest.raises(Refused, match="the converting process ended with status 0"):
+        child._read(Ended(0, said), tmp_path / "out.onnx", "p.zip")
 
 
 async def test_a_jail_that_is_closed_enough_converts(tmp_path):

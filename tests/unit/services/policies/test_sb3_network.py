@@ -143,6 +143,29 @@ def test_a_recurrent_policy_remembers_within_a_trial_and_forgets_between(layers,
     assert memoryless > 1e-3
 
 
+@pytest.mark.parametrize("algorithm", ["PPO", "A2C"])
+def test_bins_of_a_multi_discrete_space_become_their_centres(algorithm, tmp_path):
+    class Dactyl(Arm):
+        action_space = gym.spaces.MultiDiscrete([11] * 9)
+
+    torch.set_num_threads(1)
+    model, path = getattr(sb3, algorithm)("MlpPolicy", Dactyl(), seed=1, device="cpu", n_steps=64).learn(64), tmp_path / "m.zip"
+    model.save(path)
+    observations = np.random.default_rng(0).normal(0, 3, (1000, SIZE)).astype(np.float32)
+    expected, _ = model.predict(observations, deterministic=True)
+    manifest = PolicyManifest(observation=LAYOUT.observation, output_scaling=OutputScaling(scale=0.36))
+    given = actions(converted(path, manifest), observations)
+    assert len(np.unique(expected)) == 11
+    assert np.abs(given - (expected / 5 - 1) * 0.36).max() <= 1e-5
+
+
+def test_bins_that_are_not_nine_times_the_same_are_refused():
+    for bins in ((11,) * 8, (11,) * 8 + (10,), (1,) * 9, (10**9,) * 9):
+        settings = Settings(None, squashed=False, low=None, high=None, mean_clip=2.0, bins=bins)
+        with pytest.raises(UnfitError, match="9 times the same number"):
+            sb3_network.rebuilt(named(), settings, LAYOUT)
+
+
 def test_an_archive_of_recurrent_ppo_remembers_as_sb3_contrib_does(tmp_path):
     contrib = pytest.importorskip("sb3_contrib", reason="sb3-contrib is not installed")
     torch.set_num_threads(1)

@@ -1,0 +1,94 @@
+"""A copy of an embedded farm's folder, made while the farm runs, and a farm made from such a copy."""
+
+import json
+import shutil
+import sqlite3
+from contextlib import closing
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from services.database.sqlite import integrity_check
+from services.upkeep import folder as folders
+from services.upkeep.folder import DATABASE, RECORD, UpkeepError
+
+
+def back_up(data: Path, target: Path) -> dict[str, Any]:
+    """Copies the farm in ``data`` to ``target``; a later backup to the same folder copies what is new.
+
+    The database is copied as it is at one moment; files are written before the rows that name them and never change, so
+    that whatever the copy names is there. The record says so last: until then the backup is not whole.
+
+    Raises:
+        UpkeepError: ``data`` is no farm's folder, or ``target`` holds something else than a backup.
+    """
+    if target.exists() and any(target.iterdir()) and not (target / RECORD).exists():
+        raise UpkeepError(f"{target} is not empty and no backup; name a new folder, or that of an earlier backup")
+    with folders.opened(data / DATABASE) as farm:
+        target.mkdir(parents=True, exist_ok=True, mode=0o700)
+        (target / RECORD).write_text(json.dumps({}))
+        _copy_database(farm, target / DATABASE)
+    with folders.opened(target / DATABASE) as copy:
+        form, named = folders.form_of(copy), folders.references(copy)
+    copied = missing = 0
+    for sha256 in sorted(named.needed | named.others):
+        try:
+            copied += folders.copy_object(folders.object_path(data, sha256), folders.object_path(target, sha256))
+        except FileNotFoundError:
+            missing += 1
+    folders.copy_small(data, target)
+    kept = [path.stat().st_size for path in folders.objects_in(target)]
+    record = {
+        "folder": str(target),
+        "made_at": datetime.now(UTC).isoformat(timespec="seconds"),
+        "version": version("trifarm"),
+        "form": form,
+        "database_sha256": folders.sha256_of(target / DATABASE),
+        "files": len(kept),
+        "bytes": sum(kept),
+        "copied": copied,
+        "missing": missing,
+    }
+    unfinished = target / "backup.new"
+    unfinished.write_text(json.dumps(record, indent=2) + "\n")
+    unfinished.replace(target / RECORD)
+    return record
+
+
+def restore(backup: Path, data: Path) -> dict[str, Any]:
+    """Makes the farm that a backup holds, in a folder that is empty or not there; every byte is checked on the way.
+
+    Raises:
+        UpkeepError: the backup is not whole or damaged, or ``data`` holds something.
+    """
+    record = folders.record_in(backup)
+    if record is None:
+        raise UpkeepError(f"{backup} is no whole backup: it has no {RECORD}; run 'trifarm backup' to its end, or name another")
+    if data.exists() and any(data.iterdir()):
+        raise UpkeepError(f"{data} is not empty; restore to a new folder, and start the farm there with --data")
+    if folders.sha256_of(backup / DATABASE) != record["database_sha256"] or integrity_check(backup / DATABASE) != "ok":
+        raise UpkeepError(f"{backup / DATABASE} is damaged; restore another backup")
+    unfinished = data.with_name(f".{data.name}.restoring")
+    shutil.rmtree(unfinished, ignore_errors=True)
+    (unfinished / "files" / "incoming").mkdir(parents=True, mode=0o700)
+    for path in folders.objects_in(backup):
+        folders.copy_object(path, folders.object_path(unfinished, path.name))
+    folders.copy_small(backup, unfinished)
+    shutil.copyfile(backup / DATABASE, unfinished / DATABASE)
+    if data.exists():
+        data.rmdir()
+    unfinished.rename(data)
+    with folders.opened(data / DATABASE) as farm:
+        jobs, reports = (farm.execute(f"SELECT count(*) FROM {name}").fetchone()[0] for name in ("job", "report"))  # noqa: S608
+    return {"data": str(data), "made_at": record["made_at"], "form": record["form"], "jobs": jobs, "reports": reports}
+
+
+def _copy_database(farm: sqlite3.Connection, target: Path) -> None:
+    unfinished = target.with_suffix(".new")
+    unfinished.unlink(missing_ok=True)
+    with closing(sqlite3.connect(unfinished)) as copy:
+        farm.backup(copy)
+        # One file, that needs no other beside it.
+        copy.execute("PRAGMA journal_mode = DELETE")
+    unfinished.replace(target)

@@ -1,0 +1,111 @@
+"""The data folder of an embedded farm as housekeeping sees it: its database, its files, and the small files that go with them."""
+
+import hashlib
+import json
+import shutil
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+DATABASE = Path("farm.sqlite")
+OBJECTS = Path("files") / "sha256"
+SMALL = (Path("tokens.json"), Path("up.json"), Path("robots") / "farm-secret")
+"""What makes the restored farm the same farm: its tokens, what its robots were told, and what their physics are drawn from."""
+RECORD = Path("backup.json")
+_REPORTED = "SELECT log_sha256 AS sha FROM trial UNION SELECT truth_sha256 FROM trial"
+_POLICIES = "SELECT weights_sha256 AS sha FROM policy UNION SELECT graph_sha256 FROM policy"
+_ATTEMPTS = "SELECT log_sha256 AS sha FROM attempt UNION SELECT truth_sha256 FROM attempt"
+
+
+class UpkeepError(Exception):
+    """A folder cannot be copied, restored or looked through; the message says why and what to do next."""
+
+
+@dataclass(frozen=True)
+class References:
+    """The files that a database names: those that policies and outcomes need, and those of other attempts, which may be gone."""
+
+    needed: frozenset[str]
+    others: frozenset[str]
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[sqlite3.Connection]:
+    """A database for reading.
+
+    Raises:
+        UpkeepError: there is none, or it cannot be read.
+    """
+    if not path.is_file():
+        raise UpkeepError(f"there is no database {path}; name the data folder of an embedded farm with --data")
+    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as connection:
+        yield connection
+
+
+def references(connection: sqlite3.Connection) -> References:
+    """Which files the database names."""
+    needed = _hashes(connection, f"{_POLICIES} UNION {_REPORTED}")
+    return References(needed, _hashes(connection, _ATTEMPTS) - needed)
+
+
+def form_of(connection: sqlite3.Connection) -> str:
+    """The revision that the database is in."""
+    return str(connection.execute("SELECT version_num FROM alembic_version").fetchone()[0])
+
+
+def object_path(folder: Path, sha256: str) -> Path:
+    """Where a data folder or a backup keeps a file."""
+    return folder / OBJECTS / sha256[:2] / sha256
+
+
+def objects_in(folder: Path) -> Iterator[Path]:
+    """Every file that a data folder or a backup keeps."""
+    return (path for path in (folder / OBJECTS).glob("*/*") if path.is_file())
+
+
+def sha256_of(path: Path) -> str:
+    """The SHA-256 of a file's content."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def copy_object(source: Path, target: Path) -> bool:
+    """Copies a file under its name, which is its hash; false when it was there already, whole.
+
+    Raises:
+        UpkeepError: the source does not hold what its name says.
+    """
+    size = source.stat().st_size
+    if target.exists() and target.stat().st_size == size:
+        return False
+    target.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = target.with_suffix(".new")
+    shutil.copyfile(source, unfinished)
+    if (found := sha256_of(unfinished)) != source.name:
+        unfinished.unlink()
+        raise UpkeepError(f"{source} is damaged: its content has the hash {found}; 'trifarm doctor --deep' lists all such files")
+    unfinished.replace(target)
+    return True
+
+
+def copy_small(source: Path, target: Path) -> None:
+    """Copies the small files that are there, for this user alone."""
+    for name in SMALL:
+        if (source / name).is_file():
+            (target / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source / name, target / name)
+            (target / name).chmod(0o600)
+
+
+def record_in(folder: Path) -> dict[str, object] | None:
+    """What a backup says of itself; None when the folder is no whole backup."""
+    try:
+        return json.loads((folder / RECORD).read_text()) or None
+    except (FileNotFoundError, ValueError):
+        return None
+
+
+def _hashes(connection: sqlite3.Connection, query: str) -> frozenset[str]:
+    return frozenset(row[0] for row in connection.execute(query) if row[0] is not None)

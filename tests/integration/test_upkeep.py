@@ -1,0 +1,99 @@
+"""Backup while the farm runs, restore elsewhere, the same reports; and a doctor who finds what was broken."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from tests.integration.farm_process import ROOT, services, until
+
+
+def trifarm(*arguments, code=0):
+    ran = subprocess.run(
+        [sys.executable, "-m", "client_cli", *map(str, arguments), "--json"],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert ran.returncode == code, ran.stdout + ran.stderr
+    return json.loads(ran.stdout)
+
+
+@pytest.fixture(scope="module")
+def farm(tmp_path_factory):
+    with services(tmp_path_factory.mktemp("upkeep") / "farm") as running:
+        running.start_robots(2, trial_s=0.05, log_bytes=5000, truth=True)
+        yield running
+
+
+@pytest.fixture(scope="module")
+def done(farm):
+    job_id = farm.submit(farm.policy(), trials=6).json()["job_id"]
+    farm.wait_for_end(job_id)
+    return job_id
+
+
+def test_a_backup_of_a_running_farm_is_restored_elsewhere_with_the_same_reports_and_goes_on(farm, done, tmp_path):
+    running = farm.submit(farm.policy(), trials=300, seed=2).json()["job_id"]
+    until(lambda: farm.job(running)["trials_done"] > 10, 20, "some trials to be done")
+    first = trifarm("backup", "--data", farm.data, "--to", tmp_path / "backup")
+    until(lambda: farm.job(running)["trials_done"] > 30, 20, "more trials to be done")
+    second = trifarm("backup", "--data", farm.data, "--to", tmp_path / "backup")
+    farm.admin.post(f"/v1/jobs/{running}/cancel")
+    assert (first["missing"], second["missing"]) == (0, 0)
+    assert 0 < second["copied"] < second["files"]
+    report = farm.admin.get(f"/v1/jobs/{done}/report").content
+    log = farm.admin.get(f"/v1/trials/{done}-003/log").content
+    made = trifarm("restore", "--from", tmp_path / "backup", "--data", tmp_path / "elsewhere")
+    assert (made["jobs"], made["reports"]) == (2, 1)
+    assert trifarm("doctor", "--data", tmp_path / "elsewhere", "--deep")["healthy"]
+    with services(tmp_path / "elsewhere", lease_s=1) as restored:
+        assert restored.tokens == farm.tokens
+        assert restored.admin.get(f"/v1/jobs/{done}/report").content == report
+        assert restored.admin.get(f"/v1/trials/{done}-003/log").content == log
+        assert restored.admin.get(f"/v1/jobs/{done}/trials/3/truth").status_code == 200
+        # What ran at the time of the backup runs on: its robots are gone, and others take their trials.
+        kept = restored.job(running)["trials_done"]
+        assert kept >= 30
+        restored.start_robots(2)
+        assert restored.wait_for_end(running, 100)["trials_done"] == 300
+
+
+def test_folders_that_cannot_be_used_are_refused_with_a_sentence(farm, done, tmp_path):
+    def refused(*arguments):
+        return trifarm(*arguments, code=1)["error"]["detail"]
+
+    assert "there is no database" in refused("backup", "--data", tmp_path, "--to", tmp_path / "b")
+    assert "is not empty and no backup" in refused("backup", "--data", farm.data, "--to", farm.data)
+    (tmp_path / "half").mkdir()
+    assert "is no whole backup" in refused("restore", "--from", tmp_path / "half", "--data", tmp_path / "new")
+    trifarm("backup", "--data", farm.data, "--to", tmp_path / "whole")
+    assert "is not empty; restore to a new folder" in refused("restore", "--from", tmp_path / "whole", "--data", farm.data)
+    log = next((tmp_path / "whole" / "files" / "sha256").glob("*/*"))
+    log.write_bytes(log.read_bytes()[:-1] + b"?")
+    assert "is damaged" in refused("restore", "--from", tmp_path / "whole", "--data", tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+def test_the_doctor_finds_what_was_broken(farm, done, tmp_path):
+    def problems(code, *flags):
+        found = trifarm("doctor", "--data", tmp_path / "sick", *flags, code=code)["findings"]
+        return {each["what"]: each["text"] for each in found if each["level"] == "problem"}
+
+    trifarm("backup", "--data", farm.data, "--to", tmp_path / "backup")
+    trifarm("restore", "--from", tmp_path / "backup", "--data", tmp_path / "sick")
+    assert problems(0, "--deep") == {}
+    trial = farm.admin.get(f"/v1/jobs/{done}/trials").json()["trials"][0]
+    log = tmp_path / "sick" / "files" / "sha256" / trial["log_sha256"][:2] / trial["log_sha256"]
+    log.write_bytes(b"x" * log.stat().st_size)
+    assert problems(0) == {}
+    assert set(problems(1, "--deep")) == {"content"}
+    log.unlink()
+    (tmp_path / "sick" / "tokens.json").chmod(0o644)
+    assert set(problems(1)) == {"files", "privacy"}
+    import sqlite3
+
+    with sqlite3.connect(tmp_path / "sick" / "farm.sqlite") as connection:
+        connection.execute("UPDATE report SET body = body || ' '")
+        connection.execute("UPDATE alembic_version SET version_num = '9999'")
+    connection.close()
+    assert set(problems(1)) == {"files", "privacy", "reports", "form"}

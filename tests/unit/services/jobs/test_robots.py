@@ -1,0 +1,85 @@
+"""What the database keeps of robots, and who of them goes out of service by himself."""
+
+import asyncio
+
+import pytest
+from sqlalchemy import insert, select
+
+from api_schemas.robot import RobotState
+from services.database.tables import robot
+from services.jobs import robots
+from services.jobs.fleet import Fleet
+from services.jobs.robots import FAULTS_IN_A_ROW
+from services.jobs.views import show_robot
+from tests.unit.services.conftest import beat
+
+NOW_S = 1000.0
+
+
+@pytest.fixture
+async def database(new_database):
+    async with new_database.write() as tx:
+        await tx.execute(insert(robot).values(robot="a", drain=False, first_seen_at="now"))
+    return new_database
+
+
+async def fail(database, times):
+    for number in range(times):
+        async with database.write() as tx:
+            await robots.count_fault(tx, "a", f"reason {number}")
+
+
+async def shown(database, fleet):
+    async with database.read() as connection:
+        await robots.refresh(connection, fleet)
+    return show_robot(fleet.member("a"), NOW_S)
+
+
+async def test_five_faults_in_a_row_take_a_robot_out_of_service_until_an_operator_resumes_it(database, fleet_of):
+    fleet = fleet_of("a", now_s=NOW_S)
+    await fail(database, FAULTS_IN_A_ROW - 1)
+    assert (await shown(database, fleet)).state == RobotState.IDLE
+    await fail(database, 2)
+    out = await shown(database, fleet)
+    assert out.state == RobotState.OUT_OF_SERVICE
+    assert out.reason == "5 attempts in a row failed on it, the last because: reason 0; 'trifarm robots resume a' tries again"
+    assert fleet.ready(NOW_S) == ()
+    assert fleet.healthy(NOW_S) == frozenset()
+    async with database.write() as tx:
+        await robots.wish_drain(tx, "a", drain=True)
+    assert (await shown(database, fleet)).state == RobotState.OUT_OF_SERVICE
+    async with database.write() as tx:
+        await robots.wish_drain(tx, "a", drain=False)
+    assert (await shown(database, fleet)).state == RobotState.IDLE
+    await fail(database, FAULTS_IN_A_ROW - 1)
+    assert (await shown(database, fleet)).state == RobotState.IDLE
+
+
+async def test_an_accepted_outcome_between_faults_counts_and_begins_anew(database, fleet_of):
+    fleet = fleet_of("a", now_s=NOW_S)
+    for _ in range(3):
+        await fail(database, FAULTS_IN_A_ROW - 1)
+        async with database.write() as tx:
+            await robots.count_done(tx, "a")
+    assert (await shown(database, fleet)).state == RobotState.IDLE
+    assert (await shown(database, fleet)).trials_done == 3
+
+
+async def test_a_process_is_new_once_also_for_several_who_hear_it_at_the_same_time(new_database):
+    async def hear(instance):
+        async with new_database.write() as tx:
+            return await robots.keep(tx, beat("b").model_copy(update={"instance": instance}), NOW_S)
+
+    assert sorted(await asyncio.gather(*(hear("one") for _ in range(4)))) == [False, False, False, True]
+    assert sorted(await asyncio.gather(*(hear("two") for _ in range(4)))) == [False, False, False, True]
+    async with new_database.read() as connection:
+        assert (await connection.execute(select(robot.c.instance))).scalars().all() == ["two"]
+
+
+async def test_what_others_wrote_is_in_the_fleet(database):
+    async with database.write() as tx:
+        await robots.wish_drain(tx, "a", drain=True)
+    fleet = Fleet()
+    async with database.read() as connection:
+        await robots.refresh(connection, fleet)
+    assert fleet.member("a").drain
