@@ -49,7 +49,7 @@ class Watch(BaseCallback):
             self._returns += [self.locals["infos"][robot]["episode"]["r"] for robot in ended.robots]
             run.randomizer.told(ended.robots, success)
         minutes = run.recipe.minutes
-        return minutes is None or run.seconds < 60 * minutes
+        return not run.stopped and (minutes is None or run.seconds < 60 * minutes)
 
     def _on_rollout_end(self) -> None:
         run, now = self._run, time.monotonic()

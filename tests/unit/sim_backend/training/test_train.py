@@ -1,9 +1,13 @@
 """A run in small: what it exports is what it learned, it goes on where it stopped, and a critic may know more than the actor."""
 
 import json
+import os
 import re
+import signal
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -117,6 +121,25 @@ def test_a_stopped_run_goes_on(tmp_path, capsys):
     assert (weights[0] != weights[1]).any()
     page = (Path(__file__).parents[4] / "docs" / "cli.md").read_text().split("### `trifarm train RECIPE`")[1]
     assert re.findall("`([^`]+)`", re.search(r"^JSON keys: (.*)$", page, re.MULTILINE)[1]) == list(document(record, folder))
+
+
+def press_ctrl_c_while_it_trains(before) -> None:
+    while signal.getsignal(signal.SIGINT) is before:
+        time.sleep(0.01)
+    time.sleep(0.5)
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_ctrl_c_leaves_a_checkpoint_to_go_on_from(tmp_path):
+    path, folder = tmp_path / "tiny.toml", tmp_path / "run"
+    path.write_text(TINY.format(samples=10_000_000).replace("every_samples = 200", "every_samples = 100_000_000"))
+    presser = threading.Thread(target=press_ctrl_c_while_it_trains, args=(signal.getsignal(signal.SIGINT),))
+    presser.start()
+    assert main([str(path), "--out", str(folder), "--threads", "1"]) == 130
+    presser.join()
+    state = torch.load(folder / "checkpoint.pt", weights_only=True)
+    assert state["samples"] < 10_000_000
+    assert not (folder / "tiny.safetensors").exists()
 
 
 def test_levels_follow_each_other_as_trials_succeed(tmp_path):
