@@ -3,6 +3,7 @@
 import argparse
 import json
 import os
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -39,17 +40,19 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _train(run, options: argparse.Namespace, tell: Callable[[str], None]) -> int:
+    if options.resume:
+        run.go_on()
+        tell(f"goes on at {run.model.num_timesteps:,} samples")
+    before = signal.signal(signal.SIGINT, lambda *_: run.stop())  # an exception would break compiled code apart
     try:
-        if options.resume:
-            run.go_on()
-            tell(f"goes on at {run.model.num_timesteps:,} samples")
         run.learn()
-        run.keep()
-        record = run.finish()
-    except KeyboardInterrupt:
-        run.keep()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    run.keep()
+    if run.stopped:
         tell(f"stopped at {run.model.num_timesteps:,} samples; --resume goes on from there")
         return INTERRUPTED
+    record = run.finish()
     policy = run.folder / record["policy"]
     if options.json:
         print(json.dumps(document(record, run.folder), indent=2))

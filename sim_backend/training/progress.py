@@ -28,7 +28,8 @@ class Watch(BaseCallback):
         self._successes: list[bool] = []
         self._returns: list[float] = []
         self._recent: list[bool] = []
-        self._due = (len(run.evaluations) + 1) * run.recipe.evaluation.every_samples
+        every = run.recipe.evaluation.every_samples
+        self._due = (run.model.num_timesteps // every + 1) * every
         self._board = _board(run)
 
     def _on_rollout_start(self) -> None:
@@ -48,7 +49,7 @@ class Watch(BaseCallback):
             self._returns += [self.locals["infos"][robot]["episode"]["r"] for robot in ended.robots]
             run.randomizer.told(ended.robots, success)
         minutes = run.recipe.minutes
-        return minutes is None or run.seconds < 60 * minutes
+        return not run.stopped and (minutes is None or run.seconds < 60 * minutes)
 
     def _on_rollout_end(self) -> None:
         run, now = self._run, time.monotonic()

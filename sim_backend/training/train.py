@@ -48,6 +48,7 @@ class Run:
     iterations: int = 0
     level: int = 0
     starts: int = 1
+    stopped: bool = False
     evaluations: list[dict] = field(default_factory=list)
     curve: list[dict] = field(default_factory=list)
 
@@ -76,6 +77,10 @@ class Run:
         left = self.recipe.samples - self.model.num_timesteps
         if left > 0:
             self.model.learn(left, Watch(self), reset_num_timesteps=False, log_interval=1)
+
+    def stop(self) -> None:
+        """End the training after the present control period."""
+        self.stopped = True
 
     def evaluate(self) -> list[Tried]:
         """Try the policy as it is, on the goals that all evaluations of the run have."""

@@ -13,7 +13,7 @@ from sim_backend.training.recipe import load_recipe
 from sim_backend.training.train import Run
 from tests.end_to_end.farm import TRIFARM, Farm
 
-TRIALS = 30
+TRIALS = 24
 
 
 @pytest.mark.filterwarnings("default")  # torch's own

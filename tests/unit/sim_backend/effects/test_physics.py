@@ -76,3 +76,15 @@ def test_a_list_that_could_mean_robots_or_joints_is_refused():
     with pytest.raises(ValueError, match="one number for each robot, or one for each joint"):
         Physics.of(9, {"torque_constant.error": np.linspace(0, 0.1, 9)})
     assert Physics.of(9, {"torque_constant.error": np.linspace(0, 0.1, 9)[:, None]}).value("torque_constant.error")[3, 8] < 0.04
+
+
+def test_some_robots_get_other_effects():
+    three = Physics.of(3, {"cube_mass.factor": [1.0, 1.1, 1.2]})
+    two = Physics.of(2, {"torque_constant.error": [0.1, 0.2], "cube_mass.factor": [0.9, 0.8]})
+    merged = three.with_rows(np.array([2, 0]), two)
+    assert merged.value("cube_mass.factor").tolist() == [0.8, 1.1, 0.9]
+    assert merged.value("torque_constant.error")[:, 0].tolist() == [0.2, 0.0, 0.1]
+    assert three.value("cube_mass.factor").tolist() == [1.0, 1.1, 1.2]
+    assert merged.having("torque_constant").tolist() == [True, False, True]
+    assert merged.rows(np.array([1])).given.keys() == merged.given.keys()
+    assert merged.rows(np.array([2, 1])).value("cube_mass.factor").tolist() == [0.9, 1.1]

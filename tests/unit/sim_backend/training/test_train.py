@@ -1,9 +1,13 @@
 """A run in small: what it exports is what it learned, it goes on where it stopped, and a critic may know more than the actor."""
 
 import json
+import os
 import re
+import signal
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +20,10 @@ from sim_backend.layouts import layout_of  # noqa: E402
 from sim_backend.training.__main__ import document, main  # noqa: E402
 from sim_backend.training.actor_critic import difference_matrix  # noqa: E402
 from sim_backend.training.export import read_policy, write_policy  # noqa: E402
+from sim_backend.training.progress import Watch  # noqa: E402
 from sim_backend.training.recipe import Recipe  # noqa: E402
 from sim_backend.training.train import Run  # noqa: E402
+from sim_backend.trifinger.constants import CUBE_RADIUS_M  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("default")  # torch's own
 TINY = """
@@ -36,7 +42,7 @@ minibatch = 100
 [evaluation]
 every_samples = 200
 trials = 2
-physics = ["nominal"]
+physics = ["nominal", "mild"]
 final_trials = 2
 """
 
@@ -106,7 +112,9 @@ def test_a_stopped_run_goes_on(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["samples"] == 800
     record = json.loads((folder / "record.json").read_text())
     assert record["samples"] == 800 and record["starts"] == 2
-    assert [each["samples"] for each in record["evaluations"]] == [200, 400, 600, 800]
+    tried = [(each["samples"], each["physics"]) for each in record["evaluations"]]
+    assert tried == [(samples, physics) for samples in (200, 400, 600, 800) for physics in ("nominal", "mild")]
+    assert [each["physics"] for each in record["final"]] == ["nominal", "mild"]
     second = torch.load(folder / "checkpoint.pt", weights_only=True)
     assert second["returns"][2] > first["returns"][2]
     weights = [state["policy"]["action_net.weight"] for state in (first, second)]
@@ -115,14 +123,49 @@ def test_a_stopped_run_goes_on(tmp_path, capsys):
     assert re.findall("`([^`]+)`", re.search(r"^JSON keys: (.*)$", page, re.MULTILINE)[1]) == list(document(record, folder))
 
 
-def test_levels_follow_each_other(tmp_path):
-    levels = [{"task": "push", "until": 0.01}, {"task": "floor_pose", "until": 1.0}]
+def press_ctrl_c_while_it_trains(before) -> None:
+    while signal.getsignal(signal.SIGINT) is before:
+        time.sleep(0.01)
+    time.sleep(0.5)
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_ctrl_c_leaves_a_checkpoint_to_go_on_from(tmp_path):
+    path, folder = tmp_path / "tiny.toml", tmp_path / "run"
+    path.write_text(TINY.format(samples=10_000_000).replace("every_samples = 200", "every_samples = 100_000_000"))
+    presser = threading.Thread(target=press_ctrl_c_while_it_trains, args=(signal.getsignal(signal.SIGINT),))
+    presser.start()
+    assert main([str(path), "--out", str(folder), "--threads", "1"]) == 130
+    presser.join()
+    state = torch.load(folder / "checkpoint.pt", weights_only=True)
+    assert state["samples"] < 10_000_000
+    assert not (folder / "tiny.safetensors").exists()
+
+
+def test_levels_follow_each_other_as_trials_succeed(tmp_path):
+    levels = [{"task": "push", "until": 0.5}, {"task": "floor_pose", "until": 1.0}]
     run = Run("levels", recipe(layout="move", task="lift", curriculum=levels), tmp_path, threads=1, tell=lambda _: None)
-    names = []
-    for level in (0, 1, 2):
-        run.set_level(level)
+    run.learn()
+    watch, names = Watch(run), []
+    watch.init_callback(run.model)
+    for successes in ([True] * 99 + [False] * 101, [True] * 100 + [False] * 100, [True] * 199 + [False], [True] * 200):
+        watch._recent = list(successes)
+        watch._go_up()
         names.append(run.robots.environment.practice.task.name)
-    assert names == ["push", "floor_pose", "lift"]
+    assert names == ["push", "floor_pose", "floor_pose", "lift"]
+    assert run.record()["level"] == 2
+    heights = run.robots.environment.goal.cube_position_world_m[:, 2]
+    assert heights.min() > CUBE_RADIUS_M - 1e-9  # all robots have goals in the air at once
+    np.testing.assert_array_equal(run.model._last_episode_starts, np.ones(25, dtype=bool))
+
+
+def test_ranges_grow_within_a_run(tmp_path):
+    growing = {"method": "adr", "trials": 1, "low": 0.0, "high": 0.0, "step": 0.5, "at_boundary": 0.9}
+    run = Run("adr", recipe(physics="real", samples=1000, randomization=growing), tmp_path, threads=1, tell=lambda _: None)
+    assert run.record()["randomization"]["entropy"] == pytest.approx(np.log(1e-3), rel=0.3)
+    run.learn()
+    assert (run.randomizer.reach > 0.0).sum() > 10  # every trial at a boundary counts as good enough
+    assert run.record()["randomization"]["boundaries"]["coulomb_friction.torque_nm"][1] <= 0.2
 
 
 @pytest.mark.parametrize("layout", ["push", "move", "pose", "reach", "rrc2022-lift"])
