@@ -127,7 +127,7 @@ async def open_farm(settings: Settings) -> AsyncIterator[Farm]:
         version=version("trifarm"),
         verifications=asyncio.Semaphore(settings.verification_at_once),
         jail=await asyncio.to_thread(detect),
-        key=FarmKey.of(settings.data, settings.farm_key and settings.farm_key.get_secret_value()),
+        key=FarmKey.of(settings.data, None if settings.farm_key is None else settings.farm_key.get_secret_value()),
     )
     try:
         await _first_tokens(settings, farm.tokens)
