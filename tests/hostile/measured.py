@@ -1,11 +1,14 @@
 """What a converting child costs, measured by the kernel from its start to its end."""
 
 import asyncio
+import json
 import os
 import subprocess
 import sys
+import tempfile
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
@@ -24,7 +27,7 @@ class Cost:
 
 @contextmanager
 def measured_children():
-    """Has ``child.convert`` start its children as always, but waited for by ``wait4``, which tells the cost of each."""
+    """Has ``child.convert`` start its children as always, but each through a small process that tells what it cost."""
     cost = Cost()
 
     async def run_module(module, *arguments, folder, deadline_s):
@@ -36,19 +39,30 @@ def measured_children():
         yield cost
 
 
+LAUNCHER = """
+import json, os, sys
+child = os.posix_spawn(sys.argv[2], sys.argv[2:], os.environ)
+_, status, used = os.wait4(child, 0)
+with open(sys.argv[1], "w") as file:
+    json.dump([status, used.ru_utime + used.ru_stime, used.ru_maxrss * 1024], file)
+"""
+"""Stands between this process and the child: a process begins with the largest memory of the one that started it."""
+
+
 def _run(cost, command, folder):
-    with subprocess.Popen(
-        command,
-        cwd=folder,
-        env=jail_environment(),
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    ) as process:
-        said = process.stdout.read()
-        _, status, used = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-    cost.cpu_s = max(cost.cpu_s, used.ru_utime + used.ru_stime)
-    cost.memory_bytes = max(cost.memory_bytes, used.ru_maxrss * 1024)
-    return Ended(process.returncode, said)
+    with tempfile.TemporaryDirectory() as notes:
+        told = Path(notes) / "used.json"
+        process = subprocess.run(
+            [sys.executable, "-I", "-S", "-c", LAUNCHER, str(told), *command],
+            cwd=folder,
+            env=jail_environment(),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+            check=True,
+        )
+        status, cpu_s, memory_bytes = json.loads(told.read_text())
+    cost.cpu_s = max(cost.cpu_s, cpu_s)
+    cost.memory_bytes = max(cost.memory_bytes, memory_bytes)
+    return Ended(os.waitstatus_to_exitcode(status), process.stdout)
