@@ -20,7 +20,7 @@ async def _caller(
     if credentials is None:
         raise Unauthorised("token-missing", "Send the header 'Authorization: Bearer trifarm_…'.")
     caller = await farm.tokens.caller(credentials.credentials)
-    request.state.caller = caller  # for the limits and the audit line
+    request.state.caller, request.state.credential = caller, caller.key  # for the limits and the audit line
     return caller
 
 

@@ -30,6 +30,9 @@ def create_app(farm: Farm) -> FastAPI:
         description="Upload a policy, ask for trials on a farm of simulated TriFingers, fetch the report and the logs.",
         # A JSON body is taken as such also when its sender forgot to say so; no browser holds these tokens.
         strict_content_type=False,
+        # Their pages would run a script of another site in the origin of the dashboard's sessions.
+        docs_url=None,
+        redoc_url=None,
     )
     app.state.farm, app.state.operations = farm, []
     problems.install(app)

@@ -59,7 +59,7 @@ class Door:
         key, address = _key(scope), network((scope.get("client") or ("unknown",))[0])
         known = self._good.get(key)
         buckets = self._anonymous if known is None else self._robots if known.robot else self._users
-        name = address if known is None else key
+        name = address if known is None else known.token_id
         draw = buckets.draw(name, time.monotonic())
         passage.limit(buckets, draw)
         if not draw.passes:
@@ -71,8 +71,8 @@ class Door:
         caller: Caller | None = scope["state"].get("caller")
         if passage.status == UNAUTHORISED:
             self._good.pop(key, None)
-        elif caller is not None and known is None:
-            buckets.give_back(name)  # whoever has a token is counted by it
+        elif caller is not None and known is None and key == scope["state"].get("credential"):
+            buckets.give_back(name)  # whoever has a token is counted by it; one shown beside it for nothing is not his
             self._good[key] = caller
             if len(self._good) > MOST_BUCKETS:
                 self._good.popitem(last=False)

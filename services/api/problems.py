@@ -49,7 +49,7 @@ async def _invalid(request: Request, error: Exception) -> JSONResponse:
 async def _http_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
     slug = {404: "no-such-route", 405: "method-not-allowed"}.get(error.status_code, "http-error")
-    detail = f"{request.method} {request.url.path}: {error.detail}; /docs lists the routes."
+    detail = f"{request.method} {request.url.path}: {error.detail}; /openapi.json lists the routes."
     headers = error.headers
     if error.status_code == 405:
         headers = {"Allow": ", ".join(sorted(_methods(request)))}

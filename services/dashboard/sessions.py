@@ -74,7 +74,8 @@ async def _session(request: Request, farm: TheFarm, seal: TheSeal) -> Session:
     if cookie is None or bearer is None:
         raise Unauthorised("session-missing", "Sign in with a token of the farm.")
     caller = await farm.tokens.caller(bearer)
-    request.state.caller = caller  # for the limits and the audit line
+    # For the limits and the audit line.
+    request.state.caller, request.state.credential = caller, hashlib.sha256(cookie.encode()).hexdigest()
     if not caller.may(Scope.SUBMIT, Scope.OPERATE):
         raise Forbidden("scope-missing", f"The token of {caller.owner} may neither submit nor operate; this page is for those.")
     return Session(caller, seal.word(cookie), bearer)

@@ -35,7 +35,7 @@ async def sign_in(
     refuse_foreign(request)
     try:
         caller = await farm.tokens.caller(token.strip())
-        request.state.caller = caller  # for the limits and the audit line
+        request.state.caller = caller  # for the audit line
         if not caller.may(Scope.SUBMIT, Scope.OPERATE):
             raise Forbidden("scope-missing", f"The token of {caller.owner} may neither submit nor operate.")
     except (Unauthorised, Forbidden) as error:

@@ -9,10 +9,12 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from services.signing import KEY_FILE
+
 DATABASE = Path("farm.sqlite")
 OBJECTS = Path("files") / "sha256"
-SMALL = (Path("tokens.json"), Path("up.json"), Path("robots") / "farm-secret")
-"""What makes the restored farm the same farm: its tokens, what its robots were told, and what their physics are drawn from."""
+SMALL = (Path("tokens.json"), Path("up.json"), Path(KEY_FILE), Path("robots") / "farm-secret")
+"""What makes the restored farm the same: its tokens, the key it signs with, what its robots were told and are drawn from."""
 RECORD = Path("backup.json")
 _REPORTED = "SELECT log_sha256 AS sha FROM trial UNION SELECT truth_sha256 FROM trial"
 _POLICIES = "SELECT weights_sha256 AS sha FROM policy UNION SELECT graph_sha256 FROM policy"

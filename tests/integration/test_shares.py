@@ -117,6 +117,28 @@ def test_guessers_are_stopped_before_the_database_is_asked_and_good_tokens_are_n
     time.sleep(1.5)  # the other tests come from this address too
 
 
+def test_sessions_share_the_limit_of_their_token_and_no_other_header_gets_round_it(farm):
+    made = farm.admin.post("/v1/tokens", json={"owner": "gina", "scopes": ["submit"]}).json()
+    with (
+        httpx.Client(base_url=farm.api) as one,
+        httpx.Client(base_url=farm.api) as other,
+        httpx.Client(base_url=farm.api) as bare,
+    ):
+        for browser in (one, other):
+            assert browser.post("/sign-in", data={"token": made["secret"]}).status_code == 303
+        first = [one.get("/jobs").status_code for _ in range(10 * USER_PER_S)]
+        assert first[0] == 200
+        then = [other.get("/jobs").status_code for _ in range(10 * USER_PER_S)]
+        assert then.count(429) > 5 * USER_PER_S, "another session has no more"
+        made_up = [
+            one.get("/jobs", headers={"Authorization": f"Bearer made-up-{n}"}).status_code
+            for n in range(10 * ANONYMOUS_PER_S + 60)
+        ]
+        assert made_up.count(429) >= 30, "who shows a token that is not his counts as a stranger"
+        assert bare.get("/v1/jobs").headers["ratelimit-policy"].startswith(f'"requests";q={10 * ANONYMOUS_PER_S};')
+    time.sleep(1.5)  # the other tests come from this address too
+
+
 def test_a_revoked_token_stops_within_a_second_in_another_process_and_in_open_streams(farm):
     (gina, token_id), (policy, manifest) = user(farm, "gina"), small_policy()
     digest = farm.upload(policy, manifest, client=gina).json()["digest"]

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from api_schemas.success_rate import wilson
 from services.dashboard import figures, words
 from services.dashboard.sessions import Seal
 from services.dashboard.sign_in import own_path
-from services.jobs.statistics import wilson
 
 
 def test_a_session_opens_with_its_own_seal_only():
