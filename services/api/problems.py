@@ -85,7 +85,8 @@ async def _database_error(request: Request, error: Exception) -> JSONResponse:
 def _is_of_value(error: DBAPIError) -> bool:
     """Whether the database, or its driver before it was asked, refused a value; asking again would not help."""
     sqlstate = getattr(error.orig, "sqlstate", None) or ""
-    return isinstance(error, DataError) or sqlstate.startswith(DATA_EXCEPTION) or isinstance(error.orig.__cause__, ValueError)
+    by_driver = error.orig is not None and isinstance(error.orig.__cause__, ValueError)
+    return by_driver or isinstance(error, DataError) or sqlstate.startswith(DATA_EXCEPTION)
 
 
 async def _unexpected(request: Request, error: Exception) -> JSONResponse:

@@ -19,7 +19,7 @@ FORM = "multipart/form-data; boundary=b"
 PART = b'--b\r\nContent-Disposition: form-data; name="token"; filename="t"\r\n\r\n'
 ROUTES = {  # the type of a body, and how such a body begins
     "POST /v1/jobs": ("application/json", b'{"policy": "'),
-    "POST /v1/leases/x-000/1/outcome": ("application/json", b'{"robot": "'),
+    "POST /v1/leases/x-000/outcome": ("application/json", b'{"robot": "'),
     "POST /sign-in": (FORM, PART),
     "POST /jobs/x/cancel": ("application/x-www-form-urlencoded", b"csrf="),
 }

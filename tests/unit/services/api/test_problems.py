@@ -4,6 +4,7 @@ import httpx
 import pytest
 from fastapi import FastAPI
 from sqlalchemy import select, text
+from structlog.testing import capture_logs
 
 from services.api import problems
 from services.database.tables import job, trial
@@ -36,5 +37,7 @@ async def test_a_value_that_does_not_fit_is_no_silence_of_the_database(ask, new_
             assert (answer.status_code, answer.json()["type"]) == (422, "/problems/value-unfit"), name
         else:
             assert answer.json() == 0, name  # SQLite looks for both, and finds nothing
-    answer = await ask("/no such table")
+    with capture_logs() as lines:
+        answer = await ask("/no such table")
     assert (answer.status_code, answer.json()["type"]) == (503, "/problems/database-unavailable")
+    assert [line["event"] for line in lines] == ["database error"]
