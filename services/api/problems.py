@@ -74,6 +74,7 @@ def _methods(request: Request) -> set[str]:
 async def _database_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, DBAPIError)
     if _is_of_value(error):
+        log.warning("value refused by the database", route=_route(request), kind=type(error.orig).__name__)
         detail = "A value of this request is none that the database can keep or look for, such as a NUL in a text. Leave it out."
         return answer(request, 422, "value-unfit", "Content refused", detail)
     error.hide_parameters = True  # hashes of tokens, keys and manifests of users are among them
