@@ -11,8 +11,12 @@ def encode(number: int | None) -> str | None:
     return None if number is None else base64.urlsafe_b64encode(f"n{number}".encode()).decode().rstrip("=")
 
 
-def decode(cursor: str | None) -> int | None:
+def decode(cursor: str | None, most: int = 10**18) -> int | None:
     """The number inside a cursor.
+
+    Args:
+        cursor: what was sent.
+        most: the largest number that a row of this list can have.
 
     Raises:
         Refused: it is none that this API gave.
@@ -21,7 +25,7 @@ def decode(cursor: str | None) -> int | None:
         return None
     try:
         text = base64.urlsafe_b64decode(cursor + "=" * (-len(cursor) % 4)).decode()
-        if not (text[:1] == "n" and text[1:].isascii() and text[1:].isdigit() and len(text) <= 19):
+        if not (text[:1] == "n" and text[1:].isascii() and text[1:].isdigit() and len(text) <= 19 and int(text[1:]) <= most):
             raise ValueError(text)
         return int(text[1:])
     except (ValueError, binascii.Error) as error:

@@ -25,7 +25,7 @@ PROBLEMS = {
 ALWAYS = (429, 503)
 """Every route can be asked too often, and the database can be away."""
 WITH_TOKEN = (401, 403)
-WITH_BODY = (400, 413)
+WITH_BODY = (400, 408, 413)
 _SCHEMA = {"$ref": "#/components/schemas/Problem"}
 
 Responses = dict[int | str, dict[str, Any]]

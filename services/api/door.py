@@ -16,6 +16,7 @@ from starlette.types import ASGIApp, Message, Receive, Send
 from starlette.types import Scope as Asgi
 
 from services.api import audit, problems
+from services.api.bodies import Incoming
 from services.api.rate_limits import MOST_BUCKETS, Buckets, Draw, network
 from services.api.tokens import Caller, Tokens
 from services.errors import Unauthorised
@@ -36,6 +37,7 @@ class Door:
 
     def __init__(self, app: ASGIApp, settings: Settings, tokens: Tokens) -> None:
         self._app, self._tokens = app, tokens
+        self._body_stall_s = settings.body_stall_s
         self._anonymous = Buckets(settings.anonymous_requests_per_s)
         self._users = Buckets(settings.requests_per_s)
         self._robots = Buckets(settings.robot_requests_per_s)
@@ -66,7 +68,7 @@ class Door:
             scope["state"]["caller"] = known
             await _refuse(scope, receive, passage, draw, buckets)
             return
-        watch = _Watch(self._tokens, scope, receive)
+        watch = _Watch(self._tokens, scope, receive, self._body_stall_s)
         await watch.over(self._app, passage)
         caller: Caller | None = scope["state"].get("caller")
         if passage.status == UNAUTHORISED:
@@ -108,8 +110,9 @@ class _Passage:
 class _Watch:
     """Looks again and again whether the token of a request still holds, for as long as the request lasts."""
 
-    def __init__(self, tokens: Tokens, scope: Asgi, receive: Receive) -> None:
+    def __init__(self, tokens: Tokens, scope: Asgi, receive: Receive, body_stall_s: float) -> None:
         self._tokens, self._scope, self._receive = tokens, scope, receive
+        self._incoming = Incoming(scope, receive, body_stall_s)
         self._looked_s = time.monotonic()
 
     async def over(self, app: ASGIApp, passage: _Passage) -> None:
@@ -139,7 +142,7 @@ class _Watch:
 
     async def _body(self) -> Message:
         """The next part of a body; none is taken under a token that has ended."""
-        message = await self._receive()
+        message = await self._incoming()
         if message["type"] == "http.request" and time.monotonic() - self._looked_s > RECHECK_S and not await self._holds():
             raise Unauthorised("token-revoked", REVOKED)
         return message

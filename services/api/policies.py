@@ -17,6 +17,7 @@ from starlette.types import Message, Receive
 from api_schemas.policy import Policy, PolicyManifest, PolicyPage
 from services.api import cursor as cursors
 from services.api.access import RobotCaller, Submitter, User
+from services.api.bodies import BodyRefused
 from services.api.document import files
 from services.api.farm import Farm, TheFarm
 from services.api.serving import stored_file
@@ -57,6 +58,8 @@ async def put_policy(digest: Digest, request: Request, response: Response, calle
         try:
             async with limited.form(max_files=1, max_fields=1, max_part_size=MANIFEST_BYTES) as form:
                 upload = await _upload(digest, form, Path(folder), caller, farm)
+        except BodyRefused:
+            raise
         except HTTPException as error:
             raise Refused("form-malformed", f"The form cannot be read: {error.detail}") from error
         policy, new = await farm.policies.take(upload, farm.clock.now_iso())

@@ -8,19 +8,23 @@ from fastapi import FastAPI, Request
 from fastapi.encoders import jsonable_encoder
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import DataError, DBAPIError
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
 from api_schemas.error import MEDIA_TYPE, Problem
+from services.api.bodies import BodyRefused
 from services.errors import ServiceError, TooMany
 
 log = structlog.get_logger()
+DATA_EXCEPTION = "22"
+"""The class of SQLSTATE for values that do not fit (PostgreSQL, appendix A)."""
 
 
 def install(app: FastAPI) -> None:
     """Makes the app answer every error with a problem document."""
     app.add_exception_handler(ServiceError, _service_error)
+    app.add_exception_handler(BodyRefused, _body_refused)
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(DBAPIError, _database_error)
@@ -29,11 +33,16 @@ def install(app: FastAPI) -> None:
 
 async def _service_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, ServiceError)
-    headers = {401: {"WWW-Authenticate": "Bearer"}, 503: {"Retry-After": "2"}}.get(error.status)
+    headers = {401: {"WWW-Authenticate": "Bearer"}, 408: {"Connection": "close"}, 503: {"Retry-After": "2"}}.get(error.status)
     if isinstance(error, TooMany):
         headers = {"Retry-After": str(error.retry_after_s)}
     request.state.token_id = error.members.get("token_id")
     return answer(request, error.status, error.slug, error.title, error.detail, members=error.members, headers=headers)
+
+
+async def _body_refused(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, BodyRefused)
+    return await _service_error(request, error.refusal)
 
 
 async def _invalid(request: Request, error: Exception) -> JSONResponse:
@@ -64,10 +73,21 @@ def _methods(request: Request) -> set[str]:
 
 async def _database_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, DBAPIError)
+    if _is_of_value(error):
+        log.warning("value refused by the database", route=_route(request), kind=type(error.orig).__name__)
+        detail = "A value of this request is none that the database can keep or look for, such as a NUL in a text. Leave it out."
+        return answer(request, 422, "value-unfit", "Content refused", detail)
     error.hide_parameters = True  # hashes of tokens, keys and manifests of users are among them
     log.error("database error", route=_route(request), exc_info=error)
     detail = "The database did not answer; nothing was changed by this request. Try again in a moment."
     return answer(request, 503, "database-unavailable", "Not available now", detail, headers={"Retry-After": "2"})
+
+
+def _is_of_value(error: DBAPIError) -> bool:
+    """Whether the database, or its driver before it was asked, refused a value; asking again would not help."""
+    sqlstate = getattr(error.orig, "sqlstate", None) or ""
+    by_driver = error.orig is not None and isinstance(error.orig.__cause__, ValueError)
+    return by_driver or isinstance(error, DataError) or sqlstate.startswith(DATA_EXCEPTION)
 
 
 async def _unexpected(request: Request, error: Exception) -> JSONResponse:

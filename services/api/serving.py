@@ -8,6 +8,9 @@ from fastapi.responses import StreamingResponse
 from services.errors import NotFound, ServiceError
 from services.files.store import FileStore
 
+MOST_DIGITS = 19
+"""Of a number in a range; no file is longer, and Python refuses to read thousands of them."""
+
 
 class RangeNotSatisfiable(ServiceError):
     """The asked range lies outside the file."""
@@ -27,7 +30,8 @@ class Span:
 def requested_span(header: str | None, size: int) -> Span | None:
     """The one range of a Range header; None when the whole file is to be sent.
 
-    Headers that are malformed, in another unit or of several ranges may be ignored (RFC 9110, 14.2), and are.
+    Headers that are malformed, with endless numbers, in another unit or of several ranges may be ignored (RFC 9110, 14.2),
+    and are.
 
     Raises:
         RangeNotSatisfiable: the range begins behind the end.
@@ -37,7 +41,7 @@ def requested_span(header: str | None, size: int) -> Span | None:
     if (
         unit.strip().lower() != "bytes"
         or not dash
-        or not all(part == "" or (part.isascii() and part.isdigit()) for part in (first, last))
+        or not all(part == "" or (part.isascii() and part.isdigit() and len(part) <= MOST_DIGITS) for part in (first, last))
     ):
         return None
     if first == "" and last == "":

@@ -6,6 +6,7 @@ from fastapi import APIRouter, Path, Query, Request, Response
 from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from api_schemas.job import MAX_TRIALS
 from api_schemas.trial import Trial, TrialPage
 from services.api import cursor as cursors
 from services.api.access import User
@@ -36,7 +37,7 @@ async def list_trials(
     async with farm.database.read() as connection:
         row = await views.job_row(connection, job_id, caller.sees_only)
         wanted = select(trial).where(trial.c.job_number == row.number).order_by(trial.c.ordinal).limit(limit + 1)
-        if (after := cursors.decode(cursor)) is not None:
+        if (after := cursors.decode(cursor, MAX_TRIALS)) is not None:
             wanted = wanted.where(trial.c.ordinal > after)
         shown = await views.show_trials(connection, row, wanted, farm.fleet, farm.clock.now_s())
     following = shown[limit - 1].ordinal if len(shown) > limit else None

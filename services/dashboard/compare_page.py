@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
+from pydantic import Field
 from sqlalchemy import select
 
 from api_schemas.comparison import Comparison, NotComparableError, TaskComparison, compare
@@ -12,6 +13,7 @@ from api_schemas.report import Report, read_report
 from services.api.farm import Farm, TheFarm
 from services.api.jobs import stored_report
 from services.dashboard.figures import Bar
+from services.dashboard.jobs_page import NO_NUL
 from services.dashboard.pages import PageRoute, page
 from services.dashboard.sessions import Session, SignedIn
 from services.database.rows import AnyRow
@@ -27,8 +29,8 @@ TO_CHOOSE_FROM = 40
 async def show_comparison(
     session: SignedIn,
     farm: TheFarm,
-    jobs: Annotated[str, Query(max_length=400)] = "",
-    job_ids: Annotated[list[str] | None, Query(alias="job", max_length=MOST_JOBS)] = None,
+    jobs: Annotated[str, Query(max_length=400, pattern=NO_NUL)] = "",
+    job_ids: Annotated[list[Annotated[str, Field(pattern=NO_NUL)]] | None, Query(alias="job", max_length=MOST_JOBS)] = None,
 ) -> Response:
     """Compares the jobs that the address names, ``jobs=a,b`` or ``job=a&job=b``; of fewer than two, asks for more."""
     named = list(dict.fromkeys(name for name in (*jobs.split(","), *(job_ids or [])) if name))

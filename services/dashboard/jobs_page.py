@@ -20,6 +20,8 @@ from services.jobs import views
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 ON_A_PAGE = 25
+NO_NUL = r"^[^\x00]*$"
+"""A text without the character that PostgreSQL does not take."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class Wanted:
 
 def _wanted(
     state: Literal["", "queued", "running", "succeeded", "failed", "cancelled"] = "",
-    q: Annotated[str, Query(max_length=100)] = "",
+    q: Annotated[str, Query(max_length=100, pattern=NO_NUL)] = "",
     cursor: Annotated[str | None, Query(max_length=40)] = None,
 ) -> Wanted:
     return Wanted(JobState(state) if state else None, q.strip(), cursor or None)

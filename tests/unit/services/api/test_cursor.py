@@ -23,3 +23,11 @@ def test_others_are_refused(cursor):
 def test_any_text_is_a_number_or_a_refusal(cursor):
     with contextlib.suppress(Refused):
         assert decode(cursor) >= 0
+
+
+def test_a_number_that_no_row_has_is_refused():
+    assert decode(encode(1000), most=1000) == 1000
+    with pytest.raises(Refused, match="next_cursor"):
+        decode(encode(1001), most=1000)
+    with pytest.raises(Refused, match="next_cursor"):
+        decode(encode(10**18))

@@ -22,6 +22,10 @@ from services.api.serving import RangeNotSatisfiable, Span, requested_span
         ("bytes=0-1,3-4", None),
         ("lines=0-1", None),
         ("bytes=²-3", None),
+        ("bytes=" + "9" * 5000 + "-", None),
+        ("bytes=-" + "9" * 5000, None),
+        ("bytes=2-" + "9" * 20, None),
+        ("bytes=2-" + "9" * 19, Span(2, 10)),
     ],
 )
 def test_ranges(header, span):
