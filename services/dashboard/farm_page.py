@@ -18,6 +18,7 @@ from services.api.farm import Farm, TheFarm
 from services.dashboard import live, queries
 from services.dashboard.pages import HEADERS, PageRoute, page, part
 from services.dashboard.sessions import Operating, Session, SignedIn
+from services.jobs import views
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 LAST_TRIALS = 50
@@ -26,12 +27,14 @@ KEPT_S = 0.5
 """All who look share what was read within so long."""
 HISTORY_KEPT_S = 3.0
 NEEDS_ATTENTION = frozenset({RobotState.OUT_OF_SERVICE, RobotState.LOST})
+HIDDEN = {"job": None, "trial": None, "simulated_s": None}
+"""What a viewer does not see of a robot that works for another user, as in the API."""
 Name = Annotated[str, Path(pattern=r"^[a-z0-9-]{1,40}$")]
 
 
 @dataclass(frozen=True)
 class Seen:
-    """The farm as it was a moment ago."""
+    """The farm as it was a moment ago: nothing that depends on who looks, since all share it."""
 
     status: FarmStatus
     robots: tuple[Robot, ...]
@@ -65,9 +68,14 @@ class Watcher:
             if self._seen is None or now_s - self._seen[0] > KEPT_S:
                 async with farm.database.read() as connection:
                     loads = await queries.load_by_user(connection)
-                listed = await robots.list_robots(session.caller, farm)
-                self._seen = (now_s, Seen(await overview.status(session.caller, farm), listed.robots, loads))
+                # The status is the same for every caller; of the robots, ``parts`` hides what this viewer may not see.
+                self._seen = (now_s, Seen(await overview.status(session.caller, farm), _robots(farm, now_s), loads))
             return self._seen[1], self._history[1]
+
+
+def _robots(farm: Farm, now_s: float) -> tuple[Robot, ...]:
+    members = sorted(farm.fleet.members.values(), key=lambda member: member.robot)
+    return tuple(views.show_robot(member, now_s) for member in members)
 
 
 def _per_minute(ended: list[queries.Ended]) -> list[int]:
@@ -98,7 +106,9 @@ async def parts(session: Session, farm: Farm, watcher: Watcher) -> dict[str, str
     }
     visible = await _visible_jobs(seen.robots, session, farm)
     for robot in sorted(seen.robots, key=lambda each: (each.state not in NEEDS_ATTENTION, each.robot)):
-        context = {"robot": robot, "recent": history.recent.get(robot.robot), "visible": robot.job in visible}
+        others = robot.job is not None and robot.job not in visible
+        shown = robot.model_copy(update=HIDDEN) if others else robot
+        context = {"robot": shown, "others": others, "recent": history.recent.get(robot.robot)}
         context |= {"operates": operates, "csrf": session.csrf}
         made[f"robot-{robot.robot}"] = part("farm/robot.html", **context)
     return made
@@ -121,7 +131,7 @@ async def show_farm(session: SignedIn, farm: TheFarm, watcher: TheWatcher) -> Re
 
 
 @router.get("/live", response_class=EventSourceResponse)
-async def stream_farm(session: SignedIn, farm: TheFarm, watcher: TheWatcher) -> AsyncIterator[ServerSentEvent]:
+async def stream_farm(session: live.Watching, farm: TheFarm, watcher: TheWatcher) -> AsyncIterator[ServerSentEvent]:
     """What changes on the page."""
     async for event in live.stream(farm, session, lambda: parts(session, farm, watcher)):
         yield event

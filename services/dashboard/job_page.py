@@ -144,7 +144,7 @@ async def _seen_job(job_id: JobId, session: SignedIn, farm: TheFarm) -> Job:
 
 @router.get("/jobs/{job_id}/live", response_class=EventSourceResponse)
 async def stream_job(
-    job: Annotated[Job, Depends(_seen_job)], session: SignedIn, farm: TheFarm, wanted: TheWanted
+    job: Annotated[Job, Depends(_seen_job)], session: live.Watching, farm: TheFarm, wanted: TheWanted
 ) -> AsyncIterator[ServerSentEvent]:
     """What changes on the page."""
     make = _when_changed(session, farm, job.job_id, wanted)

@@ -82,7 +82,7 @@ async def show_jobs(session: SignedIn, farm: TheFarm, wanted: TheWanted) -> Resp
 
 
 @router.get("/live/jobs", response_class=EventSourceResponse)
-async def stream_jobs(session: SignedIn, farm: TheFarm, wanted: TheWanted) -> AsyncIterator[ServerSentEvent]:
+async def stream_jobs(session: live.Watching, farm: TheFarm, wanted: TheWanted) -> AsyncIterator[ServerSentEvent]:
     """What changes in the list."""
     async for event in live.stream(farm, session, lambda: parts(session, farm, wanted)):
         yield event

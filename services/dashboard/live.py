@@ -2,14 +2,18 @@
 
 import asyncio
 import json
+from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Annotated
 
+from fastapi import Depends, Request
 from fastapi.sse import ServerSentEvent
 
 from services.api.farm import Farm
-from services.dashboard.sessions import Session
-from services.errors import ServiceError
+from services.dashboard.sessions import Session, SignedIn
+from services.errors import ServiceError, TooMany
 
 Parts = Mapping[str, str]
 """The HTML of each part by the id of its element."""
@@ -17,6 +21,46 @@ EVERY_S = 1.0
 """A page is made anew so often while somebody looks at it, and at once when its job changes."""
 GATHER_S = 0.1
 """What changes within so long is shown together."""
+MOST_STREAMS = 20
+"""Open at the same time for one owner, over all of his browsers; each page makes its parts once a second."""
+RETRY_AFTER_S = 10
+
+
+@dataclass
+class Streams:
+    """How many streams each owner has open; belongs to the event loop."""
+
+    _open: Counter[str] = field(default_factory=Counter)
+
+    def opened(self, owner: str) -> None:
+        """Counts one more.
+
+        Raises:
+            TooMany: the owner has ``MOST_STREAMS`` already.
+        """
+        if self._open[owner] >= MOST_STREAMS:
+            detail = f"{owner} has {MOST_STREAMS} live pages open, the most that a user may have; close some of them."
+            raise TooMany("too-many-streams", detail, RETRY_AFTER_S)
+        self._open[owner] += 1
+
+    def closed(self, owner: str) -> None:
+        """Counts one less."""
+        self._open[owner] -= 1
+        if not self._open[owner]:
+            del self._open[owner]
+
+
+async def _watching(request: Request, session: SignedIn) -> AsyncIterator[Session]:
+    """The session of a stream, which is counted for as long as it lasts."""
+    streams: Streams = request.app.state.dashboard_streams
+    streams.opened(session.caller.owner)
+    try:
+        yield session
+    finally:
+        streams.closed(session.caller.owner)
+
+
+Watching = Annotated[Session, Depends(_watching)]
 
 
 async def stream(
@@ -24,7 +68,7 @@ async def stream(
 ) -> AsyncIterator[ServerSentEvent]:
     """The parts that differ from what was sent last; ``anew`` when the page is to be loaded again.
 
-    That is so when there are other parts than before, and when the token was revoked or what is shown has gone.
+    That is so when there are other parts than before, and when the session ended or what is shown has gone.
 
     Args:
         farm: whose end ends the stream.
@@ -37,9 +81,9 @@ async def stream(
         changed = watch() if watch else None
         try:
             await farm.tokens.caller(session.bearer)
-            parts = await make()
+            parts = await make() if session.lasts else {}
         except ServiceError:
-            parts = {}
+            parts = {}  # the token was revoked, or what is shown has gone
         if not parts or (sent and parts.keys() != sent.keys()):
             yield ServerSentEvent(raw_data="{}", event="anew")
             return

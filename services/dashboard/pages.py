@@ -13,9 +13,10 @@ from fastapi.routing import APIRoute
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from services.api import problems
 from services.dashboard import words
 from services.dashboard.sessions import COOKIE, Session
-from services.errors import ServiceError, Unauthorised
+from services.errors import ServiceError, TooMany, Unauthorised
 
 FOLDER = Path(__file__).parent
 NOTHING_FOREIGN = (
@@ -71,6 +72,8 @@ class PageRoute(APIRoute):
                 return await handle(request)
             except Unauthorised as error:
                 return _to_sign_in(request, error)
+            except TooMany as error:
+                return _ask_later(request, error)
             except ServiceError as error:
                 return page("error.html", None, status=error.status, title=error.title, detail=error.detail)
             except RequestValidationError as error:
@@ -80,9 +83,21 @@ class PageRoute(APIRoute):
         return shown
 
 
+def _reads_html(request: Request) -> bool:
+    return "text/html" in request.headers.get("accept", "")
+
+
+def _ask_later(request: Request, error: TooMany) -> Response:
+    headers = HEADERS | {"Retry-After": str(error.retry_after_s)}
+    if not _reads_html(request):
+        return problems.answer(request, error.status, error.slug, error.title, error.detail, headers=headers)
+    answer = page("error.html", None, status=error.status, title=error.title, detail=error.detail)
+    answer.headers.update(headers)
+    return answer
+
+
 def _to_sign_in(request: Request, error: Unauthorised) -> Response:
-    wants_page = request.method == "GET" and "text/html" in request.headers.get("accept", "")
-    if not wants_page:
+    if request.method != "GET" or not _reads_html(request):
         return Response(json.dumps({"detail": error.detail}), status_code=401, media_type="application/json", headers=HEADERS)
     back = request.url.path + (f"?{request.url.query}" if request.url.query else "")
     answer = RedirectResponse(f"/sign-in?then={quote(back)}", status_code=303, headers=HEADERS)

@@ -1,10 +1,11 @@
-"""Reduces a trial's log to what a browser draws: run as a process of its own, so that a large log holds up nobody.
+"""Reduces a trial's log to what a browser draws: run as a process of its own, so that a large log holds up nobody, in a jail.
 
 The result is one file: the length of a JSON header as four bytes, the header, and the arrays that it names as float32, all
 little-endian. A log of any length becomes at most a few megabytes.
 """
 
 import json
+import os
 import struct
 import sys
 from collections.abc import Iterable, Iterator
@@ -16,13 +17,27 @@ from mcap.reader import McapReader, make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from api_schemas import trial_log as t
+from api_schemas.jail.entering import enter
+from api_schemas.jail.needs import Needs
+from services.dashboard import replay_limits as limits
 
 MOST_SAMPLES = 1500
 """Of each array over time; more than a screen has columns."""
+NICENESS = 10
+"""Robots run trials in real time beside this."""
 NS = 1e9
 OFTEN = (t.JOINT_STATES, t.TORQUE, t.POLICY, t.CUBE_POSE, t.MEASURED_TRANSFORMS)
 RARE = (t.TRACKED_POSE, t.TRACKER, t.GOAL, t.MEASURED_SCENE, t.TRUE_SCENE, t.EVENTS)
 SHAPES = ("cubes", "spheres", "cylinders", "triangles")
+
+
+def confined(arguments: list[str]) -> None:
+    """``main`` in a jail and its working folder: the log comes from a robot, and anyone may have made what is in it."""
+    os.nice(NICENESS)
+    # What is still held open from the parent beyond the standard three is none of the child's business.
+    os.closerange(3, 1024)
+    enter(Needs(limits.MEMORY_BYTES, limits.CPU_S, limits.LARGEST_REPLAY_BYTES, installation=True, folder=Path.cwd()))
+    main(arguments)
 
 
 def main(arguments: list[str]) -> None:
@@ -171,4 +186,4 @@ def _primitive(kind: str, shape: Any) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    confined(sys.argv[1:])

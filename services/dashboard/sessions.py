@@ -4,6 +4,8 @@ import base64
 import hashlib
 import hmac
 import secrets
+import time
+from collections import OrderedDict
 from dataclasses import dataclass, field
 from typing import Annotated
 
@@ -21,20 +23,36 @@ LASTS_S = 12 * 3600
 """After so long a browser has to show the token again."""
 
 
-@dataclass(frozen=True)
-class Session:
-    """Who looks, the word that his forms must carry, and the token that he signed in with."""
+MOST_ENDED = 10_000
+"""Signed-out sessions that are remembered; of more, the one that was signed out first is forgotten."""
 
-    caller: Caller
-    csrf: str
-    bearer: str = field(repr=False)
+
+@dataclass
+class EndedSessions:
+    """Hashes of cookies that were signed out, until they are too old anyhow; known to this process only, and until it ends."""
+
+    _until_s: OrderedDict[bytes, float] = field(default_factory=OrderedDict)
+
+    def add(self, mark: bytes, until_s: float) -> None:
+        """Remembers one."""
+        now_s = time.time()
+        for old in [each for each, at_s in self._until_s.items() if at_s < now_s]:
+            del self._until_s[old]
+        self._until_s.setdefault(mark, until_s)
+        if len(self._until_s) > MOST_ENDED:
+            self._until_s.popitem(last=False)
+
+    def __contains__(self, mark: bytes) -> bool:
+        """Whether this cookie was signed out."""
+        return mark in self._until_s
 
 
 @dataclass(frozen=True)
 class Seal:
-    """Seals and opens cookies; nothing is kept, so that sessions outlive a restart and end with their token."""
+    """Seals and opens cookies; kept is only which were signed out, so that the others outlive a restart."""
 
     secret: bytes
+    ended: EndedSessions = field(default_factory=EndedSessions, repr=False)
 
     @classmethod
     def of(cls, key: FarmKey) -> "Seal":
@@ -46,11 +64,16 @@ class Seal:
         return self._fernet.encrypt(bearer.encode()).decode()
 
     def open(self, cookie: str) -> str | None:
-        """The token inside a cookie; None when it is too old or none of ours."""
+        """The token inside a cookie; None when it is too old, signed out or none of ours."""
         try:
-            return self._fernet.decrypt(cookie.encode(), ttl=LASTS_S).decode()
+            bearer = self._fernet.decrypt(cookie.encode(), ttl=LASTS_S).decode()
         except InvalidToken:
             return None
+        return None if _mark(cookie) in self.ended else bearer
+
+    def end(self, cookie: str) -> None:
+        """From now on this cookie, one of ours, opens no more."""
+        self.ended.add(_mark(cookie), self._fernet.extract_timestamp(cookie.encode()) + LASTS_S)
 
     def word(self, cookie: str) -> str:
         """What the forms of this session carry."""
@@ -59,6 +82,31 @@ class Seal:
     @property
     def _fernet(self) -> Fernet:
         return Fernet(base64.urlsafe_b64encode(self.secret))
+
+
+def _mark(cookie: str) -> bytes:
+    """Of the sealed bytes, not of the text: base64 has many texts for the same bytes, and each of them opens."""
+    return hashlib.sha256(base64.urlsafe_b64decode(cookie.encode())).digest()
+
+
+@dataclass(frozen=True)
+class Session:
+    """Who looks, the word that his forms must carry, the token that he signed in with, and the cookie that stands for it."""
+
+    caller: Caller
+    csrf: str
+    bearer: str = field(repr=False)
+    cookie: str = field(repr=False)
+    seal: Seal = field(repr=False)
+
+    @property
+    def lasts(self) -> bool:
+        """Whether it was not signed out and is not too old; its token can have ended all the same."""
+        return self.seal.open(self.cookie) is not None
+
+    def end(self) -> None:
+        """Signs out."""
+        self.seal.end(self.cookie)
 
 
 def _seal(request: Request) -> Seal:
@@ -78,7 +126,7 @@ async def _session(request: Request, farm: TheFarm, seal: TheSeal) -> Session:
     request.state.caller, request.state.credential = caller, hashlib.sha256(cookie.encode()).hexdigest()
     if not caller.may(Scope.SUBMIT, Scope.OPERATE):
         raise Forbidden("scope-missing", f"The token of {caller.owner} may neither submit nor operate; this page is for those.")
-    return Session(caller, seal.word(cookie), bearer)
+    return Session(caller, seal.word(cookie), bearer, cookie, seal)
 
 
 SignedIn = Annotated[Session, Depends(_session)]

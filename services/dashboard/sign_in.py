@@ -47,8 +47,9 @@ async def sign_in(
 
 
 @router.post("/sign-out")
-async def sign_out(_session: Changing) -> Response:
-    """Takes the cookie back."""
+async def sign_out(session: Changing) -> Response:
+    """Ends the session, for whoever else has its cookie too, and takes the cookie back."""
+    session.end()
     answer = RedirectResponse("/sign-in", status_code=303, headers=HEADERS)
     answer.delete_cookie(COOKIE)
     return answer

@@ -1,10 +1,14 @@
 """The dashboard without a browser: who gets in, what every answer forbids, and what a stranger or another site cannot do."""
 
 import json
+import time
+from contextlib import ExitStack
 
 import httpx
 import pytest
 
+from services.dashboard.farm_page import KEPT_S
+from services.dashboard.live import MOST_STREAMS
 from tests.integration.farm_process import services, small_policy, until
 
 HOSTILE = "<b>\"'&{{7*7}}"
@@ -110,6 +114,60 @@ def test_a_revoked_token_ends_its_pages_and_its_streams(farm):
         farm.admin.delete(f"/v1/tokens/{token['token_id']}")
         list(lines)  # ends, which it would not while the token is good
     assert client.get("/", headers={"Accept": "text/html"}).headers["location"] == "/sign-in?then=/"
+
+
+def test_each_viewer_sees_of_a_robot_what_is_his_whoever_looked_before(farm):
+    secret = user_token(farm, "alice")["secret"]
+    alice, bob = signed_in(farm, secret), signed_in(farm, user_token(farm, "bob")["secret"])
+    farm.start_robot("robot-long", trial_s=6.0)
+    until(lambda: farm.robots_in("idle") == 3, 20, "a third robot")
+    client = farm.client(secret)
+    job_id = farm.identify(client, robot="robot-long").json()["job_id"]
+    until(lambda: farm.robots_in("running") == 1, 10, "the robot to run it")
+
+    def pages(*viewers):
+        time.sleep(2 * KEPT_S)
+        return [each.get("/").text.split('id="robot-robot-long"')[1].split("</div></dl>")[0] for each in viewers]
+
+    (first_of_alice, second_of_bob), (first_of_bob, second_of_alice) = pages(alice, bob), pages(bob, alice)
+    assert farm.robots_in("running") == 1, "the trial ran all the while"
+    for seen in (first_of_alice, second_of_alice):
+        assert f"{job_id}-0" in seen and "another user" not in seen
+    for seen in (first_of_bob, second_of_bob):
+        assert job_id not in seen and "another user's</dd>" in seen, "and not how far it is"
+    farm.robots["robot-long"].terminate()
+
+
+def test_a_session_that_was_signed_out_is_over_for_whoever_has_its_cookie(farm):
+    secret = user_token(farm, "dora")["secret"]
+    client, other = signed_in(farm, secret), signed_in(farm, secret)
+    copied = dict(client.cookies)
+    with client.stream("GET", "/live") as answer:
+        lines = answer.iter_lines()
+        assert next(lines) == "event: parts"
+        assert client.post("/sign-out", data={"csrf": word(client)}).headers["location"] == "/sign-in"
+        assert "event: anew" in list(lines)
+    assert httpx.get(f"{farm.api}/jobs", cookies=copied).status_code == 401
+    assert other.get("/jobs").status_code == 200, "each session ends by itself"
+
+
+def test_an_owner_has_so_many_live_pages_and_no_more(farm):
+    secret = user_token(farm, "emma")["secret"]
+    client, other = signed_in(farm, secret), signed_in(farm, user_token(farm, "finn")["secret"])
+    with ExitStack() as opened:
+        for _ in range(MOST_STREAMS):
+            assert opened.enter_context(client.stream("GET", "/live/jobs")).status_code == 200
+        refused = client.get("/live", headers={"Accept": "text/event-stream"})
+        assert (refused.status_code, refused.json()["type"]) == (429, "/problems/too-many-streams")
+        assert int(refused.headers["Retry-After"]) > 0
+        with other.stream("GET", "/live") as answer:
+            assert answer.status_code == 200, "another owner is not held up"
+
+    def may_again():
+        with client.stream("GET", "/live") as answer:
+            return answer.status_code == 200
+
+    until(may_again, 5, "closed pages to be forgotten")
 
 
 def test_the_signed_report_is_the_same_for_all_who_ask(farm, operator, job):

@@ -31,6 +31,44 @@ def test_an_old_session_is_over(monkeypatch):
     assert seal.open(cookie) is None
 
 
+def test_a_session_that_was_signed_out_opens_no_more():
+    seal = Seal(b"k" * 32)
+    cookie, other = seal.close("trifarm_a_b"), seal.close("trifarm_a_b")
+    respelt = f"{cookie[:9]}!{cookie[9:]}"
+    assert seal.open(respelt) == "trifarm_a_b", "base64 skips what is none"
+    seal.end(cookie)
+    assert seal.open(cookie) is None
+    assert seal.open(respelt) is None
+    assert seal.open(other) == "trifarm_a_b"
+
+
+def test_ended_sessions_are_forgotten_when_too_old_or_too_many(monkeypatch):
+    import time
+
+    from services.dashboard import sessions
+
+    monkeypatch.setattr(sessions, "MOST_ENDED", 3)
+    ended, now_s = sessions.EndedSessions(), time.time()
+    ended.add(b"old", now_s - 1)
+    for number in range(4):
+        ended.add(b"%d" % number, now_s + 60)
+    assert [mark for mark in (b"old", b"0", b"1", b"2", b"3") if mark in ended] == [b"1", b"2", b"3"]
+
+
+def test_an_owner_has_so_many_streams_and_no_more():
+    from services.dashboard import live
+    from services.errors import TooMany
+
+    streams = live.Streams()
+    for _ in range(live.MOST_STREAMS):
+        streams.opened("ann")
+    with pytest.raises(TooMany):
+        streams.opened("ann")
+    streams.opened("bob")
+    streams.closed("ann")
+    streams.opened("ann")
+
+
 @pytest.mark.parametrize(
     "then, leads_to",
     [

@@ -1,0 +1,112 @@
+"""Replays: logs reduced to what a browser draws, each made once, in a jail, and kept as a file."""
+
+import asyncio
+import os
+import stat
+import tempfile
+from collections.abc import AsyncIterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from api_schemas.jail.level import too_open
+from services.api.farm import Farm
+from services.child import ChildKilledError, run_module
+from services.dashboard.replay_limits import DEADLINE_S, LARGEST_REPLAY_BYTES
+from services.errors import Unavailable
+
+KEPT_BYTES = 1024**3
+"""Of reduced logs; those that were not looked at for longest go first, and are made again from their logs."""
+COUNTED_BYTES = 64 * 1024
+"""What a kept file counts at least, so that small ones do not become too many."""
+AT_ONCE = 1
+
+
+@dataclass
+class Replays:
+    """Reduced logs as files, named by what they were made of; belongs to the event loop."""
+
+    folder: Path
+    _turn: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(AT_ONCE))
+
+    async def reduced(self, farm: Farm, log: str, truth: str | None) -> Path:
+        """The replay of a log, with what a truth adds to it.
+
+        Raises:
+            Unavailable: the log cannot be read, or not in time, or the farm's jail is too open to read any.
+        """
+        path = self.folder / f"{log}{'' if truth is None else f'-{truth}'}.bin"
+        async with self._turn:
+            if not path.exists():
+                await self._make(farm, path, [log] if truth is None else [log, truth])
+            await asyncio.to_thread(path.touch)
+        return path
+
+    async def _make(self, farm: Farm, path: Path, sources: list[str]) -> None:
+        if (reason := too_open(farm.jail, farm.settings.jail_level)) is not None:
+            raise Unavailable("jail-too-open", f"The farm reads no logs now: {reason}. Its operator can change that.")
+        with tempfile.TemporaryDirectory(prefix="trifarm-replay-") as name:
+            files = [Path(name) / f"{index}.mcap" for index in range(len(sources))]
+            for file, sha256 in zip(files, sources, strict=True):
+                await _write(file, farm.files.read(sha256))
+            made = await reduce_in(Path(name), *(file.name for file in files))
+        await asyncio.to_thread(self.keep, path, made)
+
+    def keep(self, path: Path, made: bytes) -> None:
+        """Writes a replay, and makes room for it if need be."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        unfinished = path.with_suffix(".new")
+        unfinished.write_bytes(made)
+        unfinished.replace(path)
+        total = 0
+        for _, size, kept in sorted(_looked_at(self.folder), reverse=True):
+            total += max(size, COUNTED_BYTES)
+            if total > KEPT_BYTES and kept != path:
+                kept.unlink(missing_ok=True)
+
+
+def _looked_at(folder: Path) -> list[tuple[float, int, Path]]:
+    """When each kept file was looked at last, and its bytes; also those that a crash left unfinished."""
+    found = []
+    for path in folder.iterdir():
+        with suppress(FileNotFoundError):  # another process that serves the farm may make room too
+            known = path.stat()
+            found.append((known.st_mtime, known.st_size, path))
+    return found
+
+
+async def reduce_in(folder: Path, log: str, truth: str | None = None) -> bytes:
+    """The reduced log; both are names of files in ``folder``, which the jailed process comes to own.
+
+    Raises:
+        Unavailable: the log cannot be read, or not within the limits.
+    """
+    arguments = [log, "replay.bin", *([] if truth is None else [truth])]
+    try:
+        ended = await run_module("services.dashboard.reduction", *arguments, folder=folder, deadline_s=DEADLINE_S)
+        made = await asyncio.to_thread(_read, folder / "replay.bin") if ended.status == 0 else None
+    except (ChildKilledError, OSError) as error:
+        raise _failed() from error
+    if made is None:
+        raise _failed()
+    return made
+
+
+def _read(path: Path) -> bytes | None:
+    """What the jailed process left, which may be anything if the log had won it over."""
+    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
+        known = os.fstat(file.fileno())
+        if not stat.S_ISREG(known.st_mode) or known.st_size > LARGEST_REPLAY_BYTES:
+            return None
+        return file.read(LARGEST_REPLAY_BYTES)
+
+
+def _failed() -> Unavailable:
+    detail = "The log could not be read for a replay; download it, or have an operator look at it."
+    return Unavailable("replay-failed", detail)
+
+
+async def _write(path: Path, chunks: AsyncIterator[bytes]) -> None:
+    with path.open("xb") as file:
+        async for chunk in chunks:
+            await asyncio.to_thread(file.write, chunk)

@@ -1,0 +1,86 @@
+"""Replays are made in a jail: a log that anyone may have made takes no more than its share, and the folder stays small."""
+
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+import zstandard
+from mcap.writer import Writer
+
+from api_schemas import trial_log as t
+from api_schemas.jail.environment import jail_environment
+from services.dashboard import reduction, replays
+from services.errors import Unavailable
+
+UNFOLDED_BYTES = 700 * 1024**2
+
+
+@pytest.fixture
+def bomb(tmp_path, monkeypatch):
+    """A folder with a good log whose only chunk unfolds to 700 MB, most of them zeros; it is as small as any."""
+
+    def pack(chunk):
+        packer = zstandard.ZstdCompressor().compressobj(size=len(chunk) + UNFOLDED_BYTES)
+        zeros = bytes(1024**2)
+        parts = [packer.compress(chunk), *(packer.compress(zeros) for _ in range(UNFOLDED_BYTES // len(zeros)))]
+        return b"".join([*parts, packer.flush()])
+
+    folder = tmp_path / "bomb"
+    folder.mkdir()
+    with (folder / "log.mcap").open("wb") as file, monkeypatch.context() as patched:
+        patched.setattr(zstandard, "compress", pack)
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel(t.TRACKER, "json", writer.register_schema("s", "jsonschema", b"{}"))
+        writer.add_message(channel, 1, b'{"confidence": 1.0}', 1)
+        writer.finish()
+    assert (folder / "log.mcap").stat().st_size < 100_000
+    return folder
+
+
+async def test_a_log_becomes_the_same_in_the_jail(short_log, tmp_path):
+    folder = tmp_path / "jailed"
+    folder.mkdir()
+    shutil.copy(short_log, folder / "log.mcap")
+    reduction.main([str(short_log), str(tmp_path / "free.bin")])
+    assert await replays.reduce_in(folder, "log.mcap") == (tmp_path / "free.bin").read_bytes()
+
+
+async def test_a_log_that_unfolds_without_end_is_refused(bomb):
+    with pytest.raises(Unavailable, match="could not be read"):
+        await replays.reduce_in(bomb, "log.mcap")
+
+
+def test_a_log_that_unfolds_without_end_gets_no_more_than_its_memory(bomb):
+    command = [sys.executable, "-P", "-m", "services.dashboard.reduction", "log.mcap", "replay.bin"]
+    child = subprocess.Popen(command, cwd=bomb, env=jail_environment(), stderr=subprocess.DEVNULL)
+    _, status, used = os.wait4(child.pid, 0)
+    child.returncode = os.waitstatus_to_exitcode(status)
+    assert child.returncode != 0
+    assert used.ru_maxrss * 1024 < UNFOLDED_BYTES
+
+
+def test_what_is_too_large_or_no_file_is_not_read(short_log, tmp_path, monkeypatch):
+    (tmp_path / "link").symlink_to(short_log)
+    with pytest.raises(OSError, match="symbolic"):
+        replays._read(tmp_path / "link")
+    os.mkfifo(tmp_path / "pipe")
+    assert replays._read(tmp_path / "pipe") is None
+    monkeypatch.setattr(replays, "LARGEST_REPLAY_BYTES", 10)
+    (tmp_path / "large").write_bytes(bytes(11))
+    (tmp_path / "small").write_bytes(bytes(10))
+    assert (replays._read(tmp_path / "large"), replays._read(tmp_path / "small")) == (None, bytes(10))
+
+
+def test_the_folder_keeps_what_was_looked_at_last(tmp_path, monkeypatch):
+    monkeypatch.setattr(replays, "KEPT_BYTES", 5 * replays.COUNTED_BYTES)
+    kept = replays.Replays(tmp_path / "replays")
+    for number, size in enumerate((1, 1, 2 * replays.COUNTED_BYTES, 1)):
+        path = kept.folder / f"{number}.bin"
+        kept.keep(path, bytes(size))
+        os.utime(path, (number, number))
+    os.utime(kept.folder / "0.bin", (9, 9))
+    kept.keep(kept.folder / "4.bin", b"")
+    assert sorted(path.name for path in kept.folder.iterdir()) == ["0.bin", "2.bin", "3.bin", "4.bin"]
