@@ -32,7 +32,7 @@ def measured_children():
 
     async def run_module(module, *arguments, folder, deadline_s):
         async with asyncio.timeout(deadline_s):
-            return await asyncio.to_thread(_run, cost, [sys.executable, "-P", "-m", module, *arguments], folder)
+            return await asyncio.to_thread(run_measured, cost, [sys.executable, "-P", "-m", module, *arguments], folder)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(child, "run_module", run_module)
@@ -49,7 +49,8 @@ with open(sys.argv[1], "w") as file:
 """Stands between this process and the child: a process begins with the largest memory of the one that started it."""
 
 
-def _run(cost, command, folder):
+def run_measured(cost, command, folder):
+    """Runs a command as a child in a jail is run, and adds what it took to ``cost``."""
     with tempfile.TemporaryDirectory() as notes:
         told = Path(notes) / "used.json"
         process = subprocess.run(

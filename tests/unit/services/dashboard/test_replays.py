@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import subprocess
 import sys
 
 import pytest
@@ -10,9 +9,9 @@ import zstandard
 from mcap.writer import Writer
 
 from api_schemas import trial_log as t
-from api_schemas.jail.environment import jail_environment
 from services.dashboard import reduction, replays
 from services.errors import Unavailable
+from tests.hostile.measured import Cost, run_measured
 
 UNFOLDED_BYTES = 700 * 1024**2
 
@@ -54,12 +53,10 @@ async def test_a_log_that_unfolds_without_end_is_refused(bomb):
 
 
 def test_a_log_that_unfolds_without_end_gets_no_more_than_its_memory(bomb):
+    cost = Cost()
     command = [sys.executable, "-P", "-m", "services.dashboard.reduction", "log.mcap", "replay.bin"]
-    child = subprocess.Popen(command, cwd=bomb, env=jail_environment(), stderr=subprocess.DEVNULL)
-    _, status, used = os.wait4(child.pid, 0)
-    child.returncode = os.waitstatus_to_exitcode(status)
-    assert child.returncode != 0
-    assert used.ru_maxrss * 1024 < UNFOLDED_BYTES
+    assert run_measured(cost, command, bomb).status != 0
+    assert 0 < cost.memory_bytes < UNFOLDED_BYTES
 
 
 def test_what_is_too_large_or_no_file_is_not_read(short_log, tmp_path, monkeypatch):
