@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from html import escape
 from typing import Any
 
+from api_schemas import error_axis
 from api_schemas.report import Report, RobotRow, TrialRow
 from api_schemas.signature import Signature
 from api_schemas.trial import Fault, OutcomeKind
@@ -20,8 +21,6 @@ MAKER = "trifarm report page 1"
 """Pages of another maker show the same data in another way."""
 DATA_ID = "trifarm-signed-report"
 TOLERANCE_MM, TOLERANCE_DEG = 20, 22
-SMALLEST_MM, LARGEST_MM = 1.0, 400.0
-TICKS_MM = (1, 3, 10, 30, 100, 300)
 STYLE = """
 :root{color-scheme:light dark;--ink:light-dark(#17201c,#e8eeea);--soft:light-dark(#55615b,#a3b0a9);
 --line:light-dark(#dfe3df,#2f3833);--bar:light-dark(#9ccbc6,#2f7069);--ok:light-dark(#1f7a4d,#57c98a);--not:light-dark(#b3372f,#ff8f85)}
@@ -142,20 +141,19 @@ def _errors(report: Report) -> Iterator[str]:
         return
     label = f"Final position error of {len(measured)} trials in millimetres, on a logarithmic scale"
     yield f'<svg viewBox="0 0 800 130" role="img" aria-label="{label}">'
-    for tick in TICKS_MM:
+    for tick in error_axis.TICKS_MM:
         x = _error_x(tick)
         yield f'<path stroke="#8886" d="M{x:.1f} 0V108"/><text x="{x:.1f}" y="124" text-anchor="middle">{tick} mm</text>'
     for index, row in enumerate(measured):
         assert row.outcome.measures is not None, "only measured rows are here"
-        x, y = _error_x(1e3 * row.outcome.measures.final_position_error_m), 12 + 84 * ((index * 0.618034) % 1)
+        x, y = _error_x(1e3 * row.outcome.measures.final_position_error_m), 12 + 84 * error_axis.across(index)
         word = "ok" if row.outcome.kind == OutcomeKind.SUCCEEDED else "not"
         yield f'<circle class="{word}" cx="{x:.1f}" cy="{y:.1f}" r="4.5" opacity=".75"><title>trial {row.trial}</title></circle>'
     yield "</svg>"
 
 
 def _error_x(error_mm: float) -> float:
-    held = min(max(error_mm, SMALLEST_MM), LARGEST_MM)
-    return 24 + 752 * math.log(held / SMALLEST_MM) / math.log(LARGEST_MM / SMALLEST_MM)
+    return 24 + 752 * error_axis.along(error_mm)
 
 
 def _trials(report: Report) -> Iterator[str]:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from api_schemas import error_axis
 from api_schemas.report import Report
 from api_schemas.report_text import render
 from api_schemas.signature import Signature
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
 A4_INCHES = (8.27, 11.69)
 LINES_ON_A_PAGE = 84
 MOST_ROBOTS = 24
-TICKS_MM = (1, 3, 10, 30, 100, 300)
 INK, SOFT, BAR, GOOD, BAD = "#17201c", "#55615b", "#9ccbc6", "#1f7a4d", "#b3372f"
 LEFT, RIGHT = 0.1, 0.92
 
@@ -95,13 +95,13 @@ def _errors(axes: "Axes", report: Report) -> None:
     for index, row in enumerate(report.per_trial):
         if row.outcome.measures is None:
             continue
-        error_mm = min(max(1e3 * row.outcome.measures.final_position_error_m, TICKS_MM[0]), TICKS_MM[-1])
+        error_mm = error_axis.held_mm(1e3 * row.outcome.measures.final_position_error_m)
         colour = GOOD if row.outcome.kind == OutcomeKind.SUCCEEDED else BAD
         marker = "o" if row.outcome.kind == OutcomeKind.SUCCEEDED else "X"
-        axes.plot(error_mm, (index * 0.618034) % 1, marker, color=colour, markersize=4, alpha=0.75, markeredgewidth=0)
+        axes.plot(error_mm, error_axis.across(index), marker, color=colour, markersize=4, alpha=0.75, markeredgewidth=0)
     axes.set_xscale("log")
-    axes.set_xlim(0.5, 400)
-    axes.set_xticks(TICKS_MM, [str(tick) for tick in TICKS_MM])
+    axes.set_xlim(0.8 * error_axis.SMALLEST_MM, 1.25 * error_axis.LARGEST_MM)
+    axes.set_xticks(error_axis.TICKS_MM, [str(tick) for tick in error_axis.TICKS_MM])
     axes.minorticks_off()
     axes.set_yticks([])
     axes.tick_params(axis="x", labelsize=7)

@@ -1,13 +1,11 @@
 """Geometry of the pages' figures: numbers in, points of a square of 100 by 100 out, which the page stretches as it likes."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from api_schemas import error_axis
 from api_schemas.success_rate import wilson
 
-SMALLEST_MM, LARGEST_MM = 1.0, 400.0
-ERROR_TICKS_MM = (1, 3, 10, 30, 100, 300)
 LEVEL = 0.80
 
 
@@ -61,15 +59,14 @@ def narrowing(steps: Sequence[tuple[int, int]], trials: int) -> Curve:
 
 def error_x(error_m: float) -> float:
     """Where an error lies, in percent of the width."""
-    held = min(max(1e3 * error_m, SMALLEST_MM), LARGEST_MM)
-    return 100 * math.log(held / SMALLEST_MM) / math.log(LARGEST_MM / SMALLEST_MM)
+    return 100 * error_axis.along(1e3 * error_m)
 
 
 def dots(errors: Sequence[tuple[float, bool]]) -> list[Dot]:
     """Trials by their final error; neighbours are spread over the height so that none hides another."""
-    return [Dot(error_x(error), 14 + 72 * ((index * 0.618034) % 1), done) for index, (error, done) in enumerate(errors)]
+    return [Dot(error_x(error), 14 + 72 * error_axis.across(index), done) for index, (error, done) in enumerate(errors)]
 
 
 def ticks() -> list[tuple[float, str]]:
     """Where the axis of the errors is labelled."""
-    return [(error_x(mm / 1e3), str(mm)) for mm in ERROR_TICKS_MM]
+    return [(error_x(mm / 1e3), str(mm)) for mm in error_axis.TICKS_MM]
