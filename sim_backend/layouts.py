@@ -2,13 +2,13 @@
 
 from api_schemas.policy import LAYOUTS, PolicyManifest
 
+_ROBOT = ("joint_position_rad", "joint_velocity_rad_s", "fingertip_position_world_m")
+_CUBE = ("cube_keypoints_world_m", "tracker_delay_s")
 TRAINING_LAYOUTS: dict[str, PolicyManifest] = LAYOUTS | {
     "reach": PolicyManifest(
         name="reach",
         observation=(
-            "joint_position_rad",
-            "joint_velocity_rad_s",
-            "fingertip_position_world_m",
+            *_ROBOT,
             "goal_fingertip_position_world_m",
             "previous_action",
         ),
@@ -16,11 +16,8 @@ TRAINING_LAYOUTS: dict[str, PolicyManifest] = LAYOUTS | {
     "push": PolicyManifest(
         name="push",
         observation=(
-            "joint_position_rad",
-            "joint_velocity_rad_s",
-            "fingertip_position_world_m",
-            "cube_keypoints_world_m",
-            "tracker_delay_s",
+            *_ROBOT,
+            *_CUBE,
             "goal_position_world_m",
             "previous_action",
         ),
@@ -28,11 +25,8 @@ TRAINING_LAYOUTS: dict[str, PolicyManifest] = LAYOUTS | {
     "move": PolicyManifest(
         name="move",
         observation=(
-            "joint_position_rad",
-            "joint_velocity_rad_s",
-            "fingertip_position_world_m",
-            "cube_keypoints_world_m",
-            "tracker_delay_s",
+            *_ROBOT,
+            *_CUBE,
             "goal_keypoints_world_m",
             "previous_action",
         ),
