@@ -80,7 +80,7 @@ class FixedRandomization:
 
 def randomizer_of(recipe: Recipe) -> Randomizer:
     """What the recipe asks for."""
-    ranges = ranges_to_train_on(recipe.physics)
+    ranges = ranges_to_train_on(recipe.physics_source)
     settings = recipe.randomization
     if settings.method == "none":
         return FixedRandomization(ranges)

@@ -4,7 +4,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
 from api_schemas.policy import PolicyManifest
 from sim_backend.action_space import ActionMode
@@ -124,6 +124,7 @@ class Recipe(Table):
     randomization: Randomization = Randomization()
     curriculum: tuple[Level, ...] = ()
     evaluation: EvaluationTable = EvaluationTable()
+    _folder: Path | None = PrivateAttr(default=None)  # of the recipe's file; no part of what is trained
 
     @model_validator(mode="after")
     def _names_exist(self) -> "Recipe":
@@ -136,6 +137,12 @@ class Recipe(Table):
         if batch % self.ppo.minibatch:
             raise ValueError(f"minibatch is {self.ppo.minibatch}; it must divide robots times steps, {batch}")
         return self
+
+    @property
+    def physics_source(self) -> str:
+        """Name of the preset, or path of the file, which is looked for beside the recipe first."""
+        beside = None if self._folder is None else self._folder / self.physics
+        return str(beside) if beside is not None and beside.is_file() else self.physics
 
     @property
     def manifest(self) -> PolicyManifest:
@@ -158,9 +165,11 @@ def load_recipe(name_or_path: str) -> tuple[str, Recipe]:
     if not path.is_file():
         raise RecipeError(f"no recipe {name_or_path!r}; choose from {', '.join(shipped_recipes())}, or name a TOML file")
     try:
-        return path.stem, Recipe.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        recipe = Recipe.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise RecipeError(f"{path} is not a TOML file: {error}") from error
     except ValidationError as error:
         reasons = "; ".join(f"{'.'.join(map(str, each['loc'])) or 'recipe'}: {each['msg']}" for each in error.errors())
         raise RecipeError(f"{path}: {reasons}") from error
+    recipe._folder = path.parent
+    return path.stem, recipe

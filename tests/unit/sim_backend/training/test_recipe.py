@@ -4,6 +4,7 @@ import pytest
 
 pytest.importorskip("torch", reason="the extra 'learning' is not installed")
 
+from sim_backend.training.randomization import ranges_to_train_on
 from sim_backend.training.recipe import RecipeError, load_recipe, shipped_recipes
 
 LEAST = 'task = "reach"\nlayout = "reach"\nsamples = 16384\n'
@@ -38,3 +39,13 @@ def test_what_does_not_hold_is_told_where(tmp_path, line, sentence):
 def test_a_missing_recipe_is_told_what_there_is():
     with pytest.raises(RecipeError, match=r"no recipe 'pull'; choose from .*push.*or name a TOML file"):
         load_recipe("pull")
+
+
+def test_ranges_lie_beside_the_recipe_that_names_them(tmp_path):
+    (tmp_path / "mine.toml").write_text('physics = "robots.toml"\n' + LEAST)
+    (tmp_path / "robots.toml").write_text("")
+    _, recipe = load_recipe(str(tmp_path / "mine.toml"))
+    assert recipe.physics_source == str(tmp_path / "robots.toml")
+    assert recipe.model_dump()["physics"] == "robots.toml", "a record names no folder of its machine"
+    _, shipped = load_recipe("push-randomized")
+    assert ranges_to_train_on(shipped.physics_source).name == "contacts"
