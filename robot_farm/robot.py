@@ -5,6 +5,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
+from api_schemas.builtin_policies import BUILTIN_NAMES
 from api_schemas.bus import LiveState
 from api_schemas.jail.detection import detect
 from api_schemas.jail.level import too_open
@@ -15,7 +16,7 @@ from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError,
 from robot_farm.bus_link import Accepted, BusLink
 from robot_farm.core import stay_on_one_core, turn
 from robot_farm.hidden_physics import HiddenPhysics, farm_secret
-from robot_farm.jail import JailedPolicy
+from robot_farm.jail import BUILTIN_PROCESS, POLICY_PROCESS, JailedPolicy
 from robot_farm.lease_keeper import LeaseKeeper, TrialStoppedError
 from robot_farm.life import Life, OutOfServiceError
 from robot_farm.prepared import Prepared, prepare_plainly, shape_of_lease
@@ -230,7 +231,8 @@ class Robot:
             return self._policy
         self._end_policy()
         graph = api.fetch_graph(lease.policy, lease.graph_sha256, self._folder)
-        self._policy = JailedPolicy(lease.policy, graph, least=self._settings.jail_level)
+        module = BUILTIN_PROCESS if lease.policy in BUILTIN_NAMES else POLICY_PROCESS
+        self._policy = JailedPolicy(lease.policy, graph, least=self._settings.jail_level, module=module)
         return self._policy
 
     def _end_policy(self) -> None:

@@ -35,8 +35,8 @@ class Grasp:
     """Where three fingertips hold a cube.
 
     ``tip_m`` (3, 3) are the centres of the tips relative to the cube's centre along the world's axes, m; ``inward`` (3, 3) the
-    directions in which they press; ``force_n`` (3,) with what force at most; ``clearance_m`` how far from the faces they get ready;
-    ``measure_n`` how secure it is (``wrench.py``); ``goal_m`` (3,) where the cube can be carried, m.
+    directions in which they press; ``force_n`` (3,) with what force at most. ``clearance_m`` is how far from the faces they get
+    ready, ``measure_n`` how secure the grasp is (``wrench.py``), ``goal_m`` (3,) where the cube can be carried with it.
     """
 
     tip_m: np.ndarray
@@ -91,23 +91,20 @@ def choose_grasp(cube_m: np.ndarray, normals: np.ndarray, goal_m: np.ndarray, ra
         return None
     inward = -outward[found]
     force = np.minimum(*(_largest_force_n(place + tip[found], inward) for place in (cube_m, goal_m)))
-    strongest = np.argsort(-force.min(axis=1), kind="stable")
-    # both the strongest and, of each choice of faces, its own strongest
-    keep = strongest[:WEIGHED]
+    keep = np.argsort(-force.min(axis=1), kind="stable")[:WEIGHED]
     contact = tip[found][keep] + inward[keep] * c.TIP_RADIUS_M
     measure = robust_wrench_measure(contact, inward[keep], force[keep], FRICTIONS, CONTACT_ERROR_M)
-    order = np.argsort(-measure, kind="stable")
-    seen: list[tuple] = []
-    for index in order:
-        name = tuple(faces[found][keep[index]])
-        if name not in seen:
-            seen.append(name)
-        if len(seen) > rank:
-            break
-    else:
-        index = order[0]
+    index = _of_rank(np.argsort(-measure, kind="stable"), faces[found][keep], rank)
     best = keep[index]
     return Grasp(tip[found][best], inward[best], force[best], clearance, float(measure[index]), there_m)
+
+
+def _of_rank(order: np.ndarray, faces: np.ndarray, rank: int) -> int:
+    """The first in the order that comes after ``rank`` other choices of faces, counted round and round."""
+    firsts: dict[tuple, int] = {}
+    for index in order:
+        firsts.setdefault(tuple(faces[index]), int(index))
+    return [*firsts.values()][rank % len(firsts)]
 
 
 @cache

@@ -37,9 +37,7 @@ def robust_wrench_measure(
 ) -> np.ndarray:
     """The worst measure over some coefficients of friction and contacts that are all off by ``error_m`` to one side."""
     shifts = error_m * np.array([[0.0, 0.0, 0.0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
-    found = [
-        wrench_measure(place_m + shift, inward, largest_force_n, friction) for friction in frictions for shift in shifts
-    ]
+    found = [wrench_measure(place_m + shift, inward, largest_force_n, friction) for friction in frictions for shift in shifts]
     return np.min(found, axis=0)
 
 

@@ -1,0 +1,44 @@
+"""The controller carries the cube, on robots as they should be and on robots as they are."""
+
+import numpy as np
+import pytest
+
+from sim_backend.evaluation import evaluate
+from sim_backend.grasping.controller import GraspPolicy, Hand, Phase, Sight
+from sim_backend.tasks import TASKS
+from sim_backend.training.trying import robots_of
+from sim_backend.trifinger import constants as c
+
+
+@pytest.mark.parametrize("physics", ["nominal", "real"])
+def test_the_cube_is_lifted_to_its_place(physics):
+    seeds = range(910, 914)
+    robots = robots_of(physics, len(seeds), 910)
+    found = evaluate(GraspPolicy(), GraspPolicy.manifest, TASKS["move_cube_2"], seeds, physics=robots, threads=1)
+    assert found.success.sum() >= 3
+
+
+def test_a_cube_that_is_there_is_left_alone():
+    hand, cube_m = Hand(), np.array([0.02, 0.03, c.CUBE_REST_HEIGHT_M])
+    for _ in range(60):
+        hand.act(Sight(c.START_JOINT_POSITION_RAD, cube_m, np.array([1.0, 0, 0, 0]), 0.09, cube_m))
+    assert hand.phase is Phase.LOOK
+
+
+def test_it_waits_for_a_cube_that_moves():
+    hand = Hand()
+    for k in range(40):
+        cube_m = np.array([0.01 * k - 0.1, 0.0, c.CUBE_REST_HEIGHT_M])
+        hand.act(Sight(c.START_JOINT_POSITION_RAD, cube_m, np.array([1.0, 0, 0, 0]), 0.09, np.zeros(3)))
+    assert hand.phase is Phase.LOOK
+
+
+def test_it_begins_again_when_the_cube_was_lost():
+    """Reports go on saying that the cube lies where it was, while the hand believes to carry it."""
+    hand, cube_m, joints = Hand(), np.array([0.0, 0.0, c.CUBE_REST_HEIGHT_M]), c.START_JOINT_POSITION_RAD
+    for _ in range(400):
+        joints = hand.act(Sight(joints, cube_m, np.array([1.0, 0, 0, 0]), 0.09, np.array([0.05, 0.05, 0.09])))
+        if hand.failures:
+            break
+    assert hand.failures == 1
+    assert hand.phase is Phase.OPEN
