@@ -20,7 +20,7 @@ NEEDS = Needs(memory_bytes=4 * 1024**3)
 """No file, no folder: the graph is read before."""
 
 Act = Callable[[bytes], tuple[Any, int]]
-"""From an observation's bytes to an action (float32 array) and its inference time in ns; one that remembers has ``forget``, too."""
+"""From an observation's bytes to an action (float32 array) and its inference time in ns; one that remembers can ``forget``."""
 
 
 def main(load: Callable[..., Act] | None = None) -> int:
