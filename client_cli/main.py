@@ -18,6 +18,7 @@ from client_cli import (
     gap,
     identify,
     jobs,
+    ladder,
     pack,
     physics,
     replay,
@@ -50,6 +51,7 @@ app.command(epilog=epilog(*JOB_END))(submit.submit)
 app.command(epilog=epilog(*OF_A_CHILD))(pack.pack)
 app.command(epilog=epilog(*JOB_END))(identify.identify)
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(jobs.jobs)
+app.command(epilog=epilog(*OF_EVERY_REQUEST))(ladder.ladder)
 app.command(epilog=epilog(*JOB_END))(watch.watch)
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(cancel.cancel)
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(report.report)

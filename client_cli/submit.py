@@ -1,16 +1,20 @@
-"""``trifarm submit``: a policy goes in, a job's id comes out."""
+"""``trifarm submit``: a policy goes in, a job's id comes out; of a folder of checkpoints, a ladder's."""
 
 import os
 import uuid
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from api_schemas.job import MAX_SEED, MAX_TRIALS, Job, JobRequest
+from api_schemas.ladder import LadderRequest
 from api_schemas.object import ObjectName
 from client_cli.api_client import ApiClient
+from client_cli.checkpoints import find_checkpoints
 from client_cli.following import ending, exit_code_of, follow_to_end
+from client_cli.ladder import follow_ladder, ladder_exit_code, read_checkpoints, rungs_of, submit_ladder
 from client_cli.options import (
     IdempotencyKeyOption,
     JsonOption,
@@ -27,7 +31,12 @@ from client_cli.settings import load_connection
 
 
 def submit(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The policy's weights: .safetensors, .onnx or SB3's .zip.")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE", help="The policy's weights: .safetensors, .onnx or SB3's .zip; or a folder of checkpoints."
+        ),
+    ],
     task: TaskOption,
     *,
     manifest: ManifestOption = None,
@@ -43,7 +52,15 @@ def submit(
     idempotency_key: IdempotencyKeyOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Upload a policy, queue a job of trials and print the job's id."""
+    """Upload a policy, queue a job of trials and print the job's id; of a folder, one job for each checkpoint."""
+    if file.is_dir():
+        policies = read_checkpoints(find_checkpoints(file), manifest, layout)
+        name = file.resolve().name[:100] or "checkpoints"
+        asked = LadderRequest(
+            name=name, task=task, rungs=rungs_of(policies), trials=trials, seed=seed, object=thing, object_scale=scale
+        )
+        _submit_folder(policies, asked, idempotency_key, wait=wait, as_json=as_json)
+        return
     policy = read_policy(file, manifest, layout)
     wish = JobRequest(policy=policy.digest, task=task, trials=trials, seed=seed, object=thing, object_scale=scale)
     with ApiClient(load_connection(os.environ)) as client:
@@ -57,6 +74,22 @@ def submit(
             print_document(job)
     if wait:
         raise typer.Exit(exit_code_of(job))
+
+
+def _submit_folder(
+    policies: Sequence[tuple[LocalPolicy, float]], wish: LadderRequest, key: str | None, *, wait: bool, as_json: bool
+) -> None:
+    with ApiClient(load_connection(os.environ)) as client:
+        made = submit_ladder(client, policies, wish, key)
+        if not as_json:
+            print_line(made.ladder_id)
+        if wait:
+            made = follow_ladder(client, made.ladder_id)
+        note(f"{len(made.rungs)} jobs; 'trifarm ladder {made.ladder_id}' shows them, {client.url}/ladders/{made.ladder_id} too")
+        if as_json:
+            print_document(made)
+    if wait:
+        raise typer.Exit(ladder_exit_code(made))
 
 
 def submit_policy(client: ApiClient, policy: LocalPolicy, wish: JobRequest, idempotency_key: str | None = None) -> Job:

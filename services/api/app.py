@@ -8,6 +8,8 @@ from services.api import (
     history,
     identifications,
     jobs,
+    ladders,
+    leaderboards,
     leases,
     overview,
     policies,
@@ -38,7 +40,7 @@ def create_app(farm: Farm) -> FastAPI:
     problems.install(app)
     document.install(app)
     app.add_middleware(Door, settings=farm.settings, tokens=farm.tokens)
-    users = (overview, policies, jobs, signatures, identifications, history, trials, truth)
+    users = (overview, policies, jobs, ladders, leaderboards, signatures, identifications, history, trials, truth)
     for module in (*users, leases, robots, token_routes):
         app.include_router(module.router)
         app.state.operations += [route for route in module.router.routes if isinstance(route, APIRoute)]

@@ -7,7 +7,18 @@ from fastapi.responses import FileResponse
 from fastapi.routing import APIRoute
 
 from services.api.farm import Farm
-from services.dashboard import compare_page, farm_page, job_page, jobs_page, live, replays, sign_in, trial_page
+from services.dashboard import (
+    board_page,
+    compare_page,
+    farm_page,
+    job_page,
+    jobs_page,
+    ladder_page,
+    live,
+    replays,
+    sign_in,
+    trial_page,
+)
 from services.dashboard.pages import FOLDER, HEADERS
 from services.dashboard.sessions import Seal
 from services.errors import NotFound
@@ -22,7 +33,7 @@ def mount(app: FastAPI, farm: Farm) -> None:
     app.state.dashboard_watcher = farm_page.Watcher()
     app.state.dashboard_streams = live.Streams()
     app.state.dashboard_replays = replays.Replays(farm.settings.data / "replays")
-    for pages in (sign_in, farm_page, jobs_page, job_page, compare_page, trial_page):
+    for pages in (sign_in, farm_page, jobs_page, job_page, compare_page, ladder_page, board_page, trial_page):
         app.include_router(pages.router)
         app.state.operations += [route for route in pages.router.routes if isinstance(route, APIRoute)]
     app.include_router(router)

@@ -8,6 +8,7 @@ from typer.main import get_command
 
 from api_schemas.comparison import Comparison
 from api_schemas.job import Job, JobPage
+from api_schemas.ladder import Ladder
 from api_schemas.policy_check import PolicyCheck
 from api_schemas.report import IdentificationReport, Report
 from api_schemas.robot import Robot, RobotPage
@@ -30,6 +31,7 @@ JSON_KEYS = {
     "submit FILE": Job.model_fields,
     "check FILE": PolicyCheck.model_fields,
     "jobs": JobPage.model_fields,
+    "ladder ID": Ladder.model_fields,
     "report ID": Report.model_fields,
     "compare ID...": Comparison.model_fields,
     "verify REPORT": verify.document(verify.Verified(SIGNATURE, (), True)),
