@@ -7,6 +7,7 @@ from pydantic import AfterValidator, Field
 
 from api_schemas.object import ObjectName, ObjectScale
 from api_schemas.schema import Schema
+from api_schemas.webhook_url import WebhookUrl
 
 MAX_TRIALS = 1000
 MAX_SEED = 2**63 - 1
@@ -63,6 +64,7 @@ class JobRequest(Schema):
     seed: int | None = Field(default=None, ge=0, le=MAX_SEED)
     object: ObjectName = ObjectName.CUBE
     object_scale: ObjectScale = 1.0
+    webhook: WebhookUrl | None = Field(default=None, description="called at the job's end, where the farm allows webhooks")
 
 
 class Job(Schema):

@@ -8,7 +8,7 @@ from api_schemas.schema import Schema
 
 
 class BoardRow(Schema):
-    """One policy: all its trials whose seed the server drew, pooled. Name and owner are null for those who may not see its jobs."""
+    """One policy: all its trials whose seed the server drew, pooled. Name and owner are null for who may not see them."""
 
     rank: int
     policy: str

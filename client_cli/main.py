@@ -28,6 +28,7 @@ from client_cli import (
     status,
     submit,
     token,
+    top,
     train,
     up,
     verify,
@@ -65,6 +66,7 @@ app.command(epilog=epilog(*OF_A_CHILD, ExitCode.INTERRUPTED))(train.train)
 app.add_typer(gap.commands, name="gap")
 app.add_typer(robots.commands, name="robots")
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(status.status)
+app.command(epilog=epilog(*OF_EVERY_REQUEST))(top.top)
 app.command(epilog=epilog(*OF_A_CHILD))(backup.backup)
 app.command(epilog=epilog(*OF_A_CHILD))(restore.restore)
 app.command(epilog=epilog(*OF_A_CHILD))(doctor.doctor)

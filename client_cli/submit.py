@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from pydantic import ValidationError
 
 from api_schemas.job import MAX_SEED, MAX_TRIALS, Job, JobRequest
 from api_schemas.ladder import LadderRequest
 from api_schemas.object import ObjectName
 from client_cli.api_client import ApiClient
 from client_cli.checkpoints import find_checkpoints
+from client_cli.errors import UsageProblem
 from client_cli.following import ending, exit_code_of, follow_to_end
 from client_cli.ladder import follow_ladder, ladder_exit_code, read_checkpoints, rungs_of, submit_ladder
 from client_cli.options import (
@@ -24,6 +26,7 @@ from client_cli.options import (
     ObjectScaleOption,
     TaskOption,
     WaitOption,
+    WebhookOption,
 )
 from client_cli.output import note, print_document, print_line
 from client_cli.policy_files import LocalPolicy, read_policy
@@ -48,12 +51,15 @@ def submit(
     ] = None,
     thing: ObjectOption = ObjectName.CUBE,
     scale: ObjectScaleOption = 1.0,
+    webhook: WebhookOption = None,
     wait: WaitOption = False,
     idempotency_key: IdempotencyKeyOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Upload a policy, queue a job of trials and print the job's id; of a folder, one job for each checkpoint."""
     if file.is_dir():
+        if webhook is not None:
+            raise UsageProblem("--webhook is of one job; a folder makes several, which 'trifarm ladder' shows")
         policies = read_checkpoints(find_checkpoints(file), manifest, layout)
         name = file.resolve().name[:100] or "checkpoints"
         asked = LadderRequest(
@@ -62,7 +68,8 @@ def submit(
         _submit_folder(policies, asked, idempotency_key, wait=wait, as_json=as_json)
         return
     policy = read_policy(file, manifest, layout)
-    wish = JobRequest(policy=policy.digest, task=task, trials=trials, seed=seed, object=thing, object_scale=scale)
+    asked = {"policy": policy.digest, "task": task, "trials": trials, "seed": seed, "object": thing, "object_scale": scale}
+    wish = _wish(asked | {"webhook": webhook})
     with ApiClient(load_connection(os.environ)) as client:
         job = submit_policy(client, policy, wish, idempotency_key)
         if not as_json:
@@ -74,6 +81,13 @@ def submit(
             print_document(job)
     if wait:
         raise typer.Exit(exit_code_of(job))
+
+
+def _wish(asked: dict[str, object]) -> JobRequest:
+    try:
+        return JobRequest.model_validate(asked)
+    except ValidationError as error:
+        raise UsageProblem(f"--{error.errors()[0]['loc'][0]}: {error.errors()[0]['msg']}") from error
 
 
 def _submit_folder(

@@ -50,9 +50,7 @@ def _comparable(ladder: Ladder) -> str | None:
 
 
 @router.get("/ladders")
-async def show_ladders(
-    session: SignedIn, farm: TheFarm, cursor: Annotated[str | None, Query(max_length=40)] = None
-) -> Response:
+async def show_ladders(session: SignedIn, farm: TheFarm, cursor: Annotated[str | None, Query(max_length=40)] = None) -> Response:
     """The list."""
     async with farm.database.read() as connection:
         found = await ladders.lines(connection, session.caller.sees_only, cursors.decode(cursor), ON_A_PAGE + 1)

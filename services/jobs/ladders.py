@@ -64,9 +64,7 @@ async def _earlier(tx: AsyncConnection, sender: Sender, digest: str) -> str | No
     return None if earlier is None else earlier.ladder_id
 
 
-async def _insert(
-    tx: AsyncConnection, now_s: float, ladder_id: str, request: LadderRequest, sender: Sender, digest: str
-) -> int:
+async def _insert(tx: AsyncConnection, now_s: float, ladder_id: str, request: LadderRequest, sender: Sender, digest: str) -> int:
     row = insert(ladder).values(
         ladder_id=ladder_id,
         name=request.name,
@@ -126,7 +124,9 @@ def _rung(row: AnyRow) -> Rung:
     )
 
 
-async def lines(connection: AsyncConnection, owner: str | None, before: int | None, limit: int) -> Sequence[tuple[int, LadderLine]]:
+async def lines(
+    connection: AsyncConnection, owner: str | None, before: int | None, limit: int
+) -> Sequence[tuple[int, LadderLine]]:
     """Ladders with their numbers, newest first; with ``owner`` only his."""
     newest = select(ladder.c.number).order_by(ladder.c.number.desc()).limit(limit)
     if owner is not None:

@@ -45,7 +45,11 @@ async def board(connection: AsyncConnection, wanted: Wanted, sees_only: str | No
     """
     of_task = (job.c.task == wanted.task, job.c.object == wanted.object, job.c.object_scale == wanted.object_scale)
     sums = func.count().label("jobs"), func.sum(job.c.trials_done).label("trials"), func.sum(job.c.successes).label("successes")
-    names = func.min(job.c.policy_name).label("name"), func.min(job.c.owner).label("owner"), func.max(job.c.created_at).label("last")
+    names = (
+        func.min(job.c.policy_name).label("name"),
+        func.min(job.c.owner).label("owner"),
+        func.max(job.c.created_at).label("last"),
+    )
     pooled = select(job.c.policy, *sums, *names).where(*COUNTED, *of_task).group_by(job.c.policy)
     rows = (await connection.execute(pooled)).all()
     ranked = sorted(rows, key=lambda row: (-wilson(row.successes, row.trials, LEVEL)[0], -row.trials, row.policy))

@@ -24,7 +24,7 @@ from services.jobs.lease import UNENDED
 from services.jobs.order import trial_seed
 from services.policies import owners
 
-LATER_FIELDS = frozenset({"object", "object_scale"})
+LATER_FIELDS = frozenset({"object", "object_scale", "webhook"})
 """Fields of a job that came after its first form; a job sent before they came and again afterwards is one job."""
 
 LOOK_AGAIN_S = 30

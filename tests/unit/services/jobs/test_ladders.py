@@ -18,7 +18,14 @@ PUSH = Wanted(TaskName.PUSH)
 
 @pytest.fixture
 async def database(new_database):
-    row = {"weights_format": "onnx", "weights_sha256": A, "weights_bytes": 1, "graph_sha256": A, "manifest": "{}", "warnings": "[]"}
+    row = {
+        "weights_format": "onnx",
+        "weights_sha256": A,
+        "weights_bytes": 1,
+        "graph_sha256": A,
+        "manifest": "{}",
+        "warnings": "[]",
+    }
     async with new_database.write() as tx:
         for digest, name, owner in ((A, "first", "ann"), (B, "second", "ann"), (C, "third", "bob")):
             await tx.execute(insert(policy).values(row | {"digest": digest, "name": name, "owner": owner, "created_at": "now"}))
