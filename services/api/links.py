@@ -60,7 +60,7 @@ class Link:
 
 @router.post("/v1/trials/{trial_id}/link")
 async def make_link(trial_id: TrialId, request: Request, caller: User, farm: TheFarm) -> ViewerLink:
-    """A link to the trial's log that needs no token: for this one file, for ten minutes, and not after the caller's token ends."""
+    """A link to the trial's log that needs no token: for this one file and ten minutes, and not after the caller's token."""
     link = linked(await get_trial(trial_id, caller, farm), caller, farm)
     url = str(request.base_url).rstrip("/") + link.path(farm)
     return ViewerLink(trial_id=trial_id, url=url, expires_at=iso(link.expires_s), lasts_s=LASTS_S)

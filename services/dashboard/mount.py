@@ -17,6 +17,7 @@ from services.dashboard import (
     live,
     replays,
     sign_in,
+    studies_page,
     trial_page,
     watch_page,
 )
@@ -35,7 +36,8 @@ def mount(app: FastAPI, farm: Farm) -> None:
     app.state.dashboard_streams = live.Streams()
     app.state.dashboard_watching = watch_page.Watching()
     app.state.dashboard_replays = replays.Replays(farm.settings.data / "replays")
-    for pages in (sign_in, farm_page, jobs_page, job_page, compare_page, ladder_page, board_page, trial_page, watch_page):
+    lists = (farm_page, jobs_page, compare_page, ladder_page, board_page, studies_page)
+    for pages in (sign_in, *lists, job_page, trial_page, watch_page):
         app.include_router(pages.router)
         app.state.operations += [route for route in pages.router.routes if isinstance(route, APIRoute)]
     app.include_router(router)

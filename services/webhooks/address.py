@@ -7,8 +7,10 @@ from collections.abc import Iterator
 
 Address = ipaddress.IPv4Address | ipaddress.IPv6Address
 NAT64 = ipaddress.ip_network("64:ff9b::/96")
-LOCAL_NAT64 = ipaddress.ip_network("64:ff9b:1::/48")
-"""RFC 8215: translated by a network for itself, to whatever it likes."""
+SPECIAL = tuple(
+    ipaddress.ip_network(each) for each in ("64:ff9b:1::/48", "192.0.0.0/24", "192.88.99.0/24", "3fff::/20", "5f00::/16")
+)
+"""Of special use by IANA's registries, which not every version of Python knows: what stands behind them is a network's own affair."""
 
 
 def is_public(text: str) -> bool:
@@ -21,7 +23,9 @@ def is_public(text: str) -> bool:
 
 
 def _is_global(address: Address) -> bool:
-    if isinstance(address, ipaddress.IPv6Address) and (address.is_site_local or address in LOCAL_NAT64):
+    if isinstance(address, ipaddress.IPv6Address) and address.is_site_local:
+        return False
+    if any(address in network for network in SPECIAL):
         return False
     return address.is_global and not address.is_multicast and (address in NAT64 or not address.is_reserved)
 

@@ -87,3 +87,24 @@ def test_a_farm_never_calls_its_own_network(farm):
     until(lambda: not farm.admin.get(f"/v1/jobs/{job_id}/webhook").json()["is_open"], 20, "the call to be given up")
     assert "only such are called" in farm.admin.get(f"/v1/jobs/{job_id}/webhook").json()["said"]
     assert farm.submit(farm.policy(), webhook="http://a.example/").status_code == 422
+
+
+def test_studies_are_shown_and_nothing_of_them_runs(farm):
+    folder = farm.data / "studies"
+    (folder / "joints-1").mkdir(parents=True)
+    hostile = "<title>Joints &amp; &lt;i&gt;</title><script>alert(1)</script><form action=/jobs/x/cancel method=post>"
+    (folder / "joints-1" / "report.html").write_text(hostile)
+    (folder / "stolen").mkdir()
+    (folder / "stolen" / "report.html").symlink_to(farm.data / "tokens.json")
+    (folder / ".hidden").mkdir()
+    user = signed_in(farm, user_token(farm, "ann")["secret"])
+    page = user.get("/studies").text
+    assert "Joints &amp; &lt;i&gt;" in page and 'href="/studies/joints-1"' in page and "stolen" not in page
+    answer = user.get("/studies/joints-1")
+    assert answer.text == hostile
+    shut_in = answer.headers["content-security-policy"]
+    assert shut_in.startswith("sandbox; default-src 'none'") and "allow-" not in shut_in and "script-src" not in shut_in
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    for name in ("stolen", ".hidden", "none", "..", "%2e%2e%2ftokens.json"):
+        assert user.get(f"/studies/{name}").status_code in (404, 422), name
+    assert httpx.get(f"{farm.api}/studies/joints-1").status_code == 401
