@@ -1,4 +1,4 @@
-"""The tables: policies and their owners, jobs, ladders of them, trials, attempts, events, reports, webhooks, robots, turns, tokens.
+"""The tables: policies and their owners, jobs, ladders, webhooks, trials, attempts, events, reports, robots, turns, and tokens.
 
 States are stored as the words of ``api_schemas``; times for people as ISO 8601 text in UTC, times that are compared as
 seconds of the farm's clock. Every statement that uses these tables runs on SQLite and on PostgreSQL.

@@ -10,7 +10,7 @@ NAT64 = ipaddress.ip_network("64:ff9b::/96")
 SPECIAL = tuple(
     ipaddress.ip_network(each) for each in ("64:ff9b:1::/48", "192.0.0.0/24", "192.88.99.0/24", "3fff::/20", "5f00::/16")
 )
-"""Of special use by IANA's registries, which not every version of Python knows: what stands behind them is a network's own affair."""
+"""Of special use by IANA's registries, and not known as such to every version of Python."""
 
 
 def is_public(text: str) -> bool:

@@ -1,4 +1,4 @@
-"""The robot that ``watch.js`` draws, made of the scene that logs have: ``python -m tests.unit.services.dashboard.robot_model`` writes it."""
+"""The robot that ``watch.js`` draws, made of the scene of a log; ``python -m`` this module from the root to write it."""
 
 import json
 import tempfile

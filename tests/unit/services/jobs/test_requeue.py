@@ -1,17 +1,23 @@
 """A failed job goes on where it was, and its history still ends where it ends."""
 
 import pytest
-from sqlalchemy import select
+from sqlalchemy import insert, select
 
 from api_schemas.job import JobState
 from api_schemas.trial import Fault, OutcomeKind
-from services.database.tables import job, trial
+from services.database.tables import job, robot, trial
 from services.errors import Conflict
 from services.jobs.completion import fault
 from services.jobs.events import events_after
 from services.jobs.requeue import requeue
 from tests.unit.services.jobs.test_pinning import NOW_S, asked, end, take
-from tests.unit.services.jobs.test_pinning import database as database
+
+
+@pytest.fixture
+async def database(new_database):
+    async with new_database.write() as tx:
+        await tx.execute(insert(robot), [{"robot": name, "drain": False, "first_seen_at": "now"} for name in "ab"])
+    return new_database
 
 
 async def failed(database, fleet):
