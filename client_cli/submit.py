@@ -2,7 +2,7 @@
 
 import os
 import uuid
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -69,7 +69,7 @@ def submit(
         return
     policy = read_policy(file, manifest, layout)
     asked = {"policy": policy.digest, "task": task, "trials": trials, "seed": seed, "object": thing, "object_scale": scale}
-    wish = _wish(asked | {"webhook": webhook})
+    wish = _wish({**asked, "webhook": webhook})
     with ApiClient(load_connection(os.environ)) as client:
         job = submit_policy(client, policy, wish, idempotency_key)
         if not as_json:
@@ -83,7 +83,7 @@ def submit(
         raise typer.Exit(exit_code_of(job))
 
 
-def _wish(asked: dict[str, object]) -> JobRequest:
+def _wish(asked: Mapping[str, object]) -> JobRequest:
     try:
         return JobRequest.model_validate(asked)
     except ValidationError as error:

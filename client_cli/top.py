@@ -65,10 +65,8 @@ def top(
 
 def document(seen: Seen) -> dict[str, object]:
     """What ``--json`` prints."""
-    listed = {"robots": seen.robots, "jobs": seen.jobs}
-    return {"status": seen.status.model_dump(mode="json")} | {
-        name: [each.model_dump(mode="json") for each in found] for name, found in listed.items()
-    }
+    robots, jobs = ([each.model_dump(mode="json") for each in listed] for listed in (seen.robots, seen.jobs))
+    return {"status": seen.status.model_dump(mode="json"), "robots": robots, "jobs": jobs}
 
 
 def _follow(client: ApiClient, every_s: float) -> None:

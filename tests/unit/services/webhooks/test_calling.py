@@ -33,10 +33,19 @@ def test_addresses_of_this_machine_and_its_networks_may_not(address):
 @pytest.mark.parametrize(
     "url",
     [
-        "http://a.example/", "https:///x", "https://u:p@a.example/", "https://a.example/\r\nHost: b", "https://a.example/ü", "ftp://a.example",
-        "https://a.example/" + "x" * 500, "https://a.example\\@b.example/", "https://a.example:0/", "https://a.example:99999/", "javascript:1",
+        "http://a.example/",
+        "https:///x",
+        "https://u:p@a.example/",
+        "https://a.example/\r\nHost: b",
+        "https://a.example/ü",
+        "ftp://a.example",
+        "https://a.example/" + "x" * 500,
+        "https://a.example\\@b.example/",
+        "https://a.example:0/",
+        "https://a.example:99999/",
+        "javascript:1",
     ],
-)  # fmt: skip
+)
 def test_other_addresses_are_refused_when_a_job_is_sent(url):
     with pytest.raises(ValueError):
         JobRequest.model_validate({"policy": "0" * 64, "task": "push", "webhook": url})
