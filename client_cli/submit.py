@@ -1,16 +1,22 @@
-"""``trifarm submit``: a policy goes in, a job's id comes out."""
+"""``trifarm submit``: a policy goes in, a job's id comes out; of a folder of checkpoints, a ladder's."""
 
 import os
 import uuid
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from pydantic import ValidationError
 
 from api_schemas.job import MAX_SEED, MAX_TRIALS, Job, JobRequest
+from api_schemas.ladder import LadderRequest
 from api_schemas.object import ObjectName
 from client_cli.api_client import ApiClient
+from client_cli.checkpoints import find_checkpoints
+from client_cli.errors import UsageProblem
 from client_cli.following import ending, exit_code_of, follow_to_end
+from client_cli.ladder import follow_ladder, ladder_exit_code, read_checkpoints, rungs_of, submit_ladder
 from client_cli.options import (
     IdempotencyKeyOption,
     JsonOption,
@@ -20,6 +26,7 @@ from client_cli.options import (
     ObjectScaleOption,
     TaskOption,
     WaitOption,
+    WebhookOption,
 )
 from client_cli.output import note, print_document, print_line
 from client_cli.policy_files import LocalPolicy, read_policy
@@ -27,7 +34,12 @@ from client_cli.settings import load_connection
 
 
 def submit(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The policy's weights: .safetensors, .onnx or SB3's .zip.")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE", help="The policy's weights: .safetensors, .onnx or SB3's .zip; or a folder of checkpoints."
+        ),
+    ],
     task: TaskOption,
     *,
     manifest: ManifestOption = None,
@@ -39,13 +51,25 @@ def submit(
     ] = None,
     thing: ObjectOption = ObjectName.CUBE,
     scale: ObjectScaleOption = 1.0,
+    webhook: WebhookOption = None,
     wait: WaitOption = False,
     idempotency_key: IdempotencyKeyOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Upload a policy, queue a job of trials and print the job's id."""
+    """Upload a policy, queue a job of trials and print the job's id; of a folder, one job for each checkpoint."""
+    if file.is_dir():
+        if webhook is not None:
+            raise UsageProblem("--webhook is of one job; a folder makes several, which 'trifarm ladder' shows")
+        policies = read_checkpoints(find_checkpoints(file), manifest, layout)
+        name = file.resolve().name[:100] or "checkpoints"
+        asked = LadderRequest(
+            name=name, task=task, rungs=rungs_of(policies), trials=trials, seed=seed, object=thing, object_scale=scale
+        )
+        _submit_folder(policies, asked, idempotency_key, wait=wait, as_json=as_json)
+        return
     policy = read_policy(file, manifest, layout)
-    wish = JobRequest(policy=policy.digest, task=task, trials=trials, seed=seed, object=thing, object_scale=scale)
+    asked = {"policy": policy.digest, "task": task, "trials": trials, "seed": seed, "object": thing, "object_scale": scale}
+    wish = _wish({**asked, "webhook": webhook})
     with ApiClient(load_connection(os.environ)) as client:
         job = submit_policy(client, policy, wish, idempotency_key)
         if not as_json:
@@ -57,6 +81,29 @@ def submit(
             print_document(job)
     if wait:
         raise typer.Exit(exit_code_of(job))
+
+
+def _wish(asked: Mapping[str, object]) -> JobRequest:
+    try:
+        return JobRequest.model_validate(asked)
+    except ValidationError as error:
+        raise UsageProblem(f"--{error.errors()[0]['loc'][0]}: {error.errors()[0]['msg']}") from error
+
+
+def _submit_folder(
+    policies: Sequence[tuple[LocalPolicy, float]], wish: LadderRequest, key: str | None, *, wait: bool, as_json: bool
+) -> None:
+    with ApiClient(load_connection(os.environ)) as client:
+        made = submit_ladder(client, policies, wish, key)
+        if not as_json:
+            print_line(made.ladder_id)
+        if wait:
+            made = follow_ladder(client, made.ladder_id)
+        note(f"{len(made.rungs)} jobs; 'trifarm ladder {made.ladder_id}' shows them, {client.url}/ladders/{made.ladder_id} too")
+        if as_json:
+            print_document(made)
+    if wait:
+        raise typer.Exit(ladder_exit_code(made))
 
 
 def submit_policy(client: ApiClient, policy: LocalPolicy, wish: JobRequest, idempotency_key: str | None = None) -> Job:

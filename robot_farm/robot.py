@@ -15,6 +15,7 @@ from api_schemas.trial import FAULT_OF, MAX_REASON, Fault, Outcome, OutcomeKind
 from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError, own_token
 from robot_farm.bus_link import Accepted, BusLink
 from robot_farm.core import stay_on_one_core, turn
+from robot_farm.health import WatchedHealth
 from robot_farm.hidden_physics import HiddenPhysics, farm_secret
 from robot_farm.jail import BUILTIN_PROCESS, POLICY_PROCESS, JailedPolicy
 from robot_farm.lease_keeper import LeaseKeeper, TrialStoppedError
@@ -51,6 +52,7 @@ class Robot:
         self._lease: Lease | None = None
         self._keeper: LeaseKeeper | None = None
         self._progress = Progress()
+        self._watched = WatchedHealth(lambda: self._progress, self._life)
 
     def live_until(self, stop: threading.Event) -> None:
         """Take leases until told to stop; a running trial is given back as the platform's fault."""
@@ -71,6 +73,7 @@ class Robot:
                     on_cancel=self._cancel,
                     stopping=stop.is_set,
                     jail=JailReport.of(self._jail),
+                    health=self._watched.health,
                 )
             )
             bus.out_of_service(self._unfit)
@@ -259,6 +262,7 @@ class Robot:
             joint_position_rad=tuple(measurement.joint_position_rad[0].tolist()),
             tracked_cube_position_world_m=tuple(tracked.cube_position_world_m[0].tolist()),
             tracked_cube_quat_wxyz=tuple(tracked.cube_quat_wxyz[0].tolist()),
+            goal=progress.goal,
         )
 
 
