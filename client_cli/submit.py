@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 from pydantic import ValidationError
 
+from api_schemas.builtin_policies import BUILTIN, PREFIX, builtin_digest
 from api_schemas.job import MAX_SEED, MAX_TRIALS, Job, JobRequest
 from api_schemas.ladder import LadderRequest
 from api_schemas.object import ObjectName
@@ -37,7 +38,8 @@ def submit(
     file: Annotated[
         Path,
         typer.Argument(
-            metavar="FILE", help="The policy's weights: .safetensors, .onnx or SB3's .zip; or a folder of checkpoints."
+            metavar="FILE",
+            help="The policy's weights: .safetensors, .onnx SB3's .zip, a folder of checkpoints, or builtin:grasp.",
         ),
     ],
     task: TaskOption,
@@ -67,11 +69,17 @@ def submit(
         )
         _submit_folder(policies, asked, idempotency_key, wait=wait, as_json=as_json)
         return
-    policy = read_policy(file, manifest, layout)
-    asked = {"policy": policy.digest, "task": task, "trials": trials, "seed": seed, "object": thing, "object_scale": scale}
+    builtin = builtin_named(file)
+    policy = None if builtin else read_policy(file, manifest, layout)
+    digest = builtin_digest(builtin) if policy is None else policy.digest
+    asked = {"policy": digest, "task": task, "trials": trials, "seed": seed, "object": thing, "object_scale": scale}
     wish = _wish({**asked, "webhook": webhook})
     with ApiClient(load_connection(os.environ)) as client:
-        job = submit_policy(client, policy, wish, idempotency_key)
+        if policy is None:
+            client.take_builtin(builtin)
+            job = client.create_job(wish, idempotency_key or uuid.uuid4().hex)
+        else:
+            job = submit_policy(client, policy, wish, idempotency_key)
         if not as_json:
             print_line(job.job_id)
         if wait:
@@ -81,6 +89,20 @@ def submit(
             print_document(job)
     if wait:
         raise typer.Exit(exit_code_of(job))
+
+
+def builtin_named(file: Path) -> str:
+    """The name in ``builtin:NAME``; empty if a file is meant.
+
+    Raises:
+        UsageProblem: no policy of this name comes with the farm.
+    """
+    text = str(file)
+    if not text.startswith(PREFIX):
+        return ""
+    if (name := text.removeprefix(PREFIX)) not in BUILTIN:
+        raise UsageProblem(f"no built-in policy {name!r}; choose from {', '.join(PREFIX + each for each in BUILTIN)}")
+    return name
 
 
 def _wish(asked: Mapping[str, object]) -> JobRequest:

@@ -11,7 +11,7 @@ import numpy as np
 
 from api_schemas.builtin_policies import builtin_content
 from robot_farm import jailed_policy
-from sim_backend.grasping.controller import Hand, Phase, Sight
+from sim_backend.grasping.controller import GraspPolicy, Phase
 from sim_backend.trifinger import constants as c
 
 
@@ -19,26 +19,28 @@ class Grasp:
     """The structured controller as a policy process has it."""
 
     def __init__(self) -> None:
-        self._hand = Hand()
+        self._policy = GraspPolicy()
 
     def __call__(self, data: bytes) -> tuple[Any, int]:
         """From an observation's bytes to an action (float32 array) and the time it took in ns."""
-        observation = np.frombuffer(data, np.float32)
+        observation = np.frombuffer(data, np.float32)[None]
         started_ns = time.perf_counter_ns()
-        action = self._hand.act(Sight.of(observation)).astype(np.float32)
+        action = self._policy(observation)[0].astype(np.float32)
         return action, time.perf_counter_ns() - started_ns
 
     def forget(self) -> None:
         """Begin a new trial."""
-        self._hand = Hand()
+        self._policy.begin(1)
 
 
 def _try_out() -> None:
     """Choose a grasp once, since numpy imports some of itself when it is first used, and in the jail there are no files."""
-    hand, cube = Hand(), np.array([0.0, 0.0, c.CUBE_REST_HEIGHT_M])
-    sight = Sight(c.START_JOINT_POSITION_RAD, cube, np.array([1.0, 0.0, 0.0, 0.0]), c.CAMERA_DELAY_S, cube + 0.05)
-    while hand.phase is not Phase.CARRY:
-        hand.act(sight)
+    cube = [0.0, 0.0, c.CUBE_REST_HEIGHT_M]
+    goal = [0.05, 0.0, c.MAX_GOAL_HEIGHT_M]
+    observation = np.array([*c.START_JOINT_POSITION_RAD, *cube, 1.0, 0.0, 0.0, 0.0, c.CAMERA_DELAY_S, *goal], np.float32)
+    policy = GraspPolicy()
+    while policy.hands[0].phase is not Phase.CARRY:
+        policy(observation[None])
 
 
 def _load(content: bytes, _np: Any, _onnxruntime: Any) -> Grasp:

@@ -13,7 +13,8 @@ from sim_backend.grasping.choice import Grasp, choose_grasp, side_normals
 from sim_backend.grasping.hand import gravity_torque_nm, tip_jacobian
 from sim_backend.tasks.keypoints import rotation_matrix
 from sim_backend.trifinger import constants as c
-from sim_backend.trifinger.kinematics import fingertip_position_world_m, joint_position_rad
+from sim_backend.trifinger.kinematics import fingertip_position_world_m
+from sim_backend.trifinger.kinematics import joint_position_rad as inverse_kinematics
 
 MANIFEST = GRASP
 PERIOD_S = 1 / MANIFEST.rate_hz
@@ -74,7 +75,6 @@ class Hand:
     def __init__(self) -> None:
         self.phase, self.grasp, self.failures = Phase.LOOK, None, 0
         self._tip_m: np.ndarray | None = None
-        self._joints_rad = c.START_JOINT_POSITION_RAD.copy()
         self._periods, self._arrived = 0, 0  # since the phase began, and since its motion was over
         self._delay_s = np.inf
         self._reports: list[tuple[np.ndarray, float]] = []  # of the cube: place, and angle of its first face
@@ -82,15 +82,15 @@ class Hand:
     phase: Phase
     grasp: Grasp | None
 
-    def act(self, sight: Sight) -> np.ndarray:
-        """Joint positions to ask for, shape (9,), rad."""
+    def next(self, sight: Sight) -> tuple[np.ndarray, np.ndarray]:
+        """Where the tips are to be, m, and with what force they are to press, N, in the world; both (3 fingers, 3)."""
         self._sight, self._reported = sight, sight.tracker_delay_s <= self._delay_s
         self._delay_s = sight.tracker_delay_s
         self._periods += 1
         if self._tip_m is None:
             self._tip_m = sight.tip_m
         self._tip_m = _PHASES[self.phase](self, self._tip_m)
-        return self._command(self._tip_m)
+        return self._tip_m, self._pressing_n()
 
     def _go(self, phase: Phase) -> None:
         self.phase, self._periods, self._arrived = phase, 0, 0
@@ -169,24 +169,34 @@ class Hand:
             self._go(then)
         return tip_m + way * np.minimum(1.0, step / np.maximum(length, 1e-9))
 
-    def _command(self, tip_m: np.ndarray) -> np.ndarray:
-        """What makes the robot's own controller hold the tips there and press."""
-        wanted = joint_position_rad(tip_m.reshape(9))
-        within = np.where(np.isnan(wanted), self._joints_rad, wanted)
-        self._joints_rad = np.clip(within, c.SOFT_LIMIT_LOWER_RAD, c.SOFT_LIMIT_UPPER_RAD)
-        torque_nm = gravity_torque_nm(self._sight.joint_position_rad)
-        if self.phase in (Phase.CLOSE, Phase.CARRY):
-            torque_nm = torque_nm + self._pressing_nm()
-        return self._joints_rad + torque_nm / c.POSITION_GAIN_NM_RAD
-
-    def _pressing_nm(self) -> np.ndarray:
+    def _pressing_n(self) -> np.ndarray:
+        if self.phase not in (Phase.CLOSE, Phase.CARRY):
+            return np.zeros((3, 3))
         grasp = self._grasp
         facing = (grasp.inward @ grasp.inward.T < -0.9).any(axis=1)
         press_n = np.minimum(np.where(facing, min(PRESS_N, grasp.force_n[facing].min()), PRESS_ALONE_N), grasp.force_n)
         force_n = press_n[:, None] * grasp.inward
         if self.phase is Phase.CARRY:
             force_n[:, 2] += c.CUBE_MASS_KG * c.GRAVITY_M_S2 / 3
-        return np.einsum("fcj,fc->fj", tip_jacobian(self._sight.joint_position_rad), force_n).reshape(9)
+        return force_n
+
+
+def joint_command_rad(joint_position_rad: np.ndarray, tip_m: np.ndarray, force_n: np.ndarray) -> np.ndarray:
+    """Joint positions that make the robots' own controllers hold the tips there and press.
+
+    Args:
+        joint_position_rad: measured, shape (n, 9).
+        tip_m: where the tips are to be, shape (n, 3 fingers, 3); a finger that does not reach so far stays where it is.
+        force_n: with what force they are to press, shape (n, 3, 3).
+
+    Returns:
+        Shape (n, 9), rad.
+    """
+    wanted = inverse_kinematics(tip_m.reshape(-1, 9))
+    wanted = np.where(np.isnan(wanted), joint_position_rad, wanted)
+    torque_nm = gravity_torque_nm(joint_position_rad)
+    torque_nm += np.einsum("nfcj,nfc->nfj", tip_jacobian(joint_position_rad), force_n).reshape(-1, 9)
+    return np.clip(wanted, c.SOFT_LIMIT_LOWER_RAD, c.SOFT_LIMIT_UPPER_RAD) + torque_nm / c.POSITION_GAIN_NM_RAD
 
 
 _PHASES: dict[Phase, Callable[[Hand, np.ndarray], np.ndarray]] = {phase: getattr(Hand, f"_{phase}") for phase in Phase}
@@ -199,9 +209,12 @@ def _over(place_m: np.ndarray) -> np.ndarray:
 
 
 class GraspPolicy:
-    """The controller for many trials at once, as evaluations ask policies; each trial has a hand of its own."""
+    """The controller of any number of trials, as evaluations ask policies; each trial has a hand of its own."""
 
     manifest = MANIFEST
+
+    def __init__(self) -> None:
+        self.begin(1)
 
     def begin(self, trials: int) -> None:
         """Forget all that was."""
@@ -209,4 +222,6 @@ class GraspPolicy:
 
     def __call__(self, observation: np.ndarray, /) -> np.ndarray:
         """Actions (n, 9) from observations (n, size)."""
-        return np.stack([hand.act(Sight.of(row)) for hand, row in zip(self.hands, observation, strict=True)])
+        sights = [Sight.of(row) for row in observation]
+        tip_m, force_n = zip(*(hand.next(sight) for hand, sight in zip(self.hands, sights, strict=True)), strict=True)
+        return joint_command_rad(np.array([sight.joint_position_rad for sight in sights]), np.array(tip_m), np.array(force_n))

@@ -6,7 +6,7 @@ import pytest
 from api_schemas.builtin_policies import BUILTIN_NAMES, GRASP, builtin_content, builtin_digest
 from api_schemas.policy import OBSERVATION_SIZES
 from robot_farm.jail import BUILTIN_PROCESS, JailedPolicy, PolicyFailedError
-from sim_backend.grasping.controller import Hand, Sight
+from sim_backend.grasping.controller import GraspPolicy
 from sim_backend.trifinger import constants as c
 
 
@@ -25,8 +25,8 @@ def observation() -> np.ndarray:
 def test_it_acts_as_the_controller_and_forgets_between_trials(tmp_path):
     file = tmp_path / "builtin"
     file.write_bytes(builtin_content("grasp"))
-    seen, hand = observation(), Hand()
-    expected = [hand.act(Sight.of(seen)).astype(np.float32) for _ in range(30)]
+    seen, controller = observation(), GraspPolicy()
+    expected = [controller(seen[None])[0].astype(np.float32) for _ in range(30)]
     with JailedPolicy(builtin_digest("grasp"), file, module=BUILTIN_PROCESS) as policy:
         for _ in range(2):
             policy.reset()
