@@ -25,7 +25,7 @@ def test_an_operator_has_it_at_once_and_only_once(farm):
 
 def test_a_user_has_it_in_no_way(farm):
     farm.admin.put("/v1/policies/builtin/grasp")
-    token = {"Authorization": f"Bearer {user_token(farm, 'ada')['token']}"}
+    token = {"Authorization": f"Bearer {user_token(farm, 'ada')['secret']}"}
     assert farm.admin.put("/v1/policies/builtin/grasp", headers=token).status_code == 403
     job = {"policy": builtin_digest("grasp"), "task": "push", "trials": 1}
     assert farm.admin.post("/v1/jobs", json=job, headers=token).json()["type"].endswith("policy-not-found")
