@@ -4,10 +4,10 @@ import json
 from enum import StrEnum
 from typing import Any
 
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
 from api_schemas.jail.report import JailReport
-from api_schemas.robot import RobotState
+from api_schemas.robot import RobotHealth, RobotState
 from api_schemas.schema import Schema
 
 ROOT = "trifarm/v1"
@@ -51,8 +51,14 @@ def robot_of_key(key: str) -> str:
     return key.split("/")[4]
 
 
-class Heartbeat(Schema):
-    """A robot's sign of life; ``instance`` changes whenever its process starts anew."""
+class RobotsWord(Schema):
+    """What a robot tells of itself; what services do not know yet, since it is newer than they are, they leave aside."""
+
+    model_config = ConfigDict(extra="ignore")
+
+
+class Heartbeat(RobotsWord):
+    """A robot's sign of life; ``instance`` changes whenever its process starts anew. Older robots tell no ``health``."""
 
     robot: str = Field(pattern=r"^[a-z0-9-]{1,40}$")
     instance: str
@@ -65,6 +71,7 @@ class Heartbeat(Schema):
     physics: str = "nominal"
     version: str = ""
     jail: JailReport | None = None  # what its policies are put into
+    health: RobotHealth | None = None
 
 
 class Change(Schema):
@@ -73,8 +80,12 @@ class Change(Schema):
     job_id: str | None = None
 
 
-class LiveState(Schema):
-    """What a robot shows while it runs, at 10 Hz of wall time."""
+class LiveState(RobotsWord):
+    """What a robot shows while it runs, at 10 Hz of wall time.
+
+    ``goal`` is the wanted pose of the object (x, y, z in m, quaternion wxyz) or, where fingertips have the goal, their nine
+    coordinates in m; older robots tell none.
+    """
 
     robot: str
     trial_id: str
@@ -84,6 +95,7 @@ class LiveState(Schema):
     joint_position_rad: tuple[float, ...]
     tracked_cube_position_world_m: tuple[float, ...]
     tracked_cube_quat_wxyz: tuple[float, ...]
+    goal: tuple[float, ...] | None = None
 
 
 class CommandKind(StrEnum):

@@ -7,6 +7,7 @@ from pydantic import AfterValidator, Field
 
 from api_schemas.object import ObjectName, ObjectScale
 from api_schemas.schema import Schema
+from api_schemas.webhook_url import WebhookUrl
 
 MAX_TRIALS = 1000
 MAX_SEED = 2**63 - 1
@@ -37,6 +38,10 @@ def _for_a_policy(task: TaskName) -> TaskName:
     return task
 
 
+PolicyTask = Annotated[TaskName, AfterValidator(_for_a_policy)]
+PolicyDigest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", description="digest of an uploaded policy")]
+
+
 class JobState(StrEnum):
     """``queued -> running -> succeeded | failed | cancelled``; ``succeeded`` means that the job has its report."""
 
@@ -53,12 +58,13 @@ FINAL_JOB_STATES = frozenset({JobState.SUCCEEDED, JobState.FAILED, JobState.CANC
 class JobRequest(Schema):
     """Body of POST /v1/jobs. Without a seed the server draws one."""
 
-    policy: str = Field(pattern=r"^[0-9a-f]{64}$", description="digest of an uploaded policy")
-    task: Annotated[TaskName, AfterValidator(_for_a_policy)]
+    policy: PolicyDigest
+    task: PolicyTask
     trials: int = Field(default=40, ge=1, le=MAX_TRIALS)
     seed: int | None = Field(default=None, ge=0, le=MAX_SEED)
     object: ObjectName = ObjectName.CUBE
     object_scale: ObjectScale = 1.0
+    webhook: WebhookUrl | None = Field(default=None, description="called at the job's end, where the farm allows webhooks")
 
 
 class Job(Schema):

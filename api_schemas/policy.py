@@ -49,6 +49,10 @@ class WeightsFormat(StrEnum):
     ZIP = "zip"
 
 
+BUILTIN_FORMAT: Literal["builtin"] = "builtin"
+"""What a policy that comes with the farm has instead (``builtin_policies.py``); nobody can send it."""
+
+
 def _known_fields(names: tuple[str, ...]) -> tuple[str, ...]:
     for name in names:
         if name not in OBSERVATION_SIZES:
@@ -225,7 +229,7 @@ class Policy(Schema):
 
     digest: str
     name: str
-    weights_format: WeightsFormat
+    weights_format: WeightsFormat | Literal["builtin"]
     weights_sha256: str
     weights_bytes: int
     graph_sha256: str

@@ -28,8 +28,27 @@ class RobotState(StrEnum):
     LOST = "lost"
 
 
+class SelfTest(Schema):
+    """A robot's last test of itself; ``wrong`` says what it found, null when it passed."""
+
+    at: str
+    wrong: str | None
+
+
+class RobotHealth(Schema):
+    """How a robot is, as it says itself; null is what it does not know.
+
+    ``motor_temperature_rise_k`` is that of its hottest motor above ambient, ``tracker_confidence`` that of the
+    tracker's last report.
+    """
+
+    motor_temperature_rise_k: float | None = None
+    tracker_confidence: float | None = None
+    self_test: SelfTest | None = None
+
+
 class Robot(Schema):
-    """A robot as the API shows it."""
+    """A robot as the API shows it; ``health`` is null where it tells nothing of that, and temperatures are for operators."""
 
     robot: str
     state: RobotState
@@ -41,6 +60,7 @@ class Robot(Schema):
     simulated_s: float | None = None  # of the running trial
     last_seen_at: str | None = None
     trials_done: int = 0
+    health: RobotHealth | None = None
 
 
 class RobotPage(Schema):

@@ -18,6 +18,7 @@ from pydantic import BaseModel, ValidationError
 from api_schemas.error import Problem
 from api_schemas.excitation import IdentificationRequest
 from api_schemas.job import Job, JobEvent, JobPage, JobRequest, JobState
+from api_schemas.ladder import Ladder, LadderRequest
 from api_schemas.policy import Policy, PolicyManifest, canonical_json
 from api_schemas.robot import Robot, RobotPage
 from api_schemas.signature import Signature
@@ -89,20 +90,32 @@ class ApiClient:
             )
         return self._answer(Policy, response)
 
+    def take_builtin(self, name: str) -> Policy:
+        """Make a policy that comes with the farm one's own; for operators."""
+        return self._answer(Policy, self._send("PUT", f"/v1/policies/builtin/{name}"))
+
     def create_job(self, request: JobRequest, idempotency_key: str) -> Job:
         """Queue a job. The key makes it safe to ask again when an answer got lost on the way."""
-        return self._create("/v1/jobs", request, idempotency_key)
+        return self._create(Job, "/v1/jobs", request, idempotency_key)
 
     def create_identification(self, request: IdentificationRequest, idempotency_key: str) -> Job:
         """Queue an identification, as ``create_job`` does a job."""
-        return self._create("/v1/identifications", request, idempotency_key)
+        return self._create(Job, "/v1/identifications", request, idempotency_key)
 
-    def _create(self, path: str, request: JobRequest | IdentificationRequest, idempotency_key: str) -> Job:
+    def create_ladder(self, request: LadderRequest, idempotency_key: str) -> Ladder:
+        """Queue a job for each checkpoint, as ``create_job`` does one."""
+        return self._create(Ladder, "/v1/ladders", request, idempotency_key)
+
+    def ladder(self, ladder_id: str) -> Ladder:
+        """One ladder."""
+        return self._get(Ladder, f"/v1/ladders/{ladder_id}")
+
+    def _create(self, schema: type[Answer], path: str, request: BaseModel, idempotency_key: str) -> Answer:
         for left in reversed(range(POST_TRIES)):
             try:
                 headers = {"Idempotency-Key": idempotency_key}
                 body = request.model_dump(mode="json")
-                return self._answer(Job, self._send("POST", path, json=body, headers=headers))
+                return self._answer(schema, self._send("POST", path, json=body, headers=headers))
             except ServerAway:
                 if not left:
                     raise

@@ -18,6 +18,7 @@ from client_cli import (
     gap,
     identify,
     jobs,
+    ladder,
     pack,
     physics,
     replay,
@@ -27,6 +28,7 @@ from client_cli import (
     status,
     submit,
     token,
+    top,
     train,
     up,
     verify,
@@ -50,6 +52,7 @@ app.command(epilog=epilog(*JOB_END))(submit.submit)
 app.command(epilog=epilog(*OF_A_CHILD))(pack.pack)
 app.command(epilog=epilog(*JOB_END))(identify.identify)
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(jobs.jobs)
+app.command(epilog=epilog(*OF_EVERY_REQUEST))(ladder.ladder)
 app.command(epilog=epilog(*JOB_END))(watch.watch)
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(cancel.cancel)
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(report.report)
@@ -63,6 +66,7 @@ app.command(epilog=epilog(*OF_A_CHILD, ExitCode.INTERRUPTED))(train.train)
 app.add_typer(gap.commands, name="gap")
 app.add_typer(robots.commands, name="robots")
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(status.status)
+app.command(epilog=epilog(*OF_EVERY_REQUEST))(top.top)
 app.command(epilog=epilog(*OF_A_CHILD))(backup.backup)
 app.command(epilog=epilog(*OF_A_CHILD))(restore.restore)
 app.command(epilog=epilog(*OF_A_CHILD))(doctor.doctor)

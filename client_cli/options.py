@@ -41,4 +41,7 @@ IdempotencyKeyOption = Annotated[
     str | None,
     typer.Option("--idempotency-key", metavar="TEXT", help="The same key and the same job make one job, however often sent."),
 ]
+WebhookOption = Annotated[
+    str | None, typer.Option("--webhook", metavar="URL", help="An https address that the farm calls at the job's end, if it may.")
+]
 RobotsOption = Annotated[int, typer.Option("--robots", min=1, max=64, help="How many simulated robots.")]

@@ -9,7 +9,10 @@ from client_cli.output import duration
 
 @dataclass(frozen=True)
 class JobProgress:
-    """A job's progress. ``running`` pairs the ordinal of each running trial with its robot."""
+    """A job's progress. ``running`` pairs the ordinal of each running trial with its robot.
+
+    ``of_robots`` has for each robot the trials it has done and how many of them succeeded, as far as events told.
+    """
 
     trials: int
     done: int = 0
@@ -19,6 +22,9 @@ class JobProgress:
     last_done_at: str | None = None
     waiting_because: str | None = None
     has_goals: bool = True
+    of_robots: tuple[tuple[str, int, int], ...] = ()
+    told_successes: int = 0
+    """By the last event; what the next one has more is its robot's."""
 
 
 def progress_of(job: Job) -> JobProgress:
@@ -46,11 +52,17 @@ def advance(progress: JobProgress, event: JobEvent) -> JobProgress:
         else:
             robots.pop(event.trial_ordinal, None)
     done = event.kind == "trial_done"
+    of_robots = {robot: (trials, successes) for robot, trials, successes in progress.of_robots}
+    if done and event.robot:
+        trials, successes = of_robots.get(event.robot, (0, 0))
+        of_robots[event.robot] = (trials + 1, successes + event.successes - progress.told_successes)
     return replace(
         progress,
         done=event.trials_done,
         successes=event.successes,
         running=tuple(robots.items()),
+        of_robots=tuple((robot, *counts) for robot, counts in sorted(of_robots.items())),
+        told_successes=event.successes,
         started_at=progress.started_at or (event.at if robots or done else None),
         last_done_at=event.at if done else progress.last_done_at,
         waiting_because=None if robots else progress.waiting_because,

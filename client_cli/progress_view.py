@@ -3,11 +3,13 @@
 from types import TracebackType
 from typing import Protocol, Self
 
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from client_cli.output import note, stderr_console
 from client_cli.progress import JobProgress, sentence
 
+MOST_ROBOTS = 16
+"""That get a bar of their own."""
 LINE_EVERY = 0.05
 """Without a terminal, a line is printed for each such share of the trials."""
 
@@ -29,7 +31,7 @@ class ProgressView(Protocol):
 
 
 class ProgressBar:
-    """A live bar for a terminal."""
+    """A live bar for a terminal, and below it one for each robot: of its trials, those that succeeded."""
 
     def __init__(self) -> None:
         columns = (
@@ -40,6 +42,7 @@ class ProgressBar:
         )
         self._bar = Progress(*columns, console=stderr_console(), refresh_per_second=4)
         self._row = self._bar.add_task("", total=None)
+        self._rows: dict[str, TaskID] = {}
 
     def __enter__(self) -> Self:
         self._bar.start()
@@ -51,6 +54,13 @@ class ProgressBar:
     def show(self, progress: JobProgress) -> None:
         """Move the bar."""
         self._bar.update(self._row, completed=progress.done, total=progress.trials, description=sentence(progress))
+        if not progress.has_goals:
+            return
+        for robot, done, successes in progress.of_robots[:MOST_ROBOTS]:
+            if robot not in self._rows:
+                self._rows[robot] = self._bar.add_task(robot, total=None)
+            words = f"{robot}: {successes} of {done} succeeded"
+            self._bar.update(self._rows[robot], completed=successes, total=done, description=words)
 
     def say(self, text: str) -> None:
         """Print a line above the bar."""

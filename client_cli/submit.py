@@ -1,16 +1,23 @@
-"""``trifarm submit``: a policy goes in, a job's id comes out."""
+"""``trifarm submit``: a policy goes in, a job's id comes out; of a folder of checkpoints, a ladder's."""
 
 import os
 import uuid
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from pydantic import ValidationError
 
+from api_schemas.builtin_policies import BUILTIN, PREFIX, builtin_digest
 from api_schemas.job import MAX_SEED, MAX_TRIALS, Job, JobRequest
+from api_schemas.ladder import LadderRequest
 from api_schemas.object import ObjectName
 from client_cli.api_client import ApiClient
+from client_cli.checkpoints import find_checkpoints
+from client_cli.errors import UsageProblem
 from client_cli.following import ending, exit_code_of, follow_to_end
+from client_cli.ladder import follow_ladder, ladder_exit_code, read_checkpoints, rungs_of, submit_ladder
 from client_cli.options import (
     IdempotencyKeyOption,
     JsonOption,
@@ -20,6 +27,7 @@ from client_cli.options import (
     ObjectScaleOption,
     TaskOption,
     WaitOption,
+    WebhookOption,
 )
 from client_cli.output import note, print_document, print_line
 from client_cli.policy_files import LocalPolicy, read_policy
@@ -27,7 +35,13 @@ from client_cli.settings import load_connection
 
 
 def submit(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The policy's weights: .safetensors, .onnx or SB3's .zip.")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="The policy's weights: .safetensors, .onnx SB3's .zip, a folder of checkpoints, or builtin:grasp.",
+        ),
+    ],
     task: TaskOption,
     *,
     manifest: ManifestOption = None,
@@ -39,15 +53,33 @@ def submit(
     ] = None,
     thing: ObjectOption = ObjectName.CUBE,
     scale: ObjectScaleOption = 1.0,
+    webhook: WebhookOption = None,
     wait: WaitOption = False,
     idempotency_key: IdempotencyKeyOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Upload a policy, queue a job of trials and print the job's id."""
-    policy = read_policy(file, manifest, layout)
-    wish = JobRequest(policy=policy.digest, task=task, trials=trials, seed=seed, object=thing, object_scale=scale)
+    """Upload a policy, queue a job of trials and print the job's id; of a folder, one job for each checkpoint."""
+    if file.is_dir():
+        if webhook is not None:
+            raise UsageProblem("--webhook is of one job; a folder makes several, which 'trifarm ladder' shows")
+        policies = read_checkpoints(find_checkpoints(file), manifest, layout)
+        name = file.resolve().name[:100] or "checkpoints"
+        asked = LadderRequest(
+            name=name, task=task, rungs=rungs_of(policies), trials=trials, seed=seed, object=thing, object_scale=scale
+        )
+        _submit_folder(policies, asked, idempotency_key, wait=wait, as_json=as_json)
+        return
+    builtin = builtin_named(file)
+    policy = None if builtin else read_policy(file, manifest, layout)
+    digest = builtin_digest(builtin) if policy is None else policy.digest
+    asked = {"policy": digest, "task": task, "trials": trials, "seed": seed, "object": thing, "object_scale": scale}
+    wish = _wish({**asked, "webhook": webhook})
     with ApiClient(load_connection(os.environ)) as client:
-        job = submit_policy(client, policy, wish, idempotency_key)
+        if policy is None:
+            client.take_builtin(builtin)
+            job = client.create_job(wish, idempotency_key or uuid.uuid4().hex)
+        else:
+            job = submit_policy(client, policy, wish, idempotency_key)
         if not as_json:
             print_line(job.job_id)
         if wait:
@@ -57,6 +89,43 @@ def submit(
             print_document(job)
     if wait:
         raise typer.Exit(exit_code_of(job))
+
+
+def builtin_named(file: Path) -> str:
+    """The name in ``builtin:NAME``; empty if a file is meant.
+
+    Raises:
+        UsageProblem: no policy of this name comes with the farm.
+    """
+    text = str(file)
+    if not text.startswith(PREFIX):
+        return ""
+    if (name := text.removeprefix(PREFIX)) not in BUILTIN:
+        raise UsageProblem(f"no built-in policy {name!r}; choose from {', '.join(PREFIX + each for each in BUILTIN)}")
+    return name
+
+
+def _wish(asked: Mapping[str, object]) -> JobRequest:
+    try:
+        return JobRequest.model_validate(asked)
+    except ValidationError as error:
+        raise UsageProblem(f"--{error.errors()[0]['loc'][0]}: {error.errors()[0]['msg']}") from error
+
+
+def _submit_folder(
+    policies: Sequence[tuple[LocalPolicy, float]], wish: LadderRequest, key: str | None, *, wait: bool, as_json: bool
+) -> None:
+    with ApiClient(load_connection(os.environ)) as client:
+        made = submit_ladder(client, policies, wish, key)
+        if not as_json:
+            print_line(made.ladder_id)
+        if wait:
+            made = follow_ladder(client, made.ladder_id)
+        note(f"{len(made.rungs)} jobs; 'trifarm ladder {made.ladder_id}' shows them, {client.url}/ladders/{made.ladder_id} too")
+        if as_json:
+            print_document(made)
+    if wait:
+        raise typer.Exit(ladder_exit_code(made))
 
 
 def submit_policy(client: ApiClient, policy: LocalPolicy, wish: JobRequest, idempotency_key: str | None = None) -> Job:

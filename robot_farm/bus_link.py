@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from api_schemas import bus
 from api_schemas.jail.report import JailReport
-from api_schemas.robot import Lease, OfferReply, RobotState
+from api_schemas.robot import Lease, OfferReply, RobotHealth, RobotState
 
 LIVE_EVERY_S = 0.1
 CLOSE_WITHIN_S = 3.0
@@ -42,6 +42,7 @@ class BusLink:
         on_cancel: called with trial id and fence when a trial shall stop.
         stopping: whether the robot is about to end and takes no more offers.
         jail: what its policies are put into.
+        health: how the robot is; asked for each heartbeat.
     """
 
     def __init__(
@@ -55,9 +56,10 @@ class BusLink:
         on_cancel: Callable[[str, int], None],
         stopping: Callable[[], bool],
         jail: JailReport | None = None,
+        health: Callable[[], RobotHealth | None] = lambda: None,
     ) -> None:
         self._endpoint, self._farm, self._robot, self._physics = endpoint, farm, robot, physics
-        self._jail = jail
+        self._jail, self._health = jail, health
         self._live, self._on_cancel, self._stopping = live, on_cancel, stopping
         self._instance = uuid.uuid4().hex
         self._lock = threading.Lock()
@@ -192,6 +194,7 @@ class BusLink:
         return OfferReply(accepted=True)
 
     def _send_heartbeat(self) -> None:
+        health = self._health()
         with self._lock:
             beat = bus.Heartbeat(
                 robot=self._robot,
@@ -205,6 +208,7 @@ class BusLink:
                 physics=self._physics,
                 version=version("trifarm"),
                 jail=self._jail,
+                health=health,
             )
         self._heartbeats.put(beat.model_dump_json())
 

@@ -35,7 +35,7 @@ _POLL_S = 0.05
 _ACTION_BYTES = 4 * ACTION_SIZE
 _LONGEST_INFERENCE_NS = 86_400 * 10**9
 """A day: a machine may have slept in between, but what is longer than this is made up, and no log could hold it."""
-_POLICY_PROCESS = "robot_farm.jailed_policy"
+POLICY_PROCESS, BUILTIN_PROCESS = "robot_farm.jailed_policy", "robot_farm.builtin_policy"
 
 
 class PolicyFailedError(Exception):
@@ -53,10 +53,10 @@ class JailedPolicy:
         digest: of the policy.
         graph: the ONNX file.
         least: a policy whose jail does not reach this level is not loaded.
-        module: what runs in the process; another one than the policy process's is for tests alone.
+        module: what runs in the process: a network's, or a built-in policy's; others are for tests alone.
     """
 
-    def __init__(self, digest: str, graph: Path, *, least: JailLevel = JailLevel.NONE, module: str = _POLICY_PROCESS) -> None:
+    def __init__(self, digest: str, graph: Path, *, least: JailLevel = JailLevel.NONE, module: str = POLICY_PROCESS) -> None:
         self.digest, self._least = digest, least
         self.jail: Jail | None = None
         """How closed the process said it is, once it has."""

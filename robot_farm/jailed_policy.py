@@ -20,7 +20,7 @@ NEEDS = Needs(memory_bytes=4 * 1024**3)
 """No file, no folder: the graph is read before."""
 
 Act = Callable[[bytes], tuple[Any, int]]
-"""From an observation's bytes to an action (float32 array) and its inference time in ns."""
+"""From an observation's bytes to an action (float32 array) and its inference time in ns; one that remembers can ``forget``."""
 
 
 def main(load: Callable[..., Act] | None = None) -> int:
@@ -78,8 +78,7 @@ def _answer(act: Act, read_fd: int, write_fd: int) -> None:
     """Answer one request: an action that may depend on all observations since the last reset, or a reset."""
     kind, count = policy_link.REQUEST.unpack(policy_link.read_exactly(read_fd, policy_link.REQUEST.size))
     if kind == policy_link.RESET:
-        if isinstance(act, Network):
-            act.forget()
+        getattr(act, "forget", _nothing_to_forget)()
         os.write(write_fd, policy_link.pack_reply(policy_link.OK))
         return
     try:
@@ -90,6 +89,10 @@ def _answer(act: Act, read_fd: int, write_fd: int) -> None:
         _reply_text(write_fd, error)
         return
     os.write(write_fd, policy_link.pack_reply(policy_link.OK, action.tobytes(), inference_time_ns))
+
+
+def _nothing_to_forget() -> None:
+    """What a plain function does when a new trial begins."""
 
 
 def _reply_text(write_fd: int, error: Exception, status: int = policy_link.FAILED) -> None:

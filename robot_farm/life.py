@@ -65,6 +65,8 @@ class Life:
     _since_test: int | None = None
     """Trials since the last self-test; None if there was none."""
     _tests: int = 0
+    tests_ended: int = 0
+    """Self-tests that came to an end, whatever they found."""
 
     @property
     def driver(self) -> SimulatedDriver:
@@ -144,6 +146,12 @@ class Life:
         self._arena = None
 
     @property
+    def temperature_rise_k(self) -> float:
+        """Of the hottest motor above ambient; may be asked for by another thread at any time."""
+        arena = self._arena
+        return float((self._rise_k if arena is None else arena.driver.motor_temperature_rise_k[0]).max())
+
+    @property
     def _all_faults(self) -> tuple[Fault, ...]:
         return (*self.faults, *self._by_chance)
 
@@ -207,6 +215,7 @@ class Life:
         """
         self._since_test, arena.is_settled = None, False
         self.wrong = _found_wrong(arena, rng)
+        self.tests_ended += 1
         if self.wrong is not None:
             self._fail(self.wrong)
         self._since_test, arena.is_settled = 0, True

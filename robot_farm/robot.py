@@ -5,6 +5,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
+from api_schemas.builtin_policies import BUILTIN_NAMES
 from api_schemas.bus import LiveState
 from api_schemas.jail.detection import detect
 from api_schemas.jail.level import too_open
@@ -14,8 +15,9 @@ from api_schemas.trial import FAULT_OF, MAX_REASON, Fault, Outcome, OutcomeKind
 from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError, own_token
 from robot_farm.bus_link import Accepted, BusLink
 from robot_farm.core import stay_on_one_core, turn
+from robot_farm.health import WatchedHealth
 from robot_farm.hidden_physics import HiddenPhysics, farm_secret
-from robot_farm.jail import JailedPolicy
+from robot_farm.jail import BUILTIN_PROCESS, POLICY_PROCESS, JailedPolicy
 from robot_farm.lease_keeper import LeaseKeeper, TrialStoppedError
 from robot_farm.life import Life, OutOfServiceError
 from robot_farm.prepared import Prepared, prepare_plainly, shape_of_lease
@@ -50,6 +52,7 @@ class Robot:
         self._lease: Lease | None = None
         self._keeper: LeaseKeeper | None = None
         self._progress = Progress()
+        self._watched = WatchedHealth(lambda: self._progress, self._life)
 
     def live_until(self, stop: threading.Event) -> None:
         """Take leases until told to stop; a running trial is given back as the platform's fault."""
@@ -70,6 +73,7 @@ class Robot:
                     on_cancel=self._cancel,
                     stopping=stop.is_set,
                     jail=JailReport.of(self._jail),
+                    health=self._watched.health,
                 )
             )
             bus.out_of_service(self._unfit)
@@ -230,7 +234,8 @@ class Robot:
             return self._policy
         self._end_policy()
         graph = api.fetch_graph(lease.policy, lease.graph_sha256, self._folder)
-        self._policy = JailedPolicy(lease.policy, graph, least=self._settings.jail_level)
+        module = BUILTIN_PROCESS if lease.policy in BUILTIN_NAMES else POLICY_PROCESS
+        self._policy = JailedPolicy(lease.policy, graph, least=self._settings.jail_level, module=module)
         return self._policy
 
     def _end_policy(self) -> None:
@@ -257,6 +262,7 @@ class Robot:
             joint_position_rad=tuple(measurement.joint_position_rad[0].tolist()),
             tracked_cube_position_world_m=tuple(tracked.cube_position_world_m[0].tolist()),
             tracked_cube_quat_wxyz=tuple(tracked.cube_quat_wxyz[0].tolist()),
+            goal=progress.goal,
         )
 
 

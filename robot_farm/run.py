@@ -29,6 +29,8 @@ class Progress:
     duration_s: float = 0.0
     measurement: Measurement | None = None
     tracked: TrackedPose | None = None
+    goal: tuple[float, ...] | None = None
+    """Of the object, 7 numbers, or of the fingertips, 9."""
 
 
 @dataclass

@@ -118,6 +118,7 @@ def _control_loop(run: Run, policy: JailedPolicy, recorder: Recorder) -> tuple[F
     episode = Episode(run.driver, run.ready.tracker, manifest)
     recorder.begin(task, run.ready.goal, episode.begin(run.ready.start, run.ready.goal))
     progress.duration_s, progress.simulated_s, progress.tracked = task.duration_s, 0.0, None
+    progress.goal = _shown_goal(task, run.ready.goal)
     try:
         policy.reset()
         for index in range(task.steps // manifest.period_steps):
@@ -136,6 +137,13 @@ def _control_loop(run: Run, policy: JailedPolicy, recorder: Recorder) -> tuple[F
     except PhysicsDivergedError as error:
         return (OutcomeKind.PLATFORM_ERROR, str(error)), episode.step
     return None, episode.step
+
+
+def _shown_goal(task: Task, goal: Goal) -> tuple[float, ...]:
+    """The goal as those see it who watch the trial."""
+    if not task.moves_cube:
+        return tuple(goal.fingertip_position_world_m[0].tolist())
+    return (*goal.cube_position_world_m[0].tolist(), *goal.cube_quat_wxyz[0].tolist())
 
 
 def _closed(ready: Prepared, step: int, failure: Failure | None) -> Failure | None:

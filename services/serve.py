@@ -36,6 +36,7 @@ from services.settings import Settings
 from services.signing import FarmKey
 from services.upkeep import retention
 from services.upkeep.retention import Rules
+from services.webhooks.delivery import LOOK_EVERY_S, Deliverer
 
 log = structlog.get_logger()
 ADMIN = TokenRequest(owner="operator", scopes=(Scope.ADMIN,))
@@ -146,6 +147,9 @@ async def _beside(farm: Farm) -> AsyncIterator[None]:
     repeated = [_repeat("logs were not tidied", TIDY_EVERY_S, lambda: _tidy(farm))]
     if farm.database.is_shared:
         repeated.append(_repeat("the clock was not set", FOLLOW_EVERY_S, lambda: farm.clock.set_by(farm.database)))
+    if farm.settings.webhooks:
+        calls = Deliverer(farm.settings.farm, farm.database, farm.clock, farm.fleet, farm.key)
+        repeated.append(_repeat("webhooks were not called", LOOK_EVERY_S, calls.deliver))
     running = [asyncio.create_task(each) for each in repeated]
     try:
         yield
@@ -155,7 +159,7 @@ async def _beside(farm: Farm) -> AsyncIterator[None]:
         await asyncio.wait(running)
 
 
-async def _repeat(failed: str, every_s: float, work: Callable[[], Awaitable[None]]) -> None:
+async def _repeat(failed: str, every_s: float, work: Callable[[], Awaitable[object]]) -> None:
     while True:
         await asyncio.sleep(every_s)
         try:

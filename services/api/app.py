@@ -8,7 +8,10 @@ from services.api import (
     history,
     identifications,
     jobs,
+    ladders,
+    leaderboards,
     leases,
+    links,
     overview,
     policies,
     problems,
@@ -38,7 +41,7 @@ def create_app(farm: Farm) -> FastAPI:
     problems.install(app)
     document.install(app)
     app.add_middleware(Door, settings=farm.settings, tokens=farm.tokens)
-    users = (overview, policies, jobs, signatures, identifications, history, trials, truth)
+    users = (overview, policies, jobs, ladders, leaderboards, signatures, identifications, history, trials, links, truth)
     for module in (*users, leases, robots, token_routes):
         app.include_router(module.router)
         app.state.operations += [route for route in module.router.routes if isinstance(route, APIRoute)]

@@ -9,13 +9,16 @@ from sqlalchemy import select
 from api_schemas.job import Job, JobPage, JobRequest, JobState
 from api_schemas.report import AnyReport, read_report
 from api_schemas.report_text import render
+from api_schemas.webhook import Webhook
 from services.api import cursor as cursors
-from services.api.access import Submitter, User
+from services.api.access import Operator, Submitter, User
 from services.api.document import refusals
 from services.api.farm import Farm, TheFarm
 from services.api.tokens import Caller
 from services.database.tables import job
-from services.jobs import cancellation, reports, submission, views
+from services.errors import Refused
+from services.jobs import cancellation, reports, requeue, submission, views
+from services.webhooks import delivery
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
 JobId = Annotated[str, Path(pattern=r"^[a-z0-9]{1,20}$")]
@@ -27,9 +30,13 @@ async def create_job(
     body: JobRequest, response: Response, caller: Submitter, farm: TheFarm, idempotency_key: IdempotencyKey = None
 ) -> Job:
     """Queues a job; with an Idempotency-Key the same request twice is one job."""
+    if body.webhook is not None and not farm.settings.webhooks:
+        raise Refused("webhooks-off", "This farm calls no webhooks; its operator can allow them with TRIFARM_WEBHOOKS=true.")
     async with farm.database.write() as tx:
         now_s = farm.clock.now_s()
         job_id, new = await submission.submit(tx, now_s, body, sender_of(caller, farm, idempotency_key))
+        if new and body.webhook is not None:
+            await delivery.register(tx, job_id, body.webhook)
     return await show_queued(job_id, new, response, caller, farm)
 
 
@@ -67,6 +74,24 @@ async def cancel_job(job_id: JobId, caller: User, farm: TheFarm) -> Job:
     async with farm.database.write() as tx:
         row = await views.job_row(tx, job_id, caller.sees_only)
         await cancellation.cancel(tx, farm.clock.now_s(), row.number)
+    farm.signals.job_changed(job_id)
+    farm.signals.wake_dispatcher(urgent=True)
+    return await _show(job_id, caller, farm)
+
+
+@router.get("/{job_id}/webhook")
+async def get_webhook(job_id: JobId, caller: User, farm: TheFarm) -> Webhook:
+    """The job's webhook, and what came of calling it."""
+    async with farm.database.read() as connection:
+        return await delivery.show(connection, await views.job_row(connection, job_id, caller.sees_only))
+
+
+@router.post("/{job_id}/requeue", responses=refusals(409))
+async def requeue_job(job_id: JobId, caller: Operator, farm: TheFarm) -> Job:
+    """Puts a failed job back into the queue; what it has done is kept, and the rest is tried anew."""
+    async with farm.database.write() as tx:
+        row = await views.job_row(tx, job_id, caller.sees_only)
+        await requeue.requeue(tx, farm.clock.now_s(), row.number)
     farm.signals.job_changed(job_id)
     farm.signals.wake_dispatcher(urgent=True)
     return await _show(job_id, caller, farm)

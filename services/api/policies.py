@@ -5,7 +5,7 @@ import hashlib
 import shutil
 import tempfile
 from pathlib import Path
-from typing import Annotated, BinaryIO
+from typing import Annotated, BinaryIO, Literal
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi import Path as InPath
@@ -16,7 +16,7 @@ from starlette.types import Message, Receive
 
 from api_schemas.policy import Policy, PolicyManifest, PolicyPage
 from services.api import cursor as cursors
-from services.api.access import RobotCaller, Submitter, User
+from services.api.access import Operator, RobotCaller, Submitter, User
 from services.api.bodies import BodyRefused
 from services.api.document import files
 from services.api.farm import Farm, TheFarm
@@ -29,6 +29,7 @@ from services.policies.keeping import Upload
 
 router = APIRouter(prefix="/v1/policies", tags=["policies"])
 Digest = Annotated[str, InPath(pattern=r"^[0-9a-f]{64}$")]
+BuiltinName = Literal["grasp"]
 GRAPH = "application/octet-stream"
 MANIFEST_BYTES = 256 * 1024
 FORM_BYTES = MANIFEST_BYTES + 64 * 1024
@@ -112,6 +113,14 @@ def _manifest(text: str) -> PolicyManifest:
         found = [{"where": ".".join(str(part) for part in each["loc"]), "message": each["msg"]} for each in error.errors()]
         detail = "; ".join(f"{each['where']}: {each['message']}" for each in found)
         raise Refused("manifest-invalid", f"The manifest is not valid: {detail}", errors=found) from error
+
+
+@router.put("/builtin/{name}", response_model=Policy, responses={201: {"model": Policy}})
+async def put_builtin(name: BuiltinName, response: Response, caller: Operator, farm: TheFarm) -> Policy:
+    """Makes a policy that comes with the farm the operator's, so that jobs of it can be queued."""
+    policy, new = await farm.policies.take_builtin(name, caller.owner, farm.clock.now_iso())
+    response.status_code = 201 if new else 200
+    return policy
 
 
 @router.get("")

@@ -79,5 +79,11 @@ async def _show(members: Sequence[Member], caller: Caller, farm: Farm) -> tuple[
     own = select(job.c.job_id).where(job.c.job_id.in_(running), job.c.owner == caller.sees_only)
     async with farm.database.read() as connection:
         mine = set((await connection.execute(own)).scalars())
-    hidden = {"job": None, "trial": None, "simulated_s": None}
-    return tuple(robot if robot.job in mine else robot.model_copy(update=hidden) for robot in shown)
+    return tuple(hidden_from_users(robot, is_own=robot.job in mine) for robot in shown)
+
+
+def hidden_from_users(robot: Robot, *, is_own: bool) -> Robot:
+    """A robot without what only operators see: its temperatures, and what it does for another user."""
+    health = None if robot.health is None else robot.health.model_copy(update={"motor_temperature_rise_k": None})
+    hidden = {} if is_own else {"job": None, "trial": None, "simulated_s": None}
+    return robot.model_copy(update={"health": health, **hidden})

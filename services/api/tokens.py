@@ -76,6 +76,16 @@ class Tokens:
             return False
         return True
 
+    async def lasts(self, token_id: str) -> bool:
+        """Whether a token of this id is valid now, for who has something that was made with it."""
+        async with self.database.read() as connection:
+            row = (await connection.execute(_WITH_PARENT.where(token.c.token_id == token_id))).one_or_none()
+        try:
+            self._check(row, "" if row is None else row.secret_sha256, self.clock.now_s())
+        except Unauthorised:
+            return False
+        return True
+
     async def _known(self, hashed: str, token_id: str) -> Caller:
         now_s = self.clock.now_s()
         if (known := self._remembered.get(hashed)) is not None and now_s < known[1]:

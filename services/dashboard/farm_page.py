@@ -1,7 +1,7 @@
 """The page of the farm: is it well, what do its robots do, who waits, and what is wrong now."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Annotated
@@ -19,6 +19,7 @@ from services.dashboard import live, queries
 from services.dashboard.pages import HEADERS, PageRoute, page, part
 from services.dashboard.sessions import Operating, Session, SignedIn
 from services.jobs import views
+from services.jobs.clock import iso
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 LAST_TRIALS = 50
@@ -27,8 +28,6 @@ KEPT_S = 0.5
 """All who look share what was read within so long."""
 HISTORY_KEPT_S = 3.0
 NEEDS_ATTENTION = frozenset({RobotState.OUT_OF_SERVICE, RobotState.LOST})
-HIDDEN = {"job": None, "trial": None, "simulated_s": None}
-"""What a viewer does not see of a robot that works for another user, as in the API."""
 Name = Annotated[str, Path(pattern=r"^[a-z0-9-]{1,40}$")]
 
 
@@ -47,6 +46,7 @@ class History:
 
     recent: dict[str, tuple[int, int]]
     per_minute: list[int]
+    given_per_minute: list[int]
 
 
 @dataclass
@@ -64,7 +64,9 @@ class Watcher:
             if self._history is None or now_s - self._history[0] > HISTORY_KEPT_S:
                 async with farm.database.read() as connection:
                     ended = await queries.recently_ended(connection)
-                self._history = (now_s, History(queries.by_robot(ended, LAST_TRIALS), _per_minute(ended)))
+                    given = await queries.recently_given(connection, iso(now_s - 60 * RATE_MINUTES))
+                rates = _per_minute([each.ended_at for each in ended]), _per_minute(given)
+                self._history = (now_s, History(queries.by_robot(ended, LAST_TRIALS), *rates))
             if self._seen is None or now_s - self._seen[0] > KEPT_S:
                 async with farm.database.read() as connection:
                     loads = await queries.load_by_user(connection)
@@ -78,10 +80,11 @@ def _robots(farm: Farm, now_s: float) -> tuple[Robot, ...]:
     return tuple(views.show_robot(member, now_s) for member in members)
 
 
-def _per_minute(ended: list[queries.Ended]) -> list[int]:
+def _per_minute(moments: Sequence[str]) -> list[int]:
+    """How many of the moments fell into each of the last minutes, the present one last."""
     now, counts = datetime.now(UTC), [0] * RATE_MINUTES
-    for each in ended:
-        minutes = int((now - datetime.fromisoformat(each.ended_at)).total_seconds() // 60)
+    for moment in moments:
+        minutes = int((now - datetime.fromisoformat(moment)).total_seconds() // 60)
         if 0 <= minutes < RATE_MINUTES:
             counts[RATE_MINUTES - 1 - minutes] += 1
     return counts
@@ -101,13 +104,13 @@ async def parts(session: Session, farm: Farm, watcher: Watcher) -> dict[str, str
     loads = [load for load in seen.loads if operates or load.owner == own]
     made = {
         "health": part("farm/health.html", status=seen.status, robots=len(seen.robots)),
-        "queue": part("farm/queue.html", status=seen.status, per_minute=history.per_minute),
+        "queue": part("farm/queue.html", status=seen.status, history=history),
         "users": part("farm/users.html", loads=loads, operates=operates),
     }
     visible = await _visible_jobs(seen.robots, session, farm)
     for robot in sorted(seen.robots, key=lambda each: (each.state not in NEEDS_ATTENTION, each.robot)):
         others = robot.job is not None and robot.job not in visible
-        shown = robot.model_copy(update=HIDDEN) if others else robot
+        shown = robot if operates else robots.hidden_from_users(robot, is_own=not others)
         context = {"robot": shown, "others": others, "recent": history.recent.get(robot.robot)}
         context |= {"operates": operates, "csrf": session.csrf}
         made[f"robot-{robot.robot}"] = part("farm/robot.html", **context)

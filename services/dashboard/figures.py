@@ -1,6 +1,6 @@
 """Geometry of the pages' figures: numbers in, points of a square of 100 by 100 out, which the page stretches as it likes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from api_schemas import error_axis
@@ -70,3 +70,58 @@ def dots(errors: Sequence[tuple[float, bool]]) -> list[Dot]:
 def ticks() -> list[tuple[float, str]]:
     """Where the axis of the errors is labelled."""
     return [(error_x(mm / 1e3), str(mm)) for mm in error_axis.TICKS_MM]
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A rung of a ladder in the figure; ``y`` counts from the top."""
+
+    x: float
+    y: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Climb:
+    """A ladder's figure: its stops, the line through them, and where its axis is labelled."""
+
+    stops: tuple[Stop, ...]
+    line: str
+    ticks: tuple[tuple[float, str], ...]
+
+
+MARGIN = 3.0
+"""Percent of the width beside the first and the last stop."""
+MOST_TICKS = 6
+
+
+def climbing(rungs: Sequence[tuple[float, Bar]]) -> Climb:
+    """Success against step, for the rungs of which trials are done; the axis goes over the steps of all."""
+    steps = [step for step, _ in rungs]
+    low, high = min(steps), max(steps)
+
+    def along(step: float) -> float:
+        return 50.0 if high == low else MARGIN + (100 - 2 * MARGIN) * (step - low) / (high - low)
+
+    stops = tuple(Stop(along(step), 100 - bar.rate, 100 - bar.low, 100 - bar.high) for step, bar in rungs if bar.trials)
+    line = " ".join(f"{stop.x:.2f},{stop.y:.2f}" for stop in stops)
+    labelled = _spread(sorted(set(steps)), along)
+    return Climb(stops, line, tuple((along(step), short(step)) for step in labelled))
+
+
+def _spread(steps: Sequence[float], along: Callable[[float], float]) -> list[float]:
+    """Of the steps those whose labels do not touch: the last one always, others where there is room."""
+    kept = [steps[-1]]
+    for step in reversed(steps[:-1]):
+        if along(kept[-1]) - along(step) >= 100 / MOST_TICKS:
+            kept.append(step)
+    return kept[::-1]
+
+
+def short(step: float) -> str:
+    """A step as an axis names it, such as 500, 20 k or 1.5 M."""
+    for factor, unit in ((1e9, " G"), (1e6, " M"), (1e3, " k")):
+        if abs(step) >= factor:
+            return f"{step / factor:.4g}{unit}"
+    return f"{step:.6g}"

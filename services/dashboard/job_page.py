@@ -12,6 +12,7 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 from api_schemas.job import FINAL_JOB_STATES, Job, TaskName
 from api_schemas.report import Report, read_report
 from api_schemas.report_page import render_page, style_source
+from api_schemas.token import Scope
 from api_schemas.trial import Outcome, OutcomeKind, TrialState
 from services.api import jobs, signatures
 from services.api.farm import Farm, TheFarm
@@ -19,7 +20,7 @@ from services.api.jobs import JobId, stored_report
 from services.dashboard import figures, live
 from services.dashboard.pages import HEADERS, PageRoute, page, part
 from services.dashboard.queries import successes_over_time, trial_rows
-from services.dashboard.sessions import Changing, Session, SignedIn
+from services.dashboard.sessions import Changing, Operating, Session, SignedIn
 from services.database.rows import AnyRow
 from services.errors import NotFound
 from services.jobs import views
@@ -84,7 +85,8 @@ async def parts(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> di
         trials = [_line(each) for each in await trial_rows(connection, row.number)]
         steps = await successes_over_time(connection, row.number)
     judged = job.task is not TaskName.IDENTIFY
-    made = {"head": part("job/head.html", job=job, csrf=session.csrf, ended=job.state in FINAL_JOB_STATES)}
+    head = {"csrf": session.csrf, "ended": job.state in FINAL_JOB_STATES, "operates": session.caller.may(Scope.OPERATE)}
+    made = {"head": part("job/head.html", job=job, **head)}
     made["progress"] = part(
         "job/progress.html", job=job, bar=figures.Bar.of("all", job.successes, job.trials_done), judged=judged
     )
@@ -186,4 +188,11 @@ async def show_report(job_id: JobId, session: SignedIn, farm: TheFarm, save: boo
 async def cancel(job_id: JobId, session: Changing, farm: TheFarm) -> Response:
     """The wish to end the job, as the API takes it."""
     await jobs.cancel_job(job_id, session.caller, farm)
+    return RedirectResponse(f"/jobs/{job_id}", status_code=303, headers=HEADERS)
+
+
+@router.post("/jobs/{job_id}/requeue")
+async def requeue(job_id: JobId, session: Operating, farm: TheFarm) -> Response:
+    """The operator's wish to have a failed job tried again."""
+    await jobs.requeue_job(job_id, session.caller, farm)
     return RedirectResponse(f"/jobs/{job_id}", status_code=303, headers=HEADERS)

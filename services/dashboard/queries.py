@@ -72,6 +72,15 @@ async def recently_ended(connection: AsyncConnection) -> list[Ended]:
     return ended
 
 
+async def recently_given(connection: AsyncConnection, since: str) -> Sequence[str]:
+    """When leases were given that robots took, of the newest jobs, since a moment (ISO 8601)."""
+    newest = select(job.c.number).where(job.c.started_at.is_not(None)).order_by(job.c.number.desc()).limit(RECENT_JOBS)
+    wanted = select(attempt.c.started_at).where(
+        attempt.c.job_number.in_(newest), attempt.c.started_at >= since, attempt.c.state != AttemptState.DECLINED
+    )
+    return (await connection.execute(wanted)).scalars().all()
+
+
 @dataclass(frozen=True)
 class JobFilter:
     """Which jobs a list shows."""

@@ -5,21 +5,25 @@ little-endian. A log of any length becomes at most a few megabytes.
 """
 
 import json
+import math
 import os
 import struct
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from mcap.reader import McapReader, make_reader
+from mcap.summary import Summary
 from mcap_protobuf.decoder import DecoderFactory
 
 from api_schemas import trial_log as t
 from api_schemas.jail.entering import enter
 from api_schemas.jail.needs import Needs
+from services.dashboard import partial
 from services.dashboard import replay_limits as limits
+from services.dashboard.tips import moments_of
 
 MOST_SAMPLES = 1500
 """Of each array over time; more than a screen has columns."""
@@ -41,7 +45,15 @@ def confined(arguments: list[str]) -> None:
 
 
 def main(arguments: list[str]) -> None:
-    """``LOG OUT [TRUTH]``: reduces the log, with what the truth adds to it, to the file OUT."""
+    """``LOG OUT [TRUTH]``: reduces the log, with what the truth adds to it, to the file OUT.
+
+    ``--plan LOG OUT`` writes the byte ranges that the reduction of a large log will read beyond its summary.
+    """
+    if arguments[0] == "--plan":
+        log, out = (Path(argument) for argument in arguments[1:])
+        with log.open("rb") as stream:
+            out.write_text(json.dumps(partial.plan(_summary(make_reader(stream)), log.stat().st_size)))
+        return
     log, out, *truth = (Path(argument) for argument in arguments)
     header, arrays = reduce(log, truth[0] if truth else None)
     out.write_bytes(packed(header, arrays))
@@ -53,15 +65,16 @@ def reduce(log: Path, truth: Path | None) -> tuple[dict[str, Any], dict[str, np.
     with log.open("rb") as stream:
         reader = make_reader(stream)
         records = {record.name: record.metadata for record in reader.iter_metadata()}
-        _collect(reader, (*OFTEN, *RARE), found)
+        shown, chunks = _collect(stream, reader, (*OFTEN, *RARE), found)
     if truth is not None:
         known = (t.CUBE_POSE, t.TRUE_SCENE)
         found |= {topic: [] for topic in known}
         with truth.open("rb") as stream:
-            _collect(make_reader(stream), known, found)
+            _collect(stream, make_reader(stream), known, found)
     header = {
         "format": "trifarm-replay/1",
         "task": records.get(t.TRIAL_METADATA, {}).get("task", ""),
+        "parts": [shown, chunks],
         "fixed": [],
         "frames": [],
         "entities": [*_entities(found[t.MEASURED_SCENE]), *_entities(found[t.TRUE_SCENE])],
@@ -75,6 +88,7 @@ def reduce(log: Path, truth: Path | None) -> tuple[dict[str, Any], dict[str, np.
     header["duration_s"] = max(
         (float(times[-1]) for name, times in arrays.items() if name.endswith("t_s") and len(times)), default=0
     )
+    header["moments"] = moments_of(header, arrays)
     return header, arrays
 
 
@@ -92,19 +106,27 @@ def packed(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> bytes:
     return struct.pack("<I", len(text)) + text + b"".join(parts)
 
 
-def _collect(reader: McapReader, topics: tuple[str, ...], found: dict[str, list[tuple[float, Any]]]) -> None:
-    """Decodes of each frequent topic only as many messages as will be drawn, evenly over time."""
+def _summary(reader: McapReader) -> Summary:
     summary = reader.get_summary()
     if summary is None or summary.statistics is None:
         raise SystemExit("the log has no summary: the robot that wrote it did not finish")
-    counts = {
-        channel.topic: summary.statistics.channel_message_counts.get(number, 0) for number, channel in summary.channels.items()
-    }
-    every = {topic: max(1, -(-counts.get(topic, 0) // MOST_SAMPLES)) for topic in OFTEN}
+    return summary
+
+
+def _collect(
+    stream: BinaryIO, reader: McapReader, topics: tuple[str, ...], found: dict[str, list[tuple[float, Any]]]
+) -> tuple[int, int]:
+    """Decodes of each frequent topic only as many messages as will be drawn, evenly over time; gives the parts read and all."""
+    summary = _summary(reader)
+    counted = {} if summary.statistics is None else summary.statistics.channel_message_counts
+    counts = {channel.topic: counted.get(number, 0) for number, channel in summary.channels.items()}
+    chunks = partial.chosen(summary, os.fstat(stream.fileno()).st_size)
+    share = len(chunks) / max(1, len(summary.chunk_indexes))
+    every = {topic: max(1, math.ceil(share * counts.get(topic, 0) / MOST_SAMPLES)) for topic in OFTEN}
     seen = dict.fromkeys(topics, 0)
     factory, decoders = DecoderFactory(), {}
     # In the order of the file, which is that of time within each topic: to merge all topics by time takes a third longer.
-    for schema, channel, message in reader.iter_messages(topics=list(topics), log_time_order=False):
+    for schema, channel, message in partial.messages(stream, summary, chunks, frozenset(topics)):
         topic = channel.topic
         seen[topic] += 1
         if (seen[topic] - 1) % every.get(topic, 1):
@@ -113,6 +135,7 @@ def _collect(reader: McapReader, topics: tuple[str, ...], found: dict[str, list[
             decoder = json.loads if channel.message_encoding == "json" else factory.decoder_for(channel.message_encoding, schema)
             decoders[channel.id] = decoder
         found[topic].append((message.log_time / NS, decoders[channel.id](message.data)))
+    return len(chunks), len(summary.chunk_indexes)
 
 
 def _arrays(found: dict[str, list[tuple[float, Any]]]) -> dict[str, np.ndarray]:
@@ -127,6 +150,7 @@ def _arrays(found: dict[str, list[tuple[float, Any]]]) -> dict[str, np.ndarray]:
         "desired_nm": np.array([message.desired_nm for _, message in torque]).reshape(-1, 9),
         "applied_nm": np.array([message.applied_nm for _, message in torque]).reshape(-1, 9),
         "tracked_t_s": _times(found[t.TRACKED_POSE]),
+        "captured_t_s": np.array([message.get("capture_time_s", at_s) for at_s, message in found[t.TRACKER]], dtype=float),
         "tracked_pose": _poses(message.pose for _, message in found[t.TRACKED_POSE]),
         "confidence": np.array([message["confidence"] for _, message in found[t.TRACKER]]),
         "true_t_s": _times(found[t.CUBE_POSE]),

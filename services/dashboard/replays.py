@@ -4,17 +4,20 @@ import asyncio
 import os
 import stat
 import tempfile
-from collections.abc import AsyncIterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from api_schemas.jail.level import too_open
 from services.api.farm import Farm
+from services.api.serving import stored_size
 from services.child import ChildKilledError, run_module
+from services.dashboard.bringing import UnreadableError, bring
 from services.dashboard.replay_limits import DEADLINE_S, LARGEST_REPLAY_BYTES
 from services.errors import Unavailable
 
+FORM = 2
+"""Of what a replay holds; one of an earlier form is made again."""
 KEPT_BYTES = 1024**3
 """Of reduced logs; those that were not looked at for longest go first, and are made again from their logs."""
 COUNTED_BYTES = 64 * 1024
@@ -35,7 +38,7 @@ class Replays:
         Raises:
             Unavailable: the log cannot be read, or not in time, or the farm's jail is too open to read any.
         """
-        path = self.folder / f"{log}{'' if truth is None else f'-{truth}'}.bin"
+        path = self.folder / f"{log}{'' if truth is None else f'-{truth}'}-{FORM}.bin"
         async with self._turn:
             if not path.exists():
                 await self._make(farm, path, [log] if truth is None else [log, truth])
@@ -47,8 +50,11 @@ class Replays:
             raise Unavailable("jail-too-open", f"The farm reads no logs now: {reason}. Its operator can change that.")
         with tempfile.TemporaryDirectory(prefix="trifarm-replay-") as name:
             files = [Path(name) / f"{index}.mcap" for index in range(len(sources))]
-            for file, sha256 in zip(files, sources, strict=True):
-                await _write(file, farm.files.read(sha256))
+            try:
+                for file, sha256 in zip(files, sources, strict=True):
+                    await bring(farm.files, sha256, await stored_size(farm.files, sha256), file, plan_in)
+            except UnreadableError as error:
+                raise _failed() from error
             made = await reduce_in(Path(name), *(file.name for file in files))
         await asyncio.to_thread(self.keep, path, made)
 
@@ -81,10 +87,23 @@ async def reduce_in(folder: Path, log: str, truth: str | None = None) -> bytes:
     Raises:
         Unavailable: the log cannot be read, or not within the limits.
     """
-    arguments = [log, "replay.bin", *([] if truth is None else [truth])]
+    return await _made(folder, "replay.bin", [log, "replay.bin", *([] if truth is None else [truth])])
+
+
+async def plan_in(log: Path) -> bytes:
+    """The byte ranges that the reduction of a large log wants, as the jailed process that read its summary tells.
+
+    Raises:
+        Unavailable: the summary cannot be read, or not within the limits.
+    """
+    return await _made(log.parent, "plan.json", ["--plan", log.name, "plan.json"])
+
+
+async def _made(folder: Path, name: str, arguments: list[str]) -> bytes:
+    """The file that a jailed process was to make."""
     try:
         ended = await run_module("services.dashboard.reduction", *arguments, folder=folder, deadline_s=DEADLINE_S)
-        made = await asyncio.to_thread(_read, folder / "replay.bin") if ended.status == 0 else None
+        made = await asyncio.to_thread(_read, folder / name) if ended.status == 0 else None
     except (ChildKilledError, OSError) as error:
         raise _failed() from error
     if made is None:
@@ -104,9 +123,3 @@ def _read(path: Path) -> bytes | None:
 def _failed() -> Unavailable:
     detail = "The log could not be read for a replay; download it, or have an operator look at it."
     return Unavailable("replay-failed", detail)
-
-
-async def _write(path: Path, chunks: AsyncIterator[bytes]) -> None:
-    with path.open("xb") as file:
-        async for chunk in chunks:
-            await asyncio.to_thread(file.write, chunk)

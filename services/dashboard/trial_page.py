@@ -1,23 +1,26 @@
 """The page of one trial: replayed in three dimensions from its log, beside what was measured, with one time for all."""
 
-from typing import Annotated
+from typing import Annotated, Literal
+from urllib.parse import quote
 
 from fastapi import APIRouter, Depends, Request, Response
-from fastapi.responses import FileResponse
+from fastapi.responses import FileResponse, RedirectResponse
 from sqlalchemy import select
 
 from api_schemas.token import Scope
-from api_schemas.trial import Trial
+from api_schemas.trial import Trial, TrialState
 from services.api import jobs, trials
-from services.api.farm import TheFarm
+from services.api.farm import Farm, TheFarm
+from services.api.links import linked
 from services.api.trials import TrialId
 from services.dashboard.pages import HEADERS, PageRoute, page
 from services.dashboard.replays import Replays
-from services.dashboard.sessions import Session, SignedIn
+from services.dashboard.sessions import Session, SignedIn, refuse_foreign
 from services.database.tables import trial as trial_table
 from services.errors import NotFound
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
+Viewer = Literal["foxglove", "lichtblick", "rerun"]
 
 
 def _replays(request: Request) -> Replays:
@@ -32,6 +35,8 @@ async def show_trial(trial_id: TrialId, session: SignedIn, farm: TheFarm) -> Res
     title = f"Trial {shown.ordinal} of {job.policy_name or 'an identification'}"
     neighbours = (shown.ordinal - 1 if shown.ordinal else None, shown.ordinal + 1 if shown.ordinal + 1 < job.trials else None)
     context = {"trial": shown, "job": job, "neighbours": neighbours, "sees_truth": _sees_truth(session, shown)}
+    context["viewers"] = viewers(farm)
+    context["runs"] = shown.state in {TrialState.LEASED, TrialState.RUNNING}
     return page("trial.html", session, title=title, here="jobs", **context)
 
 
@@ -54,6 +59,24 @@ async def get_replay(
             truth = (await connection.execute(wanted)).scalar_one()
     path = await replays.reduced(farm, shown.log_sha256, truth)
     return FileResponse(path, media_type="application/octet-stream", headers=HEADERS)
+
+
+@router.get("/trials/{trial_id}/open/{viewer}")
+async def open_in(trial_id: TrialId, viewer: Viewer, request: Request, session: SignedIn, farm: TheFarm) -> Response:
+    """Leads to a viewer with a link to the log, which that site's pages can then read for ten minutes."""
+    refuse_foreign(request)
+    leads_to = viewers(farm).get(viewer)
+    if leads_to is None:
+        raise NotFound("viewer-not-offered", f"This farm does not open logs in {viewer}; its operator can name an address.")
+    link = linked(await trials.get_trial(trial_id, session.caller, farm), session.caller, farm)
+    address = str(request.base_url).rstrip("/") + link.path(farm)
+    return RedirectResponse(leads_to + quote(address, safe=""), status_code=303, headers=HEADERS)
+
+
+def viewers(farm: Farm) -> dict[str, str]:
+    """The viewers that are offered, each with the address that a link is put behind."""
+    known = {"foxglove": farm.settings.foxglove_url, "lichtblick": farm.settings.lichtblick_url, "rerun": farm.settings.rerun_url}
+    return {name: address for name, address in known.items() if address}
 
 
 @router.get("/trials/{trial_id}/log")

@@ -77,6 +77,11 @@ def state(name: Any) -> str:
     return STATES.get(str(name), str(name).replace("_", " "))
 
 
+def step(number: float) -> str:
+    """A number of a ladder as it was given, without a fraction where it has none."""
+    return f"{number:,.0f}" if number == int(number) else f"{number:,.6g}"
+
+
 def counted(number: int, noun: str) -> str:
     """A number of things."""
     return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"
@@ -92,5 +97,6 @@ FILTERS: dict[str, Callable[..., str]] = {
     "millimetres": millimetres,
     "degrees": degrees,
     "state": state,
+    "step": step,
     "counted": counted,
 }

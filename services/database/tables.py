@@ -1,4 +1,4 @@
-"""The tables: policies and their owners, jobs, trials, attempts, events, reports, robots, turns of users, and tokens.
+"""The tables: policies and their owners, jobs, ladders, webhooks, trials, attempts, events, reports, robots, turns, and tokens.
 
 States are stored as the words of ``api_schemas``; times for people as ISO 8601 text in UTC, times that are compared as
 seconds of the farm's clock. Every statement that uses these tables runs on SQLite and on PostgreSQL.
@@ -112,6 +112,41 @@ job = Table(
     Index("ix_job_owner_state", "owner", "state"),
     # Identifications that wait for their robot; the dispatcher looks at them again and again.
     Index("ix_job_pinned", "state", "robot", sqlite_where=text(PINNED), postgresql_where=text(PINNED)),
+)
+
+ladder = Table(
+    "ladder",
+    metadata,
+    Column("number", NUMBER, primary_key=True, autoincrement=True),
+    Column("ladder_id", String(20), nullable=False, unique=True),
+    Column("name", Words(100), nullable=False),
+    Column("owner", String(64), nullable=False),
+    Column("created_at", String(40), nullable=False),
+    Column("idempotency_key", String(200)),
+    Column("request_sha256", String(64)),
+    UniqueConstraint("owner", "idempotency_key"),
+)
+
+rung = Table(
+    "rung",
+    metadata,
+    Column("ladder_number", NUMBER, ForeignKey("ladder.number"), primary_key=True),
+    Column("ordinal", Integer, primary_key=True, autoincrement=False),
+    # Training step, or whatever number the policies of the ladder differ by.
+    Column("step", Float, nullable=False),
+    Column("job_number", NUMBER, ForeignKey("job.number"), nullable=False),
+)
+
+webhook = Table(
+    "webhook",
+    metadata,
+    Column("job_number", NUMBER, ForeignKey("job.number"), primary_key=True, autoincrement=False),
+    Column("url", String(500), nullable=False),
+    Column("tries", Integer, nullable=False, default=0),
+    # When to call next, if the job has ended by then; null when nothing is left to do.
+    Column("due_s", Float, index=True),
+    # What came of the last try.
+    Column("said", Words),
 )
 
 trial = Table(

@@ -68,4 +68,5 @@ class Hearing:
     def _live(self, live: LiveState) -> None:
         member = self.fleet.member(live.robot)
         if member.lease == Claim(live.trial_id, live.fence, live.robot):
-            member.simulated_s = live.simulated_s
+            member.simulated_s, member.live = live.simulated_s, live
+            self.signals.robot_moved(live.robot)

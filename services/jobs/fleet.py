@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 
-from api_schemas.bus import Heartbeat
+from api_schemas.bus import Heartbeat, LiveState
 from api_schemas.robot import RobotState
 from services.jobs.claim import Claim
 
@@ -34,6 +34,8 @@ class Member:
     ended: Claim | None = None
     paused_until_s: float = 0.0
     simulated_s: float | None = None
+    live: LiveState | None = None
+    """What it showed last of the trial that it runs."""
     trials_done: int = 0
     instances_s: dict[str, float] = field(default_factory=dict)
     """When each process of this name was last heard, as far as that is not longer ago than ``SILENT_AFTER_S``."""
@@ -126,10 +128,10 @@ class Fleet:
         member.hear_instance(beat.instance, now_s)
         member.heartbeat, member.seen_s = beat, now_s
         if before is not None and before.instance != beat.instance:
-            member.simulated_s = None
+            member.simulated_s = member.live = None
         if member.present or (member.lost_s is not None and now_s - member.lost_s > RETURN_AFTER_S):
             member.lost_s = None
-        return before != beat or state_before != member.state(now_s)
+        return _but_health(before) != _but_health(beat) or state_before != member.state(now_s)
 
     def token_changed(self, robot: str, *, present: bool, now_s: float) -> None:
         """Takes the coming or going of a robot's liveliness token."""
@@ -140,7 +142,8 @@ class Fleet:
     def leased(self, claim: Claim, now_s: float, *, accepted: bool = False) -> None:
         """The database has given the robot a lease."""
         member = self.member(claim.robot)
-        member.lease, member.lease_accepted, member.renewed_s, member.simulated_s = claim, accepted, now_s, None
+        member.lease, member.lease_accepted, member.renewed_s = claim, accepted, now_s
+        member.simulated_s = member.live = None
 
     def accepted(self, claim: Claim) -> None:
         """The robot took the lease."""
@@ -158,7 +161,7 @@ class Fleet:
         member.ended = claim
         member.trials_done += int(done)
         if member.lease == claim:
-            member.lease, member.lease_accepted, member.simulated_s = None, False, None
+            member.lease, member.lease_accepted, member.simulated_s, member.live = None, False, None, None
 
     def hold_only(self, active: Collection[Claim]) -> None:
         """Frees robots whose lease the database no longer knows: it is the truth, this is a copy."""
@@ -179,6 +182,11 @@ class Fleet:
         """A copy of what is known of the robot; None when it was never seen."""
         member = self.members.get(robot)
         return None if member is None else replace(member)
+
+
+def _but_health(beat: Heartbeat | None) -> Heartbeat | None:
+    """A heartbeat without what changes each time and concerns nobody who gives leases."""
+    return None if beat is None else beat.model_copy(update={"health": None})
 
 
 def _takes_part(member: Member, now_s: float) -> bool:

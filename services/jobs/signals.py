@@ -38,6 +38,14 @@ class Signals:
         """An event that is set at the job's next change; ask before reading, or a change may slip between."""
         return self._history.setdefault(job_id, asyncio.Event())
 
+    def watch_robot(self, robot: str) -> asyncio.Event:
+        """An event that is set when the robot next shows itself, or loses its trial."""
+        return self.watch(f"robot {robot}")
+
+    def robot_moved(self, robot: str) -> None:
+        """Wakes those who watch the robot, here; every process hears it for itself."""
+        self._wake_readers(f"robot {robot}")
+
     def job_changed(self, job_id: str) -> None:
         """Wakes the readers of the job's history, here and elsewhere; call after the commit."""
         self._wake_readers(job_id)

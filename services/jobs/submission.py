@@ -24,7 +24,7 @@ from services.jobs.lease import UNENDED
 from services.jobs.order import trial_seed
 from services.policies import owners
 
-LATER_FIELDS = frozenset({"object", "object_scale"})
+LATER_FIELDS = frozenset({"object", "object_scale", "webhook"})
 """Fields of a job that came after its first form; a job sent before they came and again afterwards is one job."""
 
 LOOK_AGAIN_S = 30
@@ -52,10 +52,15 @@ class _NewJob:
     excitations: Sequence[ExcitationName | None]
     seed: int | None
     text: str
+    drawn_seed: int | None = None
 
 
-async def submit(tx: AsyncConnection, now_s: float, request: JobRequest, sender: Sender) -> tuple[str, bool]:
+async def submit(
+    tx: AsyncConnection, now_s: float, request: JobRequest, sender: Sender, *, drawn_seed: int | None = None
+) -> tuple[str, bool]:
     """Inserts a job of a policy; gives its id and whether it is new.
+
+    ``drawn_seed`` is what the server has drawn for several jobs; it serves where none is asked for.
 
     Raises:
         NotFound: the policy was not uploaded, or by others only.
@@ -76,7 +81,7 @@ async def submit(tx: AsyncConnection, now_s: float, request: JobRequest, sender:
         "object_scale": request.object_scale,
     }
     text = f"job queued: {request.trials} trials of {request.task} with policy {kept.name}"
-    asked = _NewJob(values, [None] * request.trials, request.seed, text)
+    asked = _NewJob(values, [None] * request.trials, request.seed, text, drawn_seed)
     return await _insert(tx, now_s, asked, sender, digest), True
 
 
@@ -101,9 +106,14 @@ async def identify(tx: AsyncConnection, now_s: float, request: IdentificationReq
     return await _insert(tx, now_s, asked, sender, digest), True
 
 
-def new_job_id() -> str:
-    """``j`` and twelve characters of a-z and 2-7: 60 random bits."""
-    return "j" + base64.b32encode(secrets.token_bytes(8)).decode().lower()[:12]
+def new_id(kind: str) -> str:
+    """The kind's letter and twelve characters of a-z and 2-7: 60 random bits."""
+    return kind + base64.b32encode(secrets.token_bytes(8)).decode().lower()[:12]
+
+
+def draw_seed() -> int:
+    """A seed that nobody could know before."""
+    return secrets.randbelow(MAX_SEED)
 
 
 def _digest(request: JobRequest | IdentificationRequest) -> str:
@@ -148,7 +158,8 @@ async def _check_share(tx: AsyncConnection, sender: Sender) -> None:
 
 async def _insert(tx: AsyncConnection, now_s: float, asked: _NewJob, sender: Sender, digest: str) -> str:
     await _check_share(tx, sender)
-    job_id, seed = new_job_id(), secrets.randbelow(MAX_SEED) if asked.seed is None else asked.seed
+    given = asked.drawn_seed if asked.seed is None else asked.seed
+    job_id, seed = new_id("j"), draw_seed() if given is None else given
     row = insert(job).values(
         job_id=job_id,
         state=JobState.QUEUED,

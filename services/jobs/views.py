@@ -136,4 +136,5 @@ def show_robot(member: Member, now_s: float) -> Robot:
         simulated_s=member.simulated_s,
         last_seen_at=iso(member.seen_s) if said is not None else None,
         trials_done=member.trials_done,
+        health=None if said is None else said.health,
     )

@@ -1,6 +1,7 @@
 """From an upload to a kept policy: digest, checks, conversion, files, and the row last."""
 
 import asyncio
+import hashlib
 import json
 import tempfile
 from collections import Counter
@@ -8,11 +9,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from sqlalchemy import insert
 from sqlalchemy.exc import IntegrityError
 
-from api_schemas.policy import Policy, PolicyManifest, WeightsFormat, canonical_json, policy_digest
+from api_schemas.builtin_policies import BUILTIN, builtin_content, builtin_digest
+from api_schemas.policy import BUILTIN_FORMAT, Policy, PolicyManifest, WeightsFormat, canonical_json, policy_digest
 from services.database.database import Database
 from services.database.rows import AnyRow
 from services.database.tables import policy
@@ -32,7 +35,7 @@ class Upload:
     digest: str
     weights: Path
     weights_sha256: str
-    kind: WeightsFormat
+    kind: WeightsFormat | Literal["builtin"]
     manifest: PolicyManifest
     owner: str
     filename: str | None = None
@@ -92,6 +95,21 @@ class Policies:
                 return await self._own(upload, now_iso)
             return await self._keep(upload, now_iso)
 
+    async def take_builtin(self, name: str, owner: str, now_iso: str) -> tuple[Policy, bool]:
+        """Makes a built-in policy an owner's, as if he had sent it; gives the policy and whether it is new to him."""
+        content, manifest = builtin_content(name), BUILTIN[name]
+        with tempfile.TemporaryDirectory(prefix="trifarm-builtin-") as folder:
+            path = Path(folder) / "builtin"
+            path.write_bytes(content)
+            sha256 = hashlib.sha256(content).hexdigest()
+            upload = Upload(builtin_digest(name), path, sha256, BUILTIN_FORMAT, manifest, owner)
+            async with self._database.read() as connection:
+                known = await owners.find(connection, upload.digest, None)
+            if known is not None:
+                return await self._own(upload, now_iso)
+            stored = await self._files.put_file(path, durable=True)
+            return await self._insert(upload, stored, stored, (), now_iso)
+
     @contextmanager
     def _coming(self, upload: Upload) -> Iterator[int]:
         """What comes in for an owner at this moment, this upload among it: all of it must find room, or nothing is converted."""
@@ -104,8 +122,8 @@ class Policies:
             self._coming_bytes += Counter()  # forgets those of whom nothing comes any more
 
     async def _keep(self, upload: Upload, now_iso: str) -> tuple[Policy, bool]:
-        limit_bytes = self._settings.max_weights_bytes
-        await asyncio.to_thread(intake.check_weights, upload.weights, upload.kind, limit_bytes, upload.filename)
+        limit_bytes, kind = self._settings.max_weights_bytes, WeightsFormat(upload.kind)
+        await asyncio.to_thread(intake.check_weights, upload.weights, kind, limit_bytes, upload.filename)
         graph, warnings = await self._convert(upload)
         # Only now, so that weights which were refused leave nothing behind.
         weights = await self._files.put_file(upload.weights, durable=True)
@@ -167,7 +185,7 @@ def show(row: AnyRow) -> Policy:
     return Policy(
         digest=row.digest,
         name=row.name,
-        weights_format=WeightsFormat(row.weights_format),
+        weights_format=row.weights_format,
         weights_sha256=row.weights_sha256,
         weights_bytes=row.weights_bytes,
         graph_sha256=row.graph_sha256,

@@ -5,6 +5,7 @@
 
 ``P`` is a preset, a file, or values of otherwise nominal robots, as in ``table_friction.coefficient=0.5,cube_mass.factor=1.2``.
 With ``--against`` the other policy tries the same goals on the same robots, and the difference is taken goal by goal.
+``builtin:grasp`` instead of a file is the controller that needs no weights.
 """
 
 import argparse
@@ -17,10 +18,12 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import binomtest, norm
 
+from api_schemas.builtin_policies import PREFIX
 from api_schemas.policy import PolicyManifest
 from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import load_ranges
 from sim_backend.evaluation import Act, evaluate
+from sim_backend.grasping.controller import GraspPolicy
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.task import Task
 from sim_backend.trifinger import constants as c
@@ -96,7 +99,7 @@ def compare(policies: Sequence[Path], task: str, seeds: range, kinds: Sequence[s
     for physics in kinds:
         outcomes = []
         for path in policies:
-            policy = read_policy(path)
+            policy = GraspPolicy() if str(path) == f"{PREFIX}grasp" else read_policy(path)
             tried, success = try_policy(policy, policy.manifest, TASKS[task], seeds, physics, threads=threads)
             found["tried"].append({"policy": path.name} | tried.document())
             outcomes.append(success)

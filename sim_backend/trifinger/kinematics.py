@@ -16,22 +16,30 @@ def fingertip_position_world_m(joint_position_rad: np.ndarray) -> np.ndarray:
     Returns:
         Shape (..., 9): x, y, z of finger0, finger120 and finger240 in the world frame, m.
     """
-    return _lower_link_position_world_m(joint_position_rad, c.LINKS[3].origin_m)
+    return link_point_world_m(joint_position_rad, 2, c.LINKS[3].origin_m)
 
 
 def elbow_position_world_m(joint_position_rad: np.ndarray) -> np.ndarray:
     """Positions of the upper ends of the lower links, above the tips when a link is upright; shapes as for the tips."""
-    return _lower_link_position_world_m(joint_position_rad, (c.LINKS[3].origin_m[0], 0.0, 0.0))
+    return link_point_world_m(joint_position_rad, 2, (c.LINKS[3].origin_m[0], 0.0, 0.0))
 
 
-def _lower_link_position_world_m(joint_position_rad: np.ndarray, place_m: tuple[float, float, float]) -> np.ndarray:
+def link_point_world_m(joint_position_rad: np.ndarray, link: int, place_m: tuple[float, float, float]) -> np.ndarray:
+    """Where a point of a link is, for each finger; shapes as for the tips.
+
+    Args:
+        joint_position_rad: shape (..., 9), rad.
+        link: index into ``constants.LINKS``; the tip moves with the lower link.
+        place_m: the point in the link's own frame, m.
+    """
     joints = np.asarray(joint_position_rad, dtype=float)
     joints = joints.reshape(*joints.shape[:-1], 3, 3)
     point = np.broadcast_to(np.array(place_m), joints.shape).copy()
-    for index in (2, 1, 0):
-        link = c.LINKS[index]
-        assert link.joint_axis is not None
-        point = _rotate(point, _AXES[link.joint_axis], joints[..., index]) + np.array(link.origin_m)
+    for index in range(link, -1, -1):
+        frame = c.LINKS[index]
+        if frame.joint_axis is not None:
+            point = _rotate(point, _AXES[frame.joint_axis], joints[..., index])
+        point = point + np.array(frame.origin_m)
     yaw = np.array(c.FINGER_YAW_RAD)
     point = _rotate(point, (0, 1), np.broadcast_to(yaw, point.shape[:-1]))
     point[..., 2] += c.FINGER_BASE_HEIGHT_M

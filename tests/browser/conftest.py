@@ -41,6 +41,13 @@ class Looked:
         with self.client(token) as client:
             return client.post("/v1/jobs", json=body).raise_for_status().json()["job_id"]
 
+    def ladder(self, policy: str, token: str, rungs: int, trials: int) -> dict:
+        """A ladder that has the same policy on each of its rungs."""
+        asked = [{"policy": policy, "step": 1e5 * (rung + 1)} for rung in range(rungs)]
+        body = {"name": HOSTILE, "task": "push", "trials": trials, "rungs": asked}
+        with self.client(token) as client:
+            return client.post("/v1/ladders", json=body).raise_for_status().json()
+
     def upload(self, name: str, token: str) -> str:
         """The digest of the reference policy under another name, which is then the token's owner's."""
         weights = REFERENCE.read_bytes()

@@ -43,7 +43,20 @@ def jobs(looked):
     """Two jobs on the same goals and one that runs for long, all of a policy with a hostile name."""
     digest = looked.upload(HOSTILE, looked.user)
     ended, again = (looked.submit(digest, looked.user, trials=2, seed=3) for _ in range(2))
-    yield {"ended": ended, "again": again, "running": looked.submit(digest, looked.user, trials=40, seed=4)}
+    ladder = looked.ladder(digest, looked.user, rungs=3, trials=1)
+    study = looked.farm.folder / "data" / "studies" / "joints"
+    study.mkdir(parents=True)
+    (study / "report.html").write_text(
+        "<!DOCTYPE html><html lang=en><title>Joints of robot-0</title><h1>Joints</h1><script>alert(4)</script>"
+    )
+    running = looked.submit(digest, looked.user, trials=40, seed=4)
+    yield {
+        "ended": ended,
+        "again": again,
+        "ladder": ladder["ladder_id"],
+        "rung": ladder["rungs"][0]["job_id"],
+        "running": running,
+    }
 
 
 @pytest.fixture(scope="module")
@@ -135,15 +148,52 @@ def test_a_trial_replays_and_scrubs(operator, ended):
     page.click("[data-view=top]")
 
 
-def test_names_that_users_chose_are_only_text(operator, jobs, ended):
+def test_a_running_trial_is_watched_as_it_happens(operator, looked, jobs):
+    from playwright.sync_api import TimeoutError as TooLate
+
+    page, give_up_s, seen = operator.page, time.monotonic() + 60, None
+    while seen is None:
+        assert time.monotonic() < give_up_s, "no trial was watched while it ran"
+        running = [robot["trial"] for robot in looked.api.get("/v1/robots").json()["robots"] if robot["state"] == "running"]
+        if not running:
+            continue
+        page.goto(f"/trials/{running[0]}")
+        try:
+            page.wait_for_function("() => Number(document.querySelector('#watch')?.dataset.seen) >= 3", timeout=4000)
+            seen = page.evaluate("() => ({...document.querySelector('#watch').dataset})")
+        except TooLate:
+            continue  # it had ended before the page was there
+    assert float(seen["time"]) > 0
+    assert page.locator("#scene").is_visible()
+
+
+def test_names_that_users_chose_are_only_text(operator, looked, jobs, ended):
     page = operator.page
-    for path in ("/", "/jobs", f"/jobs/{ended}", f"/trials/{ended}-000", f"/compare?jobs={ended}", f"/jobs/{ended}/report"):
+    looked.wait(jobs["rung"])
+    lists = (f"/ladders/{jobs['ladder']}", "/ladders", "/leaderboard")
+    for path in (
+        "/",
+        "/jobs",
+        f"/jobs/{ended}",
+        f"/trials/{ended}-000",
+        f"/compare?jobs={ended}",
+        f"/jobs/{ended}/report",
+        *lists,
+    ):
         page.goto(path)
         assert page.locator("img[src=x]").count() == 0, path
         if path != "/":
             assert HOSTILE in page.inner_text("body"), path
     page.goto("/jobs?q=%3Cscript%3Ealert(3)%3C%2Fscript%3E")
     assert page.input_value("#q") == "<script>alert(3)</script>"
+
+
+def test_a_study_is_shown_and_its_script_is_not_run(operator, jobs):
+    page = operator.page
+    page.goto("/studies")
+    page.get_by_role("link", name="Joints of robot-0").click()
+    assert page.inner_text("h1") == "Joints"
+    operator.complaints[:] = [said for said in operator.complaints if "sandboxed" not in said]  # the browser says what it refused
 
 
 def test_two_jobs_are_compared(operator, looked, jobs, ended):
@@ -177,10 +227,11 @@ def test_a_revoked_token_closes_the_pages_that_it_opened(browser, looked):
 
 
 @pytest.mark.parametrize("dark, width", [(False, 1280), (True, 390)], ids=["light-wide", "dark-narrow"])
-def test_everybody_can_use_every_page(browser, looked, ended, axe, dark, width):
+def test_everybody_can_use_every_page(browser, looked, jobs, ended, axe, dark, width):
     with Visit(browser, looked, looked.operator, dark=dark, width=width) as visit:
         page = visit.page
-        for path in ("/sign-in", "/", "/jobs", f"/jobs/{ended}", f"/trials/{ended}-000", f"/compare?jobs={ended}"):
+        own = ("/sign-in", "/", "/jobs", f"/jobs/{ended}", f"/trials/{ended}-000", f"/compare?jobs={ended}")
+        for path in (*own, f"/ladders/{jobs['ladder']}", "/ladders", "/leaderboard", "/studies"):
             page.goto(path)
             page.wait_for_timeout(300)
             page.evaluate(axe)
@@ -207,10 +258,11 @@ def test_pages_are_light_and_quick(browser, looked, ended):
             assert statistics.median(times_s) < 0.3, path
 
 
-def test_pictures_of_every_page(browser, looked, ended):
+def test_pictures_of_every_page(browser, looked, jobs, ended):
     if PICTURES is None:
         pytest.skip("TRIFARM_PICTURES names no folder to keep pictures in")
     pages = {"farm": "/", "jobs": "/jobs", "job": f"/jobs/{ended}", "trial": f"/trials/{ended}-000", "compare": "/compare"}
+    pages |= {"ladder": f"/ladders/{jobs['ladder']}", "leaderboard": "/leaderboard", "studies": "/studies"}
     for dark, width in itertools.product((False, True), (1280, 390)):
         name = f"{'dark' if dark else 'light'}-{'wide' if width > 1000 else 'narrow'}"
         with Visit(browser, looked, looked.operator, dark=dark, width=width) as visit:

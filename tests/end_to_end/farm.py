@@ -84,7 +84,14 @@ class Farm:
         return json.loads(self.run(*arguments, "--json", code=code))
 
     def submit(
-        self, policy: Path, *, layout: str | None = None, task: str = "push", trials: int = 4, seed: int = 1, wait: bool = False
+        self,
+        policy: Path | str,
+        *,
+        layout: str | None = None,
+        task: str = "push",
+        trials: int = 4,
+        seed: int = 1,
+        wait: bool = False,
     ) -> str:
         """The id of a new job."""
         more = ["--layout", layout] if layout else []

@@ -65,6 +65,15 @@ def test_the_example_of_the_documents_runs_and_its_report_is_signed(farm, tmp_pa
     assert farm.json("verify", str(page), code=6)["changed"] == ["what the page shows under 'result'"]
 
 
+def test_the_controller_that_needs_no_weights_runs_as_any_policy_and_replays(farm, tmp_path):
+    job = farm.submit("builtin:grasp", task="move_cube_2", trials=3, seed=8)
+    report = farm.report(job)
+    assert report["successes"] >= 2
+    assert report["jail"] == farm.report(farm.submit(REFERENCE, trials=1, seed=8))["jail"]
+    farm.run("fetch", job, "--to", str(tmp_path / "logs"))
+    assert farm.json("replay", str(tmp_path / "logs/trial-000.mcap"), "--verify")["same"]
+
+
 def test_same_seed_same_numbers_on_one_two_and_four_robots(farm, tmp_path):
     results = [numbers(farm.report(farm.submit(REFERENCE, trials=4, seed=3)))]
     for robots in (1, 2):

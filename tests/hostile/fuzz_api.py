@@ -48,11 +48,16 @@ def things(farm):
         farm.admin.post(f"/v1/robots/{robot}/drain")
     cancelled = farm.submit(policy, trials=2).json()["job_id"]
     farm.admin.post(f"/v1/jobs/{cancelled}/cancel")
+    rungs = [{"policy": policy, "step": 1}]
+    ladder = farm.admin.post("/v1/ladders", json={"name": "l", "task": "push", "trials": 1, "rungs": rungs}).json()
+    farm.admin.post(f"/v1/jobs/{ladder['rungs'][0]['job_id']}/cancel")
     made = [farm.admin.post("/v1/tokens", json={"owner": "ann", "scopes": ["submit"]}).json() for _ in range(3)]
     jobs = [done, identified, cancelled]
     return {
         "job_id": jobs,
         "trial_id": [f"{job_id}-000" for job_id in jobs],
+        "ladder_id": [ladder["ladder_id"]],
+        "task": ["push"],
         "digest": [policy],
         "token_id": [token["token_id"] for token in made],
         "robot": sorted(farm.robots),

@@ -17,8 +17,12 @@ import httpx
 import zenoh
 
 from api_schemas import bus
-from api_schemas.robot import Lease, OfferReply, OutcomeReport, Renewal, RobotState
+from api_schemas.robot import Lease, OfferReply, OutcomeReport, Renewal, RobotHealth, RobotState, SelfTest
 from api_schemas.trial import FAULT_OF, Measures, Outcome, OutcomeKind, PolicyTiming
+
+HEALTH = RobotHealth(
+    motor_temperature_rise_k=12.3, tracker_confidence=0.91, self_test=SelfTest(at="2026-01-01T00:00:00+00:00", wrong=None)
+)
 
 
 class ScriptedRobot:
@@ -26,11 +30,11 @@ class ScriptedRobot:
 
     def __init__(
         self, name, api, endpoint, token, *, trial_s=0.05, log_bytes=1000, farm="farm", renew_s=3.0, refuse=False, fail=False,
-        truth=False, breaks=None,
+        truth=False, breaks=None, live=False,
     ):  # fmt: skip
         self.name, self.farm, self.trial_s, self.renew_s = name, farm, trial_s, renew_s
         self.refuse, self.fail, self.instance = refuse, fail, uuid.uuid4().hex
-        self.truth, self.breaks, self.out_of_service = truth, breaks, None
+        self.truth, self.breaks, self.out_of_service, self.live = truth, breaks, None, live
         self.body = random.Random(name).randbytes(log_bytes)
         self.state, self.lease, self.draining = RobotState.IDLE, None, False
         self.work, self.cancel, self.stopping = queue.Queue(), threading.Event(), threading.Event()
@@ -57,6 +61,7 @@ class ScriptedRobot:
             trial_id=lease.trial_id if lease else None,
             fence=lease.fence if lease else None,
             reason=self.out_of_service,
+            health=HEALTH,
         )
         self.session.put(bus.heartbeat_key(self.farm, self.name), said.model_dump_json())
 
@@ -111,10 +116,12 @@ class ScriptedRobot:
         ends = time.monotonic() + self.trial_s
         renew_at = beat_at = time.monotonic() + min(self.renew_s, 1.0)
         while (left := ends - time.monotonic()) > 0:
-            if self.cancel.wait(min(left, 0.2)):
+            if self.cancel.wait(min(left, 0.1 if self.live else 0.2)):
                 return OutcomeKind.CANCELLED
             if self.stopping.is_set():
                 return None
+            if self.live:
+                self.show(lease, self.trial_s - left)
             if time.monotonic() >= beat_at:
                 self.beat()
                 beat_at += 1
@@ -127,6 +134,15 @@ class ScriptedRobot:
                 if answer.is_success and answer.json()["cancel"]:
                     return OutcomeKind.CANCELLED
         return self.scripted(lease)
+
+    def show(self, lease, simulated_s):
+        """What a real robot shows ten times a second."""
+        state = bus.LiveState(
+            robot=self.name, trial_id=lease.trial_id, fence=lease.fence, simulated_s=simulated_s, duration_s=self.trial_s,
+            joint_position_rad=(0.0, 0.9, -1.7) * 3, tracked_cube_position_world_m=(0.0, 0.0, 0.0325),
+            tracked_cube_quat_wxyz=(1.0, 0.0, 0.0, 0.0), goal=(0.05, 0.0, 0.0325, 1.0, 0.0, 0.0, 0.0),
+        )  # fmt: skip
+        self.session.put(bus.live_key(self.farm, self.name), state.model_dump_json())
 
     def scripted(self, lease):
         """How a trial ends that nothing cut short."""
@@ -196,6 +212,7 @@ def main():
     parser.add_argument("--refuse", action="store_true")
     parser.add_argument("--fail", action="store_true")
     parser.add_argument("--truth", action="store_true", help="upload a truth beside each log: the lease itself")
+    parser.add_argument("--live", action="store_true", help="show itself while a trial runs")
     parser.add_argument("--breaks", help="go out of service for this reason in the first trial, until told to resume")
     given = parser.parse_args()
     robot = ScriptedRobot(
@@ -210,6 +227,7 @@ def main():
         fail=given.fail,
         truth=given.truth,
         breaks=given.breaks,
+        live=given.live,
     )
     signal.signal(signal.SIGTERM, lambda *_: robot.stopping.set())
     try:

@@ -5,7 +5,6 @@ import { Scene, steer, VIEWS, worldFrames } from "./scene.js";
 import { between } from "./vectors.js";
 
 const TOLERANCE_MM = 20;
-const LIFTED_M = 0.015;
 const element = (id) => document.getElementById(id);
 const root = element("replay");
 
@@ -31,36 +30,6 @@ function distances(poses, goal) {
   const out = new Float32Array(poses.length / 7);
   for (let k = 0; k < out.length; k++) out[k] = 1e3 * Math.hypot(...[0, 1, 2].map((axis) => poses[7 * k + axis] - goal[axis]));
   return out;
-}
-
-// The samples at which a condition begins or ends; one sample alone is taken for a jump of the tracker.
-function changes(count, holds) {
-  const found = [];
-  let now = false;
-  for (let k = 1; k + 1 < count; k++)
-    if (holds(k, now) !== now && holds(k + 1, now) !== now) {
-      now = !now;
-      found.push([k, now]);
-    }
-  return found;
-}
-
-// When the object came to its goal or left it, and when it was lifted, put down or dropped: each with its time.
-function moments(log) {
-  const t = log.tracked_t_s, poses = log.tracked_pose, [goal] = log.goal;
-  const height = (k) => poses[7 * k + 2];
-  const early = Array.from(t.subarray(0, 5), (_, k) => height(k)).sort((a, b) => a - b);
-  const rest = early[early.length >> 1] ?? 0;
-  const away = goal ? distances(poses, goal) : null;
-  const found = log.events.filter((event) => event.t_s > 0).map((event) => ({ at: event.t_s, text: event.text, kind: "now" }));
-  if (away)
-    for (const [k, isThere] of changes(t.length, (k) => away[k] < TOLERANCE_MM))
-      found.push({ at: t[k], text: isThere ? "at the goal" : "left the goal", kind: isThere ? "ok" : "not" });
-  for (const [k, isUp] of changes(t.length, (k, up) => height(k) - rest > (up ? 0.4 : 1) * LIFTED_M)) {
-    const fell = !isUp && height(Math.max(0, k - 3)) - height(k) > LIFTED_M;
-    found.push({ at: t[k], text: isUp ? "lifted" : fell ? "dropped" : "put down", kind: fell ? "not" : "now" });
-  }
-  return found.sort((a, b) => a.at - b.at);
 }
 
 function poseAt(times, rows, time, width = 1, offset = 0) {
@@ -118,7 +87,7 @@ function plotsOf(log) {
 
 function showMoments(found, duration, seek) {
   const svg = element("marks"), list = element("moments");
-  for (const { at, text, kind } of found) {
+  for (const { t_s: at, text, kind } of found) {
     const mark = document.createElementNS("http://www.w3.org/2000/svg", "rect");
     for (const [name, value] of Object.entries({ x: (99.4 * at) / duration, y: 0, width: 0.6, height: 10, class: kind })) mark.setAttribute(name, value);
     svg.append(mark);
@@ -196,7 +165,10 @@ async function main() {
     steer(element("scene"), scene, redraw);
     legend(log, scene, redraw);
   }
-  showMoments(moments(log), log.duration_s, seek);
+  const [shown, all] = log.parts;
+  element("parts").hidden = shown === all;
+  element("parts").textContent = `A large log: ${shown} of its ${all} parts are shown, evenly over its time. The file itself has them all.`;
+  showMoments(log.moments, log.duration_s, seek);
   const renew = () => { for (const plot of plots) plot.background = null; redraw(); };
   new ResizeObserver(renew).observe(root);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", renew);

@@ -15,6 +15,7 @@ from fastapi.responses import JSONResponse, PlainTextResponse, Response, Streami
 from api_schemas.error import MEDIA_TYPE, Problem
 from api_schemas.excitation import IdentificationRequest
 from api_schemas.job import Job, JobEvent, JobPage, JobRequest, JobState, TaskName
+from api_schemas.ladder import Ladder, LadderRequest, Rung
 from api_schemas.policy import Policy, PolicyManifest, WeightsFormat, policy_digest
 from api_schemas.robot import Robot, RobotPage, RobotState
 from api_schemas.status import FarmStatus
@@ -24,6 +25,7 @@ from api_schemas.verification import Verification
 
 TOKEN = "trifarm_test_secret"
 JOB_ID = "jabcdefghijkl"
+LADDER_ID = "labcdefghijkl"
 AT = "2026-01-02T03:04:05+00:00"
 
 
@@ -43,6 +45,8 @@ class FarmState:
     log_cuts: list[int] = field(default_factory=list)
     submissions: list[tuple[JobRequest, str | None]] = field(default_factory=list)
     uploads: list[str] = field(default_factory=list)
+    ladders: list[tuple[LadderRequest, str | None]] = field(default_factory=list)
+    ladder_looks: int = 0
     warnings: tuple[str, ...] = ()
     hang_stream: bool = False
     post_answers_lost: int = 0
@@ -71,6 +75,24 @@ def trial(farm: FarmState, ordinal: int, log: bytes | None) -> Trial:
         task="push", seed=ordinal, robot="robot-0", robot_order=("robot-0",), outcome=None, attempts=(),
         log_sha256=None if log is None else hashlib.sha256(log).hexdigest(), log_bytes=None if log is None else len(log),
         has_truth=ordinal in farm.truths,
+    )  # fmt: skip
+
+
+def ladder(farm: FarmState) -> Ladder:
+    """The last one that was asked for; its jobs have ended when it was looked at so often as was said."""
+    request, _ = farm.ladders[-1]
+    state = JobState.RUNNING if farm.ladder_looks else JobState.SUCCEEDED
+    farm.ladder_looks = max(0, farm.ladder_looks - 1)
+    rungs = tuple(
+        Rung(
+            step=rung.step, job_id=JOB_ID, state=state, policy=rung.policy, policy_name="expert", trials=request.trials,
+            trials_done=2, successes=1, success_rate=0.5, interval_80=(0.2, 0.8),
+        )
+        for rung in request.rungs
+    )  # fmt: skip
+    return Ladder(
+        ladder_id=LADDER_ID, name=request.name, owner="operator", created_at=AT, task=request.task, object=request.object,
+        object_scale=request.object_scale, trials=request.trials, seed=7, seed_drawn_by_server=request.seed is None, rungs=rungs,
     )  # fmt: skip
 
 
@@ -128,6 +150,15 @@ def build_app(farm: FarmState) -> FastAPI:
             farm.post_answers_lost -= 1
             return StreamingResponse(broken_off(b'{"job_id"', 400), headers={"content-length": "400"})
         return job(farm)
+
+    @app.post("/v1/ladders")
+    async def post_ladder(request: LadderRequest, idempotency_key: str | None = Header(None)):
+        farm.ladders.append((request, idempotency_key))
+        return ladder(farm)
+
+    @app.get("/v1/ladders/{ladder_id}")
+    async def get_ladder(ladder_id: str):
+        return ladder(farm)
 
     @app.post("/v1/identifications")
     async def post_identification(request: IdentificationRequest, idempotency_key: str | None = Header(None)):

@@ -8,18 +8,19 @@ from typer.main import get_command
 
 from api_schemas.comparison import Comparison
 from api_schemas.job import Job, JobPage
+from api_schemas.ladder import Ladder
 from api_schemas.policy_check import PolicyCheck
 from api_schemas.report import IdentificationReport, Report
 from api_schemas.robot import Robot, RobotPage
 from api_schemas.signature import Signature
 from api_schemas.status import FarmStatus
 from api_schemas.token import NewToken, TokenPage
-from client_cli import demo, fetch, identify, pack, up, verify
+from client_cli import demo, fetch, identify, pack, top, up, verify
 from client_cli.embedded_farm import EmbeddedFarm
 from client_cli.exit_codes import MEANING
 from client_cli.main import app
 from client_cli.settings import Connection
-from tests.unit.client_cli.farm_server import FarmState, job
+from tests.unit.client_cli.farm_server import STATUS, FarmState, job
 
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "cli.md").read_text()
 FARM = EmbeddedFarm(Connection("", None), "", Path(), 4, "nominal", Path(), ())
@@ -30,6 +31,7 @@ JSON_KEYS = {
     "submit FILE": Job.model_fields,
     "check FILE": PolicyCheck.model_fields,
     "jobs": JobPage.model_fields,
+    "ladder ID": Ladder.model_fields,
     "report ID": Report.model_fields,
     "compare ID...": Comparison.model_fields,
     "verify REPORT": verify.document(verify.Verified(SIGNATURE, (), True)),
@@ -38,6 +40,7 @@ JSON_KEYS = {
     "identify": identify.document(identify.Identified(job(FarmState()), None)),
     "robots": RobotPage.model_fields,
     "status": FarmStatus.model_fields,
+    "top": top.document(top.Seen(STATUS, (), ())),
     "token create": NewToken.model_fields,
     "token list": TokenPage.model_fields,
     "token revoke TOKEN": {"token_id": "", "revoked": True},

@@ -34,6 +34,13 @@ def test_the_sentence_names_successes_robots_and_estimate():
     assert sentence(progress) == "1 succeeded, 1 running (robot-1), about 8 s left"
 
 
+def test_each_robot_has_its_own_trials_and_successes():
+    events = [event(1, "trial_done", ordinal=0, done=1), event(2, "trial_done", ordinal=1, done=2)]
+    events.append(events[-1].model_copy(update={"id": 3, "trials_done": 3}))  # the third trial, on robot-1, did not succeed
+    after = reduce(advance, events, JobProgress(trials=3, done=3, successes=2))  # as one who comes late sees it
+    assert after.of_robots == (("robot-0", 1, 1), ("robot-1", 2, 1))
+
+
 def test_the_sentence_says_why_a_job_waits_until_it_runs():
     waiting = JobProgress(trials=3, waiting_because="no robot is in service")
     assert sentence(waiting) == "0 succeeded, waiting: no robot is in service"
@@ -55,6 +62,7 @@ def test_the_bar_shows_the_sentence(capsys):
         bar.show(reduce(advance, EVENTS[:5], JobProgress(trials=3)))
         bar.say("connection lost")
     printed = capsys.readouterr().err
+    assert "robot-0: 1 of 1 succeeded" in printed
     assert "connection lost" in printed
     assert "1/3" in printed
 

@@ -1,0 +1,49 @@
+"""The leaderboard of a farm: the policies that were tried at a task, by the lower bound of their success rate's interval."""
+
+from pydantic import Field
+
+from api_schemas.job import TaskName
+from api_schemas.object import ObjectName
+from api_schemas.schema import Schema
+
+
+class BoardRow(Schema):
+    """One policy: all its trials whose seed the server drew, pooled. Name and owner are null for who may not see them."""
+
+    rank: int
+    policy: str
+    policy_name: str | None
+    owner: str | None
+    jobs: int
+    trials: int
+    successes: int
+    success_rate: float
+    interval_80: tuple[float, float]
+    last_at: str = Field(description="when the newest of its jobs was queued")
+
+
+class Leaderboard(Schema):
+    """The policies of one task and object on this farm, best lower bound first."""
+
+    farm: str
+    physics: str
+    task: TaskName
+    object: ObjectName
+    object_scale: float
+    policies: int
+    rows: tuple[BoardRow, ...]
+
+
+class Contest(Schema):
+    """A task and an object that policies were tried at."""
+
+    task: TaskName
+    object: ObjectName
+    object_scale: float
+    policies: int
+
+
+class Contests(Schema):
+    """What this farm has leaderboards of, by task."""
+
+    contests: tuple[Contest, ...]

@@ -1,0 +1,50 @@
+"""Routes of the leaderboard: which policy does a task best on this farm."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+
+from api_schemas.job import PolicyTask
+from api_schemas.leaderboard import Contests, Leaderboard
+from api_schemas.object import ObjectName, ObjectScale
+from services.api.access import User
+from services.api.farm import Farm, TheFarm
+from services.api.tokens import Caller
+from services.jobs import leaderboard
+from services.jobs.leaderboard import Wanted
+
+router = APIRouter(prefix="/v1/leaderboard", tags=["leaderboard"])
+
+
+@router.get("")
+async def list_contests(_caller: User, farm: TheFarm) -> Contests:
+    """The tasks and objects that there is a leaderboard of."""
+    async with farm.database.read() as connection:
+        return Contests(contests=await leaderboard.contests(connection))
+
+
+@router.get("/{task}")
+async def get_leaderboard(
+    task: PolicyTask,
+    caller: User,
+    farm: TheFarm,
+    object: ObjectName = ObjectName.CUBE,
+    object_scale: Annotated[ObjectScale, Query()] = 1.0,
+) -> Leaderboard:
+    """Policies by the lower bound of their 80 % interval, over all their trials whose seed the server drew."""
+    return await best(Wanted(task, object, object_scale), caller, farm)
+
+
+async def best(wanted: Wanted, caller: Caller, farm: Farm) -> Leaderboard:
+    """A leaderboard as the caller may see it: others' policies by digest alone."""
+    async with farm.database.read() as connection:
+        policies, rows = await leaderboard.board(connection, wanted, caller.sees_only)
+    return Leaderboard(
+        farm=farm.settings.farm,
+        physics=farm.settings.physics,
+        task=wanted.task,
+        object=wanted.object,
+        object_scale=wanted.object_scale,
+        policies=policies,
+        rows=rows,
+    )

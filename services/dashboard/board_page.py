@@ -1,0 +1,43 @@
+"""The page of the leaderboard: which policy does a task best on this farm."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+
+from api_schemas.job import TaskName
+from api_schemas.leaderboard import Contest
+from api_schemas.object import LARGEST_SCALE, SMALLEST_SCALE, ObjectName
+from services.api.farm import TheFarm
+from services.api.leaderboards import best
+from services.dashboard.figures import Bar
+from services.dashboard.pages import PageRoute, page
+from services.dashboard.sessions import SignedIn
+from services.jobs import leaderboard
+from services.jobs.leaderboard import Wanted
+
+router = APIRouter(route_class=PageRoute, include_in_schema=False)
+
+
+@router.get("/leaderboard")
+async def show_leaderboard(
+    session: SignedIn,
+    farm: TheFarm,
+    task: TaskName | None = None,
+    object: ObjectName = ObjectName.CUBE,
+    object_scale: Annotated[float, Query(ge=SMALLEST_SCALE, le=LARGEST_SCALE)] = 1.0,
+) -> Response:
+    """The board of a task; without one that of the task that most policies were tried at."""
+    async with farm.database.read() as connection:
+        contests = await leaderboard.contests(connection)
+    wanted = _wanted(contests) if task is None else Wanted(task, object, object_scale)
+    board = None if wanted is None else await best(wanted, session.caller, farm)
+    bars = [] if board is None else [Bar.of(row.policy[:12], row.successes, row.trials) for row in board.rows]
+    context = {"contests": contests, "board": board, "bars": bars}
+    return page("leaderboard.html", session, title="Leaderboard", here="leaderboard", **context)
+
+
+def _wanted(contests: tuple[Contest, ...]) -> Wanted | None:
+    if not contests:
+        return None
+    most = max(contests, key=lambda contest: contest.policies)
+    return Wanted(most.task, most.object, most.object_scale)

@@ -1,0 +1,93 @@
+"""A running trial as it happens: what its robot shows ten times a second, sent on to whoever may see the trial."""
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Request
+from fastapi.sse import EventSourceResponse, ServerSentEvent
+
+from api_schemas.bus import LiveState
+from api_schemas.trial import Trial
+from services.api import trials
+from services.api.farm import Farm, TheFarm
+from services.api.trials import TrialId
+from services.dashboard import live
+from services.dashboard.pages import PageRoute
+from services.dashboard.sessions import Session, SignedIn
+from services.errors import TooMany
+from services.jobs.fleet import Member
+
+router = APIRouter(route_class=PageRoute, include_in_schema=False)
+MOST_WATCHING = 40
+"""Viewers of running trials at the same time, of all owners together: each gets ten messages a second."""
+SHORTEST_S = 0.08
+"""Between two messages to a viewer, however often a robot shows itself; a robot does so ten times a second."""
+LOOK_AGAIN_S = 1.0
+RETRY_AFTER_S = 30
+DIGITS = 4
+"""Of metres and radians."""
+
+
+@dataclass
+class Watching:
+    """How many watch; belongs to the event loop."""
+
+    count: int = 0
+
+
+async def _watching(request: Request, session: live.Watching) -> AsyncIterator[Session]:
+    """The session of somebody who watches, counted among all for as long as he does."""
+    watching: Watching = request.app.state.dashboard_watching
+    if watching.count >= MOST_WATCHING:
+        detail = f"{MOST_WATCHING} people watch trials now, the most that may at once; the trial's replay comes with its end."
+        raise TooMany("too-many-watching", detail, RETRY_AFTER_S)
+    watching.count += 1
+    try:
+        yield session
+    finally:
+        watching.count -= 1
+
+
+async def _seen(trial_id: TrialId, session: SignedIn, farm: TheFarm) -> Trial:
+    return await trials.get_trial(trial_id, session.caller, farm)
+
+
+@router.get("/trials/{trial_id}/watch", response_class=EventSourceResponse)
+async def watch_trial(
+    trial: Annotated[Trial, Depends(_seen)], session: Annotated[Session, Depends(_watching)], farm: TheFarm
+) -> AsyncIterator[ServerSentEvent]:
+    """``state`` whenever the robot shows itself, ``over`` when it does not run this trial any more."""
+    shown: LiveState | None = None
+    while not farm.signals.closing.is_set() and session.lasts:
+        member = holder(farm, trial)
+        if member is None:
+            yield ServerSentEvent(raw_data="{}", event="over")
+            return
+        moved = farm.signals.watch_robot(member.robot)
+        if member.live is not None and member.live is not shown:
+            shown = member.live
+            yield ServerSentEvent(raw_data=message(shown), event="state")
+            await asyncio.sleep(SHORTEST_S)
+        with suppress(TimeoutError):
+            async with asyncio.timeout(LOOK_AGAIN_S):
+                await moved.wait()
+
+
+def holder(farm: Farm, trial: Trial) -> Member | None:
+    """The robot that has a lease for the trial now."""
+    held = (each for each in farm.fleet.members.values() if each.lease is not None and each.lease.trial_id == trial.trial_id)
+    return next(held, None)
+
+
+def message(state: LiveState) -> str:
+    """What a viewer gets: measured joints, tracked object, goal and time."""
+    rounded = {
+        "joints": [round(each, DIGITS) for each in state.joint_position_rad],
+        "tracked": [round(each, DIGITS) for each in (*state.tracked_cube_position_world_m, *state.tracked_cube_quat_wxyz)],
+        "goal": None if state.goal is None else [round(each, DIGITS) for each in state.goal],
+    }
+    return json.dumps(rounded | {"t_s": round(state.simulated_s, 3), "duration_s": state.duration_s}, separators=(",", ":"))

@@ -1,0 +1,84 @@
+"""What policies achieved at a task over all of their jobs whose seed nobody could choose."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sqlalchemy import distinct, func, select
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from api_schemas.job import TaskName
+from api_schemas.leaderboard import BoardRow, Contest
+from api_schemas.object import ObjectName
+from api_schemas.success_rate import wilson
+from services.database.rows import AnyRow
+from services.database.tables import job, policy_owner
+
+LEVEL = 0.80
+MOST_ROWS = 200
+COUNTED = (job.c.seed_drawn_by_server.is_(True), job.c.policy.is_not(None), job.c.trials_done > 0)
+"""Whatever became of the job: who cancels those that go badly must not rise by it."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A task and an object."""
+
+    task: TaskName
+    object: ObjectName = ObjectName.CUBE
+    object_scale: float = 1.0
+
+
+async def contests(connection: AsyncConnection) -> tuple[Contest, ...]:
+    """The tasks and objects that at least one policy was tried at with a seed of the server's."""
+    by = (job.c.task, job.c.object, job.c.object_scale)
+    wanted = select(*by, func.count(distinct(job.c.policy)).label("policies")).where(*COUNTED).group_by(*by).order_by(*by)
+    return tuple(
+        Contest(task=TaskName(row.task), object=ObjectName(row.object), object_scale=row.object_scale, policies=row.policies)
+        for row in await connection.execute(wanted)
+    )
+
+
+async def board(connection: AsyncConnection, wanted: Wanted, sees_only: str | None) -> tuple[int, tuple[BoardRow, ...]]:
+    """How many policies were tried, and the best of them; ``sees_only`` is the owner whose policies alone are named.
+
+    They are ordered by the lower bound of Wilson's 80 % interval, so that luck in a few trials does not lead.
+    """
+    of_task = (job.c.task == wanted.task, job.c.object == wanted.object, job.c.object_scale == wanted.object_scale)
+    sums = func.count().label("jobs"), func.sum(job.c.trials_done).label("trials"), func.sum(job.c.successes).label("successes")
+    names = (
+        func.min(job.c.policy_name).label("name"),
+        func.min(job.c.owner).label("owner"),
+        func.max(job.c.created_at).label("last"),
+    )
+    pooled = select(job.c.policy, *sums, *names).where(*COUNTED, *of_task).group_by(job.c.policy)
+    rows = (await connection.execute(pooled)).all()
+    ranked = sorted(rows, key=lambda row: (-wilson(row.successes, row.trials, LEVEL)[0], -row.trials, row.policy))
+    shown = ranked[:MOST_ROWS]
+    own = await _own(connection, shown, sees_only)
+    return len(rows), tuple(_row(place, row, own) for place, row in enumerate(shown, start=1))
+
+
+async def _own(connection: AsyncConnection, rows: Sequence[AnyRow], sees_only: str | None) -> dict[str, str] | None:
+    """The policies that this owner brought, by digest; None for who may see all."""
+    if sees_only is None:
+        return None
+    wanted = select(policy_owner.c.digest).where(
+        policy_owner.c.owner == sees_only, policy_owner.c.digest.in_([row.policy for row in rows])
+    )
+    return dict.fromkeys((await connection.execute(wanted)).scalars(), sees_only)
+
+
+def _row(rank: int, row: AnyRow, own: dict[str, str] | None) -> BoardRow:
+    owner = row.owner if own is None else own.get(row.policy)
+    return BoardRow(
+        rank=rank,
+        policy=row.policy,
+        policy_name=None if owner is None else row.name,
+        owner=owner,
+        jobs=row.jobs,
+        trials=row.trials,
+        successes=row.successes,
+        success_rate=row.successes / row.trials,
+        interval_80=wilson(row.successes, row.trials, LEVEL),
+        last_at=row.last,
+    )

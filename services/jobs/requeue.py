@@ -1,0 +1,38 @@
+"""A job that failed by the platform's fault is put back into the queue, with what it has achieved."""
+
+from sqlalchemy import select, update
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from api_schemas.job import JobState
+from api_schemas.trial import TrialState
+from services.database.tables import event, job, trial, webhook
+from services.errors import Conflict
+from services.jobs import events, pinning
+from services.jobs.clock import iso
+
+GAVE_UP = "job_gave_up"
+"""What the end of a job is called in its history after the job went on: readers stop at ``job_ended``."""
+
+
+async def requeue(tx: AsyncConnection, now_s: float, job_number: int) -> None:
+    """Puts the trials that a failed job has not done back into the queue; each may fail anew as often as before.
+
+    Raises:
+        Conflict: the job has not failed.
+    """
+    row = (await tx.execute(select(job).where(job.c.number == job_number).with_for_update())).one()
+    if row.state != JobState.FAILED:
+        raise Conflict(
+            "job-not-failed", f"Job {row.job_id} is {row.state}; only a failed job can be queued again.", state=row.state
+        )
+    state = JobState.QUEUED if row.started_at is None else JobState.RUNNING
+    ended = update(event).where(event.c.job_number == job_number, event.c.kind == "job_ended")
+    await tx.execute(ended.values(kind=GAVE_UP, state=state))
+    left = update(trial).where(trial.c.job_number == job_number, trial.c.state == TrialState.CANCELLED)
+    again = await tx.execute(left.values(state=TrialState.QUEUED, faults=0))
+    await tx.execute(update(webhook).where(webhook.c.job_number == job_number).values(tries=0, due_s=0.0, said=None))
+    if row.any_robot:
+        await pinning.unpin(tx, job_number)
+    text = f"job queued again by an operator: {again.rowcount} trials are left"
+    await tx.execute(update(job).where(job.c.number == job_number).values(ended_at=None, reason=None))
+    await events.record(tx, iso(now_s), job_number, "job_queued_again", text, set_state=state)

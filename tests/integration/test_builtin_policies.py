@@ -1,0 +1,35 @@
+"""Policies that come with the farm are the operators'."""
+
+import pytest
+
+from api_schemas.builtin_policies import builtin_digest
+from tests.integration.farm_process import services
+from tests.integration.test_dashboard import user_token
+
+
+@pytest.fixture(scope="module")
+def farm(tmp_path_factory):
+    with services(tmp_path_factory.mktemp("builtin") / "farm") as running:
+        yield running
+
+
+def test_an_operator_has_it_at_once_and_only_once(farm):
+    first = farm.admin.put("/v1/policies/builtin/grasp")
+    assert first.status_code == 201, first.text
+    assert (first.json()["digest"], first.json()["weights_format"]) == (builtin_digest("grasp"), "builtin")
+    assert farm.admin.put("/v1/policies/builtin/grasp").status_code == 200
+    assert [policy["name"] for policy in farm.admin.get("/v1/policies").json()["policies"]] == ["builtin-grasp"]
+    job = farm.admin.post("/v1/jobs", json={"policy": first.json()["digest"], "task": "move_cube_2", "trials": 1})
+    assert job.status_code == 201, job.text
+
+
+def test_a_user_has_it_in_no_way(farm):
+    farm.admin.put("/v1/policies/builtin/grasp")
+    token = {"Authorization": f"Bearer {user_token(farm, 'ada')['secret']}"}
+    assert farm.admin.put("/v1/policies/builtin/grasp", headers=token).status_code == 403
+    job = {"policy": builtin_digest("grasp"), "task": "push", "trials": 1}
+    assert farm.admin.post("/v1/jobs", json=job, headers=token).json()["type"].endswith("policy-not-found")
+
+
+def test_there_is_no_other(farm):
+    assert farm.admin.put("/v1/policies/builtin/other").status_code == 422

@@ -1,0 +1,45 @@
+"""A built-in policy runs in a process of its own as a network does."""
+
+import numpy as np
+import pytest
+
+from api_schemas.builtin_policies import BUILTIN_NAMES, GRASP, builtin_content, builtin_digest
+from api_schemas.policy import OBSERVATION_SIZES
+from robot_farm.jail import BUILTIN_PROCESS, JailedPolicy, PolicyFailedError
+from sim_backend.grasping.controller import GraspPolicy
+from sim_backend.trifinger import constants as c
+
+
+def observation() -> np.ndarray:
+    parts = {
+        "joint_position_rad": c.START_JOINT_POSITION_RAD,
+        "cube_position_world_m": [0.0, 0.0, c.CUBE_REST_HEIGHT_M],
+        "cube_quat_wxyz": [1.0, 0.0, 0.0, 0.0],
+        "tracker_delay_s": [0.09],
+        "goal_position_world_m": [0.05, 0.0, c.CUBE_REST_HEIGHT_M],
+    }
+    assert [len(parts[name]) for name in GRASP.observation] == [OBSERVATION_SIZES[name] for name in GRASP.observation]
+    return np.concatenate([parts[name] for name in GRASP.observation]).astype(np.float32)
+
+
+def test_it_acts_as_the_controller_and_forgets_between_trials(tmp_path):
+    file = tmp_path / "builtin"
+    file.write_bytes(builtin_content("grasp"))
+    seen, controller = observation(), GraspPolicy()
+    expected = [controller(seen[None])[0].astype(np.float32) for _ in range(30)]
+    with JailedPolicy(builtin_digest("grasp"), file, module=BUILTIN_PROCESS) as policy:
+        for _ in range(2):
+            policy.reset()
+            np.testing.assert_array_equal([policy.act(seen)[0] for _ in range(30)], expected)
+        assert policy.jail is not None
+
+
+def test_a_version_that_it_does_not_know_is_refused(tmp_path):
+    file = tmp_path / "builtin"
+    file.write_bytes(builtin_content("grasp") + b"later")
+    with JailedPolicy("x", file, module=BUILTIN_PROCESS) as policy, pytest.raises(PolicyFailedError, match="no such built-in"):
+        policy.reset()
+
+
+def test_its_digest_names_it():
+    assert BUILTIN_NAMES[builtin_digest("grasp")] == "grasp"

@@ -1,0 +1,54 @@
+"""A failed job goes on where it was, and its history still ends where it ends."""
+
+import pytest
+from sqlalchemy import insert, select
+
+from api_schemas.job import JobState
+from api_schemas.trial import Fault, OutcomeKind
+from services.database.tables import job, robot, trial
+from services.errors import Conflict
+from services.jobs.completion import fault
+from services.jobs.events import events_after
+from services.jobs.requeue import requeue
+from tests.unit.services.jobs.test_pinning import NOW_S, asked, end, take
+
+
+@pytest.fixture
+async def database(new_database):
+    async with new_database.write() as tx:
+        await tx.execute(insert(robot), [{"robot": name, "drain": False, "first_seen_at": "now"} for name in "ab"])
+    return new_database
+
+
+async def failed(database, fleet):
+    """An identification with one of two excitations recorded, whose other one failed as often as it may."""
+    await asked(database, "a")
+    await end(database, fleet, await take(database, "a", fleet))
+    claim = await take(database, "a", fleet)
+    async with database.write() as tx:
+        await fault(tx, NOW_S, claim, "the power went", 1)
+    fleet.freed(claim, done=False)
+
+
+async def test_what_was_done_is_kept_and_the_rest_is_tried_anew(database, fleet_of):
+    fleet = fleet_of("a", "b")
+    await failed(database, fleet)
+    async with database.write() as tx:
+        row = (await tx.execute(select(job))).one()
+        assert (row.state, row.trials_done, row.reason is None) == (JobState.FAILED, 1, False)
+        await requeue(tx, NOW_S, row.number)
+        row = (await tx.execute(select(job))).one()
+        assert (row.state, row.trials_done, row.reason, row.ended_at) == (JobState.RUNNING, 1, None, None)
+        assert (await tx.execute(select(trial.c.state, trial.c.faults).order_by(trial.c.ordinal))).all() == [
+            ("done", 0),
+            ("queued", 0),
+        ]
+        assert "job_ended" not in [event.kind for event in await events_after(tx, row.number, 0)]
+        with pytest.raises(Conflict, match="is running; only a failed job"):
+            await requeue(tx, NOW_S, row.number)
+    ending = await end(database, fleet, await take(database, "a", fleet), OutcomeKind.RECORDED, Fault.NONE)
+    assert ending.job_ended
+    async with database.read() as connection:
+        history = await events_after(connection, row.number, 0)
+    assert [event.kind for event in history].count("job_ended") == 1 and history[-1].kind == "job_ended"
+    assert [event.state for event in history if event.kind == "job_gave_up"] == [JobState.RUNNING]

@@ -1,0 +1,56 @@
+"""The controller carries the cube, on robots as they should be and on robots as they are."""
+
+import numpy as np
+import pytest
+
+from sim_backend.evaluation import evaluate
+from sim_backend.grasping.controller import GraspPolicy, Hand, Phase, Sight
+from sim_backend.tasks import TASKS
+from sim_backend.training.trying import robots_of
+from sim_backend.trifinger import constants as c
+from sim_backend.trifinger.kinematics import joint_position_rad
+
+
+@pytest.mark.parametrize("physics", ["nominal", "real"])
+def test_the_cube_is_lifted_to_its_place(physics):
+    seeds = range(910, 914)
+    robots = robots_of(physics, len(seeds), 910)
+    found = evaluate(GraspPolicy(), GraspPolicy.manifest, TASKS["move_cube_2"], seeds, physics=robots, threads=1)
+    assert found.success.sum() >= 3
+
+
+def test_a_cube_that_is_there_is_left_alone():
+    hand, cube_m = Hand(), np.array([0.02, 0.03, c.CUBE_REST_HEIGHT_M])
+    for _ in range(60):
+        hand.next(Sight(c.START_JOINT_POSITION_RAD, cube_m, np.array([1.0, 0, 0, 0]), 0.09, cube_m))
+    assert hand.phase is Phase.LOOK
+
+
+def test_it_waits_for_a_cube_that_moves():
+    hand = Hand()
+    for k in range(40):
+        cube_m = np.array([0.01 * k - 0.1, 0.0, c.CUBE_REST_HEIGHT_M])
+        hand.next(Sight(c.START_JOINT_POSITION_RAD, cube_m, np.array([1.0, 0, 0, 0]), 0.09, np.zeros(3)))
+    assert hand.phase is Phase.LOOK
+
+
+def test_it_begins_again_when_the_cube_was_lost():
+    """Reports go on saying that the cube lies where it was, while the hand believes to carry it."""
+    hand, cube_m, joints = Hand(), np.array([0.0, 0.0, c.CUBE_REST_HEIGHT_M]), c.START_JOINT_POSITION_RAD
+    for _ in range(400):
+        tip_m, _ = hand.next(Sight(joints, cube_m, np.array([1.0, 0, 0, 0]), 0.09, np.array([0.05, 0.05, 0.09])))
+        joints = joint_position_rad(tip_m.reshape(9))
+        if hand.failures:
+            break
+    assert hand.failures == 1
+    assert hand.phase is Phase.OPEN
+
+
+def test_many_trials_are_as_one_after_the_other():
+    seen = np.random.default_rng(2).normal(0.0, 0.02, (3, 20)) + np.array(
+        [*c.START_JOINT_POSITION_RAD, *np.zeros(3), 1, *np.zeros(7)]
+    )
+    together = GraspPolicy()
+    together.begin(3)
+    for each, expected in zip(seen, together(seen), strict=True):
+        np.testing.assert_allclose(GraspPolicy()(each[None])[0], expected, atol=1e-12)
