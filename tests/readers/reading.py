@@ -44,7 +44,7 @@ def by_rerun(executable: Path, log: Path) -> dict:
     checked = subprocess.run([executable, "mcap", "check", log], capture_output=True, text=True, timeout=300, check=False)
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder) / "log.rrd"
-        command = [executable, "mcap", "convert", log, "-o", made]
+        command = [executable, "mcap", "convert", log, "-o", made, "--application-id", "trifarm"]
         converted = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
         said = converted.stdout + converted.stderr
         counted = subprocess.run(
