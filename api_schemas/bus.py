@@ -92,10 +92,10 @@ class LiveState(RobotsWord):
     fence: int
     simulated_s: float
     duration_s: float
-    joint_position_rad: tuple[float, ...]
-    tracked_cube_position_world_m: tuple[float, ...]
-    tracked_cube_quat_wxyz: tuple[float, ...]
-    goal: tuple[float, ...] | None = None
+    joint_position_rad: tuple[float, ...] = Field(max_length=9)
+    tracked_cube_position_world_m: tuple[float, ...] = Field(max_length=3)
+    tracked_cube_quat_wxyz: tuple[float, ...] = Field(max_length=4)
+    goal: tuple[float, ...] | None = Field(default=None, max_length=9)
 
 
 class CommandKind(StrEnum):

@@ -9,6 +9,7 @@ from api_schemas.object import ObjectName, ObjectScale
 from api_schemas.schema import Schema
 
 MAX_RUNGS = 100
+MAX_STEP = 1e15
 MAX_LADDER_TRIALS = 10_000
 """Of all rungs together; they are queued in one transaction, which others wait for."""
 
@@ -17,7 +18,7 @@ class RungRequest(Schema):
     """One checkpoint; ``step`` is its training step, or whatever number the checkpoints differ by."""
 
     policy: PolicyDigest
-    step: float
+    step: float = Field(ge=-MAX_STEP, le=MAX_STEP)
 
 
 class LadderRequest(Schema):

@@ -4,7 +4,7 @@ import os
 import uuid
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
 from pydantic import ValidationError
@@ -33,6 +33,8 @@ from client_cli.output import note, print_document, print_line
 from client_cli.policy_files import LocalPolicy, read_policy
 from client_cli.settings import load_connection
 
+Wish = TypeVar("Wish", JobRequest, LadderRequest)
+
 
 def submit(
     file: Annotated[
@@ -59,21 +61,18 @@ def submit(
     as_json: JsonOption = False,
 ) -> None:
     """Upload a policy, queue a job of trials and print the job's id; of a folder, one job for each checkpoint."""
+    common: dict[str, object] = {"task": task, "trials": trials, "seed": seed, "object": thing, "object_scale": scale}
     if file.is_dir():
         if webhook is not None:
             raise UsageProblem("--webhook is of one job; a folder makes several, which 'trifarm ladder' shows")
         policies = read_checkpoints(find_checkpoints(file), manifest, layout)
-        name = file.resolve().name[:100] or "checkpoints"
-        asked = LadderRequest(
-            name=name, task=task, rungs=rungs_of(policies), trials=trials, seed=seed, object=thing, object_scale=scale
-        )
-        _submit_folder(policies, asked, idempotency_key, wait=wait, as_json=as_json)
+        named = {"name": file.resolve().name[:100] or "checkpoints", "rungs": rungs_of(policies)}
+        _submit_folder(policies, _checked(LadderRequest, common | named), idempotency_key, wait=wait, as_json=as_json)
         return
     builtin = builtin_named(file)
     policy = None if builtin else read_policy(file, manifest, layout)
     digest = builtin_digest(builtin) if policy is None else policy.digest
-    asked = {"policy": digest, "task": task, "trials": trials, "seed": seed, "object": thing, "object_scale": scale}
-    wish = _wish({**asked, "webhook": webhook})
+    wish = _checked(JobRequest, common | {"policy": digest, "webhook": webhook})
     with ApiClient(load_connection(os.environ)) as client:
         if policy is None:
             client.take_builtin(builtin)
@@ -105,11 +104,13 @@ def builtin_named(file: Path) -> str:
     return name
 
 
-def _wish(asked: Mapping[str, object]) -> JobRequest:
+def _checked(schema: type[Wish], asked: Mapping[str, object]) -> Wish:
+    """What is asked for, or the first thing that is wrong with it."""
     try:
-        return JobRequest.model_validate(asked)
+        return schema.model_validate(asked)
     except ValidationError as error:
-        raise UsageProblem(f"--{error.errors()[0]['loc'][0]}: {error.errors()[0]['msg']}") from error
+        first = error.errors()[0]
+        raise UsageProblem(f"{'.'.join(str(part) for part in first['loc']) or 'the job'}: {first['msg']}") from error
 
 
 def _submit_folder(

@@ -15,6 +15,7 @@ import numpy as np
 from tests.integration.farm_process import Services, until
 
 JOBS, TRIALS, QUEUED = 10_000, 40, 1_000
+POLICIES, LADDERS, RUNGS = 500, 100, 50
 PAGES = (
     "/",
     "/jobs",
@@ -24,6 +25,10 @@ PAGES = (
     "/compare",
     "/jobs/{done}",
     "/compare?jobs={two}",
+    "/ladders",
+    "/ladders/l0",
+    "/leaderboard",
+    "/studies",
 )
 OUTCOME = {"kind": "succeeded", "fault": "none", "reason": "reached", "measures": None}
 
@@ -36,7 +41,8 @@ def fill(path: Path, policy: str, report: bytes) -> None:
         is_done, name = number < 100 + JOBS - QUEUED, f"b{number}"
         state, done = ("succeeded", TRIALS) if is_done else ("queued", 0)
         ended_at = at if is_done else None
-        jobs.append((number, name, state, policy, "small", f"user{number % 20}", TRIALS, done, done, ended_at, now_s))
+        its_policy = hashlib.sha256(b"%d" % (number % POLICIES)).hexdigest() if is_done else policy
+        jobs.append((number, name, state, its_policy, "small", f"user{number % 20}", TRIALS, done, done, ended_at, now_s))
         for ordinal in range(TRIALS):
             trial = f"{name}-{ordinal:03d}"
             robot = f"robot-{ordinal % 4}" if is_done else None
@@ -53,7 +59,7 @@ def fill(path: Path, policy: str, report: bytes) -> None:
             "insert into job (number, job_id, state, policy, policy_name, owner, trials, trials_done, successes, ended_at, "
             "created_s, task, object, object_scale, seed, seed_drawn_by_server, created_at, cancel_requested, trials_active, "
             "policy_faults, platform_faults, last_event) "
-            "values (?,?,?,?,?,?,?,?,?,?,?, 'push','cube',1.0,1,0,'2026-01-01T00:00:00.000Z',0,0,0,0,40)",
+            "values (?,?,?,?,?,?,?,?,?,?,?, 'push','cube',1.0,1,1,'2026-01-01T00:00:00.000Z',0,0,0,0,40)",
             jobs,
         )
         database.executemany(
@@ -71,6 +77,12 @@ def fill(path: Path, policy: str, report: bytes) -> None:
             "values (?,?,?,?,?,?,'trial_done','','running')",
             events,
         )
+        ladders = [(number, f"l{number}", f"ladder {number}", "user1", at) for number in range(LADDERS)]
+        database.executemany("insert into ladder (number, ladder_id, name, owner, created_at) values (?,?,?,?,?)", ladders)
+        rungs = [
+            (number, place, 1e4 * place, 100 + RUNGS * number + place) for number in range(LADDERS) for place in range(RUNGS)
+        ]
+        database.executemany("insert into rung (ladder_number, ordinal, step, job_number) values (?,?,?,?)", rungs)
         database.executemany("insert into report (job_number, body, sha256, created_at) values (?,?,?,?)", reports)
 
 

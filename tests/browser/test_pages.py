@@ -148,10 +148,10 @@ def test_a_trial_replays_and_scrubs(operator, ended):
     page.click("[data-view=top]")
 
 
-def test_a_running_trial_is_watched_as_it_happens(operator, looked, jobs):
-    from playwright.sync_api import TimeoutError as TooLate
+def test_a_running_trial_is_watched_as_it_happens(operator, looked, jobs, axe):
+    from playwright.sync_api import Error
 
-    page, give_up_s, seen = operator.page, time.monotonic() + 60, None
+    page, give_up_s, seen = operator.page, time.monotonic() + 90, None
     while seen is None:
         assert time.monotonic() < give_up_s, "no trial was watched while it ran"
         running = [robot["trial"] for robot in looked.api.get("/v1/robots").json()["robots"] if robot["state"] == "running"]
@@ -160,11 +160,28 @@ def test_a_running_trial_is_watched_as_it_happens(operator, looked, jobs):
         page.goto(f"/trials/{running[0]}")
         try:
             page.wait_for_function("() => Number(document.querySelector('#watch')?.dataset.seen) >= 3", timeout=4000)
-            seen = page.evaluate("() => ({...document.querySelector('#watch').dataset})")
-        except TooLate:
-            continue  # it had ended before the page was there
+            first = page.locator("#scene").screenshot()
+            grave = gravest(page, axe)
+            page.wait_for_function("() => Number(document.querySelector('#watch')?.dataset.seen) >= 8", timeout=4000)
+            picture, seen = (
+                page.locator("#scene").screenshot(),
+                page.evaluate("() => ({...document.querySelector('#watch').dataset})"),
+            )
+            if PICTURES is not None:
+                page.screenshot(path=Path(PICTURES) / "live-light-wide.png")
+        except Error:
+            continue  # it ended meanwhile
     assert float(seen["time"]) > 0
-    assert page.locator("#scene").is_visible()
+    assert picture != first, "the robot moved"
+    assert not grave
+
+
+def gravest(page, axe):
+    """What axe finds serious or critical on the page."""
+    page.evaluate(axe)
+    found = page.evaluate("async () => (await axe.run()).violations")
+    worst = [each for each in found if each["impact"] in ("serious", "critical")]
+    return [(each["id"], [node["html"][:120] for node in each["nodes"]]) for each in worst]
 
 
 def test_names_that_users_chose_are_only_text(operator, looked, jobs, ended):
@@ -234,10 +251,7 @@ def test_everybody_can_use_every_page(browser, looked, jobs, ended, axe, dark, w
         for path in (*own, f"/ladders/{jobs['ladder']}", "/ladders", "/leaderboard", "/studies"):
             page.goto(path)
             page.wait_for_timeout(300)
-            page.evaluate(axe)
-            found = page.evaluate("async () => (await axe.run()).violations")
-            worst = [each for each in found if each["impact"] in ("serious", "critical")]
-            grave = [(each["id"], [node["html"][:120] for node in each["nodes"]]) for each in worst]
+            grave = gravest(page, axe)
             assert not grave, f"{path}: {grave}"
             assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), f"{path} is wider than its window"
 

@@ -13,6 +13,8 @@ REQUESTS = 500
 NOTHING = {
     "job_id": "jaaaaaaaaaaaa",
     "trial_id": "jaaaaaaaaaaaa-000",
+    "ladder_id": "laaaaaaaaaaaa",
+    "task": "push",
     "digest": "0" * 64,
     "robot": "robot-9",
     "token_id": "0" * 8,
@@ -20,8 +22,8 @@ NOTHING = {
     "fence": "1",
 }
 """Ids of the right form that nobody has."""
-OPEN_TO_ALL = {("GET", "/v1/robots/{robot}")}
-"""Robots are everybody's: that there is one is no secret, what it runs is."""
+OPEN_TO_ALL = {("GET", "/v1/robots/{robot}"), ("GET", "/v1/leaderboard/{task}")}
+"""Robots and tasks are everybody's: that there is one is no secret, what it runs and whose policies were tried at it is."""
 
 
 @pytest.fixture(scope="module")
@@ -51,12 +53,28 @@ def anns(farm):
         farm.admin.post(f"/v1/robots/{robot}/drain")
     until(lambda: farm.robots_in("draining") == 2, 10, "drained robots")
     waiting = farm.submit(digest, client=ann, trials=2).json()["job_id"]
+    rungs = [{"policy": digest, "step": 1}]
+    ladder = ann.post(
+        "/v1/ladders", json={"name": "anns-secret-policy", "task": "push", "trials": 1, "seed": 1, "rungs": rungs}
+    ).json()
     trial = ann.get(f"/v1/trials/{done}-000").json()
-    secrets = [digest, done, identified, waiting, token_id, trial["log_sha256"], "anns-secret-policy", '"ann"']
+    secrets = [
+        digest,
+        done,
+        identified,
+        waiting,
+        token_id,
+        ladder["ladder_id"],
+        trial["log_sha256"],
+        "anns-secret-policy",
+        '"ann"',
+    ]
     jobs = (done, identified, waiting)
     ids = {
         "job_id": jobs,
         "trial_id": [f"{job_id}-000" for job_id in jobs],
+        "ladder_id": [ladder["ladder_id"]],
+        "task": ["push"],
         "digest": [digest],
         "token_id": [token_id],
         "robot": sorted(farm.robots),

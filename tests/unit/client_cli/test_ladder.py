@@ -71,3 +71,13 @@ def test_nothing_is_sent_of_a_folder_with_a_bad_policy(farm, trifarm, folder):
     ended = trifarm("submit", str(folder), "--layout", "pose", "--task", "lift")
     assert ended.code == 2
     assert not farm.uploads
+
+
+def test_a_webhook_is_of_one_job_and_of_https(farm, trifarm, folder):
+    flags = ("--layout", "pose", "--task", "lift", "--webhook")
+    assert "is of one job" in trifarm("submit", str(folder), *flags, "https://a.example/").err
+    refused = trifarm("submit", str(folder / "policy_2_3.onnx"), *flags, "http://a.example/")
+    assert refused.code == 2 and "begins with https://" in refused.err
+    assert not farm.uploads
+    assert trifarm("submit", str(folder / "policy_2_3.onnx"), *flags, "https://a.example/").code == 0
+    assert farm.submissions[0][0].webhook == "https://a.example/"
