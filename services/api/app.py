@@ -8,6 +8,7 @@ from services.api import (
     history,
     identifications,
     jobs,
+    joining,
     leases,
     overview,
     policies,
@@ -39,7 +40,7 @@ def create_app(farm: Farm) -> FastAPI:
     document.install(app)
     app.add_middleware(Door, settings=farm.settings, tokens=farm.tokens)
     users = (overview, policies, jobs, signatures, identifications, history, trials, truth)
-    for module in (*users, leases, robots, token_routes):
+    for module in (*users, leases, robots, joining, token_routes):
         app.include_router(module.router)
         app.state.operations += [route for route in module.router.routes if isinstance(route, APIRoute)]
     return app
