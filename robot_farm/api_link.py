@@ -29,6 +29,10 @@ class NotAdmittedError(Exception):
     """The farm does not take the robot: its token was revoked or is none of a robot's, or it is not expected."""
 
 
+class TokenEndedError(NotAdmittedError):
+    """The API does not know the token, or no longer: it was revoked."""
+
+
 def own_token(api: str, token: str, robot: str, *, ca: Path | None = None, timeout_s: float = 5.0) -> str:
     """The robot's own token, with which it can act for itself alone; for the farm's token or its own.
 
@@ -137,7 +141,8 @@ class ApiLink:
         if response.status_code in {404, 409}:
             raise LeaseRefusedError(f"{method} {url}: {response.text[:300]}")
         if response.status_code in {401, 403}:
-            raise NotAdmittedError(f"{method} {url}: status {response.status_code}: {response.text[:300]}")
+            refusal = TokenEndedError if response.status_code == 401 else NotAdmittedError
+            raise refusal(f"{method} {url}: status {response.status_code}: {response.text[:300]}")
         if response.is_error:
             raise RuntimeError(f"{method} {url}: status {response.status_code}: {response.text[:300]}")
         return response

@@ -12,7 +12,7 @@ from api_schemas.jail.report import JailReport
 from api_schemas.robot import Lease
 from api_schemas.trial import FAULT_OF, MAX_REASON, Fault, Outcome, OutcomeKind
 from robot_farm.admission import asked_until_answered, renewed
-from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError, own_token
+from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError, TokenEndedError, own_token
 from robot_farm.bus_access import Access, ask_access
 from robot_farm.bus_link import Accepted, BusLink
 from robot_farm.core import stay_on_one_core, turn
@@ -97,7 +97,7 @@ class Robot:
         return own_token(self._settings.api, self._settings.token, self._name, ca=self._settings.ca)
 
     def _serve(self, accepted: Accepted, api: ApiLink, bus: BusLink, stop: threading.Event) -> None:
-        """One lease, from acceptance to outcome. Nothing that goes wrong here ends the robot."""
+        """One lease, from acceptance to outcome. Nothing that goes wrong here ends the robot but the end of its token."""
         lease = accepted.lease
         log = self._folder / f"{lease.trial_id}-{lease.fence}.mcap"
         truth = log.with_suffix(".truth.mcap")
@@ -110,6 +110,8 @@ class Robot:
                 bus.running()
                 outcome = self._attempt(lease, api, keeper, log, TruthFile(truth, self._truth_channels), stop)
                 bus.out_of_service(self._unfit)
+                if keeper.token_ended is not None:
+                    raise keeper.token_ended
                 if outcome is not None:  # files first, outcome last
                     truth_digest = api.upload_truth(lease, truth) if truth.exists() else None
                     digest = api.upload_log(lease, log) if log.exists() else None
@@ -117,6 +119,8 @@ class Robot:
                     api.report_outcome(lease, outcome, digest, truth_digest)
         except (LeaseRefusedError, ApiUnreachableError) as error:
             self._say(f"trial {lease.trial_id}, attempt {lease.fence}: outcome not accepted: {error}")
+        except TokenEndedError:
+            raise
         except Exception as error:
             self._say(f"trial {lease.trial_id}, attempt {lease.fence}: {type(error).__name__}: {error}")
             self._report_platform_error(lease, api, error)
@@ -157,7 +161,7 @@ class Robot:
             if keeper.cancelled:
                 return _ended(OutcomeKind.CANCELLED, str(error))
             return _ended(OutcomeKind.PLATFORM_ERROR, str(error)) if stop.is_set() else None
-        except (LeaseRefusedError, ApiUnreachableError):
+        except (LeaseRefusedError, ApiUnreachableError, TokenEndedError):
             raise
         except Exception as error:
             self._end_policy()
