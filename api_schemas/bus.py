@@ -1,6 +1,9 @@
 """Zenoh keys and messages: presence, heartbeats, live state, lease offers and commands. Never the source of truth."""
 
+import base64
 import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
@@ -114,17 +117,82 @@ class Command(Schema):
     fence: int | None = None
 
 
-def session_config(*, mode: str, connect: list[str] | None = None, listen: list[str] | None = None) -> dict[str, Any]:
-    """Zenoh settings of every trifarm session: explicit endpoints, no multicast, no gossip, a short link lease."""
-    return {
+@dataclass(frozen=True)
+class Identity:
+    """By what a session shows who it is, and whom it believes: PEM texts.
+
+    Attributes:
+        certificate: its own; on a guarded bus the common name is what access rules go by.
+        key: of the certificate.
+        authority: the certificate that must vouch for whoever is at the other end.
+    """
+
+    certificate: str
+    key: str = field(repr=False)
+    authority: str
+
+
+def session_config(
+    *,
+    mode: str,
+    connect: Sequence[str] = (),
+    listen: Sequence[str] = (),
+    identity: Identity | None = None,
+    access_rules: dict[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Zenoh settings of every trifarm session: explicit endpoints, no multicast, no gossip, a short link lease.
+
+    With an identity, both ends of ``tls/`` endpoints must show certificates of its authority, the one that listens
+    also one of its address; a link ends with the certificate of the other end.
+    """
+    link: dict[str, Any] = {"tx": {"lease": LINK_LEASE_MS}}
+    if identity is not None:
+        link["tls"] = _tls(identity)
+    settings = {
         "mode": mode,
-        "connect": {"endpoints": connect or []},
-        "listen": {"endpoints": listen or []},
+        "connect": {"endpoints": list(connect)},
+        "listen": {"endpoints": list(listen)},
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-        "transport": {"link": {"tx": {"lease": LINK_LEASE_MS}}},
+        "transport": {"link": link},
+    }
+    return settings if access_rules is None else settings | {"access_control": access_rules}
+
+
+def session_config_json(
+    *,
+    mode: str,
+    connect: Sequence[str] = (),
+    listen: Sequence[str] = (),
+    identity: Identity | None = None,
+    access_rules: dict[str, Any] | None = None,
+) -> str:
+    """``session_config`` as the JSON text that ``zenoh.Config.from_json5`` reads."""
+    return json.dumps(session_config(mode=mode, connect=connect, listen=listen, identity=identity, access_rules=access_rules))
+
+
+def is_guarded(endpoint: str) -> bool:
+    """Whether links to this endpoint are encrypted, and both ends show certificates."""
+    return endpoint.startswith("tls/")
+
+
+def host_of(endpoint: str) -> str:
+    """The name or address in an endpoint such as ``tls/farm.example.org:7447`` or ``tcp/[::1]:7447``."""
+    return endpoint.partition("/")[2].partition("#")[0].rpartition(":")[0].strip("[]")
+
+
+def _tls(identity: Identity) -> dict[str, Any]:
+    certificate, key = _base64(identity.certificate), _base64(identity.key)
+    return {
+        "root_ca_certificate_base64": _base64(identity.authority),
+        "listen_certificate_base64": certificate,
+        "listen_private_key_base64": key,
+        "connect_certificate_base64": certificate,
+        "connect_private_key_base64": key,
+        "enable_mtls": True,
+        "verify_name_on_connect": True,
+        "close_link_on_expiration": True,
     }
 
 
-def session_config_json(*, mode: str, connect: list[str] | None = None, listen: list[str] | None = None) -> str:
-    """``session_config`` as the JSON text that ``zenoh.Config.from_json5`` reads."""
-    return json.dumps(session_config(mode=mode, connect=connect, listen=listen))
+def _base64(text: str) -> str:
+    return base64.b64encode(text.encode()).decode()

@@ -41,13 +41,18 @@ def main() -> int:
         threading.Thread(target=watch_parent, args=(stop, parent_pid), daemon=True).start()
         run_robots(settings, _without_count(sys.argv[1:]), stop, say)
         return 0
+    from robot_farm.api_link import NotAdmittedError
     from robot_farm.robot import Robot
     from robot_farm.watch import watch_parent
 
     threading.Thread(target=watch_parent, args=(stop, parent_pid), daemon=True).start()
     robot = Robot(settings.robot, settings, lambda text: say(f"{settings.robot}: {text}"))
     say(f"{settings.robot}: ready (pid {os.getpid()})")
-    robot.live_until(stop)
+    try:
+        robot.live_until(stop)
+    except NotAdmittedError as error:
+        say(f"{settings.robot}: the farm does not take it: {error}")
+        return 1
     say(f"{settings.robot}: ended")
     return 0
 

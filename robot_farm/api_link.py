@@ -25,12 +25,20 @@ class ApiUnreachableError(Exception):
     """The API could not be reached in time."""
 
 
+class NotAdmittedError(Exception):
+    """The farm does not take the robot: its token was revoked or is none of a robot's, or it is not expected."""
+
+
+class TokenEndedError(NotAdmittedError):
+    """The API does not know the token, or no longer: it was revoked."""
+
+
 def own_token(api: str, token: str, robot: str, *, ca: Path | None = None, timeout_s: float = 5.0) -> str:
     """The robot's own token, with which it can act for itself alone; for the farm's token or its own.
 
     Raises:
         ApiUnreachableError: no answer.
-        RuntimeError: the token is none of a robot's, or was revoked.
+        NotAdmittedError: the token is none of a robot's, or was revoked.
     """
     with ApiLink(api, token, ca=ca, timeout_s=timeout_s) as link:
         return NewToken.model_validate_json(link.once("POST", f"/v1/robots/{robot}/token").content).secret
@@ -132,6 +140,9 @@ class ApiLink:
             raise ApiUnreachableError(f"{method} {url}: status {response.status_code}")
         if response.status_code in {404, 409}:
             raise LeaseRefusedError(f"{method} {url}: {response.text[:300]}")
+        if response.status_code in {401, 403}:
+            refusal = TokenEndedError if response.status_code == 401 else NotAdmittedError
+            raise refusal(f"{method} {url}: status {response.status_code}: {response.text[:300]}")
         if response.is_error:
             raise RuntimeError(f"{method} {url}: status {response.status_code}: {response.text[:300]}")
         return response

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import version
 from types import TracebackType
+from typing import Any
 
 import zenoh
 from pydantic import ValidationError
@@ -17,6 +18,7 @@ from pydantic import ValidationError
 from api_schemas import bus
 from api_schemas.jail.report import JailReport
 from api_schemas.robot import Lease, OfferReply, RobotHealth, RobotState
+from robot_farm.bus_access import Access
 
 LIVE_EVERY_S = 0.1
 CLOSE_WITHIN_S = 3.0
@@ -30,12 +32,21 @@ class Accepted:
     at_s: float
 
 
+@dataclass(frozen=True)
+class _Open:
+    """A session and what was declared on it."""
+
+    session: zenoh.Session
+    heartbeats: zenoh.Publisher
+    lives: zenoh.Publisher
+    declared: tuple[Any, ...]
+
+
 class BusLink:
     """Presence of one robot on the bus; a context manager. Owner of the robot's state as others see it.
 
     Args:
-        endpoint: zenoh endpoint of the router.
-        farm: name of the farm.
+        access: where the bus is, the farm's name on it, and what a guarded one is shown.
         robot: name of the robot.
         physics: name of its physics, as told to the dispatcher.
         live: gives the live state, or None when nothing runs; called ten times a second.
@@ -47,8 +58,7 @@ class BusLink:
 
     def __init__(
         self,
-        endpoint: str,
-        farm: str,
+        access: Access,
         robot: str,
         physics: str,
         *,
@@ -58,11 +68,11 @@ class BusLink:
         jail: JailReport | None = None,
         health: Callable[[], RobotHealth | None] = lambda: None,
     ) -> None:
-        self._endpoint, self._farm, self._robot, self._physics = endpoint, farm, robot, physics
+        self._access, self._robot, self._physics = access, robot, physics
         self._jail, self._health = jail, health
         self._live, self._on_cancel, self._stopping = live, on_cancel, stopping
         self._instance = uuid.uuid4().hex
-        self._lock = threading.Lock()
+        self._lock, self._sending = threading.Lock(), threading.Lock()
         self._state, self._lease = RobotState.IDLE, None
         self._draining, self._wrong = False, None
         self._resume_asked = threading.Event()
@@ -70,15 +80,7 @@ class BusLink:
         self._closing = threading.Event()
 
     def __enter__(self) -> "BusLink":
-        config = zenoh.Config.from_json5(bus.session_config_json(mode="client", connect=[self._endpoint]))
-        self._session = zenoh.open(config)
-        self._heartbeats = self._session.declare_publisher(bus.heartbeat_key(self._farm, self._robot))
-        self._lives = self._session.declare_publisher(bus.live_key(self._farm, self._robot))
-        self._declared = [
-            self._session.declare_queryable(bus.offer_key(self._farm, self._robot), self._answer_offer),
-            self._session.declare_queryable(bus.command_key(self._farm, self._robot), self._answer_command),
-            self._session.liveliness().declare_token(bus.alive_key(self._farm, self._robot)),
-        ]
+        self._open = self._opened(self._access)
         self._threads = [
             threading.Thread(target=self._beat, name="heartbeat", daemon=True),
             threading.Thread(target=self._show, name="live-state", daemon=True),
@@ -91,9 +93,30 @@ class BusLink:
         self._closing.set()
         for thread in self._threads:
             thread.join(timeout=1.0)
-        closer = threading.Thread(target=self._session.close, daemon=True)  # may block when the network is gone
-        closer.start()
-        closer.join(timeout=CLOSE_WITHIN_S)
+        _close(self._open.session)
+
+    def renew(self, access: Access) -> None:
+        """Goes over to a session with a new certificate; the old one ends when the new one stands: nobody misses the robot.
+
+        Raises:
+            zenoh.ZError: the bus cannot be reached; the old session stays.
+        """
+        new = self._opened(access)
+        with self._sending:
+            old, self._open, self._access = self._open, new, access
+        self._send_heartbeat()
+        _close(old.session)
+
+    def _opened(self, access: Access) -> "_Open":
+        farm, robot = access.farm, self._robot
+        session = zenoh.open(zenoh.Config.from_json5(access.session_config()))
+        declared = (
+            session.declare_queryable(bus.offer_key(farm, robot), self._answer_offer),
+            session.declare_queryable(bus.command_key(farm, robot), self._answer_command),
+            session.liveliness().declare_token(bus.alive_key(farm, robot)),
+        )
+        heartbeats = session.declare_publisher(bus.heartbeat_key(farm, robot))
+        return _Open(session, heartbeats, session.declare_publisher(bus.live_key(farm, robot)), declared)
 
     def next_lease(self, timeout_s: float) -> Accepted | None:
         """The lease that was accepted, or None if none came in time."""
@@ -152,7 +175,7 @@ class BusLink:
             reply = OfferReply(accepted=False, reason=f"the offer is not a lease: {error.error_count()} errors")
         else:
             reply = self._accept(lease)
-        query.reply(bus.offer_key(self._farm, self._robot), reply.model_dump_json())
+        query.reply(bus.offer_key(self._access.farm, self._robot), reply.model_dump_json())
 
     def _accept(self, lease: Lease) -> OfferReply:
         with self._lock:
@@ -175,7 +198,7 @@ class BusLink:
             reply = OfferReply(accepted=False, reason=f"not a command: {error.error_count()} errors")
         else:
             reply = self._obey(command)
-        query.reply(bus.command_key(self._farm, self._robot), reply.model_dump_json())
+        query.reply(bus.command_key(self._access.farm, self._robot), reply.model_dump_json())
         self._send_heartbeat()
 
     def _obey(self, command: bus.Command) -> OfferReply:
@@ -210,7 +233,8 @@ class BusLink:
                 jail=self._jail,
                 health=health,
             )
-        self._heartbeats.put(beat.model_dump_json())
+        with self._sending:
+            self._open.heartbeats.put(beat.model_dump_json())
 
     def _beat(self) -> None:
         self._send_heartbeat()
@@ -221,4 +245,11 @@ class BusLink:
         while not self._closing.wait(LIVE_EVERY_S):
             state = self._live()
             if state is not None:
-                self._lives.put(state.model_dump_json())
+                with self._sending:
+                    self._open.lives.put(state.model_dump_json())
+
+
+def _close(session: zenoh.Session) -> None:
+    closer = threading.Thread(target=session.close, daemon=True)  # may block when the network is gone
+    closer.start()
+    closer.join(timeout=CLOSE_WITHIN_S)

@@ -7,7 +7,8 @@ import threading
 import time
 from collections.abc import Callable
 
-from robot_farm.api_link import ApiUnreachableError, LeaseRefusedError, own_token
+from robot_farm.api_link import ApiUnreachableError, LeaseRefusedError, NotAdmittedError, own_token
+from robot_farm.places import held_names
 from robot_farm.settings import TOKEN_VARIABLE, Settings
 from sim_backend.driver.compilation import is_kept
 
@@ -44,14 +45,15 @@ def run_robots(settings: Settings, arguments: list[str], stop: threading.Event, 
     """
     if settings.robots > 1 and not is_kept():
         _warm_up(stop, say)
-    places = [_Place(name) for name in settings.robot_names]
-    try:
-        while not stop.is_set():
-            for place in places:
-                _look_after(place, settings, arguments, say)
-            stop.wait(LOOK_EVERY_S)
-    finally:
-        _end([place.process for place in places if place.process is not None])
+    with held_names(settings) as names:
+        places = [_Place(name) for name in names]
+        try:
+            while not stop.is_set():
+                for place in places:
+                    _look_after(place, settings, arguments, say)
+                stop.wait(LOOK_EVERY_S)
+        finally:
+            _end([place.process for place in places if place.process is not None])
 
 
 def _warm_up(stop: threading.Event, say: Callable[[str], None]) -> None:
@@ -86,7 +88,7 @@ def _look_after(place: _Place, settings: Settings, arguments: list[str], say: Ca
 def _own_token(place: _Place, settings: Settings, say: Callable[[str], None]) -> str | None:
     try:
         return own_token(settings.api, settings.token, place.name, ca=settings.ca, timeout_s=JOIN_WITHIN_S)
-    except (ApiUnreachableError, LeaseRefusedError, RuntimeError) as error:
+    except (ApiUnreachableError, NotAdmittedError, LeaseRefusedError, RuntimeError) as error:
         say(f"{place.name} cannot join the farm yet: {error}")
         return None
 

@@ -5,7 +5,7 @@ import time
 from types import TracebackType
 
 from api_schemas.robot import RENEW_EVERY_S, Lease
-from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError
+from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError, TokenEndedError
 
 CANCELLED = "the job was cancelled"
 JOIN_WITHIN_S = 0.5
@@ -27,6 +27,7 @@ class LeaseKeeper:
         self._api, self._lease = api, lease
         self._ends_at_s = taken_at_s + lease.lease_s
         self._stop_reason: str | None = None
+        self.token_ended: TokenEndedError | None = None
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._renew, name="lease-keeper", daemon=True)
 
@@ -62,6 +63,9 @@ class LeaseKeeper:
                 continue  # the lease ends by itself if this goes on
             except LeaseRefusedError as error:
                 self._stop_reason = f"the lease is no longer ours: {error}"
+                return
+            except TokenEndedError as error:
+                self._stop_reason, self.token_ended = f"the robot's token has ended: {error}", error
                 return
             except Exception as error:  # an answer that nobody understands is no renewal
                 self._stop_reason = f"the lease could not be renewed: {type(error).__name__}: {error}"

@@ -12,7 +12,9 @@ from api_schemas.jail.level import too_open
 from api_schemas.jail.report import JailReport
 from api_schemas.robot import Lease
 from api_schemas.trial import FAULT_OF, MAX_REASON, Fault, Outcome, OutcomeKind
-from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError, own_token
+from robot_farm.admission import asked_until_answered, renewed
+from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError, TokenEndedError, own_token
+from robot_farm.bus_access import Access, ask_access
 from robot_farm.bus_link import Accepted, BusLink
 from robot_farm.core import stay_on_one_core, turn
 from robot_farm.health import WatchedHealth
@@ -29,7 +31,6 @@ from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.tasks import TASKS
 
 IDLE_WAIT_S = 0.5
-JOIN_AGAIN_S = 1.0
 UNFINISHED = "unfinished"
 UNFINISHED_KEPT = 5
 
@@ -55,18 +56,28 @@ class Robot:
         self._watched = WatchedHealth(lambda: self._progress, self._life)
 
     def live_until(self, stop: threading.Event) -> None:
-        """Take leases until told to stop; a running trial is given back as the platform's fault."""
+        """Take leases until told to stop; a running trial is given back as the platform's fault.
+
+        Raises:
+            NotAdmittedError: the farm does not take the robot, or no longer.
+        """
         with contextlib.ExitStack() as stack:
             self._test(stop)
-            token = self._own_token(stop)
+            token = asked_until_answered(self._own_token, stop, self._say)
             if token is None:
                 return
             api = stack.enter_context(ApiLink(self._settings.api, token, ca=self._settings.ca))
             stack.callback(self._end_policy)
+
+            def ask() -> Access:
+                return ask_access(api, self._name, self._settings)
+
+            access = asked_until_answered(ask, stop, self._say)
+            if access is None:
+                return
             bus = stack.enter_context(
                 BusLink(
-                    self._settings.bus,
-                    self._settings.farm,
+                    access,
                     self._name,
                     self._settings.physics_name,
                     live=self._live_state,
@@ -84,19 +95,13 @@ class Robot:
                 elif bus.resume_asked():
                     self._test(stop)
                     bus.out_of_service(self._unfit)
+                access = renewed(access, ask, bus, self._say)
 
-    def _own_token(self, stop: threading.Event) -> str | None:
-        """What the robot shows to the API; None when it was told to stop before the API answered."""
-        while not stop.is_set():
-            try:
-                return own_token(self._settings.api, self._settings.token, self._name, ca=self._settings.ca)
-            except ApiUnreachableError as error:
-                self._say(f"cannot join the farm yet: {error}")
-                stop.wait(JOIN_AGAIN_S)
-        return None
+    def _own_token(self) -> str:
+        return own_token(self._settings.api, self._settings.token, self._name, ca=self._settings.ca)
 
     def _serve(self, accepted: Accepted, api: ApiLink, bus: BusLink, stop: threading.Event) -> None:
-        """One lease, from acceptance to outcome. Nothing that goes wrong here ends the robot."""
+        """One lease, from acceptance to outcome. Nothing that goes wrong here ends the robot but the end of its token."""
         lease = accepted.lease
         log = self._folder / f"{lease.trial_id}-{lease.fence}.mcap"
         truth = log.with_suffix(".truth.mcap")
@@ -109,6 +114,8 @@ class Robot:
                 bus.running()
                 outcome = self._attempt(lease, api, keeper, log, TruthFile(truth, self._truth_channels), stop)
                 bus.out_of_service(self._unfit)
+                if keeper.token_ended is not None:
+                    raise keeper.token_ended
                 if outcome is not None:  # files first, outcome last
                     truth_digest = api.upload_truth(lease, truth) if truth.exists() else None
                     digest = api.upload_log(lease, log) if log.exists() else None
@@ -116,6 +123,8 @@ class Robot:
                     api.report_outcome(lease, outcome, digest, truth_digest)
         except (LeaseRefusedError, ApiUnreachableError) as error:
             self._say(f"trial {lease.trial_id}, attempt {lease.fence}: outcome not accepted: {error}")
+        except TokenEndedError:
+            raise
         except Exception as error:
             self._say(f"trial {lease.trial_id}, attempt {lease.fence}: {type(error).__name__}: {error}")
             self._report_platform_error(lease, api, error)
@@ -156,7 +165,7 @@ class Robot:
             if keeper.cancelled:
                 return _ended(OutcomeKind.CANCELLED, str(error))
             return _ended(OutcomeKind.PLATFORM_ERROR, str(error)) if stop.is_set() else None
-        except (LeaseRefusedError, ApiUnreachableError):
+        except (LeaseRefusedError, ApiUnreachableError, TokenEndedError):
             raise
         except Exception as error:
             self._end_policy()

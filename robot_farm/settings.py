@@ -15,6 +15,8 @@ from sim_backend.effects.ranges import load_ranges
 TOKEN_VARIABLE = "TRIFARM_ROBOT_TOKEN"  # noqa: S105 - the name of a variable, not a secret
 CA_VARIABLE = "TRIFARM_CA"
 JAIL_LEVEL_VARIABLE = "TRIFARM_JAIL_LEVEL"
+DATA = "robot-data"
+FREE = "free"
 SELF_TEST_EVERY = 5
 
 
@@ -30,12 +32,15 @@ class Settings:
     """Settings of one robot, or of the supervisor of several."""
 
     api: str
-    bus: str
-    farm: str
+    bus: str | None
+    """Where the bus is, if not where the API says."""
+    farm: str | None
+    """The farm's name on the bus, if not as the API says."""
     data: Path
     token: str
     robots: int
-    first: int
+    first: int | None
+    """None: the first numbers that are free."""
     robot: str | None
     physics: str
     farm_seed: int | None
@@ -64,8 +69,8 @@ class Settings:
 
     @property
     def robot_names(self) -> tuple[str, ...]:
-        """The robots of a supervisor."""
-        return tuple(f"robot-{self.first + index}" for index in range(self.robots))
+        """The robots of a supervisor that was told the first; none if it looks for free ones."""
+        return () if self.first is None else tuple(f"robot-{self.first + index}" for index in range(self.robots))
 
     @property
     def is_plain(self) -> bool:
@@ -118,7 +123,7 @@ def parse(arguments: list[str]) -> Settings:
         ca=options.ca,
     )
     strangers = {fault.robot for fault in settings.faults} - set(settings.robot_names)
-    if settings.robot is None and strangers:  # a single robot is told everybody's faults
+    if settings.robot is None and settings.first is not None and strangers:  # a single robot is told everybody's faults
         names = f"{settings.robot_names[0]} to {settings.robot_names[-1]}"
         parser.error(f"--fault names {', '.join(sorted(strangers))}; the robots are {names}")
     return settings
@@ -127,12 +132,14 @@ def parse(arguments: list[str]) -> Settings:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m robot_farm", description="Run robots that take leases from a farm.")
     parser.add_argument("--robots", type=int, default=4, help="how many robots to run (default 4)")
-    parser.add_argument("--first", type=int, default=0, help="number of the first robot, for farms on several machines")
+    first = "number of the first robot, for farms on several machines; 'free' takes those that no process on this --data has"
+    parser.add_argument("--first", type=_first, default=0, help=first)
     parser.add_argument("--robot", help="run one robot of this name in this process")
     parser.add_argument("--api", required=True, help="address of the API, such as http://127.0.0.1:8787")
-    parser.add_argument("--bus", required=True, help="zenoh endpoint, such as tcp/127.0.0.1:7447")
-    parser.add_argument("--farm", default="farm", help="name of the farm on the bus")
-    parser.add_argument("--data", type=Path, required=True, help="folder for policies and unfinished logs")
+    parser.add_argument("--bus", help="zenoh endpoint, such as tcp/127.0.0.1:7447 (default: what the API says)")
+    parser.add_argument("--farm", help="name of the farm on the bus (default: what the API says)")
+    data = f"folder for policies and unfinished logs (default {DATA})"
+    parser.add_argument("--data", type=Path, default=Path(DATA), help=data)
     parser.add_argument("--physics", default="real", help="nominal, mild, real or a file with ranges (default real)")
     seed = f"draw the robots' physics from this seed instead of the farm's secret (default: {FARM_SEED_VARIABLE})"
     parser.add_argument("--farm-seed", type=int, help=seed)
@@ -149,6 +156,14 @@ def _parser() -> argparse.ArgumentParser:
     every = f"trials from one self-test to the next (default {SELF_TEST_EVERY})"
     parser.add_argument("--self-test-every", type=int, default=SELF_TEST_EVERY, help=every)
     return parser
+
+
+def _first(text: str) -> int | None:
+    if text == FREE:
+        return None
+    if not (text.isascii() and text.isdigit()):
+        raise argparse.ArgumentTypeError(f"{text!r} is neither a whole number of 0 or more nor {FREE!r}")
+    return int(text)
 
 
 def _fault(text: str) -> Fault:

@@ -7,7 +7,9 @@ import logging
 import os
 import signal
 import sys
+from collections.abc import Callable, Coroutine
 from pathlib import Path
+from typing import Any
 
 import structlog
 
@@ -38,7 +40,8 @@ def parsed(arguments: list[str]) -> tuple[str, Settings]:
     no_dispatch = "answer requests and give no leases; 'dispatch' does that elsewhere"
     serve.add_argument("--no-dispatch", dest="dispatches", action="store_const", const=False, help=no_dispatch)
     router = commands.add_parser("router", help="the bus alone")
-    router.add_argument("--bus", help="zenoh endpoint to listen on, as tcp/0.0.0.0:7447")
+    router.add_argument("--bus", help="zenoh endpoint to listen on, as tcp/0.0.0.0:7447 or, guarded, tls/0.0.0.0:7447")
+    router.add_argument("--farm", help="the farm's name on the bus, which the rules of a guarded one name")
     given = {name: value for name, value in vars(parser.parse_args(arguments)).items() if value is not None}
     command = given.pop("command")
     return command, Settings(**given)
@@ -50,18 +53,22 @@ def main() -> None:
     os.umask(PRIVATE)  # database, policies, logs and the truth are for this user alone
     _end_with_parent()
     _log_to_stderr()
+    from services.errors import NotReady
+
+    try:
+        asyncio.run(_work(command)(settings))
+    except NotReady as error:
+        sys.exit(f"the services did not start: {error}")
+
+
+def _work(command: str) -> Callable[[Settings], Coroutine[Any, Any, None]]:
     if command == "router":
         from services.router import route
 
-        asyncio.run(route(settings))
-        return
-    from services.errors import NotReady
+        return route
     from services.serve import dispatch, serve
 
-    try:
-        asyncio.run({"serve": serve, "dispatch": dispatch}[command](settings))
-    except NotReady as error:
-        sys.exit(f"the services did not start: {error}")
+    return {"serve": serve, "dispatch": dispatch}[command]
 
 
 def _end_with_parent() -> None:

@@ -6,7 +6,9 @@ import signal
 
 import structlog
 
+from api_schemas.bus import is_guarded
 from services.dispatcher.bus import Bus
+from services.joining.session import session_config
 from services.settings import Settings
 
 log = structlog.get_logger()
@@ -15,8 +17,8 @@ PARENT_LOOK_S = 0.5
 
 async def route(settings: Settings) -> None:
     """Routes until SIGINT, SIGTERM or the end of the parent process."""
-    bus = await Bus.open(settings.bus, settings.farm)
-    log.info("routing", bus=settings.bus)
+    bus = await Bus.open(session_config(settings, None), settings.farm)
+    log.info("routing", bus=settings.bus, guarded=is_guarded(settings.bus))
     try:
         await told_to_stop()
     finally:

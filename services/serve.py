@@ -30,6 +30,7 @@ from services.jobs import robots
 from services.jobs.clock import FarmClock
 from services.jobs.fleet import Fleet
 from services.jobs.signals import Signals
+from services.joining.session import session_config
 from services.policies.keeping import Policies
 from services.router import told_to_stop
 from services.settings import Settings
@@ -179,7 +180,7 @@ async def _tidy(farm: Farm) -> None:
 async def dispatching(farm: Farm) -> AsyncIterator[Dispatcher]:
     """Opens the bus and runs the dispatcher beside whatever the block does."""
     settings = farm.settings
-    bus = await Bus.open(settings.bus, settings.farm, connect=settings.bus_connect)
+    bus = await Bus.open(session_config(settings, farm.key), settings.farm)
     metrics = Metrics.register(farm.registry)
     dispatcher = Dispatcher(settings, farm.database, bus, farm.clock, farm.fleet, farm.signals, metrics)
     running = asyncio.create_task(dispatcher.run())

@@ -22,6 +22,15 @@ class Settings(BaseSettings):
     port: int = Field(default=8787, ge=0, le=65535)
     bus: str = "tcp/127.0.0.1:7447"
     bus_connect: str | None = Field(default=None, description="a router elsewhere; without it one listens on ``bus`` here")
+    bus_addresses: str | None = Field(
+        default=None, description="what robots are told of the bus, by commas, as tls/farm.example.org:7447; usual: where it is"
+    )
+    bus_robots: int = Field(default=100, ge=1, description="on a guarded bus robot-0 and so on, so many, may join")
+    bus_certificate_s: float = Field(
+        default=6 * 3600.0,
+        gt=0,
+        description="how long a robot's certificate lasts; a revoked one leaves the bus with it",
+    )
     farm: str = Field(default="farm", pattern=r"^[a-z0-9-]{1,40}$")
     physics: Annotated[str, AfterValidator(physics_name)] = Field(
         default="real", description="what the robots were told; only the name is kept"
@@ -84,11 +93,29 @@ class Settings(BaseSettings):
     keep_logs_bytes: int | None = Field(default=None, ge=0, description="and the oldest of them where they are more than this")
 
     @model_validator(mode="after")
+    def _bus_is_of_one_kind(self) -> Self:
+        if len({endpoint.startswith("tls/") for endpoint in (self.bus_connect or self.bus, *self.bus_endpoints)}) > 1:
+            here, told = self.bus_connect or self.bus, ", ".join(self.bus_endpoints)
+            raise ValueError(f"the bus is {here} and robots would be told {told}; either all begin with tls/ or none")
+        return self
+
+    @model_validator(mode="after")
     def _tls_is_whole(self) -> Self:
         if (self.tls_certificate is None) != (self.tls_key is None):
             there, missing = ("TRIFARM_TLS_CERTIFICATE", "TRIFARM_TLS_KEY")[:: 1 if self.tls_key is None else -1]
             raise ValueError(f"{there} is given without {missing}; https needs both files, http neither")
         return self
+
+    @property
+    def bus_endpoints(self) -> tuple[str, ...]:
+        """What robots are told of the bus."""
+        told = self.bus_addresses or self.bus_connect or self.bus
+        return tuple(each.strip() for each in told.split(","))
+
+    @property
+    def guarded_robots(self) -> tuple[str, ...]:
+        """The robots that may join where the bus is guarded; its rules name each of them."""
+        return tuple(f"robot-{number}" for number in range(self.bus_robots))
 
     @property
     def truth_url(self) -> str:

@@ -8,6 +8,7 @@ from services.api import (
     history,
     identifications,
     jobs,
+    joining,
     ladders,
     leaderboards,
     leases,
@@ -42,7 +43,7 @@ def create_app(farm: Farm) -> FastAPI:
     document.install(app)
     app.add_middleware(Door, settings=farm.settings, tokens=farm.tokens)
     users = (overview, policies, jobs, ladders, leaderboards, signatures, identifications, history, trials, links, truth)
-    for module in (*users, leases, robots, token_routes):
+    for module in (*users, leases, robots, joining, token_routes):
         app.include_router(module.router)
         app.state.operations += [route for route in module.router.routes if isinstance(route, APIRoute)]
     return app

@@ -27,18 +27,13 @@ class Bus:
         self._declared: list[Any] = []
 
     @classmethod
-    async def open(cls, endpoint: str, farm: str, *, connect: str | None = None) -> "Bus":
-        """Opens a router on ``endpoint``, or joins the one at ``connect``.
+    async def open(cls, config: str, farm: str) -> "Bus":
+        """Opens a session as ``services/joining/session.py`` describes it.
 
         Raises:
-            zenoh.ZError: the address cannot be listened on.
+            zenoh.ZError: the address cannot be listened on, or nobody listens there.
         """
-        if connect is None:
-            text = bus.session_config_json(mode="router", listen=[endpoint])
-        else:
-            text = bus.session_config_json(mode="client", connect=[connect])
-        config = zenoh.Config.from_json5(text)
-        session = await asyncio.to_thread(zenoh.open, config)
+        session = await asyncio.to_thread(zenoh.open, zenoh.Config.from_json5(config))
         return cls(session, farm, asyncio.get_running_loop())
 
     def on_heartbeat(self, take: Callable[[bus.Heartbeat], None]) -> None:

@@ -54,7 +54,8 @@ def test_documented_layouts_and_manifest_are_valid():
 def test_settings_in_documents_and_containers_exist(name):
     from services.settings import Settings
 
-    outside = {"TRIFARM_URL", "TRIFARM_TOKEN", "TRIFARM_KEY"}  # of the command line, and of the compose file itself
+    # of the command line, of the compose file itself, and of robots
+    outside = {"TRIFARM_URL", "TRIFARM_TOKEN", "TRIFARM_KEY", "TRIFARM_FARM_SEED", "TRIFARM_CA"}
     named = set(re.findall(r"\bTRIFARM_[A-Z0-9_]+", (ROOT / name).read_text())) - outside
     assert named
     assert named <= {f"TRIFARM_{field.upper()}" for field in Settings.model_fields}

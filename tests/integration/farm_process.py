@@ -49,25 +49,26 @@ def small_policy(layout="rrc2022-push", scale=0.1, width=8, seed=0):
 class Services:
     """A running services process with its clients."""
 
-    def __init__(self, data, **settings):
-        self.data = Path(data)
+    def __init__(self, data, *, host="127.0.0.1", link="tcp", through=(), **settings):
+        """``host`` and ``link``: where it listens, and whether the bus is guarded; ``through`` comes before the command."""
+        self.data, self.host, self.through = Path(data), host, through
         self.settings = {f"TRIFARM_{name.upper()}": str(value) for name, value in settings.items()}
         self.port, self.bus_port = free_port(), free_port()
         scheme = "https" if "tls_key" in settings else "http"
-        self.api, self.bus = f"{scheme}://127.0.0.1:{self.port}", f"tcp/127.0.0.1:{self.bus_port}"
+        self.api, self.bus = f"{scheme}://{host}:{self.port}", f"{link}/{host}:{self.bus_port}"
         self.verify = ssl.create_default_context(cafile=settings["tls_certificate"]) if scheme == "https" else True
         self.robots, self.clients = {}, []
         self.process, self.tokens = None, {}
         self.errors = self.data.parent / f"{self.data.name}-stderr.txt"
 
     def start(self):
-        arguments = ["serve", "--data", str(self.data), "--port", str(self.port), "--bus", self.bus]
+        arguments = ["serve", "--data", str(self.data), "--host", self.host, "--port", str(self.port), "--bus", self.bus]
         environment = {name: value for name, value in os.environ.items() if not name.startswith("TRIFARM_")}
         with self.errors.open("ab") as errors:
-            command = [sys.executable, "-m", "services", *arguments]
+            command = [*self.through, sys.executable, "-m", "services", *arguments]
             environment |= self.settings
             self.process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=errors, stderr=errors)
-        until(self._healthy, 30, "the services to be healthy")
+        until(self._healthy, 90, "the services to be healthy")
         if not self.tokens:
             given = [self.settings.get(f"TRIFARM_{name}_TOKEN") for name in ("ADMIN", "ROBOT")]
             made = self.data / "tokens.json"

@@ -1,6 +1,7 @@
-"""A robot that speaks the whole lease protocol but moves nothing: ``python scripted_robot.py NAME --api … --bus …``.
+"""A robot that speaks the whole lease protocol but moves nothing: ``python scripted_robot.py NAME --api … [--bus …]``.
 
-It is the smallest partner the services can have; outcomes depend on the trial's seed alone.
+It is the smallest partner the services can have; outcomes depend on the trial's seed alone. Without ``--bus`` it comes onto
+the bus as real robots do, with what the API gives it for its token.
 """
 
 import argparse
@@ -9,9 +10,11 @@ import os
 import queue
 import random
 import signal
+import ssl
 import threading
 import time
 import uuid
+from pathlib import Path
 
 import httpx
 import zenoh
@@ -23,6 +26,18 @@ from api_schemas.trial import FAULT_OF, Measures, Outcome, OutcomeKind, PolicyTi
 HEALTH = RobotHealth(
     motor_temperature_rise_k=12.3, tracker_confidence=0.91, self_test=SelfTest(at="2026-01-01T00:00:00+00:00", wrong=None)
 )
+
+
+def admitted(api, token, name, ca):
+    """The session that the API gives a robot for its own token."""
+    from robot_farm.api_link import ApiLink  # not for the many that are told the bus: it takes them a second
+    from robot_farm.bus_access import ask_access
+    from robot_farm.settings import parse
+
+    os.environ["TRIFARM_ROBOT_TOKEN"] = token
+    told = parse(["--api", api, "--robot", name, *(["--ca", str(ca)] if ca else [])])
+    with ApiLink(api, token, ca=ca) as link:
+        return ask_access(link, name, told).session_config()
 
 
 class ScriptedRobot:
@@ -38,11 +53,14 @@ class ScriptedRobot:
         self.body = random.Random(name).randbytes(log_bytes)
         self.state, self.lease, self.draining = RobotState.IDLE, None, False
         self.work, self.cancel, self.stopping = queue.Queue(), threading.Event(), threading.Event()
-        self.http = httpx.Client(base_url=api, headers={"Authorization": f"Bearer {token}"}, timeout=30)
+        ca = Path(os.environ["TRIFARM_CA"]) if "TRIFARM_CA" in os.environ else None
+        verify = True if ca is None else ssl.create_default_context(cafile=ca)
+        self.http = httpx.Client(base_url=api, headers={"Authorization": f"Bearer {token}"}, timeout=30, verify=verify)
         joined = self.http.post(f"/v1/robots/{name}/token")
         assert joined.status_code == 200, joined.text
         self.http.headers["Authorization"] = f"Bearer {joined.json()['secret']}"
-        self.session = zenoh.open(zenoh.Config.from_json5(bus.session_config_json(mode="client", connect=[endpoint])))
+        config = bus.session_config_json(mode="client", connect=[endpoint]) if endpoint else None
+        self.session = zenoh.open(zenoh.Config.from_json5(config or admitted(api, joined.json()["secret"], name, ca)))
         self.offers = self.session.declare_queryable(bus.offer_key(farm, name), self.offered)
         self.commands = self.session.declare_queryable(bus.command_key(farm, name), self.commanded)
         self.token = self.session.liveliness().declare_token(bus.alive_key(farm, name))
@@ -205,7 +223,7 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("name")
     parser.add_argument("--api", required=True)
-    parser.add_argument("--bus", required=True)
+    parser.add_argument("--bus")
     parser.add_argument("--trial-s", type=float, default=0.05)
     parser.add_argument("--log-bytes", type=int, default=1000)
     parser.add_argument("--renew-s", type=float, default=3.0)

@@ -9,6 +9,7 @@ import zenoh
 from api_schemas import bus
 from api_schemas.bus import Command, CommandKind, Heartbeat
 from api_schemas.robot import OfferReply, RobotState
+from robot_farm.bus_access import Access
 from robot_farm.bus_link import BusLink
 from tests.unit.conftest import lease
 
@@ -28,7 +29,7 @@ def dispatcher():
 @pytest.fixture
 def link(dispatcher):
     quiet = {"live": lambda: None, "on_cancel": lambda *_: None, "stopping": lambda: False}
-    with BusLink(dispatcher[1], "farm", "robot-0", "real", **quiet) as link:
+    with BusLink(Access((dispatcher[1],), "farm"), "robot-0", "real", **quiet) as link:
         yield link
 
 
@@ -101,7 +102,7 @@ def test_the_end_of_a_trial_is_told_at_once(dispatcher, monkeypatch):
             lambda sample: states.append(Heartbeat.model_validate_json(sample.payload.to_bytes()).state),
         ),
         BusLink(
-            endpoint, "farm", "robot-0", "real", live=lambda: None, on_cancel=lambda *_: None, stopping=lambda: False
+            Access((endpoint,), "farm"), "robot-0", "real", live=lambda: None, on_cancel=lambda *_: None, stopping=lambda: False
         ) as link,
     ):
         give_up_s = time.monotonic() + WITHIN_S

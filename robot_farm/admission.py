@@ -1,0 +1,49 @@
+"""How a robot comes into the farm and stays: it asks until the API answers, and for a new certificate in good time."""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TypeVar
+
+import zenoh
+
+from robot_farm.api_link import ApiUnreachableError
+from robot_farm.bus_access import Access
+from robot_farm.bus_link import BusLink
+
+JOIN_AGAIN_S = 1.0
+RENEW_AGAIN_S = 10.0
+T = TypeVar("T")
+
+
+def asked_until_answered(ask: Callable[[], T], stop: threading.Event, say: Callable[[str], None]) -> T | None:
+    """What the API answers; None when the robot was told to stop before it did."""
+    while not stop.is_set():
+        try:
+            return ask()
+        except ApiUnreachableError as error:
+            say(f"cannot join the farm yet: {error}")
+            stop.wait(JOIN_AGAIN_S)
+    return None
+
+
+def renewed(access: Access, ask: Callable[[], Access], bus: BusLink, say: Callable[[str], None]) -> Access:
+    """What the robot is on the bus with from now on: the same, or, when it is time, what ``ask`` gives.
+
+    What cannot be had now is asked for again soon.
+
+    Raises:
+        NotAdmittedError: the farm does not take the robot any more.
+    """
+    now_s = time.monotonic()
+    if not access.is_due(now_s):
+        return access
+    try:
+        new = ask()
+        bus.renew(new)
+    except (ApiUnreachableError, zenoh.ZError) as error:
+        say(f"no new certificate for the bus yet: {error}")
+        return replace(access, renew_at_s=now_s + RENEW_AGAIN_S)
+    say("has a new certificate for the bus")
+    return new
