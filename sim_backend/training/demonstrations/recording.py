@@ -32,7 +32,8 @@ from sim_backend.training.trying import robots_of
 from sim_backend.trifinger import constants as c
 
 TRIALS_AT_ONCE = 50
-LONGEST_STEP_S = 0.004
+PHYSICS_STEP_S = 0.004
+"""As in training; experts succeed as often as with 1 ms."""
 
 
 @dataclass(frozen=True)
@@ -74,8 +75,9 @@ def read_demonstrations(path: Path) -> Demonstrations:
     try:
         with safe_open(path, framework="numpy") as file:
             about = file.metadata() or {}
-            arrays = [file.get_tensor(name) for name in ("observation", "action", "first")]
-        return Demonstrations(*arrays, PolicyManifest.model_validate_json(about["manifest"]), int(about["tried"]))
+            observation, action, first = (file.get_tensor(name) for name in ("observation", "action", "first"))
+        manifest = PolicyManifest.model_validate_json(about["manifest"])
+        return Demonstrations(observation, action, first, manifest, int(about["tried"]))
     except (SafetensorError, KeyError) as error:
         raise ValueError(f"{path} holds no demonstrations ({error}); record them anew") from error
 
@@ -102,7 +104,7 @@ def record_trials(
 ) -> Demonstrations:
     """Let a policy try the goals of the seeds on these robots, its actions disturbed; keeps the trials that succeed."""
     n, manifest = len(seeds), policy.manifest
-    episode, goal = begin_trials(manifest, TASKS[task], seeds, physics=physics, threads=threads, physics_step_s=LONGEST_STEP_S)
+    episode, goal = begin_trials(manifest, TASKS[task], seeds, physics=physics, threads=threads, physics_step_s=PHYSICS_STEP_S)
     policy.begin(n)
     deviation = rng.uniform(0, noise, (n, 1)) * c.MAX_TORQUE_NM
     seen, wanted = [], []

@@ -82,7 +82,7 @@ class ImitationRun:
             self.samples += len(seen)
             if self.samples <= self.recipe.imitation.freeze_inputs_after or self.student.inputs.count == 0:
                 self.student.inputs.learn_scaling(seen)
-            if self.source.samples.count >= min(self.recipe.imitation.least_memory, self.recipe.samples // 2):
+            if self.recipe.method == "cloning" or self.source.samples.count >= self.recipe.imitation.least_memory:
                 self._update()
             watch.look()
 
