@@ -1,15 +1,19 @@
 """How a policy fares on nominal robots and on the robots of `real` farms, goal by goal beside its teacher.
 
     python tests/benchmarks/shipped_policy.py POLICY.safetensors --task lift --out FILE [--trials 200] [--farm-seeds N ...]
+    python tests/benchmarks/shipped_policy.py POLICY.safetensors --task lift --out FILE --through-farm 7001 [--trials 24]
 
 Many trials at once (``sim_backend/evaluation.py``) at 1 kHz. On a farm's robots the goals, starts and robots are those of the job
 that ``published_experts.py farms`` kept for the published expert (its results lie in ``docs/results``), so that both tried the
-same goals on the same robots. Goals on nominal robots are fresh. Pieces are kept as they come, and kept ones are not redone.
+same goals on the same robots. Goals on nominal robots are fresh. Pieces are kept as they come, and kept ones are not redone. With
+``--through-farm`` the policy is uploaded to a farm of that seed, and one job goes the whole path, with the same goals.
 """
 
 import argparse
 import json
 import sys
+import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +23,7 @@ ROOT = Path(__file__).parent.parent.parent
 TEACHER = ROOT / "docs" / "results" / "published-experts-farms.json"
 FIRST_FRESH_SEED = 60_000_000
 PIECE = 40
+POLL_S = 10.0
 
 
 def piece(policy, task: str, farm: str, trials: range, threads: int, physics_step_s: float) -> list[bool]:
@@ -40,6 +45,27 @@ def piece(policy, task: str, farm: str, trials: range, threads: int, physics_ste
     noise = np.array([JOB_SEED * 100_000 + index for index in trials], dtype=float)
     settings = {"threads": threads, "physics_step_s": physics_step_s}
     return evaluate(policy, policy.manifest, TASKS[task], seeds, physics=physics, noise_seeds=noise, **settings).success.tolist()
+
+
+def through_farm(weights: Path, task: str, farm_seed: str, trials: int) -> dict:
+    """Success of each trial of one job on a farm of `real` robots, asked for and reported through its API."""
+    from tests.benchmarks.published_experts import JOB_SEED, ROBOTS
+    from tests.end_to_end import farm as of_farm
+
+    of_farm.READY_WITHIN_S = 900  # other work may have the cores
+    more = ("--physics", "real", "--farm-seed", farm_seed, "--reset", "placement")
+    with tempfile.TemporaryDirectory() as folder, of_farm.Farm(Path(folder), robots=ROBOTS, more=more) as farm:
+        job, report = farm.submit(weights, task=task, trials=trials, seed=JOB_SEED), {}
+        while "per_trial" not in report:
+            time.sleep(POLL_S)
+            report = json.loads(farm.run("report", job, "--json", code=None) or "{}")
+    rows = sorted(report["per_trial"], key=lambda row: row["trial"])
+    return {
+        "trials": trials,
+        "success": [row["outcome"]["kind"] == "succeeded" for row in rows],
+        "robot": [row["robot"] for row in rows],
+        **{key: report[key] for key in ("success_rate", "interval_80", "platform_faults", "between_robots")},
+    }
 
 
 def summary(kept: dict, task: str) -> dict:
@@ -73,6 +99,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, required=True, help="results, also of runs before")
     parser.add_argument("--trials", type=int, default=200)
     parser.add_argument("--farm-seeds", nargs="+", default=["7001", "7002", "7003"])
+    parser.add_argument("--through-farm", metavar="SEED")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--physics-step", type=float, default=0.001, help="s; 0.004 is a quarter of the work and less exact")
     given = parser.parse_args()
@@ -82,6 +109,13 @@ def main() -> int:
         parser.error(
             f"{given.out} holds results of {kept['policy']}, {kept['task']}, {kept['physics_step_s']} s; give another --out"
         )
+    if given.through_farm:
+        kept.setdefault("farms", {})[given.through_farm] = through_farm(
+            given.policy, given.task, given.through_farm, given.trials
+        )
+        given.out.write_text(json.dumps(kept) + "\n")
+        print(json.dumps(kept["farms"][given.through_farm], indent=2))
+        return 0
     policy = read_policy(given.policy)
     for first in range(0, given.trials, PIECE):
         for farm in ("nominal", *given.farm_seeds):

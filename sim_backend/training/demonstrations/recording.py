@@ -1,8 +1,8 @@
 """Demonstrations as files: what a policy saw and did in trials that succeeded, in the environment or on a farm.
 
     python -m sim_backend.training.demonstrations.recording POLICY --task push --out FILE [--trials 100] [--physics real]
-        [--first-seed N] [--noise 0.3] [--layout NAME]
-    python -m sim_backend.training.demonstrations.recording --logs FOLDER --out FILE
+        [--first-seed N] [--noise 0.3] [--layout NAME] [--failed-too]
+    python -m sim_backend.training.demonstrations.recording --logs FOLDER --out FILE [--failed-too]
 
 The first lets a policy (a shipped one's name, or a file) try goals; with ``--noise`` its torques are disturbed, in each trial by
 another amount up to that share of the largest, while what it wanted is what is kept: clones of undisturbed demonstrations fail as
@@ -38,14 +38,14 @@ PHYSICS_STEP_S = 0.004
 
 @dataclass(frozen=True)
 class Demonstrations:
-    """Successful trials one after the other.
+    """Trials one after the other.
 
     Attributes:
         observation: shape (samples, size), as the manifest names it.
         action: shape (samples, 9), what the policy wanted, as the manifest means it.
         first: shape (trials,), index of each trial's first sample.
         manifest: of the policy that acted.
-        tried: trials that were tried; those that failed are left out.
+        tried: trials that were tried, with those that were left out because they failed.
     """
 
     observation: np.ndarray
@@ -100,11 +100,18 @@ def joined(parts: list[Demonstrations]) -> Demonstrations:
 
 
 def record_trials(
-    policy: ExportedPolicy, task: str, seeds: range, physics: Physics, *, noise: float, rng: np.random.Generator, threads: int
+    policy: ExportedPolicy,
+    task: str,
+    seeds: range,
+    physics: Physics,
+    *,
+    noise: float,
+    rng: np.random.Generator,
+    failed_too: bool = False,
 ) -> Demonstrations:
     """Let a policy try the goals of the seeds on these robots, its actions disturbed; keeps the trials that succeed."""
     n, manifest = len(seeds), policy.manifest
-    episode, goal = begin_trials(manifest, TASKS[task], seeds, physics=physics, threads=threads, physics_step_s=PHYSICS_STEP_S)
+    episode, goal = begin_trials(manifest, TASKS[task], seeds, physics=physics, threads=1, physics_step_s=PHYSICS_STEP_S)
     policy.begin(n)
     deviation = rng.uniform(0, noise, (n, 1)) * c.MAX_TORQUE_NM
     seen, wanted = [], []
@@ -114,12 +121,12 @@ def record_trials(
         episode.advance(wanted[-1] + deviation * rng.standard_normal((n, 9)))
     state = episode.measurement
     scores = score(TASKS[task], goal, state.cube_position_world_m, state.cube_quat_wxyz, state.true_joint_position_rad)
-    kept = np.flatnonzero(scores.success)
+    kept = np.flatnonzero(scores.success | failed_too)
     observation, action = (np.stack(each, axis=1)[kept].reshape(-1, each[0].shape[1]) for each in (seen, wanted))
     return Demonstrations(observation, action, np.arange(len(kept)) * len(seen), manifest, n)
 
 
-def from_logs(folder: Path) -> Demonstrations:
+def from_logs(folder: Path, *, failed_too: bool = False) -> Demonstrations:
     """The policy's trials that succeeded, of the logs in a folder.
 
     Raises:
@@ -132,7 +139,7 @@ def from_logs(folder: Path) -> Demonstrations:
             log = read_log(path)
         except LogUnreadableError as error:
             raise ValueError(f"{error}; take it out of the folder") from error
-        if log.outcome.get("kind") == "succeeded" and log.manifest is not None and len(log.observation):
+        if (failed_too or log.outcome.get("kind") == "succeeded") and log.manifest is not None and len(log.observation):
             parts.append(_of_log(log, log.manifest))
     if not parts:
         raise ValueError(
@@ -150,7 +157,8 @@ def _of_log(log: TrialLog, manifest: str) -> Demonstrations:
 def record(options: argparse.Namespace) -> Demonstrations:
     """Record what is missing, in pieces, telling how fast and how long."""
     policy = find_policy(options.policy, options.layout)
-    source = {name: getattr(options, name) for name in ("policy", "task", "physics", "first_seed", "noise")}
+    source = {name: getattr(options, name) for name in ("policy", "task", "physics", "first_seed", "noise", "failed_too")}
+    how = {"noise": options.noise, "failed_too": options.failed_too}
     kept = [read_demonstrations(options.out)] if options.out.exists() else []
     if kept and source_of(options.out) != source:
         raise ValueError(f"{options.out} holds demonstrations made with other settings; give another --out")
@@ -160,7 +168,7 @@ def record(options: argparse.Namespace) -> Demonstrations:
         n = min(TRIALS_AT_ONCE, options.trials - done)
         first = options.first_seed + done
         robots, rng = robots_of(options.physics, n, first), np.random.default_rng(first)
-        kept.append(record_trials(policy, options.task, range(first, first + n), robots, noise=options.noise, rng=rng, threads=1))
+        kept.append(record_trials(policy, options.task, range(first, first + n), robots, **how, rng=rng))
         kept = [joined(kept)]
         write_demonstrations(kept[0], options.out, source)
         done += n
@@ -181,6 +189,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--first-seed", type=int, default=40_000_000)
     parser.add_argument("--physics", default="real")
     parser.add_argument("--noise", type=float, default=0.0)
+    parser.add_argument("--failed-too", action="store_true")
     parser.add_argument("--logs", type=Path)
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args(arguments)
@@ -190,7 +199,7 @@ def main(arguments: list[str] | None = None) -> int:
         if options.logs is None:
             found = record(options)
         else:
-            found = from_logs(options.logs)
+            found = from_logs(options.logs, failed_too=options.failed_too)
             write_demonstrations(found, options.out, {"logs": options.logs.name})
     except ValueError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -11,7 +11,8 @@ import pytest
 torch = pytest.importorskip("torch", reason="the extra 'learning' is not installed")
 pytest.importorskip("stable_baselines3", reason="the extra 'learning' is not installed")
 
-from api_schemas.policy import LAYOUTS  # noqa: E402
+from api_schemas.policy import LAYOUTS, PolicyManifest  # noqa: E402
+from api_schemas.trial_log_reader import read_log  # noqa: E402
 from sim_backend.effects.physics import Physics  # noqa: E402
 from sim_backend.environment import Environment  # noqa: E402
 from sim_backend.layouts import layout_of  # noqa: E402
@@ -120,12 +121,26 @@ def test_the_teachers_share_of_the_trials_falls_to_none(tmp_path, expert):
 
 def test_recording_goes_on_with_what_is_missing(tmp_path, expert, capsys):
     out, physics = tmp_path / "shown.safetensors", ["--physics", "nominal"]
-    arguments = [str(expert), "--task", "reach", "--out", str(out), "--noise", "0.2", *physics]
+    arguments = [str(expert), "--task", "reach", "--out", str(out), "--noise", "0.2", "--failed-too", *physics]
     assert record([*arguments, "--trials", "2"]) == 0
     assert record([*arguments, "--trials", "3"]) == 0
     assert record([*arguments[:-1], "real", "--trials", "3"]) == 2
     assert "other settings" in capsys.readouterr().err
-    assert read_demonstrations(out).tried == 3
+    found = read_demonstrations(out)
+    assert found.tried == 3 and len(found.first) == 3
+    assert np.abs(found.observation[1:, -9:] - found.action[:-1]).max() > 0.01  # what was done is not quite what was wanted
+
+
+def test_what_a_farm_logged_is_a_demonstration(tmp_path, short_log, capsys):
+    out, arguments = tmp_path / "logged.safetensors", ["--logs", str(short_log.parent)]
+    logs = [read_log(path) for path in sorted(short_log.parent.glob("*.mcap"))]
+    assert record([*arguments, "--out", str(out)]) == 2  # it did not reach its goal
+    assert "none is of a policy's trial that succeeded" in capsys.readouterr().err
+    assert record([*arguments, "--out", str(out), "--failed-too"]) == 0
+    found = read_demonstrations(out)
+    np.testing.assert_allclose(found.observation, logs[0].observation, rtol=1e-6)
+    np.testing.assert_allclose(found.action, logs[0].action, rtol=1e-6)
+    assert found.manifest.model_dump_json() == PolicyManifest.model_validate_json(logs[0].manifest).model_dump_json()
 
 
 def test_cloning_learns_what_was_recorded_and_goes_on_where_it_stopped(tmp_path, expert, capsys):
