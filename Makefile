@@ -24,8 +24,8 @@ up: .venv/farm           ## a farm of 4 robots until Ctrl-C
 bench: .venv/farm        ## rate of the full path against bare physics
 	.venv/bin/python tests/benchmarks/full_path.py --out bench-results.json
 
-train-reference: .venv/full  ## train the shipped push policy anew (needs TEACHER=push_expert.safetensors)
-	.venv/bin/python -m sim_backend.training.dagger $(TEACHER) --out sim_backend/training/reference_policies
+train-reference: .venv/full  ## train a push policy as the shipped one (needs push_expert.safetensors here)
+	.venv/bin/trifarm train push-imitated
 
 image:                   ## container images
 	docker compose build

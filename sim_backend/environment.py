@@ -12,6 +12,7 @@ from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.driver.tracker import Tracker
 from sim_backend.effects.physics import Physics
 from sim_backend.episode import Episode
+from sim_backend.observation import Sight
 from sim_backend.practice import Practice
 from sim_backend.tasks.reward import State, fingers_away_m, reward_of
 from sim_backend.tasks.scoring import Scores, score
@@ -135,6 +136,10 @@ class Environment:
     def goal(self) -> Goal:
         """The robots' goals."""
         return self._episode.goal
+
+    def sight(self) -> Sight:
+        """What observations may be made of now, for those who see something else than the robots' own policies."""
+        return self._episode.sight()
 
     def scores(self) -> Scores:
         """How well the goals are reached now, shapes (n,)."""

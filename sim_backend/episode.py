@@ -85,8 +85,13 @@ class Episode:
 
     def observe(self) -> np.ndarray:
         """The observation of all robots now, shape (n, size)."""
+        self._observation = self._builder.build(self.sight())
+        return self._observation
+
+    def sight(self) -> Sight:
+        """What observations of all robots may be made of now."""
         trial_step = self.trial_step
-        sight = Sight(
+        return Sight(
             trial_step,
             self._measurement,
             self._tracker.reading(trial_step),
@@ -94,8 +99,6 @@ class Episode:
             self._previous_action,
             self._physics_step_s,
         )
-        self._observation = self._builder.build(sight)
-        return self._observation
 
     def advance(self, action: np.ndarray) -> Period:
         """Apply the action of the last observation, shape (n, 9), and advance by one control period."""

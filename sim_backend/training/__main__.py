@@ -16,10 +16,11 @@ def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # torch's threads would wait by spinning on the cores of the physics
     try:
+        from sim_backend.training.demonstrations.run import ImitationRun
         from sim_backend.training.train import CHECKPOINT, Run
     except ImportError as error:
         return _problem(f"training needs packages that are not installed ({error.name}): pip install 'trifarm[learning]'", OTHER)
-    from sim_backend.training.recipe import RecipeError, load_recipe
+    from sim_backend.training.recipe import Recipe, RecipeError, load_recipe
 
     try:
         name, recipe = load_recipe(options.recipe)
@@ -33,7 +34,8 @@ def main(arguments: list[str] | None = None) -> int:
         return _problem(f"{folder} has no checkpoint to go on from; leave --resume out to begin", USAGE)
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        run = Run(name, recipe, folder, threads=options.threads, tell=_tell)
+        make = {"name": name, "folder": folder, "threads": options.threads, "tell": _tell}
+        run = Run(recipe=recipe, **make) if isinstance(recipe, Recipe) else ImitationRun(recipe=recipe, **make)
     except ValueError as error:
         return _problem(f"recipe {name}: {error}", USAGE)
     return _train(run, options, _tell)
@@ -42,7 +44,7 @@ def main(arguments: list[str] | None = None) -> int:
 def _train(run, options: argparse.Namespace, tell: Callable[[str], None]) -> int:
     if options.resume:
         run.go_on()
-        tell(f"goes on at {run.model.num_timesteps:,} samples")
+        tell(f"goes on at {run.samples:,} samples")
     before = signal.signal(signal.SIGINT, lambda *_: run.stop())  # an exception would break compiled code apart
     try:
         run.learn()
@@ -50,7 +52,7 @@ def _train(run, options: argparse.Namespace, tell: Callable[[str], None]) -> int
         signal.signal(signal.SIGINT, before)
     run.keep()
     if run.stopped:
-        tell(f"stopped at {run.model.num_timesteps:,} samples; --resume goes on from there")
+        tell(f"stopped at {run.samples:,} samples; --resume goes on from there")
         return INTERRUPTED
     record = run.finish()
     policy = run.folder / record["policy"]

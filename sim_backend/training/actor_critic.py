@@ -37,10 +37,17 @@ class Inputs(BaseFeaturesExtractor):
         matrix = difference_matrix(manifest)
         super().__init__(observation_space, whole + len(matrix))
         self.actor_inputs = self.seen + len(matrix)
+        self._fixed: tuple[torch.Tensor, torch.Tensor] | None = None
         self.register_buffer("mean", torch.zeros(whole))
         self.register_buffer("variance", torch.ones(whole))
         self.register_buffer("count", torch.zeros(()))
         self.register_buffer("differences", torch.from_numpy(matrix.astype(np.float32)))
+
+    @torch.no_grad()
+    def fix(self, mean: torch.Tensor, variance: torch.Tensor) -> None:
+        """Scale what is seen by these, each of shape (seen,), whatever is learned from now on."""
+        self._fixed = mean, variance
+        self.mean[: self.seen], self.variance[: self.seen] = self._fixed
 
     def forward(self, observations) -> torch.Tensor:
         """Features, shape (n, features)."""
@@ -60,6 +67,8 @@ class Inputs(BaseFeaturesExtractor):
         self.mean += apart * n / total
         self.variance.copy_(squares / total)
         self.count.copy_(total)
+        if self._fixed is not None:
+            self.fix(*self._fixed)
 
 
 def whole_of(observations) -> torch.Tensor:

@@ -2,7 +2,7 @@
 
 import tomllib
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
@@ -11,6 +11,9 @@ from sim_backend.action_space import ActionMode
 from sim_backend.layouts import TRAINING_LAYOUTS, layout_of
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.reward import Reward, RewardKind
+
+if TYPE_CHECKING:
+    from sim_backend.training.demonstrations.recipe import ImitationRecipe
 
 RECIPES = Path(__file__).parent / "recipes"
 Positive = Annotated[float, Field(gt=0)]
@@ -94,6 +97,30 @@ class Level(Table):
     until: Annotated[float, Field(gt=0, le=1)] = 0.8
 
 
+class DemonstrationTable(Table):
+    """DAPG: the actor begins as a clone of demonstrations, and a term of PPO's loss holds it there, ever less.
+
+    After so many ``clone_updates`` the critic learns alone for ``critic_first`` iterations. The term counts ``weight`` times
+    ``decay`` to the power of the iterations since, and never less than ``least_weight``.
+    """
+
+    files: Annotated[tuple[str, ...], Field(min_length=1)]
+    clone_updates: Annotated[int, Field(ge=0)] = 3000
+    batch: Count = 1024
+    critic_first: Annotated[int, Field(ge=0)] = 20
+    weight: Annotated[float, Field(ge=0)] = 1.0
+    decay: Annotated[float, Field(gt=0, le=1)] = 0.99
+    least_weight: Annotated[float, Field(ge=0)] = 0.0
+
+
+class ResidualTable(Table):
+    """The policy that stays as it is, and what a residual of 1 is, as a share of the largest action."""
+
+    policy: str
+    layout: str | None = None
+    share: Positive = 0.1
+
+
 class EvaluationTable(Table):
     """When and how the policy is tried while training: on robots of each of the ``physics``, with steps of 4 ms."""
 
@@ -103,9 +130,23 @@ class EvaluationTable(Table):
     final_trials: Annotated[int, Field(ge=0)] = 200  # at the end, at 1 kHz
 
 
-class Recipe(Table):
-    """Everything about a run."""
+class RecipeFile(Table):
+    """What every recipe has: the robots practised with, whose ranges may lie beside its file."""
 
+    physics: str
+    _folder: Path | None = PrivateAttr(default=None)  # of the recipe's file; no part of what is trained
+
+    @property
+    def physics_source(self) -> str:
+        """Name of the preset, or path of the file, which is looked for beside the recipe first."""
+        beside = None if self._folder is None else self._folder / self.physics
+        return str(beside) if beside is not None and beside.is_file() else self.physics
+
+
+class Recipe(RecipeFile):
+    """Everything about a run of PPO, from scratch or from demonstrations or from another policy."""
+
+    method: Literal["ppo", "dapg", "residual"] = "ppo"
     about: str = ""
     task: str
     layout: str
@@ -124,7 +165,20 @@ class Recipe(Table):
     randomization: Randomization = Randomization()
     curriculum: tuple[Level, ...] = ()
     evaluation: EvaluationTable = EvaluationTable()
-    _folder: Path | None = PrivateAttr(default=None)  # of the recipe's file; no part of what is trained
+    demonstrations: DemonstrationTable | None = None
+    residual: ResidualTable | None = None
+
+    @model_validator(mode="after")
+    def _method_has_its_table(self) -> "Recipe":
+        for method, table, there in (
+            ("dapg", "demonstrations", self.demonstrations),
+            ("residual", "residual", self.residual),
+        ):
+            if (self.method == method) != (there is not None):
+                raise ValueError(f"method is {self.method!r}; [{table}] belongs to the method {method!r}, which needs it")
+        if self.method != "ppo" and self.networks.memory is not None:
+            raise ValueError(f"method {self.method!r} does not go with a memory; leave networks.memory out")
+        return self
 
     @model_validator(mode="after")
     def _names_exist(self) -> "Recipe":
@@ -139,12 +193,6 @@ class Recipe(Table):
         return self
 
     @property
-    def physics_source(self) -> str:
-        """Name of the preset, or path of the file, which is looked for beside the recipe first."""
-        beside = None if self._folder is None else self._folder / self.physics
-        return str(beside) if beside is not None and beside.is_file() else self.physics
-
-    @property
     def manifest(self) -> PolicyManifest:
         """The layout that is seen, before the action space is added."""
         return layout_of(self.layout)
@@ -155,7 +203,7 @@ def shipped_recipes() -> list[str]:
     return sorted(path.stem for path in RECIPES.glob("*.toml"))
 
 
-def load_recipe(name_or_path: str) -> tuple[str, Recipe]:
+def load_recipe(name_or_path: str) -> tuple[str, "Recipe | ImitationRecipe"]:
     """A recipe and its name: one that is shipped, or a TOML file.
 
     Raises:
@@ -165,7 +213,8 @@ def load_recipe(name_or_path: str) -> tuple[str, Recipe]:
     if not path.is_file():
         raise RecipeError(f"no recipe {name_or_path!r}; choose from {', '.join(shipped_recipes())}, or name a TOML file")
     try:
-        recipe = Recipe.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        recipe = _schema_of(document).model_validate(document)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise RecipeError(f"{path} is not a TOML file: {error}") from error
     except ValidationError as error:
@@ -173,3 +222,9 @@ def load_recipe(name_or_path: str) -> tuple[str, Recipe]:
         raise RecipeError(f"{path}: {reasons}") from error
     recipe._folder = path.parent
     return path.stem, recipe
+
+
+def _schema_of(document: dict) -> "type[Recipe] | type[ImitationRecipe]":
+    from sim_backend.training.demonstrations.recipe import IMITATIONS, ImitationRecipe
+
+    return ImitationRecipe if document.get("method") in IMITATIONS else Recipe

@@ -6,6 +6,7 @@ import numpy as np
 from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
 from torch import nn
 
+from api_schemas.policy_network import Cell
 from sim_backend.training.actor_critic import Inputs
 
 
@@ -25,29 +26,44 @@ class RecurrentActorCritic(RecurrentActorCriticPolicy):
 
 
 class Memory:
-    """The LSTM of an exported actor in many trials at once, computed as torch does it. Owner of the trials' states.
+    """The cells of an exported policy in many trials at once, computed as torch does it. Owner of the trials' states.
 
     Args:
         tensors: with ``recurrent.*`` of one layer, named as torch names them.
+        cell: what they are of.
     """
 
-    def __init__(self, tensors: dict[str, np.ndarray]) -> None:
+    def __init__(self, tensors: dict[str, np.ndarray], cell: Cell) -> None:
         self._input, self._own = (tensors[f"recurrent.{name}_l0"].T for name in ("weight_ih", "weight_hh"))
-        self._bias = tensors["recurrent.bias_ih_l0"] + tensors["recurrent.bias_hh_l0"]
+        self._input_bias, self._own_bias = (tensors[f"recurrent.{name}_l0"] for name in ("bias_ih", "bias_hh"))
+        self._advance = self._advance_lstm if cell is Cell.LSTM else self._advance_gru
         self.begin(0)
 
     def begin(self, trials: int) -> None:
         """Forget all that was."""
-        self._hidden = self._cell = np.zeros((trials, len(self._own)), dtype=np.float32)
+        self._hidden, self._cell = (np.zeros((trials, len(self._own)), dtype=np.float32) for _ in range(2))
+
+    def forget(self, rows: np.ndarray) -> None:
+        """These trials begin anew."""
+        self._hidden[rows], self._cell[rows] = 0.0, 0.0
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """What the layers after it get, shape (n, cells), for the next inputs (n, size)."""
         if len(self._hidden) != len(x):
             self.begin(len(x))
-        takes, keeps, new, gives = np.split(x @ self._input + self._hidden @ self._own + self._bias, 4, axis=1)
+        self._advance(x @ self._input + self._input_bias, self._hidden @ self._own + self._own_bias)
+        return self._hidden
+
+    def _advance_lstm(self, of_input: np.ndarray, of_own: np.ndarray) -> None:
+        takes, keeps, new, gives = np.split(of_input + of_own, 4, axis=1)
         self._cell = _sigmoid(keeps) * self._cell + _sigmoid(takes) * np.tanh(new)
         self._hidden = _sigmoid(gives) * np.tanh(self._cell)
-        return self._hidden
+
+    def _advance_gru(self, of_input: np.ndarray, of_own: np.ndarray) -> None:
+        (resets, keeps, new), (own_resets, own_keeps, own_new) = np.split(of_input, 3, axis=1), np.split(of_own, 3, axis=1)
+        keeps = _sigmoid(keeps + own_keeps)
+        new = np.tanh(new + _sigmoid(resets + own_resets) * own_new)
+        self._hidden = (1.0 - keeps) * new + keeps * self._hidden
 
 
 def _sigmoid(x: np.ndarray) -> np.ndarray:

@@ -21,6 +21,8 @@ from sim_backend.practice import Practice
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.reward import Reward
 from sim_backend.training.actor_critic import ActorCritic, Inputs, whole_of
+from sim_backend.training.demonstrations.residual import FrozenPolicy, ResidualRobots
+from sim_backend.training.demonstrations.term import DemonstrationTerm
 from sim_backend.training.export import ExportedPolicy, exported, write_policy
 from sim_backend.training.progress import Watch
 from sim_backend.training.randomization import Randomizer, randomizer_of
@@ -57,23 +59,37 @@ class Run:
         torch.manual_seed(recipe.seed)
         torch.set_num_threads(self.threads)
         self.randomizer: Randomizer = randomizer_of(recipe)
-        self.robots = TrifingerVecEnv(
-            practice_of_recipe(recipe, self.randomizer),
-            robots=recipe.ppo.robots,
-            threads=self.threads,
-            seed=recipe.seed,
-            privileged=recipe.networks.privileged,
-        )
+        practice = practice_of_recipe(recipe, self.randomizer)
+        settings: dict[str, Any] = {"robots": recipe.ppo.robots, "threads": self.threads, "seed": recipe.seed}
+        settings["privileged"] = recipe.networks.privileged
+        self.frozen = FrozenPolicy(recipe.residual, practice) if recipe.residual else None
+        self.robots = ResidualRobots(self.frozen, practice, **settings) if self.frozen else TrifingerVecEnv(practice, **settings)
         self.returns = NormalisedReturns(self.robots, recipe.ppo.discount)
         self.model = _ppo(recipe, self.returns)
         self.policy: ActorCritic | RecurrentActorCritic = self.model.policy  # type: ignore[assignment]
         if recipe.networks.memory is None:
             self.returns.value_of = self._values
+        if self.frozen is not None:
+            assert isinstance(self.policy, ActorCritic)
+            self.frozen.fix_inputs(self.policy)
+            self.exported()  # complains at once if the two networks do not fit together
+        self.term: DemonstrationTerm | None = None
+        if recipe.demonstrations is not None:
+            assert isinstance(self.policy, ActorCritic)
+            self.term = DemonstrationTerm(recipe.demonstrations, practice, self.policy, recipe.seed)
+            self.term.join(self.policy.optimizer, lambda: self.iterations - 1)
+
+    @property
+    def samples(self) -> int:
+        """Control periods of all robots together so far."""
+        return self.model.num_timesteps
 
     def learn(self) -> None:
         """Train until the samples or minutes of the recipe are over."""
         if self.model.num_timesteps == 0:
             self._look_around()
+            if self.term is not None:
+                self.term.clone(self.tell)
         left = self.recipe.samples - self.model.num_timesteps
         if left > 0:
             self.model.learn(left, Watch(self), reset_num_timesteps=False, log_interval=1)
@@ -107,7 +123,11 @@ class Run:
 
     def exported(self) -> ExportedPolicy:
         """The actor as the farm takes it."""
-        return exported(self.policy, self.robots.environment.practice.manifest, self.name)
+        practice = self.robots.environment.practice
+        if self.frozen is not None:
+            assert isinstance(self.policy, ActorCritic)
+            return self.frozen.with_residual(self.policy, practice, self.name)
+        return exported(self.policy, practice.manifest, self.name)
 
     def record(self) -> dict:
         """What the run has done so far."""

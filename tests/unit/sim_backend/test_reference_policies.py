@@ -28,23 +28,47 @@ def test_there_is_a_policy():
     assert "push" in NAMES
 
 
+def settings(name: str) -> dict:
+    """What shaped a run; records of recipes keep student and learning in tables of their own."""
+    kept = record(name)["settings"]
+    return kept | kept.get("student", {}) | kept.get("imitation", {})
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_readme_and_record_give_the_layers_that_the_weights_have(name):
     weights = load_file(FOLDER / f"{name}.safetensors")
-    layers = [weights[f"layer{index}.weight"] for index in range(sum(key.endswith(".weight") for key in weights))]
+    layers = [
+        weights[f"layer{index}.weight"] for index in range(sum(re.match("layer.*weight", key) is not None for key in weights))
+    ]
     hidden = [layer.shape[0] for layer in layers[:-1]]
-    said = re.search(r"hidden layers of (\d+(?:(?:, | and )\d+)*)", described(name))
+    said = re.search(r"hidden layers? of (\d+(?:(?:, | and )\d+)*)", described(name))
     assert said is not None
     assert [int(width) for width in re.findall(r"\d+", said[1])] == hidden
-    assert record(name)["settings"]["hidden"] == hidden
+    assert settings(name)["hidden"] == hidden
     manifest = PolicyManifest.model_validate_json((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
-    sizes = [manifest.observation_size, *hidden, 9]
+    inputs = manifest.observation_size
+    if manifest.recurrent is not None:
+        assert f"{manifest.recurrent.value.upper()} of {settings(name)['cells']} cells" in described(name)
+        assert weights["recurrent.weight_ih_l0"].shape[1] == inputs
+        inputs = settings(name)["cells"]
+    sizes = [inputs, *hidden, 9]
     assert [layer.shape for layer in layers] == list(zip(sizes[1:], sizes[:-1], strict=True))
     assert [weights[f"layer{index}.bias"].shape for index in range(len(layers))] == [(size,) for size in sizes[1:]]
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_readme_and_record_give_the_same_training(name):
-    settings, text = record(name)["settings"], described(name)
-    assert f"drawn anew from the ranges `{settings['physics']}`" in text
-    assert f"({1000 * settings['physics_step_s']:g} ms physics, {settings['robots']} robots" in text
+    kept, text = settings(name), described(name)
+    assert f"drawn anew from the ranges `{kept['physics']}`" in text
+    assert f"({1000 * kept['physics_step_s']:g} ms physics, {kept['robots']} robots" in text
+
+
+def test_all_are_listed_with_what_their_records_say(capsys):
+    from sim_backend.training.reference_policies.__main__ import listed, main
+
+    assert [row["name"] for row in listed()] == NAMES == reference_policies.names()
+    main()
+    printed = capsys.readouterr().out
+    for row in listed():
+        assert Path(row["file"]).is_file() and row["name"] in printed
+        assert all(f"{rate:.1%} on {physics} robots" in printed for physics, rate in row["success_rate"].items())

@@ -1,0 +1,118 @@
+"""A residual: PPO learns what is added to the actions of a policy that stays as it is (Johannink et al. 2018, arXiv 1812.03201).
+
+What is exported is one network again: both side by side in the same layers, their last ones summed.
+"""
+
+import numpy as np
+import torch
+from gymnasium import spaces
+
+from api_schemas.policy import InputScaling, OutputScaling
+from api_schemas.policy_network import ActionHead
+from sim_backend.action_space import ActionMode
+from sim_backend.practice import Practice
+from sim_backend.training.actor_critic import CLIP, EPSILON, ActorCritic
+from sim_backend.training.demonstrations.teacher import check_same_actions, find_policy
+from sim_backend.training.export import ExportedPolicy, count_layers, exported, input_scaling_of
+from sim_backend.training.recipe import ResidualTable
+from sim_backend.vec_env import SEEN, TrifingerVecEnv
+
+LARGEST = 10.0
+"""Bound of a residual's outputs; so wide that the sum is what is clipped, as in the exported network."""
+
+
+class FrozenPolicy:
+    """The policy that stays as it is, in the units of the residual's outputs.
+
+    Args:
+        settings: which policy, and what a residual of 1 is.
+        practice: what is practised.
+
+    Raises:
+        ValueError: it cannot be summed with a residual; the message says why.
+    """
+
+    def __init__(self, settings: ResidualTable, practice: Practice) -> None:
+        policy = find_policy(settings.policy, settings.layout)
+        manifest, after = policy.manifest, policy.manifest.output_scaling
+        check_same_actions(manifest, practice.manifest)
+        wrong = [
+            reason
+            for reason, holds in (
+                (f"sees {', '.join(manifest.observation)}", manifest.observation != practice.manifest.observation),
+                ("has cells", manifest.recurrent is not None),
+                ("has bins", manifest.head is not ActionHead.DIRECT or practice.action_space.mode is ActionMode.BINS),
+                (f"has {manifest.activation} layers", manifest.activation != "elu"),
+                ("is not clipped at 5 and 1", (manifest.input_scaling.clip, after.clip) != (CLIP, 1.0)),
+                ("has an offset of its own", bool(np.any(np.asarray(after.offset or 0.0) != practice.action_space.middle))),
+            )
+            if holds
+        ]
+        if wrong:
+            raise ValueError(f"{settings.policy} cannot have a residual by this recipe: it {', '.join(wrong)}")
+        centre, spread = input_scaling_of(policy.tensors, manifest)
+        self.share, self.layers = settings.share, count_layers(policy.tensors)
+        self.mean, self.variance = centre, np.maximum(spread**2 - EPSILON, 0.0).astype(np.float32)
+        scale = policy.tensors["torque_limit_nm"] if after.scale is None else np.asarray(after.scale)
+        self.tensors = dict(policy.tensors)
+        ratio, last = (scale / practice.action_space.largest).astype(np.float32), f"layer{self.layers - 1}"
+        self.tensors[f"{last}.weight"] = policy.tensors[f"{last}.weight"] * ratio[:, None]
+        self.tensors[f"{last}.bias"] = policy.tensors[f"{last}.bias"] * ratio
+        plain = manifest.model_copy(update={"output_scaling": OutputScaling(scale=1.0)})
+        self.outputs = ExportedPolicy(self.tensors, plain)
+
+    def fix_inputs(self, policy: ActorCritic) -> None:
+        """Let the residual scale what it sees as the frozen policy does."""
+        policy.features_extractor.fix(torch.from_numpy(self.mean), torch.from_numpy(self.variance))
+
+    def with_residual(self, policy: ActorCritic, practice: Practice, name: str) -> ExportedPolicy:
+        """Both as one network."""
+        residual = exported(policy, practice.manifest, name)
+        if count_layers(residual.tensors) != self.layers:
+            raise ValueError(
+                f"the frozen policy has {self.layers - 1} hidden layers and the residual's actor "
+                f"{count_layers(residual.tensors) - 1}; give networks.actor as many"
+            )
+        tensors = {"running_mean": self.mean, "running_var": self.variance}
+        for index in range(self.layers):
+            first, second = (
+                {key: each[f"layer{index}.{key}"] for key in ("weight", "bias")} for each in (self.tensors, residual.tensors)
+            )
+            last = index == self.layers - 1
+            if last:
+                second = {key: values * np.float32(self.share) for key, values in second.items()}
+            tensors |= {f"layer{index}.{key}": values for key, values in _joined(first, second, index, last=last).items()}
+        scaled = {"input_scaling": InputScaling(clip=CLIP, epsilon=EPSILON)}
+        return ExportedPolicy(tensors, residual.manifest.model_copy(update=scaled))
+
+
+class ResidualRobots(TrifingerVecEnv):
+    """Robots whose actions are the frozen policy's plus what is asked of them. Owner of what was seen last."""
+
+    def __init__(self, frozen: FrozenPolicy, practice: Practice, **settings) -> None:
+        super().__init__(practice, **settings)
+        self._frozen = frozen
+        self.action_space = spaces.Box(-LARGEST, LARGEST, (9,), dtype=np.float32)
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Keep the sum of both."""
+        super().step_async(self._frozen.outputs(self._seen) + self._frozen.share * actions)
+
+    def _shown(self, observation: np.ndarray):
+        shown = super()._shown(observation)
+        self._seen = shown[SEEN] if isinstance(shown, dict) else shown
+        return shown
+
+
+def _joined(first: dict, second: dict, index: int, *, last: bool) -> dict[str, np.ndarray]:
+    """A layer of both networks: inputs in common at first, side by side after that, summed at the end."""
+    if last:
+        weight = np.concatenate([first["weight"], second["weight"]], axis=1)
+        return {"weight": weight, "bias": first["bias"] + second["bias"]}
+    bias = np.concatenate([first["bias"], second["bias"]])
+    if index == 0:
+        return {"weight": np.concatenate([first["weight"], second["weight"]]), "bias": bias}
+    (a, b), (p, q) = first["weight"].shape, second["weight"].shape
+    weight = np.zeros((a + p, b + q), dtype=np.float32)
+    weight[:a, :b], weight[a:, b:] = first["weight"], second["weight"]
+    return {"weight": weight, "bias": bias}
