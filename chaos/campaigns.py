@@ -5,12 +5,13 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
+import httpx
 import structlog
 
 from chaos.clients import Load
 from chaos.farm import FarmSettings
 from chaos.faults.fault import Fault, Injection, Scene, now_s
-from chaos.faults.kills import KILLS, SERVERS, kill
+from chaos.faults.kills import KILLS, SERVERS, Ready, kill
 from chaos.faults.leases import LEASES, pause
 from chaos.faults.requests import REQUESTS
 from chaos.faults.surroundings import SURROUNDINGS
@@ -19,15 +20,17 @@ from chaos.processes import DidNotHappen
 log = structlog.get_logger()
 MATRIX: tuple[Fault, ...] = (*KILLS, *SERVERS, *LEASES, *REQUESTS, *SURROUNDINGS)
 PAUSE_AT_ONCE = 20
+NO_END = 10**6
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """One way to break a farm: what the farm and its clients are, and what is done to it."""
+    """One way to break a farm: what it and its clients are, what is done to it, and how many jobs it takes at least."""
 
     farm: FarmSettings
     load: Load
     harm: Callable[[Scene], Iterator[Injection]]
+    at_least: int = 0
 
 
 def campaign(name: str, seed: int, *, quick: bool) -> Campaign:
@@ -35,19 +38,19 @@ def campaign(name: str, seed: int, *, quick: bool) -> Campaign:
     farm = FarmSettings()
     match name:
         case "matrix":
-            jobs = 200 if quick else 600
-            return Campaign(farm, Load(clients=10, jobs=jobs, pace_s=3.0, seed=seed), every_fault)
+            load = Load(clients=10, jobs=NO_END, pace_s=3.0, seed=seed)
+            return Campaign(farm, load, every_fault, at_least=220 if quick else 600)
         case "kills":
             load = Load(clients=50, jobs=200 if quick else 2000, pace_s=3.0, seed=seed, without_key=0.0, only_single=True)
             return Campaign(farm, load, kill_at_random)
         case "pauses":
             farm = replace(farm, robots=PAUSE_AT_ONCE + 4, lease_s=1.0, trial_s=0.1)
-            load = Load(clients=20, jobs=10**6, pace_s=0.3, seed=seed, without_key=0.0)
+            load = Load(clients=20, jobs=NO_END, pace_s=1.5, seed=seed, without_key=0.0)
             return Campaign(farm, load, lambda scene: pause_many(scene, 40 if quick else 1000))
         case "outages":
             return Campaign(
                 farm,
-                Load(clients=10, jobs=10**6, pace_s=1.0, seed=seed),
+                Load(clients=10, jobs=NO_END, pace_s=1.0, seed=seed),
                 lambda scene: restart_database_often(scene, 60 if quick else 600),
             )
         case _:
@@ -69,8 +72,10 @@ def inject(fault: Fault, scene: Scene) -> Injection:
     began_s = now_s()
     try:
         seen, verified = fault.inject(scene), True
-    except DidNotHappen as error:
-        seen, verified = str(error), False
+    except (DidNotHappen, httpx.TransportError) as error:
+        seen, verified = str(error) or type(error).__name__, False
+    if ended := scene.farm.start_the_ended():
+        seen += f"; ended by themselves and were started again: {', '.join(ended)}"
     scene.whole_again()
     log.info("fault", fault=fault.name, verified=verified, seen=seen, took_s=round(now_s() - began_s, 1))
     return Injection(fault.name, 1, verified, seen)
@@ -86,13 +91,15 @@ def kill_at_random(scene: Scene) -> Iterator[Injection]:
         "kill-robot": farm.robots,
     }
     kinds = {kind: names for kind, names in kinds.items() if names}
-    ready_s: dict[str, list[float]] = {kind: [] for kind in kinds}
+    ready: dict[str, list[Ready]] = {kind: [] for kind in kinds}
     while not scene.clients.all_submitted():
         time.sleep(scene.rng.uniform(0.5, 3.0))
         kind = scene.rng.choice(list(kinds))
-        ready_s[kind].append(kill(scene, scene.rng.choice(kinds[kind])))
-    for kind, seconds in ready_s.items():
-        yield Injection(kind, len(seconds), verified=bool(seconds), seen=_spread(seconds))
+        ready[kind].append(kill(scene, scene.rng.choice(kinds[kind])))
+        log.info("killed", kind=kind, ready_s=round(ready[kind][-1].after_s, 1), acknowledged=scene.clients.acknowledged)
+    for kind, times in ready.items():
+        seen = f"{_spread([each.after_s for each in times])}; of its own CPU time {_spread([each.cpu_s for each in times])}"
+        yield Injection(kind, len(times), verified=bool(times), seen=seen)
 
 
 def pause_many(scene: Scene, pauses: int) -> Iterator[Injection]:
@@ -103,7 +110,7 @@ def pause_many(scene: Scene, pauses: int) -> Iterator[Injection]:
         time.sleep(scene.rng.uniform(0.3, 1.0))
         pause(scene, names, 1.7 * scene.farm.settings.lease_s)
         made += len(names)
-        withdrawn = [name for name in scene.farm.robots if scene.farm.state_of(name) == "out_of_service"]
+        withdrawn = [name for name, each in scene.farm.seen().items() if each["state"] == "out_of_service"]
         for name in withdrawn:  # an operator would: five faults in a row were ours
             scene.farm.ask("POST", f"/v1/robots/{name}/resume")
         log.info("paused", made=made, withdrawn=withdrawn)
@@ -136,7 +143,7 @@ def _spread(seconds: list[float]) -> str:
     if not seconds:
         return "none"
     middle = sorted(seconds)[len(seconds) // 2]
-    return f"ready again after {middle:.1f} s in the middle, {max(seconds):.1f} s at most"
+    return f"{middle:.1f} s in the middle, {max(seconds):.1f} s at most"
 
 
 def drawn(seed: int) -> random.Random:

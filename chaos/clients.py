@@ -66,6 +66,11 @@ class Clients:
         assert self.relay is not None
         self._loop.call_soon_threadsafe(self.relay.cut, answers)
 
+    def taken(self) -> int:
+        """How many jobs were acknowledged."""
+        self.check()
+        return self.acknowledged
+
     def submit_no_more(self) -> None:
         """What was begun is submitted, and nothing after it."""
         self._left = 0

@@ -19,7 +19,8 @@ from chaos.orders import Orders
 from chaos.processes import DidNotHappen, Process, free_port, module, until
 from chaos.wire import Wire
 
-READY_WITHIN_S = 90.0
+READY_WITHIN_S = 180.0
+IN_SERVICE = frozenset({"idle", "leased", "running"})
 HOST = "127.0.0.1"
 OWNERS = 5
 MOVE_NOTHING = "rrc2022-push"
@@ -125,30 +126,48 @@ class Farm:
         """Waits until the API sees all robots in service; gives after how many seconds."""
         return until(lambda: self.in_service() >= self.settings.robots, within_s, "all robots in service", every_s=0.1)
 
+    def seen(self) -> dict[str, dict[str, Any]]:
+        """The robots as the API shows them; none when it does not answer."""
+        return {each["robot"]: each for each in (self.ask("GET", "/v1/robots") or {"robots": []})["robots"]}
+
     def in_service(self) -> int:
         """How many robots the API sees in service."""
-        robots = (self.ask("GET", "/v1/robots") or {"robots": []})["robots"]
-        return sum(robot["state"] in {"idle", "leased", "running"} for robot in robots)
+        return sum(each["state"] in IN_SERVICE for each in self.seen().values())
+
+    def _is_back(self, robot: str, pid: int) -> bool:
+        each = self.seen().get(robot)
+        return each is not None and each["pid"] == pid and each["state"] in IN_SERVICE
+
+    def _all_heard(self, since: dict[str, dict[str, Any]]) -> bool:
+        now = self.seen()
+        heard = [name for name, each in now.items() if each["last_seen_at"] != since.get(name, {}).get("last_seen_at")]
+        return len(heard) >= self.settings.robots and self.in_service() >= self.settings.robots
 
     def restart(self, name: str, **more: str) -> float:
         """Starts a process that was killed, at once as a supervisor would; gives after how many seconds it is ready."""
-        began_s = time.monotonic()
-        process = self.processes[name]
+        process, before = self.processes[name], self.seen() if name == "router" else {}
+        began_s, said = time.monotonic(), process.log.stat().st_size
         process.start(**more)
         if name == self.services[0]:
             self.ready_api()
         elif name in self.services:
-            start = process.log.stat().st_size
-            until(lambda: b'"dispatching"' in process.log.read_bytes()[start:], READY_WITHIN_S, f"{name} to dispatch")
+            until(lambda: b'"dispatching"' in process.log.read_bytes()[said:], READY_WITHIN_S, f"{name} to dispatch")
         elif name == "router":
-            until(lambda: self.in_service() > 0, READY_WITHIN_S, "a robot in service on the bus")
+            until(lambda: self._all_heard(before), READY_WITHIN_S, "a sign of life of every robot on the bus")
         elif name in self.robots:
-            until(lambda: self.state_of(name) in {"idle", "leased", "running"}, READY_WITHIN_S, f"{name} in service")
+            pid = process.running.pid if process.running is not None else 0
+            until(lambda: self._is_back(name, pid), READY_WITHIN_S, f"{name} in service")
         return time.monotonic() - began_s
 
-    def state_of(self, robot: str) -> str | None:
-        """The state of a robot as the API shows it."""
-        return (self.ask("GET", f"/v1/robots/{robot}") or {"state": None})["state"]
+    def start_the_ended(self) -> list[str]:
+        """Starts what has ended without our doing, as a supervisor would; gives the names."""
+        ended = [name for name, process in self.processes.items() if not process.is_alive()]
+        for name in ended:
+            if self.home is not None and name == self.home.database.name:
+                self.home.start_database()
+            else:
+                self.processes[name].start()
+        return ended
 
     def ask(self, method: str, path: str, **more: Any) -> Any:
         """The document that the API answers with; None when it does not answer, or with an error."""

@@ -69,6 +69,14 @@ class Process:
             self.running.wait(10)
         self.killed += 1
 
+    def cpu_s(self) -> float:
+        """How much of a core it has taken; 0 where the system does not tell."""
+        stat = Path(f"/proc/{0 if self.running is None else self.running.pid}/stat")
+        if not stat.exists():
+            return 0.0
+        fields = stat.read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
     def said(self) -> str:
         """The end of what it wrote."""
         return self.log.read_text(errors="replace")[-TAIL:] if self.log.exists() else ""

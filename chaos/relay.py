@@ -15,10 +15,11 @@ class Relay:
         self.cuts = 0
         """How many answers were cut."""
         self._server: asyncio.Server | None = None
+        self._carrying: set[asyncio.Task[None]] = set()
 
     async def open(self) -> str:
         """Listens; gives the address that clients are to ask."""
-        self._server = await asyncio.start_server(self._carry, self._host, 0)
+        self._server = await asyncio.start_server(self._begin, self._host, 0)
         port = self._server.sockets[0].getsockname()[1]
         return f"http://{self._host}:{port}"
 
@@ -30,6 +31,13 @@ class Relay:
         """Stops listening."""
         if self._server is not None:
             self._server.close()
+        for each in self._carrying:
+            each.cancel()
+
+    def _begin(self, client: asyncio.StreamReader, to_client: asyncio.StreamWriter) -> None:
+        carrying = asyncio.get_running_loop().create_task(self._carry(client, to_client))
+        self._carrying.add(carrying)
+        carrying.add_done_callback(self._carrying.discard)
 
     async def _carry(self, client: asyncio.StreamReader, to_client: asyncio.StreamWriter) -> None:
         try:

@@ -101,7 +101,8 @@ def live(settings: RobotSettings, stop: threading.Event) -> None:
     if token is None:
         return
     with contextlib.ExitStack() as stack:
-        api = stack.enter_context(WatchedLink(settings.api, token, history))
+        api = WatchedLink(settings.api, token, history)
+        stack.enter_context(api)
         keepers: dict[tuple[str, int], LeaseKeeper] = {}
 
         def cancel(trial_id: str, fence: int) -> None:

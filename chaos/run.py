@@ -9,7 +9,7 @@ import sys
 import tempfile
 import time
 from contextlib import ExitStack
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,21 @@ DISK_BYTES = {EMBEDDED: 256 << 20, SCALE: 768 << 20}
 REST_WITHIN_S = 300.0
 SENTENCES = 20
 """Of each broken promise, as many are shown."""
+
+
+@dataclass(frozen=True)
+class About:
+    """What a run was; ``rested`` says that all jobs were over before it was judged, ``load_1min`` is the machine's."""
+
+    home: str
+    campaign: str
+    seed: int
+    quick: bool
+    isolated: bool
+    rested: bool
+    cores: int | None
+    load_1min: float
+    took_s: float
 
 
 def main(arguments: list[str]) -> int:
@@ -76,12 +91,12 @@ def run(name: str, home: str, seed: int, isolated: Isolation, *, quick: bool, ke
         with clients(planned.load, farm.tokens, farm.policy, evidence, HOST, farm.port) as at_work:
             scene = Scene(farm, at_work, campaigns.drawn(seed), isolated, quick)
             injections = list(planned.harm(scene))
+            until(lambda: at_work.taken() >= planned.at_least, REST_WITHIN_S, f"the taking of {planned.at_least} jobs")
             at_work.submit_no_more()
             rested = _rest(at_work.all_over)
         verdict = check(asyncio.run(gather(farm, folder)), expected_success)
-    about = {"home": home, "campaign": name, "seed": seed, "quick": quick, "isolated": isolated.there}
-    about |= {"cores": os.cpu_count(), "load_1min": round(os.getloadavg()[0], 1), "took_s": round(time.monotonic() - began_s, 1)}
-    return document(verdict, injections, rested) | about
+    took_s, load = round(time.monotonic() - began_s, 1), round(os.getloadavg()[0], 1)
+    return document(verdict, injections, About(home, name, seed, quick, isolated.there, rested, os.cpu_count(), load, took_s))
 
 
 def _rest(all_over: Any) -> bool:
@@ -94,7 +109,7 @@ def _rest(all_over: Any) -> bool:
     return True
 
 
-def document(verdict: Verdict, injections: list[Injection], rested: bool) -> dict[str, Any]:
+def document(verdict: Verdict, injections: list[Injection], about: About) -> dict[str, Any]:
     """What a run prints."""
     counts = {name: len(found) for name, found in verdict.broken.items()}
     return {
@@ -103,11 +118,11 @@ def document(verdict: Verdict, injections: list[Injection], rested: bool) -> dic
         "trials_done": verdict.trials_done,
         "faults_injected": sum(each.injected for each in injections),
         "held": verdict.held,
-        "rested": rested,
         "failed_jobs": verdict.failed_jobs,
         "stale_refused": verdict.stale_refused,
         "faults": [asdict(each) for each in injections],
         "broken": {name: list(found[:SENTENCES]) for name, found in verdict.broken.items() if found},
+        **asdict(about),
     }
 
 

@@ -69,9 +69,9 @@ def obey(orders: Orders) -> None:
     """Makes the places where the process can be told to die: each between two steps that belong together."""
     offer, show_queued, keep_file = Dispatcher._offer, job_routes.show_queued, lease.keep_file
 
-    async def offering(self: Dispatcher, *given: Any) -> None:
+    async def offering(self: Dispatcher, claim: Any, row: Any) -> None:
         orders.die_here("before-offer")  # the lease is written, the robot does not know of it
-        await offer(self, *given)
+        await offer(self, claim, row)
 
     async def answering(*given: Any) -> Any:
         orders.die_here("before-answer")  # the job is written, its sender does not know of it
@@ -109,7 +109,7 @@ def without_key() -> None:
 def without_expiry() -> None:
     """Lets every lease go on for ever."""
 
-    def never(_self: LeaseEnder, _row: Any, _now_s: float) -> None:
+    def never(self: LeaseEnder, row: Any, now_s: float) -> None:  # noqa: ARG001  the place of another
         return None
 
     LeaseEnder.why_overdue = never

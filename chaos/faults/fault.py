@@ -12,7 +12,7 @@ from chaos.history import Line
 from chaos.isolation import Isolation
 from chaos.processes import until
 
-READY_WITHIN_S = 60.0
+READY_WITHIN_S = 180.0
 
 
 @dataclass(frozen=True)

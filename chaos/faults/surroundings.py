@@ -31,16 +31,14 @@ def full_disk(scene: Scene) -> str:
         ballast.unlink()
     freed_s = now_s()
     refused = [line for line in scene.lines_since(since_s) if line.did == "refused" and line.more["status"] in {500, 503, 507}]
-    dead = [name for name, process in farm.processes.items() if not process.is_alive()]
-    for name in dead:
-        farm.home.start_database() if farm.home is not None and name == "postgres" else farm.processes[name].start()
+    ended = farm.start_the_ended()
     scene.whole_again()
     scene.wait_for_line(freed_s, lambda line: line.did == "took", 60, "an outcome to be taken again")
     if not refused:
         raise DidNotHappen("a request that was refused for the full disk")
     problems = sorted({f"{line.more['status']} {line.more['problem']}" for line in refused})
-    ended = f"; ended and were started again: {', '.join(dead)}" if dead else ""
-    return f"{len(refused)} requests answered {', '.join(problems)}; work went on by itself after it was freed{ended}"
+    again = f" once {', '.join(ended)} had been started again" if ended else " by itself"
+    return f"{len(refused)} requests answered {', '.join(problems)}; freed, work went on{again}"
 
 
 def fill(ballast: Path) -> None:

@@ -97,8 +97,8 @@ def _is_of_value(error: DBAPIError) -> bool:
 
 
 def _is_of_full_disk(error: DBAPIError) -> bool:
-    code = getattr(error.orig, "sqlite_errorcode", None) or getattr(error.orig.__cause__, "sqlite_errorcode", None)
-    return code == SQLITE_FULL or getattr(error.orig, "sqlstate", None) == DISK_FULL_STATE
+    said = getattr(error.orig, "sqlite_errorcode", None), getattr(error.orig, "sqlstate", None)
+    return said[0] == SQLITE_FULL or said[1] == DISK_FULL_STATE
 
 
 async def _broken_off(request: Request, error: Exception) -> JSONResponse:

@@ -1,16 +1,21 @@
-"""The checker is checked: with a protection lifted it reports what then goes wrong, with all of them nothing.
+"""Faults on a farm, and the checker checked: with a protection lifted it reports what then goes wrong, with all of them nothing.
 
 One small farm of real processes; its services are started anew for each protection that is lifted.
 """
 
 import asyncio
+import random
 import time
 
 import pytest
 
 from chaos import history
-from chaos.farm import Farm, FarmSettings
+from chaos.campaigns import MATRIX, inject
+from chaos.clients import Load, clients
+from chaos.farm import HOST, Farm, FarmSettings
+from chaos.faults.fault import Scene
 from chaos.gathering import gather
+from chaos.isolation import Isolation
 from chaos.processes import process_group, until
 from chaos.promises import check
 from chaos.robot import expected_success
@@ -74,11 +79,30 @@ def late_outcome(farm, key):
     until(over(farm, job_id), 60, "the end of the job")
 
 
-def test_with_all_protections_nothing_is_reported(farm, tmp_path):
-    late_outcome(farm, "all")
+QUICK_FAULTS = (
+    "kill-robot",
+    "kill-api",
+    "die-before-answer",
+    "late-outcome",
+    "repeated-outcome",
+    "cut-answers",
+    "cut-without-key",
+)
+
+
+def test_with_all_protections_nothing_is_reported_whatever_is_done(farm, tmp_path):
+    load = Load(clients=3, jobs=10**6, pace_s=0.5, seed=3)
+    with clients(load, farm.tokens, farm.policy, farm.evidence, HOST, farm.port) as at_work:
+        scene = Scene(farm, at_work, random.Random(3), Isolation("not in this test"), quick=True)
+        injections = [inject(fault, scene) for fault in MATRIX if fault.name in QUICK_FAULTS]
+        at_work.submit_no_more()
+        until(at_work.all_over, 120, "the end of all jobs")
+    assert [each.seen for each in injections if not each.verified] == []
+    assert len(injections) == len(QUICK_FAULTS)
     found, verdict = broken(farm, tmp_path)
     assert found == set(), verdict.broken
     assert verdict.stale_refused >= 1
+    assert verdict.acknowledged > 10
 
 
 def test_without_the_fence_trials_have_two_outcomes(farm, tmp_path):
