@@ -82,7 +82,10 @@ def inject(fault: Fault, scene: Scene) -> Injection:
 
 
 def kill_at_random(scene: Scene) -> Iterator[Injection]:
-    """Kills a process of any kind every few seconds until all jobs are submitted and over."""
+    """Kills a process of any kind every few seconds until all jobs are submitted.
+
+    A farm that took long to be ready, on a machine with much else to do, is let work for longer before the next.
+    """
     farm = scene.farm
     kinds = {
         "kill-api": farm.services[:1],
@@ -92,10 +95,12 @@ def kill_at_random(scene: Scene) -> Iterator[Injection]:
     }
     kinds = {kind: names for kind, names in kinds.items() if names}
     ready: dict[str, list[Ready]] = {kind: [] for kind in kinds}
+    away_s = 0.0
     while not scene.clients.all_submitted():
-        time.sleep(scene.rng.uniform(0.5, 3.0))
+        time.sleep(scene.rng.uniform(0.5, 3.0) + away_s)
         kind = scene.rng.choice(list(kinds))
         ready[kind].append(kill(scene, scene.rng.choice(kinds[kind])))
+        away_s = ready[kind][-1].after_s if kind == "kill-api" else 0.0
         log.info("killed", kind=kind, ready_s=round(ready[kind][-1].after_s, 1), acknowledged=scene.clients.acknowledged)
     for kind, times in ready.items():
         seen = f"{_spread([each.after_s for each in times])}; of its own CPU time {_spread([each.cpu_s for each in times])}"

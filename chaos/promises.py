@@ -5,8 +5,8 @@ robots were told, and what robots did with the leases that they had. Each promis
 every case in which it was broken:
 
 ====================  =================================================================================================
-``lost``              a submission that was acknowledged is there, with all its trials, and is found under its key; the
-                      log of every accepted outcome is there and has the content that its name says
+``lost``              a submission that was acknowledged is there, with all its trials, and is found under its key; an
+                      outcome that a robot was told to count does, and its log is there with the content that its name says
 ``duplicated``        one submission under one key is one job; a trial has one accepted attempt, its newest; no robot was
                       told that its outcome counts when another's does; a job counts each trial once
 ``stuck``             a job that is not over has a robot whose lease lives, or says what it waits for
@@ -110,6 +110,7 @@ class Verdict:
     trials_done: int
     failed_jobs: int
     stale_refused: int
+    stale_accepted: int
 
     @property
     def held(self) -> bool:
@@ -133,6 +134,7 @@ def check(evidence: Evidence, expected_success: Callable[[int], bool]) -> Verdic
         "changed_rates": _changed_rates(evidence, expected_success),
         "untyped_errors": _untyped_errors(evidence.lines),
     }
+    newest = {trial.trial_id: trial.fence for trial in evidence.trials}
     acknowledged = {line.more["job"]: line.more["trials"] for line in evidence.lines if line.did == "acknowledged"}
     return Verdict(
         broken={name: tuple(found) for name, found in promises.items()},
@@ -140,6 +142,7 @@ def check(evidence: Evidence, expected_success: Callable[[int], bool]) -> Verdic
         trials_done=sum(trial.state == "done" for trial in evidence.trials),
         failed_jobs=sum(job.state == "failed" for job in evidence.jobs.values()),
         stale_refused=sum(line.did == "refused" and line.more["problem"] == "stale-fence" for line in evidence.lines),
+        stale_accepted=sum(line.more["fence"] != newest.get(line.more["trial"]) for line in _told_to_count(evidence.lines)),
     )
 
 
@@ -158,10 +161,19 @@ def _lost(evidence: Evidence) -> Iterator[str]:
             yield f"job {job_id} was acknowledged with {wanted} trials and has {trials[job_id]}"
         elif line.more["key"] is not None and (line.more["owner"], line.more["key"]) not in keys:
             yield f"job {job_id} was acknowledged under key {line.more['key']}, and nothing is found under this key"
+    accepted = {(attempt.trial_id, attempt.fence) for attempt in evidence.attempts if attempt.state == "accepted"}
+    for line in _told_to_count(evidence.lines):
+        if (line.more["trial"], line.more["fence"]) not in accepted:
+            yield f"{line.who} was told that attempt {line.more['fence']} of trial {line.more['trial']} counts, and it does not"
     for trial in evidence.trials:
         if trial.log_sha256 is not None and not evidence.files.get(trial.log_sha256, False):
             there = "is not there" if trial.log_sha256 not in evidence.files else "has another content"
             yield f"the log {trial.log_sha256} of trial {trial.trial_id} {there}"
+
+
+def _told_to_count(lines: tuple[Line, ...]) -> Iterator[Line]:
+    """What robots were told of outcomes that end a trial for good."""
+    return (line for line in lines if line.did == "answered" and line.more["status"] == 200 and line.more["counts"])
 
 
 def _duplicated(evidence: Evidence) -> Iterator[str]:
@@ -188,9 +200,8 @@ def _keys_with_more_jobs(lines: tuple[Line, ...]) -> Iterator[str]:
 def _trials_with_more_outcomes(evidence: Evidence) -> Iterator[str]:
     counted: dict[str, set[tuple[int, str]]] = defaultdict(set)
     fences = {trial.trial_id: trial.fence for trial in evidence.trials}
-    for line in evidence.lines:
-        if line.did == "answered" and line.more["status"] == 200 and line.more["counts"]:
-            counted[line.more["trial"]].add((line.more["fence"], line.who))
+    for line in _told_to_count(evidence.lines):
+        counted[line.more["trial"]].add((line.more["fence"], line.who))
     for attempt in evidence.attempts:
         if attempt.state == "accepted":
             counted[attempt.trial_id].add((attempt.fence, attempt.robot))

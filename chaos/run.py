@@ -120,6 +120,7 @@ def document(verdict: Verdict, injections: list[Injection], about: About) -> dic
         "held": verdict.held,
         "failed_jobs": verdict.failed_jobs,
         "stale_refused": verdict.stale_refused,
+        "stale_accepted": verdict.stale_accepted,
         "faults": [asdict(each) for each in injections],
         "broken": {name: list(found[:SENTENCES]) for name, found in verdict.broken.items() if found},
         **asdict(about),
