@@ -14,6 +14,8 @@ ROOT = "trifarm/v1"
 LINK_LEASE_MS = 2000
 """After so long without a sign of life the transport is closed and liveliness tokens vanish."""
 HEARTBEAT_EVERY_S = 1.0
+CONNECT_AGAIN = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5}
+"""How often a session whose router went looks for it; without, after 1, 3 and 7 s, so that a farm waits for its robots."""
 
 
 def alive_key(farm: str, robot: str) -> str:
@@ -106,7 +108,7 @@ def session_config(*, mode: str, connect: list[str] | None = None, listen: list[
     """Zenoh settings of every trifarm session: explicit endpoints, no multicast, no gossip, a short link lease."""
     return {
         "mode": mode,
-        "connect": {"endpoints": connect or []},
+        "connect": {"endpoints": connect or [], "retry": CONNECT_AGAIN},
         "listen": {"endpoints": listen or []},
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "transport": {"link": {"tx": {"lease": LINK_LEASE_MS}}},
