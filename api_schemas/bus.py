@@ -17,6 +17,8 @@ ROOT = "trifarm/v1"
 LINK_LEASE_MS = 2000
 """After so long without a sign of life the transport is closed and liveliness tokens vanish."""
 HEARTBEAT_EVERY_S = 1.0
+CONNECT_AGAIN = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5}
+"""How often a session whose router went looks for it; without, after 1, 3 and 7 s, so that a farm waits for its robots."""
 
 
 def alive_key(farm: str, robot: str) -> str:
@@ -150,7 +152,7 @@ def session_config(
         link["tls"] = _tls(identity)
     settings = {
         "mode": mode,
-        "connect": {"endpoints": list(connect)},
+        "connect": {"endpoints": list(connect), "retry": CONNECT_AGAIN},
         "listen": {"endpoints": list(listen)},
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "transport": {"link": link},

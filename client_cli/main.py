@@ -9,6 +9,7 @@ import typer
 from client_cli import (
     backup,
     cancel,
+    chaos,
     check,
     compare,
     demo,
@@ -70,6 +71,7 @@ app.command(epilog=epilog(*OF_EVERY_REQUEST))(top.top)
 app.command(epilog=epilog(*OF_A_CHILD))(backup.backup)
 app.command(epilog=epilog(*OF_A_CHILD))(restore.restore)
 app.command(epilog=epilog(*OF_A_CHILD))(doctor.doctor)
+app.command(epilog=epilog(*OF_A_CHILD, ExitCode.INTERRUPTED))(chaos.chaos)
 app.add_typer(token.commands, name="token")
 
 

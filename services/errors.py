@@ -92,6 +92,9 @@ class TooMany(ServiceError):
         self.retry_after_s = retry_after_s
 
 
+DISK_FULL = "The disk of the farm is full; nothing was kept of this request. Try again once its operator has made room."
+
+
 class Unavailable(ServiceError):
     """A part of the farm is away for now."""
 

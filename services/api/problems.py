@@ -1,6 +1,7 @@
 """Every error of the API as an RFC 9457 problem document."""
 
 from collections.abc import Mapping
+from sqlite3 import SQLITE_FULL
 from typing import Any
 
 import structlog
@@ -10,21 +11,24 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from sqlalchemy.exc import DataError, DBAPIError
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 from starlette.routing import Match
 
 from api_schemas.error import MEDIA_TYPE, Problem
 from services.api.bodies import BodyRefused
-from services.errors import ServiceError, TooMany
+from services.errors import DISK_FULL, ServiceError, TooMany
 
 log = structlog.get_logger()
 DATA_EXCEPTION = "22"
 """The class of SQLSTATE for values that do not fit (PostgreSQL, appendix A)."""
+DISK_FULL_STATE = "53100"
 
 
 def install(app: FastAPI) -> None:
     """Makes the app answer every error with a problem document."""
     app.add_exception_handler(ServiceError, _service_error)
     app.add_exception_handler(BodyRefused, _body_refused)
+    app.add_exception_handler(ClientDisconnect, _broken_off)
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(DBAPIError, _database_error)
@@ -79,6 +83,8 @@ async def _database_error(request: Request, error: Exception) -> JSONResponse:
         return answer(request, 422, "value-unfit", "Content refused", detail)
     error.hide_parameters = True  # hashes of tokens, keys and manifests of users are among them
     log.error("database error", route=_route(request), exc_info=error)
+    if _is_of_full_disk(error):
+        return answer(request, 503, "disk-full", "Not available now", DISK_FULL, headers={"Retry-After": "2"})
     detail = "The database did not answer; nothing was changed by this request. Try again in a moment."
     return answer(request, 503, "database-unavailable", "Not available now", detail, headers={"Retry-After": "2"})
 
@@ -88,6 +94,18 @@ def _is_of_value(error: DBAPIError) -> bool:
     sqlstate = getattr(error.orig, "sqlstate", None) or ""
     by_driver = error.orig is not None and isinstance(error.orig.__cause__, ValueError)
     return by_driver or isinstance(error, DataError) or sqlstate.startswith(DATA_EXCEPTION)
+
+
+def _is_of_full_disk(error: DBAPIError) -> bool:
+    said = getattr(error.orig, "sqlite_errorcode", None), getattr(error.orig, "sqlstate", None)
+    return said[0] == SQLITE_FULL or said[1] == DISK_FULL_STATE
+
+
+async def _broken_off(request: Request, error: Exception) -> JSONResponse:
+    """The sender of a body has left, which is his right; nobody reads this answer."""
+    assert isinstance(error, ClientDisconnect)
+    log.info("request broken off by its sender", route=_route(request))
+    return answer(request, 400, "broken-off", "Request broken off", "The body ended before it was whole; send it again.")
 
 
 async def _unexpected(request: Request, error: Exception) -> JSONResponse:

@@ -1,6 +1,7 @@
 """The file store: write-once objects named by the SHA-256 of their content, in a local folder or on S3."""
 
 import asyncio
+import errno
 import hashlib
 import os
 import secrets
@@ -14,7 +15,7 @@ import obstore
 import structlog
 from obstore.exceptions import GenericError, PermissionDeniedError, UnauthenticatedError
 
-from services.errors import Refused, TooLarge, Unavailable
+from services.errors import DISK_FULL, Refused, TooLarge, Unavailable
 from services.files.homes import FileHome, LocalHome
 
 log = structlog.get_logger()
@@ -24,6 +25,7 @@ SPOOL_BYTES = 1024 * 1024
 READ_BYTES = 256 * 1024
 INCOMING = "incoming"
 OBJECTS = "sha256"
+FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,7 @@ class FileStore:
         Raises:
             TooLarge: more than ``limit_bytes``.
             Refused: the content is not what the sender said.
+            Unavailable: the disk is full, or the home of the files does not answer.
         """
         spool = self._root / INCOMING / secrets.token_hex(12)
         try:
@@ -83,6 +86,11 @@ class FileStore:
             with _away_if_unreachable():
                 new = await self._home.take(spool, _key(sha256), durable=durable)
             return Stored(sha256, size, new)
+        except OSError as error:
+            if error.errno not in FULL:
+                raise
+            log.error("disk full", reason=str(error))
+            raise Unavailable("disk-full", DISK_FULL) from error
         finally:
             spool.unlink(missing_ok=True)
 

@@ -15,6 +15,8 @@ from api_schemas.robot import Robot, RobotPage
 from api_schemas.signature import Signature
 from api_schemas.status import FarmStatus
 from api_schemas.token import NewToken, TokenPage
+from chaos import run
+from chaos.promises import Evidence, check
 from client_cli import demo, fetch, identify, pack, top, up, verify
 from client_cli.embedded_farm import EmbeddedFarm
 from client_cli.exit_codes import MEANING
@@ -25,6 +27,7 @@ from tests.unit.client_cli.farm_server import STATUS, FarmState, job
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "cli.md").read_text()
 FARM = EmbeddedFarm(Connection("", None), "", Path(), 4, "nominal", Path(), ())
 SIGNATURE = Signature(key="0" * 64, job_id="", policy="", report_sha256="0" * 64, parts={}, signature="0" * 128)
+NO_EVIDENCE = Evidence((), {}, (), (), {}, {}, 0.0, 0.0)
 JSON_KEYS = {
     "up": up.document(FARM),
     "demo": demo.document(demo.DemoResult(job(FarmState()), None, None, None)),
@@ -41,6 +44,7 @@ JSON_KEYS = {
     "robots": RobotPage.model_fields,
     "status": FarmStatus.model_fields,
     "top": top.document(top.Seen(STATUS, (), ())),
+    "chaos": run.document(check(NO_EVIDENCE, bool), [], run.About("", "", 0, False, False, True, None, 0.0, 0.0)),
     "token create": NewToken.model_fields,
     "token list": TokenPage.model_fields,
     "token revoke TOKEN": {"token_id": "", "revoked": True},

@@ -1,5 +1,7 @@
 import asyncio
 import hashlib
+import subprocess
+import sys
 import time
 from datetime import timedelta
 
@@ -11,6 +13,7 @@ from services.files.homes import open_home
 from services.files.store import FileStore
 from services.settings import Settings
 from tests.homes import S3_KEYS, free_port, s3_home_settings
+from tests.integration.farm_process import ROOT
 
 
 async def chunks(*parts):
@@ -131,3 +134,36 @@ async def test_a_server_that_does_not_answer_is_an_error_that_says_so(tmp_path, 
 def test_another_home_than_these_is_refused():
     with pytest.raises(NotReady, match=r"gs://b; give s3://bucket/prefix"):
         open_home(Settings(files_url="gs://b"))
+
+
+FULL_DISK = """
+import asyncio, os, subprocess, sys
+from pathlib import Path
+from services.errors import Unavailable
+from services.files.store import FileStore
+
+async def chunks(size):
+    yield bytes(size)
+
+async def main(folder):
+    store = FileStore(folder)
+    ballast = folder / "ballast"
+    ballast.write_bytes(bytes(900_000))
+    try:
+        await store.put(chunks(500_000), limit_bytes=10**6)
+    except Unavailable as error:
+        print(error.slug, len(list((folder / "incoming").iterdir())))
+    ballast.unlink()
+    print((await store.put(chunks(500_000), limit_bytes=10**6)).new)
+
+subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", sys.argv[1]], check=True)
+asyncio.run(main(Path(sys.argv[1])))
+"""
+
+
+def test_a_full_disk_is_said_and_leaves_nothing_behind(tmp_path):
+    command = ["unshare", "--mount", sys.executable, "-c", FULL_DISK, str(tmp_path)]
+    ran = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    if "Operation not permitted" in ran.stderr or "must be superuser" in ran.stderr:
+        pytest.skip("a small disk of one's own needs root")
+    assert ran.stdout.split()[-3:] == ["disk-full", "0", "True"], ran.stderr
