@@ -16,6 +16,7 @@ from api_schemas.trial import FAULT_OF, Measures, Outcome, OutcomeKind, PolicyTi
 from chaos.history import History, Writes
 from chaos.orders import Orders
 from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError, own_token
+from robot_farm.bus_access import Access
 from robot_farm.bus_link import Accepted, BusLink
 from robot_farm.lease_keeper import LeaseKeeper
 
@@ -109,9 +110,8 @@ def live(settings: RobotSettings, stop: threading.Event) -> None:
             if (keeper := keepers.get((trial_id, fence))) is not None:
                 keeper.cancel()
 
-        link = BusLink(
-            settings.bus, settings.farm, settings.name, "nominal", live=lambda: None, on_cancel=cancel, stopping=stop.is_set
-        )
+        access = Access((settings.bus,), settings.farm)
+        link = BusLink(access, settings.name, "nominal", live=lambda: None, on_cancel=cancel, stopping=stop.is_set)
         bus = stack.enter_context(link)
         orders = Orders(settings.evidence)
         while not stop.is_set():
