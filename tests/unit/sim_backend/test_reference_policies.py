@@ -29,9 +29,11 @@ def test_there_is_a_policy():
 
 
 def settings(name: str) -> dict:
-    """What shaped a run; records of recipes keep student and learning in tables of their own."""
+    """What shaped a run; records of recipes keep networks and learning in tables of their own."""
     kept = record(name)["settings"]
-    return kept | kept.get("student", {}) | kept.get("imitation", {})
+    tables = (kept.get(table, {}) for table in ("student", "imitation", "networks", "ppo"))
+    merged = {key: value for table in (kept, *tables) for key, value in table.items()}
+    return {"hidden": merged.get("actor")} | merged
 
 
 @pytest.mark.parametrize("name", NAMES)
