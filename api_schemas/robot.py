@@ -2,7 +2,7 @@
 
 from enum import StrEnum
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from api_schemas.excitation import ExcitationName
 from api_schemas.job import TaskName
@@ -31,6 +31,8 @@ class RobotState(StrEnum):
 class SelfTest(Schema):
     """A robot's last test of itself; ``wrong`` says what it found, null when it passed."""
 
+    model_config = ConfigDict(extra="ignore")  # a newer robot may tell more
+
     at: str
     wrong: str | None
 
@@ -41,6 +43,8 @@ class RobotHealth(Schema):
     ``motor_temperature_rise_k`` is that of its hottest motor above ambient, ``tracker_confidence`` that of the
     tracker's last report.
     """
+
+    model_config = ConfigDict(extra="ignore")
 
     motor_temperature_rise_k: float | None = None
     tracker_confidence: float | None = None

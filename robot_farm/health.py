@@ -1,5 +1,6 @@
 """How a robot is, for those who look at the farm: read from what it does anyway, so that looking costs no trial anything."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -28,11 +29,16 @@ class WatchedHealth:
         """How the robot is now; a self-test is dated with the heartbeat that first tells of it."""
         tracked = self.progress().tracked
         if tracked is not None:
-            self._confidence = round(float(tracked.confidence[0]), 3)
+            self._confidence = _rounded(float(tracked.confidence[0]), 3)
         if self.life is None:
             return RobotHealth(tracker_confidence=self._confidence)
         if self.life.tests_ended != self._tests_seen:
             self._tests_seen = self.life.tests_ended
             self._self_test = SelfTest(at=datetime.now(UTC).isoformat(timespec="seconds"), wrong=self.life.wrong)
-        rise_k = round(self.life.temperature_rise_k, 1)
+        rise_k = _rounded(self.life.temperature_rise_k, 1)
         return RobotHealth(motor_temperature_rise_k=rise_k, tracker_confidence=self._confidence, self_test=self._self_test)
+
+
+def _rounded(value: float, digits: int) -> float | None:
+    """A number as it is told; None for one that a diverging simulation left behind, so that the heartbeat goes on."""
+    return round(value, digits) if math.isfinite(value) else None

@@ -16,6 +16,10 @@ def test_a_robot_without_a_life_knows_its_tracker_alone():
     assert watched.health().model_dump() == {"motor_temperature_rise_k": None, "tracker_confidence": None, "self_test": None}
     progress.tracked = SimpleNamespace(confidence=np.array([0.8126]))
     assert watched.health().tracker_confidence == 0.813
+    progress.tracked = SimpleNamespace(confidence=np.array([np.nan]))
+    assert watched.health().tracker_confidence is None, "and the heartbeat goes on"
+    progress.tracked = SimpleNamespace(confidence=np.array([0.8126]))
+    watched.health()
     progress = Progress()  # the next trial has seen nothing yet
     assert watched.health().tracker_confidence == 0.813
 

@@ -64,7 +64,7 @@ def test_what_is_sent_is_small_and_of_old_robots_too():
 
 def test_a_newer_robot_and_an_older_one_are_both_understood():
     words = beat("robot-0").model_dump_json()
-    newer = json.dumps(json.loads(words) | {"what_comes_later": 1, "health": {"tracker_confidence": 0.5}})
+    newer = json.dumps(json.loads(words) | {"what_comes_later": 1, "health": {"tracker_confidence": 0.5, "more": 1}})
     older = json.dumps({name: value for name, value in json.loads(words).items() if name != "health"})
     assert Heartbeat.model_validate_json(newer).health.tracker_confidence == 0.5
     assert Heartbeat.model_validate_json(older).health is None
