@@ -10,6 +10,7 @@ from services.api import (
     jobs,
     joining,
     leases,
+    metrics,
     overview,
     policies,
     problems,
@@ -39,7 +40,7 @@ def create_app(farm: Farm) -> FastAPI:
     problems.install(app)
     document.install(app)
     app.add_middleware(Door, settings=farm.settings, tokens=farm.tokens)
-    users = (overview, policies, jobs, signatures, identifications, history, trials, truth)
+    users = (overview, metrics, policies, jobs, signatures, identifications, history, trials, truth)
     for module in (*users, leases, robots, joining, token_routes):
         app.include_router(module.router)
         app.state.operations += [route for route in module.router.routes if isinstance(route, APIRoute)]
