@@ -13,6 +13,7 @@ from services.api import (
     leaderboards,
     leases,
     links,
+    metrics,
     overview,
     policies,
     problems,
@@ -42,7 +43,7 @@ def create_app(farm: Farm) -> FastAPI:
     problems.install(app)
     document.install(app)
     app.add_middleware(Door, settings=farm.settings, tokens=farm.tokens)
-    users = (overview, policies, jobs, ladders, leaderboards, signatures, identifications, history, trials, links, truth)
+    users = (overview, metrics, policies, jobs, ladders, leaderboards, signatures, identifications, history, trials, links, truth)
     for module in (*users, leases, robots, joining, token_routes):
         app.include_router(module.router)
         app.state.operations += [route for route in module.router.routes if isinstance(route, APIRoute)]

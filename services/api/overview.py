@@ -1,11 +1,9 @@
-"""How the farm is: in plain words, for a health check, and for Prometheus."""
+"""How the farm is: in plain words, and for a health check."""
 
 from collections import Counter
 from dataclasses import dataclass
 
-from fastapi import APIRouter, Response
-from fastapi.responses import PlainTextResponse
-from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Gauge, generate_latest
+from fastapi import APIRouter
 from sqlalchemy import func, select
 
 from api_schemas.jail.level import too_open
@@ -13,7 +11,6 @@ from api_schemas.jail.report import JailReport
 from api_schemas.job import JobState
 from api_schemas.robot import RobotState
 from api_schemas.status import FarmStatus
-from api_schemas.trial import TrialState
 from services.api.access import AnyCaller
 from services.api.farm import Farm, TheFarm
 from services.database.tables import job
@@ -45,7 +42,7 @@ async def healthz(farm: TheFarm) -> dict[str, str]:
 @router.get("/v1/status")
 async def status(_caller: AnyCaller, farm: TheFarm) -> FarmStatus:
     """The farm at a glance."""
-    load, problems = await _load(farm), _problems(farm)
+    load, problems = await load_of(farm), _problems(farm)
     in_service = len(farm.fleet.healthy(farm.clock.now_s()))
     if (reason := too_open(farm.jail, farm.settings.jail_level)) is not None:
         problems = (*problems, f"no policy and no log is taken: {reason}")
@@ -69,19 +66,8 @@ async def status(_caller: AnyCaller, farm: TheFarm) -> FarmStatus:
     )
 
 
-@router.get("/metrics", response_class=PlainTextResponse)
-async def metrics(farm: TheFarm) -> Response:
-    """Counters of this process and gauges of the farm, for Prometheus."""
-    load, registry = await _load(farm), CollectorRegistry()
-    _gauge(registry, "trifarm_robots", "Robots by state", load.robots, "state")
-    _gauge(registry, "trifarm_jobs", "Jobs by state", load.jobs, "state")
-    trials = {TrialState.QUEUED: load.trials_queued, TrialState.RUNNING: load.trials_running}
-    _gauge(registry, "trifarm_trials", "Trials of unended jobs by state", {str(k): v for k, v in trials.items()}, "state")
-    Gauge("trifarm_oldest_queued_seconds", "Age of the oldest queued job", registry=registry).set(load.oldest_queued_s or 0)
-    return Response(generate_latest(farm.registry) + generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
-
-
-async def _load(farm: Farm) -> Load:
+async def load_of(farm: Farm) -> Load:
+    """What there is to do now."""
     now_s = farm.clock.now_s()
     left = func.sum(job.c.trials - job.c.trials_done - job.c.trials_active)
     async with farm.database.read() as connection:
@@ -112,9 +98,3 @@ def _problems(farm: Farm) -> tuple[str, ...]:
 def _jails(farm: Farm) -> dict[str, int]:
     beats = [member.heartbeat for member in farm.fleet.members.values()]
     return dict(Counter(str(beat.jail.level) for beat in beats if beat is not None and beat.jail is not None))
-
-
-def _gauge(registry: CollectorRegistry, name: str, words: str, values: dict[str, int], label: str) -> None:
-    gauge = Gauge(name, words, [label], registry=registry)
-    for value, count in values.items():
-        gauge.labels(value).set(count)

@@ -117,16 +117,18 @@ async def form_of(url: str) -> str | None:
     """The revision that a database is in; None when it has no tables.
 
     Raises:
-        NotReady: it does not answer.
+        NotReady: it does not answer, or is of too old a version.
     """
-    engine = create_async_engine(url)
+    engine, where = create_async_engine(url), make_url(url).render_as_string(hide_password=True)
     try:
         async with engine.connect() as connection:
+            old = postgres.too_old(connection.dialect.server_version_info) if postgres.is_postgres(connection) else None
+            if old is not None:
+                raise NotReady(f"the database at {where} will not do: {old}")
             if not await connection.run_sync(lambda sync: inspect(sync).has_table("alembic_version")):
                 return None
             return (await connection.execute(text("SELECT version_num FROM alembic_version"))).scalar_one_or_none()
     except postgres.AWAY as error:
-        where = make_url(url).render_as_string(hide_password=True)
         raise NotReady(f"the database at {where} cannot be opened ({error}); see that it runs and lets this user in") from error
     finally:
         await engine.dispose()

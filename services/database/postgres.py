@@ -1,5 +1,6 @@
 """PostgreSQL as the home of truth: many writers, none of whom can hold the others up for long."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import asyncpg
@@ -25,6 +26,8 @@ SESSION = {
     "tcp_keepalives_interval": "2",
     "tcp_keepalives_count": "3",
 }
+OLDEST = 15
+"""The oldest major version of the server that all statements have been tried on."""
 AWAY = (OSError, SQLAlchemyError, asyncpg.PostgresError, asyncpg.InterfaceError)
 """What the way to a server that is stopped, starting, full or cut off may end with."""
 MIGRATING = 0x7472_6966_0001
@@ -46,6 +49,13 @@ def _engine(url: str) -> AsyncEngine:
         pool_pre_ping=True,
         connect_args={"timeout": CONNECT_WITHIN_S, "command_timeout": STATEMENT_MS / 1000, "server_settings": SESSION},
     )
+
+
+def too_old(version: Sequence[int] | None) -> str | None:
+    """Why a server of this version will not do; None if it will."""
+    if version is None or version[0] >= OLDEST:
+        return None
+    return f"it is PostgreSQL {'.'.join(map(str, version))}, and the farm needs {OLDEST} or newer; update the server"
 
 
 def is_postgres(connection: AsyncConnection) -> bool:

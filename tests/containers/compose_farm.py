@@ -14,6 +14,7 @@ from tests.integration.farm_process import ROOT, free_port, sha256, until
 
 PROJECT = "trifarm-tried"
 REFERENCE = ROOT / "sim_backend/training/reference_policies/push.safetensors"
+LOOK_EVERY_S = 2.0
 READY_WITHIN_S, JOB_WITHIN_S = 900, 3000
 SERVICES = ("postgres", "s3", "router", "api", "dispatcher", "robot")
 
@@ -74,6 +75,7 @@ class ComposeFarm:
         return self.compose("logs", "--no-color", "--tail", "30", check=False)
 
     def count(self, *states: str) -> int:
+        time.sleep(LOOK_EVERY_S)
         try:
             answer = self.http.get("/v1/robots")
         except httpx.TransportError:
@@ -97,7 +99,7 @@ class ComposeFarm:
         return self.http.get(f"/v1/jobs/{job}/report").raise_for_status().json()
 
     def job(self, job: str) -> dict:
-        time.sleep(0.5)
+        time.sleep(LOOK_EVERY_S)
         return self.http.get(f"/v1/jobs/{job}").json()
 
     def kill_a_running_robot(self) -> str:
@@ -109,6 +111,7 @@ class ComposeFarm:
         return robot
 
     def _in_mid_trial(self) -> str | None:
+        time.sleep(0.2)
         robots = self.http.get("/v1/robots").json()["robots"]
         return next((each["robot"] for each in robots if 1.0 < (each["simulated_s"] or 0.0) < 10.0), None)
 

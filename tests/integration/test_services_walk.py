@@ -1,6 +1,7 @@
 """The walk of one job through real services on each home: real databases, real zenoh, real processes, a scripted robot."""
 
 import json
+import re
 import time
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -157,6 +158,17 @@ def test_status_metrics_and_health(farm):
     metrics = httpx.get(f"{farm.api}/metrics").text
     assert 'trifarm_robots{state="idle"} 4.0' in metrics
     assert "trifarm_leases_total" in metrics
+    assert float(re.search(r'trifarm_attempts_total{fault="none"} (\S+)', metrics)[1]) >= 4
+
+
+def test_the_dashboard_of_grafana_asks_for_metrics_that_there_are(farm):
+    metrics = httpx.get(f"{farm.api}/metrics").text
+    known = set(re.findall(r"^([a-z_]+)[ {]", metrics, re.MULTILINE))
+    panels = json.loads((Path(__file__).parents[2] / "deploy/grafana/trifarm.json").read_text())["panels"]
+    questions = [each["expr"] for panel in panels for each in panel["targets"]]
+    asked = set(re.findall(r"(?:trifarm|process)_[a-z_]+", " ".join(questions)))
+    assert len(asked) >= 8
+    assert asked <= known
 
 
 def test_physics_and_learning_are_never_loaded(farm):

@@ -112,6 +112,15 @@ async def test_services_that_start_at_once_migrate_once(postgres):
     assert await form_of(url) == RELEASED[-1]
 
 
+async def test_a_server_that_is_too_old_is_refused_and_left_alone(postgres, monkeypatch):
+    url = await postgres.empty()
+    monkeypatch.setattr("services.database.postgres.OLDEST", 999)
+    with pytest.raises(NotReady, match=r"it is PostgreSQL \d+\.\d+, and the farm needs 999 or newer; update the server"):
+        await migrate(url)
+    monkeypatch.undo()
+    assert await form_of(url) is None
+
+
 async def test_a_server_that_is_not_there_is_named_without_its_password():
     with pytest.raises(NotReady, match=r"postgresql\+asyncpg://ann:\*\*\*@127.0.0.1:1/farm cannot be opened"):
         await migrate("postgresql+asyncpg://ann:secret@127.0.0.1:1/farm")

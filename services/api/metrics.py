@@ -1,0 +1,58 @@
+"""What Prometheus reads: counters of this process, and what the database says of the whole farm."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from fastapi import APIRouter, Response
+from fastapi.responses import PlainTextResponse
+from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Gauge, generate_latest
+from prometheus_client.core import CounterMetricFamily
+from sqlalchemy import func, select
+
+from api_schemas.trial import Fault, TrialState
+from services.api.farm import Farm, TheFarm
+from services.api.overview import load_of
+from services.database.tables import job
+
+router = APIRouter(tags=["farm"])
+
+
+@dataclass(frozen=True, eq=False)  # a registry asks which one it is
+class Attempts:
+    """How many attempts of this farm have ended, and by whose fault. Truth is the rows of jobs."""
+
+    ended: Mapping[Fault, int]
+
+    def collect(self) -> Iterable[CounterMetricFamily]:
+        """The counter; every services process of a farm says the same, so that one of them is enough."""
+        ended = CounterMetricFamily("trifarm_attempts", "Attempts that ended, by whose fault it was", labels=["fault"])
+        for fault, count in self.ended.items():
+            ended.add_metric([str(fault)], count)
+        return (ended,)
+
+
+@router.get("/metrics", response_class=PlainTextResponse)
+async def metrics(farm: TheFarm) -> Response:
+    """Counters of this process and gauges of the farm, for Prometheus."""
+    load, registry = await load_of(farm), CollectorRegistry()
+    _gauge(registry, "trifarm_robots", "Robots by state", load.robots, "state")
+    _gauge(registry, "trifarm_jobs", "Jobs by state", load.jobs, "state")
+    trials = {TrialState.QUEUED: load.trials_queued, TrialState.RUNNING: load.trials_running}
+    _gauge(registry, "trifarm_trials", "Trials of unended jobs by state", {str(k): v for k, v in trials.items()}, "state")
+    Gauge("trifarm_oldest_queued_seconds", "Age of the oldest queued job", registry=registry).set(load.oldest_queued_s or 0)
+    registry.register(await _attempts(farm))
+    return Response(generate_latest(farm.registry) + generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
+
+
+async def _attempts(farm: Farm) -> Attempts:
+    counted = (job.c.trials_done, job.c.policy_faults, job.c.platform_faults)
+    async with farm.database.read() as connection:
+        row = (await connection.execute(select(*(func.coalesce(func.sum(each), 0) for each in counted)))).one()
+    done, policy, platform = map(int, row)
+    return Attempts({Fault.NONE: done - policy, Fault.POLICY: policy, Fault.PLATFORM: platform})
+
+
+def _gauge(registry: CollectorRegistry, name: str, words: str, values: dict[str, int], label: str) -> None:
+    gauge = Gauge(name, words, [label], registry=registry)
+    for value, count in values.items():
+        gauge.labels(value).set(count)
