@@ -64,6 +64,9 @@ def every_fault(scene: Scene) -> Iterator[Injection]:
             yield Injection(fault.name, 0, verified=False, skipped_because=why)
             continue
         yield inject(fault, scene)
+        if scene.farm.in_service() < scene.farm.settings.robots:
+            log.error("the farm is not whole again; no more faults")
+            return
 
 
 def inject(fault: Fault, scene: Scene) -> Injection:
@@ -76,7 +79,10 @@ def inject(fault: Fault, scene: Scene) -> Injection:
         seen, verified = str(error) or type(error).__name__, False
     if ended := scene.farm.start_the_ended():
         seen += f"; ended by themselves and were started again: {', '.join(ended)}"
-    scene.whole_again()
+    try:
+        scene.whole_again()
+    except DidNotHappen as error:
+        seen, verified = f"{seen}; the farm was not whole again: {error}", False
     log.info("fault", fault=fault.name, verified=verified, seen=seen, took_s=round(now_s() - began_s, 1))
     return Injection(fault.name, 1, verified, seen)
 

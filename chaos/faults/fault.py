@@ -47,7 +47,7 @@ class Scene:
             found.extend(line for line in self.lines_since(since_s) if is_it(line))
             return bool(found)
 
-        until(look, within_s, what, every_s=0.3)
+        until(look, within_s, what, every_s=0.5)
         return found[0]
 
 

@@ -2,8 +2,10 @@
 
 import signal
 import time
+from collections import Counter
 
 from chaos.faults.fault import Fault, Scene, now_s
+from chaos.history import Line
 from chaos.processes import DidNotHappen, until
 
 PAST_LEASE = 1.7
@@ -51,13 +53,11 @@ def late_outcome(scene: Scene) -> str:
     late = scene.wait_for_line(since_s, lambda line: line.who == name and line.did == "late", 60, f"{name} to be late")
     trial_id, fence = late.more["trial"], late.more["fence"]
 
-    def is_end(line: object) -> bool:
-        did, more = line.did, line.more  # pyright: ignore[reportAttributeAccessIssue]
-        if did in {"refused", "gave-up"}:
-            return trial_id in (more.get("of_trial"), more.get("trial"))
-        return did == "answered" and (more["trial"], more["fence"]) == (trial_id, fence)
+    def is_end(line: Line) -> bool:
+        about = (line.more.get("of_trial"), line.more.get("trial"))
+        return line.who == name and line.did in {"refused", "answered"} and trial_id in about
 
-    end = scene.wait_for_line(late.at_s, lambda line: line.who == name and is_end(line), 60, "an answer to the late outcome")
+    end = scene.wait_for_line(late.at_s, is_end, 60, "an answer to the late outcome")
     if end.did == "refused" and end.more["status"] == 409:
         return f"attempt {fence} of trial {trial_id} was refused: {end.more['problem']}"
     raise DidNotHappen(f"a refusal of the late outcome; it was {end.did}: {end.more}")
@@ -68,16 +68,10 @@ def repeated_outcome(scene: Scene) -> str:
     name, since_s = scene.rng.choice(scene.farm.robots), now_s()
     scene.farm.orders.give("thrice", name)
     until(lambda: not scene.farm.orders.stands("thrice", name), 60, f"an outcome of {name}")
-    answers: list[object] = []
 
     def seen() -> bool:
-        per: dict[tuple[str, int], int] = {}
-        for line in scene.lines_since(since_s):
-            if line.who == name and line.did == "answered":
-                held = (line.more["trial"], line.more["fence"])
-                per[held] = per.get(held, 0) + 1
-        answers[:] = [held for held, count in per.items() if count == 3]
-        return bool(answers)
+        answered = [line.more for line in scene.lines_since(since_s) if line.who == name and line.did == "answered"]
+        return 3 in Counter((more["trial"], more["fence"]) for more in answered).values()
 
     until(seen, 30, f"three answers to one outcome of {name}", every_s=0.3)
     return f"{name} was answered three times that its outcome was taken"
