@@ -93,7 +93,7 @@ class ImitationRun:
         self._optimizer.param_groups[0]["lr"] = first * (last / first) ** min(1.0, self.done)
         for _ in range(settings.updates):
             seen, wanted, state = self.source.samples.draw(self._rng, settings.batch)
-            loss = nn.functional.mse_loss(self.student(seen, state)[0], wanted)
+            loss = imitation_loss(self.student(seen, state)[0], wanted)
             self._optimizer.zero_grad()
             loss.backward()
             nn.utils.clip_grad_norm_(self.student.parameters(), settings.largest_gradient)
@@ -213,6 +213,11 @@ class _Watch:
         source.successes.clear()
         source.teacher_successes.clear()
         self._told_s = now
+
+
+def imitation_loss(outputs: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
+    """Mean squared difference; outputs that go further than a wanted one at its end of [-1, 1] are clipped there and right."""
+    return nn.functional.mse_loss(torch.where(wanted.abs() < 1.0, outputs, outputs.clamp(-1.0, 1.0)), wanted)
 
 
 def practice_of_recipe(recipe: ImitationRecipe) -> Practice:
