@@ -51,9 +51,9 @@ def _engine(url: str) -> AsyncEngine:
     )
 
 
-def too_old(version: Sequence[int] | None) -> str | None:
+def too_old(version: Sequence[int | str] | None) -> str | None:
     """Why a server of this version will not do; None if it will."""
-    if version is None or version[0] >= OLDEST:
+    if version is None or int(version[0]) >= OLDEST:
         return None
     return f"it is PostgreSQL {'.'.join(map(str, version))}, and the farm needs {OLDEST} or newer; update the server"
 
