@@ -140,7 +140,8 @@ class ComposeFarm:
         raise AssertionError(f"no container says that it runs {robot}")
 
     def containers(self, service: str) -> list[str]:
-        return self.compose("ps", "-q", service).split()
+        """Those that run."""
+        return [each for each in self.compose("ps", "-q", service).split() if _inspect(each, "{{.State.Running}}") == "true"]
 
     def users(self) -> dict[str, int]:
         """The user id of the first process of each program's container."""
