@@ -21,9 +21,9 @@ from tests.integration.two_hosts import https_files, two_hosts, why_not
 
 
 @contextmanager
-def robots(farm, count, folder, *, through=(), token=None, **variables):
+def robots(farm, count, folder, *, through=(), token=None, physics="nominal", **variables):
     """Real robots; what they say is in the file that is given."""
-    command = [*through, sys.executable, "-m", "robot_farm", "--robots", str(count), "--api", farm.api, "--physics", "nominal"]
+    command = [*through, sys.executable, "-m", "robot_farm", "--robots", str(count), "--api", farm.api, "--physics", physics]
     environment = os.environ | {"TRIFARM_ROBOT_TOKEN": token or farm.tokens["robot"]} | variables
     said = folder.with_suffix(".log")
     with said.open("wb") as out:

@@ -1,9 +1,11 @@
 """The farm of the compose file, started for real, and what a user asks of it; one at a time on a machine."""
 
+import json
 import os
 import secrets
 import shutil
 import subprocess
+import tempfile
 import time
 from pathlib import Path
 
@@ -16,6 +18,7 @@ PROJECT = "trifarm-tried"
 REFERENCE = ROOT / "sim_backend/training/reference_policies/push.safetensors"
 LOOK_EVERY_S = 2.0
 READY_WITHIN_S, JOB_WITHIN_S = 900, 3000
+ENDED = ("succeeded", "failed", "cancelled")
 SERVICES = ("postgres", "s3", "router", "api", "dispatcher", "robot")
 
 
@@ -25,6 +28,11 @@ def why_not():
         return "neither 'docker compose' nor 'docker-compose' is installed"
     answered = subprocess.run(["docker", "info"], capture_output=True, text=True, check=False)
     return None if answered.returncode == 0 else f"Docker's engine does not answer: {answered.stderr.strip()[-200:]}"
+
+
+def reference_policy():
+    """The weights and the manifest of the policy that is tried."""
+    return REFERENCE.read_bytes(), PolicyManifest.model_validate_json(REFERENCE.with_suffix(".json").read_text())
 
 
 def compose():
@@ -37,8 +45,11 @@ def compose():
 class ComposeFarm:
     """Up on entry, with images that are there already; gone with its volumes on exit."""
 
-    def __init__(self, *, robots: int, physics: str, farm_seed: int | None = None, bases: dict[str, str]) -> None:
-        self.robots, self.port = robots, free_port()
+    def __init__(
+        self, *, robots: int, physics: str, farm_seed: int | None = None, bases: dict[str, str], told: dict[str, str]
+    ) -> None:
+        """``bases``: the images that are built on; ``told``: settings of the services besides those of the file."""
+        self.robots, self.port, self.told = robots, free_port(), told
         self.admin_token = f"trifarm_admin_{secrets.token_hex(24)}"
         self.env = os.environ | bases
         self.env |= {"TRIFARM_ADMIN_TOKEN": self.admin_token, "TRIFARM_ROBOT_TOKEN": f"trifarm_robot_{secrets.token_hex(24)}"}
@@ -49,6 +60,9 @@ class ComposeFarm:
         self.http = httpx.Client(base_url=f"http://127.0.0.1:{self.port}", headers=headers, timeout=120)
 
     def __enter__(self) -> "ComposeFarm":
+        self.folder = tempfile.TemporaryDirectory()
+        more = {name: {"environment": self.told} for name in ("api", "dispatcher")}
+        Path(self.folder.name, "more.json").write_text(json.dumps({"services": more}))
         self.compose("down", "--volumes", check=False)
         began = time.monotonic()
         try:
@@ -64,9 +78,11 @@ class ComposeFarm:
     def __exit__(self, *_) -> None:
         self.http.close()
         self.compose("down", "--volumes", check=False)
+        self.folder.cleanup()
 
     def compose(self, *arguments: str, check: bool = True) -> str:
-        command = [*(compose() or []), "--file", str(ROOT / "docker-compose.yml"), *arguments]
+        files = ("--file", str(ROOT / "docker-compose.yml"), "--file", str(Path(self.folder.name, "more.json")))
+        command = [*(compose() or []), *files, *arguments]
         done = subprocess.run(command, env=self.env, cwd=ROOT, capture_output=True, text=True, check=False)
         assert done.returncode == 0 or not check, f"{arguments}: {done.stdout}{done.stderr}"
         return done.stdout
@@ -83,8 +99,7 @@ class ComposeFarm:
         return sum(each["state"] in states for each in answer.json()["robots"]) if answer.is_success else 0
 
     def submit(self, trials: int, seed: int) -> str:
-        weights = REFERENCE.read_bytes()
-        manifest = PolicyManifest.model_validate_json(REFERENCE.with_suffix(".json").read_text())
+        weights, manifest = reference_policy()
         digest = policy_digest(sha256(weights), manifest)
         form = {"files": {"weights": ("push.safetensors", weights)}, "data": {"manifest": canonical_json(manifest)}}
         answer = self.http.put(f"/v1/policies/{digest}", **form)
@@ -95,8 +110,10 @@ class ComposeFarm:
 
     def report(self, job: str) -> dict:
         """The report, after waiting for the job's end."""
-        until(lambda: self.job(job)["state"] in ("succeeded", "failed", "cancelled"), JOB_WITHIN_S, f"the end of {job}")
-        return self.http.get(f"/v1/jobs/{job}/report").raise_for_status().json()
+        until(lambda: self.job(job)["state"] in ENDED, JOB_WITHIN_S, f"the end of {job}")
+        answer = self.http.get(f"/v1/jobs/{job}/report")
+        assert answer.is_success, f"{self.job(job)}: {answer.text}"
+        return answer.json()
 
     def job(self, job: str) -> dict:
         time.sleep(LOOK_EVERY_S)
@@ -123,7 +140,8 @@ class ComposeFarm:
         raise AssertionError(f"no container says that it runs {robot}")
 
     def containers(self, service: str) -> list[str]:
-        return self.compose("ps", "-q", service).split()
+        """Those that run."""
+        return [each for each in self.compose("ps", "-q", service).split() if _inspect(each, "{{.State.Running}}") == "true"]
 
     def users(self) -> dict[str, int]:
         """The user id of the first process of each program's container."""

@@ -1,10 +1,10 @@
-"""The compose file against the embedded farm: ``python -m tests.containers.try_compose --bases bases.env --out compose.json``.
+"""The compose file against the embedded home: ``python -m tests.containers.try_compose --bases bases.env --out compose.json``.
 
 The images must have been built (``docker build --target api|robot|s3``), where none can be pulled on stand-ins that
 ``make_bases.sh`` makes. Each part is written down as soon as it is over, and one that is there already is not done again:
 
 killed   nominal physics, one robot's container killed in the middle of a trial: the job finishes, with the same outcomes as
-         ``trifarm up`` gives with the same seed
+         the embedded home gives with the same seed
 real     robots that differ, the same farm seed, no fault: the same robots and outcomes
 """
 
@@ -17,18 +17,21 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.containers.compose_farm import REFERENCE, ComposeFarm, why_not
-from tests.end_to_end.farm import Farm
+from tests.benchmarks.two_hosts import robots
+from tests.containers.compose_farm import ENDED, JOB_WITHIN_S, LOOK_EVERY_S, ComposeFarm, reference_policy, why_not
+from tests.integration.farm_process import services, until
 
 ROBOTS, FARM_SEED = 4, 7
-PATIENCE = {"TRIFARM_PASS_OVER_S": "3600"}
+PATIENCE = {"TRIFARM_LEASE_S": "60", "TRIFARM_OFFER_TIMEOUT_S": "20", "TRIFARM_MAX_ATTEMPTS": "20"}
+"""For machines that have other work: both farms are told so, and no outcome depends on it."""
+IN_ORDER = {"TRIFARM_PASS_OVER_S": "3600"}
 """Where robots differ each trial waits for the one that was drawn for it, so that both farms take the same."""
 ABSENT = "from importlib.util import find_spec; print(*(m for m in ('torch', 'mujoco', 'numba') if find_spec(m)))"
 
 
 def killed(bases, trials, seed):
     """A job that outlives one of its robots' containers."""
-    with ComposeFarm(robots=ROBOTS, physics="nominal", bases=bases) as farm:
+    with ComposeFarm(robots=ROBOTS, physics="nominal", bases=bases, told=PATIENCE) as farm:
         began = time.monotonic()
         job = farm.submit(trials, seed)
         robot = farm.kill_a_running_robot()
@@ -37,16 +40,15 @@ def killed(bases, trials, seed):
         told |= {"user_ids": farm.users(), "health": farm.health(), "state": farm.job(job)["state"]}
     outcomes = [row["outcome"]["kind"] for row in report["per_trial"]]
     told |= {"trials": len(outcomes), "attempts": report["attempts"], "platform_faults": report["platform_faults"]}
-    embedded = on_embedded(trials, seed, "--physics", "nominal")
+    embedded = on_embedded(trials, seed, "nominal", PATIENCE)
     return told | {"outcomes": outcomes, "same_outcomes_as_embedded": measured(report) == measured(embedded)}
 
 
 def real(bases, trials, seed):
     """Robots that differ: who did which trial, and how it ended, here and there."""
-    with ComposeFarm(robots=ROBOTS, physics="real", farm_seed=FARM_SEED, bases=bases | PATIENCE) as farm:
+    with ComposeFarm(robots=ROBOTS, physics="real", farm_seed=FARM_SEED, bases=bases, told=PATIENCE | IN_ORDER) as farm:
         report = farm.report(farm.submit(trials, seed))
-    os.environ |= PATIENCE
-    embedded = on_embedded(trials, seed, "--physics", "real", "--farm-seed", str(FARM_SEED))
+    embedded = on_embedded(trials, seed, "real", PATIENCE | IN_ORDER, TRIFARM_FARM_SEED=str(FARM_SEED))
     rows = [{"robot": row["robot"], "outcome": row["outcome"]["kind"]} for row in report["per_trial"]]
     told = {"trials": len(rows), "farm_seed": FARM_SEED, "per_trial": rows}
     told["same_robots"] = [row["robot"] for row in rows] == [row["robot"] for row in embedded["per_trial"]]
@@ -54,10 +56,18 @@ def real(bases, trials, seed):
     return told | {"same_measures": measured(report) == measured(embedded)}
 
 
-def on_embedded(trials, seed, *more):
-    """The report of the same job on ``trifarm up``."""
-    with tempfile.TemporaryDirectory() as name, Farm(Path(name), robots=ROBOTS, more=more) as farm:
-        return farm.report(farm.submit(REFERENCE, trials=trials, seed=seed))
+def on_embedded(trials, seed, physics, told, **variables):
+    """The report of the same job in the embedded home: SQLite, a folder, a bus in the services' process."""
+    settings = {name.removeprefix("TRIFARM_").lower(): value for name, value in told.items()}
+    with (
+        tempfile.TemporaryDirectory() as name,
+        services(Path(name) / "farm", **settings) as farm,
+        robots(farm, ROBOTS, Path(name) / "robots", physics=physics, **variables),
+    ):
+        until(lambda: time.sleep(LOOK_EVERY_S) or farm.robots_in("idle") == ROBOTS, 900, f"{ROBOTS} robots")
+        job = farm.submit(farm.upload(*reference_policy()).json()["digest"], trials=trials, seed=seed).json()["job_id"]
+        until(lambda: time.sleep(LOOK_EVERY_S) or farm.job(job)["state"] in ENDED, JOB_WITHIN_S, f"the end of {job}")
+        return farm.admin.get(f"/v1/jobs/{job}/report").json()
 
 
 def measured(report):

@@ -158,7 +158,10 @@ def test_status_metrics_and_health(farm):
     metrics = httpx.get(f"{farm.api}/metrics").text
     assert 'trifarm_robots{state="idle"} 4.0' in metrics
     assert "trifarm_leases_total" in metrics
-    assert float(re.search(r'trifarm_attempts_total{fault="none"} (\S+)', metrics)[1]) >= 4
+    ended = 'trifarm_attempts_total{fault="none"} '
+    before = float(metrics.partition(ended)[2].split()[0])
+    farm.wait_for_end(farm.submit(farm.policy(), trials=3, seed=9).json()["job_id"])
+    assert f"{ended}{before + 3}" in httpx.get(f"{farm.api}/metrics").text
 
 
 def test_the_dashboard_of_grafana_asks_for_metrics_that_there_are(farm):
