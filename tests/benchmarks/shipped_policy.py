@@ -24,6 +24,7 @@ TEACHER = ROOT / "docs" / "results" / "published-experts-farms.json"
 FIRST_FRESH_SEED = 60_000_000
 PIECE = 40
 POLL_S = 10.0
+TASKS_OF_EXPERTS = ("push", "lift")
 
 
 def piece(policy, task: str, farm: str, trials: range, threads: int, physics_step_s: float) -> list[bool]:
@@ -47,14 +48,14 @@ def piece(policy, task: str, farm: str, trials: range, threads: int, physics_ste
     return evaluate(policy, policy.manifest, TASKS[task], seeds, physics=physics, noise_seeds=noise, **settings).success.tolist()
 
 
-def through_farm(weights: Path, task: str, farm_seed: str, trials: int) -> dict:
+def through_farm(weights: Path, task: str, farm_seed: str, trials: int, robots: int) -> dict:
     """Success of each trial of one job on a farm of `real` robots, asked for and reported through its API."""
-    from tests.benchmarks.published_experts import JOB_SEED, ROBOTS
+    from tests.benchmarks.published_experts import JOB_SEED
     from tests.end_to_end import farm as of_farm
 
     of_farm.READY_WITHIN_S = 900  # other work may have the cores
     more = ("--physics", "real", "--farm-seed", farm_seed, "--reset", "placement")
-    with tempfile.TemporaryDirectory() as folder, of_farm.Farm(Path(folder), robots=ROBOTS, more=more) as farm:
+    with tempfile.TemporaryDirectory() as folder, of_farm.Farm(Path(folder), robots=robots, more=more) as farm:
         job, report = farm.submit(weights, task=task, trials=trials, seed=JOB_SEED), {}
         while "per_trial" not in report:
             time.sleep(POLL_S)
@@ -95,11 +96,12 @@ def main() -> int:
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("policy", type=Path)
-    parser.add_argument("--task", default="lift", choices=["push", "lift"])
+    parser.add_argument("--task", default="lift", choices=["push", "lift", "reach"])
     parser.add_argument("--out", type=Path, required=True, help="results, also of runs before")
     parser.add_argument("--trials", type=int, default=200)
     parser.add_argument("--farm-seeds", nargs="+", default=["7001", "7002", "7003"])
     parser.add_argument("--through-farm", metavar="SEED")
+    parser.add_argument("--robots", type=int, default=8, help="of that farm; the goals of the kept jobs are those of 8")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--physics-step", type=float, default=0.001, help="s; 0.004 is a quarter of the work and less exact")
     given = parser.parse_args()
@@ -110,12 +112,13 @@ def main() -> int:
             f"{given.out} holds results of {kept['policy']}, {kept['task']}, {kept['physics_step_s']} s; give another --out"
         )
     if given.through_farm:
-        kept.setdefault("farms", {})[given.through_farm] = through_farm(
-            given.policy, given.task, given.through_farm, given.trials
-        )
+        found = through_farm(given.policy, given.task, given.through_farm, given.trials, given.robots)
+        kept.setdefault("farms", {})[given.through_farm] = found
         given.out.write_text(json.dumps(kept) + "\n")
-        print(json.dumps(kept["farms"][given.through_farm], indent=2))
+        print(json.dumps(found, indent=2))
         return 0
+    if given.task not in TASKS_OF_EXPERTS:
+        parser.error(f"there is no published expert for {given.task}; give --through-farm")
     policy = read_policy(given.policy)
     for first in range(0, given.trials, PIECE):
         for farm in ("nominal", *given.farm_seeds):

@@ -48,6 +48,7 @@ class ImitationRun:
     loss: float = float("nan")
     evaluations: list[dict] = field(default_factory=list)
     curve: list[dict] = field(default_factory=list)
+    settings_before: list[dict] = field(default_factory=list)  # of earlier starts, where the recipe was another one
 
     def __post_init__(self) -> None:
         torch.manual_seed(self.recipe.seed)
@@ -139,6 +140,7 @@ class ImitationRun:
             "loss": self.loss,
             "curve": self.curve,
             "evaluations": self.evaluations,
+            "settings_before": self.settings_before,
         }
 
     def keep(self) -> None:
@@ -148,7 +150,7 @@ class ImitationRun:
             "optimizer": self._optimizer.state_dict(),
             "settings": self.recipe.model_dump_json(),
             "run": [self.samples, self.seconds, self.starts, self.loss],
-            "evaluations": json.dumps([self.evaluations, self.curve]),
+            "evaluations": json.dumps([self.evaluations, self.curve, self.settings_before]),
         }
         fresh = self.folder / (CHECKPOINT + ".new")
         torch.save(state, fresh)
@@ -160,7 +162,10 @@ class ImitationRun:
         self.student.load_state_dict(state["student"])
         self._optimizer.load_state_dict(state["optimizer"])
         self.samples, self.seconds, starts, self.loss = state["run"]
-        self.evaluations, self.curve = json.loads(state["evaluations"])
+        self.evaluations, self.curve, *before = json.loads(state["evaluations"])
+        self.settings_before = before[0] if before else []
+        if state["settings"] != self.recipe.model_dump_json():
+            self.settings_before.append({"until_samples": self.samples} | json.loads(state["settings"]))
         self.starts = starts + 1
         self._begin(np.random.default_rng(self.recipe.seed + _ANOTHER * starts))
 
