@@ -45,7 +45,7 @@ def _try_out() -> None:
 
 def _load(content: bytes, _np: Any, _onnxruntime: Any) -> Grasp:
     if content != builtin_content("grasp"):
-        raise ValueError("this robot's version has no such built-in policy")
+        raise jailed_policy.UnknownHereError("this robot's version has no such built-in policy")
     return Grasp()
 
 

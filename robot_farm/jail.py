@@ -116,6 +116,8 @@ class JailedPolicy:
             raise PolicyFailedError(OutcomeKind.PLATFORM_ERROR, f"the policy is not run: {reason}")
         self._wait(START_CPU_S, START_WALL_S, "loading the network")
         status, payload, _ = self._reply()
+        if status == policy_link.BROKEN:
+            raise PolicyFailedError(OutcomeKind.PLATFORM_ERROR, f"the policy cannot be run here: {_text(payload)}")
         if status != policy_link.READY:
             raise PolicyFailedError(OutcomeKind.POLICY_ERROR, f"the network could not be loaded: {_text(payload)}")
         self._ready = True

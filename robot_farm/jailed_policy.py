@@ -23,6 +23,10 @@ Act = Callable[[bytes], tuple[Any, int]]
 """From an observation's bytes to an action (float32 array) and its inference time in ns; one that remembers can ``forget``."""
 
 
+class UnknownHereError(Exception):
+    """The robot's version is not made for this policy, which is no fault of the policy."""
+
+
 def main(load: Callable[..., Act] | None = None) -> int:
     """Answer requests until the robot closes its end. ``load`` makes something else of the graph than a network: tests only."""
     graph, read_fd, write_fd, robot_pid = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
@@ -39,6 +43,9 @@ def main(load: Callable[..., Act] | None = None) -> int:
     os.write(write_fd, policy_link.pack_reply(policy_link.JAILED, " ".join(jail.layers).encode()))
     try:
         act = (load or _load)(content, np, onnxruntime)
+    except UnknownHereError as error:
+        _reply_text(write_fd, error, policy_link.BROKEN)
+        return 1
     except Exception as error:  # whatever the runtime raises goes to the robot as text
         _reply_text(write_fd, error)
         return 1

@@ -3,20 +3,29 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sqlalchemy import distinct, func, select
+from sqlalchemy import case, distinct, exists, func, or_, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from api_schemas.job import TaskName
+from api_schemas.job import JobState, TaskName
 from api_schemas.leaderboard import BoardRow, Contest
 from api_schemas.object import ObjectName
 from api_schemas.success_rate import wilson
 from services.database.rows import AnyRow
-from services.database.tables import job, policy_owner
+from services.database.tables import job, policy_owner, rung
 
 LEVEL = 0.80
 MOST_ROWS = 200
-COUNTED = (job.c.seed_drawn_by_server.is_(True), job.c.policy.is_not(None), job.c.trials_done > 0)
-"""Whatever became of the job: who cancels those that go badly must not rise by it."""
+CANCELLED = job.c.state == JobState.CANCELLED
+TRIALS = case((CANCELLED, job.c.trials), else_=job.c.trials_done)
+"""A seed that was drawn may be seen before the first trial, and what it stands for may be tried at home: whoever cancels a job has
+all of its trials counted, those that were not done as not succeeded."""
+COUNTED = (
+    job.c.seed_drawn_by_server.is_(True),
+    job.c.policy.is_not(None),
+    or_(job.c.trials_done > 0, CANCELLED),
+    ~exists().where(rung.c.job_number == job.c.number),
+)
+"""Rungs of ladders do not count: all have one seed, and the first of them shows the others what it is worth."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +53,7 @@ async def board(connection: AsyncConnection, wanted: Wanted, sees_only: str | No
     They are ordered by the lower bound of Wilson's 80 % interval, so that luck in a few trials does not lead.
     """
     of_task = (job.c.task == wanted.task, job.c.object == wanted.object, job.c.object_scale == wanted.object_scale)
-    sums = func.count().label("jobs"), func.sum(job.c.trials_done).label("trials"), func.sum(job.c.successes).label("successes")
+    sums = func.count().label("jobs"), func.sum(TRIALS).label("trials"), func.sum(job.c.successes).label("successes")
     names = (
         func.min(job.c.policy_name).label("name"),
         func.min(job.c.owner).label("owner"),

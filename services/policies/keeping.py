@@ -14,7 +14,7 @@ from typing import Literal
 from sqlalchemy import insert
 from sqlalchemy.exc import IntegrityError
 
-from api_schemas.builtin_policies import BUILTIN, builtin_content, builtin_digest
+from api_schemas.builtin_policies import BUILTIN, BUILTIN_NAMES, PREFIX, builtin_content, builtin_digest
 from api_schemas.policy import BUILTIN_FORMAT, Policy, PolicyManifest, WeightsFormat, canonical_json, policy_digest
 from services.database.database import Database
 from services.database.rows import AnyRow
@@ -78,6 +78,9 @@ class Policies:
             Refused: the digest is another, or the policy cannot be converted.
             Forbidden: its owner has no room for it.
         """
+        if upload.digest in BUILTIN_NAMES:
+            name = BUILTIN_NAMES[upload.digest]
+            raise Refused("policy-built-in", f"This is {PREFIX}{name}, which comes with the farm; operators alone may use it.")
         actual = policy_digest(upload.weights_sha256, upload.manifest)
         if actual != upload.digest:
             detail = f"Weights and manifest have the digest {actual}, not {upload.digest}; PUT them to /v1/policies/{actual}."

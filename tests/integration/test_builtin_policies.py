@@ -2,7 +2,8 @@
 
 import pytest
 
-from api_schemas.builtin_policies import builtin_digest
+from api_schemas.builtin_policies import GRASP, builtin_content, builtin_digest
+from api_schemas.policy import canonical_json
 from tests.integration.farm_process import services
 from tests.integration.test_dashboard import user_token
 
@@ -27,6 +28,9 @@ def test_a_user_has_it_in_no_way(farm):
     farm.admin.put("/v1/policies/builtin/grasp")
     token = {"Authorization": f"Bearer {user_token(farm, 'ada')['secret']}"}
     assert farm.admin.put("/v1/policies/builtin/grasp", headers=token).status_code == 403
+    form = {"files": {"weights": ("w.safetensors", builtin_content("grasp"))}, "data": {"manifest": canonical_json(GRASP)}}
+    sent = farm.admin.put(f"/v1/policies/{builtin_digest('grasp')}", headers=token, **form)
+    assert sent.json()["type"].endswith("policy-built-in"), "what stands for its weights is no secret"
     job = {"policy": builtin_digest("grasp"), "task": "push", "trials": 1}
     assert farm.admin.post("/v1/jobs", json=job, headers=token).json()["type"].endswith("policy-not-found")
 

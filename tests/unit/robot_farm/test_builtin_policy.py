@@ -5,6 +5,7 @@ import pytest
 
 from api_schemas.builtin_policies import BUILTIN_NAMES, GRASP, builtin_content, builtin_digest
 from api_schemas.policy import OBSERVATION_SIZES
+from api_schemas.trial import OutcomeKind
 from robot_farm.jail import BUILTIN_PROCESS, JailedPolicy, PolicyFailedError
 from sim_backend.grasping.controller import GraspPolicy
 from sim_backend.trifinger import constants as c
@@ -34,11 +35,15 @@ def test_it_acts_as_the_controller_and_forgets_between_trials(tmp_path):
         assert policy.jail is not None
 
 
-def test_a_version_that_it_does_not_know_is_refused(tmp_path):
+def test_a_version_that_it_does_not_know_is_no_fault_of_the_policy(tmp_path):
     file = tmp_path / "builtin"
     file.write_bytes(builtin_content("grasp") + b"later")
-    with JailedPolicy("x", file, module=BUILTIN_PROCESS) as policy, pytest.raises(PolicyFailedError, match="no such built-in"):
+    with (
+        JailedPolicy("x", file, module=BUILTIN_PROCESS) as policy,
+        pytest.raises(PolicyFailedError, match="no such built-in") as caught,
+    ):
         policy.reset()
+    assert caught.value.kind is OutcomeKind.PLATFORM_ERROR
 
 
 def test_its_digest_names_it():

@@ -109,9 +109,27 @@ async def test_the_board_pools_every_trial_of_a_fair_seed_and_no_other(database)
         count, rows = await leaderboard.board(connection, PUSH, None)
         found = await leaderboard.contests(connection)
     assert count == 3
-    assert [(row.policy, row.trials, row.successes, row.jobs) for row in rows] == [(C, 40, 36, 1), (B, 3, 3, 1), (A, 50, 30, 2)]
+    assert [(row.policy, row.trials, row.successes, row.jobs) for row in rows] == [(C, 40, 36, 1), (B, 3, 3, 1), (A, 80, 30, 2)]
     assert rows[1].interval_80 == wilson(3, 3, 0.80), "three of three are less than 36 of 40"
     assert [(each.object, each.policies) for each in found] == [("cube", 3), ("sphere", 1)]
+
+
+async def test_who_looks_at_the_seed_and_cancels_has_all_trials_counted(database):
+    await tried(database, A, 0, 0, state="cancelled")
+    await tried(database, B, 0, 0, state="queued")
+    await tried(database, C, 7, 7, state="failed")  # by the platform
+    async with database.read() as connection:
+        _, rows = await leaderboard.board(connection, PUSH, None)
+    assert [(row.policy, row.trials, row.successes) for row in rows] == [(C, 7, 7), (A, 40, 0)]
+
+
+async def test_rungs_do_not_count(database):
+    await send(database, asked())
+    async with database.write() as tx:
+        await tx.execute(update(job).values(trials_done=4, successes=4, state="succeeded"))
+    async with database.read() as connection:
+        assert await leaderboard.board(connection, PUSH, None) == (0, ())
+        assert await leaderboard.contests(connection) == ()
 
 
 async def test_who_may_not_see_a_policy_sees_its_digest_alone(database):
