@@ -17,8 +17,8 @@ LEVEL = 0.80
 MOST_ROWS = 200
 CANCELLED = job.c.state == JobState.CANCELLED
 TRIALS = case((CANCELLED, job.c.trials), else_=job.c.trials_done)
-"""A seed that was drawn may be seen before the first trial, and what it stands for may be tried at home: whoever cancels a job has
-all of its trials counted, those that were not done as not succeeded."""
+"""A seed that was drawn may be seen before the first trial, and what it stands for may be tried at home: whoever cancels a job
+has all of its trials counted, those that were not done as not succeeded."""
 COUNTED = (
     job.c.seed_drawn_by_server.is_(True),
     job.c.policy.is_not(None),
