@@ -80,7 +80,8 @@ class BusLink:
         self._closing = threading.Event()
 
     def __enter__(self) -> "BusLink":
-        self._open = self._opened(self._access)
+        with self._sending:  # a command may be answered, with a heartbeat, before this line is over
+            self._open = self._opened(self._access)
         self._threads = [
             threading.Thread(target=self._beat, name="heartbeat", daemon=True),
             threading.Thread(target=self._show, name="live-state", daemon=True),
