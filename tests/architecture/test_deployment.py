@@ -48,6 +48,11 @@ def test_what_is_not_of_that_form_is_found():
         kubernetes_validate.validate(broken, VERSION, strict=True)
 
 
+def composed():
+    """The containers of the compose file."""
+    return yaml.safe_load((ROOT / "docker-compose.yml").read_text())["services"]
+
+
 def containers():
     """Image, arguments and variables of every container of ours: (where, image, arguments, names of variables)."""
     for each in resources():
@@ -57,7 +62,7 @@ def containers():
             for inside in pod["containers"]:
                 assert not inside["securityContext"]["allowPrivilegeEscalation"]
                 yield each["metadata"]["name"], inside["image"], inside["args"], {row["name"] for row in inside.get("env", ())}
-    for name, inside in yaml.safe_load((ROOT / "docker-compose.yml").read_text())["services"].items():
+    for name, inside in composed().items():
         assert inside["cap_drop"] == ["ALL"], name
         if inside["image"] in {"trifarm-api", "trifarm-robot"}:
             yield f"compose {name}", inside["image"], inside["command"], set(inside["environment"])
@@ -73,6 +78,12 @@ def test_programs_are_started_with_what_they_take(image, arguments, variables, m
         assert parsed(arguments)[1].bus_endpoints[0].startswith("tls/")
     known = OF_ROBOTS | {f"TRIFARM_{field.upper()}" for field in Settings.model_fields}
     assert {name for name in variables if name.startswith("TRIFARM_")} <= known
+
+
+def test_the_services_are_told_the_physics_of_the_robots():
+    robot = composed()["robot"]["command"]
+    told = robot[robot.index("--physics") + 1]
+    assert {composed()[name]["environment"]["TRIFARM_PHYSICS"] for name in ("api", "dispatcher")} == {told}
 
 
 def test_nobody_is_root_in_the_images():
