@@ -1,5 +1,6 @@
 """What is deployed is of the right form, starts programs with flags that they have, and gives nobody root."""
 
+import os
 import re
 import shutil
 import subprocess
@@ -16,6 +17,10 @@ from services.settings import Settings
 ROOT = Path(__file__).parents[2]
 KUBERNETES = ROOT / "deploy/kubernetes"
 VERSION = "1.30"
+OF_FLAGS = {"data", "host", "port", "bus", "bus_connect", "dispatches"}
+"""Settings that the commands of the compose file give."""
+OF_A_PROXY = {"tls_certificate", "tls_key"}
+"""Robots and the health check of the compose file speak http with the API; before it stands a proxy, which does the rest."""
 OF_ROBOTS = {"TRIFARM_ROBOT_TOKEN", "TRIFARM_FARM_SEED"}
 
 
@@ -84,6 +89,34 @@ def test_the_services_are_told_the_physics_of_the_robots():
     robot = composed()["robot"]["command"]
     told = robot[robot.index("--physics") + 1]
     assert {composed()[name]["environment"]["TRIFARM_PHYSICS"] for name in ("api", "dispatcher")} == {told}
+
+
+@pytest.mark.parametrize("service", ["api", "dispatcher"])
+def test_every_setting_of_the_services_can_be_set_for_the_containers(service):
+    named = set(composed()[service]["environment"])
+    wanted = {f"TRIFARM_{field.upper()}" for field in set(Settings.model_fields) - OF_FLAGS - OF_A_PROXY}
+    assert named == wanted
+
+
+def test_router_and_services_are_told_the_same_of_the_bus():
+    router, api = composed()["router"]["environment"], composed()["api"]["environment"]
+    alike = {"TRIFARM_FARM", "TRIFARM_BUS_ADDRESSES", "TRIFARM_BUS_ROBOTS"}
+    assert {name: router[name] for name in alike} == {name: api[name] for name in alike}
+
+
+def test_what_a_farm_sets_beside_the_file_reaches_its_containers(tmp_path):
+    if shutil.which("docker-compose") is None:
+        pytest.skip("docker-compose, which renders the compose file, is not installed")
+    secret = {"TRIFARM_ADMIN_TOKEN": "a", "TRIFARM_ROBOT_TOKEN": "b", "TRIFARM_KEY": "c", "TRIFARM_FARM_KEY": "d"}
+    told = secret | {"TRIFARM_WEBHOOKS": "true", "TRIFARM_BUS_ROBOTS": "7", "PHYSICS": "nominal"}
+    (tmp_path / ".env").write_text("".join(f"{name}={value}\n" for name, value in told.items()))
+    shutil.copy(ROOT / "docker-compose.yml", tmp_path)
+    plain = {"PATH": os.environ["PATH"], "HOME": str(tmp_path)}
+    done = subprocess.run(["docker-compose", "config"], cwd=tmp_path, env=plain, capture_output=True, text=True, check=True)
+    made = {name: inside.get("environment", {}) for name, inside in yaml.safe_load(done.stdout)["services"].items()}
+    assert (made["api"]["TRIFARM_WEBHOOKS"], made["api"]["TRIFARM_PHYSICS"]) == ("true", "nominal")
+    assert str(made["api"]["TRIFARM_BUS_ROBOTS"]) == str(made["router"]["TRIFARM_BUS_ROBOTS"]) == "7"
+    assert made["api"].get("TRIFARM_STUDIES") is None  # as usual, which an empty word would not be
 
 
 def test_nobody_is_root_in_the_images():
