@@ -33,7 +33,12 @@ class Authority:
     @classmethod
     def of(cls, key: FarmKey) -> "Authority":
         """That of the farm with this key, always the same one."""
-        return cls(Ed25519PrivateKey.from_private_bytes(key.secret_for(USE)))
+        return cls.of_secret(key.secret_for(USE))
+
+    @classmethod
+    def of_secret(cls, secret: bytes) -> "Authority":
+        """The same, for who has of the farm's key only what was made of it for certificates (32 bytes)."""
+        return cls(Ed25519PrivateKey.from_private_bytes(secret))
 
     @property
     def certificate(self) -> str:

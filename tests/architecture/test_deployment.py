@@ -21,6 +21,7 @@ OF_FLAGS = {"data", "host", "port", "bus", "bus_connect", "dispatches"}
 """Settings that the commands of the compose file give."""
 OF_A_PROXY = {"tls_certificate", "tls_key"}
 """Robots and the health check of the compose file speak http with the API; before it stands a proxy, which does the rest."""
+OF_ROUTERS = {"bus_key"}
 OF_ROBOTS = {"TRIFARM_ROBOT_TOKEN", "TRIFARM_FARM_SEED"}
 
 
@@ -94,8 +95,15 @@ def test_the_services_are_told_the_physics_of_the_robots():
 @pytest.mark.parametrize("service", ["api", "dispatcher"])
 def test_every_setting_of_the_services_can_be_set_for_the_containers(service):
     named = set(composed()[service]["environment"])
-    wanted = {f"TRIFARM_{field.upper()}" for field in set(Settings.model_fields) - OF_FLAGS - OF_A_PROXY}
+    wanted = {f"TRIFARM_{field.upper()}" for field in set(Settings.model_fields) - OF_FLAGS - OF_A_PROXY - OF_ROUTERS}
     assert named == wanted
+
+
+def test_a_router_has_nothing_that_signs_reports_or_speaks_for_anybody():
+    for where, _, arguments, variables in containers():
+        if arguments[0] == "router":
+            assert "TRIFARM_BUS_KEY" in variables, where
+            assert not variables & {"TRIFARM_FARM_KEY", "TRIFARM_ADMIN_TOKEN", "TRIFARM_ROBOT_TOKEN"}, where
 
 
 def test_router_and_services_are_told_the_same_of_the_bus():
@@ -107,8 +115,12 @@ def test_router_and_services_are_told_the_same_of_the_bus():
 def test_what_a_farm_sets_beside_the_file_reaches_its_containers(tmp_path):
     if shutil.which("docker-compose") is None:
         pytest.skip("docker-compose, which renders the compose file, is not installed")
-    secret = {"TRIFARM_ADMIN_TOKEN": "a", "TRIFARM_ROBOT_TOKEN": "b", "TRIFARM_KEY": "c", "TRIFARM_FARM_KEY": "d"}
-    told = secret | {"TRIFARM_WEBHOOKS": "true", "TRIFARM_BUS_ROBOTS": "7", "PHYSICS": "nominal"}
+    needed = ("ADMIN_TOKEN", "ROBOT_TOKEN", "KEY", "FARM_KEY", "BUS_KEY")
+    told = {f"TRIFARM_{name}": "secret" for name in needed} | {
+        "TRIFARM_WEBHOOKS": "true",
+        "TRIFARM_BUS_ROBOTS": "7",
+        "PHYSICS": "nominal",
+    }
     (tmp_path / ".env").write_text("".join(f"{name}={value}\n" for name, value in told.items()))
     shutil.copy(ROOT / "docker-compose.yml", tmp_path)
     plain = {"PATH": os.environ["PATH"], "HOME": str(tmp_path)}
