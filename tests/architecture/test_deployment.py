@@ -10,6 +10,7 @@ import kubernetes_validate
 import pytest
 import yaml
 
+from robot_farm.jailed_policy import NEEDS
 from robot_farm.settings import TOKEN_VARIABLE, parse
 from services.__main__ import parsed
 from services.settings import Settings
@@ -84,6 +85,19 @@ def test_programs_are_started_with_what_they_take(image, arguments, variables, m
         assert parsed(arguments)[1].bus_endpoints[0].startswith("tls/")
     known = OF_ROBOTS | {f"TRIFARM_{field.upper()}" for field in Settings.model_fields}
     assert {name for name in variables if name.startswith("TRIFARM_")} <= known
+
+
+def test_robots_reach_only_the_api_and_the_bus():
+    farm = composed()
+    of_robots = set(farm["robot"]["networks"])
+    assert {name for name, inside in farm.items() if of_robots & set(inside["networks"])} == {"robot", "api", "router"}
+    assert set(yaml.safe_load((ROOT / "docker-compose.yml").read_text())["networks"]) == {"inside", "robots"}
+
+
+def test_no_container_takes_the_whole_machine():
+    for name, inside in composed().items():
+        assert inside["pids_limit"] > 0, name
+        assert int(inside["mem_limit"].removesuffix("g")) << 30 > (NEEDS.memory_bytes if name == "robot" else 0), name
 
 
 def test_the_services_are_told_the_physics_of_the_robots():
