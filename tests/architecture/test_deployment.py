@@ -100,6 +100,15 @@ def test_no_container_takes_the_whole_machine():
         assert int(inside["mem_limit"].removesuffix("g")) << 30 > (NEEDS.memory_bytes if name == "robot" else 0), name
 
 
+def test_services_write_only_where_they_must():
+    for name, inside in composed().items():
+        if inside["image"] == "trifarm-api":
+            assert (inside["read_only"], inside["volumes"]) == (True, ["/tmp"]), name
+    api = re.search(r"^FROM python AS api$(.*?)^FROM ", (ROOT / "Dockerfile").read_text(), re.MULTILINE | re.DOTALL)
+    assert api is not None
+    assert "VOLUME /data" in api[1]
+
+
 def test_the_services_are_told_the_physics_of_the_robots():
     robot = composed()["robot"]["command"]
     told = robot[robot.index("--physics") + 1]
