@@ -125,7 +125,7 @@ def test_every_setting_of_the_services_can_be_set_for_the_containers(service):
 def test_a_router_has_nothing_that_signs_reports_or_speaks_for_anybody():
     for where, _, arguments, variables in containers():
         if arguments[0] == "router":
-            assert "TRIFARM_BUS_KEY" in variables, where
+            assert {"TRIFARM_BUS_KEY", "TRIFARM_BUS_ROBOTS", "TRIFARM_FARM"} <= variables, where
             assert not variables & {"TRIFARM_FARM_KEY", "TRIFARM_ADMIN_TOKEN", "TRIFARM_ROBOT_TOKEN"}, where
 
 
