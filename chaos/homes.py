@@ -87,13 +87,18 @@ def scale_home(folder: Path, logs: Path, processes: dict[str, Process]) -> Scale
     initdb, server, gateway = (find_program(name) for name in ("initdb", "postgres", "versitygw"))
     place, bucket = folder / "postgres", folder / "s3" / BUCKET
     bucket.mkdir(parents=True)
-    place.mkdir()
+    place.mkdir(mode=0o700)
     who: dict[str, object] = {}
+    password, written = secrets.token_hex(16), place / "password"  # other users of the machine reach the port, too
+    written.touch(0o600)
+    written.write_text(password)
     if os.geteuid() == 0:  # PostgreSQL refuses to run as root
-        os.chown(place, NOBODY, NOBODY)
+        for each in (place, written):
+            os.chown(each, NOBODY, NOBODY)
         who = {"user": NOBODY, "group": NOBODY, "extra_groups": []}
-    made = [initdb, "-D", "data", "-U", "postgres", "--auth=trust", "--no-sync", "-E", "UTF8"]
+    made = [initdb, "-D", "data", "-U", "postgres", "--auth=scram-sha-256", "--pwfile=password", "--no-sync", "-E", "UTF8"]
     subprocess.run(made, check=True, cwd=place, stdout=subprocess.DEVNULL, env={"LC_ALL": "C.UTF-8"}, **who)  # type: ignore[arg-type]
+    written.unlink()
     port, s3_port = free_port(), free_port()
     flags = [part for each in (*SERVER_OPTIONS, f"port={port}", "listen_addresses=127.0.0.1") for part in ("-c", each)]
     command = [server, "-D", "data", *flags, "-c", f"unix_socket_directories={place}"]
@@ -113,7 +118,7 @@ def scale_home(folder: Path, logs: Path, processes: dict[str, Process]) -> Scale
     processes["postgres"] = Process("postgres", command, {}, logs / "postgres.log", {"cwd": place} | who)
     processes["s3"] = Process("s3", stores, {"HOME": str(folder)}, logs / "s3.log", {"cwd": folder})
     settings = {
-        "TRIFARM_DATABASE_URL": f"postgresql://postgres@127.0.0.1:{port}/postgres",
+        "TRIFARM_DATABASE_URL": f"postgresql://postgres:{password}@127.0.0.1:{port}/postgres",
         "TRIFARM_FILES_URL": f"s3://{BUCKET}/files",
         "TRIFARM_S3_ENDPOINT": f"http://127.0.0.1:{s3_port}",
         "TRIFARM_S3_ACCESS_KEY_ID": key,

@@ -8,23 +8,33 @@ from typing import TypeVar
 
 import zenoh
 
-from robot_farm.api_link import ApiUnreachableError
+from robot_farm.api_link import ApiUnreachableError, NotExpectedError
 from robot_farm.bus_access import Access
 from robot_farm.bus_link import BusLink
 
 JOIN_AGAIN_S = 1.0
+NOT_EXPECTED_AGAIN_S = 60.0
 RENEW_AGAIN_S = 10.0
 T = TypeVar("T")
 
 
 def asked_until_answered(ask: Callable[[], T], stop: threading.Event, say: Callable[[str], None]) -> T | None:
-    """What the API answers; None when the robot was told to stop before it did."""
+    """What the API answers; None when the robot was told to stop before it did.
+
+    A robot that is not expected waits until it is: one that ended would be started again at once, for ever.
+
+    Raises:
+        NotAdmittedError: the farm does not take the robot.
+    """
     while not stop.is_set():
         try:
             return ask()
         except ApiUnreachableError as error:
             say(f"cannot join the farm yet: {error}")
             stop.wait(JOIN_AGAIN_S)
+        except NotExpectedError as error:
+            say(f"waits and asks again every {NOT_EXPECTED_AGAIN_S:g} s: {error}")
+            stop.wait(NOT_EXPECTED_AGAIN_S)
     return None
 
 

@@ -14,6 +14,8 @@ from api_schemas.trial import Outcome
 
 RETRY_FOR_S = 120.0
 """An outcome is offered again for so long when the API is away; by then the lease has long run out."""
+NOT_EXPECTED = "robot-not-expected"
+"""In the type of the problem by which the API refuses such a robot."""
 _RETRY_STATUS = frozenset({429, 500, 502, 503, 504})
 
 
@@ -27,6 +29,10 @@ class ApiUnreachableError(Exception):
 
 class NotAdmittedError(Exception):
     """The farm does not take the robot: its token was revoked or is none of a robot's, or it is not expected."""
+
+
+class NotExpectedError(NotAdmittedError):
+    """The farm expects fewer robots than this one's number; it may be told of more at any time."""
 
 
 class TokenEndedError(NotAdmittedError):
@@ -141,8 +147,13 @@ class ApiLink:
         if response.status_code in {404, 409}:
             raise LeaseRefusedError(f"{method} {url}: {response.text[:300]}")
         if response.status_code in {401, 403}:
-            refusal = TokenEndedError if response.status_code == 401 else NotAdmittedError
-            raise refusal(f"{method} {url}: status {response.status_code}: {response.text[:300]}")
+            raise _refusal(response)(f"{method} {url}: status {response.status_code}: {response.text[:300]}")
         if response.is_error:
             raise RuntimeError(f"{method} {url}: status {response.status_code}: {response.text[:300]}")
         return response
+
+
+def _refusal(response: httpx.Response) -> type[NotAdmittedError]:
+    if response.status_code == 401:
+        return TokenEndedError
+    return NotExpectedError if NOT_EXPECTED in response.text else NotAdmittedError

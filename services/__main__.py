@@ -1,4 +1,4 @@
-"""``python -m services serve|dispatch|router``: starts the services of a farm, or a part of them, in this process."""
+"""``python -m services serve|dispatch|router|bus-key``: starts the services of a farm, or a part of them, in this process."""
 
 import argparse
 import asyncio
@@ -42,6 +42,8 @@ def parsed(arguments: list[str]) -> tuple[str, Settings]:
     router = commands.add_parser("router", help="the bus alone")
     router.add_argument("--bus", help="zenoh endpoint to listen on, as tcp/0.0.0.0:7447 or, guarded, tls/0.0.0.0:7447")
     router.add_argument("--farm", help="the farm's name on the bus, which the rules of a guarded one name")
+    bus_key = commands.add_parser("bus-key", help="print what a guarded router needs of the farm's key, its TRIFARM_BUS_KEY")
+    bus_key.add_argument("--data", type=Path, help="folder with the farm's key, where TRIFARM_FARM_KEY is not set")
     given = {name: value for name, value in vars(parser.parse_args(arguments)).items() if value is not None}
     command = given.pop("command")
     return command, Settings(**given)
@@ -56,7 +58,12 @@ def main() -> None:
     from services.errors import NotReady
 
     try:
-        asyncio.run(_work(command)(settings))
+        if command == "bus-key":
+            from services.joining.session import bus_key
+
+            print(bus_key(settings))
+        else:
+            asyncio.run(_work(command)(settings))
     except NotReady as error:
         sys.exit(f"the services did not start: {error}")
 

@@ -42,6 +42,9 @@ class Settings(BaseSettings):
     farm_key: SecretStr | None = Field(
         default=None, description="32 bytes as hexadecimal digits; without it, one in the data folder"
     )
+    bus_key: SecretStr | None = Field(
+        default=None, description="for a guarded router: what bus-key prints; with it, it needs nothing else of the farm's key"
+    )
     max_attempts: int = Field(default=5, ge=1, description="platform faults of one trial before its job fails")
     pass_over_s: float = Field(default=30.0, ge=0, description="how long a trial waits for its busy first choice")
     pinned_robot_gone_s: float = Field(

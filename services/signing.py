@@ -36,11 +36,8 @@ class FarmKey:
 
     @classmethod
     def _read(cls, text: str, where: str, do: str) -> "FarmKey":
-        try:
-            seed = bytes.fromhex(text.strip())
-        except ValueError:
-            seed = b""
-        if len(seed) != SEED_BYTES:
+        seed = key_bytes(text)
+        if seed is None:
             raise ValueError(f"{where} holds no key of a farm, {SEED_BYTES} bytes in hexadecimal digits; {do} a new one")
         return cls(seed)
 
@@ -60,6 +57,15 @@ class FarmKey:
     @property
     def _private(self) -> Ed25519PrivateKey:
         return Ed25519PrivateKey.from_private_bytes(self.seed)
+
+
+def key_bytes(text: str) -> bytes | None:
+    """A key that was written as hexadecimal digits; None if the text holds none."""
+    try:
+        found = bytes.fromhex(text.strip())
+    except ValueError:
+        return None
+    return found if len(found) == SEED_BYTES else None
 
 
 def _make(path: Path) -> None:

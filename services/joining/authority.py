@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 from cryptography import x509
-from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
@@ -34,7 +33,12 @@ class Authority:
     @classmethod
     def of(cls, key: FarmKey) -> "Authority":
         """That of the farm with this key, always the same one."""
-        return cls(Ed25519PrivateKey.from_private_bytes(key.secret_for(USE)))
+        return cls.of_secret(key.secret_for(USE))
+
+    @classmethod
+    def of_secret(cls, secret: bytes) -> "Authority":
+        """The same, for who has of the farm's key only what was made of it for certificates (32 bytes)."""
+        return cls(Ed25519PrivateKey.from_private_bytes(secret))
 
     @property
     def certificate(self) -> str:
@@ -99,7 +103,7 @@ def _key_of(signing_request: str) -> Ed25519PublicKey:
     try:
         asked = x509.load_pem_x509_csr(signing_request.encode())
         key, signed = asked.public_key(), asked.is_signature_valid
-    except (ValueError, TypeError, InvalidSignature, UnsupportedAlgorithm) as error:
+    except Exception as error:  # the library's errors over a stranger's bytes have no common class; InvalidVersion is one
         raise Refused("signing-request-unfit", f"The signing request cannot be read as PKCS#10 in PEM: {error}") from error
     if not isinstance(key, Ed25519PublicKey) or not signed:
         detail = "The signing request must have an Ed25519 key and be signed with it; make it again as robot_farm does."

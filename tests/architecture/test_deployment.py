@@ -1,5 +1,6 @@
 """What is deployed is of the right form, starts programs with flags that they have, and gives nobody root."""
 
+import os
 import re
 import shutil
 import subprocess
@@ -9,6 +10,7 @@ import kubernetes_validate
 import pytest
 import yaml
 
+from robot_farm.jailed_policy import NEEDS
 from robot_farm.settings import TOKEN_VARIABLE, parse
 from services.__main__ import parsed
 from services.settings import Settings
@@ -16,6 +18,11 @@ from services.settings import Settings
 ROOT = Path(__file__).parents[2]
 KUBERNETES = ROOT / "deploy/kubernetes"
 VERSION = "1.30"
+OF_FLAGS = {"data", "host", "port", "bus", "bus_connect", "dispatches"}
+"""Settings that the commands of the compose file give."""
+OF_A_PROXY = {"tls_certificate", "tls_key"}
+"""Robots and the health check of the compose file speak http with the API; before it stands a proxy, which does the rest."""
+OF_ROUTERS = {"bus_key"}
 OF_ROBOTS = {"TRIFARM_ROBOT_TOKEN", "TRIFARM_FARM_SEED"}
 
 
@@ -48,6 +55,11 @@ def test_what_is_not_of_that_form_is_found():
         kubernetes_validate.validate(broken, VERSION, strict=True)
 
 
+def composed():
+    """The containers of the compose file."""
+    return yaml.safe_load((ROOT / "docker-compose.yml").read_text())["services"]
+
+
 def containers():
     """Image, arguments and variables of every container of ours: (where, image, arguments, names of variables)."""
     for each in resources():
@@ -57,7 +69,7 @@ def containers():
             for inside in pod["containers"]:
                 assert not inside["securityContext"]["allowPrivilegeEscalation"]
                 yield each["metadata"]["name"], inside["image"], inside["args"], {row["name"] for row in inside.get("env", ())}
-    for name, inside in yaml.safe_load((ROOT / "docker-compose.yml").read_text())["services"].items():
+    for name, inside in composed().items():
         assert inside["cap_drop"] == ["ALL"], name
         if inside["image"] in {"trifarm-api", "trifarm-robot"}:
             yield f"compose {name}", inside["image"], inside["command"], set(inside["environment"])
@@ -73,6 +85,73 @@ def test_programs_are_started_with_what_they_take(image, arguments, variables, m
         assert parsed(arguments)[1].bus_endpoints[0].startswith("tls/")
     known = OF_ROBOTS | {f"TRIFARM_{field.upper()}" for field in Settings.model_fields}
     assert {name for name in variables if name.startswith("TRIFARM_")} <= known
+
+
+def test_robots_reach_only_the_api_and_the_bus():
+    farm = composed()
+    of_robots = set(farm["robot"]["networks"])
+    assert {name for name, inside in farm.items() if of_robots & set(inside["networks"])} == {"robot", "api", "router"}
+    assert set(yaml.safe_load((ROOT / "docker-compose.yml").read_text())["networks"]) == {"inside", "robots"}
+
+
+def test_no_container_takes_the_whole_machine():
+    for name, inside in composed().items():
+        assert inside["pids_limit"] > 0, name
+        assert int(inside["mem_limit"].removesuffix("g")) << 30 > (NEEDS.memory_bytes if name == "robot" else 0), name
+
+
+def test_services_write_only_where_they_must():
+    for name, inside in composed().items():
+        if inside["image"] == "trifarm-api":
+            assert (inside["read_only"], inside["volumes"]) == (True, ["/tmp"]), name
+    api = re.search(r"^FROM python AS api$(.*?)^FROM ", (ROOT / "Dockerfile").read_text(), re.MULTILINE | re.DOTALL)
+    assert api is not None
+    assert "VOLUME /data" in api[1]
+
+
+def test_the_services_are_told_the_physics_of_the_robots():
+    robot = composed()["robot"]["command"]
+    told = robot[robot.index("--physics") + 1]
+    assert {composed()[name]["environment"]["TRIFARM_PHYSICS"] for name in ("api", "dispatcher")} == {told}
+
+
+@pytest.mark.parametrize("service", ["api", "dispatcher"])
+def test_every_setting_of_the_services_can_be_set_for_the_containers(service):
+    named = set(composed()[service]["environment"])
+    wanted = {f"TRIFARM_{field.upper()}" for field in set(Settings.model_fields) - OF_FLAGS - OF_A_PROXY - OF_ROUTERS}
+    assert named == wanted
+
+
+def test_a_router_has_nothing_that_signs_reports_or_speaks_for_anybody():
+    for where, _, arguments, variables in containers():
+        if arguments[0] == "router":
+            assert {"TRIFARM_BUS_KEY", "TRIFARM_BUS_ROBOTS", "TRIFARM_FARM"} <= variables, where
+            assert not variables & {"TRIFARM_FARM_KEY", "TRIFARM_ADMIN_TOKEN", "TRIFARM_ROBOT_TOKEN"}, where
+
+
+def test_router_and_services_are_told_the_same_of_the_bus():
+    router, api = composed()["router"]["environment"], composed()["api"]["environment"]
+    alike = {"TRIFARM_FARM", "TRIFARM_BUS_ADDRESSES", "TRIFARM_BUS_ROBOTS"}
+    assert {name: router[name] for name in alike} == {name: api[name] for name in alike}
+
+
+def test_what_a_farm_sets_beside_the_file_reaches_its_containers(tmp_path):
+    if shutil.which("docker-compose") is None:
+        pytest.skip("docker-compose, which renders the compose file, is not installed")
+    needed = ("ADMIN_TOKEN", "ROBOT_TOKEN", "KEY", "FARM_KEY", "BUS_KEY")
+    told = {f"TRIFARM_{name}": "secret" for name in needed} | {
+        "TRIFARM_WEBHOOKS": "true",
+        "TRIFARM_BUS_ROBOTS": "7",
+        "PHYSICS": "nominal",
+    }
+    (tmp_path / ".env").write_text("".join(f"{name}={value}\n" for name, value in told.items()))
+    shutil.copy(ROOT / "docker-compose.yml", tmp_path)
+    plain = {"PATH": os.environ["PATH"], "HOME": str(tmp_path)}
+    done = subprocess.run(["docker-compose", "config"], cwd=tmp_path, env=plain, capture_output=True, text=True, check=True)
+    made = {name: inside.get("environment", {}) for name, inside in yaml.safe_load(done.stdout)["services"].items()}
+    assert (made["api"]["TRIFARM_WEBHOOKS"], made["api"]["TRIFARM_PHYSICS"]) == ("true", "nominal")
+    assert str(made["api"]["TRIFARM_BUS_ROBOTS"]) == str(made["router"]["TRIFARM_BUS_ROBOTS"]) == "7"
+    assert made["api"].get("TRIFARM_STUDIES") is None  # as usual, which an empty word would not be
 
 
 def test_nobody_is_root_in_the_images():

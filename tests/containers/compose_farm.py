@@ -12,6 +12,8 @@ from pathlib import Path
 import httpx
 
 from api_schemas.policy import PolicyManifest, canonical_json, policy_digest
+from services.joining.authority import USE
+from services.signing import FarmKey
 from tests.integration.farm_process import ROOT, free_port, sha256, until
 
 PROJECT = "trifarm-tried"
@@ -53,7 +55,9 @@ class ComposeFarm:
         self.admin_token = f"trifarm_admin_{secrets.token_hex(24)}"
         self.env = os.environ | bases
         self.env |= {"TRIFARM_ADMIN_TOKEN": self.admin_token, "TRIFARM_ROBOT_TOKEN": f"trifarm_robot_{secrets.token_hex(24)}"}
-        self.env |= {"TRIFARM_KEY": secrets.token_hex(24), "TRIFARM_FARM_KEY": secrets.token_hex(32), "PHYSICS": physics}
+        farm_key = FarmKey(secrets.token_bytes(32))
+        self.env |= {"TRIFARM_FARM_KEY": farm_key.seed.hex(), "TRIFARM_BUS_KEY": farm_key.secret_for(USE).hex()}
+        self.env |= {"TRIFARM_KEY": secrets.token_hex(24), "PHYSICS": physics}
         self.env |= {"API_PORT": str(self.port), "COMPOSE_PROJECT_NAME": PROJECT}
         self.env |= {} if farm_seed is None else {"TRIFARM_FARM_SEED": str(farm_seed)}
         headers = {"Authorization": f"Bearer {self.admin_token}"}

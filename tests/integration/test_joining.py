@@ -10,7 +10,7 @@ from api_schemas import bus
 from api_schemas.bus import Heartbeat, Identity
 from api_schemas.robot import RobotState
 from robot_farm.admission import renewed
-from robot_farm.api_link import ApiLink, NotAdmittedError, own_token
+from robot_farm.api_link import ApiLink, NotAdmittedError, NotExpectedError, own_token
 from robot_farm.bus_access import Access, ask_access
 from robot_farm.bus_link import BusLink
 from robot_farm.settings import TOKEN_VARIABLE, parse
@@ -104,7 +104,7 @@ def test_a_wrong_token_gets_nothing(farm, told):
         ask_access(api, "robot-1", told)
     with ApiLink(farm.api, farm.tokens["robot"]) as api, pytest.raises(NotAdmittedError, match="token-of-no-robot"):
         ask_access(api, "robot-0", told)
-    with link_of(farm, "robot-4") as api, pytest.raises(NotAdmittedError, match="robot-not-expected"):
+    with link_of(farm, "robot-4") as api, pytest.raises(NotExpectedError, match="robot-not-expected"):
         ask_access(api, "robot-4", told)
 
 

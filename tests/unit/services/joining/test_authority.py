@@ -1,5 +1,6 @@
 """Certificates of the bus: for whom they are, how long they last, and that every process of a farm makes the same authority."""
 
+import base64
 from datetime import UTC, datetime, timedelta
 
 import pytest
@@ -22,6 +23,13 @@ def request(key, name="robot-0"):
     kind = None if isinstance(key, Ed25519PrivateKey) else hashes.SHA256()
     signed = x509.CertificateSigningRequestBuilder().subject_name(subject).sign(key, kind)
     return signed.public_bytes(serialization.Encoding.PEM).decode()
+
+
+def of_version_8(pem):
+    plain = x509.load_pem_x509_csr(pem.encode()).public_bytes(serialization.Encoding.DER)
+    changed = plain.replace(b"\x02\x01\x00", b"\x02\x01\x07", 1)  # the first integer of a request is its version, from 0
+    begin, *_, end = pem.strip().splitlines()
+    return "\n".join([begin, base64.b64encode(changed).decode(), end])
 
 
 def read(pem):
@@ -57,6 +65,6 @@ def test_what_is_no_signing_request_of_the_right_kind_is_refused():
     good = request(Ed25519PrivateKey.generate())
     middle = len(good) // 2
     tampered = good[:middle] + ("A" if good[middle] != "A" else "B") + good[middle + 1 :]
-    for unfit in ("", "hello", tampered, request(ec.generate_private_key(ec.SECP256R1()))):
+    for unfit in ("", "hello", tampered, of_version_8(good), request(ec.generate_private_key(ec.SECP256R1()))):
         with pytest.raises(Refused, match="signing request"):
             AUTHORITY.of_robot("robot-0", unfit, NOW, 3600)

@@ -1,6 +1,8 @@
 """What the bus of a process is: open or guarded, a router or a client; and what is missing is said before it starts."""
 
 import json
+import subprocess
+import sys
 
 import pytest
 from pydantic import ValidationError
@@ -60,3 +62,19 @@ def test_what_a_guarded_bus_lacks_is_said(tmp_path):
 def test_the_key_of_the_data_folder_will_do(tmp_path):
     FarmKey.of(tmp_path)
     assert config(None, bus="tls/127.0.0.1:1", data=tmp_path)["mode"] == "router"
+
+
+def test_a_router_needs_of_the_farms_key_only_what_is_printed_for_it(tmp_path):
+    FarmKey.of(tmp_path)
+    command = [sys.executable, "-P", "-m", "services", "bus-key", "--data", str(tmp_path)]
+    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    router = config(None, bus="tls/127.0.0.1:1", data=tmp_path / "empty", bus_key=printed)
+    client = config(FarmKey.of(tmp_path), bus_connect="tls/127.0.0.1:1")
+    assert trusted_by(router) == trusted_by(client)
+    assert bytes.fromhex(printed) != FarmKey.of(tmp_path).seed
+    with pytest.raises(NotReady, match="TRIFARM_BUS_KEY is not 64 hexadecimal digits"):
+        config(None, bus="tls/127.0.0.1:1", data=tmp_path, bus_key="x")
+
+
+def trusted_by(made):
+    return made["transport"]["link"]["tls"]["root_ca_certificate_base64"]
