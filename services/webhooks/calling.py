@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 from urllib.parse import urlsplit
 
-from services.webhooks.address import is_public, resolve
+from services.webhooks.address import Resolver, is_public
 
 WITHIN_S = 10.0
 HTTPS = 443
@@ -30,7 +30,7 @@ class FailedError(Exception):
 class Reach:
     """What may be called and how; parts of it are others in tests only."""
 
-    resolve: Callable[[str, int], Awaitable[list[str]]] = resolve
+    resolve: Callable[[str, int], Awaitable[list[str]]] = field(default_factory=Resolver)
     may_call: Callable[[str], bool] = is_public
     trusted: ssl.SSLContext = field(default_factory=ssl.create_default_context)
     within_s: float = WITHIN_S

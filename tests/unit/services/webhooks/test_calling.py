@@ -1,13 +1,15 @@
 """What a farm calls and what it never does, with real servers on this machine."""
 
 import asyncio
+import socket
 import ssl
+import threading
 from dataclasses import replace
 
 import pytest
 
 from api_schemas.job import JobRequest
-from services.webhooks.address import is_public, resolve
+from services.webhooks.address import ASKED_AT_ONCE, Resolver, is_public
 from services.webhooks.calling import FailedError, Reach, RefusedError, call
 
 PUBLIC = ["93.184.216.34", "8.8.8.8", "2606:2800:220:1:248:1893:25c8:1946", "64:ff9b::808:808"]
@@ -142,4 +144,25 @@ async def test_a_host_that_is_slow_to_connect_ends_in_time(here):
 
 
 async def test_a_name_without_an_address_has_none():
-    assert await resolve("no-such-host.invalid", 443) == []
+    assert await Resolver()("no-such-host.invalid", 443) == []
+
+
+async def test_slow_name_servers_hold_up_nothing_else(monkeypatch):
+    answered = threading.Event()
+
+    def slow(*_asked, **_more):
+        answered.wait(10)
+        return []
+
+    monkeypatch.setattr(socket, "getaddrinfo", slow)
+    resolver = Resolver()
+    try:
+        asking = [asyncio.create_task(resolver(f"{number}.example", 443)) for number in range(40)]
+        await asyncio.sleep(0.1)
+        threads = [each for each in threading.enumerate() if each.name == "resolver"]
+        assert len(threads) == ASKED_AT_ONCE and all(each.daemon for each in threads)
+        assert await asyncio.wait_for(asyncio.to_thread(lambda: "a file was read"), 2) == "a file was read"
+        asking[0].cancel()
+    finally:
+        answered.set()
+    assert await asyncio.wait_for(asyncio.gather(*asking[1:]), 5) == [[]] * 39
