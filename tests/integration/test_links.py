@@ -8,7 +8,12 @@ import pytest
 from tests.integration.farm_process import services, until
 from tests.integration.test_dashboard import signed_in, user_token
 
-SETTINGS = {"webhooks": True, "lichtblick_url": "https://lichtblick.example/?ds=remote-file&ds.url="}
+SETTINGS = {
+    "webhooks": True,
+    "foxglove_url": "https://app.foxglove.dev/~/view?ds=remote-file&ds.url=",
+    "lichtblick_url": "https://lichtblick.example/?ds=remote-file&ds.url=",
+    "rerun_url": "https://rerun.io/viewer?url=",
+}
 
 
 @pytest.fixture(scope="module")
