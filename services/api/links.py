@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from typing import Annotated
 
+import structlog
 from fastapi import APIRouter, Depends, Path, Request, Response
 from sqlalchemy import select
 
@@ -21,6 +22,7 @@ from services.database.tables import trial
 from services.errors import Forbidden, NotFound, TooMany
 from services.jobs.clock import iso
 
+log = structlog.get_logger()
 router = APIRouter(tags=["trials"])
 LASTS_S = 600
 MOST_READERS = 16
@@ -72,7 +74,7 @@ async def make_link(trial_id: TrialId, request: Request, caller: User, farm: The
 
 
 def linked(shown: Trial, caller: Caller, farm: Farm) -> Link:
-    """A new link to the log of a trial that the caller may see.
+    """A new link to the log of a trial that the caller may see; the farm's log says that it was made, and never how it reads.
 
     Raises:
         NotFound: it has none.
@@ -80,6 +82,7 @@ def linked(shown: Trial, caller: Caller, farm: Farm) -> Link:
     if shown.log_sha256 is None:
         detail = f"Trial {shown.trial_id} is {shown.state} and has no log; logs come with accepted outcomes."
         raise NotFound("log-not-found", detail)
+    log.info("link made", trial=shown.trial_id, owner=caller.owner, token_id=caller.token_id)
     return Link(shown.trial_id, shown.log_sha256, caller.token_id, int(farm.clock.now_s()) + LASTS_S)
 
 
@@ -133,6 +136,8 @@ async def _reading(link: Annotated[Link, Depends(_granted)], request: Request) -
 @router.api_route(ADDRESS, methods=["GET", "HEAD"], include_in_schema=False)
 async def read_link(link: Annotated[Link, Depends(_reading)], request: Request, farm: TheFarm) -> Response:
     """The log, whole or in ranges."""
+    client = (request.scope.get("client") or ("unknown",))[0]
+    log.info("link read", trial=link.trial_id, token_id=link.token_id, client=client)
     answer = await stored_file(request, farm.files, link.log_sha256, MCAP, f"{link.trial_id}.mcap")
     answer.headers.update(FOR_ANY_SITE)
     return answer

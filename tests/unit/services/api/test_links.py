@@ -5,12 +5,13 @@ from types import SimpleNamespace
 
 import pytest
 from sqlalchemy import insert, update
+from structlog.testing import capture_logs
 
 from api_schemas.job import JobRequest
 from api_schemas.token import Scope, TokenRequest
 from services.api.app import create_app
-from services.api.links import MOST_READERS, Link
-from services.api.tokens import Tokens
+from services.api.links import MOST_READERS, Link, linked
+from services.api.tokens import Caller, Tokens
 from services.database.database import Database, migrate
 from services.database.tables import policy, trial
 from services.files.store import FileStore
@@ -118,3 +119,17 @@ async def test_a_token_has_so_many_readers_of_its_links(farm):
     assert again.status == 200
     again.go_on.set()
     await asyncio.wait_for(again.reading, 10)
+
+
+async def test_the_making_and_the_reading_of_links_are_logged_without_what_opens_them(farm):
+    app, token_id = create_app(farm), await token_of(farm)
+    caller = Caller(token_id, "ann", frozenset({Scope.SUBMIT}))
+    with capture_logs() as lines:
+        link = linked(SimpleNamespace(trial_id=farm.trial_id, log_sha256=farm.sha256), caller, farm)
+        reads = await reader(app, farm, link)
+        reads.go_on.set()
+        await asyncio.wait_for(reads.reading, 10)
+    told = {line["event"]: line for line in lines}
+    for event in ("link made", "link read"):
+        assert (told[event]["trial"], told[event]["token_id"]) == (farm.trial_id, token_id)
+    assert link.signature(farm) not in str(lines)
