@@ -28,6 +28,7 @@ SHORTEST_S = 0.08
 """Between two messages to a viewer, however often a robot shows itself; a robot does so ten times a second."""
 LOOK_AGAIN_S = 1.0
 RETRY_AFTER_S = 30
+SHORT = (",", ":")
 DIGITS = 4
 """Of metres and radians."""
 
@@ -90,4 +91,6 @@ def message(state: LiveState) -> str:
         "tracked": [round(each, DIGITS) for each in (*state.tracked_cube_position_world_m, *state.tracked_cube_quat_wxyz)],
         "goal": None if state.goal is None else [round(each, DIGITS) for each in state.goal],
     }
-    return json.dumps(rounded | {"t_s": round(state.simulated_s, 3), "duration_s": state.duration_s}, separators=(",", ":"))
+    return json.dumps(
+        rounded | {"t_s": round(state.simulated_s, 3), "duration_s": state.duration_s}, separators=SHORT, allow_nan=False
+    )

@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pytest
 
 from api_schemas.bus import Heartbeat, LiveState
 from services.dashboard.watch_page import message
@@ -84,3 +85,21 @@ def test_what_was_shown_of_a_trial_goes_with_its_lease(fleet_of):
     fleet.member("robot-0").live = live()
     fleet.freed(claim, done=True)
     assert fleet.member("robot-0").live is None
+
+
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity"])
+def test_a_number_that_is_none_reaches_no_browser(number):
+    said = json.loads(live(goal=(0.1,) * 9).model_dump_json())
+    for name in (
+        "simulated_s",
+        "duration_s",
+        "joint_position_rad",
+        "tracked_cube_position_world_m",
+        "tracked_cube_quat_wxyz",
+        "goal",
+    ):
+        wrong = json.dumps(said | {name: [float(number)] if isinstance(said[name], list) else float(number)})
+        with pytest.raises(ValueError, match="finite"):
+            LiveState.model_validate_json(wrong)
+    with pytest.raises(ValueError, match="JSON compliant"):
+        message(live().model_copy(update={"duration_s": float(number)}))
