@@ -140,6 +140,7 @@ class Deliverer:
         except RefusedError as error:
             return None, f"given up: {error}"
         except FailedError as error:
+            log.info("webhook failed", job=due.job_id, tries=tries, why=error.why)
             if tries > len(AGAIN_AFTER_S):
                 return None, f"given up after {tries} tries: {error}"
             return AGAIN_AFTER_S[tries - 1], f"try {tries} failed: {error}"

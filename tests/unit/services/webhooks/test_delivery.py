@@ -17,6 +17,7 @@ from services.jobs.clock import FarmClock
 from services.jobs.fleet import Fleet
 from services.jobs.submission import Sender, submit
 from services.signing import FarmKey
+from services.webhooks.calling import NO_ANSWER
 from services.webhooks.delivery import AGAIN_AFTER_S, AT_ONCE, AT_ONCE_OF_OWNER, MOST_OPEN, Deliverer, register, show
 
 DIGEST = "d" * 64
@@ -103,13 +104,19 @@ async def test_tries_are_counted_and_end(database, receiving, here):
     assert len(receiver.requests) == 5
 
 
-async def test_what_may_not_be_called_is_given_up_at_once(database, receiving, here):
+async def test_what_may_not_be_called_is_not_and_looks_like_a_host_that_is_away(database, receiving, here):
+    async def nowhere(_host, _port):
+        return []
+
     async with receiving() as receiver:
-        await ended_job(database, receiver.url)
-        await deliver(deliverer(database, replace(here, may_call=lambda _: False)))
+        for reach in (replace(here, may_call=lambda _: False), replace(here, resolve=nowhere)):
+            await ended_job(database, receiver.url)
+            await deliver(deliverer(database, reach))
         assert receiver.connections == 0
-    now = await shown(database)
-    assert (now.is_open, now.said) == (False, "given up: the host is not on the public Internet, and only such are called")
+    async with database.read() as connection:
+        rows = (await connection.execute(select(webhook))).all()
+        seen = [(row.tries, row.due_s is not None, row.said) for row in rows]
+    assert seen == [(1, True, f"try 1 failed: {NO_ANSWER}")] * 2
 
 
 async def test_the_slow_receivers_of_one_owner_delay_nobody_else(database, receiving, here):
