@@ -1,6 +1,7 @@
 import subprocess
 import sys
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -26,10 +27,13 @@ def test_the_least_jail_is_a_setting(monkeypatch):
 
 
 def test_no_log_is_opened_on_another_site_unless_the_operator_names_it(monkeypatch):
-    settings = parsed(["serve"])[1]
-    assert viewers(SimpleNamespace(settings=settings)) == {}
+    def offered():
+        farm: Any = SimpleNamespace(settings=parsed(["serve"])[1])
+        return viewers(farm)
+
+    assert offered() == {}
     monkeypatch.setenv("TRIFARM_RERUN_URL", "https://viewer.example/?url=")
-    assert viewers(SimpleNamespace(settings=parsed(["serve"])[1])) == {"rerun": "https://viewer.example/?url="}
+    assert offered() == {"rerun": "https://viewer.example/?url="}
 
 
 @pytest.mark.parametrize("arguments", [[], ["fly"], ["serve", "--port", "x"]])

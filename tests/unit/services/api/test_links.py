@@ -2,6 +2,7 @@
 
 import asyncio
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from sqlalchemy import insert, update
@@ -124,8 +125,9 @@ async def test_a_token_has_so_many_readers_of_its_links(farm):
 async def test_the_making_and_the_reading_of_links_are_logged_without_what_opens_them(farm):
     app, token_id = create_app(farm), await token_of(farm)
     caller = Caller(token_id, "ann", frozenset({Scope.SUBMIT}))
+    shown: Any = SimpleNamespace(trial_id=farm.trial_id, log_sha256=farm.sha256)
     with capture_logs() as lines:
-        link = linked(SimpleNamespace(trial_id=farm.trial_id, log_sha256=farm.sha256), caller, farm)
+        link = linked(shown, caller, farm)
         reads = await reader(app, farm, link)
         reads.go_on.set()
         await asyncio.wait_for(reads.reading, 10)
