@@ -6,6 +6,8 @@ from urllib.parse import urlsplit
 from pydantic import AfterValidator, Field
 
 MAX_URL = 500
+PORTS = (443, 8443)
+"""Those of https; by any other a farm could be had to knock at the doors of other services."""
 
 
 def _https(url: str) -> str:
@@ -16,8 +18,8 @@ def _https(url: str) -> str:
         raise ValueError(f"a webhook's address begins with https:// and a host, this one with {url[:20]!r}")
     if parts.username is not None or parts.password is not None:
         raise ValueError("a webhook's address holds no user and no password; put a secret word into its path")
-    if parts.port == 0:
-        raise ValueError("a webhook's port is 1 to 65535")
+    if parts.port is not None and parts.port not in PORTS:
+        raise ValueError(f"a webhook's port is 443 or 8443, not {parts.port}")
     return url
 
 

@@ -244,7 +244,10 @@ class BusLink:
 
     def _show(self) -> None:
         while not self._closing.wait(LIVE_EVERY_S):
-            state = self._live()
+            try:
+                state = self._live()
+            except ValidationError:  # a number that is not finite; the next may be
+                continue
             if state is not None:
                 with self._sending:
                     self._open.lives.put(state.model_dump_json())

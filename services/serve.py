@@ -150,7 +150,7 @@ async def _beside(farm: Farm) -> AsyncIterator[None]:
         repeated.append(_repeat("the clock was not set", FOLLOW_EVERY_S, lambda: farm.clock.set_by(farm.database)))
     if farm.settings.webhooks:
         calls = Deliverer(farm.settings.farm, farm.database, farm.clock, farm.fleet, farm.key)
-        repeated.append(_repeat("webhooks were not called", LOOK_EVERY_S, calls.deliver))
+        repeated.append(_call_webhooks(calls))
     running = [asyncio.create_task(each) for each in repeated]
     try:
         yield
@@ -158,6 +158,13 @@ async def _beside(farm: Farm) -> AsyncIterator[None]:
         for each in running:
             each.cancel()
         await asyncio.wait(running)
+
+
+async def _call_webhooks(calls: Deliverer) -> None:
+    try:
+        await _repeat("webhooks were not called", LOOK_EVERY_S, calls.deliver)
+    finally:
+        await calls.end()
 
 
 async def _repeat(failed: str, every_s: float, work: Callable[[], Awaitable[object]]) -> None:

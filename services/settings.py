@@ -73,10 +73,11 @@ class Settings(BaseSettings):
         default=JailLevel.LIMITS, description="no policy and no log is taken where the jail of children does not reach this level"
     )
 
-    # Where "open in" of a trial leads; the address of a signed link to its log is put behind. None: not offered.
-    foxglove_url: str | None = "https://app.foxglove.dev/~/view?ds=remote-file&ds.url="
+    # Where "open in" of a trial leads; the address of a signed link to its log is put behind, so that the viewer's site comes
+    # to know it. None: not offered.
+    foxglove_url: str | None = Field(default=None, description="such as https://app.foxglove.dev/~/view?ds=remote-file&ds.url=")
     lichtblick_url: str | None = Field(default=None, description="such as https://lichtblick.host/?ds=remote-file&ds.url=")
-    rerun_url: str | None = "https://rerun.io/viewer?url="
+    rerun_url: str | None = Field(default=None, description="such as https://rerun.io/viewer?url=")
     webhooks: bool = Field(default=False, description="whether jobs may name an address that is called at their end")
     studies: Path | None = Field(default=None, description="folder of the reality gap's reports; without it, in the data folder")
 

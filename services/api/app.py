@@ -1,5 +1,7 @@
 """The HTTP application: all routes over one farm."""
 
+from collections import Counter
+
 from fastapi import FastAPI
 from fastapi.routing import APIRoute
 
@@ -40,6 +42,7 @@ def create_app(farm: Farm) -> FastAPI:
         redoc_url=None,
     )
     app.state.farm, app.state.operations = farm, []
+    app.state.link_readers = Counter()
     problems.install(app)
     document.install(app)
     app.add_middleware(Door, settings=farm.settings, tokens=farm.tokens)

@@ -150,7 +150,10 @@ class _Watch:
     async def _holds(self) -> bool:
         self._looked_s = time.monotonic()
         caller: Caller | None = self._scope["state"].get("caller")
+        lent: tuple[str, float] | None = self._scope["state"].get("lent")
         try:
+            if lent is not None and not await self._tokens.lasts(*lent):
+                return False
             return caller is None or await self._tokens.still_holds(caller)
         except DBAPIError:
             return True  # that the database is away for a moment says nothing about the token

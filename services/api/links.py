@@ -2,10 +2,13 @@
 
 import hashlib
 import hmac
+from collections import Counter
+from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Request, Response
+import structlog
+from fastapi import APIRouter, Depends, Path, Request, Response
 from sqlalchemy import select
 
 from api_schemas.trial import Trial
@@ -16,11 +19,15 @@ from services.api.serving import stored_file
 from services.api.tokens import Caller
 from services.api.trials import MCAP, TrialId, get_trial
 from services.database.tables import trial
-from services.errors import Forbidden, NotFound
+from services.errors import Forbidden, NotFound, TooMany
 from services.jobs.clock import iso
 
+log = structlog.get_logger()
 router = APIRouter(tags=["trials"])
 LASTS_S = 600
+MOST_READERS = 16
+"""Answers to the links of one token that are under way at once; a viewer has a few, each of a part of the file."""
+RETRY_AFTER_S = 5
 USE = "viewer links"
 FOR_ANY_SITE = {
     # The address itself is the permission, so that no other site gains anything by asking with a reader's cookies.
@@ -67,7 +74,7 @@ async def make_link(trial_id: TrialId, request: Request, caller: User, farm: The
 
 
 def linked(shown: Trial, caller: Caller, farm: Farm) -> Link:
-    """A new link to the log of a trial that the caller may see.
+    """A new link to the log of a trial that the caller may see; the farm's log says that it was made, and never how it reads.
 
     Raises:
         NotFound: it has none.
@@ -75,6 +82,7 @@ def linked(shown: Trial, caller: Caller, farm: Farm) -> Link:
     if shown.log_sha256 is None:
         detail = f"Trial {shown.trial_id} is {shown.state} and has no log; logs come with accepted outcomes."
         raise NotFound("log-not-found", detail)
+    log.info("link made", trial=shown.trial_id, owner=caller.owner, token_id=caller.token_id)
     return Link(shown.trial_id, shown.log_sha256, caller.token_id, int(farm.clock.now_s()) + LASTS_S)
 
 
@@ -84,16 +92,19 @@ async def ask_link() -> Response:
     return Response(status_code=204, headers=FOR_ANY_SITE)
 
 
-@router.api_route(ADDRESS, methods=["GET", "HEAD"], include_in_schema=False)
-async def read_link(
+async def _granted(
     expires_s: Annotated[int, Path(ge=0, le=10**11)],
     token_id: Annotated[str, Path(max_length=20)],
     signature: Annotated[str, Path(pattern=r"^[0-9a-f]{64}$")],
     trial_id: TrialId,
     request: Request,
     farm: TheFarm,
-) -> Response:
-    """The log, whole or in ranges."""
+) -> Link:
+    """The link of an address; its answer is broken off when the link is over (``lent`` is what the door looks at).
+
+    Raises:
+        Forbidden: it is none of this farm, or over.
+    """
     async with farm.database.read() as connection:
         sha256 = (await connection.execute(select(trial.c.log_sha256).where(trial.c.trial_id == trial_id))).scalar_one_or_none()
     link = Link(trial_id, sha256 or "", token_id, expires_s)
@@ -101,8 +112,32 @@ async def read_link(
         raise Forbidden(
             "link-not-ours", "This link was not made by this farm, or was changed; make a new one on the trial's page."
         )
-    if farm.clock.now_s() >= expires_s or not await farm.tokens.lasts(token_id):
+    request.state.lent = token_id, expires_s
+    if not await farm.tokens.lasts(token_id, expires_s):
         raise Forbidden("link-over", "This link is over: it lasts ten minutes, and ends with its maker's token; make a new one.")
-    answer = await stored_file(request, farm.files, sha256, MCAP, f"{trial_id}.mcap")
+    return link
+
+
+async def _reading(link: Annotated[Link, Depends(_granted)], request: Request) -> AsyncIterator[Link]:
+    """The link, counted with its token for as long as it is read."""
+    readers: Counter[str] = request.app.state.link_readers
+    if readers[link.token_id] >= MOST_READERS:
+        detail = f"{MOST_READERS} answers to links of this token are under way, the most that may at once; wait for one to end."
+        raise TooMany("too-many-link-readers", detail, RETRY_AFTER_S)
+    readers[link.token_id] += 1
+    try:
+        yield link
+    finally:
+        readers[link.token_id] -= 1
+        if not readers[link.token_id]:
+            del readers[link.token_id]
+
+
+@router.api_route(ADDRESS, methods=["GET", "HEAD"], include_in_schema=False)
+async def read_link(link: Annotated[Link, Depends(_reading)], request: Request, farm: TheFarm) -> Response:
+    """The log, whole or in ranges."""
+    client = (request.scope.get("client") or ("unknown",))[0]
+    log.info("link read", trial=link.trial_id, token_id=link.token_id, client=client)
+    answer = await stored_file(request, farm.files, link.log_sha256, MCAP, f"{link.trial_id}.mcap")
     answer.headers.update(FOR_ANY_SITE)
     return answer

@@ -76,8 +76,10 @@ class Tokens:
             return False
         return True
 
-    async def lasts(self, token_id: str) -> bool:
-        """Whether a token of this id is valid now, for who has something that was made with it."""
+    async def lasts(self, token_id: str, until_s: float) -> bool:
+        """Whether a token of this id is valid now, for who has something that was made with it and ends at a time anyhow."""
+        if self.clock.now_s() >= until_s:
+            return False
         async with self.database.read() as connection:
             row = (await connection.execute(_WITH_PARENT.where(token.c.token_id == token_id))).one_or_none()
         try:

@@ -69,15 +69,24 @@ async def show_study(name: Annotated[str, InPath(pattern=NAME)], _session: Signe
 def studies(folder: Path) -> list[Study]:
     """The studies of a folder: each a folder of its own with the report that ``trifarm gap study --out`` wrote."""
     names = [each.name for each in folder.iterdir() if re.fullmatch(NAME, each.name)] if folder.is_dir() else []
+    dated = [(at_s, name) for name in names if (at_s := _written_s(folder, name)) is not None]
     found = []
-    for name in names:
-        path = folder / name / REPORT
+    for at_s, name in sorted(dated, reverse=True)[:MOST_LISTED]:
         body = report(folder, name, HEAD_BYTES)
         if body is not None:
             title = TITLE.search(body.decode(errors="replace"))
-            found.append((path.stat().st_mtime, name, unescape(title[1]).strip() if title else name))
-    newest = sorted(found, reverse=True)[:MOST_LISTED]
-    return [Study(name, title, datetime.fromtimestamp(at_s, UTC).isoformat()) for at_s, name, title in newest]
+            written_at = datetime.fromtimestamp(at_s, UTC).isoformat()
+            found.append(Study(name, unescape(title[1]).strip() if title else name, written_at))
+    return found
+
+
+def _written_s(folder: Path, name: str) -> float | None:
+    """When a study's report was written last, without opening it; None where there is none, also not any more."""
+    try:
+        known = (folder / name / REPORT).lstat()
+    except OSError:
+        return None
+    return known.st_mtime if stat.S_ISREG(known.st_mode) else None
 
 
 def report(folder: Path, name: str, most: int = MOST_BYTES) -> bytes | None:

@@ -2,9 +2,10 @@
 
 import asyncio
 import json
+from collections import Counter
 from collections.abc import AsyncIterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Request
@@ -24,32 +25,52 @@ from services.jobs.fleet import Member
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 MOST_WATCHING = 40
 """Viewers of running trials at the same time, of all owners together: each gets ten messages a second."""
+MOST_OF_OWNER = 15
+"""Of these of one owner: below half, so that viewers who went without a word keep no third owner out."""
 SHORTEST_S = 0.08
 """Between two messages to a viewer, however often a robot shows itself; a robot does so ten times a second."""
 LOOK_AGAIN_S = 1.0
 RETRY_AFTER_S = 30
+SHORT = (",", ":")
 DIGITS = 4
 """Of metres and radians."""
 
 
 @dataclass
 class Watching:
-    """How many watch; belongs to the event loop."""
+    """How many watch of each owner; belongs to the event loop."""
 
-    count: int = 0
+    _open: Counter[str] = field(default_factory=Counter)
+
+    def opened(self, owner: str) -> None:
+        """Counts one more.
+
+        Raises:
+            TooMany: the owner, or all together, have as many as may be.
+        """
+        if self._open[owner] >= MOST_OF_OWNER:
+            detail = f"{owner} watches trials on {MOST_OF_OWNER} pages now, the most that one may at once; close some of them."
+            raise TooMany("too-many-watching", detail, RETRY_AFTER_S)
+        if self._open.total() >= MOST_WATCHING:
+            detail = f"{MOST_WATCHING} people watch trials now, the most that may at once; the trial's replay comes with its end."
+            raise TooMany("too-many-watching", detail, RETRY_AFTER_S)
+        self._open[owner] += 1
+
+    def closed(self, owner: str) -> None:
+        """Counts one less."""
+        self._open[owner] -= 1
+        if not self._open[owner]:
+            del self._open[owner]
 
 
 async def _watching(request: Request, session: live.Watching) -> AsyncIterator[Session]:
     """The session of somebody who watches, counted among all for as long as he does."""
     watching: Watching = request.app.state.dashboard_watching
-    if watching.count >= MOST_WATCHING:
-        detail = f"{MOST_WATCHING} people watch trials now, the most that may at once; the trial's replay comes with its end."
-        raise TooMany("too-many-watching", detail, RETRY_AFTER_S)
-    watching.count += 1
+    watching.opened(session.caller.owner)
     try:
         yield session
     finally:
-        watching.count -= 1
+        watching.closed(session.caller.owner)
 
 
 async def _seen(trial_id: TrialId, session: SignedIn, farm: TheFarm) -> Trial:
@@ -90,4 +111,6 @@ def message(state: LiveState) -> str:
         "tracked": [round(each, DIGITS) for each in (*state.tracked_cube_position_world_m, *state.tracked_cube_quat_wxyz)],
         "goal": None if state.goal is None else [round(each, DIGITS) for each in state.goal],
     }
-    return json.dumps(rounded | {"t_s": round(state.simulated_s, 3), "duration_s": state.duration_s}, separators=(",", ":"))
+    return json.dumps(
+        rounded | {"t_s": round(state.simulated_s, 3), "duration_s": state.duration_s}, separators=SHORT, allow_nan=False
+    )

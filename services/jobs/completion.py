@@ -10,7 +10,7 @@ from api_schemas.job import JobState, TaskName
 from api_schemas.robot import OutcomeReport
 from api_schemas.trial import FAULT_OF, AttemptState, Fault, Outcome, OutcomeKind, TrialState
 from services.database.rows import AnyRow
-from services.database.tables import attempt, job, trial
+from services.database.tables import attempt, job, trial, webhook
 from services.errors import Refused
 from services.jobs import events, pinning, reports, robots
 from services.jobs.claim import Claim
@@ -243,4 +243,5 @@ async def end_cancelled(tx: AsyncConnection, now_s: float, now: AnyRow) -> bool:
 
 async def _end(tx: AsyncConnection, now_s: float, number: int, state: JobState, text: str, **more: Any) -> AnyRow:
     at = iso(now_s)
+    await tx.execute(update(webhook).where(webhook.c.job_number == number).values(due_s=now_s))
     return await events.record(tx, at, number, "job_ended", text, set_state=state, set_ended_at=at, **more)

@@ -3,7 +3,10 @@
 import asyncio
 import ipaddress
 import socket
+import threading
 from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
 
 Address = ipaddress.IPv4Address | ipaddress.IPv6Address
 NAT64 = ipaddress.ip_network("64:ff9b::/96")
@@ -11,6 +14,8 @@ SPECIAL = tuple(
     ipaddress.ip_network(each) for each in ("64:ff9b:1::/48", "192.0.0.0/24", "192.88.99.0/24", "3fff::/20", "5f00::/16")
 )
 """Of special use by IANA's registries, and not known as such to every version of Python."""
+ASKED_AT_ONCE = 8
+"""Hosts that are asked for at the same time; an answer may take longer than the call that it is for waits."""
 
 
 def is_public(text: str) -> bool:
@@ -44,10 +49,38 @@ def _inside(address: Address) -> Iterator[Address]:
         yield ipaddress.IPv4Address(int(address) & 0xFFFFFFFF)
 
 
-async def resolve(host: str, port: int) -> list[str]:
-    """The addresses of a host, in the resolver's order; none where it has none."""
+@dataclass(frozen=True)
+class Resolver:
+    """Asks for the addresses of hosts on threads of its own, which the process's end does not wait for.
+
+    The threads that asyncio lends are the ones that files are read and written on, and name servers are other people's: one that
+    is slow must stop nothing but the calls that it was asked for.
+    """
+
+    _free: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(ASKED_AT_ONCE))
+
+    async def __call__(self, host: str, port: int) -> list[str]:
+        """The addresses of a host, in the resolver's order; none where it has none."""
+        loop, answer = asyncio.get_running_loop(), asyncio.get_running_loop().create_future()
+
+        def tell(found: list[str]) -> None:
+            self._free.release()
+            if not answer.done():
+                answer.set_result(found)
+
+        def ask() -> None:
+            found = _ask(host, port)
+            with suppress(RuntimeError):  # the loop has ended meanwhile, and nobody waits
+                loop.call_soon_threadsafe(tell, found)
+
+        await self._free.acquire()
+        threading.Thread(target=ask, name="resolver", daemon=True).start()
+        return await answer
+
+
+def _ask(host: str, port: int) -> list[str]:
     try:
-        found = await asyncio.get_running_loop().getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError):
         return []
     return list(dict.fromkeys(str(each[4][0]) for each in found))

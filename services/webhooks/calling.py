@@ -10,27 +10,33 @@ from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 from urllib.parse import urlsplit
 
-from services.webhooks.address import is_public, resolve
+from services.webhooks.address import Resolver, is_public
 
 WITHIN_S = 10.0
 HTTPS = 443
+NO_ANSWER = "no answer of HTTP came; the host must be on the public Internet, answer in 10 s, and have a certificate of its name"
+"""All that is said where there was no answer: why there was none would tell what is in the farm's own network."""
 LONGEST_LINE = 1024
 """Bytes of an answer's first line."""
 
 
 class RefusedError(Exception):
-    """The address is not called, now or later; the message says why."""
+    """The answer says that the address leads elsewhere; no other try follows."""
 
 
 class FailedError(Exception):
-    """The call did not succeed; the message says how, another try may."""
+    """The call did not succeed, another try may: the message is for the job's owner, ``why`` for the farm's operator alone."""
+
+    def __init__(self, message: str, why: str) -> None:
+        super().__init__(message)
+        self.why = why
 
 
 @dataclass(frozen=True)
 class Reach:
     """What may be called and how; parts of it are others in tests only."""
 
-    resolve: Callable[[str, int], Awaitable[list[str]]] = resolve
+    resolve: Callable[[str, int], Awaitable[list[str]]] = field(default_factory=Resolver)
     may_call: Callable[[str], bool] = is_public
     trusted: ssl.SSLContext = field(default_factory=ssl.create_default_context)
     within_s: float = WITHIN_S
@@ -40,8 +46,8 @@ async def call(url: str, headers: Mapping[str, str], body: bytes, reach: Reach) 
     """Posts the body; gives the status of the answer, which is a success.
 
     Raises:
-        RefusedError: the address is none that may be called, or it leads elsewhere.
-        FailedError: no answer in time, or one that is no success.
+        RefusedError: the address leads elsewhere.
+        FailedError: it is none that may be called, no answer came in time, or one that is no success.
     """
     parts = urlsplit(url)
     host, port = parts.hostname or "", parts.port or HTTPS
@@ -50,15 +56,15 @@ async def call(url: str, headers: Mapping[str, str], body: bytes, reach: Reach) 
             address = await _address(host, port, reach)
             status = await _post(address, host, port, _request(parts.netloc, _target(url), headers, body), reach.trusted)
     except TimeoutError as error:
-        raise FailedError(f"no answer within {reach.within_s:g} s") from error
+        raise FailedError(NO_ANSWER, f"no answer within {reach.within_s:g} s") from error
     except ssl.SSLCertVerificationError as error:
-        raise FailedError("the certificate does not vouch for the host") from error
+        raise FailedError(NO_ANSWER, "the certificate does not vouch for the host") from error
     except (OSError, asyncio.IncompleteReadError, ValueError) as error:
-        raise FailedError("the connection failed") from error
+        raise FailedError(NO_ANSWER, "the connection failed") from error
     if 300 <= status < 400:
         raise RefusedError(f"answered {status}; redirects are not followed")
     if not 200 <= status < 300:
-        raise FailedError(f"answered {status}")
+        raise FailedError(f"answered {status}", f"answered {status}")
     return status
 
 
@@ -66,9 +72,9 @@ async def _address(host: str, port: int, reach: Reach) -> str:
     """The address to connect to, if all that the host has may be called."""
     found = await reach.resolve(host, port)
     if not found:
-        raise FailedError("the host could not be reached")
+        raise FailedError(NO_ANSWER, "the host could not be reached")
     if not all(reach.may_call(each) for each in found):
-        raise RefusedError("the host is not on the public Internet, and only such are called")
+        raise FailedError(NO_ANSWER, "the host is not on the public Internet, and only such are called")
     return found[0]
 
 

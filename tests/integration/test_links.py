@@ -5,10 +5,16 @@ from urllib.parse import parse_qs, urlsplit
 import httpx
 import pytest
 
+from services.webhooks.calling import NO_ANSWER
 from tests.integration.farm_process import services, until
 from tests.integration.test_dashboard import signed_in, user_token
 
-SETTINGS = {"webhooks": True, "lichtblick_url": "https://lichtblick.example/?ds=remote-file&ds.url="}
+SETTINGS = {
+    "webhooks": True,
+    "foxglove_url": "https://app.foxglove.dev/~/view?ds=remote-file&ds.url=",
+    "lichtblick_url": "https://lichtblick.example/?ds=remote-file&ds.url=",
+    "rerun_url": "https://rerun.io/viewer?url=",
+}
 
 
 @pytest.fixture(scope="module")
@@ -81,11 +87,12 @@ def test_open_in_leads_to_the_viewer_with_a_link(farm, trial):
 
 
 def test_a_farm_never_calls_its_own_network(farm):
-    answer = farm.submit(farm.policy(), trials=1, webhook=f"https://127.0.0.1:{farm.port}/v1/status")
+    answer = farm.submit(farm.policy(), trials=1, webhook="https://127.0.0.1:8443/v1/status")
     job_id = answer.json()["job_id"]
     farm.wait_for_end(job_id)
-    until(lambda: not farm.admin.get(f"/v1/jobs/{job_id}/webhook").json()["is_open"], 20, "the call to be given up")
-    assert "only such are called" in farm.admin.get(f"/v1/jobs/{job_id}/webhook").json()["said"]
+    until(lambda: farm.admin.get(f"/v1/jobs/{job_id}/webhook").json()["said"], 20, "the call to be tried")
+    assert farm.admin.get(f"/v1/jobs/{job_id}/webhook").json()["said"] == f"try 1 failed: {NO_ANSWER}"
+    assert farm.submit(farm.policy(), webhook=f"https://127.0.0.1:{farm.port}/v1/status").status_code == 422
     assert farm.submit(farm.policy(), webhook="http://a.example/").status_code == 422
 
 

@@ -5,7 +5,7 @@ from contextlib import ExitStack
 
 import pytest
 
-from services.dashboard.watch_page import MOST_WATCHING
+from services.dashboard.watch_page import MOST_OF_OWNER, MOST_WATCHING
 from tests.integration.farm_process import services, until
 from tests.integration.test_dashboard import signed_in, user_token, word
 
@@ -44,17 +44,17 @@ def test_no_more_than_so_many_watch(farm):
     until(lambda: farm.job(job_id)["trials_running"] == 1, 20, "the trial to run")
     viewers = [
         signed_in(farm, farm.admin.post("/v1/tokens", json={"owner": f"op{n}", "scopes": ["operate"]}).json()["secret"])
-        for n in range(3)
+        for n in range(4)
     ]
     path = f"/trials/{job_id}-000/watch"
     with ExitStack() as opened:
         for number in range(MOST_WATCHING):
-            assert opened.enter_context(viewers[number // 20].stream("GET", path)).status_code == 200
-        refused = viewers[2].get(path)
+            assert opened.enter_context(viewers[number // MOST_OF_OWNER].stream("GET", path)).status_code == 200
+        refused = viewers[3].get(path)
         assert (refused.status_code, refused.json()["type"]) == (429, "/problems/too-many-watching")
 
     def may_again():
-        with viewers[2].stream("GET", path) as answer:
+        with viewers[3].stream("GET", path) as answer:
             return answer.status_code == 200
 
     until(may_again, 10, "viewers who left to be forgotten")

@@ -5,6 +5,7 @@ import { Scene, steer, VIEWS, worldFrames } from "./scene.js";
 const element = (id) => document.getElementById(id);
 const root = element("watch");
 const GOAL = [0.2, 0.9, 0.3];
+const SHORTEST_STAY_MS = 1000;
 
 function entitiesOf(model) {
   const thing = model.objects[root.dataset.object], scale = Number(root.dataset.scale);
@@ -57,7 +58,7 @@ async function main() {
   };
   const source = new EventSource(root.dataset.source);
   source.addEventListener("state", (event) => { state = JSON.parse(event.data); show(); });
-  source.addEventListener("over", () => { source.close(); location.reload(); });
+  source.addEventListener("over", () => { source.close(); setTimeout(() => location.reload(), Math.max(0, SHORTEST_STAY_MS - performance.now())); });
   source.addEventListener("error", () => {
     if (source.readyState !== EventSource.CLOSED) return;
     element("wait").hidden = false;

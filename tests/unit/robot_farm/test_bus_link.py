@@ -1,5 +1,6 @@
 """A robot that is out of service says so, declines, and hears when it is wanted back; on a real bus."""
 
+import math
 import socket
 import time
 
@@ -113,4 +114,23 @@ def test_the_end_of_a_trial_is_told_at_once(dispatcher, monkeypatch):
         link.finishing()
         while states[-1] is not RobotState.IDLE:
             assert time.monotonic() < give_up_s, states
+            time.sleep(0.02)
+
+
+def test_a_number_that_is_not_finite_does_not_end_the_showing(dispatcher):
+    session, endpoint = dispatcher
+    numbers, shown = iter([math.nan, math.inf]), []
+
+    def live():
+        at = {"simulated_s": next(numbers, 1.0), "duration_s": 15.0, "joint_position_rad": (0.0,) * 9}
+        at |= {"tracked_cube_position_world_m": (0.0,) * 3, "tracked_cube_quat_wxyz": (1.0, 0.0, 0.0, 0.0)}
+        return bus.LiveState(robot="robot-0", trial_id="j1-000", fence=1, **at)
+
+    with (
+        session.declare_subscriber(bus.live_key("farm", "robot-0"), shown.append),
+        BusLink(Access((endpoint,), "farm"), "robot-0", "real", live=live, on_cancel=lambda *_: None, stopping=lambda: False),
+    ):
+        give_up_s = time.monotonic() + WITHIN_S
+        while not shown:
+            assert time.monotonic() < give_up_s, "nothing was shown any more"
             time.sleep(0.02)

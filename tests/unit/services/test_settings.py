@@ -1,10 +1,13 @@
 import subprocess
 import sys
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from api_schemas.jail.level import JailLevel
 from services.__main__ import parsed
+from services.dashboard.trial_page import viewers
 
 
 def test_flags_win_over_variables_over_defaults(monkeypatch):
@@ -21,6 +24,16 @@ def test_the_least_jail_is_a_setting(monkeypatch):
     monkeypatch.setenv("TRIFARM_JAIL_LEVEL", "filesystem")
     assert parsed(["serve"])[1].jail_level is JailLevel.FILESYSTEM
     assert parsed(["serve", "--jail-level", "full"])[1].jail_level is JailLevel.FULL
+
+
+def test_no_log_is_opened_on_another_site_unless_the_operator_names_it(monkeypatch):
+    def offered():
+        farm: Any = SimpleNamespace(settings=parsed(["serve"])[1])
+        return viewers(farm)
+
+    assert offered() == {}
+    monkeypatch.setenv("TRIFARM_RERUN_URL", "https://viewer.example/?url=")
+    assert offered() == {"rerun": "https://viewer.example/?url="}
 
 
 @pytest.mark.parametrize("arguments", [[], ["fly"], ["serve", "--port", "x"]])

@@ -3,9 +3,11 @@
 import json
 
 import numpy as np
+import pytest
 
 from api_schemas.bus import Heartbeat, LiveState
-from services.dashboard.watch_page import message
+from services.dashboard.watch_page import MOST_OF_OWNER, MOST_WATCHING, Watching, message
+from services.errors import TooMany
 from services.jobs.claim import Claim
 from sim_backend.trifinger import kinematics
 from tests.unit.services.conftest import beat
@@ -84,3 +86,36 @@ def test_what_was_shown_of_a_trial_goes_with_its_lease(fleet_of):
     fleet.member("robot-0").live = live()
     fleet.freed(claim, done=True)
     assert fleet.member("robot-0").live is None
+
+
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity"])
+def test_a_number_that_is_none_reaches_no_browser(number):
+    said = json.loads(live(goal=(0.1,) * 9).model_dump_json())
+    for name in (
+        "simulated_s",
+        "duration_s",
+        "joint_position_rad",
+        "tracked_cube_position_world_m",
+        "tracked_cube_quat_wxyz",
+        "goal",
+    ):
+        wrong = json.dumps(said | {name: [float(number)] if isinstance(said[name], list) else float(number)})
+        with pytest.raises(ValueError, match="finite"):
+            LiveState.model_validate_json(wrong)
+    with pytest.raises(ValueError, match="JSON compliant"):
+        message(live().model_copy(update={"duration_s": float(number)}))
+
+
+def test_two_owners_leave_room_for_a_third():
+    watching = Watching()
+    for owner in ("ann", "bob"):
+        for _ in range(MOST_OF_OWNER):
+            watching.opened(owner)
+        with pytest.raises(TooMany, match=f"{owner} watches trials on {MOST_OF_OWNER} pages"):
+            watching.opened(owner)
+    for _ in range(MOST_WATCHING - 2 * MOST_OF_OWNER):
+        watching.opened("carl")
+    with pytest.raises(TooMany, match=f"{MOST_WATCHING} people watch"):
+        watching.opened("carl")
+    watching.closed("ann")
+    watching.opened("carl")
