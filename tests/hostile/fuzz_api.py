@@ -63,6 +63,7 @@ def things(farm):
         "robot": sorted(farm.robots),
         "ordinal": [0, 1],
         "fence": [1, 2],
+        "name": ["grasp"],
     }
 
 
