@@ -3,6 +3,7 @@
 import json
 import random
 import re
+from importlib.metadata import version
 
 import pytest
 
@@ -98,6 +99,8 @@ def body(method, path, ids):
         return {"json": {"robot": "robot-7", "fence": 1}}
     if path.endswith("/outcome"):
         return {"json": {"robot": "robot-7", "fence": 1, "outcome": OUTCOME}}
+    if path.endswith("/bus"):
+        return {"json": {"signing_request": "none", "version": version("trifarm")}}
     if method == "PUT" and "digest" in ids:
         return {"files": {"weights": ("w.safetensors", b"x" * 100)}, "data": {"manifest": small_policy()[1].model_dump_json()}}
     return {"content": b"some bytes"} if method in ("PUT", "POST") else {}
@@ -126,7 +129,10 @@ def test_five_hundred_requests_with_anothers_ids_get_the_answer_of_ids_that_nobo
             usual = "a robot" if "/leases/" in path or path.endswith("/graph") else "a user"
             who = usual if rng.random() < 0.7 else rng.choice(sorted(clients))
             names = re.findall(r"{(\w+)}", path)
-            if (who != "a user" and path == "/v1/robots/{robot}/token") or (method, path) in OPEN_TO_ALL:
+            if (who != "a user" and path in ("/v1/robots/{robot}/token", "/v1/robots/{robot}/bus")) or (
+                method,
+                path,
+            ) in OPEN_TO_ALL:
                 continue  # joining is what these tokens are for: below
             status, text, headers = ask(clients[who], method, path, {name: rng.choice(ids[name]) for name in names})
             nothing = ask(clients[who], method, path, {name: NOTHING[name] for name in names})
