@@ -24,6 +24,7 @@ NOTHING = {
     "name": "grasp",
 }
 """Ids of the right form that nobody has."""
+JOINING = {"/v1/robots/{robot}/token", "/v1/robots/{robot}/bus"}
 OPEN_TO_ALL = {("GET", "/v1/robots/{robot}"), ("GET", "/v1/leaderboard/{task}")}
 """Robots and tasks are everybody's: that there is one is no secret, what it runs and whose policies were tried at it is."""
 
