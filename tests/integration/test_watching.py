@@ -86,6 +86,8 @@ def test_an_operator_puts_a_failed_job_back(farm):
     assert farm.wait_for_end(job_id)["state"] == "failed"
     broken.terminate()
     broken.wait(10)
+    # One that has not been missed yet would be given a trial again.
+    until(lambda: farm.admin.get("/v1/robots/robot-broken").json()["state"] == "lost", 20, "the robot to be missed")
     owner, operator = signed_in(farm, ann), signed_in(farm, farm.tokens["admin"])
     assert "Queue again" not in owner.get(f"/jobs/{job_id}").text
     assert owner.post(f"/jobs/{job_id}/requeue", data={"csrf": word(owner)}).status_code == 403
