@@ -36,6 +36,7 @@ def test_a_running_trial_is_watched_by_its_owner_until_its_end(farm):
     assert len(times) > 10 and times == sorted(times)
     assert times[-1] - times[0] > 1.0
     robot.terminate()
+    robot.wait(10)
 
 
 def test_no_more_than_so_many_watch(farm):
@@ -61,6 +62,7 @@ def test_no_more_than_so_many_watch(farm):
     farm.admin.post(f"/v1/jobs/{job_id}/cancel")
     farm.wait_for_end(job_id)
     farm.robots["robot-long"].terminate()
+    farm.robots["robot-long"].wait(10)
 
 
 def test_robots_tell_how_they_are_and_temperatures_only_to_operators(farm):
@@ -86,8 +88,8 @@ def test_an_operator_puts_a_failed_job_back(farm):
     assert farm.wait_for_end(job_id)["state"] == "failed"
     broken.terminate()
     broken.wait(10)
-    # One that has not been missed yet would be given a trial again.
-    until(lambda: farm.admin.get("/v1/robots/robot-broken").json()["state"] == "lost", 20, "the robot to be missed")
+    # One that has not been missed yet would be given a trial, which then fails.
+    until(lambda: farm.robots_in("lost") == len(farm.robots), 20, "the robots to be missed")
     owner, operator = signed_in(farm, ann), signed_in(farm, farm.tokens["admin"])
     assert "Queue again" not in owner.get(f"/jobs/{job_id}").text
     assert owner.post(f"/jobs/{job_id}/requeue", data={"csrf": word(owner)}).status_code == 403
