@@ -17,7 +17,8 @@ def main(arguments: list[str] | None = None) -> int:
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # torch's threads would wait by spinning on the cores of the physics
     try:
         from sim_backend.training.demonstrations.run import ImitationRun
-        from sim_backend.training.train import CHECKPOINT, Run
+        from sim_backend.training.evaluating import CHECKPOINT
+        from sim_backend.training.train import Run
     except ImportError as error:
         return _problem(f"training needs packages that are not installed ({error.name}): pip install 'trifarm[learning]'", OTHER)
     from sim_backend.training.recipe import Recipe, RecipeError, load_recipe

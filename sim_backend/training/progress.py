@@ -7,12 +7,12 @@ import numpy as np
 import torch
 from stable_baselines3.common.callbacks import BaseCallback
 
+from sim_backend.training import evaluating
 from sim_backend.training.actor_critic import whole_of
 
 if TYPE_CHECKING:
     from sim_backend.training.train import Run
 
-TELL_EVERY_S = 10.0
 LEVEL_TRIALS = 200
 """Trials over which the success rate is taken that ends a level."""
 
@@ -59,7 +59,7 @@ class Watch(BaseCallback):
         if run.model.num_timesteps >= self._due:
             self._evaluate()
         self._go_up()
-        if now - self._told_s >= TELL_EVERY_S or run.model.num_timesteps >= run.recipe.samples:
+        if now - self._told_s >= evaluating.TELL_EVERY_S or run.model.num_timesteps >= run.recipe.samples:
             self._tell(now)
         if now - self._kept_s >= 60 * run.recipe.checkpoint_minutes:
             run.keep()
@@ -68,11 +68,7 @@ class Watch(BaseCallback):
     def _evaluate(self) -> None:
         run = self._run
         self._due += run.recipe.evaluation.every_samples
-        for tried in run.evaluate():
-            run.evaluations.append({"samples": run.model.num_timesteps} | tried.document())
-            low, high = tried.interval_80
-            rate = f"{tried.success_rate:.0%} (80 % interval {low:.0%} to {high:.0%}) of {tried.trials} goals"
-            run.tell(f"evaluation at {run.model.num_timesteps:,} samples, {tried.physics} robots: {rate}")
+        for tried in evaluating.evaluate(run, run.model.num_timesteps):
             self._write({f"success/{tried.physics}": tried.success_rate})
 
     def _go_up(self) -> None:

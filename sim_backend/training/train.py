@@ -20,21 +20,18 @@ from sim_backend.action_space import ActionSpace
 from sim_backend.practice import Practice
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.reward import Reward
+from sim_backend.training import evaluating
 from sim_backend.training.actor_critic import ActorCritic, Inputs, whole_of
 from sim_backend.training.demonstrations.residual import FrozenPolicy, ResidualRobots
 from sim_backend.training.demonstrations.term import DemonstrationTerm
-from sim_backend.training.export import ExportedPolicy, exported, write_policy
+from sim_backend.training.evaluating import CHECKPOINT
+from sim_backend.training.export import ExportedPolicy, exported
 from sim_backend.training.progress import Watch
 from sim_backend.training.randomization import Randomizer, randomizer_of
 from sim_backend.training.recipe import Recipe
 from sim_backend.training.recurrent import RecurrentActorCritic
 from sim_backend.training.returns import NormalisedReturns
-from sim_backend.training.trying import Tried, try_policy
 from sim_backend.vec_env import TrifingerVecEnv
-
-EVALUATION_SEED, FINAL_SEED = 10_000_000, 20_000_000
-"""First seeds of the goals of evaluations; training draws its own from 2**53."""
-CHECKPOINT, RECORD = "checkpoint.pt", "record.json"
 
 
 @dataclass
@@ -98,28 +95,9 @@ class Run:
         """End the training after the present control period."""
         self.stopped = True
 
-    def evaluate(self) -> list[Tried]:
-        """Try the policy as it is, on the goals that all evaluations of the run have."""
-        settings, task, policy = self.recipe.evaluation, TASKS[self.recipe.task], self.exported()
-        seeds = range(EVALUATION_SEED, EVALUATION_SEED + settings.trials)
-        return [
-            try_policy(policy, policy.manifest, task, seeds, physics, threads=self.threads, physics_step_s=0.004)[0]
-            for physics in settings.physics
-        ]
-
     def finish(self) -> dict:
         """Write the policy, try it on fresh goals at 1 kHz, and write the record, which is returned."""
-        policy = self.exported()
-        path = write_policy(policy, self.folder, self.name)
-        trials, task = self.recipe.evaluation.final_trials, TASKS[self.recipe.task]
-        seeds = range(FINAL_SEED, FINAL_SEED + trials)
-        final = [
-            try_policy(policy, policy.manifest, task, seeds, physics, threads=self.threads)[0].document()
-            for physics in (self.recipe.evaluation.physics if trials else ())
-        ]
-        record = self.record() | {"policy": path.name, "final": final}
-        (self.folder / RECORD).write_text(json.dumps(record, indent=2) + "\n")
-        return record
+        return evaluating.finish(self)
 
     def exported(self) -> ExportedPolicy:
         """The actor as the farm takes it."""

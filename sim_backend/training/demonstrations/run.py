@@ -15,20 +15,17 @@ from sim_backend.effects.physics import Physics
 from sim_backend.environment import Environment
 from sim_backend.practice import Practice
 from sim_backend.tasks import TASKS
+from sim_backend.training import evaluating
 from sim_backend.training.demonstrations.cloning import Cloning, read_demonstrations
 from sim_backend.training.demonstrations.dagger import Dagger
 from sim_backend.training.demonstrations.recipe import ImitationRecipe
 from sim_backend.training.demonstrations.samples import Samples
 from sim_backend.training.demonstrations.student import Student
 from sim_backend.training.demonstrations.teacher import read_teacher
-from sim_backend.training.export import ExportedPolicy, write_policy
+from sim_backend.training.evaluating import CHECKPOINT, TELL_EVERY_S
+from sim_backend.training.export import ExportedPolicy
 from sim_backend.training.randomization import draw_robots, ranges_to_train_on
-from sim_backend.training.trying import Tried, try_policy
 
-EVALUATION_SEED, FINAL_SEED = 10_000_000, 20_000_000
-"""First seeds of the goals of evaluations, as for PPO; training draws its own from 2**53."""
-CHECKPOINT, RECORD = "checkpoint.pt", "record.json"
-TELL_EVERY_S = 10.0
 _ANOTHER = 1_000_003
 
 
@@ -109,25 +106,9 @@ class ImitationRun:
         """The student as the farm takes it."""
         return self.student.exported(self.name)
 
-    def evaluate(self) -> list[Tried]:
-        """Try the policy as it is, on the goals that all evaluations of the run have."""
-        settings = self.recipe.evaluation
-        return self._tried(range(EVALUATION_SEED, EVALUATION_SEED + settings.trials), physics_step_s=0.004)
-
-    def _tried(self, seeds: range, **settings: float) -> list[Tried]:
-        policy, task = self.exported(), TASKS[self.recipe.task]
-        kinds = self.recipe.evaluation.physics if len(seeds) else ()
-        return [
-            try_policy(policy, policy.manifest, task, seeds, physics, threads=self.threads, **settings)[0] for physics in kinds
-        ]
-
     def finish(self) -> dict:
         """Write the policy, try it on fresh goals at 1 kHz, and write the record, which is returned."""
-        path = write_policy(self.exported(), self.folder, self.name)
-        final = self._tried(range(FINAL_SEED, FINAL_SEED + self.recipe.evaluation.final_trials))
-        record = self.record() | {"policy": path.name, "final": [tried.document() for tried in final]}
-        (self.folder / RECORD).write_text(json.dumps(record, indent=2) + "\n")
-        return record
+        return evaluating.finish(self)
 
     def record(self) -> dict:
         """What the run has done so far."""
@@ -195,11 +176,7 @@ class _Watch:
     def _evaluate(self) -> None:
         run = self._run
         self._due += run.recipe.evaluation.every_samples
-        for tried in run.evaluate():
-            run.evaluations.append({"samples": run.samples} | tried.document())
-            low, high = tried.interval_80
-            rate = f"{tried.success_rate:.0%} (80 % interval {low:.0%} to {high:.0%}) of {tried.trials} goals"
-            run.tell(f"evaluation at {run.samples:,} samples, {tried.physics} robots: {rate}")
+        evaluating.evaluate(run, run.samples)
 
     def _tell(self, now: float) -> None:
         run, source = self._run, self._run.source
