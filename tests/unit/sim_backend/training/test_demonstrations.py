@@ -19,12 +19,10 @@ from sim_backend.layouts import layout_of  # noqa: E402
 from sim_backend.practice import practice_of  # noqa: E402
 from sim_backend.training.__main__ import main  # noqa: E402
 from sim_backend.training.demonstrations.cloning import as_practised  # noqa: E402
-from sim_backend.training.demonstrations.recipe import ImitationRecipe, StudentTable  # noqa: E402
+from sim_backend.training.demonstrations.recipe import ImitationRecipe  # noqa: E402
 from sim_backend.training.demonstrations.recording import main as record  # noqa: E402
 from sim_backend.training.demonstrations.recording import read_demonstrations  # noqa: E402
 from sim_backend.training.demonstrations.run import ImitationRun  # noqa: E402
-from sim_backend.training.demonstrations.samples import Samples  # noqa: E402
-from sim_backend.training.demonstrations.student import Student  # noqa: E402
 from sim_backend.training.demonstrations.teacher import Teacher, as_it_is, find_policy  # noqa: E402
 from sim_backend.training.export import ExportedPolicy, read_policy, write_policy  # noqa: E402
 from sim_backend.training.recipe import Recipe  # noqa: E402
@@ -269,20 +267,6 @@ def test_a_teacher_that_sees_the_truth_sees_no_errors(expert):
     assert np.abs(seen.tracked.cube_position_world_m - true.tracked.cube_position_world_m).max() > 0.005
 
 
-def test_windows_keep_what_was_seen_together():
-    samples = Samples(windows=4, window=3, size=2, parts=1, cells=5)
-    for value in range(3):
-        seen, wanted = torch.full((3, 2, 2), float(value)), torch.full((3, 2, 9), 0.1 * value)
-        samples.add(seen + torch.arange(3)[:, None, None] * 10, wanted, torch.full((1, 2, 5), float(value)))
-    assert samples.windows == 4 and samples.count == 12  # the first two windows gave way
-    seen, wanted, state = samples.draw(np.random.default_rng(0), 300)
-    assert seen.shape == (3, 100, 2) and state.shape == (1, 100, 5)
-    assert set(seen[0, :, 0].tolist()) == {1.0, 2.0}
-    assert torch.equal(seen[2, :, 0], seen[0, :, 0] + 20)
-    torch.testing.assert_close(wanted[0, :, 0], 0.1 * seen[0, :, 0])
-    assert torch.equal(state[0, :, 0], seen[0, :, 0])
-
-
 def test_demonstrations_without_what_the_layout_shows_are_refused(tmp_path, expert):
     shown = read_demonstrations(demonstrations_of(expert, tmp_path / "shown.safetensors"))
     fewer = practice_of("reach", layout=layout_of("reach").model_copy(update={"observation": ("joint_position_rad",)}))
@@ -296,10 +280,3 @@ def test_a_policy_that_is_not_there_is_told_what_there_is():
     with pytest.raises(ValueError, match=r"no policy 'pull'; choose from .*push.*, or name a safetensors file"):
         find_policy("pull")
     assert find_policy("push").manifest.name == "reference-push"
-
-
-def test_a_student_without_cells_remembers_nothing():
-    student = Student(layout_of("push"), StudentTable(hidden=(8,)))
-    assert student.nothing(3).shape == (0, 3, 0)
-    outputs, state = student.act(np.zeros((3, layout_of("push").observation_size), dtype=np.float32), student.nothing(3))
-    assert outputs.shape == (3, 9) and state.shape == (0, 3, 0)
