@@ -13,12 +13,12 @@ def farm(tmp_path_factory):
 
 
 def test_no_answer_is_a_5xx_or_contradicts_the_document(farm):
-    found = fuzz_api.passes(farm, farm.tokens["admin"], examples=3, seed=1, phases="fuzzing")
+    found = fuzz_api.passes(farm, farm.tokens["admin"], examples=5, seed=1, phases="fuzzing")
     operations = sum(len(path) for path in farm.admin.get("/openapi.json").json()["paths"].values())
     for name, run in found.items():
         assert (run["failures"], run["exit_code"]) == ({}, 0), (name, run)
     assert [run["operations"] for run in found.values()] == [operations - 1, operations - 1, 1]
     assert farm.admin.get("/v1/tokens").status_code == 200  # nobody was locked out on the way
-    # Ids of what exists are of use: there are no fewer successes with them.
+    # Ids of what exists are of use: there are more successes with them.
     good = [sum(count for status, count in run["statuses"].items() if status[0] == "2") for run in found.values()]
-    assert good[1] >= good[0] > 0, found
+    assert good[1] > good[0] > 0, found

@@ -11,7 +11,7 @@ from tests.integration.test_dashboard import HOSTILE, signed_in, user_token
 @pytest.fixture(scope="module")
 def farm(tmp_path_factory):
     with services(tmp_path_factory.mktemp("ladders") / "farm") as running:
-        running.start_robots(2, trial_s=0.05)
+        running.start_robots(2, trial_s=0.3)
         yield running
 
 
@@ -38,7 +38,7 @@ def test_a_ladder_is_watched_until_all_of_it_is_done(farm, ladder):
                 seen.append(int(parts["head"].split('class="why">')[1].split(" of ")[0]))
             if seen and seen[-1] == 18:
                 break
-    assert seen == sorted(seen) and len(seen) >= 2, "a slow machine may see nothing between begin and end"
+    assert seen == sorted(seen) and len(seen) > 2
     farm.wait_for_end(ladder["rungs"][-1]["job_id"])
     shown = farm.admin.get(f"/v1/ladders/{ladder['ladder_id']}").json()
     assert [rung["trials_done"] for rung in shown["rungs"]] == [6, 6, 6]
