@@ -35,6 +35,7 @@ class Reward:
     approach: float = 250.0
     joint_speed: float = -0.001
     scale: float = 0.01
+    kernel_per_m: float = c.KEYPOINT_KERNEL_PER_M  # of the keypoint kernel: the larger, the more the last centimetre counts
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ def reward_of(
         control_period_s: its length.
     """
     speed = np.einsum("ij,ij->i", state.joint_velocity_rad_s, state.joint_velocity_rad_s)
-    near = nearness(reward.kind, task, goal, state)
+    near = nearness(reward, task, goal, state)
     return reward.scale * (reward.goal * control_period_s * near + reward.approach * approached_m + reward.joint_speed * speed)
 
 
@@ -78,18 +79,19 @@ def fingers_away_m(task: Task, goal: Goal, state: State) -> np.ndarray:
     return _length(tips - to).sum(axis=1)
 
 
-def nearness(kind: RewardKind, task: Task, goal: Goal, state: State) -> np.ndarray:
+def nearness(reward: Reward, task: Task, goal: Goal, state: State) -> np.ndarray:
     """From 0 far away to 1/4 at the goal (1/4 + 1/3 for position and rotation), shape (n,)."""
+    kind, per_m = reward.kind, reward.kernel_per_m
     if not task.moves_cube:
         tips = (state.fingertip_position_world_m - goal.fingertip_position_world_m).reshape(-1, 3, 3)
-        return _kernel(_length(tips), c.KEYPOINT_KERNEL_PER_M).mean(axis=1)
+        return _kernel(_length(tips), per_m).mean(axis=1)
     if kind is RewardKind.KEYPOINT_KERNEL and task.orientation_counts:
         corners = cube_keypoints_world_m(state.cube_position_world_m, state.cube_quat_wxyz)
         wanted = cube_keypoints_world_m(goal.cube_position_world_m, goal.cube_quat_wxyz)
-        return _kernel(_length((corners - wanted).reshape(-1, 8, 3)), c.KEYPOINT_KERNEL_PER_M).mean(axis=1)
+        return _kernel(_length((corners - wanted).reshape(-1, 8, 3)), per_m).mean(axis=1)
     distance = _length(state.cube_position_world_m - goal.cube_position_world_m)
     if kind is RewardKind.KEYPOINT_KERNEL:
-        return _kernel(distance, c.KEYPOINT_KERNEL_PER_M)
+        return _kernel(distance, per_m)
     near = _kernel(distance, POSITION_KERNEL_PER_M)
     if task.orientation_counts:
         near += 1.0 / (ANGLE_WEIGHT * angle_between_rad(state.cube_quat_wxyz, goal.cube_quat_wxyz) + ANGLE_SOFTENING)

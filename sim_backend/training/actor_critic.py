@@ -1,5 +1,6 @@
 """The networks that PPO trains: normalised inputs completed by differences, an actor that sees, a critic that may know more."""
 
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -176,6 +177,23 @@ class ActorCritic(ActorCriticPolicy):
         assert isinstance(networks, Networks)
         return [module for module in networks.actor if isinstance(module, nn.Linear)]
 
+    def actor_parameters(self) -> list[nn.Parameter]:
+        """What draws actions: the actor's layers and the deviation."""
+        modules = [*self.actor_layers, self.action_net]
+        return [*(parameter for module in modules for parameter in module.parameters()), self.log_std]
+
     def _build_mlp_extractor(self) -> None:
         inputs = self.features_extractor
         self.mlp_extractor = Networks(inputs.actor_inputs, inputs.features_dim, self._actor, self._critic)  # type: ignore[assignment]
+
+
+def hold_actor(policy: ActorCritic, optimizer: torch.optim.Optimizer, while_true: Callable[[], bool]) -> None:
+    """Leave the actor as it is while the critic learns alone: the gradients of a critic that knows nothing would spoil it."""
+    actor = policy.actor_parameters()
+
+    def before_step(*_: Any) -> None:
+        if while_true():
+            for parameter in actor:
+                parameter.grad = None
+
+    optimizer.register_step_pre_hook(before_step)

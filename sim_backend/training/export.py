@@ -20,13 +20,16 @@ ACTIVATIONS = {
 
 
 class ExportedPolicy:
-    """A policy from its file, for many trials at once; what the farm makes of the same file gives the same actions."""
+    """A policy from its file, for many trials at once; what the farm makes of the same file gives the same actions.
+
+    ``layers`` has weight (inputs, outputs) and bias (outputs,) of each layer.
+    """
 
     def __init__(self, tensors: dict[str, np.ndarray], manifest: PolicyManifest) -> None:
         self.tensors, self.manifest = tensors, manifest
         self._centre, self._spread = input_scaling_of(tensors, manifest)
         self._activation = ACTIVATIONS[manifest.activation]
-        self._layers = [(tensors[f"layer{i}.weight"].T, tensors[f"layer{i}.bias"]) for i in range(count_layers(tensors))]
+        self.layers = [(tensors[f"layer{i}.weight"].T, tensors[f"layer{i}.bias"]) for i in range(count_layers(tensors))]
         self._memory = Memory(tensors, manifest.recurrent) if manifest.recurrent else None
 
     def begin(self, trials: int) -> None:
@@ -47,9 +50,9 @@ class ExportedPolicy:
             x = np.clip(x, -clip, clip)
         if self._memory is not None:
             x = self._memory(x)
-        for weight, bias in self._layers[:-1]:
+        for weight, bias in self.layers[:-1]:
             x = self._activation(x @ weight + bias)
-        x = x @ self._layers[-1][0] + self._layers[-1][1]
+        x = x @ self.layers[-1][0] + self.layers[-1][1]
         if self.manifest.head is ActionHead.BINS:
             assert self.manifest.bins is not None
             x = np.linspace(-1, 1, self.manifest.bins)[x.reshape(len(x), 9, -1).argmax(axis=2)]

@@ -16,9 +16,11 @@ from sim_backend.training.adr import AutomaticRandomization
 from sim_backend.training.recipe import Recipe
 
 
-def draw_robots(ranges: Ranges, rng: np.random.Generator, n: int) -> Physics:
-    """Physics of n robots that were never seen before, at the begin of an episode of each."""
-    return ranges.draw_episode(rng, ranges.draw(rng, n))
+def draw_robots(ranges: Ranges, rng: np.random.Generator, n: int, nominal_share: float = 0.0) -> Physics:
+    """Physics of n robots that were never seen before, at the begin of an episode of each; some of them nominal ones."""
+    drawn = ranges.draw_episode(rng, ranges.draw(rng, n))
+    nominal = np.flatnonzero(rng.random(n) < nominal_share) if nominal_share else []
+    return drawn.with_rows(nominal, Physics.nominal(len(nominal))) if len(nominal) else drawn
 
 
 class Randomizer(Protocol):
@@ -52,12 +54,12 @@ class Randomizer(Protocol):
 class FixedRandomization:
     """Robots from the whole table, always."""
 
-    def __init__(self, ranges: Ranges) -> None:
-        self._ranges = ranges
+    def __init__(self, ranges: Ranges, nominal_share: float = 0.0) -> None:
+        self._ranges, self._nominal_share = ranges, nominal_share
 
     def draw(self, rng: np.random.Generator, robots: np.ndarray) -> Physics:
         """Physics of robots that begin a trial."""
-        return draw_robots(self._ranges, rng, len(robots))
+        return draw_robots(self._ranges, rng, len(robots), self._nominal_share)
 
     def told(self, robots: np.ndarray, success: np.ndarray) -> None:
         """Nothing follows from it."""
@@ -83,7 +85,7 @@ def randomizer_of(recipe: Recipe) -> Randomizer:
     ranges = ranges_to_train_on(recipe.physics_source)
     settings = recipe.randomization
     if settings.method == "none":
-        return FixedRandomization(ranges)
+        return FixedRandomization(ranges, recipe.nominal_share)
     return AutomaticRandomization(ranges, settings, recipe.ppo.robots)
 
 

@@ -39,6 +39,7 @@ class RewardTable(Table):
     approach: float = Reward.approach
     joint_speed: float = Reward.joint_speed
     scale: Positive = Reward.scale
+    kernel_per_m: Positive = Reward.kernel_per_m
 
 
 class Networks(Table):
@@ -121,6 +122,14 @@ class ResidualTable(Table):
     share: Positive = 0.1
 
 
+class WarmStartTable(Table):
+    """A policy that the actor begins as; the critic, which begins anew, learns alone for the first iterations."""
+
+    policy: str
+    layout: str | None = None
+    critic_first: Annotated[int, Field(ge=0)] = 20
+
+
 class EvaluationTable(Table):
     """When and how the policy is tried while training: on robots of each of the ``physics``, with steps of 4 ms."""
 
@@ -134,6 +143,7 @@ class RecipeFile(Table):
     """What every recipe has: the robots practised with, whose ranges may lie beside its file."""
 
     physics: str
+    nominal_share: Annotated[float, Field(ge=0, le=1)] = 0.0  # of the trials, on nominal robots instead
     _folder: Path | None = PrivateAttr(default=None)  # of the recipe's file; no part of what is trained
 
     @property
@@ -167,6 +177,7 @@ class Recipe(RecipeFile):
     evaluation: EvaluationTable = EvaluationTable()
     demonstrations: DemonstrationTable | None = None
     residual: ResidualTable | None = None
+    warm_start: WarmStartTable | None = None
 
     @model_validator(mode="after")
     def _method_has_its_table(self) -> "Recipe":
@@ -178,6 +189,10 @@ class Recipe(RecipeFile):
                 raise ValueError(f"method is {self.method!r}; [{table}] belongs to the method {method!r}, which needs it")
         if self.method != "ppo" and self.networks.memory is not None:
             raise ValueError(f"method {self.method!r} does not go with a memory; leave networks.memory out")
+        if self.randomization.method == "adr" and self.nominal_share:
+            raise ValueError("ADR begins with nominal robots by itself; leave nominal_share out")
+        if self.warm_start is not None and (self.method != "ppo" or self.networks.memory is not None):
+            raise ValueError("a [warm_start] goes with PPO without a memory only; leave it or the other out")
         return self
 
     @model_validator(mode="after")

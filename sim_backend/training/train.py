@@ -21,7 +21,8 @@ from sim_backend.practice import Practice
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.reward import Reward
 from sim_backend.training import evaluating
-from sim_backend.training.actor_critic import ActorCritic, Inputs, whole_of
+from sim_backend.training.actor_critic import ActorCritic, Inputs, hold_actor, whole_of
+from sim_backend.training.demonstrations.plain_policy import PlainPolicy
 from sim_backend.training.demonstrations.residual import FrozenPolicy, ResidualRobots
 from sim_backend.training.demonstrations.term import DemonstrationTerm
 from sim_backend.training.evaluating import CHECKPOINT
@@ -75,6 +76,11 @@ class Run:
             assert isinstance(self.policy, ActorCritic)
             self.term = DemonstrationTerm(recipe.demonstrations, practice, self.policy, recipe.seed)
             self.term.join(self.policy.optimizer, lambda: self.iterations - 1)
+        if recipe.warm_start is not None:
+            assert isinstance(self.policy, ActorCritic)
+            PlainPolicy(recipe.warm_start.policy, recipe.warm_start.layout, practice, "be begun with").begin(self.policy)
+            critic_first = recipe.warm_start.critic_first
+            hold_actor(self.policy, self.policy.optimizer, lambda: self.iterations <= critic_first)
 
     @property
     def samples(self) -> int:

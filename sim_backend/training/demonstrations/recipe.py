@@ -61,7 +61,6 @@ class ImitationRecipe(RecipeFile):
     layout: str
     action: ActionMode = ActionMode.TORQUE
     physics: str = "real"
-    nominal_share: Annotated[float, Field(ge=0, le=1)] = 0.0  # of the trials, on nominal robots instead
     episode_s: Positive | None = None
     physics_step_s: Positive = 0.004
     samples: Count

@@ -4,16 +4,13 @@ What is exported is one network again: both side by side in the same layers, the
 """
 
 import numpy as np
-import torch
 from gymnasium import spaces
 
-from api_schemas.policy import InputScaling, OutputScaling
-from api_schemas.policy_network import ActionHead
-from sim_backend.action_space import ActionMode
+from api_schemas.policy import InputScaling
 from sim_backend.practice import Practice
 from sim_backend.training.actor_critic import CLIP, EPSILON, ActorCritic
-from sim_backend.training.demonstrations.teacher import check_same_actions, find_policy
-from sim_backend.training.export import ExportedPolicy, count_layers, exported, input_scaling_of
+from sim_backend.training.demonstrations.plain_policy import PlainPolicy
+from sim_backend.training.export import ExportedPolicy, count_layers, exported
 from sim_backend.training.recipe import ResidualTable
 from sim_backend.vec_env import SEEN, TrifingerVecEnv
 
@@ -33,37 +30,10 @@ class FrozenPolicy:
     """
 
     def __init__(self, settings: ResidualTable, practice: Practice) -> None:
-        policy = find_policy(settings.policy, settings.layout)
-        manifest, after = policy.manifest, policy.manifest.output_scaling
-        check_same_actions(manifest, practice.manifest)
-        wrong = [
-            reason
-            for reason, holds in (
-                (f"sees {', '.join(manifest.observation)}", manifest.observation != practice.manifest.observation),
-                ("has cells", manifest.recurrent is not None),
-                ("has bins", manifest.head is not ActionHead.DIRECT or practice.action_space.mode is ActionMode.BINS),
-                (f"has {manifest.activation} layers", manifest.activation != "elu"),
-                ("is not clipped at 5 and 1", (manifest.input_scaling.clip, after.clip) != (CLIP, 1.0)),
-                ("has an offset of its own", bool(np.any(np.asarray(after.offset or 0.0) != practice.action_space.middle))),
-            )
-            if holds
-        ]
-        if wrong:
-            raise ValueError(f"{settings.policy} cannot have a residual by this recipe: it {', '.join(wrong)}")
-        centre, spread = input_scaling_of(policy.tensors, manifest)
-        self.share, self.layers = settings.share, count_layers(policy.tensors)
-        self.mean, self.variance = centre, np.maximum(spread**2 - EPSILON, 0.0).astype(np.float32)
-        scale = policy.tensors["torque_limit_nm"] if after.scale is None else np.asarray(after.scale)
-        self.tensors = dict(policy.tensors)
-        ratio, last = (scale / practice.action_space.largest).astype(np.float32), f"layer{self.layers - 1}"
-        self.tensors[f"{last}.weight"] = policy.tensors[f"{last}.weight"] * ratio[:, None]
-        self.tensors[f"{last}.bias"] = policy.tensors[f"{last}.bias"] * ratio
-        plain = manifest.model_copy(update={"output_scaling": OutputScaling(scale=1.0)})
-        self.outputs = ExportedPolicy(self.tensors, plain)
-
-    def fix_inputs(self, policy: ActorCritic) -> None:
-        """Let the residual scale what it sees as the frozen policy does."""
-        policy.features_extractor.fix(torch.from_numpy(self.mean), torch.from_numpy(self.variance))
+        plain = PlainPolicy(settings.policy, settings.layout, practice, "have a residual")
+        self.share, self.layers = settings.share, count_layers(plain.tensors)
+        self.fix_inputs, self.outputs = plain.fix_inputs, plain.outputs
+        self.tensors, self.mean, self.variance = plain.tensors, plain.mean, plain.variance
 
     def with_residual(self, policy: ActorCritic, practice: Practice, name: str) -> ExportedPolicy:
         """Both as one network."""

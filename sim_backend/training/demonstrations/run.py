@@ -207,8 +207,7 @@ def practice_of_recipe(recipe: ImitationRecipe) -> Practice:
     acts, ranges = ActionSpace(recipe.action), ranges_to_train_on(recipe.physics_source)
 
     def draw(rng: np.random.Generator, robots: np.ndarray) -> Physics:
-        drawn, nominal = draw_robots(ranges, rng, len(robots)), np.flatnonzero(rng.random(len(robots)) < recipe.nominal_share)
-        return drawn.with_rows(nominal, Physics.nominal(len(nominal))) if len(nominal) else drawn
+        return draw_robots(ranges, rng, len(robots), recipe.nominal_share)
 
     return Practice(
         TASKS[recipe.task],

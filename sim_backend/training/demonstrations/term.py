@@ -13,7 +13,7 @@ import torch
 from torch import nn
 
 from sim_backend.practice import Practice
-from sim_backend.training.actor_critic import ActorCritic
+from sim_backend.training.actor_critic import ActorCritic, hold_actor
 from sim_backend.training.demonstrations.cloning import as_practised
 from sim_backend.training.demonstrations.recording import joined, read_demonstrations
 from sim_backend.training.recipe import DemonstrationTable
@@ -68,12 +68,11 @@ class DemonstrationTerm:
 
     def join(self, optimizer: torch.optim.Optimizer, iteration: Callable[[], int]) -> None:
         """Add the term's gradient to whatever the optimiser is about to take."""
-        critic_first, actor = self._settings.critic_first, actor_parameters(self._policy)
+        critic_first = self._settings.critic_first
+        hold_actor(self._policy, optimizer, lambda: iteration() < critic_first)
 
         def before_step(*_: Any) -> None:
             if iteration() < critic_first:
-                for parameter in actor:
-                    parameter.grad = None
                 return
             weight = self.weight(iteration())
             if weight > 0.0:
@@ -84,9 +83,3 @@ class DemonstrationTerm:
     def _observations(self, rows: torch.Tensor) -> Any:
         seen = self._seen[rows]
         return seen if self._privileged is None else {SEEN: seen, PRIVILEGED: self._privileged.expand(len(rows), -1)}
-
-
-def actor_parameters(policy: ActorCritic) -> list[nn.Parameter]:
-    """What draws actions: the actor's layers and the deviation."""
-    modules = [*policy.actor_layers, policy.action_net]
-    return [*(parameter for module in modules for parameter in module.parameters()), policy.log_std]

@@ -134,8 +134,21 @@ def test_at_the_goal_is_nearest(name, kind):
     at_goal = State(goal.cube_position_world_m, goal.cube_quat_wxyz, tips, np.zeros((1, 9)))
     away = State(goal.cube_position_world_m + 0.05, goal.cube_quat_wxyz, tips + 0.05, np.zeros((1, 9)))
     most = 0.25 + (1 / 3 if kind is RewardKind.POSITION_ROTATION and task.moves_cube and task.orientation_counts else 0)
-    assert nearness(kind, task, goal, at_goal)[0] == pytest.approx(most)
-    assert nearness(kind, task, goal, away)[0] < 0.7 * most
+    reward = Reward(kind)
+    assert nearness(reward, task, goal, at_goal)[0] == pytest.approx(most)
+    assert nearness(reward, task, goal, away)[0] < 0.7 * most
+
+
+def test_a_sharper_kernel_makes_the_last_centimetres_count():
+    _, goal = draw_trial(TASKS["push"], 5)
+    near = State(
+        goal.cube_position_world_m + np.array([0.02, 0, 0]),
+        goal.cube_quat_wxyz,
+        goal.fingertip_position_world_m,
+        np.zeros((1, 9)),
+    )
+    lost = [0.25 - nearness(Reward(kernel_per_m=per_m), TASKS["push"], goal, near)[0] for per_m in (50.0, 100.0)]
+    np.testing.assert_allclose(lost, [0.25 - 1 / (np.exp(x) + 2 + np.exp(-x)) for x in (1.0, 2.0)])
 
 
 def test_approaching_is_rewarded_and_haste_is_not():

@@ -22,6 +22,14 @@ def test_presets_draw_other_robots_for_each_trial(preset):
     assert set(differing) <= {row.key for row in load_ranges(preset).rows}
 
 
+def test_a_share_of_the_robots_is_nominal():
+    randomizer = FixedRandomization(ranges_to_train_on("real"), nominal_share=0.25)
+    drawn = randomizer.draw(np.random.default_rng(0), ROBOTS)
+    ideal = [(drawn.value(key) == 0.0).all(axis=1) for key in ("coulomb_friction.torque_nm", "action_delay.delay_s")]
+    np.testing.assert_array_equal(*ideal)
+    assert 0.18 < ideal[0].mean() < 0.32
+
+
 def test_a_study_is_drawn_from_its_intervals(tmp_path):
     path = tmp_path / "study.toml"
     path.write_text(

@@ -24,6 +24,8 @@ def test_shipped_recipes_hold(name):
         ('layout = "smell"', "unknown layout 'smell'; choose from"),
         ("robots = 4", "robots: Extra inputs are not permitted"),
         ("[ppo]\nminibatch = 1000", "minibatch is 1000; it must divide robots times steps, 16384"),
+        ("nominal_share = 0.5\n[randomization]\nmethod = 'adr'", "ADR begins with nominal robots by itself"),
+        ("[warm_start]\npolicy = 'push'\n[networks]\nmemory = 8", "goes with PPO without a memory only"),
         ("samples = 0", "samples: Input should be greater than or equal to 1"),
     ],
 )

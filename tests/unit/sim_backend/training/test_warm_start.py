@@ -1,0 +1,71 @@
+"""PPO that begins with a policy that is there already."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="the extra 'learning' is not installed")
+pytest.importorskip("stable_baselines3", reason="the extra 'learning' is not installed")
+
+from sim_backend.training.export import ExportedPolicy, read_policy, write_policy  # noqa: E402
+from sim_backend.training.recipe import Recipe  # noqa: E402
+from sim_backend.training.train import Run  # noqa: E402
+
+pytestmark = pytest.mark.filterwarnings("default")  # torch's own
+BATCH = 200
+
+
+def run_in(folder: Path, iterations: int = 2, **changes) -> Run:
+    settings = {
+        "task": "push",
+        "layout": "push",
+        "episode_s": 0.4,
+        "samples": BATCH * iterations,
+        "networks": {"actor": (16, 12), "critic": (16,), "privileged": True},
+        "ppo": {"robots": 25, "steps": 8, "epochs": 2, "minibatch": 100, "learning_rate": 0.01},
+        "evaluation": {"every_samples": 10_000, "trials": 2, "final_trials": 0},
+    }
+    return Run("mine", Recipe.model_validate(settings | changes), folder, threads=1, tell=lambda _: None)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("first")
+    run = run_in(folder)
+    run.learn()
+    return write_policy(run.exported(), folder, "first")
+
+
+def apart(first: ExportedPolicy, second: ExportedPolicy) -> float:
+    """Largest difference of their torques (N m) on observations that both may see."""
+    tensors = first.tensors
+    spread = np.sqrt(tensors["running_var"])
+    seen = tensors["running_mean"] + spread * np.random.default_rng(0).normal(size=(50, len(spread)))
+    return float(np.abs(first(seen) - second(seen)).max())
+
+
+def test_it_begins_as_that_policy_and_the_critic_learns_alone_at_first(tmp_path, trained):
+    warm, before = {"policy": str(trained), "critic_first": 2}, read_policy(trained)
+    run = run_in(tmp_path, iterations=2, warm_start=warm)
+    critic = run.policy.value_net.weight.clone()
+    assert apart(run.exported(), before) < 1e-5
+    run.learn()
+    assert apart(run.exported(), before) < 1e-5, "only the critic may have learned"
+    assert (run.policy.value_net.weight != critic).any()
+    run = run_in(tmp_path, iterations=3, warm_start=warm)
+    run.learn()
+    assert apart(run.exported(), before) > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"networks": {"actor": (16, 16), "critic": (16,)}}, r"hidden layers of \[16, 12\]"),
+        ({"layout": "move"}, "cannot be begun with by this recipe: it sees "),
+        ({"action": "joint position"}, "gives torque at 50 Hz, the recipe joint_position"),
+    ],
+)
+def test_a_policy_that_does_not_fit_is_refused(tmp_path, trained, changes, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        run_in(tmp_path, warm_start={"policy": str(trained)}, **changes)
