@@ -177,10 +177,15 @@ class ActorCritic(ActorCriticPolicy):
         assert isinstance(networks, Networks)
         return [module for module in networks.actor if isinstance(module, nn.Linear)]
 
+    @property
+    def all_actor_layers(self) -> list[nn.Linear]:
+        """The hidden layers of the actor and its last one."""
+        assert isinstance(self.action_net, nn.Linear)
+        return [*self.actor_layers, self.action_net]
+
     def actor_parameters(self) -> list[nn.Parameter]:
         """What draws actions: the actor's layers and the deviation."""
-        modules = [*self.actor_layers, self.action_net]
-        return [*(parameter for module in modules for parameter in module.parameters()), self.log_std]
+        return [*(parameter for module in self.all_actor_layers for parameter in module.parameters()), self.log_std]
 
     def _build_mlp_extractor(self) -> None:
         inputs = self.features_extractor

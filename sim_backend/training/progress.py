@@ -94,6 +94,7 @@ class Watch(BaseCallback):
             "success_rate": float(np.mean(self._successes)) if self._successes else None,
             "return": float(np.mean(self._returns)) if self._returns else None,
             "deviation": float(run.policy.log_std.detach().exp().mean()) if hasattr(run.policy, "log_std") else None,
+            **self._of_last_update(),
         } | run.randomizer.curve()
         run.curve.append(point)
         self._write({f"train/{name}": value for name, value in point.items() if value is not None and name != "samples"})
@@ -107,10 +108,19 @@ class Watch(BaseCallback):
         )
         self._successes, self._returns, self._told_s = [], [], now
 
+    def _of_last_update(self) -> dict[str, float | None]:
+        """How much of the returns' variance the critic explains, and how far the last update moved the actor."""
+        found = self.model.logger.name_to_value
+        return {name: _number(found.get(f"train/{name}")) for name in ("explained_variance", "approx_kl")}
+
     def _write(self, values: dict[str, float]) -> None:
         if self._board is not None:
             for name, value in values.items():
                 self._board.add_scalar(name, value, self._run.model.num_timesteps)
+
+
+def _number(value: float | None) -> float | None:
+    return None if value is None or not np.isfinite(value) else round(float(value), 4)
 
 
 def _seen(observations) -> torch.Tensor:

@@ -19,7 +19,7 @@ from sim_backend.training.recipe import Recipe
 def draw_robots(ranges: Ranges, rng: np.random.Generator, n: int, nominal_share: float = 0.0) -> Physics:
     """Physics of n robots that were never seen before, at the begin of an episode of each; some of them nominal ones."""
     drawn = ranges.draw_episode(rng, ranges.draw(rng, n))
-    nominal = np.flatnonzero(rng.random(n) < nominal_share) if nominal_share else []
+    nominal = np.flatnonzero(rng.random(n) < nominal_share) if nominal_share else np.empty(0, dtype=int)
     return drawn.with_rows(nominal, Physics.nominal(len(nominal))) if len(nominal) else drawn
 
 

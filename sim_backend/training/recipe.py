@@ -123,11 +123,20 @@ class ResidualTable(Table):
 
 
 class WarmStartTable(Table):
-    """A policy that the actor begins as; the critic, which begins anew, learns alone for the first iterations."""
+    """A policy of plain layers that the one to be trained begins as."""
 
     policy: str
     layout: str | None = None
-    critic_first: Annotated[int, Field(ge=0)] = 20
+
+
+class ActorWarmStartTable(WarmStartTable):
+    """The same of PPO's actor; the critic, which begins anew, learns alone for the first iterations, at a rate of its own.
+
+    A critic that does not know yet what a step is worth leads a good actor astray: docs/learning.md.
+    """
+
+    critic_first: Annotated[int, Field(ge=0)] = 120
+    critic_learning_rate: Positive = 1e-3
 
 
 class EvaluationTable(Table):
@@ -177,7 +186,7 @@ class Recipe(RecipeFile):
     evaluation: EvaluationTable = EvaluationTable()
     demonstrations: DemonstrationTable | None = None
     residual: ResidualTable | None = None
-    warm_start: WarmStartTable | None = None
+    warm_start: ActorWarmStartTable | None = None
 
     @model_validator(mode="after")
     def _method_has_its_table(self) -> "Recipe":

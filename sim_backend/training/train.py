@@ -22,7 +22,7 @@ from sim_backend.tasks import TASKS
 from sim_backend.tasks.reward import Reward
 from sim_backend.training import evaluating
 from sim_backend.training.actor_critic import ActorCritic, Inputs, hold_actor, whole_of
-from sim_backend.training.demonstrations.plain_policy import PlainPolicy
+from sim_backend.training.demonstrations.plain_policy import begin_with
 from sim_backend.training.demonstrations.residual import FrozenPolicy, ResidualRobots
 from sim_backend.training.demonstrations.term import DemonstrationTerm
 from sim_backend.training.evaluating import CHECKPOINT
@@ -63,13 +63,13 @@ class Run:
         self.frozen = FrozenPolicy(recipe.residual, practice) if recipe.residual else None
         self.robots = ResidualRobots(self.frozen, practice, **settings) if self.frozen else TrifingerVecEnv(practice, **settings)
         self.returns = NormalisedReturns(self.robots, recipe.ppo.discount)
-        self.model = _ppo(recipe, self.returns)
+        self.model = _ppo(recipe, self.returns, self._rate)
         self.policy: ActorCritic | RecurrentActorCritic = self.model.policy  # type: ignore[assignment]
         if recipe.networks.memory is None:
             self.returns.value_of = self._values
         if self.frozen is not None:
             assert isinstance(self.policy, ActorCritic)
-            self.frozen.fix_inputs(self.policy)
+            self.frozen.fix_inputs(self.policy.features_extractor)
             self.exported()  # complains at once if the two networks do not fit together
         self.term: DemonstrationTerm | None = None
         if recipe.demonstrations is not None:
@@ -78,9 +78,8 @@ class Run:
             self.term.join(self.policy.optimizer, lambda: self.iterations - 1)
         if recipe.warm_start is not None:
             assert isinstance(self.policy, ActorCritic)
-            PlainPolicy(recipe.warm_start.policy, recipe.warm_start.layout, practice, "be begun with").begin(self.policy)
-            critic_first = recipe.warm_start.critic_first
-            hold_actor(self.policy, self.policy.optimizer, lambda: self.iterations <= critic_first)
+            begin_with(recipe.warm_start, practice, self.policy.features_extractor, self.policy.all_actor_layers)
+            hold_actor(self.policy, self.policy.optimizer, lambda: self._critic_is_first)
 
     @property
     def samples(self) -> int:
@@ -168,6 +167,17 @@ class Run:
             task = TASKS[levels[level].task if level < len(levels) else self.recipe.task]
             self.robots.environment.practice = replace(self.robots.environment.practice, task=task)
 
+    @property
+    def _critic_is_first(self) -> bool:
+        return self.recipe.warm_start is not None and self.iterations <= self.recipe.warm_start.critic_first
+
+    def _rate(self, left: float) -> float:
+        """The learning rate when such a share of the samples is left."""
+        first, last = self.recipe.ppo.learning_rate, self.recipe.ppo.final_learning_rate or self.recipe.ppo.learning_rate
+        if self.recipe.warm_start is not None and self._critic_is_first:
+            return self.recipe.warm_start.critic_learning_rate
+        return last + (first - last) * left
+
     def _look_around(self) -> None:
         """Learn the scaling of the inputs from some steps with actions by chance, before anything else."""
         rng, observation = np.random.default_rng(self.recipe.seed), self.robots.reset()
@@ -200,15 +210,14 @@ def practice_of_recipe(recipe: Recipe, randomizer: Randomizer) -> Practice:
     )
 
 
-def _ppo(recipe: Recipe, robots: NormalisedReturns) -> PPO | RecurrentPPO:
+def _ppo(recipe: Recipe, robots: NormalisedReturns, rate: Callable[[float], float]) -> PPO | RecurrentPPO:
     ppo, networks = recipe.ppo, recipe.networks
-    first, last = ppo.learning_rate, ppo.final_learning_rate or ppo.learning_rate
     method: Any
     method, policy = (PPO, ActorCritic) if networks.memory is None else (RecurrentPPO, RecurrentActorCritic)
     return method(
         policy,
         robots,
-        learning_rate=lambda left: last + (first - last) * left,
+        learning_rate=rate,
         n_steps=ppo.steps,
         batch_size=ppo.minibatch,
         n_epochs=ppo.epochs,

@@ -1,15 +1,19 @@
 """A policy of plain layers that training builds on: its weights in the units of what is practised."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
+from torch import nn
 
 from api_schemas.policy import OutputScaling
 from api_schemas.policy_network import ActionHead
 from sim_backend.action_space import ActionMode
 from sim_backend.practice import Practice
-from sim_backend.training.actor_critic import CLIP, EPSILON, ActorCritic
+from sim_backend.training.actor_critic import CLIP, EPSILON, Inputs
 from sim_backend.training.demonstrations.teacher import check_same_actions, find_policy
 from sim_backend.training.export import ExportedPolicy, input_scaling_of
+from sim_backend.training.recipe import WarmStartTable
 
 
 class PlainPolicy:
@@ -57,25 +61,27 @@ class PlainPolicy:
         plain = manifest.model_copy(update={"output_scaling": OutputScaling(scale=1.0)})
         self.outputs = ExportedPolicy(self.tensors, plain)
 
-    def fix_inputs(self, policy: ActorCritic) -> None:
+    def fix_inputs(self, inputs: Inputs) -> None:
         """Let a policy that is trained scale what it sees as this one does."""
-        policy.features_extractor.fix(torch.from_numpy(self.mean), torch.from_numpy(self.variance))
+        inputs.fix(torch.from_numpy(self.mean), torch.from_numpy(self.variance))
 
     @torch.no_grad()
-    def begin(self, policy: ActorCritic) -> None:
-        """Give these weights to the actor, which sees differences of places besides and does not use them yet.
+    def begin(self, inputs: Inputs, layers: Sequence[nn.Linear]) -> None:
+        """Give these weights to linear layers, the first of which sees differences of places besides and does not use them yet.
 
         Raises:
             ValueError: its layers are of other sizes.
         """
-        self.fix_inputs(policy)
-        layers = [*policy.actor_layers, policy.action_net]
+        self.fix_inputs(inputs)
         sizes, wanted = ([len(layer.bias) for layer in layers[:-1]], [len(bias) for _, bias in self.outputs.layers[:-1]])
         if sizes != wanted:
-            raise ValueError(
-                f"{self.name} has hidden layers of {wanted} and the recipe's actor {sizes}; set networks.actor to those"
-            )
+            raise ValueError(f"{self.name} has hidden layers of {wanted} and the recipe of {sizes}; give it as many")
         for layer, (weight, bias) in zip(layers, self.outputs.layers, strict=True):
             layer.weight.zero_()
             layer.weight[:, : weight.shape[0]] = torch.from_numpy(np.ascontiguousarray(weight.T))
             layer.bias.copy_(torch.from_numpy(bias))
+
+
+def begin_with(start: WarmStartTable, practice: Practice, inputs: Inputs, layers: Sequence[nn.Linear]) -> None:
+    """Let what is to be trained begin as the policy of a recipe; raises ValueError as :class:`PlainPolicy` does."""
+    PlainPolicy(start.policy, start.layout, practice, "be begun with").begin(inputs, layers)

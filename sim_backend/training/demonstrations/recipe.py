@@ -9,7 +9,7 @@ from api_schemas.policy_network import Cell
 from sim_backend.action_space import ActionMode
 from sim_backend.layouts import TRAINING_LAYOUTS, layout_of
 from sim_backend.tasks import TASKS
-from sim_backend.training.recipe import Count, EvaluationTable, Layers, Positive, RecipeFile, Table
+from sim_backend.training.recipe import Count, EvaluationTable, Layers, Positive, RecipeFile, Table, WarmStartTable
 
 IMITATIONS = ("cloning", "dagger")
 """What ``method`` of a recipe may be for the recipe to be one of these."""
@@ -69,6 +69,7 @@ class ImitationRecipe(RecipeFile):
     checkpoint_minutes: Positive = 5.0
     teacher: TeacherTable | None = None
     demonstrations: tuple[str, ...] = ()
+    warm_start: WarmStartTable | None = None
     student: StudentTable = StudentTable()
     imitation: ImitationTable = ImitationTable()
     evaluation: EvaluationTable = EvaluationTable(every_samples=1_000_000)
@@ -86,6 +87,8 @@ class ImitationRecipe(RecipeFile):
     def _there_is_something_to_imitate(self) -> "ImitationRecipe":
         if self.action is ActionMode.BINS:
             raise ValueError("bins are not imitated; choose an action of numbers")
+        if self.warm_start is not None and self.student.cell is not None:
+            raise ValueError("a [warm_start] has no cells; leave it or student.cell out")
         if self.method == "dagger" and (self.teacher is None or self.demonstrations):
             raise ValueError("dagger needs a [teacher] and no demonstrations: it makes its own")
         if self.method == "cloning" and (self.teacher is not None or not self.demonstrations):

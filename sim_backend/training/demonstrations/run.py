@@ -18,6 +18,7 @@ from sim_backend.tasks import TASKS
 from sim_backend.training import evaluating
 from sim_backend.training.demonstrations.cloning import Cloning, read_demonstrations
 from sim_backend.training.demonstrations.dagger import Dagger
+from sim_backend.training.demonstrations.plain_policy import begin_with
 from sim_backend.training.demonstrations.recipe import ImitationRecipe
 from sim_backend.training.demonstrations.samples import Samples
 from sim_backend.training.demonstrations.student import Student
@@ -50,7 +51,10 @@ class ImitationRun:
     def __post_init__(self) -> None:
         torch.manual_seed(self.recipe.seed)
         torch.set_num_threads(self.threads)
-        self.student = Student(practice_of_recipe(self.recipe).manifest, self.recipe.student)
+        practice = practice_of_recipe(self.recipe)
+        self.student = Student(practice.manifest, self.recipe.student)
+        if self.recipe.warm_start is not None:
+            begin_with(self.recipe.warm_start, practice, self.student.inputs, self.student.linear_layers)
         self._optimizer = torch.optim.Adam(self.student.parameters(), lr=self.recipe.imitation.learning_rate)
         self._begin(np.random.default_rng(self.recipe.seed))
 

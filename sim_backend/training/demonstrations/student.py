@@ -34,6 +34,11 @@ class Student(nn.Module):
         sizes = (first, *settings.hidden, 9)
         self.layers = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(sizes))
 
+    @property
+    def linear_layers(self) -> list[nn.Linear]:
+        """The layers after the cells, the last one included."""
+        return [layer for layer in self.layers if isinstance(layer, nn.Linear)]
+
     def nothing(self, trials: int) -> torch.Tensor:
         """What it remembers of trials that begin."""
         return torch.zeros((self.parts, trials, self.cells))

@@ -8,6 +8,8 @@ import pytest
 torch = pytest.importorskip("torch", reason="the extra 'learning' is not installed")
 pytest.importorskip("stable_baselines3", reason="the extra 'learning' is not installed")
 
+from sim_backend.training.demonstrations.recipe import ImitationRecipe  # noqa: E402
+from sim_backend.training.demonstrations.run import ImitationRun  # noqa: E402
 from sim_backend.training.export import ExportedPolicy, read_policy, write_policy  # noqa: E402
 from sim_backend.training.recipe import Recipe  # noqa: E402
 from sim_backend.training.train import Run  # noqa: E402
@@ -58,10 +60,28 @@ def test_it_begins_as_that_policy_and_the_critic_learns_alone_at_first(tmp_path,
     assert apart(run.exported(), before) > 1e-4
 
 
+def test_the_critic_has_a_learning_rate_of_its_own_while_it_is_alone(tmp_path, trained):
+    warm = {"policy": str(trained), "critic_first": 2, "critic_learning_rate": 0.5}
+    run, rates = run_in(tmp_path, iterations=4, warm_start=warm), []
+    optimizer = run.policy.optimizer
+    optimizer.register_step_pre_hook(lambda *_: rates.append(optimizer.param_groups[0]["lr"]))
+    run.learn()
+    assert rates == [0.5] * 8 + [0.01] * 8  # four updates in each iteration
+
+
+def test_an_imitating_student_begins_as_that_policy(tmp_path, trained):
+    settings = {"method": "dagger", "task": "push", "layout": "push", "samples": 100, "teacher": {"policy": "push-scratch"}}
+    found = ImitationRecipe.model_validate(settings | {"student": {"hidden": (16, 12)}, "warm_start": {"policy": str(trained)}})
+    run = ImitationRun("mine", found, tmp_path, threads=1, tell=lambda _: None)
+    assert apart(run.exported(), read_policy(trained)) < 1e-5
+    with pytest.raises(ValueError, match="has no cells"):
+        ImitationRecipe.model_validate(settings | {"student": {"cell": "gru"}, "warm_start": {"policy": str(trained)}})
+
+
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"networks": {"actor": (16, 16), "critic": (16,)}}, r"hidden layers of \[16, 12\]"),
+        ({"networks": {"actor": (16, 16), "critic": (16,)}}, r"hidden layers of \[16, 12\] and the recipe of \[16, 16\]"),
         ({"layout": "move"}, "cannot be begun with by this recipe: it sees "),
         ({"action": "joint position"}, "gives torque at 50 Hz, the recipe joint_position"),
     ],
