@@ -1,4 +1,4 @@
-"""Where the physics runs: MuJoCo's own batch on the processor, or mujoco_warp on a GPU, both behind what the driver asks of a batch."""
+"""Where the physics runs: MuJoCo's own batch on the processor, or mujoco_warp on a GPU; to the driver both are a batch."""
 
 # mujoco fills its namespace when it is imported, which the type checker cannot see
 # pyright: reportAttributeAccessIssue=false

@@ -71,7 +71,7 @@ def open_device(device: str | None) -> tuple[Any, Any, str]:
     try:
         import warp
 
-        warp.config.quiet = True
+        warp.config.log_level = warp.LOG_WARNING  # what it tells otherwise goes to the standard output
         import mujoco_warp
     except ImportError as error:
         missing = f"the physics back end 'warp' needs packages that are not installed ({error.name})"
@@ -106,6 +106,7 @@ class WarpBatch:
             self._data = self._library.make_data(model, nworld=robots, nconmax=CONTACTS, njmax=CONSTRAINTS)
         flags = self._library.OverflowType
         self._too_much = int(flags.ALL & ~(flags.ITERATIONS | flags.LS_ITERATIONS))
+        self._record_step()
 
     def bind(self, field: str) -> np.ndarray:
         """A field of all simulations, shape (n, size), to be read and written in place between rollouts."""
@@ -166,7 +167,7 @@ class WarpBatch:
                 host["ctrl"][:] = control[:, step]
                 self._control()
                 self._send("ctrl", "qfrc_applied")
-                self._library.step(self._on_device, self._data)
+                self._warp.capture_launch(self._recorded)
                 self._receive()
                 for name, values in out.items():
                     values[:, step] = host[name]
@@ -224,6 +225,16 @@ class WarpBatch:
             self._fields[name] = np.repeat(shared.numpy()[:1], self._n, axis=0)
             own = self._warp.array(self._fields[name], dtype=shared.dtype, device=self._device)
             setattr(self._owner(name), name, own)
+        self._record_step()
+
+    def _record_step(self) -> None:
+        """Record a step to be launched as one: launching its hundred kernels one by one takes fifty times as long."""
+        with self._warp.ScopedDevice(self._device):
+            self._library.step(self._on_device, self._data)  # loads the kernels
+            with self._warp.ScopedCapture(self._device) as capture:
+                self._library.step(self._on_device, self._data)
+        self._recorded = capture.graph
+        self._forget(np.arange(self._n))
 
     def _check(self, row: int, model: mujoco.MjModel) -> None:
         nominal = self._common_fields
