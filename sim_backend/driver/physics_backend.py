@@ -37,7 +37,7 @@ class PhysicsBatch(Protocol):
     models: Any
     warning: Any
 
-    def bind(self, field: str) -> np.ndarray:
+    def bind(self, name: str) -> np.ndarray:
         """A field of all simulations, shape (n, size), to be read and written in place."""
         ...
 
@@ -53,7 +53,7 @@ class PhysicsBatch(Protocol):
         """Compute what follows from the states of some simulations."""
         ...
 
-    def rollout(self, nstep: int, control: np.ndarray, *, record: Sequence[str]) -> dict[str, np.ndarray]:
+    def rollout(self, nstep: int, control: np.ndarray, *, record: Sequence[Any]) -> dict[Any, np.ndarray]:
         """Advance by some steps with a control of its own in each, shape (n, steps, nu); fields after each step."""
         ...
 

@@ -108,9 +108,9 @@ class WarpBatch:
         self._too_much = int(flags.ALL & ~(flags.ITERATIONS | flags.LS_ITERATIONS))
         self._record_step()
 
-    def bind(self, field: str) -> np.ndarray:
+    def bind(self, name: str) -> np.ndarray:
         """A field of all simulations, shape (n, size), to be read and written in place between rollouts."""
-        return self._host[field]
+        return self._host[name]
 
     def reset(self, *, ids: np.ndarray, stage: Any) -> None:
         """Put some simulations into their initial state; nothing is computed from it (``stage`` is ``mjSTAGE_NONE``)."""
