@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sim_backend.driver.physics_backend import PhysicsBackend
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.driver.tracker import Tracker
 from sim_backend.effects.physics import Physics
@@ -57,12 +58,23 @@ class Environment:
         robots: n.
         threads: of the physics.
         begins_anew: whether robots whose trials end begin new ones; otherwise :meth:`reset` must be called.
+        physics_backend: where the physics runs.
     """
 
-    def __init__(self, practice: Practice, *, robots: int = 1, threads: int = 1, begins_anew: bool = True) -> None:
+    def __init__(
+        self,
+        practice: Practice,
+        *,
+        robots: int = 1,
+        threads: int = 1,
+        begins_anew: bool = True,
+        physics_backend: PhysicsBackend = PhysicsBackend.CPU,
+    ) -> None:
         self.practice, self.robots, self._begins_anew = practice, robots, begins_anew
         step_s = practice.physics_step_s
-        self._driver = SimulatedDriver(robots=robots, threads=threads, physics_step_s=step_s, divergence_ends=False)
+        self._driver = SimulatedDriver(
+            robots=robots, threads=threads, physics_step_s=step_s, divergence_ends=False, backend=physics_backend
+        )
         self._tracker = Tracker(physics_step_s=step_s)
         self._episode = Episode(self._driver, self._tracker, practice.manifest, physics_step_s=step_s)
         self._period_steps = round(1 / practice.manifest.rate_hz / step_s)

@@ -7,6 +7,7 @@ import numpy as np
 from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv
 
+from sim_backend.driver.physics_backend import PhysicsBackend
 from sim_backend.environment import PRIVILEGED_SIZE, Ended, Environment
 from sim_backend.observation_space import gym_action_space, observation_space
 from sim_backend.practice import Practice
@@ -29,10 +30,21 @@ class TrifingerVecEnv(VecEnv):
         threads: of the physics.
         seed: draws robots, starts, goals and noise.
         privileged: whether observations have the privileged part.
+        physics_backend: where the physics runs.
     """
 
-    def __init__(self, practice: Practice, *, robots: int, threads: int = 2, seed: int = 0, privileged: bool = False) -> None:
-        self.environment, self._privileged = Environment(practice, robots=robots, threads=threads), privileged
+    def __init__(
+        self,
+        practice: Practice,
+        *,
+        robots: int,
+        threads: int = 2,
+        seed: int = 0,
+        privileged: bool = False,
+        physics_backend: PhysicsBackend = PhysicsBackend.CPU,
+    ) -> None:
+        self.environment = Environment(practice, robots=robots, threads=threads, physics_backend=physics_backend)
+        self._privileged = privileged
         self._rng = np.random.default_rng(seed)
         space: spaces.Space = observation_space(practice.manifest)
         if privileged:

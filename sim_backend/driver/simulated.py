@@ -7,12 +7,14 @@ from dataclasses import fields
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch
 
 from sim_backend.driver import native_control
 from sim_backend.driver.driver import Command, Measurement, Segment, Start
+from sim_backend.driver.physics_backend import BackendError, PhysicsBackend, UnvariedFieldError, open_batch
 from sim_backend.driver.robot_model import compile_robot, moving_bounds, needs_model, parameter_slots
 from sim_backend.effects import record as r
+from sim_backend.effects.catalogue import CATALOGUE
+from sim_backend.effects.effect import Acts
 from sim_backend.effects.physics import Physics
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.objects import CUBE, Shape, resting_height_m
@@ -36,6 +38,7 @@ class SimulatedDriver:
         shape: the object in the arena.
         divergence_ends: whether a simulation that becomes unstable ends all (:class:`PhysicsDivergedError`); otherwise
             :attr:`diverged` says which they are, and they must be reset.
+        backend: where the physics runs.
     """
 
     def __init__(
@@ -48,11 +51,12 @@ class SimulatedDriver:
         physics: Physics | None = None,
         shape: Shape = CUBE,
         divergence_ends: bool = True,
+        backend: PhysicsBackend = PhysicsBackend.CPU,
     ) -> None:
         native_control.install()
         self._step_s, self._shape, self._robots, self._safety = physics_step_s, shape, robots, safety
         self._model = compile_robot(Physics.nominal(), shape=shape, physics_step_s=physics_step_s)
-        self._batch = Batch(self._model, robots, nthread=threads)
+        self._batch = open_batch(backend, self._model, robots, threads)
         self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
         self._slots, self._force = self._batch.bind("userdata"), self._batch.bind("qfrc_applied")
         self._torque_nm = np.zeros((robots, 9))
@@ -128,7 +132,10 @@ class SimulatedDriver:
                 own = compile_robot(physics.row(i), shape=self._shape, physics_step_s=self._step_s) if differs else self._model
                 self._models[row] = own
         if self._models is not None or self._batch.models is not None:
-            self._batch.set_models(self._models)
+            try:
+                self._batch.set_models(self._models)
+            except UnvariedFieldError as error:
+                raise BackendError(f"{_with_effects(self._physics.row(error.row))}: {error}; leave them out") from error
 
     def _write_parameters(self, physics: Physics, rows: np.ndarray) -> None:
         self._slots[rows, r.BOUNDS_ON] = moving_bounds(physics)
@@ -239,6 +246,12 @@ class SimulatedDriver:
             cube_position_world_m=qpos[:, :, 9:12],
             cube_quat_wxyz=qpos[:, :, 12:16],
         )
+
+
+def _with_effects(physics: Physics) -> str:
+    """Which effects a robot has that a model shows."""
+    names = [effect.name for effect in CATALOGUE.values() if effect.acts is Acts.MODEL and physics.has(effect.name)]
+    return f"the effects {', '.join(names)} cannot be had on this physics back end"
 
 
 def _joined(segments: list[Segment]) -> Segment:

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError,
 
 from api_schemas.policy import PolicyManifest
 from sim_backend.action_space import ActionMode
+from sim_backend.driver.physics_backend import PhysicsBackend
 from sim_backend.layouts import TRAINING_LAYOUTS, layout_of
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.reward import Reward, RewardKind
@@ -174,6 +175,7 @@ class Recipe(RecipeFile):
     physics: str = "nominal"
     episode_s: Positive | None = None
     physics_step_s: Positive = 0.004
+    physics_backend: PhysicsBackend = PhysicsBackend.CPU  # "warp" for a GPU; evaluations are MuJoCo's own all the same
     samples: Count
     minutes: Positive | None = None  # ends then, if that comes first
     seed: Annotated[int, Field(ge=0)] = 1

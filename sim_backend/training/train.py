@@ -59,7 +59,7 @@ class Run:
         self.randomizer: Randomizer = randomizer_of(recipe)
         practice = practice_of_recipe(recipe, self.randomizer)
         settings: dict[str, Any] = {"robots": recipe.ppo.robots, "threads": self.threads, "seed": recipe.seed}
-        settings["privileged"] = recipe.networks.privileged
+        settings |= {"privileged": recipe.networks.privileged, "physics_backend": recipe.physics_backend}
         self.frozen = FrozenPolicy(recipe.residual, practice) if recipe.residual else None
         self.robots = ResidualRobots(self.frozen, practice, **settings) if self.frozen else TrifingerVecEnv(practice, **settings)
         self.returns = NormalisedReturns(self.robots, recipe.ppo.discount)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sim_backend.action_space import BINS, ActionMode, ActionSpace
+from sim_backend.driver.physics_backend import PhysicsBackend
 from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import load_ranges
 from sim_backend.environment import PRIVILEGED_SIZE, Environment
@@ -12,6 +13,7 @@ from sim_backend.practice import practice_of
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.reward import Reward, RewardKind, State, nearness
 from sim_backend.tasks.task import draw_trial
+from tests.unit.sim_backend.backends import BACKENDS, needs_warp
 
 STEP_S, TRIAL_S = 0.004, 0.4
 PERIODS = 20
@@ -59,17 +61,37 @@ def test_a_trial_that_begins_among_others_is_the_trial_alone(layout):
         alone.advance(actions[step][row][None] * practice.action_space.largest)
 
 
-def test_one_robot_is_a_row_of_many():
+@needs_warp
+def test_a_trial_among_others_on_warp_is_the_trial_alone_on_mujoco():
+    robots = Robots()
+    practice = practice_of("push", layout="push", physics=robots, episode_s=TRIAL_S, physics_step_s=STEP_S)
+    environment = Seeds(practice, robots=5, physics_backend=PhysicsBackend.WARP_CPU)
+    seen = [environment.reset(np.random.default_rng(3))]
+    actions = np.random.default_rng(0).uniform(-1, 1, (2 * PERIODS - 1, 5, 9))
+    seen += [environment.step(action).observation for action in actions]
+    assert len(robots.begun) == 2, "all trials ended once"
+    for row in range(5):
+        physics, seed = robots.begun[1][1].row(row), int(environment.seeds[1][row])
+        alone, _ = begin_trials(practice.manifest, TASKS["push"], [seed], physics=physics, physics_step_s=STEP_S)
+        for step in range(PERIODS, 2 * PERIODS):
+            difference = np.abs(seen[step][row] - alone.observe()[0])
+            assert np.median(difference) < 1e-4 and difference.max() < 0.1
+            if step < 2 * PERIODS - 1:
+                alone.advance(actions[step][row][None] * practice.action_space.largest)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_one_robot_is_a_row_of_many(backend):
     def practice(physics):
         return practice_of("reach", physics=physics, episode_s=TRIAL_S, physics_step_s=STEP_S)
 
     real = Robots()
-    many = Seeds(practice(real), robots=3)
+    many = Seeds(practice(real), robots=3, physics_backend=backend)
     rng = np.random.default_rng(1)
     first = many.reset(np.random.default_rng(8))
     for row in range(3):
         physics, seed = real.begun[0][1].row(row), int(many.seeds[0][row])
-        one = Environment(practice(lambda _rng, _robots, physics=physics: physics))
+        one = Environment(practice(lambda _rng, _robots, physics=physics: physics), physics_backend=backend)
         np.testing.assert_array_equal(one.reset(rng, trial_seed=seed)[0], first[row])
     actions = rng.uniform(-1, 1, (PERIODS - 1, 3, 9))
     for action in actions:
@@ -78,9 +100,10 @@ def test_one_robot_is_a_row_of_many():
         np.testing.assert_allclose(together.reward[2], alone.reward[0], rtol=1e-12)
 
 
-def test_first_trials_end_at_different_times_and_later_ones_last_their_time():
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_first_trials_end_at_different_times_and_later_ones_last_their_time(backend):
     practice = practice_of("reach", episode_s=1.0, physics_step_s=STEP_S)
-    environment = Environment(practice, robots=50)
+    environment = Environment(practice, robots=50, physics_backend=backend)
     environment.reset(np.random.default_rng(0))
     ends = {robot: [] for robot in range(50)}
     for step in range(1, 101):
@@ -92,8 +115,10 @@ def test_first_trials_end_at_different_times_and_later_ones_last_their_time():
     assert {each[0] for each in ends.values()} == set(range(2, 51, 2))
 
 
-def test_privileged_state_is_finite_and_of_its_size():
-    environment = Environment(practice_of("push", physics="real", physics_step_s=STEP_S), robots=2)
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_privileged_state_is_finite_and_of_its_size(backend):
+    practice = practice_of("push", physics="real", physics_step_s=STEP_S)
+    environment = Environment(practice, robots=2, physics_backend=backend)
     environment.reset(np.random.default_rng(0))
     environment.step(np.zeros((2, 9)))
     state = environment.privileged()
@@ -102,8 +127,10 @@ def test_privileged_state_is_finite_and_of_its_size():
     assert (state[0] != state[1]).any()
 
 
-def test_a_simulation_that_becomes_unstable_begins_anew_and_leaves_the_others_alone():
-    environment = Environment(practice_of("reach", episode_s=1.0, physics_step_s=STEP_S), robots=3)
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_simulation_that_becomes_unstable_begins_anew_and_leaves_the_others_alone(backend):
+    practice = practice_of("reach", episode_s=1.0, physics_step_s=STEP_S)
+    environment = Environment(practice, robots=3, physics_backend=backend)
     environment.reset(np.random.default_rng(0))
     environment._driver._qvel[1] = 1e12
     stepped = environment.step(np.zeros((3, 9)))
