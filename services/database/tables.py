@@ -48,6 +48,7 @@ class Words(TypeDecorator[str]):
 NUMBER = BigInteger().with_variant(Integer, "sqlite")
 LEASED = "state IN ('leased', 'running')"
 UNDRAWN = "state = 'queued' AND first_choice IS NULL"
+NORMAL_RANK = 1
 PINNED = "robot IS NOT NULL AND state IN ('queued', 'running')"
 
 policy = Table(
@@ -87,6 +88,8 @@ job = Table(
     Column("task", String(32), nullable=False),
     Column("object", String(32), nullable=False, default="cube"),
     Column("object_scale", Float, nullable=False, default=1.0),
+    # A rank of services/jobs/priority.py; its trials have the same.
+    Column("priority", Integer, nullable=False, default=NORMAL_RANK),
     # The one robot that runs all trials of the job; where any will do, it is drawn with the first lease.
     Column("robot", String(40)),
     Column("any_robot", Boolean, nullable=False, default=False),
@@ -155,6 +158,7 @@ trial = Table(
     Column("trial_id", String(30), primary_key=True),
     Column("job_number", NUMBER, ForeignKey("job.number"), nullable=False),
     Column("owner", String(64), nullable=False),
+    Column("priority", Integer, nullable=False, default=NORMAL_RANK),
     Column("ordinal", Integer, nullable=False),
     Column("state", String(16), nullable=False),
     Column("seed", BigInteger, nullable=False),
@@ -172,9 +176,14 @@ trial = Table(
     Column("log_bytes", BigInteger),
     Column("truth_sha256", String(64)),
     UniqueConstraint("job_number", "ordinal"),
-    Index("ix_trial_queue", "state", "first_choice", "owner", "job_number", "ordinal"),
+    Index("ix_trial_queue", "state", "first_choice", "priority", "owner", "job_number", "ordinal"),
     # PostgreSQL finds the first of an order behind "is null" in a partial index only.
-    Index("ix_trial_undrawn", "owner", "job_number", "ordinal", sqlite_where=text(UNDRAWN), postgresql_where=text(UNDRAWN)),
+    Index(
+        "ix_trial_undrawn",
+        *("priority", "owner", "job_number", "ordinal"),
+        sqlite_where=text(UNDRAWN),
+        postgresql_where=text(UNDRAWN),
+    ),
     # No robot ever has two leases.
     Index("ix_trial_lease", "robot", unique=True, sqlite_where=text(LEASED), postgresql_where=text(LEASED)),
 )
