@@ -90,6 +90,8 @@ job = Table(
     Column("object_scale", Float, nullable=False, default=1.0),
     # A rank of services/jobs/priority.py; its trials have the same.
     Column("priority", Integer, nullable=False, default=NORMAL_RANK),
+    # Of a canary's job: where the band of a sound robot's success rate began when it was queued.
+    Column("canary_at_least", Float),
     # The one robot that runs all trials of the job; where any will do, it is drawn with the first lease.
     Column("robot", String(40)),
     Column("any_robot", Boolean, nullable=False, default=False),
@@ -248,9 +250,26 @@ robot = Table(
     Column("drain", Boolean, nullable=False, default=False),
     Column("trials_done", Integer, nullable=False, default=0),
     Column("faults_in_a_row", Integer, nullable=False, default=0),
+    # When it was last given the canary's job.
+    Column("canary_s", Float),
     # Why the farm has taken it out of service.
     Column("withdrawn", Words),
     Column("first_seen_at", String(40), nullable=False),
+)
+
+canary = Table(
+    "canary",
+    metadata,
+    # There is one row or none.
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    Column("policy", String(64), ForeignKey("policy.digest"), nullable=False),
+    Column("task", String(32), nullable=False),
+    Column("trials", Integer, nullable=False),
+    Column("at_least", Float, nullable=False),
+    Column("every_s", Float, nullable=False),
+    Column("seed", BigInteger, nullable=False),
+    Column("set_by", String(64), nullable=False),
+    Column("set_at", String(40), nullable=False),
 )
 
 token = Table(

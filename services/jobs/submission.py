@@ -4,7 +4,7 @@ import base64
 import hashlib
 import json
 import secrets
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -58,11 +58,18 @@ class _NewJob:
 
 
 async def submit(
-    tx: AsyncConnection, now_s: float, request: JobRequest, sender: Sender, *, drawn_seed: int | None = None
+    tx: AsyncConnection,
+    now_s: float,
+    request: JobRequest,
+    sender: Sender,
+    *,
+    drawn_seed: int | None = None,
+    pinned: Mapping[str, object] | None = None,
 ) -> tuple[str, bool]:
     """Inserts a job of a policy; gives its id and whether it is new.
 
-    ``drawn_seed`` is what the server has drawn for several jobs; it serves where none is asked for.
+    ``drawn_seed`` is what the server has drawn for several jobs; it serves where none is asked for. ``pinned`` are values of the
+    row of a job that one robot runs, its name among them.
 
     Raises:
         NotFound: the policy was not uploaded, or by others only.
@@ -75,13 +82,14 @@ async def submit(
     kept = await owners.find(tx, request.policy, sender.sees_only)
     if kept is None:
         raise NotFound("policy-not-found", f"No policy has the digest {request.policy}; upload it first with PUT /v1/policies.")
-    values = {
+    values: dict[str, Any] = {
         "policy": request.policy,
         "policy_name": kept.name,
         "task": request.task,
         "object": request.object,
         "object_scale": request.object_scale,
         "priority": RANKS[request.priority],
+        **(pinned or {}),
     }
     text = f"job queued: {request.trials} trials of {request.task} with policy {kept.name}"
     asked = _NewJob(values, [None] * request.trials, request.seed, text, drawn_seed)

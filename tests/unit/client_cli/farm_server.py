@@ -12,6 +12,7 @@ import uvicorn
 from fastapi import FastAPI, Form, Header, Request, UploadFile
 from fastapi.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
 
+from api_schemas.canary import Canary, CanaryRequest
 from api_schemas.error import MEDIA_TYPE, Problem
 from api_schemas.excitation import IdentificationRequest
 from api_schemas.job import Job, JobEvent, JobPage, JobRequest, JobState, TaskName
@@ -47,6 +48,7 @@ class FarmState:
     uploads: list[str] = field(default_factory=list)
     ladders: list[tuple[LadderRequest, str | None]] = field(default_factory=list)
     ladder_looks: int = 0
+    canaries: list[CanaryRequest] = field(default_factory=list)
     warnings: tuple[str, ...] = ()
     hang_stream: bool = False
     post_answers_lost: int = 0
@@ -94,6 +96,10 @@ def ladder(farm: FarmState) -> Ladder:
         ladder_id=LADDER_ID, name=request.name, owner="operator", created_at=AT, task=request.task, object=request.object,
         object_scale=request.object_scale, trials=request.trials, seed=7, seed_drawn_by_server=request.seed is None, rungs=rungs,
     )  # fmt: skip
+
+
+def canary(request: CanaryRequest) -> Canary:
+    return Canary(**request.model_dump(), policy_name="expert", seed=7, set_by="operator", set_at=AT)
 
 
 def event(number: int, kind: str, *, ordinal: int | None = None, done: int = 0, state: JobState = JobState.RUNNING) -> JobEvent:
@@ -224,6 +230,19 @@ def build_app(farm: FarmState) -> FastAPI:
     async def command(robot: str, command: str):
         farm.commands.append(f"{command} {robot}")
         return ROBOT.model_copy(update={"state": RobotState.DRAINING})
+
+    @app.get("/v1/canary")
+    async def get_canary():
+        return canary(farm.canaries[-1])
+
+    @app.put("/v1/canary")
+    async def put_canary(request: CanaryRequest):
+        farm.canaries.append(request)
+        return canary(request)
+
+    @app.delete("/v1/canary")
+    async def delete_canary():
+        farm.canaries.clear()
 
     @app.get("/v1/status")
     async def status():
