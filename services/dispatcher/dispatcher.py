@@ -88,6 +88,8 @@ class Dispatcher:
             self._gives_from_s = self.clock.now_s() + SETTLE_S
         while not self.signals.closing.is_set():
             look_at_active = await self.signals.dispatcher_woken(self.settings.sweep_every_s)
+            if self.settings.alive_file is not None:
+                self.settings.alive_file.touch()
             try:
                 await self._look(look_at_active=look_at_active)
             except Exception:
