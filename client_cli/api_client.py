@@ -95,6 +95,10 @@ class ApiClient:
         """Make a policy that comes with the farm one's own; for operators."""
         return self._answer(Policy, self._send("PUT", f"/v1/policies/builtin/{name}"))
 
+    def delete_policy(self, digest: str) -> None:
+        """Delete a policy of one's own."""
+        self._send("DELETE", f"/v1/policies/{digest}")
+
     def create_job(self, request: JobRequest, idempotency_key: str) -> Job:
         """Queue a job. The key makes it safe to ask again when an answer got lost on the way."""
         return self._create(Job, "/v1/jobs", request, idempotency_key)

@@ -149,6 +149,10 @@ def build_app(farm: FarmState) -> FastAPI:
             weights_bytes=len(content), graph_sha256="0" * 64, manifest=checked, warnings=farm.warnings, created_at=AT,
         )  # fmt: skip
 
+    @app.delete("/v1/policies/{digest}")
+    async def delete_policy(digest: str):
+        farm.commands.append(f"delete {digest}")
+
     @app.post("/v1/jobs")
     async def post_job(request: JobRequest, idempotency_key: str | None = Header(None)):
         farm.submissions.append((request, idempotency_key))

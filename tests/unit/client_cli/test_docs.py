@@ -43,6 +43,7 @@ JSON_KEYS = {
     "pack FILE...": pack.document(Path("p.safetensors"), "", 0.0, ""),
     "identify": identify.document(identify.Identified(job(FarmState()), None)),
     "robots": RobotPage.model_fields,
+    "policy delete DIGEST": {"digest": "", "deleted": True},
     "canary": Canary.model_fields,
     "canary off": {"dropped": True},
     "status": FarmStatus.model_fields,
