@@ -3,6 +3,7 @@
 import hashlib
 
 from api_schemas.policy import ActionKind, PolicyManifest, policy_digest
+from api_schemas.policy_link import BUILTIN_MARK
 
 PREFIX = "builtin:"
 """Before a built-in policy's name where a policy's file or digest is asked for, as in ``builtin:grasp``."""
@@ -25,7 +26,7 @@ VERSION = 1
 
 def builtin_content(name: str) -> bytes:
     """What stands for the weights of a built-in policy."""
-    return f"trifarm built-in policy {name}, version {VERSION}\n".encode()
+    return BUILTIN_MARK + f"{name}, version {VERSION}\n".encode()
 
 
 def builtin_digest(name: str) -> str:

@@ -52,6 +52,14 @@ class JobState(StrEnum):
     CANCELLED = "cancelled"
 
 
+class JobPriority(StrEnum):
+    """Users take turns within a priority; everybody may ask for ``low``, operators alone for ``high``."""
+
+    HIGH = "high"
+    NORMAL = "normal"
+    LOW = "low"
+
+
 FINAL_JOB_STATES = frozenset({JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED})
 
 
@@ -64,6 +72,7 @@ class JobRequest(Schema):
     seed: int | None = Field(default=None, ge=0, le=MAX_SEED)
     object: ObjectName = ObjectName.CUBE
     object_scale: ObjectScale = 1.0
+    priority: JobPriority = JobPriority.NORMAL
     webhook: WebhookUrl | None = Field(default=None, description="called at the job's end, where the farm allows webhooks")
 
 
@@ -83,6 +92,7 @@ class Job(Schema):
     task: TaskName
     object: ObjectName = ObjectName.CUBE
     object_scale: float = 1.0
+    priority: JobPriority = JobPriority.NORMAL
     robot: str | None = None
     trials: int
     seed: int

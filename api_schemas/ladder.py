@@ -4,7 +4,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from api_schemas.job import MAX_SEED, MAX_TRIALS, JobState, PolicyDigest, PolicyTask, TaskName
+from api_schemas.job import MAX_SEED, MAX_TRIALS, JobPriority, JobState, PolicyDigest, PolicyTask, TaskName
 from api_schemas.object import ObjectName, ObjectScale
 from api_schemas.schema import Schema
 
@@ -31,6 +31,7 @@ class LadderRequest(Schema):
     seed: int | None = Field(default=None, ge=0, le=MAX_SEED)
     object: ObjectName = ObjectName.CUBE
     object_scale: ObjectScale = 1.0
+    priority: JobPriority = JobPriority.NORMAL
 
     @model_validator(mode="after")
     def _not_too_many_trials(self) -> Self:

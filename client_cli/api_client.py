@@ -15,6 +15,7 @@ from typing import Any, Self, TypeVar
 import httpx
 from pydantic import BaseModel, ValidationError
 
+from api_schemas.canary import Canary, CanaryRequest
 from api_schemas.error import Problem
 from api_schemas.excitation import IdentificationRequest
 from api_schemas.job import Job, JobEvent, JobPage, JobRequest, JobState
@@ -93,6 +94,10 @@ class ApiClient:
     def take_builtin(self, name: str) -> Policy:
         """Make a policy that comes with the farm one's own; for operators."""
         return self._answer(Policy, self._send("PUT", f"/v1/policies/builtin/{name}"))
+
+    def delete_policy(self, digest: str) -> None:
+        """Delete a policy of one's own."""
+        self._send("DELETE", f"/v1/policies/{digest}")
 
     def create_job(self, request: JobRequest, idempotency_key: str) -> Job:
         """Queue a job. The key makes it safe to ask again when an answer got lost on the way."""
@@ -197,6 +202,18 @@ class ApiClient:
     def resume(self, robot: str) -> Robot:
         """Let a drained robot take trials again."""
         return self._answer(Robot, self._send("POST", f"/v1/robots/{robot}/resume"))
+
+    def canary(self) -> Canary:
+        """What idle robots try from time to time."""
+        return self._get(Canary, "/v1/canary")
+
+    def set_canary(self, request: CanaryRequest) -> Canary:
+        """Have idle robots try a policy from time to time."""
+        return self._answer(Canary, self._send("PUT", "/v1/canary", json=request.model_dump(mode="json")))
+
+    def drop_canary(self) -> None:
+        """Have no canary any more."""
+        self._send("DELETE", "/v1/canary")
 
     def status(self) -> FarmStatus:
         """How the farm is."""

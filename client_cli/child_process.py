@@ -1,6 +1,8 @@
 """A child process of the embedded farm: its command, its log file, and its end."""
 
+import itertools
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 TAIL_LINES = 15
+LOG_BYTES = 10 * 1024**2
+LOGS_KEPT = 3
 OWN_PREFIX = "TRIFARM_"
 """No such variable of the caller reaches a child: an embedded farm has its own tokens and settings."""
 
@@ -44,9 +48,23 @@ class ChildProcess:
     def tail(self) -> str:
         """The last lines it wrote."""
         with self.log.open("rb") as file:
-            file.seek(self.log_start)
+            file.seek(self.log_start if self.log.stat().st_size >= self.log_start else 0)  # it may have been rotated
             lines = file.read().decode(errors="replace").splitlines()
         return "\n".join(lines[-TAIL_LINES:])
+
+    def rotate(self, limit_bytes: int = LOG_BYTES) -> None:
+        """Put a log that has grown too large aside and begin it anew; of older ones ``LOGS_KEPT`` stay.
+
+        The child goes on writing to the same file, always to its end: what it writes in the moment between copy and cut is lost.
+        """
+        if self.log.stat().st_size <= limit_bytes:
+            return
+        aside = [self.log.with_name(f"{self.log.name}.{number}") for number in range(1, LOGS_KEPT + 1)]
+        for newer, older in reversed(list(itertools.pairwise(aside))):
+            if newer.exists():
+                newer.replace(older)
+        shutil.copyfile(self.log, aside[0])
+        os.truncate(self.log, 0)
 
     def ask_to_end(self) -> None:
         """Send SIGTERM."""

@@ -56,8 +56,10 @@ class EmbeddedFarm:
     children: tuple[ChildProcess, ...]
 
     def check(self) -> None:
-        """Raise an error if a child has ended."""
+        """Raise an error if a child has ended; logs that have grown large are begun anew."""
         _check(self.children)
+        for child in self.children:
+            child.rotate()
 
 
 @contextmanager

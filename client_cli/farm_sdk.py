@@ -9,7 +9,7 @@ from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Self
 
-from api_schemas.job import Job, JobRequest, JobState, TaskName
+from api_schemas.job import Job, JobPriority, JobRequest, JobState, TaskName
 from api_schemas.object import ObjectName
 from api_schemas.report import Report, read_report
 from api_schemas.trial import OutcomeKind, Trial
@@ -55,6 +55,7 @@ class Farm:
         manifest: Path | None = None,
         object: ObjectName = ObjectName.CUBE,
         object_scale: float = 1.0,
+        priority: JobPriority | str = JobPriority.NORMAL,
     ) -> "FarmJob":
         """Uploads a policy and queues a job of it.
 
@@ -67,6 +68,7 @@ class Farm:
             manifest: the manifest's file; without it and a layout, the one beside the weights.
             object: what lies between the fingers.
             object_scale: times the object's usual size.
+            priority: low waits behind the rest; high goes before it, for operators alone.
 
         Raises:
             ClientError: the policy cannot be used, or the farm refused it; the text says why.
@@ -74,7 +76,13 @@ class Farm:
         policy = read_policy(Path(weights), manifest, layout)
         self._client.upload_policy(policy.digest, policy.weights, policy.manifest)
         wish = JobRequest(
-            policy=policy.digest, task=TaskName(task), trials=trials, seed=seed, object=object, object_scale=object_scale
+            policy=policy.digest,
+            task=TaskName(task),
+            trials=trials,
+            seed=seed,
+            object=object,
+            object_scale=object_scale,
+            priority=JobPriority(priority),
         )
         return FarmJob(self._client, self._client.create_job(wish, uuid.uuid4().hex))
 

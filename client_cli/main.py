@@ -8,6 +8,7 @@ import typer
 
 from client_cli import (
     backup,
+    canary,
     cancel,
     chaos,
     check,
@@ -22,6 +23,7 @@ from client_cli import (
     ladder,
     pack,
     physics,
+    policy,
     replay,
     report,
     restore,
@@ -66,6 +68,8 @@ app.command(epilog=epilog(*OF_A_CHILD))(physics.physics)
 app.command(epilog=epilog(*OF_A_CHILD, ExitCode.INTERRUPTED))(train.train)
 app.add_typer(gap.commands, name="gap")
 app.add_typer(robots.commands, name="robots")
+app.add_typer(canary.commands, name="canary")
+app.add_typer(policy.commands, name="policy")
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(status.status)
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(top.top)
 app.command(epilog=epilog(*OF_A_CHILD))(backup.backup)

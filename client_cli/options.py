@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from api_schemas.job import POLICY_TASKS, TaskName
+from api_schemas.job import POLICY_TASKS, JobPriority, TaskName
 from api_schemas.object import LARGEST_SCALE, SMALLEST_SCALE, ObjectName
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print exactly one JSON document on stdout; progress goes to stderr.")]
@@ -35,6 +35,9 @@ ObjectOption = Annotated[
 ]
 ObjectScaleOption = Annotated[
     float, typer.Option("--object-scale", min=SMALLEST_SCALE, max=LARGEST_SCALE, help="Times the object's usual size.")
+]
+PriorityOption = Annotated[
+    JobPriority, typer.Option("--priority", help="low waits behind the rest; high goes before it, for operators alone.")
 ]
 WaitOption = Annotated[bool, typer.Option("--wait", help="Follow the job to its end.")]
 IdempotencyKeyOption = Annotated[

@@ -10,7 +10,7 @@ import typer
 from pydantic import ValidationError
 
 from api_schemas.builtin_policies import BUILTIN, PREFIX, builtin_digest
-from api_schemas.job import MAX_SEED, MAX_TRIALS, Job, JobRequest
+from api_schemas.job import MAX_SEED, MAX_TRIALS, Job, JobPriority, JobRequest
 from api_schemas.ladder import LadderRequest
 from api_schemas.object import ObjectName
 from client_cli.api_client import ApiClient
@@ -25,6 +25,7 @@ from client_cli.options import (
     ManifestOption,
     ObjectOption,
     ObjectScaleOption,
+    PriorityOption,
     TaskOption,
     WaitOption,
     WebhookOption,
@@ -55,6 +56,7 @@ def submit(
     ] = None,
     thing: ObjectOption = ObjectName.CUBE,
     scale: ObjectScaleOption = 1.0,
+    priority: PriorityOption = JobPriority.NORMAL,
     webhook: WebhookOption = None,
     wait: WaitOption = False,
     idempotency_key: IdempotencyKeyOption = None,
@@ -62,6 +64,7 @@ def submit(
 ) -> None:
     """Upload a policy, queue a job of trials and print the job's id; of a folder, one job for each checkpoint."""
     common: dict[str, object] = {"task": task, "trials": trials, "seed": seed, "object": thing, "object_scale": scale}
+    common["priority"] = priority
     if file.is_dir():
         if webhook is not None:
             raise UsageProblem("--webhook is of one job; a folder makes several, which 'trifarm ladder' shows")

@@ -9,6 +9,7 @@ import uuid
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import version
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -54,6 +55,7 @@ class BusLink:
         stopping: whether the robot is about to end and takes no more offers.
         jail: what its policies are put into.
         health: how the robot is; asked for each heartbeat.
+        alive_file: touched with each heartbeat, for the health check of a container.
     """
 
     def __init__(
@@ -67,9 +69,10 @@ class BusLink:
         stopping: Callable[[], bool],
         jail: JailReport | None = None,
         health: Callable[[], RobotHealth | None] = lambda: None,
+        alive_file: Path | None = None,
     ) -> None:
         self._access, self._robot, self._physics = access, robot, physics
-        self._jail, self._health = jail, health
+        self._jail, self._health, self._alive_file = jail, health, alive_file
         self._live, self._on_cancel, self._stopping = live, on_cancel, stopping
         self._instance = uuid.uuid4().hex
         self._lock, self._sending = threading.Lock(), threading.Lock()
@@ -236,6 +239,8 @@ class BusLink:
             )
         with self._sending:
             self._open.heartbeats.put(beat.model_dump_json())
+        if self._alive_file is not None:
+            self._alive_file.touch()
 
     def _beat(self) -> None:
         self._send_heartbeat()

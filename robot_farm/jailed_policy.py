@@ -19,6 +19,7 @@ from api_schemas.policy_graph import GraphRunner
 NEEDS = Needs(memory_bytes=4 * 1024**3)
 """No file, no folder: the graph is read before."""
 
+MOST_NAMED_BYTES = 100
 Act = Callable[[bytes], tuple[Any, int]]
 """From an observation's bytes to an action (float32 array) and its inference time in ns; one that remembers can ``forget``."""
 
@@ -78,6 +79,9 @@ class Network:
 
 def _load(graph: bytes, np, _onnxruntime) -> Network:
     """The network as a function from observation bytes to an action array and its inference time in ns."""
+    if graph.startswith(policy_link.BUILTIN_MARK):
+        asked = graph[:MOST_NAMED_BYTES].decode(errors="replace").strip()
+        raise UnknownHereError(f"this robot is too old for it: it does not know the {asked}; update the robot")
     return Network(GraphRunner(runtime.session(graph)), np)
 
 

@@ -85,6 +85,7 @@ class Robot:
                     stopping=stop.is_set,
                     jail=JailReport.of(self._jail),
                     health=self._watched.health,
+                    alive_file=self._settings.alive_file,
                 )
             )
             bus.out_of_service(self._unfit)

@@ -14,6 +14,7 @@ from sim_backend.effects.ranges import load_ranges
 
 TOKEN_VARIABLE = "TRIFARM_ROBOT_TOKEN"  # noqa: S105 - the name of a variable, not a secret
 CA_VARIABLE = "TRIFARM_CA"
+ALIVE_VARIABLE = "TRIFARM_ALIVE_FILE"
 JAIL_LEVEL_VARIABLE = "TRIFARM_JAIL_LEVEL"
 DATA = "robot-data"
 FREE = "free"
@@ -52,6 +53,8 @@ class Settings:
     """Certificates that vouch for the API's."""
     jail_level: JailLevel = JailLevel.LIMITS
     """A robot whose policies cannot be shut in as closely as this is out of service."""
+    alive_file: Path | None = None
+    """Touched with each heartbeat, for the health check of a container."""
 
     def robot_folder(self, robot: str) -> Path:
         """Where a robot keeps the policies it fetched and the log it is writing."""
@@ -121,6 +124,7 @@ def parse(arguments: list[str]) -> Settings:
         self_test_every=options.self_test_every,
         jail_level=JailLevel(options.jail_level),
         ca=options.ca,
+        alive_file=Path(alive) if (alive := os.environ.get(ALIVE_VARIABLE)) else None,
     )
     strangers = {fault.robot for fault in settings.faults} - set(settings.robot_names)
     if settings.robot is None and settings.first is not None and strangers:  # a single robot is told everybody's faults

@@ -89,6 +89,9 @@ class Settings(BaseSettings):
     s3_access_key_id: str | None = Field(default=None, description="without it, what AWS_* variables or the machine give")
     s3_secret_access_key: SecretStr | None = None
     dispatches: bool = Field(default=True, description="false: this process answers requests and gives no leases")
+    alive_file: Path | None = Field(
+        default=None, description="touched while the dispatcher's loop goes round, for the health check of its container"
+    )
     user_trials_at_once: int | None = Field(default=None, ge=1, description="how many trials one user may have running")
 
     keep_logs_days: float | None = Field(

@@ -6,6 +6,7 @@ from fastapi import FastAPI
 from fastapi.routing import APIRoute
 
 from services.api import (
+    canary,
     document,
     history,
     identifications,
@@ -47,7 +48,7 @@ def create_app(farm: Farm) -> FastAPI:
     document.install(app)
     app.add_middleware(Door, settings=farm.settings, tokens=farm.tokens)
     users = (overview, metrics, policies, jobs, ladders, leaderboards, signatures, identifications, history, trials, links, truth)
-    for module in (*users, leases, robots, joining, token_routes):
+    for module in (*users, leases, robots, canary, joining, token_routes):
         app.include_router(module.router)
         app.state.operations += [route for route in module.router.routes if isinstance(route, APIRoute)]
     return app

@@ -6,9 +6,10 @@ from fastapi import APIRouter, Header, Path, Query, Request, Response
 from fastapi.responses import PlainTextResponse
 from sqlalchemy import select
 
-from api_schemas.job import Job, JobPage, JobRequest, JobState
+from api_schemas.job import Job, JobPage, JobPriority, JobRequest, JobState
 from api_schemas.report import AnyReport, read_report
 from api_schemas.report_text import render
+from api_schemas.token import Scope
 from api_schemas.webhook import Webhook
 from services.api import cursor as cursors
 from services.api.access import Operator, Submitter, User
@@ -16,7 +17,7 @@ from services.api.document import refusals
 from services.api.farm import Farm, TheFarm
 from services.api.tokens import Caller
 from services.database.tables import job
-from services.errors import Refused
+from services.errors import Forbidden, Refused
 from services.jobs import cancellation, reports, requeue, submission, views
 from services.webhooks import delivery
 
@@ -32,6 +33,7 @@ async def create_job(
     """Queues a job; with an Idempotency-Key the same request twice is one job."""
     if body.webhook is not None and not farm.settings.webhooks:
         raise Refused("webhooks-off", "This farm calls no webhooks; its operator can allow them with TRIFARM_WEBHOOKS=true.")
+    check_priority(caller, body.priority)
     async with farm.database.write() as tx:
         now_s = farm.clock.now_s()
         job_id, new = await submission.submit(tx, now_s, body, sender_of(caller, farm, idempotency_key))
@@ -95,6 +97,15 @@ async def requeue_job(job_id: JobId, caller: Operator, farm: TheFarm) -> Job:
     farm.signals.job_changed(job_id)
     farm.signals.wake_dispatcher(urgent=True)
     return await _show(job_id, caller, farm)
+
+
+def check_priority(caller: Caller, asked: JobPriority) -> None:
+    """Raises where a user would go before the others."""
+    if asked is JobPriority.HIGH and not caller.may(Scope.OPERATE):
+        detail = (
+            f"Only operators queue jobs of priority high; {caller.owner} can ask for normal (others take turns with him) or low."
+        )
+        raise Forbidden("priority-too-high", detail)
 
 
 def sender_of(caller: Caller, farm: Farm, idempotency_key: str | None) -> submission.Sender:

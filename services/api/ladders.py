@@ -9,7 +9,7 @@ from services.api import cursor as cursors
 from services.api.access import Submitter, User
 from services.api.document import refusals
 from services.api.farm import Farm, TheFarm
-from services.api.jobs import IdempotencyKey, sender_of
+from services.api.jobs import IdempotencyKey, check_priority, sender_of
 from services.api.tokens import Caller
 from services.jobs import ladders
 
@@ -22,6 +22,7 @@ async def create_ladder(
     body: LadderRequest, response: Response, caller: Submitter, farm: TheFarm, idempotency_key: IdempotencyKey = None
 ) -> Ladder:
     """Queues a job for each checkpoint, all on the same goals; with an Idempotency-Key the same request twice is one ladder."""
+    check_priority(caller, body.priority)
     async with farm.database.write() as tx:
         sender = sender_of(caller, farm, idempotency_key)
         ladder_id, new = await ladders.submit(tx, farm.clock.now_s(), body, sender)

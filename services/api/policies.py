@@ -18,7 +18,7 @@ from api_schemas.policy import Policy, PolicyManifest, PolicyPage
 from services.api import cursor as cursors
 from services.api.access import Operator, RobotCaller, Submitter, User
 from services.api.bodies import BodyRefused
-from services.api.document import files
+from services.api.document import files, refusals
 from services.api.farm import Farm, TheFarm
 from services.api.serving import stored_file
 from services.api.tokens import Caller
@@ -136,6 +136,12 @@ async def list_policies(
 async def get_policy(digest: Digest, caller: User, farm: TheFarm) -> Policy:
     """One policy."""
     return await farm.policies.find(digest, caller.sees_only)
+
+
+@router.delete("/{digest}", status_code=204, responses=refusals(404, 409))
+async def delete_policy(digest: Digest, caller: Submitter, farm: TheFarm) -> None:
+    """Deletes a policy of one's own that no job refers to."""
+    await farm.policies.disown(digest, caller.owner)
 
 
 @router.get("/{digest}/graph", response_class=Response, responses=files(GRAPH))

@@ -48,6 +48,7 @@ class Words(TypeDecorator[str]):
 NUMBER = BigInteger().with_variant(Integer, "sqlite")
 LEASED = "state IN ('leased', 'running')"
 UNDRAWN = "state = 'queued' AND first_choice IS NULL"
+NORMAL_RANK = 1
 PINNED = "robot IS NOT NULL AND state IN ('queued', 'running')"
 
 policy = Table(
@@ -87,6 +88,10 @@ job = Table(
     Column("task", String(32), nullable=False),
     Column("object", String(32), nullable=False, default="cube"),
     Column("object_scale", Float, nullable=False, default=1.0),
+    # A rank of services/jobs/priority.py; its trials have the same.
+    Column("priority", Integer, nullable=False, default=NORMAL_RANK),
+    # Of a canary's job: where the band of a sound robot's success rate began when it was queued.
+    Column("canary_at_least", Float),
     # The one robot that runs all trials of the job; where any will do, it is drawn with the first lease.
     Column("robot", String(40)),
     Column("any_robot", Boolean, nullable=False, default=False),
@@ -155,6 +160,7 @@ trial = Table(
     Column("trial_id", String(30), primary_key=True),
     Column("job_number", NUMBER, ForeignKey("job.number"), nullable=False),
     Column("owner", String(64), nullable=False),
+    Column("priority", Integer, nullable=False, default=NORMAL_RANK),
     Column("ordinal", Integer, nullable=False),
     Column("state", String(16), nullable=False),
     Column("seed", BigInteger, nullable=False),
@@ -172,9 +178,14 @@ trial = Table(
     Column("log_bytes", BigInteger),
     Column("truth_sha256", String(64)),
     UniqueConstraint("job_number", "ordinal"),
-    Index("ix_trial_queue", "state", "first_choice", "owner", "job_number", "ordinal"),
+    Index("ix_trial_queue", "state", "first_choice", "priority", "owner", "job_number", "ordinal"),
     # PostgreSQL finds the first of an order behind "is null" in a partial index only.
-    Index("ix_trial_undrawn", "owner", "job_number", "ordinal", sqlite_where=text(UNDRAWN), postgresql_where=text(UNDRAWN)),
+    Index(
+        "ix_trial_undrawn",
+        *("priority", "owner", "job_number", "ordinal"),
+        sqlite_where=text(UNDRAWN),
+        postgresql_where=text(UNDRAWN),
+    ),
     # No robot ever has two leases.
     Index("ix_trial_lease", "robot", unique=True, sqlite_where=text(LEASED), postgresql_where=text(LEASED)),
 )
@@ -239,9 +250,26 @@ robot = Table(
     Column("drain", Boolean, nullable=False, default=False),
     Column("trials_done", Integer, nullable=False, default=0),
     Column("faults_in_a_row", Integer, nullable=False, default=0),
+    # When it was last given the canary's job.
+    Column("canary_s", Float),
     # Why the farm has taken it out of service.
     Column("withdrawn", Words),
     Column("first_seen_at", String(40), nullable=False),
+)
+
+canary = Table(
+    "canary",
+    metadata,
+    # There is one row or none.
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    Column("policy", String(64), ForeignKey("policy.digest"), nullable=False),
+    Column("task", String(32), nullable=False),
+    Column("trials", Integer, nullable=False),
+    Column("at_least", Float, nullable=False),
+    Column("every_s", Float, nullable=False),
+    Column("seed", BigInteger, nullable=False),
+    Column("set_by", String(64), nullable=False),
+    Column("set_at", String(40), nullable=False),
 )
 
 token = Table(

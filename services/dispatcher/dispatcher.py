@@ -21,6 +21,7 @@ from services.database.rows import AnyRow
 from services.dispatcher import queue
 from services.dispatcher.abandoned import Abandoner
 from services.dispatcher.bus import Bus
+from services.dispatcher.canaries import Canaries
 from services.dispatcher.commands import Commands
 from services.dispatcher.finding import Found, find_passed_over, find_trial, pass_over, why_unfit
 from services.dispatcher.hearing import Hearing
@@ -75,6 +76,7 @@ class Dispatcher:
         self._ender = LeaseEnder(self.settings, self.database, self.clock, self.fleet, self.signals)
         gone_s = self.settings.pinned_robot_gone_s
         self._abandoner = Abandoner(self.database, self.clock, self.fleet, self.signals, gone_s)
+        self._canaries = Canaries(self.database, self.clock, self.signals)
         self._commands = Commands(self.bus, self.clock, self.fleet, self._steps, self.settings.offer_timeout_s)
 
     async def run(self) -> None:
@@ -86,6 +88,8 @@ class Dispatcher:
             self._gives_from_s = self.clock.now_s() + SETTLE_S
         while not self.signals.closing.is_set():
             look_at_active = await self.signals.dispatcher_woken(self.settings.sweep_every_s)
+            if self.settings.alive_file is not None:
+                self.settings.alive_file.touch()
             try:
                 await self._look(look_at_active=look_at_active)
             except Exception:
@@ -104,11 +108,13 @@ class Dispatcher:
             await self._abandoner.look()
         await self._point_away_from_unfit()
         ready = self.fleet.ready(self.clock.now_s())
-        if not ready or not await self._anything_queued():
+        if not ready:
             return
-        for robot in ready:
-            if (given := await self._give(robot)) is not None:
-                self._steps.start(self._offer(*given))
+        if await self._anything_queued():
+            for robot in ready:
+                if (given := await self._give(robot)) is not None:
+                    self._steps.start(self._offer(*given))
+        await self._canaries.look(self.fleet.ready(self.clock.now_s()))
 
     async def _look_at_active(self) -> None:
         async with self.database.read() as connection:

@@ -1,5 +1,7 @@
 """The next trial for an idle robot: its own first, then what is newly drawn, then what another let wait too long."""
 
+from collections.abc import Sequence
+
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from services.database.rows import AnyRow
@@ -34,20 +36,30 @@ async def find_trial(tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float
         now_s: now.
         limit: how many trials a user may have running; None is any number.
     """
-    healthy, why = fleet.healthy(now_s), why_unfit(fleet, now_s)
-    if robot not in healthy:
+    if robot not in fleet.healthy(now_s):
         return None  # it was lost since it was found idle
     at_limit = await turns.at_limit(tx, limit)
+    for rank in await turns.ranks(tx, robot):
+        if (found := await _find_of(tx, robot, rank, at_limit, fleet, now_s)) is not None:
+            return found
+    return None
+
+
+async def _find_of(
+    tx: AsyncConnection, robot: str, rank: int, at_limit: Sequence[str], fleet: Fleet, now_s: float
+) -> Found | None:
+    """The same of one priority, within which users take turns."""
+    healthy, why = fleet.healthy(now_s), why_unfit(fleet, now_s)
     blocks = 0
     while True:
-        drawn = await turns.next_with_drawn(tx, robot, at_limit)
-        undrawn = await turns.next_with_undrawn(tx, at_limit) if blocks < BLOCKS_AHEAD else None
+        drawn = await turns.next_with_drawn(tx, robot, rank, at_limit)
+        undrawn = await turns.next_with_undrawn(tx, rank, at_limit) if blocks < BLOCKS_AHEAD else None
         # Whoever was served longest ago comes next, also if nothing of his was drawn for this robot yet.
         if undrawn is not None and (drawn is None or undrawn.served_s < drawn.served_s):
             blocks += 1
-            await queue.draw(tx, undrawn.owner, fleet.known(now_s), healthy, why)
+            await queue.draw(tx, rank, undrawn.owner, fleet.known(now_s), healthy, why)
             continue
-        row = None if drawn is None else await queue.oldest_of(tx, robot, drawn.owner)
+        row = None if drawn is None else await queue.oldest_of(tx, robot, rank, drawn.owner)
         if row is None or row.fence == 0:
             return None if row is None else (row, row.departure)
         choice = await queue.choose_again(tx, row, healthy, why)

@@ -40,7 +40,12 @@ def _with_job(trials: FromClause) -> Select[Any]:
 
 def _oldest_of() -> Select[Any]:
     """The oldest of a user's trials for a robot; it is found before its job is, or a database may begin with all jobs."""
-    chosen = (trial.c.state == TrialState.QUEUED, trial.c.first_choice == bindparam("chosen"), trial.c.owner == _OF_OWNER)
+    chosen = (
+        trial.c.state == TrialState.QUEUED,
+        trial.c.first_choice == bindparam("chosen"),
+        trial.c.owner == _OF_OWNER,
+        _OF_RANK,
+    )
     return _with_job(select(trial).where(*chosen).order_by(trial.c.job_number, trial.c.ordinal).limit(1).subquery())
 
 
@@ -51,12 +56,13 @@ def _oldest_undrawn() -> Select[Any]:
     than the index of such trials, and does not look for them among all that are done.
     """
     seed = select(job.c.seed).where(job.c.number == trial.c.job_number).scalar_subquery().label("job_seed")
-    from_him = select(trial, seed).where(text(UNDRAWN), trial.c.owner >= _OF_OWNER)
+    from_him = select(trial, seed).where(text(UNDRAWN), _OF_RANK, trial.c.owner >= _OF_OWNER)
     few = from_him.order_by(trial.c.owner, trial.c.job_number, trial.c.ordinal).limit(bindparam("most", type_=Integer)).subquery()
     return select(few).where(few.c.owner == _OF_OWNER).order_by(few.c.job_number, few.c.ordinal)
 
 
 _OF_OWNER = bindparam("of_owner", type_=String)
+_OF_RANK = trial.c.priority == bindparam("rank", type_=Integer)
 _QUEUED = _with_job(trial).where(trial.c.state == TrialState.QUEUED)
 _ANY = select(trial.c.trial_id).where(trial.c.state == TrialState.QUEUED).limit(1)
 _OLDEST_OF = _oldest_of()
@@ -70,7 +76,7 @@ _WAITING = (
     select(trial.c.trial_id)
     .join(job, job.c.number == trial.c.job_number)
     .where(trial.c.state == TrialState.QUEUED, _BUSY)
-    .order_by(trial.c.job_number, trial.c.ordinal)
+    .order_by(trial.c.priority, trial.c.job_number, trial.c.ordinal)
     .limit(PASSED_OVER_AT_ONCE)
     # Who is moving a trial now need not be waited for: the mark can be made the next time.
     .with_for_update(of=trial, skip_locked=True)
@@ -80,7 +86,12 @@ _PASS_OVER = (
     .where(trial.c.trial_id.in_(bindparam("waiting", expanding=True)), trial.c.passed_over_s.is_(None))
     .values(passed_over_s=bindparam("since_s"))
 )
-_PASSED_OVER = _QUEUED.where(_BUSY, trial.c.passed_over_s <= bindparam("until_s")).limit(PASSED_OVER_AT_ONCE)
+_PASSED_OVER = (
+    _QUEUED.where(_BUSY, trial.c.passed_over_s <= bindparam("until_s"))
+    .order_by(None)
+    .order_by(trial.c.priority, trial.c.job_number, trial.c.ordinal)
+    .limit(PASSED_OVER_AT_ONCE)
+)
 _POINT = (
     update(trial)
     .where(trial.c.trial_id == bindparam("of_trial"), trial.c.state == TrialState.QUEUED)
@@ -98,14 +109,14 @@ async def anything_queued(connection: AsyncConnection) -> bool:
     return (await connection.execute(_ANY)).first() is not None
 
 
-async def oldest_of(connection: AsyncConnection, robot: str, owner: str) -> AnyRow | None:
-    """The user's oldest queued trial whose first choice is the robot."""
-    return (await connection.execute(_OLDEST_OF, {"chosen": robot, "of_owner": owner})).first()
+async def oldest_of(connection: AsyncConnection, robot: str, rank: int, owner: str) -> AnyRow | None:
+    """The user's oldest queued trial of this priority whose first choice is the robot."""
+    return (await connection.execute(_OLDEST_OF, {"chosen": robot, "rank": rank, "of_owner": owner})).first()
 
 
-async def draw(tx: AsyncConnection, owner: str, known: Sequence[str], healthy: Collection[str], why: Why) -> None:
-    """Draws the orders of the user's next trials that have none, one for each known robot."""
-    rows = (await tx.execute(_OLDEST_UNDRAWN, {"of_owner": owner, "most": max(1, len(known))})).all()
+async def draw(tx: AsyncConnection, rank: int, owner: str, known: Sequence[str], healthy: Collection[str], why: Why) -> None:
+    """Draws the orders of the user's next trials of this priority that have none, one for each known robot."""
+    rows = (await tx.execute(_OLDEST_UNDRAWN, {"rank": rank, "of_owner": owner, "most": max(1, len(known))})).all()
     for number in sorted({row.job_number for row in rows}):
         await lock_job(tx, number)
     choices = []

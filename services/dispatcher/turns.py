@@ -1,4 +1,4 @@
-"""Users take turns: whose trial is next for a robot, and who has as many trials running as he may.
+"""Users take turns within a priority: whose trial is next for a robot, and who has as many trials running as he may.
 
 The users that have something queued are found by stepping through an index from one name to the next, so that the cost
 follows the number of these users and not that of their trials.
@@ -7,13 +7,14 @@ follows the number of these users and not that of their trials.
 from collections.abc import Sequence
 from typing import Any
 
-from sqlalchemy import ColumnElement, Select, TextClause, and_, bindparam, func, literal, select, text
+from sqlalchemy import ColumnElement, Integer, Select, TextClause, and_, bindparam, func, literal, or_, select, text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.trial import TrialState
 from services.database.rows import AnyRow
 from services.database.tables import UNDRAWN, trial, turn
 from services.jobs.lease import ACTIVE
+from services.jobs.priority import RANKS
 
 
 def _next_user(chosen: ColumnElement[bool] | TextClause) -> Select[Any, Any]:
@@ -27,20 +28,40 @@ def _next_user(chosen: ColumnElement[bool] | TextClause) -> Select[Any, Any]:
     return found.order_by(served_s, users.c.owner).limit(1)
 
 
-_DRAWN = _next_user(and_(trial.c.state == TrialState.QUEUED, trial.c.first_choice == bindparam("chosen")))
-_UNDRAWN = _next_user(text(UNDRAWN))
+def _any(chosen: ColumnElement[bool]) -> ColumnElement[bool]:
+    return select(trial.c.trial_id).where(chosen).exists()
+
+
+_OF_RANK = trial.c.priority == bindparam("rank", type_=Integer)
+_DRAWN = _next_user(and_(trial.c.state == TrialState.QUEUED, trial.c.first_choice == bindparam("chosen"), _OF_RANK))
+_UNDRAWN = _next_user(and_(text(UNDRAWN), _OF_RANK))
+_RANKS = select(
+    *(
+        or_(
+            _any(and_(trial.c.state == TrialState.QUEUED, trial.c.first_choice == bindparam("chosen"), trial.c.priority == rank)),
+            _any(and_(text(UNDRAWN), trial.c.priority == rank)),
+        )
+        for rank in sorted(RANKS.values())
+    )
+)
 _RUNNING = select(trial.c.owner).where(trial.c.state.in_(ACTIVE)).group_by(trial.c.owner)
 _AT_LIMIT = _RUNNING.having(func.count() >= bindparam("limit"))
 
 
-async def next_with_drawn(connection: AsyncConnection, robot: str, at_limit: Sequence[str]) -> AnyRow | None:
-    """Of the users with a trial drawn for the robot the one who comes next: ``owner`` and ``served_s``."""
-    return (await connection.execute(_DRAWN, {"chosen": robot, "at_limit": at_limit})).one_or_none()
+async def ranks(connection: AsyncConnection, robot: str) -> Sequence[int]:
+    """The priorities of trials that are drawn for the robot or not yet drawn, the most pressing first."""
+    found = await connection.execute(_RANKS, {"chosen": robot})
+    return [rank for rank, exists in zip(sorted(RANKS.values()), found.one(), strict=True) if exists]
 
 
-async def next_with_undrawn(connection: AsyncConnection, at_limit: Sequence[str]) -> AnyRow | None:
-    """Of the users with trials that are not drawn yet the one who comes next: ``owner`` and ``served_s``."""
-    return (await connection.execute(_UNDRAWN, {"at_limit": at_limit})).one_or_none()
+async def next_with_drawn(connection: AsyncConnection, robot: str, rank: int, at_limit: Sequence[str]) -> AnyRow | None:
+    """Of the users with a trial of this rank drawn for the robot the one who comes next: ``owner`` and ``served_s``."""
+    return (await connection.execute(_DRAWN, {"chosen": robot, "rank": rank, "at_limit": at_limit})).one_or_none()
+
+
+async def next_with_undrawn(connection: AsyncConnection, rank: int, at_limit: Sequence[str]) -> AnyRow | None:
+    """Of the users with trials of this rank that are not drawn yet the one who comes next: ``owner`` and ``served_s``."""
+    return (await connection.execute(_UNDRAWN, {"rank": rank, "at_limit": at_limit})).one_or_none()
 
 
 async def at_limit(connection: AsyncConnection, limit: int | None) -> Sequence[str]:

@@ -12,7 +12,7 @@ from api_schemas.trial import FAULT_OF, AttemptState, Fault, Outcome, OutcomeKin
 from services.database.rows import AnyRow
 from services.database.tables import attempt, job, trial, webhook
 from services.errors import Refused
-from services.jobs import events, pinning, reports, robots
+from services.jobs import canary, events, pinning, reports, robots
 from services.jobs.claim import Claim
 from services.jobs.clock import iso
 from services.jobs.lease import ACTIVE, UNENDED, check_report, close_attempt, stale
@@ -176,6 +176,7 @@ async def _end_if_complete(tx: AsyncConnection, now_s: float, now: AnyRow) -> bo
     text = f"job succeeded: {did}"
     ended = await _end(tx, now_s, now.number, JobState.SUCCEEDED, text)
     await reports.write(tx, ended)
+    await canary.judge(tx, ended)
     return True
 
 

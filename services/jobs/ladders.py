@@ -1,6 +1,5 @@
 """Ladders: jobs of several checkpoints that are queued together, try the same goals, and are shown together."""
 
-import hashlib
 from collections.abc import Sequence
 
 from sqlalchemy import func, insert, select
@@ -19,6 +18,8 @@ from services.jobs.clock import iso
 from services.jobs.submission import Sender
 
 LEVEL = 0.80
+_LATER_FIELDS = frozenset({"priority"})
+"""Fields of a ladder that came after its first form."""
 
 
 async def submit(tx: AsyncConnection, now_s: float, request: LadderRequest, sender: Sender) -> tuple[str, bool]:
@@ -29,7 +30,7 @@ async def submit(tx: AsyncConnection, now_s: float, request: LadderRequest, send
         Conflict: the idempotency key was used for another ladder.
         TooMany: with these jobs he would have more unended ones than he may have.
     """
-    digest = hashlib.sha256(request.model_dump_json().encode()).hexdigest()
+    digest = submission.digest_of(request, _LATER_FIELDS)
     if (earlier := await _earlier(tx, sender, digest)) is not None:
         return earlier, False
     ladder_id = submission.new_id("l")
@@ -44,6 +45,7 @@ async def submit(tx: AsyncConnection, now_s: float, request: LadderRequest, send
             seed=request.seed,
             object=request.object,
             object_scale=request.object_scale,
+            priority=request.priority,
         )
         job_id, _ = await submission.submit(tx, now_s, wish, of_each, drawn_seed=seed)
         made = select(job.c.number).where(job.c.job_id == job_id).scalar_subquery()

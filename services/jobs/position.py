@@ -10,7 +10,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 from api_schemas.job import JobState
 from api_schemas.trial import AttemptState
 from services.database.rows import AnyRow
-from services.database.tables import attempt, job, turn
+from services.database.tables import NORMAL_RANK, attempt, job, turn
 from services.jobs.lease import UNENDED
 
 LATEST = 40
@@ -20,16 +20,19 @@ NEVER_S = -1.0
 _left = job.c.trials - job.c.trials_done - job.c.trials_active
 _WAITING = (job.c.state.in_(UNENDED), job.c.cancel_requested.is_(False), _left > 0)
 _BEFORE = (
-    select(job.c.number, (func.sum(_left).over(partition_by=job.c.owner, order_by=job.c.number) - _left).label("own"))
+    select(
+        job.c.number,
+        (func.sum(_left).over(partition_by=(job.c.owner, job.c.priority), order_by=job.c.number) - _left).label("own"),
+    )
     .where(*_WAITING)
     .subquery()
 )
 _USERS = (
-    select(job.c.owner, func.sum(_left).label("trials"), func.sum(job.c.trials_active).label("running"))
+    select(job.c.owner, job.c.priority, func.sum(_left).label("trials"), func.sum(job.c.trials_active).label("running"))
     .add_columns(func.coalesce(func.max(turn.c.served_s), NEVER_S).label("served_s"))
     .outerjoin(turn, turn.c.owner == job.c.owner)
     .where(*_WAITING)
-    .group_by(job.c.owner)
+    .group_by(job.c.owner, job.c.priority)
 )
 _LATEST = (
     select(attempt.c.started_at, attempt.c.ended_at)
@@ -41,12 +44,13 @@ _LATEST = (
 
 @dataclass(frozen=True)
 class User:
-    """A user with trials in the queue, ``running`` more on robots, and when one of his was leased last."""
+    """A user with trials of one priority in the queue, ``running`` more on robots, and when one of his was leased last."""
 
     owner: str
     trials: int
     running: int
     served_s: float
+    rank: int = NORMAL_RANK
 
 
 @dataclass(frozen=True)
@@ -66,25 +70,26 @@ async def ahead_of(connection: AsyncConnection, rows: Sequence[AnyRow], robots: 
         rows: jobs in any state.
         robots: how many are in service.
     """
-    queued = {row.number: row.owner for row in rows if row.state == JobState.QUEUED and not row.cancel_requested}
+    queued = {row.number: (row.owner, row.priority) for row in rows if row.state == JobState.QUEUED and not row.cancel_requested}
     if not queued:
         return {}
     own = select(_BEFORE.c.number, _BEFORE.c.own).where(_BEFORE.c.number.in_(list(queued)))
     before = {row.number: row.own for row in await connection.execute(own)}
-    users = [User(row.owner, row.trials, row.running, row.served_s) for row in await connection.execute(_USERS)]
+    users = [User(row.owner, row.trials, row.running, row.served_s, row.priority) for row in await connection.execute(_USERS)]
     trial_s = mean_s([(row.started_at, row.ended_at) for row in await connection.execute(_LATEST)])
     each_s = None if trial_s is None or robots == 0 else trial_s / robots
-    return {number: _ahead(before.get(number, 0), owner, users, each_s) for number, owner in queued.items()}
+    return {number: _ahead(before.get(number, 0), owner, rank, users, each_s) for number, (owner, rank) in queued.items()}
 
 
-def _ahead(own: int, owner: str, users: Sequence[User], each_s: float | None) -> Ahead:
-    trials = trials_ahead(own, owner, users)
+def _ahead(own: int, owner: str, rank: int, users: Sequence[User], each_s: float | None) -> Ahead:
+    pressing = sum(user.trials for user in users if user.rank < rank)
+    trials = pressing + trials_ahead(own, owner, [user for user in users if user.rank == rank])
     running = sum(user.running for user in users if user.owner == owner)
     return Ahead(trials, running, None if each_s is None else trials * each_s)
 
 
 def trials_ahead(own: int, owner: str, users: Sequence[User]) -> int:
-    """How many trials are taken before the one that has ``own`` of its owner before it.
+    """How many trials of its priority are taken before the one that has ``own`` of its owner before it.
 
     Until then everybody else has as many turns as he, and one more if he was served longer ago.
     """

@@ -80,6 +80,11 @@ async def count_fault(tx: AsyncConnection, name: str, reason: str) -> None:
     if in_a_row is None or in_a_row < FAULTS_IN_A_ROW:
         return
     because = f"{in_a_row} attempts in a row failed on it, the last because: {reason}; 'trifarm robots resume {name}' tries again"
+    await withdraw(tx, name, because)
+
+
+async def withdraw(tx: AsyncConnection, name: str, because: str) -> None:
+    """Takes a robot out of service until an operator resumes it; what it was taken out for first stays what it says."""
     await tx.execute(_WITHDRAW, {"of_robot": name, "because": because})
 
 
@@ -89,7 +94,7 @@ async def wish_drain(tx: AsyncConnection, name: str, *, drain: bool) -> None:
     Raises:
         NotFound: no robot of this name ever joined.
     """
-    again = {} if drain else {"faults_in_a_row": 0, "withdrawn": None}
+    again = {} if drain else {"faults_in_a_row": 0, "withdrawn": None, "canary_s": None}
     changed = await tx.execute(update(robot).where(robot.c.robot == name).values(drain=drain, **again))
     if changed.rowcount == 0:
         raise NotFound("robot-not-found", f"No robot named {name} ever joined this farm; GET /v1/robots lists them.")

@@ -4,10 +4,11 @@ import base64
 import hashlib
 import json
 import secrets
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pydantic import BaseModel
 from sqlalchemy import func, insert, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection
@@ -16,15 +17,16 @@ from api_schemas.excitation import ANY_ROBOT, ExcitationName, IdentificationRequ
 from api_schemas.job import MAX_SEED, JobRequest, JobState, TaskName
 from api_schemas.trial import TrialState
 from services.database.rows import AnyRow
-from services.database.tables import job, robot, trial
+from services.database.tables import NORMAL_RANK, job, robot, trial
 from services.errors import Conflict, NotFound, TooMany
 from services.jobs import events
 from services.jobs.clock import iso
 from services.jobs.lease import UNENDED
 from services.jobs.order import trial_seed
+from services.jobs.priority import RANKS
 from services.policies import owners
 
-LATER_FIELDS = frozenset({"object", "object_scale", "webhook"})
+LATER_FIELDS = frozenset({"object", "object_scale", "webhook", "priority"})
 """Fields of a job that came after its first form; a job sent before they came and again afterwards is one job."""
 
 LOOK_AGAIN_S = 30
@@ -56,29 +58,38 @@ class _NewJob:
 
 
 async def submit(
-    tx: AsyncConnection, now_s: float, request: JobRequest, sender: Sender, *, drawn_seed: int | None = None
+    tx: AsyncConnection,
+    now_s: float,
+    request: JobRequest,
+    sender: Sender,
+    *,
+    drawn_seed: int | None = None,
+    pinned: Mapping[str, object] | None = None,
 ) -> tuple[str, bool]:
     """Inserts a job of a policy; gives its id and whether it is new.
 
-    ``drawn_seed`` is what the server has drawn for several jobs; it serves where none is asked for.
+    ``drawn_seed`` is what the server has drawn for several jobs; it serves where none is asked for. ``pinned`` are values of the
+    row of a job that one robot runs, its name among them.
 
     Raises:
         NotFound: the policy was not uploaded, or by others only.
         Conflict: the idempotency key was used for another request.
         TooMany: he has as many unended jobs as he may have.
     """
-    digest = _digest(request)
+    digest = digest_of(request)
     if (earlier := await _earlier(tx, sender, digest)) is not None:
         return earlier, False
     kept = await owners.find(tx, request.policy, sender.sees_only)
     if kept is None:
         raise NotFound("policy-not-found", f"No policy has the digest {request.policy}; upload it first with PUT /v1/policies.")
-    values = {
+    values: dict[str, Any] = {
         "policy": request.policy,
         "policy_name": kept.name,
         "task": request.task,
         "object": request.object,
         "object_scale": request.object_scale,
+        "priority": RANKS[request.priority],
+        **(pinned or {}),
     }
     text = f"job queued: {request.trials} trials of {request.task} with policy {kept.name}"
     asked = _NewJob(values, [None] * request.trials, request.seed, text, drawn_seed)
@@ -93,7 +104,7 @@ async def identify(tx: AsyncConnection, now_s: float, request: IdentificationReq
         Conflict: the idempotency key was used for another request.
         TooMany: he has as many unended jobs as he may have.
     """
-    digest = _digest(request)
+    digest = digest_of(request)
     if (earlier := await _earlier(tx, sender, digest)) is not None:
         return earlier, False
     named = None if request.robot == ANY_ROBOT else request.robot
@@ -116,14 +127,11 @@ def draw_seed() -> int:
     return secrets.randbelow(MAX_SEED)
 
 
-def _digest(request: JobRequest | IdentificationRequest) -> str:
-    """Of all that was asked, without what was not there to ask for when the first jobs were sent and was not asked for now."""
-    unasked = {name for name in LATER_FIELDS & type(request).model_fields.keys() if _is_default(request, name)}
+def digest_of(request: BaseModel, later: frozenset[str] = LATER_FIELDS) -> str:
+    """Of all that was asked, without what was not there to ask for when the first were sent and was not asked for now."""
+    fields = type(request).model_fields
+    unasked = {name for name in later & fields.keys() if getattr(request, name) == fields[name].default}
     return hashlib.sha256(request.model_dump_json(exclude=unasked).encode()).hexdigest()
-
-
-def _is_default(request: JobRequest | IdentificationRequest, name: str) -> bool:
-    return getattr(request, name) == type(request).model_fields[name].default
 
 
 async def _earlier(tx: AsyncConnection, sender: Sender, digest: str) -> str | None:
@@ -192,6 +200,7 @@ def _trials(job_id: str, number: int, seed: int, asked: _NewJob, sender: Sender)
             "trial_id": f"{job_id}-{ordinal:03d}",
             "job_number": number,
             "owner": sender.owner,
+            "priority": asked.values.get("priority", NORMAL_RANK),
             "ordinal": ordinal,
             "state": TrialState.QUEUED,
             "seed": trial_seed(seed, ordinal),

@@ -19,6 +19,7 @@ from services.jobs.clock import iso
 from services.jobs.fleet import Fleet, Member
 from services.jobs.lease import UNENDED
 from services.jobs.position import Ahead, ahead_of
+from services.jobs.priority import priority_of
 from services.jobs.waiting import job_waits, trial_waits
 
 
@@ -54,6 +55,7 @@ def _job(row: AnyRow, ahead: Ahead | None, fleet: Fleet, now_s: float, limit: in
         task=TaskName(row.task),
         object=ObjectName(row.object),
         object_scale=row.object_scale,
+        priority=priority_of(row.priority),
         robot=row.robot,
         trials=row.trials,
         seed=row.seed,

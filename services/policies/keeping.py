@@ -19,7 +19,7 @@ from api_schemas.policy import BUILTIN_FORMAT, Policy, PolicyManifest, WeightsFo
 from services.database.database import Database
 from services.database.rows import AnyRow
 from services.database.tables import policy
-from services.errors import NotFound, Refused
+from services.errors import Conflict, NotFound, Refused
 from services.files.store import FileStore, Stored
 from services.policies import child, intake, owners
 from services.policies.unfit import printable
@@ -113,6 +113,19 @@ class Policies:
             stored = await self._files.put_file(path, durable=True)
             return await self._insert(upload, stored, stored, (), now_iso)
 
+    async def disown(self, digest: str, owner: str) -> None:
+        """Takes a policy from its owner; its files go as logs do that nothing refers to.
+
+        Raises:
+            NotFound: it is not his.
+            Conflict: something needs it.
+        """
+        try:
+            async with self._database.write() as tx:
+                await owners.disown(tx, digest, owner)
+        except IntegrityError as error:  # a job of it came in at this moment
+            raise Conflict("policy-in-use", f"A job of the policy {digest} has just come in; it is kept.") from error
+
     @contextmanager
     def _coming(self, upload: Upload) -> Iterator[int]:
         """What comes in for an owner at this moment, this upload among it: all of it must find room, or nothing is converted."""
@@ -179,7 +192,10 @@ class Policies:
             await owners.hold(tx, upload.owner)
             size = await asyncio.to_thread(lambda: upload.weights.stat().st_size)
             await owners.check_room(tx, upload.owner, size, upload.share_bytes)
-            new = await owners.own(tx, upload.digest, upload.owner, now_iso)
+            try:
+                new = await owners.own(tx, upload.digest, upload.owner, now_iso)
+            except IntegrityError as error:
+                raise Conflict("policy-going", "This policy was deleted at this moment; send it again.") from error
         return await self.find(upload.digest, upload.owner), new
 
 

@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-from sqlalchemy import exists, func, insert, select
+from sqlalchemy import delete, exists, func, insert, or_, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from services.database.rows import AnyRow
-from services.database.tables import policy, policy_owner, token
-from services.errors import Forbidden
+from services.database.tables import canary, job, policy, policy_owner, token
+from services.errors import Conflict, Forbidden, NotFound
 
 _COLUMNS = [column for column in policy.c if column.name != "created_at"]
 _OWNED = policy.join(policy_owner, policy_owner.c.digest == policy.c.digest)
@@ -49,6 +49,32 @@ async def own(tx: AsyncConnection, digest: str, owner: str, now_iso: str) -> boo
         return False
     await tx.execute(insert(policy_owner).values(digest=digest, owner=owner, created_at=now_iso))
     return True
+
+
+async def disown(tx: AsyncConnection, digest: str, owner: str) -> None:
+    """The policy is the owner's no more; when it is nobody's, the farm forgets it.
+
+    What a job refers to stays, so that its report means something.
+
+    Raises:
+        NotFound: it is not his.
+        Conflict: a job of it, or the canary, needs it.
+    """
+    his = (policy_owner.c.digest == digest, policy_owner.c.owner == owner)
+    if (await tx.execute(delete(policy_owner).where(*his))).rowcount == 0:
+        raise NotFound("policy-not-found", f"{owner} has no policy with the digest {digest}; GET /v1/policies lists his.")
+    jobs = select(func.count(), func.max(job.c.number)).where(job.c.policy == digest, job.c.owner == owner)
+    count, newest = (await tx.execute(jobs)).one()
+    if count:
+        job_id = (await tx.execute(select(job.c.job_id).where(job.c.number == newest))).scalar_one()
+        detail = f"The policy {digest} is that of {count} jobs, the newest of them {job_id}; what a job refers to is kept."
+        raise Conflict("policy-in-use", detail, jobs=count, newest_job=job_id)
+    if (await tx.execute(select(exists().where(policy_owner.c.digest == digest)))).scalar():
+        return
+    needed = or_(exists().where(job.c.policy == digest), exists().where(canary.c.policy == digest))
+    if (await tx.execute(select(needed))).scalar():
+        raise Conflict("policy-in-use", f"A job of somebody else's, or the farm's canary, needs the policy {digest}; it is kept.")
+    await tx.execute(delete(policy).where(policy.c.digest == digest))
 
 
 async def check_room(connection: AsyncConnection, owner: str, more_bytes: int, limit_bytes: int | None) -> None:

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from robot_farm.jailed_policy import NEEDS
-from robot_farm.settings import TOKEN_VARIABLE, parse
+from robot_farm.settings import ALIVE_VARIABLE, TOKEN_VARIABLE, parse
 from services.__main__ import parsed
 from services.settings import Settings
 
@@ -23,7 +23,8 @@ OF_FLAGS = {"data", "host", "port", "bus", "bus_connect", "dispatches"}
 OF_A_PROXY = {"tls_certificate", "tls_key"}
 """Robots and the health check of the compose file speak http with the API; before it stands a proxy, which does the rest."""
 OF_ROUTERS = {"bus_key"}
-OF_ROBOTS = {"TRIFARM_ROBOT_TOKEN", "TRIFARM_FARM_SEED"}
+OF_ROBOTS = {"TRIFARM_ROBOT_TOKEN", "TRIFARM_FARM_SEED", ALIVE_VARIABLE}
+WITHOUT_HTTP = {"dispatcher", "robot"}
 
 
 def resources():
@@ -43,7 +44,7 @@ def rendered():
 @pytest.mark.parametrize("made", [resources, rendered])
 def test_all_of_it_is_of_the_form_that_kubernetes_has(made):
     found = made()
-    assert {"Namespace", "Deployment", "StatefulSet", "Service"} == {each["kind"] for each in found}
+    assert {"Namespace", "Deployment", "StatefulSet", "Service", "NetworkPolicy"} == {each["kind"] for each in found}
     for each in found:
         kubernetes_validate.validate(each, VERSION, strict=True)
 
@@ -100,13 +101,60 @@ def test_no_container_takes_the_whole_machine():
         assert int(inside["mem_limit"].removesuffix("g")) << 30 > (NEEDS.memory_bytes if name == "robot" else 0), name
 
 
-def test_services_write_only_where_they_must():
+def test_containers_write_only_where_they_must():
     for name, inside in composed().items():
         if inside["image"] == "trifarm-api":
-            assert (inside["read_only"], inside["volumes"]) == (True, ["/tmp"]), name
+            assert inside["volumes"] == ["/tmp"], name
+        assert inside["read_only"] and "/tmp" in [*inside["volumes"], *inside.get("tmpfs", ())], name
     api = re.search(r"^FROM python AS api$(.*?)^FROM ", (ROOT / "Dockerfile").read_text(), re.MULTILINE | re.DOTALL)
     assert api is not None
     assert "VOLUME /data" in api[1]
+
+
+def pods():
+    """The containers of the pods on Kubernetes, with what these can write: (app, container, volumes by name)."""
+    for each in resources():
+        if each["kind"] in {"Deployment", "StatefulSet"}:
+            inside = each["spec"]["template"]
+            (container,) = inside["spec"]["containers"]
+            yield inside["metadata"]["labels"]["app"], container, {row["name"]: row for row in inside["spec"]["volumes"]}
+
+
+def test_pods_write_only_where_they_must():
+    for app, container, volumes in pods():
+        assert container["securityContext"]["readOnlyRootFilesystem"], app
+        mounted = {row["mountPath"]: volumes[row["name"]] for row in container["volumeMounts"]}
+        assert set(mounted) == {"/data", "/tmp"} and all("emptyDir" in row for row in mounted.values()), app
+
+
+def test_every_container_is_asked_whether_it_lives():
+    for name, inside in composed().items():
+        assert inside["healthcheck"]["test"], name
+    for app, container, _ in pods():
+        assert container["livenessProbe"], app
+        if app in WITHOUT_HTTP:
+            assert container["startupProbe"]["exec"] == container["livenessProbe"]["exec"], app
+            assert {"name": ALIVE_VARIABLE, "value": "/tmp/alive"} in container["env"], app
+            assert container["livenessProbe"]["exec"]["command"][1:] == composed()[app]["healthcheck"]["test"][2:]
+            assert composed()[app]["environment"][ALIVE_VARIABLE] == "/tmp/alive", app
+
+
+def test_on_kubernetes_robots_speak_to_the_api_and_the_bus_alone():
+    found = {each["metadata"]["name"]: each["spec"] for each in resources() if each["kind"] == "NetworkPolicy"}
+    assert found["nobody"] == {"podSelector": {}, "policyTypes": ["Ingress"]}
+    assert {name: spec["podSelector"]["matchLabels"]["app"] for name, spec in found.items() if name != "nobody"} == {
+        app: app for app in ("api", "router", "robot")
+    }
+    assert {app for app, _, _ in pods()} == {"api", "router", "robot", "dispatcher"}
+    ports = {app: container["ports"][0]["containerPort"] for app, container, _ in pods() if "ports" in container}
+    reached = {}
+    for rule in found["robot"]["egress"]:
+        (to,) = rule["to"]
+        reached[to.get("podSelector", {}).get("matchLabels", {}).get("app")] = [port["port"] for port in rule["ports"]]
+    assert found["robot"]["policyTypes"] == ["Egress"]
+    assert reached == {"api": [ports["api"]], "router": [ports["router"]], None: [53, 53]}
+    for app in ("api", "router"):
+        assert [port["port"] for rule in found[app]["ingress"] for port in rule["ports"]] == [ports[app]]
 
 
 def test_the_services_are_told_the_physics_of_the_robots():

@@ -48,6 +48,22 @@ def test_a_user_sees_his_own_jobs_only(farm, policy):
     assert farm.submit(policy, client=operator).status_code == 403
 
 
+def test_only_operators_go_before_the_others(farm, policy):
+    (_, dora), (_, both) = user(farm, "dora", "submit"), user(farm, "both", "submit", "operate")
+    assert farm.upload(*small_policy(), client=dora).is_success
+    refused = farm.submit(policy, client=dora, priority="high")
+    assert (refused.status_code, refused.json()["type"]) == (403, "/problems/priority-too-high")
+    ladder = {"name": "l", "task": "push", "trials": 1, "rungs": [{"policy": policy, "step": 1}]}
+    assert dora.post("/v1/ladders", json=ladder | {"priority": "high"}).status_code == 403
+    assert dora.get("/v1/jobs").json()["jobs"] == []
+    made = dora.post("/v1/ladders", json=ladder | {"priority": "low"}).json()["rungs"][0]["job_id"]
+    allowed = [farm.job(made), farm.submit(policy, client=dora, priority="low").json()]
+    allowed += [farm.submit(policy, client=dora).json(), farm.submit(policy, client=both, priority="high").json()]
+    assert [job["priority"] for job in allowed] == ["low", "low", "normal", "high"]
+    for job in allowed:
+        farm.admin.post(f"/v1/jobs/{job['job_id']}/cancel")
+
+
 @pytest.mark.parametrize(
     ("method", "path", "allowed"),
     [

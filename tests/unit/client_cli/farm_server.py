@@ -12,6 +12,7 @@ import uvicorn
 from fastapi import FastAPI, Form, Header, Request, UploadFile
 from fastapi.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
 
+from api_schemas.canary import Canary, CanaryRequest
 from api_schemas.error import MEDIA_TYPE, Problem
 from api_schemas.excitation import IdentificationRequest
 from api_schemas.job import Job, JobEvent, JobPage, JobRequest, JobState, TaskName
@@ -47,6 +48,7 @@ class FarmState:
     uploads: list[str] = field(default_factory=list)
     ladders: list[tuple[LadderRequest, str | None]] = field(default_factory=list)
     ladder_looks: int = 0
+    canaries: list[CanaryRequest] = field(default_factory=list)
     warnings: tuple[str, ...] = ()
     hang_stream: bool = False
     post_answers_lost: int = 0
@@ -96,6 +98,10 @@ def ladder(farm: FarmState) -> Ladder:
     )  # fmt: skip
 
 
+def canary(request: CanaryRequest) -> Canary:
+    return Canary(**request.model_dump(), policy_name="expert", seed=7, set_by="operator", set_at=AT)
+
+
 def event(number: int, kind: str, *, ordinal: int | None = None, done: int = 0, state: JobState = JobState.RUNNING) -> JobEvent:
     return JobEvent(
         id=number, job_id=JOB_ID, at=f"2026-01-02T03:04:{number:02d}+00:00", kind=kind, trial_ordinal=ordinal,
@@ -142,6 +148,10 @@ def build_app(farm: FarmState) -> FastAPI:
             digest=digest, name=checked.name, weights_format=WeightsFormat.ONNX, weights_sha256=sha256,
             weights_bytes=len(content), graph_sha256="0" * 64, manifest=checked, warnings=farm.warnings, created_at=AT,
         )  # fmt: skip
+
+    @app.delete("/v1/policies/{digest}")
+    async def delete_policy(digest: str):
+        farm.commands.append(f"delete {digest}")
 
     @app.post("/v1/jobs")
     async def post_job(request: JobRequest, idempotency_key: str | None = Header(None)):
@@ -224,6 +234,19 @@ def build_app(farm: FarmState) -> FastAPI:
     async def command(robot: str, command: str):
         farm.commands.append(f"{command} {robot}")
         return ROBOT.model_copy(update={"state": RobotState.DRAINING})
+
+    @app.get("/v1/canary")
+    async def get_canary():
+        return canary(farm.canaries[-1])
+
+    @app.put("/v1/canary")
+    async def put_canary(request: CanaryRequest):
+        farm.canaries.append(request)
+        return canary(request)
+
+    @app.delete("/v1/canary")
+    async def delete_canary():
+        farm.canaries.clear()
 
     @app.get("/v1/status")
     async def status():

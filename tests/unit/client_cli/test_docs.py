@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from typer.main import get_command
 
+from api_schemas.canary import Canary
 from api_schemas.comparison import Comparison
 from api_schemas.job import Job, JobPage
 from api_schemas.ladder import Ladder
@@ -42,6 +43,9 @@ JSON_KEYS = {
     "pack FILE...": pack.document(Path("p.safetensors"), "", 0.0, ""),
     "identify": identify.document(identify.Identified(job(FarmState()), None)),
     "robots": RobotPage.model_fields,
+    "policy delete DIGEST": {"digest": "", "deleted": True},
+    "canary": Canary.model_fields,
+    "canary off": {"dropped": True},
     "status": FarmStatus.model_fields,
     "top": top.document(top.Seen(STATUS, (), ())),
     "chaos": run.document(check(NO_EVIDENCE, bool), [], run.About("", "", 0, False, False, True, None, 0.0, 0.0)),

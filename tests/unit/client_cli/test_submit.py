@@ -21,11 +21,11 @@ def test_submit_uploads_queues_and_prints_only_the_id(farm, trifarm, weights):
     assert key
 
 
-def test_another_object_is_asked_for(farm, trifarm, weights):
-    flags = ("--object", "sphere", "--object-scale", "0.8")
+def test_another_object_and_priority_are_asked_for(farm, trifarm, weights):
+    flags = ("--object", "sphere", "--object-scale", "0.8", "--priority", "low")
     assert trifarm("submit", weights, "--layout", "pose", "--task", "lift", *flags).code == 0
     ((request, _),) = farm.submissions
-    assert (request.object, request.object_scale) == ("sphere", 0.8)
+    assert (request.object, request.object_scale, request.priority) == ("sphere", 0.8, "low")
 
 
 @pytest.mark.parametrize("flags", [("--task", "identify"), ("--task", "lift", "--object-scale", "1.3")])

@@ -6,7 +6,7 @@ import pytest
 from api_schemas.builtin_policies import BUILTIN_NAMES, GRASP, builtin_content, builtin_digest
 from api_schemas.policy import OBSERVATION_SIZES
 from api_schemas.trial import OutcomeKind
-from robot_farm.jail import BUILTIN_PROCESS, JailedPolicy, PolicyFailedError
+from robot_farm.jail import BUILTIN_PROCESS, POLICY_PROCESS, JailedPolicy, PolicyFailedError
 from sim_backend.grasping.controller import GraspPolicy
 from sim_backend.trifinger import constants as c
 
@@ -44,6 +44,15 @@ def test_a_version_that_it_does_not_know_is_no_fault_of_the_policy(tmp_path):
     ):
         policy.reset()
     assert caught.value.kind is OutcomeKind.PLATFORM_ERROR
+
+
+def test_a_robot_that_lacks_it_says_that_it_is_too_old_and_takes_it_for_no_broken_network(tmp_path):
+    file = tmp_path / "builtin"
+    file.write_bytes(builtin_content("grasp").replace(b"grasp, version 1", b"juggle, version 2"))
+    with JailedPolicy("x", file, module=POLICY_PROCESS) as policy, pytest.raises(PolicyFailedError) as caught:
+        policy.reset()
+    assert caught.value.kind is OutcomeKind.PLATFORM_ERROR
+    assert "too old for it: it does not know the trifarm built-in policy juggle, version 2; update" in str(caught.value)
 
 
 def test_its_digest_names_it():

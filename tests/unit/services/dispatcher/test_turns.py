@@ -26,12 +26,12 @@ def farm(new_database, fleet_of):
     for member in fleet.members.values():
         member.seen_s = 1e9
 
-    async def queue(owner, *trials):
+    async def queue(owner, *trials, priority="normal"):
         async with new_database.write() as tx:
             if (await tx.execute(policy.select())).first() is None:
                 await tx.execute(insert(policy).values(POLICY))
             for count in trials:
-                request = JobRequest(policy="d" * 64, task="push", trials=count, seed=next(seeds))
+                request = JobRequest(policy="d" * 64, task="push", trials=count, seed=next(seeds), priority=priority)
                 await submit(tx, 1.0, request, Sender(owner))
 
     async def take(robot, *, limit=None, ends=True, whole=False):
@@ -104,6 +104,47 @@ async def test_a_robot_has_one_lease_whoever_writes_it(farm, new_database, fleet
     async with new_database.write() as tx:
         found = await find_trial(tx, "a", fleet_of(*ROBOTS), 1000.0)
         assert await lease.write_lease(tx, 1000.0, found[0], "a", departure=None, lease_s=15.0) is None
+
+
+async def test_users_take_turns_within_a_priority_and_the_more_pressing_goes_first(farm):
+    queue, take = farm
+    await queue("patient", 4, priority="low")
+    await queue("ann", 40)
+    await queue("bea", 8)
+    assert {await take(robot) for robot in ROBOTS} == {"ann", "bea"}
+    await queue("operator", 8, priority="high")
+    await queue("second", 8, priority="high")
+    owners = [await take(robot) for robot in ROBOTS * 4]
+    assert sorted(owners) == ["operator"] * 8 + ["second"] * 8
+    assert all(abs(owners[:each].count("operator") - each / 2) <= 2 for each in range(4, 17, 4)), owners
+    owners = [await take(robot) for robot in ROBOTS * 12]
+    assert owners.index("patient") >= 44 - len(ROBOTS)
+    assert [owners.count(who) for who in ("ann", "bea", "patient")] == [38, 6, 4]
+
+
+async def test_one_who_may_have_no_more_trials_running_keeps_no_lesser_priority_waiting(farm):
+    queue, take = farm
+    await queue("operator", 8, priority="high")
+    await queue("ann", 8)
+    assert [await take(robot, limit=1, ends=False) for robot in "abc"] == ["operator", "ann", None]
+
+
+async def test_what_is_more_pressing_is_ahead_of_a_job_and_what_is_less_is_not(farm, new_database, fleet_of):
+    queue, _ = farm
+    await queue("ann", 10, priority="low")
+    await queue("ann", 5)
+    await queue("bea", 7)
+    await queue("operator", 3, priority="high")
+    async with new_database.read() as connection:
+        rows = (await connection.execute(select(job).order_by(job.c.number))).all()
+        shown = await show_jobs(connection, rows, fleet_of(*ROBOTS), 1000.0)
+    assert [(each.priority, each.queue_position) for each in shown] == [
+        ("low", 5 + 7 + 3 + 1),
+        ("normal", 3 + 1),
+        ("normal", 3 + 1),
+        ("high", 1),
+    ]
+    assert shown[0].waiting_because == "15 trials are ahead"
 
 
 async def test_the_position_that_a_job_shows_is_where_its_first_trial_is_taken(farm, new_database, fleet_of):

@@ -1,0 +1,28 @@
+"""The health check of a dispatcher's container passes while its loop goes round and fails when it stands still."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import yaml
+
+from tests.integration.farm_process import ROOT, services, until
+
+
+def test_the_check_of_the_compose_file_sees_a_loop_that_stands_still(tmp_path):
+    alive = tmp_path / "alive"
+    program = yaml.safe_load((ROOT / "docker-compose.yml").read_text())["services"]["dispatcher"]["healthcheck"]["test"]
+    check = [sys.executable, "-c", program[-1].replace("/tmp/alive", str(alive))]
+
+    def passes():
+        return subprocess.run(check, check=False, capture_output=True).returncode == 0
+
+    assert not passes(), "nothing runs yet"
+    with services(tmp_path / "farm", alive_file=alive) as farm:
+        until(passes, 10, "a sign of life")
+        farm.process.send_signal(signal.SIGSTOP)
+        os.utime(alive, (0, 0))  # as if it had stood still for long
+        assert not passes()
+        farm.process.send_signal(signal.SIGCONT)
+        until(passes, 10, "another sign of life")
