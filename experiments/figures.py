@@ -85,14 +85,15 @@ def _rates(axes: "Axes", found: Findings) -> None:
         for each in of_kind:
             at = cells.index(each.cell) + (index - (len(kinds) - 1) / 2) * width
             _bar(axes, each, at, width, colour, label=f"{physics} robots" if each is of_kind[0] else None)
-    counts = sorted({each.trials for each in found.rates})
     names = [f"{cell}\nN = {next(each.trials for each in found.rates if each.cell == cell)}" for cell in cells]
     axes.set_xticks(range(len(cells)), names, rotation=0 if len(cells) <= 4 else 40, ha="center" if len(cells) <= 4 else "right")
     axes.set_ylim(0, 100)
     axes.set_ylabel("success rate on the farm, %", fontsize=9)
-    axes.set_xlabel(f"cell (N trials each: {', '.join(map(str, counts))})", fontsize=8)
-    axes.set_title("whiskers: 80 % intervals (Wilson); points: single runs", fontsize=7, color="#555555")
-    axes.legend(fontsize=7, frameon=False)
+    axes.set_xlabel("cell (N = trials)", fontsize=8)
+    runs = any(len(each.of_runs) > 1 for each in found.rates)
+    said = "whiskers: 80 % intervals (Wilson)" + ("; points: single runs" if runs else "")
+    axes.set_title(said, fontsize=7, color="#555555")
+    axes.legend(fontsize=7, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
 def _bar(axes: "Axes", each: Rate, at: float, width: float, colour: str, label: str | None) -> None:

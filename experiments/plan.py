@@ -9,7 +9,7 @@ from experiments.store import Key, Store
 FARM_STARTS_S = 10.0
 LONGEST_TASK_S = {"lift": 30.0}
 USUAL_TASK_S = 15.0
-GOAL_S = 8.0
+GOAL_S = 5.0
 """Simulated, for a goal of many, on average; a guess for the plan alone."""
 SIMULATED_PER_S = 60.0
 """Of all trials together, on one thread at 1 kHz; a guess for the plan alone."""

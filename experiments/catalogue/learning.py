@@ -53,7 +53,7 @@ OBSERVATIONS = Experiment(
 
 
 def _shown(count: int) -> Cell:
-    recipe = from_scratch("push", 1_500_000, every=150_000)
+    recipe = from_scratch("push", 1_200_000, every=100_000)
     if count == 0:
         return Cell("demonstrations-0", "from scratch", SEEDS, Training(recipe, NOMINAL_RATE))
     recipe |= {"method": "dapg", "demonstrations": {"clone_updates": 3000, "critic_first": 20, "least_weight": 0.02}}
@@ -70,7 +70,7 @@ DEMONSTRATIONS = Experiment(
     question="How many samples does it take to push 80 % of the goals with 0, 25 and 100 demonstrations?",
     claims=(Claim("a small number of demonstrations reduces the samples needed significantly", DAPG),),
     limits="Demonstrations come from a policy, not from people; PPO instead of the natural gradient. A run that has not reached "
-    "80 % within its budget of 1.5 million samples counts as if it had at its end, so that savings are at least what is shown. "
+    "80 % within its budget of 1.2 million samples counts as if it had at its end, so that savings are at least what is shown. "
     "What the demonstrating policy cost to train (12.6 million samples) is not counted, as people's time is not in the paper.",
     cells=tuple(_shown(count) for count in (0, 25, 100)),
     contrasts=(

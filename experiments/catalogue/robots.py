@@ -51,7 +51,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
 
 
 def _practised(physics: str, without: tuple[str, ...] = ()) -> Training:
-    recipe = from_scratch("push", 2_000_000, every=500_000, physics=physics, warm_start=START)
+    recipe = from_scratch("push", 1_500_000, every=375_000, physics=physics, warm_start=START)
     recipe["ppo"] = recipe["ppo"] | {"first_deviation": 0.15, "learning_rate": 3e-4}
     recipe["evaluation"] = recipe["evaluation"] | BEFORE_THE_FARM
     return Training(recipe, NOMINAL_RATE if physics == "nominal" else REAL_RATE, without)
@@ -66,7 +66,7 @@ RANDOMIZATION = Experiment(
         Claim("without randomisation policies hardly transfer to the physical robot", DACTYL),
         Claim("randomisation and keypoints together give 83 % on the remote real robot", ALLSHIRE),
     ),
-    limits="Both cells go on from the shipped push-scratch, which has seen nominal robots only, for 2 million samples; "
+    limits="Both cells go on from the shipped push-scratch, which has seen nominal robots only, for 1.5 million samples; "
     "the farm's "
     "robots come from the same ranges as the training's (other seeds), which no real laboratory could know.",
     cells=(
