@@ -7,6 +7,7 @@ import signal
 import sys
 import tempfile
 import time
+from importlib.util import find_spec
 from pathlib import Path
 from types import FrameType
 
@@ -16,9 +17,7 @@ OK, OTHER, USAGE, INTERRUPTED = 0, 1, 2, 130
 def main(arguments: list[str] | None = None) -> int:
     """Run, list or write pages as asked; returns the exit code."""
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    try:
-        import torch  # noqa: F401 - what trains and reads policies needs it, and its absence is to be said at once
-    except ImportError:
+    if find_spec("torch") is None or find_spec("stable_baselines3") is None:
         return _problem("experiments need packages that are not installed: pip install 'trifarm[learning]'", OTHER)
     from client_cli.errors import ClientError
     from experiments.farm_trials import WeightsMissingError

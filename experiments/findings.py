@@ -91,9 +91,9 @@ class Findings:
         return "not run yet" if len(self.left) == len(pieces(self.experiment)) else "run in part"
 
     @property
-    def samples(self) -> int:
-        """Trained so far by runs that are this experiment's own."""
-        return sum(record["samples"] for each in self.runs.values() for _, record in each)
+    def has_figure(self) -> bool:
+        """Whether there is anything to draw."""
+        return bool(self.curves or self.rates or self.in_a_row or self.known)
 
 
 def findings(experiment: Experiment, store: Store) -> Findings:

@@ -64,10 +64,11 @@ def overview(all_found: Sequence[Findings]) -> str:
         "",
         "Made by `trifarm experiment NAME` from the JSON files beside this page; a test compares them. Each experiment is one",
         "command, which goes on where the last one stopped: only what is missing is run. Intervals are at 80 %. A contrast whose",
-        "interval holds 0 and is wider than the effect of interest is *undecided*.",
+        "interval holds 0 and is wider than the effect of interest is *undecided*. Policies that trials still need lie beside",
+        "their runs; those of more than 300 kB stay in the work folder of the machine that trained them, and trials run there.",
         "",
-        "| | experiment | state | the papers | here |",
-        "|---|---|---|---|---|",
+        "| experiment | state | the papers | here |",
+        "|---|---|---|---|",
         *(_row(found) for found in all_found),
         "",
         f"{_tally(judged)} All trainings and trials together take about {_total_hours(all_found):.1f} hours on two cores "
@@ -79,6 +80,8 @@ def overview(all_found: Sequence[Findings]) -> str:
         lines += [f"## {HEADINGS[kind]}", ""]
         lines += [_sentence(found, each) for found, each in of_kind] or ["Nothing."]
         lines.append("")
+    if drawn := [found.experiment for found in all_found if found.has_figure]:
+        lines += ["## Figures", "", *(f"![({each.letter}) {each.title}]({each.name}.svg)\n" for each in drawn)]
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -86,7 +89,7 @@ def _row(found: Findings) -> str:
     experiment = found.experiment
     papers = "; ".join(f"{claim.text} ({claim.source})" for claim in experiment.claims)
     page = f"[({experiment.letter}) {experiment.title}]({experiment.name}.md)"
-    return f"| {experiment.letter} | {page} | {found.state} | {papers} | {_here(found)} |"
+    return f"| {page} | {found.state} | {papers} | {_here(found)} |"
 
 
 def _here(found: Findings) -> str:
@@ -94,7 +97,9 @@ def _here(found: Findings) -> str:
         return "not run yet"
     counts = {kind: sum(each.verdict is kind for each in found.judged) for kind in ORDER}
     said = ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
-    return f"{said} of {len(found.judged)} contrasts"
+    first = next((each for each in found.judged if each.found is not None), None)
+    example = "" if first is None or first.found is None else f"; {first.contrast.name}: {shown(first.contrast, first.found)}"
+    return f"of {len(found.judged)} contrasts {said}{example}"
 
 
 def _tally(judged: Sequence[tuple[Findings, Judged]]) -> str:

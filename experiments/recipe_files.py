@@ -19,7 +19,7 @@ DEMONSTRATIONS = "shown.demonstrations"
 def write_recipe(training: Training, seed: int, folder: Path, name: str, demonstrations: Path | None = None) -> Path:
     """Write the recipe of a run, and the reduced ranges that it names; gives its path."""
     folder.mkdir(parents=True, exist_ok=True)
-    recipe = dict(training.recipe) | {"seed": seed}
+    recipe: dict[str, Any] = {**training.recipe, "seed": seed}
     if training.without:
         reduced = folder / REDUCED
         reduced.write_text(toml_of(reduced_real(training.without)))

@@ -19,6 +19,7 @@ def experiment(*flags, code=0):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_the_quick_form_trains_tries_on_a_farm_judges_and_goes_on(tmp_path):
     out = tmp_path / "results"
     part, _ = experiment("--out", str(out), "--only", "nominal")

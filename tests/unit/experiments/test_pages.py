@@ -1,6 +1,7 @@
 """Pages and figures are made of results alone: the committed ones are what their JSON gives; nothing is claimed without."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -35,6 +36,13 @@ def test_the_committed_overview_is_what_the_committed_results_give():
     assert (PAGES / "README.md").read_text() == overview(found_in(PAGES))
 
 
+def test_the_documented_keys_are_those_of_the_document(tmp_path):
+    section = (PAGES.parent / "cli.md").read_text().partition("### `trifarm experiment NAME`")[2]
+    documented = re.search(r"^JSON keys: (.*?)\n\n", section, re.MULTILINE | re.DOTALL)[1]
+    assert re.findall(r"`([^`]+)`", documented) == [*document(findings(SMALL, store_of(tmp_path))), "folder"]
+    assert [name for name in CATALOGUE if f"`{name}`" not in section] == []
+
+
 def test_without_results_everything_is_not_run_yet(tmp_path):
     text = overview(found_in(tmp_path))
     rows = [line for line in text.splitlines() if line.startswith("| ") and ".md)" in line]
@@ -42,14 +50,17 @@ def test_without_results_everything_is_not_run_yet(tmp_path):
     assert "0 reproduced, 0 not reproduced, 0 undecided" in text
     for found in found_in(tmp_path):
         assert {each.verdict for each in found.judged} == {Verdict.NOT_RUN}
-        assert figure_of(found) is None
+        assert figure_of(found) is None and not found.has_figure
         assert "**State: not run yet.**" in experiment_page(found, figure=False)
 
 
 def test_complete_results_are_judged_and_shown(tmp_path):
     store = complete(tmp_path, first=1, other=4)
     found = findings(SMALL, store)
-    assert found.state == "complete"
+    assert found.state == "complete" and found.has_figure
+    text = overview([found])
+    assert "![(x) A small one](small.svg)" in text
+    assert "of 1 contrasts 1 reproduced; other against first: +0.60 (" in text
     assert [each.verdict for each in found.judged] == [Verdict.REPRODUCED]
     page = experiment_page(found, figure=True)
     assert "| `first` | the first | 2 of 2 | 4 of 20: 20% (11% to 34%) |" in page
