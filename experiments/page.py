@@ -201,7 +201,8 @@ def shown(contrast: Contrast, found: Difference) -> str:
     """A difference with its interval, and from how much it is."""
     runs = f", {found.runs} runs" if found.runs > 1 else ""
     digits = "+.2f" if contrast.measure is not Measure.GOALS else "+.1f"
-    return f"{found.estimate:{digits}} ({found.low:{digits}} to {found.high:{digits}}), N = {found.n}{runs}"
+    said = f"{found.estimate:{digits}} ({found.low:{digits}} to {found.high:{digits}}), N = {found.n}{runs}"
+    return said.replace("inf", "∞")
 
 
 def _many_goals(found: Findings) -> Iterator[str]:
