@@ -16,6 +16,7 @@ from client_cli import (
     demo,
     doctor,
     effects,
+    experiment,
     fetch,
     gap,
     identify,
@@ -76,6 +77,7 @@ app.command(epilog=epilog(*OF_A_CHILD))(backup.backup)
 app.command(epilog=epilog(*OF_A_CHILD))(restore.restore)
 app.command(epilog=epilog(*OF_A_CHILD))(doctor.doctor)
 app.command(epilog=epilog(*OF_A_CHILD, ExitCode.INTERRUPTED))(chaos.chaos)
+app.command(epilog=epilog(*OF_A_CHILD, ExitCode.INTERRUPTED))(experiment.experiment)
 app.add_typer(token.commands, name="token")
 
 

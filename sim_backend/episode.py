@@ -68,6 +68,10 @@ class Episode:
         self._previous_action[robots] = 0.0
         self._tracker.restart(robots, self._measurement, start.noise_seed, self._step)
 
+    def change_goals(self, robots: np.ndarray, goal: Goal) -> None:
+        """Give some of the robots other goals, one row each, while their trials go on."""
+        self._goal = self._goal.with_rows(robots, goal)
+
     @property
     def step(self) -> int:
         """Physics steps since the start of all."""

@@ -31,8 +31,21 @@ TRAINING_LAYOUTS: dict[str, PolicyManifest] = LAYOUTS | {
             "previous_action",
         ),
     ),
+    "move-pose": PolicyManifest(
+        name="move-pose",
+        observation=(
+            *_ROBOT,
+            "cube_position_world_m",
+            "cube_quat_wxyz",
+            "tracker_delay_s",
+            "goal_position_world_m",
+            "goal_quat_wxyz",
+            "previous_action",
+        ),
+    ),
 }
-"""By name. The last three show the fingertips, too; ``push`` is for goals without an orientation, ``move`` for any pose."""
+"""By name. The last four show the fingertips, too; ``push`` is for goals without an orientation, ``move`` for any pose, and
+``move-pose`` for any pose by position and quaternion instead of corners."""
 
 
 def layout_of(name: str) -> PolicyManifest:

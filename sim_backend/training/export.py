@@ -42,6 +42,11 @@ class ExportedPolicy:
         if self._memory is not None:
             self._memory.forget(rows)
 
+    @property
+    def remembered(self) -> np.ndarray | None:
+        """What the cells hold of each trial, shape (n, cells); None without a memory."""
+        return None if self._memory is None else self._memory.hidden
+
     def __call__(self, observation: np.ndarray) -> np.ndarray:
         """Actions (n, 9), as the manifest means them, for observations (n, size)."""
         clip, after = self.manifest.input_scaling.clip, self.manifest.output_scaling

@@ -43,6 +43,11 @@ class Memory:
         """Forget all that was."""
         self._hidden, self._cell = (np.zeros((trials, len(self._own)), dtype=np.float32) for _ in range(2))
 
+    @property
+    def hidden(self) -> np.ndarray:
+        """What the layers after it got last, shape (n, cells)."""
+        return self._hidden.copy()
+
     def forget(self, rows: np.ndarray) -> None:
         """These trials begin anew."""
         self._hidden[rows], self._cell[rows] = 0.0, 0.0

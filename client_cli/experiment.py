@@ -1,0 +1,54 @@
+"""``trifarm experiment``: tries a paper's claim on a farm of its own, and goes on where the last time stopped."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from client_cli.child_process import module_command
+from client_cli.errors import ClientError
+from client_cli.exit_codes import ExitCode
+from client_cli.foreground import how_it_ended, run_to_end
+from client_cli.options import JsonOption
+
+EXPERIMENTS = "experiments"
+ENDS = (ExitCode.OK, ExitCode.OTHER, ExitCode.USAGE, ExitCode.INTERRUPTED)
+
+
+def experiment(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Which one; docs/experiments/README.md shows all.")],
+    *,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="So little of everything that it shows only that it runs; into a temporary folder.")
+    ] = False,
+    list_pieces: Annotated[
+        bool, typer.Option("--list", help="Only say what is done, what is missing, how long it takes.")
+    ] = False,
+    only: Annotated[str | None, typer.Option("--only", metavar="CELL", help="This cell alone.")] = None,
+    seed: Annotated[int | None, typer.Option("--seed", metavar="N", min=0, help="This seed of the trainings alone.")] = None,
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", metavar="N", min=1, help="Trainings side by side, a thread each; 2 if not given.")
+    ] = None,
+    budget_minutes: Annotated[
+        float | None, typer.Option("--budget-minutes", metavar="M", min=0, help="Begin nothing more after so long.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder of results; docs/experiments.")] = None,
+    work: Annotated[Path | None, typer.Option("--work", metavar="DIR", help="Folder of checkpoints; build/experiments.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Run what is missing of an experiment: trainings, trials on a farm of its own, measurements; write figure, page and JSON."""
+    flags = [flag for flag, given in (("--quick", quick), ("--list", list_pieces), ("--json", as_json)) if given]
+    settings = (
+        ("--only", only),
+        ("--seed", seed),
+        ("--jobs", jobs),
+        ("--budget-minutes", budget_minutes),
+        ("--out", out),
+        ("--work", work),
+    )
+    for flag, value in settings:
+        flags += [] if value is None else [flag, str(value)]
+    code = run_to_end(module_command(EXPERIMENTS, name, *flags), "'experiment' has been stopped; the same command goes on")
+    if code not in ENDS:
+        raise ClientError(f"'experiment' {how_it_ended(code)}")
+    raise typer.Exit(code)

@@ -1,0 +1,247 @@
+"""What an experiment is, as data: cells, budgets fixed before anything runs, trials, and the contrasts that are judged."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Any
+
+BUILTIN = "builtin:"
+FARM_SEED = 9001
+"""Of every experiment's farm, so that all meet the same robots."""
+
+
+@dataclass(frozen=True)
+class Demonstrations:
+    """Successful trials of a shipped policy, recorded with the same seeds for every run."""
+
+    policy: str
+    task: str
+    count: int
+    physics: str = "nominal"
+    noise: float = 0.3
+
+
+@dataclass(frozen=True)
+class Training:
+    """How the policy of a cell comes about.
+
+    ``recipe`` is a training recipe without its seed; its physics may be ``real`` without some effects (``without``, their
+    names). ``samples_per_s`` is what one thread does beside another run on two cores, evaluations included.
+    """
+
+    recipe: Mapping[str, Any]
+    samples_per_s: float
+    without: tuple[str, ...] = ()
+    demonstrations: Demonstrations | None = None
+
+    @property
+    def samples(self) -> int:
+        """Of one run."""
+        return self.recipe["samples"]
+
+    @property
+    def seconds(self) -> float:
+        """Of one run on one thread."""
+        return self.samples / self.samples_per_s
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One condition: runs of a training, one for each seed, or a policy that is there already.
+
+    ``runs_of`` names the experiment whose runs these are, so that none is made twice; the cell has the same name there unless
+    ``runs_of_cell`` says another.
+    """
+
+    name: str
+    about: str
+    seeds: tuple[int, ...] = (1,)
+    training: Training | None = None
+    policy: str | None = None
+    task: str | None = None  # of its trials, if not the experiment's
+    object: str = "cube"
+    object_scale: float = 1.0
+    runs_of: str | None = None
+    runs_of_cell: str | None = None
+
+    @property
+    def is_builtin(self) -> bool:
+        """Whether the policy comes with the farm and has no weights."""
+        return self.policy is not None and self.policy.startswith(BUILTIN)
+
+
+@dataclass(frozen=True)
+class Farm:
+    """The farm that an experiment starts: its robots' physics are drawn from ``seed``."""
+
+    physics: str
+    seed: int = FARM_SEED
+    robots: int = 4
+
+
+@dataclass(frozen=True)
+class FarmTrials:
+    """Trials through the farm's API: every cell meets the same goals and robots, in blocks that take turns.
+
+    ``blocks`` times ``block`` trials for each run of each cell on each farm; block k has the job seed ``seed + k``.
+    """
+
+    task: str
+    farms: tuple[Farm, ...] = (Farm("real"),)
+    blocks: int = 4
+    block: int = 10
+    seed: int = 31_000
+    trial_s: float = 0.6  # on two cores, measured with push on a farm that differs
+
+    @property
+    def trials(self) -> int:
+        """Of one run on one farm."""
+        return self.blocks * self.block
+
+
+@dataclass(frozen=True)
+class ManyGoals:
+    """Goal after goal in simulation, until one is not reached in time, the object is dropped, or all are reached."""
+
+    physics: tuple[str, ...] = ("nominal", "real")
+    trials: int = 20
+    goals: int = 50
+    limit_s: float = 80.0
+    first_seed: int = 50_000_000
+    physics_step_s: float = 0.001
+
+
+@dataclass(frozen=True)
+class HiddenState:
+    """What a memory knows of its robot: ridge regression on robots that it was not fitted to."""
+
+    cells: tuple[str, ...]
+    parameters: tuple[str, ...] = ("fingertip_friction.coefficient", "table_friction.coefficient", "cube_size.factor")
+    robots: int = 600
+    at_s: tuple[float, ...] = (1.0, 5.0)
+    first_seed: int = 60_000_000
+
+
+class Measure(StrEnum):
+    """What a contrast compares."""
+
+    SUCCESS = "success"  # of paired farm trials, as a fraction
+    SAMPLES_TO = "samples to 80 %"  # log2 of how many times fewer samples
+    GOALS = "goals in a row"
+    KNOWN = "held-out R2"  # of the hidden state, above that of the observation of the same instant
+
+
+UNITS = {
+    Measure.SUCCESS: "success rate",
+    Measure.SAMPLES_TO: "log2 of samples, first over other",
+    Measure.GOALS: "goals",
+    Measure.KNOWN: "R2",
+}
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """A difference that is judged: ``other`` minus ``first``; the papers lead to expect it above 0, by ``interest`` at least.
+
+    ``farm`` is the physics of the trials, ``first_farm`` that of the first one's if it is another. With ``loss`` no gain is
+    expected but that less than ``interest`` is lost. For :attr:`Measure.KNOWN` ``first`` and ``other`` are the same cell and
+    ``parameter`` says what is predicted.
+    """
+
+    name: str
+    measure: Measure
+    first: str
+    other: str
+    interest: float
+    farm: str = "real"
+    first_farm: str | None = None
+    parameter: str = ""
+    loss: bool = False
+
+    @property
+    def of_first(self) -> str:
+        """Physics of the first one's trials."""
+        return self.first_farm or self.farm
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What a paper says, and where."""
+
+    text: str
+    source: str
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """All of it; ``limits`` says what is not as in the papers."""
+
+    letter: str
+    name: str
+    title: str
+    question: str
+    claims: tuple[Claim, ...]
+    limits: str
+    cells: tuple[Cell, ...]
+    contrasts: tuple[Contrast, ...]
+    trials: FarmTrials | None = None
+    many_goals: ManyGoals | None = None
+    hidden: HiddenState | None = None
+    curves: bool = False
+    reaches: float = 0.8
+    quick: bool = field(default=False)
+
+    def cell(self, name: str) -> Cell:
+        """A cell by its name.
+
+        Raises:
+            ValueError: there is none.
+        """
+        for cell in self.cells:
+            if cell.name == name:
+                return cell
+        raise ValueError(f"experiment {self.name} has no cell {name!r}; choose from {', '.join(c.name for c in self.cells)}")
+
+
+QUICK_PPO = {"robots": 64, "steps": 16, "minibatch": 512}
+QUICK_SAMPLES = 4096
+
+
+def quick(experiment: Experiment) -> Experiment:
+    """The same with so little of everything that it shows only that it runs: one seed, few cells, samples and trials."""
+    wanted = [name for contrast in experiment.contrasts[:1] for name in (contrast.first, contrast.other)]
+    cells = tuple(
+        replace(cell, seeds=(1,), training=_quick_training(cell.training), runs_of=None, runs_of_cell=None)
+        for cell in experiment.cells
+        if cell.name in wanted
+    )
+    trials, many, hidden = experiment.trials, experiment.many_goals, experiment.hidden
+    farms = tuple(replace(farm, robots=2) for farm in trials.farms) if trials else ()
+    return replace(
+        experiment,
+        quick=True,
+        cells=cells,
+        contrasts=experiment.contrasts[:1],
+        trials=trials and replace(trials, blocks=1, block=2, farms=farms[-1:]),
+        many_goals=many and replace(many, trials=2, goals=2, limit_s=6.0, physics_step_s=0.004),
+        hidden=hidden
+        and replace(hidden, robots=24, at_s=hidden.at_s[:1], cells=tuple(name for name in hidden.cells if name in wanted)),
+    )
+
+
+def _quick_training(training: Training | None) -> Training | None:
+    if training is None:
+        return None
+    recipe = dict(training.recipe) | {
+        "samples": QUICK_SAMPLES,
+        "evaluation": {"every_samples": QUICK_SAMPLES // 2, "trials": 4, "physics": ["nominal"], "final_trials": 2},
+    }
+    if "imitation" in recipe:
+        recipe["imitation"] = dict(recipe["imitation"]) | {"robots": 32, "updates": 2, "batch": 256, "least_memory": 512}
+    else:
+        recipe["ppo"] = dict(recipe["ppo"]) | QUICK_PPO
+    demonstrations = training.demonstrations
+    if demonstrations is not None:
+        recipe["demonstrations"] = {"clone_updates": 20, "batch": 256, "critic_first": 1}
+        demonstrations = replace(demonstrations, count=2)
+    return replace(training, recipe=recipe, demonstrations=demonstrations)

@@ -1,0 +1,181 @@
+"""One experiment from what is missing to its page; what is done is never done again."""
+
+import json
+import shutil
+import tempfile
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from experiments import catalogue
+from experiments.consecutive import task_of, try_many_goals
+from experiments.design import Cell, Experiment, Farm
+from experiments.farm_trials import own_farm, run_blocks, weights_of
+from experiments.figures import draw
+from experiments.findings import Findings, findings
+from experiments.hidden_state import ask
+from experiments.page import experiment_page, overview
+from experiments.plan import BlockPiece, MeasuringPiece, Piece, TrainingPiece, Wanted, hours, is_done, missing, pieces
+from experiments.store import Key, Store
+from experiments.trainer import manifest_of, train_all
+from sim_backend.grasping.controller import GraspPolicy
+from sim_backend.training.export import ExportedPolicy, read_policy
+from sim_backend.training.trying import robots_of
+
+FORMAT = "trifarm-experiment/1"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a sitting goes: what is wanted, how many trainings side by side, and when nothing more is begun."""
+
+    wanted: Wanted
+    jobs: int
+    goes_on: Callable[[], bool]
+    tell: Callable[[str], None]
+
+
+def run(experiment: Experiment, store: Store, settings: Settings) -> Findings:
+    """Do what is missing, in order: trainings, farm trials, measurements; then judge."""
+    tell = settings.tell
+    for line in announcement(experiment, store, settings):
+        tell(line)
+    left = missing(experiment, store, settings.wanted)
+    trainings = [piece for piece in left if isinstance(piece, TrainingPiece)]
+    if train_all(trainings, store, jobs=settings.jobs, goes_on=settings.goes_on, tell=tell):
+        _try_on_farms(experiment, store, settings, left)
+        for piece in left:
+            if isinstance(piece, MeasuringPiece) and settings.goes_on() and _is_trained(piece, store):
+                measure(experiment, piece, store, tell)
+    return findings(experiment, store)
+
+
+def announcement(experiment: Experiment, store: Store, settings: Settings) -> list[str]:
+    """The budget, which is fixed, and what of it is left."""
+    whole, left = pieces(experiment), missing(experiment, store, settings.wanted)
+    trainings = [piece for piece in whole if isinstance(piece, TrainingPiece)]
+    samples = sum(piece.cell.training.samples for piece in trainings if piece.cell.training)
+    trials = sum(experiment.trials.block for piece in whole if isinstance(piece, BlockPiece) and experiment.trials)
+    return [
+        f"({experiment.letter}) {experiment.title}{', quick form' if experiment.quick else ''}: {len(trainings)} trainings with "
+        f"{samples:,} samples in all, {trials} farm trials; about {hours(whole, settings.jobs):.1f} hours",
+        f"{len(whole) - len(missing(experiment, store))} of {len(whole)} pieces of work are done; asked for now: "
+        f"{len(left)}, about "
+        f"{60 * hours(left, settings.jobs):.0f} minutes",
+    ]
+
+
+def listed(experiment: Experiment, store: Store) -> list[tuple[Piece, bool]]:
+    """Every piece of work, and whether it is done."""
+    return [(piece, is_done(piece, store)) for piece in pieces(experiment)]
+
+
+def _try_on_farms(experiment: Experiment, store: Store, settings: Settings, left: list[Piece]) -> None:
+    blocks = [piece for piece in left if isinstance(piece, BlockPiece) and _is_trained(piece, store)]
+    if skipped := {f"{p.cell.name}, seed {p.seed}" for p in left if isinstance(p, BlockPiece) and not _is_trained(p, store)}:
+        settings.tell(f"not tried, since not trained yet: {'; '.join(sorted(skipped))}")
+    if experiment.trials is not None and blocks:
+        how = {"open_farm": _in_a_temporary_folder, "goes_on": settings.goes_on, "tell": settings.tell}
+        run_blocks(blocks, experiment.trials, store, **how)
+
+
+@contextmanager
+def _in_a_temporary_folder(farm: Farm):
+    """A farm whose logs are forgotten with it: they are large, and what counts is kept."""
+    folder = Path(tempfile.mkdtemp(prefix="trifarm-experiment-farm-"))
+    try:
+        with own_farm(farm, folder) as opened:
+            yield opened
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _is_trained(piece: BlockPiece | MeasuringPiece, store: Store) -> bool:
+    """Whether there is a policy; that of another experiment's run may be missing."""
+    return piece.cell.policy is not None or store.run(piece.cell, piece.seed) is not None
+
+
+def measure(experiment: Experiment, piece: MeasuringPiece, store: Store, tell: Callable[[str], None]) -> None:
+    """Measure in simulation and keep it."""
+    tell(piece.name)
+    policy, key = _policy(piece.cell, piece.seed, store), Key(piece.cell.name, piece.seed, piece.physics)
+    if (many := experiment.many_goals) is not None:
+        robots = robots_of(piece.physics, many.trials, many.first_seed)
+        task = task_of(piece.cell.task or "push")
+        found = try_many_goals(policy, policy.manifest, task, many, robots, tell=tell)
+        store.keep_measured(key, {"task": task.name, "physics": piece.physics, "first_seed": many.first_seed} | found)
+    if (hidden := experiment.hidden) is not None:
+        assert isinstance(policy, ExportedPolicy)
+        trials_task = experiment.trials.task if experiment.trials else "push"
+        store.keep_measured(key, ask(policy, task_of(trials_task), hidden))
+
+
+def _policy(cell: Cell, seed: int, store: Store) -> ExportedPolicy | GraspPolicy:
+    weights = weights_of(cell, seed, store)
+    return GraspPolicy() if weights is None else read_policy(weights, manifest_of(weights))
+
+
+def write(found: Findings, store: Store) -> list[Path]:
+    """Figure, JSON and page of an experiment; what was written."""
+    store.out.mkdir(parents=True, exist_ok=True)
+    figures = draw(found, store.out)
+    text = json.dumps(document(found), indent=1) + "\n"
+    name = found.experiment.name
+    return [
+        *figures,
+        store.write_text(f"{name}.json", text),
+        store.write_text(f"{name}.md", experiment_page(found, bool(figures))),
+    ]
+
+
+def write_overview(out: Path, work: Path) -> Path:
+    """The page of all experiments."""
+    found = [findings(experiment, Store(out, work, experiment)) for experiment in catalogue.CATALOGUE.values()]
+    path = out / "README.md"
+    path.write_text(overview(found))
+    return path
+
+
+def document(found: Findings) -> dict[str, Any]:
+    """All findings of an experiment as JSON."""
+    return {
+        "format": FORMAT,
+        "experiment": found.experiment.name,
+        "quick": found.experiment.quick,
+        "state": found.state,
+        "missing": [piece.name for piece in found.left],
+        "cells": [
+            {
+                "cell": each.cell,
+                "physics": each.physics,
+                "successes": each.successes,
+                "trials": each.trials,
+                "success_rate": each.rate,
+                "interval_80": list(each.interval),
+                "of_runs": list(each.of_runs),
+            }
+            for each in found.rates
+        ],
+        "in_a_row": [{"cell": each.cell, "physics": each.physics} | each.summary for each in found.in_a_row],
+        "known": {name: list(entries) for name, entries in found.known.items()},
+        "contrasts": [
+            {
+                "name": each.contrast.name,
+                "measure": str(each.contrast.measure),
+                "first": each.contrast.first,
+                "other": each.contrast.other,
+                "interest": each.contrast.interest,
+                "found": None if each.found is None else _finite(asdict(each.found)),
+                "verdict": str(each.verdict),
+                "note": each.note,
+            }
+            for each in found.judged
+        ],
+    }
+
+
+def _finite(numbers: dict[str, Any]) -> dict[str, Any]:
+    """An open interval has no bound, which JSON cannot say as a number."""
+    return {name: None if value in (float("inf"), float("-inf")) else value for name, value in numbers.items()}

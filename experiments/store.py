@@ -1,0 +1,155 @@
+"""Results on disk, each written at once when it is there and small enough to be committed. Owner of their names.
+
+OUT/NAME/runs/CELL-seed1.json          a finished training: settings, thinned curve, evaluations, digest of the policy
+OUT/NAME/runs/CELL-seed1.safetensors   its policy, where it is small, with the manifest as CELL-seed1.manifest.json
+OUT/NAME/trials/CELL-seed1-real.json   farm trials, block by block
+OUT/NAME/measured/CELL-seed1-real.json what was measured in simulation
+"""
+
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from experiments.design import Cell, Experiment
+
+LARGEST_WEIGHTS = 300_000
+"""Bytes; larger policies stay in the work folder."""
+CURVE_POINTS = 60
+
+
+class StoreError(Exception):
+    """What lies there is none of this experiment; the message says what to do."""
+
+
+@dataclass(frozen=True)
+class Key:
+    """One run of one cell on one kind of robots; ``physics`` is empty for a training."""
+
+    cell: str
+    seed: int
+    physics: str = ""
+
+    @property
+    def stem(self) -> str:
+        """Of its files."""
+        return f"{self.cell}-seed{self.seed}" + (f"-{self.physics}" if self.physics else "")
+
+
+@dataclass(frozen=True)
+class Store:
+    """The results of one experiment below ``out``, and the folder of what is not committed."""
+
+    out: Path
+    work: Path
+    experiment: Experiment
+
+    @property
+    def folder(self) -> Path:
+        """Of the results."""
+        return self.out / self.experiment.name
+
+    def run(self, cell: Cell, seed: int) -> dict[str, Any] | None:
+        """A finished training, wherever its experiment keeps it."""
+        return self._read(self._runs(cell) / f"{self._run_stem(cell, seed)}.json")
+
+    def weights(self, cell: Cell, seed: int) -> Path | None:
+        """A finished training's policy with its manifest beside it; None if it was too large and is not on this machine."""
+        stem = self._run_stem(cell, seed)
+        kept = self._runs(cell) / f"{stem}.safetensors"
+        if kept.exists():
+            return kept
+        there = self.training_folder(cell, seed) / f"{stem}.safetensors"
+        return there if there.exists() else None
+
+    def training_folder(self, cell: Cell, seed: int) -> Path:
+        """Where the run trains, with its checkpoint."""
+        return self.work / (cell.runs_of or self.experiment.name) / self._run_stem(cell, seed)
+
+    def _runs(self, cell: Cell) -> Path:
+        return self.out / (cell.runs_of or self.experiment.name) / "runs"
+
+    @staticmethod
+    def _run_stem(cell: Cell, seed: int) -> str:
+        return Key(cell.runs_of_cell or cell.name, seed).stem
+
+    def keep_run(self, cell: Cell, seed: int, record: Mapping[str, Any], digest: str) -> None:
+        """Keep what a training's record says, and its policy if it is small; the JSON last, since it says that all is there."""
+        folder, stem = self._runs(cell), self._run_stem(cell, seed)
+        folder.mkdir(parents=True, exist_ok=True)
+        trained = self.training_folder(cell, seed) / record["policy"]
+        size = trained.stat().st_size
+        if size <= LARGEST_WEIGHTS:
+            shutil.copyfile(trained, folder / f"{stem}.safetensors")
+            shutil.copyfile(trained.with_suffix(".json"), folder / f"{stem}.manifest.json")
+        kept = {
+            "settings": without_paths(record["settings"]),
+            "samples": record["samples"],
+            "wall_s": record["wall_s"],
+            "starts": record.get("starts", 1),
+            "curve": thinned(record["curve"], CURVE_POINTS),
+            "evaluations": record["evaluations"],
+            "final": record["final"],
+            "policy_digest": digest,
+            "weights": {"bytes": size, "here": size <= LARGEST_WEIGHTS},
+        }
+        self._write(folder / f"{stem}.json", "run", kept)
+
+    def trials(self, key: Key) -> dict[str, Any] | None:
+        """What there is of a run's farm trials: ``blocks`` by their number, each a list of rows."""
+        return self._read(self.folder / "trials" / f"{key.stem}.json")
+
+    def keep_block(self, key: Key, block: int, rows: Sequence[Mapping[str, Any]], about: Mapping[str, Any]) -> None:
+        """Add a block of trials."""
+        found = self.trials(key) or {"blocks": {}}
+        blocks = found["blocks"] | {str(block): list(rows)}
+        self._write(self.folder / "trials" / f"{key.stem}.json", "trials", dict(about) | {"blocks": blocks})
+
+    def measured(self, key: Key) -> dict[str, Any] | None:
+        """What was measured in simulation."""
+        return self._read(self.folder / "measured" / f"{key.stem}.json")
+
+    def keep_measured(self, key: Key, document: Mapping[str, Any]) -> None:
+        """Keep what was measured in simulation."""
+        self._write(self.folder / "measured" / f"{key.stem}.json", "measured", document)
+
+    def write_text(self, name: str, text: str) -> Path:
+        """Write a page beside the results."""
+        self.out.mkdir(parents=True, exist_ok=True)
+        path = self.out / name
+        path.write_text(text)
+        return path
+
+    def _write(self, path: Path, kind: str, document: Mapping[str, Any]) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        whole = {"format": f"trifarm-experiment-{kind}/1", "quick": self.experiment.quick} | dict(document)
+        fresh = path.with_suffix(".new")
+        fresh.write_text(json.dumps(whole, indent=1) + "\n")
+        fresh.replace(path)
+
+    def _read(self, path: Path) -> dict[str, Any] | None:
+        if not path.exists():
+            return None
+        found = json.loads(path.read_text())
+        if found["quick"] != self.experiment.quick:
+            kind = "a quick form" if found["quick"] else "the full form"
+            raise StoreError(f"{path} is a result of {kind}; quick and full results do not mix: give another --out")
+        return found
+
+
+def thinned(points: Sequence[Any], most: int) -> list[Any]:
+    """At most so many of the points, evenly, with the first and the last."""
+    if len(points) <= most:
+        return list(points)
+    return [points[round(i * (len(points) - 1) / (most - 1))] for i in range(most)]
+
+
+def without_paths(value: Any) -> Any:
+    """The same with files named by their last part: where they lay on a machine is nobody's business."""
+    if isinstance(value, Mapping):
+        return {name: without_paths(part) for name, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [without_paths(part) for part in value]
+    return Path(value).name if isinstance(value, str) and value.startswith("/") else value

@@ -1,0 +1,119 @@
+"""Budgets are what the issue allows, every recipe holds, and what is missing is what has no result."""
+
+import tomllib
+from dataclasses import replace
+
+import pytest
+
+from experiments.catalogue import CATALOGUE, HOURS_ALLOWED
+from experiments.catalogue.robots import GROUPS
+from experiments.design import Measure, quick
+from experiments.plan import BlockPiece, MeasuringPiece, TrainingPiece, Wanted, hours, missing, pieces
+from experiments.recipe_files import REAL, reduced_real, toml_of, write_recipe
+from experiments.store import Key
+from sim_backend.effects.ranges import load_ranges
+from sim_backend.training.recipe import load_recipe
+from tests.unit.experiments.small import SMALL, TRIALS, rows, store_of, train
+
+TRAINED = [(each, cell) for each in CATALOGUE.values() for cell in each.cells if cell.training is not None]
+
+QUICK = [cell for each in CATALOGUE.values() for cell in quick(each).cells if cell.training is not None]
+ALL_TRAINED = [*(cell for _, cell in TRAINED), *QUICK]
+
+
+def test_all_seven_are_there_and_fit_into_the_hours():
+    assert [each.letter for each in CATALOGUE.values()] == list("abcdefg")
+    assert sum(hours(pieces(each), 2) for each in CATALOGUE.values()) <= HOURS_ALLOWED
+
+
+def test_samples_and_seeds_are_those_of_the_issue():
+    for experiment, cell in TRAINED:
+        if experiment.letter == "a":
+            assert cell.training.samples == 8_000_000
+        else:
+            assert cell.training.samples <= 4_000_000
+        assert len(cell.seeds) == (1 if experiment.letter == "e" else 3)
+    assert all(each.trials.trials == 40 for each in CATALOGUE.values() if each.trials is not None)
+    assert CATALOGUE["consecutive"].many_goals.goals == 50
+    assert CATALOGUE["consecutive"].many_goals.limit_s == 80.0
+
+
+@pytest.mark.parametrize("experiment", CATALOGUE.values(), ids=CATALOGUE)
+@pytest.mark.parametrize("how", ["full", "quick"])
+def test_contrasts_are_of_cells_and_farms_that_are_there(experiment, how):
+    chosen = quick(experiment) if how == "quick" else experiment
+    assert len({cell.name for cell in chosen.cells}) == len(chosen.cells)
+    for contrast in chosen.contrasts:
+        assert chosen.cell(contrast.first).seeds == chosen.cell(contrast.other).seeds
+        if contrast.measure is Measure.SUCCESS:
+            kinds = {farm.physics for farm in chosen.trials.farms}
+            assert contrast.farm in kinds or chosen.quick
+    if chosen.quick:
+        assert hours(pieces(chosen), 2) < 0.05
+
+
+@pytest.mark.parametrize("chosen", ALL_TRAINED, ids=lambda cell: f"{cell.name}-{cell.training.samples}")
+def test_every_recipe_is_one_that_the_training_takes(chosen, tmp_path):
+    shown = tmp_path / "shown" if chosen.training.demonstrations else None
+    name, recipe = load_recipe(str(write_recipe(chosen.training, 3, tmp_path, "c-seed3", shown)))
+    assert (name, recipe.seed, recipe.samples) == ("c-seed3", 3, chosen.training.samples)
+    if chosen.training.without:
+        kept = {row.key.partition(".")[0] for row in load_ranges(recipe.physics_source).rows}
+        assert kept and not kept & set(chosen.training.without)
+
+
+def test_groups_hold_every_effect_of_real_once():
+    in_groups = [name for group in GROUPS.values() for name in group]
+    in_real = {row["key"].partition(".")[0] for row in tomllib.loads(REAL.read_text())["range"]}
+    assert sorted(in_groups) == sorted(in_real)
+    with pytest.raises(ValueError, match="no ranges of gravity"):
+        reduced_real(("gravity",))
+
+
+def test_toml_is_read_back_as_it_was():
+    document = tomllib.loads(REAL.read_text())
+    assert tomllib.loads(toml_of(document)) == document
+    nested = {"a": 'say "so"\\', "b": [1, 2.5], "c": {"d": True, "e": {"f": "g"}}, "rows": [{"x": 1}, {"x": 2}]}
+    assert tomllib.loads(toml_of(nested)) == nested
+
+
+def test_what_is_missing_shrinks_as_results_come(tmp_path):
+    store = store_of(tmp_path)
+    assert len(missing(SMALL, store)) == 4 + 4 * TRIALS.blocks
+    train(store, SMALL.cells[0], 2)
+    store.keep_block(Key("first", 2, "real"), 1, rows(1, 3), {})
+    left = missing(SMALL, store)
+    assert len(left) == 3 + 7
+    assert not [p for p in left if isinstance(p, TrainingPiece) and (p.cell.name, p.seed) == ("first", 2)]
+    assert [p.block for p in left if isinstance(p, BlockPiece) and (p.cell.name, p.seed) == ("first", 2)] == [0]
+
+
+def test_one_cell_or_seed_alone(tmp_path):
+    store = store_of(tmp_path)
+    asked = missing(SMALL, store, Wanted("other", 2))
+    assert {(piece.cell.name, piece.seed) for piece in asked} == {("other", 2)}
+    assert {piece.seed for piece in missing(SMALL, store, Wanted(seed=1))} == {1}
+
+
+def test_blocks_of_all_cells_take_turns():
+    order = [(piece.block, piece.cell.name, piece.seed) for piece in pieces(SMALL) if isinstance(piece, BlockPiece)]
+    assert order == sorted(order)
+
+
+def test_the_ablation_takes_runs_of_the_randomization(tmp_path):
+    randomization, ablation = CATALOGUE["randomization"], CATALOGUE["ablation"]
+    train(store_of(tmp_path, randomization), randomization.cell("randomized"), 1)
+    store = store_of(tmp_path, ablation)
+    assert store.run(ablation.cell("all"), 1) is not None
+    assert store.run(ablation.cell("none"), 1) is None
+    assert store.weights(ablation.cell("all"), 1).name == "randomized-seed1.safetensors"
+    assert "all" not in {piece.cell.name for piece in pieces(ablation) if isinstance(piece, TrainingPiece)}
+
+
+def test_measurements_are_planned_for_each_kind_of_robot():
+    found = [piece for piece in pieces(CATALOGUE["consecutive"]) if isinstance(piece, MeasuringPiece)]
+    assert {piece.physics for piece in found} == {"nominal", "real"}
+    asked = [piece for piece in pieces(CATALOGUE["memory"]) if isinstance(piece, MeasuringPiece)]
+    assert {piece.cell.name for piece in asked} == {"lstm"}
+    assert len(asked) == 3
+    assert replace(SMALL, quick=True).quick

@@ -1,0 +1,100 @@
+"""Trainings side by side: stopped in the middle and gone on with, they leave the same files, and none is done twice."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+
+from experiments import trainer
+from experiments.plan import TrainingPiece, missing
+from experiments.trainer import TrainingFailedError, train_all
+from tests.unit.experiments.small import SMALL, leave_training, store_of
+
+SLEEPS = "import time; time.sleep(60)"
+
+
+class Trainings:
+    """Processes in place of the training program, which do at once what they are told to."""
+
+    def __init__(self, store, monkeypatch):
+        self.store, self.begun, self.resumed, self.hang, self.fail = store, [], [], None, None
+        monkeypatch.setattr(trainer, "_child", self.child)
+        monkeypatch.setattr(trainer, "POLL_EVERY_S", 0.01)
+
+    def child(self, module, arguments, log):
+        stem, folder = log.parent.name, log.parent
+        assert module == "sim_backend.training" and (folder / f"{stem}.toml").exists()
+        self.begun.append(stem)
+        self.resumed += [stem] if "--resume" in arguments else []
+        (folder / "checkpoint.pt").write_text("")
+        log.write_text("what it said last\n")
+        if stem == self.hang:
+            return subprocess.Popen([sys.executable, "-c", SLEEPS])
+        if stem == self.fail:
+            return subprocess.Popen([sys.executable, "-c", "import sys; sys.exit(3)"])
+        leave_training(folder, stem)
+        return subprocess.Popen([sys.executable, "-c", ""])
+
+
+@pytest.fixture
+def trainings(tmp_path, monkeypatch):
+    return Trainings(store_of(tmp_path), monkeypatch)
+
+
+def train(made, goes_on=lambda: True, jobs=2):
+    left = [piece for piece in missing(SMALL, made.store) if isinstance(piece, TrainingPiece)]
+    return train_all(left, made.store, jobs=jobs, goes_on=goes_on, tell=lambda _: None)
+
+
+def kept(made):
+    return sorted(path.name for path in (made.store.folder / "runs").iterdir())
+
+
+def test_killed_in_the_middle_and_gone_on_with_the_same_files_are_there(trainings, tmp_path, monkeypatch):
+    def interrupted():
+        if len(trainings.begun) == 3:
+            raise KeyboardInterrupt
+        return True
+
+    trainings.hang = "other-seed1"
+    with pytest.raises(KeyboardInterrupt):
+        train(trainings, interrupted)
+    first = {name: (trainings.store.folder / "runs" / name).read_bytes() for name in kept(trainings)}
+    assert [name for name in first if name.endswith("1.json")] == ["first-seed1.json"]
+    before, trainings.hang = list(trainings.begun), None
+    assert train(trainings)
+    assert "first-seed1" not in trainings.begun[len(before) :], "what is finished is not done again"
+    assert "other-seed1" in trainings.resumed
+    assert all((trainings.store.folder / "runs" / name).read_bytes() == content for name, content in first.items())
+    undisturbed = Trainings(store_of(tmp_path / "another"), monkeypatch)
+    assert train(undisturbed)
+    assert kept(trainings) == kept(undisturbed)
+    assert len([name for name in kept(trainings) if name.endswith("seed1.json") or name.endswith("seed2.json")]) == 4
+
+
+def test_when_the_time_is_over_what_runs_is_finished_and_nothing_begun(trainings):
+    assert not train(trainings, goes_on=lambda: len(trainings.begun) < 1, jobs=1)
+    assert trainings.begun == ["first-seed1"]
+    assert trainings.store.run(SMALL.cells[0], 1) is not None
+
+
+def test_one_that_fails_is_told_with_its_last_words_and_ends_the_others(trainings):
+    trainings.fail, trainings.hang = "first-seed1", "first-seed2"
+    with pytest.raises(TrainingFailedError, match=r"first, seed 1 ended with code 3[\s\S]*said last"):
+        train(trainings)
+    assert trainings.store.run(SMALL.cells[0], 1) is None
+
+
+def test_demonstrations_are_recorded_once_and_cut_to_the_count(tmp_path, monkeypatch):
+    from experiments.catalogue import CATALOGUE
+    from sim_backend.training.demonstrations.recording import read_demonstrations
+
+    experiment = CATALOGUE["demonstrations"]
+    store = store_of(tmp_path, experiment)
+    shown = replace(experiment.cell("demonstrations-25").training.demonstrations, count=2)
+    path = trainer._demonstrations(shown, store, lambda _: None)
+    found = read_demonstrations(path)
+    assert len(found.first) == 2 and len(found.observation) == 2 * 750
+    monkeypatch.setattr(trainer, "_child", None)
+    assert trainer._demonstrations(shown, store, lambda _: None) == path
