@@ -19,7 +19,7 @@ from api_schemas.trial import TrialState
 from services.database.rows import AnyRow
 from services.database.tables import NORMAL_RANK, job, robot, trial
 from services.errors import Conflict, NotFound, TooMany
-from services.jobs import events
+from services.jobs import events, physics
 from services.jobs.clock import iso
 from services.jobs.lease import UNENDED
 from services.jobs.order import trial_seed
@@ -171,6 +171,7 @@ async def _insert(tx: AsyncConnection, now_s: float, asked: _NewJob, sender: Sen
     row = insert(job).values(
         job_id=job_id,
         state=JobState.QUEUED,
+        physics=physics.NOW,
         trials=len(asked.excitations),
         seed=seed,
         seed_drawn_by_server=asked.seed is None,
