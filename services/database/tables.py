@@ -1,4 +1,4 @@
-"""The tables: policies and owners, physics, jobs, ladders, webhooks, trials, attempts, events, reports, robots, turns, and tokens.
+"""The tables: policies, their owners, physics, jobs, ladders, webhooks, trials, attempts, events, reports, robots, turns, tokens.
 
 States are stored as the words of ``api_schemas``; times for people as ISO 8601 text in UTC, times that are compared as
 seconds of the farm's clock. Every statement that uses these tables runs on SQLite and on PostgreSQL.

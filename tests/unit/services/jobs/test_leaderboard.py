@@ -1,12 +1,14 @@
 """On each home: the leaderboard puts together what was done on one physics, says on which, and reads little for it."""
 
+import re
+
 import pytest
-from sqlalchemy import insert, select, update
+from sqlalchemy import event, insert, select, update
 
 from api_schemas.job import JobRequest, TaskName
 from api_schemas.robot import OutcomeReport
 from api_schemas.trial import Fault, Outcome, OutcomeKind
-from services.database.tables import job, physics, policy
+from services.database.tables import job, physics, policy, trial
 from services.dispatcher.finding import find_trial
 from services.errors import NotFound
 from services.jobs import completion, leaderboard, lease, robots, submission
@@ -129,3 +131,59 @@ async def test_physics_that_only_has_a_name_counts_if_nothing_can_be_behind_it(d
 async def test_physics_that_never_was_is_said(database):
     with pytest.raises(NotFound, match="never had physics number 9"):
         await board(database, Wanted(TaskName.PUSH, physics=9))
+
+
+class Reading:
+    """Keeps the statements that the readers of a database are asked."""
+
+    def __init__(self, database):
+        self.asked = []
+        self._engine = database._readers.sync_engine
+
+    def __enter__(self):
+        event.listen(self._engine, "before_cursor_execute", self._note)
+        return self
+
+    def __exit__(self, *_):
+        event.remove(self._engine, "before_cursor_execute", self._note)
+
+    def _note(self, _connection, _cursor, statement, parameters, *_):
+        self.asked.append((statement, parameters))
+
+
+async def many(database, jobs, trials):
+    """Jobs of two policies in turn, done, each with its trials."""
+    async with database.write() as tx:
+        for place in range(jobs):
+            wish = JobRequest(policy=(A, B)[place % 2], task=TaskName.PUSH, trials=trials)
+            await submission.submit(tx, 1000.0, wish, Sender("ann"))
+        await tx.execute(update(job).values(state="succeeded", trials_done=trials, successes=trials))
+        await tx.execute(update(trial).values(state="done"))
+
+
+async def test_a_view_reads_the_counts_of_jobs_and_no_trial_however_many_there_are(database):
+    await join(database, "r", REAL)
+    reads = []
+    for jobs, trials in ((4, 1), (36, 50)):
+        await many(database, jobs, trials)
+        with Reading(database) as reading:
+            shown = await board(database)
+        reads.append(len(reading.asked))
+        assert not any("trial" in re.findall(r"(?:FROM|JOIN) (\w+)", asked) for asked, _ in reading.asked)
+    assert reads == [2, 2], "whatever is there: which physics, and one row for each policy"
+    assert [(row.jobs, row.trials) for row in shown.rows] == [(20, 20 * 50), (20, 20 * 50)]
+
+
+async def test_a_view_looks_at_the_jobs_of_its_contest_alone(database):
+    if database.is_shared:
+        pytest.skip("how PostgreSQL goes about it depends on what it has counted of the rows")
+    await join(database, "r", REAL)
+    await many(database, 4, 1)
+    with Reading(database) as reading:
+        await board(database)
+    async with database.read() as connection:
+        plans = [(await connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {a}", p)).all() for a, p in reading.asked]
+    steps = [step.detail for plan in plans for step in plan]
+    found = "SEARCH job USING INDEX ix_job_board (task=? AND object=? AND object_scale=? AND physics=?"
+    assert any(step.startswith(found) for step in steps), steps
+    assert not any(step.startswith("SCAN job") for step in steps), steps
