@@ -74,6 +74,9 @@ class Heartbeat(RobotsWord):
     fence: int | None = None
     reason: str | None = None
     physics: str = "nominal"
+    physics_digest: str = Field(
+        default="", max_length=64
+    )  # of the content of that physics and the farm's secret; shown to nobody
     version: str = ""
     jail: JailReport | None = None  # what its policies are put into
     health: RobotHealth | None = None

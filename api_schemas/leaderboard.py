@@ -22,11 +22,23 @@ class BoardRow(Schema):
     last_at: str = Field(description="when the newest of its jobs was queued")
 
 
+class BoardPhysics(Schema):
+    """A physics that robots of this farm have or had: other content under the same name, or another farm seed, is another."""
+
+    number: int
+    name: str
+    since: str = Field(description="when a robot first told that it has it")
+    is_now: bool
+
+
 class Leaderboard(Schema):
-    """The policies of one task and object on this farm, best lower bound first."""
+    """The policies of one task and object on one physics of this farm, best lower bound first.
+
+    ``physics`` is null, and no row there, before any robot told what it has.
+    """
 
     farm: str
-    physics: str
+    physics: BoardPhysics | None
     task: TaskName
     object: ObjectName
     object_scale: float
@@ -35,11 +47,12 @@ class Leaderboard(Schema):
 
 
 class Contest(Schema):
-    """A task and an object that policies were tried at."""
+    """A task and an object that policies were tried at on one physics."""
 
     task: TaskName
     object: ObjectName
     object_scale: float
+    physics: BoardPhysics
     policies: int
 
 

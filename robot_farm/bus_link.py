@@ -50,6 +50,7 @@ class BusLink:
         access: where the bus is, the farm's name on it, and what a guarded one is shown.
         robot: name of the robot.
         physics: name of its physics, as told to the dispatcher.
+        physics_digest: of what the name stands for, and of the farm's secret; "" where all robots are ideal.
         live: gives the live state, or None when nothing runs; called ten times a second.
         on_cancel: called with trial id and fence when a trial shall stop.
         stopping: whether the robot is about to end and takes no more offers.
@@ -64,6 +65,7 @@ class BusLink:
         robot: str,
         physics: str,
         *,
+        physics_digest: str = "",
         live: Callable[[], bus.LiveState | None],
         on_cancel: Callable[[str, int], None],
         stopping: Callable[[], bool],
@@ -72,6 +74,7 @@ class BusLink:
         alive_file: Path | None = None,
     ) -> None:
         self._access, self._robot, self._physics = access, robot, physics
+        self._physics_digest = physics_digest
         self._jail, self._health, self._alive_file = jail, health, alive_file
         self._live, self._on_cancel, self._stopping = live, on_cancel, stopping
         self._instance = uuid.uuid4().hex
@@ -233,6 +236,7 @@ class BusLink:
                 fence=self._lease.fence if self._lease else None,
                 reason=self._wrong,
                 physics=self._physics,
+                physics_digest=self._physics_digest,
                 version=version("trifarm"),
                 jail=self._jail,
                 health=health,

@@ -53,6 +53,17 @@ class HiddenPhysics:
         noise_seed = int(rng.integers(0, 2**53))
         return TrialPhysics(self._ranges.draw_episode(rng, self.physics), noise_seed, rng)
 
+    def digest(self) -> str:
+        """32 hexadecimal digits that all robots of this secret and this content of the physics share, and no others.
+
+        It is of what a robot with a name that none can have would be, in itself and in one trial, so that a changed range, file
+        or way to draw shows. Whoever has it can try small farm seeds; it is for the services alone.
+        """
+        rng = np.random.default_rng(int.from_bytes(hmac.digest(self._secret, b":content", "sha256")))
+        drawn = self._ranges.draw(rng, 1)
+        content = [drawn.document(), self._ranges.draw_episode(rng, drawn).document()]
+        return hmac.digest(self._secret, json.dumps(content, sort_keys=True).encode(), "sha256").hex()[:32]
+
     def _digest(self, purpose: str) -> bytes:
         return hmac.digest(self._secret, f"{self._robot}:{purpose}".encode(), "sha256")
 

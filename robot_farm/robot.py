@@ -46,6 +46,7 @@ class Robot:
         self._keep_left_overs()
         self._driver: SimulatedDriver | None = None
         self._life = None if settings.is_plain else _life(name, settings)
+        self._physics_digest = "" if settings.is_plain else _hidden(name, settings).digest()
         self._channels = log_channels() if self._life is None else measured_channels()
         self._truth_channels = truth_channels()
         self._jail = detect()
@@ -80,6 +81,7 @@ class Robot:
                     access,
                     self._name,
                     self._settings.physics_name,
+                    physics_digest=self._physics_digest,
                     live=self._live_state,
                     on_cancel=self._cancel,
                     stopping=stop.is_set,
@@ -278,15 +280,18 @@ class Robot:
 
 def _life(name: str, settings: Settings) -> Life:
     """The life of a robot with physics of its own."""
-    hidden = HiddenPhysics(farm_secret(settings.robots_folder, settings.farm_seed), name, settings.physics)
     return Life(
         robot=name,
-        draw=hidden.of_trial,
+        draw=_hidden(name, settings).of_trial,
         reset=settings.reset,
         faults=tuple(fault for fault in settings.faults if fault.robot == name),
         fault_rate=settings.fault_rate,
         self_test_every=settings.self_test_every,
     )
+
+
+def _hidden(name: str, settings: Settings) -> HiddenPhysics:
+    return HiddenPhysics(farm_secret(settings.robots_folder, settings.farm_seed), name, settings.physics)
 
 
 def _ended(kind: OutcomeKind, reason: str) -> Outcome:

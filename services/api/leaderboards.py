@@ -14,6 +14,7 @@ from services.jobs import leaderboard
 from services.jobs.leaderboard import Wanted
 
 router = APIRouter(prefix="/v1/leaderboard", tags=["leaderboard"])
+PhysicsNumber = Annotated[int | None, Query(ge=1, le=2**31 - 1)]
 
 
 @router.get("")
@@ -30,21 +31,22 @@ async def get_leaderboard(
     farm: TheFarm,
     object: ObjectName = ObjectName.CUBE,
     object_scale: Annotated[ObjectScale, Query()] = 1.0,
+    physics: PhysicsNumber = None,
 ) -> Leaderboard:
-    """Policies by the lower bound of their 80 % interval, over all their trials whose seed the server drew."""
-    return await best(Wanted(task, object, object_scale), caller, farm)
+    """Policies by the lower bound of their 80 % interval, over all trials on one physics (now's if none is named)."""
+    return await best(Wanted(task, object, object_scale, physics), caller, farm)
 
 
 async def best(wanted: Wanted, caller: Caller, farm: Farm) -> Leaderboard:
     """A leaderboard as the caller may see it: others' policies by digest alone."""
     async with farm.database.read() as connection:
-        policies, rows = await leaderboard.board(connection, wanted, caller.sees_only)
+        found = await leaderboard.board(connection, wanted, caller.sees_only)
     return Leaderboard(
         farm=farm.settings.farm,
-        physics=farm.settings.physics,
+        physics=found.physics,
         task=wanted.task,
         object=wanted.object,
         object_scale=wanted.object_scale,
-        policies=policies,
-        rows=rows,
+        policies=found.policies,
+        rows=found.rows,
     )

@@ -8,7 +8,7 @@ from api_schemas.job import TaskName
 from api_schemas.leaderboard import Contest
 from api_schemas.object import LARGEST_SCALE, SMALLEST_SCALE, ObjectName
 from services.api.farm import TheFarm
-from services.api.leaderboards import best
+from services.api.leaderboards import PhysicsNumber, best
 from services.dashboard.figures import Bar
 from services.dashboard.pages import PageRoute, page
 from services.dashboard.sessions import SignedIn
@@ -25,11 +25,12 @@ async def show_leaderboard(
     task: TaskName | None = None,
     object: ObjectName = ObjectName.CUBE,
     object_scale: Annotated[float, Query(ge=SMALLEST_SCALE, le=LARGEST_SCALE)] = 1.0,
+    physics: PhysicsNumber = None,
 ) -> Response:
-    """The board of a task; without one that of the task that most policies were tried at."""
+    """The board of a task; without one that of the task that most policies were tried at on the farm's physics."""
     async with farm.database.read() as connection:
         contests = await leaderboard.contests(connection)
-    wanted = _wanted(contests) if task is None else Wanted(task, object, object_scale)
+    wanted = _wanted(contests) if task is None else Wanted(task, object, object_scale, physics)
     board = None if wanted is None else await best(wanted, session.caller, farm)
     bars = [] if board is None else [Bar.of(row.policy[:12], row.successes, row.trials) for row in board.rows]
     context = {"contests": contests, "board": board, "bars": bars}
@@ -39,5 +40,5 @@ async def show_leaderboard(
 def _wanted(contests: tuple[Contest, ...]) -> Wanted | None:
     if not contests:
         return None
-    most = max(contests, key=lambda contest: contest.policies)
-    return Wanted(most.task, most.object, most.object_scale)
+    most = max(contests, key=lambda contest: (contest.physics.is_now, contest.policies))
+    return Wanted(most.task, most.object, most.object_scale, most.physics.number)

@@ -1,7 +1,8 @@
-"""The tables: policies and their owners, jobs, ladders, webhooks, trials, attempts, events, reports, robots, turns, and tokens.
+"""The tables: policies, their owners, physics, jobs, ladders, webhooks, trials, attempts, events, reports, robots, turns, tokens.
 
 States are stored as the words of ``api_schemas``; times for people as ISO 8601 text in UTC, times that are compared as
 seconds of the farm's clock. Every statement that uses these tables runs on SQLite and on PostgreSQL.
+The file is long since the tables refer to each other and are one form of the database.
 """
 
 from sqlalchemy import (
@@ -77,6 +78,19 @@ policy_owner = Table(
     UniqueConstraint("owner", "digest"),
 )
 
+physics = Table(
+    "physics",
+    metadata,
+    Column("number", NUMBER, primary_key=True, autoincrement=True),
+    Column("name", Words(100), nullable=False),
+    # Of its content and the farm's secret, by which guesses at a farm seed can be checked: shown to nobody.
+    Column("digest", String(64), nullable=False),
+    Column("first_told_at", String(40), nullable=False),
+    # When a robot with it last joined; the latest is the farm's.
+    Column("told_s", Float, nullable=False),
+    UniqueConstraint("name", "digest"),
+)
+
 job = Table(
     "job",
     metadata,
@@ -90,6 +104,10 @@ job = Table(
     Column("object_scale", Float, nullable=False, default=1.0),
     # A rank of services/jobs/priority.py; its trials have the same.
     Column("priority", Integer, nullable=False, default=NORMAL_RANK),
+    # Of the robots: of the farm when the job was queued, of the first trial's robot when that is done; null if nobody knew.
+    Column("physics", NUMBER, ForeignKey("physics.number")),
+    # Trials of it were done with other physics besides.
+    Column("physics_mixed", Boolean, nullable=False, default=False),
     # Of a canary's job: where the band of a sound robot's success rate began when it was queued.
     Column("canary_at_least", Float),
     # The one robot that runs all trials of the job; where any will do, it is drawn with the first lease.
@@ -115,6 +133,7 @@ job = Table(
     Column("request_sha256", String(64)),
     UniqueConstraint("owner", "idempotency_key"),
     Index("ix_job_owner_state", "owner", "state"),
+    Index("ix_job_board", "task", "object", "object_scale", "physics", "policy"),
     # Identifications that wait for their robot; the dispatcher looks at them again and again.
     Index("ix_job_pinned", "state", "robot", sqlite_where=text(PINNED), postgresql_where=text(PINNED)),
 )
@@ -247,6 +266,7 @@ robot = Table(
     Column("instance", String(100)),
     Column("pid", Integer),
     Column("host", String(200)),
+    Column("physics", NUMBER, ForeignKey("physics.number")),
     Column("drain", Boolean, nullable=False, default=False),
     Column("trials_done", Integer, nullable=False, default=0),
     Column("faults_in_a_row", Integer, nullable=False, default=0),

@@ -12,7 +12,7 @@ from api_schemas.trial import FAULT_OF, AttemptState, Fault, Outcome, OutcomeKin
 from services.database.rows import AnyRow
 from services.database.tables import attempt, job, trial, webhook
 from services.errors import Refused
-from services.jobs import canary, events, pinning, reports, robots
+from services.jobs import canary, events, physics, pinning, reports, robots
 from services.jobs.claim import Claim
 from services.jobs.clock import iso
 from services.jobs.lease import ACTIVE, UNENDED, check_report, close_attempt, stale
@@ -155,7 +155,7 @@ async def _done(tx: AsyncConnection, now_s: float, claim: Claim, report: Outcome
     if moved is None:
         return None
     await close_attempt(tx, now_s, claim, AttemptState.ACCEPTED, outcome.reason, report=report)
-    await robots.count_done(tx, claim.robot)
+    of_robot = await robots.count_done(tx, claim.robot)
     counts = {
         "add_trials_done": 1,
         "add_successes": int(outcome.kind == OutcomeKind.SUCCEEDED),
@@ -163,6 +163,7 @@ async def _done(tx: AsyncConnection, now_s: float, claim: Claim, report: Outcome
     }
     text = f"trial {moved.ordinal} on {claim.robot}: {outcome.kind}"
     now = await _record(tx, now_s, moved, "trial_done", text, claim=claim, **counts)
+    await physics.note(tx, now, of_robot)
     return Ending(now.job_id, done=True, job_ended=await _end_if_complete(tx, now_s, now))
 
 

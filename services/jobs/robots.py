@@ -8,6 +8,7 @@ from api_schemas.bus import Heartbeat
 from api_schemas.trial import TrialState
 from services.database.tables import robot, trial
 from services.errors import NotFound
+from services.jobs import physics
 from services.jobs.claim import Claim
 from services.jobs.clock import iso
 from services.jobs.fleet import Fleet
@@ -16,7 +17,7 @@ from services.jobs.lease import ACTIVE
 FAULTS_IN_A_ROW = 5
 """A robot on which so many attempts in a row failed by the platform's fault gets no other until an operator says so."""
 _OF_ROBOT = update(robot).where(robot.c.robot == bindparam("of_robot"))
-_COUNT_DONE = _OF_ROBOT.values(trials_done=robot.c.trials_done + 1, faults_in_a_row=0)
+_COUNT_DONE = _OF_ROBOT.values(trials_done=robot.c.trials_done + 1, faults_in_a_row=0).returning(robot.c.physics)
 _COUNT_FAULT = _OF_ROBOT.values(faults_in_a_row=robot.c.faults_in_a_row + 1).returning(robot.c.faults_in_a_row)
 _WITHDRAW = _OF_ROBOT.where(robot.c.withdrawn.is_(None)).values(withdrawn=bindparam("because"))
 _ACTIVE_ON = select(trial.c.trial_id, trial.c.fence).where(trial.c.robot == bindparam("of_robot"), trial.c.state.in_(ACTIVE))
@@ -48,8 +49,9 @@ async def refresh(connection: AsyncConnection, fleet: Fleet) -> None:
 
 async def keep(tx: AsyncConnection, beat: Heartbeat, now_s: float) -> bool:
     """Writes down a robot that joined or whose process started anew; false when somebody had done so before."""
-    named = {"instance": beat.instance, "pid": beat.pid, "host": beat.host}
-    other = or_(robot.c.instance != beat.instance, robot.c.instance.is_(None))
+    told = await physics.told(tx, beat, now_s)
+    named = {"instance": beat.instance, "pid": beat.pid, "host": beat.host, "physics": told}
+    other = or_(robot.c.instance.is_distinct_from(beat.instance), robot.c.physics.is_distinct_from(told))
     changed = await tx.execute(update(robot).where(robot.c.robot == beat.robot, other).values(**named))
     if changed.rowcount:
         return True
@@ -69,9 +71,9 @@ async def held_by(connection: AsyncConnection, name: str) -> Claim | None:
     return None if row is None else Claim(row.trial_id, row.fence, name)
 
 
-async def count_done(tx: AsyncConnection, name: str) -> None:
-    """One more outcome of the robot was accepted."""
-    await tx.execute(_COUNT_DONE, {"of_robot": name})
+async def count_done(tx: AsyncConnection, name: str) -> int | None:
+    """One more outcome of the robot was accepted; gives the number of its physics, None if nobody knows it."""
+    return (await tx.execute(_COUNT_DONE, {"of_robot": name})).scalar_one_or_none()
 
 
 async def count_fault(tx: AsyncConnection, name: str, reason: str) -> None:

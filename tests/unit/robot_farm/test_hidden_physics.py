@@ -91,3 +91,16 @@ def test_the_command_takes_the_seed_from_the_environment(tmp_path, capsys, monke
     assert hidden_physics.main(["--data", str(tmp_path), "--robot", "robot-2", "--json"]) == 0
     expected = HiddenPhysics(farm_secret(tmp_path, 5), "robot-2", "real").physics.document()
     assert json.loads(capsys.readouterr().out)["effects"] == expected
+
+
+def test_the_digest_is_the_farms_and_changes_with_the_seed_and_with_what_is_behind_a_name(tmp_path):
+    secret, other = farm_secret(tmp_path, 5), farm_secret(tmp_path, 6)
+    digest = HiddenPhysics(secret, "robot-0", "real").digest()
+    assert digest == HiddenPhysics(secret, "robot-7", "real").digest()
+    assert len({digest, HiddenPhysics(other, "robot-0", "real").digest(), HiddenPhysics(secret, "robot-0", "mild").digest()}) == 3
+    file = tmp_path / "own.toml"
+    digests = set()
+    for damping in (0.0001, 0.0002):
+        file.write_text(f"[viscous_friction]\ndamping_nm_s_rad = {damping}\n")
+        digests.add(HiddenPhysics(secret, "robot-0", str(file)).digest())
+    assert len(digests) == 2

@@ -8,9 +8,10 @@ from api_schemas.ladder import LadderRequest
 from api_schemas.success_rate import wilson
 from services.database.tables import job, policy, policy_owner
 from services.errors import Conflict, NotFound, TooMany
-from services.jobs import ladders, leaderboard, submission
+from services.jobs import ladders, leaderboard, robots, submission
 from services.jobs.leaderboard import Wanted
 from services.jobs.submission import Sender
+from tests.unit.services.conftest import beat
 
 A, B, C = ("a" * 64, "b" * 64, "c" * 64)
 PUSH = Wanted(TaskName.PUSH)
@@ -30,6 +31,7 @@ async def database(new_database):
         for digest, name, owner in ((A, "first", "ann"), (B, "second", "ann"), (C, "third", "bob")):
             await tx.execute(insert(policy).values(row | {"digest": digest, "name": name, "owner": owner, "created_at": "now"}))
             await tx.execute(insert(policy_owner).values(digest=digest, owner=owner, created_at="now"))
+        await robots.keep(tx, beat("robot-0"), 1000.0)
     return new_database
 
 
@@ -106,9 +108,10 @@ async def test_the_board_pools_every_trial_of_a_fair_seed_and_no_other(database)
     await tried(database, B, 3, 3, state="running")
     await tried(database, C, 40, 36)
     async with database.read() as connection:
-        count, rows = await leaderboard.board(connection, PUSH, None)
+        shown = await leaderboard.board(connection, PUSH, None)
         found = await leaderboard.contests(connection)
-    assert count == 3
+    rows = shown.rows
+    assert shown.policies == 3
     assert [(row.policy, row.trials, row.successes, row.jobs) for row in rows] == [(C, 40, 36, 1), (B, 3, 3, 1), (A, 80, 30, 2)]
     assert rows[1].interval_80 == wilson(3, 3, 0.80), "three of three are less than 36 of 40"
     assert [(each.object, each.policies) for each in found] == [("cube", 3), ("sphere", 1)]
@@ -119,7 +122,7 @@ async def test_who_looks_at_the_seed_and_cancels_has_all_trials_counted(database
     await tried(database, B, 0, 0, state="queued")
     await tried(database, C, 7, 7, state="failed")  # by the platform
     async with database.read() as connection:
-        _, rows = await leaderboard.board(connection, PUSH, None)
+        rows = (await leaderboard.board(connection, PUSH, None)).rows
     assert [(row.policy, row.trials, row.successes) for row in rows] == [(C, 7, 7), (A, 40, 0)]
 
 
@@ -128,7 +131,7 @@ async def test_rungs_do_not_count(database):
     async with database.write() as tx:
         await tx.execute(update(job).values(trials_done=4, successes=4, state="succeeded"))
     async with database.read() as connection:
-        assert await leaderboard.board(connection, PUSH, None) == (0, ())
+        assert (await leaderboard.board(connection, PUSH, None)).policies == 0
         assert await leaderboard.contests(connection) == ()
 
 
@@ -136,5 +139,5 @@ async def test_who_may_not_see_a_policy_sees_its_digest_alone(database):
     await tried(database, A, 40, 30)
     await tried(database, C, 40, 36)
     async with database.read() as connection:
-        _, rows = await leaderboard.board(connection, PUSH, "bob")
+        rows = (await leaderboard.board(connection, PUSH, "bob")).rows
     assert [(row.policy_name, row.owner, row.policy) for row in rows] == [("third", "bob", C), (None, None, A)]
