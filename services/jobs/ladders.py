@@ -1,6 +1,5 @@
 """Ladders: jobs of several checkpoints that are queued together, try the same goals, and are shown together."""
 
-import asyncio
 from collections.abc import Sequence
 
 from sqlalchemy import func, insert, select
@@ -51,8 +50,6 @@ async def submit(tx: AsyncConnection, now_s: float, request: LadderRequest, send
         job_id, _ = await submission.submit(tx, now_s, wish, of_each, drawn_seed=seed)
         made = select(job.c.number).where(job.c.job_id == job_id).scalar_subquery()
         await tx.execute(insert(rung).values(ladder_number=number, ordinal=ordinal, step=each.step, job_number=made))
-        # SQLite's writer works on the event loop itself; between two rungs readers and heartbeats have their turn.
-        await asyncio.sleep(0)
     return ladder_id, True
 
 

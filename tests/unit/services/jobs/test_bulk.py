@@ -1,15 +1,12 @@
-"""On each home: the trials of a job come in by one statement and are as they should be; a ladder lets others have their turn."""
-
-import asyncio
+"""On each home: the trials of a job come in by one statement and are as they should be."""
 
 import pytest
 from sqlalchemy import event, insert, select
 
 from api_schemas.excitation import IdentificationRequest
 from api_schemas.job import MAX_SEED, JobRequest
-from api_schemas.ladder import LadderRequest
 from services.database.tables import policy, robot, trial
-from services.jobs import ladders, submission
+from services.jobs import submission
 from services.jobs.order import trial_seed
 from services.jobs.submission import Sender
 
@@ -58,21 +55,3 @@ async def test_excitations_keep_their_order_and_their_robot(database):
     rows = await trials_of(database)
     assert [row.excitation for row in rows] == ["chirps", "hold_poses"] * 2
     assert {(row.first_choice, row.robot_order) for row in rows} == {("r", '["r"]')}
-
-
-async def test_others_have_their_turn_between_the_rungs_of_a_ladder(database):
-    turns = 0
-
-    async def other():
-        nonlocal turns
-        while True:
-            turns += 1
-            await asyncio.sleep(0)
-
-    rungs = [{"policy": A, "step": step} for step in range(20)]
-    request = LadderRequest.model_validate({"name": "l", "task": "push", "trials": 1, "rungs": rungs})
-    async with database.write() as tx:
-        beside = asyncio.create_task(other())
-        await ladders.submit(tx, 1000.0, request, Sender("ann"))
-        beside.cancel()
-    assert turns >= len(rungs)
