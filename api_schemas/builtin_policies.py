@@ -2,8 +2,8 @@
 
 import hashlib
 
+from api_schemas.builtin_mark import BUILTIN_MARK
 from api_schemas.policy import ActionKind, PolicyManifest, policy_digest
-from api_schemas.policy_link import BUILTIN_MARK
 
 PREFIX = "builtin:"
 """Before a built-in policy's name where a policy's file or digest is asked for, as in ``builtin:grasp``."""

@@ -23,8 +23,6 @@ BROKEN = 3  # the runtime itself could not be loaded
 JAILED = 4
 
 MAX_TEXT_BYTES = 1500
-BUILTIN_MARK = b"trifarm built-in policy "
-"""How the text begins that stands for the weights of a policy which comes with the farm; no network begins so."""
 
 
 class LinkClosedError(Exception):

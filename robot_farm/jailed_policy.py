@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from api_schemas import policy_link, runtime
+from api_schemas.builtin_mark import BUILTIN_MARK
 from api_schemas.jail.entering import end_with_parent, enter
 from api_schemas.jail.needs import Needs
 from api_schemas.policy_graph import GraphRunner
@@ -79,7 +80,7 @@ class Network:
 
 def _load(graph: bytes, np, _onnxruntime) -> Network:
     """The network as a function from observation bytes to an action array and its inference time in ns."""
-    if graph.startswith(policy_link.BUILTIN_MARK):
+    if graph.startswith(BUILTIN_MARK):
         asked = graph[:MOST_NAMED_BYTES].decode(errors="replace").strip()
         raise UnknownHereError(f"this robot is too old for it: it does not know the {asked}; update the robot")
     return Network(GraphRunner(runtime.session(graph)), np)

@@ -77,6 +77,12 @@ def fill(path: Path, policy: str, report: bytes) -> None:
             "values (?,?,?,?,?,?,'trial_done','','running')",
             events,
         )
+        # on which physics they were done, so that the leaderboard counts them
+        database.execute(
+            "insert into physics (name, digest, first_told_at, told_s) values ('real', ?, ?, ?)", ("0" * 64, at, now_s)
+        )
+        (physics,) = database.execute("select max(number) from physics").fetchone()
+        database.execute("update job set physics = ? where job_id like 'b%'", (physics,))
         ladders = [(number, f"l{number}", f"ladder {number}", "user1", at) for number in range(LADDERS)]
         database.executemany("insert into ladder (number, ladder_id, name, owner, created_at) values (?,?,?,?,?)", ladders)
         rungs = [

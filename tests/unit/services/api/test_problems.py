@@ -15,7 +15,7 @@ STATEMENTS = {
     "no such table": text("SELECT 1 FROM nowhere"),
 }
 FULL = {
-    False: ("PRAGMA max_page_count = 1", "CREATE TABLE one_more AS SELECT 1"),
+    False: ("PRAGMA max_page_count = 1", "CREATE TABLE one_more AS SELECT randomblob(10000000)"),
     True: ("DO $$ BEGIN RAISE EXCEPTION USING ERRCODE = '53100'; END $$",),
 }
 """What makes a database say that its disk is full; of PostgreSQL's server that cannot be asked for in earnest."""
