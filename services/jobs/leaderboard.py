@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sqlalchemy import case, distinct, exists, func, or_, select
+from sqlalchemy import case, distinct, func, or_, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.job import JobState, TaskName
@@ -25,7 +25,7 @@ COUNTED = (
     job.c.seed_drawn_by_server.is_(True),
     job.c.policy.is_not(None),
     or_(job.c.trials_done > 0, CANCELLED),
-    ~exists().where(rung.c.job_number == job.c.number),
+    job.c.number.not_in(select(rung.c.job_number)),  # looked up in a list that is made once, not searched for each job
     job.c.physics.is_not(None),
     job.c.physics_mixed.is_(False),
 )
