@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 
 import structlog
@@ -89,7 +89,8 @@ class Dispatcher:
         while not self.signals.closing.is_set():
             look_at_active = await self.signals.dispatcher_woken(self.settings.sweep_every_s)
             if self.settings.alive_file is not None:
-                self.settings.alive_file.touch()
+                with suppress(OSError):  # whoever looks at it finds it old
+                    self.settings.alive_file.touch()
             try:
                 await self._look(look_at_active=look_at_active)
             except Exception:

@@ -19,8 +19,8 @@ from services.jobs import robots, submission
 from services.jobs.clock import iso
 from services.policies import owners
 
-OWNER = "canary"
-"""Whose turn it is at a robot when a trial of the canary is next."""
+OWNER = "farm:canary"
+"""Whose turn it is at a robot when a trial of the canary is next; a name that no token can have."""
 LEVEL = 0.80
 _ONLY = 1
 _WANTED = select(canary, policy.c.name.label("policy_name")).join(policy, policy.c.digest == canary.c.policy)

@@ -163,12 +163,15 @@ def test_a_running_trial_is_watched_as_it_happens(browser, looked, jobs, axe):
             except Error:
                 continue  # it ended before the page was there
         assert 0 < float(seen["time"]) <= 15
-        # Without its stream the page stays as it is when the trial ends.
-        page.route("**/watch", lambda route: route.abort())
+
+
+def test_the_page_of_a_running_trial_is_accessible(browser, looked, jobs, axe):
+    with Visit(browser, looked, looked.operator, width=700) as visit:
+        page, give_up_s = visit.page, time.monotonic() + 120
+        page.route("**/watch", lambda route: route.abort())  # without its stream it does not load itself again at the trial's end
         while not page.locator("#watch").count():
             assert time.monotonic() < give_up_s, "no trial's page was open while it ran"
-            with suppress(Error):  # the page before may load itself again at this moment
-                page.goto(f"/trials/{running_trial(looked)}")
+            page.goto(f"/trials/{running_trial(looked)}")
         assert not gravest(page, axe)
 
 

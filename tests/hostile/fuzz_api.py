@@ -95,12 +95,13 @@ def fuzz(farm, document, token, *, examples, seed, phases, checks=CHECKS, paths=
 
 def counted(events, ended):
     if not events.exists():
-        return {"operations": 0, "cases": 0, "statuses": {}, "failures": {"schemathesis": 1}, "said": ended.stdout + ended.stderr}
-    operations, statuses, failures, said = set(), Counter(), Counter(), []
+        return {"operations": 0, "never_succeeded": [], "cases": 0, "statuses": {}, "failures": {"schemathesis": 1}, "said": ended.stdout + ended.stderr}
+    operations, statuses, failures, said = {}, Counter(), Counter(), []
     for line in events.read_text().splitlines():
         look(json.loads(line), operations, statuses, failures, said)
     return {
         "operations": len(operations),
+        "never_succeeded": sorted(label for label, succeeded in operations.items() if not succeeded),
         "cases": sum(statuses.values()),
         "statuses": dict(sorted(statuses.items())),
         "failures": dict(failures),
@@ -118,10 +119,10 @@ def look(event, operations, statuses, failures, said):
         return
     recorder = told["recorder"]
     answers = recorder.get("interactions", {})
+    codes = [str((answer["response"] or {"status_code": "none"})["status_code"]) for answer in answers.values()]
+    statuses.update(codes)
     if answers and told["phase"] != "stateful":
-        operations.add(recorder["label"])
-    for answer in answers.values():
-        statuses[str((answer["response"] or {"status_code": "none"})["status_code"])] += 1
+        operations[recorder["label"]] = operations.get(recorder["label"], False) or any(code[0] == "2" for code in codes)
     for case, checks in recorder.get("checks", {}).items():
         for check in checks:
             if check["status"] != "success":

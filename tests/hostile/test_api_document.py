@@ -19,6 +19,6 @@ def test_no_answer_is_a_5xx_or_contradicts_the_document(farm):
         assert (run["failures"], run["exit_code"]) == ({}, 0), (name, run)
     assert [run["operations"] for run in found.values()] == [operations - 1, operations - 1, 1]
     assert farm.admin.get("/v1/tokens").status_code == 200  # nobody was locked out on the way
-    # Ids of what exists are of use: there are more successes with them.
-    good = [sum(count for status, count in run["statuses"].items() if status[0] == "2") for run in found.values()]
-    assert good[1] > good[0] > 0, found
+    # What exists was found: answers of 404 alone would show little.
+    for name, run in found.items():
+        assert not {"GET /v1/jobs/{job_id}", "GET /v1/policies/{digest}"} & set(run["never_succeeded"]), (name, run)

@@ -26,3 +26,10 @@ def test_the_check_of_the_compose_file_sees_a_loop_that_stands_still(tmp_path):
         assert not passes()
         farm.process.send_signal(signal.SIGCONT)
         until(passes, 10, "another sign of life")
+
+
+def test_a_sign_of_life_that_cannot_be_written_stops_nothing(tmp_path):
+    with services(tmp_path / "farm", alive_file=tmp_path / "no such folder" / "alive") as farm:
+        farm.start_robot("robot-0", trial_s=0.02)
+        job_id = farm.submit(farm.policy(), trials=2).json()["job_id"]
+        assert farm.wait_for_end(job_id, 20)["state"] == "succeeded"

@@ -3,10 +3,12 @@
 import itertools
 
 import pytest
+from pydantic import ValidationError
 from sqlalchemy import insert, select, update
 
 from api_schemas.canary import CanaryRequest
 from api_schemas.robot import OutcomeReport, RobotState
+from api_schemas.token import Scope, TokenRequest
 from api_schemas.trial import FAULT_OF, Outcome, OutcomeKind, TrialState
 from services.database.tables import attempt, job, policy, robot, trial
 from services.dispatcher.canaries import LOOK_EVERY_S, Canaries
@@ -76,7 +78,9 @@ async def test_idle_robots_try_the_canary_each_in_its_time_and_all_the_same_goal
     clock.now = NOW_S + 99
     await looking.look(["a"])
     rows = await jobs(database)
-    assert [(row.robot, row.trials, row.policy, row.owner) for row in rows] == [(name, 10, "d" * 64, "canary") for name in "ab"]
+    assert [(row.robot, row.trials, row.policy, row.owner) for row in rows] == [
+        (name, 10, "d" * 64, canary.OWNER) for name in "ab"
+    ]
     assert len({row.seed for row in rows}) == 1 and not any(row.seed_drawn_by_server for row in rows)
     clock.now = NOW_S + 100 + LOOK_EVERY_S
     await looking.look(["a"])
@@ -137,3 +141,8 @@ def test_the_whole_interval_must_lie_below_the_band():
     assert canary.left_band(7, 10, 0.8) is None
     assert canary.left_band(0, 1, 0.5) is None, "one trial says nothing"
     assert "succeeded in 0 of 10 trials" in canary.left_band(0, 10, 0.5)
+
+
+def test_no_user_can_have_the_name_of_the_canarys_owner():
+    with pytest.raises(ValidationError, match="owner"):
+        TokenRequest(owner=canary.OWNER, scopes=[Scope.SUBMIT])
