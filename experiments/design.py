@@ -22,17 +22,33 @@ class Demonstrations:
 
 
 @dataclass(frozen=True)
+class Start:
+    """A training that is made once, of seed 1, and gone on with by the runs of several cells, its critic included."""
+
+    name: str
+    recipe: Mapping[str, Any]
+    samples_per_s: float
+
+    @property
+    def seconds(self) -> float:
+        """On one thread."""
+        return self.recipe["samples"] / self.samples_per_s
+
+
+@dataclass(frozen=True)
 class Training:
     """How the policy of a cell comes about.
 
     ``recipe`` is a training recipe without its seed; its physics may be ``real`` without some effects (``without``, their
-    names). ``samples_per_s`` is what one thread does beside another run on two cores, evaluations included.
+    names). ``samples_per_s`` is what one thread does beside another run on two cores, evaluations included. With a ``start``
+    it goes on from there.
     """
 
     recipe: Mapping[str, Any]
     samples_per_s: float
     without: tuple[str, ...] = ()
     demonstrations: Demonstrations | None = None
+    start: Start | None = None
 
     @property
     def samples(self) -> int:
@@ -232,16 +248,20 @@ def quick(experiment: Experiment) -> Experiment:
 def _quick_training(training: Training | None) -> Training | None:
     if training is None:
         return None
-    recipe = dict(training.recipe) | {
-        "samples": QUICK_SAMPLES,
-        "evaluation": {"every_samples": QUICK_SAMPLES // 2, "trials": 4, "physics": ["nominal"], "final_trials": 2},
-    }
-    if "imitation" in recipe:
-        recipe["imitation"] = dict(recipe["imitation"]) | {"robots": 32, "updates": 2, "batch": 256, "least_memory": 512}
-    else:
-        recipe["ppo"] = dict(recipe["ppo"]) | QUICK_PPO
+    recipe = _quick_recipe(training.recipe)
     demonstrations = training.demonstrations
     if demonstrations is not None:
         recipe["demonstrations"] = {"clone_updates": 20, "batch": 256, "critic_first": 1}
         demonstrations = replace(demonstrations, count=2)
-    return replace(training, recipe=recipe, demonstrations=demonstrations)
+    start = training.start and replace(training.start, recipe=_quick_recipe(training.start.recipe))
+    return replace(training, recipe=recipe, demonstrations=demonstrations, start=start)
+
+
+def _quick_recipe(full: Mapping[str, Any]) -> dict[str, Any]:
+    recipe = dict(full) | {
+        "samples": QUICK_SAMPLES,
+        "evaluation": {"every_samples": QUICK_SAMPLES // 2, "trials": 4, "physics": ["nominal"], "final_trials": 2},
+    }
+    if "imitation" in recipe:
+        return recipe | {"imitation": dict(recipe["imitation"]) | {"robots": 32, "updates": 2, "batch": 256, "least_memory": 512}}
+    return recipe | {"ppo": dict(recipe["ppo"]) | QUICK_PPO}

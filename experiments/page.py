@@ -113,7 +113,7 @@ def _sentence(found: Findings, each: Judged) -> str:
 
 
 def _total_hours(all_found: Sequence[Findings]) -> float:
-    return sum(hours(pieces(found.experiment), JOBS) for found in all_found)
+    return hours([piece for found in all_found for piece in pieces(found.experiment)], JOBS)
 
 
 def _missing(found: Findings) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from experiments.design import Cell, Experiment, Farm
+from experiments.design import Cell, Experiment, Farm, Start
 from experiments.store import Key, Store
 
 FARM_STARTS_S = 10.0
@@ -113,9 +113,16 @@ def missing(experiment: Experiment, store: Store, wanted: Wanted | None = None) 
     return [piece for piece in pieces(experiment) if asked.takes(piece.cell, piece.seed) and not is_done(piece, store)]
 
 
+def starts(found: Sequence[Piece]) -> list[Start]:
+    """What the trainings among the pieces go on from, each once."""
+    trainings = [piece.cell.training for piece in found if isinstance(piece, TrainingPiece) and piece.cell.training]
+    return list({each.start.name: each.start for each in trainings if each.start}.values())
+
+
 def hours(found: Sequence[Piece], jobs: int) -> float:
-    """How long the pieces take, trainings side by side; farms and measurements have the machine to themselves."""
+    """How long the pieces take, trainings side by side; starts, farms and measurements have the machine to themselves."""
     training = sum(piece.seconds for piece in found if isinstance(piece, TrainingPiece)) / jobs
+    training += sum(start.seconds for start in starts(found))
     farms = {piece.farm for piece in found if isinstance(piece, BlockPiece)}
     rest = sum(piece.seconds for piece in found if not isinstance(piece, TrainingPiece))
     return (training + rest + FARM_STARTS_S * len(farms)) / 3600

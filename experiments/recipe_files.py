@@ -16,8 +16,13 @@ REDUCED = "reduced-real.toml"
 DEMONSTRATIONS = "shown.demonstrations"
 
 
-def write_recipe(training: Training, seed: int, folder: Path, name: str, demonstrations: Path | None = None) -> Path:
-    """Write the recipe of a run, and the reduced ranges that it names; gives its path."""
+def write_recipe(
+    training: Training, seed: int, folder: Path, name: str, demonstrations: Path | None = None, begun_with: Path | None = None
+) -> Path:
+    """Write the recipe of a run, and the reduced ranges that it names; gives its path.
+
+    ``begun_with`` is the folder of the training's start.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     recipe: dict[str, Any] = {**training.recipe, "seed": seed}
     if training.without:
@@ -27,6 +32,8 @@ def write_recipe(training: Training, seed: int, folder: Path, name: str, demonst
         recipe["physics"] = REDUCED
     if demonstrations is not None:
         recipe["demonstrations"] = dict(recipe["demonstrations"]) | {"files": [str(demonstrations.absolute())]}
+    if begun_with is not None:
+        recipe["warm_start"] = {"run": str(begun_with.absolute())}
     path = folder / f"{name}.toml"
     path.write_text(toml_of(recipe))
     return path

@@ -17,7 +17,7 @@ from experiments.figures import draw
 from experiments.findings import Findings, findings
 from experiments.hidden_state import ask
 from experiments.page import experiment_page, overview
-from experiments.plan import BlockPiece, MeasuringPiece, Piece, TrainingPiece, Wanted, hours, is_done, missing, pieces
+from experiments.plan import BlockPiece, MeasuringPiece, Piece, TrainingPiece, Wanted, hours, is_done, missing, pieces, starts
 from experiments.store import Key, Store
 from experiments.trainer import manifest_of, train_all
 from sim_backend.grasping.controller import GraspPolicy
@@ -57,6 +57,7 @@ def announcement(experiment: Experiment, store: Store, settings: Settings) -> li
     whole, left = pieces(experiment), missing(experiment, store, settings.wanted)
     trainings = [piece for piece in whole if isinstance(piece, TrainingPiece)]
     samples = sum(piece.cell.training.samples for piece in trainings if piece.cell.training)
+    samples += sum(start.recipe["samples"] for start in starts(whole))
     trials = sum(experiment.trials.block for piece in whole if isinstance(piece, BlockPiece) and experiment.trials)
     return [
         f"({experiment.letter}) {experiment.title}{', quick form' if experiment.quick else ''}: {len(trainings)} trainings with "

@@ -6,6 +6,7 @@ OUT/NAME/trials/CELL-seed1-real.json   farm trials, block by block
 OUT/NAME/measured/CELL-seed1-real.json what was measured in simulation
 """
 
+import hashlib
 import json
 import shutil
 from collections.abc import Mapping, Sequence
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from experiments.design import Cell, Experiment
+from experiments.design import Cell, Experiment, Start
 
 LARGEST_WEIGHTS = 300_000
 """Bytes; larger policies stay in the work folder."""
@@ -67,6 +68,10 @@ class Store:
     def training_folder(self, cell: Cell, seed: int) -> Path:
         """Where the run trains, with its checkpoint."""
         return self.work / (cell.runs_of or self.experiment.name) / self._run_stem(cell, seed)
+
+    def start_folder(self, start: Start, recipe: str) -> Path:
+        """Where a start trains, of whichever experiment; another text of its recipe has another folder."""
+        return self.work / "starts" / f"{start.name}-{hashlib.sha256(recipe.encode()).hexdigest()[:8]}"
 
     def _runs(self, cell: Cell) -> Path:
         return self.out / (cell.runs_of or self.experiment.name) / "runs"

@@ -12,9 +12,9 @@ from pathlib import Path
 from api_schemas.policy import PolicyManifest
 from client_cli.child_process import child_environment, module_command
 from client_cli.policy_files import read_policy
-from experiments.design import Demonstrations
+from experiments.design import Demonstrations, Start
 from experiments.plan import TrainingPiece
-from experiments.recipe_files import cut, recording_arguments, write_recipe
+from experiments.recipe_files import cut, recording_arguments, toml_of, write_recipe
 from experiments.store import Key, Store
 
 POLL_EVERY_S = 0.5
@@ -85,7 +85,8 @@ def _start(piece: TrainingPiece, store: Store, tell: Callable[[str], None]) -> R
     folder, stem = store.training_folder(piece.cell, piece.seed), Key(piece.cell.name, piece.seed).stem
     folder.mkdir(parents=True, exist_ok=True)
     shown = None if training.demonstrations is None else _demonstrations(training.demonstrations, store, tell)
-    recipe = write_recipe(training, piece.seed, folder, stem, shown)
+    start = None if training.start is None else _trained_start(training.start, store, tell)
+    recipe = write_recipe(training, piece.seed, folder, stem, shown, start)
     resumes = (folder / CHECKPOINT).exists()
     tell(f"{piece.name}: {'goes on' if resumes else 'begins'}, {training.samples:,} samples, log in {folder / 'log'}")
     flags = ["--out", str(folder), "--threads", "1", *(["--resume"] if resumes else [])]
@@ -112,6 +113,23 @@ def _demonstrations(shown: Demonstrations, store: Store, tell: Callable[[str], N
             raise TrainingFailedError(f"recording demonstrations ended with code {process.returncode}:\n{_tail(folder / 'log')}")
         cut(recorded, shown.count, wanted)
     return wanted
+
+
+def _trained_start(start: Start, store: Store, tell: Callable[[str], None]) -> Path:
+    """The folder of a start, trained now, on all cores, if it is not there."""
+    recipe = toml_of({**start.recipe, "seed": 1})
+    folder = store.start_folder(start, recipe)
+    if not (folder / RECORD).exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / f"{start.name}.toml"
+        path.write_text(recipe)
+        tell(f"training {start.name}, which several runs go on from, log in {folder / 'log'}")
+        resumes = ["--resume"] if (folder / CHECKPOINT).exists() else []
+        flags = ["--out", str(folder), "--threads", str(cores()), *resumes]
+        process = _child("sim_backend.training", [str(path), *flags], folder / "log")
+        if process.wait() != 0:
+            raise TrainingFailedError(f"{start.name} ended with code {process.returncode}:\n{_tail(folder / 'log')}")
+    return folder
 
 
 def _keep(done: Running, store: Store, tell: Callable[[str], None]) -> None:

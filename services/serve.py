@@ -3,6 +3,7 @@
 import asyncio
 import json
 import os
+import socket
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
@@ -47,10 +48,28 @@ REQUESTS_END_WITHIN_S = 2
 TIDY_EVERY_S = 3600.0
 FOLLOW_EVERY_S = 10.0
 """How often the clock of a shared database is read again: clocks of two machines part by less than 1 ms in that time."""
+SILENT_AT_MOST_S = 12
+"""A reader who acknowledges nothing for so long, or takes nothing in, is gone. A stream says something every 15 s at the least,
+so that it ends within 27 s."""
+VANISHED = (
+    (socket.SOL_SOCKET, "SO_KEEPALIVE", 1),
+    (socket.IPPROTO_TCP, "TCP_KEEPIDLE", 4),
+    (socket.IPPROTO_TCP, "TCP_KEEPINTVL", 4),
+    (socket.IPPROTO_TCP, "TCP_USER_TIMEOUT", 1000 * SILENT_AT_MOST_S),
+)
+"""Options of sockets, which Linux has and others in part."""
 
 
 class Server(uvicorn.Server):
     """uvicorn without its signal handlers: this process has its own order of ending."""
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Listens so that a connection whose other side is gone without a word ends, and with it a stream that waits."""
+        await super().startup(sockets)
+        for listening in (each for server in getattr(self, "servers", ()) for each in server.sockets):
+            for level, name, value in VANISHED:
+                if hasattr(socket, name):
+                    listening.setsockopt(level, getattr(socket, name), value)  # those that it accepts have them from it
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:

@@ -1,6 +1,6 @@
 """What is seen and rewarded, what demonstrations are worth, what a memory is worth."""
 
-from experiments.catalogue.recipes import BEFORE_THE_FARM, DAGGER_RATE, NOMINAL_RATE, SEEDS, from_scratch
+from experiments.catalogue.recipes import BEFORE_THE_FARM, DAGGER_RATE, FINE_REWARD, NOMINAL_RATE, SEEDS, from_scratch
 from experiments.catalogue.sources import ALLSHIRE, DACTYL, DACTYL_PAGE, DAPG
 from experiments.design import (
     Cell,
@@ -53,7 +53,7 @@ OBSERVATIONS = Experiment(
 
 
 def _shown(count: int) -> Cell:
-    recipe = from_scratch("push", 1_200_000, every=100_000)
+    recipe = from_scratch("push", 1_200_000, every=100_000, reward=FINE_REWARD)
     if count == 0:
         return Cell("demonstrations-0", "from scratch", SEEDS, Training(recipe, NOMINAL_RATE))
     recipe |= {"method": "dapg", "demonstrations": {"clone_updates": 3000, "critic_first": 20, "least_weight": 0.02}}

@@ -37,7 +37,7 @@ class Watch(BaseCallback):
         run = self._run
         if self._samples_before is None:
             self._samples_before = run.model.num_timesteps
-        elif run.iterations <= run.recipe.ppo.freeze_inputs_after:
+        elif not run.knows_inputs:
             run.policy.features_extractor.learn_scaling(_seen(self._observations))
 
     def _on_step(self) -> bool:

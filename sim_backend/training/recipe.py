@@ -41,6 +41,7 @@ class RewardTable(Table):
     joint_speed: float = Reward.joint_speed
     scale: Positive = Reward.scale
     kernel_per_m: Positive = Reward.kernel_per_m
+    fine_kernel_per_m: Positive | None = Reward.fine_kernel_per_m
 
 
 class Networks(Table):
@@ -130,14 +131,26 @@ class WarmStartTable(Table):
     layout: str | None = None
 
 
-class ActorWarmStartTable(WarmStartTable):
-    """The same of PPO's actor; the critic, which begins anew, learns alone for the first iterations, at a rate of its own.
+class PpoWarmStartTable(Table):
+    """What PPO begins with: a policy of plain layers, or all that another run of PPO has learned (``run`` is its folder).
 
-    A critic that does not know yet what a step is worth leads a good actor astray: docs/learning.md.
+    A policy comes without a critic. The new one learns alone for the first iterations, at a rate of its own: a critic that does
+    not know yet what a step is worth leads a good actor astray (docs/learning.md). A run's critic is taken over instead.
     """
 
+    policy: str | None = None
+    layout: str | None = None
+    run: str | None = None
     critic_first: Annotated[int, Field(ge=0)] = 120
     critic_learning_rate: Positive = 1e-3
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> "PpoWarmStartTable":
+        if (self.policy is None) == (self.run is None):
+            raise ValueError("a [warm_start] names a policy or the folder of a run")
+        if self.run is not None and self.model_fields_set != {"run"}:
+            raise ValueError("with warm_start.run the rest of [warm_start] has no meaning; leave it out")
+        return self
 
 
 class EvaluationTable(Table):
@@ -188,7 +201,7 @@ class Recipe(RecipeFile):
     evaluation: EvaluationTable = EvaluationTable()
     demonstrations: DemonstrationTable | None = None
     residual: ResidualTable | None = None
-    warm_start: ActorWarmStartTable | None = None
+    warm_start: PpoWarmStartTable | None = None
 
     @model_validator(mode="after")
     def _method_has_its_table(self) -> "Recipe":

@@ -22,14 +22,14 @@ from sim_backend.tasks import TASKS
 from sim_backend.tasks.reward import Reward
 from sim_backend.training import evaluating
 from sim_backend.training.actor_critic import ActorCritic, Inputs, hold_actor, whole_of
-from sim_backend.training.demonstrations.plain_policy import begin_with
+from sim_backend.training.demonstrations.plain_policy import BEGUN_WITH, PlainPolicy
 from sim_backend.training.demonstrations.residual import FrozenPolicy, ResidualRobots
 from sim_backend.training.demonstrations.term import DemonstrationTerm
 from sim_backend.training.evaluating import CHECKPOINT
 from sim_backend.training.export import ExportedPolicy, exported
 from sim_backend.training.progress import Watch
 from sim_backend.training.randomization import Randomizer, randomizer_of
-from sim_backend.training.recipe import Recipe
+from sim_backend.training.recipe import PpoWarmStartTable, Recipe
 from sim_backend.training.recurrent import RecurrentActorCritic
 from sim_backend.training.returns import NormalisedReturns
 from sim_backend.vec_env import TrifingerVecEnv
@@ -77,9 +77,7 @@ class Run:
             self.term = DemonstrationTerm(recipe.demonstrations, practice, self.policy, recipe.seed)
             self.term.join(self.policy.optimizer, lambda: self.iterations - 1)
         if recipe.warm_start is not None:
-            assert isinstance(self.policy, ActorCritic)
-            begin_with(recipe.warm_start, practice, self.policy.features_extractor, self.policy.all_actor_layers)
-            hold_actor(self.policy, self.policy.optimizer, lambda: self._critic_is_first)
+            self._begin_with(recipe.warm_start)
 
     @property
     def samples(self) -> int:
@@ -89,7 +87,8 @@ class Run:
     def learn(self) -> None:
         """Train until the samples or minutes of the recipe are over."""
         if self.model.num_timesteps == 0:
-            self._look_around()
+            if not self.knows_inputs:
+                self._look_around()
             if self.term is not None:
                 self.term.clone(self.tell)
         left = self.recipe.samples - self.model.num_timesteps
@@ -168,13 +167,47 @@ class Run:
             self.robots.environment.practice = replace(self.robots.environment.practice, task=task)
 
     @property
+    def knows_inputs(self) -> bool:
+        """Whether the scaling of the inputs stays as it is: that of another run was taken over, or enough was seen."""
+        return self._begun_with_run or self.iterations > self.recipe.ppo.freeze_inputs_after
+
+    def _begin_with(self, start: PpoWarmStartTable) -> None:
+        assert isinstance(self.policy, ActorCritic)
+        if start.run is not None:
+            self._take_over(Path(start.run) / CHECKPOINT)
+            return
+        assert start.policy is not None
+        plain = PlainPolicy(start.policy, start.layout, self.robots.environment.practice, BEGUN_WITH)
+        plain.begin(self.policy.features_extractor, self.policy.all_actor_layers)
+        hold_actor(self.policy, self.policy.optimizer, lambda: self._critic_is_first)
+
+    def _take_over(self, checkpoint: Path) -> None:
+        """All that another run has learned: actor, critic, deviation, scalings; not what it had measured."""
+        if not checkpoint.exists():
+            raise ValueError(f"there is no {checkpoint} to begin with; train that run first")
+        state = torch.load(checkpoint, weights_only=True)
+        other = Recipe.model_validate_json(state["settings"])
+        for name in ("layout", "action", "action_scale", "networks"):
+            if getattr(other, name) != getattr(self.recipe, name):
+                raise ValueError(f"{checkpoint.parent.name} was trained with another {name}; the recipe must have the same")
+        self.policy.load_state_dict(state["policy"])
+        self.policy.optimizer.load_state_dict(state["optimizer"])
+        self.returns.mean, self.returns.variance, self.returns.count = state["returns"]
+
+    @property
+    def _begun_with_run(self) -> bool:
+        return self.recipe.warm_start is not None and self.recipe.warm_start.run is not None
+
+    @property
     def _critic_is_first(self) -> bool:
-        return self.recipe.warm_start is not None and self.iterations <= self.recipe.warm_start.critic_first
+        start = self.recipe.warm_start
+        return start is not None and start.policy is not None and self.iterations <= start.critic_first
 
     def _rate(self, left: float) -> float:
         """The learning rate when such a share of the samples is left."""
         first, last = self.recipe.ppo.learning_rate, self.recipe.ppo.final_learning_rate or self.recipe.ppo.learning_rate
-        if self.recipe.warm_start is not None and self._critic_is_first:
+        if self._critic_is_first:
+            assert self.recipe.warm_start is not None
             return self.recipe.warm_start.critic_learning_rate
         return last + (first - last) * left
 

@@ -4,7 +4,6 @@ import itertools
 import os
 import statistics
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import httpx

@@ -95,7 +95,14 @@ def fuzz(farm, document, token, *, examples, seed, phases, checks=CHECKS, paths=
 
 def counted(events, ended):
     if not events.exists():
-        return {"operations": 0, "never_succeeded": [], "cases": 0, "statuses": {}, "failures": {"schemathesis": 1}, "said": ended.stdout + ended.stderr}
+        return {
+            "operations": 0,
+            "never_succeeded": [],
+            "cases": 0,
+            "statuses": {},
+            "failures": {"schemathesis": 1},
+            "said": ended.stdout + ended.stderr,
+        }
     operations, statuses, failures, said = {}, Counter(), Counter(), []
     for line in events.read_text().splitlines():
         look(json.loads(line), operations, statuses, failures, said)

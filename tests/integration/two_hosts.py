@@ -24,6 +24,12 @@ class Hosts:
     robots: tuple[str, ...]
     address: str
 
+    def cut_off_robots(self):
+        """Pull the cable of the robots out: nothing more arrives on either side, not even a word of parting."""
+        cables = subprocess.run([*self.robots, "ip", "-o", "link"], check=True, capture_output=True, text=True).stdout
+        (cable,) = [line.split()[1].partition("@")[0] for line in cables.splitlines() if "@" in line and "link-netns" in line]
+        subprocess.run([*self.robots, "ip", "link", "set", cable, "down"], check=True)
+
 
 def why_not():
     """Why there can be no such hosts here, None if there can."""

@@ -15,6 +15,8 @@ from sim_backend.training.demonstrations.teacher import check_same_actions, find
 from sim_backend.training.export import ExportedPolicy, input_scaling_of
 from sim_backend.training.recipe import WarmStartTable
 
+BEGUN_WITH = "be begun with"
+
 
 class PlainPolicy:
     """Layers with ELU between them that see what is practised, an output of 1 being the largest action.
@@ -84,4 +86,4 @@ class PlainPolicy:
 
 def begin_with(start: WarmStartTable, practice: Practice, inputs: Inputs, layers: Sequence[nn.Linear]) -> None:
     """Let what is to be trained begin as the policy of a recipe; raises ValueError as :class:`PlainPolicy` does."""
-    PlainPolicy(start.policy, start.layout, practice, "be begun with").begin(inputs, layers)
+    PlainPolicy(start.policy, start.layout, practice, BEGUN_WITH).begin(inputs, layers)

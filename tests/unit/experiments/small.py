@@ -21,8 +21,8 @@ SMALL = Experiment(
     claims=(),
     limits="None.",
     cells=(
-        Cell("first", "the first", (1, 2), CATALOGUE["randomization"].cell("nominal").training),
-        Cell("other", "the other", (1, 2), CATALOGUE["randomization"].cell("randomized").training),
+        Cell("first", "the first", (1, 2), replace(CATALOGUE["randomization"].cell("nominal").training, start=None)),
+        Cell("other", "the other", (1, 2), replace(CATALOGUE["randomization"].cell("randomized").training, start=None)),
     ),
     contrasts=(Contrast("other against first", Measure.SUCCESS, "first", "other", 0.2),),
     trials=TRIALS,

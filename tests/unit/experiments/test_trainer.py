@@ -2,12 +2,16 @@
 
 import subprocess
 import sys
+import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from experiments import trainer
+from experiments.design import Start
 from experiments.plan import TrainingPiece, missing
+from experiments.recipe_files import write_recipe
 from experiments.trainer import TrainingFailedError, train_all
 from tests.unit.experiments.small import SMALL, leave_training, store_of
 
@@ -23,7 +27,7 @@ class Trainings:
         monkeypatch.setattr(trainer, "POLL_EVERY_S", 0.01)
 
     def child(self, module, arguments, log):
-        stem, folder = log.parent.name, log.parent
+        folder, stem = log.parent, Path(arguments[0]).stem
         assert module == "sim_backend.training" and (folder / f"{stem}.toml").exists()
         self.begun.append(stem)
         self.resumed += [stem] if "--resume" in arguments else []
@@ -98,3 +102,20 @@ def test_demonstrations_are_recorded_once_and_cut_to_the_count(tmp_path, monkeyp
     assert len(found.first) == 2 and len(found.observation) == 2 * 750
     monkeypatch.setattr(trainer, "_child", None)
     assert trainer._demonstrations(shown, store, lambda _: None) == path
+
+
+def test_a_start_is_trained_once_and_given_to_every_run_that_goes_on_from_it(trainings, monkeypatch):
+    start, training = Start("begun", {"task": "push", "samples": 10}, 1.0), SMALL.cells[0].training
+    made = [trainer._trained_start(start, trainings.store, lambda _: None) for _ in range(2)]
+    assert made[0] == made[1] and trainings.begun == ["begun"]
+    assert tomllib.loads((made[0] / "begun.toml").read_text()) == {"task": "push", "samples": 10, "seed": 1}
+    recipe = write_recipe(replace(training, start=start), 1, made[0], "mine", begun_with=made[0])
+    assert tomllib.loads(recipe.read_text())["warm_start"] == {"run": str(made[0])}
+    other = trainer._trained_start(replace(start, recipe={"task": "lift", "samples": 10}), trainings.store, lambda _: None)
+    assert other != made[0] and trainings.begun == ["begun", "begun"], "another recipe is another start"
+
+
+def test_a_start_that_fails_is_told_with_its_last_words(trainings):
+    trainings.fail = "begun"
+    with pytest.raises(TrainingFailedError, match=r"begun ended with code 3[\s\S]*said last"):
+        trainer._trained_start(Start("begun", {"task": "push", "samples": 10}, 1.0), trainings.store, lambda _: None)

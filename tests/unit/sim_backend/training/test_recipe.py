@@ -26,6 +26,8 @@ def test_shipped_recipes_hold(name):
         ("[ppo]\nminibatch = 1000", "minibatch is 1000; it must divide robots times steps, 16384"),
         ("nominal_share = 0.5\n[randomization]\nmethod = 'adr'", "ADR begins with nominal robots by itself"),
         ("[warm_start]\npolicy = 'push'\n[networks]\nmemory = 8", "goes with PPO without a memory only"),
+        ("[warm_start]\npolicy = 'push'\nrun = 'runs/push'", "a policy or the folder of a run"),
+        ("[warm_start]\nrun = 'runs/push'\ncritic_first = 3", "has no meaning"),
         ("samples = 0", "samples: Input should be greater than or equal to 1"),
     ],
 )

@@ -69,6 +69,31 @@ def test_the_critic_has_a_learning_rate_of_its_own_while_it_is_alone(tmp_path, t
     assert rates == [0.5] * 8 + [0.01] * 8  # four updates in each iteration
 
 
+def test_a_run_goes_on_from_another_with_its_critic_under_another_recipe(tmp_path):
+    first = run_in(tmp_path / "first")
+    (tmp_path / "first").mkdir()
+    first.learn()
+    first.keep()
+    second = run_in(tmp_path / "second", warm_start={"run": str(tmp_path / "first")}, physics="real", seed=7)
+    for name, values in first.policy.state_dict().items():
+        assert torch.equal(second.policy.state_dict()[name], values), name
+    assert second.returns.variance == first.returns.variance != 1.0
+    assert second.model.policy.optimizer.state_dict()["state"], "what Adam knows is taken over, too"
+    mean = second.policy.features_extractor.mean.clone()
+    second.learn()
+    assert apart(second.exported(), first.exported()) > 1e-4
+    assert torch.equal(second.policy.features_extractor.mean, mean), "the scaling of the inputs stays"
+    assert (second.samples, second.iterations) == (2 * BATCH, 2), "it counts from its own begin"
+
+
+def test_a_run_that_does_not_fit_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"no .*checkpoint.pt to begin with"):
+        run_in(tmp_path, warm_start={"run": str(tmp_path)})
+    run_in(tmp_path).keep()
+    with pytest.raises(ValueError, match="another layout"):
+        run_in(tmp_path, warm_start={"run": str(tmp_path)}, layout="move")
+
+
 def test_an_imitating_student_begins_as_that_policy(tmp_path, trained):
     settings = {"method": "dagger", "task": "push", "layout": "push", "samples": 100, "teacher": {"policy": "push-scratch"}}
     found = ImitationRecipe.model_validate(settings | {"student": {"hidden": (16, 12)}, "warm_start": {"policy": str(trained)}})

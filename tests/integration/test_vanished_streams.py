@@ -1,0 +1,53 @@
+"""500 readers of a job's events, half of them on a host whose cable is pulled out: what the API had open for them is closed."""
+
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+from tests.integration.farm_process import services, until
+from tests.integration.two_hosts import hosts  # noqa: F401  a fixture
+
+READERS = """
+import socket, sys, time
+host, port, path, token, count = sys.argv[1:]
+streams = [socket.create_connection((host, int(port)), timeout=60) for _ in range(int(count))]
+for stream in streams:
+    stream.sendall(f"GET {path} HTTP/1.1\\r\\nHost: {host}\\r\\nAuthorization: Bearer {token}\\r\\n\\r\\n".encode())
+    assert stream.recv(4096).startswith(b"HTTP/1.1 200"), "no stream"
+print("open", flush=True)
+time.sleep(600)
+"""
+HALF, A_FEW = 250, 30
+"""Connections to the database stay open for those who come next."""
+LEFT_OPEN_AT_MOST_S = 30
+
+
+@contextmanager
+def readers(begin, farm, address, path):
+    """Readers on a host, who have seen the begin of the stream."""
+    given = [address, farm.api.rpartition(":")[2], path, farm.tokens["admin"], str(HALF)]
+    process = subprocess.Popen([*begin, sys.executable, "-c", READERS, *given], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout.readline() == "open\n"
+        yield
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_streams_of_a_host_that_is_cut_off_are_closed_and_the_others_go_on(hosts, tmp_path):  # noqa: F811
+    at = {"host": hosts.address, "through": hosts.services, "requests_per_s": 0, "anonymous_requests_per_s": 0}
+    with services(tmp_path / "farm", **at) as farm:
+        path = f"/v1/jobs/{farm.submit(farm.policy(), trials=1).json()['job_id']}/events"
+
+        def open_now():
+            return len(list(Path(f"/proc/{farm.process.pid}/fd").iterdir()))
+
+        before = open_now()
+        with readers(hosts.services, farm, hosts.address, path), readers(hosts.robots, farm, hosts.address, path):
+            assert open_now() >= before + 2 * HALF
+            hosts.cut_off_robots()
+            until(lambda: open_now() <= before + HALF + A_FEW, LEFT_OPEN_AT_MOST_S, "half of them to be closed")
+            assert open_now() >= before + HALF, "those who still read were not cut off"
+        until(lambda: open_now() <= before + A_FEW, LEFT_OPEN_AT_MOST_S, "all to be closed")
