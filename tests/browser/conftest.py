@@ -36,7 +36,7 @@ class Looked:
     def token(self, owner: str) -> str:
         return self.api.post("/v1/tokens", json={"owner": owner, "scopes": ["submit"]}).json()["secret"]
 
-    def submit(self, policy: str, token: str, trials: int, seed: int = 1) -> str:
+    def submit(self, policy: str, token: str, trials: int, seed: int | None = 1) -> str:
         body = {"policy": policy, "task": "push", "trials": trials, "seed": seed}
         with self.client(token) as client:
             return client.post("/v1/jobs", json=body).raise_for_status().json()["job_id"]

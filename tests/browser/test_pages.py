@@ -40,7 +40,7 @@ class Visit:
 
 @pytest.fixture(scope="module")
 def jobs(looked):
-    """Two jobs on the same goals and one that runs for long, all of a policy with a hostile name."""
+    """Two jobs on the same goals, one for the leaderboard, and one that runs for long, all of a policy with a hostile name."""
     digest = looked.upload(HOSTILE, looked.user)
     ended, again = (looked.submit(digest, looked.user, trials=2, seed=3) for _ in range(2))
     ladder = looked.ladder(digest, looked.user, rungs=3, trials=1)
@@ -49,12 +49,14 @@ def jobs(looked):
     (study / "report.html").write_text(
         "<!DOCTYPE html><html lang=en><title>Joints of robot-0</title><h1>Joints</h1><script>alert(4)</script>"
     )
+    ranked = looked.submit(digest, looked.user, trials=2, seed=None)
     running = looked.submit(digest, looked.user, trials=40, seed=4)
     yield {
         "ended": ended,
         "again": again,
         "ladder": ladder["ladder_id"],
         "rung": ladder["rungs"][0]["job_id"],
+        "ranked": ranked,
         "running": running,
     }
 
@@ -193,7 +195,8 @@ def gravest(page, axe):
 
 def test_names_that_users_chose_are_only_text(operator, looked, jobs, ended):
     page = operator.page
-    looked.wait(jobs["rung"])
+    for each in ("rung", "ranked"):
+        looked.wait(jobs[each])
     lists = (f"/ladders/{jobs['ladder']}", "/ladders", "/leaderboard")
     for path in (
         "/",
@@ -206,7 +209,7 @@ def test_names_that_users_chose_are_only_text(operator, looked, jobs, ended):
     ):
         page.goto(path)
         assert page.locator("img[src=x]").count() == 0, path
-        if path not in ("/", "/leaderboard"):  # which no rung of a ladder comes onto
+        if path != "/":
             assert HOSTILE in page.inner_text("body"), path
     page.goto("/jobs?q=%3Cscript%3Ealert(3)%3C%2Fscript%3E")
     assert page.input_value("#q") == "<script>alert(3)</script>"
