@@ -43,7 +43,7 @@ class Life:
 
     Args:
         robot: its name.
-        draw: gives the physics of an attempt at a trial from the trial's id and the attempt's number.
+        draw: gives the physics of an attempt at a trial from the trial's seed and the attempt's number.
         reset: how the arena is made ready.
         faults: those that befall this robot by schedule.
         fault_rate: probability of a fault by chance in each trial.
@@ -81,7 +81,7 @@ class Life:
             OutOfServiceError: the robot is unfit.
             TrialStoppedError: there was a reason to stop.
         """
-        drawn, shape, events = self.draw(lease.trial_id, lease.fence), shape_of_lease(lease), list[str]()
+        drawn, shape, events = self.draw(str(lease.seed), lease.fence), shape_of_lease(lease), list[str]()
         self._let_chance_act(drawn.rng)
         physics, changes = timeline(drawn.physics, self._all_faults, self._trials)
         placed, goal = draw_start_and_goal(lease, TASKS, shape)

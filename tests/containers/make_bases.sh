@@ -26,7 +26,9 @@ fi
 docker build --quiet --network host --tag trifarm-stand-in-postgres - >&2 <<'DOCKERFILE'
 FROM trifarm-stand-in-python
 RUN apt-get update -q && apt-get install -y -q --no-install-recommends postgresql && rm -rf /var/lib/apt/lists/* \
-    && mkdir -p /var/lib/postgresql/data && chown postgres /var/lib/postgresql/data
+    && mkdir -p /var/lib/postgresql/data && chown postgres /var/lib/postgresql/data \
+    # As in the official image: a disk in memory that is mounted there takes this mode over.
+    && chmod 3777 /var/run/postgresql
 # What the official image does with its variables, as far as the compose file uses them.
 RUN printf '%s\n' '#!/bin/sh' 'set -eu' 'bin=$(echo /usr/lib/postgresql/*/bin)' 'data=/var/lib/postgresql/data' \
       'if [ ! -e "$data/PG_VERSION" ]; then' \
