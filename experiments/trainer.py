@@ -100,6 +100,12 @@ def _child(module: str, arguments: Sequence[str], log: Path) -> subprocess.Popen
         return subprocess.Popen(command, env=child_environment(**threads), stdin=subprocess.DEVNULL, stdout=out, stderr=out)
 
 
+def _await(what: str, module: str, arguments: Sequence[str], log: Path) -> None:
+    process = _child(module, arguments, log)
+    if process.wait() != 0:
+        raise TrainingFailedError(f"{what} ended with code {process.returncode}:\n{_tail(log)}")
+
+
 def _demonstrations(shown: Demonstrations, store: Store, tell: Callable[[str], None]) -> Path:
     """The demonstrations of a cell, recorded now if they are not there; the same on every machine."""
     folder = store.work / store.experiment.name / "demonstrations"
@@ -108,9 +114,8 @@ def _demonstrations(shown: Demonstrations, store: Store, tell: Callable[[str], N
     if not wanted.exists():
         recorded = folder / f"{shown.policy}-for-{shown.count}.demonstrations"
         tell(f"recording {shown.count} demonstrations of {shown.policy}")
-        process = _child("sim_backend.training.demonstrations.recording", recording_arguments(shown, recorded), folder / "log")
-        if process.wait() != 0:
-            raise TrainingFailedError(f"recording demonstrations ended with code {process.returncode}:\n{_tail(folder / 'log')}")
+        arguments = recording_arguments(shown, recorded)
+        _await("recording demonstrations", "sim_backend.training.demonstrations.recording", arguments, folder / "log")
         cut(recorded, shown.count, wanted)
     return wanted
 
@@ -126,9 +131,7 @@ def _trained_start(start: Start, store: Store, tell: Callable[[str], None]) -> P
         tell(f"training {start.name}, which several runs go on from, log in {folder / 'log'}")
         resumes = ["--resume"] if (folder / CHECKPOINT).exists() else []
         flags = ["--out", str(folder), "--threads", str(cores()), *resumes]
-        process = _child("sim_backend.training", [str(path), *flags], folder / "log")
-        if process.wait() != 0:
-            raise TrainingFailedError(f"{start.name} ended with code {process.returncode}:\n{_tail(folder / 'log')}")
+        _await(start.name, "sim_backend.training", [str(path), *flags], folder / "log")
     return folder
 
 

@@ -44,11 +44,12 @@ class HiddenPhysics:
         """Random numbers for one purpose of this robot, the same whenever it is asked."""
         return np.random.default_rng(int.from_bytes(self._digest(purpose)))
 
-    def of_trial(self, seed: str, attempt: int) -> TrialPhysics:
+    def of_trial(self, seed: int | str, attempt: int) -> TrialPhysics:
         """The physics of one attempt at a trial: the robot's, what differs from trial to trial, and a seed of its noise.
 
         Nobody can foresee it who does not know the secret. Whoever asks for the same seed again gets the same and no other
-        draw, so that policies can be compared in pairs and a farm of the same seed comes again.
+        draw, so that policies can be compared in pairs and a farm of the same seed comes again. A self-test has a name for
+        a seed.
         """
         rng = self.generator(f"trial:{seed}:{attempt}")
         noise_seed = int(rng.integers(0, 2**53))

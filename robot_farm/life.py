@@ -51,7 +51,7 @@ class Life:
     """
 
     robot: str
-    draw: Callable[[str, int], TrialPhysics]
+    draw: Callable[[int | str, int], TrialPhysics]
     reset: Reset
     faults: tuple[Fault, ...] = ()
     fault_rate: float = 0.0
@@ -81,7 +81,7 @@ class Life:
             OutOfServiceError: the robot is unfit.
             TrialStoppedError: there was a reason to stop.
         """
-        drawn, shape, events = self.draw(str(lease.seed), lease.fence), shape_of_lease(lease), list[str]()
+        drawn, shape, events = self.draw(lease.seed, lease.fence), shape_of_lease(lease), list[str]()
         self._let_chance_act(drawn.rng)
         physics, changes = timeline(drawn.physics, self._all_faults, self._trials)
         placed, goal = draw_start_and_goal(lease, TASKS, shape)

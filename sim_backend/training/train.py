@@ -22,7 +22,7 @@ from sim_backend.tasks import TASKS
 from sim_backend.tasks.reward import Reward
 from sim_backend.training import evaluating
 from sim_backend.training.actor_critic import ActorCritic, Inputs, hold_actor, whole_of
-from sim_backend.training.demonstrations.plain_policy import BEGUN_WITH, PlainPolicy
+from sim_backend.training.demonstrations.plain_policy import begin_with
 from sim_backend.training.demonstrations.residual import FrozenPolicy, ResidualRobots
 from sim_backend.training.demonstrations.term import DemonstrationTerm
 from sim_backend.training.evaluating import CHECKPOINT
@@ -177,8 +177,8 @@ class Run:
             self._take_over(Path(start.run) / CHECKPOINT)
             return
         assert start.policy is not None
-        plain = PlainPolicy(start.policy, start.layout, self.robots.environment.practice, BEGUN_WITH)
-        plain.begin(self.policy.features_extractor, self.policy.all_actor_layers)
+        practice, policy = self.robots.environment.practice, self.policy
+        begin_with(start.policy, start.layout, practice, policy.features_extractor, policy.all_actor_layers)
         hold_actor(self.policy, self.policy.optimizer, lambda: self._critic_is_first)
 
     def _take_over(self, checkpoint: Path) -> None:

@@ -9,11 +9,11 @@ from api_schemas.robot import Lease
 from tests.graphs import linear
 
 
-def lease(*, task: str = "push", seed: int = 5, ordinal: int = 0, layout: str = "rrc2022-push") -> Lease:
+def lease(*, task: str = "push", seed: int = 5, ordinal: int = 0, layout: str = "rrc2022-push", job_id: str = "jtest") -> Lease:
     """A lease as the dispatcher would offer it."""
     return Lease(
-        trial_id=f"jtest-{ordinal:03d}",
-        job_id="jtest",
+        trial_id=f"{job_id}-{ordinal:03d}",
+        job_id=job_id,
         ordinal=ordinal,
         fence=1,
         robot="robot-0",

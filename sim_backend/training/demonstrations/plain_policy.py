@@ -13,9 +13,6 @@ from sim_backend.practice import Practice
 from sim_backend.training.actor_critic import CLIP, EPSILON, Inputs
 from sim_backend.training.demonstrations.teacher import check_same_actions, find_policy
 from sim_backend.training.export import ExportedPolicy, input_scaling_of
-from sim_backend.training.recipe import WarmStartTable
-
-BEGUN_WITH = "be begun with"
 
 
 class PlainPolicy:
@@ -84,6 +81,6 @@ class PlainPolicy:
             layer.bias.copy_(torch.from_numpy(bias))
 
 
-def begin_with(start: WarmStartTable, practice: Practice, inputs: Inputs, layers: Sequence[nn.Linear]) -> None:
-    """Let what is to be trained begin as the policy of a recipe; raises ValueError as :class:`PlainPolicy` does."""
-    PlainPolicy(start.policy, start.layout, practice, BEGUN_WITH).begin(inputs, layers)
+def begin_with(policy: str, layout: str | None, practice: Practice, inputs: Inputs, layers: Sequence[nn.Linear]) -> None:
+    """Let what is to be trained begin as a policy; arguments and ValueError as of :class:`PlainPolicy`."""
+    PlainPolicy(policy, layout, practice, "be begun with").begin(inputs, layers)

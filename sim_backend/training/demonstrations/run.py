@@ -53,8 +53,8 @@ class ImitationRun:
         torch.set_num_threads(self.threads)
         practice = practice_of_recipe(self.recipe)
         self.student = Student(practice.manifest, self.recipe.student)
-        if self.recipe.warm_start is not None:
-            begin_with(self.recipe.warm_start, practice, self.student.inputs, self.student.linear_layers)
+        if (start := self.recipe.warm_start) is not None:
+            begin_with(start.policy, start.layout, practice, self.student.inputs, self.student.linear_layers)
         self._optimizer = torch.optim.Adam(self.student.parameters(), lr=self.recipe.imitation.learning_rate)
         self._begin(np.random.default_rng(self.recipe.seed))
 

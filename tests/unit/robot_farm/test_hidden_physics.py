@@ -46,9 +46,9 @@ def test_robots_differ_and_stay_themselves():
 
 def test_each_attempt_has_noise_of_its_own_that_can_be_drawn_again():
     robot = HiddenPhysics(b"secret", "robot-0", "real")
-    first, again, second = robot.of_trial("7", 1), robot.of_trial("7", 1), robot.of_trial("7", 2)
+    first, again, second = robot.of_trial(7, 1), robot.of_trial(7, 1), robot.of_trial(7, 2)
     assert first.noise_seed == again.noise_seed != second.noise_seed
-    assert first.noise_seed != robot.of_trial("8", 1).noise_seed
+    assert first.noise_seed != robot.of_trial(8, 1).noise_seed
     assert 0 <= first.noise_seed < 2**53
     assert first.physics.document() == again.physics.document()
 

@@ -50,6 +50,16 @@ def test_a_trial_starts_where_the_last_one_left_the_object(tmp_path):
     assert second.goal.cube_position_world_m.tolist() == draw_trial(SHORT_TASKS["push"], 9)[1].cube_position_world_m.tolist()
 
 
+def test_a_farm_that_comes_again_gives_the_same_outcomes_whatever_its_trials_are_called(policy, tmp_path):
+    outcomes = []
+    for name in ("j-one", "j-two"):
+        (tmp_path / name).mkdir()
+        robot = Living(tmp_path / name)
+        outcomes.append([robot.run(lease(job_id=name, ordinal=n, seed=n), policy).measures for n in range(2)])
+    assert outcomes[0] == outcomes[1]
+    assert outcomes[0][0] != outcomes[0][1]
+
+
 def test_placement_starts_where_the_seed_says(policy, tmp_path):
     robot = Living(tmp_path, reset=Reset.PLACEMENT)
     robot.run(lease(ordinal=0), policy)
