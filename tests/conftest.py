@@ -1,9 +1,12 @@
-"""What holds for all tests: signals mean what they mean at a terminal, and onnxruntime reports to nobody."""
+"""What holds for all tests: one thread each, signals mean what they mean at a terminal, and onnxruntime reports to nobody."""
 
 import os
 import signal
 
-from tests.homes import postgres, s3  # noqa: F401  fixtures of the whole run
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # read when numpy is first imported, which the next line does
+    os.environ.setdefault(name, "1")
+
+from tests.homes import postgres, s3  # noqa: E402, F401  fixtures of the whole run
 
 
 def pytest_configure() -> None:
