@@ -10,7 +10,7 @@ demo: .venv/farm         ## 40 push trials of the reference policy on 4 robots, 
 	.venv/bin/trifarm demo --policy sim_backend/training/reference_policies/push.safetensors
 
 test: .venv/full         ## all tests
-	.venv/bin/python -m pytest -q -n 2 --dist loadfile
+	.venv/bin/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder
 
 check: .venv/full        ## style, types, import rules
 	.venv/bin/ruff check .

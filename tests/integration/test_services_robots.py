@@ -1,0 +1,89 @@
+"""Who gets a trial on a farm where robots refuse, are slow, share a name or are not there; real services, scripted robots."""
+
+import re
+import time
+from datetime import datetime
+
+from tests.integration.farm_process import services, until
+
+
+def test_a_refusing_robot_is_left_alone_for_a_while_and_others_do_the_work(tmp_path):
+    with services(tmp_path / "farm") as farm:
+        farm.start_robot("robot-0", refuse=True)
+        farm.start_robot("robot-1", trial_s=0.3)
+        until(lambda: farm.robots_in("idle") == 2, 10, "both robots")
+        job_id = farm.submit(farm.policy(), trials=4).json()["job_id"]
+        assert farm.wait_for_end(job_id, 20)["state"] == "succeeded"
+        report = farm.admin.get(f"/v1/jobs/{job_id}/report").json()
+        assert {row["robot"] for row in report["per_trial"]} == {"robot-1"}
+        assert report["platform_faults"] == 0
+        assert report["attempts"] == 4
+        assert any("refused" in (row["departure"] or "") for row in report["per_trial"])
+        attempts = [each for trial in farm.admin.get(f"/v1/jobs/{job_id}/trials").json()["trials"] for each in trial["attempts"]]
+        assert any(each["state"] == "declined" and "refused the offer" in each["reason"] for each in attempts)
+
+
+def test_a_trial_passed_over_for_too_long_goes_to_the_idle_robot(tmp_path):
+    with services(tmp_path / "farm", pass_over_s=0.5) as farm:
+        farm.start_robot("robot-0", trial_s=4)
+        farm.start_robot("robot-1", trial_s=0.02)
+        until(lambda: farm.robots_in("idle") == 2, 10, "both robots")
+        job_id = farm.submit(farm.policy(), trials=4).json()["job_id"]
+        farm.wait_for_end(job_id, 20)
+        report = farm.admin.get(f"/v1/jobs/{job_id}/report").json()
+        departures = [row["departure"] for row in report["per_trial"] if row["departure"]]
+        assert departures == ["first choice robot-0 was busy for 0.5 s"]
+        assert report["platform_faults"] == 0
+
+
+def test_all_trials_of_a_slow_robot_leave_after_one_waiting_time(tmp_path):
+    with services(tmp_path / "farm", pass_over_s=1.5) as farm:
+        farm.start_robot("robot-0", trial_s=8)
+        farm.start_robot("robot-1", trial_s=0.02)
+        farm.start_robot("robot-2", trial_s=0.02)
+        until(lambda: farm.robots_in("idle") == 3, 10, "all robots")
+        job_id = farm.submit(farm.policy(), trials=12).json()["job_id"]
+        assert farm.wait_for_end(job_id, 30)["state"] == "succeeded"
+        trials = farm.admin.get(f"/v1/jobs/{job_id}/trials").json()["trials"]
+        attempts = [each for trial in trials for each in trial["attempts"]]
+        left = [each for each in attempts if each["departure"]]
+        assert [each["departure"] for each in left] == ["first choice robot-0 was busy for 1.5 s"] * 3
+        began = [datetime.fromisoformat(each["started_at"]) for each in attempts]
+        # One waiting time, the next look of the dispatcher, and room for a busy machine; one by one it takes 4.5 s and more.
+        longest_s = max(datetime.fromisoformat(each["started_at"]) - min(began) for each in left).total_seconds()
+        assert 1.5 <= longest_s < 3.5
+
+
+def test_two_processes_of_one_name_are_out_of_service_until_one_is_gone(tmp_path):
+    with services(tmp_path / "farm") as farm:
+        for other in (True, False):
+            farm.start_robot("robot-0", trial_s=0.1)
+            if other:
+                farm.robots["other"] = farm.robots.pop("robot-0")
+                until(lambda: farm.robots_in("idle") == 1, 10, "the first process")
+        until(lambda: farm.robots_in("out_of_service") == 1, 10, "the second process to be found out")
+        assert "two processes call themselves robot-0" in farm.admin.get("/v1/robots/robot-0").json()["reason"]
+        job_id = farm.submit(farm.policy(), trials=2).json()["job_id"]
+        time.sleep(2)
+        assert "start one of them with --first" in farm.job(job_id)["waiting_because"]
+        farm.robots["other"].terminate()
+        assert farm.wait_for_end(job_id, 20)["state"] == "succeeded"
+        assert farm.admin.get(f"/v1/jobs/{job_id}/report").json()["platform_faults"] == 0
+
+
+def test_without_robots_a_job_says_why_it_waits_and_is_not_lost_when_the_services_are_killed(tmp_path):
+    with services(tmp_path / "farm") as farm:
+        policy = farm.policy()
+        first, second = (farm.submit(policy, trials=3).json()["job_id"] for _ in range(2))
+        assert farm.job(first)["waiting_because"] == "no robot is in service: none has joined the farm yet"
+        farm.process.kill()
+        farm.process.wait()
+        farm.start()
+        assert farm.job(second)["state"] == "queued"
+        farm.start_robots(1, trial_s=1.5)
+        # the robot may have done some of the three by the time of the question
+        assert re.fullmatch(r"[123] trials? (is|are) ahead(, about \d+ s)?", farm.job(second)["waiting_because"])
+        trial = farm.admin.get(f"/v1/trials/{second}-001").json()
+        assert trial["waiting_because"]
+        for job_id in (first, second):
+            assert farm.wait_for_end(job_id)["state"] == "succeeded"
