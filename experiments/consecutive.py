@@ -10,7 +10,6 @@ from api_schemas.policy import PolicyManifest
 from experiments.design import ManyGoals
 from sim_backend.effects.physics import Physics
 from sim_backend.evaluation import Act, Remembering, begin_trials
-from sim_backend.grasping.controller import GraspPolicy, Hand
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.scoring import score
 from sim_backend.tasks.task import Task, stack_goals
@@ -110,7 +109,6 @@ def try_many_goals(
             fresh = stack_goals([task.draw_goal(rngs[row]) for row in rows])
             goal = goal.with_rows(rows, fresh)
             episode.change_goals(rows, fresh)
-            told_of_goals(act, rows)
         if periods % (60 * manifest.rate_hz) == 0:
             left = sum(end is None for end in judge.ended)
             tell(f"{now_s:.0f} s: {left} of {design.trials} trials go on, {judge.reached.mean():.1f} goals in the mean")
@@ -120,13 +118,6 @@ def try_many_goals(
         "ended": [str(end) for end in judge.ended],
         "simulated_s": round(now_s, 2),
     }
-
-
-def told_of_goals(act: Act, rows: np.ndarray) -> None:
-    """Tell the controller that plans a whole grasp of its new goals; networks see them by themselves, and remember on."""
-    if isinstance(act, GraspPolicy):
-        for row in rows:
-            act.hands[row] = Hand()
 
 
 def summary(reached: Sequence[int]) -> dict:

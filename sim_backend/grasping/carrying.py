@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from sim_backend.trifinger import constants as c
+
 SPEED_M_S = 0.12
 UP_M = 0.025
 """How far the cube is lifted before it is carried aside."""
@@ -25,13 +27,18 @@ class Carried:
     """
 
     def __init__(self, cube_m: np.ndarray, goal_m: np.ndarray, period_s: float) -> None:
-        height = max(goal_m[2], cube_m[2] + UP_M)
-        self._way_m = [np.array([*cube_m[:2], height]), np.array([*goal_m[:2], height]), goal_m]
         self._cube_m, self._period_s = cube_m, period_s
         self._asked_m: list[np.ndarray] = []  # without corrections, newest last
         self._correction_m = np.zeros(3)
-        self._arrived = False
         self._lost = 0
+        self.aim(goal_m)
+
+    def aim(self, goal_m: np.ndarray) -> None:
+        """From here to another goal; what is in the air already is not lifted further than the goal asks."""
+        lies = self._cube_m[2] < c.CUBE_REST_HEIGHT_M + UP_M / 2
+        height = max(goal_m[2], self._cube_m[2] + (UP_M if lies else 0.0))
+        self._way_m = [np.array([*self._cube_m[:2], height]), np.array([*goal_m[:2], height]), goal_m]
+        self._arrived = False
 
     def go_on(self) -> np.ndarray:
         """A control period later: where to hold the cube, shape (3,), m."""

@@ -81,8 +81,7 @@ def choose_grasp(cube_m: np.ndarray, normals: np.ndarray, goal_m: np.ndarray, ra
     tip[..., 2] = up[:, None]
     held = _reached(cube_m + tip, cube_m, normals)
     for clearance, nearer_m in product(CLEARANCES_M, NEARER_M):
-        inwards = np.array([*-goal_m[:2] / max(float(np.linalg.norm(goal_m[:2])), 1e-9), 0.5])
-        there_m = goal_m + nearer_m * inwards
+        there_m = _nearer(goal_m, nearer_m)
         good = held & _reached(there_m + tip, there_m, normals)
         found = np.flatnonzero(good & _reached(cube_m + tip + outward * clearance, cube_m, normals))
         if len(found):
@@ -97,6 +96,22 @@ def choose_grasp(cube_m: np.ndarray, normals: np.ndarray, goal_m: np.ndarray, ra
     index = _of_rank(np.argsort(-measure, kind="stable"), faces[found][keep], rank)
     best = keep[index]
     return Grasp(tip[found][best], inward[best], force[best], clearance, float(measure[index]), there_m)
+
+
+def carried_to(grasp: Grasp, goal_m: np.ndarray) -> np.ndarray | None:
+    """Where near a goal the cube can be carried with a grasp that holds it; None if nowhere. Shapes (3,), m."""
+    first = -grasp.inward[0]
+    second = np.array([-first[1], first[0], 0.0])
+    normals = np.array([first, second, -first, -second])
+    for nearer_m in NEARER_M:
+        there_m = _nearer(goal_m, nearer_m)
+        if _reached((there_m + grasp.tip_m)[None], there_m, normals)[0]:
+            return there_m
+    return None
+
+
+def _nearer(goal_m: np.ndarray, by_m: float) -> np.ndarray:
+    return goal_m + by_m * np.array([*-goal_m[:2] / max(float(np.linalg.norm(goal_m[:2])), 1e-9), 0.5])
 
 
 def _of_rank(order: np.ndarray, faces: np.ndarray, rank: int) -> int:

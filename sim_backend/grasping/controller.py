@@ -1,7 +1,10 @@
-"""The structured controller: look, choose a grasp, get ready, close, carry, and begin again when the cube was lost."""
+"""The structured controller: look, choose a grasp, get ready, close, carry; begin again when the cube was lost.
+
+Where the goal becomes another one, a cube that is held is carried on, and let go only where this grasp does not reach.
+"""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -9,7 +12,7 @@ import numpy as np
 from api_schemas.builtin_policies import GRASP
 from api_schemas.policy import OBSERVATION_SIZES
 from sim_backend.grasping.carrying import Carried
-from sim_backend.grasping.choice import Grasp, choose_grasp, side_normals
+from sim_backend.grasping.choice import Grasp, carried_to, choose_grasp, side_normals
 from sim_backend.grasping.hand import gravity_torque_nm, tip_jacobian
 from sim_backend.tasks.keypoints import rotation_matrix
 from sim_backend.trifinger import constants as c
@@ -77,6 +80,7 @@ class Hand:
         self._tip_m: np.ndarray | None = None
         self._periods, self._arrived = 0, 0  # since the phase began, and since its motion was over
         self._delay_s = np.inf
+        self._goal_m: np.ndarray | None = None
         self._reports: list[tuple[np.ndarray, float]] = []  # of the cube: place, and angle of its first face
 
     phase: Phase
@@ -89,11 +93,33 @@ class Hand:
         self._periods += 1
         if self._tip_m is None:
             self._tip_m = sight.tip_m
+        if self._goal_m is not None and (sight.goal_position_world_m != self._goal_m).any():
+            self._take_another_goal()
+        self._goal_m = sight.goal_position_world_m
         self._tip_m = _PHASES[self.phase](self, self._tip_m)
         return self._tip_m, self._pressing_n()
 
     def _go(self, phase: Phase) -> None:
         self.phase, self._periods, self._arrived = phase, 0, 0
+
+    def _take_another_goal(self) -> None:
+        self.failures = 0
+        if self.phase is Phase.CARRY:
+            if (there_m := carried_to(self._grasp, self._sight.goal_position_world_m)) is None:
+                self._let_go()
+            else:
+                self.grasp = replace(self._grasp, goal_m=there_m)
+                self._carried.aim(there_m)
+        elif self.phase is not Phase.OPEN:
+            self._look_again()
+
+    def _let_go(self) -> None:
+        self._opened_m = self._sight.tip_m - OPENED_M * self._grasp.inward
+        self._go(Phase.OPEN)
+
+    def _look_again(self) -> None:
+        self._reports, self.grasp = [], None
+        self._go(Phase.LOOK)
 
     def _look(self, tip_m: np.ndarray) -> np.ndarray:
         if self._reported and (found := self._cube_at_rest()) is not None:
@@ -137,14 +163,12 @@ class Hand:
         tip_m = self._carried.go_on() + self._grasp.tip_m
         if self._reported and self._carried.lost(self._sight.cube_position_world_m, self._sight.tracker_delay_s):
             self.failures += 1
-            self._opened_m = self._sight.tip_m - OPENED_M * self._grasp.inward
-            self._go(Phase.OPEN)
+            self._let_go()
         return tip_m
 
     def _open(self, tip_m: np.ndarray) -> np.ndarray:
         if self._periods * PERIOD_S > OPENING_S:
-            self._reports, self.grasp = [], None
-            self._go(Phase.LOOK)
+            self._look_again()
             return tip_m
         return self._move(tip_m, self._opened_m, FREE_SPEED_M_S)
 

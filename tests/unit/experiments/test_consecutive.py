@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from experiments.consecutive import End, Judge, summary, told_of_goals, try_many_goals
+from experiments.consecutive import End, Judge, summary, try_many_goals
 from experiments.design import ManyGoals
-from sim_backend.grasping.controller import GraspPolicy, Phase
 from sim_backend.layouts import layout_of
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.task import Goal, draw_trial
@@ -80,15 +79,6 @@ def test_in_simulation_a_goal_that_is_reached_is_followed_by_another():
     found = try_many_goals(act, layout_of("push"), task, design, None)
     assert found["reached"] == [1, 1, 0] and found["ended"] == ["time"] * 3
     assert np.allclose(shown[1][:, 0], 5.0) and not np.allclose(shown[0][:2, 0], 5.0), "policies see the next goal"
-
-
-def test_the_controller_without_weights_begins_anew_at_a_new_goal():
-    policy = GraspPolicy()
-    policy.begin(2)
-    for hand in policy.hands:
-        hand.phase = Phase.CARRY
-    told_of_goals(policy, np.array([1]))
-    assert [hand.phase for hand in policy.hands] == [Phase.CARRY, Phase.LOOK]
 
 
 def test_summary_is_sorted_with_mean_and_median():

@@ -46,6 +46,45 @@ def test_it_begins_again_when_the_cube_was_lost():
     assert hand.phase is Phase.OPEN
 
 
+def carrying(goal_m):
+    """A hand that has carried the cube to a goal, with a function that goes on for some periods to another goal."""
+    hand, held_m, joints = Hand(), np.array([0.0, 0.0, c.CUBE_REST_HEIGHT_M]), c.START_JOINT_POSITION_RAD
+
+    def go_on(goal_m, periods):
+        nonlocal joints, held_m
+        for _ in range(periods):
+            tip_m, _ = hand.next(Sight(joints, held_m, np.array([1.0, 0, 0, 0]), 0.0, goal_m))
+            joints = joint_position_rad(tip_m.reshape(9))
+            if hand.phase is Phase.CARRY and hand.grasp is not None:
+                held_m = (tip_m - hand.grasp.tip_m).mean(axis=0)
+        return held_m
+
+    assert go_on(goal_m, 400) == pytest.approx(goal_m, abs=5e-3) and hand.phase is Phase.CARRY
+    return hand, go_on
+
+
+def test_a_cube_in_the_hand_is_carried_on_to_the_next_goal():
+    hand, go_on = carrying(np.array([0.02, 0.0, 0.08]))
+    following = np.array([-0.02, 0.02, 0.07])
+    lowest = min(go_on(following, 1)[2] for _ in range(100))
+    assert hand.phase is Phase.CARRY and lowest > 0.065, "it is not set down on the way"
+    assert go_on(following, 1) == pytest.approx(following, abs=5e-3)
+
+
+def test_a_cube_is_let_go_where_the_next_goal_is_out_of_this_grasp_s_reach():
+    hand, go_on = carrying(np.array([0.02, 0.0, 0.08]))
+    go_on(np.array([0.5, 0.0, 0.08]), 1)
+    assert hand.phase is Phase.OPEN
+
+
+def test_another_goal_before_the_cube_is_held_is_planned_anew():
+    hand, cube_m = Hand(), np.array([0.0, 0.0, c.CUBE_REST_HEIGHT_M])
+    for goal_m in ([0.05, 0.0, 0.0325], [0.0, 0.06, 0.0325]):
+        for _ in range(20):
+            hand.next(Sight(c.START_JOINT_POSITION_RAD, cube_m, np.array([1.0, 0, 0, 0]), 0.0, np.array(goal_m)))
+        assert hand.grasp is not None and np.linalg.norm(hand.grasp.goal_m - goal_m) < 0.02
+
+
 def test_many_trials_are_as_one_after_the_other():
     seen = np.random.default_rng(2).normal(0.0, 0.02, (3, 20)) + np.array(
         [*c.START_JOINT_POSITION_RAD, *np.zeros(3), 1, *np.zeros(7)]
