@@ -19,6 +19,8 @@ from services.settings import Settings
 PRIVATE = 0o077
 PR_SET_PDEATHSIG = 1
 """Linux prctl(2): the signal to get when the parent ends."""
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD, THRESHOLD_BYTES = -1, -3, 128 * 1024
+"""Of glibc's mallopt(3), and the value that both begin with."""
 
 
 def parsed(arguments: list[str]) -> tuple[str, Settings]:
@@ -54,6 +56,7 @@ def main() -> None:
     command, settings = parsed(sys.argv[1:])
     os.umask(PRIVATE)  # database, policies, logs and the truth are for this user alone
     _end_with_parent()
+    return_freed_memory()
     _log_to_stderr()
     from services.errors import NotReady
 
@@ -81,6 +84,15 @@ def _work(command: str) -> Callable[[Settings], Coroutine[Any, Any, None]]:
 def _end_with_parent() -> None:
     if sys.platform == "linux":
         ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+def return_freed_memory() -> None:
+    """Keep glibc's thresholds where they begin: it raises them with the blocks that it meets, and a process of many months
+    then keeps ever more of what it has freed.
+    """
+    if (mallopt := getattr(ctypes.CDLL(None), "mallopt", None)) is not None:
+        for threshold in (M_TRIM_THRESHOLD, M_MMAP_THRESHOLD):
+            mallopt(threshold, THRESHOLD_BYTES)
 
 
 def _log_to_stderr() -> None:

@@ -30,7 +30,8 @@ def _next_user(chosen: ColumnElement[bool] | TextClause) -> Select[Any, Any]:
 
 def _any(chosen: ColumnElement[bool]) -> ColumnElement[bool]:
     """Whether a trial is ``chosen``. It asks for the first in the order of the index: where nothing was said of an order,
-    PostgreSQL thinks that it meets one of so many at once, and reads the whole table where there is none."""
+    PostgreSQL thinks that it meets one of so many at once, and reads the whole table where there is none.
+    """
     first = select(trial.c.owner).where(chosen).order_by(trial.c.owner, trial.c.job_number, trial.c.ordinal).limit(1)
     return first.scalar_subquery().is_not(None)
 

@@ -20,7 +20,7 @@ from tests.homes import postgres_server, s3_server, scale_settings
 from tests.integration.farm_process import services, until
 
 USERS, ROBOTS, TRIAL_S, SUBMITTING = 20, 4, 0.05, 8
-SMALL_TRIALS, WAITS_AT_MOST, GROWS_AT_MOST = 20, 2.0, 1.1
+SMALL_TRIALS, WAITS_AT_MOST, GROWS_AT_MOST = 20, 2.0, 1.05
 SETTINGS = {"max_queued_jobs_per_user": 1_000_000, "requests_per_s": 0, "anonymous_requests_per_s": 0, "robot_requests_per_s": 0}
 
 
