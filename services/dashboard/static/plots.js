@@ -1,5 +1,7 @@
 // Lines over time on canvases that share one time: the cursor of all stands where the replay is, and a press moves it.
 
+// The processor draws these few lines: through a graphics card that is imitated, as on a server, they take a second.
+const DRAWN_BY = { willReadFrequently: true };
 const COLOURS = ["--c0", "--c1", "--c2"];
 
 // A colour of the style sheet as a canvas understands it: resolved for light or dark by an element that wears it.
@@ -51,7 +53,7 @@ export class Plot {
       this.background = this.lined(width, height, scale);
       this.ink = styled("--text");
     }
-    const context = canvas.getContext("2d");
+    const context = canvas.getContext("2d", DRAWN_BY);
     context.clearRect(0, 0, width, height);
     context.drawImage(this.background, 0, 0);
     const x = (time / this.duration) * width;
@@ -61,7 +63,7 @@ export class Plot {
   }
 
   lined(width, height, scale) {
-    const drawn = new OffscreenCanvas(Math.max(1, width), Math.max(1, height)), context = drawn.getContext("2d");
+    const drawn = new OffscreenCanvas(Math.max(1, width), Math.max(1, height)), context = drawn.getContext("2d", DRAWN_BY);
     const y = (value) => height - ((value - this.low) / (this.high - this.low)) * height;
     if (this.band !== undefined) {
       context.fillStyle = styled("--band");

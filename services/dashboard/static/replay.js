@@ -174,8 +174,8 @@ async function main() {
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", renew);
   element("wait").textContent = problem;
   element("wait").hidden = !problem;
-  root.dataset.ready = "yes";
   redraw();
+  requestAnimationFrame(() => requestAnimationFrame(() => { root.dataset.ready = "yes"; }));  // the picture is there
 }
 
 main().catch((error) => {
