@@ -36,7 +36,7 @@ class Reward:
     joint_speed: float = -0.001
     scale: float = 0.01
     kernel_per_m: float = c.KEYPOINT_KERNEL_PER_M  # of the keypoint kernel: the larger, the more the last centimetre counts
-    fine_kernel_per_m: float | None = None  # of a second one, whose mean with the first counts
+    fine_kernel_per_m: float | None = None  # of a second kernel of the distance, of either kind; the mean of both counts
 
 
 @dataclass(frozen=True)
@@ -85,15 +85,15 @@ def nearness(reward: Reward, task: Task, goal: Goal, state: State) -> np.ndarray
     kind = reward.kind
     if not task.moves_cube:
         tips = (state.fingertip_position_world_m - goal.fingertip_position_world_m).reshape(-1, 3, 3)
-        return _keypoint_kernel(reward, _length(tips)).mean(axis=1)
+        return _kernels(reward, reward.kernel_per_m, _length(tips)).mean(axis=1)
     if kind is RewardKind.KEYPOINT_KERNEL and task.orientation_counts:
         corners = cube_keypoints_world_m(state.cube_position_world_m, state.cube_quat_wxyz)
         wanted = cube_keypoints_world_m(goal.cube_position_world_m, goal.cube_quat_wxyz)
-        return _keypoint_kernel(reward, _length((corners - wanted).reshape(-1, 8, 3))).mean(axis=1)
+        return _kernels(reward, reward.kernel_per_m, _length((corners - wanted).reshape(-1, 8, 3))).mean(axis=1)
     distance = _length(state.cube_position_world_m - goal.cube_position_world_m)
     if kind is RewardKind.KEYPOINT_KERNEL:
-        return _keypoint_kernel(reward, distance)
-    near = _kernel(distance, POSITION_KERNEL_PER_M)
+        return _kernels(reward, reward.kernel_per_m, distance)
+    near = _kernels(reward, POSITION_KERNEL_PER_M, distance)
     if task.orientation_counts:
         near += 1.0 / (ANGLE_WEIGHT * angle_between_rad(state.cube_quat_wxyz, goal.cube_quat_wxyz) + ANGLE_SOFTENING)
     return near
@@ -103,8 +103,8 @@ def _length(vectors: np.ndarray) -> np.ndarray:
     return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
 
 
-def _keypoint_kernel(reward: Reward, distance_m: np.ndarray) -> np.ndarray:
-    coarse = _kernel(distance_m, reward.kernel_per_m)
+def _kernels(reward: Reward, per_m: float, distance_m: np.ndarray) -> np.ndarray:
+    coarse = _kernel(distance_m, per_m)
     return coarse if reward.fine_kernel_per_m is None else (coarse + _kernel(distance_m, reward.fine_kernel_per_m)) / 2
 
 

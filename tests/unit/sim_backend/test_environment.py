@@ -178,6 +178,8 @@ def test_a_sharper_kernel_makes_the_last_centimetres_count():
     np.testing.assert_allclose(lost, [0.25 - 1 / (np.exp(x) + 2 + np.exp(-x)) for x in (1.0, 2.0)])
     both = nearness(Reward(kernel_per_m=50.0, fine_kernel_per_m=100.0), TASKS["push"], goal, near)[0]
     assert 0.25 - both == pytest.approx(np.mean(lost))
+    of_position = Reward(kind=RewardKind.POSITION_ROTATION, fine_kernel_per_m=100.0)
+    assert nearness(of_position, TASKS["push"], goal, near)[0] == pytest.approx(both), "its own first kernel is of 50 per metre"
 
 
 def test_approaching_is_rewarded_and_haste_is_not():
