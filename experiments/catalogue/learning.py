@@ -41,8 +41,9 @@ OBSERVATIONS = Experiment(
     ),
     limits="The task is a place on the floor and a yaw (`floor_pose`), not a full pose in the air, with 8 million samples a run "
     "instead of billions, trained on nominal robots; both observations also hold the fingertips and the age of the "
-    "camera's report. Beside each reward's published kernel of the distance stands a second, steeper one, and a step of PPO takes "
-    "512 robots: as in the shipped recipe `push` a run (corners, seed 1) reached 4 of 100 goals, too few to compare anything.",
+    "camera's report. Beside each reward's published kernel of the distance stands a second, steeper one, and a step of PPO "
+    "takes 512 robots: as in the shipped recipe `push` a run (corners, seed 1) reached 4 of 100 goals, too few to compare "
+    "anything.",
     cells=tuple(_seen_and_rewarded(seen, rewarded) for seen in _LAYOUTS for rewarded in _REWARDS),
     contrasts=(
         Contrast("seeing corners, rewarded by corners", Measure.SUCCESS, "o-pq-r-kp", "o-kp-r-kp", 0.15),
