@@ -144,12 +144,13 @@ def _known(axes: "Axes", found: Findings) -> None:
             half = [[max(0.0, each["difference"] - each["low"])], [max(0.0, each["high"] - each["difference"])]]
             axes.errorbar(at + 0.2, each["of_state"], half, fmt="none", ecolor="#222222", elinewidth=1.0, capsize=3)
     axes.axhline(0, color="#888888", linewidth=0.8)
+    axes.set_ylim(min(axes.get_ylim()[0], -0.1), 1.0)
     runs = len({each["seed"] for entries in found.known.values() for each in entries})
     axes.set_xticks(range(len(names)), [name.replace(".", "\n") for name in names])
     axes.set_ylabel(f"held-out R² after {last:g} s (1 = known)", fontsize=9)
     axes.set_xlabel(f"property of the robot (N = {robots} robots, {_counted(runs, 'run')})", fontsize=8)
     axes.set_title("whiskers: 80 % intervals of the state's gain over the observation", fontsize=7, color="#555555")
-    axes.legend(fontsize=7, frameon=False)
+    axes.legend(fontsize=7, frameon=False, loc="upper left")
 
 
 _KNOWN = {"of_observation": "from one observation", "of_state": "from the state of the memory"}
