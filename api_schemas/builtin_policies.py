@@ -19,7 +19,10 @@ GRASP = PolicyManifest(
     ),
     action_kind=ActionKind.JOINT_POSITION,
 )
-BUILTIN: dict[str, PolicyManifest] = {"grasp": GRASP}
+GRASP_TURN = GRASP.model_copy(
+    update={"name": "builtin-grasp-turn", "observation": (*GRASP.observation, "goal_quat_wxyz")},
+)
+BUILTIN: dict[str, PolicyManifest] = {"grasp": GRASP, "grasp-turn": GRASP_TURN}
 VERSION = 1
 """To be raised whenever a built-in policy acts otherwise than before, so that its results are not counted with earlier ones."""
 

@@ -34,7 +34,7 @@ def canary(context: typer.Context, as_json: JsonOption = False) -> None:
 
 @commands.command("set", epilog=epilog(*OF_EVERY_REQUEST))
 def choose(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The policy's weights, or builtin:grasp.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The policy's weights, or builtin:grasp[-turn].")],
     task: TaskOption,
     at_least: Annotated[float, typer.Option("--at-least", min=0, max=1, help="The least success rate of a sound robot.")],
     *,

@@ -42,7 +42,7 @@ def submit(
         Path,
         typer.Argument(
             metavar="FILE",
-            help="The policy's weights: .safetensors, .onnx SB3's .zip, a folder of checkpoints, or builtin:grasp.",
+            help="The policy's weights: .safetensors, .onnx SB3's .zip, a folder of checkpoints, or builtin:grasp[-turn].",
         ),
     ],
     task: TaskOption,

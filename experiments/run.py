@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from api_schemas.builtin_policies import BUILTIN, PREFIX
 from experiments import catalogue
 from experiments.consecutive import task_of, try_many_goals
 from experiments.design import Cell, Experiment, Farm
@@ -115,7 +116,9 @@ def measure(experiment: Experiment, piece: MeasuringPiece, store: Store, tell: C
 
 def _policy(cell: Cell, seed: int, store: Store) -> ExportedPolicy | GraspPolicy:
     weights = weights_of(cell, seed, store)
-    return GraspPolicy() if weights is None else read_policy(weights, manifest_of(weights))
+    if weights is None:
+        return GraspPolicy(BUILTIN[str(cell.policy).removeprefix(PREFIX)])
+    return read_policy(weights, manifest_of(weights))
 
 
 def write(found: Findings, store: Store) -> list[Path]:

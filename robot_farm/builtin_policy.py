@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from api_schemas.builtin_policies import builtin_content
+from api_schemas.builtin_policies import BUILTIN, GRASP_TURN, builtin_content
+from api_schemas.policy import PolicyManifest
 from robot_farm import jailed_policy
 from sim_backend.grasping.controller import GraspPolicy, Phase
 from sim_backend.trifinger import constants as c
@@ -18,8 +19,8 @@ from sim_backend.trifinger import constants as c
 class Grasp:
     """The structured controller as a policy process has it."""
 
-    def __init__(self) -> None:
-        self._policy = GraspPolicy()
+    def __init__(self, manifest: PolicyManifest) -> None:
+        self._policy = GraspPolicy(manifest)
 
     def __call__(self, data: bytes) -> tuple[Any, int]:
         """From an observation's bytes to an action (float32 array) and the time it took in ns."""
@@ -36,17 +37,18 @@ class Grasp:
 def _try_out() -> None:
     """Choose a grasp once, since numpy imports some of itself when it is first used, and in the jail there are no files."""
     cube = [0.0, 0.0, c.CUBE_REST_HEIGHT_M]
-    goal = [0.05, 0.0, c.MAX_GOAL_HEIGHT_M]
+    goal = [0.05, 0.0, c.MAX_GOAL_HEIGHT_M, 0.0, 0.0, 0.0, 1.0]  # the other way round: more than one grasp can turn
     observation = np.array([*c.START_JOINT_POSITION_RAD, *cube, 1.0, 0.0, 0.0, 0.0, c.CAMERA_DELAY_S, *goal], np.float32)
-    policy = GraspPolicy()
+    policy = GraspPolicy(GRASP_TURN)  # does all that the other one does
     while policy.hands[0].phase is not Phase.CARRY:
         policy(observation[None])
 
 
 def _load(content: bytes, _np: Any, _onnxruntime: Any) -> Grasp:
-    if content != builtin_content("grasp"):
-        raise jailed_policy.UnknownHereError("this robot's version has no such built-in policy")
-    return Grasp()
+    for name, manifest in BUILTIN.items():
+        if content == builtin_content(name):
+            return Grasp(manifest)
+    raise jailed_policy.UnknownHereError("this robot's version has no such built-in policy")
 
 
 if __name__ == "__main__":

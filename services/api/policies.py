@@ -29,7 +29,7 @@ from services.policies.keeping import Upload
 
 router = APIRouter(prefix="/v1/policies", tags=["policies"])
 Digest = Annotated[str, InPath(pattern=r"^[0-9a-f]{64}$")]
-BuiltinName = Literal["grasp"]
+BuiltinName = Literal["grasp", "grasp-turn"]
 GRAPH = "application/octet-stream"
 MANIFEST_BYTES = 256 * 1024
 FORM_BYTES = MANIFEST_BYTES + 64 * 1024

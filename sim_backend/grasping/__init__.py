@@ -1,1 +1,1 @@
-"""A policy that needs no weights: grasps the cube with three fingers and carries it."""
+"""Policies that need no weights: they grasp the cube with three fingers, carry it and turn it."""

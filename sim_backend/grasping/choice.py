@@ -1,12 +1,15 @@
 """Which finger takes which face of the cube, and where: all ways are weighed, the most secure that can be reached is taken."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import permutations, product
 
 import numpy as np
 
+from sim_backend.grasping.carrying import UP_M as LIFTED_M
 from sim_backend.grasping.hand import gravity_torque_nm, tip_jacobian
+from sim_backend.grasping.turning import LARGEST_RAD, about_vertical, parts_of
 from sim_backend.grasping.wrench import robust_wrench_measure
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.kinematics import elbow_position_world_m, joint_position_rad
@@ -20,10 +23,14 @@ CLEARANCES_M = (0.016, 0.006)
 HELD_OUT_M = c.CUBE_WIDTH_M / 2 + c.TIP_RADIUS_M
 NEARER_M = (0.0, 0.008)
 """How much further from the wall, and half as much higher, the cube may be let go where the goal itself cannot be reached."""
+BELOW_M = 0.03
+"""Nearer to the place below its goal, a cube is there."""
 JOINT_MARGIN_RAD = 0.03
 WALL_MARGIN_M = 0.001
 LINK_RADIUS_M = 0.011
 USABLE_TORQUE_NM = 0.9 * c.MAX_TORQUE_NM
+SECURE_N = 0.6
+"""Less secure, a grasp is to turn the cube less."""
 LARGEST_FORCE_N = 2.5
 FRICTIONS, CONTACT_ERROR_M = (0.5, 1.0), 0.004
 WEIGHED = 48
@@ -36,7 +43,8 @@ class Grasp:
 
     ``tip_m`` (3, 3) are the centres of the tips relative to the cube's centre along the world's axes, m; ``inward`` (3, 3) the
     directions in which they press; ``force_n`` (3,) with what force at most. ``clearance_m`` is how far from the faces they get
-    ready, ``measure_n`` how secure the grasp is (``wrench.py``), ``goal_m`` (3,) where the cube can be carried with it.
+    ready, ``measure_n`` how secure the grasp is (``wrench.py``), ``goal_m`` (3,) where the cube can be carried with it,
+    ``turn_rad`` how far it is turned about the vertical meanwhile, ``unfinished`` whether another grasp is to turn it further.
     """
 
     tip_m: np.ndarray
@@ -45,6 +53,12 @@ class Grasp:
     clearance_m: float
     measure_n: float
     goal_m: np.ndarray
+    turn_rad: float = 0.0
+    unfinished: bool = False
+
+    def turned(self, angle_rad: float) -> "Grasp":
+        """The same grasp of a cube that was turned since."""
+        return replace(self, tip_m=_turned(self.tip_m, angle_rad), inward=_turned(self.inward, angle_rad))
 
 
 def side_normals(cube_matrix: np.ndarray) -> np.ndarray | None:
@@ -62,14 +76,19 @@ def side_normals(cube_matrix: np.ndarray) -> np.ndarray | None:
     return np.array([first, second, -first, -second])
 
 
-def choose_grasp(cube_m: np.ndarray, normals: np.ndarray, goal_m: np.ndarray, rank: int = 0) -> Grasp | None:
-    """The most secure grasp that can be reached where the cube is and where it is to go.
+def choose_grasp(
+    cube_m: np.ndarray, normals: np.ndarray, goal_m: np.ndarray, rank: int = 0, turn_rad: float = 0.0
+) -> Grasp | None:
+    """The most secure grasp that can be reached where the cube is and where it is to go, of those that turn it furthest.
+
+    Where no grasp that turns it so far is secure, one that turns it less, or the most secure of all.
 
     Args:
         cube_m: the cube's centre, shape (3,), m.
         normals: from :func:`side_normals`.
         goal_m: where the centre is to go, shape (3,), m.
         rank: 0 for the best, 1 for the next best with other faces, ...
+        turn_rad: how far the cube is to be turned about the vertical.
 
     Returns:
         None if there is none.
@@ -80,26 +99,78 @@ def choose_grasp(cube_m: np.ndarray, normals: np.ndarray, goal_m: np.ndarray, ra
     tip = outward * HELD_OUT_M + along * aside[..., None]
     tip[..., 2] = up[:, None]
     held = _reached(cube_m + tip, cube_m, normals)
-    for clearance, nearer_m in product(CLEARANCES_M, NEARER_M):
-        there_m = _nearer(goal_m, nearer_m)
-        good = held & _reached(there_m + tip, there_m, normals)
-        found = np.flatnonzero(good & _reached(cube_m + tip + outward * clearance, cube_m, normals))
-        if len(found):
+    ready = [np.flatnonzero(held & _reached(cube_m + tip + outward * each, cube_m, normals)) for each in CLEARANCES_M]
+    found = None
+    for plan in _plans(cube_m, goal_m, turn_rad):
+        if (at := _first_in_reach(plan, ready, tip, normals, cube_m)) is None:
+            continue
+        ways, clearance, there_m = at
+        inward = -outward[ways]
+        force = np.minimum(
+            _largest_force_n(cube_m + tip[ways], inward),
+            _largest_force_n(plan.goal_m + _turned(tip[ways], plan.turn_rad), _turned(inward, plan.turn_rad)),
+        )
+        keep = np.argsort(-force.min(axis=1), kind="stable")[:WEIGHED]
+        contact = tip[ways][keep] + inward[keep] * c.TIP_RADIUS_M
+        measure = robust_wrench_measure(contact, inward[keep], force[keep], FRICTIONS, CONTACT_ERROR_M)
+        index = _of_rank(np.argsort(-measure, kind="stable"), faces[ways][keep], rank)
+        best, measure_n = keep[index], float(measure[index])
+        if found is None or measure_n > found.measure_n:
+            way = tip[ways[best]], inward[best], force[best], clearance, measure_n
+            found = Grasp(*way, there_m, plan.turn_rad, plan.unfinished)
+        if measure_n > SECURE_N:
             break
-    else:
-        return None
-    inward = -outward[found]
-    force = np.minimum(*(_largest_force_n(place + tip[found], inward) for place in (cube_m, goal_m)))
-    keep = np.argsort(-force.min(axis=1), kind="stable")[:WEIGHED]
-    contact = tip[found][keep] + inward[keep] * c.TIP_RADIUS_M
-    measure = robust_wrench_measure(contact, inward[keep], force[keep], FRICTIONS, CONTACT_ERROR_M)
-    index = _of_rank(np.argsort(-measure, kind="stable"), faces[found][keep], rank)
-    best = keep[index]
-    return Grasp(tip[found][best], inward[best], force[best], clearance, float(measure[index]), there_m)
+    return found
 
 
-def carried_to(grasp: Grasp, goal_m: np.ndarray) -> np.ndarray | None:
-    """Where near a goal the cube can be carried with a grasp that holds it; None if nowhere. Shapes (3,), m."""
+@dataclass(frozen=True)
+class _Plan:
+    """Where a grasp is to bring the cube and how far it is to turn it, and whether another grasp is to go on from there."""
+
+    goal_m: np.ndarray
+    turn_rad: float
+    unfinished: bool = False
+
+
+def _plans(cube_m: np.ndarray, goal_m: np.ndarray, turn_rad: float) -> Iterator[_Plan]:
+    """All at once; else as much of the turn as can be, down to the floor below the goal; else no turn."""
+    if abs(turn_rad) <= LARGEST_RAD:
+        yield _Plan(goal_m, turn_rad)
+    floor_m = np.array([*goal_m[:2], c.CUBE_REST_HEIGHT_M])
+    yield from (_Plan(floor_m, part, unfinished=True) for part in parts_of(turn_rad))
+    if turn_rad:
+        if np.linalg.norm(cube_m - floor_m) > BELOW_M:
+            yield _Plan(floor_m, 0.0, unfinished=True)
+        yield _Plan(goal_m, 0.0)
+
+
+def _first_in_reach(
+    plan: _Plan, ready: list[np.ndarray], tip: np.ndarray, normals: np.ndarray, cube_m: np.ndarray
+) -> tuple[np.ndarray, float, np.ndarray] | None:
+    """Ways that can do what is planned, (n,), from which distance they get ready, m, and where they bring the cube, (3,), m."""
+    for (ways, clearance), nearer_m in product(zip(ready, CLEARANCES_M, strict=True), NEARER_M):
+        there_m = _nearer(plan.goal_m, nearer_m)
+        found = ways[_turned_there(tip[ways], normals, cube_m, there_m, plan.turn_rad)]
+        if len(found):
+            return found, clearance, there_m
+    return None
+
+
+def _turned_there(tip_m: np.ndarray, normals: np.ndarray, cube_m: np.ndarray, there_m: np.ndarray, turn_rad: float) -> np.ndarray:
+    """Whether tips (N, 3, 3) about the cube can turn it on its way and are in reach at its end, (N,)."""
+    good = np.ones(len(tip_m), dtype=bool)
+    for share in (1.0, *((0.25, 0.5, 0.75) if turn_rad else ())):
+        place_m = cube_m + share * (there_m - cube_m)
+        if share < 1:
+            place_m = place_m + np.array([0.0, 0.0, LIFTED_M])
+        turn = _turned(normals, share * turn_rad)
+        good[good] = _reached(place_m + _turned(tip_m[good], share * turn_rad), place_m, turn)
+    return good
+
+
+def carried_to(grasp: Grasp, goal_m: np.ndarray, turn_rad: float = 0.0) -> np.ndarray | None:
+    """Where near a goal the cube can be carried, turned so far, with a grasp that holds it; None if nowhere. Shapes (3,), m."""
+    grasp = grasp.turned(turn_rad)
     first = -grasp.inward[0]
     second = np.array([-first[1], first[0], 0.0])
     normals = np.array([first, second, -first, -second])
@@ -108,6 +179,10 @@ def carried_to(grasp: Grasp, goal_m: np.ndarray) -> np.ndarray | None:
         if _reached((there_m + grasp.tip_m)[None], there_m, normals)[0]:
             return there_m
     return None
+
+
+def _turned(vectors: np.ndarray, angle_rad: float) -> np.ndarray:
+    return vectors @ about_vertical(angle_rad).T if angle_rad else vectors
 
 
 def _nearer(goal_m: np.ndarray, by_m: float) -> np.ndarray:

@@ -1,26 +1,27 @@
 """The structured controller: look, choose a grasp, get ready, close, carry; begin again when the cube was lost.
 
+Where a goal has an orientation, the tips turn with the cube about the vertical while they carry it; what one grasp cannot turn is
+left to the next one, which begins as after a loss: the cube is set down, the hand opens and looks.
 Where the goal becomes another one, a cube that is held is carried on, and let go only where this grasp does not reach.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
 
 import numpy as np
 
 from api_schemas.builtin_policies import GRASP
-from api_schemas.policy import OBSERVATION_SIZES
+from api_schemas.policy import PolicyManifest
 from sim_backend.grasping.carrying import Carried
-from sim_backend.grasping.choice import Grasp, carried_to, choose_grasp, side_normals
+from sim_backend.grasping.choice import Grasp, carried_to, choose_grasp
 from sim_backend.grasping.hand import gravity_torque_nm, tip_jacobian
-from sim_backend.tasks.keypoints import rotation_matrix
+from sim_backend.grasping.sight import Reports, Sight
+from sim_backend.grasping.turning import wrapped
 from sim_backend.trifinger import constants as c
-from sim_backend.trifinger.kinematics import fingertip_position_world_m
 from sim_backend.trifinger.kinematics import joint_position_rad as inverse_kinematics
 
-MANIFEST = GRASP
-PERIOD_S = 1 / MANIFEST.rate_hz
+PERIOD_S = 1 / GRASP.rate_hz
 
 OVER_M = 0.120
 """Height at which fingers pass over the cube."""
@@ -30,9 +31,10 @@ SETTLING_S, CLOSING_S = 0.15, 0.5
 PRESS_N, PRESS_ALONE_N = 2.0, 1.0
 """Of the two fingers that face each other, and of the third; less where a finger has not so much."""
 OPENED_M, OPENING_S = 0.03, 0.8
-REPORTS = 3
-"""Of a cube that lies still, before a grasp is chosen."""
-STILL_M, THERE_M = 0.015, 0.006
+THERE_M, THERE_RAD = 0.006, 0.12
+"""Nearer to its goal, the cube is left alone."""
+SET_DOWN_S = 0.3
+"""At the end of a way, before the hand opens to grasp the cube anew."""
 
 
 class Phase(StrEnum):
@@ -47,31 +49,6 @@ class Phase(StrEnum):
     OPEN = "open"
 
 
-@dataclass(frozen=True)
-class Sight:
-    """One observation by its fields."""
-
-    joint_position_rad: np.ndarray
-    cube_position_world_m: np.ndarray
-    cube_quat_wxyz: np.ndarray
-    tracker_delay_s: float
-    goal_position_world_m: np.ndarray
-
-    @classmethod
-    def of(cls, observation: np.ndarray) -> "Sight":
-        """From a row as ``MANIFEST`` has it."""
-        joints, cube, quat, delay, goal = np.split(np.asarray(observation, dtype=float), _ENDS)
-        return cls(joints, cube, quat, float(delay[0]), goal)
-
-    @property
-    def tip_m(self) -> np.ndarray:
-        """Where the tips are by the measured joints, shape (3, 3)."""
-        return fingertip_position_world_m(self.joint_position_rad).reshape(3, 3)
-
-
-_ENDS = np.cumsum([OBSERVATION_SIZES[name] for name in MANIFEST.observation])[:-1]
-
-
 class Hand:
     """The controller of one trial. Owner of its phase, of the grasp and of the places that the tips are asked to be at."""
 
@@ -80,8 +57,8 @@ class Hand:
         self._tip_m: np.ndarray | None = None
         self._periods, self._arrived = 0, 0  # since the phase began, and since its motion was over
         self._delay_s = np.inf
-        self._goal_m: np.ndarray | None = None
-        self._reports: list[tuple[np.ndarray, float]] = []  # of the cube: place, and angle of its first face
+        self._before: Sight | None = None
+        self._reports = Reports()
 
     phase: Phase
     grasp: Grasp | None
@@ -93,57 +70,44 @@ class Hand:
         self._periods += 1
         if self._tip_m is None:
             self._tip_m = sight.tip_m
-        if self._goal_m is not None and (sight.goal_position_world_m != self._goal_m).any():
-            self._take_another_goal()
-        self._goal_m = sight.goal_position_world_m
+        if self._before is not None and not sight.has_goal_of(self._before):
+            self._take_another_goal(self._before)
+        self._before = sight
         self._tip_m = _PHASES[self.phase](self, self._tip_m)
         return self._tip_m, self._pressing_n()
 
     def _go(self, phase: Phase) -> None:
         self.phase, self._periods, self._arrived = phase, 0, 0
 
-    def _take_another_goal(self) -> None:
+    def _take_another_goal(self, before: Sight) -> None:
         self.failures = 0
         if self.phase is Phase.CARRY:
-            if (there_m := carried_to(self._grasp, self._sight.goal_position_world_m)) is None:
+            self._turn_rad = wrapped(self._turn_rad + before.turn_to_goal_of(self._sight))
+            if (there_m := carried_to(self._grasp, self._sight.goal_position_world_m, self._turn_rad)) is None:
                 self._let_go()
             else:
-                self.grasp = replace(self._grasp, goal_m=there_m)
-                self._carried.aim(there_m)
+                self.grasp = replace(self._grasp, goal_m=there_m, turn_rad=self._turn_rad, unfinished=False)
+                self._carried.aim(there_m, self._turn_rad)
         elif self.phase is not Phase.OPEN:
             self._look_again()
 
     def _let_go(self) -> None:
-        self._opened_m = self._sight.tip_m - OPENED_M * self._grasp.inward
+        self._opened_m = self._sight.tip_m - OPENED_M * self._held.inward
         self._go(Phase.OPEN)
 
     def _look_again(self) -> None:
-        self._reports, self.grasp = [], None
+        self._reports, self.grasp = Reports(), None
         self._go(Phase.LOOK)
 
     def _look(self, tip_m: np.ndarray) -> np.ndarray:
-        if self._reported and (found := self._cube_at_rest()) is not None:
-            self._cube_m, normals = found
+        if self._reported and (found := self._reports.at_rest(self._sight)) is not None:
+            self._cube_m, self._turn_rad = found.cube_m, found.turn_rad
             goal_m = self._sight.goal_position_world_m
-            if np.linalg.norm(self._cube_m - goal_m) > THERE_M:
-                self.grasp = choose_grasp(self._cube_m, normals, goal_m, rank=self.failures)
+            if np.linalg.norm(self._cube_m - goal_m) > THERE_M or abs(self._turn_rad) > THERE_RAD:
+                self.grasp = choose_grasp(self._cube_m, found.normals, goal_m, rank=self.failures, turn_rad=self._turn_rad)
             if self.grasp is not None:
                 self._go(Phase.RAISE)
         return tip_m
-
-    def _cube_at_rest(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Where the cube lies, (3,), and the normals of its upright faces, (4, 3), by the latest reports; None if not still."""
-        normals = side_normals(rotation_matrix(self._sight.cube_quat_wxyz))
-        if normals is None:
-            self._reports = []
-            return None
-        angle = 4 * np.arctan2(normals[0, 1], normals[0, 0])  # times four, since the faces of a cube are alike
-        self._reports = [*self._reports, (self._sight.cube_position_world_m, angle)][-REPORTS:]
-        places, angles = (np.array(each) for each in zip(*self._reports, strict=True))
-        if len(places) < REPORTS or np.ptp(places, axis=0).max() > STILL_M:
-            return None
-        angle = np.arctan2(np.sin(angles).mean(), np.cos(angles).mean()) / 4 + np.arange(4) * np.pi / 2
-        return np.median(places, axis=0), np.stack([np.cos(angle), np.sin(angle), np.zeros(4)], axis=1)
 
     def _raise(self, tip_m: np.ndarray) -> np.ndarray:
         return self._move(tip_m, _over(tip_m), FREE_SPEED_M_S, then=Phase.OVER)
@@ -156,15 +120,25 @@ class Hand:
 
     def _close(self, tip_m: np.ndarray) -> np.ndarray:
         grasp = self._grasp
-        self._carried = Carried(self._cube_m, grasp.goal_m, PERIOD_S)
+        self._carried = Carried(self._cube_m, grasp.goal_m, PERIOD_S, grasp.turn_rad)
         return self._move(tip_m, self._cube_m + grasp.tip_m, CLOSING_SPEED_M_S, CLOSING_S, then=Phase.CARRY)
 
     def _carry(self, tip_m: np.ndarray) -> np.ndarray:
-        tip_m = self._carried.go_on() + self._grasp.tip_m
-        if self._reported and self._carried.lost(self._sight.cube_position_world_m, self._sight.tracker_delay_s):
+        cube_m = self._carried.go_on()
+        tip_m = cube_m + self._held.tip_m
+        self._arrived = self._arrived + 1 if self._carried.arrived else 0
+        turned_rad = self._turn_rad - self._sight.turn_rad
+        if self._reported and self._carried.lost(self._sight.cube_position_world_m, self._sight.tracker_delay_s, turned_rad):
             self.failures += 1
             self._let_go()
+        elif self._arrived * PERIOD_S > SET_DOWN_S and self._is_to_be_regrasped():
+            self._let_go()
         return tip_m
+
+    def _is_to_be_regrasped(self) -> bool:
+        """Whether the cube, at the end of its way, needs to be turned further than this grasp has turned it."""
+        on_floor = self._grasp.goal_m[2] < c.CUBE_REST_HEIGHT_M + THERE_M
+        return self._grasp.unfinished or (on_floor and self._carried.slipped)
 
     def _open(self, tip_m: np.ndarray) -> np.ndarray:
         if self._periods * PERIOD_S > OPENING_S:
@@ -176,6 +150,11 @@ class Hand:
     def _grasp(self) -> Grasp:
         assert self.grasp is not None, "only while there is one"
         return self.grasp
+
+    @property
+    def _held(self) -> Grasp:
+        """The grasp as the cube was turned with it."""
+        return self._grasp.turned(self._carried.turned_rad if self.phase is Phase.CARRY else 0.0)
 
     @property
     def _ready_m(self) -> np.ndarray:
@@ -196,7 +175,7 @@ class Hand:
     def _pressing_n(self) -> np.ndarray:
         if self.phase not in (Phase.CLOSE, Phase.CARRY):
             return np.zeros((3, 3))
-        grasp = self._grasp
+        grasp = self._held
         facing = (grasp.inward @ grasp.inward.T < -0.9).any(axis=1)
         press_n = np.minimum(np.where(facing, min(PRESS_N, grasp.force_n[facing].min()), PRESS_ALONE_N), grasp.force_n)
         force_n = press_n[:, None] * grasp.inward
@@ -233,11 +212,13 @@ def _over(place_m: np.ndarray) -> np.ndarray:
 
 
 class GraspPolicy:
-    """The controller of any number of trials, as evaluations ask policies; each trial has a hand of its own."""
+    """The controller of any number of trials, as evaluations ask policies; each trial has a hand of its own.
 
-    manifest = MANIFEST
+    With the manifest of ``builtin:grasp-turn`` it turns cubes, too.
+    """
 
-    def __init__(self) -> None:
+    def __init__(self, manifest: PolicyManifest = GRASP) -> None:
+        self.manifest = manifest
         self.begin(1)
 
     def begin(self, trials: int) -> None:
@@ -246,6 +227,6 @@ class GraspPolicy:
 
     def __call__(self, observation: np.ndarray, /) -> np.ndarray:
         """Actions (n, 9) from observations (n, size)."""
-        sights = [Sight.of(row) for row in observation]
+        sights = [Sight.of(row, self.manifest) for row in observation]
         tip_m, force_n = zip(*(hand.next(sight) for hand, sight in zip(self.hands, sights, strict=True)), strict=True)
         return joint_command_rad(np.array([sight.joint_position_rad for sight in sights]), np.array(tip_m), np.array(force_n))

@@ -5,7 +5,7 @@
 
 ``P`` is a preset, a file, or values of otherwise nominal robots, as in ``table_friction.coefficient=0.5,cube_mass.factor=1.2``.
 With ``--against`` the other policy tries the same goals on the same robots, and the difference is taken goal by goal.
-``builtin:grasp`` instead of a file is the controller that needs no weights.
+``builtin:grasp`` or ``builtin:grasp-turn`` instead of a file is a controller that needs no weights.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import binomtest, norm
 
-from api_schemas.builtin_policies import PREFIX
+from api_schemas.builtin_policies import BUILTIN, PREFIX
 from api_schemas.policy import PolicyManifest
 from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import load_ranges
@@ -99,7 +99,8 @@ def compare(policies: Sequence[Path], task: str, seeds: range, kinds: Sequence[s
     for physics in kinds:
         outcomes = []
         for path in policies:
-            policy = GraspPolicy() if str(path) == f"{PREFIX}grasp" else read_policy(path)
+            builtin = BUILTIN.get(str(path).removeprefix(PREFIX)) if str(path).startswith(PREFIX) else None
+            policy = read_policy(path) if builtin is None else GraspPolicy(builtin)
             tried, success = try_policy(policy, policy.manifest, TASKS[task], seeds, physics, threads=threads)
             found["tried"].append({"policy": path.name} | tried.document())
             outcomes.append(success)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from api_schemas.builtin_policies import GRASP, builtin_content, builtin_digest
+from api_schemas.builtin_policies import BUILTIN, GRASP, builtin_content, builtin_digest
 from api_schemas.policy import canonical_json
 from tests.integration.farm_process import services
 from tests.integration.test_dashboard import user_token
@@ -14,12 +14,14 @@ def farm(tmp_path_factory):
         yield running
 
 
-def test_an_operator_has_it_at_once_and_only_once(farm):
-    first = farm.admin.put("/v1/policies/builtin/grasp")
+@pytest.mark.parametrize("name", BUILTIN)
+def test_an_operator_has_it_at_once_and_only_once(farm, name):
+    first = farm.admin.put(f"/v1/policies/builtin/{name}")
     assert first.status_code == 201, first.text
-    assert (first.json()["digest"], first.json()["weights_format"]) == (builtin_digest("grasp"), "builtin")
-    assert farm.admin.put("/v1/policies/builtin/grasp").status_code == 200
-    assert [policy["name"] for policy in farm.admin.get("/v1/policies").json()["policies"]] == ["builtin-grasp"]
+    assert (first.json()["digest"], first.json()["weights_format"]) == (builtin_digest(name), "builtin")
+    assert farm.admin.put(f"/v1/policies/builtin/{name}").status_code == 200
+    names = [policy["name"] for policy in farm.admin.get("/v1/policies").json()["policies"]]
+    assert names.count(f"builtin-{name}") == 1
     job = farm.admin.post("/v1/jobs", json={"policy": first.json()["digest"], "task": "move_cube_2", "trials": 1})
     assert job.status_code == 201, job.text
 

@@ -3,32 +3,34 @@
 import numpy as np
 import pytest
 
-from api_schemas.builtin_policies import BUILTIN_NAMES, GRASP, builtin_content, builtin_digest
-from api_schemas.policy import OBSERVATION_SIZES
+from api_schemas.builtin_policies import BUILTIN, BUILTIN_NAMES, builtin_content, builtin_digest
+from api_schemas.policy import OBSERVATION_SIZES, PolicyManifest
 from api_schemas.trial import OutcomeKind
 from robot_farm.jail import BUILTIN_PROCESS, POLICY_PROCESS, JailedPolicy, PolicyFailedError
 from sim_backend.grasping.controller import GraspPolicy
 from sim_backend.trifinger import constants as c
 
 
-def observation() -> np.ndarray:
+def observation(manifest: PolicyManifest) -> np.ndarray:
     parts = {
         "joint_position_rad": c.START_JOINT_POSITION_RAD,
         "cube_position_world_m": [0.0, 0.0, c.CUBE_REST_HEIGHT_M],
         "cube_quat_wxyz": [1.0, 0.0, 0.0, 0.0],
         "tracker_delay_s": [0.09],
         "goal_position_world_m": [0.05, 0.0, c.CUBE_REST_HEIGHT_M],
+        "goal_quat_wxyz": [0.8, 0.0, 0.0, 0.6],
     }
-    assert [len(parts[name]) for name in GRASP.observation] == [OBSERVATION_SIZES[name] for name in GRASP.observation]
-    return np.concatenate([parts[name] for name in GRASP.observation]).astype(np.float32)
+    assert [len(parts[name]) for name in manifest.observation] == [OBSERVATION_SIZES[name] for name in manifest.observation]
+    return np.concatenate([parts[name] for name in manifest.observation]).astype(np.float32)
 
 
-def test_it_acts_as_the_controller_and_forgets_between_trials(tmp_path):
+@pytest.mark.parametrize("name", BUILTIN)
+def test_it_acts_as_the_controller_and_forgets_between_trials(name, tmp_path):
     file = tmp_path / "builtin"
-    file.write_bytes(builtin_content("grasp"))
-    seen, controller = observation(), GraspPolicy()
+    file.write_bytes(builtin_content(name))
+    seen, controller = observation(BUILTIN[name]), GraspPolicy(BUILTIN[name])
     expected = [controller(seen[None])[0].astype(np.float32) for _ in range(30)]
-    with JailedPolicy(builtin_digest("grasp"), file, module=BUILTIN_PROCESS) as policy:
+    with JailedPolicy(builtin_digest(name), file, module=BUILTIN_PROCESS) as policy:
         for _ in range(2):
             policy.reset()
             np.testing.assert_array_equal([policy.act(seen)[0] for _ in range(30)], expected)
@@ -55,5 +57,10 @@ def test_a_robot_that_lacks_it_says_that_it_is_too_old_and_takes_it_for_no_broke
     assert "too old for it: it does not know the trifarm built-in policy juggle, version 2; update" in str(caught.value)
 
 
-def test_its_digest_names_it():
-    assert BUILTIN_NAMES[builtin_digest("grasp")] == "grasp"
+@pytest.mark.parametrize("name", BUILTIN)
+def test_its_digest_names_it(name):
+    assert BUILTIN_NAMES[builtin_digest(name)] == name
+
+
+def test_the_digest_of_the_first_is_what_it_was():
+    assert builtin_digest("grasp") == "92ac97bb7b0061689592b72ae7b5954112dc7a79f64376b5bec2d0dce75e6a3c"

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sim_backend.grasping.choice import choose_grasp, side_normals
+from sim_backend.grasping.choice import LIFTED_M, SECURE_N, choose_grasp, side_normals
+from sim_backend.grasping.turning import wrapped
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.keypoints import rotation_matrix
 from sim_backend.tasks.task import draw_trial
@@ -49,6 +50,35 @@ def test_the_next_best_takes_other_faces_and_is_not_more_secure():
 
 def test_there_is_none_where_no_finger_comes():
     assert choose_grasp(np.array([0.5, 0.0, 0.03]), NORMALS, ABOVE) is None
+
+
+@pytest.mark.parametrize("turn_rad", [-0.9, 0.6])
+def test_a_grasp_that_turns_the_cube_is_within_reach_all_the_way(turn_rad):
+    grasp = choose_grasp(CENTRE, NORMALS, ABOVE, turn_rad=turn_rad)
+    assert grasp is not None
+    assert (grasp.turn_rad, grasp.unfinished) == (turn_rad, False)
+    for share in (0.25, 0.5, 0.75, 1.0):
+        place = CENTRE + share * (grasp.goal_m - CENTRE) + [0.0, 0.0, LIFTED_M * (share < 1)]
+        joints = joint_position_rad((place + grasp.turned(share * turn_rad).tip_m).reshape(9))
+        assert ((joints > c.SOFT_LIMIT_LOWER_RAD) & (joints < c.SOFT_LIMIT_UPPER_RAD)).all()
+
+
+@pytest.mark.parametrize("turn_rad", [-3.1, 2.9])
+def test_what_one_grasp_cannot_turn_is_set_down_on_the_way_for_another_one(turn_rad):
+    grasp = choose_grasp(CENTRE, NORMALS, ABOVE, turn_rad=turn_rad)
+    assert grasp is not None
+    assert grasp.unfinished
+    assert abs(wrapped(turn_rad - grasp.turn_rad)) < abs(turn_rad) - 0.3
+    np.testing.assert_allclose(grasp.goal_m, CENTRE)
+    assert grasp.measure_n > SECURE_N
+
+
+def test_a_turned_grasp_presses_on_the_turned_faces():
+    grasp = choose_grasp(CENTRE, NORMALS, ABOVE)
+    assert grasp is not None
+    x, y, z = grasp.inward.T
+    np.testing.assert_allclose(grasp.turned(np.pi / 2).inward, np.stack([-y, x, z], axis=1), atol=1e-12)
+    assert np.array_equal(grasp.turned(0.0).tip_m, grasp.tip_m)
 
 
 def test_a_cube_on_its_edge_has_no_upright_faces():

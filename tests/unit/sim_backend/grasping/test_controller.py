@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 
+from api_schemas.builtin_policies import GRASP, GRASP_TURN
 from sim_backend.evaluation import evaluate
-from sim_backend.grasping.controller import GraspPolicy, Hand, Phase, Sight
+from sim_backend.grasping.controller import GraspPolicy, Hand, Phase
+from sim_backend.grasping.sight import Sight
+from sim_backend.grasping.turning import LARGEST_RAD, yaw_between_rad
 from sim_backend.tasks import TASKS
+from sim_backend.tasks.task import draw_trial
 from sim_backend.training.trying import robots_of
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.kinematics import joint_position_rad
@@ -15,8 +19,34 @@ from sim_backend.trifinger.kinematics import joint_position_rad
 def test_the_cube_is_lifted_to_its_place(physics):
     seeds = range(910, 914)
     robots = robots_of(physics, len(seeds), 910)
-    found = evaluate(GraspPolicy(), GraspPolicy.manifest, TASKS["move_cube_2"], seeds, physics=robots, threads=1)
+    found = evaluate(GraspPolicy(), GraspPolicy().manifest, TASKS["move_cube_2"], seeds, physics=robots, threads=1)
     assert found.success.sum() >= 3
+
+
+def test_the_cube_is_turned_by_several_grasps_where_one_does_not_do():
+    seeds = (41_000_010, 41_000_016)
+    policy = GraspPolicy(GRASP_TURN)
+    found = evaluate(policy, GRASP_TURN, TASKS["floor_pose"], seeds, threads=1)
+    start = [draw_trial(TASKS["floor_pose"], seed) for seed in seeds]
+    assert all(abs(yaw_between_rad(at.cube_quat_wxyz[0], goal.cube_quat_wxyz[0])) > LARGEST_RAD - 0.1 for at, goal in start)
+    assert found.success.all()
+    assert found.angle_error_rad.max() < 0.17
+
+
+def test_without_an_orientation_of_the_goal_nothing_is_turned():
+    row = np.array([*c.START_JOINT_POSITION_RAD, 0.02, 0.03, c.CUBE_REST_HEIGHT_M, 0.0, 0.0, 0.0, 1.0, 0.09, 0.1, 0.0, 0.08])
+    assert Sight.of(row, GRASP).turn_rad == 0.0
+    turned = Sight.of(np.array([*row, np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]), GRASP_TURN)
+    assert turned.turn_rad == pytest.approx(-np.pi / 2)
+
+
+@pytest.mark.parametrize(("yaw_rad", "left_alone"), [(0.05, True), (0.5, False)])
+def test_a_cube_in_its_place_is_left_alone_if_it_is_turned_as_it_should_be(yaw_rad, left_alone):
+    hand, cube_m = Hand(), np.array([0.02, 0.03, c.CUBE_REST_HEIGHT_M])
+    goal_quat = np.array([np.cos(yaw_rad / 2), 0.0, 0.0, np.sin(yaw_rad / 2)])
+    for _ in range(30):
+        hand.next(Sight(c.START_JOINT_POSITION_RAD, cube_m, np.array([1.0, 0, 0, 0]), 0.09, cube_m, goal_quat))
+    assert (hand.phase is Phase.LOOK) == left_alone
 
 
 def test_a_cube_that_is_there_is_left_alone():
