@@ -46,8 +46,17 @@ class Hearing:
         if not self.fleet.heard(beat, now_s):
             return
         if new_process:
-            self.steps.start(self._came_anew(beat))
+            self.fleet.member(beat.robot).arriving = beat.instance
+            self.steps.start(self._arrives(beat))
         self.signals.wake_dispatcher(urgent=new_process)
+
+    async def _arrives(self, beat: Heartbeat) -> None:
+        try:
+            await self._came_anew(beat)
+        finally:
+            if (member := self.fleet.member(beat.robot)).arriving == beat.instance:
+                member.arriving = None
+            self.signals.wake_dispatcher(urgent=True)
 
     async def _came_anew(self, beat: Heartbeat) -> None:
         """What the robot's last process was doing has ended."""

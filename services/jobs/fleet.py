@@ -41,6 +41,8 @@ class Member:
     """When each process of this name was last heard, as far as that is not longer ago than ``SILENT_AFTER_S``."""
     doubled: bool = False
     """A process was heard again after another had taken its place."""
+    arriving: str | None = None
+    """A new process, as long as what the last one held has not been ended: a lease given now would be taken for that."""
 
     def state(self, now_s: float) -> RobotState:
         """What the robot is doing, from all that is known."""
@@ -86,7 +88,8 @@ class Member:
 
     def ready(self, now_s: float) -> bool:
         """May be offered a lease now."""
-        return self.lease is None and now_s >= self.paused_until_s and self.state(now_s) == RobotState.IDLE
+        waits = self.lease is not None or self.arriving is not None or now_s < self.paused_until_s
+        return not waits and self.state(now_s) == RobotState.IDLE
 
 
 @dataclass
