@@ -27,6 +27,11 @@ VERSION = 1
 """To be raised whenever a built-in policy acts otherwise than before, so that its results are not counted with earlier ones."""
 
 
+def builtin_manifest(text: str) -> PolicyManifest | None:
+    """What the policy sees and does that a text as ``builtin:grasp`` names; None if it names none."""
+    return BUILTIN.get(text.removeprefix(PREFIX)) if text.startswith(PREFIX) else None
+
+
 def builtin_content(name: str) -> bytes:
     """What stands for the weights of a built-in policy."""
     return BUILTIN_MARK + f"{name}, version {VERSION}\n".encode()

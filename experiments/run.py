@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from api_schemas.builtin_policies import BUILTIN, PREFIX
+from api_schemas.builtin_policies import builtin_manifest
 from experiments import catalogue
 from experiments.consecutive import task_of, try_many_goals
 from experiments.design import Cell, Experiment, Farm
@@ -115,9 +115,10 @@ def measure(experiment: Experiment, piece: MeasuringPiece, store: Store, tell: C
 
 
 def _policy(cell: Cell, seed: int, store: Store) -> ExportedPolicy | GraspPolicy:
+    if (builtin := builtin_manifest(cell.policy or "")) is not None:
+        return GraspPolicy(builtin)
     weights = weights_of(cell, seed, store)
-    if weights is None:
-        return GraspPolicy(BUILTIN[str(cell.policy).removeprefix(PREFIX)])
+    assert weights is not None
     return read_policy(weights, manifest_of(weights))
 
 

@@ -15,7 +15,6 @@ from services.jobs.fleet import Fleet
 log = structlog.get_logger()
 TELL_AGAIN_S = 1.0
 """A command that has had no effect is sent again after so long."""
-WAITS_TO_RESUME = frozenset({RobotState.DRAINING, RobotState.OUT_OF_SERVICE})
 TAKES_TRIALS = frozenset({RobotState.IDLE, RobotState.LEASED, RobotState.RUNNING})
 
 
@@ -33,16 +32,18 @@ class Commands:
     def tell_wishes(self) -> None:
         """Operators' wishes are repeated until the robot's heartbeat shows them, also to a robot that came anew.
 
-        One that is out of service is told once to test itself again: what it finds may keep it out of service.
+        What is kept of the wish is compared with what the robot says: one that was drained and resumed during a trial says
+        only after it that it had heard the first. One that is out of service is told once to test itself again: what it finds
+        may keep it there.
         """
         for member in self.fleet.members.values():
             said = None if member.heartbeat is None or member.lost_s is not None else member.heartbeat.state
             if member.drain and said in TAKES_TRIALS:
                 self._tell(member.robot, CommandKind.DRAIN, None)
-            elif member.resume_wanted and said in WAITS_TO_RESUME:
+            elif (said == RobotState.DRAINING and not member.drain) or (said == RobotState.OUT_OF_SERVICE and member.test_wanted):
                 self._tell(member.robot, CommandKind.RESUME, None)
-            elif said is not None and said not in WAITS_TO_RESUME:
-                member.resume_wanted = False
+            elif said is not None and said != RobotState.OUT_OF_SERVICE:
+                member.test_wanted = False
 
     def cancel(self, claim: Claim) -> None:
         """Has the robot stop the attempt."""
@@ -61,7 +62,7 @@ class Commands:
         reply = await self.bus.command(robot, command, self.timeout_s)
         accepted = reply is not None and reply.accepted
         if accepted and command.kind == CommandKind.RESUME and self._says_out_of_service(robot):
-            self.fleet.member(robot).resume_wanted = False
+            self.fleet.member(robot).test_wanted = False
         log.info("command sent", robot=robot, kind=str(command.kind), trial=command.trial_id, accepted=accepted)
 
     def _says_out_of_service(self, robot: str) -> bool:

@@ -25,7 +25,9 @@ class Member:
     present: bool = False
     lost_s: float | None = None
     drain: bool = False
-    resume_wanted: bool = False
+    """An operator wants it to take no further trial, as the database has it."""
+    test_wanted: bool = False
+    """An operator wants it, out of service, to test itself again."""
     withdrawn: str | None = None
     """Why the farm took it out of service; it may itself think that it is well."""
     lease: Claim | None = None

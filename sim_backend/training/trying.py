@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import binomtest, norm
 
-from api_schemas.builtin_policies import BUILTIN, PREFIX
+from api_schemas.builtin_policies import builtin_manifest
 from api_schemas.policy import PolicyManifest
 from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import load_ranges
@@ -99,7 +99,7 @@ def compare(policies: Sequence[Path], task: str, seeds: range, kinds: Sequence[s
     for physics in kinds:
         outcomes = []
         for path in policies:
-            builtin = BUILTIN.get(str(path).removeprefix(PREFIX)) if str(path).startswith(PREFIX) else None
+            builtin = builtin_manifest(str(path))
             policy = read_policy(path) if builtin is None else GraspPolicy(builtin)
             tried, success = try_policy(policy, policy.manifest, TASKS[task], seeds, physics, threads=threads)
             found["tried"].append({"policy": path.name} | tried.document())

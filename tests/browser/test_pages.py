@@ -50,7 +50,7 @@ def jobs(looked):
         "<!DOCTYPE html><html lang=en><title>Joints of robot-0</title><h1>Joints</h1><script>alert(4)</script>"
     )
     ranked = looked.submit(digest, looked.user, trials=2, seed=None)
-    running = looked.submit(digest, looked.user, trials=40, seed=4)
+    running = looked.submit(digest, looked.user, trials=200, seed=4)
     yield {
         "ended": ended,
         "again": again,
@@ -178,11 +178,13 @@ def test_the_page_of_a_running_trial_is_accessible(browser, looked, jobs, axe):
 
 def running_trial(looked):
     """A trial that a robot runs now."""
-    while True:
+    give_up_s = time.monotonic() + 60
+    while time.monotonic() < give_up_s:
         running = [robot["trial"] for robot in looked.api.get("/v1/robots").json()["robots"] if robot["state"] == "running"]
         if running:
             return running[0]
         time.sleep(0.05)
+    raise AssertionError("no robot runs a trial")
 
 
 def gravest(page, axe):

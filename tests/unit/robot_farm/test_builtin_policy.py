@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from api_schemas.builtin_policies import BUILTIN, BUILTIN_NAMES, builtin_content, builtin_digest
+from api_schemas.builtin_policies import BUILTIN, BUILTIN_NAMES, builtin_content, builtin_digest, builtin_manifest
 from api_schemas.policy import OBSERVATION_SIZES, PolicyManifest
 from api_schemas.trial import OutcomeKind
 from robot_farm.jail import BUILTIN_PROCESS, POLICY_PROCESS, JailedPolicy, PolicyFailedError
@@ -60,6 +60,11 @@ def test_a_robot_that_lacks_it_says_that_it_is_too_old_and_takes_it_for_no_broke
 @pytest.mark.parametrize("name", BUILTIN)
 def test_its_digest_names_it(name):
     assert BUILTIN_NAMES[builtin_digest(name)] == name
+
+
+def test_a_text_that_names_it_gives_its_manifest_and_others_none():
+    assert [builtin_manifest(f"builtin:{name}") for name in BUILTIN] == list(BUILTIN.values())
+    assert [builtin_manifest(text) for text in ("grasp", "builtin:", "builtin:gras", "push.safetensors")] == [None] * 4
 
 
 def test_the_digest_of_the_first_is_what_it_was():

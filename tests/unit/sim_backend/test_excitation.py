@@ -63,7 +63,7 @@ def joined(segments, name):
     return np.concatenate([getattr(segment, name) for segment in segments], axis=1)
 
 
-def touching(model, segments, every=20):
+def touching(model, segments, every=10):
     """Names of the geoms that touch each other at any time, the cube on the table left out."""
     data, pairs = mujoco.MjData(model), set()
     states = np.concatenate(

@@ -42,7 +42,7 @@ def told(fleet_of):
 
 
 async def test_a_robot_out_of_service_is_told_once_to_test_itself_again(told):
-    told.member.resume_wanted = True
+    told.member.test_wanted = True
     told.bus.accepts = False
     assert await told(RobotState.OUT_OF_SERVICE) == [CommandKind.RESUME]
     told.bus.accepts = True
@@ -50,12 +50,25 @@ async def test_a_robot_out_of_service_is_told_once_to_test_itself_again(told):
     assert await told(RobotState.OUT_OF_SERVICE) == []
 
 
-async def test_a_drained_robot_is_told_until_it_shows_that_it_heard(told):
-    told.member.resume_wanted = True
+async def test_a_robot_is_told_to_drain_until_it_shows_that_it_heard(told):
+    told.member.drain = True
+    assert await told(RobotState.RUNNING) == [CommandKind.DRAIN]
+    assert await told(RobotState.IDLE) == [CommandKind.DRAIN]
+    assert await told(RobotState.DRAINING) == []
+
+
+async def test_a_drained_robot_is_told_to_resume_until_it_shows_that_it_heard(told):
     assert await told(RobotState.DRAINING) == [CommandKind.RESUME]
     assert await told(RobotState.DRAINING) == [CommandKind.RESUME]
     assert await told(RobotState.IDLE) == []
-    assert not told.member.resume_wanted
+
+
+async def test_a_robot_that_was_drained_and_resumed_within_one_trial_does_not_stay_drained(told):
+    told.member.drain = True
+    assert await told(RobotState.RUNNING) == [CommandKind.DRAIN]
+    told.member.drain, told.member.test_wanted = False, True
+    assert await told(RobotState.RUNNING) == []
+    assert await told(RobotState.DRAINING) == [CommandKind.RESUME]
 
 
 async def test_a_robot_that_nobody_resumes_stays_out_of_service(told):
