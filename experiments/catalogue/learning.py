@@ -93,7 +93,7 @@ def _remembering(name: str, about: str, student: dict) -> Cell:
         "physics": "real",
         "episode_s": 10.0,
         "samples": 500_000,
-        "teacher": {"policy": "push", "acts_until": 0.1},
+        "teacher": {"policy": "push", "view": "truth", "acts_until": 0.1},
         "student": student,
         "imitation": {"robots": 128, "window": 20, "updates": 24, "batch": 1920, "learning_rate": 3e-3},
         "evaluation": {"every_samples": 125_000, "trials": 64} | BEFORE_THE_FARM,
@@ -112,7 +112,9 @@ MEMORY = Experiment(
     ),
     limits="Both students learn by DAgger from the shipped push policy on robots of `real`, not by PPO from scratch, "
     "with the same "
-    "samples; the teacher has no memory, so that a student can at best win by what it knows better, not by acting otherwise.",
+    "samples. The teacher acts on where the cube truly is, the students see what the robot reports, late and noisy: what "
+    "the past tells of that is what a memory can win. In a first run, kept in the change log, the teacher saw only the report "
+    "too, so that no memory could have done better; it gained nothing that could be told.",
     cells=(
         _remembering("feed-forward", "layers of 128 and 128", {"hidden": [128, 128]}),
         _remembering("lstm", "an LSTM of 64 cells, then a layer of 128", {"hidden": [128], "cell": "lstm", "cells": 64}),

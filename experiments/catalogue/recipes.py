@@ -7,7 +7,7 @@ NETWORKS = {"actor": [128, 128], "critic": [256, 128], "privileged": True}
 REWARD = {"approach": 1000.0}
 FINE_REWARD = REWARD | {"fine_kernel_per_m": 100.0}
 """Of the recipe ``push-adr``, which learns to push with a third of the samples."""
-NOMINAL_RATE, REAL_RATE, DAGGER_RATE = 3500.0, 2500.0, 2000.0
+NOMINAL_RATE, REAL_RATE, DAGGER_RATE = 3500.0, 2500.0, 1150.0
 """Samples in a second on one thread, another run beside it on two cores."""
 START_RATE = 8000.0
 """On two threads with nothing beside."""

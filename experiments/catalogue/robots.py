@@ -104,5 +104,5 @@ ABLATION = Experiment(
         *(Contrast(f"all against all but {group}", Measure.SUCCESS, f"without-{group}", "all", 0.15) for group in GROUPS),
         Contrast("all against none", Measure.SUCCESS, "none", "all", 0.15),
     ),
-    trials=FarmTrials("push", seed=35_000, blocks=8, block=5),
+    trials=FarmTrials("push", seed=35_000, blocks=24, block=5),
 )
