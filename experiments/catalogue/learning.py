@@ -1,6 +1,14 @@
 """What is seen and rewarded, what demonstrations are worth, what a memory is worth."""
 
-from experiments.catalogue.recipes import BEFORE_THE_FARM, DAGGER_RATE, FINE_REWARD, NOMINAL_RATE, SEEDS, from_scratch
+from experiments.catalogue.recipes import (
+    BEFORE_THE_FARM,
+    DAGGER_RATE,
+    FEW_ROBOTS_RATE,
+    FINE_REWARD,
+    NOMINAL_RATE,
+    SEEDS,
+    from_scratch,
+)
 from experiments.catalogue.sources import ALLSHIRE, DACTYL, DACTYL_PAGE, DAPG
 from experiments.design import (
     Cell,
@@ -26,7 +34,7 @@ def _seen_and_rewarded(seen: str, rewarded: str) -> Cell:
     observation = "corners of the cube" if seen == "o-kp" else "position and quaternion"
     reward = "corners" if rewarded == "r-kp" else "position and angle"
     about = f"sees {observation}, is rewarded by {reward}"
-    return Cell(f"{seen}-{rewarded}", about, SEEDS, Training(recipe, NOMINAL_RATE))
+    return Cell(f"{seen}-{rewarded}", about, SEEDS, Training(recipe, FEW_ROBOTS_RATE))
 
 
 OBSERVATIONS = Experiment(

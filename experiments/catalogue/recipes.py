@@ -9,6 +9,8 @@ FINE_REWARD = REWARD | {"fine_kernel_per_m": 100.0}
 """Of the recipe ``push-adr``, which learns to push with a third of the samples."""
 NOMINAL_RATE, REAL_RATE, DAGGER_RATE = 3500.0, 2500.0, 1150.0
 """Samples in a second on one thread, another run beside it on two cores."""
+FEW_ROBOTS_RATE = 4000.0
+"""With 512 robots in place of 1024 on nominal physics."""
 START_RATE = 8000.0
 """On two threads with nothing beside."""
 BEFORE_THE_FARM = {"final_trials": 100, "physics": ["nominal", "real"]}
