@@ -17,6 +17,8 @@ from sim_backend.trifinger.objects import CUBE, resting_height_m
 
 LIFTED_M, RESTING_M = 0.02, 0.003
 """An object has been lifted when its centre was so much above where it rests, and lies when it is no more than that above."""
+FALLING_M_S = 0.3
+"""An object that comes down faster was dropped, a slower one was set down; 2 cm of free fall end with twice as much."""
 IN_THE_AIR = ("lift", "move_cube_2", "move_cube_3", "move_cube_4")
 """Tasks whose goals are in the air, where an object can be dropped."""
 
@@ -37,7 +39,7 @@ class Judge:
         trials: n.
         goals: after so many a trial ends.
         limit_s: for a goal.
-        can_drop: whether an object on the table after it was lifted ends a trial.
+        can_drop: whether an object that falls on the table after it was lifted ends a trial.
     """
 
     trials: int
@@ -50,6 +52,8 @@ class Judge:
         self.ended: list[End | None] = [None] * self.trials
         self._since_s = np.zeros(self.trials)
         self._lifted = np.zeros(self.trials, dtype=bool)
+        self._above_rest_m = np.zeros((3, self.trials))  # in the last control periods, the newest last
+        self._seen_s = 0.0
 
     @property
     def over(self) -> bool:
@@ -65,11 +69,10 @@ class Judge:
             now_s: since the start of all.
         """
         going = np.array([end is None for end in self.ended])
-        self._lifted |= above_rest_m > LIFTED_M
+        dropped = self._dropped(above_rest_m, now_s)
         arrived = going & success
         self.reached[arrived] += 1
         self._since_s[arrived] = now_s
-        dropped = self._lifted & (above_rest_m < RESTING_M) & self.can_drop
         for row in np.flatnonzero(going):
             if self.reached[row] >= self.goals:
                 self.ended[row] = End.ALL_REACHED
@@ -78,6 +81,16 @@ class Judge:
             elif now_s - self._since_s[row] >= self.limit_s - 1e-9:
                 self.ended[row] = End.TIME
         return np.array([row for row in np.flatnonzero(arrived) if self.ended[row] is None], dtype=int)
+
+    def _dropped(self, above_rest_m: np.ndarray, now_s: float) -> np.ndarray:
+        """Which objects lie on the table again after they fell, shape (n,); a fall may end early in its last control period."""
+        period_s, self._seen_s = now_s - self._seen_s, now_s
+        self._above_rest_m = np.vstack([self._above_rest_m[1:], above_rest_m])
+        fell = (-np.diff(self._above_rest_m, axis=0) > FALLING_M_S * period_s).any(axis=0)
+        lies = above_rest_m < RESTING_M
+        dropped = self._lifted & lies & fell & self.can_drop
+        self._lifted = (self._lifted & ~lies) | (above_rest_m > LIFTED_M)
+        return dropped
 
 
 def try_many_goals(

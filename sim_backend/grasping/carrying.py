@@ -63,6 +63,11 @@ class Carried:
         return self._cube_m + self._correction_m
 
     @property
+    def asked_m(self) -> np.ndarray:
+        """Where the cube is asked to be now, corrections left out, shape (3,), m."""
+        return self._cube_m
+
+    @property
     def turned_rad(self) -> float:
         """How far to hold the cube turned from how it was taken."""
         return self._turned_rad + self._correction_rad

@@ -32,7 +32,7 @@ USABLE_TORQUE_NM = 0.9 * c.MAX_TORQUE_NM
 SECURE_N = 0.6
 """Less secure, a grasp is to turn the cube less."""
 LARGEST_FORCE_N = 2.5
-FRICTIONS, CONTACT_ERROR_M = (0.5, 1.0), 0.004
+LEAST_FRICTION, CENTRE_ERROR_M = 0.5, 0.004
 WEIGHED = 48
 """Ways whose security is weighed, of those that can be reached: the ones with the strongest weakest finger."""
 
@@ -112,7 +112,7 @@ def choose_grasp(
         )
         keep = np.argsort(-force.min(axis=1), kind="stable")[:WEIGHED]
         contact = tip[ways][keep] + inward[keep] * c.TIP_RADIUS_M
-        measure = robust_wrench_measure(contact, inward[keep], force[keep], FRICTIONS, CONTACT_ERROR_M)
+        measure = robust_wrench_measure(contact, inward[keep], force[keep], LEAST_FRICTION, CENTRE_ERROR_M)
         index = _of_rank(np.argsort(-measure, kind="stable"), faces[ways][keep], rank)
         best, measure_n = keep[index], float(measure[index])
         if found is None or measure_n > found.measure_n:

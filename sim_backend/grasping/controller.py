@@ -2,7 +2,8 @@
 
 Where a goal has an orientation, the tips turn with the cube about the vertical while they carry it; what one grasp cannot turn is
 left to the next one, which begins as after a loss: the cube is set down, the hand opens and looks.
-Where the goal becomes another one, a cube that is held is carried on, and let go only where this grasp does not reach.
+Where the goal becomes another one, a cube that is held is carried on, and set down to be grasped anew where this grasp does not
+reach.
 """
 
 from collections.abc import Callable
@@ -83,13 +84,24 @@ class Hand:
         self.failures = 0
         if self.phase is Phase.CARRY:
             self._turn_rad = wrapped(self._turn_rad + before.turn_to_goal_of(self._sight))
-            if (there_m := carried_to(self._grasp, self._sight.goal_position_world_m, self._turn_rad)) is None:
-                self._let_go()
-            else:
-                self.grasp = replace(self._grasp, goal_m=there_m, turn_rad=self._turn_rad, unfinished=False)
-                self._carried.aim(there_m, self._turn_rad)
+            if not self._carry_on(self._sight.goal_position_world_m, self._turn_rad):
+                self._set_down()
         elif self.phase is not Phase.OPEN:
             self._look_again()
+
+    def _set_down(self) -> None:
+        """Below where the cube is, to be grasped anew there; it is let go in the air only where even that is out of reach."""
+        below_m = np.array([*self._carried.asked_m[:2], c.CUBE_REST_HEIGHT_M])
+        if not self._carry_on(below_m, self._carried.turned_rad, unfinished=True):
+            self._let_go()
+
+    def _carry_on(self, goal_m: np.ndarray, turn_rad: float, *, unfinished: bool = False) -> bool:
+        """Whether this grasp reaches there, shape (3,), m; if so it is aimed there."""
+        if (there_m := carried_to(self._grasp, goal_m, turn_rad)) is None:
+            return False
+        self.grasp = replace(self._grasp, goal_m=there_m, turn_rad=turn_rad, unfinished=unfinished)
+        self._carried.aim(there_m, turn_rad)
+        return True
 
     def _let_go(self) -> None:
         self._opened_m = self._sight.tip_m - OPENED_M * self._held.inward

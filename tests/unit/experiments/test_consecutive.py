@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from experiments.consecutive import End, Judge, summary, try_many_goals
 from experiments.design import ManyGoals
@@ -14,21 +15,49 @@ NO, YES = np.array([False]), np.array([True])
 RESTS, UP = np.array([0.0]), np.array([0.05])
 
 
+def come_down(judge, heights_m, period_s=0.02):
+    """Heights above rest, one in each control period."""
+    for count, height_m in enumerate(heights_m):
+        judge.see(NO, np.array([height_m]), period_s * (count + 1))
+
+
+def fallen_m(from_m, first_s, period_s=0.02):
+    """Heights of a free fall, seen first so long after it began, and of what lies afterwards."""
+    return [max(0.0, from_m - 9.81 / 2 * (first_s + period_s * count) ** 2) for count in range(12)]
+
+
 def test_a_drop_ends_a_trial_after_it_was_lifted_and_not_before():
     judge = Judge(1, 50, 80.0, can_drop=True)
-    judge.see(NO, RESTS, 1.0)
+    judge.see(NO, RESTS, 0.02)
     assert judge.ended == [None]
-    assert judge.see(YES, UP, 2.0).tolist() == [0]
-    assert judge.see(NO, RESTS, 3.0).tolist() == []
+    assert judge.see(YES, UP, 0.04).tolist() == [0]
+    assert judge.see(NO, RESTS, 0.06).tolist() == []
     assert judge.ended == [End.DROP] and judge.reached.tolist() == [1]
-    judge.see(YES, UP, 4.0)
+    judge.see(YES, UP, 0.08)
     assert judge.reached.tolist() == [1], "nothing counts after the end"
+
+
+@pytest.mark.parametrize("first_s", [0.0, 0.005, 0.01, 0.015])
+@pytest.mark.parametrize("from_m", [0.021, 0.03, 0.06, 0.1])
+def test_a_fall_is_a_drop_whenever_it_is_seen(from_m, first_s):
+    judge = Judge(1, 50, 80.0, can_drop=True)
+    come_down(judge, [from_m, from_m, *fallen_m(from_m, first_s)])
+    assert judge.ended == [End.DROP]
+
+
+def test_what_is_set_down_is_not_dropped_and_can_be_lifted_again():
+    judge = Judge(1, 50, 80.0, can_drop=True)
+    lowered = np.arange(0.06, 0.0, -0.12 * 0.02).tolist()
+    come_down(judge, [*lowered, 0.0, 0.0, *reversed(lowered), *lowered, 0.0])
+    assert judge.ended == [None]
+    come_down(judge, [0.05, 0.05, *fallen_m(0.05, 0.01)])
+    assert judge.ended == [End.DROP]
 
 
 def test_on_the_floor_nothing_is_dropped():
     judge = Judge(1, 50, 80.0, can_drop=False)
-    judge.see(NO, UP, 1.0)
-    judge.see(NO, RESTS, 2.0)
+    judge.see(NO, UP, 0.02)
+    judge.see(NO, RESTS, 0.04)
     assert judge.ended == [None]
 
 

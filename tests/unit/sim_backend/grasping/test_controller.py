@@ -5,6 +5,7 @@ import pytest
 
 from api_schemas.builtin_policies import GRASP, GRASP_TURN
 from sim_backend.evaluation import evaluate
+from sim_backend.grasping import controller
 from sim_backend.grasping.controller import GraspPolicy, Hand, Phase
 from sim_backend.grasping.sight import Sight
 from sim_backend.grasping.turning import LARGEST_RAD, yaw_between_rad
@@ -101,9 +102,19 @@ def test_a_cube_in_the_hand_is_carried_on_to_the_next_goal():
     assert go_on(following, 1) == pytest.approx(following, abs=5e-3)
 
 
-def test_a_cube_is_let_go_where_the_next_goal_is_out_of_this_grasp_s_reach():
+def test_a_cube_is_set_down_to_be_grasped_anew_where_the_next_goal_is_out_of_this_grasp_s_reach():
     hand, go_on = carrying(np.array([0.02, 0.0, 0.08]))
-    go_on(np.array([0.5, 0.0, 0.08]), 1)
+    far_m = np.array([0.5, 0.0, 0.08])
+    while go_on(far_m, 1)[2] > c.CUBE_REST_HEIGHT_M + 1e-3:
+        assert hand.phase is Phase.CARRY, "it does not fall"
+    go_on(far_m, 20)
+    assert hand.phase is Phase.OPEN
+
+
+def test_a_cube_is_let_go_in_the_air_only_where_it_cannot_be_set_down(monkeypatch):
+    hand, go_on = carrying(np.array([0.02, 0.0, 0.08]))
+    monkeypatch.setattr(controller, "carried_to", lambda *_: None)
+    go_on(np.array([0.0, 0.0, 0.08]), 1)
     assert hand.phase is Phase.OPEN
 
 

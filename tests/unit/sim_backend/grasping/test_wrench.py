@@ -35,9 +35,17 @@ def test_a_push_cannot_be_resisted_beyond_what_the_fingers_opposite_give():
 
 
 def test_the_robust_measure_is_the_worst_of_all_it_stands_for():
-    plain = wrench_measure(PLACES, FACING, TWO_N, 1.0)
-    assert robust_wrench_measure(PLACES, FACING, TWO_N, (1.0,), 0.0) == pytest.approx(plain)
-    assert robust_wrench_measure(PLACES, FACING, TWO_N, (0.5, 1.0), 0.005) < plain
+    plain = wrench_measure(PLACES, FACING, TWO_N, 0.5)
+    assert robust_wrench_measure(PLACES, FACING, TWO_N, 0.5, 0.0) == pytest.approx(plain)
+    assert robust_wrench_measure(PLACES, FACING, TWO_N, 0.5, 0.005) < plain
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_less_friction_is_never_better(seed):
+    rng = np.random.default_rng(seed)
+    places, force = PLACES + rng.uniform(-0.012, 0.012, (3, 3)), rng.uniform(0.8, 2.5, 3)
+    measures = [wrench_measure(places, FACING, force, friction) for friction in (0.2, 0.5, 1.0)]
+    assert measures == sorted(measures)
 
 
 def test_many_at_once_are_as_one_after_the_other():
