@@ -62,11 +62,20 @@ class Training:
 
 
 @dataclass(frozen=True)
+class Look:
+    """How a curve is drawn: the index of its colour, and whether dashed."""
+
+    colour: int
+    dashed: bool = False
+
+
+@dataclass(frozen=True)
 class Cell:
     """One condition: runs of a training, one for each seed, or a policy that is there already.
 
     ``runs_of`` names the experiment whose runs these are, so that none is made twice; the cell has the same name there unless
-    ``runs_of_cell`` says another.
+    ``runs_of_cell`` says another. ``label`` is what figures call it, a line break where it may be broken; ``look`` how its curve
+    is drawn, if it shares a colour with others.
     """
 
     name: str
@@ -79,6 +88,13 @@ class Cell:
     object_scale: float = 1.0
     runs_of: str | None = None
     runs_of_cell: str | None = None
+    label: str = ""
+    look: Look | None = None
+
+    @property
+    def shown_as(self) -> str:
+        """For figures."""
+        return self.label or self.name.replace("-", " ")
 
     @property
     def is_builtin(self) -> bool:
@@ -144,7 +160,7 @@ class Measure(StrEnum):
     SUCCESS = "success"  # of paired farm trials, as a fraction
     SAMPLES_TO = "samples to 80 %"  # log2 of how many times fewer samples
     GOALS = "goals in a row"
-    KNOWN = "held-out R2"  # of the hidden state, above that of the observation of the same instant
+    KNOWN = "held-out R2"  # of hidden state and observation together, above that of the observation of the same instant
 
 
 UNITS = {
@@ -161,7 +177,8 @@ class Contrast:
 
     ``farm`` is the physics of the trials, ``first_farm`` that of the first one's if it is another. With ``loss`` no gain is
     expected but that less than ``interest`` is lost. For :attr:`Measure.KNOWN` ``first`` and ``other`` are the same cell and
-    ``parameter`` says what is predicted.
+    ``parameter`` says what is predicted. ``ours`` is a question that no paper answers: it is found or not, and nothing is
+    reproduced. ``repeats`` names the contrast of another experiment whose policies these are, so that it is not counted twice.
     """
 
     name: str
@@ -173,6 +190,8 @@ class Contrast:
     first_farm: str | None = None
     parameter: str = ""
     loss: bool = False
+    ours: bool = False
+    repeats: str = ""
 
     @property
     def of_first(self) -> str:
@@ -182,10 +201,12 @@ class Contrast:
 
 @dataclass(frozen=True)
 class Claim:
-    """What a paper says, and where."""
+    """What a paper says, and where; its ``figure``, if it gives one, and the contrasts and cells of ours that answer it."""
 
     text: str
     source: str
+    figure: str = ""
+    answers: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -6,39 +6,37 @@ from typing import Any
 
 import numpy as np
 
-from api_schemas.success_rate import wilson
 from experiments.consecutive import summary
-from experiments.design import Cell, Contrast, Experiment, Measure
-from experiments.farm_trials import by_goal
-from experiments.judging import LEVEL, Difference, Verdict, paired_success, samples_to, times_fewer, verdict, welch
+from experiments.contrasts import Judged, Runs, arrivals, demonstrated_periods, judge, known_by_parameter, of_farm
+from experiments.design import Cell, Experiment
+from experiments.judging import Arrival, rate_interval
 from experiments.plan import Piece, TrainingPiece, missing, pieces
 from experiments.store import Key, Store
 
 
 @dataclass(frozen=True)
 class Rate:
-    """Success of a cell on one farm, over all its runs."""
+    """Success of a cell on one farm, over all its runs; ``interval`` is at 80 %, of trials, runs and goals the widest."""
 
     cell: str
     physics: str
     successes: int
     trials: int
     of_runs: tuple[float, ...]
+    interval: tuple[float, float]
 
     @property
     def rate(self) -> float:
         """A fraction."""
         return self.successes / self.trials
 
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Wilson's at 80 %, over the trials."""
-        return wilson(self.successes, self.trials, LEVEL)
-
 
 @dataclass(frozen=True)
 class Curve:
-    """Success in training of a cell's runs: samples (points,), and success of each run (runs, points)."""
+    """Success in training of a cell's runs: samples (points,), and success of each run (runs, points).
+
+    Samples count the control periods of demonstrations, as :attr:`Findings.arrivals` do.
+    """
 
     cell: str
     samples: np.ndarray
@@ -61,16 +59,6 @@ class InARow:
 
 
 @dataclass(frozen=True)
-class Judged:
-    """A contrast with what was found."""
-
-    contrast: Contrast
-    found: Difference | None
-    verdict: Verdict
-    note: str = ""
-
-
-@dataclass(frozen=True)
 class Findings:
     """All that there is of one experiment."""
 
@@ -79,7 +67,8 @@ class Findings:
     curves: tuple[Curve, ...]
     in_a_row: tuple[InARow, ...]
     known: Mapping[str, Sequence[Mapping[str, Any]]]
-    runs: Mapping[str, Sequence[tuple[int, Mapping[str, Any]]]]
+    runs: Runs
+    arrivals: Mapping[str, Sequence[tuple[int, Arrival]]]
     judged: tuple[Judged, ...]
     left: tuple[Piece, ...]
 
@@ -106,20 +95,14 @@ def findings(experiment: Experiment, store: Store) -> Findings:
     return Findings(
         experiment,
         tuple(_rates(experiment, store)),
-        tuple(curve for cell, found in runs.items() if (curve := _curve(cell, found)) is not None) if experiment.curves else (),
+        tuple(_curves(experiment, runs)) if experiment.curves else (),
         tuple(_in_a_row(experiment, store)),
-        _known(experiment, store),
+        known_by_parameter(experiment, store),
         runs,
-        tuple(_judge(contrast, experiment, store, runs) for contrast in experiment.contrasts),
+        {cell.name: found for cell in experiment.cells if (found := arrivals(cell, experiment, runs)) and experiment.curves},
+        tuple(judge(contrast, experiment, store, runs) for contrast in experiment.contrasts),
         tuple(missing(experiment, store)),
     )
-
-
-def _of_farm(cell: Cell, physics: str, experiment: Experiment, store: Store) -> list[dict[int, bool]]:
-    """Whether each goal was reached, of each run whose blocks are all there."""
-    assert experiment.trials is not None
-    found = (store.trials(Key(cell.name, seed, physics)) for seed in cell.seeds)
-    return [by_goal(kept) for kept in found if kept is not None and len(kept["blocks"]) == experiment.trials.blocks]
 
 
 def _rates(experiment: Experiment, store: Store):
@@ -127,24 +110,28 @@ def _rates(experiment: Experiment, store: Store):
         return
     for farm in experiment.trials.farms:
         for cell in experiment.cells:
-            if of_runs := _of_farm(cell, farm.physics, experiment, store):
+            if of_runs := of_farm(cell, farm.physics, experiment, store):
                 reached = [sum(run.values()) for run in of_runs]
                 trials, each = sum(map(len, of_runs)), tuple(n / len(run) for n, run in zip(reached, of_runs, strict=True))
-                yield Rate(cell.name, farm.physics, sum(reached), trials, each)
+                yield Rate(cell.name, farm.physics, sum(reached), trials, each, rate_interval(of_runs))
 
 
-def _curve(cell: str, runs: Sequence[tuple[int, Mapping[str, Any]]]) -> Curve | None:
+def _curves(experiment: Experiment, runs: Runs):
+    for cell in experiment.cells:
+        if (found := _curve(cell, runs.get(cell.name, ()))) is not None:
+            yield found
+
+
+def _curve(cell: Cell, runs: Sequence[tuple[int, Mapping[str, Any]]]) -> Curve | None:
     """Evaluations on nominal robots, where all runs have them."""
     lines = [
         {each["samples"]: each["success_rate"] for each in run["evaluations"] if each["physics"] == "nominal"} for _, run in runs
     ]
-    if not lines:
+    shared = sorted(set.intersection(*(set(line) for line in lines))) if lines else []
+    if not shared:
         return None
-    steps = min(map(len, lines))
-    if steps == 0:
-        return None
-    success = np.array([[line[samples] for samples in sorted(line)[:steps]] for line in lines])
-    return Curve(cell, np.array(sorted(lines[0])[:steps]), success)
+    before = demonstrated_periods(cell.training.demonstrations) if cell.training is not None else 0
+    return Curve(cell.name, before + np.array(shared), np.array([[line[samples] for samples in shared] for line in lines]))
 
 
 def _in_a_row(experiment: Experiment, store: Store):
@@ -154,69 +141,6 @@ def _in_a_row(experiment: Experiment, store: Store):
         for physics in experiment.many_goals.physics:
             if (found := store.measured(Key(cell.name, cell.seeds[0], physics))) is not None:
                 yield InARow(cell.name, physics, tuple(found["reached"]), tuple(found["ended"]))
-
-
-def _known(experiment: Experiment, store: Store) -> dict[str, list[dict[str, Any]]]:
-    """By parameter, one entry for each run and instant."""
-    if experiment.hidden is None:
-        return {}
-    found: dict[str, list[dict[str, Any]]] = {}
-    for cell in experiment.cells:
-        for seed in cell.seeds if cell.name in experiment.hidden.cells else ():
-            if (measured := store.measured(Key(cell.name, seed, "real"))) is None:
-                continue
-            for parameter, asked in measured["parameters"].items():
-                found.setdefault(parameter, []).extend({"seed": seed} | each for each in asked)
-    return found
-
-
-def _judge(contrast: Contrast, experiment: Experiment, store: Store, runs: Mapping) -> Judged:
-    found, note = _difference(contrast, experiment, store, runs)
-    return Judged(contrast, found, verdict(contrast, found), note)
-
-
-def _difference(contrast: Contrast, experiment: Experiment, store: Store, runs: Mapping) -> tuple[Difference | None, str]:
-    first, other = experiment.cell(contrast.first), experiment.cell(contrast.other)
-    match contrast.measure:
-        case Measure.SUCCESS:
-            sides = [_of_farm(cell, contrast.farm, experiment, store) for cell in (first, other)]
-            complete = all(len(side) == len(cell.seeds) for side, cell in zip(sides, (first, other), strict=True))
-            return (paired_success(*sides) if complete else None), ""
-        case Measure.SAMPLES_TO:
-            return _samples_difference(experiment, first, other, runs)
-        case Measure.GOALS:
-            keys = (Key(first.name, first.seeds[0], contrast.of_first), Key(other.name, other.seeds[0], contrast.farm))
-            kept = [store.measured(key) for key in keys]
-            if any(each is None for each in kept):
-                return None, ""
-            return welch(*(each["reached"] for each in kept if each is not None)), ""
-        case Measure.KNOWN:
-            return _known_difference(contrast, experiment, store, other)
-
-
-def _samples_difference(experiment: Experiment, first: Cell, other: Cell, runs: Mapping) -> tuple[Difference | None, str]:
-    sides, late = [], []
-    for cell in (first, other):
-        assert cell.training is not None
-        if len(runs[cell.name]) < len(cell.seeds):
-            return None, ""
-        arrived = [samples_to(run["evaluations"], experiment.reaches, cell.training.samples) for _, run in runs[cell.name]]
-        sides.append(arrived)
-        if never := sum(not there for _, there in arrived):
-            late.append(f"{never} of {len(arrived)} runs of {cell.name} never arrived")
-    return times_fewer(*sides), "; ".join(late)
-
-
-def _known_difference(contrast: Contrast, experiment: Experiment, store: Store, cell: Cell) -> tuple[Difference | None, str]:
-    """At the last instant; over several runs the lowest and highest bound, since all drive the same robots."""
-    entries = [each for each in _known(experiment, store).get(contrast.parameter, ()) if each["seed"] in cell.seeds]
-    if len({each["seed"] for each in entries}) < len(cell.seeds):
-        return None, ""
-    last = max(each["at_s"] for each in entries)
-    of_runs = [each for each in entries if each["at_s"] == last]
-    mean = float(np.mean([each["difference"] for each in of_runs]))
-    low, high = min(each["low"] for each in of_runs), max(each["high"] for each in of_runs)
-    return Difference(mean, low, high, of_runs[0]["robots"], len(of_runs)), f"after {last:g} s"
 
 
 def own_training(left: Sequence[Piece]) -> int:

@@ -18,16 +18,22 @@ RESAMPLES = 1000
 
 @dataclass(frozen=True)
 class Known:
-    """How well something is predicted on held-out robots: R2 of the state and of the observation of the same instant.
+    """How well something is predicted on held-out robots: R2 of the state, of the observation of the same instant, of both.
 
-    The interval (80 %, robots drawn again) is that of their difference: what the memory knows beyond what is seen.
+    ``difference`` is what the memory knows beyond what is seen: R2 of both above that of the observation, or above 0 where the
+    observation predicts worse than the mean does; ``low`` and ``high`` are its interval (80 %, robots drawn again).
+    ``told_by_state`` and ``told_by_observation`` are the shares of robots of which it is told rightly whether they are above or
+    below the mean.
     """
 
     of_state: float
     of_observation: float
+    of_both: float
     difference: float
     low: float
     high: float
+    told_by_state: float
+    told_by_observation: float
     robots: int
 
 
@@ -42,17 +48,21 @@ def known(state: np.ndarray, observation: np.ndarray, target: np.ndarray, rng: n
     """
     order = rng.permutation(len(target))
     fitted, held = order[: len(order) // 2], order[len(order) // 2 :]
-    squares = [(target[held] - _predicted(x, target, fitted, held)) ** 2 for x in (state, observation)]
-    whole = (target[held] - target[fitted].mean()) ** 2
+    mean = target[fitted].mean()
+    guesses = [_predicted(x, target, fitted, held) for x in (state, observation, np.column_stack([observation, state]))]
+    squares = [(target[held] - guess) ** 2 for guess in guesses]
+    whole = (target[held] - mean) ** 2
     values = [_gain(squares, whole, rng.integers(len(held), size=len(held))) for _ in range(RESAMPLES)]
-    of_state, of_observation = (1 - each.sum() / whole.sum() for each in squares)
-    low, high = np.quantile(values, [0.1, 0.9])
-    return Known(of_state, of_observation, of_state - of_observation, float(low), float(high), len(held))
+    of_state, of_observation, of_both = (float(1 - each.sum() / whole.sum()) for each in squares)
+    told = [float(np.mean((guess > mean) == (target[held] > mean))) for guess in guesses]
+    low, high = (float(each) for each in np.quantile(values, [0.1, 0.9]))
+    difference = _gain(squares, whole, np.arange(len(held)))
+    return Known(of_state, of_observation, of_both, difference, low, high, told[0], told[1], len(held))
 
 
 def _gain(squares: Sequence[np.ndarray], whole: np.ndarray, rows: np.ndarray) -> float:
-    of_state, of_observation = (each[rows].sum() / whole[rows].sum() for each in squares)
-    return of_observation - of_state
+    _, of_observation, of_both = (1 - each[rows].sum() / whole[rows].sum() for each in squares)
+    return float(of_both - max(of_observation, 0.0))
 
 
 def _predicted(x: np.ndarray, target: np.ndarray, fitted: np.ndarray, held: np.ndarray) -> np.ndarray:

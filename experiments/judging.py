@@ -1,4 +1,4 @@
-"""Contrasts: a difference with its interval, what it could have shown, and what it says.
+"""Contrasts: a difference with its interval, and what it says.
 
 All intervals are two-sided at 80 %, as the farm's are.
 """
@@ -9,22 +9,22 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from scipy.stats import norm, t
+from scipy.stats import t
 
 from api_schemas.comparison import paired_interval
-from experiments.design import Contrast
+from api_schemas.success_rate import wilson
+from experiments.design import Contrast, Measure
 
 LEVEL = 0.80
-POWER = 0.80
-CHANGING_SIDES = 0.3
-"""Share of goals that two policies end differently, for what is said of power before a run."""
 
 
 class Verdict(StrEnum):
-    """What a contrast says of a paper's claim."""
+    """What a contrast says of a paper's claim, or of a question of ours."""
 
     REPRODUCED = "reproduced"
     NOT_REPRODUCED = "not reproduced"
+    FOUND = "found"
+    NOT_FOUND = "not found"
     UNDECIDED = "undecided"
     NOT_RUN = "not run yet"
 
@@ -45,21 +45,68 @@ class Difference:
         return self.high - self.low
 
 
-def verdict(contrast: Contrast, found: Difference | None) -> Verdict:
-    """What a difference says; one that chance explains and that is known too badly for the effect of interest is undecided.
+@dataclass(frozen=True)
+class Arrival:
+    """Samples at which a run first had a success rate: it was not there ``after`` so many, and was ``by`` so many.
 
-    Without ``loss`` the claim is a gain: an interval above 0 reproduces it; one below 0, or one that holds 0 and is no wider than
-    the effect of interest, does not. With ``loss`` the claim is that less than the effect of interest is lost.
+    ``by`` is None if it never was; ``after`` is its budget then.
+    """
+
+    after: int
+    by: int | None
+
+    @property
+    def samples(self) -> int:
+        """At the evaluation that showed it; the budget if none did."""
+        return self.after if self.by is None else self.by
+
+
+def verdict(contrast: Contrast, found: Difference | None, hidden: str = "") -> Verdict:
+    """What a difference says.
+
+    Without ``loss`` the claim is a gain: an interval above 0 reproduces it, one below the effect of interest does not. With
+    ``loss`` the claim is that less than the effect of interest is lost: an interval above that loss reproduces it, one below does
+    not. Whatever else is undecided.
+
+    Args:
+        contrast: what is compared.
+        found: None if it has not been run.
+        hidden: why a floor or a ceiling hides the effect (:func:`hidden_effect`), which leaves it undecided.
     """
     if found is None:
         return Verdict.NOT_RUN
-    if found.low <= 0 <= found.high and found.width > contrast.interest:
+    if hidden:
         return Verdict.UNDECIDED
-    if not contrast.loss:
-        return Verdict.REPRODUCED if found.low > 0 else Verdict.NOT_REPRODUCED
-    if found.low > -contrast.interest:
-        return Verdict.REPRODUCED
-    return Verdict.NOT_REPRODUCED if found.high < -contrast.interest else Verdict.UNDECIDED
+    least, most = (-contrast.interest, -contrast.interest) if contrast.loss else (0.0, contrast.interest)
+    if found.low > least:
+        return Verdict.FOUND if contrast.ours else Verdict.REPRODUCED
+    if found.high < most:
+        return Verdict.NOT_FOUND if contrast.ours else Verdict.NOT_REPRODUCED
+    return Verdict.UNDECIDED
+
+
+def hidden_effect(contrast: Contrast, found: Difference, first: float, other: float, most: float = 1.0) -> str:
+    """Why a floor or a ceiling would hide the effect of interest; empty where neither does.
+
+    An interval that lies wholly on the other side of 0 is never hidden: no ceiling makes a loss, no floor a gain.
+
+    Args:
+        contrast: of :attr:`Measure.SUCCESS` or :attr:`Measure.GOALS`.
+        found: the difference.
+        first: success rate of the first cell; of goals in a row the median.
+        other: of the other cell.
+        most: the largest possible.
+    """
+    few, many = f"too few {_COUNTED[contrast.measure]} to tell", f"too many {_COUNTED[contrast.measure]} to tell"
+    if contrast.loss:
+        return few if first < 2 * contrast.interest and found.low <= 0 else ""
+    if max(first, other) < contrast.interest:
+        return few
+    at_the_cap = min(first, other) >= most if contrast.measure is Measure.GOALS else first > most - contrast.interest
+    return many if at_the_cap and found.high >= 0 else ""
+
+
+_COUNTED = {Measure.SUCCESS: "successes", Measure.GOALS: "goals"}
 
 
 def paired_success(first: Sequence[Mapping[int, bool]], other: Sequence[Mapping[int, bool]]) -> Difference | None:
@@ -71,72 +118,103 @@ def paired_success(first: Sequence[Mapping[int, bool]], other: Sequence[Mapping[
 
     Returns:
         None without a goal in common. With one run each Tango's interval of the paired difference, which speaks of these two
-        policies only; with more the wider of that over all pairs and Student's over the runs' differences, so that neither the
-        chance of trials nor that of trainings is left out.
+        policies only; with more the widest of that over all pairs, Student's over the runs' differences and Student's over the
+        goals' mean differences, since all runs try the same goals: no chance of trials, trainings or goals is left out.
     """
-    gained = lost = goals = 0
-    of_runs = []
+    gained = lost = pairs = 0
+    of_runs: list[float] = []
+    of_goals: dict[int, list[int]] = {}
     for before, after in zip(first, other, strict=False):
-        common = [(before[goal], after[goal]) for goal in before if goal in after]
+        common = {goal: int(after[goal]) - int(before[goal]) for goal in before if goal in after}
         if not common:
             continue
-        more, fewer = common.count((False, True)), common.count((True, False))
-        gained, lost, goals = gained + more, lost + fewer, goals + len(common)
-        of_runs.append((more - fewer) / len(common))
-    if not goals:
+        changes = list(common.values())
+        gained, lost, pairs = gained + changes.count(1), lost + changes.count(-1), pairs + len(changes)
+        of_runs.append(sum(changes) / len(changes))
+        for goal, change in common.items():
+            of_goals.setdefault(goal, []).append(change)
+    if not pairs:
         return None
-    estimate = (gained - lost) / goals
-    low, high = paired_interval(gained, lost, goals, LEVEL)
+    low, high = paired_interval(gained, lost, pairs, LEVEL)
     if len(of_runs) > 1:
-        around = student(of_runs)
-        low, high = min(low, around.low), max(high, around.high)
-    return Difference(estimate, low, high, goals, len(of_runs))
+        around = (student(of_runs), student([float(np.mean(each)) for each in of_goals.values()]))
+        low, high = min(low, *(each.low for each in around)), max(high, *(each.high for each in around))
+    return Difference((gained - lost) / pairs, low, high, pairs, len(of_runs))
 
 
-def student(values: Sequence[float]) -> Difference:
-    """Mean of a few values with Student's interval; infinitely wide for a single one."""
+def rate_interval(runs: Sequence[Mapping[int, bool]]) -> tuple[float, float]:
+    """Interval of a success rate, of runs that tried the same goals: as wide as :func:`paired_success` has it.
+
+    The widest of Wilson's over all trials and, with more than one run, Student's over the runs' and over the goals' rates.
+    """
+    reached, trials = sum(sum(run.values()) for run in runs), sum(map(len, runs))
+    low, high = wilson(reached, trials, LEVEL)
+    if len(runs) > 1:
+        goals = sorted(set().union(*runs))
+        of_goals = [float(np.mean([run[goal] for run in runs if goal in run])) for goal in goals]
+        around = (student([sum(run.values()) / len(run) for run in runs]), student(of_goals))
+        low, high = min(low, *(each.low for each in around)), max(high, *(each.high for each in around))
+    return max(0.0, low), min(1.0, high)
+
+
+def student(values: Sequence[float], least_spread: float = 0.0) -> Difference:
+    """Mean of a few values with Student's interval, of at least this spread; infinitely wide for a single one."""
     n, mean = len(values), float(np.mean(values))
     if n < 2:
         return Difference(mean, -math.inf, math.inf, n, n)
-    half = float(t.ppf((1 + LEVEL) / 2, n - 1) * np.std(values, ddof=1) / math.sqrt(n))
+    spread = max(float(np.std(values, ddof=1)), least_spread)
+    half = float(t.ppf((1 + LEVEL) / 2, n - 1)) * spread / math.sqrt(n)
     return Difference(mean, mean - half, mean + half, n, n)
 
 
-def welch(first: Sequence[float], other: Sequence[float]) -> Difference:
-    """Difference of two means with Welch's interval; each needs two values."""
-    a, b = np.asarray(first, dtype=float), np.asarray(other, dtype=float)
-    of_a, of_b = a.var(ddof=1) / len(a), b.var(ddof=1) / len(b)
-    estimate, error = float(b.mean() - a.mean()), math.sqrt(of_a + of_b)
-    if error == 0.0:
-        return Difference(estimate, estimate, estimate, len(a) + len(b), 1)
-    freedom = (of_a + of_b) ** 2 / (of_a**2 / (len(a) - 1) + of_b**2 / (len(b) - 1))
-    half = float(t.ppf((1 + LEVEL) / 2, freedom)) * error
-    return Difference(estimate, estimate - half, estimate + half, len(a) + len(b), 1)
+def paired_goals(first: Sequence[int], other: Sequence[int]) -> Difference:
+    """Difference of goals in a row, trial by trial of the same seeds; each side is one policy.
+
+    Differences that are all alike count as if one trial of them had been a goal away: some chance there always is.
+    """
+    differences = [after - before for before, after in zip(first, other, strict=True)]
+    around = student(differences, least_spread=1 / math.sqrt(len(differences)))
+    return Difference(around.estimate, around.low, around.high, len(differences), 1)
 
 
-def samples_to(evaluations: Sequence[Mapping], rate: float, budget: int) -> tuple[int, bool]:
-    """Samples at the first evaluation on nominal robots that reaches the rate, and whether one did; the budget if none did."""
-    for each in evaluations:
-        if each["physics"] == "nominal" and each["success_rate"] >= rate:
-            return each["samples"], True
-    return budget, False
+def arrival(evaluations: Sequence[Mapping], rate: float, budget: int, before: int = 0) -> Arrival:
+    """When a run first reached a rate on nominal robots, as far as its evaluations tell.
+
+    Args:
+        evaluations: as they are kept, ``samples`` counted from the start of PPO.
+        rate: that is to be reached.
+        budget: samples of the run.
+        before: samples that were taken before PPO began, those of demonstrations; they count.
+    """
+    after = before
+    for each in sorted(evaluations, key=lambda each: each["samples"]):
+        if each["physics"] != "nominal":
+            continue
+        seen = before + each["samples"]
+        if each["success_rate"] >= rate:
+            return Arrival(after, seen)
+        after = seen
+    return Arrival(before + budget, None)
 
 
-def times_fewer(first: Sequence[tuple[int, bool]], other: Sequence[tuple[int, bool]]) -> Difference | None:
+def times_fewer(first: Sequence[Arrival], other: Sequence[Arrival]) -> Difference | None:
     """Log2 of how many times fewer samples the other cell's runs took, run by run.
 
-    A run that never arrived counts with its budget: the first cell's then makes the saving smaller than it is, which is fair to
-    the claim; where the other cell's did not arrive nothing is known above, and the interval is open there.
+    The bounds are Student's, the lower one of what each pair saved at least and the upper one of what it saved at most, since
+    an arrival is known to lie between two evaluations only. A first run that never arrived opens the upper bound: its saving is
+    larger than its budget shows, by nobody knows how much. Another's that never arrived opens the lower bound.
     """
     pairs = list(zip(first, other, strict=False))
     if not pairs:
         return None
-    found = student([math.log2(before / after) for (before, _), (after, _) in pairs])
-    known = all(arrived for _, (_, arrived) in pairs)
-    return found if known else Difference(found.estimate, -math.inf, math.inf, found.n, found.runs)
+    shown = student([math.log2(before.samples / after.samples) for before, after in pairs])
+    least = [_log2(before.after, after.by) for before, after in pairs]
+    most = [-_log2(after.after, before.by) for before, after in pairs]
+    low = -math.inf if -math.inf in least else student(least).low
+    high = math.inf if math.inf in most else student(most).high
+    return Difference(shown.estimate, low, high, len(pairs), len(pairs))
 
 
-def detectable(pairs: int, changing_sides: float = CHANGING_SIDES) -> float:
-    """The difference of paired rates that such a design tells from 0 in four of five repetitions, by the normal law."""
-    z = norm.ppf((1 + LEVEL) / 2) + norm.ppf(POWER)
-    return float(z * math.sqrt(changing_sides / pairs))
+def _log2(over: int, under: int | None) -> float:
+    """Log2 of a quotient that may be as small as anything: of nothing, or by what has no end."""
+    return -math.inf if over == 0 or under is None else math.log2(over / under)

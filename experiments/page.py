@@ -1,22 +1,28 @@
 """Pages of the experiments, made of nothing but the kept results: one of each, and one that shows all side by side."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 from experiments.catalogue import HOURS_ALLOWED
-from experiments.design import UNITS, Contrast, Experiment, Measure
-from experiments.findings import Findings, Judged, own_training
-from experiments.judging import CHANGING_SIDES, Difference, Verdict, detectable
-from experiments.plan import hours, pieces
+from experiments.contrasts import Judged
+from experiments.design import Claim, Experiment, Measure
+from experiments.findings import Findings, own_training
+from experiments.judging import Verdict
+from experiments.plan import hours, pieces, starts
+from experiments.power import CHANGING_SIDES, REPETITIONS, SPREAD, Design, power
+from experiments.tables import NOT_RUN, arrivals, cells, contrasts, in_a_row, known, many_goals, rate, said_of, shown
 
+__all__ = ["experiment_page", "overview", "shown"]
 JOBS = 2
 """Trainings side by side, for what is said of hours."""
-ORDER = (Verdict.REPRODUCED, Verdict.NOT_REPRODUCED, Verdict.UNDECIDED, Verdict.NOT_RUN)
+BY_CHANCE = 0.1
+"""Share of gains that read as reproduced where there is none: the upper tail of an interval at 80 %."""
 HEADINGS = {
     Verdict.REPRODUCED: "Reproduced",
     Verdict.NOT_REPRODUCED: "Not reproduced",
     Verdict.UNDECIDED: "Undecided",
     Verdict.NOT_RUN: "Not run yet",
 }
+OURS = (Verdict.FOUND, Verdict.NOT_FOUND, Verdict.UNDECIDED, Verdict.NOT_RUN)
 
 
 def experiment_page(found: Findings, figure: bool) -> str:
@@ -43,7 +49,7 @@ def experiment_page(found: Findings, figure: bool) -> str:
         "",
         "## What the papers say",
         "",
-        *(f"- {claim.text} ({claim.source})" for claim in experiment.claims),
+        *(f"- {claim.text}{f': {claim.figure}' if claim.figure else ''} ({claim.source})" for claim in experiment.claims),
         "",
         f"What is different here: {experiment.limits}",
         "",
@@ -52,68 +58,124 @@ def experiment_page(found: Findings, figure: bool) -> str:
     ]
     if figure:
         lines += [f"![{experiment.title}]({experiment.name}.svg)", ""]
-    lines += [*_cells(found), "", *_contrasts(found.judged), "", *_many_goals(found), *_known(found)]
+    lines += [*cells(found), "", *contrasts(found.judged), "", *arrivals(found), *many_goals(found), *known(found)]
     return "\n".join(lines).rstrip() + "\n"
 
 
 def overview(all_found: Sequence[Findings]) -> str:
     """The page that shows all of them."""
     judged = [(found, each) for found in all_found for each in found.judged]
+    counted = [pair for pair in judged if not pair[1].contrast.repeats]
+    claimed = [pair for pair in counted if not pair[1].contrast.ours]
+    ours = [pair for pair in counted if pair[1].contrast.ours]
     lines = [
         "# The papers' claims, tried on our farm",
         "",
         "Made by `trifarm experiment NAME` from the JSON files beside this page; a test compares them. Each experiment is one",
-        "command, which goes on where the last one stopped: only what is missing is run. Intervals are at 80 %. A contrast whose",
-        "interval holds 0 and is wider than the effect of interest is *undecided*. Policies that trials still need lie beside",
-        "their runs; those of more than 300 kB stay in the work folder of the machine that trained them, and trials run there.",
+        "command, which goes on where the last one stopped: only what is missing is run. Policies that trials still need lie",
+        "beside their runs; those of more than 300 kB stay in the work folder of the machine that trained them, and trials run",
+        "there.",
         "",
-        "| experiment | state | the papers | here |",
+        "Intervals are at 80 %. A gain whose interval lies above 0 is *reproduced*, one whose interval lies below the effect of",
+        "interest is *not reproduced*; whatever else is *undecided*, as is what a floor or a ceiling hides. Where the claim is",
+        "that little is lost, the interval has to lie above or below that loss.",
+        "",
+        "| experiment | what a paper says | its figure | here |",
         "|---|---|---|---|",
-        *(_row(found) for found in all_found),
+        *(_row(found, claim) for found in all_found for claim in found.experiment.claims),
         "",
-        f"{_tally(judged)} All trainings and trials together take about {_total_hours(all_found):.1f} hours on two cores "
-        f"(at most {HOURS_ALLOWED:g}).",
+        _time(all_found),
+        "",
+        f"Of {len(claimed)} contrasts that a paper claims: {_tally(claimed, tuple(HEADINGS))}. {_by_chance(claimed)}",
         "",
     ]
-    for kind in ORDER:
-        of_kind = [(found, each) for found, each in judged if each.verdict is kind]
-        lines += [f"## {HEADINGS[kind]}", ""]
-        lines += [_sentence(found, each) for found, each in of_kind] or ["Nothing."]
-        lines.append("")
+    for kind, heading in HEADINGS.items():
+        lines += [f"## {heading}", "", *_sentences(claimed, kind), ""]
+    lines += ["## Questions of ours", "", f"Of {len(ours)} contrasts that no paper claims: {_tally(ours, OURS)}.", ""]
+    lines += [sentence for kind in OURS for sentence in _sentences(ours, kind) if sentence != NOTHING]
+    if again := [pair for pair in judged if pair[1].contrast.repeats]:
+        lines += ["", "Not counted:", "", *(_sentence(*pair, with_verdict=True) for pair in again)]
     if drawn := [found.experiment for found in all_found if found.has_figure]:
-        lines += ["## Figures", "", *(f"![({each.letter}) {each.title}]({each.name}.svg)\n" for each in drawn)]
+        lines += ["", "## Figures", "", *(f"![({each.letter}) {each.title}]({each.name}.svg)\n" for each in drawn)]
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _row(found: Findings) -> str:
+def _row(found: Findings, claim: Claim) -> str:
     experiment = found.experiment
-    papers = "; ".join(f"{claim.text} ({claim.source})" for claim in experiment.claims)
     page = f"[({experiment.letter}) {experiment.title}]({experiment.name}.md)"
-    return f"| {page} | {found.state} | {papers} | {_here(found)} |"
+    page = f"{page}: {found.state}" if claim is experiment.claims[0] else f"({experiment.letter})"
+    return f"| {page} | {claim.text} ({claim.source}) | {claim.figure or 'none given'} | {_here(found, claim)} |"
 
 
-def _here(found: Findings) -> str:
-    if found.state == "not run yet":
-        return "not run yet"
-    counts = {kind: sum(each.verdict is kind for each in found.judged) for kind in ORDER}
-    said = ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
-    first = next((each for each in found.judged if each.found is not None), None)
-    example = "" if first is None or first.found is None else f"; {first.contrast.name}: {shown(first.contrast, first.found)}"
-    return f"of {len(found.judged)} contrasts {said}{example}"
+def _here(found: Findings, claim: Claim) -> str:
+    said = [_answer(found, name) for name in claim.answers]
+    return "; ".join(each for each in said if each) or NOT_RUN
 
 
-def _tally(judged: Sequence[tuple[Findings, Judged]]) -> str:
-    counts = [f"{sum(each.verdict is kind for _, each in judged)} {kind}" for kind in ORDER]
-    return f"Of {len(judged)} contrasts: {', '.join(counts)}."
+def _answer(found: Findings, name: str) -> str:
+    """Our number beside the paper's, of a contrast or of a cell; empty where there is none yet."""
+    for each in found.judged:
+        if each.contrast.name == name:
+            return "" if each.found is None else f"{name}: {shown(each.contrast, each.found)}: {_bold(each)}"
+    of_farms = [f"{each.physics} farm {rate(each)}" for each in found.rates if each.cell == name]
+    in_rows = [f"{each.physics} {in_a_row(each)}" for each in found.in_a_row if each.cell == name]
+    return f"`{name}`: {', '.join((*of_farms, *in_rows))}" if of_farms or in_rows else ""
 
 
-def _sentence(found: Findings, each: Judged) -> str:
+def _bold(each: Judged) -> str:
+    return f"**{each.verdict}**" + (f" ({each.note})" if each.note else "")
+
+
+def _tally(judged: Sequence[tuple[Findings, Judged]], kinds: Sequence[Verdict]) -> str:
+    return ", ".join(f"{sum(each.verdict is kind for _, each in judged)} {kind}" for kind in kinds)
+
+
+def _by_chance(judged: Sequence[tuple[Findings, Judged]]) -> str:
+    gains = sum(not each.contrast.loss for _, each in judged)
+    return (
+        f"{gains} of them are gains: were there no difference in any, about {BY_CHANCE * gains:.1f} at most would still read as "
+        f"reproduced by chance alone, each with {BY_CHANCE:.0%}. A contrast of 1 run speaks of these policies only, and of no "
+        "others that the same training would make."
+    )
+
+
+NOTHING = "Nothing."
+
+
+def _sentences(judged: Sequence[tuple[Findings, Judged]], kind: Verdict) -> list[str]:
+    ours = any(each.contrast.ours for _, each in judged)
+    said = [_sentence(found, each, with_verdict=ours) for found, each in judged if each.verdict is kind]
+    return said or [NOTHING]
+
+
+def _sentence(found: Findings, each: Judged, *, with_verdict: bool = False) -> str:
     said = f"- ({found.experiment.letter}) {each.contrast.name}"
-    return said if each.found is None else f"{said}: {shown(each.contrast, each.found)}"
+    if each.found is not None:
+        said = f"{said}: {shown(each.contrast, each.found)}"
+    if with_verdict:
+        return f"{said}: {said_of(each)}"
+    return f"{said} ({each.note})" if each.note else said
 
 
-def _total_hours(all_found: Sequence[Findings]) -> float:
-    return hours([piece for found in all_found for piece in pieces(found.experiment)], JOBS)
+def _time(all_found: Sequence[Findings]) -> str:
+    planned = hours([piece for found in all_found for piece in pieces(found.experiment)], JOBS)
+    said = f"All trainings and trials together are planned to take about {planned:.1f} hours on two cores (at most "
+    said += f"{HOURS_ALLOWED:g})."
+    own = [
+        run
+        for found in all_found
+        for cell in found.experiment.cells
+        for _, run in (found.runs.get(cell.name, ()) if cell.training is not None else ())
+    ]
+    if not own:
+        return said
+    took = sum(run["wall_s"] for run in own) / 3600
+    begun = ", ".join(start.name for start in starts([piece for found in all_found for piece in pieces(found.experiment)]))
+    return (
+        f"{said} The {len(own)} trainings that are kept took {took:.1f} hours, one after the other: as the clock on the wall had "
+        f"it on one thread each, mostly two at a time, evaluations included; without `{begun}`, which several go on from, the "
+        "recording of demonstrations, the trials on farms and what is measured in simulation."
+    )
 
 
 def _missing(found: Findings) -> str:
@@ -128,7 +190,7 @@ def _missing(found: Findings) -> str:
 
 def _budget(found: Findings) -> Iterator[str]:
     experiment, own = found.experiment, [cell for cell in found.experiment.cells if cell.training is not None]
-    yield "Fixed before anything ran:"
+    yield "Fixed before these runs:"
     yield ""
     if own:
         samples = sorted({cell.training.samples for cell in own if cell.training is not None})
@@ -148,95 +210,38 @@ def _budget(found: Findings) -> Iterator[str]:
         yield f"- {many.trials} trials of each cell in simulation, at most {many.goals} goals, {many.limit_s:g} s for one"
     if (hidden := experiment.hidden) is not None:
         yield f"- {hidden.robots} robots of `real` for what the memory knows, fitted on a half of them and judged on the other"
-    if paired := [each for each in experiment.contrasts if each.measure is Measure.SUCCESS]:
-        pairs = _pairs(experiment, paired[0])
-        yield (
-            f"- power: with {pairs} pairs, of which {CHANGING_SIDES:.0%} end differently, a difference of "
-            f"{detectable(pairs):.2f} is told "
-            f"from 0 in four of five repetitions; of interest is {paired[0].interest:g}"
-        )
+    yield from _power(experiment)
 
 
-def _pairs(experiment: Experiment, contrast: Contrast) -> int:
-    assert experiment.trials is not None
-    seeds = min(len(experiment.cell(name).seeds) for name in (contrast.first, contrast.other))
-    return seeds * experiment.trials.trials
+def _power(experiment: Experiment) -> Iterator[str]:
+    """What the paired trials can show, for every kind of contrast once."""
+    if experiment.trials is None or experiment.quick:
+        return
+    paired = [each for each in experiment.contrasts if each.measure is Measure.SUCCESS and not each.repeats]
+    goals = experiment.trials.trials
+    for design in dict.fromkeys(
+        Design(len(experiment.cell(each.other).seeds), goals, each.interest, each.loss) for each in paired
+    ):
+        yield _shows(design)
+
+
+def _shows(design: Design) -> str:
+    of = f"{design.runs} runs of {design.goals} pairs" if design.runs > 1 else f"1 run of {design.goals} pairs"
+    assumed = f"where {CHANGING_SIDES:.0%} of the goals end differently"
+    begun = f"- power, {REPETITIONS} repetitions of the judge on made-up trials for each number: of {of}, {assumed}"
+    if design.loss:
+        kept = power(design, 0.0, 0.0)
+        return f"{begun} and nothing is truly lost, {kept:.0%} say that less than {design.interest:g} is"
+    spreads = (0.0,) if design.runs == 1 else (0.0, SPREAD)
+    said = [
+        f"a true gain of {truth:g} reads as reproduced in "
+        + " to ".join(f"{power(design, truth, spread):.0%}" for spread in reversed(spreads))
+        for truth in (design.interest, 2 * design.interest)
+    ]
+    differ = f"; the lower share where the trainings' true gains spread by {SPREAD:g}, the higher where they do not"
+    return f"{begun}, {' and '.join(said)}{differ if len(spreads) > 1 else ''}; of interest is {design.interest:g}"
 
 
 def _seeds(experiment: Experiment) -> str:
     seeds = sorted({seed for cell in experiment.cells if cell.training is not None for seed in cell.seeds})
     return f"seed{'s' if len(seeds) > 1 else ''} {', '.join(map(str, seeds))}"
-
-
-def _cells(found: Findings) -> Iterator[str]:
-    experiment = found.experiment
-    kinds = list(dict.fromkeys(farm.physics for farm in experiment.trials.farms)) if experiment.trials else []
-    yield "| cell | what it is | runs |" + "".join(f" success, {kind} farm |" for kind in kinds)
-    yield "|---|---|---|" + "---|" * len(kinds)
-    for cell in experiment.cells:
-        runs = found.runs.get(cell.name)
-        done = "no training" if runs is None else f"{len(runs)} of {len(cell.seeds)}"
-        yield f"| `{cell.name}` | {cell.about} | {done} |" + "".join(f" {_rate(found, cell.name, kind)} |" for kind in kinds)
-
-
-def _rate(found: Findings, cell: str, physics: str) -> str:
-    for each in found.rates:
-        if (each.cell, each.physics) == (cell, physics):
-            low, high = each.interval
-            return f"{each.successes} of {each.trials}: {each.rate:.0%} ({low:.0%} to {high:.0%})"
-    return "not run yet"
-
-
-def _contrasts(judged: Sequence[Judged]) -> Iterator[str]:
-    yield "| contrast | difference, 80 % interval | of interest | verdict |"
-    yield "|---|---|---|---|"
-    for each in judged:
-        said = "not run yet" if each.found is None else shown(each.contrast, each.found)
-        note = f" ({each.note})" if each.note else ""
-        interest = f"a loss of {each.contrast.interest:g}" if each.contrast.loss else f"{each.contrast.interest:g}"
-        yield f"| {each.contrast.name} | {said}{note} | {interest} {UNITS[each.contrast.measure]} | {each.verdict} |"
-
-
-def shown(contrast: Contrast, found: Difference) -> str:
-    """A difference with its interval, and from how much it is."""
-    runs = f", {found.runs} runs" if found.runs > 1 else ""
-    digits = "+.2f" if contrast.measure is not Measure.GOALS else "+.1f"
-    said = f"{found.estimate:{digits}} ({found.low:{digits}} to {found.high:{digits}}), N = {found.n}{runs}"
-    return said.replace("inf", "∞")
-
-
-def _many_goals(found: Findings) -> Iterator[str]:
-    if found.experiment.many_goals is None:
-        return
-    yield "| cell | robots | mean ± deviation | median | sorted trials | ended by |"
-    yield "|---|---|---|---|---|---|"
-    if not found.in_a_row:
-        yield "| all | | not run yet | | | |"
-    for each in found.in_a_row:
-        said, ends = each.summary, _ends(each.ended)
-        trials = " ".join(map(str, said["sorted"]))
-        mean = f"{said['mean']:.1f} ± {said['deviation']:.1f}"
-        yield f"| `{each.cell}` | {each.physics} | {mean} | {said['median']:g} | {trials} | {ends} |"
-    yield ""
-
-
-def _ends(ended: Sequence[str]) -> str:
-    return ", ".join(f"{kind} {ended.count(kind)}" for kind in dict.fromkeys(sorted(ended)))
-
-
-def _known(found: Findings) -> Iterator[str]:
-    if found.experiment.hidden is None:
-        return
-    yield "| property of the robot | seed | after | R2, one observation | R2, state of the memory | gain, 80 % interval |"
-    yield "|---|---|---|---|---|---|"
-    if not found.known:
-        yield "| all | | | not run yet | | |"
-    for parameter, entries in found.known.items():
-        for each in entries:
-            yield _known_row(parameter, each)
-
-
-def _known_row(parameter: str, each: Mapping) -> str:
-    gain = f"{each['difference']:+.2f} ({each['low']:+.2f} to {each['high']:+.2f}), N = {each['robots']} robots"
-    of = f"{each['of_observation']:.2f} | {each['of_state']:.2f}"
-    return f"| `{parameter}` | {each['seed']} | {each['at_s']:g} s | {of} | {gain} |"

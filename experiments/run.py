@@ -165,6 +165,11 @@ def document(found: Findings) -> dict[str, Any]:
         ],
         "in_a_row": [{"cell": each.cell, "physics": each.physics} | each.summary for each in found.in_a_row],
         "known": {name: list(entries) for name, entries in found.known.items()},
+        "samples_to": [
+            {"cell": cell, "seed": seed, "success_rate": found.experiment.reaches} | asdict(arrived)
+            for cell, runs in found.arrivals.items()
+            for seed, arrived in runs
+        ],
         "contrasts": [
             {
                 "name": each.contrast.name,
@@ -172,6 +177,9 @@ def document(found: Findings) -> dict[str, Any]:
                 "first": each.contrast.first,
                 "other": each.contrast.other,
                 "interest": each.contrast.interest,
+                "loss": each.contrast.loss,
+                "ours": each.contrast.ours,
+                "repeats": each.contrast.repeats,
                 "found": None if each.found is None else _finite(asdict(each.found)),
                 "verdict": str(each.verdict),
                 "note": each.note,

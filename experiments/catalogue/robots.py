@@ -64,18 +64,39 @@ RANDOMIZATION = Experiment(
     title="Robots that differ while training",
     question="Does training on robots that differ help on robots of a farm that differ, and what does it cost on nominal ones?",
     claims=(
-        Claim("without randomisation policies hardly transfer to the physical robot", DACTYL),
-        Claim("randomisation and keypoints together give 83 % on the remote real robot", ALLSHIRE),
+        Claim(
+            "without randomisation policies hardly transfer to the physical robot",
+            f"{DACTYL}, table 4",
+            "goals in a row on the physical hand: median 13 (18.8 ± 17.1) with all randomisations, 0 (1.1 ± 1.9) with none; "
+            "10 trials each",
+            ("randomised against not, real robots",),
+        ),
+        Claim(
+            "randomisation and keypoints together succeed on the remote real robot, full pose in the air",
+            ALLSHIRE,
+            "83 %",
+            ("randomized",),
+        ),
     ),
-    limits="Both cells go on, for 1.2 million samples, from the same 4 million on nominal robots, with actor and critic; "
-    "the farm's robots come from the same ranges as the training's (other seeds), which no real laboratory could know.",
+    limits="Both cells go on, for 1.2 million samples, from the same 4 million on nominal robots, with actor and critic. That "
+    "start is one training, of seed 1: the three seeds are three continuations of one training, and how much trainings "
+    "differ from the first sample on is not in the intervals. "
+    "The farm's robots come from the same ranges as the training's (other seeds), which no real laboratory could know.",
     cells=(
-        Cell("nominal", "goes on with nominal robots", SEEDS, _practised("nominal")),
-        Cell("randomized", "goes on with robots of `real`", SEEDS, _practised("real")),
+        Cell("nominal", "goes on with nominal robots", SEEDS, _practised("nominal"), label="trained on\nnominal robots"),
+        Cell("randomized", "goes on with robots of `real`", SEEDS, _practised("real"), label="trained on\nrobots of real"),
     ),
     contrasts=(
         Contrast("randomised against not, real robots", Measure.SUCCESS, "nominal", "randomized", 0.1, "real"),
-        Contrast("not randomised against randomised, nominal robots", Measure.SUCCESS, "randomized", "nominal", 0.1, "nominal"),
+        Contrast(
+            "not randomised against randomised, nominal robots",
+            Measure.SUCCESS,
+            "randomized",
+            "nominal",
+            0.1,
+            "nominal",
+            ours=True,
+        ),
     ),
     trials=FarmTrials("push", farms=(Farm("nominal"), Farm("real")), seed=32_000),
 )
@@ -83,7 +104,14 @@ RANDOMIZATION = Experiment(
 
 def _left_out(group: str) -> Cell:
     about = f"robots of `real`, but for their {group}"
-    return Cell(f"without-{group}", about, (1,), _practised("real", GROUPS[group]))
+    return Cell(f"without-{group}", about, (1,), _practised("real", GROUPS[group]), label=f"all but\n{group}")
+
+
+def _against_all(group: str) -> str:
+    return f"all against all but {group}"
+
+
+_MEDIAN = "goals in a row on the physical hand: median {:g} of 13 with all; 10 trials"
 
 
 ABLATION = Experiment(
@@ -91,18 +119,40 @@ ABLATION = Experiment(
     name="ablation",
     title="Which differences it takes",
     question="Which groups of randomisations does the transfer need? One at a time is left out while training.",
-    claims=(Claim("leaving out groups of randomisations lowers the successes on the physical robot", DACTYL),),
-    limits="As in (b), whose runs of seed 1 are two of the cells. One seed a cell: what a contrast says holds for "
-    "these policies, and "
-    "is no statement about other seeds.",
+    claims=(
+        Claim(
+            "without the randomisations of physics fewer goals on the physical robot",
+            f"{DACTYL}, table 4",
+            _MEDIAN.format(2),
+            (_against_all("joints"), _against_all("contacts")),
+        ),
+        Claim(
+            "without the effects that the simulator does not model, such as delays and backlash, fewer goals",
+            f"{DACTYL}, table 4",
+            _MEDIAN.format(2),
+            (_against_all("delays"),),
+        ),
+        Claim(
+            "without noise of the observation little is lost to a motion capture system",
+            f"{DACTYL}, table 4",
+            _MEDIAN.format(8.5),
+            (_against_all("sensing"),),
+        ),
+        Claim("without any", f"{DACTYL}, table 4", _MEDIAN.format(0), ("all against none",)),
+    ),
+    limits="As in (b), whose runs of seed 1 are two of the cells: all go on from one training. One seed a cell, as in the paper: "
+    "what a contrast says holds for these policies, and is no statement about other seeds. The groups are ours and are not "
+    "cut as the paper's: of its effects that the simulator does not model, backlash and noise of the action are among our "
+    "joints, and lost reports of the tracker are in our sensing. All against none asks again what (b) asks, of two of its "
+    "policies on other goals.",
     cells=(
-        Cell("all", "robots of `real`", (1,), runs_of="randomization", runs_of_cell="randomized"),
+        Cell("all", "robots of `real`", (1,), runs_of="randomization", runs_of_cell="randomized", label="all"),
         *(_left_out(group) for group in GROUPS),
-        Cell("none", "nominal robots", (1,), runs_of="randomization", runs_of_cell="nominal"),
+        Cell("none", "nominal robots", (1,), runs_of="randomization", runs_of_cell="nominal", label="none"),
     ),
     contrasts=(
-        *(Contrast(f"all against all but {group}", Measure.SUCCESS, f"without-{group}", "all", 0.15) for group in GROUPS),
-        Contrast("all against none", Measure.SUCCESS, "none", "all", 0.15),
+        *(Contrast(_against_all(group), Measure.SUCCESS, f"without-{group}", "all", 0.15) for group in GROUPS),
+        Contrast("all against none", Measure.SUCCESS, "none", "all", 0.15, repeats="(b), seed 1"),
     ),
     trials=FarmTrials("push", seed=35_000, blocks=24, block=5),
 )

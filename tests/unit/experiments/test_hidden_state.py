@@ -43,6 +43,32 @@ def test_what_the_observation_shows_is_no_gain_of_the_memory():
     assert found.low < 0.05 and abs(found.difference) < 0.1
 
 
+def test_an_observation_that_predicts_worse_than_the_mean_does_not_make_a_memory_know_more():
+    """With as many numbers as an observation has, ridge regression finds what is not there: its R2 is below 0."""
+    lows, rng = [], np.random.default_rng(8)
+    for _ in range(10):
+        found = known(rng.normal(size=(N, 3)), rng.normal(size=(N, 120)), rng.normal(size=N), rng)
+        assert found.of_observation < 0
+        lows.append(found.low)
+    assert sum(low > 0 for low in lows) <= 1
+
+
+def test_a_state_adds_to_what_is_seen_where_each_knows_a_half():
+    rng = np.random.default_rng(9)
+    state, observation = rng.normal(size=(N, 5)), rng.normal(size=(N, 5))
+    found = known(state, observation, state[:, 0] + observation[:, 0], rng)
+    assert found.of_state == pytest.approx(0.5, abs=0.12) and found.of_observation == pytest.approx(0.5, abs=0.12)
+    assert found.of_both > 0.9 and found.low > 0.3
+
+
+def test_it_is_told_which_robots_are_above_the_mean():
+    rng = np.random.default_rng(10)
+    state, observation, target = made_up(rng, noise=0.1)
+    found = known(state, observation, target, rng)
+    assert found.told_by_state > 0.9
+    assert 0.35 < found.told_by_observation < 0.65
+
+
 def test_a_policy_with_a_memory_is_asked_on_robots_that_differ():
     policy = read_policy(reference_policies.folder() / "push-recurrent.safetensors")
     design = HiddenState(("lstm",), robots=16, at_s=(0.1, 0.2))

@@ -1,0 +1,154 @@
+"""Tables and numbers of the pages, as Markdown lines."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from api_schemas.success_rate import wilson
+from experiments.contrasts import Judged
+from experiments.design import UNITS, Contrast, Measure
+from experiments.findings import Findings, InARow, Rate
+from experiments.judging import LEVEL, Arrival, Difference
+
+NOT_RUN = "not run yet"
+THESE_ONLY = {1: "1 run: these policies only"}
+
+
+def shown(contrast: Contrast, found: Difference) -> str:
+    """A difference with its interval, and from how many trials and runs it is."""
+    digits = "+.2f" if contrast.measure is not Measure.GOALS else "+.1f"
+    said = f"{found.estimate:{digits}} ({found.low:{digits}} to {found.high:{digits}})".replace("inf", "∞")
+    runs = THESE_ONLY.get(found.runs, f"{found.runs} runs")
+    match contrast.measure:
+        case Measure.SAMPLES_TO:
+            return f"{said}, {_times(found.estimate)} times fewer, {runs} each"
+        case Measure.KNOWN:
+            return f"{said}, N = {found.n} robots, {runs}"
+        case _:
+            return f"{said}, N = {found.n} pairs, {runs}"
+
+
+def _times(log2: float) -> str:
+    times = 2.0**log2
+    return f"{times:.0f}" if times >= 10 else f"{times:.2g}"
+
+
+def cells(found: Findings) -> Iterator[str]:
+    """What the cells are, how many of their runs are there, and their success on each farm."""
+    experiment = found.experiment
+    kinds = list(dict.fromkeys(farm.physics for farm in experiment.trials.farms)) if experiment.trials else []
+    yield "| cell | what it is | runs |" + "".join(f" success, {kind} farm |" for kind in kinds)
+    yield "|---|---|---|" + "---|" * len(kinds)
+    for cell in experiment.cells:
+        runs = found.runs.get(cell.name)
+        done = "no training" if runs is None else f"{len(runs)} of {len(cell.seeds)}"
+        yield f"| `{cell.name}` | {cell.about} | {done} |" + "".join(f" {_rate(found, cell.name, kind)} |" for kind in kinds)
+    if found.rates and any(len(each.of_runs) > 1 for each in found.rates):
+        yield ""
+        yield "Intervals of success are at 80 %: the widest of Wilson's over trials and Student's over runs and over goals."
+
+
+def _rate(found: Findings, cell: str, physics: str) -> str:
+    for each in found.rates:
+        if (each.cell, each.physics) == (cell, physics):
+            return f"{each.successes} of {each.trials}: {rate(each)}"
+    return NOT_RUN
+
+
+def rate(found: Rate) -> str:
+    """A success rate with its interval."""
+    low, high = found.interval
+    return f"{found.rate:.0%} ({low:.0%} to {high:.0%})"
+
+
+def in_a_row(found: InARow) -> str:
+    """Goals in a row as papers have them."""
+    said = found.summary
+    return f"median {said['median']:g} ({said['mean']:.1f} ± {said['deviation']:.1f})"
+
+
+def contrasts(judged: Sequence[Judged]) -> Iterator[str]:
+    """All contrasts, what was found, and what it says."""
+    yield "| contrast | difference, 80 % interval | of interest | verdict |"
+    yield "|---|---|---|---|"
+    for each in judged:
+        said = NOT_RUN if each.found is None else shown(each.contrast, each.found)
+        of_interest = f"less than {each.contrast.interest:g} lost" if each.contrast.loss else f"{each.contrast.interest:g}"
+        whose = " (ours)" if each.contrast.ours else ""
+        yield f"| {each.contrast.name}{whose} | {said} | {of_interest}, {UNITS[each.contrast.measure]} | {said_of(each)} |"
+
+
+def said_of(judged: Judged) -> str:
+    """The verdict with what is noted beside it."""
+    return f"{judged.verdict}" + (f" ({judged.note})" if judged.note else "")
+
+
+def arrivals(found: Findings) -> Iterator[str]:
+    """Samples to the experiment's rate, run by run."""
+    if not found.experiment.curves or not any(each.contrast.measure is Measure.SAMPLES_TO for each in found.judged):
+        return
+    reaches = f"{100 * found.experiment.reaches:g} %"
+    yield f"| cell | seed | samples to {reaches}, demonstrations counted | not there yet after |"
+    yield "|---|---|---|---|"
+    if not found.arrivals:
+        yield f"| all | | {NOT_RUN} | |"
+    for cell, runs in found.arrivals.items():
+        for seed, each in runs:
+            yield f"| `{cell}` | {seed} | {_arrived(each)} | {_not_yet(each)} |"
+    yield ""
+
+
+def _arrived(each: Arrival) -> str:
+    return "never" if each.by is None else f"{each.by:,}"
+
+
+def _not_yet(each: Arrival) -> str:
+    return "there at the first evaluation" if each.after == each.by else f"{each.after:,}"
+
+
+def many_goals(found: Findings) -> Iterator[str]:
+    """Goals in a row, cell by cell."""
+    if found.experiment.many_goals is None:
+        return
+    yield "| cell | robots | mean ± deviation | median | sorted trials | ended by |"
+    yield "|---|---|---|---|---|---|"
+    if not found.in_a_row:
+        yield f"| all | | {NOT_RUN} | | | |"
+    for each in found.in_a_row:
+        said, ends = each.summary, _ends(each.ended)
+        trials = " ".join(map(str, said["sorted"]))
+        mean = f"{said['mean']:.1f} ± {said['deviation']:.1f}"
+        yield f"| `{each.cell}` | {each.physics} | {mean} | {said['median']:g} | {trials} | {ends} |"
+    yield ""
+
+
+def _ends(ended: Sequence[str]) -> str:
+    return ", ".join(f"{kind} {ended.count(kind)}" for kind in dict.fromkeys(sorted(ended)))
+
+
+def known(found: Findings) -> Iterator[str]:
+    """What memories know, property by property."""
+    if found.experiment.hidden is None:
+        return
+    names = ("property of the robot", "seed", "after", "R2, one observation", "R2, state of the memory", "R2, both")
+    more = ("gain, 80 % interval", "above the mean or not, told by one observation", "told by the state")
+    yield f"| {' | '.join((*names, *more))} |"
+    yield "|---" * (len(names) + len(more)) + "|"
+    if not found.known:
+        yield f"| all | | | {NOT_RUN} | | | | | |"
+    for parameter, entries in found.known.items():
+        for each in entries:
+            yield _known_row(parameter, each)
+
+
+def _known_row(parameter: str, each: Mapping) -> str:
+    gain = f"{each['difference']:+.2f} ({each['low']:+.2f} to {each['high']:+.2f}), N = {each['robots']} robots"
+    both = f"{each['of_both']:.2f}" if "of_both" in each else ""
+    told = " | ".join(_told(each, key) for key in ("told_by_observation", "told_by_state"))
+    of = f"{each['of_observation']:.2f} | {each['of_state']:.2f} | {both}"
+    return f"| `{parameter}` | {each['seed']} | {each['at_s']:g} s | {of} | {gain} | {told} |"
+
+
+def _told(each: Mapping, key: str) -> str:
+    if key not in each:
+        return ""
+    low, high = wilson(round(each[key] * each["robots"]), each["robots"], LEVEL)
+    return f"{each[key]:.0%} ({low:.0%} to {high:.0%})"
