@@ -10,10 +10,10 @@ from client_cli.child_process import child_environment
 from client_cli.errors import Interrupted
 
 TIME_TO_END_S = 5.0
-"""What a child gets after Ctrl-C to leave its results in order."""
+"""What a child usually gets after Ctrl-C to leave its results in order."""
 
 
-def run_to_end(command: list[str], interrupted: str) -> int:
+def run_to_end(command: list[str], interrupted: str, *, ends_within_s: float = TIME_TO_END_S) -> int:
     """Exit code of a child that writes to our stdout and stderr.
 
     It gets a session of its own, so that a Ctrl-C reaches only us, and we end it together with the processes that it started.
@@ -21,6 +21,7 @@ def run_to_end(command: list[str], interrupted: str) -> int:
     Args:
         command: what to run.
         interrupted: the sentence for a Ctrl-C.
+        ends_within_s: what the child gets after a Ctrl-C; whatever is left then is killed.
 
     Raises:
         Interrupted: by Ctrl-C, SIGTERM or SIGHUP, after the child has ended.
@@ -32,7 +33,7 @@ def run_to_end(command: list[str], interrupted: str) -> int:
         except KeyboardInterrupt:
             _signal_all(child, signal.SIGINT)
             with suppress(subprocess.TimeoutExpired):
-                child.wait(TIME_TO_END_S)
+                child.wait(ends_within_s)
             raise Interrupted(interrupted) from None
         finally:
             _signal_all(child, signal.SIGKILL)

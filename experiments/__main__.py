@@ -1,17 +1,20 @@
-"""``python -m experiments NAME``: the program behind ``trifarm experiment``."""
+"""``python -m experiments [NAME]``: the program behind ``trifarm experiment``."""
 
 import argparse
 import json
+import math
 import os
 import signal
 import sys
 import tempfile
 import time
+from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
 from types import FrameType
 
 OK, OTHER, USAGE, INTERRUPTED = 0, 1, 2, 130
+NEW_FOLDER = "trifarm-experiment-"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -21,17 +24,20 @@ def main(arguments: list[str] | None = None) -> int:
         return _problem("experiments need packages that are not installed: pip install 'trifarm[learning]'", OTHER)
     from client_cli.errors import ClientError
     from experiments.farm_trials import WeightsMissingError
+    from experiments.lock import TakenError
     from experiments.store import StoreError
     from experiments.trainer import TrainingFailedError
 
-    signal.signal(signal.SIGTERM, _interrupt)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # nohup's wish is kept
+            signal.signal(number, _interrupt)
     try:
         return _ask(_parser().parse_args(arguments))
     except KeyboardInterrupt:
         return _problem("stopped; what is finished is kept, and the same command goes on from there", INTERRUPTED)
     except (ClientError, StoreError, WeightsMissingError, TrainingFailedError) as error:
         return _problem(str(error), OTHER)
-    except _UsageError as error:
+    except (_UsageError, TakenError) as error:
         return _problem(str(error), USAGE)
 
 
@@ -42,24 +48,48 @@ class _UsageError(Exception):
 def _ask(options: argparse.Namespace) -> int:
     from experiments.catalogue import CATALOGUE
     from experiments.design import quick
-    from experiments.plan import Wanted
-    from experiments.run import Settings, document, run, write, write_overview
-    from experiments.store import Store
-    from experiments.trainer import cores
 
-    if options.name not in CATALOGUE:
+    if options.name is not None and options.name not in CATALOGUE:
         raise _UsageError(f"no experiment {options.name!r}; choose from {', '.join(CATALOGUE)}")
-    experiment = quick(CATALOGUE[options.name]) if options.quick else CATALOGUE[options.name]
-    _check(options, experiment)
-    out = options.out or (Path(tempfile.mkdtemp(prefix="trifarm-experiment-")) if options.quick else Path("docs/experiments"))
-    store = Store(out, options.work or (out / "work" if options.quick else Path("build/experiments")), experiment)
-    jobs = options.jobs or min(2, cores())
-    if options.list:
-        return _list(experiment, store, jobs, as_json=options.json)
-    until_s = None if options.budget_minutes is None else time.monotonic() + 60 * options.budget_minutes
-    settings = Settings(Wanted(options.only, options.seed), jobs, lambda: until_s is None or time.monotonic() < until_s, _tell)
-    found = run(experiment, store, settings)
-    written = [*write(found, store), *([] if options.quick else [write_overview(out, store.work)])]
+    if options.name is None and (not options.list or options.only is not None):
+        raise _UsageError(f"say which experiment: {', '.join(CATALOGUE)}; --list shows what is done of each")
+    asked = [CATALOGUE[options.name]] if options.name else [*CATALOGUE.values()]
+    asked = [quick(each) if options.quick else each for each in asked]
+    for each in asked:
+        _check(options, each)
+    with ExitStack() as until_the_end:
+        out, work = _folders(options, until_the_end)
+        return _list(options, asked, out, work) if options.list else _run(options, asked[0], out, work)
+
+
+def _folders(options: argparse.Namespace, until_the_end: ExitStack) -> tuple[Path, Path]:
+    """Of results and of checkpoints: those of the clone that we run from, wherever the user is; a new one for a quick form."""
+    root = Path(__file__).resolve().parents[1]
+    root = root if (root / "pyproject.toml").exists() else Path()
+    out = options.out or root / "docs" / "experiments"
+    if options.quick and options.out is None:
+        if options.list:  # there is nothing to see yet, and nothing stays
+            out = Path(until_the_end.enter_context(tempfile.TemporaryDirectory(prefix=NEW_FOLDER)))
+        else:
+            out = Path(tempfile.mkdtemp(prefix=NEW_FOLDER))
+            _tell(f"results go to a new folder; with --out {out} the same command goes on from them")
+    work = options.work or (out / "work" if options.quick else root / "build" / "experiments")
+    return out.absolute(), work.absolute()
+
+
+def _run(options: argparse.Namespace, experiment, out: Path, work: Path) -> int:
+    from experiments.run import Settings, document, run, write, write_overview
+    from experiments.store import Store, StoreError
+
+    store = Store(out, work, experiment)
+    until_s = math.inf if options.budget_minutes is None else time.monotonic() + 60 * options.budget_minutes
+    found = run(experiment, store, Settings(_wanted(options), _jobs(options), lambda: time.monotonic() < until_s, _tell))
+    written = write(found, store)
+    if not options.quick:
+        try:
+            written.append(write_overview(out, work))
+        except StoreError as error:
+            _tell(f"the page of all experiments stays as it was: {error}")
     for path in written:
         _tell(f"wrote {path}")
     if options.json:
@@ -67,6 +97,18 @@ def _ask(options: argparse.Namespace) -> int:
     else:
         print("\n".join(_told(found)))
     return OK
+
+
+def _wanted(options: argparse.Namespace):
+    from experiments.plan import Wanted
+
+    return Wanted(options.only, options.seed)
+
+
+def _jobs(options: argparse.Namespace) -> int:
+    from experiments.trainer import cores
+
+    return options.jobs or min(2, cores())
 
 
 def _check(options: argparse.Namespace, experiment) -> None:
@@ -77,26 +119,49 @@ def _check(options: argparse.Namespace, experiment) -> None:
             seeds = set(experiment.cell(options.only).seeds)
         except ValueError as error:
             raise _UsageError(str(error)) from error
-    if options.seed is not None and options.seed not in seeds:
+    if options.name is not None and options.seed is not None and options.seed not in seeds:
         raise _UsageError(f"there is no seed {options.seed} here; choose from {', '.join(map(str, sorted(seeds)))}")
 
 
-def _list(experiment, store, jobs: int, *, as_json: bool) -> int:
+def _list(options: argparse.Namespace, asked: list, out: Path, work: Path) -> int:
+    from experiments.store import Store, StoreError
+
+    _tell(f"results in {out}, checkpoints in {work}")
+    documents = []
+    for experiment in asked:
+        try:
+            documents.append(_listed(options, experiment, Store(out, work, experiment)))
+        except StoreError as error:
+            if options.name is not None:
+                raise
+            documents.append({"experiment": experiment.name, "quick": experiment.quick, "refused": str(error)})
+    if options.json:
+        print(json.dumps({"experiments": documents} if options.name is None else documents[0], indent=2))
+    elif options.name is None:
+        print("\n".join(_in_a_line(each) for each in documents))
+    else:
+        for piece in documents[0]["pieces"]:
+            print(f"{'done   ' if piece['done'] else 'missing'}  {piece['seconds'] / 60:7.1f} min  {piece['piece']}")
+        print(_in_a_line(documents[0]))
+    return OK
+
+
+def _listed(options: argparse.Namespace, experiment, store) -> dict:
     from experiments.plan import hours
     from experiments.run import listed
 
-    all_of_it = listed(experiment, store)
-    left_h = hours([piece for piece, done in all_of_it if not done], jobs)
-    if as_json:
-        rows = [{"piece": piece.name, "done": done, "seconds": round(piece.seconds, 1)} for piece, done in all_of_it]
-        print(
-            json.dumps({"experiment": experiment.name, "quick": experiment.quick, "pieces": rows, "hours_left": left_h}, indent=2)
-        )
-        return OK
-    for piece, done in all_of_it:
-        print(f"{'done   ' if done else 'missing'}  {piece.seconds / 60:7.1f} min  {piece.name}")
-    print(f"{sum(done for _, done in all_of_it)} of {len(all_of_it)} done; what is missing takes about {left_h:.1f} hours")
-    return OK
+    found = listed(experiment, store, _wanted(options))
+    rows = [{"piece": piece.name, "done": done, "seconds": round(piece.seconds, 1)} for piece, done in found]
+    left_h = hours([piece for piece, done in found if not done], _jobs(options))
+    return {"experiment": experiment.name, "quick": experiment.quick, "pieces": rows, "hours_left": left_h}
+
+
+def _in_a_line(listed: dict) -> str:
+    if "refused" in listed:
+        return f"{listed['experiment']}: {listed['refused']}"
+    done, pieces = sum(piece["done"] for piece in listed["pieces"]), len(listed["pieces"])
+    left = f"; what is missing takes about {listed['hours_left']:.1f} hours" if done < pieces else ""
+    return f"{listed['experiment']}: {done} of {pieces} pieces of work are done{left}"
 
 
 def _told(found) -> list[str]:
@@ -111,7 +176,7 @@ def _told(found) -> list[str]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="trifarm experiment", description="Try a paper's claim on a farm of our own.")
-    parser.add_argument("name")
+    parser.add_argument("name", nargs="?")
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--list", action="store_true")
     parser.add_argument("--only")

@@ -68,8 +68,11 @@ def run_blocks(
     for farm, of_farm in groupby(pieces, key=lambda piece: piece.farm):
         if not goes_on():
             return False
+        wanted = list(of_farm)
+        for piece in wanted:
+            store.trials(Key(piece.cell.name, piece.seed, farm.physics))  # complains before a farm is started
         with open_farm(farm) as opened:
-            for block, of_block in groupby(of_farm, key=lambda piece: piece.block):
+            for block, of_block in groupby(wanted, key=lambda piece: piece.block):
                 if not goes_on():
                     return False
                 _run_block(list(of_block), trials, store, opened)
@@ -89,6 +92,7 @@ def _run_block(pieces: Sequence[BlockPiece], trials: FarmTrials, store: Store, f
             "task": report.task,
             "object": report.object,
             "object_scale": report.object_scale,
+            "first_job_seed": trials.seed,
             "policy_digest": report.policy,
             "farm": {"physics": piece.farm.physics, "seed": piece.farm.seed, "robots": piece.farm.robots},
         }

@@ -1,19 +1,23 @@
 """A training's recipe as the file that the training program reads, with what lies beside it: ranges and demonstrations."""
 
+import hashlib
 import tomllib
 from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
 from typing import Any
 
-from experiments.design import Demonstrations, Training
+from experiments.design import Demonstrations, Start, Training
 from sim_backend.effects.ranges import __file__ as _ranges_file
 from sim_backend.effects.ranges import load_ranges
+from sim_backend.training.changes import changes
+from sim_backend.training.demonstrations.recipe import ImitationRecipe
 from sim_backend.training.demonstrations.recording import read_demonstrations, write_demonstrations
+from sim_backend.training.recipe import Recipe, RecipeError, load_recipe, schema_of
 
 REAL = Path(_ranges_file).parent / "presets" / "real.toml"
 REDUCED = "reduced-real.toml"
-DEMONSTRATIONS = "shown.demonstrations"
+START_SEED = 1
 
 
 def write_recipe(
@@ -24,19 +28,71 @@ def write_recipe(
     ``begun_with`` is the folder of the training's start.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    recipe: dict[str, Any] = {**training.recipe, "seed": seed}
     if training.without:
         reduced = folder / REDUCED
         reduced.write_text(toml_of(reduced_real(training.without)))
         load_ranges(reduced)
+    beside = (each and str(each.absolute()) for each in (demonstrations, begun_with))
+    path = folder / f"{name}.toml"
+    path.write_text(toml_of(_document(training, seed, *beside)))
+    return path
+
+
+def wanted_recipe(training: Training, seed: int) -> Recipe | ImitationRecipe:
+    """The recipe of a run as the training program understands it; files and folders by their names alone."""
+    shown, start = training.demonstrations, training.start
+    document = _document(training, seed, shown and demonstrations_name(shown), start and start_name(start))
+    return schema_of(document).model_validate(document)
+
+
+def _document(training: Training, seed: int, demonstrations: str | None, begun_with: str | None) -> dict[str, Any]:
+    recipe: dict[str, Any] = {**training.recipe, "seed": seed}
+    if training.without:
         recipe["physics"] = REDUCED
     if demonstrations is not None:
-        recipe["demonstrations"] = dict(recipe["demonstrations"]) | {"files": [str(demonstrations.absolute())]}
+        recipe["demonstrations"] = dict(recipe["demonstrations"]) | {"files": [demonstrations]}
     if begun_with is not None:
-        recipe["warm_start"] = {"run": str(begun_with.absolute())}
-    path = folder / f"{name}.toml"
-    path.write_text(toml_of(recipe))
-    return path
+        recipe["warm_start"] = {"run": begun_with}
+    return recipe
+
+
+def changes_since(folder: Path, name: str, training: Training, seed: int) -> list[str]:
+    """What a run is to be trained by otherwise than the recipe that was written for it says; nothing where there is none."""
+    path, reduced = folder / f"{name}.toml", folder / REDUCED
+    if not path.exists():
+        return []
+    try:
+        before = load_recipe(str(path))[1].model_dump(mode="json")
+    except RecipeError as error:
+        return [f"its recipe does not hold any more ({error})"]
+    found = changes(before, wanted_recipe(training, seed), ("about", "checkpoint_minutes"))
+    if training.without and reduced.exists() and tomllib.loads(reduced.read_text()) != reduced_real(training.without):
+        found.append(f"{REDUCED} has other ranges")
+    return found
+
+
+def start_document(start: Start) -> dict[str, Any]:
+    """The recipe of a start, with its seed."""
+    return {**start.recipe, "seed": START_SEED}
+
+
+def start_name(start: Start) -> str:
+    """Of its folder; another recipe has another one."""
+    return f"{start.name}-{_digest(toml_of(start_document(start)))}"
+
+
+def demonstrations_name(shown: Demonstrations) -> str:
+    """Of the file."""
+    return f"{shown.policy}-{shown.count}.demonstrations"
+
+
+def demonstrations_folder(shown: Demonstrations) -> str:
+    """Name of the folder of all demonstrations that were recorded in this way, however many."""
+    return f"{shown.policy}-{_digest(f'{shown.task} {shown.physics} {shown.noise!r}')}"
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:8]
 
 
 def reduced_real(without: tuple[str, ...]) -> dict[str, Any]:

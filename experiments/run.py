@@ -11,12 +11,14 @@ from typing import Any
 
 from api_schemas.builtin_policies import builtin_manifest
 from experiments import catalogue
+from experiments.agreement import asked_of_measurements
 from experiments.consecutive import task_of, try_many_goals
 from experiments.design import Cell, Experiment, Farm
 from experiments.farm_trials import own_farm, run_blocks, weights_of
 from experiments.figures import draw
 from experiments.findings import Findings, findings
 from experiments.hidden_state import ask
+from experiments.lock import taken
 from experiments.page import experiment_page, overview
 from experiments.plan import BlockPiece, MeasuringPiece, Piece, TrainingPiece, Wanted, hours, is_done, missing, pieces, starts
 from experiments.store import Key, Store
@@ -43,6 +45,14 @@ def run(experiment: Experiment, store: Store, settings: Settings) -> Findings:
     tell = settings.tell
     for line in announcement(experiment, store, settings):
         tell(line)
+    with taken(store.work_folder, f"experiment {experiment.name}"):
+        shutil.rmtree(store.farm_folder, ignore_errors=True)  # of a sitting that was killed
+        _do_what_is_missing(experiment, store, settings)
+    return findings(experiment, store)
+
+
+def _do_what_is_missing(experiment: Experiment, store: Store, settings: Settings) -> None:
+    tell = settings.tell
     left = missing(experiment, store, settings.wanted)
     trainings = [piece for piece in left if isinstance(piece, TrainingPiece)]
     if train_all(trainings, store, jobs=settings.jobs, goes_on=settings.goes_on, tell=tell):
@@ -50,7 +60,6 @@ def run(experiment: Experiment, store: Store, settings: Settings) -> Findings:
         for piece in left:
             if isinstance(piece, MeasuringPiece) and settings.goes_on() and _is_trained(piece, store):
                 measure(experiment, piece, store, tell)
-    return findings(experiment, store)
 
 
 def announcement(experiment: Experiment, store: Store, settings: Settings) -> list[str]:
@@ -66,12 +75,13 @@ def announcement(experiment: Experiment, store: Store, settings: Settings) -> li
         f"{len(whole) - len(missing(experiment, store))} of {len(whole)} pieces of work are done; asked for now: "
         f"{len(left)}, about "
         f"{60 * hours(left, settings.jobs):.0f} minutes",
+        f"results go to {store.out}, checkpoints to {store.work}",
     ]
 
 
-def listed(experiment: Experiment, store: Store) -> list[tuple[Piece, bool]]:
-    """Every piece of work, and whether it is done."""
-    return [(piece, is_done(piece, store)) for piece in pieces(experiment)]
+def listed(experiment: Experiment, store: Store, wanted: Wanted) -> list[tuple[Piece, bool]]:
+    """Every piece of work that is asked for, and whether it is done."""
+    return [(piece, is_done(piece, store)) for piece in pieces(experiment) if wanted.takes(piece.cell, piece.seed)]
 
 
 def _try_on_farms(experiment: Experiment, store: Store, settings: Settings, left: list[Piece]) -> None:
@@ -79,16 +89,16 @@ def _try_on_farms(experiment: Experiment, store: Store, settings: Settings, left
     if skipped := {f"{p.cell.name}, seed {p.seed}" for p in left if isinstance(p, BlockPiece) and not _is_trained(p, store)}:
         settings.tell(f"not tried, since not trained yet: {'; '.join(sorted(skipped))}")
     if experiment.trials is not None and blocks:
-        how = {"open_farm": _in_a_temporary_folder, "goes_on": settings.goes_on, "tell": settings.tell}
+        how = {"open_farm": lambda farm: _forgotten(farm, store.farm_folder), "goes_on": settings.goes_on, "tell": settings.tell}
         run_blocks(blocks, experiment.trials, store, **how)
 
 
 @contextmanager
-def _in_a_temporary_folder(farm: Farm):
+def _forgotten(farm: Farm, folder: Path):
     """A farm whose logs are forgotten with it: they are large, and what counts is kept."""
-    folder = Path(tempfile.mkdtemp(prefix="trifarm-experiment-farm-"))
+    folder.mkdir(parents=True, exist_ok=True)
     try:
-        with own_farm(farm, folder) as opened:
+        with own_farm(farm, Path(tempfile.mkdtemp(dir=folder))) as opened:
             yield opened
     finally:
         shutil.rmtree(folder, ignore_errors=True)
@@ -103,15 +113,16 @@ def measure(experiment: Experiment, piece: MeasuringPiece, store: Store, tell: C
     """Measure in simulation and keep it."""
     tell(piece.name)
     policy, key = _policy(piece.cell, piece.seed, store), Key(piece.cell.name, piece.seed, piece.physics)
+    about = asked_of_measurements(experiment, piece.cell, piece.physics)
+    about |= {"policy_digest": store.policy_digest(piece.cell, piece.seed)}
     if (many := experiment.many_goals) is not None:
         robots = robots_of(piece.physics, many.trials, many.first_seed)
         task = task_of(piece.cell.task or "push")
-        found = try_many_goals(policy, policy.manifest, task, many, robots, tell=tell)
-        store.keep_measured(key, {"task": task.name, "physics": piece.physics, "first_seed": many.first_seed} | found)
+        store.keep_measured(key, about | try_many_goals(policy, policy.manifest, task, many, robots, tell=tell))
     if (hidden := experiment.hidden) is not None:
         assert isinstance(policy, ExportedPolicy)
         trials_task = experiment.trials.task if experiment.trials else "push"
-        store.keep_measured(key, ask(policy, task_of(trials_task), hidden))
+        store.keep_measured(key, about | ask(policy, task_of(trials_task), hidden))
 
 
 def _policy(cell: Cell, seed: int, store: Store) -> ExportedPolicy | GraspPolicy:

@@ -4,9 +4,10 @@ OUT/NAME/runs/CELL-seed1.json          a finished training: settings, thinned cu
 OUT/NAME/runs/CELL-seed1.safetensors   its policy, where it is small, with the manifest as CELL-seed1.manifest.json
 OUT/NAME/trials/CELL-seed1-real.json   farm trials, block by block
 OUT/NAME/measured/CELL-seed1-real.json what was measured in simulation
+
+What was made by another design than the present one is refused where it is read.
 """
 
-import hashlib
 import json
 import shutil
 from collections.abc import Mapping, Sequence
@@ -14,7 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from experiments import agreement
 from experiments.design import Cell, Experiment, Start
+from experiments.recipe_files import start_name
 
 LARGEST_WEIGHTS = 300_000
 """Bytes; larger policies stay in the work folder."""
@@ -53,8 +56,21 @@ class Store:
         return self.out / self.experiment.name
 
     def run(self, cell: Cell, seed: int) -> dict[str, Any] | None:
-        """A finished training, wherever its experiment keeps it."""
-        return self._read(self._runs(cell) / f"{self._run_stem(cell, seed)}.json")
+        """A finished training, wherever its experiment keeps it.
+
+        Raises:
+            StoreError: it is of another recipe.
+        """
+        path = self._runs(cell) / f"{self._run_stem(cell, seed)}.json"
+        if (kept := self._read(path)) is not None:
+            self._refuse(path, agreement.of_run(kept, cell, seed), f"{path.stem}* there and in trials and measured beside it")
+        return kept
+
+    def policy_digest(self, cell: Cell, seed: int) -> str | None:
+        """The digest of the policy that a cell tries; None while it is not trained."""
+        if cell.policy is not None:
+            return agreement.shipped_digest(cell.policy)
+        return None if (run := self.run(cell, seed)) is None else run["policy_digest"]
 
     def weights(self, cell: Cell, seed: int) -> Path | None:
         """A finished training's policy with its manifest beside it; None if it was too large and is not on this machine."""
@@ -69,9 +85,19 @@ class Store:
         """Where the run trains, with its checkpoint."""
         return self.work / (cell.runs_of or self.experiment.name) / self._run_stem(cell, seed)
 
-    def start_folder(self, start: Start, recipe: str) -> Path:
-        """Where a start trains, of whichever experiment; another text of its recipe has another folder."""
-        return self.work / "starts" / f"{start.name}-{hashlib.sha256(recipe.encode()).hexdigest()[:8]}"
+    def start_folder(self, start: Start) -> Path:
+        """Where a start trains, of whichever experiment; another recipe has another folder."""
+        return self.work / "starts" / start_name(start)
+
+    @property
+    def work_folder(self) -> Path:
+        """Of what is not committed of this experiment."""
+        return self.work / self.experiment.name
+
+    @property
+    def farm_folder(self) -> Path:
+        """Of its farm, which is large and forgotten with it."""
+        return self.work_folder / "farm"
 
     def _runs(self, cell: Cell) -> Path:
         return self.out / (cell.runs_of or self.experiment.name) / "runs"
@@ -99,26 +125,59 @@ class Store:
             "final": record["final"],
             "policy_digest": digest,
             "weights": {"bytes": size, "here": size <= LARGEST_WEIGHTS},
-        }
+        } | ({} if cell.training is None else agreement.made_with(cell.training))
         self._write(folder / f"{stem}.json", "run", kept)
 
     def trials(self, key: Key) -> dict[str, Any] | None:
-        """What there is of a run's farm trials: ``blocks`` by their number, each a list of rows."""
-        return self._read(self.folder / "trials" / f"{key.stem}.json")
+        """What there is of a run's farm trials: ``blocks`` by their number, each a list of rows.
+
+        Raises:
+            StoreError: they are of another policy, or were asked for otherwise.
+        """
+        path, cell = self._trials(key), self.experiment.cell(key.cell)
+        if (kept := self._read(path)) is not None:
+            policy = self.policy_digest(cell, key.seed)
+            self._refuse(path, agreement.of_trials(kept, self.experiment, cell, key.physics, policy), "it")
+        return kept
 
     def keep_block(self, key: Key, block: int, rows: Sequence[Mapping[str, Any]], about: Mapping[str, Any]) -> None:
-        """Add a block of trials."""
+        """Add a block of trials.
+
+        Raises:
+            StoreError: the other blocks are of another policy, or were asked for otherwise.
+        """
+        path, cell = self._trials(key), self.experiment.cell(key.cell)
         found = self.trials(key) or {"blocks": {}}
-        blocks = found["blocks"] | {str(block): list(rows)}
-        self._write(self.folder / "trials" / f"{key.stem}.json", "trials", dict(about) | {"blocks": blocks})
+        mixed = [
+            f"{name} was {found[name]!r} and is {value!r}" for name, value in about.items() if found.get(name, value) != value
+        ]
+        self._refuse(path, mixed, "it")
+        whole = dict(about) | {"blocks": found["blocks"] | {str(block): list(rows)}}
+        policy = self.policy_digest(cell, key.seed)
+        self._refuse(path, agreement.of_trials(whole, self.experiment, cell, key.physics, policy), "it and the weights")
+        self._write(path, "trials", whole)
+
+    def _trials(self, key: Key) -> Path:
+        return self.folder / "trials" / f"{key.stem}.json"
 
     def measured(self, key: Key) -> dict[str, Any] | None:
-        """What was measured in simulation."""
-        return self._read(self.folder / "measured" / f"{key.stem}.json")
+        """What was measured in simulation.
+
+        Raises:
+            StoreError: it is of another policy, or was asked for otherwise.
+        """
+        path, cell = self._measured(key), self.experiment.cell(key.cell)
+        if (kept := self._read(path)) is not None:
+            policy = self.policy_digest(cell, key.seed)
+            self._refuse(path, agreement.of_measured(kept, self.experiment, cell, key.physics, policy), "it")
+        return kept
 
     def keep_measured(self, key: Key, document: Mapping[str, Any]) -> None:
         """Keep what was measured in simulation."""
-        self._write(self.folder / "measured" / f"{key.stem}.json", "measured", document)
+        self._write(self._measured(key), "measured", document)
+
+    def _measured(self, key: Key) -> Path:
+        return self.folder / "measured" / f"{key.stem}.json"
 
     def write_text(self, name: str, text: str) -> Path:
         """Write a page beside the results."""
@@ -133,6 +192,11 @@ class Store:
         fresh = path.with_suffix(".new")
         fresh.write_text(json.dumps(whole, indent=1) + "\n")
         fresh.replace(path)
+
+    def _refuse(self, path: Path, differs: Sequence[str], what: str) -> None:
+        if differs:
+            what_to_do = f"move {what} away to have it made anew, or give another --out"
+            raise StoreError(f"{path} was made by another design: {'; '.join(differs)}; {what_to_do}")
 
     def _read(self, path: Path) -> dict[str, Any] | None:
         if not path.exists():

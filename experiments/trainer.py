@@ -1,11 +1,12 @@
-"""Trainings as child processes, several side by side; each keeps its result as soon as it is finished."""
+"""Trainings as child processes, several side by side; each keeps its result as soon as it is finished, and none outlives us."""
 
 import json
 import os
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,9 +14,19 @@ from api_schemas.policy import PolicyManifest
 from client_cli.child_process import child_environment, module_command
 from client_cli.policy_files import read_policy
 from experiments.design import Demonstrations, Start
+from experiments.lock import taken
 from experiments.plan import TrainingPiece
-from experiments.recipe_files import cut, recording_arguments, toml_of, write_recipe
-from experiments.store import Key, Store
+from experiments.recipe_files import (
+    changes_since,
+    cut,
+    demonstrations_folder,
+    demonstrations_name,
+    recording_arguments,
+    start_document,
+    toml_of,
+    write_recipe,
+)
+from experiments.store import Key, Store, StoreError
 
 POLL_EVERY_S = 0.5
 ENDS_WITHIN_S = 30.0
@@ -53,7 +64,10 @@ def train_all(
 
     Raises:
         TrainingFailedError: one ended otherwise than it should.
+        StoreError: there is a checkpoint of another recipe.
     """
+    for piece in pieces:
+        _check_checkpoint(piece, store)
     waiting, running = list(pieces), []
     try:
         while running or (waiting and goes_on()):
@@ -64,19 +78,45 @@ def train_all(
                 running.remove(each)
                 _keep(each, store, tell)
     finally:
-        for each in running:  # reached only by an error or a Ctrl-C: they keep a checkpoint and end
-            each.process.send_signal(signal.SIGINT)
-        for each in running:
-            _await_end(each.process)
+        _end([each.process for each in running])  # there are some only after an error or a Ctrl-C
     return not waiting
 
 
-def _await_end(process: subprocess.Popen[bytes]) -> None:
+def _end(processes: Sequence[subprocess.Popen[bytes]]) -> None:
+    """Let all of them keep a checkpoint and end; what has not ended after some time is killed."""
+    with _undisturbed():
+        for each in processes:
+            each.send_signal(signal.SIGINT)
+        until_s = time.monotonic() + ENDS_WITHIN_S
+        for each in processes:
+            try:
+                each.wait(max(0.0, until_s - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                each.kill()
+                each.wait()
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """No second Ctrl-C in between, which would leave children behind; it takes bounded time anyhow."""
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     try:
-        process.wait(ENDS_WITHIN_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _check_checkpoint(piece: TrainingPiece, store: Store) -> None:
+    training, folder = piece.cell.training, store.training_folder(piece.cell, piece.seed)
+    assert training is not None
+    if not (folder / CHECKPOINT).exists():
+        return
+    if differs := changes_since(folder, Key(piece.cell.name, piece.seed).stem, training, piece.seed):
+        raise StoreError(
+            f"{folder} has the checkpoint of another recipe: {'; '.join(differs)}; move the folder away to begin anew, or give "
+            "another --work"
+        )
 
 
 def _start(piece: TrainingPiece, store: Store, tell: Callable[[str], None]) -> Running:
@@ -97,20 +137,27 @@ def _child(module: str, arguments: Sequence[str], log: Path) -> subprocess.Popen
     threads = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
     with log.open("ab") as out:
         command = module_command(module, *arguments)
-        return subprocess.Popen(command, env=child_environment(**threads), stdin=subprocess.DEVNULL, stdout=out, stderr=out)
+        environment, nothing = child_environment(**threads), subprocess.DEVNULL
+        # what is inherited is the lock
+        return subprocess.Popen(command, env=environment, stdin=nothing, stdout=out, stderr=out, close_fds=False)
 
 
 def _await(what: str, module: str, arguments: Sequence[str], log: Path) -> None:
     process = _child(module, arguments, log)
-    if process.wait() != 0:
+    try:
+        process.wait()
+    finally:
+        if process.poll() is None:
+            _end([process])
+    if process.returncode != 0:
         raise TrainingFailedError(f"{what} ended with code {process.returncode}:\n{_tail(log)}")
 
 
 def _demonstrations(shown: Demonstrations, store: Store, tell: Callable[[str], None]) -> Path:
     """The demonstrations of a cell, recorded now if they are not there; the same on every machine."""
-    folder = store.work / store.experiment.name / "demonstrations"
+    folder = store.work_folder / "demonstrations" / demonstrations_folder(shown)
     folder.mkdir(parents=True, exist_ok=True)
-    wanted = folder / f"{shown.policy}-{shown.count}.demonstrations"
+    wanted = folder / demonstrations_name(shown)
     if not wanted.exists():
         recorded = folder / f"{shown.policy}-for-{shown.count}.demonstrations"
         tell(f"recording {shown.count} demonstrations of {shown.policy}")
@@ -121,17 +168,18 @@ def _demonstrations(shown: Demonstrations, store: Store, tell: Callable[[str], N
 
 
 def _trained_start(start: Start, store: Store, tell: Callable[[str], None]) -> Path:
-    """The folder of a start, trained now, on all cores, if it is not there."""
-    recipe = toml_of({**start.recipe, "seed": 1})
-    folder = store.start_folder(start, recipe)
-    if not (folder / RECORD).exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        path = folder / f"{start.name}.toml"
-        path.write_text(recipe)
-        tell(f"training {start.name}, which several runs go on from, log in {folder / 'log'}")
-        resumes = ["--resume"] if (folder / CHECKPOINT).exists() else []
-        flags = ["--out", str(folder), "--threads", str(cores()), *resumes]
-        _await(start.name, "sim_backend.training", [str(path), *flags], folder / "log")
+    """The folder of a start, trained now, on all cores, if it is not there; another experiment that trains it is waited for."""
+    folder = store.start_folder(start)
+    if (folder / RECORD).exists():
+        return folder
+    with taken(folder, f"training {start.name}", waits=tell):
+        if not (folder / RECORD).exists():
+            path = folder / f"{start.name}.toml"
+            path.write_text(toml_of(start_document(start)))
+            tell(f"training {start.name}, which several runs go on from, log in {folder / 'log'}")
+            resumes = ["--resume"] if (folder / CHECKPOINT).exists() else []
+            flags = ["--out", str(folder), "--threads", str(cores()), *resumes]
+            _await(start.name, "sim_backend.training", [str(path), *flags], folder / "log")
     return folder
 
 

@@ -37,6 +37,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         make = {"name": name, "folder": folder, "threads": options.threads, "tell": _tell}
         run = Run(recipe=recipe, **make) if isinstance(recipe, Recipe) else ImitationRun(recipe=recipe, **make)
+        if options.resume:
+            run.go_on()
     except ValueError as error:
         return _problem(f"recipe {name}: {error}", USAGE)
     return _train(run, options, _tell)
@@ -44,7 +46,6 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _train(run, options: argparse.Namespace, tell: Callable[[str], None]) -> int:
     if options.resume:
-        run.go_on()
         tell(f"goes on at {run.samples:,} samples")
     before = signal.signal(signal.SIGINT, lambda *_: run.stop())  # an exception would break compiled code apart
     try:

@@ -253,7 +253,7 @@ def load_recipe(name_or_path: str) -> tuple[str, "Recipe | ImitationRecipe"]:
         raise RecipeError(f"no recipe {name_or_path!r}; choose from {', '.join(shipped_recipes())}, or name a TOML file")
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
-        recipe = _schema_of(document).model_validate(document)
+        recipe = schema_of(document).model_validate(document)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise RecipeError(f"{path} is not a TOML file: {error}") from error
     except ValidationError as error:
@@ -263,7 +263,8 @@ def load_recipe(name_or_path: str) -> tuple[str, "Recipe | ImitationRecipe"]:
     return path.stem, recipe
 
 
-def _schema_of(document: dict) -> "type[Recipe] | type[ImitationRecipe]":
+def schema_of(document: dict) -> "type[Recipe] | type[ImitationRecipe]":
+    """Of which kind a recipe is, by its ``method``."""
     from sim_backend.training.demonstrations.recipe import IMITATIONS, ImitationRecipe
 
     return ImitationRecipe if document.get("method") in IMITATIONS else Recipe

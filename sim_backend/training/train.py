@@ -22,6 +22,7 @@ from sim_backend.tasks import TASKS
 from sim_backend.tasks.reward import Reward
 from sim_backend.training import evaluating
 from sim_backend.training.actor_critic import ActorCritic, Inputs, hold_actor, whole_of
+from sim_backend.training.changes import MAY_CHANGE, changes
 from sim_backend.training.demonstrations.plain_policy import begin_with
 from sim_backend.training.demonstrations.residual import FrozenPolicy, ResidualRobots
 from sim_backend.training.demonstrations.term import DemonstrationTerm
@@ -29,7 +30,7 @@ from sim_backend.training.evaluating import CHECKPOINT
 from sim_backend.training.export import ExportedPolicy, exported
 from sim_backend.training.progress import Watch
 from sim_backend.training.randomization import Randomizer, randomizer_of
-from sim_backend.training.recipe import PpoWarmStartTable, Recipe
+from sim_backend.training.recipe import PpoWarmStartTable, Recipe, RecipeError
 from sim_backend.training.recurrent import RecurrentActorCritic
 from sim_backend.training.returns import NormalisedReturns
 from sim_backend.vec_env import TrifingerVecEnv
@@ -91,6 +92,7 @@ class Run:
                 self._look_around()
             if self.term is not None:
                 self.term.clone(self.tell)
+                evaluating.evaluate(self, 0)  # what the clone can do before it practises; the checkpoint has it from now on
         left = self.recipe.samples - self.model.num_timesteps
         if left > 0:
             self.model.learn(left, Watch(self), reset_num_timesteps=False, log_interval=1)
@@ -144,8 +146,17 @@ class Run:
         fresh.replace(self.folder / CHECKPOINT)
 
     def go_on(self) -> None:
-        """Take up the checkpoint; robots begin new trials, drawn from another seed than before."""
+        """Take up the checkpoint; robots begin new trials, drawn from another seed than before.
+
+        Raises:
+            RecipeError: the checkpoint is of a recipe by which it would have been learned otherwise.
+        """
         state = torch.load(self.folder / CHECKPOINT, weights_only=True)
+        if found := changes(json.loads(state["settings"]), self.recipe, MAY_CHANGE):
+            raise RecipeError(
+                f"{self.folder} was begun with another recipe: {'; '.join(found)}; go on with that one, of which only "
+                f"{', '.join(MAY_CHANGE)} may change, or give another --out to begin anew"
+            )
         self.policy.load_state_dict(state["policy"])
         self.policy.optimizer.load_state_dict(state["optimizer"])
         self.returns.mean, self.returns.variance, self.returns.count = state["returns"]

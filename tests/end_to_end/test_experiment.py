@@ -1,7 +1,14 @@
-"""The quick form of an experiment from its command to its page: it trains, starts a farm, submits and judges."""
+"""The quick form of an experiment from its command to its page: it trains, starts a farm, submits and judges.
+
+Stopped on the way it leaves nothing that runs, and no farm's folder; the same command goes on.
+"""
 
 import json
+import signal
 import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -18,10 +25,44 @@ def experiment(*flags, code=0):
     return json.loads(done.stdout) if code == 0 else done.stderr, done.stderr
 
 
+def processes_of(folder: Path) -> list[str]:
+    """Commands of all processes that name a folder, which have not ended."""
+    commands = []
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            command = (process / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+        except OSError:
+            continue  # it has ended meanwhile
+        if str(folder) in command:
+            commands.append(command)
+    return commands
+
+
+def stop_when(number: signal.Signals, is_time: Callable[[], bool], out: Path, work: Path) -> str:
+    """Begin, stop it by a signal to the command when it is time; what it said."""
+    command = [*TRIFARM, "experiment", "randomization", "--quick", "--out", str(out), "--work", str(work)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as running:
+        until_s = time.monotonic() + 280.0
+        while not is_time() and running.poll() is None and time.monotonic() < until_s:
+            time.sleep(0.05)
+        assert running.poll() is None and is_time()
+        running.send_signal(number)
+        said = running.communicate(timeout=60)[1]
+    assert running.returncode == 130, said
+    return said
+
+
 @pytest.mark.slow
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(900)
 def test_the_quick_form_trains_tries_on_a_farm_and_judges(tmp_path):
     out, work = tmp_path / "results", tmp_path / "work"
+    starts, farm = work / "starts", work / "randomization" / "farm"
+    said = stop_when(signal.SIGTERM, lambda: bool([*starts.glob("*/log")]), out, work)
+    assert processes_of(work) == [], "a start that lost its parent would train on"
+    assert "has been stopped; the same command goes on" in said
+    stop_when(signal.SIGINT, lambda: bool([*farm.glob("*/logs/robots.log")]), out, work)
+    assert processes_of(work) == [] and not farm.exists(), "a farm's folder is large"
+    assert len([*out.glob("*/runs/*-seed1.json")]) == 2, "what was finished is kept"
     whole, _ = experiment("--out", str(out), "--work", str(work))
     assert whole["state"] == "complete" and whole["quick"] and whole["missing"] == []
     assert {(each["cell"], each["physics"], each["trials"]) for each in whole["cells"]} == {

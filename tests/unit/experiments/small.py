@@ -8,9 +8,12 @@ import numpy as np
 from safetensors.numpy import save_file
 
 from api_schemas.policy import LAYOUTS
+from experiments.agreement import training_of
 from experiments.catalogue import CATALOGUE
 from experiments.design import Cell, Contrast, Experiment, Farm, FarmTrials, Measure
+from experiments.recipe_files import wanted_recipe
 from experiments.store import Key, Store
+from sim_backend.training.recipe import load_recipe
 
 TRIALS = FarmTrials("push", farms=(Farm("real"),), blocks=2, block=5, seed=100)
 SMALL = Experiment(
@@ -59,17 +62,20 @@ def write_policy(folder: Path, stem: str, numbers: int = 100) -> None:
 
 
 def leave_training(folder: Path, stem: str, **how) -> dict:
-    """Everything that a finished training leaves in its folder."""
+    """Everything that a finished training leaves in its folder; its recipe may lie there."""
     write_policy(folder, stem)
     made = record(stem, **how)
+    if (recipe := folder / f"{stem}.toml").exists():
+        made["settings"] = load_recipe(str(recipe))[1].model_dump(mode="json")
     (folder / "record.json").write_text(json.dumps(made))
     return made
 
 
 def train(store: Store, cell: Cell, seed: int, **how) -> None:
     """Keep a finished training."""
-    stem = Key(cell.name, seed).stem
-    store.keep_run(cell, seed, leave_training(store.training_folder(cell, seed), stem, **how), "d" * 64)
+    made = leave_training(store.training_folder(cell, seed), Key(cell.name, seed).stem, **how)
+    made["settings"] = wanted_recipe(training_of(cell), seed).model_dump(mode="json")
+    store.keep_run(cell, seed, made, "d" * 64)
 
 
 def rows(block: int, reached: int, trials: int = 5) -> list[dict]:

@@ -4,6 +4,8 @@ import json
 
 import pytest
 
+from experiments.catalogue import CATALOGUE
+from experiments.recipe_files import wanted_recipe
 from experiments.store import LARGEST_WEIGHTS, Key, StoreError, thinned
 from tests.unit.experiments.small import SMALL, leave_training, quick_small, rows, store_of, train, write_policy
 
@@ -15,7 +17,8 @@ def test_a_run_is_kept_small_with_its_policy_and_without_paths(tmp_path):
     kept = json.loads(text)
     assert len(kept["curve"]) == 60
     assert kept["curve"][0] == {"samples": 0} and kept["curve"][-1] == {"samples": 199}
-    assert kept["settings"] == {"task": "push", "physics": "ranges.toml"}
+    assert kept["settings"]["seed"] == 1 and kept["settings"]["task"] == "push"
+    assert kept["without"] == [] and kept["demonstrated"] is None
     assert str(tmp_path) not in text
     assert store.weights(cell, 1) == store.folder / "runs" / "first-seed1.safetensors"
     assert (store.folder / "runs" / "first-seed1.manifest.json").exists()
@@ -24,7 +27,7 @@ def test_a_run_is_kept_small_with_its_policy_and_without_paths(tmp_path):
 def test_a_large_policy_stays_in_the_work_folder_and_is_missed_elsewhere(tmp_path):
     store, cell = store_of(tmp_path), SMALL.cells[0]
     folder = store.training_folder(cell, 1)
-    made = leave_training(folder, "first-seed1")
+    made = leave_training(folder, "first-seed1") | {"settings": wanted_recipe(cell.training, 1).model_dump(mode="json")}
     write_policy(folder, "first-seed1", numbers=LARGEST_WEIGHTS)
     store.keep_run(cell, 1, made, "d")
     assert store.run(cell, 1)["weights"]["here"] is False
@@ -46,6 +49,132 @@ def test_quick_and_full_results_do_not_mix(tmp_path):
     store_of(tmp_path, quick_small()).keep_block(Key("first", 1, "real"), 0, rows(0, 2), {})
     with pytest.raises(StoreError, match="quick and full results do not mix"):
         store_of(tmp_path).trials(Key("first", 1, "real"))
+
+
+def rewrite(path, change) -> None:
+    found = json.loads(path.read_text())
+    change(found)
+    path.write_text(json.dumps(found))
+
+
+def test_a_run_of_another_recipe_is_refused_with_what_differs_and_what_to_do(tmp_path):
+    store, cell = store_of(tmp_path), SMALL.cells[0]
+    train(store, cell, 1)
+    path = store.folder / "runs" / "first-seed1.json"
+    rewrite(path, lambda kept: kept["settings"]["reward"].update(approach=3.0))
+    with pytest.raises(
+        StoreError, match=r"reward\.approach was 3\.0 and is 1000\.0; move first-seed1\* there .* or give another --out"
+    ):
+        store.run(cell, 1)
+
+
+def test_a_run_is_accepted_though_where_files_lay_and_what_is_said_about_it_differ(tmp_path):
+    experiment = CATALOGUE["randomization"]
+    store, cell = store_of(tmp_path, experiment), experiment.cell("randomized")
+    train(store, cell, 2)
+    path = store.folder / "runs" / "randomized-seed2.json"
+    started_from = json.loads(path.read_text())["settings"]["warm_start"]["run"]
+    assert started_from.startswith("push-begun-")
+
+    def elsewhere(kept):
+        kept["settings"]["warm_start"]["run"] = f"/elsewhere/starts/{started_from}"
+        kept["settings"]["about"] = "other words"
+        del kept["without"], kept["demonstrated"]  # as in the first results
+
+    rewrite(path, elsewhere)
+    assert store.run(cell, 2) is not None
+    rewrite(path, lambda kept: kept["settings"]["warm_start"].update(run="push-begun-00000000"))
+    with pytest.raises(StoreError, match=r"warm_start\.run was 'push-begun-00000000'"):
+        store.run(cell, 2)
+
+
+def test_a_run_whose_teacher_saw_less_is_refused(tmp_path):
+    experiment = CATALOGUE["memory"]
+    store, cell = store_of(tmp_path, experiment), experiment.cell("lstm")
+    train(store, cell, 1)
+    rewrite(store.folder / "runs" / "lstm-seed1.json", lambda kept: kept["settings"]["teacher"].update(view="robot"))
+    with pytest.raises(StoreError, match=r"teacher\.view was 'robot' and is 'truth'"):
+        store.run(cell, 1)
+
+
+def test_a_run_that_another_experiment_takes_is_compared_with_its_own_cell(tmp_path):
+    randomization, ablation = CATALOGUE["randomization"], CATALOGUE["ablation"]
+    owner = store_of(tmp_path, randomization)
+    train(owner, randomization.cell("randomized"), 1)
+    rewrite(owner.folder / "runs" / "randomized-seed1.json", lambda kept: kept["settings"].update(samples=5))
+    with pytest.raises(StoreError, match="samples was 5"):
+        store_of(tmp_path, ablation).run(ablation.cell("all"), 1)
+
+
+def test_groups_that_were_left_out_are_compared_since_the_recipe_only_names_their_file(tmp_path):
+    ablation = CATALOGUE["ablation"]
+    store, cell = store_of(tmp_path, ablation), ablation.cell("without-delays")
+    train(store, cell, 1)
+    assert store.run(cell, 1) is not None
+    rewrite(store.folder / "runs" / "without-delays-seed1.json", lambda kept: kept["without"].pop())
+    with pytest.raises(StoreError, match="without was"):
+        store.run(cell, 1)
+
+
+ABOUT = {"task": "push", "policy_digest": "d" * 64}
+
+
+def test_trials_of_two_policies_do_not_mix(tmp_path):
+    store, key = store_of(tmp_path), Key("first", 1, "real")
+    store.keep_block(key, 0, rows(0, 2), ABOUT)
+    with pytest.raises(StoreError, match=r"policy_digest was 'ddd.* and is 'eee.*; move it away"):
+        store.keep_block(key, 1, rows(1, 3), ABOUT | {"policy_digest": "e" * 64})
+    assert list(store.trials(key)["blocks"]) == ["0"]
+
+
+def test_trials_of_a_policy_that_is_not_the_runs_are_refused(tmp_path):
+    store, key = store_of(tmp_path), Key("first", 1, "real")
+    store.keep_block(key, 0, rows(0, 2), ABOUT | {"policy_digest": "e" * 64})
+    train(store, SMALL.cells[0], 1)
+    with pytest.raises(StoreError, match="policy_digest was 'eee"):
+        store.trials(key)
+    with pytest.raises(StoreError, match="policy_digest was 'eee"):
+        store.keep_block(Key("first", 1, "real"), 1, rows(1, 2), ABOUT | {"policy_digest": "e" * 64})
+
+
+@pytest.mark.parametrize(
+    ("about", "trials", "sentence"),
+    [
+        ({"farm": {"physics": "real", "seed": 1, "robots": 4}}, 5, "farm.seed was 1 and is 9001"),
+        ({"task": "lift"}, 5, "task was 'lift' and is 'push'"),
+        ({"first_job_seed": 7}, 5, "first_job_seed was 7 and is 100"),
+        ({}, 4, "trials of a block were 4 and are 5"),
+    ],
+)
+def test_trials_that_were_asked_for_otherwise_are_refused(tmp_path, about, trials, sentence):
+    with pytest.raises(StoreError, match=sentence):
+        store_of(tmp_path).keep_block(Key("first", 1, "real"), 0, rows(0, 2, trials), ABOUT | about)
+
+
+def test_trials_of_a_shipped_policy_that_has_changed_since_are_refused(tmp_path):
+    experiment = CATALOGUE["objects"]
+    store, key, cell = store_of(tmp_path, experiment), Key("push-cube", 1, "real"), experiment.cell("push-cube")
+    digest = store.policy_digest(cell, 1)
+    store.keep_block(key, 0, rows(0, 2, 10), ABOUT | {"policy_digest": digest})
+    assert store.trials(key) is not None
+    path = store.folder / "trials" / "push-cube-seed1-real.json"
+    rewrite(path, lambda kept: kept.update(policy_digest="0" * 64))
+    with pytest.raises(StoreError, match=f"policy_digest was '0000.* and is '{digest}'"):
+        store.trials(key)
+
+
+def test_measurements_are_of_the_policy_and_of_what_is_asked(tmp_path):
+    experiment = CATALOGUE["memory"]
+    store, key = store_of(tmp_path, experiment), Key("lstm", 1, "real")
+    store.keep_measured(key, {"robots": 600, "parameters": {}})
+    assert store.measured(key) is not None
+    store.keep_measured(key, {"robots": 6, "parameters": {}})
+    with pytest.raises(StoreError, match="robots was 6 and is 600"):
+        store.measured(key)
+    train(store, experiment.cell("lstm"), 1)
+    store.keep_measured(key, {"robots": 600, "policy_digest": "e" * 64})
+    with pytest.raises(StoreError, match="policy_digest was 'eee"):
+        store.measured(key)
 
 
 def test_thinning_keeps_the_ends():

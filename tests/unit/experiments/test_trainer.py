@@ -1,7 +1,11 @@
 """Trainings side by side: stopped in the middle and gone on with, they leave the same files, and none is done twice."""
 
+import os
+import signal
 import subprocess
 import sys
+import threading
+import time
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -10,11 +14,14 @@ import pytest
 
 from experiments import trainer
 from experiments.design import Start
+from experiments.lock import taken
 from experiments.plan import TrainingPiece, missing
 from experiments.recipe_files import write_recipe
+from experiments.store import StoreError
 from experiments.trainer import TrainingFailedError, train_all
 from tests.unit.experiments.small import SMALL, leave_training, store_of
 
+BEGUN = {"task": "push", "layout": "push", "samples": 10}
 SLEEPS = "import time; time.sleep(60)"
 
 
@@ -104,18 +111,112 @@ def test_demonstrations_are_recorded_once_and_cut_to_the_count(tmp_path, monkeyp
     assert trainer._demonstrations(shown, store, lambda _: None) == path
 
 
+def test_other_demonstrations_are_another_file(tmp_path, monkeypatch):
+    from experiments.catalogue import CATALOGUE
+
+    store = store_of(tmp_path, CATALOGUE["demonstrations"])
+    shown, recorded = CATALOGUE["demonstrations"].cell("demonstrations-25").training.demonstrations, []
+    monkeypatch.setattr(trainer, "_await", lambda *_: None)
+    monkeypatch.setattr(trainer, "cut", lambda _recorded, _count, wanted: (recorded.append(wanted), wanted.write_text("")))
+    for each in (shown, shown, replace(shown, noise=0.1), replace(shown, physics="real"), replace(shown, count=7)):
+        trainer._demonstrations(each, store, lambda _: None)
+    assert len(set(recorded)) == len(recorded) == 4
+    assert recorded[0].name == "push-scratch-25.demonstrations", "as the first results name it"
+
+
+def test_a_checkpoint_of_another_recipe_is_refused_before_anything_is_trained(trainings, monkeypatch):
+    trainings.fail = "other-seed2"
+    with pytest.raises(TrainingFailedError):
+        train(trainings)
+    recipe = trainings.store.training_folder(SMALL.cells[1], 2) / "other-seed2.toml"
+    recipe.write_text(recipe.read_text().replace("approach = 1000.0", "approach = 5.0"))
+    trainings.begun.clear()
+    with pytest.raises(
+        StoreError, match=r"checkpoint of another recipe: reward\.approach was 5\.0 and is 1000\.0; move the folder"
+    ):
+        train(trainings)
+    assert trainings.begun == []
+
+
+def test_a_checkpoint_with_other_reduced_ranges_is_refused(trainings):
+    piece = TrainingPiece(SMALL.cells[0], 1, 1.0)
+    for without in (("cube_mass",), ("cube_size",)):
+        training = replace(piece.cell.training, without=without)
+        piece = replace(piece, cell=replace(piece.cell, training=training))
+        folder = trainings.store.training_folder(piece.cell, 1)
+        if without == ("cube_mass",):
+            write_recipe(training, 1, folder, "first-seed1")
+            (folder / "checkpoint.pt").write_text("")
+            trainer._check_checkpoint(piece, trainings.store)
+    with pytest.raises(StoreError, match=r"reduced-real\.toml has other ranges"):
+        trainer._check_checkpoint(piece, trainings.store)
+
+
+ENDS_TIDILY = """
+import signal, sys, time
+from pathlib import Path
+def tidy(*_):
+    Path(sys.argv[1]).write_text("tidy")
+    sys.exit(130)
+signal.signal(signal.SIGINT, tidy)
+Path(sys.argv[1]).write_text("begun")
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_while_a_start_is_trained_ends_the_start_too(trainings, tmp_path, monkeypatch, number):
+    processes, mark = [], tmp_path / "mark"
+
+    def child(*_):
+        processes.append(subprocess.Popen([sys.executable, "-c", ENDS_TIDILY, str(mark)]))
+        return processes[-1]
+
+    def stop():
+        while not mark.exists() or mark.read_text() != "begun":
+            time.sleep(0.02)
+        os.kill(os.getpid(), number)
+
+    monkeypatch.setattr(trainer, "_child", child)
+    before = signal.signal(number, signal.default_int_handler)
+    try:
+        threading.Thread(target=stop).start()
+        with pytest.raises(KeyboardInterrupt):
+            trainer._trained_start(Start("begun", BEGUN, 1.0), trainings.store, lambda _: None)
+    finally:
+        signal.signal(number, before)
+        code = processes[0].poll()
+        processes[0].kill()
+        processes[0].wait()
+    assert code == 130 and mark.read_text() == "tidy"
+
+
+def test_a_start_that_another_experiment_trains_is_waited_for(trainings):
+    start, told = Start("begun", BEGUN, 1.0), []
+    folder = trainings.store.start_folder(start)
+    with taken(folder, "training begun"):
+        waiting = threading.Thread(target=lambda: trainer._trained_start(start, trainings.store, told.append))
+        waiting.start()
+        while not told:
+            time.sleep(0.01)
+        assert f"process {os.getpid()}" in told[0] and "waiting for its end" in told[0]
+        (folder / "record.json").write_text("{}")
+    waiting.join(10)
+    assert not waiting.is_alive() and trainings.begun == [], "it was trained once"
+
+
 def test_a_start_is_trained_once_and_given_to_every_run_that_goes_on_from_it(trainings, monkeypatch):
-    start, training = Start("begun", {"task": "push", "samples": 10}, 1.0), SMALL.cells[0].training
+    start, training = Start("begun", BEGUN, 1.0), SMALL.cells[0].training
     made = [trainer._trained_start(start, trainings.store, lambda _: None) for _ in range(2)]
     assert made[0] == made[1] and trainings.begun == ["begun"]
-    assert tomllib.loads((made[0] / "begun.toml").read_text()) == {"task": "push", "samples": 10, "seed": 1}
+    assert tomllib.loads((made[0] / "begun.toml").read_text()) == BEGUN | {"seed": 1}
     recipe = write_recipe(replace(training, start=start), 1, made[0], "mine", begun_with=made[0])
     assert tomllib.loads(recipe.read_text())["warm_start"] == {"run": str(made[0])}
-    other = trainer._trained_start(replace(start, recipe={"task": "lift", "samples": 10}), trainings.store, lambda _: None)
+    other = trainer._trained_start(replace(start, recipe=BEGUN | {"task": "lift"}), trainings.store, lambda _: None)
     assert other != made[0] and trainings.begun == ["begun", "begun"], "another recipe is another start"
 
 
 def test_a_start_that_fails_is_told_with_its_last_words(trainings):
     trainings.fail = "begun"
     with pytest.raises(TrainingFailedError, match=r"begun ended with code 3[\s\S]*said last"):
-        trainer._trained_start(Start("begun", {"task": "push", "samples": 10}, 1.0), trainings.store, lambda _: None)
+        trainer._trained_start(Start("begun", BEGUN, 1.0), trainings.store, lambda _: None)

@@ -223,6 +223,21 @@ def test_the_demonstration_term_decays_and_the_critic_learns_first(tmp_path, exp
     assert not torch.equal(look, weights[0])
 
 
+def test_a_clone_is_tried_before_it_practises_and_only_once(tmp_path, expert):
+    shown = demonstrations_of(expert, tmp_path / "shown.safetensors")
+    table = {"files": [str(shown)], "clone_updates": 20, "batch": 100, "critic_first": 1}
+    evaluation = {"every_samples": 200, "trials": 2, "physics": ["nominal"], "final_trials": 0}
+    settings = {"method": "dapg", "demonstrations": table, "evaluation": evaluation}
+    run = Run("mine", ppo(samples=200, **settings), tmp_path, threads=1, tell=quiet)
+    run.learn()
+    run.keep()
+    assert [each["samples"] for each in run.evaluations] == [0, 200]
+    again = Run("mine", ppo(samples=400, **settings), tmp_path, threads=1, tell=quiet)
+    again.go_on()
+    again.learn()
+    assert [each["samples"] for each in again.evaluations] == [0, 200, 400]
+
+
 def test_a_residual_is_added_to_a_policy_that_stays(tmp_path, expert):
     networks = {"actor": (12,), "critic": (16,), "privileged": True}
     recipe = ppo(method="residual", networks=networks, residual={"policy": str(expert), "share": 0.2})

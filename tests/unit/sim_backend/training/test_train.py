@@ -123,6 +123,21 @@ def test_a_stopped_run_goes_on(tmp_path, capsys):
     assert re.findall("`([^`]+)`", re.search(r"^JSON keys: (.*)$", page, re.MULTILINE)[1]) == list(document(record, folder))
 
 
+def test_a_run_is_not_gone_on_with_by_another_recipe(tmp_path, capsys):
+    path, folder = tmp_path / "tiny.toml", tmp_path / "run"
+    path.write_text(TINY.format(samples=200))
+    arguments = [str(path), "--out", str(folder), "--threads", "1"]
+    assert main(arguments) == 0
+    before = (folder / "checkpoint.pt").read_bytes()
+    path.write_text(TINY.format(samples=400) + "[reward]\napproach = 7.0\n")
+    assert main([*arguments, "--resume"]) == 2
+    said = capsys.readouterr().err
+    assert "was begun with another recipe: reward.approach was " in said and " and is 7.0; go on with that one" in said
+    assert (folder / "checkpoint.pt").read_bytes() == before
+    path.write_text("minutes = 5.0\n" + TINY.format(samples=400).replace("trials = 2", "trials = 3"))
+    assert main([*arguments, "--resume"]) == 0, "how long it takes and how it is tried may change"
+
+
 def press_ctrl_c_while_it_trains(before) -> None:
     while signal.getsignal(signal.SIGINT) is before:
         time.sleep(0.01)
