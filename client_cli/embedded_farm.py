@@ -4,7 +4,7 @@ import json
 import signal
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from api_schemas.jail.level import JailLevel
 from api_schemas.robot import RobotState
 from client_cli.api_client import ApiClient
 from client_cli.child_process import ChildProcess, child_environment, module_command, start_child
-from client_cli.errors import ClientError
+from client_cli.errors import ClientError, Refused
 from client_cli.farm_claims import held_folder, usable_port
 from client_cli.farm_record import FarmRecord, save_record
 from client_cli.robot_options import RobotOptions
@@ -89,6 +89,7 @@ def _start(options: FarmOptions, children: list[ChildProcess]) -> EmbeddedFarm:
     with ApiClient(connection) as client:
         while (ready := _robots_in_service(client)) < options.robots.count:
             _pause(children, deadline_s, f"only {ready} of {options.robots.count} robots came up")
+        _forget_places(client, options.robots.count)
     settings = save_connection(connection, options.home)
     shown = options.robots.physics_name
     return EmbeddedFarm(connection, bus, options.data, options.robots.count, shown, settings, tuple(children))
@@ -123,6 +124,15 @@ def _check(children: tuple[ChildProcess, ...]) -> None:
 
 def _robots_in_service(client: ApiClient) -> int:
     return sum(robot.state is not RobotState.LOST for robot in client.robots().robots)
+
+
+def _forget_places(client: ApiClient, count: int) -> None:
+    """A folder that had more robots the last time has no lost ones now."""
+    places = {f"robot-{number}" for number in range(count)}
+    for robot in client.robots().robots:
+        if robot.state is RobotState.LOST and robot.robot not in places:
+            with suppress(Refused):  # it holds a lease from the last time, or is coming at this moment
+                client.forget(robot.robot)
 
 
 def _tokens(data: Path) -> dict[str, str]:

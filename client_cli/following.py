@@ -69,7 +69,7 @@ def _read_events(client: ApiClient, job_id: str, followed: Followed, view: Progr
         else:
             followed.progress = advance(followed.progress, event)
             followed.last_event = event.id
-            followed.ended = event.state in FINAL_JOB_STATES
+            followed.ended = event.kind == "job_ended"  # final states are also in the past of a job that was queued again
         view.show(followed.progress)
         if followed.ended:
             return

@@ -1,4 +1,4 @@
-"""``trifarm robots``: what every robot does, and drain or resume one."""
+"""``trifarm robots``: what every robot does, and drain, resume or forget one."""
 
 import os
 from typing import Annotated
@@ -43,6 +43,17 @@ def resume(robot: RobotArgument, as_json: JsonOption = False) -> None:
     """Give a drained robot trials again; one that is out of service tests itself again first."""
     with ApiClient(load_connection(os.environ)) as client:
         _show(client.resume(robot), as_json)
+
+
+@commands.command(epilog=epilog(*OF_EVERY_REQUEST))
+def forget(robot: RobotArgument, as_json: JsonOption = False) -> None:
+    """Take a robot that is gone for good off the list; what it did stays."""
+    with ApiClient(load_connection(os.environ)) as client:
+        client.forget(robot)
+    if as_json:
+        print_document({"robot": robot, "forgotten": True})
+    else:
+        print_line(f"{robot} is forgotten")
 
 
 def _show(robot: Robot, as_json: bool) -> None:

@@ -1,7 +1,6 @@
 """How a robot comes into the farm and stays: it asks until the API answers, and for a new certificate in good time."""
 
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeVar
@@ -9,7 +8,7 @@ from typing import TypeVar
 import zenoh
 
 from robot_farm.api_link import ApiUnreachableError, NotExpectedError
-from robot_farm.bus_access import Access
+from robot_farm.bus_access import Access, clock_s
 from robot_farm.bus_link import BusLink
 
 JOIN_AGAIN_S = 1.0
@@ -46,7 +45,7 @@ def renewed(access: Access, ask: Callable[[], Access], bus: BusLink, say: Callab
     Raises:
         NotAdmittedError: the farm does not take the robot any more.
     """
-    now_s = time.monotonic()
+    now_s = clock_s()
     if not access.is_due(now_s):
         return access
     try:

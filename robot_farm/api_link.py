@@ -14,6 +14,8 @@ from api_schemas.trial import Outcome
 
 RETRY_FOR_S = 120.0
 """An outcome is offered again for so long when the API is away; by then the lease has long run out."""
+GRAPHS_KEPT = 20
+"""So many policies' graphs stay with a robot; the one that was wanted last the longest ago goes first."""
 NOT_EXPECTED = "robot-not-expected"
 """In the type of the problem by which the API refuses such a robot."""
 _RETRY_STATUS = frozenset({429, 500, 502, 503, 504})
@@ -83,7 +85,7 @@ class ApiLink:
         return RenewalReply.model_validate_json(response.content)
 
     def fetch_graph(self, digest: str, sha256: str, folder: Path) -> Path:
-        """The policy's ONNX graph, fetched once and kept under its SHA-256.
+        """The policy's ONNX graph, kept under its SHA-256 in the robot's own folder until ``GRAPHS_KEPT`` others were wanted.
 
         Raises:
             ApiUnreachableError: no answer in time.
@@ -91,7 +93,10 @@ class ApiLink:
         """
         path = folder / f"{sha256}.onnx"
         if path.exists():
+            path.touch()
             return path
+        for old in sorted(folder.glob("*.onnx"), key=lambda each: each.stat().st_mtime)[: 1 - GRAPHS_KEPT]:
+            old.unlink()
         response = self._patiently("GET", f"/v1/policies/{digest}/graph")
         if hashlib.sha256(response.content).hexdigest() != sha256:
             raise ValueError(f"the graph of policy {digest} does not have the SHA-256 {sha256} that the lease names")

@@ -28,7 +28,7 @@ class Access:
         endpoints: where the bus is; tried in turn.
         farm: its name on the bus.
         identity: what a guarded bus is shown.
-        renew_at_s: when to ask for the next certificate, on the monotonic clock; None if there is none.
+        renew_at_s: when to ask for the next certificate, on ``clock_s``; None if there is none.
     """
 
     endpoints: tuple[str, ...]
@@ -45,6 +45,11 @@ class Access:
         return bus.session_config_json(mode="client", connect=self.endpoints, identity=self.identity)
 
 
+def clock_s() -> float:
+    """Seconds of a clock that goes on while the machine sleeps, as certificates do."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
 def ask_access(api: ApiLink, robot: str, settings: Settings) -> Access:
     """Asks the API how to come onto the bus, with a new key; what the robot was told itself wins.
 
@@ -56,7 +61,7 @@ def ask_access(api: ApiLink, robot: str, settings: Settings) -> Access:
     """
     if settings.bus is not None and settings.farm is not None and not bus.is_guarded(settings.bus):
         return Access((settings.bus,), settings.farm)
-    key, asked_s = Ed25519PrivateKey.generate(), time.monotonic()
+    key, asked_s = Ed25519PrivateKey.generate(), clock_s()
     told = _told(api, robot, BusRequest(signing_request=_request(key, robot), version=version("trifarm")))
     endpoints = (settings.bus,) if settings.bus else tuple(_seen_from(settings.api, each) for each in told.endpoints)
     farm = settings.farm or told.farm

@@ -161,9 +161,10 @@ class BusLink:
 
     def resume_asked(self) -> bool:
         """Whether an operator wants a robot that is out of service back; asks once for each time that he does."""
-        asked = self._resume_asked.is_set()
+        if not self._resume_asked.is_set():
+            return False  # and is not cleared: he may ask at this very moment
         self._resume_asked.clear()
-        return asked
+        return True
 
     def _idle_state(self) -> RobotState:
         if self._wrong is not None:

@@ -31,7 +31,6 @@ class _Place:
         self.started_at_s = 0.0
         self.deaths = 0
         self.start_at_s = 0.0
-        self.token: str | None = None
 
 
 def run_robots(settings: Settings, arguments: list[str], stop: threading.Event, say: Callable[[str], None]) -> None:
@@ -74,13 +73,14 @@ def _look_after(place: _Place, settings: Settings, arguments: list[str], say: Ca
         place.start_at_s = now_s + RESTART_PAUSE_S[min(place.deaths, len(RESTART_PAUSE_S)) - 1]
         place.process = None
     if place.process is None and now_s >= place.start_at_s:
-        place.token = place.token or _own_token(place, settings, say)
-        if place.token is None:
+        # Asked for at each start, though it is always the same one: the farm may have forgotten it and makes it anew then.
+        token = _own_token(place, settings, say)
+        if token is None:
             place.start_at_s = time.monotonic() + JOIN_AGAIN_S
             return
         place.started_at_s = now_s
         # The farm's token, which can speak for every robot, stays here.
-        environment = os.environ | {TOKEN_VARIABLE: place.token}
+        environment = os.environ | {TOKEN_VARIABLE: token}
         command = [sys.executable, "-P", "-m", "robot_farm", "--robot", place.name, *arguments]
         place.process = subprocess.Popen(command, env=environment)
 

@@ -19,7 +19,7 @@ from api_schemas.jail.detection import detect
 from api_schemas.token import Scope, TokenRequest
 from services.api.app import create_app
 from services.api.farm import Farm
-from services.api.tokens import Tokens
+from services.api.tokens import Tokens, new_bearer
 from services.dashboard.mount import mount
 from services.database.database import Database, address, migrate
 from services.dispatcher.bus import Bus
@@ -27,7 +27,7 @@ from services.dispatcher.dispatcher import Dispatcher, Metrics
 from services.errors import NotReady, ServiceError
 from services.files.homes import open_home
 from services.files.store import FileStore
-from services.jobs import robots
+from services.jobs import lease, robots
 from services.jobs.clock import FarmClock
 from services.jobs.fleet import Fleet
 from services.jobs.signals import Signals
@@ -166,7 +166,7 @@ async def _beside(farm: Farm) -> AsyncIterator[None]:
     """Runs what goes on beside all requests: the clock follows the database's, and old logs go."""
     repeated = [_repeat("logs were not tidied", TIDY_EVERY_S, lambda: _tidy(farm))]
     if farm.database.is_shared:
-        repeated.append(_repeat("the clock was not set", FOLLOW_EVERY_S, lambda: farm.clock.set_by(farm.database)))
+        repeated.append(_repeat("the clock was not set", FOLLOW_EVERY_S, lambda: _follow_clock(farm)))
     if farm.settings.webhooks:
         calls = Deliverer(farm.settings.farm, farm.database, farm.clock, farm.fleet, farm.key)
         repeated.append(_call_webhooks(calls))
@@ -193,6 +193,15 @@ async def _repeat(failed: str, every_s: float, work: Callable[[], Awaitable[obje
             await work()
         except (OSError, SQLAlchemyError, ServiceError) as error:
             log.warning(failed, reason=str(error))
+
+
+async def _follow_clock(farm: Farm) -> None:
+    if back_s := await farm.clock.set_by(farm.database):
+        log.warning("the database's clock went back", seconds=round(back_s, 1))
+        now_s = farm.clock.now_s()
+        farm.fleet.went_back(now_s)
+        async with farm.database.write() as tx:
+            await lease.shorten(tx, now_s + farm.settings.lease_s)
 
 
 async def _tidy(farm: Farm) -> None:
@@ -229,8 +238,10 @@ async def _first_tokens(settings: Settings, tokens: Tokens) -> None:
                 await tokens.register(bearer.get_secret_value(), request)  # another process did so at the same time
     if any(bearer is not None for bearer, _ in given) or await tokens.all():
         return
-    made = {"admin": (await tokens.make(ADMIN)).secret, "robot": (await tokens.make(ROBOT)).secret}
+    # The file first: of tokens that are in the database alone nobody knows the secrets, and no others would be made.
+    made = {"admin": new_bearer(), "robot": new_bearer()}
     _write_privately(settings.data / TOKENS_FILE, json.dumps(made))
+    await tokens.keep({made["admin"]: ADMIN, made["robot"]: ROBOT})
 
 
 def _write_privately(path: Path, text: str) -> None:

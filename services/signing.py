@@ -71,6 +71,7 @@ def key_bytes(text: str) -> bytes | None:
 def _make(path: Path) -> None:
     """Writes a new key under its name only when it is whole; of two processes that do so at once, one wins."""
     unfinished = path.with_suffix(f".{os.getpid()}.new")
+    unfinished.unlink(missing_ok=True)  # of a process that had the same number and died
     with os.fdopen(os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
         file.write(Ed25519PrivateKey.generate().private_bytes_raw().hex())
     try:

@@ -9,7 +9,6 @@ from collections import OrderedDict
 from contextlib import suppress
 
 import structlog
-from sqlalchemy.exc import DBAPIError
 from starlette.datastructures import MutableHeaders
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Send
@@ -19,6 +18,7 @@ from services.api import audit, problems
 from services.api.bodies import Incoming
 from services.api.rate_limits import MOST_BUCKETS, Buckets, Draw, network
 from services.api.tokens import Caller, Tokens
+from services.database.database import AWAY
 from services.errors import Unauthorised
 from services.settings import Settings
 
@@ -155,7 +155,7 @@ class _Watch:
             if lent is not None and not await self._tokens.lasts(*lent):
                 return False
             return caller is None or await self._tokens.still_holds(caller)
-        except DBAPIError:
+        except AWAY:
             return True  # that the database is away for a moment says nothing about the token
 
 

@@ -31,7 +31,7 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(ClientDisconnect, _broken_off)
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(HTTPException, _http_error)
-    app.add_exception_handler(DBAPIError, _database_error)
+    app.add_exception_handler(DBAPIError, database_error)
     app.add_exception_handler(Exception, _unexpected)
 
 
@@ -75,7 +75,8 @@ def _methods(request: Request) -> set[str]:
     return {method for route in found for method in route.methods}
 
 
-async def _database_error(request: Request, error: Exception) -> JSONResponse:
+async def database_error(request: Request, error: Exception) -> JSONResponse:
+    """The answer to a request whose statement failed: it is at fault where it named a value that no database keeps."""
     assert isinstance(error, DBAPIError)
     if _is_of_value(error):
         log.warning("value refused by the database", route=_route(request), kind=type(error.orig).__name__)

@@ -1,4 +1,4 @@
-"""Routes of robots: how they are, and the operator's wish to drain one."""
+"""Routes of robots: how they are, and the operator's wish to drain one or to forget it."""
 
 from collections.abc import Sequence
 from typing import Annotated
@@ -6,13 +6,14 @@ from typing import Annotated
 from fastapi import APIRouter, Path
 from sqlalchemy import select
 
-from api_schemas.robot import Robot, RobotPage
+from api_schemas.robot import Robot, RobotPage, RobotState
 from api_schemas.token import NewToken
 from services.api.access import AnyCaller, Bearer, Joining, Operator
+from services.api.document import refusals
 from services.api.farm import Farm, TheFarm
 from services.api.tokens import Caller
 from services.database.tables import job
-from services.errors import NotFound
+from services.errors import Conflict, NotFound
 from services.jobs import robots, views
 from services.jobs.fleet import Member
 
@@ -31,6 +32,18 @@ async def list_robots(caller: AnyCaller, farm: TheFarm) -> RobotPage:
 async def get_robot(robot: Name, caller: AnyCaller, farm: TheFarm) -> Robot:
     """One robot."""
     return await _show_one(robot, caller, farm)
+
+
+@router.delete("/{robot}", status_code=204, responses=refusals(404, 409))
+async def forget_robot(robot: Name, _caller: Operator, farm: TheFarm) -> None:
+    """Forgets a robot that is gone for good; what it did stays. Should it come back, it joins as a new one."""
+    member = farm.fleet.snapshot(robot)
+    if member is not None and (member.present or member.state(farm.clock.now_s()) != RobotState.LOST):
+        raise Conflict("robot-present", f"{robot} is there and would join again at once; end its process first.")
+    async with farm.database.write() as tx:
+        await robots.forget(tx, robot)
+    farm.fleet.members.pop(robot, None)
+    farm.signals.tell_others(None)
 
 
 @router.post("/{robot}/token")

@@ -4,11 +4,12 @@ import hashlib
 import hmac
 import re
 import secrets
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 
 import structlog
-from sqlalchemy import delete, insert, select, update
+from sqlalchemy import Insert, delete, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from api_schemas.token import NewToken, Scope, Token, TokenRequest
@@ -90,7 +91,7 @@ class Tokens:
 
     async def _known(self, hashed: str, token_id: str) -> Caller:
         now_s = self.clock.now_s()
-        if (known := self._remembered.get(hashed)) is not None and now_s < known[1]:
+        if (known := self._remembered.get(hashed)) is not None and now_s < known[1] <= now_s + REMEMBERED_S:
             return known[0]
         async with self.database.read() as connection:
             row = (await connection.execute(_WITH_PARENT.where(token.c.token_id == token_id))).one_or_none()
@@ -126,7 +127,7 @@ class Tokens:
 
     async def make(self, request: TokenRequest) -> NewToken:
         """A new token; its secret is in the answer and nowhere else."""
-        bearer = f"{PREFIX}_{secrets.token_hex(4)}_{secrets.token_urlsafe(32)}"
+        bearer = new_bearer()
         row = await self._insert(bearer, request)
         return NewToken(**_shown(row).model_dump(), secret=bearer)
 
@@ -194,9 +195,19 @@ class Tokens:
             self._remembered.clear()
             log.info("stored token replaced by the given one", token_id=known.token_id, changed=changed)
 
+    async def keep(self, made: Mapping[str, TokenRequest]) -> None:
+        """Makes new tokens valid, all of them or none."""
+        async with self.database.write() as tx:
+            for bearer, request in made.items():
+                await tx.execute(self._row(bearer, request))
+
     async def _insert(self, bearer: str, request: TokenRequest, *, robot: str | None = None, parent: str | None = None) -> AnyRow:
+        async with self.database.write() as tx:
+            return (await tx.execute(self._row(bearer, request, robot, parent).returning(*token.c))).one()
+
+    def _row(self, bearer: str, request: TokenRequest, robot: str | None = None, parent: str | None = None) -> Insert:
         now_s, days = self.clock.now_s(), request.expires_in_days
-        row = insert(token).values(
+        return insert(token).values(
             token_id=_id(bearer),
             owner=request.owner,
             scopes=_words(request),
@@ -206,8 +217,6 @@ class Tokens:
             robot=robot,
             parent=parent,
         )
-        async with self.database.write() as tx:
-            return (await tx.execute(row.returning(*token.c))).one()
 
     async def all(self) -> tuple[Token, ...]:
         """Every token ever made, without secrets, oldest first."""
@@ -228,6 +237,11 @@ class Tokens:
         if changed.rowcount == 0 and known is None:
             raise NotFound("token-not-found", f"There is no token {token_id}; GET /v1/tokens lists them.")
         self._remembered.clear()
+
+
+def new_bearer() -> str:
+    """The text of a token that nobody has yet."""
+    return f"{PREFIX}_{secrets.token_hex(4)}_{secrets.token_urlsafe(32)}"
 
 
 def sha256(bearer: str) -> str:

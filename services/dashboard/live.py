@@ -13,6 +13,7 @@ from fastapi.sse import ServerSentEvent
 
 from services.api.farm import Farm
 from services.dashboard.sessions import Session, SignedIn
+from services.database.database import AWAY
 from services.errors import ServiceError, TooMany
 
 Parts = Mapping[str, str]
@@ -68,7 +69,8 @@ async def stream(
 ) -> AsyncIterator[ServerSentEvent]:
     """The parts that differ from what was sent last; ``anew`` when the page is to be loaded again.
 
-    That is so when there are other parts than before, and when the session ended or what is shown has gone.
+    That is so when there are other parts than before, and when the session ended or what is shown has gone; not when a part of
+    the farm is away.
 
     Args:
         farm: whose end ends the stream.
@@ -82,6 +84,9 @@ async def stream(
         try:
             await farm.tokens.caller(session.bearer)
             parts = await make() if session.lasts else {}
+        except AWAY:  # what is shown stays for the moment
+            await _waited(farm.signals.closing)
+            continue
         except ServiceError:
             parts = {}  # the token was revoked, or what is shown has gone
         if not parts or (sent and parts.keys() != sent.keys()):

@@ -12,13 +12,17 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 from fastapi.routing import APIRoute
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
+from sqlalchemy.exc import DBAPIError
 
 from services.api import problems
 from services.dashboard import words
 from services.dashboard.sessions import COOKIE, Session
-from services.errors import ServiceError, TooMany, Unauthorised
+from services.errors import ServiceError, TooMany, Unauthorised, Unavailable
 
 FOLDER = Path(__file__).parent
+FOR_NOW = frozenset({TooMany.status, Unavailable.status})
+AGAIN_AFTER_S = 5
+"""A page that cannot be shown for now is loaded again by itself after so long: nobody need be there to do it."""
 NOTHING_FOREIGN = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
     "form-action 'self'; frame-ancestors 'none'; base-uri 'none'"
@@ -74,8 +78,11 @@ class PageRoute(APIRoute):
                 return _to_sign_in(request, error)
             except TooMany as error:
                 return _ask_later(request, error)
+            except DBAPIError as error:
+                return _again(request, await problems.database_error(request, error), AGAIN_AFTER_S)
             except ServiceError as error:
-                return page("error.html", None, status=error.status, title=error.title, detail=error.detail)
+                answer = page("error.html", None, status=error.status, title=error.title, detail=error.detail)
+                return _again(request, answer, AGAIN_AFTER_S)
             except RequestValidationError as error:
                 found = "; ".join(f"{'.'.join(str(at) for at in each['loc'])}: {each['msg']}" for each in error.errors())
                 return page("error.html", None, status=422, title="Not understood", detail=found)
@@ -93,6 +100,13 @@ def _ask_later(request: Request, error: TooMany) -> Response:
         return problems.answer(request, error.status, error.slug, error.title, error.detail, headers=headers)
     answer = page("error.html", None, status=error.status, title=error.title, detail=error.detail)
     answer.headers.update(headers)
+    return _again(request, answer, error.retry_after_s)
+
+
+def _again(request: Request, answer: Response, after_s: int) -> Response:
+    """The answer; if it says that a page cannot be shown for now, a browser is told to ask again."""
+    if request.method == "GET" and answer.status_code in FOR_NOW:
+        answer.headers["Refresh"] = str(after_s)
     return answer
 
 

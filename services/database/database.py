@@ -10,13 +10,15 @@ from alembic.config import Config
 from alembic.script import ScriptDirectory
 from sqlalchemy import inspect, text
 from sqlalchemy.engine import make_url
-from sqlalchemy.exc import ArgumentError
+from sqlalchemy.exc import ArgumentError, DBAPIError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
 
 from services.database import postgres, sqlite
 from services.errors import NotReady, Unavailable
 
 MIGRATIONS = Path(__file__).parent.parent / "migrations"
+AWAY = (DBAPIError, Unavailable)
+"""What a statement may end with while the database is away: that broke in its midst, or found no way there."""
 ADDRESSES = "give postgresql://user:password@host/name, or none for SQLite in the data folder"
 
 

@@ -118,6 +118,7 @@ job = Table(
     Column("seed_drawn_by_server", Boolean, nullable=False),
     Column("owner", String(64), nullable=False),
     Column("created_at", String(40), nullable=False),
+    # When it was queued, or queued again.
     Column("created_s", Float, nullable=False),
     Column("started_at", String(40)),
     Column("ended_at", String(40)),

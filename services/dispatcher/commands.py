@@ -51,7 +51,7 @@ class Commands:
 
     def _tell(self, robot: str, kind: CommandKind, claim: Claim | None) -> None:
         now_s, key = self.clock.now_s(), (robot, kind, claim)
-        self._told_s = {each: at for each, at in self._told_s.items() if now_s - at < TELL_AGAIN_S}
+        self._told_s = {each: at for each, at in self._told_s.items() if 0.0 <= now_s - at < TELL_AGAIN_S}
         if key in self._told_s:
             return
         self._told_s[key] = now_s

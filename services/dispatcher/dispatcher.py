@@ -35,6 +35,7 @@ from services.jobs.signals import Signals
 from services.settings import Settings
 
 log = structlog.get_logger()
+MANIFESTS_KEPT = 1000
 SETTLE_S = 2.0
 """A dispatcher that joins others gives no lease for so long: two heartbeats of every robot."""
 
@@ -74,6 +75,7 @@ class Dispatcher:
     def __post_init__(self) -> None:
         self._steps = Steps(self.signals)
         self._ender = LeaseEnder(self.settings, self.database, self.clock, self.fleet, self.signals)
+        self._hearing = Hearing(self.database, self.clock, self.fleet, self.signals, self._steps, self._ender)
         gone_s = self.settings.pinned_robot_gone_s
         self._abandoner = Abandoner(self.database, self.clock, self.fleet, self.signals, gone_s)
         self._canaries = Canaries(self.database, self.clock, self.signals)
@@ -81,7 +83,7 @@ class Dispatcher:
 
     async def run(self) -> None:
         """Looks until the process stops."""
-        Hearing(self.database, self.clock, self.fleet, self.signals, self._steps, self._ender).listen(self.bus)
+        self._hearing.listen(self.bus)
         if self.database.is_shared:
             self.bus.share_changes(self.signals)
             # Until every robot was heard, others know better who is in service.
@@ -102,12 +104,13 @@ class Dispatcher:
     async def _look(self, *, look_at_active: bool) -> None:
         if look_at_active:
             await self._look_at_active()
+            await self._hearing.keep_unkept()
             self._commands.tell_wishes()
         if not self.settings.dispatches or self.clock.now_s() < self._gives_from_s:
             return
         if look_at_active:
             await self._abandoner.look()
-        await self._point_away_from_unfit()
+        await self._point_away_from_unfit(also_unknown=look_at_active)
         ready = self.fleet.ready(self.clock.now_s())
         if not ready:
             return
@@ -131,17 +134,22 @@ class Dispatcher:
                 continue
             if (reason := self._ender.why_overdue(row, now_s)) is not None:
                 await self._ender.end(claim, reason)
-            elif row.cancel_requested or row.state not in lease.UNENDED:
+                continue
+            if row.trial_state == TrialState.LEASED and self.fleet.member(claim.robot).said_claim() == claim:
+                await self._confirm(claim, row.job_id)  # it has the lease, and what it answered to the offer was not noted
+            if row.cancel_requested or row.state not in lease.UNENDED:
                 self._commands.cancel(claim)
 
-    async def _point_away_from_unfit(self) -> None:
-        """Trials that were drawn for a robot that went go to the next of their orders."""
+    async def _point_away_from_unfit(self, *, also_unknown: bool) -> None:
+        """Trials that were drawn for a robot that went go to the next of their orders; also if nobody here ever heard it."""
         now_s = self.clock.now_s()
         healthy = self.fleet.healthy(now_s)
         unfit = set(self.fleet.members) - healthy
-        if not unfit or not healthy:
+        if not healthy or not (unfit or also_unknown):
             return
         async with self.database.read() as connection:
+            if also_unknown:
+                unfit |= await queue.drawn_robots(connection) - healthy
             rows = await queue.drawn_for(connection, unfit)
         if rows:
             async with self._alone() as tx:
@@ -188,10 +196,7 @@ class Dispatcher:
             reply = await self.bus.offer(await self._lease(claim, row), self.settings.offer_timeout_s)
         if reply is not None and reply.accepted:
             self.metrics.leases.inc()
-            self.fleet.accepted(claim)
-            async with self.database.write(lasting=False) as tx:
-                await lease.confirm_lease(tx, self.clock.now_s(), claim)
-            self.signals.job_changed(row.job_id)
+            await self._confirm(claim, row.job_id)
             return
         self.metrics.refusals.inc()
         self.fleet.member(claim.robot).paused_until_s = self.clock.now_s() + self.settings.refused_pause_s
@@ -199,6 +204,13 @@ class Dispatcher:
             await self._ender.end(claim, f"{claim.robot} did not answer the offer")
         else:
             await self._ender.decline(claim, f"{claim.robot} refused the offer: {reply.reason or 'no reason given'}")
+
+    async def _confirm(self, claim: Claim, job_id: str) -> None:
+        self.fleet.accepted(claim)
+        async with self.database.write(lasting=False) as tx:
+            confirmed = await lease.confirm_lease(tx, self.clock.now_s(), claim)
+        if confirmed:
+            self.signals.job_changed(job_id)
 
     async def _lease(self, claim: Claim, row: AnyRow) -> Lease:
         manifest, graph_sha256 = (None, None) if row.policy is None else await self._policy(row.policy)
@@ -223,5 +235,7 @@ class Dispatcher:
         if digest not in self._manifests:
             async with self.database.read() as connection:
                 row = await queue.policy_of(connection, digest)
+            if len(self._manifests) >= MANIFESTS_KEPT:
+                del self._manifests[next(iter(self._manifests))]
             self._manifests[digest] = (PolicyManifest.model_validate_json(row.manifest), row.graph_sha256)
         return self._manifests[digest]

@@ -1,6 +1,6 @@
 """The next trial for an idle robot: its own first, then what is newly drawn, then what another let wait too long."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from sqlalchemy.ext.asyncio import AsyncConnection
 
@@ -36,20 +36,31 @@ async def find_trial(tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float
         now_s: now.
         limit: how many trials a user may have running; None is any number.
     """
-    if robot not in fleet.healthy(now_s):
+    healthy = fleet.healthy(now_s)
+    if robot not in healthy:
         return None  # it was lost since it was found idle
     at_limit = await turns.at_limit(tx, limit)
     for rank in await turns.ranks(tx, robot):
-        if (found := await _find_of(tx, robot, rank, at_limit, fleet, now_s)) is not None:
+        if (found := await _find_of(tx, robot, rank, at_limit, healthy, fleet, now_s)) is not None:
             return found
     return None
 
 
 async def _find_of(
-    tx: AsyncConnection, robot: str, rank: int, at_limit: Sequence[str], fleet: Fleet, now_s: float
+    tx: AsyncConnection,
+    robot: str,
+    rank: int,
+    at_limit: Sequence[str],
+    healthy: Collection[str],
+    fleet: Fleet,
+    now_s: float,
 ) -> Found | None:
-    """The same of one priority, within which users take turns."""
-    healthy, why = fleet.healthy(now_s), why_unfit(fleet, now_s)
+    """The same of one priority, within which users take turns.
+
+    Who is ``healthy`` is asked once before, and the robot is one of them: a trial that can go to nobody stays with its robot,
+    and if that one were lost meanwhile, it would be found again and again.
+    """
+    why = why_unfit(fleet, now_s)
     blocks = 0
     while True:
         drawn = await turns.next_with_drawn(tx, robot, rank, at_limit)

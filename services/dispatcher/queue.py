@@ -11,6 +11,7 @@ from sqlalchemy import (
     String,
     and_,
     bindparam,
+    func,
     select,
     text,
     update,
@@ -61,8 +62,19 @@ def _oldest_undrawn() -> Select[Any]:
     return select(few).where(few.c.owner == _OF_OWNER).order_by(few.c.job_number, few.c.ordinal)
 
 
+def _drawn() -> Select[Any]:
+    """The first choices of queued trials, stepping through an index from one to the next."""
+    queued = trial.c.state == TrialState.QUEUED
+    first = select(func.min(trial.c.first_choice)).where(queued).scalar_subquery().label("robot")
+    robots = select(first).cte("drawn_robots", recursive=True)
+    following = select(func.min(trial.c.first_choice)).where(queued, trial.c.first_choice > robots.c.robot).scalar_subquery()
+    robots = robots.union_all(select(following).where(robots.c.robot.is_not(None)))
+    return select(robots.c.robot).where(robots.c.robot.is_not(None))
+
+
 _OF_OWNER = bindparam("of_owner", type_=String)
 _OF_RANK = trial.c.priority == bindparam("rank", type_=Integer)
+_DRAWN = _drawn()
 _QUEUED = _with_job(trial).where(trial.c.state == TrialState.QUEUED)
 _ANY = select(trial.c.trial_id).where(trial.c.state == TrialState.QUEUED).limit(1)
 _OLDEST_OF = _oldest_of()
@@ -139,6 +151,11 @@ async def choose_again(tx: AsyncConnection, row: AnyRow, healthy: Collection[str
     return choice
 
 
+async def drawn_robots(connection: AsyncConnection) -> set[str]:
+    """The first choices of all queued trials that are drawn."""
+    return set((await connection.execute(_DRAWN)).scalars())
+
+
 async def drawn_for(connection: AsyncConnection, robots: Iterable[str]) -> Sequence[AnyRow]:
     """The queued trials whose first choice is one of the robots and that may go to another."""
     wanted = _QUEUED.where(trial.c.first_choice.in_(list(robots)), job.c.robot.is_(None))
@@ -170,7 +187,7 @@ async def next_of(connection: AsyncConnection, row: AnyRow, robots: Collection[s
 async def active(connection: AsyncConnection) -> Sequence[AnyRow]:
     """All leased and running trials, with what their jobs want."""
     columns = (trial.c.trial_id, trial.c.fence, trial.c.robot, trial.c.lease_until_s, trial.c.state.label("trial_state"))
-    columns = (*columns, job.c.cancel_requested, job.c.state)
+    columns = (*columns, job.c.job_id, job.c.cancel_requested, job.c.state)
     wanted = select(*columns).join(job, job.c.number == trial.c.job_number).where(trial.c.state.in_(ACTIVE))
     return (await connection.execute(wanted)).all()
 

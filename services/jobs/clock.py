@@ -10,6 +10,8 @@ from services.database.database import Database
 from services.database.postgres import server_clock_s
 
 READINGS = 3
+WAITED_OUT_S = 1.0
+"""If the database's clock goes back by no more, the farm's stands for as long; by more, and it goes back too."""
 
 
 @dataclass
@@ -29,17 +31,31 @@ class FarmClock:
         return cls(time.time(), time.monotonic())
 
     def now_s(self) -> float:
-        """Seconds; never goes back within one process."""
-        self._latest_s = max(self._latest_s, self.started_s + time.monotonic() - self.started_monotonic_s)
+        """Seconds; goes back only when ``set_by`` says so."""
+        self._latest_s = max(self._latest_s, self._counted_s())
         return self._latest_s
+
+    def _counted_s(self) -> float:
+        return self.started_s + time.monotonic() - self.started_monotonic_s
 
     def now_iso(self) -> str:
         """The same moment for people, UTC."""
         return iso(self.now_s())
 
-    async def set_by(self, database: Database) -> None:
-        """Takes over the clock of the database's host, as near as its quickest answer of a few allows."""
-        self.started_s, self.started_monotonic_s, _ = min([await _reading(database) for _ in range(READINGS)], key=_took_s)
+    async def set_by(self, database: Database) -> float:
+        """Takes over the clock of the database's host, as near as its quickest answer of a few allows.
+
+        Gives the seconds that the farm's clock went back by: 0, or more than ``WAITED_OUT_S``. If it stood for as long, no lease
+        would end and no wish be told meanwhile, and processes that started later would go by another time.
+        """
+        read = min([await _reading(database) for _ in range(READINGS)], key=_took_s)
+        before_s = self.now_s()
+        self.started_s, self.started_monotonic_s, _ = read
+        back_s = before_s - self._counted_s()
+        if back_s <= WAITED_OUT_S:
+            return 0.0
+        self._latest_s = self._counted_s()
+        return back_s
 
 
 async def _reading(database: Database) -> tuple[float, float, float]:

@@ -43,6 +43,8 @@ class Member:
     """When each process of this name was last heard, as far as that is not longer ago than ``SILENT_AFTER_S``."""
     doubled: bool = False
     """A process was heard again after another had taken its place."""
+    unkept: str | None = None
+    """A new process, as long as the database has not been told of it."""
     arriving: str | None = None
     """A new process, as long as what the last one held has not been ended: a lease given now would be taken for that."""
 
@@ -182,6 +184,20 @@ class Fleet:
         if member.lease == claim:
             member.lease_accepted = member.lease_accepted or accepted
             member.renewed_s = max(member.renewed_s, renewed_s)
+
+    def went_back(self, now_s: float) -> None:
+        """The clock went back: what was noted at later times counts as if it were of now."""
+        for member in self.members.values():
+            member.seen_s, member.renewed_s = min(member.seen_s, now_s), min(member.renewed_s, now_s)
+            member.paused_until_s = min(member.paused_until_s, now_s)
+            member.lost_s = None if member.lost_s is None else min(member.lost_s, now_s)
+            member.instances_s = {each: min(at_s, now_s) for each, at_s in member.instances_s.items()}
+
+    def keep_only(self, robots: Collection[str]) -> None:
+        """Forgets members that the database knows no more, unless they are there or their rows are still to be written."""
+        gone = [m for m in self.members.values() if not (m.present or m.lease or m.unkept or m.robot in robots)]
+        for member in gone:
+            del self.members[member.robot]
 
     def snapshot(self, robot: str) -> Member | None:
         """A copy of what is known of the robot; None when it was never seen."""

@@ -142,6 +142,12 @@ async def confirm_lease(tx: AsyncConnection, now_s: float, claim: Claim) -> bool
     return True
 
 
+async def shorten(tx: AsyncConnection, until_s: float) -> None:
+    """Lets no lease last longer than until then, as those would that were given before the clock went back."""
+    longer = update(trial).where(trial.c.state.in_(ACTIVE), trial.c.lease_until_s > until_s)
+    await tx.execute(longer.values(lease_until_s=until_s))
+
+
 async def renew(tx: AsyncConnection, now_s: float, trial_id: str, renewal: Renewal, lease_s: float) -> bool:
     """Prolongs a lease; true when the robot should stop because the job was cancelled.
 

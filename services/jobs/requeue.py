@@ -18,21 +18,26 @@ async def requeue(tx: AsyncConnection, now_s: float, job_number: int) -> None:
     """Puts the trials that a failed job has not done back into the queue; each may fail anew as often as before.
 
     Raises:
-        Conflict: the job has not failed.
+        Conflict: the job has not failed, or robots are still stopping trials of it.
     """
     row = (await tx.execute(select(job).where(job.c.number == job_number).with_for_update())).one()
     if row.state != JobState.FAILED:
         raise Conflict(
             "job-not-failed", f"Job {row.job_id} is {row.state}; only a failed job can be queued again.", state=row.state
         )
+    if row.trials_active:
+        detail = f"Robots still stop trials of job {row.job_id}; ask again in a moment."
+        raise Conflict("job-stopping", detail, trials_active=row.trials_active)
     state = JobState.QUEUED if row.started_at is None else JobState.RUNNING
-    ended = update(event).where(event.c.job_number == job_number, event.c.kind == "job_ended")
-    await tx.execute(ended.values(kind=GAVE_UP, state=state))
+    of_job = update(event).where(event.c.job_number == job_number)
+    await tx.execute(of_job.where(event.c.kind == "job_ended").values(kind=GAVE_UP))
+    # Trials that were stopped have told of a failed job too, and whoever reads of one believes that nothing follows.
+    await tx.execute(of_job.where(event.c.state == JobState.FAILED).values(state=state))
     left = update(trial).where(trial.c.job_number == job_number, trial.c.state == TrialState.CANCELLED)
     again = await tx.execute(left.values(state=TrialState.QUEUED, faults=0))
     await tx.execute(update(webhook).where(webhook.c.job_number == job_number).values(tries=0, due_s=0.0, said=None))
     if row.any_robot:
         await pinning.unpin(tx, job_number)
     text = f"job queued again by an operator: {again.rowcount} trials are left"
-    await tx.execute(update(job).where(job.c.number == job_number).values(ended_at=None, reason=None))
+    await tx.execute(update(job).where(job.c.number == job_number).values(ended_at=None, reason=None, created_s=now_s))
     await events.record(tx, iso(now_s), job_number, "job_queued_again", text, set_state=state)

@@ -1,13 +1,13 @@
 """What the database keeps of robots: who ever joined, the operator's wish to drain, and the leases they hold."""
 
-from sqlalchemy import bindparam, insert, or_, select, update
+from sqlalchemy import bindparam, delete, insert, or_, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.bus import Heartbeat
 from api_schemas.trial import TrialState
 from services.database.tables import robot, trial
-from services.errors import NotFound
+from services.errors import Conflict, NotFound
 from services.jobs import physics
 from services.jobs.claim import Claim
 from services.jobs.clock import iso
@@ -40,9 +40,11 @@ async def load(tx: AsyncConnection, fleet: Fleet, now_s: float, lease_s: float, 
 
 
 async def refresh(connection: AsyncConnection, fleet: Fleet) -> None:
-    """Puts what the database keeps of the robots into the fleet: wishes of operators, counts, and who was withdrawn."""
+    """Puts what the database keeps of the robots into the fleet: wishes of operators, counts, who was withdrawn or forgotten."""
     columns = (robot.c.robot, robot.c.drain, robot.c.trials_done, robot.c.withdrawn)
-    for row in await connection.execute(select(*columns)):
+    rows = (await connection.execute(select(*columns))).all()
+    fleet.keep_only({row.robot for row in rows})
+    for row in rows:
         member = fleet.member(row.robot)
         member.drain, member.trials_done, member.withdrawn = row.drain, row.trials_done, row.withdrawn
 
@@ -90,6 +92,19 @@ async def withdraw(tx: AsyncConnection, name: str, because: str) -> None:
     await tx.execute(_WITHDRAW, {"of_robot": name, "because": because})
 
 
+async def forget(tx: AsyncConnection, name: str) -> None:
+    """Keeps nothing more of a robot that is gone for good; its trials keep its name. Should it come back, it joins as a new one.
+
+    Raises:
+        NotFound: no robot of this name ever joined.
+        Conflict: it has a lease.
+    """
+    if (held := await held_by(tx, name)) is not None:
+        raise Conflict("robot-present", f"{name} has a lease of trial {held.trial_id}; wait until that has ended.")
+    if (await tx.execute(delete(robot).where(robot.c.robot == name))).rowcount == 0:
+        raise _never_joined(name)
+
+
 async def wish_drain(tx: AsyncConnection, name: str, *, drain: bool) -> None:
     """Writes down whether the robot shall be drained; one that shall not is tried again if it was withdrawn.
 
@@ -99,4 +114,8 @@ async def wish_drain(tx: AsyncConnection, name: str, *, drain: bool) -> None:
     again = {} if drain else {"faults_in_a_row": 0, "withdrawn": None, "canary_s": None}
     changed = await tx.execute(update(robot).where(robot.c.robot == name).values(drain=drain, **again))
     if changed.rowcount == 0:
-        raise NotFound("robot-not-found", f"No robot named {name} ever joined this farm; GET /v1/robots lists them.")
+        raise _never_joined(name)
+
+
+def _never_joined(name: str) -> NotFound:
+    return NotFound("robot-not-found", f"No robot named {name} ever joined this farm; GET /v1/robots lists them.")

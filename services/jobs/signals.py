@@ -1,7 +1,9 @@
 """What wakes those who wait inside this process: the dispatcher, and readers of a job's history."""
 
 import asyncio
+import time
 from collections.abc import Callable
+from weakref import WeakValueDictionary
 
 
 class Signals:
@@ -13,8 +15,10 @@ class Signals:
 
     def __init__(self) -> None:
         self._dispatch = asyncio.Event()
-        self._history: dict[str, asyncio.Event] = {}
+        # As long as somebody waits: of most jobs the last change is one that nobody is woken for any more.
+        self._history: WeakValueDictionary[str, asyncio.Event] = WeakValueDictionary()
         self._urgent = False
+        self._looked_s = time.monotonic()
         self.closing = asyncio.Event()
         self.tell_others: Callable[[str | None], None] = lambda _job_id: None
 
@@ -24,15 +28,23 @@ class Signals:
         self._dispatch.set()
 
     async def dispatcher_woken(self, timeout_s: float) -> bool:
-        """Waits for a wake-up, at most ``timeout_s``; true when running leases should be looked at."""
+        """Waits for a wake-up; true when running leases should be looked at.
+
+        That is so at the latest ``timeout_s`` after the last time, however often it is woken: where many robots work,
+        something happens all the time.
+        """
+        due_s = self._looked_s + timeout_s
         try:
-            async with asyncio.timeout(timeout_s):
+            async with asyncio.timeout(max(0.0, due_s - time.monotonic())):
                 await self._dispatch.wait()
         except TimeoutError:
             self._urgent = True
         self._dispatch.clear()
-        urgent, self._urgent = self._urgent, False
-        return urgent
+        now_s = time.monotonic()
+        look, self._urgent = self._urgent or now_s >= due_s, False
+        if look:
+            self._looked_s = now_s
+        return look
 
     def watch(self, job_id: str) -> asyncio.Event:
         """An event that is set at the job's next change; ask before reading, or a change may slip between."""

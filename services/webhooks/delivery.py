@@ -10,12 +10,11 @@ from dataclasses import dataclass, field
 
 import structlog
 from sqlalchemy import func, insert, select, update
-from sqlalchemy.exc import DBAPIError
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.job import FINAL_JOB_STATES
 from api_schemas.webhook import SIGNATURE_HEADER, TIMESTAMP_HEADER, Webhook, WebhookCall, signed_bytes
-from services.database.database import Database
+from services.database.database import AWAY, Database
 from services.database.rows import AnyRow
 from services.database.tables import job, webhook
 from services.errors import NotFound, TooMany
@@ -125,7 +124,7 @@ class Deliverer:
             done = update(webhook).where(webhook.c.job_number == due.number, webhook.c.tries == tries)
             async with self.database.write() as tx:
                 await tx.execute(done.values(due_s=due_s, said=said))
-        except DBAPIError:  # nothing can be noted now; the call is due again when it is not held any more
+        except AWAY:  # nothing can be noted now; the call is due again when it is not held any more
             log.warning("webhook not noted", job=due.job_id, tries=tries, exc_info=True)
 
     async def _tried(self, due: AnyRow) -> tuple[float | None, str]:
@@ -144,7 +143,7 @@ class Deliverer:
             if tries > len(AGAIN_AFTER_S):
                 return None, f"given up after {tries} tries: {error}"
             return AGAIN_AFTER_S[tries - 1], f"try {tries} failed: {error}"
-        except DBAPIError:
+        except AWAY:
             raise
         except Exception:
             log.exception("webhook", job=due.job_id, tries=tries)

@@ -87,3 +87,29 @@ def test_without_robots_a_job_says_why_it_waits_and_is_not_lost_when_the_service
         assert trial["waiting_because"]
         for job_id in (first, second):
             assert farm.wait_for_end(job_id)["state"] == "succeeded"
+
+
+def test_on_a_busy_farm_a_dead_robots_trial_and_a_resumed_robot_are_looked_after(tmp_path):
+    with services(tmp_path / "farm", renew_every_s=0.5, lease_s=4) as farm:
+        for number in range(3):
+            farm.start_robot(f"robot-{number}", trial_s=0.02)
+        farm.start_robot("resumed", trial_s=2)
+        farm.start_robot("dead", trial_s=60)
+        until(lambda: farm.robots_in("idle") == 5, 20, "all robots")
+        job_id = farm.submit(farm.policy(), trials=1000).json()["job_id"]
+
+        def robot(name):
+            return farm.admin.get(f"/v1/robots/{name}").json()
+
+        until(lambda: robot("dead")["state"] == robot("resumed")["state"] == "running", 10, "both to run")
+        trial = robot("dead")["trial"]
+        farm.robots["dead"].kill()
+        farm.admin.post("/v1/robots/resumed/drain")
+        time.sleep(0.6)  # it is told, and says so only after its trial
+        farm.admin.post("/v1/robots/resumed/resume")
+        (first,) = farm.admin.get(f"/v1/trials/{trial}").json()["attempts"]
+        assert first["state"] == "open"
+        until(lambda: farm.admin.get(f"/v1/trials/{trial}").json()["attempts"][0]["state"] != "open", 6, "the attempt's end")
+        done = robot("resumed")["trials_done"]
+        until(lambda: robot("resumed")["trials_done"] >= done + 2, 10, "the resumed robot to go on")
+        assert farm.job(job_id)["state"] == "running", "all of that while something happened all the time"

@@ -230,6 +230,10 @@ def build_app(farm: FarmState) -> FastAPI:
     async def robots():
         return RobotPage(robots=(ROBOT,))
 
+    @app.delete("/v1/robots/{robot}")
+    async def forget_robot(robot: str):
+        farm.commands.append(f"forget {robot}")
+
     @app.post("/v1/robots/{robot}/{command}")
     async def command(robot: str, command: str):
         farm.commands.append(f"{command} {robot}")

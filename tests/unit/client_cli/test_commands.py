@@ -10,7 +10,13 @@ from api_schemas.error import Problem
 from tests.unit.client_cli.farm_server import JOB_ID, TOKEN
 
 READING = [["jobs"], ["watch", JOB_ID], ["cancel", JOB_ID], ["report", JOB_ID], ["robots"], ["robots", "drain", "robot-0"]]
-READING += [["robots", "resume", "robot-0"], ["status"], ["token", "list"], ["token", "revoke", "t1"]]
+READING += [
+    ["robots", "resume", "robot-0"],
+    ["robots", "forget", "robot-0"],
+    ["status"],
+    ["token", "list"],
+    ["token", "revoke", "t1"],
+]
 READING += [["token", "create", "--owner", "ann", "--scope", "submit"], ["fetch", JOB_ID, "--to", "unused"]]
 
 
@@ -85,10 +91,11 @@ def test_in_a_pipe_each_row_is_one_line(farm, trifarm, monkeypatch):
     assert row.endswith("no sign of life since 3 s")
 
 
-def test_drain_and_resume_reach_the_robot(farm, trifarm):
+def test_drain_resume_and_forget_reach_the_robot(farm, trifarm):
     assert "robot-0 is draining" in trifarm("robots", "drain", "robot-0").out
     trifarm("robots", "resume", "robot-0")
-    assert farm.commands == ["drain robot-0", "resume robot-0"]
+    assert trifarm("robots", "forget", "robot-0").out == "robot-0 is forgotten\n"
+    assert farm.commands == ["drain robot-0", "resume robot-0", "forget robot-0"]
 
 
 def test_jobs_can_be_filtered_and_paged(farm, trifarm):

@@ -43,6 +43,7 @@ JSON_KEYS = {
     "pack FILE...": pack.document(Path("p.safetensors"), "", 0.0, ""),
     "identify": identify.document(identify.Identified(job(FarmState()), None)),
     "robots": RobotPage.model_fields,
+    "robots forget ROBOT": {"robot": "", "forgotten": True},
     "policy delete DIGEST": {"digest": "", "deleted": True},
     "canary": Canary.model_fields,
     "canary off": {"dropped": True},

@@ -34,11 +34,16 @@ class Handler(BaseHTTPRequestHandler):
     def do_GET(self):
         known = [name.name.removesuffix(".pid") for name in data.glob("robot-*.pid")]
         rows = [{"robot": r, "state": "idle", "pid": 1, "host": "h", "trial": None, "reason": None} for r in known]
+        rows += [rows[0] | {"robot": name.stem, "state": "lost"} for name in data.glob("*.lost") if rows]
         body = json.dumps({"robots": rows}).encode()
         self.send_response(200)
         self.send_header("content-length", str(len(body)))
         self.end_headers()
         self.wfile.write(body)
+    def do_DELETE(self):
+        (data / f"{self.path.rpartition('/')[2]}.lost").unlink()
+        self.send_response(204)
+        self.end_headers()
 print("serving", flush=True)
 HTTPServer((flags.host, int(flags.port)), Handler).serve_forever()
 """
@@ -115,6 +120,15 @@ class Up:
             return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
         except FileNotFoundError:
             return False
+
+
+def test_robots_that_the_folder_had_the_last_time_are_forgotten(environment, tmp_path):
+    (tmp_path / "data").mkdir(mode=0o700)
+    for name in ("robot-1", "robot-2", "robot-3"):
+        (tmp_path / "data" / f"{name}.lost").touch()
+    with Up(environment, tmp_path, "--port", "0") as up:
+        up.document()
+        assert [path.stem for path in up.data.glob("*.lost")] == ["robot-1"], "which is one of two, and comes again"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

@@ -34,6 +34,14 @@ def test_a_cut_stream_goes_on_after_the_last_event(farm, trifarm):
     assert farm.last_event_ids == [None, "3", "3"]
 
 
+def test_a_job_that_was_queued_again_is_followed_to_its_end(farm, trifarm):
+    stopped = event(2, "trial_cancelled", ordinal=1, state=JobState.FAILED)  # after the job had failed, and before it went on
+    again = event(3, "job_queued_again", state=JobState.RUNNING)
+    farm.state, farm.streams = JobState.RUNNING, [[RUN[0], stopped, again], [END]]
+    assert trifarm("watch", JOB_ID).code == 0
+    assert farm.last_event_ids == [None, "3"]
+
+
 def test_an_ended_job_needs_no_stream(farm, trifarm):
     farm.state = JobState.FAILED
     ended = trifarm("watch", JOB_ID)

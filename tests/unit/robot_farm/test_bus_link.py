@@ -2,6 +2,7 @@
 
 import math
 import socket
+import threading
 import time
 
 import pytest
@@ -134,3 +135,15 @@ def test_a_number_that_is_not_finite_does_not_end_the_showing(dispatcher):
         while not shown:
             assert time.monotonic() < give_up_s, "nothing was shown any more"
             time.sleep(0.02)
+
+
+def test_who_asks_for_it_back_while_it_is_looked_at_is_heard_the_next_time():
+    class AskedMeanwhile(threading.Event):
+        def is_set(self):
+            was = super().is_set()
+            self.set()
+            return was
+
+    link = BusLink(Access((), "farm"), "robot-0", "real", live=lambda: None, on_cancel=lambda *_: None, stopping=lambda: False)
+    link._resume_asked = AskedMeanwhile()
+    assert [link.resume_asked(), link.resume_asked()] == [False, True]

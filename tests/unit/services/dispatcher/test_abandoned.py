@@ -9,6 +9,7 @@ from api_schemas.excitation import IdentificationRequest
 from api_schemas.robot import RobotState
 from services.database.tables import job, robot, trial
 from services.dispatcher.abandoned import Abandoner
+from services.jobs.requeue import requeue
 from services.jobs.signals import Signals
 from services.jobs.submission import Sender, identify
 from tests.unit.services.conftest import beat
@@ -47,7 +48,7 @@ def waiting(database, fleet_of):
                 fleet.heard(beat("b", state, reason), clock.at_s)
             await abandoner.look()
             async with database.read() as connection:
-                return (await connection.execute(select(job))).one()
+                return (await connection.execute(select(job).order_by(job.c.number))).first()
 
         return look
 
@@ -92,3 +93,16 @@ async def test_a_job_that_ended_or_still_runs_a_trial_is_left_alone(database, wa
     out = (RobotState.OUT_OF_SERVICE, "broken")
     await look(0.0, *out)
     assert (await look(100.0, *out)).state == "queued"
+
+
+async def test_a_job_that_was_queued_again_waits_as_long_though_another_waits_for_the_robot_all_the_time(database, waiting):
+    look = await waiting()
+    out = (RobotState.OUT_OF_SERVICE, "broken")
+    await look(0.0, *out)
+    async with database.write() as tx:
+        await identify(tx, NOW_S + 50, IdentificationRequest(robot="b", excitations=("chirps",)), Sender("bob"))
+    assert (await look(60.0, *out)).state == "failed"
+    async with database.write() as tx:
+        await requeue(tx, NOW_S + 70, 1)
+    assert (await look(129.0, *out)).state == "queued"
+    assert (await look(130.0, *out)).state == "failed"

@@ -8,6 +8,7 @@ from api_schemas.bus import Heartbeat
 from api_schemas.robot import RobotState
 from api_schemas.trial import AttemptState, TrialState
 from services.database.tables import attempt, job, policy, trial
+from services.dispatcher import turns
 from services.dispatcher.finding import find_passed_over, find_trial, pass_over
 from services.dispatcher.queue import PASSED_OVER_AT_ONCE
 from services.jobs.claim import Claim
@@ -84,6 +85,19 @@ async def test_a_robot_that_was_lost_meanwhile_gets_nothing_at_once(database, ot
     fleet = fleet_of("a", *others)
     fleet.token_changed("a", present=False, now_s=NOW_S)
     assert await found_by(database, "a", fleet) is None
+
+
+async def test_a_robot_that_is_lost_while_its_trial_is_looked_for_is_not_looked_at_for_ever(database, monkeypatch):
+    await add_trials(database, [("a",)], fence=1)
+    fleet, ranks = fleet_of("a"), turns.ranks
+
+    async def lost_after(tx, robot):
+        found = await ranks(tx, robot)
+        fleet.token_changed(robot, present=False, now_s=NOW_S)  # what the bus says while the database answers
+        return found
+
+    monkeypatch.setattr(turns, "ranks", lost_after)
+    await found_by(database, "a", fleet)  # whatever it finds: an offer that nobody answers ends the lease
 
 
 async def test_a_trial_that_its_first_choice_failed_goes_to_another_first(database):

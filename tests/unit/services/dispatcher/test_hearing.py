@@ -1,51 +1,111 @@
-"""A process that came anew is given nothing until what the last one of its name held has been ended."""
+"""A process that came anew is written down, and is given nothing until what the last one of its name held has been ended."""
 
 import asyncio
+from contextlib import asynccontextmanager
+
+import pytest
+from sqlalchemy import select
 
 from api_schemas.bus import Heartbeat
 from api_schemas.robot import RobotState
+from services.database.tables import robot
 from services.dispatcher.hearing import Hearing
 from services.dispatcher.overdue import LeaseEnder
 from services.dispatcher.steps import Steps
+from services.jobs import lease, robots
 from services.jobs.clock import FarmClock
 from services.jobs.fleet import Fleet
 from services.jobs.signals import Signals
 from services.settings import Settings
+from tests.unit.services.jobs.test_pinning import asked, end, take
 
 
 def beat(instance):
     return Heartbeat(robot="robot-0", instance=instance, pid=1, host="h", state=RobotState.IDLE)
 
 
-async def test_a_new_process_waits_for_what_the_last_one_held(new_database, tmp_path):
-    clock, fleet, signals = FarmClock.start(), Fleet(), Signals()
-    steps, ender = Steps(signals), LeaseEnder(Settings(data=tmp_path), new_database, clock, fleet, signals)
-    hearing = Hearing(new_database, clock, fleet, signals, steps, ender)
+class Heard:
+    """A robot on the bus, and a dispatcher's ear."""
 
-    def ready():
-        return fleet.ready(clock.now_s())
+    def __init__(self, database, folder):
+        self.database, self.clock, self.fleet, signals = database, FarmClock.start(), Fleet(), Signals()
+        self.steps = Steps(signals)
+        ender = LeaseEnder(Settings(data=folder), database, self.clock, self.fleet, signals)
+        self.hearing = Hearing(database, self.clock, self.fleet, signals, self.steps, ender)
+        self.fleet.token_changed("robot-0", present=True, now_s=self.clock.now_s())
 
-    fleet.token_changed("robot-0", present=True, now_s=clock.now_s())
-    hearing._heard(beat("one"))
-    await steps.finish(10.0)
-    assert ready() == ("robot-0",)
-    hearing._heard(beat("two"))
-    assert ready() == (), "a lease given now would be ended as that of the process before"
-    hearing._heard(beat("two"))
-    assert ready() == ()
-    await steps.finish(10.0)
-    assert ready() == ("robot-0",)
+    def says(self, instance):
+        self.hearing._heard(beat(instance))
+
+    async def all_done(self):
+        await self.steps.finish(10.0)
+        await asyncio.sleep(0)
+
+    def ready(self):
+        return self.fleet.ready(self.clock.now_s())
+
+    @asynccontextmanager
+    async def cannot_write_robots_down(self):
+        async with self.database.write() as tx:
+            await tx.exec_driver_sql("ALTER TABLE robot RENAME TO gone")
+        yield
+        async with self.database.write() as tx:
+            await tx.exec_driver_sql("ALTER TABLE gone RENAME TO robot")
 
 
-async def test_it_does_not_wait_for_ever_for_a_database_that_is_away(new_database, tmp_path):
-    clock, fleet, signals = FarmClock.start(), Fleet(), Signals()
-    steps, ender = Steps(signals), LeaseEnder(Settings(data=tmp_path), new_database, clock, fleet, signals)
-    async with new_database.write() as tx:
-        await tx.exec_driver_sql("ALTER TABLE robot RENAME TO gone")
-    fleet.token_changed("robot-0", present=True, now_s=clock.now_s())
-    Hearing(new_database, clock, fleet, signals, steps, ender)._heard(beat("one"))
-    await steps.finish(10.0)
-    await asyncio.sleep(0)
-    assert fleet.ready(clock.now_s()) == ("robot-0",)
-    async with new_database.write() as tx:
-        await tx.exec_driver_sql("ALTER TABLE gone RENAME TO robot")
+@pytest.fixture
+def heard(new_database, tmp_path):
+    return Heard(new_database, tmp_path)
+
+
+async def test_a_new_process_waits_for_what_the_last_one_held(heard):
+    heard.says("one")
+    await heard.all_done()
+    assert heard.ready() == ("robot-0",)
+    heard.says("two")
+    assert heard.ready() == (), "a lease given now would be ended as that of the process before"
+    heard.says("two")
+    assert heard.ready() == ()
+    await heard.all_done()
+    assert heard.ready() == ("robot-0",)
+
+
+async def test_it_does_not_wait_for_ever_for_a_database_that_is_away_and_is_written_down_later(heard):
+    async with heard.cannot_write_robots_down():
+        heard.says("one")
+        await heard.all_done()
+        await heard.hearing.keep_unkept()
+    assert heard.ready() == ("robot-0",)
+    await heard.hearing.keep_unkept()
+    async with heard.database.read() as connection:
+        assert (await connection.execute(select(robot.c.robot, robot.c.instance))).all() == [("robot-0", "one")]
+    assert heard.fleet.member("robot-0").unkept is None
+
+
+@pytest.mark.parametrize("new_database", ["sqlite"], indirect=True)  # those who share a database go on counting
+async def test_an_outcome_that_is_under_way_while_the_services_start_anew_is_taken(heard, fleet_of):
+    async with heard.database.write() as tx:
+        await robots.keep(tx, beat("one"), 1.0)
+    await asked(heard.database, "robot-0")
+    claim = await take(heard.database, "robot-0", fleet_of("robot-0"))
+    async with heard.database.write() as tx:
+        await lease.confirm_lease(tx, 1000.0, claim)
+        await robots.load(tx, heard.fleet, heard.clock.now_s(), 15.0, prolong=True)
+    heard.says("one")  # that it is idle, before its outcome goes out
+    await heard.all_done()
+    assert (await end(heard.database, heard.fleet, claim)).done
+
+
+@pytest.mark.parametrize("new_database", ["sqlite"], indirect=True)
+async def test_a_lease_whose_offer_was_lost_with_the_last_services_ends_at_once(heard, fleet_of):
+    async with heard.database.write() as tx:
+        await robots.keep(tx, beat("one"), 1.0)
+    await asked(heard.database, "robot-0")
+    await take(heard.database, "robot-0", fleet_of("robot-0"))
+    async with heard.database.write() as tx:
+        await robots.load(tx, heard.fleet, heard.clock.now_s(), 15.0, prolong=True)
+    heard.says("one")
+    await heard.all_done()
+    async with heard.database.read() as connection:
+        assert await robots.held_by(connection, "robot-0") is None
+    assert heard.ready() == ("robot-0",)

@@ -3,14 +3,17 @@
 import pytest
 from sqlalchemy import insert, select
 
-from api_schemas.job import JobState
-from api_schemas.trial import Fault, OutcomeKind
-from services.database.tables import job, robot, trial
+from api_schemas.job import FINAL_JOB_STATES, JobRequest, JobState
+from api_schemas.robot import OutcomeReport
+from api_schemas.trial import Fault, Outcome, OutcomeKind
+from services.database.tables import job, policy, robot, trial
 from services.errors import Conflict
-from services.jobs.completion import fault
+from services.jobs.completion import accept, fault
 from services.jobs.events import events_after
 from services.jobs.requeue import requeue
-from tests.unit.services.jobs.test_pinning import NOW_S, asked, end, take
+from services.jobs.submission import submit
+from tests.unit.services.dispatcher.test_finding import POLICY
+from tests.unit.services.jobs.test_pinning import ANN, NOW_S, asked, end, take
 
 
 @pytest.fixture
@@ -52,3 +55,27 @@ async def test_what_was_done_is_kept_and_the_rest_is_tried_anew(database, fleet_
         history = await events_after(connection, row.number, 0)
     assert [event.kind for event in history].count("job_ended") == 1 and history[-1].kind == "job_ended"
     assert [event.state for event in history if event.kind == "job_gave_up"] == [JobState.RUNNING]
+
+
+async def test_a_job_whose_robots_still_stop_its_trials_has_to_wait_and_its_history_ends_nowhere_in_between(database, fleet_of):
+    fleet = fleet_of("a", "b")
+    async with database.write() as tx:
+        await tx.execute(insert(policy).values(POLICY))
+        wish = JobRequest.model_validate({"policy": POLICY["digest"], "task": "push", "trials": 4})
+        await submit(tx, NOW_S, wish, ANN)
+    first, second = [await take(database, name, fleet) for name in "ab"]
+    async with database.write() as tx:
+        await fault(tx, NOW_S, first, "the power went", 1)
+    with pytest.raises(Conflict, match="Robots still stop trials of job"):
+        async with database.write() as tx:
+            await requeue(tx, NOW_S, 1)
+    stopped = Outcome(kind=OutcomeKind.CANCELLED, fault=Fault.NONE, reason="the job was cancelled")
+    report = OutcomeReport(robot="b", fence=second.fence, outcome=stopped, log_sha256=None)
+    async with database.write() as tx:
+        await accept(tx, NOW_S, second.trial_id, report, log_bytes=None, max_attempts=1)
+        await requeue(tx, NOW_S, 1)
+    async with database.read() as connection:
+        row = (await connection.execute(select(job))).one()
+        history = await events_after(connection, 1, 0)
+    assert (row.state, row.platform_faults, row.trials_active) == (JobState.RUNNING, 1, 0)
+    assert [event.kind for event in history if event.state in FINAL_JOB_STATES] == []

@@ -7,11 +7,13 @@ from sqlalchemy import insert, select
 
 from api_schemas.robot import RobotState
 from services.database.tables import robot
+from services.errors import Conflict, NotFound
 from services.jobs import robots
 from services.jobs.fleet import Fleet
 from services.jobs.robots import FAULTS_IN_A_ROW
 from services.jobs.views import show_robot
 from tests.unit.services.conftest import beat
+from tests.unit.services.jobs.test_pinning import asked, take
 
 NOW_S = 1000.0
 
@@ -74,6 +76,27 @@ async def test_a_process_is_new_once_also_for_several_who_hear_it_at_the_same_ti
     assert sorted(await asyncio.gather(*(hear("two") for _ in range(4)))) == [False, False, False, True]
     async with new_database.read() as connection:
         assert (await connection.execute(select(robot.c.instance))).scalars().all() == ["two"]
+
+
+async def test_a_robot_that_was_forgotten_is_gone_everywhere_and_may_join_again(database, fleet_of):
+    fleet = fleet_of("b")
+    async with database.write() as tx:
+        await robots.refresh(tx, fleet)
+        assert set(fleet.members) == {"a", "b"}, "b is there; it will be written down"
+        await robots.forget(tx, "a")
+        await robots.refresh(tx, fleet)
+        assert set(fleet.members) == {"b"}
+        with pytest.raises(NotFound, match="No robot named a ever joined"):
+            await robots.forget(tx, "a")
+        assert await robots.keep(tx, beat("a"), NOW_S)
+
+
+async def test_a_robot_with_a_lease_is_not_forgotten(database, fleet_of):
+    await asked(database, "a")
+    claim = await take(database, "a", fleet_of("a"))
+    async with database.write() as tx:
+        with pytest.raises(Conflict, match=f"a has a lease of trial {claim.trial_id}"):
+            await robots.forget(tx, "a")
 
 
 async def test_what_others_wrote_is_in_the_fleet(database):

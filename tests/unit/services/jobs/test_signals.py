@@ -32,3 +32,21 @@ async def test_closing_ends_all_waiting():
     signals.close()
     assert changed.is_set()
     await asyncio.wait_for(signals.dispatcher_woken(10), 1)
+
+
+async def test_a_dispatcher_that_is_woken_all_the_time_looks_at_everything_as_often():
+    signals, looked = Signals(), []
+    async with asyncio.timeout(5):
+        while sum(looked) < 3:
+            signals.wake_dispatcher()
+            looked.append(await signals.dispatcher_woken(0.05))
+            await asyncio.sleep(0.01)
+    assert len(looked) > 2 * sum(looked), "and no more often"
+
+
+async def test_nothing_is_kept_of_a_job_that_nobody_waits_for_any_more():
+    signals = Signals()
+    changed = signals.watch("j1")
+    assert signals.watch("j1") is changed
+    del changed
+    assert not signals._history

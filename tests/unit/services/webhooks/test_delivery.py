@@ -1,6 +1,7 @@
 """Calls of jobs that have ended: signed, made once by whoever takes them, tried again and given up in the end."""
 
 import json
+from contextlib import asynccontextmanager
 from dataclasses import replace
 
 import pytest
@@ -11,7 +12,7 @@ from sqlalchemy import insert, select, update
 from api_schemas.job import JobRequest
 from api_schemas.webhook import WebhookCall, signed_bytes
 from services.database.tables import job, policy, webhook
-from services.errors import TooMany
+from services.errors import TooMany, Unavailable
 from services.jobs.cancellation import cancel
 from services.jobs.clock import FarmClock
 from services.jobs.fleet import Fleet
@@ -174,6 +175,30 @@ async def test_what_nobody_expected_ends_one_call_and_no_other(database, receivi
     async with database.read() as connection:
         said = dict((await connection.execute(select(job.c.job_id, webhook.c.said).join(webhook))).all())
     assert said[good] == "delivered: answered 204" and said[bad].startswith("given up: the farm could not make this call")
+
+
+async def test_a_database_that_is_away_for_a_moment_ends_no_call(database, receiving, here, monkeypatch):
+    read, reads = database.read, []
+
+    @asynccontextmanager
+    async def away_for_the_body():
+        reads.append(1)
+        if len(reads) == 2:
+            raise Unavailable("database-unavailable", "away")
+        async with read() as connection:
+            yield connection
+
+    async with receiving() as receiver:
+        await ended_job(database, receiver.url)
+        calls = deliverer(database, here)
+        with monkeypatch.context() as patched:
+            patched.setattr(database, "read", away_for_the_body)
+            assert await deliver(calls) == 1
+        assert receiver.connections == 0 and (await shown(database)).is_open
+        async with database.write() as tx:
+            await tx.execute(update(webhook).values(due_s=0.0))
+        assert await deliver(calls) == 1
+    assert (await shown(database)).said == "delivered: answered 204"
 
 
 async def test_tries_that_were_broken_off_count_too(database, receiving, here):

@@ -1,0 +1,78 @@
+"""What the dispatcher does with the queue whenever it looks at it."""
+
+import pytest
+from prometheus_client import CollectorRegistry
+from sqlalchemy import insert, select, update
+
+from api_schemas.policy import LAYOUTS
+from api_schemas.robot import RobotState
+from api_schemas.trial import TrialState
+from services.database.tables import job, policy, trial
+from services.dispatcher import dispatcher as dispatcher_module
+from services.dispatcher import queue
+from services.dispatcher.dispatcher import Dispatcher, Metrics
+from services.dispatcher.finding import find_trial
+from services.jobs import lease
+from services.jobs.clock import FarmClock
+from services.jobs.signals import Signals
+from services.settings import Settings
+from tests.unit.services.conftest import beat
+from tests.unit.services.dispatcher.test_finding import JOB, POLICY, add_trials
+
+
+@pytest.fixture
+async def database(new_database):
+    async with new_database.write() as tx:
+        await tx.execute(insert(policy).values(POLICY))
+        await tx.execute(insert(job).values(JOB))
+    return new_database
+
+
+@pytest.fixture
+def dispatcher(database, tmp_path, fleet_of):
+    """One with an idle robot a that is offered nothing yet, on no bus."""
+    clock = FarmClock.start()
+    fleet = fleet_of("a", now_s=clock.now_s())
+    fleet.member("a").paused_until_s = clock.now_s() + 60.0
+    return Dispatcher(Settings(data=tmp_path), database, None, clock, fleet, Signals(), Metrics.register(CollectorRegistry()))
+
+
+async def test_a_trial_that_was_drawn_for_a_robot_that_nobody_knows_goes_to_another(database, dispatcher):
+    await add_trials(database, [("ghost", "a"), ("a", "ghost"), ("phantom", "a")])
+    async with database.read() as connection:
+        assert await queue.drawn_robots(connection) == {"a", "ghost", "phantom"}
+    await dispatcher._look(look_at_active=True)
+    async with database.read() as connection:
+        assert await queue.drawn_robots(connection) == {"a"}
+        departures = (await connection.execute(select(trial.c.departure).order_by(trial.c.ordinal))).scalars().all()
+    assert departures == ["ghost was never seen", None, "phantom was never seen"]
+    assert list(dispatcher.fleet.members) == ["a"]
+
+
+async def test_a_trial_whose_robot_says_that_it_runs_it_is_running_though_its_answer_was_not_noted(database, dispatcher):
+    await add_trials(database, [("a",)])
+    now_s = dispatcher.clock.now_s()
+    async with database.write() as tx:
+        row, _ = await find_trial(tx, "a", dispatcher.fleet, now_s)
+        claim = await lease.write_lease(tx, now_s, row, "a", departure=None, lease_s=15.0)
+    dispatcher.fleet.leased(claim, now_s)
+
+    async def state_after_a_look():
+        await dispatcher._look(look_at_active=True)
+        async with database.read() as connection:
+            return (await connection.execute(select(trial.c.state))).scalar_one()
+
+    assert await state_after_a_look() == TrialState.LEASED
+    running = beat("a", RobotState.RUNNING).model_copy(update={"trial_id": claim.trial_id, "fence": claim.fence})
+    dispatcher.fleet.heard(running, now_s)
+    assert await state_after_a_look() == TrialState.RUNNING
+    assert dispatcher.fleet.member("a").state(now_s) == RobotState.RUNNING
+
+
+async def test_only_so_many_manifests_are_kept_in_memory(database, dispatcher, monkeypatch):
+    monkeypatch.setattr(dispatcher_module, "MANIFESTS_KEPT", 2)
+    dispatcher._manifests |= {"one": (None, "g"), "two": (None, "g")}
+    async with database.write() as tx:
+        await tx.execute(update(policy).values(manifest=LAYOUTS["rrc2022-push"].model_dump_json()))
+    await dispatcher._policy(POLICY["digest"])
+    assert list(dispatcher._manifests) == ["two", POLICY["digest"]]

@@ -1,0 +1,56 @@
+"""A start that was cut short can be made again, and a clock that goes back is followed."""
+
+import json
+from types import SimpleNamespace
+
+import pytest
+from sqlalchemy import select
+
+from services import serve
+from services.api.tokens import Tokens
+from services.database.tables import trial
+from services.jobs import robots
+from services.jobs.clock import FarmClock
+from services.settings import Settings
+from tests.unit.services.conftest import beat
+from tests.unit.services.jobs.test_pinning import NOW_S, asked, take
+
+
+def full(*_):
+    raise OSError(28, "No space left on device")
+
+
+async def test_when_the_clock_goes_back_no_lease_and_no_pause_lasts_longer(new_database, tmp_path, monkeypatch, fleet_of):
+    fleet, clock, settings = fleet_of("a", now_s=NOW_S), FarmClock.start(), Settings(data=tmp_path, lease_s=15.0)
+    async with new_database.write() as tx:
+        await robots.keep(tx, beat("a"), NOW_S)
+    await asked(new_database, "a")
+    await take(new_database, "a", fleet)  # a lease until 15 s after NOW_S
+    fleet.member("a").paused_until_s = NOW_S + 1.0
+    now_s = NOW_S - 600.0
+
+    async def set_by(_database):
+        return 600.0
+
+    monkeypatch.setattr(clock, "set_by", set_by)
+    monkeypatch.setattr(clock, "now_s", lambda: now_s)
+    await serve._follow_clock(SimpleNamespace(clock=clock, fleet=fleet, database=new_database, settings=settings))
+    async with new_database.read() as connection:
+        until_s = (await connection.execute(select(trial.c.lease_until_s).where(trial.c.robot == "a"))).scalar_one()
+    member = fleet.member("a")
+    assert (until_s, member.seen_s, member.renewed_s, member.paused_until_s) == (now_s + 15.0, now_s, now_s, now_s)
+
+
+@pytest.mark.parametrize("cut_short", ["_write_privately", "keep"])
+async def test_the_first_tokens_are_in_their_file_also_if_the_first_start_was_cut_short(
+    new_database, tmp_path, monkeypatch, cut_short
+):
+    settings, tokens = Settings(data=tmp_path), Tokens(new_database, FarmClock.start())
+    with monkeypatch.context() as patched, pytest.raises(OSError, match="No space"):
+        patched.setattr(Tokens if cut_short == "keep" else serve, cut_short, full)
+        await serve._first_tokens(settings, tokens)
+    for _ in range(2):
+        await serve._first_tokens(settings, tokens)
+    made = json.loads((tmp_path / serve.TOKENS_FILE).read_text())
+    assert {name: (await tokens.caller(bearer)).owner for name, bearer in made.items()} == {"admin": "operator", "robot": "farm"}
+    assert len(await tokens.all()) == 2
