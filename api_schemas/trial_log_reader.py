@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
-from mcap.reader import make_reader
+from mcap.reader import McapReader, make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from api_schemas import trial_log
@@ -98,6 +98,15 @@ def read_truth(path: Path) -> TruthLog:
     return _opened(path, "the truth about a trial", _read_truth)
 
 
+def read_trial(path: Path) -> dict[str, str]:
+    """A log's record of its trial (robot, seed, task or excitation …), without reading its rows.
+
+    Raises:
+        LogUnreadableError: as :func:`read_log`, as far as it shows without the rows.
+    """
+    return _opened(path, "a trial log", lambda stream: _records(_whole(stream))[trial_log.TRIAL_METADATA])
+
+
 def _opened(path: Path, what: str, read: Callable[[BinaryIO], Read]) -> Read:
     try:
         with path.open("rb") as stream:
@@ -131,17 +140,27 @@ class _Content:
         return np.array([p for p, _ in poses]).reshape(-1, 3), np.array([q for _, q in poses]).reshape(-1, 4)
 
 
-def _content(stream: BinaryIO) -> _Content:
+def _whole(stream: BinaryIO) -> McapReader:
+    """A reader of a file that was written to its end."""
     reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
-    messages: dict[str, list[tuple[int, Any]]] = defaultdict(list)
     if reader.get_summary() is None:
         raise ValueError("it has no summary: the robot that wrote it did not finish")
-    for _, channel, message, decoded in _decoded(reader):
-        messages[channel.topic].append((message.log_time // trial_log.STEP_NS, decoded))
+    return reader
+
+
+def _records(reader: McapReader) -> dict[str, dict[str, str]]:
     records = {record.name: record.metadata for record in reader.iter_metadata()}
     if trial_log.TRIAL_METADATA not in records:
         raise ValueError(f"it has no metadata record {trial_log.TRIAL_METADATA!r}")
-    return _Content(messages, records, {attached.name: attached.data for attached in reader.iter_attachments()})
+    return records
+
+
+def _content(stream: BinaryIO) -> _Content:
+    reader = _whole(stream)
+    messages: dict[str, list[tuple[int, Any]]] = defaultdict(list)
+    for _, channel, message, decoded in _decoded(reader):
+        messages[channel.topic].append((message.log_time // trial_log.STEP_NS, decoded))
+    return _Content(messages, _records(reader), {attached.name: attached.data for attached in reader.iter_attachments()})
 
 
 def _read(stream: BinaryIO) -> TrialLog:

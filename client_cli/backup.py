@@ -24,5 +24,7 @@ def backup(
         print_document(made)
         return
     print_line(f"backup in {made['folder']}: {made['files']} files of {made['bytes']} bytes, {made['copied']} copied now")
+    if made["mended"]:
+        print_line(f"{made['mended']} of these replace damaged copies of an earlier backup; look at the disk that they lie on")
     if made["missing"]:
         print_line(f"{made['missing']} logs of the database are not in the farm any more")

@@ -15,7 +15,7 @@ TAIL_LINES = 15
 LOG_BYTES = 10 * 1024**2
 LOGS_KEPT = 3
 OWN_PREFIX = "TRIFARM_"
-"""No such variable of the caller reaches a child: an embedded farm has its own tokens and settings."""
+"""No such variable of the caller reaches a child that is not given it: an embedded farm has its own tokens."""
 
 
 def module_command(module: str, *arguments: str) -> list[str]:

@@ -1,11 +1,12 @@
 """A whole farm on this machine: supervises the services and the robots from start to end, and restarts nothing itself."""
 
 import json
+import os
 import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from api_schemas.jail.level import JailLevel
@@ -14,8 +15,10 @@ from client_cli.api_client import ApiClient
 from client_cli.child_process import ChildProcess, child_environment, module_command, start_child
 from client_cli.errors import ClientError, Refused
 from client_cli.farm_claims import held_folder, usable_port
-from client_cli.farm_record import FarmRecord, save_record
+from client_cli.farm_record import FarmRecord, keep_physics, save_record
+from client_cli.output import note
 from client_cli.robot_options import RobotOptions
+from client_cli.services_settings import given_settings, ignored_settings
 from client_cli.settings import Connection, save_connection
 
 HOST = "127.0.0.1"
@@ -83,8 +86,9 @@ def _start(options: FarmOptions, children: list[ChildProcess]) -> EmbeddedFarm:
         while not client.is_up():
             _pause(children, deadline_s, f"the services did not answer at {url}")
     tokens = _tokens(options.data)
-    save_record(FarmRecord(options.robots.physics, options.robots.farm_seed), options.data)
-    children.append(_start_robots(options, url, bus, tokens["robot"]))
+    robots = replace(options.robots, physics=keep_physics(options.robots.physics, options.data))
+    save_record(FarmRecord(robots.physics, robots.farm_seed), options.data)
+    children.append(_start_robots(replace(options, robots=robots), url, bus, tokens["robot"]))
     connection = Connection(url, tokens["admin"])
     with ApiClient(connection) as client:
         while (ready := _robots_in_service(client)) < options.robots.count:
@@ -98,7 +102,11 @@ def _start(options: FarmOptions, children: list[ChildProcess]) -> EmbeddedFarm:
 def _start_services(options: FarmOptions, port: int, bus: str) -> ChildProcess:
     flags = ["--data", str(options.data), "--host", HOST, "--port", str(port), "--bus", bus, *options.jail_flags()]
     command = module_command("services", "serve", *flags, "--farm", FARM, "--physics", options.robots.physics_name)
-    return start_child("services", command, child_environment(), options.data / "logs" / "services.log")
+    if ignored := ignored_settings(os.environ):
+        note(f"not used here, where flags and the data folder decide: {', '.join(ignored)}")
+    return start_child(
+        "services", command, child_environment(**given_settings(os.environ)), options.data / "logs" / "services.log"
+    )
 
 
 def _start_robots(options: FarmOptions, url: str, bus: str, token: str) -> ChildProcess:

@@ -8,6 +8,7 @@ ClientError
  `- everything else   1
 """
 
+from api_schemas import command_error
 from api_schemas.error import Problem
 from client_cli.exit_codes import ExitCode
 
@@ -71,7 +72,5 @@ def error_line(error: ClientError) -> str:
 
 def error_document(error: ClientError) -> dict[str, object]:
     """What stdout gets with ``--json`` when a command fails."""
-    body: dict[str, object] = {"title": error.title, "detail": error.detail, "exit_code": int(error.exit_code)}
-    if isinstance(error, Refused):
-        body |= {"type": error.problem.type, "status": error.problem.status}
-    return {"error": body}
+    more = {"type": error.problem.type, "status": error.problem.status} if isinstance(error, Refused) else {}
+    return command_error.error_document(error.title, error.detail, int(error.exit_code), **more)

@@ -1,5 +1,6 @@
 """What a farm's robots are to be like: the options of ``up`` and ``demo`` that are passed on to them."""
 
+import subprocess
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -9,7 +10,9 @@ import typer
 
 from api_schemas.jail.level import JailLevel
 from api_schemas.physics_name import NAMED_PHYSICS, physics_name
-from client_cli.errors import UsageProblem
+from client_cli.child_process import child_environment, module_command
+from client_cli.errors import ClientError, UsageProblem
+from client_cli.exit_codes import ExitCode
 
 DEFAULT_PHYSICS = "real"
 FARM_SEED_VARIABLE = "TRIFARM_FARM_SEED"
@@ -43,7 +46,12 @@ ResetOption = Annotated[
 ]
 FaultOption = Annotated[
     list[str] | None,
-    typer.Option("--fault", metavar="SPEC", help="A fault that the robots shall have; may be given several times."),
+    typer.Option(
+        "--fault",
+        metavar="ROBOT:KIND[:WHERE[:SIZE]][@TRIAL[+SECONDS]]",
+        help="A fault that a robot shall have, such as robot-1:stuck_joint:finger0_base_to_upper@2+3.5; may be given several "
+        "times. KIND is stuck_joint, encoder_jump (WHERE is a joint), dead_camera (WHERE is a camera) or controller_restart.",
+    ),
 ]
 JailOption = Annotated[
     JailLevel | None,
@@ -67,12 +75,25 @@ class RobotOptions:
 
     @classmethod
     def of(cls, count: int, physics: str, farm_seed: int | None, reset: Reset | None, faults: list[str] | None) -> "RobotOptions":
-        """The options as given on the command line.
+        """The options as given on the command line, checked before anything starts.
 
         Raises:
-            UsageProblem: there is no such physics.
+            UsageProblem: there is no such physics or fault.
         """
-        return cls(count, usable_physics(physics), farm_seed, reset, tuple(faults or ()))
+        told = cls(count, usable_physics(physics), farm_seed, reset, tuple(faults or ()))
+        if told.faults or told.physics not in NAMED_PHYSICS:
+            told._check()
+        return told
+
+    def _check(self) -> None:
+        """Ask the robots' own program, which alone knows files of ranges and kinds of faults."""
+        flags = [part for fault in self.faults for part in ("--fault", fault)]
+        command = module_command("robot_farm.checking", "--robots", str(self.count), "--physics", self.physics, *flags)
+        ended = subprocess.run(command, env=child_environment(), capture_output=True, text=True, check=False)
+        if ended.returncode == ExitCode.USAGE and ended.stdout:
+            raise UsageProblem(ended.stdout.strip())
+        if ended.returncode:
+            raise ClientError(f"cannot check what the robots would be told: {ended.stderr.strip()[-500:]}")
 
     @property
     def physics_name(self) -> str:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from api_schemas.robot import Robot
+from api_schemas.robot import Robot, RobotState
 from client_cli.api_client import ApiClient
 from client_cli.exit_codes import OF_EVERY_REQUEST, epilog
 from client_cli.options import JsonOption
@@ -35,14 +35,21 @@ def robots(context: typer.Context, as_json: JsonOption = False) -> None:
 def drain(robot: RobotArgument, as_json: JsonOption = False) -> None:
     """Let a robot finish its trial and give it no other."""
     with ApiClient(load_connection(os.environ)) as client:
-        _show(client.drain(robot), as_json)
+        answered = client.drain(robot)
+    _show(answered, f"{robot} is {_now(answered)}", as_json)
 
 
 @commands.command(epilog=epilog(*OF_EVERY_REQUEST))
 def resume(robot: RobotArgument, as_json: JsonOption = False) -> None:
     """Give a drained robot trials again; one that is out of service tests itself again first."""
     with ApiClient(load_connection(os.environ)) as client:
-        _show(client.resume(robot), as_json)
+        answered = client.resume(robot)
+    # The farm answers before the robot has heard of it.
+    will = {
+        RobotState.DRAINING: "will take trials again",
+        RobotState.OUT_OF_SERVICE: f"is to test itself again; until then it is {_now(answered)}",
+    }
+    _show(answered, f"{robot} {will.get(answered.state, f'is {_now(answered)}')}", as_json)
 
 
 @commands.command(epilog=epilog(*OF_EVERY_REQUEST))
@@ -56,11 +63,15 @@ def forget(robot: RobotArgument, as_json: JsonOption = False) -> None:
         print_line(f"{robot} is forgotten")
 
 
-def _show(robot: Robot, as_json: bool) -> None:
+def _now(robot: Robot) -> str:
+    return f"{robot.state.value}{f': {robot.reason}' if robot.reason else ''}"
+
+
+def _show(robot: Robot, sentence: str, as_json: bool) -> None:
     if as_json:
         print_document(robot)
     else:
-        print_line(f"{robot.robot} is {robot.state.value}{f': {robot.reason}' if robot.reason else ''}")
+        print_line(sentence)
 
 
 def _row(robot: Robot) -> tuple[object, ...]:

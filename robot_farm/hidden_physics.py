@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from api_schemas.command_error import error_document
 from robot_farm.farm_seed import given_seed
 from robot_farm.trial_physics import TrialPhysics
 from sim_backend.effects.physics import Physics
@@ -21,6 +22,8 @@ from sim_backend.effects.ranges import load_ranges
 
 SECRET_FILE = "farm-secret"  # noqa: S105 - the name of a file, not a secret
 SECRET_BYTES = 32
+ROBOTS = "robots"
+EXIT_USAGE = 2
 
 
 class HiddenPhysics:
@@ -112,22 +115,29 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--farm-seed", type=int, help="what the farm was started with, if it was given a seed")
     parser.add_argument("--json", action="store_true", help="print one line of JSON")
     options = parser.parse_args(arguments)
-    folder = options.data / "robots"
     try:
         farm_seed = options.farm_seed if options.farm_seed is not None else given_seed()
-    except ValueError as error:
-        parser.error(str(error))
-    if farm_seed is None and not (folder / SECRET_FILE).exists():
-        print(f"error: {folder} has no {SECRET_FILE}: no robot with hidden physics has run there yet", file=sys.stderr)
-        return 1
-    try:
-        hidden = HiddenPhysics(farm_secret(folder, farm_seed), options.robot, options.physics)
+        _check_robot(options.data / ROBOTS, options.robot, farm_seed)
+        hidden = HiddenPhysics(farm_secret(options.data / ROBOTS, farm_seed), options.robot, options.physics)
     except (ValueError, OSError) as error:
+        if options.json:
+            print(json.dumps(error_document("wrong usage", str(error), EXIT_USAGE)))
         print(f"error: {error}", file=sys.stderr)
-        return 1
+        return EXIT_USAGE
     document = {"robot": options.robot, "physics": options.physics, "effects": hidden.physics.document()}
     print(json.dumps(document, indent=None if options.json else 2))
     return 0
+
+
+def _check_robot(folder: Path, robot: str, farm_seed: int | None) -> None:
+    """A name is enough to draw physics: raise ValueError if no such robot has run on this folder, which each has its own in."""
+    if farm_seed is None and not (folder / SECRET_FILE).exists():
+        raise ValueError(f"{folder} has no {SECRET_FILE}: no robot with hidden physics has run there yet")
+    there = sorted((each.name for each in folder.glob("*") if each.is_dir()), key=lambda name: (len(name), name))
+    if robot not in there:
+        raise ValueError(
+            f"no robot {robot!r} has run on {folder}; choose from {', '.join(there) or 'none: start the farm first'}"
+        )
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from api_schemas.jail.level import JailLevel
 from api_schemas.physics_name import NOMINAL, physics_name
+from robot_farm.checking import check_robots
 from robot_farm.farm_seed import FARM_SEED_VARIABLE, given_seed
 from robot_farm.faults import FORM, Fault, parse_fault
 from sim_backend.effects.ranges import load_ranges
@@ -126,10 +127,11 @@ def parse(arguments: list[str]) -> Settings:
         ca=options.ca,
         alive_file=Path(alive) if (alive := os.environ.get(ALIVE_VARIABLE)) else None,
     )
-    strangers = {fault.robot for fault in settings.faults} - set(settings.robot_names)
-    if settings.robot is None and settings.first is not None and strangers:  # a single robot is told everybody's faults
-        names = f"{settings.robot_names[0]} to {settings.robot_names[-1]}"
-        parser.error(f"--fault names {', '.join(sorted(strangers))}; the robots are {names}")
+    if settings.robot is None and settings.first is not None:  # a single robot is told everybody's faults
+        try:
+            check_robots(settings.faults, settings.robot_names)
+        except ValueError as error:
+            parser.error(str(error))
     return settings
 
 

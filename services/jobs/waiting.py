@@ -19,12 +19,25 @@ def job_waits(row: AnyRow, ahead: Ahead, fleet: Fleet, now_s: float, limit: int 
         return f"cancelled; {_count(row.trials_active, 'trial')} still being stopped by their robots"
     left = row.trials - row.trials_done - row.trials_active
     if row.trials_active:
-        more = f", {left} more wait for a robot" if left else ""
-        return f"{_count(row.trials_active, 'trial')} running{more}"
+        return _running(row.trials_active, left)
+    if begun := min(_begun(row.job_id, fleet, now_s), left):  # since the row was read
+        return _running(begun, left - begun)
     if (nobody := _nobody_for(row.robot, _count(left, "trial"), fleet, now_s)) is not None:
         return nobody
     about = f"{_count(left, 'trial')} about to be leased: {robots_now(fleet, now_s, row.job_id)}"
     return _others_first(row, ahead, limit) or about
+
+
+def _running(running: int, left: int) -> str:
+    return f"{_count(running, 'trial')} running{f', {left} more wait for a robot' if left else ''}"
+
+
+def _begun(job_id: str, fleet: Fleet, now_s: float) -> int:
+    """How many robots have begun a trial of the job."""
+    busy = [
+        m.lease or m.said_claim() for m in fleet.members.values() if m.state(now_s) in {RobotState.LEASED, RobotState.RUNNING}
+    ]
+    return sum(claim is not None and claim.trial_id.rpartition("-")[0] == job_id for claim in busy)
 
 
 def _others_first(row: AnyRow, ahead: Ahead, limit: int | None) -> str | None:

@@ -3,6 +3,7 @@
 import json
 import shutil
 import sqlite3
+from collections import Counter
 from contextlib import closing
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -11,30 +12,33 @@ from typing import Any
 
 from services.database.sqlite import integrity_check
 from services.upkeep import folder as folders
-from services.upkeep.folder import DATABASE, RECORD, UpkeepError
+from services.upkeep.folder import DATABASE, RECORD, Copy, UpkeepError
 
 
 def back_up(data: Path, target: Path) -> dict[str, Any]:
-    """Copies the farm in ``data`` to ``target``; a later backup to the same folder copies what is new.
+    """Copies the farm in ``data`` to ``target``; a later one to the same folder copies what is new and mends what is damaged.
 
     The database is copied as it is at one moment; files are written before the rows that name them and never change, so
     that whatever the copy names is there. The record says so last: until then the backup is not whole.
 
     Raises:
-        UpkeepError: ``data`` is no farm's folder, or ``target`` holds something else than a backup.
+        UpkeepError: ``data`` is no farm's folder, or ``target`` lies in it or holds something else than a backup.
     """
     if target.exists() and any(target.iterdir()) and not (target / RECORD).exists():
         raise UpkeepError(f"{target} is not empty and no backup; name a new folder, or that of an earlier backup")
     with folders.opened(data / DATABASE) as farm:
+        if target.resolve().is_relative_to(data.resolve()):
+            raise UpkeepError(f"{target} lies in the farm's own folder {data} and would be lost with it; name a folder elsewhere")
         target.mkdir(parents=True, exist_ok=True, mode=0o700)
         (target / RECORD).write_text(json.dumps({}))
         _copy_database(farm, target / DATABASE)
     with folders.opened(target / DATABASE) as copy:
         form, named = folders.form_of(copy), folders.references(copy)
-    copied = missing = 0
+    copies: Counter[Copy] = Counter()
+    missing = 0
     for sha256 in sorted(named.needed | named.others):
         try:
-            copied += folders.copy_object(folders.object_path(data, sha256), folders.object_path(target, sha256))
+            copies[folders.copy_object(folders.object_path(data, sha256), folders.object_path(target, sha256))] += 1
         except FileNotFoundError:
             missing += 1
     folders.copy_small(data, target)
@@ -47,7 +51,8 @@ def back_up(data: Path, target: Path) -> dict[str, Any]:
         "database_sha256": folders.sha256_of(target / DATABASE),
         "files": len(kept),
         "bytes": sum(kept),
-        "copied": copied,
+        "copied": copies[Copy.NEW] + copies[Copy.MENDED],
+        "mended": copies[Copy.MENDED],
         "missing": missing,
     }
     unfinished = target / "backup.new"

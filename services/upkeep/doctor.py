@@ -13,7 +13,7 @@ from alembic.script import ScriptDirectory
 
 from services.database.database import MIGRATIONS
 from services.upkeep import folder as folders
-from services.upkeep.folder import DATABASE, SMALL, UpkeepError
+from services.upkeep.folder import DATABASE, SMALL, UpkeepError, physics_files
 
 LEAST_FREE_BYTES = 1024**3
 NAMED = 3
@@ -104,7 +104,8 @@ def _surroundings(data: Path) -> Iterator[Finding]:
     free = shutil.disk_usage(data).free
     level: Level = "problem" if free < LEAST_FREE_BYTES else "ok"
     yield _found(level, "disk", f"{free / 1024**3:.1f} GiB are free; a farm needs at least {LEAST_FREE_BYTES / 1024**3:.0f}")
-    open_to_all = [str(name) for name in (DATABASE, *SMALL) if (data / name).exists() and (data / name).stat().st_mode & PRIVATE]
+    private = (DATABASE, *SMALL, *physics_files(data))
+    open_to_all = [str(name) for name in private if (data / name).exists() and (data / name).stat().st_mode & PRIVATE]
     if open_to_all:
         yield _found("problem", "privacy", f"others can read {', '.join(open_to_all)}; chmod 600 them")
     else:

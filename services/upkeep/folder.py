@@ -7,6 +7,7 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 
 from services.signing import KEY_FILE
@@ -15,6 +16,7 @@ DATABASE = Path("farm.sqlite")
 OBJECTS = Path("files") / "sha256"
 SMALL = (Path("tokens.json"), Path("up.json"), Path(KEY_FILE), Path("robots") / "farm-secret")
 """What makes the restored farm the same: its tokens, the key it signs with, what its robots were told and are drawn from."""
+PHYSICS = Path("physics")
 RECORD = Path("backup.json")
 _REPORTED = "SELECT log_sha256 AS sha FROM trial UNION SELECT truth_sha256 FROM trial"
 _POLICIES = "SELECT weights_sha256 AS sha FROM policy UNION SELECT graph_sha256 FROM policy"
@@ -73,28 +75,43 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def copy_object(source: Path, target: Path) -> bool:
-    """Copies a file under its name, which is its hash; false when it was there already, whole.
+class Copy(StrEnum):
+    """What became of a file that was to be copied."""
+
+    KEPT = "kept"
+    NEW = "new"
+    MENDED = "mended"
+
+
+def copy_object(source: Path, target: Path) -> Copy:
+    """Copies a file under its name, which is its hash; what lies there already is read, too, and replaced where it is damaged.
 
     Raises:
         UpkeepError: the source does not hold what its name says.
     """
-    size = source.stat().st_size
-    if target.exists() and target.stat().st_size == size:
-        return False
+    size, was_there = source.stat().st_size, target.exists()
+    if was_there and target.stat().st_size == size and sha256_of(target) == target.name:
+        return Copy.KEPT
     target.parent.mkdir(parents=True, exist_ok=True)
     unfinished = target.with_suffix(".new")
     shutil.copyfile(source, unfinished)
     if (found := sha256_of(unfinished)) != source.name:
         unfinished.unlink()
-        raise UpkeepError(f"{source} is damaged: its content has the hash {found}; 'trifarm doctor --deep' lists all such files")
+        folder = source.parents[len(OBJECTS.parts) + 1]
+        hint = f"'trifarm doctor --deep --data {folder}' lists all such files"
+        raise UpkeepError(f"{source} is damaged: its content has the hash {found}; {hint}")
     unfinished.replace(target)
-    return True
+    return Copy.MENDED if was_there else Copy.NEW
+
+
+def physics_files(folder: Path) -> tuple[Path, ...]:
+    """The files of physics that robots of an embedded farm were told, from the folder on."""
+    return tuple(sorted(each.relative_to(folder) for each in (folder / PHYSICS).glob("*")))
 
 
 def copy_small(source: Path, target: Path) -> None:
     """Copies the small files that are there, for this user alone."""
-    for name in SMALL:
+    for name in (*SMALL, *physics_files(source)):
         if (source / name).is_file():
             (target / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source / name, target / name)

@@ -141,12 +141,13 @@ def load_ranges(name_or_path: str | Path) -> Ranges:
     rows = _rows(path, document.pop("range", []))
     try:
         estimate = take_estimate(document)
+        physics = Physics.from_document(document)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     twice = sorted({interval.key for interval in estimate.intervals} & {row.key for row in rows})
     if twice and estimate.draws is Draw.INTERVAL_90:
         raise ValueError(f"{path}: {', '.join(twice)} is drawn from both a range and an interval")
-    return Ranges(path.stem, str(about), rows, Physics.from_document(document), estimate)
+    return Ranges(path.stem, str(about), rows, physics, estimate)
 
 
 def _rows(path: Path, entries: Any) -> tuple[Range, ...]:

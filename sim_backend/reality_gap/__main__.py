@@ -1,6 +1,6 @@
 """The reality gap as commands: ``python -m sim_backend.reality_gap study|blind-test|excite``; ``trifarm gap`` starts them.
 
-Exit codes: 0 a verdict was reached, whichever; 1 data that cannot be used; 2 usage; 130 stopped by the user.
+Exit codes: 0 a verdict was reached, whichever; 2 usage, or data that cannot be used; 130 stopped by the user.
 """
 
 import argparse
@@ -10,8 +10,8 @@ import time
 from pathlib import Path
 
 from sim_backend.reality_gap.recording import RecordingError
+from sim_backend.reality_gap.refusal import refused
 
-EXIT_UNUSABLE = 1
 EXIT_INTERRUPTED = 130
 _QUIET_S = 1.0
 
@@ -67,11 +67,7 @@ def _run(options: argparse.Namespace) -> int:
         settings = {"data_root": options.data, "method": options.method, "seed": options.seed}
         result = run_study(options.source, out, **settings, trials=trials, progress=_Progress())
     except RecordingError as error:
-        print(
-            json.dumps({"error": str(error)}) if options.json else f"error: {error}",
-            file=sys.stdout if options.json else sys.stderr,
-        )
-        return EXIT_UNUSABLE
+        return refused(error, options.json)
     if options.json:
         success = {name: result.document[name] for name in ("success",) if name in result.document}
         print(json.dumps(result.document["verdict"] | success | {"files": [str(path) for path in result.files]}))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from api_schemas.trial_log_reader import LogUnreadableError, TrialLog, read_log
+from api_schemas.trial_log_reader import LogUnreadableError, TrialLog, read_log, read_trial
 from sim_backend.reality_gap.recording import JointSignals, ObjectSignals, Recording, RecordingError
 from sim_backend.trifinger import constants as c
 
@@ -21,8 +21,15 @@ def log_files(folder: Path) -> list[Path]:
 
 
 def robot_of(files: Sequence[Path]) -> str | None:
-    """The robot that all logs are of, None if they are of several; raises RecordingError if they are."""
-    robots = {read_log(path).metadata.get("robot", "") for path in files}
+    """The robot that all logs are of, None if they do not say; no rows are read.
+
+    Raises:
+        RecordingError: they are of several robots, or one cannot be read.
+    """
+    try:
+        robots = {read_trial(path).get("robot", "") for path in files}
+    except LogUnreadableError as error:
+        raise RecordingError(f"{error}; fetch it again") from error
     if len(robots) > 1:
         raise RecordingError(
             f"the logs are of {len(robots)} robots ({', '.join(sorted(robots))}): "

@@ -5,6 +5,7 @@ The process is :func:`run_study`; each step is a module of its own.
 
 # pyright: reportAttributeAccessIssue=false
 import json
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -78,16 +79,18 @@ def run_study(
         RecordingError: data that cannot be used; the message says why.
     """
     rng = np.random.default_rng(seed)
-    material = recordings_of(source, data_root, progress)  # 1 recording
-    question = _question(material, trials)
-    verdict, sections = verdict_of(material, method, rng, progress)  # 2 replay, 3 residual, 4 fit, 5 verdict, 7 gain
-    out.mkdir(parents=True, exist_ok=True)
+    question = _question(source, trials)
+    _make_folder(out)  # now, so that no result of long work is lost
+    material = recordings_of(source, data_root, _part(progress, 0.0, 0.1))  # 1 recording
+    named = 0.95 if question is None else 0.6
+    # 2 replay, 3 residual, 4 fit, 5 verdict, 7 gain
+    verdict, sections = verdict_of(material, method, rng, _part(progress, 0.1, named))
     foreign = None if material.study_file is None else material.study_file.model
     files = write_models(verdict, material.title, material.files, out, model=foreign)  # 6 extended model
     if question is not None:
         toml = next((load_extended_model(file) for file in files if file.suffix == ".toml"), None)
         extended = Physics.nominal() if toml is None else toml.physics
-        sections = {**sections, "success": success_of(question, extended, rng, progress).document()}
+        sections = {**sections, "success": success_of(question, extended, rng, _part(progress, named, 0.95)).document()}
     document = _document(material, verdict, sections)
     (out / "study.json").write_text(json.dumps(document, indent=1))
     progress("writing the report", 0.95)
@@ -95,24 +98,40 @@ def run_study(
     return StudyResult(verdict, document, (out / "study.json", out / "report.html", *files))
 
 
+def _part(progress: Progress, begin: float, end: float) -> Progress:
+    """Progress of a part that takes its own share, 0 to 1, of the range: there is one counter."""
+    return lambda what, share: progress(what, begin + (end - begin) * share)
+
+
 def recordings_of(source: Path, data_root: Path | None, progress: Progress) -> Material:
     """Step 1: a folder of the farm's logs, or anyone's data by a study.toml."""
     if source.is_dir():
         files = log_files(source)
-        recordings = read_farm_logs(files, lambda what, share: progress(what, 0.15 * share))
-        return Material(f"Logs in {source.name}", tuple(recordings), tuple(files), True, None, robot_of(files))
+        robot = robot_of(files)
+        recordings = read_farm_logs(files, progress)
+        return Material(f"Logs in {source.name}", tuple(recordings), tuple(files), True, None, robot)
     study_file = load_study_file(source, data_root)
-    recordings = read_recordings(study_file, lambda what: progress(f"reading {what}", 0.05))
+    recordings = read_recordings(study_file, lambda what: progress(f"reading {what}", 0.0))
     files = (source, study_file.model, *dict.fromkeys(entry.file for entry in study_file.recordings))
     return Material(study_file.title, tuple(recordings), files, False, study_file)
 
 
-def _question(material: Material, trials: Trials | None) -> Question | None:
+def _question(source: Path, trials: Trials | None) -> Question | None:
+    robot = robot_of(log_files(source)) if source.is_dir() else None
     if trials is None:
         return None
-    if not material.is_trifinger:
+    if not source.is_dir():
         raise RecordingError("success can only be predicted for a robot of the farm: give a folder of its logs")
-    return read_question(trials, material.robot)
+    return read_question(trials, robot)
+
+
+def _make_folder(out: Path) -> None:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordingError(f"cannot make the folder {out} ({error.strerror}); name another with --out") from error
+    if not os.access(out, os.W_OK):
+        raise RecordingError(f"nothing can be written to the folder {out}; name another with --out")
 
 
 def verdict_of(material: Material, method: str, rng: np.random.Generator, progress: Progress) -> tuple[Verdict, dict[str, Any]]:
@@ -121,15 +140,16 @@ def verdict_of(material: Material, method: str, rng: np.random.Generator, progre
     of_cube = tuple(r for r in material.recordings if r.regime == CUBE_EXCITATION)
     of_objects = tuple(r for r in material.recordings if r.joints is None and r.objects)
     found: list[tuple[Verdict, dict[str, Any]]] = []
+    after = 0.8 if of_cube or of_objects else 1.0
     if of_joints:
-        found.append(_joint_verdict(material, of_joints, method, rng, progress))
+        found.append(_joint_verdict(material, of_joints, method, rng, _part(progress, 0.0, after)))
     if of_cube and material.is_trifinger:
         from sim_backend.reality_gap.cube.study import study_cube  # with its replay, which most studies do without
 
-        study = study_cube(of_cube, rng, lambda what: progress(what, 0.6))
+        study = study_cube(of_cube, rng, lambda what: progress(what, after))
         found.append((study.verdict, {}))
     if of_objects and material.study_file is not None:
-        found.append(_object_verdict(material.study_file, of_objects, rng, progress))
+        found.append(_object_verdict(material.study_file, of_objects, rng, _part(progress, after if of_joints else 0.0, 1.0)))
     if not found:
         raise RecordingError("the recordings have neither joints nor objects that could be compared with a model")
     return found[0] if len(found) == 1 else _together(found)

@@ -65,7 +65,7 @@ def test_a_broken_log_is_one_clear_error(verdict, folder, tmp_path):
     (log,) = (folder / "logs").glob("*.mcap")
     (tmp_path / log.name).write_bytes(log.read_bytes()[: log.stat().st_size // 2])
     done = gap(str(tmp_path), "--out", str(tmp_path / "out"))
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert log.name in done.stderr and "Traceback" not in done.stderr
     assert not (tmp_path / "out").exists()
 
@@ -82,6 +82,6 @@ def test_a_number_that_is_none_is_refused_with_column_and_row(tmp_path):
         '[joints.elbow]\nposition = "q"\ntorque = "tau"\ntorque_kind = "commanded"\n'
     )
     done = gap(str(tmp_path / "study.toml"), "--out", str(tmp_path / "out"), "--json")
-    assert done.returncode == 1
-    said = json.loads(done.stdout)["error"]
+    assert done.returncode == 2
+    said = json.loads(done.stdout)["error"]["detail"]
     assert "run.csv" in said and "q" in said and "22" in said and "much" in said

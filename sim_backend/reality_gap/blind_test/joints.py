@@ -22,6 +22,7 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.blind_test.joint_cases import MULTIPLES, Case, draw_cases, sessions_of
 from sim_backend.reality_gap.joints.study import study_joints
 from sim_backend.reality_gap.joints.verdict import judge
+from sim_backend.reality_gap.refusal import refused
 from sim_backend.reality_gap.verdict import VerdictKind
 from sim_backend.trifinger.scene import compile_scene
 
@@ -46,7 +47,10 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.cases < 0 or options.processes < 1:
         parser.error("--cases must be at least 0 and --processes at least 1")
-    options.out.mkdir(parents=True, exist_ok=True)
+    try:
+        options.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        return refused(error, options.json)
     limits = json.loads(LIMITS_FILE.read_text())["limits"]
     run(options.out, options.cases, options.seed, limits, options.processes)
     document = summary([line for path in sorted(options.out.glob("cases-*.jsonl")) for line in whole_lines(path)])

@@ -2,7 +2,7 @@
 
 After a study it says which excitations settle its verdict, without one what tells most causes apart; with the command that has a
 robot of the farm run them, and in numbers or as a table of position targets for robots elsewhere.
-Exit codes: 0 said; 1 the study cannot be read; 2 usage.
+Exit codes: 0 said; 2 usage, a study that cannot be read, or a table that cannot be written.
 """
 
 # mujoco fills its namespace when it is imported, which the type checker cannot see
@@ -10,7 +10,6 @@ Exit codes: 0 said; 1 the study cannot be read; 2 usage.
 import argparse
 import json
 import re
-import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -22,8 +21,8 @@ import numpy as np
 from sim_backend.excitation import EXCITATIONS
 from sim_backend.reality_gap.excite.advice import Advice, Advised, advice_after, first_advice
 from sim_backend.reality_gap.excite.course import NoFixedCourseError, targets, targets_for, write_csv
+from sim_backend.reality_gap.refusal import refused
 
-EXIT_UNUSABLE = 1
 FOLDER = "logs-next"
 _PLACEHOLDER, _ANY = "ROBOT", "any"
 _EMBEDDED = re.compile(r'<script type="application/json" id="study">(.*?)</script>', re.DOTALL)
@@ -165,12 +164,8 @@ def main(arguments: list[str] | None = None) -> int:
         advice = advice_for(study)
         if options.csv is not None:
             _write(options, advice)
-    except NoFixedCourseError as error:
-        parser.error(str(error))
     except (ValueError, OSError) as error:
-        said = json.dumps({"error": str(error)}) if options.json else f"error: {error}"
-        print(said, file=sys.stdout if options.json else sys.stderr)
-        return EXIT_UNUSABLE
+        return refused(error, options.json)
     robot = options.robot or (_ANY if study is None else str(study.document.get("robot") or _PLACEHOLDER))
     said = document(study, advice, robot, options.csv)
     print(json.dumps(said) if options.json else "\n".join(sentences(said)))

@@ -68,6 +68,7 @@ def select(
     if looks[0].noise_ratio.max() > MANY_CAUSES:
         problem.expects_many = True
         looks = [problem.look(state, ())]
+    tried = 0
     while len(accepted) < MAX_CAUSES and len(refused) < MAX_REFUSED:
         look = looks[-1]
         later = 0.0
@@ -77,7 +78,8 @@ def select(
         best = look.best_without(refused | again, lambda effect: max((gates or {}).get(effect, gate), later))  # noqa: B023
         if best is None:
             break
-        progress(f"{best.hypothesis.effect}, {best.hypothesis.where}", 0.9 - 0.7 * 0.85 ** len(accepted))
+        progress(f"{best.hypothesis.effect}, {best.hypothesis.where}", 0.9 - 0.7 * 0.85**tried)
+        tried += 1
         terms = tuple(look.catalogue.terms[i] for i in best.hypothesis.terms)
         before, kept = state, list(accepted)
         state = moved(state, terms, best.values)

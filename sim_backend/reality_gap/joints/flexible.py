@@ -39,12 +39,10 @@ def patterns(episodes: Sequence[EpisodeEquations], look: Look) -> list[Pattern]:
     """
     found: dict[tuple[Channel, int, str], float] = {}
     variables = [_variables(episode) for episode in episodes]
-    for white in look.equations:
-        equation = white.equation
-        left = equation.residual - equation.images @ look.mean[list(equation.terms)]
+    for equation in look.left:
         for name, values in variables[equation.episode].items():
             series = np.interp(equation.time_s, episodes[equation.episode].path.time_s, values[:, equation.joint])
-            gain = _gain(replace(equation, residual=left), _hats(series), len(episodes))
+            gain = _gain(equation, _hats(series), len(episodes))
             key = (equation.channel, equation.joint, name)
             found[key] = found.get(key, 0.0) + gain
     ranked = [Pattern(channel, joint, name, gain) for (channel, joint, name), gain in found.items()]

@@ -1,11 +1,11 @@
 """Looks at the joints of a study with any model: what each hypothesis would gain, and what the model leaves."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim_backend.reality_gap.joints.equations import Channel, EpisodeEquations
+from sim_backend.reality_gap.joints.equations import Channel, EpisodeEquations, Equation
 from sim_backend.reality_gap.joints.evidence import (
     FOLDS,
     NormalEquations,
@@ -59,13 +59,16 @@ class Accepted:
 class Look:
     """Everything that one linearisation tells: normal equations, hypotheses by gain, and noise.
 
-    ``mean`` holds the posterior means of all terms, 0 for hypotheses that are not in the model; ``noise_ratio`` has shape (k,):
-    noise of the mechanics relative to that of the sensors.
+    ``left`` holds the equations with what the model and its tolerances leave as residual, without images, which would be nearly
+    all of a study's memory; ``mechanics_left`` is half the sum of squares of it, whitened, of the mechanics, nats. ``mean`` holds
+    the posterior means of all terms, 0 for hypotheses that are not in the model; ``noise_ratio`` has shape (k,): noise of the
+    mechanics relative to that of the sensors.
     """
 
     sums: NormalEquations
     catalogue: Catalogue
-    equations: tuple[Whitened, ...]
+    left: tuple[Equation, ...]
+    mechanics_left: float
     candidates: tuple[Candidate, ...]
     mean: np.ndarray
     accepted_values: np.ndarray
@@ -98,12 +101,6 @@ class Look:
         enough = allowed[0].gain - max(10.0, 0.05 * allowed[0].gain)
         single = [c for c in allowed if c.gain >= enough and len(c.hypothesis.terms) <= 2]
         return single[0] if allowed[0].hypothesis.where == ALL_JOINTS and single else allowed[0]
-
-    @property
-    def mechanics_left(self) -> float:
-        """Half the sum of squares of what the model with its tolerances leaves of the mechanics, nats."""
-        found = [w for w in self.equations if w.equation.channel is Channel.MECHANICS]
-        return 0.5 * sum(float(np.sum((w.residual - w.images @ self.mean[list(w.equation.terms)]) ** 2)) for w in found)
 
 
 class JointProblem:
@@ -199,7 +196,8 @@ class JointProblem:
         return Look(
             sums,
             catalogue,
-            found,
+            tuple(_left(w.equation, mean) for w in found),
+            _mechanics_left(found, mean),
             tuple(candidates),
             mean,
             mean[first_own:],
@@ -212,6 +210,17 @@ class JointProblem:
             tolerance,
             whole,
         )
+
+
+def _left(equation: Equation, mean: np.ndarray) -> Equation:
+    """The equation with what a model leaves of it, and without images."""
+    left = equation.residual - equation.images @ mean[list(equation.terms)]
+    return replace(equation, residual=left, images=np.zeros((len(left), 0)), terms=())
+
+
+def _mechanics_left(equations: Sequence[Whitened], mean: np.ndarray) -> float:
+    found = [w for w in equations if w.equation.channel is Channel.MECHANICS]
+    return 0.5 * sum(float(np.sum((w.residual - w.images @ mean[list(w.equation.terms)]) ** 2)) for w in found)
 
 
 def _posterior(sums: NormalEquations, base: np.ndarray, tolerance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -137,7 +137,7 @@ def study_joints(
     plant = Plant(model, names)
     episodes = []
     for index, recording in enumerate(recordings):
-        progress(f"reading {recording.name}", 0.15 * index / len(recordings))
+        progress(f"smoothing {recording.name}", 0.15 * index / len(recordings))
         path = trajectory(recording) if is_trifinger else trajectory(recording, cutoff_hz=FOREIGN_CUTOFF_HZ)
         episodes.append(EpisodeEquations(plant, path, index, has_safety_pipeline=is_trifinger, in_torques=not is_trifinger))
     faults = fault_findings(episodes)

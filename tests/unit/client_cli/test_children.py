@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from client_cli import effects, physics
+from client_cli.farm_record import FarmRecord, keep_physics, save_record
 
 
 @pytest.fixture
@@ -37,6 +38,21 @@ def test_physics_are_those_that_the_farm_was_started_with(trifarm, children, tmp
     assert trifarm("physics", "--robot", "robot-1", "--data", str(tmp_path)).code == 0
     flags = ["--data", str(tmp_path), "--robot", "robot-1", "--physics", str(ranges), "--farm-seed", "3"]
     assert children.commands == [["robot_farm.hidden_physics", *flags]]
+
+
+def test_a_file_of_physics_may_be_moved_and_so_may_the_folder(trifarm, children, tmp_path):
+    ranges, data = tmp_path / "mine.toml", tmp_path / "data"
+    ranges.write_text("about = 'mine'")
+    data.mkdir()
+    kept = keep_physics(str(ranges), data)
+    save_record(FarmRecord(kept, None), data)
+    ranges.unlink()
+    moved = data.rename(tmp_path / "moved")
+    assert trifarm("physics", "--robot", "robot-1", "--data", str(moved)).code == 0
+    (command,) = children.commands
+    assert command[-1] == str(moved / "physics" / "mine.toml")
+    assert (moved / "physics" / "mine.toml").read_text() == "about = 'mine'"
+    assert keep_physics("real", moved) == "real"
 
 
 def test_physics_of_a_farm_that_was_started_otherwise_must_be_said(trifarm, children, tmp_path):

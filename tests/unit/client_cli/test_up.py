@@ -12,6 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from client_cli.services_settings import DECIDED, OF_THE_COMMAND_LINE, PASSED_ON
+from services.settings import Settings
+
 ROOT = Path(__file__).resolve().parents[3]
 
 SERVICES = """
@@ -29,6 +32,7 @@ import signal
 if flags.physics == "file:stubborn":
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
 data = pathlib.Path(flags.data)
+(data / "services-told").write_text(json.dumps({n: v for n, v in os.environ.items() if n.startswith("TRIFARM_")}))
 (data / "tokens.json").write_text(json.dumps({"admin": "the-admin", "robot": "the-robot"}))
 class Handler(BaseHTTPRequestHandler):
     def do_GET(self):
@@ -59,12 +63,19 @@ flags = parser.parse_args()
     repr((flags.physics, os.environ.get("TRIFARM_FARM_SEED"), flags.reset, flags.fault))
 )
 assert os.environ["TRIFARM_ROBOT_TOKEN"] == "the-robot"
+(pathlib.Path(flags.data) / "robots-told").write_text("\\n".join(n for n in os.environ if n.startswith("TRIFARM_")))
 for n in range(int(flags.robots)):
     # Robots that do not notice the end of their parent, so that the supervisor has to see to it.
     robot = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(300)"])
     (pathlib.Path(flags.data) / f"robot-{n}.pid").write_text(str(robot.pid))
 time.sleep(0.5 if flags.physics.endswith("short.toml") else 300)
 sys.exit("the robots went away")
+"""
+CHECKING = """
+import sys
+if "no-fault" in sys.argv:
+    print("no-fault is no fault")
+    sys.exit(2)
 """
 
 
@@ -75,6 +86,7 @@ def environment(tmp_path):
         folder.mkdir(parents=True)
         (folder / "__init__.py").touch()
         (folder / "__main__.py").write_text(program)
+    (tmp_path / "path" / "robot_farm" / "checking.py").write_text(CHECKING)
     given = {name: value for name, value in os.environ.items() if not name.startswith("TRIFARM_")}
     paths = f"{tmp_path / 'path'}{os.pathsep}{ROOT}"
     return given | {"PYTHONPATH": paths, "TRIFARM_HOME": str(tmp_path / "home"), "TRIFARM_TOKEN": "mine"}
@@ -169,16 +181,44 @@ def test_what_the_robots_are_told_is_passed_on_and_kept_but_not_shown(environmen
     with Up(environment, tmp_path, "--port", "0", *flags) as up:
         assert up.document()["physics"] == "file:short"
         told = (up.data / "told").read_text()
-    assert told == repr((str(tmp_path / "short.toml"), "7", "placement", ["a", "b"]))
+    copy = up.data / "physics" / "short.toml"
+    assert told == repr((str(copy), "7", "placement", ["a", "b"])), "robots have a copy, which stays when the file is moved"
     record = up.data / "up.json"
-    assert json.loads(record.read_text()) == {"physics": str(tmp_path / "short.toml"), "farm_seed": 7}
-    assert stat.S_IMODE(record.stat().st_mode) == 0o600
+    assert json.loads(record.read_text()) == {"physics": "physics/short.toml", "farm_seed": 7}
+    assert stat.S_IMODE(record.stat().st_mode) == stat.S_IMODE(copy.stat().st_mode) == 0o600
+
+
+def test_a_fault_that_cannot_be_is_refused_before_anything_starts(environment, tmp_path):
+    with Up(environment, tmp_path, "--port", "0", "--fault", "no-fault") as up:
+        out, err = up.process.communicate(timeout=20)
+    assert up.process.returncode == 2
+    assert json.loads(out)["error"] == {"title": "wrong usage", "detail": "no-fault is no fault", "exit_code": 2}
+    assert "error: no-fault is no fault" in err and "usage" not in err
+    assert not up.data.exists()
 
 
 def test_real_physics_and_a_secret_seed_are_the_default(environment, tmp_path):
     with Up(environment, tmp_path, "--port", "0") as up:
         assert up.document()["physics"] == "real"
         assert (up.data / "told").read_text() == repr(("real", None, None, None))
+
+
+def test_settings_of_the_services_reach_the_services_alone(environment, tmp_path):
+    chosen = {"TRIFARM_WEBHOOKS": "true", "TRIFARM_REQUESTS_PER_S": "7"}
+    decided = {"TRIFARM_DATABASE_URL": "postgresql://elsewhere", "TRIFARM_ADMIN_TOKEN": "x", "TRIFARM_WEBHOKS": "true"}
+    with Up(environment | chosen | decided, tmp_path, "--port", "0") as up:
+        up.document()
+        assert json.loads((up.data / "services-told").read_text()) == chosen
+        assert (up.data / "robots-told").read_text() == "TRIFARM_ROBOT_TOKEN"
+        _, err, _ = up.end(signal.SIGTERM)
+    assert "not used here" in err and all(name in err for name in decided)
+    assert not any(name in err for name in (*chosen, "TRIFARM_HOME", "TRIFARM_TOKEN"))
+
+
+def test_every_setting_of_the_services_is_either_passed_on_or_decided_here():
+    settings = {f"TRIFARM_{name.upper()}" for name in Settings.model_fields}
+    assert settings == PASSED_ON | DECIDED
+    assert not PASSED_ON & (DECIDED | OF_THE_COMMAND_LINE)
 
 
 def test_an_unknown_physics_is_refused_before_anything_starts(environment, tmp_path):

@@ -55,6 +55,7 @@ def test_each_attempt_has_noise_of_its_own_that_can_be_drawn_again():
 
 def test_the_command_prints_what_the_robot_has(tmp_path, capsys):
     secret = farm_secret(tmp_path / "robots", None)
+    (tmp_path / "robots" / "robot-2").mkdir()
     assert hidden_physics.main(["--data", str(tmp_path), "--robot", "robot-2", "--physics", "real", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["effects"] == HiddenPhysics(secret, "robot-2", "real").physics.document()
@@ -62,9 +63,21 @@ def test_the_command_prints_what_the_robot_has(tmp_path, capsys):
 
 
 def test_the_command_draws_no_secret_of_its_own(tmp_path, capsys):
-    assert hidden_physics.main(["--data", str(tmp_path), "--robot", "robot-2"]) == 1
+    assert hidden_physics.main(["--data", str(tmp_path), "--robot", "robot-2"]) == 2
     assert "farm-secret" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("seed", [[], ["--farm-seed", "5"]])
+def test_a_robot_that_never_was_has_no_physics(seed, tmp_path, capsys):
+    farm_secret(tmp_path / "robots", None)
+    for robot in ("robot-10", "robot-9"):
+        (tmp_path / "robots" / robot).mkdir()
+    assert hidden_physics.main(["--data", str(tmp_path), "--robot", "nope", "--json", *seed]) == 2
+    printed = capsys.readouterr()
+    error = json.loads(printed.out)["error"]
+    assert "'nope'" in error["detail"] and error["detail"].endswith("robot-9, robot-10") and error["exit_code"] == 2
+    assert printed.err == f"error: {error['detail']}\n"
 
 
 @pytest.mark.parametrize("kept", [b"", b"short", b"x" * (SECRET_BYTES + 1)])
@@ -74,7 +87,8 @@ def test_a_file_that_is_no_secret_is_refused(kept, tmp_path, capsys):
     (folder / SECRET_FILE).write_bytes(kept)
     with pytest.raises(ValueError, match=f"has {len(kept)} bytes instead of {SECRET_BYTES}"):
         farm_secret(folder, None)
-    assert hidden_physics.main(["--data", str(tmp_path), "--robot", "robot-2"]) == 1
+    (folder / "robot-2").mkdir()
+    assert hidden_physics.main(["--data", str(tmp_path), "--robot", "robot-2"]) == 2
     assert f"has {len(kept)} bytes" in capsys.readouterr().err
 
 
@@ -89,6 +103,7 @@ def test_a_secret_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
 
 def test_the_command_takes_the_seed_from_the_environment(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv(FARM_SEED_VARIABLE, "5")
+    (tmp_path / "robots" / "robot-2").mkdir(parents=True)
     assert hidden_physics.main(["--data", str(tmp_path), "--robot", "robot-2", "--json"]) == 0
     expected = HiddenPhysics(farm_secret(tmp_path, 5), "robot-2", "real").physics.document()
     assert json.loads(capsys.readouterr().out)["effects"] == expected

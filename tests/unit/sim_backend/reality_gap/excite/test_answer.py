@@ -189,20 +189,29 @@ def test_people_get_sentences(tmp_path, capsys):
 )
 def test_a_broken_study_is_one_clear_error(tmp_path, capsys, content, said):
     (tmp_path / "study.json").write_text(content)
-    assert main([str(tmp_path), "--json"]) == 1
-    error = json.loads(capsys.readouterr().out)["error"]
-    assert said in error
-    assert "study.json" in error
-    assert main([str(tmp_path / "absent.json")]) == 1
+    assert main([str(tmp_path), "--json"]) == 2
+    printed = capsys.readouterr()
+    error = json.loads(printed.out)["error"]
+    assert said in error["detail"] and error["exit_code"] == 2
+    assert "study.json" in error["detail"]
+    assert printed.err == f"error: {error['detail']}\n"
+    assert main([str(tmp_path / "absent.json")]) == 2
     assert capsys.readouterr().err.startswith("error: ")
 
 
-@pytest.mark.parametrize(
-    "flags", [["--model", "arm.xml"], ["--excitation", "dance"], ["--csv", "x.csv", "--excitation", "slide_cube"]]
-)
+@pytest.mark.parametrize("flags", [["--model", "arm.xml"], ["--excitation", "dance"]])
 def test_wrong_usage(capsys, flags):
     with pytest.raises(SystemExit, match="2"):
         main(flags)
+
+
+@pytest.mark.parametrize("flags", [["--csv", "x.csv", "--excitation", "slide_cube"], ["--csv", "absent/x.csv"]])
+def test_a_table_that_cannot_be_written_is_an_error_as_all_are(tmp_path, monkeypatch, capsys, flags):
+    monkeypatch.chdir(tmp_path)
+    assert main([*flags, "--json"]) == 2
+    error = json.loads(capsys.readouterr().out)["error"]
+    assert (error["title"], error["exit_code"]) == ("wrong usage", 2)
+    assert error["detail"]
 
 
 def test_position_targets_as_a_table(tmp_path, capsys):
@@ -229,4 +238,4 @@ def test_position_targets_for_another_robot_stay_in_its_range(tmp_path, capsys):
     assert np.ptp(rows[:, 1]) > np.deg2rad(40.0)
     assert np.abs(rows[:, 2]).max() == pytest.approx(0.5)
     (tmp_path / "arm.xml").write_text("<mujoco/>")
-    assert main(["--csv", str(tmp_path / "arm.csv"), "--model", str(tmp_path / "arm.xml")]) == 1
+    assert main(["--csv", str(tmp_path / "arm.csv"), "--model", str(tmp_path / "arm.xml")]) == 2

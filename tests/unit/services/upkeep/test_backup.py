@@ -1,0 +1,68 @@
+"""A backup that is repeated looks at what it copied before."""
+
+import hashlib
+import sqlite3
+
+import pytest
+
+from services.upkeep.backup import back_up, restore
+from services.upkeep.folder import UpkeepError, object_path
+
+LOG = b"what a robot measured"
+SHA256 = hashlib.sha256(LOG).hexdigest()
+
+
+@pytest.fixture
+def data(tmp_path):
+    """A farm's folder with one log, no more of a database than backups read, and a file of physics."""
+    data = tmp_path / "farm"
+    log = object_path(data, SHA256)
+    log.parent.mkdir(parents=True)
+    log.write_bytes(LOG)
+    with sqlite3.connect(data / "farm.sqlite") as database:
+        for table, columns in (
+            ("policy", "weights_sha256, graph_sha256"),
+            ("trial", "log_sha256, truth_sha256"),
+            ("attempt", "log_sha256, truth_sha256"),
+            ("alembic_version", "version_num"),
+            ("job", "number"),
+            ("report", "number"),
+        ):
+            database.execute(f"CREATE TABLE {table} ({columns})")
+        database.execute("INSERT INTO trial VALUES (?, NULL)", (SHA256,))
+        database.execute("INSERT INTO alembic_version VALUES ('0001')")
+    database.close()
+    (data / "physics").mkdir()
+    (data / "physics" / "mine.toml").write_text("about = 'mine'")
+    return data
+
+
+def counts(made):
+    return made["files"], made["copied"], made["mended"], made["missing"]
+
+
+def test_a_damaged_copy_is_replaced_and_that_is_said(data, tmp_path):
+    assert counts(back_up(data, tmp_path / "backup")) == (1, 1, 0, 0)
+    assert counts(back_up(data, tmp_path / "backup")) == (1, 0, 0, 0)
+    copy = object_path(tmp_path / "backup", SHA256)
+    copy.write_bytes(b"?" + LOG[1:])  # of the same length
+    assert counts(back_up(data, tmp_path / "backup")) == (1, 1, 1, 0)
+    assert copy.read_bytes() == LOG
+    copy.write_bytes(LOG[:-1])
+    assert counts(back_up(data, tmp_path / "backup")) == (1, 1, 1, 0)
+    restore(tmp_path / "backup", tmp_path / "new")
+    assert object_path(tmp_path / "new", SHA256).read_bytes() == LOG
+    assert (tmp_path / "new" / "physics" / "mine.toml").read_text() == "about = 'mine'"
+
+
+def test_a_damaged_source_is_named_with_the_command_that_finds_all(data, tmp_path):
+    object_path(data, SHA256).write_bytes(b"?" + LOG[1:])
+    with pytest.raises(UpkeepError, match=f"doctor --deep --data {data}'"):
+        back_up(data, tmp_path / "backup")
+
+
+@pytest.mark.parametrize("inside", ["sub", "files/deep/sub"])
+def test_a_backup_inside_the_farms_folder_is_refused(data, inside):
+    with pytest.raises(UpkeepError, match="name a folder elsewhere"):
+        back_up(data, data / inside)
+    assert not (data / inside).exists()
