@@ -4,6 +4,7 @@ import json
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from os import SEEK_END
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
@@ -14,6 +15,8 @@ from mcap_protobuf.decoder import DecoderFactory
 from api_schemas import trial_log
 
 Read = TypeVar("Read")
+MAGIC = b"\x89MCAP0\r\n"
+"""How every MCAP file begins and ends (mcap.dev/spec, "Magic")."""
 
 
 class LogUnreadableError(Exception):
@@ -142,6 +145,7 @@ class _Content:
 
 def _whole(stream: BinaryIO) -> McapReader:
     """A reader of a file that was written to its end."""
+    _check_whole(stream)
     reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
     if reader.get_summary() is None:
         raise ValueError("it has no summary: the robot that wrote it did not finish")
@@ -161,6 +165,18 @@ def _content(stream: BinaryIO) -> _Content:
     for _, channel, message, decoded in _decoded(reader):
         messages[channel.topic].append((message.log_time // trial_log.STEP_NS, decoded))
     return _Content(messages, _records(reader), {attached.name: attached.data for attached in reader.iter_attachments()})
+
+
+def _check_whole(stream: BinaryIO) -> None:
+    """Refuses what a reader would stumble over somewhere in the middle; leaves the stream at its start."""
+    begins = stream.read(len(MAGIC))
+    stream.seek(max(0, stream.seek(0, SEEK_END) - len(MAGIC)))
+    ends = stream.read()
+    stream.seek(0)
+    if begins != MAGIC:
+        raise ValueError("it is no MCAP file")
+    if ends != MAGIC:
+        raise ValueError("its end is missing; fetch or copy it again")
 
 
 def _read(stream: BinaryIO) -> TrialLog:

@@ -1,5 +1,5 @@
 """``python -m client_cli`` is the command ``trifarm``."""
 
-from client_cli.main import run
+from client_cli.entry import main
 
-run()
+main()

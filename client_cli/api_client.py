@@ -29,6 +29,7 @@ from api_schemas.trial import Trial, TrialPage
 from api_schemas.verification import Verification
 from client_cli.errors import ClientError, Refused, ServerAway
 from client_cli.event_stream import job_events
+from client_cli.paths import job_path, ladder_path, robot_path, token_path, trial_path
 from client_cli.settings import Connection
 
 TIMEOUT = httpx.Timeout(30.0, connect=5.0)
@@ -113,7 +114,7 @@ class ApiClient:
 
     def ladder(self, ladder_id: str) -> Ladder:
         """One ladder."""
-        return self._get(Ladder, f"/v1/ladders/{ladder_id}")
+        return self._get(Ladder, ladder_path(ladder_id))
 
     def _create(self, schema: type[Answer], path: str, request: BaseModel, idempotency_key: str) -> Answer:
         for left in reversed(range(POST_TRIES)):
@@ -134,16 +135,16 @@ class ApiClient:
 
     def job(self, job_id: str) -> Job:
         """One job."""
-        return self._get(Job, f"/v1/jobs/{job_id}")
+        return self._get(Job, job_path(job_id))
 
     def cancel(self, job_id: str) -> Job:
         """Cancel a job; running trials are stopped."""
-        return self._answer(Job, self._send("POST", f"/v1/jobs/{job_id}/cancel"))
+        return self._answer(Job, self._send("POST", f"{job_path(job_id)}/cancel"))
 
     def events(self, job_id: str, after: int | None) -> Iterator[JobEvent | None]:
         """A job's events from the one after ``after``; None whenever the server only says that it is alive."""
         headers = {"Accept": "text/event-stream"} | ({} if after is None else {"Last-Event-ID": str(after)})
-        with self._stream(f"/v1/jobs/{job_id}/events", headers, STREAM_TIMEOUT) as response:
+        with self._stream(f"{job_path(job_id)}/events", headers, STREAM_TIMEOUT) as response:
             yield from job_events(self._guarded(response.iter_lines()))
 
     def trials(self, job_id: str) -> tuple[Trial, ...]:
@@ -151,14 +152,14 @@ class ApiClient:
         trials: list[Trial] = []
         cursor: str | None = None
         while True:
-            page = self._get(TrialPage, f"/v1/jobs/{job_id}/trials", params={"cursor": cursor} if cursor else None)
+            page = self._get(TrialPage, f"{job_path(job_id)}/trials", params={"cursor": cursor} if cursor else None)
             trials.extend(page.trials)
             if (cursor := page.next_cursor) is None:
                 return tuple(trials)
 
     def truth(self, trial_id: str) -> StoredFile:
         """Where a trial's truth is, and what it is; for operators."""
-        path = f"{_path_of(trial_id)}/truth"
+        path = f"{trial_path(trial_id)}/truth"
         headers = self._send("HEAD", path, headers={"Accept-Encoding": "identity"}).headers
         return StoredFile(path, headers.get("etag", "").strip('"'), int(headers.get("content-length", 0)))
 
@@ -167,7 +168,7 @@ class ApiClient:
         with log.open("rb") as file:
             chunks = iter(lambda: file.read(CHUNK_BYTES), b"")
             headers = {"Content-Length": str(log.stat().st_size)}
-            path = f"{_path_of(trial_id)}/verify"
+            path = f"{trial_path(trial_id)}/verify"
             response = self._send("POST", path, content=chunks, headers=headers, timeout=VERIFICATION_TIMEOUT)
         return self._answer(Verification, response)
 
@@ -181,15 +182,15 @@ class ApiClient:
 
     def report(self, job_id: str) -> bytes:
         """The report as stored, byte by byte: it never changes."""
-        return self._send("GET", f"/v1/jobs/{job_id}/report").content
+        return self._send("GET", f"{job_path(job_id)}/report").content
 
     def report_text(self, job_id: str) -> str:
         """The report for people."""
-        return self._send("GET", f"/v1/jobs/{job_id}/report/text").text
+        return self._send("GET", f"{job_path(job_id)}/report/text").text
 
     def signature(self, job_id: str) -> Signature:
         """The farm's word for the report."""
-        return self._get(Signature, f"/v1/jobs/{job_id}/report/signature")
+        return self._get(Signature, f"{job_path(job_id)}/report/signature")
 
     def robots(self) -> RobotPage:
         """All robots."""
@@ -197,15 +198,15 @@ class ApiClient:
 
     def drain(self, robot: str) -> Robot:
         """Let a robot finish its trial and take no other."""
-        return self._answer(Robot, self._send("POST", f"/v1/robots/{robot}/drain"))
+        return self._answer(Robot, self._send("POST", f"{robot_path(robot)}/drain"))
 
     def resume(self, robot: str) -> Robot:
         """Let a drained robot take trials again."""
-        return self._answer(Robot, self._send("POST", f"/v1/robots/{robot}/resume"))
+        return self._answer(Robot, self._send("POST", f"{robot_path(robot)}/resume"))
 
     def forget(self, robot: str) -> None:
         """Keep nothing more of a robot that is gone for good."""
-        self._send("DELETE", f"/v1/robots/{robot}")
+        self._send("DELETE", robot_path(robot))
 
     def canary(self) -> Canary:
         """What idle robots try from time to time."""
@@ -233,7 +234,7 @@ class ApiClient:
 
     def revoke_token(self, token_id: str) -> None:
         """End a token's life."""
-        self._send("DELETE", f"/v1/tokens/{token_id}")
+        self._send("DELETE", token_path(token_id))
 
     def _get(self, schema: type[Answer], path: str, **request: Any) -> Answer:
         return self._answer(schema, self._send("GET", path, **request))
@@ -282,13 +283,6 @@ def log_of(trial: Trial) -> StoredFile:
     return StoredFile(f"/v1/trials/{trial.trial_id}/log", trial.log_sha256 or "", trial.log_bytes)
 
 
-def _path_of(trial_id: str) -> str:
-    job_id, _, ordinal = trial_id.rpartition("-")
-    if not job_id or not ordinal.isdecimal():
-        raise ClientError(f"{trial_id!r} is no trial of a farm; one reads like jabcdefghijkl-007")
-    return f"/v1/jobs/{job_id}/trials/{int(ordinal)}"
-
-
 def problem_of(response: httpx.Response) -> Problem:
     """The problem document of a refused request, or one made of what else came back (a proxy's page, say)."""
     try:
@@ -298,5 +292,6 @@ def problem_of(response: httpx.Response) -> Problem:
         title = f"HTTP {response.status_code} {response.reason_phrase}".rstrip()
         problem = Problem(type="about:blank", title=title, status=response.status_code, detail=text[0][:200] if text else title)
     if problem.status == httpx.codes.UNAUTHORIZED:
-        return problem.model_copy(update={"detail": f"{problem.detail} (TRIFARM_TOKEN or the settings file names the token)"})
+        where = "TRIFARM_TOKEN names the token, or the settings file that of its own farm"
+        return problem.model_copy(update={"detail": f"{problem.detail} ({where})"})
     return problem

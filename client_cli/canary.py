@@ -17,6 +17,7 @@ from client_cli.output import note, print_document, print_line
 from client_cli.policy_files import read_policy
 from client_cli.settings import load_connection
 from client_cli.submit import builtin_named
+from client_cli.wrong_values import sentence
 
 HOUR_S = 3600.0
 
@@ -52,8 +53,7 @@ def choose(
     try:
         wish = CanaryRequest.model_validate(asked)
     except ValidationError as error:
-        first = error.errors()[0]
-        raise UsageProblem(f"{'.'.join(str(part) for part in first['loc'])}: {first['msg']}") from error
+        raise UsageProblem(sentence(error, "the canary")) from error
     with ApiClient(load_connection(os.environ)) as client:
         if policy is None:
             client.take_builtin(builtin)

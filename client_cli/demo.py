@@ -19,7 +19,7 @@ from client_cli.farm_claims import private_files
 from client_cli.fetch import fetch_job
 from client_cli.following import ending, exit_code_of, follow_to_end
 from client_cli.options import JsonOption, LayoutOption, ManifestOption, RobotsOption, TaskOption
-from client_cli.output import note, print_document, print_line
+from client_cli.output import counted, note, print_document, print_line
 from client_cli.policy_files import read_policy
 from client_cli.robot_options import (
     DEFAULT_PHYSICS,
@@ -68,7 +68,7 @@ def demo(
     local = read_policy(policy, manifest, layout)
     home, told = folder.absolute(), RobotOptions.of(robots, physics, farm_seed, reset, fault)
     with _farm(FarmOptions(data=home, home=home / "home", port=0, robots=told, jail_level=jail_level)) as client:
-        note(f"uploading {local.weights.name} and queueing {trials} {task.value} trials")
+        note(f"uploading {local.weights.name} and queueing {counted(trials, f'{task.value} trial')}")
         wish = JobRequest(policy=local.digest, task=task, trials=trials, seed=seed)
         job = follow_to_end(client, submit_policy(client, local, wish).job_id)
         result = _collect(client, job, folder)
@@ -82,7 +82,7 @@ def demo(
 @contextmanager
 def _farm(options: FarmOptions) -> Iterator[ApiClient]:
     robots = options.robots
-    note(f"starting {robots.count} robots with {robots.physics_name} physics; everything is in {options.data}")
+    note(f"starting {counted(robots.count, 'robot')} with {robots.physics_name} physics; everything is in {options.data}")
     try:
         with private_files(), embedded_farm(options) as farm, ApiClient(farm.connection) as client:
             yield client

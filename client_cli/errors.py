@@ -8,9 +8,24 @@ ClientError
  `- everything else   1
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from api_schemas import command_error
 from api_schemas.error import Problem
 from client_cli.exit_codes import ExitCode
+
+COMMANDS = {
+    "GET /v1/jobs/<job>/events": "trifarm watch JOB",
+    "GET /v1/jobs/<job>/trials": "trifarm report JOB --json",
+    "POST /v1/jobs/<job>/cancel": "trifarm cancel JOB",
+    "POST /v1/identifications": "trifarm identify",
+    "GET /v1/jobs": "trifarm jobs",
+    "GET /v1/robots": "trifarm robots",
+    "GET /v1/tokens": "trifarm token list",
+    "PUT /v1/canary": "trifarm canary set",
+}
+"""What a server's hint is called here; longer routes stand before those that they begin with."""
 
 
 class ClientError(Exception):
@@ -63,11 +78,32 @@ class Interrupted(ClientError):
     exit_code = ExitCode.INTERRUPTED
 
 
+@contextmanager
+def files_checked() -> Iterator[None]:
+    """A file or folder inside that cannot be read or written is the user's to name anew; a closed pipe is nobody's fault.
+
+    Raises:
+        UsageProblem: instead of an OSError, with the path and the reason.
+    """
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise UsageProblem(f"cannot use {error.filename}: {reason}" if error.filename else reason) from error
+
+
 def error_line(error: ClientError) -> str:
     """What stderr gets when a command fails; a problem's title tells its kind."""
     if isinstance(error, Interrupted):
         return f"{error.title}: {error.detail}"
-    return f"error: {error.detail}" + (f" ({error.title})" if isinstance(error, Refused) else "")
+    adds = isinstance(error, Refused) and not error.detail.startswith(error.title)
+    detail = error.detail
+    if isinstance(error, Refused):
+        for route, command in COMMANDS.items():
+            detail = detail.replace(route, f"'{command}'")
+    return f"error: {detail}" + (f" ({error.title})" if adds else "")
 
 
 def error_document(error: ClientError) -> dict[str, object]:

@@ -15,6 +15,7 @@ class ExitCode(IntEnum):
     DIFFERS = 6
     WORSE = 7
     UNVERIFIED = 8
+    LOGS_MISSING = 9
     INTERRUPTED = 130
 
 
@@ -28,6 +29,7 @@ MEANING: dict[ExitCode, str] = {
     ExitCode.DIFFERS: "the replay differs from the log, or the report was changed",
     ExitCode.WORSE: "a compared job is worse than the first",
     ExitCode.UNVERIFIED: "the report is signed by a key that is not known here",
+    ExitCode.LOGS_MISSING: "the report is true, but logs of it are not in the folder",
     ExitCode.INTERRUPTED: "interrupted by Ctrl-C",
 }
 

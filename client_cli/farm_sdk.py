@@ -9,20 +9,24 @@ from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Self
 
-from api_schemas.job import Job, JobPriority, JobRequest, JobState, TaskName
+from api_schemas.builtin_policies import builtin_digest
+from api_schemas.job import POLICY_TASKS, Job, JobPriority, JobRequest, JobState, TaskName
 from api_schemas.object import ObjectName
 from api_schemas.report import Report, read_report
 from api_schemas.trial import OutcomeKind, Trial
 from client_cli.api_client import ApiClient, log_of
-from client_cli.errors import ClientError
+from client_cli.errors import ClientError, UsageProblem, files_checked
 from client_cli.following import follow_to_end
 from client_cli.log_download import download, log_name
 from client_cli.policy_files import read_policy
-from client_cli.report import write_page
-from client_cli.settings import Connection, load_connection
+from client_cli.report import write_page, write_print
+from client_cli.settings import load_connection
+from client_cli.submit import builtin_named, checked
 
 if TYPE_CHECKING:
     from api_schemas.trial_log_reader import TrialLog
+
+REPORT_WRITERS = {".html": write_page, ".pdf": write_print}
 
 
 class Farm:
@@ -30,12 +34,14 @@ class Farm:
 
     Args:
         url: where it is; without it as for the command line: ``TRIFARM_URL``, or what ``trifarm up`` wrote.
-        token: who asks; without it as for the command line.
+        token: who asks; without it as for the command line, which shows a stored token to its own farm alone.
+
+    Raises:
+        ClientError: an address or a token that cannot be used.
     """
 
     def __init__(self, url: str | None = None, token: str | None = None) -> None:
-        known = load_connection(os.environ)
-        self._client = ApiClient(Connection((url or known.url).rstrip("/"), token or known.token))
+        self._client = ApiClient(load_connection(os.environ, url, token))
 
     def __enter__(self) -> Self:
         self._client.__enter__()
@@ -53,14 +59,15 @@ class Farm:
         seed: int | None = None,
         layout: str | None = None,
         manifest: Path | None = None,
-        object: ObjectName = ObjectName.CUBE,
+        object: ObjectName | str = ObjectName.CUBE,
         object_scale: float = 1.0,
         priority: JobPriority | str = JobPriority.NORMAL,
+        webhook: str | None = None,
     ) -> "FarmJob":
         """Uploads a policy and queues a job of it.
 
         Args:
-            weights: a .safetensors, .onnx or stable-baselines3 .zip file.
+            weights: a .safetensors, .onnx or stable-baselines3 .zip file; for operators also builtin:grasp or builtin:grasp-turn.
             task: what is asked of the robots.
             trials: how many goals are tried.
             seed: draws goals and robots; the farm draws one if absent.
@@ -69,21 +76,23 @@ class Farm:
             object: what lies between the fingers.
             object_scale: times the object's usual size.
             priority: low waits behind the rest; high goes before it, for operators alone.
+            webhook: an https address that the farm calls at the job's end, where it may.
 
         Raises:
             ClientError: the policy cannot be used, or the farm refused it; the text says why.
         """
-        policy = read_policy(Path(weights), manifest, layout)
-        self._client.upload_policy(policy.digest, policy.weights, policy.manifest)
-        wish = JobRequest(
-            policy=policy.digest,
-            task=TaskName(task),
-            trials=trials,
-            seed=seed,
-            object=object,
-            object_scale=object_scale,
-            priority=JobPriority(priority),
-        )
+        if task not in POLICY_TASKS:
+            raise UsageProblem(f"there is no task {str(task)!r} for a policy; choose from {', '.join(POLICY_TASKS)}")
+        asked = {"task": task, "trials": trials, "seed": seed, "object": object, "object_scale": object_scale}
+        asked |= {"priority": priority, "webhook": webhook}
+        with files_checked():
+            builtin = builtin_named(Path(weights))
+            policy = None if builtin else read_policy(Path(weights), manifest, layout)
+            wish = checked(JobRequest, asked | {"policy": builtin_digest(builtin) if policy is None else policy.digest})
+            if policy is None:
+                self._client.take_builtin(builtin)
+            else:
+                self._client.upload_policy(policy.digest, policy.weights, policy.manifest)
         return FarmJob(self._client, self._client.create_job(wish, uuid.uuid4().hex))
 
     def job(self, job_id: str) -> "FarmJob":
@@ -135,8 +144,16 @@ class FarmJob:
         return report
 
     def save_report(self, path: Path | str) -> None:
-        """Writes the report as one signed page, which ``trifarm verify`` checks."""
-        write_page(self.client, self.id, Path(path))
+        """Writes the report: a .html file is one signed page, which ``trifarm verify`` checks, a .pdf file is for print.
+
+        Raises:
+            ClientError: there is no report, or the file has another ending or cannot be written.
+        """
+        write = REPORT_WRITERS.get(Path(path).suffix.lower())
+        if write is None:
+            raise UsageProblem(f"a report is written as {' or '.join(REPORT_WRITERS)}, and {str(path)!r} is neither")
+        with files_checked():
+            write(self.client, self.id, Path(path))
 
     def trials(self) -> Iterator["FarmTrial"]:
         """The trials in their order."""
@@ -163,20 +180,24 @@ class FarmTrial:
         """The log as arrays; the file itself is not kept.
 
         Raises:
-            ClientError: the trial has no log.
+            ClientError: the trial has no log, or it cannot be read.
         """
-        from api_schemas.trial_log_reader import read_log
+        from api_schemas.trial_log_reader import LogUnreadableError, read_log
 
         with tempfile.TemporaryDirectory(prefix="trifarm-log-") as folder:
-            return read_log(self.save_log(Path(folder) / log_name(self.trial.ordinal)))
+            try:
+                return read_log(self.save_log(Path(folder) / log_name(self.trial.ordinal)))
+            except LogUnreadableError as error:
+                raise ClientError(str(error)) from error
 
     def save_log(self, path: Path | str) -> Path:
         """Brings the log to a file, checked against its SHA-256.
 
         Raises:
-            ClientError: the trial has no log.
+            ClientError: the trial has no log, or the file cannot be written.
         """
         if self.trial.log_sha256 is None:
             name, state = self.trial.trial_id, self.trial.state
             raise ClientError(f"trial {name} is {state} and has no log; logs come with accepted outcomes")
-        return download(self.client, log_of(self.trial), Path(path), Event()).path
+        with files_checked():
+            return download(self.client, log_of(self.trial), Path(path), Event()).path

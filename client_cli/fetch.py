@@ -11,16 +11,18 @@ from typing import Annotated
 import typer
 
 from api_schemas.job import FINAL_JOB_STATES, Job, JobState
+from api_schemas.trial import Trial
 from client_cli.api_client import ApiClient, StoredFile, log_of
-from client_cli.errors import ClientError, UsageProblem
+from client_cli.errors import ClientError, Refused, UsageProblem
 from client_cli.exit_codes import ExitCode
 from client_cli.following import ending
 from client_cli.log_download import Download, download, log_name, truth_name
 from client_cli.options import JobArgument, JsonOption
-from client_cli.output import note, print_document, print_line
+from client_cli.output import counted, note, print_document, print_line
 from client_cli.settings import load_connection
 
 REPORT_NAME = "report.json"
+FORBIDDEN = 403
 
 
 @dataclass(frozen=True)
@@ -49,8 +51,10 @@ def fetch(
     if as_json:
         print_document(document(fetched))
     else:
-        truths = f" and {len(fetched.truths)} truths" if truth else ""
-        print_line(f"{len(fetched.logs)} logs{truths} in {fetched.folder} ({fetched.already_there} were there already)")
+        truths = f" and {counted(len(fetched.truths), 'truth')}" if truth else ""
+        print_line(
+            f"{counted(len(fetched.logs), 'log')}{truths} in {fetched.folder} ({fetched.already_there} were there already)"
+        )
     if fetched.report is None:
         note(f"no {REPORT_NAME}: {ending(fetched.job)}")
         raise typer.Exit(ExitCode.JOB_WITHOUT_REPORT)
@@ -81,8 +85,7 @@ def fetch_job(client: ApiClient, job_id: str, folder: Path, parallel: int, *, wi
     _claim_folder(folder, job_id)
     trials = [trial for trial in client.trials(job_id) if trial.log_sha256]
     logs = [(log_of(trial), folder / log_name(trial.ordinal)) for trial in trials]
-    known = [trial for trial in trials if with_truth and trial.has_truth]
-    truths = [(client.truth(trial.trial_id), folder / truth_name(trial.ordinal)) for trial in known]
+    truths = _truths_of(client, trials, folder) if with_truth else []
     downloads = _download_all(client, logs + truths, parallel)
     report = None
     if job.state is JobState.SUCCEEDED:
@@ -98,9 +101,21 @@ def fetch_job(client: ApiClient, job_id: str, folder: Path, parallel: int, *, wi
     )
 
 
-def _claim_folder(folder: Path, job_id: str) -> None:
+def _truths_of(client: ApiClient, trials: list[Trial], folder: Path) -> list[tuple[StoredFile, Path]]:
+    known = [trial for trial in trials if trial.has_truth]
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        return [(client.truth(trial.trial_id), folder / truth_name(trial.ordinal)) for trial in known]
+    except Refused as error:
+        if error.problem.status != FORBIDDEN:
+            raise
+        # The question is a HEAD, whose answer has no text of its own.
+        detail = "truths are for operators: this token lacks the scope operate; without --truth the logs alone are fetched"
+        raise Refused(error.problem.model_copy(update={"title": "Not allowed", "detail": detail})) from error
+
+
+def _claim_folder(folder: Path, job_id: str) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
         held = json.loads((folder / REPORT_NAME).read_text()).get("job_id")
     except FileNotFoundError:
         return

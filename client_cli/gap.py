@@ -105,6 +105,10 @@ def excite(
     for path in (earlier, model):
         if path is not None and not path.exists():
             raise UsageProblem(f"there is no file {path}")
+    if earlier is not None and earlier.is_dir() and not (earlier / "study.json").is_file():
+        raise UsageProblem(f"{earlier} holds no study.json; give the folder that 'trifarm gap study' wrote, or no study at all")
+    if csv is not None and not csv.absolute().parent.is_dir():
+        raise UsageProblem(f"cannot write {csv}: there is no folder {csv.absolute().parent}")
     flags = [*_given("--robot", robot), *_given("--excitation", excitation), *_given("--csv", csv), *_given("--model", model)]
     _run("excite", *([] if earlier is None else [str(earlier)]), *flags, *_given("--seed", seed), as_json=as_json)
 

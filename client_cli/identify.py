@@ -19,6 +19,7 @@ from client_cli.following import ending, exit_code_of, follow_to_end
 from client_cli.options import IdempotencyKeyOption, JsonOption, WaitOption
 from client_cli.output import counted, note, print_document, print_line
 from client_cli.settings import load_connection
+from client_cli.wrong_values import sentence
 
 PARALLEL_DOWNLOADS = 4
 
@@ -73,8 +74,7 @@ def _request(robot: str, excitation: list[ExcitationName] | None, repeats: int, 
     try:
         return IdentificationRequest(robot=robot, excitations=chosen, repeats=repeats, seed=seed)
     except ValidationError as error:
-        first = error.errors()[0]
-        raise UsageProblem(f"{'.'.join(str(part) for part in first['loc'])}: {first['msg']}") from error
+        raise UsageProblem(sentence(error, "the identification")) from error
 
 
 def document(identified: Identified) -> dict[str, object]:

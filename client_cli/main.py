@@ -38,12 +38,18 @@ from client_cli import (
     verify,
     watch,
 )
-from client_cli.errors import ClientError, error_document, error_line
+from client_cli.errors import ClientError, error_document, error_line, files_checked
 from client_cli.exit_codes import MEANING, OF_EVERY_REQUEST, ExitCode, epilog
-from client_cli.output import note, print_document
+from client_cli.output import drop_stdout, note, print_document
+from client_cli.wrong_values import Commands
 
 app = typer.Typer(
-    name="trifarm", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, epilog=epilog(*MEANING)
+    name="trifarm",
+    cls=Commands,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    epilog=epilog(*MEANING),
 )
 
 OF_A_CHILD = (ExitCode.OK, ExitCode.OTHER, ExitCode.USAGE)
@@ -61,7 +67,7 @@ app.command(epilog=epilog(*JOB_END))(watch.watch)
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(cancel.cancel)
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(report.report)
 app.command("compare", epilog=epilog(*OF_EVERY_REQUEST, ExitCode.WORSE))(compare.compare_jobs)
-app.command(epilog=epilog(*OF_A_CHILD, ExitCode.DIFFERS, ExitCode.UNVERIFIED))(verify.verify)
+app.command(epilog=epilog(*OF_A_CHILD, ExitCode.DIFFERS, ExitCode.UNVERIFIED, ExitCode.LOGS_MISSING))(verify.verify)
 app.command(epilog=epilog(*JOB_END))(fetch.fetch)
 app.command(epilog=epilog(*OF_EVERY_REQUEST, ExitCode.DIFFERS))(replay.replay)
 app.command(epilog=epilog(*OF_A_CHILD))(effects.effects)
@@ -103,10 +109,23 @@ def run(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line and end the process with the documented exit code."""
     given = sys.argv[1:] if arguments is None else arguments
     try:
-        app(given, prog_name="trifarm")
+        with files_checked():
+            app(given, prog_name="trifarm")
     except ClientError as error:
-        if "--json" in given and not error.after_document:
-            print_document(error_document(error))
-        note(error_line(error))
+        _tell(error, as_json="--json" in given and not error.after_document)
         sys.exit(int(error.exit_code))
+    except BrokenPipeError:
+        drop_stdout()
+        sys.exit(ExitCode.OTHER)
     sys.exit(ExitCode.OK)
+
+
+def _tell(error: ClientError, *, as_json: bool) -> None:
+    """Why a command failed, on stderr even if it is stdout that takes nothing more."""
+    try:
+        if as_json:
+            print_document(error_document(error))
+        sys.stdout.flush()
+    except OSError:
+        drop_stdout()
+    note(error_line(error))

@@ -1,7 +1,7 @@
 """Arguments and options that several commands share, so that they read the same everywhere."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -20,16 +20,18 @@ LayoutOption = Annotated[
 ]
 
 
-def _task(given: str) -> TaskName:
-    """A task that a policy can be asked to do, which leaves out ``identify``."""
-    if given not in POLICY_TASKS:
-        raise typer.BadParameter(f"{given!r} is not one of {', '.join(POLICY_TASKS)}")
-    return TaskName(given)
-
-
-TaskOption = Annotated[
-    TaskName, typer.Option("--task", parser=_task, metavar="|".join(POLICY_TASKS), help="What is asked of the robot.")
+AskedTask = Literal[
+    TaskName.PUSH,
+    TaskName.LIFT,
+    TaskName.REACH,
+    TaskName.FLOOR_POSE,
+    TaskName.MOVE_CUBE_1,
+    TaskName.MOVE_CUBE_2,
+    TaskName.MOVE_CUBE_3,
+    TaskName.MOVE_CUBE_4,
 ]
+"""The tasks that a policy can be asked to do, which leaves out ``identify``."""
+TaskOption = Annotated[AskedTask, typer.Option("--task", metavar="|".join(POLICY_TASKS), help="What is asked of the robot.")]
 ObjectOption = Annotated[
     ObjectName, typer.Option("--object", help="What lies between the fingers; goals stay those of the cube.")
 ]

@@ -1,6 +1,7 @@
 """What people and programs see: tables and one JSON document on stdout, everything on the way there on stderr."""
 
 import json
+import os
 import sys
 from collections.abc import Iterable
 from datetime import UTC, datetime
@@ -21,14 +22,21 @@ def stderr_console() -> Console:
 def print_document(document: BaseModel | dict[str, object]) -> None:
     """The one JSON document of a command with ``--json``; flushed, since ``up`` goes on running after it."""
     body = document.model_dump(mode="json") if isinstance(document, BaseModel) else document
-    sys.stdout.write(json.dumps(body, indent=2) + "\n")
-    sys.stdout.flush()
+    print_line(json.dumps(body, indent=2))
 
 
 def print_line(text: str) -> None:
     """A line of the result, never cut or wrapped."""
-    sys.stdout.write(text + "\n")
-    sys.stdout.flush()
+    try:
+        sys.stdout.write(text + "\n")
+        sys.stdout.flush()
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, "the standard output") from error
+
+
+def drop_stdout() -> None:
+    """Have nothing more come of what stdout could not take; else Python would complain of it at the end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def note(text: str) -> None:

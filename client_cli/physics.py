@@ -1,12 +1,12 @@
 """``trifarm physics``: what a robot of a farm on this machine is really like; for operators, who hold the data folder."""
 
-import subprocess
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from client_cli.child_process import child_environment, module_command
+from client_cli.child_answer import answer_of, pass_on
+from client_cli.child_process import module_command
 from client_cli.errors import UsageProblem
 from client_cli.farm_record import load_record
 from client_cli.options import JsonOption
@@ -33,6 +33,5 @@ def physics(
     flags = ["--data", str(data.absolute()), "--robot", robot]
     flags += ["--physics", usable_physics(record.physics if record is not None else told or "")]
     flags += ([] if seed is None else ["--farm-seed", str(seed)]) + (["--json"] if as_json else [])
-    # Only the robots' own code may look; it runs as a process of its own.
-    ended = subprocess.run(module_command("robot_farm.hidden_physics", *flags), env=child_environment(), check=False)
-    raise typer.Exit(ended.returncode)
+    # Only the robots' own code may look.
+    pass_on("physics", answer_of(module_command("robot_farm.hidden_physics", *flags)))

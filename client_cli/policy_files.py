@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from api_schemas.policy import LAYOUTS, MAX_WEIGHTS_BYTES, PolicyManifest, WeightsFormat, policy_digest
 from client_cli.errors import UsageProblem
+from client_cli.wrong_values import sentence
 
 LAYOUT_NAMES = ", ".join(LAYOUTS)
 
@@ -33,6 +34,8 @@ def read_policy(weights: Path, manifest_file: Path | None, layout: str | None) -
 
 def check_is_file(weights: Path) -> None:
     """Raise UsageProblem where there is no such file."""
+    if weights.is_dir():
+        raise UsageProblem(f"{weights} is a folder; name one file in it")
     if not weights.is_file():
         raise UsageProblem(f"there is no file {weights}")
 
@@ -74,8 +77,6 @@ def read_manifest(path: Path) -> PolicyManifest:
     except OSError as error:
         raise UsageProblem(f"cannot read the manifest {path}: {error.strerror}") from error
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "the whole"
-        raise UsageProblem(f"the manifest {path} is not valid at {where}: {first['msg']}") from error
+        raise UsageProblem(f"the manifest {path} is not valid: {sentence(error, 'it')}") from error
     except ValueError as error:
         raise UsageProblem(f"the manifest {path} is not JSON: {error}") from error

@@ -1,4 +1,4 @@
-"""``trifarm replay``: simulate a log again and see whether the numbers are the same."""
+"""``trifarm replay``: what a log holds, and whether a new simulation gives the same numbers."""
 
 import json
 import os
@@ -11,8 +11,9 @@ import typer
 
 from api_schemas.verification import Verification
 from client_cli.api_client import ApiClient
-from client_cli.child_process import child_environment, module_command
-from client_cli.errors import ClientError, UsageProblem
+from client_cli.child_answer import answer_of, pass_on
+from client_cli.child_process import module_command
+from client_cli.errors import UsageProblem
 from client_cli.exit_codes import ExitCode
 from client_cli.options import JsonOption
 from client_cli.output import note, print_document, print_line
@@ -25,13 +26,17 @@ NEEDS_TRUTH = 7
 
 def replay(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="A trial's log, such as trial-000.mcap.")],
-    verify: Annotated[bool, typer.Option("--verify", help="Compare every recorded state, and exit 6 if one differs.")] = False,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Simulate it again, compare every number, exit 6 if one differs.")
+    ] = False,
     truth: Annotated[
-        Path | None, typer.Option("--truth", metavar="FILE", help="The trial's truth, which operators can fetch.")
+        Path | None, typer.Option("--truth", metavar="FILE", help="The trial's truth, which operators can fetch; with --verify.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Simulate a log again: here, or with --verify on the server if only the farm knows the robot's physics."""
+    """Show what a log holds; with --verify simulate it again, here or on the server if only that knows the robot's physics."""
+    if truth is not None and not verify:
+        raise UsageProblem("--truth is what --verify compares with; give --verify, too")
     for path in (log, *([] if truth is None else [truth])):
         if not path.is_file():
             raise UsageProblem(f"there is no file {path}")
@@ -39,15 +44,22 @@ def replay(
     ended = _run(log, *flags)
     if ended.returncode == NEEDS_TRUTH and verify and truth is None:
         raise typer.Exit(_ask_server(log, as_json))
-    sys.stdout.write(ended.stdout)
+    if ended.returncode == ExitCode.USAGE:
+        raise UsageProblem(_reason(ended))
     sys.stderr.write(ended.stderr)
-    raise typer.Exit(ended.returncode)
+    pass_on("replay", ended)
 
 
 def _run(log: Path, *flags: str) -> subprocess.CompletedProcess[str]:
-    # The physics runs in a process of its own, so that the client itself never loads a simulator.
-    command = module_command(REPLAY, str(log), *flags)
-    return subprocess.run(command, env=child_environment(), capture_output=True, text=True, check=False)
+    return answer_of(module_command(REPLAY, str(log), *flags), stderr=subprocess.PIPE)
+
+
+def _reason(ended: subprocess.CompletedProcess[str]) -> str:
+    """Why a log or its truth cannot be used: a document with --json, else a line on stderr."""
+    if not ended.stdout:
+        return ended.stderr.strip().removeprefix("error: ")
+    said = json.loads(ended.stdout)
+    return ": ".join(filter(None, (said["error"], said.get("hidden"))))
 
 
 def _ask_server(log: Path, as_json: bool) -> ExitCode:
@@ -68,7 +80,7 @@ def _trial_of(log: Path) -> str:
     try:
         trial_id = json.loads(shown.stdout)["trial"]["trial_id"]
     except (ValueError, KeyError, TypeError) as error:
-        raise ClientError(f"{log} does not say which trial it is of: {(shown.stdout or shown.stderr).strip()[:200]}") from error
+        raise UsageProblem(f"{log} does not say which trial it is of: {(shown.stdout or shown.stderr).strip()[:200]}") from error
     return str(trial_id)
 
 

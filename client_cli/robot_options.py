@@ -1,6 +1,7 @@
 """What a farm's robots are to be like: the options of ``up`` and ``demo`` that are passed on to them."""
 
 import subprocess
+import tomllib
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -116,11 +117,15 @@ def usable_physics(given: str) -> str:
     """A named physics, or the absolute path of a file of ranges.
 
     Raises:
-        UsageProblem: it is neither.
+        UsageProblem: it is neither, or no TOML; what the ranges say is for the robots alone to judge.
     """
     if given in NAMED_PHYSICS:
         return given
     path = Path(given)
     if not path.is_file():
         raise UsageProblem(f"there is no physics {given!r}: choose from {', '.join(NAMED_PHYSICS)}, or name a file of ranges")
+    try:
+        tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise UsageProblem(f"{path} is no TOML file with ranges of physics: {error}") from error
     return str(path.absolute())

@@ -3,14 +3,16 @@
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import typer
 
 from client_cli.errors import UsageProblem
 
 DEFAULT_PORT = 8787
+PORTS = {"http": 80, "https": 443}
 DEFAULT_URL = f"http://127.0.0.1:{DEFAULT_PORT}"
 
 
@@ -22,7 +24,7 @@ class Connection:
     """
 
     url: str
-    token: str | None
+    token: str | None = field(repr=False)
     ca: str | None = None
 
 
@@ -48,16 +50,60 @@ def settings_file(home: Path) -> Path:
     return home / "settings.json"
 
 
-def load_connection(environ: Mapping[str, str]) -> Connection:
-    """The connection to use; each environment variable wins over the file on its own."""
-    stored = _stored(settings_file(home_folder(environ)))
-    url = environ.get("TRIFARM_URL") or stored.get("url") or DEFAULT_URL
-    if not url.startswith(("http://", "https://")):
-        raise UsageProblem(f"the server's address is {url!r}; it must begin with http:// or https://")
-    token, ca = environ.get("TRIFARM_TOKEN") or stored.get("token"), environ.get("TRIFARM_CA") or stored.get("ca")
+def load_connection(environ: Mapping[str, str], url: str | None = None, token: str | None = None) -> Connection:
+    """The connection to use; each environment variable wins over the file on its own.
+
+    The file's token is shown to the file's server alone: it may be that of a farm's administrator.
+
+    Args:
+        environ: with TRIFARM_HOME, TRIFARM_URL, TRIFARM_TOKEN and TRIFARM_CA.
+        url: wins over both.
+        token: wins over both.
+
+    Raises:
+        UsageProblem: an address, a token or a file of certificates that cannot be used.
+    """
+    path = settings_file(home_folder(environ))
+    stored = _stored(path)
+    url = (url or environ.get("TRIFARM_URL") or stored.get("url") or DEFAULT_URL).strip().rstrip("/")
+    server = server_of(url)
+    if given := token or environ.get("TRIFARM_TOKEN"):
+        token = _usable(given, "TRIFARM_TOKEN" if token is None else "the token that was given")
+    elif "token" in stored and server == server_of(stored.get("url", DEFAULT_URL)):
+        token = _usable(stored["token"], f"the token in {path}")
+    else:
+        token = None
+    ca = environ.get("TRIFARM_CA") or stored.get("ca")
     if ca is not None and not Path(ca).is_file():
         raise UsageProblem(f"TRIFARM_CA names {ca}, which is no file; it must be a PEM file with the certificates to trust")
-    return Connection(url=url.rstrip("/"), token=token, ca=ca)
+    return Connection(url=url, token=token, ca=ca)
+
+
+def server_of(url: str) -> tuple[str, str, int]:
+    """Scheme, host and port of an address.
+
+    Raises:
+        UsageProblem: it has none.
+    """
+    try:
+        parts = urlsplit(url)
+        port = parts.port or PORTS[parts.scheme]
+    except (ValueError, KeyError):
+        port = None
+    else:
+        if parts.hostname:
+            return parts.scheme, parts.hostname, port
+    raise UsageProblem(f"the server's address is {url!r}; it must begin with http:// or https://, and name a host")
+
+
+def _usable(token: str, whose: str) -> str | None:
+    """A token as it is sent, without the ends of lines that files give it; the text never quotes it."""
+    token = token.strip()
+    if not all("!" <= letter <= "~" for letter in token):
+        raise UsageProblem(
+            f"{whose} holds spaces or letters that no token has; copy it again as 'trifarm token create' printed it"
+        )
+    return token or None
 
 
 def _stored(path: Path) -> dict[str, str]:

@@ -30,9 +30,10 @@ from client_cli.options import (
     WaitOption,
     WebhookOption,
 )
-from client_cli.output import note, print_document, print_line
+from client_cli.output import counted, note, print_document, print_line
 from client_cli.policy_files import LocalPolicy, read_policy
 from client_cli.settings import load_connection
+from client_cli.wrong_values import sentence
 
 Wish = TypeVar("Wish", JobRequest, LadderRequest)
 
@@ -70,12 +71,12 @@ def submit(
             raise UsageProblem("--webhook is of one job; a folder makes several, which 'trifarm ladder' shows")
         policies = read_checkpoints(find_checkpoints(file), manifest, layout)
         named = {"name": file.resolve().name[:100] or "checkpoints", "rungs": rungs_of(policies)}
-        _submit_folder(policies, _checked(LadderRequest, common | named), idempotency_key, wait=wait, as_json=as_json)
+        _submit_folder(policies, checked(LadderRequest, common | named), idempotency_key, wait=wait, as_json=as_json)
         return
     builtin = builtin_named(file)
     policy = None if builtin else read_policy(file, manifest, layout)
     digest = builtin_digest(builtin) if policy is None else policy.digest
-    wish = _checked(JobRequest, common | {"policy": digest, "webhook": webhook})
+    wish = checked(JobRequest, common | {"policy": digest, "webhook": webhook})
     with ApiClient(load_connection(os.environ)) as client:
         if policy is None:
             client.take_builtin(builtin)
@@ -107,13 +108,16 @@ def builtin_named(file: Path) -> str:
     return name
 
 
-def _checked(schema: type[Wish], asked: Mapping[str, object]) -> Wish:
-    """What is asked for, or the first thing that is wrong with it."""
+def checked(schema: type[Wish], asked: Mapping[str, object]) -> Wish:
+    """What is asked for.
+
+    Raises:
+        UsageProblem: with the first thing that is wrong with it.
+    """
     try:
         return schema.model_validate(asked)
     except ValidationError as error:
-        first = error.errors()[0]
-        raise UsageProblem(f"{'.'.join(str(part) for part in first['loc']) or 'the job'}: {first['msg']}") from error
+        raise UsageProblem(sentence(error, "the job")) from error
 
 
 def _submit_folder(
@@ -125,7 +129,8 @@ def _submit_folder(
             print_line(made.ladder_id)
         if wait:
             made = follow_ladder(client, made.ladder_id)
-        note(f"{len(made.rungs)} jobs; 'trifarm ladder {made.ladder_id}' shows them, {client.url}/ladders/{made.ladder_id} too")
+        shown = f"'trifarm ladder {made.ladder_id}' shows them, {client.url}/ladders/{made.ladder_id} too"
+        note(f"{counted(len(made.rungs), 'job')}; {shown}")
         if as_json:
             print_document(made)
     if wait:

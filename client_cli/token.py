@@ -13,6 +13,7 @@ from client_cli.exit_codes import OF_EVERY_REQUEST, epilog
 from client_cli.options import JsonOption
 from client_cli.output import age, note, print_document, print_line, print_table
 from client_cli.settings import load_connection
+from client_cli.wrong_values import sentence
 
 COLUMNS = ("token", "owner", "scopes", "age", "used", "expires", "revoked")
 
@@ -30,7 +31,9 @@ def create(
     try:
         request = TokenRequest(owner=owner, scopes=tuple(scope), expires_in_days=days)
     except ValidationError as error:
-        raise UsageProblem(f"the owner is {owner!r}; allowed are 1 to 64 letters, digits and . _ @ -") from error
+        if error.errors()[0]["loc"][:1] == ("owner",):
+            raise UsageProblem(f"the owner is {owner!r}; allowed are 1 to 64 letters, digits and . _ @ -") from error
+        raise UsageProblem(sentence(error, "the token").replace("expires_in_days", "--days")) from error
     with ApiClient(load_connection(os.environ)) as client:
         token = client.create_token(request)
     if as_json:

@@ -11,7 +11,7 @@ from client_cli.embedded_farm import EmbeddedFarm, FarmOptions, embedded_farm
 from client_cli.errors import ClientError
 from client_cli.farm_claims import private_files
 from client_cli.options import JsonOption, RobotsOption
-from client_cli.output import note, print_document, print_line
+from client_cli.output import counted, note, print_document, print_line
 from client_cli.robot_options import (
     DEFAULT_PHYSICS,
     FarmSeedOption,
@@ -22,6 +22,7 @@ from client_cli.robot_options import (
     RobotOptions,
 )
 from client_cli.settings import DEFAULT_PORT, default_data_folder, home_folder
+from client_cli.settings_loan import former_entry, put_back
 
 WATCH_EVERY_S = 0.2
 
@@ -45,8 +46,9 @@ def up(
     told = RobotOptions.of(robots, physics, farm_seed, reset, fault)
     options = FarmOptions(data=folder, home=home_folder(os.environ), port=port, robots=told, jail_level=jail_level)
     try:
-        note(f"starting {robots} robots; data in {folder}")
-        with private_files(), embedded_farm(options) as farm:
+        note(f"starting {counted(robots, 'robot')}; data in {folder}")
+        former = former_entry(options.home)
+        with private_files(), embedded_farm(options) as farm, put_back(former, farm.connection, farm.settings):
             if as_json:
                 print_document(document(farm))
             else:
@@ -82,7 +84,7 @@ def document(farm: EmbeddedFarm) -> dict[str, object]:
 def welcome(farm: EmbeddedFarm) -> str:
     """What a newcomer needs next."""
     lines = [
-        f"The farm is up: {farm.robots} robots with {farm.physics} physics at {farm.connection.url}",
+        f"The farm is up: {counted(farm.robots, 'robot')} with {farm.physics} physics at {farm.connection.url}",
         f"  token      in {farm.settings}, where trifarm finds it",
         f"  data       {farm.data}",
         f"  logs       {farm.data / 'logs'}",

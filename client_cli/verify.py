@@ -21,10 +21,17 @@ from client_cli.exit_codes import ExitCode
 from client_cli.farm_keys import given_key, known_keys
 from client_cli.log_download import log_name, sha256_of
 from client_cli.options import JsonOption
-from client_cli.output import print_document, print_line
+from client_cli.output import counted, print_document, print_line
 from client_cli.settings import home_folder
 
 THE_SIGNATURE = "the signature itself"
+MOST_NAMED = 3
+ENDS = {
+    "true": ExitCode.OK,
+    "forged": ExitCode.DIFFERS,
+    "unverified": ExitCode.UNVERIFIED,
+    "incomplete": ExitCode.LOGS_MISSING,
+}
 _DATA = re.compile(rf'<script type="application/json" id="{DATA_ID}">(.*?)</script>', re.DOTALL)
 _SECTION = re.compile(r'<section id="([a-z]+)">(.*?)</section>', re.DOTALL)
 _CUT_AT = re.compile(r'(?=<section id=")|(?=</main>)')
@@ -32,21 +39,26 @@ _CUT_AT = re.compile(r'(?=<section id=")|(?=</main>)')
 
 @dataclass(frozen=True)
 class Verified:
-    """What was found: ``changed`` names each part that is not what was signed."""
+    """What was found: ``changed`` names what is not what was signed, ``missing`` the logs that could not be compared."""
 
     signature: Signature
     changed: tuple[str, ...]
     is_known: bool
+    missing: tuple[str, ...] = ()
 
     @property
     def verdict(self) -> str:
         """One word."""
-        return "forged" if self.changed else "true" if self.is_known else "unverified"
+        if self.changed:
+            return "forged"
+        if not self.is_known:
+            return "unverified"
+        return "incomplete" if self.missing else "true"
 
     @property
     def exit_code(self) -> ExitCode:
         """How the command ends."""
-        return {"forged": ExitCode.DIFFERS, "true": ExitCode.OK, "unverified": ExitCode.UNVERIFIED}[self.verdict]
+        return ENDS[self.verdict]
 
 
 def verify(
@@ -64,6 +76,8 @@ def verify(
         page = report.read_text()
     except (OSError, UnicodeDecodeError) as error:
         raise UsageProblem(f"cannot read {report}: {error}") from error
+    if logs is not None and not logs.is_dir():
+        raise UsageProblem(f"there is no folder {logs}; --logs names one that 'trifarm fetch' made")
     keys = {given_key(key): "given by --key"} if key else known_keys(home_folder(os.environ))
     found = check(page, frozenset(keys), logs)
     if as_json:
@@ -79,6 +93,7 @@ def document(found: Verified) -> dict[str, object]:
     return {
         "verdict": found.verdict,
         "changed": list(found.changed),
+        "missing": list(found.missing),
         "job_id": signed.job_id,
         "policy": signed.policy,
         "report_sha256": signed.report_sha256,
@@ -92,7 +107,7 @@ def check(page: str, keys: frozenset[str], logs: Path | None = None) -> Verified
     Args:
         page: the HTML.
         keys: the public keys that are known.
-        logs: a folder of logs to be compared, too.
+        logs: a folder of logs to be compared, too; one that is not in it is no change of the report.
 
     Raises:
         UsageProblem: the page is no signed report.
@@ -102,9 +117,12 @@ def check(page: str, keys: frozenset[str], logs: Path | None = None) -> Verified
     if not _is_signed(signature):
         changed.append(THE_SIGNATURE)
     changed += _shown_otherwise(page, report, signature)
-    if logs is not None:
-        changed += _other_logs(report, logs)
-    return Verified(signature, tuple(changed), signature.key in keys)
+    named = () if logs is None else tuple(_logs_of(report, logs))
+    changed += [
+        f"{path.name} is not the log that was signed" for path, sha256 in named if path.is_file() and sha256_of(path) != sha256
+    ]
+    missing = tuple(path.name for path, _ in named if not path.is_file())
+    return Verified(signature, tuple(changed), signature.key in keys, missing)
 
 
 def _embedded(page: str) -> tuple[dict[str, Any], Signature]:
@@ -145,11 +163,10 @@ def _shown_otherwise(page: str, report: dict[str, Any], signature: Signature) ->
         yield "what the page holds besides its sections"
 
 
-def _other_logs(report: dict[str, Any], folder: Path) -> Iterator[str]:
-    for row in report.get("per_trial", []):
-        path = folder / log_name(row["trial"])
-        if row["log_sha256"] is not None and (not path.is_file() or sha256_of(path) != row["log_sha256"]):
-            yield f"{path.name} {'is missing' if not path.is_file() else 'is not the log that was signed'}"
+def _logs_of(report: dict[str, Any], folder: Path) -> Iterator[tuple[Path, str]]:
+    """Where each trial's log should be, and the SHA-256 that was signed."""
+    rows = report.get("per_trial", [])
+    yield from ((folder / log_name(row["trial"]), row["log_sha256"]) for row in rows if row["log_sha256"] is not None)
 
 
 def _lines(name: str, found: Verified, keys: dict[str, str]) -> Iterator[str]:
@@ -157,11 +174,15 @@ def _lines(name: str, found: Verified, keys: dict[str, str]) -> Iterator[str]:
     if found.changed:
         yield f"{name}: FORGED; this is not what the farm signed:"
         yield from (f"  {part}" for part in found.changed)
-        return
-    if found.is_known:
+    elif found.is_known:
         yield f"{name}: true; job {signed.job_id} as its farm signed it ({keys[signed.key]})"
     else:
         yield f"{name}: unverified; nothing was changed since it was signed, but its key is not known here"
         yield "  ask the farm's operator for the key, and give it with --key"
-    yield f"  key    {signed.key}"
-    yield f"  policy {signed.policy}"
+    if found.missing:
+        more = len(found.missing) - MOST_NAMED
+        named = ", ".join(found.missing[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
+        yield f"  not in the folder, and so not compared: {counted(len(found.missing), 'log')} ({named})"
+    if not found.changed:
+        yield f"  key    {signed.key}"
+        yield f"  policy {signed.policy}"

@@ -4,7 +4,7 @@ A robot that is like all others is simulated from its log alone: the recorded ap
 recorded start. A robot with physics of its own needs the truth about the trial: what its policy or its excitation asked for goes
 through the whole pipeline again, effects, tracker and all. A true log gives the same numbers, bit for bit. With the farm's own
 log as original, nothing of the given log drives the simulation: it is only compared.
-Exit codes: 0 same (or shown), 6 the numbers differ, 7 the truth is needed, 1 the log cannot be read.
+Exit codes: 0 same (or shown), 6 the numbers differ, 7 the truth is needed, 2 the log or its truth cannot be used.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from sim_backend.replay_comparison import (
     verification,
 )
 
-EXIT_UNREADABLE = 1
+EXIT_UNREADABLE = 2
 EXIT_DIFFERS = 6
 EXIT_NEEDS_TRUTH = 7
 LONGEST_REASON = 300

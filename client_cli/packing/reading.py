@@ -11,6 +11,7 @@ from client_cli.errors import UsageProblem
 from client_cli.packing import checkpoints, stable_baselines, whole
 from client_cli.packing.original import Original, TorchOriginal
 from client_cli.packing.recipe import Normaliser, Recipe, manifest_of, tensors_of
+from client_cli.policy_files import check_is_file
 
 FORMATS = ("auto", "sb3", "rl-games", "rsl-rl", "skrl", "state-dict", "torchscript", "torch-export")
 PICKLES = (".pkl", ".pickle")
@@ -48,8 +49,7 @@ def pack_files(files: list[Path], stated: Statement) -> Packing:
         UsageProblem: a file is missing, of no known kind, or does not fit what was said of it.
     """
     for path in files:
-        if not path.is_file():
-            raise UsageProblem(f"there is no file {path}")
+        check_is_file(path)
     pickles = [path for path in files if path.suffix in PICKLES]
     others = [path for path in files if path.suffix not in PICKLES]
     if len(others) != 1 or len(pickles) > 1:
@@ -87,7 +87,8 @@ def _checkpoint(path: Path, form: str, stated: Statement) -> Packing:
         f"the file does not name the activation: {manifest.activation} is taken. The comparison is with the network rebuilt in "
         "torch, which cannot show that it was another"
     )
-    return Packing(recipe.source, weights, ".safetensors", manifest, original, recipe.normaliser, (note,))
+    notes = () if stated.activation else (note,)
+    return Packing(recipe.source, weights, ".safetensors", manifest, original, recipe.normaliser, notes)
 
 
 def _loaded(path: Path) -> Mapping[str, Any]:

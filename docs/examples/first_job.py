@@ -9,6 +9,8 @@ import numpy as np
 
 from client_cli import Farm
 
+if len(sys.argv) < 2:
+    sys.exit("usage: python first_job.py WEIGHTS [TRIALS]")
 weights, trials = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 10
 with Farm() as farm:
     job = farm.submit(weights, task="push", trials=trials, seed=1)

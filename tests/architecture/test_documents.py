@@ -24,6 +24,12 @@ def test_make_targets_in_documents_exist(document):
         assert (target[0] or target[1]) in targets
 
 
+def test_policies_in_the_readme_are_there():
+    named = re.findall(r"[\w./-]+\.safetensors", (ROOT / "README.md").read_text())
+    assert named
+    assert all((ROOT / path).is_file() for path in named)
+
+
 def test_makefile_has_at_most_ten_targets():
     phony = re.search(r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
     assert phony is not None

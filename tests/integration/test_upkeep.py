@@ -60,7 +60,7 @@ def test_a_backup_of_a_running_farm_is_restored_elsewhere_with_the_same_reports_
 
 def test_folders_that_cannot_be_used_are_refused_with_a_sentence(farm, done, tmp_path):
     def refused(*arguments):
-        return trifarm(*arguments, code=1)["error"]["detail"]
+        return trifarm(*arguments, code=2)["error"]["detail"]
 
     assert "there is no database" in refused("backup", "--data", tmp_path, "--to", tmp_path / "b")
     assert "is not empty and no backup" in refused("backup", "--data", farm.data, "--to", farm.data)

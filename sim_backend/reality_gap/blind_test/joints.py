@@ -47,14 +47,14 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.cases < 0 or options.processes < 1:
         parser.error("--cases must be at least 0 and --processes at least 1")
+    limits = json.loads(LIMITS_FILE.read_text())["limits"]
     try:
         options.out.mkdir(parents=True, exist_ok=True)
+        run(options.out, options.cases, options.seed, limits, options.processes)
+        document = summary([line for path in sorted(options.out.glob("cases-*.jsonl")) for line in whole_lines(path)])
+        (options.out / "blind-test.json").write_text(json.dumps(document, indent=1))
     except OSError as error:
         return refused(error, options.json)
-    limits = json.loads(LIMITS_FILE.read_text())["limits"]
-    run(options.out, options.cases, options.seed, limits, options.processes)
-    document = summary([line for path in sorted(options.out.glob("cases-*.jsonl")) for line in whole_lines(path)])
-    (options.out / "blind-test.json").write_text(json.dumps(document, indent=1))
     print(json.dumps(document) if options.json else "\n".join(sentences(document)))
     return 0
 

@@ -12,12 +12,13 @@ import uvicorn
 from fastapi import FastAPI, Form, Header, Request, UploadFile
 from fastapi.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
 
+from api_schemas.builtin_policies import builtin_digest
 from api_schemas.canary import Canary, CanaryRequest
 from api_schemas.error import MEDIA_TYPE, Problem
 from api_schemas.excitation import IdentificationRequest
 from api_schemas.job import Job, JobEvent, JobPage, JobRequest, JobState, TaskName
 from api_schemas.ladder import Ladder, LadderRequest, Rung
-from api_schemas.policy import Policy, PolicyManifest, WeightsFormat, policy_digest
+from api_schemas.policy import LAYOUTS, Policy, PolicyManifest, WeightsFormat, policy_digest
 from api_schemas.robot import Robot, RobotPage, RobotState
 from api_schemas.status import FarmStatus
 from api_schemas.token import NewToken, Token, TokenPage, TokenRequest
@@ -54,6 +55,7 @@ class FarmState:
     post_answers_lost: int = 0
     commands: list[str] = field(default_factory=list)
     truths: dict[int, bytes] = field(default_factory=dict)
+    truths_for_all: bool = True
     identifications: list[tuple[IdentificationRequest, str | None]] = field(default_factory=list)
     verdict: Verification | None = None
     verified: list[tuple[str, bytes]] = field(default_factory=list)
@@ -137,6 +139,13 @@ def build_app(farm: FarmState) -> FastAPI:
     async def healthz():
         return {"ok": True}
 
+    @app.put("/v1/policies/builtin/{name}")
+    async def put_builtin(name: str):
+        return Policy(
+            digest=builtin_digest(name), name=name, weights_format="builtin", weights_sha256="0" * 64, weights_bytes=1,
+            graph_sha256="0" * 64, manifest=LAYOUTS["pose"], created_at=AT,
+        )  # fmt: skip
+
     @app.put("/v1/policies/{digest}")
     async def put_policy(digest: str, weights: UploadFile, manifest: str = Form()):
         content = await weights.read()
@@ -178,6 +187,9 @@ def build_app(farm: FarmState) -> FastAPI:
 
     @app.api_route("/v1/jobs/{job_id}/trials/{ordinal}/truth", methods=["GET", "HEAD"])
     async def truth(job_id: str, ordinal: int):
+        if not farm.truths_for_all:
+            problem = Problem(type="/problems/scope-missing", title="Not allowed", status=403, detail="needs operate")
+            return Response(problem.model_dump_json(), 403, media_type=MEDIA_TYPE)
         content = farm.truths[ordinal]
         return Response(content, headers={"etag": f'"{hashlib.sha256(content).hexdigest()}"'})
 

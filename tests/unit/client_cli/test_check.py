@@ -77,3 +77,5 @@ def test_a_layout_that_does_not_fit_is_shown_beside_one_that_does(capfd, tmp_pat
 def test_an_absent_file_is_wrong_usage(capfd, tmp_path):
     code, _, err = checked(capfd, tmp_path / "absent.onnx", "--layout", "pose")
     assert (code, "there is no file" in err) == (2, True)
+    code, _, err = checked(capfd, tmp_path, "--layout", "pose")
+    assert (code, "is a folder" in err) == (2, True)

@@ -74,3 +74,11 @@ def test_a_broken_record_is_named(trifarm, children, tmp_path, stored):
 
 def test_an_absent_folder_is_wrong_usage(trifarm, children):
     assert trifarm("physics", "--robot", "robot-1", "--data", "absent").code == 2
+
+
+def test_physics_that_are_no_toml_are_wrong_usage(trifarm, children, tmp_path):
+    (tmp_path / "ranges.toml").write_text("this is = = no toml")
+    ended = trifarm("up", "--physics", str(tmp_path / "ranges.toml"), "--data", str(tmp_path / "farm"))
+    assert ended.code == 2
+    assert "ranges.toml is no TOML file" in ended.err
+    assert not (tmp_path / "farm").exists()

@@ -56,6 +56,26 @@ def test_a_problem_document_is_shown_with_its_title(farm, trifarm, command):
     assert ended.err == "error: the value is 5, the limit 4 (odd request)\n"
 
 
+@pytest.mark.parametrize(
+    "command",
+    [["report"], ["watch"], ["cancel"], ["ladder"], ["robots", "drain"], ["robots", "forget"], ["token", "revoke"]],
+    ids=name_of,
+)
+@pytest.mark.parametrize("odd", ["", "../x", "a/b", "..", "a?b", "a b"])
+def test_what_is_no_id_is_asked_of_nobody(trifarm, monkeypatch, command, odd):
+    monkeypatch.setenv("TRIFARM_URL", "http://127.0.0.1:9")
+    ended = trifarm(*command, odd)
+    assert ended.code == 2
+    assert f"{odd!r} is no id of a " in ended.err
+
+
+def test_hints_of_the_server_name_commands_here(farm, trifarm):
+    detail = "There is no job jx of yours; GET /v1/jobs lists them."
+    farm.problem = Problem(type="/problems/job-not-found", title="Not found", status=404, detail=detail)
+    assert trifarm("report", "jx").err == "error: There is no job jx of yours; 'trifarm jobs' lists them. (Not found)\n"
+    assert trifarm("report", "jx", "--json").document["error"]["detail"] == detail
+
+
 def test_errors_are_documents_too(farm, trifarm):
     farm.problem = Problem(type="/problems/odd", title="odd", status=409, detail="no")
     document = trifarm("robots", "--json").document

@@ -117,3 +117,10 @@ def test_every_command_that_prints_has_json(title):
 def test_the_table_of_exit_codes_is_complete():
     rows = re.findall(r"^\| (\d+) \| (.+) \|$", PAGE, re.MULTILINE)
     assert rows == [(str(int(code)), text) for code, text in MEANING.items()]
+
+
+def test_the_recipes_that_are_named_are_those_that_are_shipped():
+    recipes = Path(__file__).resolve().parents[3] / "sim_backend" / "training" / "recipes"
+    named = re.search(r"name of a shipped recipe: (.*?)\. Needs", SECTIONS["train RECIPE"], re.DOTALL)
+    assert named
+    assert re.findall(r"`([^`]+)`", named[1]) == sorted(path.stem for path in recipes.glob("*.toml"))

@@ -41,6 +41,14 @@ def test_operators_fetch_the_truth_too_and_it_is_checked(farm, trifarm, folder):
     assert files(folder) == complete(farm) | truths
 
 
+def test_who_may_not_have_the_truth_is_told_what_to_leave_out(farm, trifarm, folder):
+    farm.truths, farm.truths_for_all = {0: b"truth of 0"}, False
+    ended = trifarm("fetch", JOB_ID, "--to", str(folder), "--truth")
+    assert ended.code == 5
+    assert "scope operate; without --truth the logs alone are fetched" in ended.err
+    assert "HTTP 403" not in ended.err
+
+
 def test_fetch_again_brings_only_what_is_missing(farm, trifarm, folder):
     trifarm("fetch", JOB_ID, "--to", str(folder))
     (folder / "trial-001.mcap").write_bytes(b"damaged")

@@ -91,6 +91,7 @@ def test_advice_with_all_flags(trifarm, child, tmp_path):
     asked = child("")
     model = tmp_path / "arm.xml"
     model.touch()
+    (tmp_path / "study.json").touch()
     flags = ["--robot", "robot-2", "--excitation", "chirps", "--csv", "t.csv", "--model", str(model), "--seed", "1", "--json"]
     assert trifarm("gap", "excite", str(tmp_path), *flags).code == 0
     assert asked == [[MODULE, "excite", str(tmp_path), *flags]]
@@ -133,6 +134,8 @@ def test_a_child_that_ends_strangely_is_an_error(trifarm, child, program, said):
         (["blind-test", "--processes", "0"], "--processes"),
         (["excite", "absent.json"], "absent.json"),
         (["excite", "--model", "absent.xml"], "absent.xml"),
+        (["excite", str(ROOT)], "holds no study.json"),
+        (["excite", "--csv", "/nonexistent/n.csv"], "cannot write /nonexistent/n.csv"),
     ],
     ids=" ".join,
 )

@@ -43,7 +43,7 @@ def test_to_waits_and_fetches(farm, trifarm, tmp_path, state, code):
 @pytest.mark.parametrize(
     ("flags", "said"),
     [
-        (("--robot", "Robot 2"), "robot: "),
+        (("--robot", "Robot 2"), "robot is 'Robot 2' and should match"),
         (("--robot", "any", "--excitation", "chirps", "--excitation", "chirps"), "chirps is named more than once"),
         (("--robot", "any", "--excitation", "dance"), "dance"),
         (("--robot", "any", "--repeats", "21"), "equal to 20"),

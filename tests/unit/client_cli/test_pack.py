@@ -213,3 +213,5 @@ def test_the_activation_that_was_taken_is_said(tmp_path, trifarm, manifest):
     ended = trifarm("pack", str(path), "--out", str(out), "--manifest", str(manifest()), "--json")
     assert "elu is taken" in ended.err
     assert ended.document["source"] == "rl_games"
+    stated = trifarm("pack", str(path), "--out", str(out), "--manifest", str(manifest()), "--activation", "elu")
+    assert (stated.code, stated.err) == (0, "")

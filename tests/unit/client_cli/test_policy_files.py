@@ -57,7 +57,7 @@ def test_weights_that_cannot_be_used_are_refused(tmp_path, name, content, says):
         ("nonsense", "not JSON"),
         (json.dumps({"observation": ["colour"]}), "unknown observation field 'colour'"),
         (json.dumps({"observation": ["tracker_delay_s"], "rate_hz": 300}), "rate_hz is 300"),
-        (json.dumps({}), "not valid at observation"),
+        (json.dumps({}), "not valid: observation is missing"),
     ],
 )
 def test_a_manifest_that_cannot_be_used_is_refused(weights, tmp_path, text, says):

@@ -73,10 +73,24 @@ def test_a_given_truth_is_compared_here(farm, trifarm, log, tmp_path, replaying)
 @pytest.mark.parametrize("printed", ["", "no json", "{}", '{"trial": {"trial_id": "not of a farm"}}'])
 def test_a_log_of_no_trial_cannot_be_sent(farm, trifarm, log, replaying, printed):
     replaying(f"import sys; print({printed!r}); sys.exit(7 if '--verify' in sys.argv else 0)")
-    assert trifarm("replay", str(log), "--verify").code == 1
+    assert trifarm("replay", str(log), "--verify").code == 2
     assert not farm.verified
 
 
 def test_an_absent_file_is_wrong_usage(trifarm, log):
     assert trifarm("replay", "absent.mcap").code == 2
-    assert trifarm("replay", str(log), "--truth", "absent.mcap").code == 2
+    assert trifarm("replay", str(log), "--verify", "--truth", "absent.mcap").code == 2
+
+
+def test_a_truth_alone_compares_nothing_and_is_refused(trifarm, log):
+    ended = trifarm("replay", str(log), "--truth", str(log))
+    assert ended.code == 2
+    assert "--verify" in ended.err
+
+
+def test_what_is_no_log_is_wrong_usage_with_one_line_and_one_document(trifarm, log):
+    ended = trifarm("replay", str(log))
+    assert (ended.code, ended.err) == (2, "error: trial-007.mcap cannot be read as a trial log: it is no MCAP file\n")
+    ended = trifarm("replay", str(log), "--verify", "--json")
+    assert ended.document["error"]["exit_code"] == ended.code == 2
+    assert "no MCAP file" in ended.document["error"]["detail"]

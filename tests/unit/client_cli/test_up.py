@@ -97,6 +97,7 @@ class Up:
 
     def __init__(self, environment, tmp_path, *flags):
         self.data = tmp_path / "data"
+        tmp_path.mkdir(exist_ok=True)
         for name in ("broken", "stubborn", "short"):
             (tmp_path / f"{name}.toml").touch()
         command = [sys.executable, "-m", "client_cli", "up", "--robots", "2", "--data", str(self.data), "--json", *flags]
@@ -166,6 +167,22 @@ def test_a_farm_comes_up_and_goes_down(environment, tmp_path, number):
         assert not up.robot_is_alive("robot-0")
         assert not up.robot_is_alive("robot-1")
     assert "serving" in (tmp_path / "data" / "logs" / "services.log").read_text()
+
+
+def test_a_second_farm_says_whose_place_it_takes_and_gives_it_back(environment, tmp_path):
+    settings = tmp_path / "home" / "settings.json"
+    with Up(environment, tmp_path / "first", "--port", "0") as first:
+        first.document()
+        before = settings.read_text()
+        with Up(environment, tmp_path / "second", "--port", "0") as second:
+            url = second.document()["url"]
+            assert json.loads(settings.read_text())["url"] == url
+            _, err, _ = second.end(signal.SIGTERM)
+        assert f"no longer the one at {json.loads(before)['url']}, which still answers" in err
+        assert settings.read_text() == before
+        assert stat.S_IMODE(settings.stat().st_mode) == 0o600
+        _, err, _ = first.end(signal.SIGTERM)
+        assert "still answers" not in err
 
 
 def test_a_child_that_will_not_end_is_killed_within_five_seconds(environment, tmp_path):

@@ -82,8 +82,28 @@ def test_a_trial_that_was_taken_away_is_named(key):
 def test_logs_are_compared_with_what_was_signed(page, key, tmp_path):
     (tmp_path / "trial-000.mcap").write_bytes(b"another log")
     found = check(page, known(key), tmp_path)
-    assert found.changed[0] == "trial-000.mcap is not the log that was signed"
-    assert "trial-001.mcap is missing" in found.changed
+    assert found.changed == ("trial-000.mcap is not the log that was signed",)
+    assert found.missing == ("trial-001.mcap", "trial-002.mcap")
+    assert found.verdict == "forged"
+
+
+def test_logs_that_are_only_missing_are_no_forgery(trifarm, page, key, tmp_path):
+    file = tmp_path / "report.html"
+    file.write_text(page)
+    ended = trifarm("verify", str(file), "--key", key.public_hex, "--logs", str(tmp_path))
+    assert ended.code == ExitCode.LOGS_MISSING
+    assert "FORGED" not in ended.out
+    assert "3 logs (trial-000.mcap, trial-001.mcap, trial-002.mcap)" in ended.out
+    ended = trifarm("verify", str(file), "--logs", str(tmp_path), "--json")
+    assert (ended.code, ended.document["verdict"], len(ended.document["missing"])) == (ExitCode.UNVERIFIED, "unverified", 3)
+
+
+def test_an_absent_folder_of_logs_is_wrong_usage(trifarm, page, tmp_path):
+    file = tmp_path / "report.html"
+    file.write_text(page)
+    ended = trifarm("verify", str(file), "--logs", str(tmp_path / "absent"))
+    assert ended.code == ExitCode.USAGE
+    assert "absent" in ended.err
 
 
 def test_what_is_no_report_is_refused():

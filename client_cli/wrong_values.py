@@ -1,0 +1,50 @@
+"""What a schema or the command line says of a wrong value, as a sentence about what the user wrote."""
+
+from typing import Any
+
+import typer
+from pydantic import ValidationError
+from typer.core import TyperGroup
+
+LONGEST_VALUE = 60
+
+
+def sentence(error: ValidationError, whole: str) -> str:
+    """The first thing that is wrong, such as "trials is -1 and should be greater than or equal to 1".
+
+    Args:
+        error: of the schema.
+        whole: the name of what was checked, for what is wrong with all of it.
+    """
+    first = error.errors()[0]
+    where = ".".join(str(part) for part in first["loc"])
+    match first["type"]:
+        case "missing":
+            return f"{where} is missing"
+        case "extra_forbidden":
+            return f"{where} is not known there"
+        case "value_error":
+            reason = str(first.get("ctx", {}).get("error", first["msg"]))
+            return f"{where}: {reason}" if where else reason
+    _, should, wanted = first["msg"].partition(" should ")
+    if not should:
+        return f"{where or whole}: {first['msg']}"
+    shown = repr(first["input"])
+    shown = shown if len(shown) <= LONGEST_VALUE else shown[: LONGEST_VALUE - 1] + "…"
+    return f"{where or whole} is {shown} and should {wanted}"
+
+
+class Commands(TyperGroup):
+    """A group of commands that says what is wrong with an argument without the words of the library that found it."""
+
+    def invoke(self, ctx: typer.Context) -> Any:
+        """Run the command that is asked for.
+
+        Raises:
+            BadParameter: an argument is wrong.
+        """
+        try:
+            return super().invoke(ctx)
+        except typer.BadParameter as error:
+            error.message = error.message.removeprefix("Value error, ").replace("Input should", "it should", 1)
+            raise

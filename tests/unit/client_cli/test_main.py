@@ -1,0 +1,85 @@
+"""How any command ends when a file cannot be written, a pipe is closed, or Ctrl-C comes."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from client_cli import report
+from services.jobs.reports import sign
+from services.signing import FarmKey
+from tests.unit.api_schemas.test_report_text import report as some_report
+from tests.unit.api_schemas.test_report_text import trial
+from tests.unit.client_cli.farm_server import JOB_ID
+
+ROOT = Path(__file__).resolve().parents[3]
+ENTRY = (sys.executable, "-m", "client_cli")
+
+
+@pytest.fixture
+def signed(monkeypatch, tmp_path):
+    body = some_report(trial(0))
+    signature = sign(body.model_dump(mode="json"), FarmKey.of(tmp_path))
+    monkeypatch.setattr(report, "_signed", lambda *_: (body, signature))
+
+
+@pytest.mark.parametrize("flag", ["--html", "--pdf"])
+@pytest.mark.parametrize("path", ["/nonexistent/report", "/"])
+def test_a_report_that_cannot_be_written_is_wrong_usage(farm, trifarm, signed, flag, path):
+    ended = trifarm("report", JOB_ID, flag, path, "--json")
+    assert ended.code == 2
+    assert ended.document["error"]["exit_code"] == 2
+    assert ended.document["error"]["detail"].startswith(f"cannot use {path}: ")
+    assert ended.err.startswith(f"error: cannot use {path}: ")
+
+
+@pytest.mark.parametrize("command", [["fetch", JOB_ID, "--to"], ["up", "--robots", "1", "--data"]], ids=lambda it: it[0])
+@pytest.mark.parametrize("path", ["/proc/nothing", "/dev/null"])
+def test_a_folder_that_cannot_be_made_is_wrong_usage(farm, trifarm, command, path):
+    ended = trifarm(*command, path, "--json")
+    assert ended.code == 2
+    assert f"cannot use {path}: " in ended.document["error"]["detail"]
+
+
+def test_a_full_disk_behind_stdout_is_one_line(farm):
+    with Path("/dev/full").open("w") as full:
+        ended = _run("report", JOB_ID, "--json", stdout=full)
+    assert (ended.returncode, ended.stderr) == (2, "error: cannot use the standard output: No space left on device\n")
+
+
+@pytest.mark.parametrize("command", [["effects"], ["effects", "--json"], ["robots"]], ids=" ".join)
+def test_a_closed_pipe_is_no_error_to_talk_about(farm, command):
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as closed:
+        ended = _run(*command, stdout=closed)
+    assert (ended.returncode, ended.stderr) == (1, "")
+
+
+def test_ctrl_c_ends_any_command_with_130_and_no_words(trifarm, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("client_cli.status.load_connection", interrupt)
+    ended = trifarm("status")
+    assert (ended.code, ended.out, ended.err) == (130, "", "")
+
+
+def test_ctrl_c_while_the_command_is_loaded_is_no_traceback(tmp_path):
+    (tmp_path / "rich.py").write_text("import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(5)\n")
+    ended = _run("status", stdout=subprocess.PIPE, path=tmp_path)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "")
+
+
+def test_the_installed_command_begins_where_the_module_does():
+    assert 'trifarm = "client_cli.entry:main"' in (ROOT / "pyproject.toml").read_text()
+    assert "client_cli.entry" in (ROOT / "client_cli" / "__main__.py").read_text()
+
+
+def _run(*arguments, stdout, path=None):
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(str(each) for each in (path, ROOT) if each)}
+    return subprocess.run(
+        [*ENTRY, *arguments], env=environment, stdout=stdout, stderr=subprocess.PIPE, text=True, check=False, timeout=60
+    )
