@@ -47,14 +47,14 @@ class _UsageError(Exception):
 
 def _ask(options: argparse.Namespace) -> int:
     from experiments.catalogue import CATALOGUE
-    from experiments.design import quick
+    from experiments.quick_form import quick_form
 
     if options.name is not None and options.name not in CATALOGUE:
         raise _UsageError(f"no experiment {options.name!r}; choose from {', '.join(CATALOGUE)}")
     if options.name is None and (not options.list or options.only is not None):
         raise _UsageError(f"say which experiment: {', '.join(CATALOGUE)}; --list shows what is done of each")
     asked = [CATALOGUE[options.name]] if options.name else [*CATALOGUE.values()]
-    asked = [quick(each) if options.quick else each for each in asked]
+    asked = [quick_form(each) if options.quick else each for each in asked]
     for each in asked:
         _check(options, each)
     with ExitStack() as until_the_end:

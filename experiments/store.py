@@ -10,7 +10,7 @@ What was made by another design than the present one is refused where it is read
 
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -134,11 +134,7 @@ class Store:
         Raises:
             StoreError: they are of another policy, or were asked for otherwise.
         """
-        path, cell = self._trials(key), self.experiment.cell(key.cell)
-        if (kept := self._read(path)) is not None:
-            policy = self.policy_digest(cell, key.seed)
-            self._refuse(path, agreement.of_trials(kept, self.experiment, cell, key.physics, policy), "it")
-        return kept
+        return self._of_design(self._trials(key), key, agreement.of_trials)
 
     def keep_block(self, key: Key, block: int, rows: Sequence[Mapping[str, Any]], about: Mapping[str, Any]) -> None:
         """Add a block of trials.
@@ -166,11 +162,7 @@ class Store:
         Raises:
             StoreError: it is of another policy, or was asked for otherwise.
         """
-        path, cell = self._measured(key), self.experiment.cell(key.cell)
-        if (kept := self._read(path)) is not None:
-            policy = self.policy_digest(cell, key.seed)
-            self._refuse(path, agreement.of_measured(kept, self.experiment, cell, key.physics, policy), "it")
-        return kept
+        return self._of_design(self._measured(key), key, agreement.of_measured)
 
     def keep_measured(self, key: Key, document: Mapping[str, Any]) -> None:
         """Keep what was measured in simulation."""
@@ -185,6 +177,13 @@ class Store:
         path = self.out / name
         path.write_text(text)
         return path
+
+    def _of_design(self, path: Path, key: Key, differs: Callable[..., list[str]]) -> dict[str, Any] | None:
+        if (kept := self._read(path)) is not None:
+            cell = self.experiment.cell(key.cell)
+            found = differs(kept, self.experiment, cell, key.physics, self.policy_digest(cell, key.seed))
+            self._refuse(path, found, "it")
+        return kept
 
     def _write(self, path: Path, kind: str, document: Mapping[str, Any]) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -7,17 +7,18 @@ import pytest
 
 from experiments.catalogue import CATALOGUE, HOURS_ALLOWED
 from experiments.catalogue.robots import GROUPS
-from experiments.design import Measure, quick
+from experiments.design import Measure
 from experiments.plan import BlockPiece, MeasuringPiece, TrainingPiece, Wanted, hours, missing, pieces
+from experiments.quick_form import quick_form
 from experiments.recipe_files import REAL, reduced_real, toml_of, write_recipe
-from experiments.store import Key
+from experiments.store import Key, Store
 from sim_backend.effects.ranges import load_ranges
 from sim_backend.training.recipe import load_recipe
 from tests.unit.experiments.small import SMALL, TRIALS, rows, store_of, train
 
 TRAINED = [(each, cell) for each in CATALOGUE.values() for cell in each.cells if cell.training is not None]
 
-QUICK = [cell for each in CATALOGUE.values() for cell in quick(each).cells if cell.training is not None]
+QUICK = [cell for each in CATALOGUE.values() for cell in quick_form(each).cells if cell.training is not None]
 ALL_TRAINED = [*(cell for _, cell in TRAINED), *QUICK]
 
 
@@ -42,7 +43,7 @@ def test_samples_and_seeds_are_those_of_the_issue():
 @pytest.mark.parametrize("experiment", CATALOGUE.values(), ids=CATALOGUE)
 @pytest.mark.parametrize("how", ["full", "quick"])
 def test_contrasts_are_of_cells_and_farms_that_are_there(experiment, how):
-    chosen = quick(experiment) if how == "quick" else experiment
+    chosen = quick_form(experiment) if how == "quick" else experiment
     assert len({cell.name for cell in chosen.cells}) == len(chosen.cells)
     for contrast in chosen.contrasts:
         assert chosen.cell(contrast.first).seeds == chosen.cell(contrast.other).seeds
@@ -51,6 +52,14 @@ def test_contrasts_are_of_cells_and_farms_that_are_there(experiment, how):
             assert contrast.farm in kinds or chosen.quick
     if chosen.quick:
         assert hours(pieces(chosen), 2) < 0.05
+
+
+@pytest.mark.parametrize("experiment", CATALOGUE.values(), ids=CATALOGUE)
+def test_a_quick_form_has_all_that_it_tries(experiment, tmp_path):
+    chosen = quick_form(experiment)
+    store = Store(tmp_path / "out", tmp_path / "work", chosen)
+    planned = {piece.cell.name for piece in missing(chosen, store, Wanted()) if isinstance(piece, TrainingPiece)}
+    assert planned == {cell.name for cell in chosen.cells if cell.policy is None}
 
 
 @pytest.mark.parametrize("chosen", ALL_TRAINED, ids=lambda cell: f"{cell.name}-{cell.training.samples}")

@@ -2,12 +2,12 @@
 
 import pytest
 from prometheus_client import CollectorRegistry
-from sqlalchemy import insert, select, update
+from sqlalchemy import select, update
 
 from api_schemas.policy import LAYOUTS
 from api_schemas.robot import RobotState
 from api_schemas.trial import TrialState
-from services.database.tables import job, policy, trial
+from services.database.tables import policy, trial
 from services.dispatcher import dispatcher as dispatcher_module
 from services.dispatcher import queue
 from services.dispatcher.dispatcher import Dispatcher, Metrics
@@ -17,15 +17,7 @@ from services.jobs.clock import FarmClock
 from services.jobs.signals import Signals
 from services.settings import Settings
 from tests.unit.services.conftest import beat
-from tests.unit.services.dispatcher.test_finding import JOB, POLICY, add_trials
-
-
-@pytest.fixture
-async def database(new_database):
-    async with new_database.write() as tx:
-        await tx.execute(insert(policy).values(POLICY))
-        await tx.execute(insert(job).values(JOB))
-    return new_database
+from tests.unit.services.dispatcher.conftest import POLICY, add_trials
 
 
 @pytest.fixture

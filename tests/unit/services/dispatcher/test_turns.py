@@ -13,7 +13,7 @@ from services.jobs import lease
 from services.jobs.position import User, mean_s, trials_ahead
 from services.jobs.submission import Sender, submit
 from services.jobs.views import show_jobs
-from tests.unit.services.dispatcher.test_finding import POLICY
+from tests.unit.services.dispatcher.conftest import POLICY
 
 ROBOTS = ("a", "b", "c", "d")
 
