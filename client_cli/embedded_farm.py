@@ -16,7 +16,7 @@ from client_cli.child_process import ChildProcess, child_environment, module_com
 from client_cli.errors import ClientError, Refused
 from client_cli.farm_claims import held_folder, usable_port
 from client_cli.farm_record import FarmRecord, keep_physics, save_record
-from client_cli.output import note
+from client_cli.output import counted, note
 from client_cli.robot_options import RobotOptions
 from client_cli.services_settings import given_settings, ignored_settings
 from client_cli.settings import Connection, save_connection
@@ -92,7 +92,7 @@ def _start(options: FarmOptions, children: list[ChildProcess]) -> EmbeddedFarm:
     connection = Connection(url, tokens["admin"])
     with ApiClient(connection) as client:
         while (ready := _robots_in_service(client)) < options.robots.count:
-            _pause(children, deadline_s, f"only {ready} of {options.robots.count} robots came up")
+            _pause(children, deadline_s, f"only {ready} of {counted(options.robots.count, 'robot')} came up")
         _forget_places(client, options.robots.count)
     settings = save_connection(connection, options.home)
     shown = options.robots.physics_name

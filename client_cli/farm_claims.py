@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from client_cli.errors import ClientError
+from client_cli.errors import UsageProblem
 
 PRIVATE = 0o077
 
@@ -20,7 +20,7 @@ def usable_port(host: str, port: int) -> int:
         try:
             listener.bind((host, port))
         except OSError as error:
-            raise ClientError(
+            raise UsageProblem(
                 f"port {port} of {host} cannot be used ({error.strerror}): does another farm run? Choose another with "
                 "--port P, or --port 0 for any free one"
             ) from error
@@ -46,7 +46,7 @@ def held_folder(data: Path) -> Iterator[None]:
         except BlockingIOError:
             lock.seek(0)
             holder = lock.read().strip() or "unknown"
-            raise ClientError(
+            raise UsageProblem(
                 f"a farm already runs on {data} (process {holder}); use it, stop it, or choose another --data"
             ) from None
         lock.truncate(0)

@@ -67,7 +67,8 @@ async def disown(tx: AsyncConnection, digest: str, owner: str) -> None:
     count, newest = (await tx.execute(jobs)).one()
     if count:
         job_id = (await tx.execute(select(job.c.job_id).where(job.c.number == newest))).scalar_one()
-        detail = f"The policy {digest} is that of {count} jobs, the newest of them {job_id}; what a job refers to is kept."
+        its = f"job {job_id}" if count == 1 else f"{count} jobs, the newest of them {job_id}"
+        detail = f"The policy {digest} is that of {its}; what a job refers to is kept."
         raise Conflict("policy-in-use", detail, jobs=count, newest_job=job_id)
     if (await tx.execute(select(exists().where(policy_owner.c.digest == digest)))).scalar():
         return

@@ -7,6 +7,7 @@ import pytest
 
 from sim_backend.reality_gap.blind_test.joint_cases import SHOWN_BY_JOINTS, Case, draw_cases, sessions_of
 from sim_backend.reality_gap.blind_test.joints import LIMITS_FILE, outcome, summary
+from sim_backend.reality_gap.joints.sessions import healthy_physics, simulated_sessions
 from sim_backend.reality_gap.joints.study import NothingMovesError, study_joints
 from sim_backend.reality_gap.joints.verdict import judge
 from sim_backend.reality_gap.recording import JointSignals, Recording
@@ -50,6 +51,27 @@ def test_a_few_hidden_effects_are_named_with_place_and_value():
         assert {(cause.effect, cause.where) for cause in verdict.causes} == {(case.effect, case.where)}, case
         cause = next(cause for cause in verdict.causes if cause.parameter == case.key.partition(".")[2])
         assert cause.value == pytest.approx(case.value, rel=0.15, abs=0.15 * LIMITS[case.key])
+
+
+def study_of(seed, values):
+    """A healthy robot with these values at every joint, seen by the standard excitation."""
+    physics = healthy_physics(seed).changed({key: np.full((1, 9), value) for key, value in values.items()})
+    return study_joints(compile_scene(), simulated_sessions(physics, [seed]), lambda *_: None, is_trifinger=True)
+
+
+def test_a_cause_that_gains_far_more_does_not_hide_another():
+    verdict = judge(study_of(SEED + 60, {"action_delay.delay_s": 0.0025, "velocity_filter.time_constant_s": 0.0025})).verdict
+    assert verdict.verdict is VerdictKind.NAMED
+    assert {cause.effect for cause in verdict.causes} == {"action_delay", "velocity_filter"}
+
+
+def test_friction_of_all_joints_does_not_take_their_torques_along():
+    study = study_of(SEED + 61, {"coulomb_friction.torque_nm": 0.04})
+    causes = judge(study).verdict.causes
+    assert {cause.effect for cause in causes} == {"coulomb_friction"}
+    assert [cause.value for cause in causes] == pytest.approx([0.04] * 9, rel=0.06)
+    before = [float(study.fit.last.state.value("coulomb_friction.torque_nm")[j]) for j in range(9)]
+    assert min(before) < 0.93 * 0.04, "what the tolerances of a healthy robot would take of it"
 
 
 def test_healthy_robots_are_not_blamed():

@@ -16,9 +16,9 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from scipy import stats
 
 from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.reality_gap.blind_test.counting import share, whole_lines
 from sim_backend.reality_gap.blind_test.joint_cases import MULTIPLES, Case, draw_cases, sessions_of
 from sim_backend.reality_gap.joints.study import study_joints
 from sim_backend.reality_gap.joints.verdict import judge
@@ -80,17 +80,6 @@ def run(out: Path, cases: int, seed: int, limits: dict[str, float], processes: i
             file.flush()
             left_s = (time.monotonic() - begun) / finished * (len(todo) - finished)
             print(f"{finished} of {len(todo)} cases, about {left_s / 60:.0f} min left", file=sys.stderr, flush=True)
-
-
-def whole_lines(path: Path) -> list[dict]:
-    """The cases that a file holds; a line that a kill has cut off does not count."""
-    found = []
-    for line in path.read_text().splitlines() if path.exists() else ():
-        try:
-            found.append(json.loads(line))
-        except ValueError:
-            continue
-    return found
 
 
 def _judged(group: Sequence[tuple[Case, bool]]) -> list[dict]:
@@ -178,20 +167,20 @@ def summary(lines: Sequence[dict]) -> dict:
         "n_effect": len(effects),
         "n_null": len(nulls),
         "n_left_out": len(left_out),
-        "right_name": _share(sum(ends[id(line)] == "right" for line in large), len(large)),
-        "right_name_all_magnitudes": _share(sum(ends[id(line)] == "right" for line in effects), len(effects)),
-        "right_name_or_set": _share(sum(ends[id(line)] in ("right", "right set") for line in large), len(large)),
-        "false_alarm": _share(len(false), len(nulls)),
-        "wrong_name": _share(sum(ends[id(line)] == "wrong" for line in effects), len(effects)),
-        "unexplained": _share(sum(ends[id(line)] == "unexplained" for line in left_out), len(left_out)),
-        "unexplained_among_effects": _share(sum(ends[id(line)] == "unexplained" for line in effects), len(effects)),
+        "right_name": share(sum(ends[id(line)] == "right" for line in large), len(large)),
+        "right_name_all_magnitudes": share(sum(ends[id(line)] == "right" for line in effects), len(effects)),
+        "right_name_or_set": share(sum(ends[id(line)] in ("right", "right set") for line in large), len(large)),
+        "false_alarm": share(len(false), len(nulls)),
+        "wrong_name": share(sum(ends[id(line)] == "wrong" for line in effects), len(effects)),
+        "unexplained": share(sum(ends[id(line)] == "unexplained" for line in left_out), len(left_out)),
+        "unexplained_among_effects": share(sum(ends[id(line)] == "unexplained" for line in effects), len(effects)),
         "median_parameter_error": float(np.median(errors)) if errors else None,
-        "interval_coverage": _share(*_coverage([line for line in effects if ends[id(line)] == "right"])),
+        "interval_coverage": share(*_coverage([line for line in effects if ends[id(line)] == "right"])),
         "median_seconds": float(np.median([line["seconds"] for line in lines])) if lines else None,
         "by_multiple": by_multiple,
         "by_effect_2x_5x": dict(by_effect),
         "naive_right_name": {
-            rule: _share(sum(_is_named(line, line["naive"].get(rule)) for line in large), len(large))
+            rule: share(sum(_is_named(line, line["naive"].get(rule)) for line in large), len(large))
             for rule in ("smallest_error", "bic", "largest_z")
         },
         "confusion": _confusion(large),
@@ -202,13 +191,6 @@ def summary(lines: Sequence[dict]) -> dict:
 
 def _is_named(line: dict, name: Sequence[str] | None) -> bool:
     return name is not None and tuple(name) == (line["case"]["effect"], line["case"]["where"])
-
-
-def _share(k: int, n: int) -> dict:
-    if n == 0:
-        return {"k": 0, "n": 0, "rate": None, "interval_90": None}
-    interval = stats.binomtest(k, n).proportion_ci(0.9, method="wilson")
-    return {"k": k, "n": n, "rate": k / n, "interval_90": [float(interval.low), float(interval.high)]}
 
 
 def _true_cause(line: dict) -> dict | None:

@@ -18,6 +18,8 @@ MAX_REFUSED = 5
 _REFINEMENTS = 1
 _PROXY_SHARE = {False: 0.04, True: 0.004}
 """A cause that gains less than this share of the largest one may only mend what that one's law leaves."""
+_PROXY_SHARE_OF_LEFT = 0.15
+"""Where it is known what noise leaves: a cause must gain this share of what the laws leave beside it, for the same reason."""
 
 
 @dataclass(frozen=True)
@@ -71,10 +73,7 @@ def select(
     tried = 0
     while len(accepted) < MAX_CAUSES and len(refused) < MAX_REFUSED:
         look = looks[-1]
-        later = 0.0
-        if accepted:
-            proxy = _PROXY_SHARE[problem.expects_many] * max(a.gain for a in accepted)
-            later = max(min_share * look.mechanics_left, proxy)
+        later = max(min_share * look.mechanics_left, _proxy_gain(problem, look, accepted)) if accepted else 0.0
         best = look.best_without(refused | again, lambda effect: max((gates or {}).get(effect, gate), later))  # noqa: B023
         if best is None:
             break
@@ -102,11 +101,21 @@ def select(
         state, accepted = before, kept
         refused.add(best.hypothesis.name)
     final = looks[-1]
+    if problem.has_pipeline and not problem.expects_many:
+        final = final.trusting()
+        state = _refined(final.state, accepted, final.accepted_values)
     if plain_values and accepted:
         for _ in range(_REFINEMENTS):
             state = _refined(state, accepted, problem.look(state, accepted, plain=True).accepted_values)
         final = problem.look(state, accepted, plain=True)
     return JointFit(state, tuple(accepted), tuple(looks), final, _errors(accepted, final))
+
+
+def _proxy_gain(problem: JointProblem, look: Look, accepted: Sequence[Accepted]) -> float:
+    """What a cause beside others gains at most by mending their laws, nats."""
+    if problem.has_pipeline and not problem.expects_many:
+        return _PROXY_SHARE_OF_LEFT * look.beyond_noise
+    return _PROXY_SHARE[problem.expects_many] * max(a.gain for a in accepted)
 
 
 def _contains(hypothesis: Hypothesis, other: Accepted) -> bool:

@@ -103,6 +103,11 @@ class JointStudy:
     start: JointState
     gates: Mapping[str, float]
 
+    @property
+    def is_of_many(self) -> bool:
+        """Whether so much is wrong with a TriFinger that each cause takes over what the laws of the others leave."""
+        return self.problem.expects_many and self.is_calibrated
+
     def problem_start(self, key: str, index: int) -> float:
         """A value of the model that the study started from."""
         return float(self.start.value(key)[index])

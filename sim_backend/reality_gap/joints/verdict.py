@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.reality_gap.joints.causes import Z_90, causes_of, is_clear
 from sim_backend.reality_gap.joints.checks import Finding, place
 from sim_backend.reality_gap.joints.equations import Channel
 from sim_backend.reality_gap.joints.flexible import Pattern, patterns
@@ -27,13 +28,8 @@ _ALMOST = 0.7
 """Where so much of the held-out error is gone, what is left is the shape of a law and not another cause."""
 FOREIGN_PATTERN_SHARE = 1.0
 """Where there are no healthy sessions: what is left must be more than what was explained."""
-_Z_90 = 1.6448536269514722
 _TRADED_SCALE, _TRADED = 0.2, 2
 """So many torques or masses that seem off by more than this take the place of something else."""
-_SYSTEMATIC = 2.0
-_SYSTEMATIC_SHARE = 0.1
-"""Intervals are wider than the noise alone makes them, by a factor and by a share of the deviation: laws are not exact."""
-
 SEPARATES = {
     frozenset({"action_delay", "viscous_friction"}): "a chirp: a delay shifts the phase and leaves the size",
     frozenset({"coulomb_friction", "stribeck_friction"}): "slow ramps through zero speed and fast sweeps",
@@ -74,7 +70,7 @@ class JointVerdict:
 def judge(study: JointStudy) -> JointVerdict:
     """Judge a study of joints (held-out errors are added by ``gain``)."""
     fit, names = study.fit, study.problem.names
-    causes = [cause for a in fit.accepted for cause in _causes(study, a)]
+    causes = [cause for a in fit.accepted for cause in causes_of(study, a)]
     acting = {f.joint for f in study.findings if f.effect == "action_noise"}
     findings = [f for f in study.findings if not (f.effect == "joint_noise" and f.joint in acting)]  # the joint shakes
     causes += [_found(f, names) for f in findings if _is_shown(f, study)]
@@ -95,7 +91,7 @@ def judge(study: JointStudy) -> JointVerdict:
         runner_up=closest,
         rejected=() if confusable else tuple(sorted((rival for rival, _ in rivals), key=lambda rival: rival.behind)),
         follows=(*_odd(study), *_follows(left[:3], names)) if kind is VerdictKind.UNEXPLAINED else (),
-        cannot_tell=tuple(_cannot_tell(study)),
+        cannot_tell=tuple(_cannot_tell(study, causes)),
         record_next=tuple(_record_next(kind, closest)),
     )
     return JointVerdict(verdict, tuple(left))
@@ -124,7 +120,7 @@ def _kind(study, causes, left: Sequence[Pattern], rivals) -> tuple[VerdictKind, 
     is_single = not study.problem.expects_many  # among many causes each has a proxy for a moment
     if is_single and any(rival.behind < CONFUSABLE_NATS for rival, _ in rivals):
         return VerdictKind.CONFUSABLE, "Some cause explains the data, but these data cannot tell which of those that are listed."
-    named = ", ".join(_said(causes))
+    named = ", ".join(_said([cause for cause in causes if is_clear(study, cause)] or causes))
     return VerdictKind.NAMED, f"The data disagree with the model because of {named}."
 
 
@@ -167,45 +163,6 @@ def _said(causes: Sequence[Cause]) -> list[str]:
         f"{effect.replace('_', ' ')} ({', '.join(where) if len(where) <= 2 else f'{len(where)} places'})"
         for effect, where in places.items()
     ]
-
-
-def _causes(study: JointStudy, accepted: Accepted) -> list[Cause]:
-    """One cause for each number of an effect that is away from absent."""
-    errors, found, seen = study.fit.errors[(accepted.effect, accepted.where)], [], set()
-    for term, error in zip(accepted.terms, errors, strict=True):
-        parameter = PARAMETERS[term.key]
-        if (term.key, term.index) in seen:
-            continue
-        seen.add((term.key, term.index))
-        value = float(study.fit.state.value(term.key)[term.index])
-        deviation = value - study.problem_start(term.key, term.index)
-        half = float(np.hypot(_Z_90 * _SYSTEMATIC * error, _SYSTEMATIC_SHARE * deviation))
-        where = accepted.where
-        if parameter.width == 9:
-            where = study.problem.names[term.index]
-        elif parameter.width == 3:
-            where = "xyz"[term.index]
-        interval = (value - half, value + half)
-        found.append(Cause(accepted.effect, parameter.name, where, value, parameter.unit, interval))
-    return _that_matter(study, accepted, found)
-
-
-def _that_matter(study: JointStudy, accepted: Accepted, causes: list[Cause]) -> list[Cause]:
-    """Of a cause at all joints, the joints that have it: away from nominal beyond errors, and not by a trifle."""
-    if not accepted.where.startswith("all"):
-        return causes
-    first = accepted.terms[0].key.partition(".")[2]
-    start = {name: study.problem_start(accepted.terms[0].key, j) for j, name in enumerate(study.problem.names)}
-    sizes = {cause.where: abs(cause.value - start[cause.where]) for cause in causes if cause.parameter == first}
-    largest = max(sizes.values(), default=0.0)
-    kept = {
-        cause.where
-        for cause in causes
-        if cause.parameter == first
-        and sizes[cause.where] > 0.05 * largest
-        and not cause.interval_90[0] <= start[cause.where] <= cause.interval_90[1]
-    }
-    return [cause for cause in causes if cause.where in kept]
 
 
 def _found(finding: Finding, names: tuple[str, ...]) -> Cause:
@@ -254,7 +211,7 @@ def _rival_causes(look, candidate: Candidate, study: JointStudy) -> list[Cause]:
         term = look.catalogue.terms[index]
         parameter, here = PARAMETERS[term.key], study.problem_start(term.key, term.index)
         where = study.problem.names[term.index] if parameter.width == 9 else candidate.hypothesis.where
-        middle, half = here + float(value), _Z_90 * float(error)
+        middle, half = here + float(value), Z_90 * float(error)
         found.append(
             Cause(candidate.hypothesis.effect, parameter.name, where, middle, parameter.unit, (middle - half, middle + half))
         )
@@ -265,9 +222,13 @@ def _follows(found: Sequence[Pattern], names: tuple[str, ...]) -> list[str]:
     return [f"{p.variable} of {names[p.joint]} ({p.channel} equation, {p.gain:.0f} nats)" for p in found]
 
 
-def _cannot_tell(study: JointStudy) -> list[str]:
+def _cannot_tell(study: JointStudy, causes: Sequence[Cause]) -> list[str]:
     said = ["whether all torques and all masses are off by the same share: no motion shows it"]
     speed = np.max([np.quantile(np.abs(e.path.velocity), 0.99, axis=0) for e in study.problem.episodes], axis=0)
+    if study.is_of_many and (unclear := [cause for cause in causes if not is_clear(study, cause)]):
+        said.append(
+            f"whether there is {', '.join(_said(unclear))}: among so many causes values as large as these are often others'"
+        )
     slow = [name for name, s in zip(study.problem.names, speed, strict=True) if s < 0.3]
     if slow:
         said.append(f"anything that needs speed about {', '.join(slow)}: slower than 0.3 rad/s all the time")

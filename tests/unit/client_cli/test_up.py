@@ -251,7 +251,7 @@ def test_a_second_farm_on_the_same_folder_is_refused(environment, tmp_path):
         up.document()
         with Up(environment, tmp_path, "--port", "0") as second:
             out, err = second.process.communicate(timeout=20)
-            assert second.process.returncode == 1
+            assert second.process.returncode == 2
             assert f"process {up.process.pid}" in err
             assert "already runs on" in json.loads(out)["error"]["detail"]
         assert up.process.poll() is None
@@ -264,7 +264,7 @@ def test_a_busy_port_is_named(environment, tmp_path):
         port = holder.getsockname()[1]
         with Up(environment, tmp_path, "--port", str(port)) as up:
             _, err = up.process.communicate(timeout=20)
-    assert up.process.returncode == 1
+    assert up.process.returncode == 2
     assert f"port {port} of 127.0.0.1 cannot be used" in err
     assert "--port" in err
 

@@ -1,0 +1,82 @@
+"""The accepted effects as causes: each number with its place and an interval."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.reality_gap.joints.look import Accepted
+from sim_backend.reality_gap.joints.study import JointStudy
+from sim_backend.reality_gap.joints.value_errors import usual_error
+from sim_backend.reality_gap.verdict import Cause
+
+Z_90 = 1.6448536269514722
+_SYSTEMATIC = 2.0
+_SYSTEMATIC_SHARE = 0.1
+"""Intervals are wider than the noise alone makes them, by a factor and by a share of the deviation: laws are not exact."""
+
+
+def causes_of(study: JointStudy, accepted: Accepted) -> list[Cause]:
+    """One cause for each number of an effect that is away from absent.
+
+    Intervals cover the noise of the data and a usual imperfection of the laws, and where a robot differs everywhere also how far
+    values are usually off there.
+    """
+    errors, found, seen = study.fit.errors[(accepted.effect, accepted.where)], [], set()
+    for term, error in zip(accepted.terms, errors, strict=True):
+        parameter = PARAMETERS[term.key]
+        if (term.key, term.index) in seen:
+            continue
+        seen.add((term.key, term.index))
+        value = float(study.fit.state.value(term.key)[term.index])
+        deviation = value - study.problem_start(term.key, term.index)
+        half = float(np.hypot(Z_90 * _SYSTEMATIC * error, _SYSTEMATIC_SHARE * deviation))
+        where = accepted.where
+        if parameter.width == 9:
+            where = study.problem.names[term.index]
+        elif parameter.width == 3:
+            where = "xyz"[term.index]
+        interval = (value - half, value + half)
+        found.append(Cause(accepted.effect, parameter.name, where, value, parameter.unit, interval))
+    kept = _that_matter(study, accepted, found)
+    return [_widened(cause) for cause in kept] if study.is_of_many else kept
+
+
+def _widened(cause: Cause) -> Cause:
+    """With what values are usually off beside what their own noise tells, where a robot differs everywhere."""
+    own, usual = 0.5 * (cause.interval_90[1] - cause.interval_90[0]), usual_error(f"{cause.effect}.{cause.parameter}")
+    half = float(np.hypot(own, usual))
+    return replace(cause, interval_90=(cause.value - half, cause.value + half))
+
+
+def is_clear(study: JointStudy, cause: Cause) -> bool:
+    """Whether the interval of a value leaves out what the study started from."""
+    key = f"{cause.effect}.{cause.parameter}"
+    here = study.problem_start(key, index_of(study.problem.names, cause.where))
+    return not cause.interval_90[0] <= here <= cause.interval_90[1]
+
+
+def _that_matter(study: JointStudy, accepted: Accepted, causes: list[Cause]) -> list[Cause]:
+    """Of a cause at all joints, the joints that have it: away from nominal beyond errors, and not by a trifle."""
+    if not accepted.where.startswith("all"):
+        return causes
+    first = accepted.terms[0].key.partition(".")[2]
+    start = {name: study.problem_start(accepted.terms[0].key, j) for j, name in enumerate(study.problem.names)}
+    sizes = {cause.where: abs(cause.value - start[cause.where]) for cause in causes if cause.parameter == first}
+    largest = max(sizes.values(), default=0.0)
+    kept = {
+        cause.where
+        for cause in causes
+        if cause.parameter == first
+        and sizes[cause.where] > 0.05 * largest
+        and not cause.interval_90[0] <= start[cause.where] <= cause.interval_90[1]
+    }
+    return [cause for cause in causes if cause.where in kept]
+
+
+def index_of(names: Sequence[str], where: str) -> int:
+    """Which of a parameter's numbers a place means: a joint's, an axis', or the only one."""
+    if where in names:
+        return list(names).index(where)
+    return "xyz".index(where) if where in ("x", "y", "z") else 0

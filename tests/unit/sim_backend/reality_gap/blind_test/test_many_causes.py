@@ -1,0 +1,44 @@
+"""The blind test on robots that differ everywhere: what it draws and counts."""
+
+import json
+
+import numpy as np
+import pytest
+
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.reality_gap.blind_test.many_causes import main, robot, summary
+from sim_backend.reality_gap.joints.hypotheses import SCALES
+from sim_backend.reality_gap.joints.sessions import healthy_physics
+
+KEY = "coulomb_friction.torque_nm"
+
+
+def value(truth, interval, nominal=0.0):
+    return {"key": KEY, "truth": truth, "nominal": nominal, "interval_90": interval, "value": sum(interval) / 2}
+
+
+@pytest.mark.parametrize("effects", [1, 4])
+def test_a_robot_has_as_many_effects_as_asked_and_is_healthy_else(effects):
+    drawn, healthy = robot(7, effects), healthy_physics(7)
+    differs = {key.partition(".")[0] for key in PARAMETERS if not np.array_equal(drawn.value(key), healthy.value(key))}
+    assert len(differs) == effects
+    assert differs <= {key.partition(".")[0] for key in SCALES}
+
+
+def test_what_is_counted():
+    values = [value(0.03, [0.02, 0.04]), value(0.05, [0.02, 0.04]), value(-0.01, [-0.02, 0.06]), value(-0.01, [0.01, 0.02])]
+    found = summary([{"seed": 4, "verdict": "named", "values": values, "seconds": 3.0}])
+    assert (found["interval_coverage"]["k"], found["interval_coverage"]["n"]) == (2, 4)
+    assert (found["clear"], found["clear_interval_coverage"]["k"]) == (3, 1)
+    assert found["clear_with_the_right_sign"]["k"] == 2
+    assert found["by_parameter"][KEY]["n"] == 4
+    assert found["verdicts"] == {"named": 1}
+
+
+def test_robots_that_were_asked_about_are_not_asked_again(tmp_path, capsys):
+    line = {"seed": 1, "verdict": "named", "values": [value(0.03, [0.02, 0.04])], "seconds": 3.0}
+    (tmp_path / "robots.jsonl").write_text(json.dumps(line) + "\n" + json.dumps(line | {"seed": 5}) + "\n" + '{"seed": 2, "cut')
+    assert main(["--first-seed", "1", "--robots", "1", "--out", str(tmp_path)]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["robots"], found["seeds"]) == (1, [1, 1])
+    assert json.loads((tmp_path / "many-causes.json").read_text()) == found

@@ -1,0 +1,43 @@
+"""What is added to intervals where a robot differs everywhere."""
+
+import numpy as np
+import pytest
+
+from sim_backend.reality_gap.joints.hypotheses import SCALES
+from sim_backend.reality_gap.joints.value_errors import COVERED, document, usual_error, usual_errors
+
+KEY = "coulomb_friction.torque_nm"
+
+
+def rows_of(errors, own=0.0, key=KEY):
+    return [{"key": key, "value": 0.04 + error, "truth": 0.04, "own": own} for error in errors]
+
+
+def test_so_many_values_to_come_are_held_as_wanted():
+    rng = np.random.default_rng(5)
+    held = []
+    for _ in range(300):
+        usual = usual_errors(rows_of(rng.normal(0.0, 0.003, 30)))[KEY]
+        held.append(np.mean(np.abs(rng.normal(0.0, 0.003, 1000)) <= usual))
+    assert np.mean(held) == pytest.approx(COVERED, abs=0.02)
+
+
+def test_what_the_own_noise_explains_is_not_added_again():
+    assert usual_errors(rows_of([0.003, -0.003] * 20, own=0.003))[KEY] == pytest.approx(0.0, abs=1e-8)
+    assert usual_errors(rows_of([0.005, -0.005] * 20, own=0.003))[KEY] == pytest.approx(0.004)
+
+
+def test_of_a_few_values_the_largest_error_counts():
+    assert usual_errors(rows_of([0.001, 0.002, 0.006]))[KEY] == pytest.approx(0.006)
+
+
+def test_what_was_never_measured_has_the_usual_share_of_its_scale():
+    found = document(rows_of([0.01] * 20) + rows_of([0.04] * 20, key="load_friction.coefficient"), [3, 1, 2])
+    assert (found["robots"], found["seeds"]) == (3, [1, 3])
+    assert found["values"] == {KEY: 20, "load_friction.coefficient": 20}
+    assert found["share_of_scale"] == pytest.approx((0.01 / SCALES[KEY] + 0.04 / SCALES["load_friction.coefficient"]) / 2)
+
+
+@pytest.mark.parametrize("key", SCALES)
+def test_every_number_that_a_study_can_name_has_one(key):
+    assert 0.0 <= usual_error(key) < 10 * SCALES[key]
