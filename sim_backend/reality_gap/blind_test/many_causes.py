@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import Per, load_ranges
 from sim_backend.reality_gap.blind_test.counting import share, whole_lines
@@ -27,7 +28,7 @@ from sim_backend.reality_gap.joints.sessions import healthy_physics, simulated_s
 from sim_backend.reality_gap.joints.study import JointStudy, study_joints
 from sim_backend.reality_gap.joints.value_errors import FILE, document, usual_error
 from sim_backend.reality_gap.joints.verdict import judge
-from sim_backend.reality_gap.verdict import Cause
+from sim_backend.reality_gap.verdict import Cause, VerdictKind
 from sim_backend.trifinger.scene import compile_scene
 
 
@@ -77,6 +78,12 @@ def robot(seed: int, effects: int | None = None) -> Physics:
     return healthy_physics(seed).changed({key: row.draw(rng, 1) for key, row in rows.items() if _effect(key) in chosen})
 
 
+def hidden_effects(seed: int, effects: int) -> set[str]:
+    """The effects of :func:`robot`."""
+    drawn, healthy = robot(seed, effects), healthy_physics(seed)
+    return {_effect(key) for key in PARAMETERS if not np.array_equal(drawn.value(key), healthy.value(key))}
+
+
 def _effect(key: str) -> str:
     return key.partition(".")[0]
 
@@ -118,7 +125,10 @@ def _value(study: JointStudy, physics: Physics, cause: Cause) -> dict:
 
 
 def summary(lines: Sequence[dict]) -> dict:
-    """Verdicts, and how many intervals hold the truth: of all, of those that leave out the nominal value, by parameter."""
+    """Verdicts, effects, and how many intervals hold the truth: of all, of those that leave out the nominal value, by parameter.
+
+    An effect counts as named if a value of it is clear and the verdict is ``named``.
+    """
     rows = [row for line in lines for row in line["values"]]
     clear = [row for row in rows if not _holds(row, row["nominal"])]
     by_key = {key: [row for row in rows if row["key"] == key] for key in sorted({row["key"] for row in rows})}
@@ -126,6 +136,7 @@ def summary(lines: Sequence[dict]) -> dict:
         "robots": len(lines),
         "seeds": [lines[0]["seed"], lines[-1]["seed"]] if lines else [],
         "verdicts": {kind: sum(line["verdict"] == kind for line in lines) for kind in sorted({x["verdict"] for x in lines})},
+        "effects": _effects([line for line in lines if line["effects"] is not None]),
         "interval_coverage": _covered(rows),
         "clear": len(clear),
         "clear_interval_coverage": _covered(clear),
@@ -134,6 +145,17 @@ def summary(lines: Sequence[dict]) -> dict:
         "by_parameter": {key: _covered(of) for key, of in by_key.items()},
         "median_seconds": float(np.median([line["seconds"] for line in lines])) if lines else None,
     }
+
+
+def _effects(lines: Sequence[dict]) -> dict[str, int]:
+    """Of robots with some effects: how many were named, missed, and named without being there."""
+    right = wrong = missed = 0
+    for line in lines:
+        there = hidden_effects(line["seed"], line["effects"])
+        is_named = line["verdict"] == VerdictKind.NAMED
+        said = {_effect(row["key"]) for row in line["values"] if is_named and not _holds(row, row["nominal"])}
+        right, wrong, missed = right + len(said & there), wrong + len(said - there), missed + len(there - said)
+    return {"right": right, "wrong": wrong, "missed": missed}
 
 
 def _covered(rows: Sequence[dict]) -> dict:

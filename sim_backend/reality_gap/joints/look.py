@@ -61,7 +61,7 @@ class Accepted:
 class Look:
     """Everything that one linearisation tells: normal equations, hypotheses by gain, and noise.
 
-        ``left`` holds the equations with what the model and its tolerances leave as residual, without images, which would be nearly
+    ``left`` holds the equations with what the model and its tolerances leave as residual, without images, which would be nearly
     all of a study's memory; ``mechanics_left`` is half the sum of squares of it, whitened, of the mechanics, nats, and
     ``mechanics_rows`` their number of rows. ``mean`` holds the posterior means of all terms, 0 for hypotheses that are not in
     the model; ``noise_ratio`` has shape (k,): noise of the mechanics relative to that of the sensors.
