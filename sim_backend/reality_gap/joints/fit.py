@@ -20,6 +20,9 @@ _PROXY_SHARE = {False: 0.04, True: 0.004}
 """A cause that gains less than this share of the largest one may only mend what that one's law leaves."""
 _PROXY_SHARE_OF_LEFT = 0.15
 """Where it is known what noise leaves: a cause must gain this share of what the laws leave beside it, for the same reason."""
+_OF_COMMANDS = ("action_delay", "timing_jitter", "controller_restart", "position_gain", "safety_damping")
+_PROXY_SHARE_OF_COMMANDS = 0.004
+"""These show in the torques that were sent, whatever the mechanics: there, too, a law may mend another's, but by less."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +76,8 @@ def select(
     tried = 0
     while len(accepted) < MAX_CAUSES and len(refused) < MAX_REFUSED:
         look = looks[-1]
-        later = max(min_share * look.mechanics_left, _proxy_gain(problem, look, accepted)) if accepted else 0.0
-        best = look.best_without(refused | again, lambda effect: max((gates or {}).get(effect, gate), later))  # noqa: B023
+        least = _later_gain(problem, look, accepted, min_share)
+        best = look.best_without(refused | again, lambda effect: max((gates or {}).get(effect, gate), least(effect)))  # noqa: B023
         if best is None:
             break
         progress(f"{best.hypothesis.effect}, {best.hypothesis.where}", 0.9 - 0.7 * 0.85**tried)
@@ -111,11 +114,18 @@ def select(
     return JointFit(state, tuple(accepted), tuple(looks), final, _errors(accepted, final))
 
 
-def _proxy_gain(problem: JointProblem, look: Look, accepted: Sequence[Accepted]) -> float:
-    """What a cause beside others gains at most by mending their laws, nats."""
-    if problem.has_pipeline and not problem.expects_many:
-        return _PROXY_SHARE_OF_LEFT * look.beyond_noise
-    return _PROXY_SHARE[problem.expects_many] * max(a.gain for a in accepted)
+def _later_gain(problem: JointProblem, look: Look, accepted: Sequence[Accepted], min_share: float) -> Callable[[str], float]:
+    """What a cause of an effect must gain beside others, nats: less may only mend what their laws leave."""
+    if not accepted:
+        return lambda _: 0.0
+    shared = min_share * look.mechanics_left
+    if not problem.has_pipeline or problem.expects_many:
+        proxy = max(shared, _PROXY_SHARE[problem.expects_many] * max(a.gain for a in accepted))
+        return lambda _: proxy
+    mechanics = max(shared, _PROXY_SHARE_OF_LEFT * look.beyond_noise)
+    sent = max((a.gain for a in accepted if a.effect in _OF_COMMANDS), default=0.0)
+    commands = max(mechanics, _PROXY_SHARE_OF_COMMANDS * sent)
+    return lambda effect: commands if effect in _OF_COMMANDS else mechanics
 
 
 def _contains(hypothesis: Hypothesis, other: Accepted) -> bool:
