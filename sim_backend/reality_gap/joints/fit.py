@@ -21,7 +21,7 @@ _PROXY_SHARE = {False: 0.04, True: 0.004}
 _PROXY_SHARE_OF_LEFT = 0.15
 """Where it is known what noise leaves: a cause must gain this share of what the laws leave beside it, for the same reason."""
 _OF_COMMANDS = ("action_delay", "timing_jitter", "controller_restart", "position_gain", "safety_damping")
-_PROXY_SHARE_OF_COMMANDS = 0.004
+_PROXY_SHARE_OF_COMMANDS = 0.001
 """These show in the torques that were sent, whatever the mechanics: there, too, a law may mend another's, but by less."""
 
 
