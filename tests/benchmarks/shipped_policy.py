@@ -48,7 +48,7 @@ def piece(policy, task: str, farm: str, trials: range, threads: int, physics_ste
     return evaluate(policy, policy.manifest, TASKS[task], seeds, physics=physics, noise_seeds=noise, **settings).success.tolist()
 
 
-def through_farm(weights: Path, task: str, farm_seed: str, trials: int, robots: int) -> dict:
+def through_farm(policy: Path | str, task: str, farm_seed: str, trials: int, robots: int) -> dict:
     """Success of each trial of one job on a farm of `real` robots, asked for and reported through its API."""
     from tests.benchmarks.published_experts import JOB_SEED
     from tests.end_to_end import farm as of_farm
@@ -56,7 +56,7 @@ def through_farm(weights: Path, task: str, farm_seed: str, trials: int, robots: 
     of_farm.READY_WITHIN_S = 900  # other work may have the cores
     more = ("--physics", "real", "--farm-seed", farm_seed, "--reset", "placement")
     with tempfile.TemporaryDirectory() as folder, of_farm.Farm(Path(folder), robots=robots, more=more) as farm:
-        job, report = farm.submit(weights, task=task, trials=trials, seed=JOB_SEED), {}
+        job, report = farm.submit(policy, task=task, trials=trials, seed=JOB_SEED), {}
         while "per_trial" not in report:
             time.sleep(POLL_S)
             report = json.loads(farm.run("report", job, "--json", code=None) or "{}")

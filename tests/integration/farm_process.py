@@ -8,7 +8,7 @@ import ssl
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import httpx
@@ -21,9 +21,16 @@ ROOT = Path(__file__).parents[2]
 
 
 def free_port():
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        return taken.getsockname()[1]
+    return free_ports(1)[0]
+
+
+def free_ports(count):
+    """All held at the same time: one that is free again may be drawn again."""
+    with ExitStack() as until_all_are_known:
+        taken = [until_all_are_known.enter_context(socket.socket()) for _ in range(count)]
+        for each in taken:
+            each.bind(("127.0.0.1", 0))
+        return [each.getsockname()[1] for each in taken]
 
 
 def sha256(content):
@@ -53,7 +60,7 @@ class Services:
         """``host`` and ``link``: where it listens, and whether the bus is guarded; ``through`` comes before the command."""
         self.data, self.host, self.through = Path(data), host, through
         self.settings = {f"TRIFARM_{name.upper()}": str(value) for name, value in settings.items()}
-        self.port, self.bus_port = free_port(), free_port()
+        self.port, self.bus_port = free_ports(2)
         scheme = "https" if "tls_key" in settings else "http"
         self.api, self.bus = f"{scheme}://{host}:{self.port}", f"{link}/{host}:{self.bus_port}"
         self.verify = ssl.create_default_context(cafile=settings["tls_certificate"]) if scheme == "https" else True

@@ -17,7 +17,7 @@ from services.errors import NotFound
 from services.jobs import canary, completion, lease, robots
 from services.jobs.signals import Signals
 from services.jobs.views import show_robot
-from tests.unit.services.dispatcher.test_finding import POLICY
+from tests.unit.services.dispatcher.conftest import POLICY
 
 NOW_S = 1000.0
 CANARY = CanaryRequest(policy="d" * 64, task="push", trials=10, at_least=0.8, every_s=100.0)

@@ -12,7 +12,7 @@ from services.jobs.completion import accept, fault
 from services.jobs.events import events_after
 from services.jobs.requeue import requeue
 from services.jobs.submission import submit
-from tests.unit.services.dispatcher.test_finding import POLICY
+from tests.unit.services.dispatcher.conftest import POLICY
 from tests.unit.services.jobs.test_pinning import ANN, NOW_S, asked, end, take
 
 

@@ -10,7 +10,7 @@ from services.errors import Conflict, NotFound
 from services.jobs import canary
 from services.jobs.submission import Sender, submit
 from services.policies import owners
-from tests.unit.services.dispatcher.test_finding import POLICY
+from tests.unit.services.dispatcher.conftest import POLICY
 
 D = POLICY["digest"]
 
