@@ -74,6 +74,14 @@ def test_friction_of_all_joints_does_not_take_their_torques_along():
     assert min(before) < 0.93 * 0.04, "what the tolerances of a healthy robot would take of it"
 
 
+def test_play_in_all_gears_is_suspected_where_its_law_does_not_explain_it():
+    verdict = judge(study_of(SEED + 62, {"backlash.gap_rad": 0.003})).verdict
+    assert verdict.verdict is VerdictKind.UNEXPLAINED
+    assert "backlash" in verdict.follows[0]
+    for key, value in (("coulomb_friction.torque_nm", 0.05), ("load_friction.coefficient", 0.1)):
+        assert not any("backlash" in said for said in judge(study_of(SEED + 63, {key: value})).verdict.follows)
+
+
 def test_healthy_robots_are_not_blamed():
     cases = [Case(n, SEED + n) for n in range(4)]
     for _, verdict in verdicts(cases):

@@ -26,6 +26,8 @@ _VELOCITY_FACTOR = 8.0
 """Reported velocities follow the motion a little by themselves: both are smoothed, but not by the same board."""
 _ALMOST = 0.7
 """Where so much of the held-out error is gone, what is left is the shape of a law and not another cause."""
+_HITS_NATS = 1.2
+"""Left of each row of the mechanics: play in gears leaves 1.6 to 2.1, friction that stops a joint at most 0.9, noise 0.3."""
 FOREIGN_PATTERN_SHARE = 1.0
 """Where there are no healthy sessions: what is left must be more than what was explained."""
 _TRADED_SCALE, _TRADED = 0.2, 2
@@ -90,7 +92,7 @@ def judge(study: JointStudy) -> JointVerdict:
         null_p=null_p,
         runner_up=closest,
         rejected=() if confusable else tuple(sorted((rival for rival, _ in rivals), key=lambda rival: rival.behind)),
-        follows=(*_odd(study), *_follows(left[:3], names)) if kind is VerdictKind.UNEXPLAINED else (),
+        follows=(*_odd(study), *_hits(study), *_follows(left[:3], names)) if kind is VerdictKind.UNEXPLAINED else (),
         cannot_tell=tuple(_cannot_tell(study, causes)),
         record_next=tuple(_record_next(kind, closest)),
     )
@@ -136,6 +138,14 @@ def _odd(study: JointStudy) -> list[str]:
     """What no healthy robot shows and no cause of the catalogue explains."""
     shown = [f for f in study.odd if _is_shown(f, study)]
     return [f"{_SHOWN[f.effect, f.parameter]} of {place(study.problem.names, f.joint)}" for f in shown]
+
+
+def _hits(study: JointStudy) -> list[str]:
+    """What play in several gears leaves, whose law here does not follow a rotor that hits its end: a suspicion and no name."""
+    look = study.fit.last
+    if not study.is_calibrated or study.problem.expects_many or look.mechanics_left < _HITS_NATS * look.mechanics_rows:
+        return []
+    return ["short hits in the torques of many joints, as play in their gears makes them (backlash)"]
 
 
 def _beyond_bounds(look: Look) -> float:
