@@ -77,9 +77,9 @@ def test_friction_of_all_joints_does_not_take_their_torques_along():
 def test_play_in_all_gears_is_suspected_where_its_law_does_not_explain_it():
     verdict = judge(study_of(SEED + 62, {"backlash.gap_rad": 0.003})).verdict
     assert verdict.verdict is VerdictKind.UNEXPLAINED
-    assert "backlash" in verdict.follows[0]
+    assert "backlash" in verdict.record_next[0]
     for key, value in (("coulomb_friction.torque_nm", 0.05), ("load_friction.coefficient", 0.1)):
-        assert not any("backlash" in said for said in judge(study_of(SEED + 63, {key: value})).verdict.follows)
+        assert not any("backlash" in said for said in judge(study_of(SEED + 63, {key: value})).verdict.record_next)
 
 
 def test_healthy_robots_are_not_blamed():

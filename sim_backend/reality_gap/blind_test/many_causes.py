@@ -22,7 +22,7 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import Per, load_ranges
 from sim_backend.reality_gap.blind_test.counting import share, whole_lines
-from sim_backend.reality_gap.joints.causes import index_of
+from sim_backend.reality_gap.joints.causes import index_of, is_clear
 from sim_backend.reality_gap.joints.hypotheses import SCALES
 from sim_backend.reality_gap.joints.sessions import healthy_physics, simulated_sessions
 from sim_backend.reality_gap.joints.study import JointStudy, study_joints
@@ -42,6 +42,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--calibrate", action="store_true", help="these robots' errors become the usual ones")
     options = parser.parse_args(arguments)
+    if options.calibrate and options.effects is not None:
+        parser.error("--calibrate is for robots with all effects")
     options.out.mkdir(parents=True, exist_ok=True)
     seeds = range(options.first_seed, options.first_seed + options.robots)
     lines = _asked(options.out / "robots.jsonl", seeds, options.effects, options.processes)
@@ -57,7 +59,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _asked(path: Path, seeds: Sequence[int], effects: int | None, processes: int) -> list[dict]:
     """The lines of all seeds; what is not there yet is asked."""
-    kept = [line for line in whole_lines(path) if line["seed"] in seeds]
+    there = whole_lines(path)
+    path.write_text("".join(json.dumps(line) + "\n" for line in there))
+    kept = [line for line in there if line["seed"] in seeds and line["effects"] == effects]
     todo = [seed for seed in seeds if seed not in {line["seed"] for line in kept}]
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool, path.open("a") as file:
         for future in as_completed([pool.submit(asked, seed, effects) for seed in todo]):
@@ -110,7 +114,7 @@ def asked(seed: int, effects: int | None = None) -> dict:
 
 def _value(study: JointStudy, physics: Physics, cause: Cause) -> dict:
     key = f"{cause.effect}.{cause.parameter}"
-    place = index_of(study.problem.names, cause.where)
+    place = index_of(study.problem.names, key, cause.where)
     low, high = cause.interval_90
     half, usual = 0.5 * (high - low), usual_error(key) if study.is_of_many and key in SCALES else 0.0
     return {
@@ -120,23 +124,24 @@ def _value(study: JointStudy, physics: Physics, cause: Cause) -> dict:
         "truth": float(np.ravel(np.atleast_2d(physics.value(key))[0])[place]),
         "nominal": study.problem_start(key, place),
         "interval_90": list(cause.interval_90),
+        "clear": is_clear(study, cause),
         "own": float(np.sqrt(max(0.0, half**2 - usual**2))),
     }
 
 
 def summary(lines: Sequence[dict]) -> dict:
-    """Verdicts, effects, and how many intervals hold the truth: of all, of those that leave out the nominal value, by parameter.
+    """Verdicts, effects, and how many intervals hold the truth: of all values, of the clear ones, by parameter.
 
-    An effect counts as named if a value of it is clear and the verdict is ``named``.
+    An effect counts as named if a value of it is clear and the verdict is ``named``; of robots with all effects none is counted.
     """
     rows = [row for line in lines for row in line["values"]]
-    clear = [row for row in rows if not _holds(row, row["nominal"])]
+    clear = [row for row in rows if row["clear"]]
     by_key = {key: [row for row in rows if row["key"] == key] for key in sorted({row["key"] for row in rows})}
     return {
         "robots": len(lines),
         "seeds": [lines[0]["seed"], lines[-1]["seed"]] if lines else [],
         "verdicts": {kind: sum(line["verdict"] == kind for line in lines) for kind in sorted({x["verdict"] for x in lines})},
-        "effects": _effects([line for line in lines if line["effects"] is not None]),
+        "effects": _effects(lines) if lines and lines[0]["effects"] is not None else None,
         "interval_coverage": _covered(rows),
         "clear": len(clear),
         "clear_interval_coverage": _covered(clear),
@@ -153,7 +158,7 @@ def _effects(lines: Sequence[dict]) -> dict[str, int]:
     for line in lines:
         there = hidden_effects(line["seed"], line["effects"])
         is_named = line["verdict"] == VerdictKind.NAMED
-        said = {_effect(row["key"]) for row in line["values"] if is_named and not _holds(row, row["nominal"])}
+        said = {_effect(row["key"]) for row in line["values"] if is_named and row["clear"]}
         right, wrong, missed = right + len(said & there), wrong + len(said - there), missed + len(there - said)
     return {"right": right, "wrong": wrong, "missed": missed}
 

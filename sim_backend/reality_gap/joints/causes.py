@@ -6,9 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.effects.effect import Scope
+from sim_backend.reality_gap.joints.hypotheses import SCALES
 from sim_backend.reality_gap.joints.look import Accepted
 from sim_backend.reality_gap.joints.study import JointStudy
-from sim_backend.reality_gap.joints.value_errors import usual_error
+from sim_backend.reality_gap.joints.value_errors import is_telling, usual_error
 from sim_backend.reality_gap.verdict import Cause
 
 Z_90 = 1.6448536269514722
@@ -51,10 +53,12 @@ def _widened(cause: Cause) -> Cause:
 
 
 def is_clear(study: JointStudy, cause: Cause) -> bool:
-    """Whether the interval of a value leaves out what the study started from."""
+    """Whether a cause is told for itself: where a robot differs everywhere, only if its value shows that the effect is there."""
     key = f"{cause.effect}.{cause.parameter}"
-    here = study.problem_start(key, index_of(study.problem.names, cause.where))
-    return not cause.interval_90[0] <= here <= cause.interval_90[1]
+    if not study.is_of_many or key not in SCALES:
+        return True
+    here = study.problem_start(key, index_of(study.problem.names, key, cause.where))
+    return is_telling(key) and not cause.interval_90[0] <= here <= cause.interval_90[1]
 
 
 def _that_matter(study: JointStudy, accepted: Accepted, causes: list[Cause]) -> list[Cause]:
@@ -75,8 +79,8 @@ def _that_matter(study: JointStudy, accepted: Accepted, causes: list[Cause]) -> 
     return [cause for cause in causes if cause.where in kept]
 
 
-def index_of(names: Sequence[str], where: str) -> int:
+def index_of(names: Sequence[str], key: str, where: str) -> int:
     """Which of a parameter's numbers a place means: a joint's, an axis', or the only one."""
-    if where in names:
+    if PARAMETERS[key].scope is Scope.JOINT:
         return list(names).index(where)
     return "xyz".index(where) if where in ("x", "y", "z") else 0

@@ -42,7 +42,7 @@ class JointFit:
 
     @property
     def last(self) -> Look:
-        """Of the final model."""
+        """Of the final causes, with their values as they were chosen; ``final`` has those of the model."""
         return self.looks[-1]
 
 

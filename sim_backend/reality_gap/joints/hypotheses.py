@@ -61,7 +61,7 @@ _SHAPES: dict[str, tuple[str, tuple[float, ...]]] = {
 }
 _SHAPES_OF_MANY = {"thermal_derating.loss_per_k": ("thermal_derating.time_constant_s", (5.0, 30.0, 300.0))}
 """A motor that warms over minutes looks like a torque constant, unless others pin that down."""
-_ONLY_SHAPES = ("stribeck_friction.speed_rad_s", "thermal_derating.time_constant_s")
+ONLY_SHAPES = ("stribeck_friction.speed_rad_s", "thermal_derating.time_constant_s")
 """These have a prior for when their effect is in the model; alone they are nothing."""
 _PAIRED = ("cogging.amplitude_nm", "joint_stiffness.stiffness_nm_rad")
 """Their shapes span a plane: two images together stand for any phase, or any place of rest."""
@@ -151,7 +151,7 @@ def joint_catalogue(
     shares = _SATURATION_SHARES if has_pipeline else _FOREIGN_SATURATION_SHARES
     scales = {key: scale * size_factor(key, state.size) for key, scale in SCALES.items()}
     for key, scale in scales.items():
-        if key in _ONLY_SHAPES:
+        if key in ONLY_SHAPES:
             continue
         if not has_pipeline and key.partition(".")[0] in _OF_THE_DRIVER:
             continue

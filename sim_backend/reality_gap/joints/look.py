@@ -99,7 +99,7 @@ class Look:
         tolerance = self.tolerance.copy()
         tolerance[:shared][is_healthy] *= _TRUSTED
         mean, error = _posterior(self.sums, np.flatnonzero(tolerance > 0.0), tolerance)
-        return replace(self, accepted_values=mean[shared:], accepted_errors=error[shared:])
+        return replace(self, mean=mean, tolerance=tolerance, accepted_values=mean[shared:], accepted_errors=error[shared:])
 
     @property
     def best(self) -> Candidate | None:

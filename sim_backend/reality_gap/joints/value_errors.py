@@ -10,18 +10,27 @@ from pathlib import Path
 
 import numpy as np
 
-from sim_backend.reality_gap.joints.hypotheses import SCALES
+from sim_backend.reality_gap.joints.hypotheses import ONLY_SHAPES, SCALES
 
 FILE = Path(__file__).with_name("value_errors.json")
+TELLING = 0.5
+"""Share of a parameter's scale: where values are usually off by more, no single one tells that an effect is there."""
 COVERED = 0.9
 """Share of the calibrating robots' values whose intervals are to hold the truth, for each parameter by itself."""
 
 
 @cache
 def usual_error(key: str) -> float:
-    """Half of a 90 % interval that is to be added to a value's own, in its unit; key is "effect.parameter"."""
-    kept = json.loads(FILE.read_text())
-    return kept["errors"].get(key, kept["share_of_scale"] * SCALES[key])
+    """Half of a 90 % interval that is to be added to a value's own, in its unit; key is "effect.parameter".
+
+    0 for what was never named on those robots: it takes over nothing.
+    """
+    return json.loads(FILE.read_text())["errors"].get(key, 0.0)
+
+
+def is_telling(key: str) -> bool:
+    """Whether a value can show by itself, where a robot differs everywhere, that its effect is there."""
+    return key not in ONLY_SHAPES and usual_error(key) <= TELLING * SCALES[key]
 
 
 def usual_errors(rows: Sequence[Mapping]) -> dict[str, float]:
@@ -38,12 +47,11 @@ def usual_errors(rows: Sequence[Mapping]) -> dict[str, float]:
 
 
 def document(rows: Sequence[Mapping], seeds: Sequence[int]) -> dict:
-    """The calibration file; what is too rare to be measured gets the usual share of its scale (:data:`SCALES`)."""
+    """The calibration file."""
     errors = usual_errors(rows)
     return {
         "errors": errors,
         "values": {key: sum(row["key"] == key for row in rows) for key in errors},
-        "share_of_scale": float(np.median([error / SCALES[key] for key, error in errors.items()])),
         "robots": len(seeds),
         "seeds": [min(seeds), max(seeds)],
     }

@@ -26,8 +26,8 @@ _VELOCITY_FACTOR = 8.0
 """Reported velocities follow the motion a little by themselves: both are smoothed, but not by the same board."""
 _ALMOST = 0.7
 """Where so much of the held-out error is gone, what is left is the shape of a law and not another cause."""
-_HITS_NATS = 1.2
-"""Left of each row of the mechanics: play in gears leaves 1.6 to 2.1, friction that stops a joint at most 0.9, noise 0.3."""
+_LEFT_BY_PLAY = 1.2
+"""Nats of each row of the mechanics: play in gears left 1.6 to 2.1 in eight robots, other causes at most 0.9, noise 0.3."""
 FOREIGN_PATTERN_SHARE = 1.0
 """Where there are no healthy sessions: what is left must be more than what was explained."""
 _TRADED_SCALE, _TRADED = 0.2, 2
@@ -92,9 +92,9 @@ def judge(study: JointStudy) -> JointVerdict:
         null_p=null_p,
         runner_up=closest,
         rejected=() if confusable else tuple(sorted((rival for rival, _ in rivals), key=lambda rival: rival.behind)),
-        follows=(*_odd(study), *_hits(study), *_follows(left[:3], names)) if kind is VerdictKind.UNEXPLAINED else (),
+        follows=(*_odd(study), *_follows(left[:3], names)) if kind is VerdictKind.UNEXPLAINED else (),
         cannot_tell=tuple(_cannot_tell(study, causes)),
-        record_next=tuple(_record_next(kind, closest)),
+        record_next=tuple(_record_next(study, kind, closest)),
     )
     return JointVerdict(verdict, tuple(left))
 
@@ -122,8 +122,13 @@ def _kind(study, causes, left: Sequence[Pattern], rivals) -> tuple[VerdictKind, 
     is_single = not study.problem.expects_many  # among many causes each has a proxy for a moment
     if is_single and any(rival.behind < CONFUSABLE_NATS for rival, _ in rivals):
         return VerdictKind.CONFUSABLE, "Some cause explains the data, but these data cannot tell which of those that are listed."
-    named = ", ".join(_said([cause for cause in causes if is_clear(study, cause)] or causes))
-    return VerdictKind.NAMED, f"The data disagree with the model because of {named}."
+    return _named([cause for cause in causes if is_clear(study, cause)])
+
+
+def _named(clear: Sequence[Cause]) -> tuple[VerdictKind, str]:
+    if not clear:
+        return VerdictKind.UNEXPLAINED, "Many causes act together, and none of them is clear by itself."
+    return VerdictKind.NAMED, f"The data disagree with the model because of {', '.join(_said(clear))}."
 
 
 def _almost_explained(study: JointStudy) -> set[int]:
@@ -140,12 +145,10 @@ def _odd(study: JointStudy) -> list[str]:
     return [f"{_SHOWN[f.effect, f.parameter]} of {place(study.problem.names, f.joint)}" for f in shown]
 
 
-def _hits(study: JointStudy) -> list[str]:
-    """What play in several gears leaves, whose law here does not follow a rotor that hits its end: a suspicion and no name."""
+def _may_have_play(study: JointStudy) -> bool:
+    """Whether so much is left as play in several gears leaves, whose law here does not follow a rotor that hits its end."""
     look = study.fit.last
-    if not study.is_calibrated or study.problem.expects_many or look.mechanics_left < _HITS_NATS * look.mechanics_rows:
-        return []
-    return ["short hits in the torques of many joints, as play in their gears makes them (backlash)"]
+    return study.is_calibrated and not study.problem.expects_many and look.mechanics_left > _LEFT_BY_PLAY * look.mechanics_rows
 
 
 def _beyond_bounds(look: Look) -> float:
@@ -247,9 +250,13 @@ def _cannot_tell(study: JointStudy, causes: Sequence[Cause]) -> list[str]:
     return said
 
 
-def _record_next(kind: VerdictKind, closest: Rival | None) -> list[str]:
+def _record_next(study: JointStudy, kind: VerdictKind, closest: Rival | None) -> list[str]:
     if kind is VerdictKind.CONFUSABLE and closest is not None:
         return [closest.separated_by]
+    if kind is VerdictKind.UNEXPLAINED and _may_have_play(study):
+        return [
+            "each joint turned by hand to and fro, its motor held: as much is left as play in several gears leaves (backlash)"
+        ]
     if kind is VerdictKind.UNEXPLAINED:
         return ["the same motion twice, slowly and fast, to see whether what is left repeats"]
     return []

@@ -14,7 +14,8 @@ KEY = "coulomb_friction.torque_nm"
 
 
 def value(truth, interval, nominal=0.0):
-    return {"key": KEY, "truth": truth, "nominal": nominal, "interval_90": interval, "value": sum(interval) / 2}
+    clear = not interval[0] <= nominal <= interval[1]
+    return {"key": KEY, "truth": truth, "nominal": nominal, "interval_90": interval, "value": sum(interval) / 2, "clear": clear}
 
 
 @pytest.mark.parametrize("effects", [1, 4])
@@ -50,10 +51,20 @@ def test_effects_count_if_a_value_is_clear_and_the_verdict_names_them(verdict, r
     assert found["effects"] == {"right": right, "wrong": wrong, "missed": 2 - right}
 
 
+def test_robots_with_some_effects_calibrate_nothing(tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        main(["--first-seed", "1", "--effects", "2", "--calibrate", "--out", str(tmp_path)])
+    assert "all effects" in capsys.readouterr().err
+
+
 def test_robots_that_were_asked_about_are_not_asked_again(tmp_path, capsys):
     line = {"seed": 1, "effects": None, "verdict": "named", "values": [value(0.03, [0.02, 0.04])], "seconds": 3.0}
     (tmp_path / "robots.jsonl").write_text(json.dumps(line) + "\n" + json.dumps(line | {"seed": 5}) + "\n" + '{"seed": 2, "cut')
+    other = json.dumps(line | {"effects": 3, "verdict": "unexplained"})
+    (tmp_path / "robots.jsonl").write_text(other + "\n" + (tmp_path / "robots.jsonl").read_text())
     assert main(["--first-seed", "1", "--robots", "1", "--out", str(tmp_path)]) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["robots"], found["seeds"]) == (1, [1, 1])
     assert json.loads((tmp_path / "many-causes.json").read_text()) == found
+    assert found["verdicts"] == {"named": 1}, "robots with other effects in the same folder do not count"
+    assert len((tmp_path / "robots.jsonl").read_text().splitlines()) == 3

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.joints.hypotheses import SCALES
-from sim_backend.reality_gap.joints.value_errors import COVERED, document, usual_error, usual_errors
+from sim_backend.reality_gap.joints.value_errors import COVERED, document, is_telling, usual_error, usual_errors
 
 KEY = "coulomb_friction.torque_nm"
 
@@ -31,11 +31,22 @@ def test_of_a_few_values_the_largest_error_counts():
     assert usual_errors(rows_of([0.001, 0.002, 0.006]))[KEY] == pytest.approx(0.006)
 
 
-def test_what_was_never_measured_has_the_usual_share_of_its_scale():
+def test_the_file_says_what_it_is_made_of():
     found = document(rows_of([0.01] * 20) + rows_of([0.04] * 20, key="load_friction.coefficient"), [3, 1, 2])
     assert (found["robots"], found["seeds"]) == (3, [1, 3])
     assert found["values"] == {KEY: 20, "load_friction.coefficient": 20}
-    assert found["share_of_scale"] == pytest.approx((0.01 / SCALES[KEY] + 0.04 / SCALES["load_friction.coefficient"]) / 2)
+    assert found["errors"] == pytest.approx({KEY: 0.01, "load_friction.coefficient": 0.04})
+
+
+@pytest.mark.parametrize("key", ["controller_restart.off", "position_gain.factor", "timing_jitter.std_s"])
+def test_what_takes_over_nothing_can_be_told(key):
+    assert usual_error(key) == 0.0
+    assert is_telling(key)
+
+
+@pytest.mark.parametrize("key", ["load_friction.coefficient", "encoder_offset.offset_rad", "stribeck_friction.speed_rad_s"])
+def test_what_is_usually_far_off_tells_nothing(key):
+    assert not is_telling(key)
 
 
 @pytest.mark.parametrize("key", SCALES)
