@@ -28,6 +28,7 @@ from sim_backend.reality_gap.joints.sessions import healthy_physics, simulated_s
 from sim_backend.reality_gap.joints.study import JointStudy, study_joints
 from sim_backend.reality_gap.joints.value_errors import FILE, document, usual_error
 from sim_backend.reality_gap.joints.verdict import judge
+from sim_backend.reality_gap.refusal import refused
 from sim_backend.reality_gap.verdict import Cause, VerdictKind
 from sim_backend.trifinger.scene import compile_scene
 
@@ -44,6 +45,13 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.calibrate and options.effects is not None:
         parser.error("--calibrate is for robots with all effects")
+    try:
+        return _run(options)
+    except OSError as error:
+        return refused(error, as_json=False)
+
+
+def _run(options: argparse.Namespace) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     seeds = range(options.first_seed, options.first_seed + options.robots)
     lines = _asked(options.out / "robots.jsonl", seeds, options.effects, options.processes)

@@ -9,6 +9,7 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.blind_test.many_causes import hidden_effects, main, robot, summary
 from sim_backend.reality_gap.joints.hypotheses import SCALES
 from sim_backend.reality_gap.joints.sessions import healthy_physics
+from sim_backend.reality_gap.refusal import EXIT_UNUSABLE
 
 KEY = "coulomb_friction.torque_nm"
 
@@ -55,6 +56,11 @@ def test_robots_with_some_effects_calibrate_nothing(tmp_path, capsys):
     with pytest.raises(SystemExit):
         main(["--first-seed", "1", "--effects", "2", "--calibrate", "--out", str(tmp_path)])
     assert "all effects" in capsys.readouterr().err
+
+
+def test_a_folder_that_cannot_be_used_is_named(capsys):
+    assert main(["--first-seed", "1", "--out", "/proc/nothing"]) == EXIT_UNUSABLE
+    assert capsys.readouterr().err.startswith("error: cannot use /proc/nothing: ")
 
 
 def test_robots_that_were_asked_about_are_not_asked_again(tmp_path, capsys):
