@@ -1,11 +1,14 @@
 """A page that cannot be shown for now comes back by itself, in a browser that nobody sits at."""
 
+import re
+
 import httpx
 import pytest
 from fastapi import APIRouter, FastAPI
 from sqlalchemy.exc import OperationalError
 
-from services.dashboard.pages import PageRoute
+from api_schemas.job import Job, JobState, TaskName
+from services.dashboard.pages import PageRoute, part
 from services.errors import NotFound, TooMany, Unavailable
 
 
@@ -39,3 +42,16 @@ async def test_what_is_so_for_now_only_is_asked_for_again(error, status, after_s
 async def test_what_was_sent_is_not_sent_again():
     answer = await answer_of(Unavailable("database-unavailable", "The database did not answer"), "POST")
     assert (answer.status_code, answer.headers.get("refresh")) == (503, None)
+
+
+@pytest.mark.parametrize("running, may", [(0, True), (2, False)])
+def test_a_failed_job_is_queued_again_only_when_its_robots_have_stopped(running, may):
+    job = Job(
+        job_id="job-1", state=JobState.FAILED, waiting_because=None, policy=None, policy_name="a policy", task=TaskName.PUSH,
+        trials=3, seed=7, seed_drawn_by_server=False, owner="ann", created_at="2026-01-01T00:00:00+00:00", started_at=None,
+        ended_at=None, trials_done=1, trials_running=running, successes=0, policy_faults=0, platform_faults=1,
+    )  # fmt: skip
+    head = part("job/head.html", job=job, csrf="word", ended=True, operates=True)
+    (button,) = re.findall("<button id=.requeue[^>]*>", head)
+    assert ("disabled" not in button) is may
+    assert ("2 trials still being stopped by their robots" in button) is not may
