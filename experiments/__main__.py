@@ -157,10 +157,12 @@ def _listed(options: argparse.Namespace, experiment, store) -> dict:
 
 
 def _in_a_line(listed: dict) -> str:
+    from experiments.plan import spoken
+
     if "refused" in listed:
         return f"{listed['experiment']}: {listed['refused']}"
     done, pieces = sum(piece["done"] for piece in listed["pieces"]), len(listed["pieces"])
-    left = f"; what is missing takes about {listed['hours_left']:.1f} hours" if done < pieces else ""
+    left = f"; what is missing takes about {spoken(listed['hours_left'])}" if done < pieces else ""
     return f"{listed['experiment']}: {done} of {pieces} pieces of work are done{left}"
 
 

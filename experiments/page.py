@@ -7,7 +7,7 @@ from experiments.contrasts import Judged
 from experiments.design import Claim, Experiment, Measure
 from experiments.findings import Findings, own_training
 from experiments.judging import Verdict
-from experiments.plan import hours, pieces, starts
+from experiments.plan import hours, pieces, spoken, starts
 from experiments.power import CHANGING_SIDES, REPETITIONS, SPREAD, Design, power
 from experiments.tables import NOT_RUN, arrivals, cells, contrasts, in_a_row, known, many_goals, rate, said_of, shown
 
@@ -182,7 +182,7 @@ def _missing(found: Findings) -> str:
     if found.state == "complete":
         return "Everything is there."
     whole, left = pieces(found.experiment), found.left
-    still = f"about {hours(left, JOBS):.1f} hours on two cores"
+    still = f"about {spoken(hours(left, JOBS))} on two cores"
     if found.state == "not run yet":
         return f"Nothing of it has been run: {len(left)} pieces of work, {still}."
     return f"{len(whole) - len(left)} of {len(whole)} pieces of work are done; what is missing takes {still}."

@@ -126,3 +126,8 @@ def hours(found: Sequence[Piece], jobs: int) -> float:
     farms = {piece.farm for piece in found if isinstance(piece, BlockPiece)}
     rest = sum(piece.seconds for piece in found if not isinstance(piece, TrainingPiece))
     return (training + rest + FARM_STARTS_S * len(farms)) / 3600
+
+
+def spoken(duration_h: float) -> str:
+    """A duration for people: in minutes where that is less than an hour."""
+    return f"{duration_h:.1f} hours" if duration_h >= 1.0 else f"{60 * duration_h:.0f} minutes"

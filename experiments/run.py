@@ -20,7 +20,19 @@ from experiments.findings import Findings, findings
 from experiments.hidden_state import ask
 from experiments.lock import taken
 from experiments.page import experiment_page, overview
-from experiments.plan import BlockPiece, MeasuringPiece, Piece, TrainingPiece, Wanted, hours, is_done, missing, pieces, starts
+from experiments.plan import (
+    BlockPiece,
+    MeasuringPiece,
+    Piece,
+    TrainingPiece,
+    Wanted,
+    hours,
+    is_done,
+    missing,
+    pieces,
+    spoken,
+    starts,
+)
 from experiments.store import Key, Store
 from experiments.trainer import manifest_of, train_all
 from sim_backend.grasping.controller import GraspPolicy
@@ -71,10 +83,9 @@ def announcement(experiment: Experiment, store: Store, settings: Settings) -> li
     trials = sum(experiment.trials.block for piece in whole if isinstance(piece, BlockPiece) and experiment.trials)
     return [
         f"({experiment.letter}) {experiment.title}{', quick form' if experiment.quick else ''}: {len(trainings)} trainings with "
-        f"{samples:,} samples in all, {trials} farm trials; about {hours(whole, settings.jobs):.1f} hours",
+        f"{samples:,} samples in all, {trials} farm trials; about {spoken(hours(whole, settings.jobs))}",
         f"{len(whole) - len(missing(experiment, store))} of {len(whole)} pieces of work are done; asked for now: "
-        f"{len(left)}, about "
-        f"{60 * hours(left, settings.jobs):.0f} minutes",
+        f"{len(left)}, about {spoken(hours(left, settings.jobs))}",
         f"results go to {store.out}, checkpoints to {store.work}",
     ]
 
