@@ -1,0 +1,46 @@
+"""What a cause must gain beside others that are in the model already."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from sim_backend.reality_gap.joints.fit import _later_gain
+from sim_backend.reality_gap.joints.look import Accepted, Look
+
+LEFT, ROWS = 6000.0, 10_000
+"""What a model leaves of the mechanics of a session, nats, and their rows: noise takes 3,300 of it."""
+SHARE = 0.01
+
+
+def later_gain(*accepted, has_pipeline=True, expects_many=False, left=LEFT):
+    look = Look(*[None] * len(Look.__dataclass_fields__))
+    object.__setattr__(look, "mechanics_left", left)
+    object.__setattr__(look, "mechanics_rows", ROWS)
+    problem = SimpleNamespace(has_pipeline=has_pipeline, expects_many=expects_many)
+    return _later_gain(problem, look, [Accepted(effect, "all joints", (), gain) for effect, gain in accepted], SHARE)
+
+
+def test_a_first_cause_need_gain_nothing_beside_others():
+    assert later_gain()("backlash") == 0.0
+
+
+def test_a_later_cause_gains_a_share_of_what_the_laws_leave_beyond_noise():
+    least = later_gain(("coulomb_friction", 1e6))
+    assert least("backlash") == pytest.approx(0.15 * (LEFT - 0.33 * ROWS))
+    assert least("action_delay") == least("backlash"), "no command is in the model: nothing of theirs to mend"
+
+
+def test_where_only_noise_is_left_the_share_of_everything_counts():
+    assert later_gain(("coulomb_friction", 1e6), left=3000.0)("backlash") == pytest.approx(SHARE * 3000.0)
+
+
+def test_beside_a_large_cause_of_the_commands_only_those_of_the_commands_must_gain_more():
+    least = later_gain(("action_delay", 2e6), ("coulomb_friction", 9e6))
+    assert least("timing_jitter") == pytest.approx(2000.0)
+    assert least("velocity_filter") == pytest.approx(0.15 * (LEFT - 0.33 * ROWS))
+
+
+@pytest.mark.parametrize(("has_pipeline", "expects_many", "share"), [(False, False, 0.04), (True, True, 0.004)])
+def test_where_it_is_not_known_what_noise_leaves_the_largest_cause_counts(has_pipeline, expects_many, share):
+    least = later_gain(("coulomb_friction", 1e5), ("backlash", 1e4), has_pipeline=has_pipeline, expects_many=expects_many)
+    assert {least("damping"), least("action_delay")} == {share * 1e5}
