@@ -141,10 +141,14 @@ class Fleet:
         return _but_health(before) != _but_health(beat) or state_before != member.state(now_s)
 
     def token_changed(self, robot: str, *, present: bool, now_s: float) -> None:
-        """Takes the coming or going of a robot's liveliness token."""
+        """Takes the coming or going of a robot's liveliness token.
+
+        A token that comes back does not say whose it is: only the next heartbeat tells whether the process is the one that went.
+        """
         member = self.member(robot)
         member.present = present
-        member.lost_s = None if present else (member.lost_s or now_s)
+        if not present:
+            member.lost_s = member.lost_s or now_s
 
     def leased(self, claim: Claim, now_s: float, *, accepted: bool = False) -> None:
         """The database has given the robot a lease."""

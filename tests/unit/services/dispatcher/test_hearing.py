@@ -72,6 +72,17 @@ async def test_a_new_process_waits_for_what_the_last_one_held(heard):
     assert heard.ready() == ("robot-0",)
 
 
+async def test_a_token_alone_gets_no_lease_that_the_next_heartbeat_would_end(heard):
+    heard.says("one")
+    await heard.all_done()
+    for present in (False, True):
+        heard.hearing._presence_changed("robot-0", present)
+        assert heard.ready() == ()
+    heard.says("two")
+    await heard.all_done()
+    assert heard.ready() == ("robot-0",)
+
+
 async def test_it_does_not_wait_for_ever_for_a_database_that_is_away_and_is_written_down_later(heard):
     async with heard.cannot_write_robots_down():
         heard.says("one")

@@ -67,10 +67,13 @@ def test_a_robot_without_token_is_lost_and_its_last_words_do_not_bring_it_back(f
     assert state(fleet, 104.0) == RobotState.IDLE
 
 
-def test_a_returning_token_brings_it_back(fleet):
+@pytest.mark.parametrize("instance", ["one", "two"])
+def test_a_returning_token_brings_it_back_as_soon_as_it_says_which_process_it_is(fleet, instance):
     fleet.token_changed("robot-0", present=False, now_s=101.0)
     fleet.token_changed("robot-0", present=True, now_s=101.5)
-    assert state(fleet, 101.5) == RobotState.IDLE
+    assert state(fleet, 101.5) == RobotState.LOST, "a lease given now might be ended as one of the process that went"
+    fleet.heard(beat(instance=instance), 101.6)
+    assert state(fleet, 101.6) == RobotState.IDLE
 
 
 def test_a_silent_robot_is_lost_though_its_token_stands(fleet):
