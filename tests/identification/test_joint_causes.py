@@ -7,6 +7,7 @@ import pytest
 
 from sim_backend.reality_gap.blind_test.joint_cases import SHOWN_BY_JOINTS, Case, draw_cases, sessions_of
 from sim_backend.reality_gap.blind_test.joints import LIMITS_FILE, outcome, summary
+from sim_backend.reality_gap.blind_test.many_causes import robot
 from sim_backend.reality_gap.joints.sessions import healthy_physics, simulated_sessions
 from sim_backend.reality_gap.joints.study import NothingMovesError, study_joints
 from sim_backend.reality_gap.joints.verdict import judge
@@ -74,12 +75,34 @@ def test_friction_of_all_joints_does_not_take_their_torques_along():
     assert min(before) < 0.93 * 0.04, "what the tolerances of a healthy robot would take of it"
 
 
-def test_play_in_all_gears_is_suspected_where_its_law_does_not_explain_it():
-    verdict = judge(study_of(SEED + 62, {"backlash.gap_rad": 0.003})).verdict
+def test_play_beside_other_causes_is_suspected_where_its_law_does_not_explain_it():
+    play = study_joints(compile_scene(), simulated_sessions(robot(8341, 4), [8341]), lambda *_: None, is_trifinger=True)
+    verdict = judge(play).verdict
     assert verdict.verdict is VerdictKind.UNEXPLAINED
     assert "backlash" in verdict.record_next[0]
     for key, value in (("coulomb_friction.torque_nm", 0.05), ("load_friction.coefficient", 0.1)):
         assert not any("backlash" in said for said in judge(study_of(SEED + 63, {key: value})).verdict.record_next)
+
+
+def test_play_in_all_gears_is_named_where_its_rotors_rattle():
+    verdict = judge(study_of(SEED + 62, {"backlash.gap_rad": 0.003})).verdict
+    assert verdict.verdict is VerdictKind.NAMED
+    assert {cause.effect for cause in verdict.causes} == {"backlash"}
+    named = {cause.where: cause for cause in verdict.causes}
+    assert {name for name in c.JOINT_NAMES if name.endswith("middle_to_lower")} <= named.keys()
+    assert sum(low <= 0.003 <= high for low, high in (cause.interval_90 for cause in named.values())) >= len(named) - 1
+
+
+def test_play_at_a_lower_joint_is_named_alone_and_unexplained_without_its_effect():
+    case = Case(0, SEED + 64, "backlash", "backlash.gap_rad", c.JOINT_NAMES[5], 5, 2.0, 0.0035)
+    for _, verdict in verdicts([case]):
+        assert verdict.verdict is VerdictKind.NAMED
+        (cause,) = verdict.causes
+        assert (cause.effect, cause.where) == ("backlash", c.JOINT_NAMES[5])
+        assert cause.interval_90[0] <= case.value <= cause.interval_90[1]
+    for _, verdict in verdicts([case], excluded=("backlash",)):
+        assert verdict.verdict is VerdictKind.UNEXPLAINED
+        assert any(c.JOINT_NAMES[5] in said for said in verdict.follows)
 
 
 def test_healthy_robots_are_not_blamed():

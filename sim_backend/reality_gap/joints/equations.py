@@ -109,6 +109,7 @@ class EpisodeEquations:
         self._sensor_noise_nm = self._mechanics.sensor_noise_nm
         self._ends = plant.range_rad.copy()
         self.valid_mechanics = path.valid & ~rests(path) & ~near_end(path, self._ends)
+        self._valid_velocity = path.valid.copy()
 
     @property
     def path(self) -> Trajectory:
@@ -168,6 +169,12 @@ class EpisodeEquations:
         self._ends[joint, side] += shift_rad
         self.valid_mechanics &= ~near_end(self._path, self._ends)
 
+    def ignore_rattling(self, joint: int, apart: np.ndarray) -> None:
+        """Let a joint whose rotor rattles not count, nor the joints that feel it while it does; ``apart`` of shape (t,)."""
+        self.ignore_joint(joint)
+        self._valid_velocity[:, joint] = False
+        self.valid_mechanics[np.ix_(apart, self._plant.same_tree(joint))] = False
+
     def ignore_joint(self, joint: int) -> None:
         """Let no row of a joint's mechanics count."""
         self.valid_mechanics[:, joint] = False
@@ -217,7 +224,7 @@ class EpisodeEquations:
         if residual is None:
             return []
         images = [(i, t.index, velocity_image(path, state, t)) for i, t in enumerate(terms) if t.effect == "velocity_filter"]
-        return self._joint_equations(Channel.VELOCITY, residual, images, path.valid, path.time_s, slice(None))
+        return self._joint_equations(Channel.VELOCITY, residual, images, self._valid_velocity, path.time_s, slice(None))
 
     def _controller_equations(self, state: JointState, terms: Sequence[Term]) -> list[Equation]:
         if self._sent is None:

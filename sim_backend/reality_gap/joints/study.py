@@ -26,6 +26,7 @@ from sim_backend.reality_gap.joints.gain import held_out_errors
 from sim_backend.reality_gap.joints.hypotheses import SCALES_OF_EVERYTHING
 from sim_backend.reality_gap.joints.look import JointProblem, Look
 from sim_backend.reality_gap.joints.plant import Plant
+from sim_backend.reality_gap.joints.rattling import rattling_joints
 from sim_backend.reality_gap.joints.state import JointState
 from sim_backend.reality_gap.joints.trajectory import trajectory
 from sim_backend.reality_gap.recording import Recording, RecordingError
@@ -145,7 +146,13 @@ def study_joints(
         progress(f"smoothing {recording.name}", 0.15 * index / len(recordings))
         path = trajectory(recording) if is_trifinger else trajectory(recording, cutoff_hz=FOREIGN_CUTOFF_HZ)
         episodes.append(EpisodeEquations(plant, path, index, has_safety_pipeline=is_trifinger, in_torques=not is_trifinger))
-    faults = fault_findings(episodes)
+    limit = c.MAX_TORQUE_NM if is_trifinger else max(float(np.abs(e.driving_nm).max()) for e in episodes)
+    start = {"torque_saturation.limit_nm": np.full(len(names), limit), **(nominal or {})}
+    size = 1.0 if is_trifinger else max(1.0, float(np.max(limit)) / c.MAX_TORQUE_NM)
+    nominal_state = JointState(len(names), start, size)
+    rattling = rattling_joints(episodes, nominal_state) if is_trifinger else []
+    loose = {each.joint for each in rattling}  # a rotor's hit is no jump of its encoder
+    faults = [fault for fault in fault_findings(episodes) if fault.joint not in loose]
     for fault in faults:
         if fault.effect == "encoder_jump":
             corrected = _without_jump(recordings[fault.episode], fault)
@@ -158,12 +165,11 @@ def study_joints(
                 episode.ignore_joint(fault.joint)
     _check_motion(episodes)
     known = calibration() if is_trifinger else Calibration({}, np.zeros(0), np.zeros(0), {})
-    limit = c.MAX_TORQUE_NM if is_trifinger else max(float(np.abs(e.driving_nm).max()) for e in episodes)
-    start = {"torque_saturation.limit_nm": np.full(len(names), limit), **(nominal or {})}
     left_out = tuple(excluded)
     excluded = (*excluded, *{"encoder_offset" for f in faults if f.effect == "encoder_jump"})
-    size = 1.0 if is_trifinger else max(1.0, float(np.max(limit)) / c.MAX_TORQUE_NM)
-    nominal_state = JointState(len(names), start, size)
+    for each in rattling:
+        for episode, apart in zip(episodes, each.apart, strict=True):
+            episode.ignore_rattling(each.joint, apart)
     for end in end_findings(episodes, nominal_state):
         for episode in episodes:
             episode.keep_off(end.joint or 0, 1 if end.parameter == "upper_rad" else 0, end.value)
@@ -176,7 +182,7 @@ def study_joints(
     last = fit.last
     checks = [*noise_findings(episodes), *end_findings(episodes, fit.state)]
     checks += felt or torque_noise_findings(episodes, fit.state, last.sensed_share, last.sensed_error)
-    found = [*faults, *checks]
+    found = [*faults, *(each.finding for each in rattling), *checks]
     return JointStudy(
         problem,
         with_measured_lateness(fit, episodes),

@@ -81,10 +81,14 @@ class Trajectory:
     @property
     def raw_acceleration(self) -> np.ndarray:
         """Second differences of the positions as reported, over rows; shape (t, k)."""
-        rows = filled_gaps(self.joints.position_rad)[:: self.every]
-        acceleration = np.zeros_like(rows)
-        acceleration[1:-1] = np.diff(rows, 2, axis=0) / (self.step_s * self.every) ** 2
-        return acceleration
+        return self.second_differences(filled_gaps(self.joints.position_rad).T).T
+
+    def second_differences(self, series: np.ndarray) -> np.ndarray:
+        """Of series at full rate, over rows; shapes (..., s) and (..., t), per s^2."""
+        rows = series[..., :: self.every]
+        found = np.zeros_like(rows)
+        found[..., 1:-1] = np.diff(rows, 2, axis=-1) / (self.step_s * self.every) ** 2
+        return found
 
 
 def position_noise(position_rad: np.ndarray) -> np.ndarray:

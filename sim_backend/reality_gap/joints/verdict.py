@@ -55,6 +55,7 @@ _SHOWN = {
     ("encoder_quantisation", "step_rad"): "the steps of the reported position",
     ("encoder_jump", "offset_rad"): "a jump of the reported position",
     ("stuck_joint", "holding_torque_nm"): "the rest under load",
+    ("backlash", "gap_rad"): "the rattling of the rotor",
     ("joint_limits", "lower_rad"): "the place of the lower end",
     ("joint_limits", "upper_rad"): "the place of the upper end",
 }
@@ -114,7 +115,7 @@ def _kind(study, causes, left: Sequence[Pattern], rivals) -> tuple[VerdictKind, 
     is_stuck = any(cause.effect == "stuck_joint" for cause in causes)
     share = PATTERN_SHARE if study.is_calibrated else FOREIGN_PATTERN_SHARE
     if study.is_calibrated:
-        strongest = max(strongest, _beyond_bounds(study.fit.last))
+        strongest = max(strongest, _beyond_bounds(study.fit.last, {f.effect for f in study.findings}))
     if strongest > max(PATTERN_NATS, share * explained) and not is_stuck:
         return VerdictKind.UNEXPLAINED, "The data disagree with the model, and no cause of the catalogue explains it well enough."
     if not causes:
@@ -151,9 +152,12 @@ def _may_have_play(study: JointStudy) -> bool:
     return study.is_calibrated and not study.problem.expects_many and look.mechanics_left > _LEFT_BY_PLAY * look.mechanics_rows
 
 
-def _beyond_bounds(look: Look) -> float:
-    """What the best hypothesis still gains whose values no robot has, nats: something acts where it does."""
-    return max((c.gain for c in look.candidates if not c.allowed), default=0.0)
+def _beyond_bounds(look: Look, found: set[str]) -> float:
+    """What the best hypothesis still gains whose values no robot has, nats: something acts where it does.
+
+    Not of effects that were found without a fit: at other joints it is the shape of their law.
+    """
+    return max((c.gain for c in look.candidates if not c.allowed and c.hypothesis.effect not in found), default=0.0)
 
 
 def _large_scales(causes: Sequence[Cause]) -> list[Cause]:
