@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from pathlib import Path
 TAIL_LINES = 15
 LOG_BYTES = 10 * 1024**2
 LOGS_KEPT = 3
+LOOK_EVERY_S = 0.01
 OWN_PREFIX = "TRIFARM_"
 """No such variable of the caller reaches a child that is not given it: an embedded farm has its own tokens."""
 
@@ -76,11 +78,22 @@ class ChildProcess:
         with suppress(subprocess.TimeoutExpired):
             self.process.wait(max(timeout_s, 0.01))
 
-    def end_now(self) -> None:
+    def kill(self) -> None:
         """Kill whatever is left of it and of its own children, which share its process group."""
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self.process.pid, signal.SIGKILL)
-        self.wait(1.0)
+
+    def wait_for_all(self, timeout_s: float) -> None:
+        """Wait until its own children have gone, too.
+
+        Whoever is killed takes a moment to go, and its children are not ours to reap.
+        """
+        gives_up_s = time.monotonic() + timeout_s
+        self.wait(timeout_s)
+        with suppress(ProcessLookupError, PermissionError):
+            while time.monotonic() < gives_up_s:
+                os.killpg(self.process.pid, 0)
+                time.sleep(LOOK_EVERY_S)
 
 
 def start_child(name: str, command: list[str], environment: Mapping[str, str], log: Path) -> ChildProcess:

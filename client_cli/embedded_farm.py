@@ -27,6 +27,7 @@ START_DEADLINE_S = 90.0
 ROBOTS_END_WITHIN_S = 2.0
 ALL_END_WITHIN_S = 3.5
 """Whoever has not ended by then is killed, so that everything is gone within 5 s."""
+ALL_GONE_WITHIN_S = 4.8
 POLL_EVERY_S = 0.1
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -176,4 +177,6 @@ def _end(children: list[ChildProcess]) -> None:
         child.ask_to_end()
         child.wait(start_s + until_s - time.monotonic())
     for child in children:
-        child.end_now()
+        child.kill()
+    for child in children:
+        child.wait_for_all(start_s + ALL_GONE_WITHIN_S - time.monotonic())

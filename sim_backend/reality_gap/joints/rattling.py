@@ -22,10 +22,14 @@ ROTOR_KG_M2 = PARAMETERS["backlash.rotor_inertia_kg_m2"].absent
 LIGHT = 0.5
 """Share of the inertia behind a joint that the rotor's must have, so that the link is light beside it."""
 LEFT_AT_MOST = 0.1
-"""Share of the squares in windows with hits that may be left: 0.01 to 0.03 in 27 robots with play, 0.8 and more in 79 others."""
+"""Share of the squares in windows with hits that may be left: 0.01 to 0.03 in 27 robots with play.
+
+In 79 others 0.8 and more, but for a controller that starts again: 0.04 and more, in no more than 6 windows.
+"""
 BEYOND_NOISE = 1000.0
 """Squares in windows with hits over those of noise: 6600 and more with play."""
 LEAST_WINDOWS = 20
+"""Windows with hits: 39 and more with play."""
 AS_GOOD = 1.5
 """Widths that leave up to so much more than the best one are as good: they explain nearly all, and differ by single hits."""
 _AROUND_S = 0.1

@@ -13,9 +13,7 @@ SHARE = 0.01
 
 
 def later_gain(*accepted, has_pipeline=True, expects_many=False, left=LEFT):
-    look = Look(*[None] * len(Look.__dataclass_fields__))
-    object.__setattr__(look, "mechanics_left", left)
-    object.__setattr__(look, "mechanics_rows", ROWS)
+    look = Look(**(dict.fromkeys(Look.__dataclass_fields__) | {"mechanics_left": left, "mechanics_rows": ROWS}))
     problem = SimpleNamespace(has_pipeline=has_pipeline, expects_many=expects_many)
     return _later_gain(problem, look, [Accepted(effect, "all joints", (), gain) for effect, gain in accepted], SHARE)
 
