@@ -25,7 +25,7 @@ from sim_backend.reality_gap.farm_logs import log_files, read_farm_logs, robot_o
 from sim_backend.reality_gap.foreign.episodes import read_recordings
 from sim_backend.reality_gap.foreign.study_file import StudyFile, load_study_file
 from sim_backend.reality_gap.joints.calibrating import METHODS, calibrate
-from sim_backend.reality_gap.joints.gain import held_out
+from sim_backend.reality_gap.joints.gain import held_out, held_out_of_hits
 from sim_backend.reality_gap.joints.sections import joint_sections
 from sim_backend.reality_gap.joints.study import JointStudy, NothingMovesError, study_joints
 from sim_backend.reality_gap.joints.verdict import judge
@@ -173,7 +173,12 @@ def _joint_verdict(
     if method != METHODS[0]:
         return _calibrated(study, method, rng), {}
     judged = judge(study)
-    verdict = replace(judged.verdict, held_out=held_out(study.problem, study.fit.final, study.start, rng))
+    when = "while they move and no rotor hits" if study.rattling else "while they move"
+    verdict = replace(
+        judged.verdict,
+        held_out=held_out(study.problem, study.fit.final, study.start, rng, when=when),
+        held_out_there=tuple(held_out_of_hits(each.errors, study.problem.names[each.joint], rng) for each in study.rattling),
+    )
     progress("drawing what is left", 0.9)
     return verdict, joint_sections(study, judged.patterns, rng)
 
@@ -267,6 +272,7 @@ def _together(found: Sequence[tuple[Verdict, dict[str, Any]]]) -> tuple[Verdict,
         causes=tuple(cause for verdict in verdicts for cause in verdict.causes),
         rejected=tuple(rival for verdict in verdicts for rival in verdict.rejected),
         held_out=next((v.held_out for v in verdicts if v.held_out is not None), None),
+        held_out_there=tuple(x for v in verdicts for x in v.held_out_there),
         follows=tuple(x for v in verdicts for x in v.follows),
         cannot_tell=tuple(x for v in verdicts for x in v.cannot_tell),
         record_next=tuple(x for v in verdicts for x in v.record_next),

@@ -57,14 +57,16 @@ class Verdict:
     """What is wrong with the model, or that nothing is, or why nobody can tell.
 
     ``causes`` holds the named ones, or the members of a confusable set. ``null_p`` is the share of healthy sessions whose
-    largest gain is at least this one's. ``rejected`` are the best other explanations of the named causes, closest first, with
-    what speaks against each; ``runner_up`` is the first of them.
+    largest gain is at least this one's, none where all causes were seen without a fit. ``held_out_there`` are errors where such
+    causes act, which ``held_out`` leaves out. ``rejected`` are the best other explanations of the named causes, closest first,
+    with what speaks against each; ``runner_up`` is the first of them.
     """
 
     verdict: VerdictKind
     summary: str
     causes: tuple[Cause, ...] = ()
     held_out: HeldOut | None = None
+    held_out_there: tuple[HeldOut, ...] = ()
     null_p: float | None = None
     runner_up: Rival | None = None
     rejected: tuple[Rival, ...] = ()

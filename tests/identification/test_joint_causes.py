@@ -100,6 +100,7 @@ def test_play_at_a_lower_joint_is_named_alone_and_unexplained_without_its_effect
         (cause,) = verdict.causes
         assert (cause.effect, cause.where) == ("backlash", c.JOINT_NAMES[5])
         assert cause.interval_90[0] <= case.value <= cause.interval_90[1]
+        assert verdict.null_p is None, "the gain of what was fitted would say nothing of it"
     for _, verdict in verdicts([case], excluded=("backlash",)):
         assert verdict.verdict is VerdictKind.UNEXPLAINED
         assert any(c.JOINT_NAMES[5] in said for said in verdict.follows)

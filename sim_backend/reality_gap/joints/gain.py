@@ -9,6 +9,7 @@ from sim_backend.reality_gap.joints.equations import Channel
 from sim_backend.reality_gap.joints.evidence import FOLDS, folds_of
 from sim_backend.reality_gap.joints.look import JointProblem, Look
 from sim_backend.reality_gap.joints.moves import moved
+from sim_backend.reality_gap.joints.rattling import HitErrors
 from sim_backend.reality_gap.joints.state import JointState, Term
 from sim_backend.reality_gap.verdict import HeldOut
 
@@ -88,22 +89,46 @@ def _moved(look: Look, change: np.ndarray) -> JointState:
     return state
 
 
-def held_out(problem: JointProblem, look: Look, start: JointState, rng: np.random.Generator) -> HeldOut:
-    """Errors before and after with the reduction's interval from a bootstrap over folds of episodes."""
+def held_out(
+    problem: JointProblem, look: Look, start: JointState, rng: np.random.Generator, *, when: str = "while they move"
+) -> HeldOut:
+    """Errors before and after with the reduction's interval from a bootstrap over folds of episodes; ``when`` rows count."""
     before, after = errors_of(problem, start), held_out_errors(problem, look)
-    weights = rng.multinomial(len(before.squares), np.full(len(before.squares), 1.0 / len(before.squares)), _RESAMPLES)
-    ratios = np.sqrt((weights @ after.squares.sum(axis=1)) / np.maximum(weights @ before.squares.sum(axis=1), 1e-30))
-    low, high = np.quantile(1.0 - ratios, [0.025, 0.975])
+    between = _between(before.squares.sum(axis=1), after.squares.sum(axis=1), rng)
     rows = np.concatenate([e.valid_mechanics for e in problem.episodes]).sum(axis=0)
     floors = np.mean([e.torque_error_floor_nm for e in problem.episodes], axis=0)
     cutoff = problem.episodes[0].path.cutoff_hz
     return HeldOut(
-        metric=f"torque error (root mean square over all joints while they move, below {cutoff:g} Hz)",
+        metric=f"torque error (root mean square over all joints {when}, below {cutoff:g} Hz)",
         unit="N m",
         before=before.all_joints_nm,
         after=after.all_joints_nm,
         noise_floor=float(np.sqrt((floors**2) @ rows / max(rows.sum(), 1))),
         reduction=1.0 - after.all_joints_nm / max(before.all_joints_nm, 1e-30),
-        reduction_interval_95=(float(low), float(high)),
+        reduction_interval_95=between,
         samples=int(rows.sum()),
     )
+
+
+def held_out_of_hits(errors: HitErrors, joint: str, rng: np.random.Generator) -> HeldOut:
+    """Errors before and after in the windows in which a joint's rotor hits, with the reduction's interval alike."""
+    windows = max(float(errors.windows.sum()), 1.0)
+    before, after = (float(np.sqrt(squares.sum() / windows)) for squares in (errors.before, errors.after))
+    return HeldOut(
+        metric=f"how far the torques put {joint} off within {1e3 * errors.window_s:.0f} ms, where its rotor hits",
+        unit="rad",
+        before=before,
+        after=after,
+        noise_floor=errors.noise_rad,
+        reduction=1.0 - after / max(before, 1e-30),
+        reduction_interval_95=_between(errors.before, errors.after, rng),
+        samples=int(windows),
+    )
+
+
+def _between(before: np.ndarray, after: np.ndarray, rng: np.random.Generator) -> tuple[float, float]:
+    """95 % interval of a reduction by a bootstrap over blocks, whose sums of squares have shape (b,)."""
+    weights = rng.multinomial(len(before), np.full(len(before), 1.0 / len(before)), _RESAMPLES)
+    ratios = np.sqrt((weights @ after) / np.maximum(weights @ before, 1e-30))
+    low, high = np.quantile(1.0 - ratios, [0.025, 0.975])
+    return float(low), float(high)

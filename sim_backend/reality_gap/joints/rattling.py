@@ -13,7 +13,7 @@ import numpy as np
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.joints.checks import Finding
 from sim_backend.reality_gap.joints.equations import Channel, EpisodeEquations, Equation
-from sim_backend.reality_gap.joints.evidence import WINDOW_FLOOR, WINDOW_ROWS, in_windows
+from sim_backend.reality_gap.joints.evidence import FOLDS, WINDOW_FLOOR, WINDOW_ROWS, folds_of, in_windows
 from sim_backend.reality_gap.joints.play_law import follow_play, geared_motion
 from sim_backend.reality_gap.joints.state import JointState
 
@@ -32,8 +32,24 @@ LEAST_WINDOWS = 20
 """Windows with hits: 39 and more with play."""
 AS_GOOD = 1.5
 """Widths that leave up to so much more than the best one are as good: they explain nearly all, and differ by single hits."""
+NUMBERS = WINDOW_ROWS - 2
+"""Of each window."""
 _AROUND_S = 0.1
 """Smoothing carries a hit so far."""
+
+
+@dataclass(frozen=True)
+class HitErrors:
+    """How far off the torques put a joint in windows with hits, without play and with one of a width from other folds.
+
+    ``before`` and ``after`` have shape (folds,): each fold's sum of the windows' mean squares, rad^2; ``windows``, too, how many.
+    """
+
+    before: np.ndarray
+    after: np.ndarray
+    windows: np.ndarray
+    noise_rad: float
+    window_s: float
 
 
 @dataclass(frozen=True)
@@ -43,15 +59,17 @@ class Rattling:
     finding: Finding
     joint: int
     apart: tuple[np.ndarray, ...]
+    errors: HitErrors
 
 
 @dataclass(frozen=True)
-class _Followed:
+class Followed:
     """One joint of one episode with a play: squares of each window with and without it, and what noise makes of them."""
 
     with_play: np.ndarray
     without: np.ndarray
     noise: float
+    fold: np.ndarray
     is_touched: np.ndarray
     apart: np.ndarray
 
@@ -67,30 +85,35 @@ def rattling_joints(episodes: Sequence[EpisodeEquations], state: JointState) -> 
     equations = [{e.joint: e for e in episode.equations(state, ()) if e.channel is Channel.MECHANICS} for episode in episodes]
     found = []
     for joint in range(state.joints):
-        if LIGHT * max(float(e.dynamics.by_acceleration[:, joint, joint].mean()) for e in episodes) > ROTOR_KG_M2:
+        inertia = max(float(e.dynamics.by_acceleration[:, joint, joint].mean()) for e in episodes)
+        if LIGHT * inertia > ROTOR_KG_M2:
             continue
         tried = [
-            [_followed(*each, joint, float(gap)) for each in zip(episodes, motions, equations, strict=True)] for gap in GAPS_RAD
+            [_followed(*each, joint, float(gap), len(episodes)) for each in zip(episodes, motions, equations, strict=True)]
+            for gap in GAPS_RAD
         ]
-        if (rattling := _judged(joint, tried)) is not None:
-            found.append(rattling)
+        if (finding := _judged(joint, tried)) is not None:
+            row_s = episodes[0].path.step_s * episodes[0].path.every
+            best = tried[int(np.argmin(_left(tried)))]
+            found.append(Rattling(finding, joint, tuple(each.apart for each in best), held_out(tried, row_s, inertia)))
     return found
 
 
 def _followed(
-    episode: EpisodeEquations, motion: np.ndarray, equations: dict[int, Equation], joint: int, gap_rad: float
-) -> _Followed:
+    episode: EpisodeEquations, motion: np.ndarray, equations: dict[int, Equation], joint: int, gap_rad: float, episodes: int
+) -> Followed:
     path, equation = episode.path, equations[joint]
     torque = episode.acting_nm[joint]
     passed, play = follow_play(motion[joint], path.step_s, gap_rad, ROTOR_KG_M2, torque)
     moved = episode.dynamics.by_position[:, joint, joint] * play[:: path.every]
     moved += episode.dynamics.by_acceleration[:, joint, joint] * path.second_differences(play)
     residual = equation.residual + path.averaged(passed - torque) + moved
-    without, left = _windows(equation), _windows(replace(equation, residual=residual))
+    fold = folds_of(equation, episodes)
+    (without, fold), (left, _) = _windows(equation, fold), _windows(replace(equation, residual=residual), fold)
     noise = WINDOW_FLOOR * equation.sensor_noise
     touched = np.abs(left - without).max(axis=1, initial=0.0) > noise
     apart = _near(passed != torque, round(_AROUND_S / path.step_s))[:: path.every]
-    return _Followed((left**2).sum(axis=1), (without**2).sum(axis=1), noise**2 * left.shape[1], touched, apart)
+    return Followed((left**2).sum(axis=1), (without**2).sum(axis=1), noise**2 * left.shape[1], fold, touched, apart)
 
 
 def _near(is_so: np.ndarray, steps: int) -> np.ndarray:
@@ -98,15 +121,37 @@ def _near(is_so: np.ndarray, steps: int) -> np.ndarray:
     return np.convolve(is_so, np.ones(2 * steps + 1), mode="same") > 0.5
 
 
-def _windows(equation: Equation) -> np.ndarray:
-    """Shape (w, p); none where the joint does not count."""
-    found = in_windows(equation, np.zeros(len(equation.residual)))
-    return np.zeros((0, WINDOW_ROWS - 2)) if found is None else found[0].reshape(-1, WINDOW_ROWS - 2)
+def _windows(equation: Equation, fold: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Shape (w, NUMBERS), and the fold of each; none where the joint does not count."""
+    found = in_windows(equation, fold)
+    if found is None:
+        return np.zeros((0, NUMBERS)), np.zeros(0, dtype=int)
+    return found[0].reshape(-1, NUMBERS), found[2].reshape(-1, NUMBERS)[:, 0]
 
 
-def _judged(joint: int, tried: Sequence[Sequence[_Followed]]) -> Rattling | None:
+def _left(tried: Sequence[Sequence[Followed]]) -> np.ndarray:
+    """What each width leaves, shape (widths,)."""
+    return np.array([sum(float(each.with_play.sum()) for each in episodes) for episodes in tried])
+
+
+def held_out(tried: Sequence[Sequence[Followed]], row_s: float, inertia: float) -> HitErrors:
+    """Errors of each fold with the width that is best for the others."""
+    before, after, windows = (np.zeros(FOLDS) for _ in range(3))
+    for f in range(FOLDS):
+        others = [sum(float(each.with_play[each.fold != f].sum()) for each in episodes) for episodes in tried]
+        for each in tried[int(np.argmin(others))]:
+            hit = each.is_touched & (each.fold == f)
+            before[f] += each.without[hit].sum()
+            after[f] += each.with_play[hit].sum()
+            windows[f] += hit.sum()
+    rad = row_s**2 / inertia
+    noise = np.sqrt(np.mean([each.noise for each in tried[0]]) / NUMBERS)
+    return HitErrors(before * rad**2 / NUMBERS, after * rad**2 / NUMBERS, windows, float(noise * rad), WINDOW_ROWS * row_s)
+
+
+def _judged(joint: int, tried: Sequence[Sequence[Followed]]) -> Finding | None:
     """The play, where following it explains what nothing else does; ``tried`` by width and episode."""
-    lefts = np.array([sum(float(each.with_play.sum()) for each in episodes) for episodes in tried])
+    lefts = _left(tried)
     best = tried[int(np.argmin(lefts))]
     left, without = (
         sum(float(squares[each.is_touched].sum()) for each, squares in zip(best, of, strict=True))
@@ -120,5 +165,4 @@ def _judged(joint: int, tried: Sequence[Sequence[_Followed]]) -> Rattling | None
     width = np.sqrt(GAPS_RAD[1] / GAPS_RAD[0])
     low, high = float(good[0] / width), float(good[-1] * width)
     value = float(np.sqrt(low * high))
-    finding = Finding("backlash", "gap_rad", joint, value, (low, high), without / noise / BEYOND_NOISE)
-    return Rattling(finding, joint, tuple(each.apart for each in best))
+    return Finding("backlash", "gap_rad", joint, value, (low, high), without / noise / BEYOND_NOISE)

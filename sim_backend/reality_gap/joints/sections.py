@@ -47,9 +47,10 @@ def _errors(study: JointStudy, state: JointState) -> list[np.ndarray]:
 
 
 def _worst_joints(errors: Sequence[np.ndarray], study: JointStudy) -> list[int]:
-    size = np.sqrt(np.nanmean(np.concatenate(errors) ** 2, axis=0))
+    joined = np.concatenate(errors)
+    size = np.sqrt(np.nansum(joined**2, axis=0) / np.maximum(np.isfinite(joined).sum(axis=0), 1))
     named = [term.index for a in study.fit.accepted for term in a.terms if PARAMETERS[term.key].width == 9]
-    order = [*dict.fromkeys(named), *np.argsort(-np.nan_to_num(size)).tolist()]
+    order = [*dict.fromkeys(named), *np.argsort(-size).tolist()]
     return [int(j) for j in dict.fromkeys(order)][:_SHOWN_JOINTS]
 
 

@@ -26,7 +26,7 @@ from sim_backend.reality_gap.joints.gain import held_out_errors
 from sim_backend.reality_gap.joints.hypotheses import SCALES_OF_EVERYTHING
 from sim_backend.reality_gap.joints.look import JointProblem, Look
 from sim_backend.reality_gap.joints.plant import Plant
-from sim_backend.reality_gap.joints.rattling import rattling_joints
+from sim_backend.reality_gap.joints.rattling import Rattling, rattling_joints
 from sim_backend.reality_gap.joints.state import JointState
 from sim_backend.reality_gap.joints.trajectory import trajectory
 from sim_backend.reality_gap.recording import Recording, RecordingError
@@ -88,6 +88,7 @@ class JointStudy:
         problem: the episodes as equations.
         fit: causes in the order in which they were taken.
         findings: what needed no fit.
+        rattling: joints whose rotor rattles; their mechanics is in no fit.
         odd: what no healthy robot shows either, but whose effect was left out of the catalogue.
         gate: nats that a cause had to gain.
         is_calibrated: whether the gate comes from healthy sessions.
@@ -98,6 +99,7 @@ class JointStudy:
     problem: JointProblem
     fit: JointFit
     findings: tuple[Finding, ...]
+    rattling: tuple[Rattling, ...]
     odd: tuple[Finding, ...]
     gate: float
     is_calibrated: bool
@@ -187,6 +189,7 @@ def study_joints(
         problem,
         with_measured_lateness(fit, episodes),
         tuple(f for f in found if f.effect not in excluded),
+        tuple(rattling) if "backlash" not in excluded else (),
         tuple(f for f in found if f.effect in left_out),
         used_gate,
         is_trifinger,

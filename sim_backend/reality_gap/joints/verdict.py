@@ -84,7 +84,7 @@ def judge(study: JointStudy) -> JointVerdict:
     confusable = kind is VerdictKind.CONFUSABLE
     if confusable:
         causes += [cause for rival, members in rivals if rival.behind < CONFUSABLE_NATS for cause in members]
-    gains = [a.gain for a in fit.accepted] or ([fit.first.best.gain] if fit.first.best is not None else [])
+    gains = [a.gain for a in fit.accepted] or ([fit.first.best.gain] if fit.first.best is not None and not causes else [])
     null_p = calibration().null_p(max(gains)) if study.is_calibrated and gains else None
     verdict = Verdict(
         verdict=kind,

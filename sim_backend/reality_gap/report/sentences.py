@@ -12,6 +12,7 @@ from sim_backend.reality_gap.report.numbers import (
     probability,
     quantity,
     quantity_with_interval,
+    readable_unit,
     real,
     with_unit,
 )
@@ -108,6 +109,7 @@ def evidence_sentences(document: Document) -> list[str]:
     """Held-out error, runner-up, null test, what the error follows, success and the upper bound, as far as they are there."""
     verdict = document["verdict"]
     sentences = [
+        *(line for held_out in verdict.get("held_out_there") or () for line in _held_out(held_out)),
         *_held_out(verdict.get("held_out")),
         *_residual_network(document.get("residual_network")),
         *_null(verdict.get("null_p")),
@@ -166,8 +168,11 @@ def _held_out(held_out: Mapping[str, Any] | None) -> list[str]:
         return []
     unit = words(held_out["unit"])
     before, after = held_out.get("before"), held_out.get("after")
+    known = [value for value in (real(before), real(after)) if value is not None]
+    factor, shown_unit = readable_unit(max(map(abs, known), default=0.0), unit)
+    start, end = (number(None if (value := real(each)) is None else factor * value) for each in (before, after))
     sentence_ = f"Held-out error ({words(held_out['metric'])}, {count(held_out.get('samples'))} samples): "
-    sentence_ += f"{number(before)} → {with_unit(number(after), unit)}{_reduction(held_out)}"
+    sentence_ += f"{start} → {with_unit(end, shown_unit)}{_reduction(held_out)}"
     floor = held_out.get("noise_floor")
     if real(floor) is not None:
         sentence_ += f"; noise floor {quantity(floor, unit)}{_excess(before, after, floor)}"

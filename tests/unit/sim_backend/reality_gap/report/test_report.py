@@ -112,6 +112,15 @@ def test_parameters_of_one_effect_at_one_place_are_one_sentence():
     assert lines == ["Cause: stribeck friction, j: extra torque 0.020 ± 0.010 N m (90 %); speed 50 ± 10 mrad/s (90 %)."]
 
 
+def test_errors_where_a_cause_acts_stand_before_those_of_the_rest_in_readable_units():
+    document = documents.small_document()
+    there = documents.held_out(0.0112, 0.00153, 5e-5, (0.82, 0.9)) | {"metric": "off where the rotor of j hits", "unit": "rad"}
+    document["verdict"] |= {"held_out": documents.held_out(1.0, 1.0, 0.9, (0.0, 0.0)), "held_out_there": [there]}
+    lines = [line for line in summary_lines(document) if line.startswith("Held-out")]
+    assert len(lines) == 2
+    assert "(off where the rotor of j hits, 12\u202f480 samples): 11.2 → 1.53 mrad (−86 %, 95 % interval −82 to −90 %)" in lines[0]
+
+
 def test_an_error_that_grew_is_not_called_a_reduction():
     document = documents.small_document()
     document["verdict"]["held_out"] = documents.held_out(1.0, 1.25, 0.9, (-0.4, -0.1))
