@@ -83,7 +83,7 @@ class TruthLog:
     temperature_rise_k: np.ndarray
 
 
-def read_log(path: Path) -> TrialLog:
+def read_log(path: Path | str) -> TrialLog:
     """Read a whole log.
 
     Raises:
@@ -92,7 +92,7 @@ def read_log(path: Path) -> TrialLog:
     return _opened(path, "a trial log", _read)
 
 
-def read_truth(path: Path) -> TruthLog:
+def read_truth(path: Path | str) -> TruthLog:
     """Read the truth about a trial.
 
     Raises:
@@ -110,7 +110,8 @@ def read_trial(path: Path) -> dict[str, str]:
     return _opened(path, "a trial log", lambda stream: _records(_whole(stream))[trial_log.TRIAL_METADATA])
 
 
-def _opened(path: Path, what: str, read: Callable[[BinaryIO], Read]) -> Read:
+def _opened(file: Path | str, what: str, read: Callable[[BinaryIO], Read]) -> Read:
+    path = Path(file)
     try:
         with path.open("rb") as stream:
             return read(stream)

@@ -58,7 +58,7 @@ class Farm:
         trials: int = 40,
         seed: int | None = None,
         layout: str | None = None,
-        manifest: Path | None = None,
+        manifest: Path | str | None = None,
         object: ObjectName | str = ObjectName.CUBE,
         object_scale: float = 1.0,
         priority: JobPriority | str = JobPriority.NORMAL,
@@ -87,7 +87,7 @@ class Farm:
         asked |= {"priority": priority, "webhook": webhook}
         with files_checked():
             builtin = builtin_named(Path(weights))
-            policy = None if builtin else read_policy(Path(weights), manifest, layout)
+            policy = None if builtin else read_policy(Path(weights), None if manifest is None else Path(manifest), layout)
             wish = checked(JobRequest, asked | {"policy": builtin_digest(builtin) if policy is None else policy.digest})
             if policy is None:
                 self._client.take_builtin(builtin)

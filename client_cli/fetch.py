@@ -114,15 +114,27 @@ def _truths_of(client: ApiClient, trials: list[Trial], folder: Path) -> list[tup
 
 
 def _claim_folder(folder: Path, job_id: str) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
     try:
-        held = json.loads((folder / REPORT_NAME).read_text()).get("job_id")
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageProblem(f"cannot use the folder {folder}: {error}") from error
+    held = held_by(folder)
+    if held not in (None, job_id):
+        raise UsageProblem(f"{folder} holds the logs of job {held}; choose another folder for job {job_id}")
+
+
+def held_by(folder: Path) -> str | None:
+    """The job whose logs a folder holds, None without a report or a folder.
+
+    Raises:
+        UsageProblem: its report cannot be read.
+    """
+    try:
+        return json.loads((folder / REPORT_NAME).read_text()).get("job_id")
     except FileNotFoundError:
-        return
+        return None
     except (OSError, ValueError, AttributeError) as error:
         raise UsageProblem(f"cannot use the folder {folder}: {error}") from error
-    if held != job_id:
-        raise UsageProblem(f"{folder} holds the logs of job {held}; choose another folder for job {job_id}")
 
 
 def _download_all(client: ApiClient, files: list[tuple[StoredFile, Path]], parallel: int) -> list[Download]:

@@ -14,7 +14,7 @@ from api_schemas.job import Job
 from client_cli.api_client import ApiClient
 from client_cli.errors import UsageProblem
 from client_cli.exit_codes import ExitCode
-from client_cli.fetch import Fetched, fetch_job
+from client_cli.fetch import Fetched, fetch_job, held_by
 from client_cli.following import ending, exit_code_of, follow_to_end
 from client_cli.options import IdempotencyKeyOption, JsonOption, WaitOption
 from client_cli.output import counted, note, print_document, print_line
@@ -52,6 +52,8 @@ def identify(
 ) -> None:
     """Queue excitations on one robot and print the job's id; each is a trial with a log of its own."""
     request = _request(robot, excitation, repeats, seed)
+    if to is not None and (held := held_by(to)) is not None:  # now, and not when everything has been recorded
+        raise UsageProblem(f"{to} holds the logs of job {held}; choose another folder")
     with ApiClient(load_connection(os.environ)) as client:
         job = client.create_identification(request, idempotency_key or uuid.uuid4().hex)
         if not as_json:

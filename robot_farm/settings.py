@@ -112,7 +112,7 @@ def parse(arguments: list[str]) -> Settings:
         api=options.api.rstrip("/"),
         bus=options.bus,
         farm=options.farm,
-        data=options.data,
+        data=options.data.absolute(),  # policies run in another folder
         token=token,
         robots=options.robots,
         first=options.first,

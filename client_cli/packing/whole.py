@@ -128,7 +128,7 @@ class ProgramOriginal:
         with torch.no_grad():
             outputs = self._program.module(torch.from_numpy(row.astype(np.float32))[None], *self._memory)
         action, *self._memory = outputs if isinstance(outputs, tuple | list) else (outputs,)
-        return self._finished(action.numpy().astype(np.float64).ravel())
+        return self._finished(action.detach().numpy().astype(np.float64).ravel())
 
     def _finished(self, outputs: Array) -> Array:
         after, bins = self._manifest.output_scaling, self._manifest.bins

@@ -113,6 +113,13 @@ def test_healthy_robots_are_not_blamed():
         assert not verdict.causes
 
 
+@pytest.mark.parametrize("excitation", ["slow_ramps", "fast_sweeps"])
+def test_healthy_robots_are_not_blamed_whatever_they_are_excited_by(excitation):
+    recordings = simulated_sessions(healthy_physics(SEED), [SEED], excitation=excitation)
+    verdict = judge(study_joints(compile_scene(), recordings, lambda *_: None, is_trifinger=True)).verdict
+    assert verdict.verdict is VerdictKind.NOTHING_WRONG, verdict.summary
+
+
 def test_a_cause_that_the_catalogue_lacks_is_not_blamed_on_another_with_confidence():
     case = Case(0, SEED, "load_friction", "load_friction.coefficient", c.JOINT_NAMES[1], 1, 5.0, 0.15)
     for _, verdict in verdicts([case], excluded=("load_friction",)):

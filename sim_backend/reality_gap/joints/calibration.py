@@ -19,6 +19,9 @@ from sim_backend.trifinger.scene import compile_scene
 
 _NO_GATE = 1e18
 _TOGETHER = 6
+IN_THE_AIR = ("standard", "slow_ramps", "fast_sweeps", "chirps", "joint_limits", "oscillations", "hold_poses")
+EVERYTHING = "everything"
+"""All of these, as ``trifarm identify`` records them."""
 LEAST_GATE, GATE_FACTOR, GATE_MARGIN = 5.0, 1.1, 1.5
 """A margin of 1.5 nats makes what one session in 200 reaches for each of some 20 effects a matter of 2 % for all together."""
 
@@ -30,6 +33,9 @@ def main() -> int:
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--lines", type=Path, required=True, help="one line of JSON for each session")
     parser.add_argument("--share", default="0/1", help="which part of the sessions: i/n")
+    parser.add_argument(
+        "--excitation", default="standard", choices=(*IN_THE_AIR, EVERYTHING), help="what each session is seen by"
+    )
     options = parser.parse_args()
     part, parts = (int(x) for x in options.share.split("/"))
     done = {json.loads(line)["number"] for line in options.lines.read_text().splitlines()} if options.lines.exists() else set()
@@ -38,16 +44,19 @@ def main() -> int:
     for first in range(0, len(todo), _TOGETHER):
         numbers = todo[first : first + _TOGETHER]
         seeds = [int(np.random.SeedSequence([options.seed, n]).generate_state(1)[0]) for n in numbers]
-        sessions = simulated_sessions(Physics.stack([healthy_physics(seed) for seed in seeds]), seeds)
-        for number, recording in zip(numbers, sessions, strict=True):
-            line = json.dumps({"number": number, "seed": options.seed, **_measured(model, recording)})
+        physics = Physics.stack([healthy_physics(seed) for seed in seeds])
+        excitations = IN_THE_AIR if options.excitation == EVERYTHING else (options.excitation,)
+        seen = [simulated_sessions(physics, seeds, excitation=excitation) for excitation in excitations]
+        for number, *recordings in zip(numbers, *seen, strict=True):
+            shown = {"number": number, "seed": options.seed, "excitation": options.excitation}
+            line = json.dumps(shown | _measured(model, recordings))
             with options.lines.open("a") as file:
                 file.write(line + "\n")
     return 0
 
 
-def _measured(model, recording) -> dict:
-    study = study_joints(model, [recording], lambda *_: None, is_trifinger=True, gate=_NO_GATE)
+def _measured(model, recordings) -> dict:
+    study = study_joints(model, recordings, lambda *_: None, is_trifinger=True, gate=_NO_GATE)
     look, values = study.fit.first, defaultdict(list)
     for candidate in look.candidates:
         terms = [look.catalogue.terms[i] for i in candidate.hypothesis.terms]
@@ -99,6 +108,21 @@ def summarise(tolerance_lines: list[dict], null_lines: list[dict]) -> dict:
         "seeds": sorted({line["seed"] for line in (*tolerance_lines, *null_lines)}),
         "sessions": [len(tolerance_lines), len(null_lines)],
     }
+
+
+def summarise_elsewhere(calibration: dict, lines: list[dict]) -> dict:
+    """The calibration with what healthy sessions gain under other excitations than the standard one, from the lines of these."""
+    own = gates(lines)
+    effects = {**calibration["gates"], **own}
+    kept = {effect: max(calibration["gates"].get(effect, 0.0), own.get(effect, 0.0)) for effect in effects}
+    seen = [line["excitation"] for line in lines]
+    elsewhere = {
+        "largest_gains": [line["gain"] for line in lines],
+        "gates": kept,
+        "seeds": sorted({line["seed"] for line in lines}),
+        "sessions": {excitation: seen.count(excitation) for excitation in dict.fromkeys(seen)},
+    }
+    return {**calibration, "elsewhere": elsewhere}
 
 
 def _in_order(label: str) -> tuple[str, list[float]]:

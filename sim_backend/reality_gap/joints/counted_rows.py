@@ -1,11 +1,13 @@
-"""Which rows of the mechanics count: those in which the motor alone moves a joint that does move."""
+"""Which rows of the mechanics count: those in which the motor alone moves a joint that does move. And which joints are lively."""
 
 import numpy as np
 
-from sim_backend.reality_gap.joints.trajectory import Trajectory
+from sim_backend.reality_gap.joints.trajectory import Trajectory, white_noise
 
 STANDSTILL_RAD_S = 0.02
 """Below it friction may hold anything, so that mechanics says nothing."""
+LIVELY = 8.0
+"""Acceleration over what noise makes of it through the controller: then less than a sixtieth of its power is noise."""
 _STILL_S = 0.03
 _NEAR_END_RAD = 0.012
 _NEAR_END_S = 0.06
@@ -32,6 +34,23 @@ def near_end(path: Trajectory, ends_rad: np.ndarray) -> np.ndarray:
     near = (q < ends_rad[:, 0] + _NEAR_END_RAD) | (q > ends_rad[:, 1] - _NEAR_END_RAD)
     width = max(1, round(2 * _NEAR_END_S / path.step_s))
     return _moving_mean(near.astype(float), width)[:: path.every] > 1e-9
+
+
+def is_lively(path: Trajectory, torque_nm: np.ndarray, inertia_kg_m2: np.ndarray) -> np.ndarray:
+    """Whether joints accelerate far more than for noise that the controller feeds back, shape (k,).
+
+    Where they do not, the noise of the reported velocity is what moves them: it stands in the velocity's equation together with
+    the motion that it makes, and would look like a filter, or like an error that follows the speed.
+
+    Args:
+        path: the smoothed episode.
+        torque_nm: that was sent, shape (k, s).
+        inertia_kg_m2: of each joint, shape (k,).
+    """
+    noise = path.smoothed_noise(white_noise(torque_nm.T)) / inertia_kg_m2
+    counted = np.where(path.valid, path.acceleration, np.nan)
+    size = np.sqrt(np.nansum(counted**2, axis=0) / np.maximum(path.valid.sum(axis=0), 1))
+    return size > LIVELY * noise
 
 
 def _moving_mean(series: np.ndarray, width: int) -> np.ndarray:

@@ -19,7 +19,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from sim_backend.reality_gap.joints.counted_rows import near_end, rests
+from sim_backend.reality_gap.joints.counted_rows import is_lively, near_end, rests
 from sim_backend.reality_gap.joints.mechanics import Mechanics
 from sim_backend.reality_gap.joints.mechanics_images import JointImage, MechanicsImages
 from sim_backend.reality_gap.joints.motor_torques import MotorTorques
@@ -109,7 +109,10 @@ class EpisodeEquations:
         self._sensor_noise_nm = self._mechanics.sensor_noise_nm
         self._ends = plant.range_rad.copy()
         self.valid_mechanics = path.valid & ~rests(path) & ~near_end(path, self._ends)
-        self._valid_velocity = path.valid.copy()
+        self._valid_velocity = path.valid & ~near_end(path, self._ends)
+        if self._sent is not None:
+            inertia = np.diagonal(self.dynamics.by_acceleration, axis1=1, axis2=2).mean(axis=0)
+            self._valid_velocity &= is_lively(path, self.driving_nm, inertia)
 
     @property
     def path(self) -> Trajectory:
@@ -167,7 +170,9 @@ class EpisodeEquations:
     def keep_off(self, joint: int, side: int, shift_rad: float) -> None:
         """Let rows near a shifted end of a joint not count: something else than the motor acts there."""
         self._ends[joint, side] += shift_rad
-        self.valid_mechanics &= ~near_end(self._path, self._ends)
+        away = ~near_end(self._path, self._ends)
+        self.valid_mechanics &= away
+        self._valid_velocity &= away
 
     def ignore_rattling(self, joint: int, apart: np.ndarray) -> None:
         """Let a joint whose rotor rattles not count, nor the joints that feel it while it does; ``apart`` of shape (t,)."""

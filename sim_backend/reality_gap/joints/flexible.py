@@ -13,8 +13,15 @@ import numpy as np
 from sim_backend.reality_gap.joints.equations import Channel, EpisodeEquations, Equation
 from sim_backend.reality_gap.joints.evidence import FOLDS, folds_of, normal_equations, reduced, whitened
 from sim_backend.reality_gap.joints.look import Look
+from sim_backend.reality_gap.joints.trajectory import position_noise
 
 HATS = 9
+BEYOND_NOISE = 10.0
+"""Standard deviations of a variable's own noise from knot to knot at least.
+
+The noise of the positions is in the variable and in the residual alike: a finer function would follow more than a hundredth of
+what it makes of the residual, whatever the robot does.
+"""
 _SCALE = {Channel.MECHANICS: 0.02, Channel.CURRENT: 0.02, Channel.CONTROLLER: 0.05, Channel.VELOCITY: 0.05}
 _HEAT_S = 10.0
 VARIABLES = ("velocity", "position", "torque", "load against motion", "acceleration", "time", "time since reversal", "heat")
@@ -38,11 +45,11 @@ def patterns(episodes: Sequence[EpisodeEquations], look: Look) -> list[Pattern]:
         look: at the final model.
     """
     found: dict[tuple[Channel, int, str], float] = {}
-    variables = [_variables(episode) for episode in episodes]
+    variables = [variables_of(episode) for episode in episodes]
     for equation in look.left:
-        for name, values in variables[equation.episode].items():
+        for name, (values, noise) in variables[equation.episode].items():
             series = np.interp(equation.time_s, episodes[equation.episode].path.time_s, values[:, equation.joint])
-            gain = _gain(equation, _hats(series), len(episodes))
+            gain = _gain(equation, hats(series, BEYOND_NOISE * noise[equation.joint]), len(episodes))
             key = (equation.channel, equation.joint, name)
             found[key] = found.get(key, 0.0) + gain
     ranked = [Pattern(channel, joint, name, gain) for (channel, joint, name), gain in found.items()]
@@ -59,29 +66,35 @@ def _gain(equation: Equation, hats: np.ndarray, episodes: int) -> float:
     return reduced(sums.weighted(np.ones(FOLDS)), (), ()).gain(terms, scales)
 
 
-def _hats(series: np.ndarray) -> np.ndarray:
-    """Shape (r, HATS): linear between the quantiles of the series."""
-    knots = np.unique(np.quantile(series, np.linspace(0.0, 1.0, HATS)))
+def hats(series: np.ndarray, apart: float) -> np.ndarray:
+    """Linear between quantiles of the series, as far as they are ``apart``; shape (r, m) with m of at most ``HATS``."""
+    knots: list[float] = []
+    for knot in np.unique(np.quantile(series, np.linspace(0.0, 1.0, HATS))):
+        if not knots or knot - knots[-1] > apart:
+            knots.append(float(knot))
     if len(knots) < 3:
         return np.zeros((len(series), 1))
     return np.stack([np.interp(series, knots, row) for row in np.eye(len(knots))], axis=1)
 
 
-def _variables(episode: EpisodeEquations) -> dict[str, np.ndarray]:
-    """What residuals may follow, each of shape (t, k)."""
+def variables_of(episode: EpisodeEquations) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """What residuals may follow, each of shape (t, k), and its noise, shape (k,)."""
     path = episode.path
+    positions = position_noise(path.joints.position_rad)
+    speeds, none = path.velocity_noise(positions), np.zeros(len(positions))
+    way = np.sign(path.velocity) * np.clip(np.abs(path.velocity) / (BEYOND_NOISE * speeds) - 1.0, 0.0, 1.0)
     torque = path.averaged(episode.driving_nm).T
     time_s = np.repeat(path.time_s[:, None], torque.shape[1], axis=1)
     row_s = path.step_s * path.every
     values = (
-        path.velocity,
-        path.position,
-        torque,
-        torque * np.sign(path.velocity),
-        path.acceleration,
-        time_s,
-        since_reversal_s(path.velocity, row_s),
-        heat(torque, row_s),
+        (path.velocity, speeds),
+        (path.position, positions),
+        (torque, none),
+        (torque * way, none),
+        (path.acceleration, path.acceleration_noise(positions)),
+        (time_s, none),
+        (since_reversal_s(path.velocity, row_s), none),
+        (heat(torque, row_s), none),
     )
     return dict(zip(VARIABLES, values, strict=True))
 

@@ -11,7 +11,7 @@ from sim_backend.reality_gap.joints.flexible import Pattern, heat, since_reversa
 from sim_backend.reality_gap.joints.gain import held_out_errors
 from sim_backend.reality_gap.joints.residual_network import network_error_nm
 from sim_backend.reality_gap.joints.state import JointState
-from sim_backend.reality_gap.joints.study import JointStudy, calibration
+from sim_backend.reality_gap.joints.study import JointStudy
 
 _BINS = 16
 _SHOWN_JOINTS = 6
@@ -133,7 +133,7 @@ def _ranking(study: JointStudy) -> dict[str, Any]:
         rows.append({"label": f"{name[0]}, {name[1]}", "gain": candidate.gain, "interval_90": interval})
         if len(rows) == _RANKED:
             break
-    null = calibration().largest_gains if study.is_calibrated else np.zeros(0)
+    null = study.known.largest_gains
     line = float(np.quantile(null, 0.99)) if len(null) else study.gate
     return {"unit": "nats", "line": line, "line_is_null_99": bool(len(null)), "noise_floor": None, "rows": rows}
 

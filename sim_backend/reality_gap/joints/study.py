@@ -33,6 +33,7 @@ from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.trifinger import constants as c
 
 CALIBRATION_FILE = Path(__file__).with_name("calibration.json")
+STANDARD = "standard"
 FOREIGN_CUTOFF_HZ = 12.0
 """Where nobody knows what a motor board does, torques are compared below this frequency only."""
 LEAST_REDUCTION = 0.02
@@ -57,12 +58,10 @@ class Calibration:
         tolerances: standard deviation of each number that a healthy robot does not have, by parameter and shape.
         largest_gains: of healthy sessions, one each, nats, sorted.
         gates: gain that a cause of each effect must have, nats, by effect.
-        largest_noise_ratio: of healthy sessions, one each, sorted.
     """
 
     tolerances: Mapping[str, Sequence[float]]
     largest_gains: np.ndarray
-    largest_noise_ratio: np.ndarray
     gates: Mapping[str, float]
 
     def null_p(self, gain: float) -> float:
@@ -70,14 +69,23 @@ class Calibration:
         return float((1 + np.sum(self.largest_gains >= gain)) / (1 + len(self.largest_gains)))
 
 
+UNKNOWN = Calibration({}, np.zeros(0), {})
+"""Of robots whose healthy sessions nobody knows."""
+
+
 @cache
-def calibration() -> Calibration:
-    """The calibration for TriFingers that is kept with the code; empty where there is none."""
+def calibration(regimes: frozenset[str] = frozenset({STANDARD})) -> Calibration:
+    """The calibration for TriFingers that is kept with the code; empty where there is none.
+
+    Args:
+        regimes: what the recordings were made under. Where it is not ``standard`` alone they are compared with sessions of all
+            excitations, alone and together.
+    """
     if not CALIBRATION_FILE.exists():
-        return Calibration({}, np.zeros(0), np.zeros(0), {})
+        return UNKNOWN
     kept = json.loads(CALIBRATION_FILE.read_text())
-    gains, ratios = (np.sort(kept[name]) for name in ("largest_gains", "largest_noise_ratio"))
-    return Calibration(kept["tolerances"], gains, ratios, kept.get("gates", {}))
+    own = kept if regimes == {STANDARD} else kept["elsewhere"]
+    return Calibration(kept["tolerances"], np.sort(own["largest_gains"]), own["gates"])
 
 
 @dataclass(frozen=True)
@@ -92,6 +100,7 @@ class JointStudy:
         odd: what no healthy robot shows either, but whose effect was left out of the catalogue.
         gate: nats that a cause had to gain.
         is_calibrated: whether the gate comes from healthy sessions.
+        known: these sessions.
         start: the nominal model.
         gates: nats that a cause of each effect had to gain, where healthy sessions tell.
     """
@@ -103,6 +112,7 @@ class JointStudy:
     odd: tuple[Finding, ...]
     gate: float
     is_calibrated: bool
+    known: Calibration
     start: JointState
     gates: Mapping[str, float]
 
@@ -166,7 +176,7 @@ def study_joints(
             for episode in episodes:
                 episode.ignore_joint(fault.joint)
     _check_motion(episodes)
-    known = calibration() if is_trifinger else Calibration({}, np.zeros(0), np.zeros(0), {})
+    known = calibration(frozenset(recording.regime for recording in recordings)) if is_trifinger else UNKNOWN
     left_out = tuple(excluded)
     excluded = (*excluded, *{"encoder_offset" for f in faults if f.effect == "encoder_jump"})
     for each in rattling:
@@ -193,6 +203,7 @@ def study_joints(
         tuple(f for f in found if f.effect in left_out),
         used_gate,
         is_trifinger,
+        known,
         nominal_state,
         gates,
     )

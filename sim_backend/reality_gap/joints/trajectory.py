@@ -63,12 +63,23 @@ class Trajectory:
         """Series at full rate, filtered as the motion was and thinned out; shapes (..., s) and (..., t)."""
         return _low_pass(series, self.cutoff_hz, self.step_s)[..., :: self.every]
 
+    def smoothed_noise(self, noise: np.ndarray) -> np.ndarray:
+        """Standard deviation of smoothed white noise; shapes (k,)."""
+        return noise * self._noise_gain(0)
+
+    def velocity_noise(self, position_noise: np.ndarray) -> np.ndarray:
+        """Standard deviation of the smoothed velocity for white noise of the positions; shapes (k,)."""
+        return position_noise * self._noise_gain(1)
+
     def acceleration_noise(self, position_noise: np.ndarray) -> np.ndarray:
         """Standard deviation of the smoothed acceleration for white noise of the positions; shapes (k,)."""
+        return position_noise * self._noise_gain(2)
+
+    def _noise_gain(self, derivative: int) -> float:
         impulse = np.zeros(2 * round(1.0 / self.step_s) + 1)
         impulse[len(impulse) // 2] = 1.0
-        response = np.diff(_low_pass(impulse, self.cutoff_hz, self.step_s), 2) / self.step_s**2
-        return position_noise * np.sqrt(response @ response)
+        response = np.diff(_low_pass(impulse, self.cutoff_hz, self.step_s), derivative) / self.step_s**derivative
+        return float(np.sqrt(response @ response))
 
     def averaged(self, series: np.ndarray) -> np.ndarray:
         """Series at full rate, averaged as second differences over rows average accelerations; shapes (..., s) and (..., t)."""

@@ -13,7 +13,7 @@ from sim_backend.reality_gap.joints.flexible import Pattern, patterns
 from sim_backend.reality_gap.joints.gain import errors_of, held_out_errors
 from sim_backend.reality_gap.joints.hypotheses import SCALES_OF_EVERYTHING
 from sim_backend.reality_gap.joints.look import Accepted, Candidate, Look
-from sim_backend.reality_gap.joints.study import JointStudy, calibration
+from sim_backend.reality_gap.joints.study import JointStudy
 from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
 
 CONFUSABLE_NATS = 5.0
@@ -85,7 +85,7 @@ def judge(study: JointStudy) -> JointVerdict:
     if confusable:
         causes += [cause for rival, members in rivals if rival.behind < CONFUSABLE_NATS for cause in members]
     gains = [a.gain for a in fit.accepted] or ([fit.first.best.gain] if fit.first.best is not None and not causes else [])
-    null_p = calibration().null_p(max(gains)) if study.is_calibrated and gains else None
+    null_p = study.known.null_p(max(gains)) if study.is_calibrated and gains else None
     verdict = Verdict(
         verdict=kind,
         summary=summary,

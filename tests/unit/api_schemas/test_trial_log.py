@@ -29,7 +29,7 @@ def test_every_message_is_read_back_as_written(tmp_path):
         writer.goal(cube[1], quat[1])
         writer.tracked_pose(-100, -10, cube[2], quat[2], 1.0)
         writer.tracked_pose(100, 190, cube[3], quat[3], 0.5)
-    log = read_log(path)
+    log = read_log(str(path))
     np.testing.assert_array_equal(log.joint_position_rad, position)
     np.testing.assert_array_equal(log.joint_velocity_rad_s, velocity)
     np.testing.assert_array_equal(log.measured_torque_nm, torque)

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from api_schemas.builtin_policies import builtin_digest
+from api_schemas.policy import LAYOUTS
 from client_cli import Farm, report
 from client_cli.errors import ClientError
 from services.jobs.reports import sign
@@ -55,6 +56,14 @@ def test_a_webhook_is_passed_on(farm, weights):
         connection.submit(weights, task="push", layout="rrc2022-push", webhook="https://example.org/ended")
     ((asked, _),) = farm.submissions
     assert asked.webhook == "https://example.org/ended"
+
+
+def test_files_may_be_named_by_strings(farm, weights, tmp_path):
+    manifest = tmp_path / "other.json"
+    manifest.write_text(LAYOUTS["rrc2022-push"].model_dump_json())
+    with Farm() as connection:
+        connection.submit(str(weights), task="push", manifest=str(manifest))
+    assert len(farm.submissions) == 1
 
 
 def test_a_policy_that_comes_with_the_farm_needs_no_file(farm):

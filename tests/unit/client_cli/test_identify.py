@@ -40,6 +40,14 @@ def test_to_waits_and_fetches(farm, trifarm, tmp_path, state, code):
         assert "2 excitations recorded" in ended.err
 
 
+def test_a_folder_that_holds_another_job_is_refused_before_anything_is_recorded(farm, trifarm, tmp_path):
+    (tmp_path / "report.json").write_text('{"job_id": "jother"}')
+    ended = trifarm("identify", "--robot", "any", "--to", str(tmp_path))
+    assert ended.code == 2
+    assert "holds the logs of job jother" in ended.err
+    assert not farm.identifications
+
+
 @pytest.mark.parametrize(
     ("flags", "said"),
     [

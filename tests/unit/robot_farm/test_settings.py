@@ -26,6 +26,11 @@ def test_a_nominal_robot_with_a_life_is_not_plain(flag):
     assert not parse([*NEEDED, "--physics", "nominal", *flag]).is_plain
 
 
+def test_the_data_folder_is_known_wherever_a_process_of_the_robot_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert parse(NEEDED).data == tmp_path / "data"
+
+
 def test_faults_add_up():
     spec = "robot-0:dead_camera:camera60"
     assert len(parse([*NEEDED, "--fault", spec, "--fault", f"{spec}@3"]).faults) == 2

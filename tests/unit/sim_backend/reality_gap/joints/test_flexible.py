@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.joints.equations import Channel
-from sim_backend.reality_gap.joints.flexible import VARIABLES, heat, patterns, since_reversal_s
+from sim_backend.reality_gap.joints.flexible import HATS, VARIABLES, hats, heat, patterns, since_reversal_s
 from tests.unit.sim_backend.reality_gap.joints.driven_joints import NO_LIMIT, drive, joints_model, problem
 
 ENCODER_RAD = 3e-5
@@ -38,6 +38,15 @@ def test_a_residual_that_follows_velocity_is_found_as_such():
     assert best.gain > 1.5 * max(others)  # torques and positions go with velocities, for a part
     assert best.gain > 100.0
     assert max(p.gain for p in found if p.joint != 1) < 5.0
+
+
+def test_no_function_is_finer_than_the_noise_of_what_it_follows():
+    series = np.random.default_rng(1).standard_normal(4000)
+    fine, coarse = hats(series, 0.0), hats(series, 1.5)
+    assert fine.shape == (4000, HATS)
+    assert 3 <= coarse.shape[1] < HATS
+    np.testing.assert_allclose(coarse.sum(axis=1), 1.0)
+    assert not hats(series, 10.0).any(), "nothing but noise has nothing to follow"
 
 
 def test_time_since_a_joint_turned_round():

@@ -69,6 +69,10 @@ def test_noise_of_the_smoothed_acceleration_is_known(driven):
     noisy, clean = (trajectory(recording(driven[0] + n, driven[1])) for n in (noise, 0.0))
     found = (noisy.acceleration - clean.acceleration)[30:-30].std(axis=0)
     np.testing.assert_allclose(found, clean.acceleration_noise(np.full(3, 1e-4)), rtol=0.25)
+    found = (noisy.velocity - clean.velocity)[30:-30].std(axis=0)
+    np.testing.assert_allclose(found, clean.velocity_noise(np.full(3, 1e-4)), rtol=0.25)
+    found = (noisy.position - clean.position)[30:-30].std(axis=0)
+    np.testing.assert_allclose(found, clean.smoothed_noise(np.full(3, 1e-4)), rtol=0.25)
 
 
 def test_what_is_too_short_is_refused(driven):

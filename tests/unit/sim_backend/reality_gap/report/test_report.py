@@ -118,7 +118,9 @@ def test_errors_where_a_cause_acts_stand_before_those_of_the_rest_in_readable_un
     document["verdict"] |= {"held_out": documents.held_out(1.0, 1.0, 0.9, (0.0, 0.0)), "held_out_there": [there]}
     lines = [line for line in summary_lines(document) if line.startswith("Held-out")]
     assert len(lines) == 2
-    assert "(off where the rotor of j hits, 12\u202f480 samples): 11.2 → 1.53 mrad (−86 %, 95 % interval −82 to −90 %)" in lines[0]
+    assert (
+        "(off where the rotor of j hits, 12\u202f480 samples): 11.2 → 1.53 mrad (−86 %, 95 % interval −82 to −90 %)" in lines[0]
+    )
 
 
 def test_an_error_that_grew_is_not_called_a_reduction():
