@@ -68,8 +68,8 @@ def robot_mjcf(
 def extend_mjcf(spec: mujoco.MjSpec, causes: Iterable[Cause]) -> tuple[mujoco.MjSpec, list[str]]:
     """Any MuJoCo model with the causes that a study accepted, and sentences that say which of them it does not have, and why.
 
-    Values replace those of the model where the catalogue's parameter is absolute (friction, inertia, stiffness) and multiply
-    or add where it is a factor, an error or an offset.
+    Values replace those of the model where the catalogue's parameter is absolute (friction, damping, inertia), a spring is put
+    beside the model's own, and a factor, an error or an offset multiplies or adds.
 
     Args:
         spec: the model; it is not changed.
@@ -173,8 +173,7 @@ def _armature(spec, where, values) -> None:
 
 
 def _stiffness(spec, where, values) -> None:
-    joint = _joint(spec, where)
-    joint.stiffness[0], joint.springref = values["stiffness_nm_rad"], laws.in_units(joint, values["reference_rad"])
+    laws.add_spring(_joint(spec, where), values["stiffness_nm_rad"], values["reference_rad"])
 
 
 def _range(spec, where, values) -> None:

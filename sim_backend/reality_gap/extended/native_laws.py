@@ -57,6 +57,14 @@ def in_units(joint, position: float) -> float:
     return math.degrees(position) if is_turned else position
 
 
+def add_spring(joint, stiffness_nm_rad: float, reference_rad: float) -> None:
+    """A spring of the joint beside the one that it has: the two of them are one, whose rest lies between theirs."""
+    own, added = joint.stiffness[0], stiffness_nm_rad
+    rest = own * joint.springref + added * in_units(joint, reference_rad)
+    joint.stiffness[0] = own + added
+    joint.springref = rest / (own + added) if own + added > 0.0 else joint.springref
+
+
 def delay_action(spec: mujoco.MjSpec, joint: str, delay_s: float) -> str | None:
     """``delay`` with linear interpolation: a fraction of a step acts as the mean over the step, as the catalogue has it.
 

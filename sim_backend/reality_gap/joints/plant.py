@@ -33,6 +33,8 @@ class InverseDynamics:
 class Plant:
     """k joints of a model, without contacts, limits and friction; everything else of the model rests.
 
+    Damping and armature of the model are in its torques, dry friction is not: MuJoCo makes a constraint of it.
+
     Args:
         model: any compiled model; it is copied.
         names: the joints that were recorded, all hinges or slides.
@@ -53,6 +55,8 @@ class Plant:
         self.groups = _groups(self._model.dof_treeid[self._v])
         """Joints of different trees, which do not feel each other and may be probed together."""
         self._tree = self._model.dof_treeid[self._v]
+        self.own_values = {key: getattr(model, name)[self._v].copy() for key, name in _OWN.items()}
+        """What the model itself says of its joints that are effects' values, too, by "effect.parameter", shape (k,)."""
 
     @property
     def joints(self) -> int:
@@ -111,6 +115,12 @@ class Plant:
 
 
 _POSITION_STEP = 1e-4  # rad or m
+_OWN = {
+    "coulomb_friction.torque_nm": "dof_frictionloss",
+    "viscous_friction.damping_nm_s_rad": "dof_damping",
+    "rotor_inertia.armature_kg_m2": "dof_armature",
+}
+"""Where a compiled model keeps what the catalogue has as absolute values of joints."""
 
 
 def _without_constraints(model: mujoco.MjModel) -> mujoco.MjModel:

@@ -144,7 +144,7 @@ def study_joints(
         progress: told what is done, and which share of all.
         is_trifinger: whether healthy sessions of this robot are known.
         excluded: effects that are left out of the catalogue.
-        nominal: values to start from, by parameter, shape (k,), (1,) or (3,).
+        nominal: values to start from, by parameter, shape (k,), (1,) or (3,); beside what the model itself says of its joints.
         gate: least gain in nats; the calibrated one if None.
 
     Raises:
@@ -159,7 +159,7 @@ def study_joints(
         path = trajectory(recording) if is_trifinger else trajectory(recording, cutoff_hz=FOREIGN_CUTOFF_HZ)
         episodes.append(EpisodeEquations(plant, path, index, has_safety_pipeline=is_trifinger, in_torques=not is_trifinger))
     limit = c.MAX_TORQUE_NM if is_trifinger else max(float(np.abs(e.driving_nm).max()) for e in episodes)
-    start = {"torque_saturation.limit_nm": np.full(len(names), limit), **(nominal or {})}
+    start = starting_values(plant, limit, nominal or {})
     size = 1.0 if is_trifinger else max(1.0, float(np.max(limit)) / c.MAX_TORQUE_NM)
     nominal_state = JointState(len(names), start, size)
     rattling = rattling_joints(episodes, nominal_state) if is_trifinger else []
@@ -207,6 +207,18 @@ def study_joints(
         nominal_state,
         gates,
     )
+
+
+def starting_values(plant: Plant, limit_nm: float, nominal: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Values of effects that a study starts from: the motors' limit, and nominal values on top of those in the model itself.
+
+    Args:
+        plant: of the nominal model, whose dry friction, damping and armature count.
+        limit_nm: torque that no motor gave more of.
+        nominal: by parameter, shape (k,), (1,) or (3,).
+    """
+    own = {key: values + nominal.get(key, 0.0) for key, values in plant.own_values.items() if values.any()}
+    return {"torque_saturation.limit_nm": np.full(plant.joints, limit_nm), **nominal, **own}
 
 
 def noise_of_motors(problem: JointProblem, state: JointState) -> list[Finding]:

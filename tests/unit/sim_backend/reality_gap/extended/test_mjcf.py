@@ -227,3 +227,12 @@ def test_what_acts_on_no_actuator_is_said():
 def test_the_constants_are_those_of_the_platform():
     spec, _ = robot_mjcf(Physics.nominal())
     assert [actuator.name for actuator in spec.actuators] == list(c.JOINT_NAMES)
+
+
+def test_a_spring_is_put_beside_the_one_that_the_model_has():
+    spec = mujoco.MjSpec.from_string(FOREIGN)
+    spec.joint("a").stiffness[0], spec.joint("a").springref = 0.3, 20.0  # degrees
+    causes = [cause("joint_stiffness", "stiffness_nm_rad", "a", 0.1), cause("joint_stiffness", "reference_rad", "a", -0.5)]
+    model = extend_mjcf(spec, causes)[0].compile()
+    assert model.jnt_stiffness[0] == pytest.approx(0.4)
+    assert model.qpos_spring[0] == pytest.approx((0.3 * np.radians(20.0) - 0.1 * 0.5) / 0.4)

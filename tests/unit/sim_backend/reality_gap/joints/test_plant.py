@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from sim_backend.effects.body import link_mass
+from sim_backend.reality_gap.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.joints.plant import Plant
+from sim_backend.reality_gap.joints.state import JointState
+from sim_backend.reality_gap.joints.study import FOREIGN_CUTOFF_HZ, starting_values
+from sim_backend.reality_gap.joints.trajectory import trajectory
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.scene import build_scene, compile_scene
+from tests.unit.sim_backend.reality_gap.joints.driven_joints import NAMES, drive, joints_model, recording
 
 ROWS = 12
 
@@ -100,3 +105,27 @@ def test_fingers_of_different_lengths_are_grouped_and_other_joints_refused():
     assert not np.isfinite(plant.range_rad).any()
     with pytest.raises(ValueError, match="f is neither a hinge nor a slide"):
         Plant(model, ("a", "f"))
+
+
+def test_friction_damping_and_armature_of_the_model_are_values_that_a_study_starts_from():
+    model = joints_model(frictionloss=(0.0, 0.2, 0.0))
+    model.dof_damping[:], model.dof_armature[0] = 0.05, 1e-3
+    plant = Plant(model, ("third", "second"))
+    start = starting_values(plant, 3.0, {"coulomb_friction.torque_nm": np.array([0.1, 0.1])})
+    assert set(start) == {"torque_saturation.limit_nm", "coulomb_friction.torque_nm", "viscous_friction.damping_nm_s_rad"}
+    assert start["coulomb_friction.torque_nm"] == pytest.approx([0.1, 0.3])
+    assert start["viscous_friction.damping_nm_s_rad"] == pytest.approx([0.05, 0.05])
+
+
+def test_a_model_that_says_what_the_joints_have_leaves_no_error():
+    model = joints_model(frictionloss=(0.02, 0.02, 0.02))
+    model.dof_damping[:], model.dof_armature[:] = 0.05, 1e-3
+    position, torque = drive(model, 3.0)
+    plant = Plant(model, NAMES)
+    path = trajectory(recording(position, torque), cutoff_hz=FOREIGN_CUTOFF_HZ)
+    equations = EpisodeEquations(plant, path, 0, has_safety_pipeline=False, in_torques=True)
+    given = starting_values(plant, 10.0, {})
+    counted = equations.valid_mechanics
+    assert np.abs(equations.torque_error(JointState(3, given))[counted]).mean() < 1e-3
+    without = JointState(3, given | {"viscous_friction.damping_nm_s_rad": np.zeros(3)})
+    assert np.abs(equations.torque_error(without)[counted]).mean() > 0.02
