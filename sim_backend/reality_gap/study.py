@@ -26,6 +26,7 @@ from sim_backend.reality_gap.foreign.episodes import read_recordings
 from sim_backend.reality_gap.foreign.study_file import StudyFile, load_study_file
 from sim_backend.reality_gap.joints.calibrating import METHODS, calibrate
 from sim_backend.reality_gap.joints.gain import held_out, held_out_of_hits
+from sim_backend.reality_gap.joints.judged import not_judged
 from sim_backend.reality_gap.joints.sections import joint_sections
 from sim_backend.reality_gap.joints.study import JointStudy, NothingMovesError, study_joints
 from sim_backend.reality_gap.joints.verdict import judge
@@ -176,6 +177,7 @@ def _joint_verdict(
     when = "while they move and no rotor hits" if study.rattling else "while they move"
     verdict = replace(
         judged.verdict,
+        cannot_tell=(*judged.verdict.cannot_tell, *not_judged(study.problem.episodes, study.problem.names)),
         held_out=held_out(study.problem, study.fit.final, study.start, rng, when=when),
         held_out_there=tuple(held_out_of_hits(each.errors, study.problem.names[each.joint], rng) for each in study.rattling),
     )

@@ -184,7 +184,7 @@ def _jump(episodes: list[EpisodeEquations], joint: int) -> list[Finding]:
             continue
         usual = np.median(np.abs(np.diff(moves))) / 0.6745
         around = 0.5 * (np.roll(moves, 2) + np.roll(moves, -2))
-        odd = np.abs(moves - around)
+        odd = np.where(_near_gap(episode.path.joints.position_rad[:, joint]), 0.0, np.abs(moves - around))
         at = int(np.argmax(odd[5:-5])) + 5
         before, after = moves[at - 3 : at], moves[at + 1 : at + 4]
         size = float(moves[at] - np.median(np.concatenate([before, after])))
@@ -192,6 +192,12 @@ def _jump(episodes: list[EpisodeEquations], joint: int) -> list[Finding]:
             interval = (size - 2 * usual, size + 2 * usual)
             return [Finding("encoder_jump", "offset_rad", joint, size, interval, abs(size) / _JUMP_RAD, index, at + 1)]
     return []
+
+
+def _near_gap(position_rad: np.ndarray) -> np.ndarray:
+    """Moves from sample to sample beside a gap, where a filled-in line turns off; shapes (s,) and (s - 1,)."""
+    near = np.convolve(np.isnan(position_rad), np.ones(9), mode="same") > 0.5
+    return near[1:] | near[:-1]
 
 
 def _shifted_end(episodes: list[EpisodeEquations], joint: int, offset_rad: float) -> list[Finding]:

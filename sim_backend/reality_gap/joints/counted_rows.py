@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim_backend.reality_gap.joints.trajectory import Trajectory, white_noise
+from sim_backend.reality_gap.joints.trajectory import Trajectory, near_gaps, white_noise
 
 STANDSTILL_RAD_S = 0.02
 """Below it friction may hold anything, so that mechanics says nothing."""
@@ -11,6 +11,22 @@ LIVELY = 8.0
 _STILL_S = 0.03
 _NEAR_END_RAD = 0.012
 _NEAR_END_S = 0.06
+
+
+def measured(path: Trajectory, torque_known: np.ndarray, same_tree: np.ndarray) -> np.ndarray:
+    """Rows in which a joint's torque and the positions of all joints that it moves with were measured, not filled in.
+
+    Args:
+        path: the smoothed episode.
+        torque_known: samples with a torque, shape (s, k).
+        same_tree: which joints feel which, shape (k, k).
+
+    Returns:
+        Shape (t, k).
+    """
+    torque = ~near_gaps(~torque_known, path.step_s, path.cutoff_hz)[:: path.every]
+    moving = np.stack([path.valid[:, tree].all(axis=1) for tree in same_tree], axis=1)
+    return moving & torque
 
 
 def rests(path: Trajectory) -> np.ndarray:

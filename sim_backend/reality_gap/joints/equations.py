@@ -19,7 +19,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from sim_backend.reality_gap.joints.counted_rows import is_lively, near_end, rests
+from sim_backend.reality_gap.joints.counted_rows import is_lively, measured, near_end, rests
 from sim_backend.reality_gap.joints.mechanics import Mechanics
 from sim_backend.reality_gap.joints.mechanics_images import JointImage, MechanicsImages
 from sim_backend.reality_gap.joints.motor_torques import MotorTorques
@@ -85,7 +85,8 @@ class EpisodeEquations:
         reported: what the controller saw, where positions were corrected since.
 
     Attributes:
-        valid_mechanics: rows of the mechanics that count, shape (t, k).
+        is_measured: rows for which everything that the mechanics needs was measured, shape (t, k).
+        valid_mechanics: those of them that count, shape (t, k).
     """
 
     def __init__(
@@ -108,7 +109,8 @@ class EpisodeEquations:
             self._sent = SentTorque(reported or path.joints, motors.sent_nm, path.step_s)
         self._sensor_noise_nm = self._mechanics.sensor_noise_nm
         self._ends = plant.range_rad.copy()
-        self.valid_mechanics = path.valid & ~rests(path) & ~near_end(path, self._ends)
+        self.is_measured = measured(path, motors.known, np.stack([plant.same_tree(j) for j in range(plant.joints)]))
+        self.valid_mechanics = self.is_measured & ~rests(path) & ~near_end(path, self._ends)
         self._valid_velocity = path.valid & ~near_end(path, self._ends)
         if self._sent is not None:
             inertia = np.diagonal(self.dynamics.by_acceleration, axis1=1, axis2=2).mean(axis=0)
@@ -133,6 +135,11 @@ class EpisodeEquations:
     def acting_nm(self) -> np.ndarray:
         """Torques that drive the mechanics: measured where they are known, shape (k, s), N m."""
         return self._motors.acting_nm
+
+    @property
+    def has_torque(self) -> np.ndarray:
+        """Which joints have any torque, shape (k,)."""
+        return self._motors.known.any(axis=0)
 
     @property
     def ends_rad(self) -> np.ndarray:
@@ -220,7 +227,7 @@ class EpisodeEquations:
     def _current_equations(self, residual: np.ndarray, images: list[JointImage]) -> list[Equation]:
         if self._motors.measured_nm is None:
             return []
-        known = ~np.isnan(self._path.joints.position_rad)
+        known = ~np.isnan(self._path.joints.position_rad) & self._motors.known
         return self._joint_equations(Channel.CURRENT, residual, images, known, self._path.recording.time_s, self._counted)
 
     def _velocity_equations(self, state: JointState, terms: Sequence[Term]) -> list[Equation]:

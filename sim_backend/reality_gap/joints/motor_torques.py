@@ -26,13 +26,14 @@ class MotorTorques:
             raise ValueError(f"episode {path.recording.name} has no torque")
         self.sent_nm = None if sent is None else filled_gaps(sent)
         """What was sent with gaps filled, shape (s, k), N m; None if it is not known."""
-        known = None if measured is None else filled_gaps(measured)
-        driving = self.sent_nm if self.sent_nm is not None else known
-        assert driving is not None
+        given, acting = _given(sent, measured)
+        driving = filled_gaps(given)
         self.driving_nm = np.ascontiguousarray(driving.T)
-        """What was sent, or measured if nothing else is known, shape (k, s), N m."""
-        self.measured_nm = None if known is None or self.sent_nm is None else np.ascontiguousarray(known.T)
+        """What was sent, or measured where nothing else is known, with gaps filled, shape (k, s), N m."""
+        self.measured_nm = None if acting is None else np.ascontiguousarray(filled_gaps(acting).T)
         """What was measured of the current beside what was sent, shape (k, s), N m; None without both."""
+        self.known = ~np.isnan(given if acting is None else acting)
+        """Samples whose torque that drives the mechanics is no filled gap, shape (s, k)."""
         self._total = np.abs(driving).sum(axis=1)
         self._position = np.ascontiguousarray(path.fast_position.T)
         self._velocity = np.ascontiguousarray(path.fast_velocity.T)
@@ -72,3 +73,15 @@ class MotorTorques:
         values = state.moved(term, 0.0).motor(j)
         cycles, phase = (values[motor_law.KEYS.index(f"cogging.{name}")] for name in ("cycles_per_rad", "phase_rad"))
         return -np.sin(2.0 * np.pi * cycles * self._position[j] + phase)
+
+
+def _given(sent: np.ndarray | None, measured: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
+    """What was sent, and what was measured beside it, shape (s, k), NaN in gaps.
+
+    What was not sent but measured was sent so, too; a joint without any measured torque gave what was sent.
+    """
+    if sent is None or measured is None:
+        return (sent, None) if measured is None else (measured, None)  # pyright: ignore[reportReturnType] - one of them is there
+    if np.isnan(measured).all(axis=0).any():
+        measured = np.where(np.isnan(measured).all(axis=0), sent, measured)
+    return np.where(np.isnan(sent), measured, sent) if np.isnan(sent).any() else sent, measured

@@ -90,6 +90,12 @@ class Trajectory:
         return windows[..., :: self.every, :] @ weights
 
     @property
+    def inner(self) -> np.ndarray:
+        """Rows far from both ends of the episode, shape (t,)."""
+        edge, samples = round(EDGE_S / self.step_s), np.arange(len(self.fast_position))[:: self.every]
+        return (samples >= edge) & (samples < len(self.fast_position) - edge)
+
+    @property
     def raw_acceleration(self) -> np.ndarray:
         """Second differences of the positions as reported, over rows; shape (t, k)."""
         return self.second_differences(filled_gaps(self.joints.position_rad).T).T
@@ -113,8 +119,12 @@ def position_noise(position_rad: np.ndarray) -> np.ndarray:
 
 
 def white_noise(series: np.ndarray) -> np.ndarray:
-    """Standard deviation of what is white in each column, from fourth differences, which smooth motion has none of; (k,)."""
+    """Standard deviation of what is white in each column, from fourth differences, which smooth motion has none of; (k,).
+
+    It is 0 where nothing is known.
+    """
     differences = np.diff(series, 4, axis=0)
+    differences[:, np.isnan(differences).all(axis=0)] = 0.0
     return np.nanmedian(np.abs(differences), axis=0) / (0.6744897501960817 * np.sqrt(70.0))
 
 
@@ -140,8 +150,7 @@ def trajectory(recording: Recording, *, cutoff_hz: float = CUTOFF_HZ) -> Traject
     velocity, acceleration = np.gradient(smooth, step_s, axis=0), np.zeros_like(smooth)
     acceleration[1:-1] = np.diff(smooth, 2, axis=0) / step_s**2
     edge = round(EDGE_S / step_s)
-    near_gap = signal.convolve(missing.astype(float), np.ones((edge, 1)), mode="same") > 0.5
-    valid = ~near_gap
+    valid = ~near_gaps(missing, step_s, cutoff_hz)
     valid[:edge] = valid[-edge:] = False
     return Trajectory(
         recording=recording,
@@ -154,6 +163,12 @@ def trajectory(recording: Recording, *, cutoff_hz: float = CUTOFF_HZ) -> Traject
         fast_velocity=np.gradient(fast, step_s, axis=0),
         valid=valid[::every],
     )
+
+
+def near_gaps(missing: np.ndarray, step_s: float, cutoff_hz: float) -> np.ndarray:
+    """Samples that smoothing mixes with missing ones, shapes (s, k); a lower cutoff reaches further in proportion."""
+    width = round(EDGE_S * CUTOFF_HZ / cutoff_hz / step_s)
+    return signal.convolve(missing.astype(float), np.ones((min(width, len(missing)), 1)), mode="same") > 0.5
 
 
 def filled_gaps(series: np.ndarray) -> np.ndarray:

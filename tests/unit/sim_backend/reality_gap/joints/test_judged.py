@@ -1,0 +1,86 @@
+"""What was not measured does not count, and is said."""
+
+import numpy as np
+import pytest
+
+from sim_backend.reality_gap.joints.checks import fault_findings
+from sim_backend.reality_gap.joints.equations import EpisodeEquations
+from sim_backend.reality_gap.joints.judged import not_judged
+from sim_backend.reality_gap.joints.plant import Plant
+from sim_backend.reality_gap.joints.state import JointState
+from sim_backend.reality_gap.joints.study import FOREIGN_CUTOFF_HZ, starting_values
+from sim_backend.reality_gap.joints.trajectory import CUTOFF_HZ, EDGE_S, trajectory
+from sim_backend.reality_gap.recording import JointSignals, Recording
+from tests.unit.sim_backend.reality_gap.synthetic_arm import NAMES, STEP_S, arm, motion
+
+SECONDS = 4.0
+GAP = slice(500, 1000)
+FAR = 0.5 * EDGE_S * CUTOFF_HZ / FOREIGN_CUTOFF_HZ + 0.01
+
+
+@pytest.fixture(scope="module")
+def moved():
+    return motion(3, SECONDS)
+
+
+def equations(position, **torques) -> EpisodeEquations:
+    recording = Recording("made", "made", STEP_S, STEP_S * np.arange(len(position)), JointSignals(NAMES, position, **torques))
+    path = trajectory(recording, cutoff_hz=FOREIGN_CUTOFF_HZ)
+    return EpisodeEquations(Plant(arm(), NAMES), path, 0, has_safety_pipeline=False, in_torques=True)
+
+
+def with_gap(series, joint, rows=GAP):
+    gappy = series.copy()
+    gappy[rows, joint] = np.nan
+    return gappy
+
+
+def in_gap(episode) -> np.ndarray:
+    return (episode.path.time_s > 1.0 - FAR) & (episode.path.time_s < 2.0 + FAR)
+
+
+def test_whole_data_count_as_they_did(moved):
+    episode = equations(moved[0], measured_torque_nm=moved[1])
+    np.testing.assert_array_equal(episode.is_measured, episode.path.valid)
+    assert not_judged([episode], NAMES) == []
+
+
+def test_rows_without_a_joints_torque_do_not_count_at_this_joint(moved):
+    episode = equations(moved[0], measured_torque_nm=with_gap(moved[1], 1))
+    assert not episode.valid_mechanics[(episode.path.time_s > 1.0) & (episode.path.time_s < 2.0), 1].any()
+    np.testing.assert_array_equal(episode.is_measured[:, 0], episode.path.valid[:, 0])
+    np.testing.assert_array_equal(episode.is_measured[~in_gap(episode), 1], episode.path.valid[~in_gap(episode), 1])
+    (said,) = not_judged([episode], NAMES)
+    assert said == "what joint2 does in 35% of the time: its torque, or a position of a joint that it moves with, is missing"
+
+
+def test_rows_without_a_position_count_at_no_joint_of_the_tree(moved):
+    episode = equations(with_gap(moved[0], 1), measured_torque_nm=moved[1])
+    assert not episode.valid_mechanics[(episode.path.time_s > 1.0) & (episode.path.time_s < 2.0)].any()
+    left = episode.torque_error(JointState(2, starting_values(Plant(arm(), NAMES), 10.0, {})))[episode.valid_mechanics]
+    assert np.sqrt(np.mean(left**2)) < 0.02
+    assert fault_findings([episode]) == []  # where the line that fills a gap turns off, no encoder jumps
+    assert len(not_judged([episode], NAMES)) == 2
+
+
+def test_a_joint_without_torque_is_named_as_not_judged(moved):
+    episode = equations(moved[0], measured_torque_nm=with_gap(moved[1], 1, slice(None)))
+    assert not episode.valid_mechanics[:, 1].any()
+    assert episode.valid_mechanics[:, 0].any()
+    assert np.isfinite(episode.torque_error_floor_nm).all()
+    assert not_judged([episode], NAMES) == ["anything about joint2: no torque of it is known"]
+
+
+def test_one_joint_may_have_what_was_sent_and_another_what_was_measured(moved):
+    sent, measured = with_gap(moved[1], 0, slice(None)), with_gap(moved[1], 1, slice(None))
+    episode = equations(moved[0], commanded_torque_nm=sent, measured_torque_nm=measured)
+    np.testing.assert_array_equal(episode.acting_nm, moved[1].T)
+    np.testing.assert_array_equal(episode.driving_nm, moved[1].T)
+    assert episode.is_measured.any(axis=0).all()
+
+
+def test_a_joint_that_rests_is_named_as_not_judged(moved):
+    position = moved[0].copy()
+    position[:, 0] = 1.0
+    (said,) = not_judged([equations(position, measured_torque_nm=moved[1])], NAMES)
+    assert said == "anything else about joint1: no time is left in which its motor alone moves it"
