@@ -23,6 +23,8 @@ class JointSignals:
         desired_torque_nm: torque part of what a stated controller was asked for, None without one.
         position_target_rad: position part of it, NaN for none.
         temperature_rise_k: of the motors, above ambient, None without such a channel.
+        position_step_s: from one position to the next as they were reported, of each joint, where some are slower than the grid
+            and were bridged by straight lines, shape (k,); None where none is.
     """
 
     names: tuple[str, ...]
@@ -33,6 +35,7 @@ class JointSignals:
     desired_torque_nm: np.ndarray | None = None
     position_target_rad: np.ndarray | None = None
     temperature_rise_k: np.ndarray | None = None
+    position_step_s: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,8 @@ from sim_backend.reality_gap.foreign.study_entries import JointEntry
 from sim_backend.reality_gap.recording import JointSignals
 
 _HELD = ("commanded_torque", "desired_torque")
+_SLOWER = 1.5
+"""A joint whose positions come so many steps of the grid apart, or more, skips some."""
 _SIGNED = ("velocity", "commanded_torque", "measured_torque", "desired_torque")
 
 
@@ -30,6 +32,7 @@ def joint_signals(rows: Rows, grid: time_grid.Grid, joints: Sequence[JointEntry]
         RecordingError: a channel without any value.
     """
     columns = [_joint(rows, grid, joint) for joint in joints]
+    steps_s = np.array([time_grid.own_step_s(grid, rows.time_s, rows.column(joint.channels["position"])) for joint in joints])
 
     def together(word: str) -> np.ndarray | None:
         if not any(word in column for column in columns):
@@ -48,6 +51,7 @@ def joint_signals(rows: Rows, grid: time_grid.Grid, joints: Sequence[JointEntry]
         desired_torque_nm=together("desired_torque"),
         position_target_rad=together("position_target"),
         temperature_rise_k=together("temperature"),
+        position_step_s=steps_s if (steps_s > _SLOWER * grid.step_s).any() else None,
     )
 
 
@@ -57,7 +61,7 @@ def _joint(rows: Rows, grid: time_grid.Grid, joint: JointEntry) -> dict[str, np.
     turns = not joint.slide and (joint.wrapped if joint.wrapped is not None else time_grid.jumps(rows.time_s, position))
     zero = joint.zero * _factor(rows, joint, "position")
     position = joint.sign * ((time_grid.unwrapped(position) if turns else position) - zero)
-    signals = {"position": time_grid.interpolated(grid, rows.time_s, position)}
+    signals = {"position": time_grid.interpolated(grid, rows.time_s, position, own_rate=True)}
     for word in _SIGNED:
         if word in found:
             signals[word] = _resampled(rows, grid, word, joint.sign * found[word])
@@ -77,7 +81,9 @@ def _target(joint: JointEntry, target: np.ndarray, zero: float, position: np.nda
 
 
 def _resampled(rows: Rows, grid: time_grid.Grid, word: str, values: np.ndarray) -> np.ndarray:
-    return time_grid.held(grid, rows.time_s, values) if word in _HELD else time_grid.interpolated(grid, rows.time_s, values)
+    if word in _HELD:
+        return time_grid.held(grid, rows.time_s, values)
+    return time_grid.interpolated(grid, rows.time_s, values, own_rate=True)
 
 
 def _factor(rows: Rows, joint: JointEntry, word: str) -> float:

@@ -81,6 +81,11 @@ def held(grid: Grid, time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.where(known, np.where(whole & lasts, exact, means), np.nan)
 
 
+def own_step_s(grid: Grid, time_s: np.ndarray, values: np.ndarray) -> float:
+    """From one sample of a channel to the next, usually, but never less than the grid's step; NaN are no samples."""
+    return _own_step(grid, _finite(grid, time_s, values)[0])
+
+
 def jumps(time_s: np.ndarray, angle_rad: np.ndarray) -> bool:
     """Whether an angle jumps by more than half a turn between neighbouring samples, as a wrapped one does."""
     finite = np.isfinite(angle_rad)

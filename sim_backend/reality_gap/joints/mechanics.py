@@ -6,7 +6,7 @@ from sim_backend.reality_gap.joints.gravity_tilt import tilted_gravity
 from sim_backend.reality_gap.joints.motor_torques import MotorTorques
 from sim_backend.reality_gap.joints.plant import InverseDynamics, Plant
 from sim_backend.reality_gap.joints.state import JointState
-from sim_backend.reality_gap.joints.trajectory import Trajectory, position_noise, white_noise
+from sim_backend.reality_gap.joints.trajectory import Trajectory, white_noise
 
 
 class Mechanics:
@@ -35,13 +35,13 @@ class Mechanics:
     def sensor_noise_nm(self) -> np.ndarray:
         """What noise of the encoders alone makes of :meth:`residual`, shape (k,), N m."""
         path = self._path
-        return self._inertia() @ (position_noise(path.joints.position_rad) / (path.step_s * path.every) ** 2)
+        return self._inertia() @ (path.position_noise_rad / (path.step_s * path.every) ** 2)
 
     @property
     def torque_error_floor_nm(self) -> np.ndarray:
         """What the sensors' noise alone makes of :meth:`torque_error`, shape (k,), N m."""
         path = self._path
-        moved = self._inertia() @ path.acceleration_noise(position_noise(path.joints.position_rad))
+        moved = self._inertia() @ path.acceleration_noise(path.position_noise_rad)
         measured = path.joints.measured_torque_nm
         sensed = 0.0 if measured is None else white_noise(measured) * np.sqrt(2.0 * path.cutoff_hz * path.step_s)
         return np.hypot(moved, sensed)

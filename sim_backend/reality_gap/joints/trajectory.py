@@ -90,6 +90,17 @@ class Trajectory:
         return windows[..., :: self.every, :] @ weights
 
     @property
+    def position_noise_rad(self) -> np.ndarray:
+        """As :func:`position_noise`, as if white up to half of the rate of the grid; slower joints have theirs below it; (k,)."""
+        joints, noise = self.joints, position_noise(self.joints.position_rad)
+        if joints.position_step_s is None:
+            return noise
+        for j, own_s in enumerate(joints.position_step_s):
+            steps = round(own_s / self.step_s)
+            noise[j] = np.sqrt(steps) * position_noise(joints.position_rad[::steps, j : j + 1])[0]
+        return noise
+
+    @property
     def inner(self) -> np.ndarray:
         """Rows far from both ends of the episode, shape (t,)."""
         edge, samples = round(EDGE_S / self.step_s), np.arange(len(self.fast_position))[:: self.every]
@@ -142,10 +153,11 @@ def trajectory(recording: Recording, *, cutoff_hz: float = CUTOFF_HZ) -> Traject
             f"{recording.source}: episode {recording.name} has {len(recording.time_s)} samples in {recording.duration_s:.2g} s; "
             f"a study needs at least {_MIN_SAMPLES} and {4 * EDGE_S:g} s"
         )
-    cutoff_hz = min(cutoff_hz, 0.2 / step_s)
+    slowest_s = step_s if joints.position_step_s is None else float(joints.position_step_s.max())
+    cutoff_hz = min(cutoff_hz, 0.2 / slowest_s)
     raw, missing = joints.position_rad, np.isnan(joints.position_rad)
     filled = filled_gaps(raw)
-    smooth, fast = (_low_pass(filled.T, cutoff, step_s).T for cutoff in (cutoff_hz, min(FAST_CUTOFF_HZ, 0.3 / step_s)))
+    smooth, fast = (_low_pass(filled.T, cutoff, step_s).T for cutoff in (cutoff_hz, min(FAST_CUTOFF_HZ, 0.3 / slowest_s)))
     every = max(1, round(ROW_S / step_s))
     velocity, acceleration = np.gradient(smooth, step_s, axis=0), np.zeros_like(smooth)
     acceleration[1:-1] = np.diff(smooth, 2, axis=0) / step_s**2

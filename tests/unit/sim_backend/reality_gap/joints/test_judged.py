@@ -1,8 +1,12 @@
 """What was not measured does not count, and is said."""
 
+import shutil
+
 import numpy as np
 import pytest
 
+from sim_backend.reality_gap.foreign.episodes import read_recordings
+from sim_backend.reality_gap.foreign.study_file import load_study_file
 from sim_backend.reality_gap.joints.checks import fault_findings
 from sim_backend.reality_gap.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.joints.judged import not_judged
@@ -11,7 +15,7 @@ from sim_backend.reality_gap.joints.state import JointState
 from sim_backend.reality_gap.joints.study import FOREIGN_CUTOFF_HZ, starting_values
 from sim_backend.reality_gap.joints.trajectory import CUTOFF_HZ, EDGE_S, trajectory
 from sim_backend.reality_gap.recording import JointSignals, Recording
-from tests.unit.sim_backend.reality_gap.synthetic_arm import NAMES, STEP_S, arm, motion
+from tests.unit.sim_backend.reality_gap.synthetic_arm import MODEL, NAMES, STEP_S, STUDY, arm, motion, write_csv
 
 SECONDS = 4.0
 GAP = slice(500, 1000)
@@ -84,3 +88,36 @@ def test_a_joint_that_rests_is_named_as_not_judged(moved):
     position[:, 0] = 1.0
     (said,) = not_judged([equations(position, measured_torque_nm=moved[1])], NAMES)
     assert said == "anything else about joint1: no time is left in which its motor alone moves it"
+
+
+def test_a_slow_joint_is_bridged_at_its_own_rate(tmp_path, moved):
+    position = moved[0].copy()
+    position[np.arange(len(position)) % 5 != 0, 1] = np.nan
+    whole, slow = (from_file(tmp_path / name, path, moved[1]) for name, path in (("whole", moved[0]), ("slow", position)))
+    assert whole.joints.position_step_s is None
+    np.testing.assert_allclose(slow.joints.position_step_s, [STEP_S, 5 * STEP_S])
+    start = JointState(2, starting_values(Plant(arm(), NAMES), 10.0, {}))
+    errors = []
+    for recording in (whole, slow):
+        path = trajectory(recording, cutoff_hz=FOREIGN_CUTOFF_HZ)
+        episode = EpisodeEquations(Plant(arm(), NAMES), path, 0, has_safety_pipeline=False, in_torques=True)
+        errors.append(np.sqrt(np.mean(episode.torque_error(start)[episode.valid_mechanics] ** 2)))
+        assert episode.path.cutoff_hz == FOREIGN_CUTOFF_HZ
+        assert errors[-1] < 1.5 * np.sqrt(np.mean(episode.torque_error_floor_nm**2))
+    assert not_judged([episode], NAMES) == []
+
+
+def test_what_is_compared_lies_below_what_the_slowest_joint_shows(tmp_path, moved):
+    position = moved[0].copy()
+    position[np.arange(len(position)) % 25 != 0, 1] = np.nan
+    path = trajectory(from_file(tmp_path, position, moved[1]), cutoff_hz=FOREIGN_CUTOFF_HZ)
+    assert path.cutoff_hz == pytest.approx(0.2 / (25 * STEP_S))
+
+
+def from_file(folder, position, torque) -> Recording:
+    folder.mkdir(exist_ok=True)
+    write_csv(folder / "r.csv", position, torque)
+    (folder / "study.toml").write_text(STUDY)
+    shutil.copy(MODEL, folder / "model.xml")
+    (recording,) = read_recordings(load_study_file(folder / "study.toml"))
+    return recording
