@@ -11,6 +11,15 @@ class RecordingError(ValueError):
 
 
 @dataclass(frozen=True)
+class Outlier:
+    """A sample that was left out since it lies far from those before and after: channel, joint, and when, s from the begin."""
+
+    channel: str
+    joint: str
+    time_s: float
+
+
+@dataclass(frozen=True)
 class JointSignals:
     """What was measured at k joints over s samples; shapes (s, k), NaN where a sample is missing.
 
@@ -25,6 +34,7 @@ class JointSignals:
         temperature_rise_k: of the motors, above ambient, None without such a channel.
         position_step_s: from one position to the next as they were reported, of each joint, where some are slower than the grid
             and were bridged by straight lines, shape (k,); None where none is.
+        outliers: samples of positions and torques that were left out.
     """
 
     names: tuple[str, ...]
@@ -36,6 +46,7 @@ class JointSignals:
     position_target_rad: np.ndarray | None = None
     temperature_rise_k: np.ndarray | None = None
     position_step_s: np.ndarray | None = None
+    outliers: tuple[Outlier, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,11 @@ from sim_backend.reality_gap.foreign.data_table import find
 from sim_backend.reality_gap.foreign.measurement_units import chosen_factor
 from sim_backend.reality_gap.foreign.rows import Rows
 from sim_backend.reality_gap.foreign.study_entries import JointEntry
-from sim_backend.reality_gap.recording import JointSignals
+from sim_backend.reality_gap.outliers import position_outliers, torque_outliers
+from sim_backend.reality_gap.recording import JointSignals, Outlier
 
 _HELD = ("commanded_torque", "desired_torque")
+_TORQUES = ("commanded_torque", "measured_torque")
 _SLOWER = 1.5
 """A joint whose positions come so many steps of the grid apart, or more, skips some."""
 _SIGNED = ("velocity", "commanded_torque", "measured_torque", "desired_torque")
@@ -31,7 +33,8 @@ def joint_signals(rows: Rows, grid: time_grid.Grid, joints: Sequence[JointEntry]
     Raises:
         RecordingError: a channel without any value.
     """
-    columns = [_joint(rows, grid, joint) for joint in joints]
+    outliers: list[Outlier] = []
+    columns = [_joint(rows, grid, joint, outliers) for joint in joints]
     steps_s = np.array([time_grid.own_step_s(grid, rows.time_s, rows.column(joint.channels["position"])) for joint in joints])
 
     def together(word: str) -> np.ndarray | None:
@@ -52,18 +55,28 @@ def joint_signals(rows: Rows, grid: time_grid.Grid, joints: Sequence[JointEntry]
         position_target_rad=together("position_target"),
         temperature_rise_k=together("temperature"),
         position_step_s=steps_s if (steps_s > _SLOWER * grid.step_s).any() else None,
+        outliers=tuple(outliers),
     )
 
 
-def _joint(rows: Rows, grid: time_grid.Grid, joint: JointEntry) -> dict[str, np.ndarray]:
+def _joint(rows: Rows, grid: time_grid.Grid, joint: JointEntry, outliers: list[Outlier]) -> dict[str, np.ndarray]:
+    """Signals of one joint by their words; samples that were left out are added to ``outliers``."""
+
+    def without_outliers(word: str, values: np.ndarray, is_outlier: np.ndarray) -> np.ndarray:
+        outliers.extend(Outlier(word.replace("_", " "), joint.name, float(t)) for t in rows.time_s[is_outlier])
+        return np.where(is_outlier, np.nan, values)
+
     found = {word: rows.column(channel) for word, channel in joint.channels.items() if channel.key in rows.values}
     position = found.pop("position")
     turns = not joint.slide and (joint.wrapped if joint.wrapped is not None else time_grid.jumps(rows.time_s, position))
     zero = joint.zero * _factor(rows, joint, "position")
     position = joint.sign * ((time_grid.unwrapped(position) if turns else position) - zero)
+    position = without_outliers("position", position, position_outliers(position))
     signals = {"position": time_grid.interpolated(grid, rows.time_s, position, own_rate=True)}
     for word in _SIGNED:
         if word in found:
+            if word in _TORQUES:
+                found[word] = without_outliers(word, found[word], torque_outliers(found[word]))
             signals[word] = _resampled(rows, grid, word, joint.sign * found[word])
     if "position_target" in found:
         target = time_grid.held(grid, rows.time_s, _target(joint, found["position_target"], zero, position, turns=turns))

@@ -90,7 +90,8 @@ def _array(rows: Rows, entry: ObjectEntry, word: str, count: int) -> np.ndarray:
 
 def _normalised(rows: Rows, entry: ObjectEntry, quaternion: np.ndarray, pose: np.ndarray, index: np.ndarray) -> np.ndarray:
     """Quaternions of unit length, scalar part first."""
-    length = np.linalg.norm(quaternion[pose], axis=1)
+    with np.errstate(over="ignore"):  # of a broken file anything may come; an infinite length is refused below
+        length = np.linalg.norm(quaternion[pose], axis=1)
     wrong = np.flatnonzero(np.abs(length - 1.0) > QUATERNION_TOLERANCE)
     if len(wrong):
         row = int(index[np.flatnonzero(pose)[wrong[0]]])

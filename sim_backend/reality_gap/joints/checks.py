@@ -7,7 +7,8 @@ import numpy as np
 from sim_backend.reality_gap.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.joints.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.joints.state import JointState
-from sim_backend.reality_gap.joints.trajectory import filled_gaps, white_noise
+from sim_backend.reality_gap.joints.trajectory import filled_gaps
+from sim_backend.reality_gap.sensor_noise import white_noise
 
 ODD_JOINT = 1.6
 """A level this many times that of the other joints is odd: levels are known to a few per cent."""

@@ -11,13 +11,13 @@ _LEAST_SHARE = 0.01
 
 
 def not_judged(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -> list[str]:
-    """A sentence for each joint of which nothing, or not everything, could be judged.
+    """A sentence for each joint of which nothing, or not everything, could be judged, and for each channel with outliers.
 
     Args:
         episodes: of a study, as they were judged.
         names: of the joints.
     """
-    return [said for joint, name in enumerate(names) if (said := _of_joint(episodes, joint, name))]
+    return [said for joint, name in enumerate(names) if (said := _of_joint(episodes, joint, name))] + _of_outliers(episodes)
 
 
 def _of_joint(episodes: Sequence[EpisodeEquations], joint: int, name: str) -> str:
@@ -33,3 +33,18 @@ def _of_joint(episodes: Sequence[EpisodeEquations], joint: int, name: str) -> st
     if share < _LEAST_SHARE:
         return ""
     return f"what {name} does in {share:.0%} of the time: its torque, or a position of a joint that it moves with, is missing"
+
+
+def _of_outliers(episodes: Sequence[EpisodeEquations]) -> list[str]:
+    """Each channel of which samples were left out: how many, and where the first one was."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for episode in episodes:
+        for outlier in episode.path.joints.outliers:
+            place = f"{episode.path.recording.name} at {outlier.time_s:.3f} s"
+            found.setdefault((outlier.joint, outlier.channel), []).append(place)
+    more = {key: f" and {len(places) - 1} more" if len(places) > 1 else "" for key, places in found.items()}
+    return [
+        f"whether the {channel} of {joint} was what it says in {places[0]}{more[joint, channel]}: "
+        "far from the samples before and after, and left out"
+        for (joint, channel), places in found.items()
+    ]

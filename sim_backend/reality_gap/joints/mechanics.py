@@ -6,7 +6,8 @@ from sim_backend.reality_gap.joints.gravity_tilt import tilted_gravity
 from sim_backend.reality_gap.joints.motor_torques import MotorTorques
 from sim_backend.reality_gap.joints.plant import InverseDynamics, Plant
 from sim_backend.reality_gap.joints.state import JointState
-from sim_backend.reality_gap.joints.trajectory import Trajectory, white_noise
+from sim_backend.reality_gap.joints.trajectory import Trajectory
+from sim_backend.reality_gap.sensor_noise import white_noise
 
 
 class Mechanics:

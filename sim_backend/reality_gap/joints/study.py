@@ -29,7 +29,8 @@ from sim_backend.reality_gap.joints.plant import Plant
 from sim_backend.reality_gap.joints.rattling import Rattling, rattling_joints
 from sim_backend.reality_gap.joints.state import JointState
 from sim_backend.reality_gap.joints.trajectory import trajectory
-from sim_backend.reality_gap.recording import Recording, RecordingError
+from sim_backend.reality_gap.outliers import PEAK, usual_peak_nm
+from sim_backend.reality_gap.recording import JointSignals, Recording, RecordingError
 from sim_backend.trifinger import constants as c
 
 CALIBRATION_FILE = Path(__file__).with_name("calibration.json")
@@ -156,9 +157,8 @@ def study_joints(
     episodes = []
     for index, recording in enumerate(recordings):
         progress(f"smoothing {recording.name}", 0.15 * index / len(recordings))
-        path = trajectory(recording) if is_trifinger else trajectory(recording, cutoff_hz=FOREIGN_CUTOFF_HZ)
-        episodes.append(EpisodeEquations(plant, path, index, has_safety_pipeline=is_trifinger, in_torques=not is_trifinger))
-    limit = c.MAX_TORQUE_NM if is_trifinger else max(float(np.abs(e.driving_nm).max()) for e in episodes)
+        episodes.append(_equations(plant, recording, index, is_trifinger=is_trifinger))
+    limit = c.MAX_TORQUE_NM if is_trifinger else largest_torque_nm([e.driving_nm for e in episodes])
     start = starting_values(plant, limit, nominal or {})
     size = 1.0 if is_trifinger else max(1.0, float(np.max(limit)) / c.MAX_TORQUE_NM)
     nominal_state = JointState(len(names), start, size)
@@ -168,10 +168,8 @@ def study_joints(
     for fault in faults:
         if fault.effect == "encoder_jump":
             corrected = _without_jump(recordings[fault.episode], fault)
-            path = replace(trajectory(corrected), recording=corrected)
-            episodes[fault.episode] = EpisodeEquations(
-                plant, path, fault.episode, has_safety_pipeline=is_trifinger, reported=recordings[fault.episode].joints
-            )
+            reported = recordings[fault.episode].joints
+            episodes[fault.episode] = _equations(plant, corrected, fault.episode, is_trifinger=is_trifinger, reported=reported)
         elif fault.joint is not None:
             for episode in episodes:
                 episode.ignore_joint(fault.joint)
@@ -207,6 +205,23 @@ def study_joints(
         nominal_state,
         gates,
     )
+
+
+def _equations(
+    plant: Plant, recording: Recording, index: int, *, is_trifinger: bool, reported: JointSignals | None = None
+) -> EpisodeEquations:
+    """One episode's; ``reported`` is what the robot's controller saw, where positions were corrected since."""
+    path = trajectory(recording) if is_trifinger else trajectory(recording, cutoff_hz=FOREIGN_CUTOFF_HZ)
+    return EpisodeEquations(plant, path, index, has_safety_pipeline=is_trifinger, in_torques=not is_trifinger, reported=reported)
+
+
+def largest_torque_nm(torques_nm: Sequence[np.ndarray]) -> float:
+    """The largest torque of any joint, shapes (k, s), though no more than a motor that often gives what it gives can peak at."""
+    largest = 0.0
+    for torque in np.concatenate(torques_nm, axis=1):
+        peak, often = float(np.abs(torque).max()), PEAK * usual_peak_nm(torque)
+        largest = max(largest, min(peak, often) if often > 0.0 else peak)
+    return largest
 
 
 def starting_values(plant: Plant, limit_nm: float, nominal: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -6,6 +6,7 @@ import numpy as np
 from scipy import signal
 
 from sim_backend.reality_gap.recording import JointSignals, Recording, RecordingError
+from sim_backend.reality_gap.sensor_noise import position_noise
 
 CUTOFF_HZ = 25.0
 """Below it joints are followed; encoder noise grows with the square of the frequency."""
@@ -14,8 +15,6 @@ FAST_CUTOFF_HZ = 60.0
 """For the direction of motion, which friction switches with."""
 ROW_S = 0.008
 """From row to row, or one sample where samples are further apart."""
-LEAST_NOISE_RAD = 3e-5
-"""No encoder is trusted beyond this: laws of friction and gears do not hold to less, however quiet a simulated sensor is."""
 EDGE_S = 0.15
 _MIN_SAMPLES = 30
 
@@ -117,26 +116,6 @@ class Trajectory:
         found = np.zeros_like(rows)
         found[..., 1:-1] = np.diff(rows, 2, axis=-1) / (self.step_s * self.every) ** 2
         return found
-
-
-def position_noise(position_rad: np.ndarray) -> np.ndarray:
-    """Standard deviation of the reported positions' errors, at least that of rounding to the smallest step, shape (k,)."""
-    steps = []
-    for column in position_rad.T:
-        moves = np.abs(np.diff(column[~np.isnan(column)]))
-        moves = moves[moves > 1e-12]
-        steps.append(float(np.quantile(moves, 0.01)) if len(moves) else 0.0)
-    return np.maximum(white_noise(position_rad), np.maximum(np.minimum(np.array(steps), 1e-3) / np.sqrt(12.0), LEAST_NOISE_RAD))
-
-
-def white_noise(series: np.ndarray) -> np.ndarray:
-    """Standard deviation of what is white in each column, from fourth differences, which smooth motion has none of; (k,).
-
-    It is 0 where nothing is known.
-    """
-    differences = np.diff(series, 4, axis=0)
-    differences[:, np.isnan(differences).all(axis=0)] = 0.0
-    return np.nanmedian(np.abs(differences), axis=0) / (0.6744897501960817 * np.sqrt(70.0))
 
 
 def trajectory(recording: Recording, *, cutoff_hz: float = CUTOFF_HZ) -> Trajectory:

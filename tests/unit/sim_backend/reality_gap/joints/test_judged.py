@@ -12,10 +12,10 @@ from sim_backend.reality_gap.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.joints.judged import not_judged
 from sim_backend.reality_gap.joints.plant import Plant
 from sim_backend.reality_gap.joints.state import JointState
-from sim_backend.reality_gap.joints.study import FOREIGN_CUTOFF_HZ, starting_values
+from sim_backend.reality_gap.joints.study import FOREIGN_CUTOFF_HZ, largest_torque_nm, starting_values, study_joints
 from sim_backend.reality_gap.joints.trajectory import CUTOFF_HZ, EDGE_S, trajectory
 from sim_backend.reality_gap.recording import JointSignals, Recording
-from tests.unit.sim_backend.reality_gap.synthetic_arm import MODEL, NAMES, STEP_S, STUDY, arm, motion, write_csv
+from tests.unit.sim_backend.reality_gap.synthetic_arm import MODEL, NAMES, STEP_S, STUDY, arm, motion, recorded, write_csv
 
 SECONDS = 4.0
 GAP = slice(500, 1000)
@@ -121,3 +121,47 @@ def from_file(folder, position, torque) -> Recording:
     shutil.copy(MODEL, folder / "model.xml")
     (recording,) = read_recordings(load_study_file(folder / "study.toml"))
     return recording
+
+
+def test_samples_far_from_their_neighbours_are_left_out_and_named(tmp_path, moved):
+    position, torque = moved[0].copy(), moved[1].copy()
+    position[700, 0] += 0.5
+    torque[[1200, 1500], 1] = 1e4
+    recording = from_file(tmp_path, position, torque)
+    assert [(o.channel, o.joint, round(o.time_s, 3)) for o in recording.joints.outliers] == [
+        ("position", "joint1", 1.4),
+        ("measured torque", "joint2", 2.4),
+        ("measured torque", "joint2", 3.0),
+    ]
+    path = trajectory(recording, cutoff_hz=FOREIGN_CUTOFF_HZ)
+    episode = EpisodeEquations(Plant(arm(), NAMES), path, 0, has_safety_pipeline=False, in_torques=True)
+    assert np.abs(episode.driving_nm).max() < 20.0
+    left = episode.torque_error(JointState(2, starting_values(Plant(arm(), NAMES), 10.0, {})))[episode.valid_mechanics]
+    assert np.sqrt(np.mean(left**2)) < 1.5 * np.sqrt(np.mean(episode.torque_error_floor_nm**2))
+    assert not_judged([episode], NAMES) == [
+        "whether the position of joint1 was what it says in r at 1.400 s: far from the samples before and after, and left out",
+        "whether the measured torque of joint2 was what it says in r at 2.400 s and 1 more: "
+        "far from the samples before and after, and left out",
+    ]
+
+
+def test_an_episode_whose_encoder_jumped_is_compared_as_all_others(moved):
+    position = moved[0].copy()
+    position[1000:, 0] += 0.1
+    study = study_joints(
+        arm(), [recorded(position, moved[1]), recorded(*moved)], lambda *_: None, is_trifinger=False, gate=np.inf
+    )
+    assert [f.effect for f in study.findings] == ["encoder_jump"]
+    jumped, other = study.problem.episodes
+    assert jumped.path.cutoff_hz == other.path.cutoff_hz == FOREIGN_CUTOFF_HZ
+    channels = [[e.channel for e in episode.equations(study.start, ())] for episode in (jumped, other)]
+    assert channels[0] == channels[1]
+    assert not any(e.in_windows for e in jumped.equations(study.start, ()))
+
+
+def test_the_largest_torque_is_one_that_a_motor_can_give(moved):
+    torque = moved[1].T.copy()
+    assert largest_torque_nm([torque, 0.5 * torque]) == np.abs(torque).max()
+    torque[0, 300:302] = 1e4
+    assert largest_torque_nm([torque]) < 10.0 * np.abs(moved[1]).max()
+    assert largest_torque_nm([np.zeros((2, 50))]) == 0.0

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.joints.trajectory import EDGE_S, filled_gaps, position_noise, trajectory, white_noise
+from sim_backend.reality_gap.joints.trajectory import EDGE_S, filled_gaps, trajectory
 from sim_backend.reality_gap.recording import RecordingError
+from sim_backend.reality_gap.sensor_noise import position_noise, white_noise
 from tests.unit.sim_backend.reality_gap.joints.driven_joints import INERTIA_KG_M2, STEP_S, drive, joints_model, recording
 
 

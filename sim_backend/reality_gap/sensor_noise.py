@@ -1,0 +1,26 @@
+"""How large the noise of a sensor is, told from what it reports while it moves smoothly."""
+
+import numpy as np
+
+LEAST_NOISE_RAD = 3e-5
+"""No encoder is trusted beyond this: laws of friction and gears do not hold to less, however quiet a simulated sensor is."""
+
+
+def position_noise(position_rad: np.ndarray) -> np.ndarray:
+    """Standard deviation of the reported positions' errors, at least that of rounding to the smallest step, shape (k,)."""
+    steps = []
+    for column in position_rad.T:
+        moves = np.abs(np.diff(column[~np.isnan(column)]))
+        moves = moves[moves > 1e-12]
+        steps.append(float(np.quantile(moves, 0.01)) if len(moves) else 0.0)
+    return np.maximum(white_noise(position_rad), np.maximum(np.minimum(np.array(steps), 1e-3) / np.sqrt(12.0), LEAST_NOISE_RAD))
+
+
+def white_noise(series: np.ndarray) -> np.ndarray:
+    """Standard deviation of what is white in each column, from fourth differences, which smooth motion has none of; (k,).
+
+    It is 0 where nothing is known.
+    """
+    differences = np.diff(series, 4, axis=0)
+    differences[:, np.isnan(differences).all(axis=0)] = 0.0
+    return np.nanmedian(np.abs(differences), axis=0) / (0.6744897501960817 * np.sqrt(70.0))
