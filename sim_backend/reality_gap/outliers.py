@@ -35,8 +35,11 @@ def position_outliers(position_rad: np.ndarray) -> np.ndarray:
 
 def torque_outliers(torque_nm: np.ndarray) -> np.ndarray:
     """As :func:`position_outliers`, but only of torques that no motor gives: a short pulse may be meant; shapes (s,), N m."""
+    often_nm = usual_peak_nm(torque_nm)
+    if often_nm == 0.0:
+        return np.zeros(len(torque_nm), dtype=bool)
     with np.errstate(over="ignore", invalid="ignore"):
-        return _apart(torque_nm, PEAK * usual_peak_nm(torque_nm))
+        return _apart(torque_nm, PEAK * often_nm)
 
 
 def usual_peak_nm(torque_nm: np.ndarray) -> float:

@@ -58,7 +58,7 @@ def _recording(study: StudyFile, entry: RecordingEntry, rows: Rows) -> Recording
         source=str(entry.file),
         step_s=grid.step_s,
         time_s=grid.time_s,
-        joints=joint_signals(rows, grid, study.joints) if study.joints else None,
+        joints=joint_signals(rows, grid, study.joints, study.controller) if study.joints else None,
         objects=objects,
         signals=signals,
         regime=entry.regime,

@@ -1,6 +1,6 @@
 """Joints of foreign data on the episode's grid."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from sim_backend.reality_gap.foreign.data_table import find
 from sim_backend.reality_gap.foreign.measurement_units import chosen_factor
 from sim_backend.reality_gap.foreign.rows import Rows
 from sim_backend.reality_gap.foreign.study_entries import JointEntry
+from sim_backend.reality_gap.foreign.study_nominal import Controller
 from sim_backend.reality_gap.outliers import position_outliers, torque_outliers
 from sim_backend.reality_gap.recording import JointSignals, Outlier
 
@@ -27,14 +28,21 @@ def position_rows(rows: Rows, joints: Sequence[JointEntry]) -> np.ndarray:
     return rows.time_s[there]
 
 
-def joint_signals(rows: Rows, grid: time_grid.Grid, joints: Sequence[JointEntry]) -> JointSignals:
+def joint_signals(
+    rows: Rows, grid: time_grid.Grid, joints: Sequence[JointEntry], controller: Controller | None = None
+) -> JointSignals:
     """Joints on a grid: positions unwrapped, commands held, everything in the model's direction and zero.
+
+    A joint without any torque, but with position targets, was sent what the controller makes of them.
 
     Raises:
         RecordingError: a channel without any value.
     """
     outliers: list[Outlier] = []
     columns = [_joint(rows, grid, joint, outliers) for joint in joints]
+    for joint, column in zip(joints, columns, strict=True):
+        if controller is not None and "position_target" in column and not any(word in column for word in _TORQUES):
+            column["commanded_torque"] = _controlled(controller, joint.name, column, grid.step_s)
     steps_s = np.array([time_grid.own_step_s(grid, rows.time_s, rows.column(joint.channels["position"])) for joint in joints])
 
     def together(word: str) -> np.ndarray | None:
@@ -85,6 +93,13 @@ def _joint(rows: Rows, grid: time_grid.Grid, joint: JointEntry, outliers: list[O
         rise = found["temperature"] - joint.ambient * _factor(rows, joint, "temperature")
         signals["temperature"] = time_grid.interpolated(grid, rows.time_s, rise, own_rate=True)
     return signals
+
+
+def _controlled(controller: Controller, joint: str, column: Mapping[str, np.ndarray], step_s: float) -> np.ndarray:
+    """Torque that a controller sends, N m; without a reported velocity by the slope of the position; shape (s,)."""
+    position = column["position"]
+    velocity = column["velocity"] if "velocity" in column else np.gradient(position, step_s)
+    return controller.torque_nm(joint, column["position_target"], position, velocity, column.get("desired_torque", 0.0))
 
 
 def _target(joint: JointEntry, target: np.ndarray, zero: float, position: np.ndarray, *, turns: bool) -> np.ndarray:

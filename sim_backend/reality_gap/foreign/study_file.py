@@ -250,11 +250,13 @@ def _longer_name(file: Path, root: Path) -> str:
 def _refuse_unstated_controller(top: Section, study: StudyFile) -> None:
     for joint in study.joints:
         if "position_target" in joint.channels and (
-            study.controller is None or joint.name not in study.controller.stiffness_nm_rad
+            study.controller is None
+            or joint.name not in study.controller.stiffness_nm_rad
+            or joint.name not in study.controller.damping_nm_s_rad
         ):
             raise top.refusal(
                 f"[joints.{joint.name}] has a position_target, but no [controller] says what became of it; "
-                "state its kind, stiffness and damping, or leave the column out"
+                "state its kind, and stiffness and damping of this joint, or leave the column out"
             )
 
 

@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from sim_backend.effects.catalogue import CATALOGUE, PARAMETERS
 from sim_backend.effects.effect import Parameter, Scope
 from sim_backend.reality_gap.foreign.naming import listed, nearest
@@ -24,6 +26,19 @@ class Controller:
     stiffness_nm_rad: Mapping[str, float]
     damping_nm_s_rad: Mapping[str, float]
     torque_limit_nm: Mapping[str, float]
+
+    def torque_nm(
+        self,
+        joint: str,
+        target_rad: np.ndarray,
+        position_rad: np.ndarray,
+        velocity_rad_s: np.ndarray,
+        desired_nm: np.ndarray | float,
+    ) -> np.ndarray:
+        """What it sends to a joint, N m; all of shape (s,), NaN where anything of it is missing."""
+        torque_nm = self.stiffness_nm_rad[joint] * (target_rad - position_rad) - self.damping_nm_s_rad[joint] * velocity_rad_s
+        limit_nm = self.torque_limit_nm.get(joint, np.inf)
+        return np.clip(torque_nm + desired_nm, -limit_nm, limit_nm)
 
 
 def nominal_values(top: Section, joints: Sequence[str]) -> dict[str, NominalValue]:

@@ -286,7 +286,8 @@ def _names(recordings: Sequence[Recording]) -> tuple[str, ...]:
         joints = recording.joints
         if joints is not None and joints.commanded_torque_nm is None and joints.measured_torque_nm is None:
             raise RecordingError(
-                f"{recording.source}: episode {recording.name} has no torque; give commanded or measured torques"
+                f"{recording.source}: episode {recording.name} has no torque; give commanded or measured torques, "
+                "or position targets and the controller that follows them"
             )
     return found.pop()
 
