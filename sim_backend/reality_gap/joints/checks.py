@@ -50,15 +50,16 @@ class Finding:
 def noise_findings(episodes: list[EpisodeEquations]) -> list[Finding]:
     """Noise of positions, velocities and torques, and steps of encoders, beyond what is healthy or what other joints have."""
     found: list[Finding] = []
-    joints = [episode.path.joints for episode in episodes]
-    steps = np.median([encoder_step(j.position_rad) for j in joints], axis=0)
+    paths, joints = [episode.path for episode in episodes], [episode.path.joints for episode in episodes]
+    steps = np.median([path.by_own_samples(encoder_step, path.joints.position_rad) for path in paths], axis=0)
     found += _odd("encoder_quantisation", "step_rad", steps, HEALTHY_STEP_RAD, 0.02)
-    position = np.median([white_noise(j.position_rad) for j in joints], axis=0)
+    position = np.median([path.by_own_samples(white_noise, path.joints.position_rad) for path in paths], axis=0)
     position = np.sqrt(np.maximum(position**2 - steps**2 / 12.0, 0.0))
     if not any(f.effect == "encoder_quantisation" for f in found):
         found += _odd("joint_noise", "position_rad", position, HEALTHY_NOISE["position_rad"], 0.05)
     if all(j.velocity_rad_s is not None for j in joints):
-        velocity = np.median([white_noise(j.velocity_rad_s) for j in joints if j.velocity_rad_s is not None], axis=0)
+        reported = [(path, v) for path in paths if (v := path.joints.velocity_rad_s) is not None]
+        velocity = np.median([path.by_own_samples(white_noise, v) for path, v in reported], axis=0)
         found += _odd("joint_noise", "velocity_rad_s", velocity, HEALTHY_NOISE["velocity_rad_s"], 0.08)
     return found
 

@@ -1,5 +1,6 @@
 """A recorded motion made fit for differentiation: gaps filled, smoothed without a shift in time, and thinned out."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,13 +92,21 @@ class Trajectory:
     @property
     def position_noise_rad(self) -> np.ndarray:
         """As :func:`position_noise`, as if white up to half of the rate of the grid; slower joints have theirs below it; (k,)."""
-        joints, noise = self.joints, position_noise(self.joints.position_rad)
-        if joints.position_step_s is None:
-            return noise
-        for j, own_s in enumerate(joints.position_step_s):
-            steps = round(own_s / self.step_s)
-            noise[j] = np.sqrt(steps) * position_noise(joints.position_rad[::steps, j : j + 1])[0]
-        return noise
+        return self.by_own_samples(position_noise, self.joints.position_rad) * np.sqrt(self._own_steps)
+
+    def by_own_samples(self, level: Callable[[np.ndarray], np.ndarray], series: np.ndarray) -> np.ndarray:
+        """A level of each column of series, shape (s, k), from samples as far apart as the joint's own; shape (k,)."""
+        found = level(series)
+        for j, steps in enumerate(self._own_steps):
+            if steps > 1:
+                found[j] = level(series[::steps, j : j + 1])[0]
+        return found
+
+    @property
+    def _own_steps(self) -> np.ndarray:
+        """Samples of the grid from one position of a joint to the next, shape (k,)."""
+        own_s = self.joints.position_step_s
+        return np.ones(len(self.joints.names), int) if own_s is None else np.round(own_s / self.step_s).astype(int)
 
     @property
     def inner(self) -> np.ndarray:

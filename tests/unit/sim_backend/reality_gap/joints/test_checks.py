@@ -50,6 +50,15 @@ def test_a_noisy_encoder_is_odd_among_others_and_all_are_beyond_what_is_healthy(
     assert found[0].value == pytest.approx(3e-3, rel=0.05)
 
 
+def test_joints_that_are_recorded_slower_are_not_quieter(motion):
+    position, samples = motion[0].copy(), np.arange(len(motion[0]))
+    for joint in (1, 2):
+        position[:, joint] = np.interp(samples, samples[::5], motion[0][::5, joint])
+    slow = episode(position, motion[1], position_step_s=np.array([1e-3, 5e-3, 5e-3]))
+    assert noise_findings([slow]) == []
+    assert (slow.path.position_noise_rad > 0.9 * ENCODER_RAD * np.sqrt([1.0, 5.0, 5.0])).all()
+
+
 def test_noise_of_velocities(motion):
     velocity = np.gradient(motion[0], 1e-3, axis=0) + noise(motion, np.array([0.0, 0.0, 0.6]))
     found = noise_findings([episode(*motion, velocity_rad_s=velocity)])
