@@ -139,7 +139,7 @@ class EpisodeEquations:
     @property
     def has_torque(self) -> np.ndarray:
         """Which joints have any torque, shape (k,)."""
-        return self._motors.known.any(axis=0)
+        return np.asarray(self._motors.known.any(axis=0))
 
     @property
     def ends_rad(self) -> np.ndarray:

@@ -90,4 +90,5 @@ def simulated_sessions(
 def _recording(name: str, excitation: str, arrays: dict[str, np.ndarray]) -> Recording:
     steps = len(arrays["position_rad"])
     time_s = c.PHYSICS_STEP_S * np.arange(steps)
-    return Recording(name, "simulated", c.PHYSICS_STEP_S, time_s, JointSignals(c.JOINT_NAMES, **arrays), regime=excitation)
+    joints = JointSignals(c.JOINT_NAMES, **arrays)  # pyright: ignore[reportArgumentType] - no arrays are outliers
+    return Recording(name, "simulated", c.PHYSICS_STEP_S, time_s, joints, regime=excitation)

@@ -94,7 +94,8 @@ def test_a_slow_joint_is_bridged_at_its_own_rate(tmp_path, moved):
     position = moved[0].copy()
     position[np.arange(len(position)) % 5 != 0, 1] = np.nan
     whole, slow = (from_file(tmp_path / name, path, moved[1]) for name, path in (("whole", moved[0]), ("slow", position)))
-    assert whole.joints.position_step_s is None
+    assert whole.joints is not None and whole.joints.position_step_s is None
+    assert slow.joints is not None and slow.joints.position_step_s is not None
     np.testing.assert_allclose(slow.joints.position_step_s, [STEP_S, 5 * STEP_S])
     start = JointState(2, starting_values(Plant(arm(), NAMES), 10.0, {}))
     errors = []
@@ -128,6 +129,7 @@ def test_samples_far_from_their_neighbours_are_left_out_and_named(tmp_path, move
     position[700, 0] += 0.5
     torque[[1200, 1500], 1] = 1e4
     recording = from_file(tmp_path, position, torque)
+    assert recording.joints is not None
     assert [(o.channel, o.joint, round(o.time_s, 3)) for o in recording.joints.outliers] == [
         ("position", "joint1", 1.4),
         ("measured torque", "joint2", 2.4),
