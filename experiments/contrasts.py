@@ -5,10 +5,12 @@ from dataclasses import dataclass
 from statistics import mean, median
 from typing import Any
 
+from api_schemas.physics_name import NOMINAL
 from experiments.design import Cell, Contrast, Demonstrations, Experiment, Measure
-from experiments.farm_trials import by_goal
+from experiments.farm_trials import by_goal, robot_by_goal
 from experiments.judging import (
     Arrival,
+    Chance,
     Difference,
     Verdict,
     arrival,
@@ -75,21 +77,33 @@ def _continued(runs: int) -> str:
     return "both continue one training" if runs == 1 else f"{runs} continuations of one training"
 
 
-def of_farm(cell: Cell, physics: str, experiment: Experiment, store: Store) -> list[dict[int, bool]]:
-    """Whether each goal was reached, of each run of a cell whose blocks are all there."""
+@dataclass(frozen=True)
+class Tried:
+    """Of each run of a cell whether each goal was reached, and on which robot; ``robots`` is None where they are all alike."""
+
+    reached: list[dict[int, bool]]
+    robots: list[dict[int, str]] | None
+
+
+def of_farm(cell: Cell, physics: str, experiment: Experiment, store: Store) -> Tried:
+    """A cell's runs on one farm, of those whose blocks are all there."""
     assert experiment.trials is not None
     found = (store.trials(Key(cell.name, seed, physics)) for seed in cell.seeds)
-    return [by_goal(kept) for kept in found if kept is not None and len(kept["blocks"]) == experiment.trials.blocks]
+    whole = [kept for kept in found if kept is not None and len(kept["blocks"]) == experiment.trials.blocks]
+    return Tried(list(map(by_goal, whole)), None if physics == NOMINAL else list(map(robot_by_goal, whole)))
 
 
 def _success(contrast: Contrast, experiment: Experiment, store: Store, first: Cell, other: Cell) -> _Sides:
     before, after = (of_farm(cell, contrast.farm, experiment, store) for cell in (first, other))
-    if len(before) < len(first.seeds) or len(after) < len(other.seeds):
+    if len(before.reached) < len(first.seeds) or len(after.reached) < len(other.seeds):
         return _Sides(None)
-    if (found := paired_success(before, after)) is None:
+    robots = None if before.robots is None or after.robots is None else (before.robots, after.robots)
+    if (found := paired_success(before.reached, after.reached, robots)) is None:
         return _Sides(None)
-    rates = [mean(reached for run in side for reached in run.values()) for side in (before, after)]
-    return _Sides(found, hidden_effect(contrast, found, *rates))
+    rates = [mean(reached for run in side.reached for reached in run.values()) for side in (before, after)]
+    moved = 0 if robots is None else sum(a[goal] != b[goal] for a, b in zip(*robots, strict=True) for goal in a.keys() & b.keys())
+    notes = (f"{moved} of {found.n} pairs on two robots",) if moved else ()
+    return _Sides(found, hidden_effect(contrast, found, *rates), notes)
 
 
 def _goals(contrast: Contrast, experiment: Experiment, store: Store, first: Cell, other: Cell) -> _Sides:
@@ -155,7 +169,8 @@ def _hidden_state(contrast: Contrast, experiment: Experiment, store: Store, cell
     last = max(each["at_s"] for each in entries)
     of_runs = [each for each in entries if each["at_s"] == last]
     low, high = min(each["low"] for each in of_runs), max(each["high"] for each in of_runs)
-    found = Difference(mean(each["difference"] for each in of_runs), low, high, of_runs[0]["robots"], len(of_runs))
+    estimate, over = mean(each["difference"] for each in of_runs), (Chance.ROBOTS, Chance.ROBOTS)
+    found = Difference(estimate, low, high, of_runs[0]["robots"], len(of_runs), widest=over)
     notes = [f"after {last:g} s"]
     if all("told_by_state" in each for each in of_runs):
         told = mean(each["told_by_state"] for each in of_runs)

@@ -111,6 +111,11 @@ def by_goal(kept: Mapping[str, Any]) -> dict[int, bool]:
     return {row["goal"]: row["reached"] for rows in kept["blocks"].values() for row in rows}
 
 
+def robot_by_goal(kept: Mapping[str, Any]) -> dict[int, str]:
+    """Which robot tried each goal, by its seed, over all blocks that are there."""
+    return {row["goal"]: row["robot"] for rows in kept["blocks"].values() for row in rows}
+
+
 @contextmanager
 def own_farm(farm: Farm, folder: Path) -> Iterator["OwnFarm"]:
     """A farm of our own in a folder, which should be this user's alone; ended and forgotten afterwards."""

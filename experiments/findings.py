@@ -16,7 +16,7 @@ from experiments.store import Key, Store
 
 @dataclass(frozen=True)
 class Rate:
-    """Success of a cell on one farm, over all its runs; ``interval`` is at 80 %, of trials, runs and goals the widest."""
+    """Success of a cell on one farm, over all its runs; ``interval`` is at 80 %: the widest of trials, runs, goals, robots."""
 
     cell: str
     physics: str
@@ -110,10 +110,11 @@ def _rates(experiment: Experiment, store: Store):
         return
     for farm in experiment.trials.farms:
         for cell in experiment.cells:
-            if of_runs := of_farm(cell, farm.physics, experiment, store):
+            tried = of_farm(cell, farm.physics, experiment, store)
+            if of_runs := tried.reached:
                 reached = [sum(run.values()) for run in of_runs]
                 trials, each = sum(map(len, of_runs)), tuple(n / len(run) for n, run in zip(reached, of_runs, strict=True))
-                yield Rate(cell.name, farm.physics, sum(reached), trials, each, rate_interval(of_runs))
+                yield Rate(cell.name, farm.physics, sum(reached), trials, each, rate_interval(of_runs, tried.robots))
 
 
 def _curves(experiment: Experiment, runs: Runs):

@@ -4,7 +4,7 @@ All intervals are two-sided at 80 %, as the farm's are.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -29,15 +29,30 @@ class Verdict(StrEnum):
     NOT_RUN = "not run yet"
 
 
+class Chance(StrEnum):
+    """What an interval is over."""
+
+    TRIALS = "trials"
+    RUNS = "runs"
+    GOALS = "goals"
+    ROBOTS = "robots"
+
+
 @dataclass(frozen=True)
 class Difference:
-    """Other minus first: the estimate, its 80 % interval, and from how many trials and runs."""
+    """Other minus first: the estimate, its 80 % interval, and from how many trials and runs.
+
+    ``robots`` is on how many of a farm's robots that differ both sides were tried, 0 where robots are alike or each trial has
+    one of its own; ``widest`` which chance sets the lower bound and which the upper one.
+    """
 
     estimate: float
     low: float
     high: float
     n: int
     runs: int
+    robots: int = 0
+    widest: tuple[Chance, Chance] = (Chance.TRIALS, Chance.TRIALS)
 
     @property
     def width(self) -> float:
@@ -109,17 +124,26 @@ def hidden_effect(contrast: Contrast, found: Difference, first: float, other: fl
 _COUNTED = {Measure.SUCCESS: "successes", Measure.GOALS: "goals"}
 
 
-def paired_success(first: Sequence[Mapping[int, bool]], other: Sequence[Mapping[int, bool]]) -> Difference | None:
+Outcomes = Sequence[Mapping[int, bool]]
+"""Of each run (seed) of a cell whether it reached each goal, by the goal's seed."""
+Robots = Sequence[Mapping[int, str]]
+"""Of each run of a cell which robot tried each goal."""
+
+
+def paired_success(first: Outcomes, other: Outcomes, robots: tuple[Robots, Robots] | None = None) -> Difference | None:
     """Difference of success rates on the same goals.
 
     Args:
-        first: for each run (seed) of the first cell whether it reached each goal, by the goal's seed.
-        other: the same of the other cell, run by run.
+        first: of the first cell.
+        other: of the other cell, run by run.
+        robots: of both cells, run by run; None where all robots are alike.
 
     Returns:
         None without a goal in common. With one run each Tango's interval of the paired difference, which speaks of these two
         policies only; with more the widest of that over all pairs, Student's over the runs' differences and Student's over the
-        goals' mean differences, since all runs try the same goals: no chance of trials, trainings or goals is left out.
+        goals' mean differences, since all runs try the same goals. Where robots differ also Student's over the robots'
+        differences, since both sides share a few robots: no chance of trials, trainings, goals or robots is left out. Nothing is
+        added up: each goal is tried on one robot, so that robots' differences hold the chance of their goals and trials too.
     """
     gained = lost = pairs = 0
     of_runs: list[float] = []
@@ -135,26 +159,60 @@ def paired_success(first: Sequence[Mapping[int, bool]], other: Sequence[Mapping[
             of_goals.setdefault(goal, []).append(change)
     if not pairs:
         return None
-    low, high = paired_interval(gained, lost, pairs, LEVEL)
+    intervals = {Chance.TRIALS: paired_interval(gained, lost, pairs, LEVEL)}
     if len(of_runs) > 1:
-        around = (student(of_runs), student([float(np.mean(each)) for each in of_goals.values()]))
-        low, high = min(low, *(each.low for each in around)), max(high, *(each.high for each in around))
-    return Difference((gained - lost) / pairs, low, high, pairs, len(of_runs))
+        intervals |= {Chance.RUNS: _around(of_runs), Chance.GOALS: _around([float(np.mean(each)) for each in of_goals.values()])}
+    shared = 0
+    if robots is not None:
+        rates = [_of_robots(*side, of_goals) for side in zip((first, other), robots, strict=True)]
+        shared = len(rates[0].keys() & rates[1].keys())
+        if len(rates[0].keys() | rates[1].keys()) > 1:
+            intervals[Chance.ROBOTS] = _around([rates[1][robot] - rates[0][robot] for robot in rates[0] if robot in rates[1]])
+    low, high, widest = _widest(intervals)
+    return Difference((gained - lost) / pairs, low, high, pairs, len(of_runs), shared, widest)
 
 
-def rate_interval(runs: Sequence[Mapping[int, bool]]) -> tuple[float, float]:
+def rate_interval(runs: Outcomes, robots: Robots | None = None) -> tuple[float, float]:
     """Interval of a success rate, of runs that tried the same goals: as wide as :func:`paired_success` has it.
 
-    The widest of Wilson's over all trials and, with more than one run, Student's over the runs' and over the goals' rates.
+    The widest of Wilson's over all trials, with more than one run Student's over the runs' and over the goals' rates, and where
+    robots differ (``robots`` is not None) Student's over the robots' rates.
     """
     reached, trials = sum(sum(run.values()) for run in runs), sum(map(len, runs))
-    low, high = wilson(reached, trials, LEVEL)
+    goals = sorted(set().union(*runs))
+    intervals = {Chance.TRIALS: wilson(reached, trials, LEVEL)}
     if len(runs) > 1:
-        goals = sorted(set().union(*runs))
-        of_goals = [float(np.mean([run[goal] for run in runs if goal in run])) for goal in goals]
-        around = (student([sum(run.values()) / len(run) for run in runs]), student(of_goals))
-        low, high = min(low, *(each.low for each in around)), max(high, *(each.high for each in around))
+        intervals[Chance.RUNS] = _around([sum(run.values()) / len(run) for run in runs])
+        intervals[Chance.GOALS] = _around([float(np.mean([run[goal] for run in runs if goal in run])) for goal in goals])
+    if robots is not None and len(rates := _of_robots(runs, robots, goals)) > 1:
+        intervals[Chance.ROBOTS] = _around(list(rates.values()))
+    low, high, _ = _widest(intervals)
     return max(0.0, low), min(1.0, high)
+
+
+def _of_robots(runs: Outcomes, robots: Robots, goals: Collection[int]) -> dict[str, float]:
+    """Success rate of each robot on these goals, over all runs; a trial counts for the robot that did it."""
+    found: dict[str, list[bool]] = {}
+    for run, did in zip(runs, robots, strict=True):
+        for goal, reached in run.items():
+            if goal in goals:
+                found.setdefault(did[goal], []).append(reached)
+    return {robot: float(np.mean(each)) for robot, each in found.items()}
+
+
+def _around(values: Sequence[float]) -> tuple[float, float]:
+    """Student's interval; infinitely wide for fewer than two values."""
+    if len(values) < 2:
+        return -math.inf, math.inf
+    found = student(values)
+    return found.low, found.high
+
+
+def _widest(intervals: Mapping[Chance, tuple[float, float]]) -> tuple[float, float, tuple[Chance, Chance]]:
+    """The lowest and the highest bound, and of which chance each is; of bounds that are equal that of the first."""
+    below = min(intervals, key=lambda chance: intervals[chance][0])
+    above = max(intervals, key=lambda chance: intervals[chance][1])
+    return intervals[below][0], intervals[above][1], (below, above)
 
 
 def student(values: Sequence[float], least_spread: float = 0.0) -> Difference:
@@ -170,7 +228,8 @@ def student(values: Sequence[float], least_spread: float = 0.0) -> Difference:
 def paired_goals(first: Sequence[int], other: Sequence[int]) -> Difference:
     """Difference of goals in a row, trial by trial of the same seeds; each side is one policy.
 
-    Differences that are all alike count as if one trial of them had been a goal away: some chance there always is.
+    Differences that are all alike count as if one trial of them had been a goal away: some chance there always is. Each trial
+    has a robot of its own, so that the chance of robots is that of trials.
     """
     differences = [after - before for before, after in zip(first, other, strict=True)]
     around = student(differences, least_spread=1 / math.sqrt(len(differences)))
@@ -202,7 +261,8 @@ def times_fewer(first: Sequence[Arrival], other: Sequence[Arrival]) -> Differenc
 
     The bounds are Student's, the lower one of what each pair saved at least and the upper one of what it saved at most, since
     an arrival is known to lie between two evaluations only. A first run that never arrived opens the upper bound: its saving is
-    larger than its budget shows, by nobody knows how much. Another's that never arrived opens the lower bound.
+    larger than its budget shows, by nobody knows how much. Another's that never arrived opens the lower bound. Evaluations in
+    training are on nominal robots, which are alike.
     """
     pairs = list(zip(first, other, strict=False))
     if not pairs:
@@ -212,7 +272,7 @@ def times_fewer(first: Sequence[Arrival], other: Sequence[Arrival]) -> Differenc
     most = [-_log2(after.after, before.by) for before, after in pairs]
     low = -math.inf if -math.inf in least else student(least).low
     high = math.inf if math.inf in most else student(most).high
-    return Difference(shown.estimate, low, high, len(pairs), len(pairs))
+    return Difference(shown.estimate, low, high, len(pairs), len(pairs), widest=(Chance.RUNS, Chance.RUNS))
 
 
 def _log2(over: int, under: int | None) -> float:

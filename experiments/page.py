@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
+from api_schemas.physics_name import NOMINAL
 from experiments.catalogue import HOURS_ALLOWED
 from experiments.contrasts import Judged
 from experiments.design import Claim, Experiment, Measure
@@ -78,7 +79,9 @@ def overview(all_found: Sequence[Findings]) -> str:
         "",
         "Intervals are at 80 %. A gain whose interval lies above 0 is *reproduced*, one whose interval lies below the effect of",
         "interest is *not reproduced*; whatever else is *undecided*, as is what a floor or a ceiling hides. Where the claim is",
-        "that little is lost, the interval has to lie above or below that loss.",
+        "that little is lost, the interval has to lie above or below that loss. Both sides of farm trials share four robots:",
+        "where these differ, an interval is at least as wide as Student's over the robots' differences, and each page says what",
+        "sets it.",
         "",
         "| experiment | what a paper says | its figure | here |",
         "|---|---|---|---|",
@@ -219,15 +222,18 @@ def _power(experiment: Experiment) -> Iterator[str]:
         return
     paired = [each for each in experiment.contrasts if each.measure is Measure.SUCCESS and not each.repeats]
     goals = experiment.trials.trials
+    differ = {farm.physics: farm.robots for farm in experiment.trials.farms if farm.physics != NOMINAL}
     for design in dict.fromkeys(
-        Design(len(experiment.cell(each.other).seeds), goals, each.interest, each.loss) for each in paired
+        Design(len(experiment.cell(each.other).seeds), goals, each.interest, each.loss, differ.get(each.farm, 0))
+        for each in paired
     ):
         yield _shows(design)
 
 
 def _shows(design: Design) -> str:
     of = f"{design.runs} runs of {design.goals} pairs" if design.runs > 1 else f"1 run of {design.goals} pairs"
-    assumed = f"where {CHANGING_SIDES:.0%} of the goals end differently"
+    robots = f" and the true gain is the same on all {design.robots} robots, which differ" if design.robots else ", robots alike"
+    assumed = f"where {CHANGING_SIDES:.0%} of the goals end differently{robots}"
     begun = f"- power, {REPETITIONS} repetitions of the judge on made-up trials for each number: of {of}, {assumed}"
     if design.loss:
         kept = power(design, 0.0, 0.0)

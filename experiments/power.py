@@ -18,12 +18,17 @@ SPREAD = 0.1
 
 @dataclass(frozen=True)
 class Design:
-    """Paired trials of so many runs a cell on so many goals each, judged by this effect of interest."""
+    """Paired trials of so many runs a cell on so many goals each, judged by this effect of interest.
+
+    ``robots`` is on how many that differ the goals are tried, in turns; 0 where they are alike. The judge allows for gains that
+    differ between them; the made-up ones do not.
+    """
 
     runs: int
     goals: int
     interest: float
     loss: bool = False
+    robots: int = 0
 
 
 @cache
@@ -37,7 +42,9 @@ def power(design: Design, truth: float, spread: float) -> float:
     """
     rng = np.random.default_rng(SEED)
     contrast = Contrast("", Measure.SUCCESS, "", "", design.interest, loss=design.loss)
-    said = [verdict(contrast, paired_success(*_trials(design, truth, spread, rng))) for _ in range(REPETITIONS)]
+    turns = [{goal: f"robot-{goal % design.robots}" for goal in range(design.goals)} if design.robots else {}] * design.runs
+    robots = (turns, turns) if design.robots else None
+    said = [verdict(contrast, paired_success(*_trials(design, truth, spread, rng), robots)) for _ in range(REPETITIONS)]
     return said.count(Verdict.REPRODUCED) / REPETITIONS
 
 

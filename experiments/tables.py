@@ -1,6 +1,6 @@
 """Tables and numbers of the pages, as Markdown lines."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from api_schemas.success_rate import wilson
 from experiments.contrasts import Judged
@@ -10,6 +10,7 @@ from experiments.judging import LEVEL, Arrival, Difference
 
 NOT_RUN = "not run yet"
 THESE_ONLY = {1: "1 run: these policies only"}
+THIS_ROBOT = {0: "", 1: ", 1 robot: this one only"}
 
 
 def shown(contrast: Contrast, found: Difference) -> str:
@@ -23,7 +24,7 @@ def shown(contrast: Contrast, found: Difference) -> str:
         case Measure.KNOWN:
             return f"{said}, N = {found.n} robots, {runs}"
         case _:
-            return f"{said}, N = {found.n} pairs, {runs}"
+            return f"{said}, N = {found.n} pairs, {runs}{THIS_ROBOT.get(found.robots, f', on {found.robots} robots')}"
 
 
 def _times(log2: float) -> str:
@@ -41,9 +42,12 @@ def cells(found: Findings) -> Iterator[str]:
         runs = found.runs.get(cell.name)
         done = "no training" if runs is None else f"{len(runs)} of {len(cell.seeds)}"
         yield f"| `{cell.name}` | {cell.about} | {done} |" + "".join(f" {_rate(found, cell.name, kind)} |" for kind in kinds)
-    if found.rates and any(len(each.of_runs) > 1 for each in found.rates):
+    if found.rates:
         yield ""
-        yield "Intervals of success are at 80 %: the widest of Wilson's over trials and Student's over runs and over goals."
+        yield (
+            "Intervals of success are at 80 %: the widest of Wilson's over trials, with several runs Student's over runs and "
+            "over goals, and where robots differ Student's over the farm's robots."
+        )
 
 
 def _rate(found: Findings, cell: str, physics: str) -> str:
@@ -67,13 +71,40 @@ def in_a_row(found: InARow) -> str:
 
 def contrasts(judged: Sequence[Judged]) -> Iterator[str]:
     """All contrasts, what was found, and what it says."""
-    yield "| contrast | difference, 80 % interval | of interest | verdict |"
-    yield "|---|---|---|---|"
+    yield "| contrast | difference, 80 % interval | set by | of interest | verdict |"
+    yield "|---|---|---|---|---|"
     for each in judged:
         said = NOT_RUN if each.found is None else shown(each.contrast, each.found)
         of_interest = f"less than {each.contrast.interest:g} lost" if each.contrast.loss else f"{each.contrast.interest:g}"
         whose = " (ours)" if each.contrast.ours else ""
-        yield f"| {each.contrast.name}{whose} | {said} | {of_interest}, {UNITS[each.contrast.measure]} | {said_of(each)} |"
+        by = "" if each.found is None else _set_by(each.found)
+        yield f"| {each.contrast.name}{whose} | {said} | {by} | {of_interest}, {UNITS[each.contrast.measure]} | {said_of(each)} |"
+    yield from _which_interval({each.contrast.measure for each in judged if each.found is not None})
+
+
+def _set_by(found: Difference) -> str:
+    below, above = found.widest
+    return below if below is above else f"{below} below, {above} above"
+
+
+def _which_interval(measures: Collection[Measure]) -> Iterator[str]:
+    """Which interval is shown, of each kind of contrast that is there, and why."""
+    said = [WHICH_INTERVAL[measure] for measure in Measure if measure in measures]
+    if said:
+        yield ""
+        yield " ".join(said)
+
+
+WHICH_INTERVAL = {
+    Measure.SUCCESS: "Of success the widest interval is shown, and what sets it: Tango's over paired trials; with several runs "
+    "also Student's over the runs' and over the goals' mean differences; where robots differ also Student's over the robots' "
+    "differences, since both sides share the farm's few robots. Each goal is tried on one robot: what the robots differ by holds "
+    "the chance of their goals and trials, and nothing is added up. Nominal robots are alike.",
+    Measure.SAMPLES_TO: "Samples are counted on nominal robots, which are alike: the interval is Student's over runs.",
+    Measure.GOALS: "Each trial of goals in a row has a robot of its own: Student's interval over trials is one over robots.",
+    Measure.KNOWN: "R2 is of robots that were drawn one by one: its interval is over robots, of several runs the lowest and the "
+    "highest bound.",
+}
 
 
 def said_of(judged: Judged) -> str:

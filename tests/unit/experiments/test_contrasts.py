@@ -7,13 +7,13 @@ import pytest
 
 from experiments.catalogue import CATALOGUE
 from experiments.contrasts import SMALLER, demonstrated_periods
-from experiments.design import Demonstrations
+from experiments.design import Demonstrations, Farm
 from experiments.findings import findings
 from experiments.judging import Arrival, Difference, Verdict
 from experiments.page import experiment_page
 from experiments.run import document
 from experiments.store import Key
-from tests.unit.experiments.small import SMALL, complete, rows, store_of, train
+from tests.unit.experiments.small import SMALL, TRIALS, complete, rows, store_of, train
 
 
 def difference(judged) -> Difference:
@@ -42,6 +42,47 @@ def test_seeds_that_share_a_start_are_continuations_of_one_training(tmp_path):
                 store.keep_block(Key(cell, seed, "real"), block, rows(block, reached, 10), {})
     first = findings(experiment, store).judged[0]
     assert first.verdict is Verdict.REPRODUCED and first.note == "3 continuations of one training"
+
+
+def of_one_robot(block: int, reached: int) -> list[dict]:
+    """Rows on four robots, of which the first reaches its goals first."""
+    return [{"goal": 16 * block + at, "robot": f"robot-{at // 4}", "reached": at < reached} for at in range(16)]
+
+
+def keep_on_four_robots(tmp_path, physics):
+    farm = replace(TRIALS, farms=(Farm(physics),), block=16)
+    experiment = replace(SMALL, contrasts=(replace(SMALL.contrasts[0], farm=physics),), trials=farm)
+    store = store_of(tmp_path, experiment)
+    for cell, reached in zip(experiment.cells, (0, 4), strict=True):
+        for seed in cell.seeds:
+            for block in range(farm.blocks):
+                store.keep_block(Key(cell.name, seed, physics), block, of_one_robot(block, reached), {})
+    return findings(experiment, store)
+
+
+def test_a_gain_on_one_of_four_robots_that_differ_is_undecided_and_the_page_says_why(tmp_path):
+    found = keep_on_four_robots(tmp_path, "real")
+    (judged,) = found.judged
+    assert judged.verdict is Verdict.UNDECIDED and difference(judged).robots == 4
+    page = experiment_page(found, figure=False)
+    assert "N = 64 pairs, 2 runs, on 4 robots | robots |" in page and "since both sides share the farm's few robots" in page
+    assert document(found)["contrasts"][0]["found"]["widest"] == ("robots", "robots")
+    assert document(found)["cells"][1]["interval_80"][0] == 0.0, "the rate of a cell holds what robots differ by, too"
+
+
+def test_nominal_robots_are_alike_and_no_chance(tmp_path):
+    found = keep_on_four_robots(tmp_path, "nominal")
+    (judged,) = found.judged
+    assert judged.verdict is Verdict.REPRODUCED and difference(judged).robots == 0
+    assert "N = 64 pairs, 2 runs |" in experiment_page(found, figure=False)
+
+
+def test_pairs_that_two_robots_tried_are_counted_in_the_note(tmp_path):
+    store = complete(tmp_path)
+    path = store.folder / "trials" / "other-seed2-real.json"
+    path.write_text(path.read_text().replace("robot-0", "robot-1", 3))
+    (judged,) = findings(SMALL, store).judged
+    assert judged.note == "3 of 20 pairs on two robots"
 
 
 def test_a_demonstration_is_a_whole_trial_of_its_task_at_the_rate_of_its_policy():
