@@ -20,7 +20,7 @@ from client_cli.farm_sdk import FarmJob
 from client_cli.robot_options import RobotOptions, usable_physics
 from experiments.design import BUILTIN, Cell, Farm, FarmTrials
 from experiments.plan import BlockPiece
-from experiments.store import Key, Store
+from experiments.store import TRIALS, Key, Store
 from experiments.trainer import manifest_beside
 from sim_backend.training import reference_policies
 
@@ -61,26 +61,33 @@ def run_blocks(
     store: Store,
     *,
     open_farm: Callable[[Farm], AbstractContextManager[OpenFarm]],
+    made_by: Callable[[str], Mapping[str, str]],
     goes_on: Callable[[], bool],
     tell: Callable[[str], None],
 ) -> bool:
-    """Run what is missing, farm by farm, and keep each job's rows as soon as it has its report; whether all ran."""
+    """Run what is missing, farm by farm, and keep each job's rows as soon as it has its report; whether all ran.
+
+    ``made_by`` says what trials on robots of a physics are made by now.
+    """
     for farm, of_farm in groupby(pieces, key=lambda piece: piece.farm):
         if not goes_on():
             return False
         wanted = list(of_farm)
         for piece in wanted:
             store.trials(Key(piece.cell.name, piece.seed, farm.physics))  # complains before a farm is started
+        store.versions(TRIALS, now := made_by(farm.physics))
         with open_farm(farm) as opened:
             for block, of_block in groupby(wanted, key=lambda piece: piece.block):
                 if not goes_on():
                     return False
-                _run_block(list(of_block), trials, store, opened)
+                _run_block(list(of_block), trials, store, opened, now)
                 tell(f"{farm.physics} farm: block {block + 1} of {trials.blocks} is done")
     return True
 
 
-def _run_block(pieces: Sequence[BlockPiece], trials: FarmTrials, store: Store, farm: OpenFarm) -> None:
+def _run_block(
+    pieces: Sequence[BlockPiece], trials: FarmTrials, store: Store, farm: OpenFarm, made_by: Mapping[str, str]
+) -> None:
     files = [weights_of(piece.cell, piece.seed, store) for piece in pieces]
     jobs = []
     for piece, weights in zip(pieces, files, strict=True):
@@ -96,7 +103,7 @@ def _run_block(pieces: Sequence[BlockPiece], trials: FarmTrials, store: Store, f
             "policy_digest": report.policy,
             "farm": {"physics": piece.farm.physics, "seed": piece.farm.seed, "robots": piece.farm.robots},
         }
-        store.keep_block(Key(piece.cell.name, piece.seed, piece.farm.physics), piece.block, rows_of(report), about)
+        store.keep_block(Key(piece.cell.name, piece.seed, piece.farm.physics), piece.block, rows_of(report), about, made_by)
 
 
 def rows_of(report: Report) -> list[dict[str, Any]]:

@@ -11,7 +11,8 @@ from experiments.contrasts import Judged, Runs, arrivals, demonstrated_periods, 
 from experiments.design import Cell, Experiment
 from experiments.judging import Arrival, rate_interval
 from experiments.plan import Piece, TrainingPiece, missing, pieces
-from experiments.store import Key, Store
+from experiments.provenance import Versions
+from experiments.store import MEASURED, TRIALS, Key, Store
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class InARow:
 
 @dataclass(frozen=True)
 class Findings:
-    """All that there is of one experiment."""
+    """All that there is of one experiment; ``versions`` is what made it, by the kind of result."""
 
     experiment: Experiment
     rates: tuple[Rate, ...]
@@ -71,6 +72,7 @@ class Findings:
     arrivals: Mapping[str, Sequence[tuple[int, Arrival]]]
     judged: tuple[Judged, ...]
     left: tuple[Piece, ...]
+    versions: Mapping[str, Versions]
 
     @property
     def state(self) -> str:
@@ -102,6 +104,7 @@ def findings(experiment: Experiment, store: Store) -> Findings:
         {cell.name: found for cell in experiment.cells if (found := arrivals(cell, experiment, runs)) and experiment.curves},
         tuple(judge(contrast, experiment, store, runs) for contrast in experiment.contrasts),
         tuple(missing(experiment, store)),
+        {kind: versions for kind in (TRIALS, MEASURED) if (versions := store.versions(kind)).parts},
     )
 
 

@@ -10,7 +10,7 @@ from experiments.findings import Findings, own_training
 from experiments.judging import Verdict
 from experiments.plan import hours, pieces, spoken, starts
 from experiments.power import CHANGING_SIDES, REPETITIONS, SPREAD, Design, power
-from experiments.tables import NOT_RUN, arrivals, cells, contrasts, in_a_row, known, many_goals, rate, said_of, shown
+from experiments.tables import NOT_RUN, arrivals, cells, contrasts, in_a_row, known, made_by, many_goals, rate, said_of, shown
 
 __all__ = ["experiment_page", "overview", "shown"]
 JOBS = 2
@@ -60,7 +60,8 @@ def experiment_page(found: Findings, figure: bool) -> str:
     if figure:
         lines += [f"![{experiment.title}]({experiment.name}.svg)", ""]
     lines += [*cells(found), "", *contrasts(found.judged), "", *arrivals(found), *many_goals(found), *known(found)]
-    return "\n".join(lines).rstrip() + "\n"
+    tables, versions = "\n".join(lines).rstrip(), "\n".join(made_by(found))
+    return f"{tables}\n\n{versions}".rstrip() + "\n"
 
 
 def overview(all_found: Sequence[Findings]) -> str:

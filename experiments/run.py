@@ -33,7 +33,8 @@ from experiments.plan import (
     spoken,
     starts,
 )
-from experiments.store import Key, Store
+from experiments.provenance import made_by
+from experiments.store import MEASURED, Key, Store
 from experiments.trainer import manifest_of, train_all
 from sim_backend.grasping.controller import GraspPolicy
 from sim_backend.training.export import ExportedPolicy, read_policy
@@ -101,7 +102,7 @@ def _try_on_farms(experiment: Experiment, store: Store, settings: Settings, left
         settings.tell(f"not tried, since not trained yet: {'; '.join(sorted(skipped))}")
     if experiment.trials is not None and blocks:
         how = {"open_farm": lambda farm: _forgotten(farm, store.farm_folder), "goes_on": settings.goes_on, "tell": settings.tell}
-        run_blocks(blocks, experiment.trials, store, **how)
+        run_blocks(blocks, experiment.trials, store, made_by=made_by, **how)
 
 
 @contextmanager
@@ -125,7 +126,8 @@ def measure(experiment: Experiment, piece: MeasuringPiece, store: Store, tell: C
     tell(piece.name)
     policy, key = _policy(piece.cell, piece.seed, store), Key(piece.cell.name, piece.seed, piece.physics)
     about = asked_of_measurements(experiment, piece.cell, piece.physics)
-    about |= {"policy_digest": store.policy_digest(piece.cell, piece.seed)}
+    about |= {"policy_digest": store.policy_digest(piece.cell, piece.seed), "made_by": made_by(piece.physics)}
+    store.versions(MEASURED, about["made_by"])
     if (many := experiment.many_goals) is not None:
         robots = robots_of(piece.physics, many.trials, many.first_seed)
         task = task_of(piece.cell.task or "push")
@@ -173,6 +175,7 @@ def document(found: Findings) -> dict[str, Any]:
         "quick": found.experiment.quick,
         "state": found.state,
         "missing": [piece.name for piece in found.left],
+        "made_by": {kind: asdict(versions) for kind, versions in found.versions.items()},
         "cells": [
             {
                 "cell": each.cell,

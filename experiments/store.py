@@ -5,23 +5,27 @@ OUT/NAME/runs/CELL-seed1.safetensors   its policy, where it is small, with the m
 OUT/NAME/trials/CELL-seed1-real.json   farm trials, block by block
 OUT/NAME/measured/CELL-seed1-real.json what was measured in simulation
 
-What was made by another design than the present one is refused where it is read.
+Blocks and measurements say what made them. What was made by another design than the present one, or by two versions, is refused
+where it is read.
 """
 
 import json
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from experiments import agreement
 from experiments.design import Cell, Experiment, Start
+from experiments.provenance import Versions, differing
 from experiments.recipe_files import start_name
 
 LARGEST_WEIGHTS = 300_000
 """Bytes; larger policies stay in the work folder."""
 CURVE_POINTS = 60
+TRIALS, MEASURED = "trials", "measured"
+"""Folders of results that were not trained."""
 
 
 class StoreError(Exception):
@@ -136,12 +140,21 @@ class Store:
         """
         return self._of_design(self._trials(key), key, agreement.of_trials)
 
-    def keep_block(self, key: Key, block: int, rows: Sequence[Mapping[str, Any]], about: Mapping[str, Any]) -> None:
-        """Add a block of trials.
+    def keep_block(
+        self,
+        key: Key,
+        block: int,
+        rows: Sequence[Mapping[str, Any]],
+        about: Mapping[str, Any],
+        made_by: Mapping[str, str] | None = None,
+    ) -> None:
+        """Add a block of trials, with the version that made it (:func:`experiments.provenance.made_by`) if that is known.
 
         Raises:
-            StoreError: the other blocks are of another policy, or were asked for otherwise.
+            StoreError: the other blocks are of another policy, were asked for otherwise, or are of another version, as those of
+                other cells may be.
         """
+        self.versions(TRIALS, made_by)
         path, cell = self._trials(key), self.experiment.cell(key.cell)
         found = self.trials(key) or {"blocks": {}}
         mixed = [
@@ -149,12 +162,14 @@ class Store:
         ]
         self._refuse(path, mixed, "it")
         whole = dict(about) | {"blocks": found["blocks"] | {str(block): list(rows)}}
+        if versions := found.get("made_by", {}) | ({} if made_by is None else {str(block): dict(made_by)}):
+            whole["made_by"] = versions
         policy = self.policy_digest(cell, key.seed)
         self._refuse(path, agreement.of_trials(whole, self.experiment, cell, key.physics, policy), "it and the weights")
         self._write(path, "trials", whole)
 
     def _trials(self, key: Key) -> Path:
-        return self.folder / "trials" / f"{key.stem}.json"
+        return self.folder / TRIALS / f"{key.stem}.json"
 
     def measured(self, key: Key) -> dict[str, Any] | None:
         """What was measured in simulation.
@@ -165,11 +180,50 @@ class Store:
         return self._of_design(self._measured(key), key, agreement.of_measured)
 
     def keep_measured(self, key: Key, document: Mapping[str, Any]) -> None:
-        """Keep what was measured in simulation."""
+        """Keep what was measured in simulation; ``made_by`` in it is the version that made it.
+
+        Raises:
+            StoreError: other measurements are of another version.
+        """
+        self.versions(MEASURED, document.get("made_by"))
         self._write(self._measured(key), "measured", document)
 
     def _measured(self, key: Key) -> Path:
-        return self.folder / "measured" / f"{key.stem}.json"
+        return self.folder / MEASURED / f"{key.stem}.json"
+
+    def versions(self, kind: str, now: Mapping[str, str] | None = None) -> Versions:
+        """What made all trials or all measurements (:data:`TRIALS`, :data:`MEASURED`) of the experiment, which compares them.
+
+        Results that do not say what made them, as those of before versions were kept, go with any.
+
+        Args:
+            kind: of results.
+            now: what would make more of them.
+
+        Raises:
+            StoreError: they are of two versions, or ``now`` is another; the message says what to do.
+        """
+        known, parts, unknown = dict(now or {}), 0, 0
+        for path, versions in self._made_by(kind):
+            for each in versions:
+                parts += 1
+                unknown += each is None
+                if differs := differing(each or {}, known):
+                    raise StoreError(
+                        f"{path} was made by another version: {'; '.join(differs)}; results of two versions do not mix: move "
+                        f"{path.parent} away to have all of them made anew, or give another --out"
+                    )
+                known |= each or {}
+        return Versions(known, parts, unknown)
+
+    def _made_by(self, kind: str) -> Iterator[tuple[Path, list[Mapping[str, str] | None]]]:
+        """Of each file of a kind that belongs to the experiment what made its parts, None where it does not say."""
+        stems = {Key(cell.name, seed).stem for cell in self.experiment.cells for seed in cell.seeds}
+        for path in sorted((self.folder / kind).glob("*.json")):
+            kept = self._read(path) if path.stem.rpartition("-")[0] in stems else None
+            if kept is not None:
+                made_by = kept.get("made_by")
+                yield path, [(made_by or {}).get(block) for block in kept["blocks"]] if kind == TRIALS else [made_by]
 
     def write_text(self, name: str, text: str) -> Path:
         """Write a page beside the results."""

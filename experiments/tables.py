@@ -7,6 +7,7 @@ from experiments.contrasts import Judged
 from experiments.design import UNITS, Contrast, Measure
 from experiments.findings import Findings, InARow, Rate
 from experiments.judging import LEVEL, Arrival, Difference
+from experiments.store import MEASURED, TRIALS
 
 NOT_RUN = "not run yet"
 THESE_ONLY = {1: "1 run: these policies only"}
@@ -183,3 +184,22 @@ def _told(each: Mapping, key: str) -> str:
         return ""
     low, high = wilson(round(each[key] * each["robots"]), each["robots"], LEVEL)
     return f"{each[key]:.0%} ({low:.0%} to {high:.0%})"
+
+
+PARTS = {TRIALS: "blocks of trials", MEASURED: "measurements in simulation"}
+
+
+def made_by(found: Findings) -> Iterator[str]:
+    """Which version of code and physics made what is kept, as far as that is known."""
+    for kind, versions in found.versions.items():
+        told = ", ".join(f"{name} {value}" for name, value in versions.known.items())
+        begun = f"- {versions.parts} {PARTS[kind]}"
+        if not versions.unknown:
+            yield f"{begun} by {told}"
+        elif not versions.known:
+            yield f"{begun}, of an unknown version: they were kept before versions were"
+        else:
+            yield (
+                f"{begun}: {versions.parts - versions.unknown} by {told}; {versions.unknown} of an unknown version, kept before "
+                "versions were; whether both are of one version cannot be told"
+            )

@@ -1,5 +1,6 @@
 """Blocks of farm trials: every cell meets the same seeds in turns, and what is there is not asked for again."""
 
+import json
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -9,7 +10,7 @@ import pytest
 from api_schemas.trial import OutcomeKind
 from experiments.farm_trials import WeightsMissingError, by_goal, rows_of, run_blocks, weights_of
 from experiments.plan import BlockPiece, missing
-from experiments.store import Key
+from experiments.store import Key, StoreError
 from tests.unit.experiments.small import SMALL, TRIALS, store_of, train
 
 
@@ -53,9 +54,13 @@ def trained(tmp_path):
     return store
 
 
-def run(store, farm, goes_on=lambda: True):
+NOW = {"code": "c" * 16}
+
+
+def run(store, farm, goes_on=lambda: True, code=NOW):
     blocks = [piece for piece in missing(SMALL, store) if isinstance(piece, BlockPiece)]
-    return run_blocks(blocks, TRIALS, store, open_farm=farm.open, goes_on=goes_on, tell=lambda _: None)
+    how = {"open_farm": farm.open, "made_by": lambda physics: code | {f"physics {physics}": "a" * 16}}
+    return run_blocks(blocks, TRIALS, store, goes_on=goes_on, tell=lambda _: None, **how)
 
 
 def test_all_cells_meet_the_same_seeds_in_turns_on_one_farm(trained):
@@ -78,6 +83,31 @@ def test_broken_off_and_gone_on_with_only_the_missing_block_is_run(trained):
     assert [job[-1] for job in again.jobs] == [101] * 4
     nothing = Asked()
     assert run(trained, nothing) and nothing.opened == 0
+
+
+def test_every_block_says_what_made_it(trained):
+    run(trained, Asked())
+    made_by = trained.trials(Key("other", 2, "real"))["made_by"]
+    assert made_by == dict.fromkeys(("0", "1"), NOW | {"physics real": "a" * 16})
+
+
+def test_blocks_are_not_added_to_those_of_other_code_and_no_farm_is_started_for_it(trained):
+    with pytest.raises(KeyboardInterrupt):
+        run(trained, Asked(breaks_after=5))
+    again = Asked()
+    with pytest.raises(StoreError, match=r"code was cccc.* and is dddd"):
+        run(trained, again, code={"code": "d" * 16})
+    assert again.opened == 0
+
+
+def test_blocks_are_added_to_those_of_before_versions_were_kept(trained):
+    with pytest.raises(KeyboardInterrupt):
+        run(trained, Asked(breaks_after=5))
+    for path in (trained.folder / "trials").glob("*.json"):
+        path.write_text(json.dumps({name: part for name, part in json.loads(path.read_text()).items() if name != "made_by"}))
+    assert run(trained, Asked())
+    found = trained.versions("trials")
+    assert (found.parts, found.unknown, found.known["code"]) == (8, 4, "c" * 16)
 
 
 def test_no_block_is_begun_when_the_time_is_over(trained):

@@ -14,8 +14,8 @@ from experiments.findings import findings
 from experiments.judging import Verdict
 from experiments.page import experiment_page, overview
 from experiments.run import document, write
-from experiments.store import Store
-from tests.unit.experiments.small import SMALL, complete, store_of
+from experiments.store import Key, Store
+from tests.unit.experiments.small import SMALL, complete, rows, store_of
 
 CLAIMING = replace(SMALL, claims=(Claim("better by far", "a paper", "83 %", ("other against first", "other")),))
 PAGES = Path(__file__).parents[3] / "docs" / "experiments"
@@ -122,6 +122,20 @@ def test_a_contrast_waits_for_all_blocks_of_all_seeds(tmp_path):
     assert found.state == "run in part"
     assert found.judged[0].verdict is Verdict.NOT_RUN
     assert "pieces of work are done; what is missing takes" in experiment_page(found, figure=True)
+
+
+def test_a_page_says_what_made_the_results(tmp_path):
+    store, real = complete(tmp_path), {"trifarm": "0.1.0", "code": "c" * 16, "physics real": "a" * 16}
+    unknown = "8 blocks of trials, of an unknown version: they were kept before versions were"
+    assert unknown in experiment_page(findings(SMALL, store), figure=True)
+    assert document(findings(SMALL, store))["made_by"] == {"trials": {"known": {}, "parts": 8, "unknown": 8}}
+    (store.folder / "trials" / "other-seed2-real.json").unlink()
+    for block in range(2):
+        store.keep_block(Key("other", 2, "real"), block, rows(block, 4), {"task": "push"}, real)
+    page = experiment_page(findings(SMALL, store), figure=True)
+    told = "trifarm 0.1.0, code cccccccccccccccc, physics real aaaaaaaaaaaaaaaa"
+    assert f"8 blocks of trials: 2 by {told}; 6 of an unknown version, kept before versions were" in page
+    assert "whether both are of one version cannot be told" in page
 
 
 def test_what_is_written_is_page_json_and_figure_in_two_forms(tmp_path):

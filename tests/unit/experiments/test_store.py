@@ -1,13 +1,15 @@
 """Results are small, say nothing of the machine, and those of quick and full forms do not mix."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
 from experiments.catalogue import CATALOGUE
+from experiments.design import Farm
 from experiments.recipe_files import wanted_recipe
 from experiments.store import LARGEST_WEIGHTS, Key, StoreError, thinned
-from tests.unit.experiments.small import SMALL, leave_training, quick_small, rows, store_of, train, write_policy
+from tests.unit.experiments.small import SMALL, TRIALS, leave_training, quick_small, rows, store_of, train, write_policy
 
 
 def test_a_run_is_kept_small_with_its_policy_and_without_paths(tmp_path):
@@ -161,6 +163,58 @@ def test_trials_of_a_shipped_policy_that_has_changed_since_are_refused(tmp_path)
     rewrite(path, lambda kept: kept.update(policy_digest="0" * 64))
     with pytest.raises(StoreError, match=f"policy_digest was '0000.* and is '{digest}'"):
         store.trials(key)
+
+
+MADE_BY = {"trifarm": "0.1.0", "code": "c" * 16, "physics real": "a" * 16}
+
+
+@pytest.mark.parametrize("key", [Key("first", 1, "real"), Key("other", 2, "real")])
+@pytest.mark.parametrize(("name", "value"), [("physics real", "b" * 16), ("code", "d" * 16), ("trifarm", "0.2.0")])
+def test_blocks_of_two_versions_do_not_mix_in_a_run_nor_between_cells(tmp_path, key, name, value):
+    store = store_of(tmp_path)
+    store.keep_block(Key("first", 1, "real"), 0, rows(0, 2), {}, MADE_BY)
+    sentence = (
+        rf"first-seed1-real.json was made by another version: {name} was {MADE_BY[name]} and is {value}; .* move .*trials away"
+    )
+    with pytest.raises(StoreError, match=sentence):
+        store.keep_block(key, 1, rows(1, 3), {}, MADE_BY | {name: value})
+    store.keep_block(key, 1, rows(1, 3), {}, MADE_BY)
+    assert (store.versions("trials").known, store.versions("trials").unknown) == (MADE_BY, 0)
+    path = store.folder / "trials" / f"{key.stem}.json"
+    rewrite(path, lambda kept: kept["made_by"]["1"].update({name: value}))
+    with pytest.raises(StoreError, match="results of two versions do not mix"):
+        store.versions("trials")
+
+
+def test_farms_of_two_physics_are_one_version(tmp_path):
+    experiment = replace(SMALL, trials=replace(TRIALS, farms=(Farm("nominal"), Farm("real"))))
+    store = store_of(tmp_path, experiment)
+    of_nominal = {"trifarm": "0.1.0", "code": "c" * 16, "physics nominal": "e" * 16}
+    store.keep_block(Key("first", 1, "real"), 0, rows(0, 2), {}, MADE_BY)
+    store.keep_block(Key("first", 1, "nominal"), 0, rows(0, 2), {}, of_nominal)
+    assert store.versions("trials").known == MADE_BY | of_nominal
+
+
+def test_blocks_of_before_versions_were_kept_stay_usable_and_are_counted_as_unknown(tmp_path):
+    store, key = store_of(tmp_path), Key("first", 1, "real")
+    store.keep_block(key, 0, rows(0, 2), ABOUT)
+    assert "made_by" not in store.trials(key)
+    store.keep_block(key, 1, rows(1, 3), ABOUT, MADE_BY)
+    kept = store.trials(key)
+    assert sorted(kept["blocks"]) == ["0", "1"] and kept["made_by"] == {"1": MADE_BY}
+    found = store.versions("trials")
+    assert (found.known, found.parts, found.unknown) == (MADE_BY, 2, 1)
+
+
+def test_measurements_of_two_versions_do_not_mix(tmp_path):
+    store = store_of(tmp_path, CATALOGUE["consecutive"])
+    store.keep_measured(Key("push", 1, "real"), {"made_by": MADE_BY})
+    store.keep_measured(Key("lift", 1, "real"), {})
+    assert store.versions("measured").unknown == 1
+    with pytest.raises(StoreError, match=r"code was c+ and is d+"):
+        store.keep_measured(Key("push", 1, "nominal"), {"made_by": {"code": "d" * 16}})
+    store.keep_measured(Key("push", 1, "nominal"), {"made_by": {"code": "c" * 16, "physics nominal": "e" * 16}})
+    assert store.versions("measured").parts == 3
 
 
 def test_measurements_are_of_the_policy_and_of_what_is_asked(tmp_path):
