@@ -34,7 +34,7 @@ from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.report.report import write_html
 from sim_backend.reality_gap.success.prediction import Question, Trials, read_question, success_of
 from sim_backend.reality_gap.tosses.study import study_object
-from sim_backend.reality_gap.verdict import Verdict, VerdictKind
+from sim_backend.reality_gap.verdict import Verdict, VerdictKind, joined
 from sim_backend.trifinger.scene import compile_scene
 
 Progress = Callable[[str, float], None]
@@ -252,34 +252,12 @@ def _object_verdict(
     return verdict, dict(study.sections)
 
 
-_ORDER = (
-    VerdictKind.UNEXPLAINED,
-    VerdictKind.CONFUSABLE,
-    VerdictKind.NAMED,
-    VerdictKind.NOTHING_WRONG,
-    VerdictKind.NOT_IDENTIFIABLE,
-)
-
-
 def _together(found: Sequence[tuple[Verdict, dict[str, Any]]]) -> tuple[Verdict, dict[str, Any]]:
-    """One verdict of those on joints and on objects: the one that asks for most attention, with everybody's causes."""
-    verdicts = [verdict for verdict, _ in found]
-    first = min(verdicts, key=lambda verdict: _ORDER.index(verdict.verdict))
+    """The verdicts on joints and on objects as one, and the sections of both."""
     sections: dict[str, Any] = {}
     for _, own in reversed(found):
         sections |= own
-    joined = replace(
-        first,
-        summary=" ".join(verdict.summary for verdict in verdicts),
-        causes=tuple(cause for verdict in verdicts for cause in verdict.causes),
-        rejected=tuple(rival for verdict in verdicts for rival in verdict.rejected),
-        held_out=next((v.held_out for v in verdicts if v.held_out is not None), None),
-        held_out_there=tuple(x for v in verdicts for x in v.held_out_there),
-        follows=tuple(x for v in verdicts for x in v.follows),
-        cannot_tell=tuple(x for v in verdicts for x in v.cannot_tell),
-        record_next=tuple(x for v in verdicts for x in v.record_next),
-    )
-    return joined, sections
+    return joined([verdict for verdict, _ in found]), sections
 
 
 def _document(material: Material, verdict: Verdict, sections: Mapping[str, Any]) -> dict[str, Any]:

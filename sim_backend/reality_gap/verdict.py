@@ -1,7 +1,7 @@
 """What a study says in the end, as plain values that become JSON."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from typing import Any
 
@@ -77,6 +77,30 @@ class Verdict:
     def document(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return asdict(self)
+
+
+_ORDER = (
+    VerdictKind.UNEXPLAINED,
+    VerdictKind.CONFUSABLE,
+    VerdictKind.NAMED,
+    VerdictKind.NOTHING_WRONG,
+    VerdictKind.NOT_IDENTIFIABLE,
+)
+
+
+def joined(verdicts: Sequence[Verdict]) -> Verdict:
+    """One verdict of several: the one that asks for most attention, with everybody's causes."""
+    return replace(
+        min(verdicts, key=lambda verdict: _ORDER.index(verdict.verdict)),
+        summary=" ".join(verdict.summary for verdict in verdicts),
+        causes=tuple(cause for verdict in verdicts for cause in verdict.causes),
+        rejected=tuple(rival for verdict in verdicts for rival in verdict.rejected),
+        held_out=next((v.held_out for v in verdicts if v.held_out is not None), None),
+        held_out_there=tuple(x for v in verdicts for x in v.held_out_there),
+        follows=tuple(x for v in verdicts for x in v.follows),
+        cannot_tell=tuple(x for v in verdicts for x in v.cannot_tell),
+        record_next=tuple(x for v in verdicts for x in v.record_next),
+    )
 
 
 def names_of(causes: Sequence[Cause]) -> frozenset[tuple[str, str]]:
