@@ -13,7 +13,7 @@ import numpy as np
 from sim_backend.reality_gap.joints.equations import Channel, EpisodeEquations, Equation
 from sim_backend.reality_gap.joints.evidence import FOLDS, folds_of, normal_equations, reduced, whitened
 from sim_backend.reality_gap.joints.look import Look
-from sim_backend.reality_gap.joints.trajectory import position_noise
+from sim_backend.reality_gap.joints.sensor_noise import position_noise
 
 HATS = 9
 BEYOND_NOISE = 10.0
