@@ -21,6 +21,8 @@ HEALTHY_STEP_RAD = 2e-4
 HEALTHY_ACTION_NOISE_NM = 1.5e-3
 STUCK_RANGE_RAD = 0.02
 STUCK_TORQUE_NM = 0.04
+ASKED_RANGES = 2.0
+"""Times that range a joint must be asked to move before its rest says anything."""
 CREEPING_RANGE_RAD, CREEPING_TORQUE_NM = 0.15, 0.3
 """Others drag a jammed joint along a little, but never where three quarters of the motor's torque cannot move it."""
 END_MARGIN_RAD = 4e-3
@@ -149,11 +151,17 @@ def noisy_motors(episodes: list[EpisodeEquations], state: JointState) -> list[in
     return [j for j in range(len(white)) if white[j] > ODD_MOTOR * np.median(np.delete(white, j))] if len(white) > 2 else []
 
 
-def fault_findings(episodes: list[EpisodeEquations]) -> list[Finding]:
-    """Joints that do not move, and encoders that jump."""
+def fault_findings(episodes: list[EpisodeEquations], size: float | None = None) -> list[Finding]:
+    """Joints that do not move, and encoders that jump.
+
+    Args:
+        episodes: of a study.
+        size: of a robot that is no TriFinger, as :class:`JointState` has it; None for a TriFinger, whose joints are all moved.
+    """
     found: list[Finding] = []
     for joint in range(len(episodes[0].ends_rad)):
-        found += _stuck(episodes, joint) or _jump(episodes, joint)
+        stuck = _stuck(episodes, joint) if size is None else _stuck_off_target(episodes, joint, size)
+        found += stuck or _jump(episodes, joint)
     return found
 
 
@@ -175,6 +183,26 @@ def _stuck(episodes: list[EpisodeEquations], joint: int) -> list[Finding]:
         return []
     held = float(max(pushes))
     return [Finding("stuck_joint", "holding_torque_nm", joint, held, (held, 20.0), held / STUCK_TORQUE_NM)]
+
+
+def _stuck_off_target(episodes: list[EpisodeEquations], joint: int, size: float) -> list[Finding]:
+    """Of any robot: it rests although it was asked to move, and its motor gives torque that the model does not need for resting.
+
+    A joint that was to hold still does so, against gravity too; without targets nobody knows what it was to do.
+    """
+    spans, asked, needless = [], [], []
+    for episode in episodes:
+        targets, rows = episode.path.joints.position_target_rad, episode.path.valid[:, joint]
+        if targets is None or not rows.any():
+            return []
+        spans.append(np.ptp(episode.path.fast_position[:, joint]))
+        known = targets[:, joint][~np.isnan(targets[:, joint])]
+        asked.append(np.ptp(known) if len(known) else 0.0)
+        needless.append(np.quantile(np.abs(episode.pressing_nm[rows, joint]), 0.99))
+    if max(spans) > STUCK_RANGE_RAD or max(asked) < ASKED_RANGES * STUCK_RANGE_RAD or max(needless) < size * STUCK_TORQUE_NM:
+        return []
+    held = float(max(needless))
+    return [Finding("stuck_joint", "holding_torque_nm", joint, held, (held, 20.0 * size), held / (size * STUCK_TORQUE_NM))]
 
 
 def _jump(episodes: list[EpisodeEquations], joint: int) -> list[Finding]:

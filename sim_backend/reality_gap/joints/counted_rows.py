@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim_backend.reality_gap.joints.sensor_noise import white_noise
+from sim_backend.reality_gap.sensor_noise import white_noise
 from sim_backend.reality_gap.joints.trajectory import Trajectory, near_gaps
 
 STANDSTILL_RAD_S = 0.02

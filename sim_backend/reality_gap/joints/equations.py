@@ -122,6 +122,11 @@ class EpisodeEquations:
         return self._path
 
     @property
+    def plant(self) -> Plant:
+        """Of the nominal model."""
+        return self._plant
+
+    @property
     def dynamics(self) -> InverseDynamics:
         """Inverse dynamics of the nominal model along it."""
         return self._mechanics.dynamics

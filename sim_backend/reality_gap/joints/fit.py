@@ -27,13 +27,14 @@ _PROXY_SHARE_OF_COMMANDS = 0.001
 
 @dataclass(frozen=True)
 class JointFit:
-    """What forward selection came to."""
+    """What forward selection came to; ``refused`` gained enough, but without held-out errors that fall."""
 
     state: JointState
     accepted: tuple[Accepted, ...]
     looks: tuple[Look, ...]
     final: Look
     errors: dict[tuple[str, str], np.ndarray] = field(default_factory=dict)
+    refused: frozenset[tuple[str, str]] = frozenset()
 
     @property
     def first(self) -> Look:
@@ -111,7 +112,7 @@ def select(
         for _ in range(_REFINEMENTS):
             state = _refined(state, accepted, problem.look(state, accepted, plain=True).accepted_values)
         final = problem.look(state, accepted, plain=True)
-    return JointFit(state, tuple(accepted), tuple(looks), final, _errors(accepted, final))
+    return JointFit(state, tuple(accepted), tuple(looks), final, _errors(accepted, final), frozenset(refused))
 
 
 def _later_gain(problem: JointProblem, look: Look, accepted: Sequence[Accepted], min_share: float) -> Callable[[str], float]:

@@ -13,7 +13,8 @@ import numpy as np
 from sim_backend.reality_gap.joints.equations import Channel, EpisodeEquations, Equation
 from sim_backend.reality_gap.joints.evidence import FOLDS, folds_of, normal_equations, reduced, whitened
 from sim_backend.reality_gap.joints.look import Look
-from sim_backend.reality_gap.joints.sensor_noise import position_noise
+from sim_backend.reality_gap.joints.state import JointState
+from sim_backend.reality_gap.sensor_noise import position_noise
 
 HATS = 9
 BEYOND_NOISE = 10.0
@@ -37,33 +38,48 @@ class Pattern:
     gain: float
 
 
-def patterns(episodes: Sequence[EpisodeEquations], look: Look) -> list[Pattern]:
+def patterns(episodes: Sequence[EpisodeEquations], look: Look, size: float = 1.0) -> list[Pattern]:
     """All patterns in what a model leaves, the strongest first.
 
     Args:
         episodes: of the study.
         look: at the final model.
+        size: of the robot, as :class:`JointState` has it: a larger one's torques may be off by more.
     """
     found: dict[tuple[Channel, int, str], float] = {}
     variables = [variables_of(episode) for episode in episodes]
     for equation in look.left:
         for name, (values, noise) in variables[equation.episode].items():
             series = np.interp(equation.time_s, episodes[equation.episode].path.time_s, values[:, equation.joint])
-            gain = _gain(equation, hats(series, BEYOND_NOISE * noise[equation.joint]), len(episodes))
+            gain = _gain(equation, hats(series, BEYOND_NOISE * noise[equation.joint]), len(episodes), size)
             key = (equation.channel, equation.joint, name)
             found[key] = found.get(key, 0.0) + gain
     ranked = [Pattern(channel, joint, name, gain) for (channel, joint, name), gain in found.items()]
     return sorted(ranked, key=lambda p: -p.gain)
 
 
-def _gain(equation: Equation, hats: np.ndarray, episodes: int) -> float:
-    scales = np.full(hats.shape[1], _SCALE[equation.channel])
+def _gain(equation: Equation, hats: np.ndarray, episodes: int, size: float) -> float:
+    by = size if equation.channel in (Channel.MECHANICS, Channel.CURRENT) else 1.0
+    scales = np.full(hats.shape[1], by * _SCALE[equation.channel])
     terms = tuple(range(hats.shape[1]))
     white = whitened(replace(equation, images=hats, terms=terms), scales, folds_of(equation, episodes))
     if white is None:
         return 0.0
     sums = normal_equations([white], len(terms), FOLDS)
     return reduced(sums.weighted(np.ones(FOLDS)), (), ()).gain(terms, scales)
+
+
+def shares(episodes: Sequence[EpisodeEquations], state: JointState, joint: int) -> dict[str, float]:
+    """Of a joint's torque error with a model, the share of the variance that a function of each variable takes away."""
+    counted = [episode.valid_mechanics[:, joint] for episode in episodes]
+    error = np.concatenate([e.torque_error(state)[rows, joint] for e, rows in zip(episodes, counted, strict=True)])
+    variables, found = [variables_of(episode) for episode in episodes], {}
+    for name in VARIABLES:
+        series = np.concatenate([v[name][0][rows, joint] for v, rows in zip(variables, counted, strict=True)])
+        columns = hats(series, BEYOND_NOISE * max(float(v[name][1][joint]) for v in variables))
+        left = error - columns @ np.linalg.lstsq(columns, error, rcond=None)[0]
+        found[name] = 1.0 - float(left @ left) / max(float(error @ error), 1e-30)
+    return found
 
 
 def hats(series: np.ndarray, apart: float) -> np.ndarray:

@@ -128,6 +128,10 @@ def held_out_of_hits(errors: HitErrors, joint: str, rng: np.random.Generator) ->
 
 def _between(before: np.ndarray, after: np.ndarray, rng: np.random.Generator) -> tuple[float, float]:
     """95 % interval of a reduction by a bootstrap over blocks, whose sums of squares have shape (b,)."""
+    counted = before > 0.0  # a block without rows says nothing
+    before, after = before[counted], after[counted]
+    if not len(before):
+        return 0.0, 0.0
     weights = rng.multinomial(len(before), np.full(len(before), 1.0 / len(before)), _RESAMPLES)
     ratios = np.sqrt((weights @ after) / np.maximum(weights @ before, 1e-30))
     low, high = np.quantile(1.0 - ratios, [0.025, 0.975])

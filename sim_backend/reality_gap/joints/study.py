@@ -20,7 +20,7 @@ from sim_backend.reality_gap.joints.checks import (
     torque_noise_findings,
 )
 from sim_backend.reality_gap.joints.command_lateness import with_measured_lateness
-from sim_backend.reality_gap.joints.equations import EpisodeEquations
+from sim_backend.reality_gap.joints.equations import Channel, EpisodeEquations
 from sim_backend.reality_gap.joints.fit import MANY_CAUSES, JointFit, select
 from sim_backend.reality_gap.joints.gain import held_out_errors
 from sim_backend.reality_gap.joints.hypotheses import SCALES_OF_EVERYTHING
@@ -118,6 +118,13 @@ class JointStudy:
     gates: Mapping[str, float]
 
     @property
+    def is_judged(self) -> np.ndarray:
+        """Whether the mechanics of each joint had an equation at all, shape (k,)."""
+        judged = np.zeros(len(self.problem.names), bool)
+        judged[[equation.joint for equation in self.fit.first.left if equation.channel is Channel.MECHANICS]] = True
+        return judged
+
+    @property
     def is_of_many(self) -> bool:
         """Whether so much is wrong with a TriFinger that each cause takes over what the laws of the others leave."""
         return self.problem.expects_many and self.is_calibrated
@@ -164,7 +171,7 @@ def study_joints(
     nominal_state = JointState(len(names), start, size)
     rattling = rattling_joints(episodes, nominal_state) if is_trifinger else []
     loose = {each.joint for each in rattling}  # a rotor's hit is no jump of its encoder
-    faults = [fault for fault in fault_findings(episodes) if fault.joint not in loose]
+    faults = [fault for fault in fault_findings(episodes, size=None if is_trifinger else size) if fault.joint not in loose]
     for fault in faults:
         if fault.effect == "encoder_jump":
             corrected = _without_jump(recordings[fault.episode], fault)

@@ -14,6 +14,7 @@ from sim_backend.reality_gap.joints.gain import errors_of, held_out_errors
 from sim_backend.reality_gap.joints.hypotheses import SCALES_OF_EVERYTHING
 from sim_backend.reality_gap.joints.look import Accepted, Candidate, Look
 from sim_backend.reality_gap.joints.study import JointStudy
+from sim_backend.reality_gap.joints.uncalibrated import ALMOST, reconsidered
 from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
 
 CONFUSABLE_NATS = 5.0
@@ -24,8 +25,6 @@ PATTERN_SHARE = 0.3
 """And it must be this share of what the named causes gain: the rest is the shape of their laws."""
 _VELOCITY_FACTOR = 8.0
 """Reported velocities follow the motion a little by themselves: both are smoothed, but not by the same board."""
-_ALMOST = 0.7
-"""Where so much of the held-out error is gone, what is left is the shape of a law and not another cause."""
 _LEFT_BY_PLAY = 1.2
 """Nats of each row of the mechanics: play in gears left 1.6 to 2.1 in eight robots, other causes at most 0.9, noise 0.3."""
 FOREIGN_PATTERN_SHARE = 1.0
@@ -77,7 +76,7 @@ def judge(study: JointStudy) -> JointVerdict:
     acting = {f.joint for f in study.findings if f.effect == "action_noise"}
     findings = [f for f in study.findings if not (f.effect == "joint_noise" and f.joint in acting)]  # the joint shakes
     causes += [_found(f, names) for f in findings if _is_shown(f, study)]
-    left = patterns(study.problem.episodes, fit.last)
+    left = patterns(study.problem.episodes, fit.last, study.start.size)
     rivals = [rival for i, a in enumerate(fit.accepted) if (rival := _rival(study, i, a)) is not None]
     kind, summary = _kind(study, causes, left, rivals)
     closest = min(rivals, key=lambda r: r[0].behind)[0] if rivals else None
@@ -97,7 +96,7 @@ def judge(study: JointStudy) -> JointVerdict:
         cannot_tell=tuple(_cannot_tell(study, causes)),
         record_next=tuple(_record_next(study, kind, closest)),
     )
-    return JointVerdict(verdict, tuple(left))
+    return JointVerdict(verdict if study.is_calibrated else reconsidered(study, verdict), tuple(left))
 
 
 def _kind(study, causes, left: Sequence[Pattern], rivals) -> tuple[VerdictKind, str]:
@@ -137,7 +136,7 @@ def _almost_explained(study: JointStudy) -> set[int]:
     if not study.fit.accepted:
         return set()
     before, after = errors_of(study.problem, study.start).by_joint_nm, held_out_errors(study.problem, study.fit.last).by_joint_nm
-    return set(np.flatnonzero(after < (1.0 - _ALMOST) * before).tolist())
+    return set(np.flatnonzero(after < (1.0 - ALMOST) * before).tolist())
 
 
 def _odd(study: JointStudy) -> list[str]:
@@ -203,11 +202,13 @@ def _rival(study: JointStudy, index: int, accepted: Accepted) -> tuple[Rival, li
     taken = next((c for c in look.candidates if c.hypothesis.name == (accepted.effect, accepted.where)), None)
     if taken is None:
         return None
-    later = {(a.effect, a.where) for a in study.fit.accepted}
+    later = {(a.effect, a.where) for a in study.fit.accepted} | (set() if study.is_calibrated else study.fit.refused)
     for candidate in look.candidates:
         h = candidate.hypothesis
         if not candidate.allowed or h.name in later or h.effect == accepted.effect or h.where.startswith("all"):
             continue
+        if candidate.gain > taken.gain and not study.is_calibrated:
+            continue  # passed over when the cause was taken, so that it is no tie
         if candidate.gain < study.gates.get(h.effect, study.gate):
             continue  # by itself it would not be named either
         if study.problem.expects_many and (candidate.gain > taken.gain or h.effect in {a.effect for a in study.fit.accepted}):
@@ -249,6 +250,9 @@ def _cannot_tell(study: JointStudy, causes: Sequence[Cause]) -> list[str]:
     slow = [name for name, s in zip(study.problem.names, speed, strict=True) if s < 0.3]
     if slow:
         said.append(f"anything that needs speed about {', '.join(slow)}: slower than 0.3 rad/s all the time")
+    unjudged = [name for name, judged in zip(study.problem.names, study.is_judged, strict=True) if not judged]
+    if study.is_calibrated and unjudged:
+        said.append(f"anything else about {', '.join(unjudged)}: what was found there left no rows of its mechanics to judge")
     if all(e.path.joints.measured_torque_nm is None for e in study.problem.episodes):
         said.append("whether torque is lost before or after the motor's current: no measured torque")
     return said

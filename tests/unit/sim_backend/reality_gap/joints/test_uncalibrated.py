@@ -1,0 +1,98 @@
+"""Verdicts on robots without healthy sessions: nothing is named, or called right, that leaves what is wrong unexplained."""
+
+import numpy as np
+import pytest
+
+from sim_backend.reality_gap.joints.uncalibrated import Agreement
+from sim_backend.reality_gap.verdict import VerdictKind, names_of
+from tests.unit.sim_backend.reality_gap.joints.inverse_arm import (
+    friction,
+    motion,
+    recorded,
+    recording,
+    study_of,
+    torques_nm,
+    verdict_of,
+)
+
+
+def agreement(before, after, noise=0.01, judged=True) -> Agreement:
+    return Agreement(*(np.array([value]) for value in (judged, before, after, noise)))
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "is_footnote"),
+    [
+        (1.0, 0.015, False),  # at the noise
+        (1.0, 0.7, False),  # half of the variance
+        (1.0, 0.95, True),  # a tenth of it
+        (0.019, 0.018, False),  # nothing is wrong
+    ],
+)
+def test_a_footnote_leaves_far_more_than_it_takes(before, after, is_footnote):
+    assert agreement(before, after).is_footnote.tolist() == [is_footnote]
+
+
+def test_a_joint_without_equations_is_never_far():
+    assert not agreement(1.0, 1.0, judged=False).is_far.any()
+
+
+def test_friction_is_named_and_a_healthy_arm_has_nothing_wrong():
+    assert names_of(verdict_of([recorded(1, (0.2, 0.0)), recorded(2, (0.2, 0.0))]).causes) == {("coulomb_friction", "shoulder")}
+    healthy = verdict_of([recorded(3), recorded(4)])
+    assert healthy.verdict is VerdictKind.NOTHING_WRONG
+    assert not [sentence for sentence in healthy.cannot_tell if "elbow" in sentence]
+
+
+def test_recordings_without_equations_show_nothing():
+    verdict = verdict_of([recorded(1, (0.3, 0.3), seconds=0.8)])
+    assert verdict.verdict is VerdictKind.NOT_IDENTIFIABLE
+    assert {"shoulder", "elbow"} <= set(" ".join(verdict.cannot_tell).replace(":", " ").split())
+
+
+def constant(elbow_nm: float):
+    """Two episodes with a constant torque at the elbow, which the catalogue lacks."""
+    out = []
+    for seed in (5, 6):
+        position = motion(seed)
+        torque, _ = torques_nm(position)
+        out.append(recording(position, torque + np.array([0.0, elbow_nm]), seed))
+    return out
+
+
+def test_a_law_that_the_catalogue_lacks_is_unexplained_and_refused_hypotheses_are_no_rivals():
+    verdict = verdict_of(constant(0.3))
+    assert verdict.verdict is VerdictKind.UNEXPLAINED
+    assert any("elbow" in follows for follows in verdict.follows)
+    assert all(rival.behind >= 0.0 for rival in verdict.rejected)
+    assert verdict.runner_up is None or verdict.runner_up.behind >= 0.0
+
+
+def test_refused_hypotheses_are_kept_apart_from_those_that_were_taken():
+    fit = study_of(constant(0.3)).fit
+    assert fit.refused
+    assert not fit.refused & {(a.effect, a.where) for a in fit.accepted}
+
+
+def test_a_joint_that_holds_still_is_not_stuck_but_was_not_judged():
+    held = {"sizes": (0.0, 0.8), "offsets": (1.0, 0.0)}
+    verdict = verdict_of([recorded(seed, **held) for seed in (1, 2)])
+    assert verdict.verdict is VerdictKind.NOT_IDENTIFIABLE
+    assert "shoulder could not" in verdict.summary
+    assert any(sentence.startswith("anything about shoulder") for sentence in verdict.cannot_tell)
+    found = verdict_of([recorded(seed, (0.0, 0.2), **held) for seed in (1, 2)])
+    assert names_of(found.causes) == {("coulomb_friction", "elbow")}
+    assert found.verdict is VerdictKind.NAMED
+
+
+def test_a_joint_that_does_not_follow_its_target_is_stuck():
+    recordings = []
+    for seed in (1, 2):
+        position = motion(seed, sizes=(0.0, 0.8))
+        torque, velocity = torques_nm(position)
+        target = position + np.stack([0.5 * np.sin(2 * np.pi * np.arange(len(position)) / 700), 0.0 * position[:, 1]], axis=1)
+        pushed = torque + friction(velocity) + 5.0 * (target - position)
+        recordings.append(recording(position, pushed, seed, position_target_rad=target))
+    verdict = verdict_of(recordings)
+    assert verdict.verdict is VerdictKind.NAMED
+    assert names_of(verdict.causes) == {("stuck_joint", "shoulder")}
