@@ -70,6 +70,7 @@ def select(
         plain_values: whether values are fitted by least squares in the end.
         confirms: whether a cause is worth it, told the looks without and with it; if not, the next best is tried.
     """
+    problem.start = state
     looks, accepted, refused, again = [problem.look(state, ())], [], set(), set()
     if looks[0].noise_ratio.max() > MANY_CAUSES:
         problem.expects_many = True

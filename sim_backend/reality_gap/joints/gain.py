@@ -8,7 +8,7 @@ import numpy as np
 from sim_backend.reality_gap.joints.equations import Channel
 from sim_backend.reality_gap.joints.evidence import FOLDS, folds_of
 from sim_backend.reality_gap.joints.look import JointProblem, Look
-from sim_backend.reality_gap.joints.moves import moved
+from sim_backend.reality_gap.joints.moves import deviations, moved
 from sim_backend.reality_gap.joints.rattling import HitErrors
 from sim_backend.reality_gap.joints.state import JointState, Term
 from sim_backend.reality_gap.verdict import HeldOut
@@ -38,8 +38,12 @@ class TorqueErrors:
 
 
 def held_out_errors(problem: JointProblem, look: Look) -> TorqueErrors:
-    """Errors of the causes of a look, on each fold with parameters that were fitted to the other folds."""
-    states = [_state_without(look, fold) for fold in range(FOLDS)]
+    """Errors of the causes of a look, on each fold with parameters that were fitted to the other folds.
+
+    Where these say nothing of a parameter it stays as the model has it that the problem's selection started from.
+    """
+    start = look.state if problem.start is None else problem.start
+    states = [_state_without(look, start, fold) for fold in range(FOLDS)]
     return _errors(problem, states)
 
 
@@ -65,8 +69,8 @@ def folds_of_rows(episode, episodes: int) -> np.ndarray:
     return folds_of(equation, episodes)
 
 
-def _state_without(look: Look, fold: int) -> JointState:
-    """The look's model with its causes' parameters fitted anew without one fold."""
+def _state_without(look: Look, start: JointState, fold: int) -> JointState:
+    """The look's model with its causes' parameters fitted anew without one fold, their priors about the nominal values."""
     own = [term for a in look.accepted for term in a.terms]
     if not own:
         return look.state
@@ -76,7 +80,10 @@ def _state_without(look: Look, fold: int) -> JointState:
     base = np.flatnonzero(np.diag(images)[:first] * look.tolerance[:first] > 0.0)
     both = np.concatenate([base, index])
     precision = images[np.ix_(both, both)] + np.diag(1.0 / np.maximum(look.tolerance[both], 1e-12) ** 2)
-    change = np.linalg.solve(precision, cross[both])[len(base) :]
+    away = np.zeros(len(both))
+    away[len(base) :] = np.concatenate([deviations(look.state, start, a.terms) for a in look.accepted])
+    pulled = cross[both] - away / np.maximum(look.tolerance[both], 1e-12) ** 2
+    change = np.linalg.solve(precision, pulled)[len(base) :]
     return _moved(look, change)
 
 

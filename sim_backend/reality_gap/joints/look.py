@@ -147,6 +147,8 @@ class JointProblem:
         self._tolerances = tolerances or {}
         self.expects_many = False
         """Whether noise is what the present model leaves, not what all hypotheses together would leave."""
+        self.start: JointState | None = None
+        """The model that causes are added to, once they are."""
         self._load = np.concatenate([e.driving_nm.T for e in episodes])
         self.torque_rms_nm = np.sqrt(np.mean(self._load**2, axis=0))
         """Root mean square of each joint's torque, shape (k,), N m."""

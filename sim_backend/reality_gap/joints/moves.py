@@ -92,6 +92,24 @@ def _moved_in_pairs(state, terms, values, change) -> JointState:
     return state
 
 
+def deviations(state: JointState, start: JointState, terms: Sequence[Term]) -> np.ndarray:
+    """Changes of some terms that lead from a start to a state, as :func:`moved` takes them, shape (m,)."""
+    if terms and terms[0].effect in ("cogging", "joint_stiffness"):
+        pairs = zip(terms[::2], terms[1::2], strict=True)
+        return np.concatenate([_pair_deviation(state, start, first, second) for first, second in pairs])
+    return np.array([float(state.value(t.key)[t.index] - start.value(t.key)[t.index]) for t in terms])
+
+
+def _pair_deviation(state: JointState, start: JointState, first: Term, second: Term) -> np.ndarray:
+    key, j = f"{first.effect}.{'phase_rad' if first.effect == 'cogging' else 'reference_rad'}", first.index
+    shapes = np.array([dict(first.shape)[key], dict(second.shape)[key]])
+    sizes, places = (np.array([s.value(name)[j] for s in (start, state)]) for name in (first.key, key))
+    if first.effect == "cogging":
+        way = np.diff(sizes * np.exp(1j * places))[0]
+        return np.linalg.solve(np.stack([np.cos(shapes), np.sin(shapes)]), [way.real, way.imag])
+    return np.linalg.solve(np.stack([np.ones(2), shapes]), [np.diff(sizes)[0], np.diff(sizes * places)[0]])
+
+
 def _turned(state: JointState, first: Term, second: Term, a: float, b: float) -> JointState:
     key, j = "cogging.phase_rad", first.index
     here = state.value("cogging.amplitude_nm")[j] * np.exp(1j * state.value(key)[j])

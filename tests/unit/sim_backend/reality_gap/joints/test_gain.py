@@ -8,6 +8,7 @@ import pytest
 from sim_backend.reality_gap.joints.evidence import FOLDS
 from sim_backend.reality_gap.joints.fit import select
 from sim_backend.reality_gap.joints.gain import TorqueErrors, errors_of, folds_of_rows, held_out, held_out_errors
+from sim_backend.reality_gap.joints.moves import deviations, moved
 from sim_backend.reality_gap.joints.study import is_worth_it
 from tests.unit.sim_backend.reality_gap.joints.driven_joints import NAMES, NO_LIMIT, planted_friction
 
@@ -60,3 +61,12 @@ def test_errors_are_root_mean_squares_over_rows():
     errors = TorqueErrors(np.array([[4.0, 0.0], [4.0, 1.0]]), np.array([[1.0, 0.0], [1.0, 4.0]]))
     assert errors.by_joint_nm == pytest.approx([2.0, 0.5])
     assert errors.all_joints_nm == pytest.approx(np.sqrt(9.0 / 6.0))
+
+
+@pytest.mark.parametrize("effect", ("cogging", "joint_stiffness", "viscous_friction"))
+def test_a_deviation_leads_from_the_start_to_the_state(planted, effect):
+    hypothesis = next(c.hypothesis for c in planted.look(NO_LIMIT, ()).candidates if c.hypothesis.effect == effect)
+    catalogue = planted.look(NO_LIMIT, ()).catalogue
+    terms = tuple(catalogue.terms[i] for i in hypothesis.terms)
+    values = np.linspace(0.01, 0.02, len(terms))
+    np.testing.assert_allclose(deviations(moved(NO_LIMIT, terms, values), NO_LIMIT, terms), values)

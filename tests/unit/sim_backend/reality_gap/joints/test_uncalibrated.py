@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.joints.uncalibrated import Agreement
+from sim_backend.reality_gap.joints.verdict import judge
 from sim_backend.reality_gap.verdict import VerdictKind, names_of
 from tests.unit.sim_backend.reality_gap.joints.inverse_arm import (
     friction,
@@ -96,3 +97,12 @@ def test_a_joint_that_does_not_follow_its_target_is_stuck():
     verdict = verdict_of(recordings)
     assert verdict.verdict is VerdictKind.NAMED
     assert names_of(verdict.causes) == {("stuck_joint", "shoulder")}
+
+
+def test_what_one_recording_alone_shows_is_not_held_out():
+    """The elbow moves in one of five recordings: without it nothing is known of its friction."""
+    still = {"sizes": (0.8, 1e-6), "offsets": (0.0, 0.3), "seconds": 4.0}
+    study = study_of([recorded(seed, (0.0, 0.3), **(still if seed else {"seconds": 4.0})) for seed in range(5)])
+    assert study.fit.accepted == ()
+    assert ("coulomb_friction", "elbow") in study.fit.refused
+    assert judge(study).verdict.verdict is VerdictKind.UNEXPLAINED
