@@ -237,6 +237,7 @@ def _object_verdict(
     summary = {
         VerdictKind.NAMED: f"The data disagree with the model because of {named}.",
         VerdictKind.CONFUSABLE: f"The data cannot tell apart: {named}.",
+        VerdictKind.UNEXPLAINED: "The data disagree with the model far beyond the noise; no cause of the catalogue explains it.",
     }.get(study.kind, "The data agree with the model as well as they can tell.")
     verdict = Verdict(
         verdict=study.kind,
@@ -262,6 +263,9 @@ def _together(found: Sequence[tuple[Verdict, dict[str, Any]]]) -> tuple[Verdict,
 
 def _document(material: Material, verdict: Verdict, sections: Mapping[str, Any]) -> dict[str, Any]:
     data = provenance_of(material.title, verdict.verdict, material.files).data
+    parts = "episodes" if len(material.recordings) >= 5 else "stretches of 0.8 s"
+    is_unseen = verdict.held_out is None or verdict.held_out.is_unseen
+    used_for = f"fit and held out by {parts}" if is_unseen else "fit"
     return {
         "format": 1,
         "title": material.title,
@@ -275,9 +279,7 @@ def _document(material: Material, verdict: Verdict, sections: Mapping[str, Any])
                 "duration_s": r.duration_s,
                 "samples": len(r.time_s),
                 "regime": r.regime,
-                "used_for": "fit and held out by episodes"
-                if len(material.recordings) >= 5
-                else "fit and held out by stretches of 0.8 s",
+                "used_for": used_for,
             }
             for r in material.recordings
         ],

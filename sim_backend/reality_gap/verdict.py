@@ -40,7 +40,10 @@ class Rival:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Error on episodes or stretches that were not used to fit. ``reduction`` is a share of ``before``."""
+    """Error on episodes or stretches that were not used to fit. ``reduction`` is a share of ``before``.
+
+    ``is_unseen`` is false where there were too few to hold any out: then it is the error of what was fitted.
+    """
 
     metric: str
     unit: str
@@ -50,6 +53,7 @@ class HeldOut:
     reduction: float
     reduction_interval_95: tuple[float, float]
     samples: int
+    is_unseen: bool = True
 
 
 @dataclass(frozen=True)

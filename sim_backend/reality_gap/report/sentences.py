@@ -171,7 +171,8 @@ def _held_out(held_out: Mapping[str, Any] | None) -> list[str]:
     known = [value for value in (real(before), real(after)) if value is not None]
     factor, shown_unit = readable_unit(max(map(abs, known), default=0.0), unit)
     start, end = (number(None if (value := real(each)) is None else factor * value) for each in (before, after))
-    sentence_ = f"Held-out error ({words(held_out['metric'])}, {count(held_out.get('samples'))} samples): "
+    what = "Held-out error" if held_out.get("is_unseen", True) else "Error on fitted data, too few to hold any out"
+    sentence_ = f"{what} ({words(held_out['metric'])}, {count(held_out.get('samples'))} samples): "
     sentence_ += f"{start} → {with_unit(end, shown_unit)}{_reduction(held_out)}"
     floor = held_out.get("noise_floor")
     if real(floor) is not None:

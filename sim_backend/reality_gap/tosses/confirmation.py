@@ -48,6 +48,11 @@ class Confirmation:
     worst_window: Mapping[str, Any] | None
     ladder: tuple[Mapping[str, Any], ...]
 
+    @property
+    def is_of_motion(self) -> bool:
+        """Whether the errors are of replayed motion, which has a noise floor."""
+        return self.horizon is not None
+
 
 def confirmed(
     evidence: Evidence,
@@ -78,7 +83,7 @@ def confirmed(
     reduction = 1.0 - after / before if before > 0.0 else 0.0
     metric = "mean position error of open-loop replays" if motion else kinds[0].name
     count = int(np.isfinite(first[name]).sum())
-    held_out = HeldOut(metric, unit, before, after, floor, reduction, interval, count)
+    held_out = HeldOut(metric, unit, before, after, floor, reduction, interval, count, is_unseen=unseen)
     ladder = tuple(
         {"label": label, "held_out": factor * float(np.nanmean(np.abs(residual[name]))), "unit": unit}
         for (label, _), residual in zip(steps, residuals, strict=True)

@@ -31,10 +31,14 @@ from sim_backend.reality_gap.tosses.replay import HEIGHT, SCALE, Replayer, repla
 from sim_backend.reality_gap.tosses.search import Study, bounds_of, hypotheses_of
 from sim_backend.reality_gap.tosses.selection import Selection, selected
 from sim_backend.reality_gap.tosses.stretches import tosses_of
-from sim_backend.reality_gap.verdict import Cause, Rival, VerdictKind
+from sim_backend.reality_gap.verdict import Cause, HeldOut, Rival, VerdictKind
 
 _STUDIED, _CONFIRMED = 96, 192  # tosses to fit and compare, and to confirm with
 _FIRST_SHARE, _FIRST_LEAST = 0.4, 8  # of them, for a first look
+_FAR = 3.0
+"""Times the noise floor: what a replay's start is not known by grows at contacts, and not alike in each set of tosses."""
+_ALMOST = 0.7
+"""Where so much of the error is gone, what is left is the shape of a contact law and not another cause, as for joints."""
 _FEW = 40  # episodes below which all are studied, and folds alone are held out
 
 
@@ -109,7 +113,7 @@ def study_object(
     null_p = sign_flip_p([candidate.sums for candidate in selection.stages[0].candidates], rng)
     progress("what cannot be told", 0.95)
     cannot_tell = (*(_lost_sentence(one) for one in lost if one.confusable), *undecided(study, selection, hypotheses))
-    causes, kind = causes_of(selection.causes, selection.final, profiles), _kind(evidence, selection, lost)
+    causes, kind = causes_of(selection.causes, selection.final, profiles), _kind(evidence, selection, lost, confirmation)
     causes += members_of(study, lost, rng)
     sections = _sections(selection, profiles, confirmation)
     advice = record_next(evidence, lost, selection)
@@ -160,7 +164,14 @@ def _steps(selection: Selection, start: Mapping[str, float]) -> Sequence[tuple[s
     return steps
 
 
-def _kind(evidence: Evidence, selection: Selection, lost: Sequence[Lost]) -> VerdictKind:
+def is_unexplained(held_out: HeldOut) -> bool:
+    """Whether much more is left than the noise floor, and the causes, if any, took too little of it away."""
+    return held_out.after > _FAR * held_out.noise_floor and held_out.reduction < _ALMOST
+
+
+def _kind(evidence: Evidence, selection: Selection, lost: Sequence[Lost], confirmation: Confirmation) -> VerdictKind:
+    if confirmation.is_of_motion and is_unexplained(confirmation.held_out):
+        return VerdictKind.UNEXPLAINED
     if selection.causes:
         return VerdictKind.CONFUSABLE if any(one.confusable for one in lost) else VerdictKind.NAMED
     if {kind.name for kind in evidence.kinds} == {REST}:

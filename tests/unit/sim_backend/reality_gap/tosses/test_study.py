@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.recording import RecordingError
-from sim_backend.reality_gap.tosses.study import study_object
-from sim_backend.reality_gap.verdict import VerdictKind
+from sim_backend.reality_gap.tosses.study import is_unexplained, study_object
+from sim_backend.reality_gap.verdict import HeldOut, VerdictKind
 from tests.unit.sim_backend.reality_gap.tosses.simulated_tosses import toss_spec, tosses
 
 
@@ -36,3 +36,23 @@ def test_refusals_say_why():
         _study([replace(one, objects=()) for one in found])
     with pytest.raises(ValueError, match=r"table_friction.coefficient is 9; it must be between 0.05 and 3"):
         _study(found, {"table_friction.coefficient": 9.0})
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "unexplained"),
+    [(90.0, 12.0, False), (90.0, 33.0, True), (24.0, 24.7, True), (2.4, 2.4, False)],
+)
+def test_what_is_left_far_above_the_noise_is_unexplained(before, after, unexplained):
+    held_out = HeldOut("position error", "% of the width", before, after, 1.0, 1.0 - after / before, (0.0, 1.0), 40)
+    assert is_unexplained(held_out) is unexplained
+
+
+def test_tosses_that_are_mirrored_are_unexplained_and_few_of_them_are_not_held_out():
+    def mirrored(recording):
+        signals = recording.objects[0]
+        return replace(recording, objects=(replace(signals, position_m=signals.position_m * [-1.0, 1.0, 1.0]),))
+
+    study = _study([mirrored(recording) for recording in tosses(toss_spec(), 8, 5)])
+    assert study.kind is VerdictKind.UNEXPLAINED
+    assert study.confirmation is not None
+    assert not study.confirmation.held_out.is_unseen
