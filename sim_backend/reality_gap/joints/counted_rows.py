@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sim_backend.reality_gap.sensor_noise import white_noise
 from sim_backend.reality_gap.joints.trajectory import Trajectory, near_gaps
+from sim_backend.reality_gap.sensor_noise import white_noise
 
 STANDSTILL_RAD_S = 0.02
 """Below it friction may hold anything, so that mechanics says nothing."""
