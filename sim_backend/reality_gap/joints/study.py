@@ -2,11 +2,8 @@
 
 # pyright: reportAttributeAccessIssue=false
 import functools
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -23,6 +20,7 @@ from sim_backend.reality_gap.joints.command_lateness import with_measured_latene
 from sim_backend.reality_gap.joints.equations import Channel, EpisodeEquations
 from sim_backend.reality_gap.joints.fit import MANY_CAUSES, JointFit, select
 from sim_backend.reality_gap.joints.gain import held_out_errors
+from sim_backend.reality_gap.joints.healthy import UNKNOWN, Calibration, calibration
 from sim_backend.reality_gap.joints.hypotheses import SCALES_OF_EVERYTHING
 from sim_backend.reality_gap.joints.look import JointProblem, Look
 from sim_backend.reality_gap.joints.plant import Plant
@@ -33,8 +31,6 @@ from sim_backend.reality_gap.outliers import PEAK, usual_peak_nm
 from sim_backend.reality_gap.recording import JointSignals, Recording, RecordingError
 from sim_backend.trifinger import constants as c
 
-CALIBRATION_FILE = Path(__file__).with_name("calibration.json")
-STANDARD = "standard"
 FOREIGN_CUTOFF_HZ = 12.0
 """Where nobody knows what a motor board does, torques are compared below this frequency only."""
 LEAST_REDUCTION = 0.02
@@ -49,44 +45,6 @@ _LEAST_MOVING_SHARE = 0.02
 
 class NothingMovesError(Exception):
     """No joint moves enough for its physics to show."""
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """What healthy sessions look like to this tool.
-
-    Attributes:
-        tolerances: standard deviation of each number that a healthy robot does not have, by parameter and shape.
-        largest_gains: of healthy sessions, one each, nats, sorted.
-        gates: gain that a cause of each effect must have, nats, by effect.
-    """
-
-    tolerances: Mapping[str, Sequence[float]]
-    largest_gains: np.ndarray
-    gates: Mapping[str, float]
-
-    def null_p(self, gain: float) -> float:
-        """Share of healthy sessions whose largest gain is at least this one's."""
-        return float((1 + np.sum(self.largest_gains >= gain)) / (1 + len(self.largest_gains)))
-
-
-UNKNOWN = Calibration({}, np.zeros(0), {})
-"""Of robots whose healthy sessions nobody knows."""
-
-
-@cache
-def calibration(regimes: frozenset[str] = frozenset({STANDARD})) -> Calibration:
-    """The calibration for TriFingers that is kept with the code; empty where there is none.
-
-    Args:
-        regimes: what the recordings were made under. Where it is not ``standard`` alone they are compared with sessions of all
-            excitations, alone and together.
-    """
-    if not CALIBRATION_FILE.exists():
-        return UNKNOWN
-    kept = json.loads(CALIBRATION_FILE.read_text())
-    own = kept if regimes == {STANDARD} else kept["elsewhere"]
-    return Calibration(kept["tolerances"], np.sort(own["largest_gains"]), own["gates"])
 
 
 @dataclass(frozen=True)
