@@ -103,7 +103,8 @@ def _objection(study: JointStudy, agreement: Agreement, causes: Sequence[Cause])
         return f"What no cause explains is far larger than what {what} explains: {worst}."
     if laws := _laws(study, agreement):
         worst, where = _worst(agreement, agreement.after, study), study.problem.names[laws[0][0]]
-        return f"What is left is {worst}; at {where} it follows the {laws[0][1]}, by a law that the catalogue lacks."
+        law = f"at {where} this follows the {laws[0][1]}, by a law that the catalogue lacks"
+        return f"With the causes the torques are still off, {worst}; {law}."
     return None
 
 
