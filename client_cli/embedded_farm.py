@@ -27,7 +27,7 @@ START_DEADLINE_S = 90.0
 ROBOTS_END_WITHIN_S = 2.0
 ALL_END_WITHIN_S = 3.5
 """Whoever has not ended by then is killed, so that everything is gone within 5 s."""
-ALL_GONE_WITHIN_S = 4.8
+ALL_GONE_WITHIN_S = 4.2
 POLL_EVERY_S = 0.1
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 

@@ -114,10 +114,7 @@ def _truths_of(client: ApiClient, trials: list[Trial], folder: Path) -> list[tup
 
 
 def _claim_folder(folder: Path, job_id: str) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UsageProblem(f"cannot use the folder {folder}: {error}") from error
+    folder.mkdir(parents=True, exist_ok=True)
     held = held_by(folder)
     if held not in (None, job_id):
         raise UsageProblem(f"{folder} holds the logs of job {held}; choose another folder for job {job_id}")
