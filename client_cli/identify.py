@@ -52,7 +52,8 @@ def identify(
 ) -> None:
     """Queue excitations on one robot and print the job's id; each is a trial with a log of its own."""
     request = _request(robot, excitation, repeats, seed)
-    if to is not None and (held := held_by(to)) is not None:  # now, and not when everything has been recorded
+    # Now, and not when everything has been recorded; with a key of the user's it may be this very job.
+    if to is not None and idempotency_key is None and (held := held_by(to)) is not None:
         raise UsageProblem(f"{to} holds the logs of job {held}; choose another folder")
     with ApiClient(load_connection(os.environ)) as client:
         job = client.create_identification(request, idempotency_key or uuid.uuid4().hex)

@@ -111,7 +111,7 @@ def _other_positions(data: Sequence[_Told], names: Sequence[str]) -> Iterator[Mi
     k = len(names)
     choices = [(j,) for j in range(k)] + ([tuple(range(k))] if k > 1 else [])
     for joints in choices:
-        who = _listed([names[j] for j in joints])
+        who = listed([names[j] for j in joints])
         for factor, said in {-1.0: "count the other way round", **_POSITION_UNITS}.items():
             by = np.ones(k)
             by[list(joints)] = factor
@@ -142,13 +142,13 @@ def _with_torques(
     touched, these = tuple(sorted({*joints, *turned, *scaled})), [names[j] for j in turned]
     parts, checks = [said] if said else [], [check] if check else []
     if turned and set(turned) == set(joints) and "other way" in said:
-        parts = [f"{_listed([names[j] for j in joints])} counts the other way round, position and torque"]
+        parts = [f"{listed([names[j] for j in joints])} counts the other way round, position and torque"]
     elif turned:
-        parts.append(f"the torques of {_listed(these)} have the opposite sign")
-        checks.append(f"the sign of the torques of {_listed(these)}")
+        parts.append(f"the torques of {listed(these)} have the opposite sign")
+        checks.append(f"the sign of the torques of {listed(these)}")
     if scaled:
         parts.append(_of_units(scaled, names))
-        checks.append(f"torque_unit of {_listed([names[j] for j in scaled])}")
+        checks.append(f"torque_unit of {listed([names[j] for j in scaled])}")
     if parts:
         yield Misreading(" and ".join(parts), " and ".join(checks), touched, after)
 
@@ -156,7 +156,7 @@ def _with_torques(
 def _of_units(factors: dict[int, float], names: Sequence[str]) -> str:
     sizes = [abs(factor) for factor in factors.values()]
     middle = float(np.sqrt(min(sizes) * max(sizes)))
-    who, sign = _listed([names[j] for j in factors]), " and have the opposite sign" if min(factors.values()) < 0.0 else ""
+    who, sign = listed([names[j] for j in factors]), " and have the opposite sign" if min(factors.values()) < 0.0 else ""
     at = next((at for at in _UNIT_NAMES if 1.0 / _NEAR_UNIT < middle / at < _NEAR_UNIT), None)
     middle, unit = (middle, "") if at is None else (at, f" ({_UNIT_NAMES[at]})")
     size = f"{_rounded(1.0 / middle)} times smaller" if middle < 1.0 else f"{_rounded(middle)} times larger"
@@ -231,5 +231,6 @@ def _rms_left(values: np.ndarray, images: np.ndarray) -> tuple[float, np.ndarray
     return max(float(np.sqrt(np.mean((values - images @ coefficients) ** 2))), 1e-12), coefficients
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """As ``joint1, joint2 and joint3``."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -13,7 +13,7 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.joints.flexible import shares
 from sim_backend.reality_gap.joints.gain import errors_of, held_out_errors
 from sim_backend.reality_gap.joints.look import Accepted
-from sim_backend.reality_gap.joints.misreadings import misreading
+from sim_backend.reality_gap.joints.misreadings import listed, misreading
 from sim_backend.reality_gap.joints.study import LEAST_TORQUE_SHARE, JointStudy
 from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
 
@@ -86,7 +86,7 @@ def reconsidered(study: JointStudy, verdict: Verdict) -> Verdict:
         followed = tuple(f"{variable} of {names[j]} ({share:.0%} of it)" for j, variable, share in _laws(study, agreement))
         return replace(_unexplained(verdict, why), follows=(*followed, *verdict.follows))
     if verdict.verdict is VerdictKind.NOTHING_WRONG and unjudged:
-        return _not_identifiable(verdict, f"What could be judged agrees with the model; {_listed(unjudged)} could not.")
+        return _not_identifiable(verdict, f"What could be judged agrees with the model; {listed(unjudged)} could not.")
     return replace(verdict, cannot_tell=(*verdict.cannot_tell, *_left_sentences(agreement, names)))
 
 
@@ -185,7 +185,3 @@ def _not_identifiable(verdict: Verdict, summary: str) -> Verdict:
         summary=summary,
         record_next=("every joint over its range, slowly and fast, for ten seconds or more; 'trifarm gap excite' says how",),
     )
-
-
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -48,6 +48,14 @@ def test_a_folder_that_holds_another_job_is_refused_before_anything_is_recorded(
     assert not farm.identifications
 
 
+def test_the_same_job_may_be_fetched_again_by_its_key(farm, trifarm, tmp_path):
+    (tmp_path / "report.json").write_text(f'{{"job_id": "{JOB_ID}"}}')
+    farm.streams = [[event(1, "job_queued"), event(2, "job_ended", done=1, state=JobState.SUCCEEDED)]]
+    flags = ("--excitation", "chirps", "--idempotency-key", "mine", "--to", str(tmp_path))
+    ended = trifarm("identify", "--robot", "any", *flags)
+    assert ended.code == 0, ended.err
+
+
 @pytest.mark.parametrize(
     ("flags", "said"),
     [
