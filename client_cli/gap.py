@@ -71,12 +71,17 @@ def blind_test(
         int | None, typer.Option("--cases", metavar="N", min=0, help="Robots with a hidden effect; N/2 healthy ones come on top.")
     ] = None,
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Draws the hidden effects.")] = None,
+    excitation: Annotated[
+        str | None,
+        typer.Option("--excitation", metavar="NAME", help="What the robots are seen by; 'everything' as 'identify' records it."),
+    ] = None,
     out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Where results are kept, and taken up again.")] = None,
     processes: Annotated[int | None, typer.Option("--processes", metavar="N", min=1, help="How many work side by side.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Hide effects in simulated robots, ask for them, and count the right and wrong answers; goes on where it stopped."""
-    flags = [*_given("--cases", cases), *_given("--seed", seed), *_given("--out", out), *_given("--processes", processes)]
+    flags = [*_given("--cases", cases), *_given("--seed", seed), *_given("--excitation", excitation)]
+    flags += [*_given("--out", out), *_given("--processes", processes)]
     _run("blind-test", *flags, as_json=as_json)
 
 

@@ -1,6 +1,7 @@
 """Recordings from the farm's own logs: ``/measured/`` channels alone, whatever else a file may hold."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,30 +13,43 @@ from sim_backend.trifinger import constants as c
 _MIN_STEPS = 1000
 
 
-def log_files(folder: Path) -> list[Path]:
-    """The MCAP files of a folder, truth files left out; raises RecordingError without any."""
+@dataclass(frozen=True)
+class FarmLogs:
+    """The logs of a folder: ``judged`` are studied, ``trials`` are not; ``robot`` made the judged ones, if they say which."""
+
+    judged: tuple[Path, ...]
+    trials: tuple[Path, ...]
+    robot: str | None
+
+
+def find_logs(folder: Path) -> FarmLogs:
+    """What there is to study in a folder, truth files left out; no rows are read.
+
+    Raises:
+        RecordingError: there is none, one cannot be read, or they are of several robots.
+    """
     files = sorted(path for path in folder.glob("*.mcap") if "truth" not in path.name)
     if not files:
         raise RecordingError(f"{folder} has no logs (*.mcap): 'trifarm identify --robot ROBOT --to {folder}' makes some")
-    return files
-
-
-def robot_of(files: Sequence[Path]) -> str | None:
-    """The robot that all logs are of, None if they do not say; no rows are read.
-
-    Raises:
-        RecordingError: they are of several robots, or one cannot be read.
-    """
     try:
-        robots = {read_trial(path).get("robot", "") for path in files}
+        headers = {path: read_trial(path) for path in files}
     except LogUnreadableError as error:
         raise RecordingError(f"{error}; fetch it again") from error
+    trials = tuple(path for path, header in headers.items() if header.get("task") and not header.get("excitation"))
+    judged = tuple(path for path in files if path not in trials)
+    if not judged:
+        many = f"the {len(trials)} logs are of trials" if len(trials) > 1 else f"{trials[0].name} is the log of a trial"
+        raise RecordingError(
+            f"{many}, in which fingers may touch the cube and the table; joints are judged in the air alone: record excitations "
+            "with 'trifarm identify --robot ROBOT --to DIR' and study DIR, with these trials as --trials"
+        )
+    robots = {headers[path].get("robot", "") for path in judged}
     if len(robots) > 1:
         raise RecordingError(
             f"the logs are of {len(robots)} robots ({', '.join(sorted(robots))}): "
             f"a study is of one robot; give it a folder of its own"
         )
-    return robots.pop() or None
+    return FarmLogs(judged, trials, robots.pop() or None)
 
 
 def read_farm_logs(files: Sequence[Path], progress: Callable[[str, float], None]) -> list[Recording]:

@@ -21,14 +21,14 @@ from sim_backend.effects.effect import Scope
 from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.extended.files import write_models
 from sim_backend.reality_gap.extended.model import load_extended_model, provenance_of
-from sim_backend.reality_gap.farm_logs import log_files, read_farm_logs, robot_of
+from sim_backend.reality_gap.farm_logs import FarmLogs, find_logs, read_farm_logs
 from sim_backend.reality_gap.foreign.episodes import read_recordings
 from sim_backend.reality_gap.foreign.study_file import StudyFile, load_study_file
 from sim_backend.reality_gap.joints.calibrating import METHODS, calibrate
 from sim_backend.reality_gap.joints.gain import held_out, held_out_of_hits
 from sim_backend.reality_gap.joints.judged import not_judged
 from sim_backend.reality_gap.joints.sections import joint_sections
-from sim_backend.reality_gap.joints.study import JointStudy, NothingMovesError, study_joints
+from sim_backend.reality_gap.joints.study import JointStudy, ShowsNothingError, study_joints
 from sim_backend.reality_gap.joints.verdict import judge
 from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.report.report import write_html
@@ -43,7 +43,10 @@ CUBE_EXCITATION = "slide_cube"
 
 @dataclass(frozen=True)
 class Material:
-    """What a study works on: recordings, the model they are compared with, and where both come from."""
+    """What a study works on: recordings, the model they are compared with, and where both come from.
+
+    ``trials`` are logs of the farm beside those of excitations, which no joint is judged from.
+    """
 
     title: str
     recordings: tuple[Recording, ...]
@@ -51,6 +54,7 @@ class Material:
     is_trifinger: bool
     study_file: StudyFile | None
     robot: str | None = None
+    trials: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -80,9 +84,10 @@ def run_study(
         RecordingError: data that cannot be used; the message says why.
     """
     rng = np.random.default_rng(seed)
-    question = _question(source, trials)
+    logs = find_logs(source) if source.is_dir() else None
+    question = _question(logs, trials)
     _make_folder(out)  # now, so that no result of long work is lost
-    material = recordings_of(source, data_root, _part(progress, 0.0, 0.1))  # 1 recording
+    material = recordings_of(logs or source, data_root, _part(progress, 0.0, 0.1))  # 1 recording
     named = 0.95 if question is None else 0.6
     # 2 replay, 3 residual, 4 fit, 5 verdict, 7 gain
     verdict, sections = verdict_of(material, method, rng, _part(progress, 0.1, named))
@@ -104,26 +109,24 @@ def _part(progress: Progress, begin: float, end: float) -> Progress:
     return lambda what, share: progress(what, begin + (end - begin) * share)
 
 
-def recordings_of(source: Path, data_root: Path | None, progress: Progress) -> Material:
-    """Step 1: a folder of the farm's logs, or anyone's data by a study.toml."""
-    if source.is_dir():
-        files = log_files(source)
-        robot = robot_of(files)
-        recordings = read_farm_logs(files, progress)
-        return Material(f"Logs in {source.name}", tuple(recordings), tuple(files), True, None, robot)
+def recordings_of(source: FarmLogs | Path, data_root: Path | None, progress: Progress) -> Material:
+    """Step 1: the farm's logs, or anyone's data by a study.toml."""
+    if isinstance(source, FarmLogs):
+        recordings = read_farm_logs(source.judged, progress)
+        title = f"Logs in {source.judged[0].resolve().parent.name}"
+        return Material(title, tuple(recordings), source.judged, True, None, source.robot, source.trials)
     study_file = load_study_file(source, data_root)
     recordings = read_recordings(study_file, lambda what: progress(f"reading {what}", 0.0))
     files = (source, study_file.model, *dict.fromkeys(entry.file for entry in study_file.recordings))
     return Material(study_file.title, tuple(recordings), files, False, study_file)
 
 
-def _question(source: Path, trials: Trials | None) -> Question | None:
-    robot = robot_of(log_files(source)) if source.is_dir() else None
+def _question(logs: FarmLogs | None, trials: Trials | None) -> Question | None:
     if trials is None:
         return None
-    if not source.is_dir():
+    if logs is None:
         raise RecordingError("success can only be predicted for a robot of the farm: give a folder of its logs")
-    return read_question(trials, robot)
+    return read_question(trials, logs.robot)
 
 
 def _make_folder(out: Path) -> None:
@@ -153,7 +156,11 @@ def verdict_of(material: Material, method: str, rng: np.random.Generator, progre
         found.append(_object_verdict(material.study_file, of_objects, rng, _part(progress, after if of_joints else 0.0, 1.0)))
     if not found:
         raise RecordingError("the recordings have neither joints nor objects that could be compared with a model")
-    return found[0] if len(found) == 1 else _together(found)
+    verdict, sections = found[0] if len(found) == 1 else _together(found)
+    if material.trials:
+        unread = f"anything from the {len(material.trials)} logs of trials: fingers may touch the cube and the table there"
+        verdict = replace(verdict, cannot_tell=(*verdict.cannot_tell, unread))
+    return verdict, sections
 
 
 def _joint_verdict(
@@ -169,7 +176,7 @@ def _joint_verdict(
             nominal=_nominal(material, recordings),
             gate=None if method == METHODS[0] else np.inf,
         )
-    except NothingMovesError as error:
+    except ShowsNothingError as error:
         return not_identifiable(error, material.is_trifinger), {}
     if method != METHODS[0]:
         return _calibrated(study, method, rng), {}
@@ -198,8 +205,8 @@ def _calibrated(study: JointStudy, method: str, rng: np.random.Generator) -> Ver
     )
 
 
-def not_identifiable(error: NothingMovesError, is_trifinger: bool) -> Verdict:
-    """Nothing moves: nothing about joints can be told."""
+def not_identifiable(error: ShowsNothingError, is_trifinger: bool) -> Verdict:
+    """Nothing about joints can be told."""
     what = (
         "run 'trifarm identify --excitation standard' on the robot"
         if is_trifinger
@@ -208,7 +215,7 @@ def not_identifiable(error: NothingMovesError, is_trifinger: bool) -> Verdict:
     return Verdict(
         verdict=VerdictKind.NOT_IDENTIFIABLE,
         summary=f"These data cannot tell anything: {error}.",
-        cannot_tell=("every effect of joints: they rest",),
+        cannot_tell=(f"every effect of joints: {error.because}",),
         record_next=(f"{what}; 'trifarm gap excite' says how",),
     )
 

@@ -1,15 +1,16 @@
 """Effects hidden in simulated robots are found by name, place and value; healthy robots stay silent; the truth is never read."""
 
 import json
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.blind_test.joint_cases import SHOWN_BY_JOINTS, Case, draw_cases, sessions_of
+from sim_backend.reality_gap.blind_test.joint_cases import SHOWN_BY_JOINTS, Case, draw_cases, recordings_of
 from sim_backend.reality_gap.blind_test.joints import LIMITS_FILE, outcome, summary
 from sim_backend.reality_gap.blind_test.many_causes import robot
 from sim_backend.reality_gap.joints.sessions import healthy_physics, simulated_sessions
-from sim_backend.reality_gap.joints.study import NothingMovesError, study_joints
+from sim_backend.reality_gap.joints.study import ShowsNothingError, study_joints
 from sim_backend.reality_gap.joints.verdict import judge
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.verdict import VerdictKind
@@ -30,9 +31,15 @@ FEW = (
 
 def verdicts(cases, excluded=()):
     model = compile_scene()
-    for case, recording in zip(cases, sessions_of(cases), strict=True):
-        study = study_joints(model, [recording], lambda *_: None, is_trifinger=True, excluded=excluded)
+    for case, recordings in zip(cases, recordings_of(cases), strict=True):
+        study = study_joints(model, recordings, lambda *_: None, is_trifinger=True, excluded=excluded)
         yield case, judge(study).verdict
+
+
+def begin_of(recording, samples):
+    signals = {f.name: getattr(recording.joints, f.name) for f in fields(recording.joints)}
+    cut = {name: array[:samples] for name, array in signals.items() if isinstance(array, np.ndarray)}
+    return replace(recording, time_s=recording.time_s[:samples], joints=replace(recording.joints, **cut))
 
 
 def large(seed, keys, count):
@@ -128,12 +135,18 @@ def test_a_cause_that_the_catalogue_lacks_is_not_blamed_on_another_with_confiden
 
 
 def test_a_robot_at_rest_tells_nothing():
-    rng, steps = np.random.default_rng(SEED), 5000
+    rng, steps = np.random.default_rng(SEED), 20_000
     position = np.tile(c.START_JOINT_POSITION_RAD, (steps, 1)) + 5e-5 * rng.standard_normal((steps, 9))
     joints = JointSignals(c.JOINT_NAMES, position, np.zeros((steps, 9)), np.zeros((steps, 9)), np.zeros((steps, 9)))
     rest = Recording("rest", "rest.mcap", 1e-3, 1e-3 * np.arange(steps), joints)
-    with pytest.raises(NothingMovesError, match="no joint moves"):
+    with pytest.raises(ShowsNothingError, match="no joint moves"):
         study_joints(compile_scene(), [rest], lambda *_: None, is_trifinger=True)
+
+
+def test_a_short_piece_of_a_recording_tells_nothing():
+    (whole,) = simulated_sessions(healthy_physics(SEED), [SEED], excitation="oscillations")
+    with pytest.raises(ShowsNothingError, match=r"last 8.0 s in all, and it takes 18 s"):
+        study_joints(compile_scene(), [begin_of(whole, 8000)], lambda *_: None, is_trifinger=True)
 
 
 def test_the_blind_test_counts_what_was_said():

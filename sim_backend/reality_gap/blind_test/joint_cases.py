@@ -8,12 +8,14 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.physics import Physics
+from sim_backend.reality_gap.joints.healthy import STANDARD
 from sim_backend.reality_gap.joints.hypotheses import PLATFORM
-from sim_backend.reality_gap.joints.sessions import healthy_physics, simulated_sessions
+from sim_backend.reality_gap.joints.sessions import EVERYTHING, healthy_physics, simulated_recordings
 from sim_backend.reality_gap.recording import Recording
 from sim_backend.trifinger import constants as c
 
 MULTIPLES = (1.0, 2.0, 5.0)
+JUMP = "encoder_jump.offset_rad"
 
 _ONE_SIDED = {
     "coulomb_friction.torque_nm",
@@ -48,7 +50,7 @@ SHOWN_BY_JOINTS: tuple[str, ...] = (
     "position_gain.factor",
     "safety_damping.factor",
     "stuck_joint.holding_torque_nm",
-    "encoder_jump.offset_rad",
+    JUMP,
     "controller_restart.off",
 )
 """One number of every effect that logs of joints can show."""
@@ -144,12 +146,17 @@ def physics_of(case: Case) -> Physics:
     return healthy.changed(changes)
 
 
-def sessions_of(cases: Sequence[Case]) -> list[Recording]:
-    """The standard excitation on the robots of some cases."""
+def keys_shown_by(excitation: str) -> tuple[str, ...]:
+    """One number of each effect that is hidden where robots are seen by an excitation: an encoder jumps in the standard one."""
+    return tuple(key for key in SHOWN_BY_JOINTS if key != JUMP or excitation in (STANDARD, EVERYTHING))
+
+
+def recordings_of(cases: Sequence[Case], excitation: str = STANDARD) -> list[tuple[Recording, ...]]:
+    """What a study has of the robots of some cases, seen by an excitation or by ``EVERYTHING``."""
     physics = Physics.stack([physics_of(case) for case in cases])
-    jumps = {i: (case.joint, case.value) for i, case in enumerate(cases) if case.effect == "encoder_jump"}
+    jumps = {i: (case.joint, case.value) for i, case in enumerate(cases) if case.key == JUMP}
     for i in jumps:
-        jump = physics.value("encoder_jump.offset_rad").copy()
+        jump = physics.value(JUMP).copy()
         jump[i] = 0.0
-        physics = physics.changed({"encoder_jump.offset_rad": jump})
-    return simulated_sessions(physics, [case.seed for case in cases], jumps=jumps)
+        physics = physics.changed({JUMP: jump})
+    return simulated_recordings(physics, [case.seed for case in cases], excitation, jumps=jumps)

@@ -19,7 +19,9 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.blind_test.counting import share, whole_lines
-from sim_backend.reality_gap.blind_test.joint_cases import MULTIPLES, Case, draw_cases, sessions_of
+from sim_backend.reality_gap.blind_test.joint_cases import MULTIPLES, Case, draw_cases, keys_shown_by, recordings_of
+from sim_backend.reality_gap.joints.healthy import STANDARD
+from sim_backend.reality_gap.joints.sessions import EVERYTHING, IN_THE_AIR
 from sim_backend.reality_gap.joints.study import study_joints
 from sim_backend.reality_gap.joints.verdict import judge
 from sim_backend.reality_gap.refusal import refused
@@ -40,6 +42,12 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--cases", type=int, default=30, metavar="N", help="cases with an effect; N/2 healthy robots come on top")
     parser.add_argument("--seed", type=int, default=1, help="of the cases; not one that thresholds were made with (5001, 5002)")
     parser.add_argument(
+        "--excitation",
+        default=STANDARD,
+        choices=(*IN_THE_AIR, EVERYTHING),
+        help="what the robots are seen by (%(default)s); thresholds for others than the default were made with seed 88001",
+    )
+    parser.add_argument(
         "--out", type=Path, default=Path("blind-test"), metavar="DIR", help="where results are kept (%(default)s)"
     )
     parser.add_argument("--processes", type=int, default=2, metavar="N", help="that work side by side (%(default)s)")
@@ -50,8 +58,9 @@ def main(arguments: list[str] | None = None) -> int:
     limits = json.loads(LIMITS_FILE.read_text())["limits"]
     try:
         options.out.mkdir(parents=True, exist_ok=True)
-        run(options.out, options.cases, options.seed, limits, options.processes)
-        document = summary([line for path in sorted(options.out.glob("cases-*.jsonl")) for line in whole_lines(path)])
+        run(options.out, options.cases, options.seed, limits, options.processes, options.excitation)
+        files = sorted(options.out.glob(_lines_name("[0-9]*", options.excitation)))
+        document = summary([line for path in files for line in whole_lines(path)])
         (options.out / "blind-test.json").write_text(json.dumps(document, indent=1))
     except OSError as error:
         return refused(error, options.json)
@@ -59,13 +68,18 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def run(out: Path, cases: int, seed: int, limits: dict[str, float], processes: int) -> None:
+def _lines_name(seed: int | str, excitation: str) -> str:
+    """Of the file of cases; those of other excitations than the standard one are never counted together with it."""
+    return f"cases-{seed}.jsonl" if excitation == STANDARD else f"cases-{excitation}-{seed}.jsonl"
+
+
+def run(out: Path, cases: int, seed: int, limits: dict[str, float], processes: int, excitation: str = STANDARD) -> None:
     """Do what is not done yet of a test."""
-    lines = out / f"cases-{seed}.jsonl"
+    lines = out / _lines_name(seed, excitation)
     kept = whole_lines(lines)
     done = {(line["case"]["number"], line["left_out"]) for line in kept}
     lines.write_text("".join(json.dumps(line) + "\n" for line in kept))
-    drawn = draw_cases(seed, cases, cases // 2, limits)
+    drawn = draw_cases(seed, cases, cases // 2, limits, keys_shown_by(excitation))
     todo = [(case, False) for case in drawn] + [
         (case, True) for case in drawn[:cases] if case.multiple == MULTIPLES[-1] and case.number % 2 == 0
     ]
@@ -73,7 +87,7 @@ def run(out: Path, cases: int, seed: int, limits: dict[str, float], processes: i
     groups = [todo[i : i + _TOGETHER] for i in range(0, len(todo), _TOGETHER)]
     begun, finished = time.monotonic(), 0
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool, lines.open("a") as file:
-        for future in as_completed([pool.submit(_judged, group) for group in groups]):
+        for future in as_completed([pool.submit(_judged, group, excitation) for group in groups]):
             for line in future.result():
                 file.write(json.dumps(line) + "\n")
                 finished += 1
@@ -82,12 +96,13 @@ def run(out: Path, cases: int, seed: int, limits: dict[str, float], processes: i
             print(f"{finished} of {len(todo)} cases, about {left_s / 60:.0f} min left", file=sys.stderr, flush=True)
 
 
-def _judged(group: Sequence[tuple[Case, bool]]) -> list[dict]:
+def _judged(group: Sequence[tuple[Case, bool]], excitation: str) -> list[dict]:
     model, found = compile_scene(), []
-    for (case, left_out), recording in zip(group, sessions_of([case for case, _ in group]), strict=True):
+    seen = recordings_of([case for case, _ in group], excitation)
+    for (case, left_out), recordings in zip(group, seen, strict=True):
         begun = time.monotonic()
         excluded = _LEFT_OUT_TOGETHER.get(case.effect, (case.effect,)) if left_out else ()
-        study = study_joints(model, [recording], lambda *_: None, is_trifinger=True, excluded=excluded)
+        study = study_joints(model, recordings, lambda *_: None, is_trifinger=True, excluded=excluded)
         judged = judge(study)
         verdict = judged.verdict.document()
         strongest = judged.patterns[0] if judged.patterns else None

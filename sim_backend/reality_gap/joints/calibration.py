@@ -13,15 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from sim_backend.effects.physics import Physics
-from sim_backend.reality_gap.joints.sessions import healthy_physics, simulated_sessions
+from sim_backend.reality_gap.joints.sessions import EVERYTHING, IN_THE_AIR, healthy_physics, simulated_recordings
 from sim_backend.reality_gap.joints.study import study_joints
 from sim_backend.trifinger.scene import compile_scene
 
 _NO_GATE = 1e18
 _TOGETHER = 6
-IN_THE_AIR = ("standard", "slow_ramps", "fast_sweeps", "chirps", "joint_limits", "oscillations", "hold_poses")
-EVERYTHING = "everything"
-"""All of these, as ``trifarm identify`` records them."""
 LEAST_GATE, GATE_FACTOR, GATE_MARGIN = 5.0, 1.1, 1.5
 """A margin of 1.5 nats makes what one session in 200 reaches for each of some 20 effects a matter of 2 % for all together."""
 
@@ -45,9 +42,7 @@ def main() -> int:
         numbers = todo[first : first + _TOGETHER]
         seeds = [int(np.random.SeedSequence([options.seed, n]).generate_state(1)[0]) for n in numbers]
         physics = Physics.stack([healthy_physics(seed) for seed in seeds])
-        excitations = IN_THE_AIR if options.excitation == EVERYTHING else (options.excitation,)
-        seen = [simulated_sessions(physics, seeds, excitation=excitation) for excitation in excitations]
-        for number, *recordings in zip(numbers, *seen, strict=True):
+        for number, recordings in zip(numbers, simulated_recordings(physics, seeds, options.excitation), strict=True):
             shown = {"number": number, "seed": options.seed, "excitation": options.excitation}
             line = json.dumps(shown | _measured(model, recordings))
             with options.lines.open("a") as file:

@@ -91,9 +91,9 @@ class SentTorque:
 
 def _command_before(desired: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """For each sample the command that the present one replaced."""
-    starts = np.flatnonzero(_changes(target))
-    latest = np.searchsorted(starts, np.arange(len(target)), side="right") - 1
-    before = np.where(latest >= 0, starts[np.maximum(latest, 0)] - 1, 0)
+    starts = np.concatenate([[1], np.flatnonzero(_changes(target))])  # none replaced the first command
+    latest = np.searchsorted(starts[1:], np.arange(len(target)), side="right")
+    before = starts[latest] - 1
     return desired[before], target[before]
 
 

@@ -12,10 +12,14 @@ from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import load_ranges
 from sim_backend.excitation import EXCITATIONS
+from sim_backend.reality_gap.joints.healthy import STANDARD
 from sim_backend.reality_gap.joints.hypotheses import HEALTHY
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.trifinger import constants as c
 
+IN_THE_AIR = ("standard", "slow_ramps", "fast_sweeps", "chirps", "joint_limits", "oscillations", "hold_poses")
+EVERYTHING = "everything"
+"""All of these, as ``trifarm identify`` records them."""
 FINER = 1
 """Physics steps for each logged one."""
 _JUMP_AFTER = 2137  # commands
@@ -27,11 +31,29 @@ def healthy_physics(seed: int) -> Physics:
     return load_ranges(HEALTHY).draw(np.random.default_rng([seed, 1]), 1)
 
 
+def simulated_recordings(
+    physics: Physics, seeds: list[int], excitation: str, *, jumps: Mapping[int, tuple[int, float]] | None = None
+) -> list[tuple[Recording, ...]]:
+    """For each of n robots the recordings that a study of it has: one, or with ``EVERYTHING`` one of each excitation.
+
+    Args:
+        physics: of the n robots.
+        seeds: n seeds, as for :func:`simulated_sessions`.
+        excitation: name of a course, or ``EVERYTHING``.
+        jumps: as for :func:`simulated_sessions`, in the standard session alone: before the next one a robot finds its zero again.
+    """
+    excitations = IN_THE_AIR if excitation == EVERYTHING else (excitation,)
+    shown = [
+        simulated_sessions(physics, seeds, excitation=name, jumps=jumps if name == STANDARD else None) for name in excitations
+    ]
+    return list(zip(*shown, strict=True))
+
+
 def simulated_sessions(
     physics: Physics,
     seeds: list[int],
     *,
-    excitation: str = "standard",
+    excitation: str = STANDARD,
     finer: int = FINER,
     threads: int = 1,
     jumps: Mapping[int, tuple[int, float]] | None = None,

@@ -28,7 +28,7 @@ from sim_backend.reality_gap.joints.rattling import Rattling, rattling_joints
 from sim_backend.reality_gap.joints.state import JointState
 from sim_backend.reality_gap.joints.trajectory import trajectory
 from sim_backend.reality_gap.outliers import PEAK, usual_peak_nm
-from sim_backend.reality_gap.recording import JointSignals, Recording, RecordingError
+from sim_backend.reality_gap.recording import JointSignals, Recording, RecordingError, total_duration_s
 from sim_backend.trifinger import constants as c
 
 FOREIGN_CUTOFF_HZ = 12.0
@@ -41,10 +41,16 @@ _FOREIGN_GATE = 12.0
 """Nats that a cause must gain where no healthy sessions are known: odds of 160 000, shared by some hundred hypotheses."""
 _LEAST_MOTION_RAD_S = 0.05
 _LEAST_MOVING_SHARE = 0.02
+_LEAST_S = 18.0
+"""Of a TriFinger's recordings together: healthy sessions of 20 s and more are known, and pieces of 2 to 10 s gave false names."""
 
 
-class NothingMovesError(Exception):
-    """No joint moves enough for its physics to show."""
+class ShowsNothingError(Exception):
+    """The recordings could not show what is wrong with the joints; ``because`` says why in two words."""
+
+    def __init__(self, message: str, because: str) -> None:
+        super().__init__(message)
+        self.because = because
 
 
 @dataclass(frozen=True)
@@ -115,9 +121,11 @@ def study_joints(
 
     Raises:
         RecordingError: recordings that cannot be used.
-        NothingMovesError: no joint moves.
+        ShowsNothingError: no joint moves, or a TriFinger's are too short.
     """
     names = _names(recordings)
+    if is_trifinger:
+        _check_length(recordings)
     plant = Plant(model, names)
     episodes = []
     for index, recording in enumerate(recordings):
@@ -260,6 +268,14 @@ def _names(recordings: Sequence[Recording]) -> tuple[str, ...]:
 def _check_motion(episodes: Sequence[EpisodeEquations]) -> None:
     moving = max(float(np.mean(np.abs(e.path.velocity) > _LEAST_MOTION_RAD_S, axis=0).max()) for e in episodes)
     if moving < _LEAST_MOVING_SHARE:
-        raise NothingMovesError(
-            f"no joint moves faster than {_LEAST_MOTION_RAD_S:g} rad/s for {_LEAST_MOVING_SHARE:.0%} of the time"
+        raise ShowsNothingError(
+            f"no joint moves faster than {_LEAST_MOTION_RAD_S:g} rad/s for {_LEAST_MOVING_SHARE:.0%} of the time", "they rest"
+        )
+
+
+def _check_length(recordings: Sequence[Recording]) -> None:
+    together_s = total_duration_s(recordings)
+    if together_s < _LEAST_S:
+        raise ShowsNothingError(
+            f"they last {together_s:.1f} s in all, and it takes {_LEAST_S:g} s to tell an effect from chance", "too short"
         )

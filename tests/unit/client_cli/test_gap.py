@@ -82,7 +82,7 @@ def test_a_folder_of_logs_is_a_study_too(trifarm, child, tmp_path):
 
 def test_a_blind_test_with_all_flags(trifarm, child):
     asked = child("")
-    flags = ["--cases", "4", "--seed", "9", "--out", "kept", "--processes", "2", "--json"]
+    flags = ["--cases", "4", "--seed", "9", "--excitation", "everything", "--out", "kept", "--processes", "2", "--json"]
     assert trifarm("gap", "blind-test", *flags).code == 0
     assert asked == [[MODULE, "blind-test", *flags]]
 

@@ -7,7 +7,7 @@ import pytest
 
 from api_schemas import trial_log
 from api_schemas.trial_log import MEASURED_TOPICS, TRUTH_TOPICS, LogChannels, TrialLogWriter
-from sim_backend.reality_gap.farm_logs import log_files, read_farm_logs, robot_of
+from sim_backend.reality_gap.farm_logs import find_logs, read_farm_logs
 from sim_backend.reality_gap.recording import RecordingError
 from sim_backend.trifinger import constants as c
 
@@ -15,7 +15,7 @@ STEPS, GAP = 1500, slice(700, 710)
 COMMANDS = (0, 400, 900)
 
 
-def write_log(path, *, truth, steps=STEPS, robot="alpha", commands=COMMANDS, gap=GAP):
+def write_log(path, *, truth, steps=STEPS, robot="alpha", commands=COMMANDS, gap=GAP, task=""):
     """A log of noise, the same each time; with or without the channels that only a simulation knows."""
     rng = np.random.default_rng(7)
     position, velocity, torque, desired, applied = rng.standard_normal((5, STEPS, 9))
@@ -23,7 +23,7 @@ def write_log(path, *, truth, steps=STEPS, robot="alpha", commands=COMMANDS, gap
     target = rng.standard_normal((len(COMMANDS), 9))
     topics = (*MEASURED_TOPICS, *TRUTH_TOPICS) if truth else MEASURED_TOPICS
     with TrialLogWriter(path, LogChannels(joint_names=c.JOINT_NAMES, frames=(("world", "a"),), topics=topics)) as writer:
-        writer.metadata(trial_log.TRIAL_METADATA, {"robot": robot, "excitation": "standard"})
+        writer.metadata(trial_log.TRIAL_METADATA, {"robot": robot, "task": task, "excitation": "" if task else "standard"})
         for part in (slice(0, gap.start), slice(gap.stop, steps)):
             writer.joint_states(part.start, position[part], velocity[part], torque[part])
             writer.torque(part.start, desired[part], applied[part])
@@ -103,7 +103,7 @@ def test_a_policys_log_has_torques_without_targets(tmp_path):
 
 def test_files_that_cannot_be_used_are_named(tmp_path):
     with pytest.raises(RecordingError, match="has no logs"):
-        log_files(tmp_path)
+        find_logs(tmp_path)
     short = tmp_path / "short.mcap"
     write_log(short, truth=False, steps=900)
     with pytest.raises(RecordingError, match=r"short.mcap holds 890 joint states; a study needs at least 1000"):
@@ -115,11 +115,23 @@ def test_files_that_cannot_be_used_are_named(tmp_path):
 
 
 def test_a_folder_is_of_one_robot_and_truth_files_are_left_out(tmp_path):
-    for name, robot in (("a", "alpha"), ("b", "alpha"), ("c", "beta")):
-        write_log(tmp_path / f"{name}.mcap", truth=False, robot=robot)
+    for name in "ab":
+        write_log(tmp_path / f"{name}.mcap", truth=False)
     (tmp_path / "a.truth.mcap").write_bytes(b"")
-    files = log_files(tmp_path)
-    assert [path.name for path in files] == ["a.mcap", "b.mcap", "c.mcap"]
-    assert robot_of(files[:2]) == "alpha"
+    logs = find_logs(tmp_path)
+    assert ([path.name for path in logs.judged], logs.trials, logs.robot) == (["a.mcap", "b.mcap"], (), "alpha")
+    write_log(tmp_path / "c.mcap", truth=False, robot="beta")
     with pytest.raises(RecordingError, match=r"of 2 robots \(alpha, beta\)"):
-        robot_of(files)
+        find_logs(tmp_path)
+
+
+def test_trials_are_left_out_whichever_robot_they_are_of(tmp_path):
+    write_log(tmp_path / "trial-000.mcap", truth=False, robot="beta", task="push")
+    with pytest.raises(RecordingError, match=r"trial-000.mcap is the log of a trial, .*--trials"):
+        find_logs(tmp_path)
+    write_log(tmp_path / "trial-001.mcap", truth=False, robot="gamma", task="push")
+    with pytest.raises(RecordingError, match=r"the 2 logs are of trials, .*--trials"):
+        find_logs(tmp_path)
+    write_log(tmp_path / "standard.mcap", truth=False)
+    logs = find_logs(tmp_path)
+    assert ([path.name for path in logs.judged], len(logs.trials), logs.robot) == (["standard.mcap"], 2, "alpha")

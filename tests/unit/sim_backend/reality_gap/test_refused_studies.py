@@ -43,6 +43,12 @@ def test_logs_of_two_robots(logs, tmp_path, capsys):
     assert "of 2 robots (alpha, beta)" in refusal(capsys, logs, "--out", tmp_path / "gap")
 
 
+def test_logs_of_trials_alone(tmp_path, capsys):
+    write_log(tmp_path / "trial-000.mcap", truth=False, task="push")
+    assert "trifarm identify" in refusal(capsys, tmp_path, "--out", tmp_path / "gap")
+    assert not (tmp_path / "gap").exists()
+
+
 def test_a_log_that_was_cut_off(logs, tmp_path, capsys):
     cut = logs / "c.mcap"
     cut.write_bytes((logs / "a.mcap").read_bytes()[:-500])
