@@ -57,6 +57,7 @@ class Equation:
         images: of the terms in ``terms``, shape (r, m), per unit of the parameter.
         terms: indices into the list of terms.
         valid: rows that count, shape (r,).
+        error_floor_nm: of mechanics that is known by its torques' errors: what the sensors' noise alone makes of them.
         sensor_noise: of mechanics: the encoders' white noise times inertia over the square of the time between rows.
         in_windows: whether that noise decides, so that rows are to be integrated twice over windows.
     """
@@ -70,7 +71,13 @@ class Equation:
     terms: tuple[int, ...]
     valid: np.ndarray
     sensor_noise: float = 0.0
+    error_floor_nm: float = 0.0
     in_windows: bool = False
+
+    @property
+    def counted_s(self) -> float:
+        """How long the rows that count last together."""
+        return float(self.valid.mean() * (self.time_s[-1] - self.time_s[0])) if len(self.time_s) > 1 else 0.0
 
 
 class EpisodeEquations:
@@ -224,6 +231,7 @@ class EpisodeEquations:
                     tuple(used.tolist()),
                     self.valid_mechanics[rows, j],
                     float(self._sensor_noise_nm[j]),
+                    float(self.torque_error_floor_nm[j]) if self._in_torques else 0.0,
                     in_windows=not self._in_torques,
                 )
             )

@@ -22,6 +22,8 @@ STUDENT_NU = 4.0
 WINDOW_ROWS = 16
 WINDOW_FLOOR = 0.9
 """Least noise in a window, as a share of what the encoders' white noise makes there."""
+ERROR_FLOOR = 0.5
+"""Least noise of torque errors, as a share of what the sensors make of them: an autoregression leaves 0.5 to 0.85 of it."""
 _AR_ORDER = {Channel.MECHANICS: 4, Channel.VELOCITY: 8, Channel.CURRENT: 0, Channel.CONTROLLER: 0}
 _SMALLEST_NOISE = {Channel.MECHANICS: 1e-5, Channel.VELOCITY: 2e-3, Channel.CURRENT: 1e-5, Channel.CONTROLLER: 2e-4}
 
@@ -87,7 +89,8 @@ def whitened(equation: Equation, scales: np.ndarray, fold: np.ndarray, *, plain:
         order = 0 if plain else _AR_ORDER[equation.channel]
         if valid.sum() < 20 * (order + 1):
             return None
-        left, _ = left_over(equation.residual[valid], equation.images[valid], scales, _SMALLEST_NOISE[equation.channel])
+        floor = max(_SMALLEST_NOISE[equation.channel], ERROR_FLOOR * equation.error_floor_nm)
+        left, _ = left_over(equation.residual[valid], equation.images[valid], scales, floor)
         series = np.zeros(len(valid))
         series[valid] = left
         taps = _autoregression(series, valid, order)
@@ -96,7 +99,6 @@ def whitened(equation: Equation, scales: np.ndarray, fold: np.ndarray, *, plain:
             counted[lag:] &= valid[:-lag]
             counted[:lag] = False
         y, x, fold = _filtered(equation.residual, taps)[counted], _filtered(equation.images, taps)[counted], fold[counted]
-        floor = _SMALLEST_NOISE[equation.channel]
     left, noise = left_over(y, x, scales, floor)
     weight = np.sqrt((STUDENT_NU + 1.0) / (STUDENT_NU + (left / noise) ** 2)) / noise
     if plain:

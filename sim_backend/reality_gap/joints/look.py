@@ -24,6 +24,11 @@ from sim_backend.reality_gap.joints.state import CLOCK, SENSED, JointState, Term
 _ROWS_OF_A_SESSION = 30000.0
 _NOISE_SCALES = {"link_mass": 0.03, "torque_constant": 0.02}
 """While noise is measured, scales of everything are held close to nominal, so that they do not explain it away."""
+_LONG_S, _LONG_IN_ALL_S = 20.0, 200.0
+"""A foreign joint's rows in one recording and in all, as thresholds were made with: beyond, priors grow stronger as data do.
+
+Otherwise an hour of anything, noise included, is explained by all torques and masses that are off by the same share.
+"""
 _SAME_NATS = 5.0
 _TRUSTED = 0.3
 """Where something is wrong, tolerances of a healthy robot must not take the place of causes."""
@@ -183,10 +188,14 @@ class JointProblem:
             rows = sum(float(e.valid_mechanics.sum()) for e in self.episodes)
             tolerance[: len(catalogue.terms)] *= min(1.0, np.sqrt(_ROWS_OF_A_SESSION / rows)) * _TRUSTED
             whitening = tolerance.copy()
+        elif not self.has_pipeline:
+            counted_s = sum(float(e.valid_mechanics.sum(axis=0).max()) * e.path.every * step_s for e in self.episodes)
+            tolerance[: len(catalogue.terms)] *= _held(counted_s, _LONG_IN_ALL_S)
         found = []
         for episode in self.episodes:
             for equation in episode.equations(state, terms):
-                white = whitened(equation, whitening[list(equation.terms)], folds_of(equation, len(self.episodes)), plain=plain)
+                scales = whitening[list(equation.terms)] * (1.0 if self.has_pipeline else _held(equation.counted_s, _LONG_S))
+                white = whitened(equation, scales, folds_of(equation, len(self.episodes)), plain=plain)
                 if white is not None:
                     found.append(white)
         found = of_one_noise(found) if plain else found
@@ -233,6 +242,11 @@ class JointProblem:
             tolerance,
             whole,
         )
+
+
+def _held(counted_s: float, long_s: float) -> float:
+    """By how much a prior's standard deviation shrinks, so that it is not swamped by many rows."""
+    return float(min(1.0, np.sqrt(long_s / max(counted_s, long_s))))
 
 
 def _left(equation: Equation, mean: np.ndarray) -> Equation:

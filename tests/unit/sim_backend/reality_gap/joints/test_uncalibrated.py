@@ -45,6 +45,16 @@ def test_friction_is_named_and_a_healthy_arm_has_nothing_wrong():
     assert not [sentence for sentence in healthy.cannot_tell if "elbow" in sentence]
 
 
+def test_one_long_recording_is_judged_as_short_ones_are():
+    """All torques and masses off alike explain everything, noise too, if only there are enough rows."""
+    study = study_of([recorded(7, (0.05, 0.0), seconds=150.0)])
+    verdict = judge(study).verdict
+    (cause,) = verdict.causes
+    assert (verdict.verdict, cause.effect, cause.where) == (VerdictKind.NAMED, "coulomb_friction", "shoulder")
+    assert cause.value == pytest.approx(0.05, rel=0.02)
+    assert study.fit.last.candidates[0].gain < 30.0, "what is left is noise"
+
+
 def test_recordings_without_equations_show_nothing():
     verdict = verdict_of([recorded(1, (0.3, 0.3), seconds=0.8)])
     assert verdict.verdict is VerdictKind.NOT_IDENTIFIABLE
