@@ -39,6 +39,12 @@ def pack(
         list[str] | None,
         typer.Option("--state", metavar="SHAPE", help="Shape of a state of a TorchScript program, such as 1,1,256; repeat it."),
     ] = None,
+    normaliser: Annotated[
+        str | None,
+        typer.Option(
+            "--normaliser", metavar="NAMES", help="Of a plain state dict: MEAN,VARIANCE[,EPSILON[,CLIP]] by name, or none."
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Pack a checkpoint into weights and manifest, compared with the original on 1,000 observations.
@@ -53,9 +59,8 @@ def pack(
         raise UsageProblem(f"--format {form} is not known; choose from {', '.join(reading.FORMATS)}")
     if activation not in (None, "elu", "relu", "tanh"):
         raise UsageProblem(f"--activation {activation} is not known to the farm; choose from elu, relu, tanh")
-    stated = reading.Statement(
-        _manifest(files[0], manifest, layout), form, architecture, activation, scale, tuple(_shape(each) for each in state or ())
-    )
+    states = tuple(_shape(each) for each in state or ())
+    stated = reading.Statement(_manifest(files[0], manifest, layout), form, architecture, activation, scale, states, normaliser)
     packed = reading.pack_files(files, stated)
     if out.suffix != packed.suffix:
         raise UsageProblem(f"{packed.source} is packed as {packed.suffix}; give --out {out.with_suffix(packed.suffix)}")

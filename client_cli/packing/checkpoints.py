@@ -17,6 +17,9 @@ State = Mapping[str, Any]
 RL_GAMES = "a2c_network."
 RSL_RL_EPSILON = 1e-2
 SKRL_EPSILON = 1e-8
+STATISTICS = ("mean", "var", "std")
+"""Words in the names of an observation's statistics."""
+NO_NORMALISER = "none"
 CLIP = 5.0
 """Bound of rl_games' and skrl's normalised observations."""
 
@@ -54,15 +57,54 @@ def stated(tensors: Mapping[str, Array], architecture: str) -> tuple[Part, ...]:
     return tuple(known[name] for name in names)
 
 
-def plain(state: State, architecture: str | None, takes: int) -> Recipe:
-    """A bare state dict, whose architecture the user must state."""
+def plain(state: State, architecture: str | None, takes: int, normaliser: str | None = None) -> Recipe:
+    """A bare state dict, whose architecture the user must state, and the normaliser too, if there is one.
+
+    Raises:
+        UsageProblem: either is missing, or is not in the file.
+    """
     tensors = arrays(state)
     if architecture is None:
         raise UsageProblem(
             "a plain state_dict does not say how its modules are applied: name the actor's in order with --architecture, "
             f"such as actor.0,actor.2,actor.4, and their --activation; the file has {_described(parts_of(tensors))}"
         )
-    return Recipe("state_dict", _checked(stated(tensors, architecture), takes))
+    return Recipe("state_dict", _checked(stated(tensors, architecture), takes), _stated_normaliser(tensors, takes, normaliser))
+
+
+def _stated_normaliser(tensors: Mapping[str, Array], takes: int, text: str | None) -> Normaliser | None:
+    """By ``MEAN,VARIANCE[,EPSILON[,CLIP]]``; a file with what looks like one is not packed without a word about it."""
+    if text is None:
+        _check_has_none(tensors, takes)
+        return None
+    if text == NO_NORMALISER:
+        return None
+    mean, spread, *numbers = (*(each.strip() for each in text.split(",")), "")[: max(2, text.count(",") + 1)]
+    for name in (mean, spread):
+        if name not in tensors or tensors[name].size != takes:
+            raise UsageProblem(f"--normaliser: the file has no {name!r} of {takes} numbers; write MEAN,VARIANCE[,EPSILON[,CLIP]]")
+    try:
+        epsilon, clip = (*map(float, numbers), *(SKRL_EPSILON, None)[len(numbers) :])
+    except ValueError:
+        raise UsageProblem(f"--normaliser {text!r}: after the two names come numbers, at most epsilon and clip") from None
+    values, is_deviation = tensors[spread].ravel().astype(np.float64), "std" in _last(spread)
+    return Normaliser(tensors[mean].ravel(), values**2 if is_deviation else values, epsilon, clip, outside=is_deviation)
+
+
+def _check_has_none(tensors: Mapping[str, Array], takes: int) -> None:
+    alike = [name for name, each in tensors.items() if each.size == takes and any(word in _last(name) for word in STATISTICS)]
+    means = [name for name in alike if "mean" in _last(name)]
+    spreads = [name for name in alike if name not in means]
+    if means and spreads:
+        raise UsageProblem(
+            f"{means[0]} and {spreads[0]} look like a normaliser of the observations, and a plain state_dict does not say how it "
+            f"is applied: give --normaliser {means[0]},{spreads[0]},EPSILON,CLIP (the last two may be left out: "
+            f"{SKRL_EPSILON:g}, and no clip), or --normaliser {NO_NORMALISER} if the network takes observations as they are"
+        )
+
+
+def _last(name: str) -> str:
+    return name.rpartition(".")[2].lower()
 
 
 def rl_games(content: State, architecture: str | None, takes: int) -> Recipe:
@@ -159,7 +201,6 @@ LIBRARIES: dict[str, Callable[[State, str | None, int], Recipe]] = {
     "rl-games": rl_games,
     "rsl-rl": rsl_rl,
     "skrl": skrl,
-    "state-dict": plain,
 }
 
 

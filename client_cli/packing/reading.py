@@ -14,6 +14,7 @@ from client_cli.packing.recipe import Normaliser, Recipe, manifest_of, tensors_o
 from client_cli.policy_files import check_is_file
 
 FORMATS = ("auto", "sb3", "rl-games", "rsl-rl", "skrl", "state-dict", "torchscript", "torch-export")
+PLAIN = "state-dict"
 PICKLES = (".pkl", ".pickle")
 
 
@@ -27,6 +28,7 @@ class Statement:
     activation: str | None = None
     scale: float | None = None
     states: tuple[tuple[int, ...], ...] = ()
+    normaliser: str | None = None
 
 
 @dataclass(frozen=True)
@@ -57,11 +59,20 @@ def pack_files(files: list[Path], stated: Statement) -> Packing:
     form = stated.form if stated.form != "auto" else form_of(others[0])
     if pickles and form != "sb3":
         raise UsageProblem(f"a VecNormalize pickle belongs to a stable-baselines3 archive, and {others[0].name} is {form}")
+    if form not in ("checkpoint", PLAIN):
+        _check_brings_its_own(others[0], form, stated)
     if form == "sb3":
         return _archive(others[0], pickles[0] if pickles else None, stated)
     if form in ("torchscript", "torch-export"):
         return _program(others[0], form, stated)
     return _checkpoint(others[0], form, stated)
+
+
+def _check_brings_its_own(path: Path, form: str, stated: Statement) -> None:
+    if stated.normaliser is not None:
+        raise UsageProblem(
+            f"--normaliser is for plain state dicts, and {path.name} is {form}: its own normaliser is packed with it"
+        )
 
 
 def form_of(path: Path) -> str:
@@ -80,7 +91,12 @@ def form_of(path: Path) -> str:
 def _checkpoint(path: Path, form: str, stated: Statement) -> Packing:
     content = _loaded(path)
     library = checkpoints.library_of(content) if form == "checkpoint" else form
-    recipe = checkpoints.LIBRARIES[library](content, stated.architecture, stated.manifest.network_inputs)
+    takes = stated.manifest.network_inputs
+    if library == PLAIN:
+        recipe = checkpoints.plain(content, stated.architecture, takes, stated.normaliser)
+    else:
+        _check_brings_its_own(path, library, stated)
+        recipe = checkpoints.LIBRARIES[library](content, stated.architecture, takes)
     manifest, weights = _made(recipe, stated)
     original = TorchOriginal(recipe, stated.manifest, stated.scale, manifest.activation)
     note = (
