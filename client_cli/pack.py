@@ -94,7 +94,9 @@ def document(out: Path, source: str, largest_difference: float, unit: str) -> di
 
 def _need_torch() -> None:
     if importlib.util.find_spec("torch") is None:
-        raise ClientError("pack reads checkpoints with torch, which is not installed here: pip install 'trifarm[learning]'")
+        raise ClientError(
+            "pack reads checkpoints with torch, which is not installed here: pip install -e '.[learning]' in the clone"
+        )
 
 
 def _manifest(weights: Path, manifest: Path | None, layout: str | None) -> PolicyManifest:

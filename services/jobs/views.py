@@ -134,9 +134,18 @@ def show_robot(member: Member, now_s: float) -> Robot:
         host=None if said is None else said.host,
         trial=None if member.lease is None else member.lease.trial_id,
         job=None if member.lease is None else member.lease.trial_id.rpartition("-")[0],
-        reason="drained by an operator" if member.drain and state != RobotState.OUT_OF_SERVICE else member.reason(now_s),
+        reason=_reason(member, state, now_s),
         simulated_s=member.simulated_s,
         last_seen_at=iso(member.seen_s) if said is not None else None,
         trials_done=member.trials_done,
         health=None if said is None else said.health,
     )
+
+
+def _reason(member: Member, state: RobotState, now_s: float) -> str | None:
+    if not member.drain or state == RobotState.OUT_OF_SERVICE:
+        return member.reason(now_s)
+    if state != RobotState.DRAINING:
+        return "drained by an operator"
+    runs = "finishes its trial first" if member.lease is not None else "runs nothing and may be switched off"
+    return f"drained by an operator: {runs}"

@@ -20,7 +20,10 @@ def main(arguments: list[str] | None = None) -> int:
         from sim_backend.training.evaluating import CHECKPOINT
         from sim_backend.training.train import Run
     except ImportError as error:
-        return _problem(f"training needs packages that are not installed ({error.name}): pip install 'trifarm[learning]'", OTHER)
+        return _problem(
+            f"training needs packages that are not installed ({error.name}): pip install -e '.[learning]' in the clone",
+            OTHER,
+        )
     from sim_backend.training.recipe import Recipe, RecipeError, load_recipe
 
     try:

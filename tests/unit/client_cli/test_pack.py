@@ -229,7 +229,7 @@ def test_torch_is_missed_with_one_clear_line(tmp_path):
     code = f"{hidden}from client_cli.main import run; run({arguments!r})"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert ended.returncode == 1
-    assert "pip install 'trifarm[learning]'" in ended.stderr
+    assert "pip install -e '.[learning]' in the clone" in ended.stderr
     assert ended.stderr.count("\n") == 1
 
 

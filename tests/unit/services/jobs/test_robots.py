@@ -9,6 +9,7 @@ from api_schemas.robot import RobotState
 from services.database.tables import robot
 from services.errors import Conflict, NotFound
 from services.jobs import robots
+from services.jobs.claim import Claim
 from services.jobs.fleet import Fleet
 from services.jobs.robots import FAULTS_IN_A_ROW
 from services.jobs.views import show_robot
@@ -106,3 +107,14 @@ async def test_what_others_wrote_is_in_the_fleet(database):
     async with database.read() as connection:
         await robots.refresh(connection, fleet)
     assert fleet.member("a").drain
+
+
+async def test_a_drained_robot_says_when_it_may_be_switched_off(database, fleet_of):
+    fleet = fleet_of("a", now_s=NOW_S)
+    async with database.write() as tx:
+        await robots.wish_drain(tx, "a", drain=True)
+    member = fleet.member("a")
+    assert (await shown(database, fleet)).reason == "drained by an operator: runs nothing and may be switched off"
+    member.lease = Claim("j1-000", 1, "a")
+    assert show_robot(member, NOW_S).reason == "drained by an operator: finishes its trial first"
+    assert show_robot(member, NOW_S + 1e6).reason == "drained by an operator"  # and is lost
