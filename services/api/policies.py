@@ -14,7 +14,7 @@ from starlette.datastructures import FormData, UploadFile
 from starlette.exceptions import HTTPException
 from starlette.types import Message, Receive
 
-from api_schemas.policy import Policy, PolicyManifest, PolicyPage
+from api_schemas.policy import Policy, PolicyManifest, PolicyPage, policy_digest
 from services.api import cursor as cursors
 from services.api.access import Operator, RobotCaller, Submitter, User
 from services.api.bodies import BodyRefused
@@ -45,14 +45,22 @@ _BODY = {
 }
 
 
-@router.put(
-    "/{digest}",
-    response_model=Policy,
-    responses={201: {"model": Policy}},
-    openapi_extra={"requestBody": {"required": True, "content": {"multipart/form-data": {"schema": _BODY}}}},
-)
+_FORM = {"requestBody": {"required": True, "content": {"multipart/form-data": {"schema": _BODY}}}}
+
+
+@router.put("/{digest}", response_model=Policy, responses={201: {"model": Policy}}, openapi_extra=_FORM)
 async def put_policy(digest: Digest, request: Request, response: Response, caller: Submitter, farm: TheFarm) -> Policy:
     """Takes weights and a manifest; converts and tries them before it answers."""
+    return await _take(digest, request, response, caller, farm)
+
+
+@router.post("", response_model=Policy, status_code=201, responses={200: {"model": Policy}}, openapi_extra=_FORM)
+async def post_policy(request: Request, response: Response, caller: Submitter, farm: TheFarm) -> Policy:
+    """Takes weights and a manifest as PUT does, without their digest, which the answer has."""
+    return await _take(None, request, response, caller, farm)
+
+
+async def _take(digest: str | None, request: Request, response: Response, caller: Caller, farm: Farm) -> Policy:
     limit_bytes = farm.settings.max_weights_bytes
     limited = Request(request.scope, _limited(request, limit_bytes))
     with tempfile.TemporaryDirectory(prefix="trifarm-upload-") as folder:
@@ -87,7 +95,7 @@ def _limited(request: Request, limit_bytes: int) -> Receive:
     return receive
 
 
-async def _upload(digest: str, form: FormData, folder: Path, caller: Caller, farm: Farm) -> Upload:
+async def _upload(digest: str | None, form: FormData, folder: Path, caller: Caller, farm: Farm) -> Upload:
     weights, manifest = form.get("weights"), form.get("manifest")
     if not isinstance(weights, UploadFile) or not isinstance(manifest, str):
         raise Refused("form-incomplete", "Send multipart/form-data with a file 'weights' and a text 'manifest'.")
@@ -96,6 +104,7 @@ async def _upload(digest: str, form: FormData, folder: Path, caller: Caller, far
     path = folder / f"weights.{kind}"
     sha256 = await asyncio.to_thread(_copy, weights.file, path)
     share_bytes = None if caller.sees_only is None else farm.settings.max_policy_bytes_per_user
+    digest = policy_digest(sha256, parsed) if digest is None else digest
     return Upload(digest, path, sha256, kind, parsed, caller.owner, weights.filename, share_bytes)
 
 

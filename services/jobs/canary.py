@@ -33,7 +33,7 @@ async def choose(tx: AsyncConnection, now_s: float, request: CanaryRequest, set_
         NotFound: the policy was not uploaded.
     """
     if await owners.find(tx, request.policy, None) is None:
-        raise NotFound("policy-not-found", f"No policy has the digest {request.policy}; upload it first with PUT /v1/policies.")
+        raise NotFound("policy-not-found", f"No policy has the digest {request.policy}; upload it first with POST /v1/policies.")
     await withdraw(tx)
     values = request.model_dump() | {"seed": submission.draw_seed(), "set_by": set_by, "set_at": iso(now_s)}
     await tx.execute(insert(canary).values(number=_ONLY, **values))

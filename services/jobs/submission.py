@@ -82,7 +82,7 @@ async def submit(
         return earlier, False
     kept = await owners.find(tx, request.policy, sender.sees_only)
     if kept is None:
-        raise NotFound("policy-not-found", f"No policy has the digest {request.policy}; upload it first with PUT /v1/policies.")
+        raise NotFound("policy-not-found", f"No policy has the digest {request.policy}; upload it first with POST /v1/policies.")
     values: dict[str, Any] = {
         "policy": request.policy,
         "policy_name": kept.name,

@@ -56,6 +56,13 @@ def test_documented_layouts_and_manifest_are_valid():
     PolicyManifest.model_validate_json(example.group(1))
 
 
+def test_documented_fields_of_observations_are_all_there_are():
+    from api_schemas.policy import OBSERVATION_SIZES
+
+    rows = re.findall(r"^\| `([a-z_]+)` \| (\d+) \|", (ROOT / "docs/policies.md").read_text(), re.MULTILINE)
+    assert {name: int(size) for name, size in rows} == OBSERVATION_SIZES
+
+
 @pytest.mark.parametrize("name", ["docs/scale.md", "docker-compose.yml"])
 def test_settings_in_documents_and_containers_exist(name):
     from services.settings import Settings

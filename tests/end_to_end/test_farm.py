@@ -1,6 +1,8 @@
 """The whole walk of a job on real farms, with what goes wrong on them."""
 
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -63,6 +65,23 @@ def test_the_example_of_the_documents_runs_and_its_report_is_signed(farm, tmp_pa
     assert farm.json("verify", str(page))["verdict"] == "true", "the key was kept when the report was fetched"
     page.write_text(page.read_text().replace("of 2 trials succeeded", "of 2 trials succeeded, and well"))
     assert farm.json("verify", str(page), code=6)["changed"] == ["what the page shows under 'result'"]
+
+
+@pytest.mark.skipif(not (shutil.which("curl") and shutil.which("jq")), reason="the walk needs curl and jq")
+def test_the_walk_over_http_is_as_the_page_says(farm, tmp_path):
+    page = (ROOT / "docs/http.md").read_text()
+    first, *steps = re.findall(r"```sh\n(.*?)```", page, re.DOTALL)
+    walk = "".join(steps).replace('\\"trials\\": 40', '\\"trials\\": 2').replace("P=sim_backend", f"P={ROOT}/sim_backend")
+    assert walk.count(str(ROOT)) == walk.count('\\"trials\\": 2') == 1
+    begin = f"set -eo pipefail\nexport TRIFARM_URL=http://127.0.0.1:{farm.port}\n"
+    begin += first.splitlines()[1].replace("~/.config/trifarm", str(farm.folder / "home")) + "\n" + first.splitlines()[2] + "\n"
+    done = subprocess.run(["bash", "-c", begin + walk], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "job succeeded: " in done.stdout
+    assert '"success_rate"' in done.stdout
+    assert "Report of job" in done.stdout
+    assert [line.split()[0] for line in done.stdout.splitlines()[-2:]] == ["0", "1"]
+    assert read_log(tmp_path / "trial-000.mcap").metadata["task"] == "push"
 
 
 def test_the_controller_that_needs_no_weights_runs_as_any_policy_and_replays(farm, tmp_path):

@@ -84,7 +84,7 @@ def test_a_body_of_unknown_length_is_counted(farm, route):
     assert resident_bytes(farm) - before < 16 * MAX_BODY_BYTES
 
 
-@pytest.mark.parametrize("route", ["POST /v1/jobs", "POST /sign-in", f"PUT /v1/policies/{DIGEST}"])
+@pytest.mark.parametrize("route", ["POST /v1/jobs", "POST /sign-in", f"PUT /v1/policies/{DIGEST}", "POST /v1/policies"])
 def test_a_body_that_stops_coming_is_not_waited_for(farm, route):
     media_type, start = ROUTES.get(route, (FORM, PART))
     token = f"Authorization: Bearer {farm.tokens['admin']}"

@@ -72,6 +72,17 @@ def test_the_same_policy_again_is_the_same_policy(farm):
     assert first.json()["digest"] in [each["digest"] for each in farm.admin.get("/v1/policies").json()["policies"]]
 
 
+def test_a_policy_may_come_without_its_digest(farm):
+    weights, manifest = small_policy(seed=15)
+    form = {"files": {"weights": ("w.safetensors", weights)}, "data": {"manifest": manifest.model_dump_json()}}
+    first, second = (farm.admin.post("/v1/policies", **form) for _ in range(2))
+    assert (first.status_code, second.status_code) == (201, 200)
+    assert first.json() == second.json() == farm.upload(weights, manifest).json()
+    form["data"]["manifest"] = "{}"
+    assert farm.admin.post("/v1/policies", **form).json()["type"] == "/problems/manifest-invalid"
+    assert farm.admin.post("/v1/policies", content=b"x").json()["type"] == "/problems/form-incomplete"
+
+
 def test_a_wrong_digest_is_refused_and_the_right_one_named(farm):
     weights, manifest = small_policy(seed=6)
     answer = farm.admin.put(

@@ -13,8 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from sim_backend.effects.physics import Physics
+from sim_backend.reality_gap.joints.flexible import patterns
 from sim_backend.reality_gap.joints.sessions import EVERYTHING, IN_THE_AIR, healthy_physics, simulated_recordings
 from sim_backend.reality_gap.joints.study import study_joints
+from sim_backend.reality_gap.joints.verdict import strongest_left
 from sim_backend.trifinger.scene import compile_scene
 
 _NO_GATE = 1e18
@@ -66,6 +68,7 @@ def _measured(model, recordings) -> dict:
         "gain": best.gain if best is not None else 0.0,
         "name": list(best.hypothesis.name) if best is not None else [],
         "gain_by_effect": _gain_by_effect(look),
+        "left": strongest_left(study, patterns(study.problem.episodes, look, study.start.size)),
         "noise_ratio": float(look.noise_ratio.max()),
         "findings": [f.effect for f in study.findings],
         "values": values,
@@ -118,6 +121,22 @@ def summarise_elsewhere(calibration: dict, lines: list[dict]) -> dict:
         "sessions": {excitation: seen.count(excitation) for excitation in dict.fromkeys(seen)},
     }
     return {**calibration, "elsewhere": elsewhere}
+
+
+def summarise_alone(calibration: dict, lines: list[dict]) -> dict:
+    """The calibration with what healthy sessions gain that saw one excitation alone, for each of those in the lines."""
+    alone = dict(calibration.get("alone", {}))
+    for excitation in dict.fromkeys(line["excitation"] for line in lines):
+        mine = [line for line in lines if line["excitation"] == excitation]
+        own = gates(mine)
+        alone[excitation] = {
+            "largest_gains": [line["gain"] for line in mine],
+            "gates": {effect: max(gate, own.get(effect, 0.0)) for effect, gate in {**own, **calibration["gates"]}.items()},
+            "left_nats": GATE_FACTOR * max(line["left"] for line in mine) + GATE_MARGIN,
+            "seeds": sorted({line["seed"] for line in mine}),
+            "sessions": len(mine),
+        }
+    return {**calibration, "alone": alone}
 
 
 def _in_order(label: str) -> tuple[str, list[float]]:

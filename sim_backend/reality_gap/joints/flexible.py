@@ -51,22 +51,24 @@ def patterns(episodes: Sequence[EpisodeEquations], look: Look, size: float = 1.0
     for equation in look.left:
         for name, (values, noise) in variables[equation.episode].items():
             series = np.interp(equation.time_s, episodes[equation.episode].path.time_s, values[:, equation.joint])
-            gain = _gain(equation, hats(series, BEYOND_NOISE * noise[equation.joint]), len(episodes), size)
+            gain = _gain(equation, hats(series, BEYOND_NOISE * noise[equation.joint]), size)
             key = (equation.channel, equation.joint, name)
             found[key] = found.get(key, 0.0) + gain
     ranked = [Pattern(channel, joint, name, gain) for (channel, joint, name), gain in found.items()]
     return sorted(ranked, key=lambda p: -p.gain)
 
 
-def _gain(equation: Equation, hats: np.ndarray, episodes: int, size: float) -> float:
+def _gain(equation: Equation, hats: np.ndarray, size: float) -> float:
+    """What hats gain without the stretches that speak for them most: one moment, such as a joint that sticks, is no pattern."""
     by = size if equation.channel in (Channel.MECHANICS, Channel.CURRENT) else 1.0
     scales = np.full(hats.shape[1], by * _SCALE[equation.channel])
     terms = tuple(range(hats.shape[1]))
-    white = whitened(replace(equation, images=hats, terms=terms), scales, folds_of(equation, episodes))
+    white = whitened(replace(equation, images=hats, terms=terms), scales, folds_of(equation, episodes=1))
     if white is None:
         return 0.0
     sums = normal_equations([white], len(terms), FOLDS)
-    return reduced(sums.weighted(np.ones(FOLDS)), (), ()).gain(terms, scales)
+    weights = [np.ones(FOLDS), *(np.ones(FOLDS) - np.eye(FOLDS)[sums.rows > 0.0])]
+    return min(reduced(sums.weighted(each), (), ()).gain(terms, scales) for each in weights)
 
 
 def shares(episodes: Sequence[EpisodeEquations], state: JointState, joint: int) -> dict[str, float]:

@@ -20,11 +20,13 @@ class Calibration:
         tolerances: standard deviation of each number that a healthy robot does not have, by parameter and shape.
         largest_gains: of healthy sessions, one each, nats, sorted.
         gates: gain that a cause of each effect must have, nats, by effect.
+        left_nats: most that functions of one variable, or values that no robot has, gain in healthy sessions; 0 if not measured.
     """
 
     tolerances: Mapping[str, Sequence[float]]
     largest_gains: np.ndarray
     gates: Mapping[str, float]
+    left_nats: float = 0.0
 
     def null_p(self, gain: float) -> float:
         """Share of healthy sessions whose largest gain is at least this one's."""
@@ -40,11 +42,12 @@ def calibration(regimes: frozenset[str] = frozenset({STANDARD})) -> Calibration:
     """The calibration for TriFingers that is kept with the code; empty where there is none.
 
     Args:
-        regimes: what the recordings were made under. Where it is not ``standard`` alone they are compared with sessions of all
-            excitations, alone and together.
+        regimes: what the recordings were made under. Where it is a single one they are compared with sessions of it, if these
+            were measured, and otherwise with sessions of all excitations but ``standard``, alone and together.
     """
     if not CALIBRATION_FILE.exists():
         return UNKNOWN
     kept = json.loads(CALIBRATION_FILE.read_text())
-    own = kept if regimes == {STANDARD} else kept["elsewhere"]
-    return Calibration(kept["tolerances"], np.sort(own["largest_gains"]), own["gates"])
+    (only, *others) = regimes
+    own = kept if regimes == {STANDARD} else kept["elsewhere"] if others else kept["alone"].get(only, kept["elsewhere"])
+    return Calibration(kept["tolerances"], np.sort(own["largest_gains"]), own["gates"], own.get("left_nats", 0.0))

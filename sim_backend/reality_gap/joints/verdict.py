@@ -101,11 +101,6 @@ def judge(study: JointStudy) -> JointVerdict:
 
 def _kind(study, causes, left: Sequence[Pattern], rivals) -> tuple[VerdictKind, str]:
     explained = sum(a.gain for a in study.fit.accepted)
-    noisy = {f.joint for f in study.findings if f.effect in ("joint_noise", "action_noise") and _is_shown(f, study)}
-    factor = 1.0 if study.problem.expects_many else _VELOCITY_FACTOR
-    clear = _almost_explained(study)
-    told = [p for p in left if p.joint not in noisy and not (p.channel is Channel.MECHANICS and p.joint in clear)]
-    strongest = max((p.gain / (factor if p.channel is Channel.VELOCITY else 1.0) for p in told), default=0.0)
     if odd := _odd(study):
         return VerdictKind.UNEXPLAINED, f"No cause of the catalogue explains {odd[0]}."
     if study.is_calibrated and len(_large_scales(causes)) >= _TRADED:
@@ -113,9 +108,7 @@ def _kind(study, causes, left: Sequence[Pattern], rivals) -> tuple[VerdictKind, 
         return VerdictKind.UNEXPLAINED, said
     is_stuck = any(cause.effect == "stuck_joint" for cause in causes)
     share = PATTERN_SHARE if study.is_calibrated else FOREIGN_PATTERN_SHARE
-    if study.is_calibrated:
-        strongest = max(strongest, _beyond_bounds(study.fit.last, {f.effect for f in study.findings}))
-    if strongest > max(PATTERN_NATS, share * explained) and not is_stuck:
+    if strongest_left(study, left) > max(PATTERN_NATS, study.known.left_nats, share * explained) and not is_stuck:
         return VerdictKind.UNEXPLAINED, "The data disagree with the model, and no cause of the catalogue explains it well enough."
     if not causes:
         return VerdictKind.NOTHING_WRONG, "The data agree with the model as well as a healthy robot's would."
@@ -123,6 +116,18 @@ def _kind(study, causes, left: Sequence[Pattern], rivals) -> tuple[VerdictKind, 
     if is_single and any(rival.behind < CONFUSABLE_NATS for rival, _ in rivals):
         return VerdictKind.CONFUSABLE, "Some cause explains the data, but these data cannot tell which of those that are listed."
     return _named([cause for cause in causes if is_clear(study, cause)])
+
+
+def strongest_left(study: JointStudy, left: Sequence[Pattern]) -> float:
+    """What is left for any function of one variable, or for a hypothesis whose values no robot has, nats."""
+    noisy = {f.joint for f in study.findings if f.effect in ("joint_noise", "action_noise") and _is_shown(f, study)}
+    factor = 1.0 if study.problem.expects_many else _VELOCITY_FACTOR
+    clear = _almost_explained(study)
+    told = [p for p in left if p.joint not in noisy and not (p.channel is Channel.MECHANICS and p.joint in clear)]
+    strongest = max((p.gain / (factor if p.channel is Channel.VELOCITY else 1.0) for p in told), default=0.0)
+    if not study.is_calibrated:
+        return strongest
+    return max(strongest, _beyond_bounds(study.fit.last, {f.effect for f in study.findings}))
 
 
 def _named(clear: Sequence[Cause]) -> tuple[VerdictKind, str]:
@@ -154,9 +159,10 @@ def _may_have_play(study: JointStudy) -> bool:
 def _beyond_bounds(look: Look, found: set[str]) -> float:
     """What the best hypothesis still gains whose values no robot has, nats: something acts where it does.
 
-    Not of effects that were found without a fit: at other joints it is the shape of their law.
+    Not of effects that were found without a fit: at other joints it is the shape of their law. And not what one fold alone tells.
     """
-    return max((c.gain for c in look.candidates if not c.allowed and c.hypothesis.effect not in found), default=0.0)
+    refused = (c for c in look.candidates if not c.allowed and c.hypothesis.effect not in found)
+    return max((c.gain - max(0.0, float(c.by_fold.max())) for c in refused), default=0.0)
 
 
 def _large_scales(causes: Sequence[Cause]) -> list[Cause]:

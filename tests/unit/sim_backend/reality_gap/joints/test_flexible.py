@@ -1,5 +1,7 @@
 """What a residual follows that is left when all causes are in the model."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -38,6 +40,26 @@ def test_a_residual_that_follows_velocity_is_found_as_such():
     assert best.gain > 1.5 * max(others)  # torques and positions go with velocities, for a part
     assert best.gain > 100.0
     assert max(p.gain for p in found if p.joint != 1) < 5.0
+
+
+@pytest.mark.parametrize(("moments", "is_pattern"), [((6.0,), False), ((4.4, 5.2, 6.0, 6.8), True)])
+def test_what_happens_in_one_moment_is_no_pattern(moments, is_pattern):
+    position, torque = drive(joints_model(), SECONDS)
+    position += ENCODER_RAD * np.random.default_rng(0).standard_normal(position.shape)
+    made = problem(position, torque)
+    look = made.look(NO_LIMIT, ())
+    (equation,) = (each for each in look.left if each.joint == 1)
+    times = equation.time_s - equation.time_s[0]
+    at = [np.abs(times - moment) < 0.3 for moment in moments]
+    rare = replace(
+        equation,
+        residual=equation.residual + 0.02 * np.any([np.abs(times - moment) < 0.1 for moment in moments], axis=0),
+        valid=equation.valid & (np.any(at, axis=0) | (times < 2.0) | (times > 10.0)),
+    )
+    found = patterns(made.episodes, replace(look, left=(rare,)))
+    assert {p.variable for p in found if p.gain > 25.0} == (
+        {"time", "heat"} if is_pattern else set()
+    )  # it gets warmer all the time
 
 
 def test_no_function_is_finer_than_the_noise_of_what_it_follows():

@@ -1,0 +1,36 @@
+"""Which healthy sessions a study is compared with."""
+
+import numpy as np
+
+from sim_backend.reality_gap.joints.calibration import GATE_FACTOR, GATE_MARGIN, LEAST_GATE, summarise_alone
+from sim_backend.reality_gap.joints.healthy import calibration
+
+STANDARD, RAMPS, CHIRPS = (calibration(frozenset({name})) for name in ("standard", "slow_ramps", "chirps"))
+
+
+def test_each_study_has_sessions_of_its_own_excitation_where_there_are_any():
+    assert calibration() is calibration()
+    np.testing.assert_array_equal(calibration().largest_gains, STANDARD.largest_gains)
+    assert RAMPS.gates != CHIRPS.gates != STANDARD.gates
+    assert RAMPS.left_nats > STANDARD.left_nats == 0.0
+    for several in (frozenset({"standard", "slow_ramps"}), frozenset({"chirps", "slow_ramps"}), frozenset({"anything"})):
+        assert calibration(several).gates == CHIRPS.gates
+
+
+def test_no_gate_is_lower_than_that_of_the_standard_excitation():
+    for known in (RAMPS, CHIRPS):
+        assert all(known.gates[effect] >= gate for effect, gate in STANDARD.gates.items())
+
+
+def test_gates_lie_beyond_the_largest_gain_of_any_session():
+    lines = [
+        {"excitation": "slow_ramps", "seed": 1, "gain": 30.0, "gain_by_effect": {"backlash": 30.0, "cogging": 1.0}, "left": 40.0},
+        {"excitation": "slow_ramps", "seed": 1, "gain": 9.0, "gain_by_effect": {"backlash": 9.0}, "left": 50.0},
+        {"excitation": "hold_poses", "seed": 2, "gain": 3.0, "gain_by_effect": {"backlash": 3.0}, "left": 0.0},
+    ]
+    made = summarise_alone({"gates": {"backlash": 7.0, "gravity": 6.0}, "alone": {"chirps": {}}}, lines)["alone"]
+    assert set(made) == {"chirps", "slow_ramps", "hold_poses"}
+    ramps = made["slow_ramps"]
+    assert ramps["gates"] == {"backlash": GATE_FACTOR * 30.0 + GATE_MARGIN, "gravity": 6.0, "cogging": LEAST_GATE}
+    assert (ramps["left_nats"], ramps["sessions"], ramps["seeds"]) == (GATE_FACTOR * 50.0 + GATE_MARGIN, 2, [1])
+    assert made["hold_poses"]["gates"]["backlash"] == 7.0
