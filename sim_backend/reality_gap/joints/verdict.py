@@ -9,7 +9,7 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.joints.causes import Z_90, causes_of, is_clear
 from sim_backend.reality_gap.joints.checks import Finding, place
 from sim_backend.reality_gap.joints.equations import Channel
-from sim_backend.reality_gap.joints.flexible import Pattern, patterns
+from sim_backend.reality_gap.joints.flexible import Pattern, lasting, patterns
 from sim_backend.reality_gap.joints.gain import errors_of, held_out_errors
 from sim_backend.reality_gap.joints.hypotheses import SCALES_OF_EVERYTHING
 from sim_backend.reality_gap.joints.look import Accepted, Candidate, Look
@@ -162,7 +162,7 @@ def _beyond_bounds(look: Look, found: set[str]) -> float:
     Not of effects that were found without a fit: at other joints it is the shape of their law. And not what one fold alone tells.
     """
     refused = (c for c in look.candidates if not c.allowed and c.hypothesis.effect not in found)
-    return max((c.gain - max(0.0, float(c.by_fold.max())) for c in refused), default=0.0)
+    return max((lasting(c.gain, c.gain - float(c.by_fold.max())) for c in refused), default=0.0)
 
 
 def _large_scales(causes: Sequence[Cause]) -> list[Cause]:
