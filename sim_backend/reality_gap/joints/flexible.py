@@ -78,7 +78,7 @@ def _gain(equation: Equation, hats: np.ndarray, size: float) -> float:
 
 def lasting(whole: float, least: float) -> float:
     """A gain in nats, or the least that is left of it without any one fold if hardly more: one moment is no pattern."""
-    return whole if least > _LASTING * whole else least
+    return whole if whole <= 0.0 or least > _LASTING * whole else least
 
 
 def shares(episodes: Sequence[EpisodeEquations], state: JointState, joint: int) -> dict[str, float]:
