@@ -101,7 +101,7 @@ def excite(
         Path | None, typer.Option("--csv", metavar="FILE", help="Write an excitation's position targets, for a robot elsewhere.")
     ] = None,
     model: Annotated[
-        Path | None, typer.Option("--model", metavar="MJCF", help="Whose joints and ranges --csv is made for, if no TriFinger.")
+        Path | None, typer.Option("--model", metavar="MJCF", help="Whose joints and ranges --csv is made for; the study's.")
     ] = None,
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Draws what --csv writes.")] = None,
     as_json: JsonOption = False,

@@ -278,6 +278,7 @@ def _document(material: Material, verdict: Verdict, sections: Mapping[str, Any])
         "title": material.title,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "robot": material.robot,
+        "model": None if material.study_file is None else str(material.study_file.model.resolve()),
         "provenance": {"code": version("trifarm"), "data": [{"file": d.file, "sha256": d.sha256} for d in data]},
         "verdict": verdict.document(),
         "recordings": [

@@ -10,6 +10,7 @@ Exit codes: 0 said; 2 usage, a study that cannot be read, or a table that cannot
 import argparse
 import json
 import re
+import shlex
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -38,6 +39,11 @@ class Study:
 
     file: Path
     document: Mapping[str, Any]
+
+    @property
+    def model(self) -> Path | None:
+        """The MJCF that it compared data with; None of a TriFinger of a farm."""
+        return Path(str(self.document["model"])) if self.document.get("model") else None
 
 
 def read_study(path: Path) -> Study:
@@ -85,6 +91,11 @@ def identify_command(advice: Advice, robot: str) -> str:
     return f"trifarm identify --robot {robot} {named} --repeats {advice.repeats} --to {FOLDER}"
 
 
+def targets_command(study: Study) -> str:
+    """What writes position targets for a robot that is none of the farm's."""
+    return f"trifarm gap excite {shlex.quote(str(study.file))} --csv next.csv"
+
+
 def document(study: Study | None, advice: Advice, robot: str, csv: Path | None) -> dict[str, Any]:
     """All of it as plain values."""
     verdict = None if study is None else study.document["verdict"]
@@ -93,7 +104,8 @@ def document(study: Study | None, advice: Advice, robot: str, csv: Path | None) 
         "why": advice.why,
         "excitations": [_excitation(advised) for advised in advice.excitations],
         "repeats": advice.repeats,
-        "command": identify_command(advice, robot),
+        "command": identify_command(advice, robot) if study is None or study.model is None else targets_command(study),
+        "model": None if study is None or study.model is None else str(study.model),
         "by_hand": list(advice.by_hand),
         "said_by_study": list(advice.said_by_study),
         "csv": None if csv is None else str(csv),
@@ -126,7 +138,8 @@ def sentences(said: Mapping[str, Any]) -> list[str]:
             f"   {one['why']}",
             f"   {_elsewhere(one)}",
         ]
-    lines += ["", "On a robot of the farm:", f"  {said['command']}"]
+    where = "Position targets for your own robot:" if said["model"] else "On a robot of the farm:"
+    lines += ["", where, f"  {said['command']}"]
     if _PLACEHOLDER in said["command"].split():
         lines.append(f"  where {_PLACEHOLDER} is the robot that the study is about")
     for heading, key in (("What no excitation gives:", "by_hand"), ("The study itself asked for:", "said_by_study")):
@@ -153,7 +166,7 @@ def main(arguments: list[str] | None = None) -> int:
         "--excitation", choices=list(EXCITATIONS), metavar="NAME", help="which one --csv writes (the first advised)"
     )
     parser.add_argument("--csv", type=Path, metavar="FILE", help="write an excitation's position targets")
-    parser.add_argument("--model", type=Path, metavar="MJCF", help="whose joints and ranges --csv is made for (the TriFinger)")
+    parser.add_argument("--model", type=Path, metavar="MJCF", help="whose joints and ranges --csv is made for (the study's)")
     parser.add_argument("--seed", type=int, default=0, help="draws what --csv writes (%(default)s)")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     options = parser.parse_args(arguments)
@@ -163,7 +176,7 @@ def main(arguments: list[str] | None = None) -> int:
         study = None if options.study is None else read_study(options.study)
         advice = advice_for(study)
         if options.csv is not None:
-            _write(options, advice)
+            _write(options, advice, options.model or (None if study is None else study.model))
     except (ValueError, OSError) as error:
         return refused(error, options.json)
     robot = options.robot or (_ANY if study is None else str(study.document.get("robot") or _PLACEHOLDER))
@@ -172,15 +185,17 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _write(options: argparse.Namespace, advice: Advice) -> None:
+def _write(options: argparse.Namespace, advice: Advice, model: Path | None) -> None:
     fixed = [advised.name for advised in advice.excitations if advised.name != "slide_cube"]
     name = options.excitation or (fixed[0] if fixed else "slide_cube")
     rng = np.random.default_rng(options.seed)
-    table = targets(name, rng) if options.model is None else targets_for(_model(options.model), name, rng)
+    table = targets(name, rng) if model is None else targets_for(_model(model), name, rng)
     write_csv(table, options.csv)
 
 
 def _model(path: Path) -> mujoco.MjModel:
+    if not path.is_file():
+        raise ValueError(f"there is no model {path}; say with --model for whose joints the table is to be")
     try:
         return mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:

@@ -237,5 +237,16 @@ def test_position_targets_for_another_robot_stay_in_its_range(tmp_path, capsys):
     assert rows[:, 1].max() <= high + 1e-6
     assert np.ptp(rows[:, 1]) > np.deg2rad(40.0)
     assert np.abs(rows[:, 2]).max() == pytest.approx(0.5)
+    document = study(tmp_path) | {"model": str(tmp_path / "arm.xml")}
+    (tmp_path / "study.json").write_text(json.dumps(document))
+    said = printed(capsys, tmp_path, "--csv", tmp_path / "again.csv", "--excitation", "standard")
+    assert said["model"] == str(tmp_path / "arm.xml")
+    assert said["command"] == f"trifarm gap excite {tmp_path / 'study.json'} --csv next.csv"
+    assert (tmp_path / "again.csv").read_text().splitlines()[0] == "time_s,turn,lift", "of the study's arm, no TriFinger's"
+    assert main([str(tmp_path)]) == 0
+    assert "identify" not in capsys.readouterr().out
+    (tmp_path / "study.json").write_text(json.dumps(document | {"model": "gone.xml"}))
+    assert main([str(tmp_path), "--csv", str(tmp_path / "none.csv")]) == 2
+    assert "--model" in capsys.readouterr().err
     (tmp_path / "arm.xml").write_text("<mujoco/>")
     assert main(["--csv", str(tmp_path / "arm.csv"), "--model", str(tmp_path / "arm.xml")]) == 2
