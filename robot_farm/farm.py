@@ -20,6 +20,8 @@ END_WITHIN_S = 3.5
 WARM_UP_WITHIN_S = 60.0
 JOIN_WITHIN_S = 5.0
 JOIN_AGAIN_S = 1.0
+REFUSED_AGAIN_S = 60.0
+"""After the farm said no: a token of another kind does not become right, and one that is expected later has time."""
 
 
 class _Place:
@@ -76,7 +78,6 @@ def _look_after(place: _Place, settings: Settings, arguments: list[str], say: Ca
         # Asked for at each start, though it is always the same one: the farm may have forgotten it and makes it anew then.
         token = _own_token(place, settings, say)
         if token is None:
-            place.start_at_s = time.monotonic() + JOIN_AGAIN_S
             return
         place.started_at_s = now_s
         # The farm's token, which can speak for every robot, stays here.
@@ -86,11 +87,16 @@ def _look_after(place: _Place, settings: Settings, arguments: list[str], say: Ca
 
 
 def _own_token(place: _Place, settings: Settings, say: Callable[[str], None]) -> str | None:
+    """The robot's token, or None and a later start: soon where nobody answered, rarely where somebody said no."""
     try:
         return own_token(settings.api, settings.token, place.name, ca=settings.ca, timeout_s=JOIN_WITHIN_S)
-    except (ApiUnreachableError, NotAdmittedError, LeaseRefusedError, RuntimeError) as error:
+    except NotAdmittedError as error:
+        say(f"{place.name} is not let into the farm, and asks again every {REFUSED_AGAIN_S:g} s: {error}")
+        place.start_at_s = time.monotonic() + REFUSED_AGAIN_S
+    except (ApiUnreachableError, LeaseRefusedError, RuntimeError) as error:
         say(f"{place.name} cannot join the farm yet: {error}")
-        return None
+        place.start_at_s = time.monotonic() + JOIN_AGAIN_S
+    return None
 
 
 def _how(returncode: int) -> str:

@@ -3,6 +3,7 @@
 import pytest
 
 from robot_farm import farm
+from robot_farm.api_link import ApiUnreachableError, NotAdmittedError
 from robot_farm.settings import TOKEN_VARIABLE, parse
 
 
@@ -33,3 +34,27 @@ def test_a_robot_whose_token_the_farm_has_forgotten_is_started_with_one_that_it_
     for _ in known:
         farm._look_after(place, settings, [], lambda _: None)
     assert shown == known
+
+
+@pytest.mark.parametrize(
+    ("refusal", "again_s"),
+    [
+        (NotAdmittedError("the token's scope is submit"), farm.REFUSED_AGAIN_S),
+        (ApiUnreachableError("no answer"), farm.JOIN_AGAIN_S),
+    ],
+)
+def test_whoever_was_refused_does_not_ask_every_second(refusal, again_s, settings, monkeypatch):
+    asked, said = [], []
+
+    def own_token(*_, **__):
+        asked.append(farm.time.monotonic())
+        raise refusal
+
+    monkeypatch.setattr(farm, "own_token", own_token)
+    place = farm._Place("robot-0")
+    for _ in range(3):
+        farm._look_after(place, settings, [], said.append)
+    assert len(asked) == len(said) == 1
+    assert str(refusal) in said[0]
+    assert place.start_at_s - asked[0] == pytest.approx(again_s, abs=0.5)
+    assert place.process is None
