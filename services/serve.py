@@ -27,6 +27,7 @@ from services.dispatcher.dispatcher import Dispatcher, Metrics
 from services.errors import NotReady, ServiceError
 from services.files.homes import open_home
 from services.files.store import FileStore
+from services.folder_lock import held_alone
 from services.jobs import lease, robots
 from services.jobs.clock import FarmClock
 from services.jobs.fleet import Fleet
@@ -124,8 +125,22 @@ async def _stop_when_told(server: uvicorn.Server, signals: Signals) -> None:
 
 @asynccontextmanager
 async def open_farm(settings: Settings) -> AsyncIterator[Farm]:
-    """Opens database and files, brings them up to date, and makes the first tokens."""
+    """Opens database and files, brings them up to date, and makes the first tokens.
+
+    Raises:
+        NotReady: another process serves from the same folder, or the database cannot be used.
+    """
     settings.data.mkdir(parents=True, exist_ok=True)
+    if settings.database_url is None:
+        async with held_alone(settings.data), _opened(settings) as farm:
+            yield farm
+    else:
+        async with _opened(settings) as farm:
+            yield farm
+
+
+@asynccontextmanager
+async def _opened(settings: Settings) -> AsyncIterator[Farm]:
     url = address(settings.truth_url)
     await migrate(url)
     database, clock, registry = Database(url), FarmClock.start(), CollectorRegistry()

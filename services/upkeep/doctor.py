@@ -1,6 +1,5 @@
 """Looks through an embedded farm's folder and says what is wrong with it, if anything is."""
 
-import fcntl
 import hashlib
 import shutil
 import sqlite3
@@ -12,6 +11,7 @@ from alembic.config import Config
 from alembic.script import ScriptDirectory
 
 from services.database.database import MIGRATIONS
+from services.folder_lock import LOCK, is_held
 from services.upkeep import folder as folders
 from services.upkeep.folder import DATABASE, SMALL, UpkeepError, physics_files
 
@@ -113,15 +113,8 @@ def _surroundings(data: Path) -> Iterator[Finding]:
 
 
 def _is_running(data: Path) -> bool:
-    """Whether ``trifarm up`` holds the folder."""
-    try:
-        with (data / "up.lock").open("r") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except FileNotFoundError:
-        return False
-    except BlockingIOError:
-        return True
-    return False
+    """Whether ``trifarm up`` or ``python -m services serve`` holds the folder."""
+    return any(is_held(data / name) for name in ("up.lock", LOCK))
 
 
 def _sha(body: bytes | str) -> str:

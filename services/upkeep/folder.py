@@ -43,7 +43,10 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
         UpkeepError: there is none, or it cannot be read.
     """
     if not path.is_file():
-        raise UpkeepError(f"there is no database {path}; name the data folder of an embedded farm with --data")
+        raise UpkeepError(
+            f"there is no database {path}; name the farm's data folder with --data (a farm on PostgreSQL and S3 has its database "
+            "there: docs/scale.md)"
+        )
     with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as connection:
         yield connection
 

@@ -1,0 +1,57 @@
+"""One process at a time serves an embedded farm from its folder: its queue has a single writer."""
+
+import asyncio
+import fcntl
+import os
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from services.errors import NotReady
+
+LOCK = "serve.lock"
+LOOK_EVERY_S = 0.1
+ENDS_WITHIN_S = 5.0
+"""A process that was told to end and has not yet."""
+
+
+@asynccontextmanager
+async def held_alone(data: Path) -> AsyncIterator[None]:
+    """Hold the folder for this process; the lock goes with the process, however it ends.
+
+    Raises:
+        NotReady: another process holds it, and goes on doing so.
+    """
+    with (data / LOCK).open("a+") as lock:
+        give_up_s = time.monotonic() + ENDS_WITHIN_S
+        while not _locked(lock.fileno()):
+            if time.monotonic() > give_up_s:
+                lock.seek(0)
+                holder = lock.read().strip() or "unknown"
+                raise NotReady(
+                    f"process {holder} serves a farm from {data}; stop it, or give this one another folder with --data"
+                )
+            await asyncio.sleep(LOOK_EVERY_S)
+        lock.truncate(0)
+        lock.write(str(os.getpid()))
+        lock.flush()
+        yield
+
+
+def is_held(path: Path) -> bool:
+    """Whether a living process holds this lock."""
+    try:
+        with path.open("r") as lock:
+            return not _locked(lock.fileno())
+    except FileNotFoundError:
+        return False
+
+
+def _locked(descriptor: int) -> bool:
+    """Takes a lock if it is free; it goes when the file is closed."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
