@@ -5,7 +5,7 @@ import fcntl
 import os
 import time
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
 from services.errors import NotReady
@@ -33,9 +33,9 @@ async def held_alone(data: Path) -> AsyncIterator[None]:
                     f"process {holder} serves a farm from {data}; stop it, or give this one another folder with --data"
                 )
             await asyncio.sleep(LOOK_EVERY_S)
-        lock.truncate(0)
-        lock.write(str(os.getpid()))
-        lock.flush()
+        with suppress(OSError):  # who holds it is a help, and a full disk no reason not to serve
+            os.ftruncate(lock.fileno(), 0)
+            os.write(lock.fileno(), str(os.getpid()).encode())
         yield
 
 
