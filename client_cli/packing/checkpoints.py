@@ -4,14 +4,15 @@ The key layouts are those that the libraries publish: rl_games ``network_builder
 ``modules/actor_critic*.py``, ``models/*.py`` and ``modules/normalization.py``, skrl ``running_standard_scaler.py``.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 import numpy as np
 
+from api_schemas.policy import InputScaling, PolicyManifest
 from api_schemas.policy_network import ActionHead
 from client_cli.errors import UsageProblem
-from client_cli.packing.recipe import Array, Normaliser, Part, Recipe, follows, part
+from client_cli.packing.recipe import TINY, Array, Normaliser, Part, Recipe, follows, part
 
 State = Mapping[str, Any]
 RL_GAMES = "a2c_network."
@@ -57,49 +58,65 @@ def stated(tensors: Mapping[str, Array], architecture: str) -> tuple[Part, ...]:
     return tuple(known[name] for name in names)
 
 
-def plain(state: State, architecture: str | None, takes: int, normaliser: str | None = None) -> Recipe:
+def plain(state: State, architecture: str | None, manifest: PolicyManifest, normaliser: str | None = None) -> Recipe:
     """A bare state dict, whose architecture the user must state, and the normaliser too, if there is one.
 
     Raises:
         UsageProblem: either is missing, or is not in the file.
     """
-    tensors = arrays(state)
+    tensors = arrays(state) | {name: each for name, each in state.items() if isinstance(each, np.ndarray)}
     if architecture is None:
         raise UsageProblem(
             "a plain state_dict does not say how its modules are applied: name the actor's in order with --architecture, "
             f"such as actor.0,actor.2,actor.4, and their --activation; the file has {_described(parts_of(tensors))}"
         )
-    return Recipe("state_dict", _checked(stated(tensors, architecture), takes), _stated_normaliser(tensors, takes, normaliser))
+    parts = _checked(stated(tensors, architecture), manifest.network_inputs)
+    return Recipe("state_dict", parts, _stated_normaliser(tensors, manifest, normaliser))
 
 
-def _stated_normaliser(tensors: Mapping[str, Array], takes: int, text: str | None) -> Normaliser | None:
+def _stated_normaliser(tensors: Mapping[str, Array], manifest: PolicyManifest, text: str | None) -> Normaliser | None:
     """By ``MEAN,VARIANCE[,EPSILON[,CLIP]]``; a file with what looks like one is not packed without a word about it."""
+    sizes, scaling = {manifest.observation_size, manifest.network_inputs}, manifest.input_scaling
     if text is None:
-        _check_has_none(tensors, takes)
+        if not (scaling.mean or scaling.low):  # otherwise the manifest says how observations are scaled
+            _check_has_none(tensors, sizes)
         return None
     if text == NO_NORMALISER:
         return None
     mean, spread, *numbers = (*(each.strip() for each in text.split(",")), "")[: max(2, text.count(",") + 1)]
     for name in (mean, spread):
-        if name not in tensors or tensors[name].size != takes:
-            raise UsageProblem(f"--normaliser: the file has no {name!r} of {takes} numbers; write MEAN,VARIANCE[,EPSILON[,CLIP]]")
-    try:
-        epsilon, clip = (*map(float, numbers), *(SKRL_EPSILON, None)[len(numbers) :])
-    except ValueError:
-        raise UsageProblem(f"--normaliser {text!r}: after the two names come numbers, at most epsilon and clip") from None
+        if name not in tensors or tensors[name].size not in sizes:
+            wanted = " or ".join(str(size) for size in sorted(sizes))
+            raise UsageProblem(
+                f"--normaliser: the file has no {name!r} of {wanted} numbers; write MEAN,VARIANCE[,EPSILON[,CLIP]]"
+            )
+    if tensors[mean].size != tensors[spread].size:
+        raise UsageProblem(f"--normaliser: {mean} has {tensors[mean].size} numbers and {spread} {tensors[spread].size}")
+    epsilon, clip = _numbers(text, numbers, scaling)
     values, is_deviation = tensors[spread].ravel().astype(np.float64), "std" in _last(spread)
     return Normaliser(tensors[mean].ravel(), values**2 if is_deviation else values, epsilon, clip, outside=is_deviation)
 
 
-def _check_has_none(tensors: Mapping[str, Array], takes: int) -> None:
-    alike = [name for name, each in tensors.items() if each.size == takes and any(word in _last(name) for word in STATISTICS)]
+def _numbers(text: str, given: list[str], scaling: InputScaling) -> tuple[float, float | None]:
+    """Epsilon and clip; where they are not given those of the manifest."""
+    try:
+        epsilon, clip = (*map(float, given), *(scaling.epsilon, scaling.clip)[len(given) :])
+    except ValueError:
+        raise UsageProblem(f"--normaliser {text!r}: after the two names come numbers, at most epsilon and clip") from None
+    if not (np.isfinite(epsilon) and epsilon >= 0.0 and (clip is None or (np.isfinite(clip) and clip > 0.0))):
+        raise UsageProblem(f"--normaliser {text!r}: epsilon must be at least 0 and clip above 0; leave the clip out for none")
+    return max(epsilon, TINY), clip
+
+
+def _check_has_none(tensors: Mapping[str, Array], sizes: Collection[int]) -> None:
+    alike = [name for name, each in tensors.items() if each.size in sizes and any(word in _last(name) for word in STATISTICS)]
     means = [name for name in alike if "mean" in _last(name)]
     spreads = [name for name in alike if name not in means]
     if means and spreads:
         raise UsageProblem(
             f"{means[0]} and {spreads[0]} look like a normaliser of the observations, and a plain state_dict does not say how it "
-            f"is applied: give --normaliser {means[0]},{spreads[0]},EPSILON,CLIP (the last two may be left out: "
-            f"{SKRL_EPSILON:g}, and no clip), or --normaliser {NO_NORMALISER} if the network takes observations as they are"
+            f"is applied: give --normaliser {means[0]},{spreads[0]},EPSILON,CLIP (what is left out is taken from the manifest), "
+            f"or --normaliser {NO_NORMALISER} if the network takes observations as they are"
         )
 
 

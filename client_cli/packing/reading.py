@@ -91,12 +91,11 @@ def form_of(path: Path) -> str:
 def _checkpoint(path: Path, form: str, stated: Statement) -> Packing:
     content = _loaded(path)
     library = checkpoints.library_of(content) if form == "checkpoint" else form
-    takes = stated.manifest.network_inputs
     if library == PLAIN:
-        recipe = checkpoints.plain(content, stated.architecture, takes, stated.normaliser)
+        recipe = checkpoints.plain(content, stated.architecture, stated.manifest, stated.normaliser)
     else:
         _check_brings_its_own(path, library, stated)
-        recipe = checkpoints.LIBRARIES[library](content, stated.architecture, takes)
+        recipe = checkpoints.LIBRARIES[library](content, stated.architecture, stated.manifest.network_inputs)
     manifest, weights = _made(recipe, stated)
     original = TorchOriginal(recipe, stated.manifest, stated.scale, manifest.activation)
     note = (

@@ -33,7 +33,7 @@ from sim_backend.reality_gap.joints.verdict import judge
 from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.report.report import write_html
 from sim_backend.reality_gap.success.prediction import Question, Trials, read_question, success_of
-from sim_backend.reality_gap.tosses.study import study_object
+from sim_backend.reality_gap.tosses.study import makes_worse, study_object
 from sim_backend.reality_gap.verdict import Verdict, VerdictKind, joined
 from sim_backend.trifinger.scene import compile_scene
 
@@ -113,7 +113,7 @@ def recordings_of(source: FarmLogs | Path, data_root: Path | None, progress: Pro
     """Step 1: the farm's logs, or anyone's data by a study.toml."""
     if isinstance(source, FarmLogs):
         recordings = read_farm_logs(source.judged, progress)
-        title = f"Logs in {source.judged[0].resolve().parent.name}"
+        title = f"Logs in {source.judged[0].parent.resolve().name}"
         return Material(title, tuple(recordings), source.judged, True, None, source.robot, source.trials)
     study_file = load_study_file(source, data_root)
     recordings = read_recordings(study_file, lambda what: progress(f"reading {what}", 0.0))
@@ -158,7 +158,7 @@ def verdict_of(material: Material, method: str, rng: np.random.Generator, progre
         raise RecordingError("the recordings have neither joints nor objects that could be compared with a model")
     verdict, sections = found[0] if len(found) == 1 else _together(found)
     if material.trials:
-        unread = f"anything from the {len(material.trials)} logs of trials: fingers may touch the cube and the table there"
+        unread = f"anything from logs of trials ({len(material.trials)}): fingers may touch the cube and the table there"
         verdict = replace(verdict, cannot_tell=(*verdict.cannot_tell, unread))
     return verdict, sections
 
@@ -246,6 +246,8 @@ def _object_verdict(
         VerdictKind.CONFUSABLE: f"The data cannot tell apart: {named}.",
         VerdictKind.UNEXPLAINED: "The data disagree with the model far beyond the noise; no cause of the catalogue explains it.",
     }.get(study.kind, "The data agree with the model as well as they can tell.")
+    if study.kind is VerdictKind.UNEXPLAINED and study.confirmation is not None and makes_worse(study.confirmation.held_out):
+        summary = "What explains the tosses that were studied puts others further off: no cause of the catalogue does."
     verdict = Verdict(
         verdict=study.kind,
         summary=summary,

@@ -143,10 +143,11 @@ def test_a_robot_at_rest_tells_nothing():
         study_joints(compile_scene(), [rest], lambda *_: None, is_trifinger=True)
 
 
-def test_a_short_piece_of_a_recording_tells_nothing():
+def test_short_pieces_of_a_recording_tell_nothing():
     (whole,) = simulated_sessions(healthy_physics(SEED), [SEED], excitation="oscillations")
-    with pytest.raises(ShowsNothingError, match=r"last 8.0 s in all, and it takes 18 s"):
-        study_joints(compile_scene(), [begin_of(whole, 8000)], lambda *_: None, is_trifinger=True)
+    for pieces in ([begin_of(whole, 9000)] * 3, [begin_of(whole, 17_000)]):
+        with pytest.raises(ShowsNothingError, match=r"last (0|17).0 s in all, and it takes 18 s"):
+            study_joints(compile_scene(), pieces, lambda *_: None, is_trifinger=True)
 
 
 def test_the_blind_test_counts_what_was_said():

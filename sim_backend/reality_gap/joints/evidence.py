@@ -14,6 +14,8 @@ from scipy import linalg
 from sim_backend.reality_gap.joints.equations import Channel, Equation
 
 FOLDS = 10
+WHOLE_EPISODES = 5
+"""From so many episodes on each is a fold, or part of one, as a whole."""
 STRETCH_S = 0.8
 """Folds within one episode are made of stretches of this length, far longer than the noise is correlated."""
 WHITE_SHARE = 0.2
@@ -60,7 +62,7 @@ class NormalEquations:
 
 def folds_of(equation: Equation, episodes: int) -> np.ndarray:
     """The fold of each row: whole episodes where there are enough of them, otherwise stretches of one."""
-    if episodes >= 5:
+    if episodes >= WHOLE_EPISODES:
         return np.full(len(equation.time_s), equation.episode % FOLDS)
     return (np.floor((equation.time_s - equation.time_s[0]) / STRETCH_S).astype(int) + equation.episode) % FOLDS
 

@@ -26,7 +26,7 @@ what it makes of the residual, whatever the robot does.
 _SCALE = {Channel.MECHANICS: 0.02, Channel.CURRENT: 0.02, Channel.CONTROLLER: 0.05, Channel.VELOCITY: 0.05}
 _HEAT_S = 10.0
 _LASTING = 0.4
-"""Share of a gain that must be left without any one fold. A joint that stuck once in 280 s had made 354 nats, all in one."""
+"""Share of a gain that must be left without any two stretches. A joint that stuck once in 280 s had made 354 nats, all in one."""
 VARIABLES = ("velocity", "position", "torque", "load against motion", "acceleration", "time", "time since reversal", "heat")
 
 
@@ -61,7 +61,7 @@ def patterns(episodes: Sequence[EpisodeEquations], look: Look, size: float = 1.0
 
 
 def _gain(equation: Equation, hats: np.ndarray, size: float) -> float:
-    """What hats gain, or what is left of it without the stretches that speak for them most."""
+    """What hats gain, or what is left of it without the stretches that speak for them most, two neighbours at a time."""
     by = size if equation.channel in (Channel.MECHANICS, Channel.CURRENT) else 1.0
     scales = np.full(hats.shape[1], by * _SCALE[equation.channel])
     terms = tuple(range(hats.shape[1]))
@@ -69,15 +69,13 @@ def _gain(equation: Equation, hats: np.ndarray, size: float) -> float:
     if white is None:
         return 0.0
     sums = normal_equations([white], len(terms), FOLDS)
-    whole, *without = (
-        reduced(sums.weighted(each), (), ()).gain(terms, scales)
-        for each in (np.ones(FOLDS), *(np.ones(FOLDS) - np.eye(FOLDS)[sums.rows > 0.0]))
-    )
+    pairs = 1.0 - np.eye(FOLDS) - np.roll(np.eye(FOLDS), 1, axis=1)  # a moment may lie across the border of two
+    whole, *without = (reduced(sums.weighted(weights), (), ()).gain(terms, scales) for weights in (np.ones(FOLDS), *pairs))
     return lasting(whole, min(without))
 
 
 def lasting(whole: float, least: float) -> float:
-    """A gain in nats, or the least that is left of it without any one fold if hardly more: one moment is no pattern."""
+    """A gain in nats, or the least that is left of it without some stretches if most went with them: one moment is no pattern."""
     return whole if whole <= 0.0 or least > _LASTING * whole else least
 
 

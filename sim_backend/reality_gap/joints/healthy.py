@@ -38,16 +38,16 @@ UNKNOWN = Calibration({}, np.zeros(0), {})
 
 
 @cache
-def calibration(regimes: frozenset[str] = frozenset({STANDARD})) -> Calibration:
+def calibration(regimes: tuple[str, ...] = (STANDARD,)) -> Calibration:
     """The calibration for TriFingers that is kept with the code; empty where there is none.
 
     Args:
-        regimes: what the recordings were made under. Where it is a single one they are compared with sessions of it, if these
-            were measured, and otherwise with sessions of all excitations but ``standard``, alone and together.
+        regimes: what each recording was made under. A single one is compared with sessions of its excitation, if these were
+            measured, and several, whose gains add up, with sessions of all excitations but ``standard``, alone and together.
     """
     if not CALIBRATION_FILE.exists():
         return UNKNOWN
     kept = json.loads(CALIBRATION_FILE.read_text())
-    (only, *others) = regimes
-    own = kept if regimes == {STANDARD} else kept["elsewhere"] if others else kept["alone"].get(only, kept["elsewhere"])
+    alone = {STANDARD: kept, **kept["alone"]}
+    own = alone.get(regimes[0], kept["elsewhere"]) if len(regimes) == 1 else kept["elsewhere"]
     return Calibration(kept["tolerances"], np.sort(own["largest_gains"]), own["gates"], own.get("left_nats", 0.0))

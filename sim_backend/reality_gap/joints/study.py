@@ -28,7 +28,7 @@ from sim_backend.reality_gap.joints.rattling import Rattling, rattling_joints
 from sim_backend.reality_gap.joints.state import JointState
 from sim_backend.reality_gap.joints.trajectory import trajectory
 from sim_backend.reality_gap.outliers import PEAK, usual_peak_nm
-from sim_backend.reality_gap.recording import JointSignals, Recording, RecordingError, total_duration_s
+from sim_backend.reality_gap.recording import JointSignals, Recording, RecordingError
 from sim_backend.trifinger import constants as c
 
 FOREIGN_CUTOFF_HZ = 12.0
@@ -41,8 +41,8 @@ _FOREIGN_GATE = 12.0
 """Nats that a cause must gain where no healthy sessions are known: odds of 160 000, shared by some hundred hypotheses."""
 _LEAST_MOTION_RAD_S = 0.05
 _LEAST_MOVING_SHARE = 0.02
-_LEAST_S = 18.0
-"""Of a TriFinger's recordings together: healthy sessions of 20 s and more are known, and pieces of 2 to 10 s gave false names."""
+_LEAST_S, _PIECE_S = 18.0, 10.0
+"""A TriFinger's recordings together: healthy sessions of 20 s and more are known. Pieces of 2 to 10 s gave false names."""
 
 
 class ShowsNothingError(Exception):
@@ -147,7 +147,7 @@ def study_joints(
             for episode in episodes:
                 episode.ignore_joint(fault.joint)
     _check_motion(episodes)
-    known = calibration(frozenset(recording.regime for recording in recordings)) if is_trifinger else UNKNOWN
+    known = calibration(tuple(recording.regime for recording in recordings)) if is_trifinger else UNKNOWN
     left_out = tuple(excluded)
     excluded = (*excluded, *{"encoder_offset" for f in faults if f.effect == "encoder_jump"})
     for each in rattling:
@@ -274,8 +274,17 @@ def _check_motion(episodes: Sequence[EpisodeEquations]) -> None:
 
 
 def _check_length(recordings: Sequence[Recording]) -> None:
-    together_s = total_duration_s(recordings)
+    known_s = [float(_is_known(recording).sum()) * recording.step_s for recording in recordings]
+    together_s = sum(each for each in known_s if each > _PIECE_S)
     if together_s < _LEAST_S:
         raise ShowsNothingError(
-            f"they last {together_s:.1f} s in all, and it takes {_LEAST_S:g} s to tell an effect from chance", "too short"
+            f"recordings of more than {_PIECE_S:g} s last {together_s:.1f} s in all, and it takes {_LEAST_S:g} s to tell "
+            "an effect from chance",
+            "too short",
         )
+
+
+def _is_known(recording: Recording) -> np.ndarray:
+    """Samples in which every joint's position was measured, shape (s,)."""
+    assert recording.joints is not None
+    return ~np.isnan(recording.joints.position_rad).any(axis=1)

@@ -9,10 +9,11 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.joints.causes import Z_90, causes_of, is_clear
 from sim_backend.reality_gap.joints.checks import Finding, place
 from sim_backend.reality_gap.joints.equations import Channel
+from sim_backend.reality_gap.joints.evidence import WHOLE_EPISODES
 from sim_backend.reality_gap.joints.flexible import Pattern, lasting, patterns
 from sim_backend.reality_gap.joints.gain import errors_of, held_out_errors
 from sim_backend.reality_gap.joints.hypotheses import SCALES_OF_EVERYTHING
-from sim_backend.reality_gap.joints.look import Accepted, Candidate, Look
+from sim_backend.reality_gap.joints.look import Accepted, Candidate
 from sim_backend.reality_gap.joints.study import JointStudy
 from sim_backend.reality_gap.joints.uncalibrated import ALMOST, reconsidered
 from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
@@ -127,7 +128,7 @@ def strongest_left(study: JointStudy, left: Sequence[Pattern]) -> float:
     strongest = max((p.gain / (factor if p.channel is Channel.VELOCITY else 1.0) for p in told), default=0.0)
     if not study.is_calibrated:
         return strongest
-    return max(strongest, _beyond_bounds(study.fit.last, {f.effect for f in study.findings}))
+    return max(strongest, _beyond_bounds(study))
 
 
 def _named(clear: Sequence[Cause]) -> tuple[VerdictKind, str]:
@@ -156,13 +157,18 @@ def _may_have_play(study: JointStudy) -> bool:
     return study.is_calibrated and not study.problem.expects_many and look.mechanics_left > _LEFT_BY_PLAY * look.mechanics_rows
 
 
-def _beyond_bounds(look: Look, found: set[str]) -> float:
+def _beyond_bounds(study: JointStudy) -> float:
     """What the best hypothesis still gains whose values no robot has, nats: something acts where it does.
 
-    Not of effects that were found without a fit: at other joints it is the shape of their law. And not what one fold alone tells.
+    Not of effects that were found without a fit: at other joints it is the shape of their law. And not what one moment tells, as
+    far as folds are stretches and no whole recordings.
     """
-    refused = (c for c in look.candidates if not c.allowed and c.hypothesis.effect not in found)
-    return max((lasting(c.gain, c.gain - float(c.by_fold.max())) for c in refused), default=0.0)
+    found = {f.effect for f in study.findings}
+    refused = [c for c in study.fit.last.candidates if not c.allowed and c.hypothesis.effect not in found]
+    if len(study.problem.episodes) >= WHOLE_EPISODES:
+        return max((c.gain for c in refused), default=0.0)
+    least = (c.gain - float((c.by_fold + np.roll(c.by_fold, 1)).max()) for c in refused)
+    return max((lasting(c.gain, left) for c, left in zip(refused, least, strict=True)), default=0.0)
 
 
 def _large_scales(causes: Sequence[Cause]) -> list[Cause]:

@@ -115,6 +115,8 @@ def study_object(
     cannot_tell = (*(_lost_sentence(one) for one in lost if one.confusable), *undecided(study, selection, hypotheses))
     causes, kind = causes_of(selection.causes, selection.final, profiles), _kind(evidence, selection, lost, confirmation)
     causes += members_of(study, lost, rng)
+    if kind is VerdictKind.UNEXPLAINED and makes_worse(confirmation.held_out):
+        causes = ()  # nothing that an extended model should have
     sections = _sections(selection, profiles, confirmation)
     advice = record_next(evidence, lost, selection)
     progress("done", 1.0)
@@ -166,7 +168,12 @@ def _steps(selection: Selection, start: Mapping[str, float]) -> Sequence[tuple[s
 
 def is_unexplained(held_out: HeldOut) -> bool:
     """Whether much more is left than the noise floor, and the causes, if any, took too little of it away."""
-    return held_out.after > _FAR * held_out.noise_floor and held_out.reduction < _ALMOST
+    return makes_worse(held_out) or (held_out.after > _FAR * held_out.noise_floor and held_out.reduction < _ALMOST)
+
+
+def makes_worse(held_out: HeldOut) -> bool:
+    """Whether what explains the tosses that were studied puts others further off, beyond chance."""
+    return held_out.is_unseen and held_out.reduction_interval_95[1] < 0.0
 
 
 def _kind(evidence: Evidence, selection: Selection, lost: Sequence[Lost], confirmation: Confirmation) -> VerdictKind:

@@ -83,7 +83,17 @@ def test_a_state_dict_with_a_normaliser(spread, tmp_path, trifarm, manifest):
 
 
 @pytest.mark.parametrize(
-    "wrong", ["nope", "running_mean", "running_mean,actor.0.bias", "running_mean,running_var,x", "a,b,1,2,3"]
+    "wrong",
+    [
+        "nope",
+        "running_mean",
+        "running_mean,actor.0.bias",
+        "running_mean,running_var,x",
+        "a,b,1,2,3",
+        "running_mean,running_var,-1",
+        "running_mean,running_var,1e-8,0",
+        "running_mean,running_var,1e-8,inf",
+    ],
 )
 def test_a_normaliser_that_cannot_be(wrong, tmp_path, trifarm, manifest):
     path, out = tmp_path / "weights.pt", tmp_path / "packed.safetensors"
@@ -92,6 +102,30 @@ def test_a_normaliser_that_cannot_be(wrong, tmp_path, trifarm, manifest):
     ended = trifarm("pack", str(path), "--out", str(out), "--manifest", str(manifest()), *layers, "--normaliser", wrong)
     assert ended.code == 2
     assert "--normaliser" in ended.err
+
+
+def test_what_a_normaliser_leaves_out_is_the_manifests(tmp_path, trifarm, manifest):
+    module, path, out = Normalised(0.0, 1.5, "running_var"), tmp_path / "weights.pt", tmp_path / "packed.safetensors"
+    state = module.state_dict()
+    torch.save(state | {"running_mean": state["running_mean"].numpy()}, path)
+    layers = ("--architecture", "actor.0,actor.2,actor.4", "--activation", "elu", "--scale", str(SCALE))
+    clipped = manifest(input_scaling={"clip": 1.5})
+    pack(trifarm, path, out=out, manifest=clipped, options=(*layers, "--normaliser", "running_mean,running_var,0"))
+    assert_same(out, module)
+    scaled = manifest(input_scaling={"mean": [0.0] * SIZE, "variance": [1.0] * SIZE, "epsilon": 1e-12})
+    pack(trifarm, path, out=out, manifest=scaled, options=layers)
+    assert_same(out, module.actor)
+
+
+def test_statistics_of_one_observation_of_a_stack_are_seen(tmp_path, trifarm, manifest):
+    module, path, out = Normalised(1e-2, 3.0, "running_var"), tmp_path / "weights.pt", tmp_path / "packed.safetensors"
+    module.actor = mlp(2 * SIZE, 16, 16, 9)
+    torch.save(module.state_dict(), path)
+    stacked = str(manifest(frame_stack={"count": 2}))
+    layers = ("--architecture", "actor.0,actor.2,actor.4", "--activation", "elu", "--scale", str(SCALE))
+    ended = trifarm("pack", str(path), "--out", str(out), "--manifest", stacked, *layers)
+    assert (ended.code, "look like a normaliser" in ended.err) == (2, True)
+    pack(trifarm, path, out=out, manifest=stacked, options=(*layers, "--normaliser", "running_mean,running_var,1e-2,3"))
 
 
 def test_a_normaliser_is_for_plain_state_dicts(tmp_path, trifarm, manifest):

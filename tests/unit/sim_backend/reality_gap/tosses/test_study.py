@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.recording import RecordingError
-from sim_backend.reality_gap.tosses.study import is_unexplained, study_object
+from sim_backend.reality_gap.tosses.study import is_unexplained, makes_worse, study_object
 from sim_backend.reality_gap.verdict import HeldOut, VerdictKind
 from tests.unit.sim_backend.reality_gap.tosses.simulated_tosses import toss_spec, tosses
 
@@ -45,6 +45,15 @@ def test_refusals_say_why():
 def test_what_is_left_far_above_the_noise_is_unexplained(before, after, unexplained):
     held_out = HeldOut("position error", "% of the width", before, after, 1.0, 1.0 - after / before, (0.0, 1.0), 40)
     assert is_unexplained(held_out) is unexplained
+
+
+@pytest.mark.parametrize(
+    ("interval", "is_unseen", "worse"),
+    [((-0.5, -0.1), True, True), ((-0.5, 0.1), True, False), ((-0.5, -0.1), False, False), ((0.0, 0.0), True, False)],
+)
+def test_causes_that_put_unseen_tosses_further_off_are_none(interval, is_unseen, worse):
+    held_out = HeldOut("position error", "% of the width", 2.0, 2.5, 1.0, -0.25, interval, 40, is_unseen)
+    assert makes_worse(held_out) is is_unexplained(held_out) is worse
 
 
 def test_tosses_that_are_mirrored_are_unexplained_and_few_of_them_are_not_held_out():
