@@ -1,12 +1,14 @@
 """One process at a time serves an embedded farm from its folder: its queue has a single writer."""
 
 import asyncio
+import errno
 import fcntl
 import os
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
+from typing import TextIO
 
 from services.errors import NotReady
 
@@ -23,7 +25,7 @@ async def held_alone(data: Path) -> AsyncIterator[None]:
     Raises:
         NotReady: another process holds it, and goes on doing so.
     """
-    with (data / LOCK).open("a+") as lock:
+    with _opened(data / LOCK) as lock:
         give_up_s = time.monotonic() + ENDS_WITHIN_S
         while not _locked(lock.fileno()):
             if time.monotonic() > give_up_s:
@@ -39,19 +41,29 @@ async def held_alone(data: Path) -> AsyncIterator[None]:
         yield
 
 
+def _opened(path: Path) -> TextIO:
+    try:
+        return path.open("a+")
+    except OSError as error:
+        raise NotReady(f"{path} cannot be opened ({error.strerror}); it belongs to whoever served this folder before") from error
+
+
 def is_held(path: Path) -> bool:
     """Whether a living process holds this lock."""
     try:
         with path.open("r") as lock:
             return not _locked(lock.fileno())
-    except FileNotFoundError:
+    except (FileNotFoundError, PermissionError):
         return False
 
 
 def _locked(descriptor: int) -> bool:
-    """Takes a lock if it is free; it goes when the file is closed."""
+    """Takes a lock if it is free, or there are none on this file system; it goes when the file is closed."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
+    except OSError as error:
+        if error.errno not in (errno.ENOLCK, errno.EOPNOTSUPP):
+            raise
     return True

@@ -6,7 +6,7 @@ import os
 import socket
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, contextmanager, nullcontext
 from importlib.metadata import version
 from pathlib import Path
 
@@ -131,17 +131,14 @@ async def open_farm(settings: Settings) -> AsyncIterator[Farm]:
         NotReady: another process serves from the same folder, or the database cannot be used.
     """
     settings.data.mkdir(parents=True, exist_ok=True)
-    if settings.database_url is None:
-        async with held_alone(settings.data), _opened(settings) as farm:
-            yield farm
-    else:
-        async with _opened(settings) as farm:
-            yield farm
+    url = address(settings.truth_url)
+    alone = held_alone(settings.data) if url.startswith("sqlite") else nullcontext()
+    async with alone, _opened(settings, url) as farm:
+        yield farm
 
 
 @asynccontextmanager
-async def _opened(settings: Settings) -> AsyncIterator[Farm]:
-    url = address(settings.truth_url)
+async def _opened(settings: Settings, url: str) -> AsyncIterator[Farm]:
     await migrate(url)
     database, clock, registry = Database(url), FarmClock.start(), CollectorRegistry()
     ProcessCollector(registry=registry)

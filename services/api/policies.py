@@ -73,6 +73,7 @@ async def _take(digest: str | None, request: Request, response: Response, caller
             raise Refused("form-malformed", f"The form cannot be read: {error.detail}") from error
         policy, new = await farm.policies.take(upload, farm.clock.now_iso())
     response.status_code = 201 if new else 200
+    response.headers["Location"] = f"/v1/policies/{policy.digest}"
     return policy
 
 

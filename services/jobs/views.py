@@ -147,5 +147,6 @@ def _reason(member: Member, state: RobotState, now_s: float) -> str | None:
         return member.reason(now_s)
     if state != RobotState.DRAINING:
         return "drained by an operator"
-    runs = "finishes its trial first" if member.lease is not None else "runs nothing and may be switched off"
-    return f"drained by an operator: {runs}"
+    said = member.said_claim()  # of a lease that another process of the services gave, too
+    runs = member.lease is not None or (said is not None and said != member.ended)
+    return f"drained by an operator: {'finishes its trial first' if runs else 'runs nothing and may be switched off'}"

@@ -61,7 +61,7 @@ class Policies:
         async with self._database.read() as connection:
             row = await owners.find(connection, digest, owner)
         if row is None:
-            raise NotFound("policy-not-found", f"No policy has the digest {digest}; upload it with PUT /v1/policies/{digest}.")
+            raise NotFound("policy-not-found", f"No policy has the digest {digest}; upload it with POST /v1/policies.")
         return show(row)
 
     async def page(self, before: int | None, limit: int, owner: str | None) -> tuple[tuple[Policy, ...], int | None]:

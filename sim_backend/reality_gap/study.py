@@ -97,7 +97,7 @@ def run_study(
         toml = next((load_extended_model(file) for file in files if file.suffix == ".toml"), None)
         extended = Physics.nominal() if toml is None else toml.physics
         sections = {**sections, "success": success_of(question, extended, rng, _part(progress, named, 0.95)).document()}
-    document = _document(material, verdict, sections)
+    document = _document(material, verdict, sections, out)
     (out / "study.json").write_text(json.dumps(document, indent=1))
     progress("writing the report", 0.95)
     write_html(document, out / "report.html")  # 8 report
@@ -270,7 +270,7 @@ def _together(found: Sequence[tuple[Verdict, dict[str, Any]]]) -> tuple[Verdict,
     return joined([verdict for verdict, _ in found]), sections
 
 
-def _document(material: Material, verdict: Verdict, sections: Mapping[str, Any]) -> dict[str, Any]:
+def _document(material: Material, verdict: Verdict, sections: Mapping[str, Any], out: Path) -> dict[str, Any]:
     data = provenance_of(material.title, verdict.verdict, material.files).data
     parts = "episodes" if len(material.recordings) >= 5 else "stretches of 0.8 s"
     is_unseen = verdict.held_out is None or verdict.held_out.is_unseen
@@ -280,7 +280,7 @@ def _document(material: Material, verdict: Verdict, sections: Mapping[str, Any])
         "title": material.title,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "robot": material.robot,
-        "model": None if material.study_file is None else str(material.study_file.model.resolve()),
+        "model": None if material.study_file is None else os.path.relpath(material.study_file.model, out),
         "provenance": {"code": version("trifarm"), "data": [{"file": d.file, "sha256": d.sha256} for d in data]},
         "verdict": verdict.document(),
         "recordings": [

@@ -242,6 +242,7 @@ def test_what_was_made_and_who_was_sent_away_is_in_the_line(farm):
     before = len(audited(farm))
     farm.submit(digest, client=jane, headers={"Idempotency-Key": "k"})
     farm.submit(digest, client=jane, headers={"Idempotency-Key": "k"}, trials=9)
+    jane.post("/v1/policies", files={"weights": ("w.safetensors", weights)}, data={"manifest": manifest.model_dump_json()})
     jane.post(f"/v1/jobs/{job_id}/cancel")
     jane.post(f"/v1/jobs/{job_id}/cancel")
     farm.admin.delete(f"/v1/tokens/{jane_id}")
@@ -249,8 +250,9 @@ def test_what_was_made_and_who_was_sent_away_is_in_the_line(farm):
     httpx.post(f"{farm.api}/v1/jobs", json={})
     httpx.post(f"{farm.api}/nowhere/trifarm_a_secret", json={})
     lines = audited(farm)[before:]
-    assert [line["status"] for line in lines] == [201, 409, 200, 200, 204, 401, 401, 404]
+    assert [line["status"] for line in lines] == [201, 409, 200, 200, 200, 204, 401, 401, 404]
     assert re.fullmatch(r"/v1/jobs/j\w+", lines[0]["made"])
-    assert [line["problem"] for line in lines[5:]] == ["token-revoked", "token-missing", "no-such-route"]
-    assert (lines[5]["token_id"], lines[5]["owner"]) == (jane_id, None)
-    assert lines[7]["action"] == "POST (no such route)"
+    assert lines[2]["made"] == f"/v1/policies/{digest}"
+    assert [line["problem"] for line in lines[6:]] == ["token-revoked", "token-missing", "no-such-route"]
+    assert (lines[6]["token_id"], lines[6]["owner"]) == (jane_id, None)
+    assert lines[8]["action"] == "POST (no such route)"

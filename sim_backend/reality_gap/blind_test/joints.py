@@ -2,7 +2,8 @@
 
 N cases with an effect, N/2 healthy robots, and half of the cases at 5 times the detection limit again with the true cause taken
 out of the catalogue. Each case is a line of ``cases-SEED.jsonl``, so that a test goes on where it stopped; a test in several
-folders or with several seeds is summarised together by giving the same folder.
+folders or with several seeds is summarised together by giving the same folder. Those of another excitation than ``standard`` have
+their own files, ``cases-EXCITATION-SEED.jsonl``, and their own summary. Detection limits are those of ``standard`` throughout.
 """
 
 import argparse
@@ -29,6 +30,7 @@ from sim_backend.reality_gap.verdict import VerdictKind
 from sim_backend.trifinger.scene import compile_scene
 
 LIMITS_FILE = Path(__file__).with_name("detection_limits.json")
+SEEDS_USED = "5001, 5002, 88001, 88002"
 _TOGETHER = 4
 _LEFT_OUT_TOGETHER = {effect: ("table_tilt", "gravity") for effect in ("table_tilt", "gravity")}
 """A tilt of the table is a turn of gravity: without the one, the other is the right name."""
@@ -40,12 +42,14 @@ def main(arguments: list[str] | None = None) -> int:
         prog="trifarm gap blind-test", description="Hide effects in simulated robots and ask for them."
     )
     parser.add_argument("--cases", type=int, default=30, metavar="N", help="cases with an effect; N/2 healthy robots come on top")
-    parser.add_argument("--seed", type=int, default=1, help="of the cases; not one that thresholds were made with (5001, 5002)")
+    parser.add_argument(
+        "--seed", type=int, default=1, help=f"of the cases; not one that thresholds were made with ({SEEDS_USED})"
+    )
     parser.add_argument(
         "--excitation",
         default=STANDARD,
         choices=(*IN_THE_AIR, EVERYTHING),
-        help="what the robots are seen by (%(default)s); thresholds for others than the default were made with seed 88001",
+        help="what the robots are seen by (%(default)s); sizes are multiples of the detection limits of 'standard' all the same",
     )
     parser.add_argument(
         "--out", type=Path, default=Path("blind-test"), metavar="DIR", help="where results are kept (%(default)s)"
@@ -61,7 +65,8 @@ def main(arguments: list[str] | None = None) -> int:
         run(options.out, options.cases, options.seed, limits, options.processes, options.excitation)
         files = sorted(options.out.glob(_lines_name("[0-9]*", options.excitation)))
         document = summary([line for path in files for line in whole_lines(path)])
-        (options.out / "blind-test.json").write_text(json.dumps(document, indent=1))
+        named = "blind-test.json" if options.excitation == STANDARD else f"blind-test-{options.excitation}.json"
+        (options.out / named).write_text(json.dumps(document, indent=1))
     except OSError as error:
         return refused(error, options.json)
     print(json.dumps(document) if options.json else "\n".join(sentences(document)))

@@ -43,7 +43,7 @@ class Study:
     @property
     def model(self) -> Path | None:
         """The MJCF that it compared data with; None of a TriFinger of a farm."""
-        return Path(str(self.document["model"])) if self.document.get("model") else None
+        return self.file.parent / str(self.document["model"]) if self.document.get("model") else None
 
 
 def read_study(path: Path) -> Study:
@@ -91,9 +91,11 @@ def identify_command(advice: Advice, robot: str) -> str:
     return f"trifarm identify --robot {robot} {named} --repeats {advice.repeats} --to {FOLDER}"
 
 
-def targets_command(study: Study) -> str:
-    """What writes position targets for a robot that is none of the farm's."""
-    return f"trifarm gap excite {shlex.quote(str(study.file))} --csv next.csv"
+def targets_command(study: Study, advice: Advice) -> str:
+    """What writes position targets for a robot that is none of the farm's, one table an excitation; empty where none can be."""
+    fixed = [advised.name for advised in advice.excitations if advised.name != "slide_cube"]
+    one = f"trifarm gap excite {shlex.quote(str(study.file))}"
+    return " && ".join(f"{one} --excitation {name} --csv next-{name}.csv" for name in fixed)
 
 
 def document(study: Study | None, advice: Advice, robot: str, csv: Path | None) -> dict[str, Any]:
@@ -104,7 +106,7 @@ def document(study: Study | None, advice: Advice, robot: str, csv: Path | None) 
         "why": advice.why,
         "excitations": [_excitation(advised) for advised in advice.excitations],
         "repeats": advice.repeats,
-        "command": identify_command(advice, robot) if study is None or study.model is None else targets_command(study),
+        "command": identify_command(advice, robot) if study is None or study.model is None else targets_command(study, advice),
         "model": None if study is None or study.model is None else str(study.model),
         "by_hand": list(advice.by_hand),
         "said_by_study": list(advice.said_by_study),
@@ -138,8 +140,11 @@ def sentences(said: Mapping[str, Any]) -> list[str]:
             f"   {one['why']}",
             f"   {_elsewhere(one)}",
         ]
-    where = "Position targets for your own robot:" if said["model"] else "On a robot of the farm:"
-    lines += ["", where, f"  {said['command']}"]
+    if not said["model"]:
+        lines += ["", "On a robot of the farm:", f"  {said['command']}"]
+    elif said["command"]:
+        lines += ["", "Position targets for your own robot, if it has joints:"]
+        lines += [f"  {each}" for each in said["command"].split(" && ")]
     if _PLACEHOLDER in said["command"].split():
         lines.append(f"  where {_PLACEHOLDER} is the robot that the study is about")
     for heading, key in (("What no excitation gives:", "by_hand"), ("The study itself asked for:", "said_by_study")):

@@ -4,6 +4,7 @@ import shutil
 
 import pytest
 
+from sim_backend.reality_gap.excite.answer import read_study
 from sim_backend.reality_gap.study import run_study
 from sim_backend.reality_gap.verdict import VerdictKind
 from tests.unit.sim_backend.reality_gap.synthetic_arm import MODEL, STUDY, motion, write_csv
@@ -18,6 +19,8 @@ def test_a_study_with_its_own_extended_model_finds_nothing_wrong(tmp_path):
     shutil.copy(MODEL, tmp_path / "model.xml")
     first = run_study(tmp_path / "study.toml", tmp_path / "first").verdict
     assert first.verdict is VerdictKind.NAMED
+    told = read_study(tmp_path / "first").model
+    assert told is not None and told.is_file(), "for whoever records the next motion of this arm"
     assert {(c.effect, c.where): c.value for c in first.causes} == {
         ("coulomb_friction", "joint1"): pytest.approx(0.2, rel=0.05),
         ("coulomb_friction", "joint2"): pytest.approx(0.1, rel=0.05),
