@@ -100,9 +100,13 @@ def _stated_normaliser(tensors: Mapping[str, Array], manifest: PolicyManifest, t
 def _numbers(text: str, given: list[str], scaling: InputScaling) -> tuple[float, float | None]:
     """Epsilon and clip; where they are not given those of the manifest."""
     try:
-        epsilon, clip = (*map(float, given), *(scaling.epsilon, scaling.clip)[len(given) :])
+        numbers = [float(each) for each in given]
     except ValueError:
-        raise UsageProblem(f"--normaliser {text!r}: after the two names come numbers, at most epsilon and clip") from None
+        numbers = None
+    if numbers is None or len(numbers) > 2:
+        raise UsageProblem(f"--normaliser {text!r}: after the two names come numbers, at most epsilon and clip")
+    epsilon = numbers[0] if numbers else scaling.epsilon
+    clip = numbers[1] if len(numbers) > 1 else scaling.clip
     if not (np.isfinite(epsilon) and epsilon >= 0.0 and (clip is None or (np.isfinite(clip) and clip > 0.0))):
         raise UsageProblem(f"--normaliser {text!r}: epsilon must be at least 0 and clip above 0; leave the clip out for none")
     return max(epsilon, TINY), clip

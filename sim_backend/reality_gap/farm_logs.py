@@ -38,7 +38,7 @@ def find_logs(folder: Path) -> FarmLogs:
     trials = tuple(path for path, header in headers.items() if header.get("task") and not header.get("excitation"))
     judged = tuple(path for path in files if path not in trials)
     if not judged:
-        many = f"the {len(trials)} logs are of trials" if len(trials) > 1 else f"{trials[0].name} is the log of a trial"
+        many = f"the {len(trials)} logs are of trials" if len(trials) > 1 else f"{files[0].name} is the log of a trial"
         raise RecordingError(
             f"{many}, in which fingers may touch the cube and the table; joints are judged in the air alone: record excitations "
             "with 'trifarm identify --robot ROBOT --to DIR' and study DIR, with these trials as --trials"

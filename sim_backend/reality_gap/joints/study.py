@@ -287,4 +287,4 @@ def _check_length(recordings: Sequence[Recording]) -> None:
 def _is_known(recording: Recording) -> np.ndarray:
     """Samples in which every joint's position was measured, shape (s,)."""
     assert recording.joints is not None
-    return ~np.isnan(recording.joints.position_rad).any(axis=1)
+    return np.isfinite(recording.joints.position_rad.sum(axis=1))
