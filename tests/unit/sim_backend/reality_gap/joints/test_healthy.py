@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim_backend.reality_gap.joints.calibration import GATE_FACTOR, GATE_MARGIN, LEAST_GATE, summarise_alone
+from sim_backend.reality_gap.joints.calibration import ALONE_RULE, summarise_alone
 from sim_backend.reality_gap.joints.healthy import calibration
 
 STANDARD, RAMPS, CHIRPS = (calibration((name,)) for name in ("standard", "slow_ramps", "chirps"))
@@ -31,6 +31,7 @@ def test_gates_lie_beyond_the_largest_gain_of_any_session():
     made = summarise_alone({"gates": {"backlash": 7.0, "gravity": 6.0}, "alone": {"chirps": {}}}, lines)["alone"]
     assert set(made) == {"chirps", "slow_ramps", "hold_poses"}
     ramps = made["slow_ramps"]
-    assert ramps["gates"] == {"backlash": GATE_FACTOR * 30.0 + GATE_MARGIN, "gravity": 6.0, "cogging": LEAST_GATE}
-    assert (ramps["left_nats"], ramps["sessions"], ramps["seeds"]) == (GATE_FACTOR * 50.0 + GATE_MARGIN, 2, [1])
-    assert made["hold_poses"]["gates"]["backlash"] == 7.0
+    least, factor, margin = ALONE_RULE
+    assert ramps["gates"] == {"backlash": factor * 30.0 + margin, "gravity": 6.0, "cogging": least}
+    assert (ramps["left_nats"], ramps["sessions"], ramps["seeds"]) == (factor * 50.0 + margin, 2, [1])
+    assert made["hold_poses"]["gates"]["backlash"] == factor * 3.0 + margin
