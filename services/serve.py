@@ -6,7 +6,7 @@ import os
 import socket
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager, nullcontext
+from contextlib import asynccontextmanager, contextmanager
 from importlib.metadata import version
 from pathlib import Path
 
@@ -27,7 +27,7 @@ from services.dispatcher.dispatcher import Dispatcher, Metrics
 from services.errors import NotReady, ServiceError
 from services.files.homes import open_home
 from services.files.store import FileStore
-from services.folder_lock import held_alone
+from services.folder_lock import held
 from services.jobs import lease, robots
 from services.jobs.clock import FarmClock
 from services.jobs.fleet import Fleet
@@ -128,13 +128,13 @@ async def open_farm(settings: Settings) -> AsyncIterator[Farm]:
     """Opens database and files, brings them up to date, and makes the first tokens.
 
     Raises:
-        NotReady: another process serves from the same folder, or the database cannot be used.
+        NotReady: the folder or the database cannot be used.
     """
     settings.data.mkdir(parents=True, exist_ok=True)
     url = address(settings.truth_url)
-    alone = held_alone(settings.data) if url.startswith("sqlite") else nullcontext()
-    async with alone, _opened(settings, url) as farm:
-        yield farm
+    with held(settings.data):
+        async with _opened(settings, url) as farm:
+            yield farm
 
 
 @asynccontextmanager
