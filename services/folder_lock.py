@@ -17,10 +17,10 @@ def held(data: Path) -> Iterator[None]:
     """Hold the folder, with others that do; the lock goes with the process, however it ends.
 
     Raises:
-        NotReady: the lock is another user's.
+        NotReady: the lock's file cannot be opened.
     """
     with _opened(data / LOCK) as lock:
-        _locked(lock.fileno(), fcntl.LOCK_SH)
+        _locked(lock.fileno(), fcntl.LOCK_SH)  # waits for whoever looks at the very moment whether it is held
         yield
 
 
@@ -28,7 +28,7 @@ def is_held(path: Path) -> bool:
     """Whether a living process holds this lock."""
     try:
         with path.open("r") as lock:
-            return not _locked(lock.fileno(), fcntl.LOCK_EX)
+            return not _locked(lock.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
     except (FileNotFoundError, PermissionError):
         return False
 
@@ -37,13 +37,13 @@ def _opened(path: Path) -> TextIO:
     try:
         return path.open("a+")
     except OSError as error:
-        raise NotReady(f"{path} cannot be opened ({error.strerror}); it belongs to whoever served this folder before") from error
+        raise NotReady(f"{path} cannot be opened: {error.strerror}") from error
 
 
 def _locked(descriptor: int, how: int) -> bool:
     """Takes a lock if it is free, or there are none on this file system; it goes when the file is closed."""
     try:
-        fcntl.flock(descriptor, how | fcntl.LOCK_NB)
+        fcntl.flock(descriptor, how)
     except BlockingIOError:
         return False
     except OSError as error:

@@ -30,7 +30,7 @@ from sim_backend.reality_gap.verdict import VerdictKind
 from sim_backend.trifinger.scene import compile_scene
 
 LIMITS_FILE = Path(__file__).with_name("detection_limits.json")
-SEEDS_USED = "5001, 5002, 88001, 88002"
+SEEDS_USED = "5001, 5002, 88001, 88002; with other excitations than 'standard' 41 and 42, too"
 _TOGETHER = 4
 _LEFT_OUT_TOGETHER = {effect: ("table_tilt", "gravity") for effect in ("table_tilt", "gravity")}
 """A tilt of the table is a turn of gravity: without the one, the other is the right name."""
