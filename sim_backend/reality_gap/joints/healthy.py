@@ -20,7 +20,7 @@ class Calibration:
         tolerances: standard deviation of each number that a healthy robot does not have, by parameter and shape.
         largest_gains: of healthy sessions, one each, nats, sorted.
         gates: gain that a cause of each effect must have, nats, by effect.
-        left_nats: what functions of one variable, or values that no robot has, must gain beyond healthy sessions; 0 if not measured.
+        left_nats: what functions of one variable, or values that no robot has, must gain to be no chance; 0 if not measured.
     """
 
     tolerances: Mapping[str, Sequence[float]]
