@@ -54,7 +54,13 @@ async def put_policy(digest: Digest, request: Request, response: Response, calle
     return await _take(digest, request, response, caller, farm)
 
 
-@router.post("", response_model=Policy, status_code=201, responses={200: {"model": Policy}}, openapi_extra=_FORM)
+@router.post(
+    "",
+    response_model=Policy,
+    status_code=201,
+    responses={200: {"model": Policy}, **refusals(422)},
+    openapi_extra=_FORM,
+)
 async def post_policy(request: Request, response: Response, caller: Submitter, farm: TheFarm) -> Policy:
     """Takes weights and a manifest as PUT does, without their digest, which the answer has."""
     return await _take(None, request, response, caller, farm)

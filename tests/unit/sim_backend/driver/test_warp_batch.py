@@ -151,7 +151,7 @@ def test_a_simulation_with_more_contacts_than_there_is_room_for_is_marked(monkey
 
 def test_without_the_extra_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco_warp", None)
-    with pytest.raises(BackendError, match=r"not installed \(.*warp.*\): pip install 'trifarm\[gpu\]'"):
+    with pytest.raises(BackendError, match=r"not installed \(.*warp.*\): pip install -e '\.\[gpu\]'"):
         driver("warp")
 
 
