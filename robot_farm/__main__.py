@@ -23,7 +23,7 @@ def main() -> int:
         os.environ.setdefault(name, "1")  # before numpy is imported: many robots share few cores
     os.umask(0o077)  # whatever robots write, unfinished truth among it, is theirs alone
     from robot_farm.farm_seed import FARM_SEED_VARIABLE
-    from robot_farm.settings import parse
+    from robot_farm.settings import NOT_TAKEN, parse
 
     settings = parse(sys.argv[1:])
     if settings.farm_seed is not None:
@@ -52,7 +52,7 @@ def main() -> int:
         robot.live_until(stop)
     except NotAdmittedError as error:
         say(f"{settings.robot}: the farm does not take it: {error}")
-        return 1
+        return NOT_TAKEN
     say(f"{settings.robot}: ended")
     return 0
 

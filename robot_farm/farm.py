@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from robot_farm.api_link import ApiUnreachableError, LeaseRefusedError, NotAdmittedError, own_token
 from robot_farm.places import held_names
-from robot_farm.settings import TOKEN_VARIABLE, Settings
+from robot_farm.settings import NOT_TAKEN, TOKEN_VARIABLE, Settings
 from sim_backend.driver.compilation import is_kept
 
 LOOK_EVERY_S = 0.1
@@ -70,9 +70,13 @@ def _warm_up(stop: threading.Event, say: Callable[[str], None]) -> None:
 def _look_after(place: _Place, settings: Settings, arguments: list[str], say: Callable[[str], None]) -> None:
     now_s = time.monotonic()
     if place.process is not None and place.process.poll() is not None:
-        say(f"{place.name} (pid {place.process.pid}) ended with {_how(place.process.returncode)}; it is started again")
         place.deaths = 1 if now_s - place.started_at_s > GOOD_SERVICE_S else place.deaths + 1
-        place.start_at_s = now_s + RESTART_PAUSE_S[min(place.deaths, len(RESTART_PAUSE_S)) - 1]
+        pause_s = RESTART_PAUSE_S[min(place.deaths, len(RESTART_PAUSE_S)) - 1]
+        if place.process.returncode == NOT_TAKEN and place.deaths > 1:  # once, its token may be one that the farm has forgotten
+            pause_s = REFUSED_AGAIN_S
+        again = f"it is started again in {pause_s:g} s"
+        say(f"{place.name} (pid {place.process.pid}) ended with {_how(place.process.returncode)}; {again}")
+        place.start_at_s = now_s + pause_s
         place.process = None
     if place.process is None and now_s >= place.start_at_s:
         # Asked for at each start, though it is always the same one: the farm may have forgotten it and makes it anew then.

@@ -14,6 +14,8 @@ from robot_farm.faults import FORM, Fault, parse_fault
 from sim_backend.effects.ranges import load_ranges
 
 TOKEN_VARIABLE = "TRIFARM_ROBOT_TOKEN"  # noqa: S105 - the name of a variable, not a secret
+NOT_TAKEN = 77
+"""Exit code of a robot that the farm does not take (``EX_NOPERM`` of ``sysexits.h``)."""
 CA_VARIABLE = "TRIFARM_CA"
 ALIVE_VARIABLE = "TRIFARM_ALIVE_FILE"
 JAIL_LEVEL_VARIABLE = "TRIFARM_JAIL_LEVEL"

@@ -1,10 +1,12 @@
 """Whoever looks after several robots starts those anew that end, each with its own token."""
 
+from itertools import pairwise
+
 import pytest
 
 from robot_farm import farm
 from robot_farm.api_link import ApiUnreachableError, NotAdmittedError
-from robot_farm.settings import TOKEN_VARIABLE, parse
+from robot_farm.settings import NOT_TAKEN, TOKEN_VARIABLE, parse
 
 
 @pytest.fixture
@@ -34,6 +36,33 @@ def test_a_robot_whose_token_the_farm_has_forgotten_is_started_with_one_that_it_
     for _ in known:
         farm._look_after(place, settings, [], lambda _: None)
     assert shown == known
+
+
+@pytest.mark.parametrize(
+    ("returncode", "pauses_s"), [(NOT_TAKEN, (0.2, 60.0, 60.0)), (1, (0.2, 1.0, 5.0)), (-9, (0.2, 1.0, 5.0))]
+)
+def test_a_robot_that_the_farm_does_not_take_is_started_again_once_and_then_rarely(returncode, pauses_s, settings, monkeypatch):
+    now_s, starts_s, said = [1000.0], [], []
+
+    class Ended:
+        pid = 1
+
+        def __init__(self, _command, env):
+            self.returncode = returncode
+            starts_s.append(now_s[0])
+
+        def poll(self):
+            return self.returncode
+
+    monkeypatch.setattr(farm, "own_token", lambda *_, **__: "token")
+    monkeypatch.setattr(farm.subprocess, "Popen", Ended)
+    monkeypatch.setattr(farm.time, "monotonic", lambda: now_s[0])
+    place = farm._Place("robot-0")
+    while len(starts_s) < 4:
+        farm._look_after(place, settings, [], said.append)
+        now_s[0] += 0.05
+    assert [later - earlier for earlier, later in pairwise(starts_s)] == pytest.approx(pauses_s, abs=0.15)
+    assert len(said) == 3
 
 
 @pytest.mark.parametrize(
