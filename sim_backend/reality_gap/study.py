@@ -28,7 +28,7 @@ from sim_backend.reality_gap.joints.calibrating import METHODS, calibrate
 from sim_backend.reality_gap.joints.gain import held_out, held_out_of_hits
 from sim_backend.reality_gap.joints.judged import not_judged
 from sim_backend.reality_gap.joints.sections import joint_sections
-from sim_backend.reality_gap.joints.study import JointStudy, ShowsNothingError, study_joints
+from sim_backend.reality_gap.joints.study import LIMIT, JointStudy, ShowsNothingError, study_joints
 from sim_backend.reality_gap.joints.verdict import judge
 from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.report.report import write_html
@@ -221,7 +221,7 @@ def not_identifiable(error: ShowsNothingError, is_trifinger: bool) -> Verdict:
 
 
 def _nominal(material: Material, recordings: Sequence[Recording]) -> Mapping[str, np.ndarray]:
-    """Values to start from that a study file states for joints' effects."""
+    """Values to start from that a study file states for joints' effects; NaN for the limits of motors that it does not name."""
     if material.study_file is None:
         return {}
     names, found = recordings[0].joints.names if recordings[0].joints is not None else (), {}
@@ -229,7 +229,8 @@ def _nominal(material: Material, recordings: Sequence[Recording]) -> Mapping[str
         parameter = PARAMETERS[key]
         if parameter.scope is Scope.JOINT:
             by_joint = value if isinstance(value, Mapping) else dict.fromkeys(names, value)
-            found[key] = np.array([float(by_joint.get(name, parameter.absent)) for name in names])  # pyright: ignore[reportArgumentType]
+            absent = np.nan if key == LIMIT else parameter.absent  # a TriFinger's limit is no other robot's
+            found[key] = np.array([float(by_joint.get(name, absent)) for name in names])  # pyright: ignore[reportArgumentType]
         else:
             found[key] = np.atleast_1d(np.asarray(value, dtype=float))
     return found

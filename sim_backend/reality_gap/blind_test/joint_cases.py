@@ -142,7 +142,7 @@ def physics_of(case: Case) -> Physics:
     if case.effect == "joint_stiffness":
         changes["joint_stiffness.reference_rad"] = rng.uniform(-2.0, 0.5)
     if case.effect == "thermal_derating":
-        changes |= {"thermal_derating.rise_k_nm2": 2000.0, "thermal_derating.time_constant_s": rng.uniform(4.0, 20.0)}
+        changes["thermal_derating.time_constant_s"] = rng.uniform(4.0, 20.0)
     return healthy.changed(changes)
 
 

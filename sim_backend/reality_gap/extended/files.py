@@ -38,12 +38,21 @@ def write_models(verdict: Verdict, title: str, data: Sequence[Path], out: Path, 
         write_mjcf(spec, out / "extended-model.xml", found.estimate)
         return [out / "extended-model.toml", out / "extended-model.xml"]
     spec, missing = extend_mjcf(mujoco.MjSpec.from_file(str(model)), verdict.causes)
-    write_mjcf(spec, out / "extended-model.xml")
+    write_mjcf(_finding_its_files(spec, model), out / "extended-model.xml")
     written.append(out / "extended-model.xml")
     if missing:
         (out / "extended-model-missing.txt").write_text("\n".join(missing) + "\n")
         written.append(out / "extended-model-missing.txt")
     return written
+
+
+def _finding_its_files(spec: mujoco.MjSpec, model: Path) -> mujoco.MjSpec:
+    """The same with whole paths to its meshes and textures, which MuJoCo looks for beside the file that names them."""
+    if not (spec.meshes or spec.textures or spec.hfields or spec.skins):
+        return spec
+    found, folder = spec.copy(), model.resolve().parent
+    found.meshdir, found.texturedir = str(folder / spec.meshdir), str(folder / spec.texturedir)
+    return found
 
 
 def _writable(causes: Sequence[Cause]) -> list[Cause]:

@@ -103,12 +103,16 @@ def _value(section: Section, key: str, value: Any, joints: Sequence[str]) -> Nom
         if parameter.scope not in {Scope.VECTOR, Scope.CAMERA} or len(value) != parameter.width:
             raise section.refusal(f"{key} is a list of {len(value)}; give {_form(parameter)}")
         return tuple(_signed(section, key, number, parameter) for number in value)
+    if parameter.scope is Scope.VECTOR:
+        raise section.refusal(f"{key} is one number; give {_form(parameter)}")
     return _signed(section, key, value, parameter)
 
 
 def _form(parameter: Parameter) -> str:
     if parameter.scope is Scope.JOINT:
         return "a number, or a table with one for each joint"
+    if parameter.scope is Scope.VECTOR:
+        return f"a list of {parameter.width}"
     return "a number" if parameter.width == 1 else f"a number or a list of {parameter.width}"
 
 

@@ -12,8 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.physics import Physics
+from sim_backend.reality_gap.joints.fitted_values import LOSS, RISE
 from sim_backend.reality_gap.joints.flexible import patterns
+from sim_backend.reality_gap.joints.hypotheses import FITTED_RISE_K_NM2
 from sim_backend.reality_gap.joints.sessions import EVERYTHING, IN_THE_AIR, healthy_physics, simulated_recordings
 from sim_backend.reality_gap.joints.study import study_joints
 from sim_backend.reality_gap.joints.verdict import strongest_left
@@ -154,12 +157,17 @@ def _in_order(label: str) -> tuple[str, list[float]]:
 
 
 def detection_limits(null_lines: list[dict]) -> dict[str, float]:
-    """The deviation that a test told of effect and place finds at level 1 % in half of the sessions, by parameter."""
+    """The deviation that a test told of effect and place finds at level 1 % in half of the sessions, by parameter.
+
+    That of a loss through heat is told for the temperature that the catalogue's motors reach.
+    """
     limits: dict[str, float] = {}
     for label in null_lines[0]["values"]:
         rows = [np.hypot.reduce(np.atleast_1d(v)) for line in null_lines for v in line["values"].get(label, [])]
         key = label.partition("|")[0]
         limits[key] = max(limits.get(key, 0.0), float(np.quantile(np.abs(rows), 0.99)))
+    if LOSS in limits:
+        limits[LOSS] *= FITTED_RISE_K_NM2 / PARAMETERS[RISE].absent
     return limits
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
+from sim_backend.reality_gap.joints.fitted_values import FittedValue, fitted_values
 from sim_backend.reality_gap.joints.hypotheses import SCALES
 from sim_backend.reality_gap.joints.look import Accepted
 from sim_backend.reality_gap.joints.study import JointStudy
@@ -14,6 +15,7 @@ from sim_backend.reality_gap.joints.value_errors import is_telling, usual_error
 from sim_backend.reality_gap.verdict import Cause
 
 Z_90 = 1.6448536269514722
+WIDTH_OF_JOINTS, WIDTH_OF_AXES = 9, 3
 _SYSTEMATIC = 2.0
 _SYSTEMATIC_SHARE = 0.1
 """Intervals are wider than the noise alone makes them, by a factor and by a share of the deviation: laws are not exact."""
@@ -26,23 +28,28 @@ def causes_of(study: JointStudy, accepted: Accepted) -> list[Cause]:
     values are usually off there.
     """
     errors, found, seen = study.fit.errors[(accepted.effect, accepted.where)], [], set()
-    for term, error in zip(accepted.terms, errors, strict=True):
-        parameter = PARAMETERS[term.key]
-        if (term.key, term.index) in seen:
+    for fitted in fitted_values(study.start, study.fit.state, accepted.terms, errors):
+        parameter = PARAMETERS[fitted.key]
+        if (fitted.key, fitted.index) in seen:
             continue
-        seen.add((term.key, term.index))
-        value = float(study.fit.state.value(term.key)[term.index])
-        deviation = value - study.problem_start(term.key, term.index)
-        half = float(np.hypot(Z_90 * _SYSTEMATIC * error, _SYSTEMATIC_SHARE * deviation))
-        where = accepted.where
-        if parameter.width == 9:
-            where = study.problem.names[term.index]
-        elif parameter.width == 3:
-            where = "xyz"[term.index]
-        interval = (value - half, value + half)
-        found.append(Cause(accepted.effect, parameter.name, where, value, parameter.unit, interval))
+        seen.add((fitted.key, fitted.index))
+        value, deviation = fitted.value, fitted.value - study.problem_start(fitted.key, fitted.index)
+        share = 0.0 if fitted.error == 0.0 else _SYSTEMATIC_SHARE  # a number that goes with another one, and was not estimated
+        half = float(np.hypot(Z_90 * _SYSTEMATIC * fitted.error, share * deviation))
+        where = place_of(study.problem.names, fitted, accepted.where)
+        found.append(Cause(accepted.effect, parameter.name, where, value, parameter.unit, (value - half, value + half)))
     kept = _that_matter(study, accepted, found)
-    return [_widened(cause) for cause in kept] if study.is_of_many else kept
+    if not study.is_of_many:
+        return kept
+    widened = [_widened(cause) for cause in kept]
+    clear = {cause.where for cause in widened if f"{cause.effect}.{cause.parameter}" in SCALES and is_clear(study, cause)}
+    return [cause for cause in widened if f"{cause.effect}.{cause.parameter}" in SCALES or cause.where in clear]
+
+
+def place_of(names: Sequence[str], fitted: FittedValue, where: str) -> str:
+    """Name of the place that a number belongs to: its joint, its axis, or that of the hypothesis."""
+    width = PARAMETERS[fitted.key].width
+    return names[fitted.index] if width == WIDTH_OF_JOINTS else "xyz"[fitted.index] if width == WIDTH_OF_AXES else where
 
 
 def _widened(cause: Cause) -> Cause:

@@ -30,6 +30,11 @@ _PRESSING_NM = 0.05
 _SOFT_END_RAD = 2e-3
 """Ends give way: where a joint is held is not known better than this."""
 _JUMP_RAD = 2e-3
+_STALL_SAMPLES = 3
+_ODD_AMONG_UNKNOWN = 5.0
+"""Where nobody knows the sensors: joints may have other encoders and gears than their neighbours."""
+_WHITE = 2.0
+"""Noise is as large at half the rate; what smooth motion leaves of fourth differences is 16 times larger there."""
 
 
 @dataclass(frozen=True)
@@ -49,21 +54,32 @@ class Finding:
     sample: int = 0
 
 
-def noise_findings(episodes: list[EpisodeEquations]) -> list[Finding]:
-    """Noise of positions, velocities and torques, and steps of encoders, beyond what is healthy or what other joints have."""
+def noise_findings(episodes: list[EpisodeEquations], *, are_sensors_known: bool = True) -> list[Finding]:
+    """Noise of positions and velocities, and steps of encoders, beyond what is healthy or what other joints have.
+
+    Of sensors that nobody knows only a single joint's can be odd: beyond what a TriFinger's have, and far beyond its neighbours'.
+    """
     found: list[Finding] = []
+    odd = _odd if are_sensors_known else _odd_among_unknown
+    noise = white_noise if are_sensors_known else _noise_that_is_white
     paths, joints = [episode.path for episode in episodes], [episode.path.joints for episode in episodes]
     steps = np.median([path.by_own_samples(encoder_step, path.joints.position_rad) for path in paths], axis=0)
-    found += _odd("encoder_quantisation", "step_rad", steps, HEALTHY_STEP_RAD, 0.02)
-    position = np.median([path.by_own_samples(white_noise, path.joints.position_rad) for path in paths], axis=0)
+    found += odd("encoder_quantisation", "step_rad", steps, HEALTHY_STEP_RAD, 0.02)
+    position = np.median([path.by_own_samples(noise, path.joints.position_rad) for path in paths], axis=0)
     position = np.sqrt(np.maximum(position**2 - steps**2 / 12.0, 0.0))
     if not any(f.effect == "encoder_quantisation" for f in found):
-        found += _odd("joint_noise", "position_rad", position, HEALTHY_NOISE["position_rad"], 0.05)
+        found += odd("joint_noise", "position_rad", position, HEALTHY_NOISE["position_rad"], 0.05)
     if all(j.velocity_rad_s is not None for j in joints):
         reported = [(path, v) for path in paths if (v := path.joints.velocity_rad_s) is not None]
-        velocity = np.median([path.by_own_samples(white_noise, v) for path, v in reported], axis=0)
-        found += _odd("joint_noise", "velocity_rad_s", velocity, HEALTHY_NOISE["velocity_rad_s"], 0.08)
+        velocity = np.median([path.by_own_samples(noise, v) for path, v in reported], axis=0)
+        found += odd("joint_noise", "velocity_rad_s", velocity, HEALTHY_NOISE["velocity_rad_s"], 0.08)
     return found
+
+
+def _noise_that_is_white(series: np.ndarray) -> np.ndarray:
+    """White noise of each column, 0 where motion between few samples looks like it, shape (k,)."""
+    level = white_noise(series)
+    return np.where(white_noise(series[::2]) < _WHITE * level, level, 0.0)
 
 
 def torque_noise_findings(
@@ -125,6 +141,11 @@ def _odd(effect: str, parameter: str, levels: np.ndarray, healthy: float, relati
         value = float(np.median(levels))
         return [finding(None, value, value / healthy)]
     return found
+
+
+def _odd_among_unknown(effect: str, parameter: str, levels: np.ndarray, healthy: float, relative_error: float) -> list[Finding]:
+    odd = _odd(effect, parameter, levels, healthy, relative_error)
+    return [f for f in odd if f.joint is not None and f.value > healthy and f.excess > _ODD_AMONG_UNKNOWN]
 
 
 def encoder_step(position_rad: np.ndarray) -> np.ndarray:
@@ -218,10 +239,20 @@ def _jump(episodes: list[EpisodeEquations], joint: int) -> list[Finding]:
         at = int(np.argmax(odd[5:-5])) + 5
         before, after = moves[at - 3 : at], moves[at + 1 : at + 4]
         size = float(moves[at] - np.median(np.concatenate([before, after])))
-        if abs(size) > max(_JUMP_RAD, 12.0 * usual) and max(np.ptp(before), np.ptp(after)) < 0.3 * abs(size):
+        is_clear = abs(size) > max(_JUMP_RAD, 12.0 * usual) and max(np.ptp(before), np.ptp(after)) < 0.3 * abs(size)
+        if is_clear and not _catches_up(moves, at):
             interval = (size - 2 * usual, size + 2 * usual)
             return [Finding("encoder_jump", "offset_rad", joint, size, interval, abs(size) / _JUMP_RAD, index, at + 1)]
     return []
+
+
+def _catches_up(moves: np.ndarray, at: int) -> bool:
+    """Whether positions that were repeated for some samples come after the motion that went on, which is no jump."""
+    stall = 0
+    while stall < at and moves[at - 1 - stall] == 0.0:
+        stall += 1
+    missed = stall * float(np.mean(moves[at + 1 : at + 1 + max(_STALL_SAMPLES, stall)]))
+    return stall >= _STALL_SAMPLES and 0.5 * abs(moves[at]) < missed * np.sign(moves[at])
 
 
 def _near_gap(position_rad: np.ndarray) -> np.ndarray:

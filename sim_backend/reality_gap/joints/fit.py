@@ -91,7 +91,7 @@ def select(
         if is_new:
             accepted = [a for a in accepted if not _contains(best.hypothesis, a)]
             own = refining_terms(look.catalogue, best.hypothesis)
-            accepted.append(Accepted(best.hypothesis.effect, best.hypothesis.where, own, best.gain))
+            accepted.append(Accepted(best.hypothesis.effect, best.hypothesis.where, own, best.gain, len(looks) - 1))
         else:  # a number that is in the model already, with all joints: it was far from where its law is straight
             again.add(best.hypothesis.name)
         for _ in range(_REFINEMENTS):

@@ -63,6 +63,8 @@ _SHAPES_OF_MANY = {"thermal_derating.loss_per_k": ("thermal_derating.time_consta
 """A motor that warms over minutes looks like a torque constant, unless others pin that down."""
 ONLY_SHAPES = ("stribeck_friction.speed_rad_s", "thermal_derating.time_constant_s")
 """These have a prior for when their effect is in the model; alone they are nothing."""
+FITTED_RISE_K_NM2 = 2000.0
+"""Only the product of this and the loss shows in motion; it is told for the catalogue's own (:mod:`.fitted_values`)."""
 _PAIRED = ("cogging.amplitude_nm", "joint_stiffness.stiffness_nm_rad")
 """Their shapes span a plane: two images together stand for any phase, or any place of rest."""
 SCALES_OF_EVERYTHING = ("torque_constant", "link_mass")
@@ -201,7 +203,7 @@ def _members(
         shape, values = shapes[key]
         if key in _PAIRED:
             return [[Term(key, index, scale / 100, ((shape, value),)) for value in values[:: max(1, len(values) - 1)][:2]]]
-        extra = (("thermal_derating.rise_k_nm2", 2000.0),) if key.startswith("thermal") else ()
+        extra = (("thermal_derating.rise_k_nm2", FITTED_RISE_K_NM2),) if key.startswith("thermal") else ()
         return [[Term(key, index, scale / 100, ((shape, value), *extra))] for value in values]
     by = size_factor(key, state.size)
     return [[Term(key, index, by * probe)] for probe in _PROBES.get(key, (scale / by / 100,))]

@@ -54,12 +54,13 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Accepted:
-    """An effect at a place that the model has now: its terms, and how much it gained when it was taken."""
+    """An effect at a place that the model has now: its terms, what it gained when it was taken, and at which look that was."""
 
     effect: str
     where: str
     terms: tuple[Term, ...]
     gain: float
+    look: int = 0
 
 
 @dataclass(frozen=True)

@@ -101,8 +101,8 @@ def _either(same: Sequence[Misreading]) -> Misreading:
 
 
 def _is_far_better(found: Misreading, told: np.ndarray, limit: np.ndarray) -> bool:
-    own = list(found.joints)
-    others = np.delete(found.after_nm / told, own)
+    own = [j for j in found.joints if np.isfinite(told[j])]
+    others = np.delete(found.after_nm / told, found.joints)
     return bool(own) and bool(np.all(found.after_nm[own] <= limit[own])) and not bool(np.any(others > 1.0 / FALLS_TO))
 
 

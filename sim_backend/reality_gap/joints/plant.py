@@ -55,6 +55,8 @@ class Plant:
         self.groups = _groups(self._model.dof_treeid[self._v])
         """Joints of different trees, which do not feel each other and may be probed together."""
         self._tree = self._model.dof_treeid[self._v]
+        self.resting = _resting(self._model, joints)
+        """Joints of the same trees that were not recorded, taken to rest where the model has them at first."""
         self.own_values = {key: getattr(model, name)[self._v].copy() for key, name in _OWN.items()}
         """What the model itself says of its joints that are effects' values, too, by "effect.parameter", shape (k,)."""
 
@@ -138,6 +140,13 @@ def _rigid_with(model: mujoco.MjModel, body: int) -> list[int]:
         if model.body_parentid[other] in found and model.body_jntnum[other] == 0:
             found.append(other)
     return found
+
+
+def _resting(model: mujoco.MjModel, joints: Sequence[int]) -> tuple[str, ...]:
+    """Joints that were not recorded, but hang together with those that were."""
+    trees = {int(model.dof_treeid[model.jnt_dofadr[j]]) for j in joints}
+    others = [j for j in range(model.njnt) if j not in joints and int(model.dof_treeid[model.jnt_dofadr[j]]) in trees]
+    return tuple(model.joint(j).name or f"joint {j}" for j in others)
 
 
 def _groups(trees: np.ndarray) -> list[list[int]]:

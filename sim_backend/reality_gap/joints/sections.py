@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.reality_gap.joints.causes import Z_90, place_of
 from sim_backend.reality_gap.joints.equations import EpisodeEquations
+from sim_backend.reality_gap.joints.fitted_values import fitted_values
 from sim_backend.reality_gap.joints.flexible import Pattern, heat, since_reversal_s
 from sim_backend.reality_gap.joints.gain import held_out_errors
 from sim_backend.reality_gap.joints.residual_network import network_error_nm
@@ -185,19 +187,19 @@ def _profiles(study: JointStudy) -> list[dict[str, Any]]:
     """Log likelihood over each accepted number, as the linearised equations at the final model have it."""
     found = []
     for a in study.fit.accepted:
-        for term, error in zip(a.terms, study.fit.errors[(a.effect, a.where)], strict=True):
-            if a.effect == "cogging" or term.key not in PARAMETERS or error <= 0.0:
+        for fitted in fitted_values(study.start, study.fit.state, a.terms, study.fit.errors[(a.effect, a.where)]):
+            if fitted.key not in PARAMETERS or fitted.error <= 0.0:
                 continue
-            value = float(study.fit.state.value(term.key)[term.index])
+            value, error, parameter = fitted.value, fitted.error, PARAMETERS[fitted.key]
             grid = np.linspace(-4.0, 4.0, 17)
-            where = study.problem.names[term.index] if PARAMETERS[term.key].width == 9 else a.where
+            where = place_of(study.problem.names, fitted, a.where)
             found.append(
                 {
-                    "label": f"{a.effect} {PARAMETERS[term.key].name}, {where}",
-                    "unit": PARAMETERS[term.key].unit,
+                    "label": f"{a.effect} {parameter.name}, {where}",
+                    "unit": parameter.unit,
                     "value": (value + grid * error).tolist(),
                     "log_likelihood": (-0.5 * grid**2).tolist(),
-                    "interval_90": [value - 1.645 * float(error), value + 1.645 * float(error)],
+                    "interval_90": [value - Z_90 * error, value + Z_90 * error],
                 }
             )
     return found[:12]

@@ -31,6 +31,7 @@ from sim_backend.reality_gap.outliers import PEAK, usual_peak_nm
 from sim_backend.reality_gap.recording import JointSignals, Recording, RecordingError
 from sim_backend.trifinger import constants as c
 
+LIMIT = "torque_saturation.limit_nm"
 FOREIGN_CUTOFF_HZ = 12.0
 """Where nobody knows what a motor board does, torques are compared below this frequency only."""
 LEAST_REDUCTION = 0.02
@@ -138,12 +139,11 @@ def study_joints(
     rattling = rattling_joints(episodes, nominal_state) if is_trifinger else []
     loose = {each.joint for each in rattling}  # a rotor's hit is no jump of its encoder
     faults = [fault for fault in fault_findings(episodes, size=None if is_trifinger else size) if fault.joint not in loose]
+    for index, corrected in _without_jumps(recordings, faults).items():
+        reported = recordings[index].joints
+        episodes[index] = _equations(plant, corrected, index, is_trifinger=is_trifinger, reported=reported)
     for fault in faults:
-        if fault.effect == "encoder_jump":
-            corrected = _without_jump(recordings[fault.episode], fault)
-            reported = recordings[fault.episode].joints
-            episodes[fault.episode] = _equations(plant, corrected, fault.episode, is_trifinger=is_trifinger, reported=reported)
-        elif fault.joint is not None:
+        if fault.effect != "encoder_jump" and fault.joint is not None:
             for episode in episodes:
                 episode.ignore_joint(fault.joint)
     _check_motion(episodes)
@@ -153,18 +153,20 @@ def study_joints(
     for each in rattling:
         for episode, apart in zip(episodes, each.apart, strict=True):
             episode.ignore_rattling(each.joint, apart)
-    for end in end_findings(episodes, nominal_state):
+    for end in end_findings(episodes, nominal_state) if is_trifinger else ():
         for episode in episodes:
             episode.keep_off(end.joint or 0, 1 if end.parameter == "upper_rad" else 0, end.value)
     problem = JointProblem(episodes, names, has_pipeline=is_trifinger, excluded=excluded, tolerances=known.tolerances)
     used_gate = gate if gate is not None else _FOREIGN_GATE
     gates = known.gates if gate is None else {}
-    felt = noise_of_motors(problem, nominal_state)
+    felt = noise_of_motors(problem, nominal_state) if is_trifinger else []
     confirms = functools.partial(may_follow if is_trifinger else is_worth_it, problem)
     fit = select(problem, nominal_state, used_gate, progress, confirms=confirms, plain_values=not is_trifinger, gates=gates)
     last = fit.last
-    checks = [*noise_findings(episodes), *end_findings(episodes, fit.state)]
-    checks += felt or torque_noise_findings(episodes, fit.state, last.sensed_share, last.sensed_error)
+    checks = noise_findings(episodes, are_sensors_known=is_trifinger)
+    if is_trifinger:  # what presses where, and what motors make of torques, nobody knows of another robot
+        checks += end_findings(episodes, fit.state)
+        checks += felt or torque_noise_findings(episodes, fit.state, last.sensed_share, last.sensed_error)
     found = [*faults, *(each.finding for each in rattling), *checks]
     return JointStudy(
         problem,
@@ -203,10 +205,11 @@ def starting_values(plant: Plant, limit_nm: float, nominal: Mapping[str, np.ndar
     Args:
         plant: of the nominal model, whose dry friction, damping and armature count.
         limit_nm: torque that no motor gave more of.
-        nominal: by parameter, shape (k,), (1,) or (3,).
+        nominal: by parameter, shape (k,), (1,) or (3,); NaN for a motor whose limit is not stated.
     """
     own = {key: values + nominal.get(key, 0.0) for key, values in plant.own_values.items() if values.any()}
-    return {"torque_saturation.limit_nm": np.full(plant.joints, limit_nm), **nominal, **own}
+    limits = nominal.get(LIMIT, np.full(plant.joints, np.nan))
+    return {**nominal, **own, LIMIT: np.where(np.isnan(limits), limit_nm, limits)}
 
 
 def noise_of_motors(problem: JointProblem, state: JointState) -> list[Finding]:
@@ -225,12 +228,18 @@ def noise_of_motors(problem: JointProblem, state: JointState) -> list[Finding]:
     return felt
 
 
-def _without_jump(recording: Recording, jump: Finding) -> Recording:
-    """The recording as its encoder would have reported it without losing counts."""
-    assert recording.joints is not None and jump.joint is not None
-    position = recording.joints.position_rad.copy()
-    position[jump.sample :, jump.joint] -= jump.value
-    return replace(recording, joints=replace(recording.joints, position_rad=position))
+def _without_jumps(recordings: Sequence[Recording], faults: Sequence[Finding]) -> dict[int, Recording]:
+    """Recordings as their encoders would have reported them without losing counts, by index; only those with jumps."""
+    corrected: dict[int, Recording] = {}
+    for jump in faults:
+        if jump.effect != "encoder_jump":
+            continue
+        recording = corrected.get(jump.episode, recordings[jump.episode])
+        assert recording.joints is not None and jump.joint is not None
+        position = recording.joints.position_rad.copy()
+        position[jump.sample :, jump.joint] -= jump.value
+        corrected[jump.episode] = replace(recording, joints=replace(recording.joints, position_rad=position))
+    return corrected
 
 
 def may_follow(problem: JointProblem, before: Look, after: Look) -> bool:

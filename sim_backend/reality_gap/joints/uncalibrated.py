@@ -67,6 +67,19 @@ def agreement_of(study: JointStudy) -> Agreement:
     return Agreement(study.is_judged, before, after, np.hypot(floor, LEAST_TORQUE_SHARE * problem.torque_rms_nm))
 
 
+def unknown_of(study: JointStudy) -> list[str]:
+    """What no recording of a robot tells whose sensors, motors and other joints nobody knows."""
+    episodes = study.problem.episodes
+    said = ["anything about ends of joints and noise of torques: what is usual for this robot is not known"]
+    if any(e.path.joints.measured_torque_nm is not None and e.path.joints.commanded_torque_nm is not None for e in episodes):
+        said.append(
+            "what motors make of the commanded torque (delay, limit, constant): the mechanics is compared with the measured"
+        )
+    if resting := episodes[0].plant.resting:
+        said.append(f"anything about {listed(resting)}: not recorded, and taken to rest where the model has it at first")
+    return said
+
+
 def reconsidered(study: JointStudy, verdict: Verdict) -> Verdict:
     """A verdict as it stands when what is left of the error is looked at, with what it cannot tell of the joints."""
     agreement, names = agreement_of(study), study.problem.names
@@ -79,6 +92,7 @@ def reconsidered(study: JointStudy, verdict: Verdict) -> Verdict:
     if agreement.was_far.any() and (said := _misread(study, agreement, verdict.causes)) is not None:
         return replace(
             _unexplained(verdict, f"The model agrees far better with the data if {said[0]}."),
+            causes=(),  # whatever was fitted took over a part of it
             follows=(said[0], *verdict.follows),
             record_next=(f"nothing yet: check {said[1]} in study.toml and in whatever wrote the data",),
         )

@@ -6,16 +6,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.joints.causes import Z_90, causes_of, is_clear
+from sim_backend.reality_gap.joints.causes import Z_90, causes_of, is_clear, place_of
 from sim_backend.reality_gap.joints.checks import Finding, place
 from sim_backend.reality_gap.joints.equations import Channel
 from sim_backend.reality_gap.joints.evidence import WHOLE_EPISODES
+from sim_backend.reality_gap.joints.fitted_values import fitted_values
 from sim_backend.reality_gap.joints.flexible import Pattern, lasting, patterns
 from sim_backend.reality_gap.joints.gain import errors_of, held_out_errors
-from sim_backend.reality_gap.joints.hypotheses import SCALES_OF_EVERYTHING
-from sim_backend.reality_gap.joints.look import Accepted, Candidate
+from sim_backend.reality_gap.joints.hypotheses import ALL_JOINTS, SCALES_OF_EVERYTHING
+from sim_backend.reality_gap.joints.look import Accepted, Candidate, Look
+from sim_backend.reality_gap.joints.moves import moved
 from sim_backend.reality_gap.joints.study import JointStudy
-from sim_backend.reality_gap.joints.uncalibrated import ALMOST, reconsidered
+from sim_backend.reality_gap.joints.uncalibrated import ALMOST, reconsidered, unknown_of
 from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
 
 CONFUSABLE_NATS = 5.0
@@ -78,7 +80,7 @@ def judge(study: JointStudy) -> JointVerdict:
     findings = [f for f in study.findings if not (f.effect == "joint_noise" and f.joint in acting)]  # the joint shakes
     causes += [_found(f, names) for f in findings if _is_shown(f, study)]
     left = patterns(study.problem.episodes, fit.last, study.start.size)
-    rivals = [rival for i, a in enumerate(fit.accepted) if (rival := _rival(study, i, a)) is not None]
+    rivals = [rival for a in fit.accepted if (rival := _rival(study, a)) is not None]
     kind, summary = _kind(study, causes, left, rivals)
     closest = min(rivals, key=lambda r: r[0].behind)[0] if rivals else None
     confusable = kind is VerdictKind.CONFUSABLE
@@ -208,16 +210,19 @@ def _is_shown(finding: Finding, study: JointStudy) -> bool:
     return not any(a.where.startswith(same) for a in study.fit.accepted)
 
 
-def _rival(study: JointStudy, index: int, accepted: Accepted) -> tuple[Rival, list[Cause]] | None:
-    """The best other hypothesis where a cause was taken, with what it would have said."""
-    look = study.fit.looks[index]
+def _rival(study: JointStudy, accepted: Accepted) -> tuple[Rival, list[Cause]] | None:
+    """The best other hypothesis where a cause was taken, with what it would have said.
+
+    All joints together are no rival of a single one, since they contain what it is.
+    """
+    look, is_single = study.fit.looks[accepted.look], accepted.where != ALL_JOINTS
     taken = next((c for c in look.candidates if c.hypothesis.name == (accepted.effect, accepted.where)), None)
     if taken is None:
         return None
     later = {(a.effect, a.where) for a in study.fit.accepted} | (set() if study.is_calibrated else study.fit.refused)
     for candidate in look.candidates:
         h = candidate.hypothesis
-        if not candidate.allowed or h.name in later or h.effect == accepted.effect or h.where.startswith("all"):
+        if not candidate.allowed or h.name in later or h.effect == accepted.effect or (is_single and h.where == ALL_JOINTS):
             continue
         if candidate.gain > taken.gain and not study.is_calibrated:
             continue  # passed over when the cause was taken, so that it is no tie
@@ -235,16 +240,14 @@ def _rival(study: JointStudy, index: int, accepted: Accepted) -> tuple[Rival, li
     return None
 
 
-def _rival_causes(look, candidate: Candidate, study: JointStudy) -> list[Cause]:
+def _rival_causes(look: Look, candidate: Candidate, study: JointStudy) -> list[Cause]:
+    terms = tuple(look.catalogue.terms[index] for index in candidate.hypothesis.terms)
     found = []
-    for index, value, error in zip(candidate.hypothesis.terms, candidate.values, candidate.errors, strict=True):
-        term = look.catalogue.terms[index]
-        parameter, here = PARAMETERS[term.key], study.problem_start(term.key, term.index)
-        where = study.problem.names[term.index] if parameter.width == 9 else candidate.hypothesis.where
-        middle, half = here + float(value), Z_90 * float(error)
-        found.append(
-            Cause(candidate.hypothesis.effect, parameter.name, where, middle, parameter.unit, (middle - half, middle + half))
-        )
+    for fitted in fitted_values(study.start, moved(look.state, terms, candidate.values), terms, candidate.errors):
+        parameter, half = PARAMETERS[fitted.key], Z_90 * fitted.error
+        where = place_of(study.problem.names, fitted, candidate.hypothesis.where)
+        interval = (fitted.value - half, fitted.value + half)
+        found.append(Cause(candidate.hypothesis.effect, parameter.name, where, fitted.value, parameter.unit, interval))
     return found
 
 
@@ -267,7 +270,7 @@ def _cannot_tell(study: JointStudy, causes: Sequence[Cause]) -> list[str]:
         said.append(f"anything else about {', '.join(unjudged)}: what was found there left no rows of its mechanics to judge")
     if all(e.path.joints.measured_torque_nm is None for e in study.problem.episodes):
         said.append("whether torque is lost before or after the motor's current: no measured torque")
-    return said
+    return said if study.is_calibrated else [*said, *unknown_of(study)]
 
 
 def _record_next(study: JointStudy, kind: VerdictKind, closest: Rival | None) -> list[str]:

@@ -136,7 +136,9 @@ def _evidence(spec, recordings, nominal: Mapping[str, float], threads: int) -> t
         if key in start:
             lower, upper = bounds_of(key)
             if not lower <= value <= upper:
-                raise ValueError(f"nominal {key} is {value:g}; it must be between {lower:g} and {upper:g} {PARAMETERS[key].unit}")
+                raise RecordingError(
+                    f"[nominal]: {key} is {value:g}; it must be between {lower:g} and {upper:g} {PARAMETERS[key].unit}"
+                )
             start[key] = float(value)
     replayer = Replayer(spec, geometry, replay_step_s(tosses), threads)
     evidence = evidence_of(replayer, tosses, start)

@@ -74,6 +74,7 @@ REFUSED = {
     "a value that is none": (nominal('"table_friction.coefficient" = "rough"'), ["must be a number"]),
     "joints of a camera": (nominal('"table_friction.coefficient" = { shoulder = 1.0 }'), ["give a number"]),
     "an unknown joint's value": (nominal('"coulomb_friction.torque_nm" = { elbow = 1.0 }'), ["'elbow'", "shoulder, slider"]),
+    "one number for an axis each": (nominal('"gravity.offset_m_s2" = 0.1'), ["is one number", "a list of 3"]),
     "a list for joints": (nominal('"coulomb_friction.torque_nm" = [0.1, 0.2]'), ["table with one for each joint"]),
     "targets alone": (STUDY.replace('position = "q"', 'position = "q"\nposition_target = "q"'), ["[controller]"]),
     "another controller": (STUDY + CONTROLLER.replace("pd", "pid"), ["kind is 'pid'"]),

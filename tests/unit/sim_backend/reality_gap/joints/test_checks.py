@@ -50,6 +50,25 @@ def test_a_noisy_encoder_is_odd_among_others_and_all_are_beyond_what_is_healthy(
     assert found[0].value == pytest.approx(3e-3, rel=0.05)
 
 
+def test_of_sensors_that_nobody_knows_only_a_single_joint_can_be_odd(motion):
+    def found(sigma):
+        return names(noise_findings([episode(motion[0] + noise(motion, np.array(sigma)), motion[1])], are_sensors_known=False))
+
+    assert found([0.0, 4e-4, 0.0]) == [], "another encoder than its neighbours'"
+    assert found([3e-3, 3e-3, 3e-3]) == [], "as all of this robot's may be"
+    assert found([0.0, 3e-3, 0.0]) == [("joint_noise", "position_rad", 1)]
+
+
+def test_motion_between_few_samples_is_no_noise():
+    time_s = np.arange(0.0, 20.0, 0.05)
+    quick = np.stack([0.5 * np.sin(2 * np.pi * hz * time_s) for hz in (0.5, 0.5, 2.0)], axis=1)
+    samples = np.linspace(0.0, len(time_s) - 1.0, 20_000)
+    held = np.stack([np.interp(samples, np.arange(len(time_s)), column) for column in quick.T], axis=1)
+    slow = episode(held, np.zeros_like(held), position_step_s=np.full(3, 0.05))
+    assert names(noise_findings([slow])) == [("joint_noise", "position_rad", 2)]
+    assert noise_findings([slow], are_sensors_known=False) == []
+
+
 def test_joints_that_are_recorded_slower_are_not_quieter(motion):
     position, samples = motion[0].copy(), np.arange(len(motion[0]))
     for joint in (1, 2):
@@ -104,6 +123,18 @@ def test_a_spike_is_no_jump(motion):
     spiked = motion[0].copy()
     spiked[2500, 1] += 0.02
     assert fault_findings([episode(spiked, motion[1])]) == []
+
+
+@pytest.mark.parametrize("repeated", (3, 8))
+def test_positions_that_catch_up_after_repeated_ones_are_no_jump(motion, repeated):
+    stale = motion[0].copy()
+    at = int(np.argmax(np.abs(np.gradient(stale[1000:3000, 1])))) + 1000
+    stale[at : at + repeated + 1, 1] = stale[at, 1]
+    missed = stale[at + repeated + 1, 1] - stale[at, 1]
+    assert abs(missed) > 2.5e-3, "as large as a jump"
+    assert fault_findings([episode(stale, motion[1])]) == []
+    stale[at + repeated + 1 :, 1] += 4.0 * missed
+    assert names(fault_findings([episode(stale, motion[1])])) == [("encoder_jump", "offset_rad", 1)]
 
 
 def test_a_joint_that_is_pushed_and_does_not_move_is_stuck(motion):

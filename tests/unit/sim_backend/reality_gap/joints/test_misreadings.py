@@ -35,6 +35,7 @@ def test_what_was_misread_is_said_and_no_cause_is_named(name):
         recordings.append(recording(*told(position, torque + friction(velocity, FRICTION_NM)), seed))
     verdict = verdict_of(recordings)
     assert verdict.verdict is VerdictKind.UNEXPLAINED
+    assert verdict.causes == ()
     assert said in verdict.follows[0].split(", or ")
     assert said in verdict.summary
     assert verdict.record_next[0].startswith("nothing yet: check ")

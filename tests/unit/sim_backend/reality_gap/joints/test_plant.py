@@ -117,6 +117,18 @@ def test_friction_damping_and_armature_of_the_model_are_values_that_a_study_star
     assert start["viscous_friction.damping_nm_s_rad"] == pytest.approx([0.05, 0.05])
 
 
+def test_a_motor_whose_limit_nobody_states_has_that_of_the_data():
+    plant = Plant(joints_model(), NAMES)
+    stated = {"torque_saturation.limit_nm": np.array([np.nan, 2.0, np.nan])}
+    assert starting_values(plant, 5.0, stated)["torque_saturation.limit_nm"].tolist() == [5.0, 2.0, 5.0]
+    assert starting_values(plant, 5.0, {})["torque_saturation.limit_nm"].tolist() == [5.0, 5.0, 5.0]
+
+
+def test_joints_that_hang_together_with_recorded_ones_are_known_to_rest():
+    assert Plant(compile_scene(), c.JOINT_NAMES[1:2]).resting == (c.JOINT_NAMES[0], c.JOINT_NAMES[2])
+    assert Plant(compile_scene(), c.JOINT_NAMES).resting == ()
+
+
 def test_a_model_that_says_what_the_joints_have_leaves_no_error():
     model = joints_model(frictionloss=(0.02, 0.02, 0.02))
     model.dof_damping[:], model.dof_armature[:] = 0.05, 1e-3

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from sim_backend.reality_gap.joints.study import study_joints
 from sim_backend.reality_gap.joints.uncalibrated import Agreement
 from sim_backend.reality_gap.joints.verdict import judge
 from sim_backend.reality_gap.verdict import VerdictKind, names_of
 from tests.unit.sim_backend.reality_gap.joints.inverse_arm import (
+    arm,
     friction,
     motion,
     recorded,
@@ -116,3 +118,19 @@ def test_what_one_recording_alone_shows_is_not_held_out():
     assert study.fit.accepted == ()
     assert ("coulomb_friction", "elbow") in study.fit.refused
     assert judge(study).verdict.verdict is VerdictKind.UNEXPLAINED
+
+
+def test_what_only_a_known_robot_shows_is_never_named():
+    """Ends of joints, noise of torques and other encoders: what is usual for anybody's robot is not known."""
+    position = motion(5, seconds=8.0)
+    torque, velocity = torques_nm(position)
+    late = np.roll(torque, 1, axis=0) + 0.05 * np.random.default_rng(1).standard_normal(torque.shape)
+    encoder = np.round(position / [4e-4, 1e-4]) * [4e-4, 1e-4]
+    made = recording(encoder, torque + friction(velocity, (0.2, 0.2)), 1, commanded_torque_nm=late)
+    model = arm()
+    model.jnt_limited[:] = True
+    model.jnt_range[:] = np.stack([[-3.0, -3.0], np.max(position, axis=0) + 0.15], axis=1)  # where the motion turns short of
+    verdict = judge(study_joints(model, [made], lambda *_: None, is_trifinger=False)).verdict
+    assert names_of(verdict.causes) == {("coulomb_friction", "shoulder"), ("coulomb_friction", "elbow")}
+    assert any("ends of joints and noise of torques" in sentence for sentence in verdict.cannot_tell)
+    assert any("commanded torque" in sentence for sentence in verdict.cannot_tell)
