@@ -1,5 +1,6 @@
 """Tables and numbers of the pages, as Markdown lines."""
 
+import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from api_schemas.success_rate import wilson
@@ -20,6 +21,8 @@ def shown(contrast: Contrast, found: Difference) -> str:
     said = f"{found.estimate:{digits}} ({found.low:{digits}} to {found.high:{digits}})".replace("inf", "∞")
     runs = THESE_ONLY.get(found.runs, f"{found.runs} runs")
     match contrast.measure:
+        case Measure.SAMPLES_TO if math.isinf(found.low) and math.isinf(found.high):
+            return f"no estimate, {runs} each"
         case Measure.SAMPLES_TO:
             return f"{said}, {_times(found.estimate)} times fewer, {runs} each"
         case Measure.KNOWN:
@@ -118,14 +121,21 @@ def arrivals(found: Findings) -> Iterator[str]:
     if not found.experiment.curves or not any(each.contrast.measure is Measure.SAMPLES_TO for each in found.judged):
         return
     reaches = f"{100 * found.experiment.reaches:g} %"
-    yield f"| cell | seed | samples to {reaches}, demonstrations counted | not there yet after |"
-    yield "|---|---|---|---|"
+    heads = (f"samples to {reaches}, demonstrations counted", "not there yet after", "success at the end, nominal robots")
+    yield f"| cell | seed | {' | '.join(heads)} |"
+    yield "|---|---|---|---|---|"
     if not found.arrivals:
-        yield f"| all | | {NOT_RUN} | |"
+        yield f"| all | | {NOT_RUN} | | |"
     for cell, runs in found.arrivals.items():
+        ends = {seed: _last(run["evaluations"]) for seed, run in found.runs.get(cell) or ()}
         for seed, each in runs:
-            yield f"| `{cell}` | {seed} | {_arrived(each)} | {_not_yet(each)} |"
+            yield f"| `{cell}` | {seed} | {_arrived(each)} | {_not_yet(each)} | {ends[seed]} |"
     yield ""
+
+
+def _last(evaluations: Sequence[Mapping]) -> str:
+    last = max((each for each in evaluations if each["physics"] == "nominal"), key=lambda each: each["samples"])
+    return f"{last['success_rate']:.0%} of {last['trials']}"
 
 
 def _arrived(each: Arrival) -> str:

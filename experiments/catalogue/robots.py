@@ -65,7 +65,7 @@ RANDOMIZATION = Experiment(
     question="Does training on robots that differ help on robots of a farm that differ, and what does it cost on nominal ones?",
     claims=(
         Claim(
-            "without randomisation policies hardly transfer to the physical robot",
+            "without randomisation fewer goals on the physical robot, hardly any",
             f"{DACTYL}, table 4",
             "goals in a row on the physical hand: median 13 (18.8 ± 17.1) with all randomisations, 0 (1.1 ± 1.9) with none; "
             "10 trials each",
@@ -80,7 +80,9 @@ RANDOMIZATION = Experiment(
     ),
     limits="Both cells go on, for 1.2 million samples, from the same 4 million on nominal robots, with actor and critic. That "
     "start is one training, of seed 1: the three seeds are three continuations of one training, and how much trainings "
-    "differ from the first sample on is not in the intervals. "
+    "differ from the first sample on is not in the intervals. What is judged is that there are fewer goals without; hardly any, "
+    "as on the paper's hand, they are not: the table has both rates. (e) asks the same of seed 1 on other goals, and is not "
+    "counted. "
     "The farm's robots come from the same ranges as the training's (other seeds), which no real laboratory could know.",
     cells=(
         Cell("nominal", "goes on with nominal robots", SEEDS, _practised("nominal"), label="trained on\nnominal robots"),
@@ -111,6 +113,8 @@ def _against_all(group: str) -> str:
     return f"all against all but {group}"
 
 
+_WITHOUT_SENSING = "all but sensing against all"
+"""The claim is that little is lost, so that the difference is the other way round."""
 _MEDIAN = "goals in a row on the physical hand: median {:g} of 13 with all; 10 trials"
 
 
@@ -136,7 +140,7 @@ ABLATION = Experiment(
             "without noise of the observation little is lost to a motion capture system",
             f"{DACTYL}, table 4",
             _MEDIAN.format(8.5),
-            (_against_all("sensing"),),
+            (_WITHOUT_SENSING,),
         ),
         Claim("without any", f"{DACTYL}, table 4", _MEDIAN.format(0), ("all against none",)),
     ),
@@ -144,14 +148,20 @@ ABLATION = Experiment(
     "what a contrast says holds for these policies, and is no statement about other seeds. The groups are ours and are not "
     "cut as the paper's: of its effects that the simulator does not model, backlash and noise of the action are among our "
     "joints, and lost reports of the tracker are in our sensing. All against none asks again what (b) asks, of two of its "
-    "policies on other goals.",
+    "policies on other goals. That little is lost without noise of the observation was judged as a gain of the noise at first, "
+    "and is judged as a loss since 23 November 2026, after the trials.",
     cells=(
         Cell("all", "robots of `real`", (1,), runs_of="randomization", runs_of_cell="randomized", label="all"),
         *(_left_out(group) for group in GROUPS),
         Cell("none", "nominal robots", (1,), runs_of="randomization", runs_of_cell="nominal", label="none"),
     ),
     contrasts=(
-        *(Contrast(_against_all(group), Measure.SUCCESS, f"without-{group}", "all", 0.15) for group in GROUPS),
+        *(
+            Contrast(_against_all(group), Measure.SUCCESS, f"without-{group}", "all", 0.15)
+            for group in GROUPS
+            if group != "sensing"
+        ),
+        Contrast(_WITHOUT_SENSING, Measure.SUCCESS, "all", "without-sensing", 0.15, loss=True),
         Contrast("all against none", Measure.SUCCESS, "none", "all", 0.15, repeats="(b), seed 1"),
     ),
     trials=FarmTrials("push", seed=35_000, blocks=24, block=5),

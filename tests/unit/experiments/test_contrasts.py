@@ -119,8 +119,8 @@ def test_demonstrated_samples_count_in_what_demonstrations_save(tmp_path):
     assert difference(of_100).low == pytest.approx(math.log2(600_000 / 275_000))
     assert between.contrast.ours and between.verdict is Verdict.NOT_FOUND
     page = experiment_page(found, figure=True)
-    assert "| `demonstrations-25` | 1 | 18,750 | there at the first evaluation |" in page
-    assert "| `demonstrations-100` | 3 | 275,000 | 175,000 |" in page
+    assert "| `demonstrations-25` | 1 | 18,750 | there at the first evaluation | 90% of 64 |" in page
+    assert "| `demonstrations-100` | 3 | 275,000 | 175,000 | 90% of 64 |" in page
     assert "times fewer, 3 runs each" in page
     of_first = {"cell": "demonstrations-0", "seed": 1, "success_rate": 0.8, "after": 600_000, "by": 1_200_000}
     assert document(found)["samples_to"][0] == of_first
@@ -133,7 +133,17 @@ def test_a_run_that_never_arrives_leaves_the_saving_open_above(tmp_path):
     assert of_25.note == "3 of 3 runs of demonstrations-0 never arrived"
     assert of_100.verdict is Verdict.UNDECIDED and difference(of_100).low == -math.inf
     assert between.verdict is Verdict.NOT_FOUND
-    assert "to +∞)" in experiment_page(found, figure=True)
+    page = experiment_page(found, figure=True)
+    assert "to +∞)" in page
+    assert page.count("| no estimate, 3 runs each |") == 1
+
+
+def test_runs_that_never_arrive_on_either_side_tell_no_saving(tmp_path):
+    found = keep_demonstrations(tmp_path, {1_200_000: 0.5}, {1_200_000: 0.7}, {1_200_000: 0.7})
+    assert all(each.verdict is Verdict.UNDECIDED for each in found.judged)
+    page = experiment_page(found, figure=True)
+    assert page.count("| no estimate, 3 runs each |") == 3
+    assert "times fewer" not in page
     assert document(found)["contrasts"][0]["found"]["high"] is None
     assert document(found)["samples_to"][0]["by"] is None
 
