@@ -57,7 +57,9 @@ class Settings(BaseSettings):
     sweep_every_s: float = Field(default=0.5, gt=0, description="the safety net under the events that wake the dispatcher")
     max_weights_bytes: int = Field(default=MAX_WEIGHTS_BYTES, gt=0)
     max_queued_jobs_per_user: int = Field(default=200, ge=1, description="jobs of one user that have not ended")
-    max_policy_bytes_per_user: int = Field(default=10 * 1024**3, gt=0, description="weights of one user's policies together")
+    max_policy_bytes_per_user: int = Field(
+        default=10 * 1024**3, gt=0, description="one user's policies together, weights and graphs"
+    )
     requests_per_s: float = Field(default=100.0, ge=0, description="of one token, ten seconds' worth at once; 0: no limit")
     robot_requests_per_s: float = Field(default=1000.0, ge=0, description="the same for the token of a robot")
     anonymous_requests_per_s: float = Field(default=10.0, ge=0, description="of one address without a token that is known good")

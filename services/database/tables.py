@@ -62,6 +62,8 @@ policy = Table(
     Column("weights_sha256", String(64), nullable=False),
     Column("weights_bytes", BigInteger, nullable=False),
     Column("graph_sha256", String(64), nullable=False),
+    # 0 for those that came before graphs were counted.
+    Column("graph_bytes", BigInteger, nullable=False, default=0),
     Column("manifest", Text, nullable=False),
     Column("warnings", Text, nullable=False),
     Column("owner", String(64), nullable=False),

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from api_schemas.jail.level import JailLevel
+from api_schemas.policy import MAX_WEIGHTS_BYTES
 from services.child import ChildKilledError, Ended, run_module
 from services.errors import Refused, Unavailable
 from services.policies.conversion import DRY_RUN_CPU_S
@@ -30,6 +31,7 @@ async def convert(
     deadline_s: float,
     least: JailLevel = JailLevel.NONE,
     *,
+    limit_bytes: int = MAX_WEIGHTS_BYTES,
     filename: str | None = None,
 ) -> Converted:
     """Converts in a jailed child process, which gets the folder of ``out`` for its own.
@@ -40,13 +42,14 @@ async def convert(
         out: where the graph is written.
         deadline_s: how long it may take.
         least: the level that the jail must reach.
+        limit_bytes: the most that weights may have; a graph may have about twice as many.
         filename: what the weights' owner calls them; without it the path's name.
 
     Raises:
         Refused: the policy cannot be converted.
         Unavailable: the jail does not reach the level ``least``.
     """
-    files = (str(weights), str(manifest), out.name, least.value)
+    files = (str(weights), str(manifest), out.name, least.value, str(limit_bytes))
     try:
         ended = await run_module("services.policies.conversion", *files, folder=out.parent, deadline_s=deadline_s)
     except ChildKilledError as error:

@@ -1,8 +1,9 @@
-"""The child process that converts a policy: ``python -m services.policies.conversion WEIGHTS MANIFEST OUT.onnx LEVEL``.
+"""The child process that converts: ``python -m services.policies.conversion WEIGHTS MANIFEST OUT.onnx LEVEL LIMIT_BYTES``.
 
-``OUT.onnx`` lies in the working folder, the only one that it sees from its jail; it refuses a jail below ``LEVEL``. It prints one
-line of JSON when the graph is written and one more after the dry run. The kernel ends it when it computes for too long; the
-parent then goes by the lines that it has.
+``OUT.onnx`` lies in the working folder, the only one that it sees from its jail; it refuses a jail below ``LEVEL``, and a graph
+of more than about twice ``LIMIT_BYTES``, which is the most that weights may have. It prints one line of JSON when the graph is
+written and one more after the dry run. The kernel ends it when it computes for too long; the parent then goes by the lines that
+it has.
 """
 
 import json
@@ -14,17 +15,23 @@ from pathlib import Path
 from api_schemas.jail.entering import enter
 from api_schemas.jail.level import JailLevel, too_open
 from api_schemas.jail.needs import Needs
-from api_schemas.policy import MAX_WEIGHTS_BYTES
 
 CPU_LIMIT_S = 5
 MEMORY_LIMIT_BYTES = 1024**3
-FILE_LIMIT_BYTES = 512 * 1024**2
 DRY_RUN_CPU_S = 2.0
-ARCHIVE_LIMIT_BYTES = MAX_WEIGHTS_BYTES
+GRAPH_TIMES = 2
+"""How many times the limit of weights a graph may have: numbers of 16 bits become 32."""
+SPARE_BYTES = 64 * 1024
+"""For what a graph has beside its numbers."""
 
 
-def confine(least: JailLevel) -> str | None:
-    """Limits this process and closes its jail before it parses anything that a user sent.
+def graph_limit_bytes(limit_bytes: int) -> int:
+    """The most that a graph may have where weights may have ``limit_bytes``."""
+    return GRAPH_TIMES * limit_bytes + SPARE_BYTES
+
+
+def confine(least: JailLevel, file_bytes: int) -> str | None:
+    """Limits this process and closes its jail before it parses anything that a user sent; it writes no file over ``file_bytes``.
 
     Returns:
         Why this jail is not closed enough, None if it is.
@@ -32,11 +39,11 @@ def confine(least: JailLevel) -> str | None:
     # What is still held open from the parent beyond the standard three is none of the child's business.
     os.closerange(3, 1024)
     folder = Path.cwd()
-    needs = Needs(MEMORY_LIMIT_BYTES, CPU_LIMIT_S, FILE_LIMIT_BYTES, installation=True, folder=folder)
+    needs = Needs(MEMORY_LIMIT_BYTES, CPU_LIMIT_S, file_bytes, installation=True, folder=folder)
     return too_open(enter(needs), least)
 
 
-def convert(weights: bytes, kind: str, manifest_text: str, out: Path) -> None:
+def convert(weights: bytes, kind: str, manifest_text: str, out: Path, limit_bytes: int) -> None:
     """Writes the graph; prints what became of it.
 
     Args:
@@ -44,25 +51,27 @@ def convert(weights: bytes, kind: str, manifest_text: str, out: Path) -> None:
         kind: the end of its name, with the dot.
         manifest_text: as JSON.
         out: the file to write.
+        limit_bytes: the most that weights may have.
 
     Raises:
-        UnfitError: weights and manifest do not make a policy.
+        UnfitError: weights and manifest do not make a policy, or one that is too large.
     """
     # Imported under the limits, because the parsers are what the limits are for.
     import safetensors.numpy
 
     from api_schemas.policy import PolicyManifest
     from services.policies import dry_run, graph, sb3_network, uploaded
+    from services.policies.unfit import graph_too_large
 
     manifest = PolicyManifest.model_validate_json(manifest_text)
     if kind == ".onnx":
         model = graph.around(uploaded.parse(weights, manifest), manifest)
     elif kind == ".zip":
-        # What lies within an archive that was deflated is checked here for the first time, against the file's own size at least.
-        limit_bytes = max(len(weights), ARCHIVE_LIMIT_BYTES)
         model = graph.around(sb3_network.read_archive(memoryview(weights), limit_bytes, manifest), manifest)
     else:
         model = graph.from_tensors(safetensors.numpy.load(weights), manifest)
+    if (size := model.ByteSize()) > graph_limit_bytes(limit_bytes):
+        raise graph_too_large(size, graph_limit_bytes(limit_bytes))
     out.write_bytes(model.SerializeToString())
     session = dry_run.load(out)
     _say(converted=True)
@@ -77,13 +86,14 @@ def main() -> None:
     """Converts as the command line says; every refusal is a line, every other failure an exit status."""
     weights, manifest, out = (Path(argument) for argument in sys.argv[1:4])
     content, manifest_text = weights.read_bytes(), manifest.read_text()
-    if (reason := confine(JailLevel(sys.argv[4]))) is not None:
+    limit_bytes = int(sys.argv[5])
+    if (reason := confine(JailLevel(sys.argv[4]), graph_limit_bytes(limit_bytes))) is not None:
         _say(too_open=reason)
         return
     from services.policies.unfit import UnfitError
 
     try:
-        convert(content, weights.suffix, manifest_text, out)
+        convert(content, weights.suffix, manifest_text, out, limit_bytes)
     except UnfitError as error:
         _say(problem={"why": error.why, "part": error.part, "instead": error.instead, "slug": error.slug, "pack": error.pack})
     except (ImportError, PermissionError) as error:  # the jail is too narrow for the farm's own code

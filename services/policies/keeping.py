@@ -91,11 +91,10 @@ class Policies:
             mine, known = [await owners.find(connection, actual, owner) for owner in (upload.owner, None)]
         if mine is not None:
             return show(mine), False
-        with self._coming(upload) as coming_bytes:
-            async with self._database.read() as connection:
-                await owners.check_room(connection, upload.owner, coming_bytes, upload.share_bytes)
+        with self._coming(upload.owner, upload.weights.stat().st_size) as coming_bytes:
+            await self._check_room(upload, coming_bytes)
             if known is not None:
-                return await self._own(upload, now_iso)
+                return await self._own(upload, known.graph_bytes, now_iso)
             return await self._keep(upload, now_iso)
 
     async def take_builtin(self, name: str, owner: str, now_iso: str) -> tuple[Policy, bool]:
@@ -109,7 +108,7 @@ class Policies:
             async with self._database.read() as connection:
                 known = await owners.find(connection, upload.digest, None)
             if known is not None:
-                return await self._own(upload, now_iso)
+                return await self._own(upload, known.graph_bytes, now_iso)
             stored = await self._files.put_file(path, durable=True)
             return await self._insert(upload, stored, stored, (), now_iso)
 
@@ -127,39 +126,44 @@ class Policies:
             raise Conflict("policy-in-use", f"A job of the policy {digest} has just come in; it is kept.") from error
 
     @contextmanager
-    def _coming(self, upload: Upload) -> Iterator[int]:
-        """What comes in for an owner at this moment, this upload among it: all of it must find room, or nothing is converted."""
-        size = upload.weights.stat().st_size
-        self._coming_bytes[upload.owner] += size
+    def _coming(self, owner: str, size: int) -> Iterator[int]:
+        """What comes in for an owner at this moment, ``size`` among it: all of it must find room, or no more is done for it."""
+        self._coming_bytes[owner] += size
         try:
-            yield self._coming_bytes[upload.owner]
+            yield self._coming_bytes[owner]
         finally:
-            self._coming_bytes[upload.owner] -= size
+            self._coming_bytes[owner] -= size
             self._coming_bytes += Counter()  # forgets those of whom nothing comes any more
+
+    async def _check_room(self, upload: Upload, coming_bytes: int) -> None:
+        async with self._database.read() as connection:
+            await owners.check_room(connection, upload.owner, coming_bytes, upload.share_bytes)
 
     async def _keep(self, upload: Upload, now_iso: str) -> tuple[Policy, bool]:
         limit_bytes, kind = self._settings.max_weights_bytes, WeightsFormat(upload.kind)
         await asyncio.to_thread(intake.check_weights, upload.weights, kind, limit_bytes, upload.filename)
-        graph, warnings = await self._convert(upload)
-        # Only now, so that weights which were refused leave nothing behind.
-        weights = await self._files.put_file(upload.weights, durable=True)
-        return await self._insert(upload, weights, graph, warnings, now_iso)
+        with tempfile.TemporaryDirectory(prefix="trifarm-conversion-") as name:
+            converted = await self._convert(upload, Path(name))
+            with self._coming(upload.owner, converted.graph.stat().st_size) as coming_bytes:
+                await self._check_room(upload, coming_bytes)
+                # Only now, so that weights which were refused leave nothing behind.
+                graph = await self._files.put_file(converted.graph, durable=True)
+                weights = await self._files.put_file(upload.weights, durable=True)
+                return await self._insert(upload, weights, graph, converted.warnings, now_iso)
 
-    async def _convert(self, upload: Upload) -> tuple[Stored, tuple[str, ...]]:
+    async def _convert(self, upload: Upload, folder: Path) -> child.Converted:
+        manifest = folder / "manifest.json"
+        manifest.write_text(canonical_json(upload.manifest))
         async with self._converting:
-            with tempfile.TemporaryDirectory(prefix="trifarm-conversion-") as name:
-                folder, deadline_s = Path(name), self._settings.conversion_deadline_s
-                manifest = folder / "manifest.json"
-                manifest.write_text(canonical_json(upload.manifest))
-                converted = await child.convert(
-                    upload.weights,
-                    manifest,
-                    folder / "policy.onnx",
-                    deadline_s,
-                    self._settings.jail_level,
-                    filename=upload.filename,
-                )
-                return await self._files.put_file(converted.graph, durable=True), converted.warnings
+            return await child.convert(
+                upload.weights,
+                manifest,
+                folder / "policy.onnx",
+                self._settings.conversion_deadline_s,
+                self._settings.jail_level,
+                limit_bytes=self._settings.max_weights_bytes,
+                filename=upload.filename,
+            )
 
     async def _insert(
         self, upload: Upload, weights: Stored, graph: Stored, warnings: tuple[str, ...], now_iso: str
@@ -171,6 +175,7 @@ class Policies:
             weights_sha256=weights.sha256,
             weights_bytes=weights.size,
             graph_sha256=graph.sha256,
+            graph_bytes=graph.size,
             manifest=canonical_json(upload.manifest),
             warnings=json.dumps(warnings),
             owner=upload.owner,
@@ -179,19 +184,19 @@ class Policies:
         try:
             async with self._database.write() as tx:
                 await owners.hold(tx, upload.owner)
-                await owners.check_room(tx, upload.owner, weights.size, upload.share_bytes)
+                await owners.check_room(tx, upload.owner, weights.size + graph.size, upload.share_bytes)
                 await tx.execute(row)
                 await owners.own(tx, upload.digest, upload.owner, now_iso)
         except IntegrityError:
-            return await self._own(upload, now_iso)  # the same policy came in twice at the same time
+            return await self._own(upload, graph.size, now_iso)  # the same policy came in twice at the same time
         return await self.find(upload.digest, upload.owner), True
 
-    async def _own(self, upload: Upload, now_iso: str) -> tuple[Policy, bool]:
+    async def _own(self, upload: Upload, graph_bytes: int, now_iso: str) -> tuple[Policy, bool]:
         """Makes a policy that is kept already the sender's too: he has shown that he has it, and learns nothing else."""
         async with self._database.write() as tx:
             await owners.hold(tx, upload.owner)
             size = await asyncio.to_thread(lambda: upload.weights.stat().st_size)
-            await owners.check_room(tx, upload.owner, size, upload.share_bytes)
+            await owners.check_room(tx, upload.owner, size + graph_bytes, upload.share_bytes)
             try:
                 new = await owners.own(tx, upload.digest, upload.owner, now_iso)
             except IntegrityError as error:

@@ -79,18 +79,20 @@ async def disown(tx: AsyncConnection, digest: str, owner: str) -> None:
 
 
 async def check_room(connection: AsyncConnection, owner: str, more_bytes: int, limit_bytes: int | None) -> None:
-    """Refuses what would make an owner's policies larger than his share; without a limit, nothing.
+    """Refuses what would make an owner's policies, weights and graphs, larger than his share; without a limit, nothing.
 
     Raises:
         Forbidden: there is no room for ``more_bytes``.
     """
     if limit_bytes is None:
         return
-    kept = select(func.coalesce(func.sum(policy.c.weights_bytes), 0)).select_from(_OWNED).where(policy_owner.c.owner == owner)
+    both = func.coalesce(func.sum(policy.c.weights_bytes + policy.c.graph_bytes), 0)
+    kept = select(both).select_from(_OWNED).where(policy_owner.c.owner == owner)
     stored = int((await connection.execute(kept)).scalar_one())
     if stored + more_bytes > limit_bytes:
         detail = (
-            f"The policies of {owner} have {stored} bytes; {more_bytes} more would be over the {limit_bytes} bytes that one user "
-            "may keep. Ask for trials of a policy that is here (GET /v1/policies), or ask the farm's operator for a larger share."
+            f"The policies of {owner} have {stored} bytes, their weights and the graphs that robots run of them; {more_bytes} "
+            f"more would be over the {limit_bytes} bytes that a user may keep. Delete one that no job refers to, ask for trials "
+            "of one that is here (GET /v1/policies), or ask the farm's operator for a larger share."
         )
         raise Forbidden("policy-bytes-quota", detail, stored_bytes=stored, upload_bytes=more_bytes, limit_bytes=limit_bytes)

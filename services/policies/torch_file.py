@@ -39,6 +39,10 @@ class Storage:
     count: int
 
 
+Description = tuple[Storage, int, tuple[int, ...], tuple[int, ...]]
+"""Of a tensor: its storage, the place of its first number there, its shape and its strides."""
+
+
 @dataclass(frozen=True)
 class Named:
     """Something that a pickle names; it is never looked up."""
@@ -74,7 +78,8 @@ def read_tensors(content: memoryview, limit_bytes: int, wanted: Callable[[str], 
     """The tensors of a state_dict that are wanted by their name.
 
     Raises:
-        UnfitError: the pickle does more than to list tensors, or they do not fit the numbers that are there.
+        UnfitError: the pickle does more than to list tensors, they do not fit the numbers that are there, or have more than
+            ``limit_bytes`` together.
     """
     entries = check_archive(content, limit_bytes)
     order = bytes(inflate(content, entries["byteorder"])) if "byteorder" in entries else b"little"
@@ -83,15 +88,38 @@ def read_tensors(content: memoryview, limit_bytes: int, wanted: Callable[[str], 
     listed = run(bytes(inflate(content, entries["data.pkl"])))
     if not isinstance(listed, dict) or not all(isinstance(name, str) for name in listed):
         raise _broken("it is not a dictionary of tensors by name", "entry data.pkl")
-    return {name: _tensor(content, entries, name, value) for name, value in listed.items() if wanted(name)}
+    described = {name: _description(entries, value, _part(name)) for name, value in listed.items() if wanted(name)}
+    # Many names may stand for one storage: small as it lies there, large once each has its own numbers.
+    size = sum(np.dtype(storage.kind).itemsize * math.prod(shape) for storage, _, shape, _ in described.values())
+    if size > limit_bytes:
+        raise UnfitError(
+            f"its tensors have {size} bytes together; at most {limit_bytes} are taken",
+            part="entry data.pkl",
+            slug="archive-too-large",
+        )
+    return {name: _tensor(content, entries, each) for name, each in described.items()}
 
 
-def _tensor(content: memoryview, entries: Mapping[str, Entry], name: str, value: Any) -> np.ndarray:
-    part = f"tensor {name!r:.100}"
-    storage, offset, shape, strides = _description(value, part)
+def _part(name: str) -> str:
+    return f"tensor {name!r:.100}"
+
+
+def _tensor(content: memoryview, entries: Mapping[str, Entry], described: Description) -> np.ndarray:
+    storage, offset, shape, strides = described
+    numbers = np.frombuffer(inflate(content, entries[f"data/{storage.key}"]), storage.kind)
+    steps = [stride * numbers.itemsize for stride in strides]
+    return np.array(np.lib.stride_tricks.as_strided(numbers[offset:], shape, steps, writeable=False))
+
+
+def _description(entries: Mapping[str, Entry], value: Any, part: str) -> Description:
+    if not isinstance(value, tuple) or len(value) < 4 or not isinstance(value[0], Storage):
+        raise _broken("it is not a tensor", part)
+    storage, offset, shape, strides = value[:4]
+    lists = isinstance(shape, tuple) and isinstance(strides, tuple) and len(shape) == len(strides) <= DIMENSION_LIMIT
+    if not lists or not all(type(each) is int and 0 <= each < 2**40 for each in (offset, *shape, *strides)):
+        raise _broken("its shape cannot be read", part)
     entry = entries.get(f"data/{storage.key}")
-    width = np.dtype(storage.kind).itemsize
-    if entry is None or entry.plain_bytes != storage.count * width:
+    if entry is None or entry.plain_bytes != storage.count * np.dtype(storage.kind).itemsize:
         raise _broken("the bytes of its numbers are not there", part)
     last = offset + sum((size - 1) * stride for size, stride in zip(shape, strides, strict=True))
     if 0 in shape or last >= storage.count:
@@ -99,18 +127,6 @@ def _tensor(content: memoryview, entries: Mapping[str, Entry], name: str, value:
     # A stride of 0 lets few numbers stand for many.
     if math.prod(shape) > storage.count:
         raise _broken("it has more numbers than it stores", part)
-    numbers = np.frombuffer(inflate(content, entry), storage.kind)
-    steps = [stride * width for stride in strides]
-    return np.array(np.lib.stride_tricks.as_strided(numbers[offset:], shape, steps, writeable=False))
-
-
-def _description(value: Any, part: str) -> tuple[Storage, int, tuple[int, ...], tuple[int, ...]]:
-    if not isinstance(value, tuple) or len(value) < 4 or not isinstance(value[0], Storage):
-        raise _broken("it is not a tensor", part)
-    storage, offset, shape, strides = value[:4]
-    lists = isinstance(shape, tuple) and isinstance(strides, tuple) and len(shape) == len(strides) <= DIMENSION_LIMIT
-    if not lists or not all(type(each) is int and 0 <= each < 2**40 for each in (offset, *shape, *strides)):
-        raise _broken("its shape cannot be read", part)
     return storage, offset, shape, strides
 
 

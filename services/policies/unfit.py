@@ -51,6 +51,15 @@ def too_slow(why: str) -> UnfitError:
     )
 
 
+def graph_too_large(size: int, limit_bytes: int) -> UnfitError:
+    """The error for weights that are small as they were sent and large as robots run them."""
+    return UnfitError(
+        f"unpacked, as robots run it, the policy has {size} bytes; at most {limit_bytes} are taken",
+        instead="send a smaller network",
+        slug="graph-too-large",
+    )
+
+
 def problem_of(error: UnfitError, filename: str | None) -> dict[str, str]:
     """The error as the members of a problem document: slug, detail, file, part and instead."""
     file = printable(filename)

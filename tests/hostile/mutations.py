@@ -164,7 +164,7 @@ def try_one(content, kind, folder, tally, label):
         return count_refusal(tally, "refused_before_parsing", error, label)
     finally:
         tally.check_cpu_s = max(tally.check_cpu_s, time.process_time() - began_s)
-    sys.argv = ["conversion", str(path), str(manifest), out.name, JailLevel.NONE.value]
+    sys.argv = ["conversion", str(path), str(manifest), out.name, JailLevel.NONE.value, str(MAX_WEIGHTS_BYTES)]
     ended, cpu_s, memory_bytes = forked(conversion.main, folder)
     tally.child_cpu_s = max(tally.child_cpu_s, cpu_s)
     tally.child_memory_bytes = max(tally.child_memory_bytes, memory_bytes)

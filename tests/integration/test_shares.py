@@ -4,11 +4,14 @@ import json
 import re
 import threading
 import time
+import zipfile
 from concurrent.futures import ThreadPoolExecutor
 
 import httpx
+import numpy as np
 import pytest
 
+from tests.hostile.valid import MANIFEST, SB3_NAMES, SIZE, sb3_entries, torch_file, zipped
 from tests.integration.farm_process import Services, services, small_policy
 
 QUEUED, KEPT_BYTES = 3, 30_000
@@ -56,35 +59,56 @@ def test_a_user_queues_no_more_jobs_than_his_share_also_all_at_once(farm):
     assert farm.submit(digest, client=ann).status_code == 201
 
 
+def stored(farm):
+    return {path.name: path.stat().st_size for path in (farm.data / "files" / "sha256").rglob("*") if path.is_file()}
+
+
 def test_a_user_keeps_no_more_bytes_of_policies_than_his_share_also_all_at_once(farm):
     carl, _ = user(farm, "carl")
-    files = [small_policy(seed=seed, width=48) for seed in range(6)]
-    size = len(files[0][0])
+    files = [small_policy(seed=seed, width=20) for seed in range(6)]
+    first = farm.upload(*files[0], client=carl)
+    assert first.status_code == 201
+    weights_bytes = len(files[0][0])
+    size = weights_bytes + stored(farm)[first.json()["graph_sha256"]]  # all of them have the same
     fitting = KEPT_BYTES // size
-    assert 0 < fitting < len(files) - 1
-
-    def stored():
-        return sorted(path.name for path in (farm.data / "files" / "sha256").rglob("*") if path.is_file())
-
-    for weights, manifest in files[: fitting - 1]:
+    assert 1 < fitting < len(files) - 2
+    for weights, manifest in files[1 : fitting - 1]:
         assert farm.upload(weights, manifest, client=carl).status_code == 201
-    before = len(stored())
+    before = len(stored(farm))
     with ThreadPoolExecutor(3) as pool:
         answers = list(pool.map(lambda file: farm.upload(*file, client=carl), files[fitting - 1 : fitting + 2]))
     kept = [answer for answer in answers if answer.status_code == 201]
     assert len(kept) <= 1
     assert {answer.status_code for answer in answers} <= {201, 403}
-    assert len(stored()) == before + 2 * len(kept)  # weights and graph; nothing of those that were refused
+    assert len(stored(farm)) == before + 2 * len(kept)  # weights and graph; nothing of those that were refused
     refused = farm.upload(*files[fitting - 1], client=carl) if not kept else farm.upload(*files[fitting + 2], client=carl)
     if not kept:  # each stood in the other's way; one after the other the first has room
         assert refused.status_code == 201
         refused = farm.upload(*files[fitting], client=carl)
     problem = refused.json()
     assert (refused.status_code, problem["type"]) == (403, "/problems/policy-bytes-quota")
-    assert (problem["stored_bytes"], problem["upload_bytes"], problem["limit_bytes"]) == (fitting * size, size, KEPT_BYTES)
+    assert (problem["stored_bytes"], problem["limit_bytes"]) == (fitting * size, KEPT_BYTES)
+    assert problem["upload_bytes"] in (weights_bytes, size)  # before and after its graph is known
     assert farm.upload(*files[0], client=carl).status_code == 200  # what he has is no more
     assert farm.upload(*files[fitting + 2]).status_code == 201  # an administrator has no share
     assert farm.upload(*files[fitting + 2], client=carl).status_code == 403  # that it is here already makes no room
+
+
+def test_what_was_sent_packed_counts_as_what_it_becomes(farm):
+    carla, _ = user(farm, "carla")
+    shapes = ((120, SIZE), (120,), (9, 120), (9,))
+    alike = [np.full(shape, 0.01, np.float32) for shape in shapes]
+    entries = sb3_entries() | {"policy.pth": torch_file(dict(zip(SB3_NAMES, alike, strict=True)))}
+    packed = zipped(entries, zipfile.ZIP_DEFLATED)
+    assert len(packed) < 5_000
+    before = stored(farm)
+    refused = farm.upload(packed, MANIFEST, client=carla, filename="p.zip")
+    problem = refused.json()
+    assert (refused.status_code, problem["type"]) == (403, "/problems/policy-bytes-quota")
+    assert problem["stored_bytes"] == 0 and problem["upload_bytes"] > KEPT_BYTES
+    assert stored(farm) == before
+    assert farm.upload(packed, MANIFEST, filename="p.zip").status_code == 201
+    assert farm.upload(packed, MANIFEST, client=carla, filename="p.zip").status_code == 403  # also where it is here already
 
 
 def test_a_token_is_asked_to_wait_and_others_are_not(farm):

@@ -31,6 +31,15 @@ async def test_a_good_policy_is_converted_and_its_secrets_stay_here(tmp_path, mo
     assert converted.graph.stat().st_size > 1000
 
 
+async def test_a_graph_of_more_than_twice_what_may_be_sent_is_refused(tmp_path):
+    weights, manifest, out = files(tmp_path)
+    weights.write_bytes(small_policy(width=1200)[0])  # 300 kB, as if it had come packed
+    with pytest.raises(Refused, match=r"unpacked, as robots run it, the policy has 30\d{4} bytes; at most 265536 are") as refusal:
+        await convert(weights, manifest, out, 60, limit_bytes=100_000)
+    assert (refusal.value.slug, out.exists()) == ("graph-too-large", False)
+    assert (await convert(weights, manifest, out, 60, limit_bytes=150_000)).graph.stat().st_size > 300_000
+
+
 async def test_a_child_that_takes_too_long_is_ended(tmp_path):
     with pytest.raises(Refused, match=r"more than 0\.05 s"):
         await convert(*files(tmp_path), 0.05)

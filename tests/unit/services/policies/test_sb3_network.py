@@ -215,6 +215,19 @@ def test_torch_files_are_read_as_torch_does(kind, tmp_path):
         assert np.array_equal(read[name], tensor.numpy())
 
 
+def test_names_of_one_storage_count_each(tmp_path):
+    """As many names as one likes may share the numbers of one storage."""
+    shared = torch.zeros(1000)
+    torch.save({f"layer{index}": shared for index in range(20)}, tmp_path / "t.pth")
+    content = memoryview((tmp_path / "t.pth").read_bytes())
+    assert len(content) < 20_000
+    assert len(read_tensors(content, 80_000, lambda _: True)) == 20
+    with pytest.raises(UnfitError, match="its tensors have 80000 bytes together; at most 79999 are taken") as refusal:
+        read_tensors(content, 79_999, lambda _: True)
+    assert refusal.value.slug == "archive-too-large"
+    assert len(read_tensors(content, 79_999, lambda name: name != "layer0")) == 19
+
+
 def test_the_small_torch_file_of_the_tests_is_one_for_torch(tmp_path):
     tensors = dict(zip(SB3_NAMES, weights(), strict=True))
     (tmp_path / "t.pth").write_bytes(torch_file(tensors))
