@@ -30,6 +30,7 @@ from api_schemas.verification import Verification
 from client_cli.errors import ClientError, Refused, ServerAway
 from client_cli.event_stream import job_events
 from client_cli.paths import job_path, ladder_path, robot_path, token_path, trial_path
+from client_cli.patience import patiently
 from client_cli.settings import Connection
 
 TIMEOUT = httpx.Timeout(30.0, connect=5.0)
@@ -81,16 +82,19 @@ class ApiClient:
             return False
 
     def upload_policy(self, digest: str, weights: Path, manifest: PolicyManifest) -> Policy:
-        """Bring a policy to the server; one that is there already is not stored twice."""
-        with weights.open("rb") as file:
-            response = self._send(
-                "PUT",
-                f"/v1/policies/{digest}",
-                files={"weights": (weights.name, file, "application/octet-stream")},
-                data={"manifest": canonical_json(manifest)},
-                timeout=UPLOAD_TIMEOUT,
-            )
-        return self._answer(Policy, response)
+        """Bring a policy to the server; one that is there already is not stored twice. Waits for other uploads of the owner."""
+
+        def put() -> httpx.Response:
+            with weights.open("rb") as file:
+                return self._send(
+                    "PUT",
+                    f"/v1/policies/{digest}",
+                    files={"weights": (weights.name, file, "application/octet-stream")},
+                    data={"manifest": canonical_json(manifest)},
+                    timeout=UPLOAD_TIMEOUT,
+                )
+
+        return self._answer(Policy, patiently(put))
 
     def take_builtin(self, name: str) -> Policy:
         """Make a policy that comes with the farm one's own; for operators."""
@@ -164,13 +168,16 @@ class ApiClient:
         return StoredFile(path, headers.get("etag", "").strip('"'), int(headers.get("content-length", 0)))
 
     def verify(self, trial_id: str, log: Path) -> Verification:
-        """Have the server simulate a log again on the robot of its trial."""
-        with log.open("rb") as file:
-            chunks = iter(lambda: file.read(CHUNK_BYTES), b"")
-            headers = {"Content-Length": str(log.stat().st_size)}
-            path = f"{trial_path(trial_id)}/verify"
-            response = self._send("POST", path, content=chunks, headers=headers, timeout=VERIFICATION_TIMEOUT)
-        return self._answer(Verification, response)
+        """Have the server simulate a log again on the robot of its trial. Waits for another one of the owner."""
+
+        def post() -> httpx.Response:
+            with log.open("rb") as file:
+                chunks = iter(lambda: file.read(CHUNK_BYTES), b"")
+                headers = {"Content-Length": str(log.stat().st_size)}
+                path = f"{trial_path(trial_id)}/verify"
+                return self._send("POST", path, content=chunks, headers=headers, timeout=VERIFICATION_TIMEOUT)
+
+        return self._answer(Verification, patiently(post))
 
     @contextmanager
     def file(self, path: str, offset: int) -> Iterator[tuple[int, Iterator[bytes]]]:
@@ -245,7 +252,7 @@ class ApiClient:
         except httpx.TransportError as error:
             raise self._away(error) from error
         if not response.is_success:
-            raise Refused(problem_of(response))
+            raise _refused(response)
         return response
 
     @contextmanager
@@ -254,7 +261,7 @@ class ApiClient:
             with self._http.stream("GET", path, headers=headers, timeout=timeout) as response:
                 if not response.is_success:
                     response.read()
-                    raise Refused(problem_of(response))
+                    raise _refused(response)
                 yield response
         except httpx.TransportError as error:
             raise self._away(error) from error
@@ -281,6 +288,11 @@ class ApiClient:
 def log_of(trial: Trial) -> StoredFile:
     """Where the log of a trial is that has one, and what it is."""
     return StoredFile(f"/v1/trials/{trial.trial_id}/log", trial.log_sha256 or "", trial.log_bytes)
+
+
+def _refused(response: httpx.Response) -> Refused:
+    after = response.headers.get("retry-after", "")
+    return Refused(problem_of(response), float(after) if after.isascii() and after.isdigit() else None)
 
 
 def problem_of(response: httpx.Response) -> Problem:

@@ -61,14 +61,15 @@ class ServerAway(ClientError):
 
 
 class Refused(ClientError):
-    """The server answered with a problem document."""
+    """The server answered with a problem document; ``retry_after_s`` is when to ask again, where it said so."""
 
     exit_code = ExitCode.REFUSED
 
-    def __init__(self, problem: Problem):
+    def __init__(self, problem: Problem, retry_after_s: float | None = None):
         super().__init__(problem.detail)
         self.title = problem.title
         self.problem = problem
+        self.retry_after_s = retry_after_s
 
 
 class Interrupted(ClientError):

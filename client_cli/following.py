@@ -8,6 +8,7 @@ from client_cli.api_client import ApiClient
 from client_cli.errors import Interrupted, Refused, ServerAway
 from client_cli.exit_codes import ExitCode
 from client_cli.output import counted
+from client_cli.patience import pause_s
 from client_cli.progress import JobProgress, advance, progress_of, waiting_sentence
 from client_cli.progress_view import ProgressView, progress_view
 
@@ -45,19 +46,23 @@ def follow_to_end(client: ApiClient, job_id: str) -> Job:
 
 
 def _follow_while_connected(client: ApiClient, job_id: str, followed: Followed, view: ProgressView) -> None:
+    again_after_s = RECONNECT_EVERY_S
     try:
         _read_events(client, job_id, followed, view)
         # A stream that ends without the job's last event was cut by a stopping server.
         followed.ended = followed.ended or client.job(job_id).state in FINAL_JOB_STATES
     except (ServerAway, Refused) as error:
-        is_client_fault = isinstance(error, Refused) and error.problem.status < SERVER_FAULTS_FROM
+        busy_s = pause_s(error)
+        is_client_fault = isinstance(error, Refused) and error.problem.status < SERVER_FAULTS_FROM and busy_s is None
         if is_client_fault or time.monotonic() - followed.heard_at_s > GIVE_UP_AFTER_S:
             raise
         if not followed.is_away:
-            view.say(f"connection lost, trying again for {GIVE_UP_AFTER_S:.0f} s: {client.url} does not answer")
+            why = f"connection lost, trying again for {GIVE_UP_AFTER_S:.0f} s: {client.url} does not answer"
+            view.say(why if busy_s is None else f"trying again for {GIVE_UP_AFTER_S:.0f} s: {error.detail}")
         followed.is_away = True
+        again_after_s = again_after_s if busy_s is None else busy_s
     if not followed.ended:
-        time.sleep(RECONNECT_EVERY_S)
+        time.sleep(again_after_s)
 
 
 def _read_events(client: ApiClient, job_id: str, followed: Followed, view: ProgressView) -> None:

@@ -43,7 +43,8 @@ def create_app(farm: Farm) -> FastAPI:
         redoc_url=None,
     )
     app.state.farm, app.state.operations = farm, []
-    app.state.link_readers = Counter()
+    app.state.link_readers, app.state.event_readers = Counter(), Counter()
+    app.state.uploads, app.state.verified = Counter(), Counter()
     problems.install(app)
     document.install(app)
     app.add_middleware(Door, settings=farm.settings, tokens=farm.tokens)

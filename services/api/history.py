@@ -4,15 +4,16 @@ import asyncio
 from collections.abc import AsyncIterator
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Header, Query
+from fastapi import APIRouter, Depends, Header, Query, Request
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from api_schemas.job import FINAL_JOB_STATES, JobEvent
 from services.api.access import User
+from services.api.at_once import one_more
 from services.api.farm import Farm, TheFarm
 from services.api.jobs import JobId
 from services.database.rows import AnyRow
-from services.errors import Refused
+from services.errors import Refused, TooMany
 from services.jobs import views
 from services.jobs.events import PAGE, events_after
 
@@ -22,11 +23,22 @@ LOOK_AGAIN_S = 2.0
 """Readers look again after so long though nobody woke them: another process may have written."""
 GATHER_S = 0.1
 """A stream waits so long after a wake-up: a short trial is leased, runs and ends within it, and is read and sent at once."""
+MOST_READERS = 20
+"""Streams and long polls of one owner at the same time; each asks the database every two seconds."""
+RETRY_AFTER_S = 10
 
 
 async def _job(job_id: JobId, caller: User, farm: TheFarm) -> AnyRow:
     async with farm.database.read() as connection:
         return await views.job_row(connection, job_id, caller.sees_only)
+
+
+async def _counted(row: Annotated[AnyRow, Depends(_job)], caller: User, request: Request) -> AsyncIterator[AnyRow]:
+    """The job of a reader, who is counted for as long as he reads."""
+    detail = f"{caller.owner} has {MOST_READERS} streams and long polls of events open, the most that a user may; close some."
+    refusal = TooMany("too-many-event-readers", detail, RETRY_AFTER_S)
+    with one_more(request.app.state.event_readers, caller, MOST_READERS, refusal):
+        yield row
 
 
 async def _last_seen(last_event_id: Annotated[str | None, Header(alias="Last-Event-ID")] = None) -> int:
@@ -36,7 +48,7 @@ async def _last_seen(last_event_id: Annotated[str | None, Header(alias="Last-Eve
     return int(text)
 
 
-OwnJob = Annotated[AnyRow, Depends(_job)]
+OwnJob = Annotated[AnyRow, Depends(_counted)]
 LastSeen = Annotated[int, Depends(_last_seen)]
 
 

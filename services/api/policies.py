@@ -17,12 +17,13 @@ from starlette.types import Message, Receive
 from api_schemas.policy import Policy, PolicyManifest, PolicyPage, policy_digest
 from services.api import cursor as cursors
 from services.api.access import Operator, RobotCaller, Submitter, User
+from services.api.at_once import one_more
 from services.api.bodies import BodyRefused
 from services.api.document import files, refusals
 from services.api.farm import Farm, TheFarm
 from services.api.serving import stored_file
 from services.api.tokens import Caller
-from services.errors import Refused, TooLarge
+from services.errors import Refused, TooLarge, TooMany
 from services.jobs import lease
 from services.policies.intake import weights_format
 from services.policies.keeping import Upload
@@ -35,6 +36,9 @@ MANIFEST_BYTES = 256 * 1024
 FORM_BYTES = MANIFEST_BYTES + 64 * 1024
 """What a form may hold beside the weights."""
 READ_BYTES = 1024 * 1024
+MOST_UPLOADS = 2
+"""Of one owner at the same time: one is converted while the next comes in."""
+RETRY_AFTER_S = 2
 _BODY = {
     "type": "object",
     "required": ["weights", "manifest"],
@@ -67,6 +71,16 @@ async def post_policy(request: Request, response: Response, caller: Submitter, f
 
 
 async def _take(digest: str | None, request: Request, response: Response, caller: Caller, farm: Farm) -> Policy:
+    detail = f"{caller.owner} has {MOST_UPLOADS} uploads under way, the most that a user may have; wait for one to be answered."
+    refusal = TooMany("too-many-uploads", detail, RETRY_AFTER_S)
+    with one_more(request.app.state.uploads, caller, MOST_UPLOADS, refusal):
+        policy, new = await _received(digest, request, caller, farm)
+    response.status_code = 201 if new else 200
+    response.headers["Location"] = f"/v1/policies/{policy.digest}"
+    return policy
+
+
+async def _received(digest: str | None, request: Request, caller: Caller, farm: Farm) -> tuple[Policy, bool]:
     limit_bytes = farm.settings.max_weights_bytes
     limited = Request(request.scope, _limited(request, limit_bytes))
     with tempfile.TemporaryDirectory(prefix="trifarm-upload-") as folder:
@@ -77,10 +91,7 @@ async def _take(digest: str | None, request: Request, response: Response, caller
             raise
         except HTTPException as error:
             raise Refused("form-malformed", f"The form cannot be read: {error.detail}") from error
-        policy, new = await farm.policies.take(upload, farm.clock.now_iso())
-    response.status_code = 201 if new else 200
-    response.headers["Location"] = f"/v1/policies/{policy.digest}"
-    return policy
+        return await farm.policies.take(upload, farm.clock.now_iso())
 
 
 def _limited(request: Request, limit_bytes: int) -> Receive:

@@ -14,6 +14,7 @@ from api_schemas.jail.level import too_open
 from api_schemas.token import Scope
 from api_schemas.verification import Verification
 from services.api.access import Operator, User
+from services.api.at_once import one_more
 from services.api.document import BINARY, files, refusals
 from services.api.farm import Farm, TheFarm
 from services.api.jobs import JobId
@@ -22,7 +23,7 @@ from services.api.tokens import Caller
 from services.api.trials import MCAP
 from services.database.rows import AnyRow
 from services.database.tables import trial
-from services.errors import NotFound, Refused, TooLarge, TooSlow, Unavailable
+from services.errors import NotFound, Refused, TooLarge, TooMany, TooSlow, Unavailable
 from services.jobs import views
 from services.verification import replaying
 from services.verification.replaying import Compared
@@ -32,6 +33,9 @@ MCAP_MAGIC = b"\x89MCAP0\r\n"
 """How every MCAP file begins (mcap.dev/spec, "Magic")."""
 SPARE_BYTES = 1024**2
 """What a log may be larger than twice the one that the farm keeps: packed in another way, it is still the same log."""
+MOST_VERIFIED = 1
+"""Logs of one owner at the same time, from the first byte that comes in to the verdict."""
+RETRY_AFTER_S = 10
 Ordinal = Annotated[int, InPath(ge=0, le=9999)]
 
 
@@ -55,6 +59,13 @@ async def verify_log(job_id: JobId, ordinal: Ordinal, request: Request, caller: 
         raise Unavailable("jail-too-open", f"The farm takes no logs now: {reason}. Its operator can change that.")
     for sha256 in (row.truth_sha256, row.log_sha256):
         await stored_size(farm.files, sha256)
+    detail = f"A log of {caller.owner} is being verified, and a user may have one at a time; wait for its verdict."
+    refusal = TooMany("too-many-verifications", detail, RETRY_AFTER_S)
+    with one_more(request.app.state.verified, caller, MOST_VERIFIED, refusal):
+        return shown_to(caller, await _verified(row, request, caller, farm))
+
+
+async def _verified(row: AnyRow, request: Request, caller: Caller, farm: Farm) -> Verification:
     with tempfile.TemporaryDirectory(prefix="trifarm-verify-") as folder:
         files = Compared(*(Path(folder) / f"{name}.mcap" for name in ("log", "truth", "original")))
         await _receive(files.log, request, 2 * row.log_bytes + SPARE_BYTES, farm.settings.verification_upload_s)
@@ -64,8 +75,7 @@ async def verify_log(job_id: JobId, ordinal: Ordinal, request: Request, caller: 
             await _write(files.truth, farm.files.read(row.truth_sha256))
             await _write(files.original, farm.files.read(row.log_sha256))
             tell_all = caller.may(Scope.OPERATE)
-            verdict = await replaying.verify(files, farm.settings.verification_deadline_s, tell_all=tell_all)
-    return shown_to(caller, verdict)
+            return await replaying.verify(files, farm.settings.verification_deadline_s, tell_all=tell_all)
 
 
 def shown_to(caller: Caller, verdict: Verification) -> Verification:

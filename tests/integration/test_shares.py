@@ -11,6 +11,7 @@ import httpx
 import numpy as np
 import pytest
 
+from services.api.policies import MOST_UPLOADS
 from tests.hostile.valid import MANIFEST, SB3_NAMES, SIZE, sb3_entries, torch_file, zipped
 from tests.integration.farm_process import Services, services, small_policy
 
@@ -75,7 +76,7 @@ def test_a_user_keeps_no_more_bytes_of_policies_than_his_share_also_all_at_once(
     for weights, manifest in files[1 : fitting - 1]:
         assert farm.upload(weights, manifest, client=carl).status_code == 201
     before = len(stored(farm))
-    with ThreadPoolExecutor(3) as pool:
+    with ThreadPoolExecutor(MOST_UPLOADS) as pool:
         answers = list(pool.map(lambda file: farm.upload(*file, client=carl), files[fitting - 1 : fitting + 2]))
     kept = [answer for answer in answers if answer.status_code == 201]
     assert len(kept) <= 1

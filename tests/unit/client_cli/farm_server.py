@@ -53,6 +53,7 @@ class FarmState:
     warnings: tuple[str, ...] = ()
     hang_stream: bool = False
     post_answers_lost: int = 0
+    busy: dict[str, int] = field(default_factory=dict)
     commands: list[str] = field(default_factory=list)
     truths: dict[int, bytes] = field(default_factory=dict)
     truths_for_all: bool = True
@@ -123,6 +124,15 @@ TOKEN_ROW = Token(
 )
 
 
+def busy(farm: FarmState, with_what: str) -> Response | None:
+    """A refusal as long as other requests of the owner are under way."""
+    if not farm.busy.get(with_what):
+        return None
+    farm.busy[with_what] -= 1
+    problem = Problem(type=f"/problems/too-many-{with_what}", title="Too many", status=429, detail="others are under way")
+    return Response(problem.model_dump_json(), 429, headers={"Retry-After": "0"}, media_type=MEDIA_TYPE)
+
+
 def build_app(farm: FarmState) -> FastAPI:
     app = FastAPI()
 
@@ -152,6 +162,8 @@ def build_app(farm: FarmState) -> FastAPI:
         sha256 = hashlib.sha256(content).hexdigest()
         checked = PolicyManifest.model_validate_json(manifest)
         assert digest == policy_digest(sha256, checked)
+        if (refusal := busy(farm, "uploads")) is not None:
+            return refusal
         farm.uploads.append(weights.filename or "")
         return Policy(
             digest=digest, name=checked.name, weights_format=WeightsFormat.ONNX, weights_sha256=sha256,
@@ -196,7 +208,7 @@ def build_app(farm: FarmState) -> FastAPI:
     @app.post("/v1/jobs/{job_id}/trials/{ordinal}/verify")
     async def verify(job_id: str, ordinal: int, request: Request):
         farm.verified.append((f"{job_id}-{ordinal:03d}", await request.body()))
-        return farm.verdict
+        return busy(farm, "verifications") or farm.verdict
 
     @app.get("/v1/jobs")
     async def list_jobs(state: str | None = None):
@@ -214,7 +226,7 @@ def build_app(farm: FarmState) -> FastAPI:
     @app.get("/v1/jobs/{job_id}/events")
     async def events(job_id: str, last_event_id: str | None = Header(None)):
         farm.last_event_ids.append(last_event_id)
-        return StreamingResponse(stream(farm), media_type="text/event-stream")
+        return busy(farm, "event-readers") or StreamingResponse(stream(farm), media_type="text/event-stream")
 
     @app.get("/v1/jobs/{job_id}/trials")
     async def trials(job_id: str, cursor: str | None = None):

@@ -46,12 +46,12 @@ def test_the_exit_code_and_the_words_of_the_replay_are_passed_on(trifarm, log, t
 @pytest.mark.parametrize(("verdict", "code", "said"), [(SAME, 0, "same numbers in all 15000"), (DIFFERENT, 6, "from step 88 on")])
 def test_a_log_that_needs_the_truth_goes_to_the_server(farm, trifarm, log, replaying, verdict, code, said):
     replaying(NEEDS_TRUTH)
-    farm.verdict = verdict
+    farm.verdict, farm.busy = verdict, {"verifications": 1}  # another log of the owner is looked at first
     ended = trifarm("replay", str(log), "--verify")
     assert ended.code == code
     assert said in ended.out
     assert "only the farm knows" not in ended.out
-    assert farm.verified == [(f"{JOB_ID}-007", b"the log")]
+    assert farm.verified == [(f"{JOB_ID}-007", b"the log")] * 2  # whole, also the second time
     assert trifarm("replay", str(log), "--verify", "--json").document == verdict.model_dump()
 
 

@@ -21,6 +21,12 @@ def test_submit_uploads_queues_and_prints_only_the_id(farm, trifarm, weights):
     assert key
 
 
+def test_an_upload_waits_for_others_of_its_owner_and_is_sent_whole_again(farm, trifarm, weights):
+    farm.busy = {"uploads": 2}
+    assert trifarm("submit", weights, "--layout", "pose", "--task", "lift").code == 0
+    assert (farm.busy, farm.uploads) == ({"uploads": 0}, ["expert.onnx"])
+
+
 def test_another_object_and_priority_are_asked_for(farm, trifarm, weights):
     flags = ("--object", "sphere", "--object-scale", "0.8", "--priority", "low")
     assert trifarm("submit", weights, "--layout", "pose", "--task", "lift", *flags).code == 0

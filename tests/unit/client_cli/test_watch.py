@@ -42,6 +42,14 @@ def test_a_job_that_was_queued_again_is_followed_to_its_end(farm, trifarm):
     assert farm.last_event_ids == [None, "3"]
 
 
+def test_a_stream_that_others_of_the_owner_keep_out_is_asked_for_again(farm, trifarm):
+    farm.state, farm.streams, farm.busy = JobState.RUNNING, [[*RUN, END]], {"event-readers": 2}
+    ended = trifarm("watch", JOB_ID)
+    assert ended.code == 0
+    assert ended.err.count("trying again for 60 s: others are under way") == 1
+    assert "connection lost" not in ended.err
+
+
 def test_an_ended_job_needs_no_stream(farm, trifarm):
     farm.state = JobState.FAILED
     ended = trifarm("watch", JOB_ID)
