@@ -5,9 +5,11 @@ import asyncio
 import ctypes
 import logging
 import os
+import resource
 import signal
 import sys
 from collections.abc import Callable, Coroutine
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +59,7 @@ def main() -> None:
     os.umask(PRIVATE)  # database, policies, logs and the truth are for this user alone
     _end_with_parent()
     return_freed_memory()
+    open_as_many_files_as_allowed()
     _log_to_stderr()
     from services.errors import NotReady
 
@@ -93,6 +96,13 @@ def return_freed_memory() -> None:
     if (mallopt := getattr(ctypes.CDLL(None), "mallopt", None)) is not None:
         for threshold in (M_TRIM_THRESHOLD, M_MMAP_THRESHOLD):
             mallopt(threshold, THRESHOLD_BYTES)
+
+
+def open_as_many_files_as_allowed() -> None:
+    """Raise the soft limit of open files to the hard one: every connection is one, and the usual 1024 are for programs of old."""
+    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with suppress(ValueError, OSError):  # macOS says that there is no limit, and refuses to be asked for that
+        resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
 
 
 def _log_to_stderr() -> None:

@@ -20,6 +20,7 @@ from api_schemas.token import Scope, TokenRequest
 from services.api.app import create_app
 from services.api.farm import Farm
 from services.api.tokens import Tokens, new_bearer
+from services.connection import connection
 from services.dashboard.mount import mount
 from services.database.database import Database, address, migrate
 from services.dispatcher.bus import Bus
@@ -87,6 +88,7 @@ async def serve(settings: Settings) -> None:
             app,
             host=settings.host,
             port=settings.port,
+            http=connection(settings.head_within_s),
             lifespan="off",
             log_config=None,
             access_log=False,

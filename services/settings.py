@@ -63,6 +63,7 @@ class Settings(BaseSettings):
     requests_per_s: float = Field(default=100.0, ge=0, description="of one token, ten seconds' worth at once; 0: no limit")
     robot_requests_per_s: float = Field(default=1000.0, ge=0, description="the same for the token of a robot")
     anonymous_requests_per_s: float = Field(default=10.0, ge=0, description="of one address without a token that is known good")
+    head_within_s: float = Field(default=10.0, gt=0, description="a connection on which no head of a request comes is closed")
     body_stall_s: float = Field(default=30.0, gt=0, description="a request of whose body nothing comes for so long is refused")
     trusted_proxies: str | None = Field(default=None, description="addresses whose X-Forwarded-For is believed, by commas")
     max_log_bytes: int = Field(default=1024**3, gt=0)
