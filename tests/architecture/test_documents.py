@@ -10,6 +10,13 @@ ROOT = Path(__file__).parent.parent.parent
 DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
+def rows_of(text, head):
+    """The cells of the table whose first column has this head."""
+    table = re.search(rf"^\| {head} \|.*\n\|[-|]+\n((?:\|.*\n)+)", text, re.MULTILINE)
+    assert table is not None, f"there is no table of {head}"
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in table[1].splitlines()]
+
+
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_links_lead_somewhere(document):
     for target in re.findall(r"\]\(([^)#]+)\)", document.read_text()):
@@ -50,7 +57,7 @@ def test_documented_layouts_and_manifest_are_valid():
     from api_schemas.policy import LAYOUTS, PolicyManifest
 
     text = (ROOT / "docs/policies.md").read_text()
-    assert set(re.findall(r"^\| `([a-z0-9-]+)` \|", text, re.MULTILINE)) == set(LAYOUTS)
+    assert [row[0].strip("`") for row in rows_of(text, "layout")] == list(LAYOUTS)
     example = re.search(r"```json\n(.*?)```", text, re.DOTALL)
     assert example is not None
     PolicyManifest.model_validate_json(example.group(1))
@@ -61,6 +68,15 @@ def test_documented_fields_of_observations_are_all_there_are():
 
     rows = re.findall(r"^\| `([a-z_]+)` \| (\d+) \|", (ROOT / "docs/policies.md").read_text(), re.MULTILINE)
     assert {name: int(size) for name, size in rows} == OBSERVATION_SIZES
+
+
+def test_documented_tasks_are_all_there_are():
+    from sim_backend.tasks import TASKS
+
+    rows = {name.strip("`"): cells for name, *cells in rows_of((ROOT / "docs/policies.md").read_text(), "task")}
+    assert {name: lasts for name, (lasts, *_) in rows.items()} == {name: f"{task.duration_s:g} s" for name, task in TASKS.items()}
+    turned = {name for name, (*_, near) in rows.items() if "22°" in near}
+    assert turned == {name for name, task in TASKS.items() if task.orientation_counts}
 
 
 @pytest.mark.parametrize("name", ["docs/scale.md", "docker-compose.yml"])
