@@ -56,6 +56,11 @@ MAKERS = {
 }
 
 
+def test_an_action_of_one_is_the_same_with_and_without_packing():
+    stated = {float(words[words.index("--scale") + 1]) for words in map(shlex.split, COMMANDS)}
+    assert stated == {PolicyManifest.model_validate_json(ROBOT).output_scaling.scale}
+
+
 def test_every_example_has_a_checkpoint():
     assert [shlex.split(line)[2] for line in COMMANDS] == list(MAKERS)
 
