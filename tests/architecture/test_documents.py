@@ -10,9 +10,10 @@ ROOT = Path(__file__).parent.parent.parent
 DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
-def rows_of(text, head):
-    """The cells of the table whose first column has this head."""
-    table = re.search(rf"^\| {head} \|.*\n\|[-|]+\n((?:\|.*\n)+)", text, re.MULTILINE)
+def rows_of(text, *heads):
+    """The cells of the table whose first columns have these heads."""
+    head = " | ".join(heads)
+    table = re.search(rf"^\| {re.escape(head)} \|.*\n\|[-|]+\n((?:\|.*\n)+)", text, re.MULTILINE)
     assert table is not None, f"there is no table of {head}"
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in table[1].splitlines()]
 
@@ -58,16 +59,45 @@ def test_documented_layouts_and_manifest_are_valid():
 
     text = (ROOT / "docs/policies.md").read_text()
     assert [row[0].strip("`") for row in rows_of(text, "layout")] == list(LAYOUTS)
-    example = re.search(r"```json\n(.*?)```", text, re.DOTALL)
-    assert example is not None
-    PolicyManifest.model_validate_json(example.group(1))
+    keypoints, own = re.findall(r"```json\n(.*?)```", text, re.DOTALL)
+    assert PolicyManifest.model_validate_json(keypoints) == LAYOUTS["keypoints"]
+    PolicyManifest.model_validate_json(own)
+
+
+def test_documented_defaults_are_those_of_the_manifest():
+    from api_schemas.policy import InputScaling, OutputScaling, PolicyManifest
+
+    text = (ROOT / "docs/policies.md").read_text()
+    rows = {cell.strip("`"): default.strip("`") for cell, default, _ in rows_of(text, "field", "default")}
+    more = [(re.match(r'`"(\w+)"', cell), default.strip("`")) for cell, default, _ in rows_of(text, "more fields")]
+    rows |= {name[1]: default for name, default in more if name is not None}
+    nothing = (None, (), InputScaling(), OutputScaling())
+    wanted = {"observation": "needed"}
+    for name, field in PolicyManifest.model_fields.items():
+        if not field.is_required() and name != "bins":  # which goes with the head
+            value = getattr(field.default, "value", field.default)
+            wanted[name] = "none" if value in nothing else f"{value:g}" if isinstance(value, float) else str(value)
+    assert rows == wanted
+
+
+def test_documented_joints_are_those_of_the_robot():
+    from sim_backend.trifinger import constants as c
+
+    text = (ROOT / "docs/policies.md").read_text()
+    rows = [[cell.strip("`").replace("−", "-") for cell in row] for row in rows_of(text, "joint")]
+    ranges = [f"{low:g} to {high:g}" for low, high in zip(c.SOFT_LIMIT_LOWER_RAD[:3], c.SOFT_LIMIT_UPPER_RAD[:3], strict=True)]
+    axes = ["+" + "xyz"[link.joint_axis.index(1.0)] for link in c.LINKS if link.joint_axis]
+    start, damping = ([f"{value:g}" for value in each[:3]] for each in (c.START_JOINT_POSITION_RAD, c.SAFETY_DAMPING_NM_S_RAD))
+    assert rows == [list(row) for row in zip(c.JOINT_SUFFIXES, axes, ranges, start, damping, strict=True)]
+    gains = f"{c.POSITION_GAIN_NM_RAD[0]:g} N m/rad × (target − position) − {c.VELOCITY_GAIN_NM_S_RAD[0]:g} N m s/rad"
+    assert gains in " ".join(text.split())
 
 
 def test_documented_fields_of_observations_are_all_there_are():
     from api_schemas.policy import OBSERVATION_SIZES
 
-    rows = re.findall(r"^\| `([a-z_]+)` \| (\d+) \|", (ROOT / "docs/policies.md").read_text(), re.MULTILINE)
-    assert {name: int(size) for name, size in rows} == OBSERVATION_SIZES
+    rows = rows_of((ROOT / "docs/policies.md").read_text(), "field", "numbers")
+    assert {name.strip("`"): int(size) for name, size, _ in rows} == OBSERVATION_SIZES
 
 
 def test_documented_tasks_are_all_there_are():
