@@ -1,4 +1,4 @@
-"""One real farm and one real browser for all tests of this folder."""
+"""One real farm and one real browser for the tests of this folder."""
 
 import hashlib
 import json
@@ -18,6 +18,29 @@ CHROMIUM = "/usr/bin/chromium"
 REFERENCE = Path(__file__).parent.parent.parent / "sim_backend/training/reference_policies/push.safetensors"
 HOSTILE = """<img src=x onerror=alert(1)>"'&{{7*7}}</script><script>alert(2)</script>"""
 FLAGS = ["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+
+
+class Visit:
+    """A signed-in page that keeps what the browser complained about."""
+
+    def __init__(self, browser, looked, token, *, dark=False, width=1280, height=860):
+        self.context = browser.new_context(
+            viewport={"width": width, "height": height}, color_scheme="dark" if dark else "light", base_url=looked.url
+        )
+        self.page = self.context.new_page()
+        self.complaints = []
+        self.page.on("console", lambda said: self.complaints.append(said.text) if said.type == "error" else None)
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("dialog", lambda dialog: (self.complaints.append(f"dialog {dialog.message}"), dialog.dismiss()))
+        self.page.goto("/sign-in")
+        self.page.fill("#token", token)
+        self.page.click("button.strong")
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.context.close()
 
 
 class Looked:
@@ -41,34 +64,39 @@ class Looked:
         with self.client(token) as client:
             return client.post("/v1/jobs", json=body).raise_for_status().json()["job_id"]
 
-    def ladder(self, policy: str, token: str, rungs: int, trials: int) -> dict:
+    def ladder(self, name: str, policy: str, token: str, rungs: int, trials: int) -> dict:
         """A ladder that has the same policy on each of its rungs."""
         asked = [{"policy": policy, "step": 1e5 * (rung + 1)} for rung in range(rungs)]
-        body = {"name": HOSTILE, "task": "push", "trials": trials, "rungs": asked}
+        body = {"name": name, "task": "push", "trials": trials, "rungs": asked}
         with self.client(token) as client:
             return client.post("/v1/ladders", json=body).raise_for_status().json()
 
-    def upload(self, name: str, token: str) -> str:
-        """The digest of the reference policy under another name, which is then the token's owner's."""
-        weights = REFERENCE.read_bytes()
-        manifest = PolicyManifest.model_validate(json.loads(REFERENCE.with_suffix(".json").read_text()) | {"name": name})
+    def upload(self, name: str, token: str, policy: Path = REFERENCE) -> str:
+        """The digest of a shipped policy under another name, which is then the token's owner's."""
+        weights = policy.read_bytes()
+        manifest = PolicyManifest.model_validate(json.loads(policy.with_suffix(".json").read_text()) | {"name": name})
         digest = policy_digest(hashlib.sha256(weights).hexdigest(), manifest)
         files, data = {"weights": ("weights.safetensors", weights)}, {"manifest": canonical_json(manifest)}
         with self.client(token) as client:
             client.put(f"/v1/policies/{digest}", files=files, data=data).raise_for_status()
         return digest
 
-    def wait(self, job_id: str) -> None:
-        give_up_s = time.monotonic() + 90
+    def wait(self, job_id: str, within_s: float = 90) -> None:
+        give_up_s = time.monotonic() + within_s
         while self.api.get(f"/v1/jobs/{job_id}").json()["state"] != "succeeded":
             assert time.monotonic() < give_up_s, f"job {job_id} has not ended"
             time.sleep(0.1)
 
 
 @pytest.fixture(scope="package")
-def looked(tmp_path_factory):
+def chromium():
     if not Path(CHROMIUM).exists():
         pytest.skip(f"there is no {CHROMIUM}: the pages are not looked at in a browser")
+    return CHROMIUM
+
+
+@pytest.fixture(scope="package")
+def looked(chromium, tmp_path_factory):
     with Farm(tmp_path_factory.mktemp("browser"), robots=2) as farm:
         looked = Looked(farm)
         yield looked
@@ -76,11 +104,11 @@ def looked(tmp_path_factory):
 
 
 @pytest.fixture(scope="package")
-def browser(looked):
+def browser(chromium):
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        started = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
         yield started
         started.close()
 

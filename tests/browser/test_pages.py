@@ -1,41 +1,12 @@
 """People look at a real farm while it works: operators, a user, a stranger, and whoever cannot see."""
 
-import itertools
-import os
 import statistics
 import time
-from pathlib import Path
 
 import httpx
 import pytest
 
-from tests.browser.conftest import HOSTILE
-
-PICTURES = os.environ.get("TRIFARM_PICTURES")
-"""A folder; where it is named, each page is kept there as a picture."""
-
-
-class Visit:
-    """A signed-in page that keeps what the browser complained about."""
-
-    def __init__(self, browser, looked, token, *, dark=False, width=1280, height=860):
-        self.context = browser.new_context(
-            viewport={"width": width, "height": height}, color_scheme="dark" if dark else "light", base_url=looked.url
-        )
-        self.page = self.context.new_page()
-        self.complaints = []
-        self.page.on("console", lambda said: self.complaints.append(said.text) if said.type == "error" else None)
-        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        self.page.on("dialog", lambda dialog: (self.complaints.append(f"dialog {dialog.message}"), dialog.dismiss()))
-        self.page.goto("/sign-in")
-        self.page.fill("#token", token)
-        self.page.click("button.strong")
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.context.close()
+from tests.browser.conftest import HOSTILE, Visit
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +14,7 @@ def jobs(looked):
     """Two jobs on the same goals, one for the leaderboard, and one that runs for long, all of a policy with a hostile name."""
     digest = looked.upload(HOSTILE, looked.user)
     ended, again = (looked.submit(digest, looked.user, trials=2, seed=3) for _ in range(2))
-    ladder = looked.ladder(digest, looked.user, rungs=3, trials=1)
+    ladder = looked.ladder(HOSTILE, digest, looked.user, rungs=3, trials=1)
     study = looked.farm.folder / "data" / "studies" / "joints"
     study.mkdir(parents=True)
     (study / "report.html").write_text(
@@ -276,20 +247,6 @@ def test_pages_are_light_and_quick(browser, looked, ended):
                 assert client.get(path).status_code == 200
                 times_s.append(time.perf_counter() - began_s)
             assert statistics.median(times_s) < 0.3, path
-
-
-def test_pictures_of_every_page(browser, looked, jobs, ended):
-    if PICTURES is None:
-        pytest.skip("TRIFARM_PICTURES names no folder to keep pictures in")
-    pages = {"farm": "/", "jobs": "/jobs", "job": f"/jobs/{ended}", "trial": f"/trials/{ended}-000", "compare": "/compare"}
-    pages |= {"ladder": f"/ladders/{jobs['ladder']}", "leaderboard": "/leaderboard", "studies": "/studies"}
-    for dark, width in itertools.product((False, True), (1280, 390)):
-        name = f"{'dark' if dark else 'light'}-{'wide' if width > 1000 else 'narrow'}"
-        with Visit(browser, looked, looked.operator, dark=dark, width=width) as visit:
-            for page, path in pages.items():
-                visit.page.goto(path)
-                visit.page.wait_for_timeout(2500)
-                visit.page.screenshot(path=Path(PICTURES) / f"{page}-{name}.png")
 
 
 def test_the_browser_had_nothing_to_complain_about(operator):
