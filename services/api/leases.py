@@ -92,7 +92,7 @@ async def _keep(
 ) -> StoredFile:
     limit_bytes = farm.settings.max_log_bytes
     stored = await farm.files.put(request.stream(), limit_bytes=limit_bytes, expected_sha256=announced)
-    # The file itself is not synced either: what a power cut takes, the robot that lived through it sends again.
+    # The file is on the disk; its row need not be, because the outcome that names it is committed after it and lasts.
     async with farm.database.write(lasting=False) as tx:
         await lease.keep_file(tx, trial_id, fence, kind, stored.sha256)
     return StoredFile(sha256=stored.sha256, bytes=stored.size, new=stored.new)

@@ -1,12 +1,14 @@
 """Where files are kept: a local folder or a bucket of an S3 server; each gives a file its name once only."""
 
 import asyncio
+import hashlib
 import os
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import obstore
+import structlog
 from obstore.exceptions import AlreadyExistsError
 from obstore.store import LocalStore, ObjectStore, S3Store
 
@@ -16,6 +18,7 @@ from services.settings import Settings
 if TYPE_CHECKING:
     from obstore.store import ClientConfig, RetryConfig, S3Config
 
+log = structlog.get_logger()
 IN_ONE_PIECE_BYTES = 32 * 1024**2
 """Larger files go to S3 in parts, so that none has to be in memory as a whole."""
 PART_BYTES = 8 * 1024**2
@@ -31,8 +34,8 @@ class FileHome(Protocol):
         """What the files are read from."""
         ...
 
-    async def take(self, file: Path, key: str, *, durable: bool) -> bool:
-        """Keeps the file under the key; false, and nothing changes, when there is one already."""
+    async def take(self, file: Path, key: str) -> bool:
+        """Keeps the file under the key, so that a power cut does not take it; false when it was there already, whole."""
         ...
 
 
@@ -41,18 +44,30 @@ class LocalHome:
 
     def __init__(self, root: Path) -> None:
         self._root = root
+        self._on_disk: set[Path] = set()
         self.objects: ObjectStore = LocalStore(root)
 
-    async def take(self, file: Path, key: str, *, durable: bool) -> bool:
-        """Moves the file; ``durable`` waits until the disk has its name, too."""
+    async def take(self, file: Path, key: str) -> bool:
+        """Moves the file, and waits until the disk has it and its name; what a power cut left of it before is replaced."""
+        place, source = self._root / key, str(file.relative_to(self._root))
+        await asyncio.to_thread(_sync, file)
         try:
-            await obstore.rename_async(self.objects, str(file.relative_to(self._root)), key, overwrite=False)
+            await obstore.rename_async(self.objects, source, key, overwrite=False)
             new = True
         except AlreadyExistsError:
-            new = False
-        if durable:
-            await asyncio.to_thread(_sync_folder, (self._root / key).parent)
+            if new := not await asyncio.to_thread(_is_whole, place):
+                log.warning("a damaged file is replaced", key=key)
+                await obstore.rename_async(self.objects, source, key, overwrite=True)
+        await asyncio.to_thread(self._sync_name, place)
         return new
+
+    def _sync_name(self, place: Path) -> None:
+        """Syncs the folder of a file, and once in the life of this process those that hold this folder's own name."""
+        _sync(place.parent)
+        if place.parent not in self._on_disk:
+            for folder in place.parent.relative_to(self._root).parents:
+                _sync(self._root / folder)
+            self._on_disk.add(place.parent)
 
 
 class S3Home:
@@ -61,7 +76,7 @@ class S3Home:
     def __init__(self, objects: S3Store) -> None:
         self.objects: ObjectStore = objects
 
-    async def take(self, file: Path, key: str, *, durable: bool) -> bool:  # noqa: ARG002
+    async def take(self, file: Path, key: str) -> bool:
         """Uploads the file; what the server has acknowledged is durable.
 
         S3 puts a whole object only where there is none; for one in parts it cannot promise that. The key is the hash of the
@@ -119,8 +134,17 @@ def _waits(settings: Settings) -> "ClientConfig":
     return {"connect_timeout": "5s", "timeout": "60s", "allow_http": without_tls}
 
 
-def _sync_folder(folder: Path) -> None:
-    opened = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+def _is_whole(place: Path) -> bool:
+    """Whether a file is what its name, a SHA-256, says."""
+    try:
+        with place.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest() == place.name
+    except FileNotFoundError:
+        return False
+
+
+def _sync(path: Path) -> None:
+    opened = os.open(path, os.O_RDONLY)
     try:
         os.fsync(opened)
     finally:

@@ -3,7 +3,6 @@
 import asyncio
 import errno
 import hashlib
-import os
 import secrets
 from collections.abc import AsyncIterator, Iterator
 from contextlib import contextmanager, suppress
@@ -60,16 +59,13 @@ class FileStore:
         (root / INCOMING).mkdir(parents=True, exist_ok=True)
         self._home = LocalHome(root) if home is None else home
 
-    async def put(
-        self, chunks: AsyncIterator[bytes], *, limit_bytes: int, expected_sha256: str | None = None, durable: bool = False
-    ) -> Stored:
-        """Streams a body to disk while hashing it, then gives it its name, which can be done once only.
+    async def put(self, chunks: AsyncIterator[bytes], *, limit_bytes: int, expected_sha256: str | None = None) -> Stored:
+        """Streams a body to disk while hashing it, then gives it its name; when that is done, a power cut does not take it.
 
         Args:
             chunks: the content.
             limit_bytes: the most that is taken.
             expected_sha256: what the sender said it is.
-            durable: wait until the disk has it; for what was acknowledged and cannot be made again.
 
         Raises:
             TooLarge: more than ``limit_bytes``.
@@ -78,13 +74,13 @@ class FileStore:
         """
         spool = self._root / INCOMING / secrets.token_hex(12)
         try:
-            sha256, size = await _spool(spool, chunks, limit_bytes, durable=durable)
+            sha256, size = await _spool(spool, chunks, limit_bytes)
             if expected_sha256 not in (None, sha256):
                 raise Refused(
                     "content-mismatch", f"The body's SHA-256 is {sha256}, not {expected_sha256} as announced; send again."
                 )
             with _away_if_unreachable():
-                new = await self._home.take(spool, _key(sha256), durable=durable)
+                new = await self._home.take(spool, _key(sha256))
             return Stored(sha256, size, new)
         except OSError as error:
             if error.errno not in FULL:
@@ -94,10 +90,10 @@ class FileStore:
         finally:
             spool.unlink(missing_ok=True)
 
-    async def put_file(self, path: Path, *, durable: bool = False) -> Stored:
+    async def put_file(self, path: Path) -> Stored:
         """Takes a copy of a local file."""
         size = await asyncio.to_thread(lambda: path.stat().st_size)
-        return await self.put(_read(path), limit_bytes=size, durable=durable)
+        return await self.put(_read(path), limit_bytes=size)
 
     async def size(self, sha256: str) -> int | None:
         """Bytes of an object; None when it is not there."""
@@ -157,7 +153,7 @@ def _key(sha256: str) -> str:
     return f"{OBJECTS}/{sha256[:2]}/{sha256}"
 
 
-async def _spool(path: Path, chunks: AsyncIterator[bytes], limit_bytes: int, *, durable: bool) -> tuple[str, int]:
+async def _spool(path: Path, chunks: AsyncIterator[bytes], limit_bytes: int) -> tuple[str, int]:
     hashed, size, gathered, gathered_bytes = hashlib.sha256(), 0, [], 0
     with path.open("xb", buffering=0) as file:
         async for chunk in chunks:
@@ -170,8 +166,6 @@ async def _spool(path: Path, chunks: AsyncIterator[bytes], limit_bytes: int, *, 
                 await asyncio.to_thread(_take, hashed, file, gathered)
                 gathered, gathered_bytes = [], 0
         await asyncio.to_thread(_take, hashed, file, gathered)
-        if durable:
-            await asyncio.to_thread(os.fsync, file.fileno())
     return hashed.hexdigest(), size
 
 

@@ -109,7 +109,7 @@ class Policies:
                 known = await owners.find(connection, upload.digest, None)
             if known is not None:
                 return await self._own(upload, known.graph_bytes, now_iso)
-            stored = await self._files.put_file(path, durable=True)
+            stored = await self._files.put_file(path)
             return await self._insert(upload, stored, stored, (), now_iso)
 
     async def disown(self, digest: str, owner: str) -> None:
@@ -147,8 +147,8 @@ class Policies:
             with self._coming(upload.owner, converted.graph.stat().st_size) as coming_bytes:
                 await self._check_room(upload, coming_bytes)
                 # Only now, so that weights which were refused leave nothing behind.
-                graph = await self._files.put_file(converted.graph, durable=True)
-                weights = await self._files.put_file(upload.weights, durable=True)
+                graph = await self._files.put_file(converted.graph)
+                weights = await self._files.put_file(upload.weights)
                 return await self._insert(upload, weights, graph, converted.warnings, now_iso)
 
     async def _convert(self, upload: Upload, folder: Path) -> child.Converted:

@@ -1,7 +1,9 @@
 import asyncio
 import hashlib
+import os
 import subprocess
 import sys
+import threading
 import time
 from datetime import timedelta
 
@@ -38,7 +40,7 @@ def sha(content):
 
 
 async def test_content_comes_back_under_its_hash(store):
-    stored = await store.put(chunks(b"hello ", b"", b"world"), limit_bytes=11, durable=True)
+    stored = await store.put(chunks(b"hello ", b"", b"world"), limit_bytes=11)
     assert (stored.sha256, stored.size, stored.new) == (sha(b"hello world"), 11, True)
     assert await whole(store, stored.sha256) == b"hello world"
     assert await whole(store, stored.sha256, 6, 9) == b"wor"
@@ -89,6 +91,36 @@ async def test_what_a_killed_process_left_is_forgotten(store, tmp_path):
     assert store.forget_unfinished() == 0
 
 
+@pytest.mark.parametrize("left", [b"", b"con", b"COntent"])
+async def test_what_a_power_cut_left_of_a_file_is_replaced_when_it_comes_again(tmp_path, left):
+    store = FileStore(tmp_path)
+    stored = await store.put(chunks(b"content"), limit_bytes=9)
+    place = tmp_path / "sha256" / stored.sha256[:2] / stored.sha256
+    place.write_bytes(left)
+    assert (await store.put(chunks(b"content"), limit_bytes=9)).new
+    assert place.read_bytes() == b"content"
+    assert not (await store.put(chunks(b"content"), limit_bytes=9)).new
+
+
+async def test_the_disk_has_a_file_and_its_name_before_it_is_acknowledged_and_the_loop_does_not_wait_for_it(
+    tmp_path, monkeypatch
+):
+    store, synced, sync = FileStore(tmp_path), [], os.fsync
+
+    def noted(opened):
+        assert threading.current_thread() is not threading.main_thread()
+        synced.append(os.fstat(opened).st_ino)
+        sync(opened)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    sha256 = (await store.put(chunks(b"content"), limit_bytes=9)).sha256
+    folder = tmp_path / "sha256" / sha256[:2]
+    assert synced == [path.stat().st_ino for path in (folder / sha256, folder, folder.parent, tmp_path)]
+    synced.clear()
+    await store.put(chunks(b"content"), limit_bytes=9)
+    assert folder.stat().st_ino in synced  # whoever put it first may not have come so far yet
+
+
 async def test_a_missing_object(store):
     assert await store.size("0" * 64) is None
     with pytest.raises(FileNotFoundError):
@@ -117,7 +149,7 @@ async def test_what_is_listed_can_be_removed(store):
 
 
 async def test_several_who_put_the_same_at_once_make_one(store):
-    stored = await asyncio.gather(*(store.put(chunks(b"same"), limit_bytes=9, durable=True) for _ in range(8)))
+    stored = await asyncio.gather(*(store.put(chunks(b"same"), limit_bytes=9) for _ in range(8)))
     assert sum(each.new for each in stored) == 1
 
 
