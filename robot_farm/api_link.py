@@ -92,7 +92,8 @@ class ApiLink:
             ValueError: what came has another digest.
         """
         path = folder / f"{sha256}.onnx"
-        if path.exists():
+        # A power cut can leave less than was written, and the policy would be blamed for what it cannot load.
+        if path.exists() and hashlib.sha256(path.read_bytes()).hexdigest() == sha256:
             path.touch()
             return path
         for old in sorted(folder.glob("*.onnx"), key=lambda each: each.stat().st_mtime)[: 1 - GRAPHS_KEPT]:

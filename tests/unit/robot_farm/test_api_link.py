@@ -4,6 +4,7 @@ import hashlib
 import os
 
 import httpx
+import pytest
 
 from robot_farm.api_link import GRAPHS_KEPT, ApiLink
 
@@ -27,3 +28,13 @@ def test_the_graphs_that_were_wanted_last_are_kept(tmp_path, monkeypatch):
         fetch(GRAPHS_KEPT)
         kept = {path.read_bytes() for path in tmp_path.iterdir()}
     assert kept == {b"%d" % number for number in range(GRAPHS_KEPT + 1) if number != 1}
+
+
+@pytest.mark.parametrize("left", [b"", b"gra", b"GRaph"])
+def test_what_a_power_cut_left_of_a_graph_is_fetched_anew(tmp_path, monkeypatch, left):
+    with ApiLink("http://farm", "token") as link:
+        monkeypatch.setattr(link, "_patiently", lambda _method, _url: httpx.Response(200, content=b"graph"))
+        for _ in range(2):
+            path = link.fetch_graph("digest", hashlib.sha256(b"graph").hexdigest(), tmp_path)
+            assert path.read_bytes() == b"graph"
+            path.write_bytes(left)
