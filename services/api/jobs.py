@@ -91,8 +91,10 @@ async def get_webhook(job_id: JobId, caller: User, farm: TheFarm) -> Webhook:
 @router.post("/{job_id}/requeue", responses=refusals(409))
 async def requeue_job(job_id: JobId, caller: Operator, farm: TheFarm) -> Job:
     """Puts a failed job back into the queue; what it has done is kept, and the rest is tried anew."""
+    async with farm.database.read() as connection:
+        row = await views.job_row(connection, job_id, caller.sees_only)
+    await requeue.check_logs(farm.database, farm.files, row.number)
     async with farm.database.write() as tx:
-        row = await views.job_row(tx, job_id, caller.sees_only)
         await requeue.requeue(tx, farm.clock.now_s(), row.number)
     farm.signals.job_changed(job_id)
     farm.signals.wake_dispatcher(urgent=True)

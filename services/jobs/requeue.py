@@ -5,13 +5,35 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.job import JobState
 from api_schemas.trial import TrialState
+from services.database.database import Database
 from services.database.tables import event, job, trial, webhook
 from services.errors import Conflict
+from services.files.store import FileStore
 from services.jobs import events, pinning
 from services.jobs.clock import iso
 
 GAVE_UP = "job_gave_up"
 """What the end of a job is called in its history after the job went on: readers stop at ``job_ended``."""
+NAMED = 5
+
+
+async def check_logs(database: Database, files: FileStore, job_number: int) -> None:
+    """Raises where the report of a failed job, had it gone on, would name logs that are gone.
+
+    Raises:
+        Conflict: logs of what it has done are not in the store.
+    """
+    done = select(job.c.job_id, trial.c.ordinal, trial.c.log_sha256).join(job, job.c.number == trial.c.job_number)
+    done = done.where(job.c.number == job_number, job.c.state == JobState.FAILED, trial.c.state == TrialState.DONE)
+    async with database.read() as connection:
+        rows = (await connection.execute(done.where(trial.c.log_sha256.is_not(None)).order_by(trial.c.ordinal))).all()
+    gone = [row.ordinal for row in rows if await files.size(row.log_sha256) is None]
+    if gone:
+        some = ", ".join(map(str, gone[:NAMED])) + (" …" if len(gone) > NAMED else "")
+        detail = (
+            f"Logs of what job {rows[0].job_id} has done are gone (trial {some}), and its report would name them; send a new job."
+        )
+        raise Conflict("logs-gone", detail, trials=gone)
 
 
 async def requeue(tx: AsyncConnection, now_s: float, job_number: int) -> None:

@@ -11,7 +11,6 @@ from api_schemas.trial import AttemptState
 from services.database.database import Database
 from services.database.tables import attempt, job, policy
 from services.files.store import FileStore, Kept
-from services.jobs.lease import UNENDED
 
 DAY_S = 86_400.0
 YOUNG_S = 3600.0
@@ -19,10 +18,11 @@ YOUNG_S = 3600.0
 AT_ONCE = 500
 
 _some = bindparam("some", expanding=True)
-# The log of an open attempt may become an outcome's, and an accepted outcome is in the report of its job, or will be.
+# The log of an open attempt may become an outcome's, and an accepted outcome is in the report of its job, or will be: a job that
+# failed can be queued again, and goes on with what it has.
 _IN_USE = or_(
     attempt.c.state == AttemptState.OPEN,
-    and_(attempt.c.state == AttemptState.ACCEPTED, job.c.state.in_((*UNENDED, JobState.SUCCEEDED))),
+    and_(attempt.c.state == AttemptState.ACCEPTED, job.c.state != JobState.CANCELLED),
 )
 _REFERRED_TO = union(
     select(policy.c.weights_sha256).where(policy.c.weights_sha256.in_(_some)),

@@ -1,16 +1,20 @@
 """A failed job goes on where it was, and its history still ends where it ends."""
 
+from types import SimpleNamespace
+
 import pytest
-from sqlalchemy import insert, select
+from sqlalchemy import insert, select, update
 
 from api_schemas.job import FINAL_JOB_STATES, JobRequest, JobState
 from api_schemas.robot import OutcomeReport
 from api_schemas.trial import Fault, Outcome, OutcomeKind
+from services.api.jobs import requeue_job
 from services.database.tables import job, policy, robot, trial
 from services.errors import Conflict
+from services.files.store import FileStore
 from services.jobs.completion import accept, fault
 from services.jobs.events import events_after
-from services.jobs.requeue import requeue
+from services.jobs.requeue import check_logs, requeue
 from services.jobs.submission import submit
 from tests.unit.services.dispatcher.conftest import POLICY
 from tests.unit.services.jobs.test_pinning import ANN, NOW_S, asked, end, take
@@ -55,6 +59,23 @@ async def test_what_was_done_is_kept_and_the_rest_is_tried_anew(database, fleet_
         history = await events_after(connection, row.number, 0)
     assert [event.kind for event in history].count("job_ended") == 1 and history[-1].kind == "job_ended"
     assert [event.state for event in history if event.kind == "job_gave_up"] == [JobState.RUNNING]
+
+
+async def test_a_job_whose_report_would_name_logs_that_are_gone_is_not_queued_again(database, fleet_of, tmp_path):
+    async def log():
+        yield b"log"
+
+    files = FileStore(tmp_path)
+    await failed(database, fleet_of("a", "b"))
+    async with database.read() as connection:
+        job_id = (await connection.execute(select(job.c.job_id))).scalar_one()
+    with pytest.raises(Conflict, match=rf"what job {job_id} has done are gone \(trial 0\)") as caught:
+        await requeue_job(job_id, SimpleNamespace(sees_only=None), SimpleNamespace(database=database, files=files))
+    assert (caught.value.slug, caught.value.members) == ("logs-gone", {"trials": [0]})
+    sha256 = (await files.put(log(), limit_bytes=9)).sha256
+    async with database.write() as tx:
+        await tx.execute(update(trial).where(trial.c.log_sha256.is_not(None)).values(log_sha256=sha256))
+    await check_logs(database, files, 1)
 
 
 async def test_a_job_whose_robots_still_stop_its_trials_has_to_wait_and_its_history_ends_nowhere_in_between(database, fleet_of):

@@ -30,15 +30,27 @@ async def put(files, text):
 
 async def fill(database, files):
     """Files of every standing, by the name that says which: their hashes."""
-    names = ("weights", "graph", "report log", "report truth", "running log", "open log", "fault log", "failed log", "nobody's")
+    names = (
+        "weights",
+        "graph",
+        "report log",
+        "report truth",
+        "running log",
+        "open log",
+        "fault log",
+        "failed log",
+        "cancelled log",
+        "nobody's",
+    )
     sha = {name: await put(files, name) for name in names}
-    jobs = {1: "succeeded", 2: "running", 3: "failed"}
+    jobs = {1: "succeeded", 2: "running", 3: "failed", 4: "cancelled"}
     attempts = [
         (1, "accepted", "report log", "report truth"),
         (1, "platform_fault", "fault log", None),
         (2, "accepted", "running log", None),
         (2, "open", "open log", None),
         (3, "accepted", "failed log", None),
+        (4, "accepted", "cancelled log", None),
     ]
     async with database.write() as tx:
         named = {"digest": sha["weights"], "weights_sha256": sha["weights"], "graph_sha256": sha["graph"]}
@@ -63,15 +75,15 @@ async def left(files, sha):
 async def test_what_a_report_refers_to_or_may_is_kept_however_old(new_database, files):
     sha = await fill(new_database, files)
     removed = await tidy(new_database, files, Rules(days=9, size=None), time.time() + LATER_S)
-    assert await left(files, sha) == set(sha) - {"fault log", "failed log", "nobody's"}
-    assert removed == Removed(3, len("fault log" + "failed log" + "nobody's"))
+    assert await left(files, sha) == set(sha) - {"fault log", "cancelled log", "nobody's"}
+    assert removed == Removed(3, len("fault log" + "cancelled log" + "nobody's"))
 
 
 async def test_nothing_goes_that_is_young_or_that_no_rule_lets_go(new_database, files):
     sha = await fill(new_database, files)
     assert await tidy(new_database, files, Rules(days=None, size=0), time.time() + YOUNG_S / 2) == Removed(0, 0)
     assert await tidy(new_database, files, Rules(days=None, size=None), time.time() + LATER_S) == Removed(0, 0)
-    assert await tidy(new_database, files, Rules(days=11, size=27), time.time() + LATER_S) == Removed(0, 0)
+    assert await tidy(new_database, files, Rules(days=11, size=30), time.time() + LATER_S) == Removed(0, 0)
     assert await left(files, sha) == set(sha)
 
 
