@@ -69,7 +69,7 @@ class Dispatcher:
     fleet: Fleet
     signals: Signals
     metrics: Metrics
-    _manifests: dict[str, tuple[PolicyManifest, str]] = field(default_factory=dict)
+    _manifests: dict[str, PolicyManifest] = field(default_factory=dict)
     _gives_from_s: float = 0.0
 
     def __post_init__(self) -> None:
@@ -232,10 +232,11 @@ class Dispatcher:
         )
 
     async def _policy(self, digest: str) -> tuple[PolicyManifest, str]:
+        # The graph is not remembered: one that was gone comes back as whatever the present version makes of the weights.
+        async with self.database.read() as connection:
+            row = await queue.policy_of(connection, digest)
         if digest not in self._manifests:
-            async with self.database.read() as connection:
-                row = await queue.policy_of(connection, digest)
             if len(self._manifests) >= MANIFESTS_KEPT:
                 del self._manifests[next(iter(self._manifests))]
-            self._manifests[digest] = (PolicyManifest.model_validate_json(row.manifest), row.graph_sha256)
-        return self._manifests[digest]
+            self._manifests[digest] = PolicyManifest.model_validate_json(row.manifest)
+        return self._manifests[digest], row.graph_sha256

@@ -35,7 +35,10 @@ class FileHome(Protocol):
         ...
 
     async def take(self, file: Path, key: str) -> bool:
-        """Keeps the file under the key, so that a power cut does not take it; false when it was there already, whole."""
+        """Keeps the file under the key, so that a power cut does not take it.
+
+        False when it was there already, whole; its age is counted from now on all the same.
+        """
         ...
 
 
@@ -55,7 +58,7 @@ class LocalHome:
             await obstore.rename_async(self.objects, source, key, overwrite=False)
             new = True
         except AlreadyExistsError:
-            if new := not await asyncio.to_thread(_is_whole, place):
+            if new := not await asyncio.to_thread(_renew, place):
                 log.warning("a damaged file is replaced", key=key)
                 await obstore.rename_async(self.objects, source, key, overwrite=True)
         await asyncio.to_thread(self._sync_name, place)
@@ -80,20 +83,19 @@ class S3Home:
         """Uploads the file; what the server has acknowledged is durable.
 
         S3 puts a whole object only where there is none; for one in parts it cannot promise that. The key is the hash of the
-        content, so that the second of two at the same time writes what is there already.
+        content, so that the second of two at the same time writes what is there already. What is there is put again, because
+        nothing else makes it young.
         """
-        try:
-            if await asyncio.to_thread(lambda: file.stat().st_size) <= IN_ONE_PIECE_BYTES:
+        if await asyncio.to_thread(lambda: file.stat().st_size) <= IN_ONE_PIECE_BYTES:
+            try:
                 await obstore.put_async(self.objects, key, file, mode="create", use_multipart=False)
                 return True
-            if await self._has(key):
+            except AlreadyExistsError:
+                await obstore.put_async(self.objects, key, file, use_multipart=False)
                 return False
-            await obstore.put_async(
-                self.objects, key, file, use_multipart=True, chunk_size=PART_BYTES, max_concurrency=PARTS_AT_ONCE
-            )
-            return True
-        except AlreadyExistsError:
-            return False
+        new = not await self._has(key)
+        await obstore.put_async(self.objects, key, file, use_multipart=True, chunk_size=PART_BYTES, max_concurrency=PARTS_AT_ONCE)
+        return new
 
     async def _has(self, key: str) -> bool:
         try:
@@ -134,11 +136,14 @@ def _waits(settings: Settings) -> "ClientConfig":
     return {"connect_timeout": "5s", "timeout": "60s", "allow_http": without_tls}
 
 
-def _is_whole(place: Path) -> bool:
-    """Whether a file is what its name, a SHA-256, says."""
+def _renew(place: Path) -> bool:
+    """Makes a file as young as one that has just come; false when it is not what its name, a SHA-256, says."""
     try:
         with place.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest() == place.name
+            if hashlib.file_digest(file, "sha256").hexdigest() != place.name:
+                return False
+        os.utime(place)
+        return True
     except FileNotFoundError:
         return False
 

@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import obstore
 import structlog
@@ -16,6 +16,9 @@ from obstore.exceptions import GenericError, PermissionDeniedError, Unauthentica
 
 from services.errors import DISK_FULL, Refused, TooLarge, Unavailable
 from services.files.homes import FileHome, LocalHome
+
+if TYPE_CHECKING:
+    from obstore import ObjectMeta
 
 log = structlog.get_logger()
 
@@ -97,9 +100,14 @@ class FileStore:
 
     async def size(self, sha256: str) -> int | None:
         """Bytes of an object; None when it is not there."""
+        found = await self.find(sha256)
+        return None if found is None else found.size
+
+    async def find(self, sha256: str) -> Kept | None:
+        """An object as it is now; None when it is not there."""
         try:
             with _away_if_unreachable():
-                return (await obstore.head_async(self._home.objects, _key(sha256)))["size"]
+                return _kept(await obstore.head_async(self._home.objects, _key(sha256)))
         except FileNotFoundError:
             return None
 
@@ -124,7 +132,7 @@ class FileStore:
         with _away_if_unreachable():
             async for page in obstore.list(self._home.objects, prefix=OBJECTS):
                 for each in page:
-                    yield Kept(each["path"].rpartition("/")[2], each["size"], each["last_modified"].timestamp())
+                    yield _kept(each)
 
     async def remove(self, sha256: str) -> None:
         """Takes an object out of the store for good; one that is not there is no error."""
@@ -147,6 +155,10 @@ def _away_if_unreachable() -> Iterator[None]:
     except (GenericError, PermissionDeniedError, UnauthenticatedError) as error:
         log.error("file store unreachable", reason=str(error))
         raise Unavailable("files-unavailable", "The file store did not answer; try again in a moment.") from error
+
+
+def _kept(found: "ObjectMeta") -> Kept:
+    return Kept(found["path"].rpartition("/")[2], found["size"], found["last_modified"].timestamp())
 
 
 def _key(sha256: str) -> str:

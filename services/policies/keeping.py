@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from sqlalchemy import insert
+import structlog
+from sqlalchemy import insert, update
 from sqlalchemy.exc import IntegrityError
 
 from api_schemas.builtin_policies import BUILTIN, BUILTIN_NAMES, PREFIX, builtin_content, builtin_digest
@@ -25,6 +26,7 @@ from services.policies import child, intake, owners
 from services.policies.unfit import printable
 from services.settings import Settings
 
+log = structlog.get_logger()
 WRONG_DIGEST = "check that the upload was not cut short, and send it to the address with the digest of what you have"
 
 
@@ -89,8 +91,10 @@ class Policies:
             )
         async with self._database.read() as connection:
             mine, known = [await owners.find(connection, actual, owner) for owner in (upload.owner, None)]
+        if known is not None:
+            await self._restore(known, upload)
         if mine is not None:
-            return show(mine), False
+            return await self.find(actual, upload.owner), False
         with self._coming(upload.owner, upload.weights.stat().st_size) as coming_bytes:
             await self._check_room(upload, coming_bytes)
             if known is not None:
@@ -107,9 +111,9 @@ class Policies:
             upload = Upload(builtin_digest(name), path, sha256, BUILTIN_FORMAT, manifest, owner)
             async with self._database.read() as connection:
                 known = await owners.find(connection, upload.digest, None)
+            stored = await self._files.put_file(path)
             if known is not None:
                 return await self._own(upload, known.graph_bytes, now_iso)
-            stored = await self._files.put_file(path)
             return await self._insert(upload, stored, stored, (), now_iso)
 
     async def disown(self, digest: str, owner: str) -> None:
@@ -140,16 +144,35 @@ class Policies:
             await owners.check_room(connection, upload.owner, coming_bytes, upload.share_bytes)
 
     async def _keep(self, upload: Upload, now_iso: str) -> tuple[Policy, bool]:
+        weights, graph, warnings = await self._store(upload, is_kept=False)
+        return await self._insert(upload, weights, graph, warnings, now_iso)
+
+    async def _restore(self, known: AnyRow, upload: Upload) -> None:
+        """Stores the files of a policy again that are gone; another version may convert to another graph than was there."""
+        weights_bytes, graph_bytes = [await self._files.size(each) for each in (known.weights_sha256, known.graph_sha256)]
+        if weights_bytes == known.weights_bytes and graph_bytes:
+            return
+        log.warning("files of a policy are stored again", digest=known.digest)
+        _, graph, warnings = await self._store(upload, is_kept=True)
+        now_has = {"graph_sha256": graph.sha256, "graph_bytes": graph.size, "warnings": json.dumps(warnings)}
+        async with self._database.write() as tx:
+            await tx.execute(update(policy).where(policy.c.digest == known.digest).values(now_has))
+
+    async def _store(self, upload: Upload, *, is_kept: bool) -> tuple[Stored, Stored, tuple[str, ...]]:
+        """Checks, converts and keeps an upload; gives its weights, its graph and the warnings of the conversion.
+
+        What the farm keeps already (``is_kept``) needs no more room.
+        """
         limit_bytes, kind = self._settings.max_weights_bytes, WeightsFormat(upload.kind)
         await asyncio.to_thread(intake.check_weights, upload.weights, kind, limit_bytes, upload.filename)
         with tempfile.TemporaryDirectory(prefix="trifarm-conversion-") as name:
             converted = await self._convert(upload, Path(name))
             with self._coming(upload.owner, converted.graph.stat().st_size) as coming_bytes:
-                await self._check_room(upload, coming_bytes)
+                if not is_kept:
+                    await self._check_room(upload, coming_bytes)
                 # Only now, so that weights which were refused leave nothing behind.
                 graph = await self._files.put_file(converted.graph)
-                weights = await self._files.put_file(upload.weights)
-                return await self._insert(upload, weights, graph, converted.warnings, now_iso)
+                return await self._files.put_file(upload.weights), graph, converted.warnings
 
     async def _convert(self, upload: Upload, folder: Path) -> child.Converted:
         manifest = folder / "manifest.json"

@@ -19,7 +19,10 @@ def test_an_operator_has_it_at_once_and_only_once(farm, name):
     first = farm.admin.put(f"/v1/policies/builtin/{name}")
     assert first.status_code == 201, first.text
     assert (first.json()["digest"], first.json()["weights_format"]) == (builtin_digest(name), "builtin")
+    graph = first.json()["graph_sha256"]
+    (farm.data / "files" / "sha256" / graph[:2] / graph).unlink()
     assert farm.admin.put(f"/v1/policies/builtin/{name}").status_code == 200
+    assert farm.admin.get(f"/v1/policies/{first.json()['digest']}/graph").status_code == 200, "what was gone is there again"
     names = [policy["name"] for policy in farm.admin.get("/v1/policies").json()["policies"]]
     assert names.count(f"builtin-{name}") == 1
     job = farm.admin.post("/v1/jobs", json={"policy": first.json()["digest"], "task": "move_cube_2", "trials": 1})

@@ -1,6 +1,8 @@
 """Policies at the door: what is taken computes what was sent, what cannot be taken is refused with a reason."""
 
 import io
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +72,21 @@ def test_the_same_policy_again_is_the_same_policy(farm):
     assert first.json() == second.json()
     assert farm.admin.get(f"/v1/policies/{first.json()['digest']}").json() == first.json()
     assert first.json()["digest"] in [each["digest"] for each in farm.admin.get("/v1/policies").json()["policies"]]
+
+
+@pytest.mark.parametrize("gone", ["weights_sha256", "graph_sha256", "the graph of another version"])
+def test_a_policy_whose_files_are_gone_has_them_again_when_it_is_sent_again(farm, gone):
+    first = farm.upload(*small_policy(seed=6)).json()
+    if gone == "the graph of another version":
+        with closing(sqlite3.connect(farm.data / "farm.sqlite")) as truth, truth:
+            truth.execute("UPDATE policy SET graph_sha256 = ? WHERE digest = ?", ("0" * 64, first["digest"]))
+    else:
+        (farm.data / "files" / "sha256" / first[gone][:2] / first[gone]).unlink()
+    again = farm.upload(*small_policy(seed=6))
+    assert (again.status_code, again.json()) == (200, first)
+    assert graph_of(farm, again).get_inputs()
+    for name in (first["weights_sha256"], first["graph_sha256"]):
+        assert (farm.data / "files" / "sha256" / name[:2] / name).is_file()
 
 
 def test_a_policy_may_come_without_its_digest(farm):

@@ -63,8 +63,15 @@ async def test_a_trial_whose_robot_says_that_it_runs_it_is_running_though_its_an
 
 async def test_only_so_many_manifests_are_kept_in_memory(database, dispatcher, monkeypatch):
     monkeypatch.setattr(dispatcher_module, "MANIFESTS_KEPT", 2)
-    dispatcher._manifests |= {"one": (None, "g"), "two": (None, "g")}
+    dispatcher._manifests |= {"one": LAYOUTS["pose"], "two": LAYOUTS["pose"]}
     async with database.write() as tx:
         await tx.execute(update(policy).values(manifest=LAYOUTS["rrc2022-push"].model_dump_json()))
     await dispatcher._policy(POLICY["digest"])
     assert list(dispatcher._manifests) == ["two", POLICY["digest"]]
+
+
+async def test_a_graph_that_was_converted_again_is_in_the_next_lease(database, dispatcher):
+    for graph in ("a" * 64, "b" * 64):
+        async with database.write() as tx:
+            await tx.execute(update(policy).values(manifest=LAYOUTS["pose"].model_dump_json(), graph_sha256=graph))
+        assert await dispatcher._policy(POLICY["digest"]) == (LAYOUTS["pose"], graph)

@@ -121,6 +121,19 @@ async def test_the_disk_has_a_file_and_its_name_before_it_is_acknowledged_and_th
     assert folder.stat().st_ino in synced  # whoever put it first may not have come so far yet
 
 
+@pytest.mark.parametrize("in_one_piece", [True, False])
+async def test_what_comes_again_is_young_again(store, monkeypatch, in_one_piece):
+    if not in_one_piece:
+        monkeypatch.setattr(homes, "IN_ONE_PIECE_BYTES", 0)
+    first = await store.put(chunks(b"content"), limit_bytes=9)
+    before = await store.find(first.sha256)
+    await asyncio.sleep(1.1)  # S3 counts seconds
+    assert not (await store.put(chunks(b"content"), limit_bytes=9)).new
+    now = await store.find(first.sha256)
+    assert (now.sha256, now.size) == (before.sha256, before.size)
+    assert now.stored_s > before.stored_s
+
+
 async def test_a_missing_object(store):
     assert await store.size("0" * 64) is None
     with pytest.raises(FileNotFoundError):

@@ -1,5 +1,6 @@
 """Logs go by age and size; what a report refers to, or may come to refer to, never does."""
 
+import asyncio
 import time
 
 import pytest
@@ -8,6 +9,7 @@ from sqlalchemy import insert
 from services.database.tables import attempt, job, policy, trial
 from services.files.homes import open_home
 from services.files.store import FileStore, Kept
+from services.upkeep import retention
 from services.upkeep.retention import DAY_S, YOUNG_S, Removed, Rules, tidy, to_remove
 from tests.homes import s3_home_settings
 from tests.unit.services.database.test_migrations import DONE, JOB, POLICY
@@ -85,6 +87,23 @@ async def test_nothing_goes_that_is_young_or_that_no_rule_lets_go(new_database, 
     assert await tidy(new_database, files, Rules(days=None, size=None), time.time() + LATER_S) == Removed(0, 0)
     assert await tidy(new_database, files, Rules(days=11, size=30), time.time() + LATER_S) == Removed(0, 0)
     assert await left(files, sha) == set(sha)
+
+
+async def test_what_comes_again_while_it_is_to_go_is_kept_though_its_row_is_still_on_the_way(new_database, files, monkeypatch):
+    sha256, look = await put(files, "graph"), retention._referred_to
+
+    async def looked(connection, some):
+        found = await look(connection, some)
+        if some == [sha256] and not listing:
+            await asyncio.sleep(1.1)  # S3 counts seconds
+            await put(files, "graph")
+        listing.clear()
+        return found
+
+    listing = ["the first time of all"]
+    monkeypatch.setattr(retention, "_referred_to", looked)
+    assert await tidy(new_database, files, Rules(days=9, size=None), time.time() + LATER_S) == Removed(0, 0)
+    assert await left(files, {"graph": sha256}) == {"graph"}
 
 
 def test_the_oldest_go_until_the_rest_is_small_enough():
