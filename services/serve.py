@@ -207,6 +207,9 @@ async def _repeat(failed: str, every_s: float, work: Callable[[], Awaitable[obje
             await work()
         except (OSError, SQLAlchemyError, ServiceError) as error:
             log.warning(failed, reason=str(error))
+        except Exception:
+            # What is repeated must outlive any single failure; the next time tries again.
+            log.exception(failed)
 
 
 async def _follow_clock(farm: Farm) -> None:

@@ -1,14 +1,17 @@
 """A start that was cut short can be made again, and a clock that goes back is followed."""
 
+import asyncio
 import json
 from types import SimpleNamespace
 
 import pytest
 from sqlalchemy import select
+from structlog.testing import capture_logs
 
 from services import serve
 from services.api.tokens import Tokens
 from services.database.tables import trial
+from services.errors import ServiceError
 from services.jobs import robots
 from services.jobs.clock import FarmClock
 from services.settings import Settings
@@ -39,6 +42,27 @@ async def test_when_the_clock_goes_back_no_lease_and_no_pause_lasts_longer(new_d
         until_s = (await connection.execute(select(trial.c.lease_until_s).where(trial.c.robot == "a"))).scalar_one()
     member = fleet.member("a")
     assert (until_s, member.seen_s, member.renewed_s, member.paused_until_s) == (now_s + 15.0, now_s, now_s, now_s)
+
+
+async def test_what_is_repeated_goes_on_after_an_error_that_nobody_expected_and_it_is_in_the_log():
+    errors, done = iter((OSError("away"), ValueError("a mistake of ours"), ServiceError("slug", "not now"))), asyncio.Event()
+
+    async def work():
+        for error in errors:
+            raise error
+        done.set()
+
+    with capture_logs() as lines:
+        running = asyncio.create_task(serve._repeat("it failed", 0.001, work))
+        await asyncio.wait_for(done.wait(), 10)
+        running.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await running
+    assert [(line["event"], line["log_level"]) for line in lines] == [
+        ("it failed", "warning"),
+        ("it failed", "error"),
+        ("it failed", "warning"),
+    ]
 
 
 @pytest.mark.parametrize("cut_short", ["_write_privately", "keep"])
