@@ -3,6 +3,7 @@
 import hashlib
 import ssl
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
 
@@ -14,11 +15,19 @@ from api_schemas.trial import Outcome
 
 RETRY_FOR_S = 120.0
 """An outcome is offered again for so long when the API is away; by then the lease has long run out."""
+PART_BYTES = 1 << 16
+"""Of a file that is sent: even a slow link takes the next part within seconds."""
 GRAPHS_KEPT = 20
 """So many policies' graphs stay with a robot; the one that was wanted last the longest ago goes first."""
 NOT_EXPECTED = "robot-not-expected"
 """In the type of the problem by which the API refuses such a robot."""
 _RETRY_STATUS = frozenset({429, 500, 502, 503, 504})
+GoesOn = Callable[[], object]
+"""Called with each part of a file and before each try, so that the caller sees that the request goes on."""
+
+
+def unwatched() -> None:
+    """Nobody waits for the parts of a request."""
 
 
 class LeaseRefusedError(Exception):
@@ -84,7 +93,7 @@ class ApiLink:
         response = self.once("POST", f"/v1/leases/{trial_id}/renew", json=body)
         return RenewalReply.model_validate_json(response.content)
 
-    def fetch_graph(self, digest: str, sha256: str, folder: Path) -> Path:
+    def fetch_graph(self, digest: str, sha256: str, folder: Path, goes_on: GoesOn = unwatched) -> Path:
         """The policy's ONNX graph, kept under its SHA-256 in the robot's own folder until ``GRAPHS_KEPT`` others were wanted.
 
         Raises:
@@ -98,20 +107,20 @@ class ApiLink:
             return path
         for old in sorted(folder.glob("*.onnx"), key=lambda each: each.stat().st_mtime)[: 1 - GRAPHS_KEPT]:
             old.unlink()
-        response = self._patiently("GET", f"/v1/policies/{digest}/graph")
+        response = self._patiently("GET", f"/v1/policies/{digest}/graph", goes_on=goes_on)
         if hashlib.sha256(response.content).hexdigest() != sha256:
             raise ValueError(f"the graph of policy {digest} does not have the SHA-256 {sha256} that the lease names")
         partial = path.with_suffix(".partial")
         partial.write_bytes(response.content)
         return partial.rename(path)
 
-    def upload_log(self, lease: Lease, log: Path) -> str:
+    def upload_log(self, lease: Lease, log: Path, goes_on: GoesOn = unwatched) -> str:
         """Upload a log under the lease's fence; returns its SHA-256."""
-        return self._upload(lease, "log", log)
+        return self._upload(lease, "log", log, goes_on)
 
-    def upload_truth(self, lease: Lease, truth: Path) -> str:
+    def upload_truth(self, lease: Lease, truth: Path, goes_on: GoesOn = unwatched) -> str:
         """Upload what only operators may see under the lease's fence; returns its SHA-256."""
-        return self._upload(lease, "truth", truth)
+        return self._upload(lease, "truth", truth, goes_on)
 
     def report_outcome(self, lease: Lease, outcome: Outcome, log_sha256: str | None, truth_sha256: str | None = None) -> None:
         """Report how the attempt ended; the last word on a lease."""
@@ -120,34 +129,41 @@ class ApiLink:
         )
         self._patiently("POST", f"/v1/leases/{lease.trial_id}/outcome", json=report.model_dump(mode="json"))
 
-    def _upload(self, lease: Lease, kind: str, file: Path) -> str:
+    def _upload(self, lease: Lease, kind: str, file: Path, goes_on: GoesOn) -> str:
         with file.open("rb") as stream:
             digest = hashlib.file_digest(stream, "sha256").hexdigest()
         headers = {"X-Content-SHA256": digest, "Content-Length": str(file.stat().st_size)}
-        self._patiently("PUT", f"/v1/leases/{lease.trial_id}/{lease.fence}/{kind}", headers=headers, upload=file)
+        path = f"/v1/leases/{lease.trial_id}/{lease.fence}/{kind}"
+        self._patiently("PUT", path, headers=headers, upload=file, goes_on=goes_on)
         return digest
 
-    def _patiently(self, method: str, url: str, *, upload: Path | None = None, **request) -> httpx.Response:
+    def _patiently(
+        self, method: str, url: str, *, upload: Path | None = None, goes_on: GoesOn = unwatched, **request
+    ) -> httpx.Response:
         """Send until it is answered, at most ``RETRY_FOR_S``."""
         give_up_s, pause_s = time.monotonic() + RETRY_FOR_S, 0.1
         while True:
+            goes_on()
             try:
                 if upload is None:
-                    return self.once(method, url, **request)
+                    return self.once(method, url, goes_on=goes_on, **request)
                 with upload.open("rb") as stream:
-                    return self.once(method, url, content=iter(lambda: stream.read(1 << 20), b""), **request)
+                    parts = iter(lambda: stream.read(PART_BYTES), b"")
+                    return self.once(method, url, content=_noticed(parts, goes_on), **request)
             except ApiUnreachableError:
                 if time.monotonic() > give_up_s:
                     raise
             time.sleep(pause_s)
             pause_s = min(2 * pause_s, 3.0)
 
-    def once(self, method: str, url: str, **request) -> httpx.Response:
-        """Send once and sort out what can come back."""
+    def once(self, method: str, url: str, *, goes_on: GoesOn = unwatched, **request) -> httpx.Response:
+        """Send once and sort out what can come back; the response has a status and a body, nothing else."""
         try:
-            response = self._client.request(method, url, **request)
+            with self._client.stream(method, url, **request) as answer:
+                content = b"".join(_noticed(answer.iter_bytes(), goes_on))
         except httpx.TransportError as error:
             raise ApiUnreachableError(f"{method} {url}: {error or type(error).__name__}") from error
+        response = httpx.Response(answer.status_code, content=content)
         if response.status_code in _RETRY_STATUS:
             raise ApiUnreachableError(f"{method} {url}: status {response.status_code}")
         if response.status_code in {404, 409}:
@@ -157,6 +173,13 @@ class ApiLink:
         if response.is_error:
             raise RuntimeError(f"{method} {url}: status {response.status_code}: {response.text[:300]}")
         return response
+
+
+def _noticed(parts: Iterator[bytes], goes_on: GoesOn) -> Iterator[bytes]:
+    """The same parts; each is noticed as it comes."""
+    for part in parts:
+        goes_on()
+        yield part
 
 
 def _refusal(response: httpx.Response) -> type[NotAdmittedError]:

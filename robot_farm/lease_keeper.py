@@ -9,6 +9,11 @@ from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError,
 
 CANCELLED = "the job was cancelled"
 JOIN_WITHIN_S = 0.5
+SILENT_FOR_S = 180.0
+"""An attempt that has not asked for so long whether it must stop hangs: the longest that one may be silent is the start of a
+policy's process, which has limits of its own (130 s); files that are sent or fetched ask with each part."""
+STOPS_WITHIN_S = 120.0
+"""A cancelled attempt has so long to stop and to bring its outcome."""
 
 
 class TrialStoppedError(Exception):
@@ -21,12 +26,18 @@ class LeaseKeeper:
     Renewals count from before they were asked for, on a monotonic clock, so that the robot stops before the dispatcher gives
     the trial to another. The first period counts from the moment the offer was accepted, at most the offer's way over the
     bus after it was written; the fence refuses whatever a robot does in that moment.
+
+    An attempt that hangs, or does not stop when it is cancelled, is not renewed any more: its trial goes to another robot.
     """
 
     def __init__(self, api: ApiLink, lease: Lease, taken_at_s: float) -> None:
         self._api, self._lease = api, lease
         self._ends_at_s = taken_at_s + lease.lease_s
         self._stop_reason: str | None = None
+        self._asked_at_s = time.monotonic()
+        self._cancelled_at_s: float | None = None
+        self.hangs: str | None = None
+        """Why the lease is left to end though the API would renew it."""
         self.token_ended: TokenEndedError | None = None
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._renew, name="lease-keeper", daemon=True)
@@ -41,13 +52,21 @@ class LeaseKeeper:
 
     def cancel(self) -> None:
         """The dispatcher wants the trial stopped."""
+        if self._cancelled_at_s is None:  # it is told again until it is heard
+            self._cancelled_at_s = time.monotonic()
         self._stop_reason = CANCELLED
 
     def stop_reason(self) -> str | None:
-        """Why the trial must stop now, or None; asked in every control period."""
+        """Why the trial must stop now, or None; asked in every control period, and so the sign that the attempt goes on."""
+        self._asked_at_s = time.monotonic()
         if self._stop_reason is None and time.monotonic() >= self._ends_at_s:
             self._stop_reason = f"the lease ran out: the API was away for {self._lease.lease_s:g} s"
         return self._stop_reason
+
+    def holds(self) -> bool:
+        """Whether the lease lives and nobody has cancelled the trial; asked with each part of a file: a sign of life, too."""
+        self._asked_at_s = time.monotonic()
+        return self._asked_at_s < self._ends_at_s and self._cancelled_at_s is None
 
     @property
     def cancelled(self) -> bool:
@@ -57,6 +76,9 @@ class LeaseKeeper:
     def _renew(self) -> None:
         while not self._done.wait(min(RENEW_EVERY_S, self._lease.lease_s / 3)):
             asked_at_s = time.monotonic()
+            if (hangs := self._how_it_hangs(asked_at_s)) is not None:
+                self.hangs, self._stop_reason = hangs, self._stop_reason or hangs
+                return
             try:
                 reply = self._api.renew(self._lease.trial_id, self._lease.robot, self._lease.fence)
             except ApiUnreachableError:
@@ -73,3 +95,10 @@ class LeaseKeeper:
             self._ends_at_s = asked_at_s + reply.lease_s
             if reply.cancel:
                 self.cancel()
+
+    def _how_it_hangs(self, now_s: float) -> str | None:
+        if self._cancelled_at_s is not None and now_s - self._cancelled_at_s > STOPS_WITHIN_S:
+            return f"the attempt did not end within {STOPS_WITHIN_S:g} s of its cancellation"
+        if now_s - self._asked_at_s > SILENT_FOR_S:
+            return f"the attempt has hung for {SILENT_FOR_S:g} s: nothing asked whether it must stop"
+        return None

@@ -13,7 +13,7 @@ from api_schemas.jail.report import JailReport
 from api_schemas.robot import Lease
 from api_schemas.trial import FAULT_OF, MAX_REASON, Fault, Outcome, OutcomeKind
 from robot_farm.admission import asked_until_answered, renewed
-from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError, TokenEndedError, own_token
+from robot_farm.api_link import ApiLink, ApiUnreachableError, GoesOn, LeaseRefusedError, TokenEndedError, own_token
 from robot_farm.bus_access import Access, ask_access
 from robot_farm.bus_link import Accepted, BusLink
 from robot_farm.core import stay_on_one_core, turn
@@ -23,7 +23,7 @@ from robot_farm.jail import BUILTIN_PROCESS, POLICY_PROCESS, JailedPolicy
 from robot_farm.lease_keeper import LeaseKeeper, TrialStoppedError
 from robot_farm.life import Life, OutOfServiceError
 from robot_farm.prepared import Prepared, prepare_plainly, shape_of_lease
-from robot_farm.run import Progress
+from robot_farm.run import Progress, live_state
 from robot_farm.settings import Settings
 from robot_farm.trial import log_channels, measured_channels, run_trial
 from robot_farm.truth import TruthFile, truth_channels
@@ -120,8 +120,8 @@ class Robot:
                 if keeper.token_ended is not None:
                     raise keeper.token_ended
                 if outcome is not None:  # files first, outcome last
-                    truth_digest = api.upload_truth(lease, truth) if truth.exists() else None
-                    digest = api.upload_log(lease, log) if log.exists() else None
+                    truth_digest = api.upload_truth(lease, truth, keeper.holds) if truth.exists() else None
+                    digest = api.upload_log(lease, log, keeper.holds) if log.exists() else None
                     bus.finishing()
                     api.report_outcome(lease, outcome, digest, truth_digest)
         except (LeaseRefusedError, ApiUnreachableError) as error:
@@ -146,7 +146,7 @@ class Robot:
             return "the robot is being stopped" if stop.is_set() else keeper.stop_reason()
 
         try:
-            policy = self._policy_for(lease, api)
+            policy = self._policy_for(lease, api, keeper.holds)
             with turn(self._settings.robots_folder, self._core, stop_reason=stop_reason):
                 driver, prepared = self._make_ready(lease, truth, stop_reason)
                 outcome = run_trial(
@@ -238,14 +238,14 @@ class Robot:
         for old in sorted(kept.glob("*.mcap"), key=lambda path: path.stat().st_mtime)[:-UNFINISHED_KEPT]:
             old.unlink()
 
-    def _policy_for(self, lease: Lease, api: ApiLink) -> JailedPolicy | None:
+    def _policy_for(self, lease: Lease, api: ApiLink, goes_on: GoesOn) -> JailedPolicy | None:
         """The kept process if it runs this policy, a new one otherwise; none for an excitation."""
         if lease.policy is None or lease.graph_sha256 is None:
             return None
         if self._policy is not None and self._policy.digest == lease.policy:
             return self._policy
         self._end_policy()
-        graph = api.fetch_graph(lease.policy, lease.graph_sha256, self._folder)
+        graph = api.fetch_graph(lease.policy, lease.graph_sha256, self._folder, goes_on)
         module = BUILTIN_PROCESS if lease.policy in BUILTIN_NAMES else POLICY_PROCESS
         self._policy = JailedPolicy(lease.policy, graph, least=self._settings.jail_level, module=module)
         return self._policy
@@ -261,21 +261,8 @@ class Robot:
             keeper.cancel()
 
     def _live_state(self) -> LiveState | None:
-        lease, progress = self._lease, self._progress
-        measurement, tracked = progress.measurement, progress.tracked
-        if lease is None or measurement is None or tracked is None:
-            return None
-        return LiveState(
-            robot=self._name,
-            trial_id=lease.trial_id,
-            fence=lease.fence,
-            simulated_s=progress.simulated_s,
-            duration_s=progress.duration_s,
-            joint_position_rad=tuple(measurement.joint_position_rad[0].tolist()),
-            tracked_cube_position_world_m=tuple(tracked.cube_position_world_m[0].tolist()),
-            tracked_cube_quat_wxyz=tuple(tracked.cube_quat_wxyz[0].tolist()),
-            goal=progress.goal,
-        )
+        lease = self._lease
+        return None if lease is None else live_state(lease, self._progress)
 
 
 def _life(name: str, settings: Settings) -> Life:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from api_schemas import trial_log
+from api_schemas.bus import LiveState
 from api_schemas.robot import Lease
 from api_schemas.trial import OutcomeKind
 from api_schemas.trial_log import TrialLogWriter
@@ -31,6 +32,24 @@ class Progress:
     tracked: TrackedPose | None = None
     goal: tuple[float, ...] | None = None
     """Of the object, 7 numbers, or of the fingertips, 9."""
+
+
+def live_state(lease: Lease, progress: Progress) -> LiveState | None:
+    """What the bus shows of a leased trial; None before it has begun to move."""
+    measurement, tracked = progress.measurement, progress.tracked
+    if measurement is None or tracked is None:
+        return None
+    return LiveState(
+        robot=lease.robot,
+        trial_id=lease.trial_id,
+        fence=lease.fence,
+        simulated_s=progress.simulated_s,
+        duration_s=progress.duration_s,
+        joint_position_rad=tuple(measurement.joint_position_rad[0].tolist()),
+        tracked_cube_position_world_m=tuple(tracked.cube_position_world_m[0].tolist()),
+        tracked_cube_quat_wxyz=tuple(tracked.cube_quat_wxyz[0].tolist()),
+        goal=progress.goal,
+    )
 
 
 @dataclass

@@ -13,7 +13,7 @@ def test_the_graphs_that_were_wanted_last_are_kept(tmp_path, monkeypatch):
     with ApiLink("http://farm", "token") as link:
         asked = []
 
-        def answer(_method, url):
+        def answer(_method, url, **_):
             asked.append(url)
             return httpx.Response(200, content=url.split("/")[3].encode())
 
