@@ -15,6 +15,8 @@ from api_schemas.trial import Outcome
 
 RETRY_FOR_S = 120.0
 """An outcome is offered again for so long when the API is away; by then the lease has long run out."""
+WAIT_FOR_S = 3600.0
+"""A file is offered again for so long while its lease is renewed: then the API is there, and what keeps files is away."""
 PART_BYTES = 1 << 16
 """Of a file that is sent: even a slow link takes the next part within seconds."""
 GRAPHS_KEPT = 20
@@ -22,12 +24,13 @@ GRAPHS_KEPT = 20
 NOT_EXPECTED = "robot-not-expected"
 """In the type of the problem by which the API refuses such a robot."""
 _RETRY_STATUS = frozenset({429, 500, 502, 503, 504})
-GoesOn = Callable[[], object]
-"""Called with each part of a file and before each try, so that the caller sees that the request goes on."""
+Patience = Callable[["ApiUnreachableError | None"], bool]
+"""Told of each try that failed and, with None, of each part of a file that goes through; says whether to wait for long."""
 
 
-def unwatched() -> None:
-    """Nobody waits for the parts of a request."""
+def impatient(_error: "ApiUnreachableError | None") -> bool:
+    """Waits no longer than ``RETRY_FOR_S``."""
+    return False
 
 
 class LeaseRefusedError(Exception):
@@ -35,7 +38,11 @@ class LeaseRefusedError(Exception):
 
 
 class ApiUnreachableError(Exception):
-    """The API could not be reached in time."""
+    """The API could not be reached in time, or says that a part of the farm is away."""
+
+
+class ApiFailedError(ApiUnreachableError):
+    """The API answered that it failed: it may do so whenever it is asked for this, and for nothing else."""
 
 
 class NotAdmittedError(Exception):
@@ -93,7 +100,7 @@ class ApiLink:
         response = self.once("POST", f"/v1/leases/{trial_id}/renew", json=body)
         return RenewalReply.model_validate_json(response.content)
 
-    def fetch_graph(self, digest: str, sha256: str, folder: Path, goes_on: GoesOn = unwatched) -> Path:
+    def fetch_graph(self, digest: str, sha256: str, folder: Path, patience: Patience = impatient) -> Path:
         """The policy's ONNX graph, kept under its SHA-256 in the robot's own folder until ``GRAPHS_KEPT`` others were wanted.
 
         Raises:
@@ -107,65 +114,75 @@ class ApiLink:
             return path
         for old in sorted(folder.glob("*.onnx"), key=lambda each: each.stat().st_mtime)[: 1 - GRAPHS_KEPT]:
             old.unlink()
-        response = self._patiently("GET", f"/v1/policies/{digest}/graph", goes_on=goes_on)
+        response = self._patiently("GET", f"/v1/policies/{digest}/graph", patience=patience)
         if hashlib.sha256(response.content).hexdigest() != sha256:
             raise ValueError(f"the graph of policy {digest} does not have the SHA-256 {sha256} that the lease names")
         partial = path.with_suffix(".partial")
         partial.write_bytes(response.content)
         return partial.rename(path)
 
-    def upload_log(self, lease: Lease, log: Path, goes_on: GoesOn = unwatched) -> str:
+    def upload_log(self, lease: Lease, log: Path, patience: Patience = impatient) -> str:
         """Upload a log under the lease's fence; returns its SHA-256."""
-        return self._upload(lease, "log", log, goes_on)
+        return self._upload(lease, "log", log, patience)
 
-    def upload_truth(self, lease: Lease, truth: Path, goes_on: GoesOn = unwatched) -> str:
+    def upload_truth(self, lease: Lease, truth: Path, patience: Patience = impatient) -> str:
         """Upload what only operators may see under the lease's fence; returns its SHA-256."""
-        return self._upload(lease, "truth", truth, goes_on)
+        return self._upload(lease, "truth", truth, patience)
 
-    def report_outcome(self, lease: Lease, outcome: Outcome, log_sha256: str | None, truth_sha256: str | None = None) -> None:
+    def report_outcome(
+        self,
+        lease: Lease,
+        outcome: Outcome,
+        log_sha256: str | None,
+        truth_sha256: str | None = None,
+        patience: Patience = impatient,
+    ) -> None:
         """Report how the attempt ended; the last word on a lease."""
         report = OutcomeReport(
             robot=lease.robot, fence=lease.fence, outcome=outcome, log_sha256=log_sha256, truth_sha256=truth_sha256
         )
-        self._patiently("POST", f"/v1/leases/{lease.trial_id}/outcome", json=report.model_dump(mode="json"))
+        path = f"/v1/leases/{lease.trial_id}/outcome"
+        self._patiently("POST", path, json=report.model_dump(mode="json"), patience=patience)
 
-    def _upload(self, lease: Lease, kind: str, file: Path, goes_on: GoesOn) -> str:
+    def _upload(self, lease: Lease, kind: str, file: Path, patience: Patience) -> str:
         with file.open("rb") as stream:
             digest = hashlib.file_digest(stream, "sha256").hexdigest()
         headers = {"X-Content-SHA256": digest, "Content-Length": str(file.stat().st_size)}
         path = f"/v1/leases/{lease.trial_id}/{lease.fence}/{kind}"
-        self._patiently("PUT", path, headers=headers, upload=file, goes_on=goes_on)
+        self._patiently("PUT", path, headers=headers, upload=file, patience=patience)
         return digest
 
     def _patiently(
-        self, method: str, url: str, *, upload: Path | None = None, goes_on: GoesOn = unwatched, **request
+        self, method: str, url: str, *, upload: Path | None = None, patience: Patience = impatient, **request
     ) -> httpx.Response:
-        """Send until it is answered, at most ``RETRY_FOR_S``."""
-        give_up_s, pause_s = time.monotonic() + RETRY_FOR_S, 0.1
+        """Send until it is answered, at most ``RETRY_FOR_S``, or ``WAIT_FOR_S`` where the caller has the patience."""
+        began_s, pause_s = time.monotonic(), 0.1
         while True:
-            goes_on()
+            patience(None)
             try:
                 if upload is None:
-                    return self.once(method, url, goes_on=goes_on, **request)
+                    return self.once(method, url, patience=patience, **request)
                 with upload.open("rb") as stream:
                     parts = iter(lambda: stream.read(PART_BYTES), b"")
-                    return self.once(method, url, content=_noticed(parts, goes_on), **request)
-            except ApiUnreachableError:
-                if time.monotonic() > give_up_s:
+                    return self.once(method, url, content=_noticed(parts, patience), **request)
+            except ApiUnreachableError as error:
+                waits = patience(error) and not isinstance(error, ApiFailedError)
+                if time.monotonic() - began_s > (WAIT_FOR_S if waits else RETRY_FOR_S):
                     raise
             time.sleep(pause_s)
             pause_s = min(2 * pause_s, 3.0)
 
-    def once(self, method: str, url: str, *, goes_on: GoesOn = unwatched, **request) -> httpx.Response:
+    def once(self, method: str, url: str, *, patience: Patience = impatient, **request) -> httpx.Response:
         """Send once and sort out what can come back; the response has a status and a body, nothing else."""
         try:
             with self._client.stream(method, url, **request) as answer:
-                content = b"".join(_noticed(answer.iter_bytes(), goes_on))
+                content = b"".join(_noticed(answer.iter_bytes(), patience))
         except httpx.TransportError as error:
             raise ApiUnreachableError(f"{method} {url}: {error or type(error).__name__}") from error
         response = httpx.Response(answer.status_code, content=content)
         if response.status_code in _RETRY_STATUS:
-            raise ApiUnreachableError(f"{method} {url}: status {response.status_code}")
+            kind = ApiFailedError if response.status_code == 500 else ApiUnreachableError
+            raise kind(f"{method} {url}: status {response.status_code}")
         if response.status_code in {404, 409}:
             raise LeaseRefusedError(f"{method} {url}: {response.text[:300]}")
         if response.status_code in {401, 403}:
@@ -175,10 +192,10 @@ class ApiLink:
         return response
 
 
-def _noticed(parts: Iterator[bytes], goes_on: GoesOn) -> Iterator[bytes]:
+def _noticed(parts: Iterator[bytes], patience: Patience) -> Iterator[bytes]:
     """The same parts; each is noticed as it comes."""
     for part in parts:
-        goes_on()
+        patience(None)
         yield part
 
 

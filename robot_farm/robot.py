@@ -13,14 +13,14 @@ from api_schemas.jail.report import JailReport
 from api_schemas.robot import Lease
 from api_schemas.trial import FAULT_OF, MAX_REASON, Fault, Outcome, OutcomeKind
 from robot_farm.admission import asked_until_answered, renewed
-from robot_farm.api_link import ApiLink, ApiUnreachableError, GoesOn, LeaseRefusedError, TokenEndedError, own_token
+from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError, Patience, TokenEndedError, own_token
 from robot_farm.bus_access import Access, ask_access
 from robot_farm.bus_link import Accepted, BusLink
 from robot_farm.core import stay_on_one_core, turn
 from robot_farm.health import WatchedHealth
 from robot_farm.hidden_physics import HiddenPhysics, farm_secret
 from robot_farm.jail import BUILTIN_PROCESS, POLICY_PROCESS, JailedPolicy
-from robot_farm.lease_keeper import LeaseKeeper, TrialStoppedError
+from robot_farm.lease_keeper import CANCELLED, LeaseKeeper, TrialStoppedError
 from robot_farm.life import Life, OutOfServiceError
 from robot_farm.prepared import Prepared, prepare_plainly, shape_of_lease
 from robot_farm.run import Progress, live_state
@@ -120,17 +120,21 @@ class Robot:
                 if keeper.token_ended is not None:
                     raise keeper.token_ended
                 if outcome is not None:  # files first, outcome last
-                    truth_digest = api.upload_truth(lease, truth, keeper.holds) if truth.exists() else None
-                    digest = api.upload_log(lease, log, keeper.holds) if log.exists() else None
+                    patience = _patience(keeper, stop)
+                    truth_digest = api.upload_truth(lease, truth, patience) if truth.exists() else None
+                    digest = api.upload_log(lease, log, patience) if log.exists() else None
                     bus.finishing()
-                    api.report_outcome(lease, outcome, digest, truth_digest)
+                    api.report_outcome(lease, outcome, digest, truth_digest, patience)
         except (LeaseRefusedError, ApiUnreachableError) as error:
             self._say(f"trial {lease.trial_id}, attempt {lease.fence}: outcome not accepted: {error}")
+            if self._keeper is not None and self._keeper.cancelled and isinstance(error, ApiUnreachableError):
+                self._report(lease, api, OutcomeKind.CANCELLED, f"{CANCELLED} while its files could not be sent: {error}")
         except TokenEndedError:
             raise
         except Exception as error:
             self._say(f"trial {lease.trial_id}, attempt {lease.fence}: {type(error).__name__}: {error}")
-            self._report_platform_error(lease, api, error)
+            reason = f"{self._name} could not bring its outcome home: {type(error).__name__}: {error}"
+            self._report(lease, api, OutcomeKind.PLATFORM_ERROR, reason)
         finally:
             self._lease = self._keeper = None
             for file in (log, truth):
@@ -146,7 +150,7 @@ class Robot:
             return "the robot is being stopped" if stop.is_set() else keeper.stop_reason()
 
         try:
-            policy = self._policy_for(lease, api, keeper.holds)
+            policy = self._policy_for(lease, api, _patience(keeper, stop))
             with turn(self._settings.robots_folder, self._core, stop_reason=stop_reason):
                 driver, prepared = self._make_ready(lease, truth, stop_reason)
                 outcome = run_trial(
@@ -221,13 +225,12 @@ class Robot:
         if self._life is not None:
             self._life.forget()
 
-    def _report_platform_error(self, lease: Lease, api: ApiLink, error: Exception) -> None:
-        """Say that the attempt failed here, so that the trial is tried elsewhere before its lease runs out."""
-        reason = f"{self._name} could not bring its outcome home: {type(error).__name__}: {error}"
+    def _report(self, lease: Lease, api: ApiLink, kind: OutcomeKind, reason: str) -> None:
+        """Say how the attempt ended without what it made, so that nobody waits until its lease runs out."""
         try:
-            api.report_outcome(lease, _ended(OutcomeKind.PLATFORM_ERROR, reason), None)
-        except Exception as second:  # then the lease runs out by itself
-            self._say(f"trial {lease.trial_id}, attempt {lease.fence}: nor could that be told: {second}")
+            api.report_outcome(lease, _ended(kind, reason), None)
+        except Exception as error:  # then the lease runs out by itself
+            self._say(f"trial {lease.trial_id}, attempt {lease.fence}: nor could that be told: {error}")
 
     def _keep_left_overs(self) -> None:
         """Logs of a process that was killed: their leases are void, but what they hold may explain what happened."""
@@ -238,14 +241,14 @@ class Robot:
         for old in sorted(kept.glob("*.mcap"), key=lambda path: path.stat().st_mtime)[:-UNFINISHED_KEPT]:
             old.unlink()
 
-    def _policy_for(self, lease: Lease, api: ApiLink, goes_on: GoesOn) -> JailedPolicy | None:
+    def _policy_for(self, lease: Lease, api: ApiLink, patience: Patience) -> JailedPolicy | None:
         """The kept process if it runs this policy, a new one otherwise; none for an excitation."""
         if lease.policy is None or lease.graph_sha256 is None:
             return None
         if self._policy is not None and self._policy.digest == lease.policy:
             return self._policy
         self._end_policy()
-        graph = api.fetch_graph(lease.policy, lease.graph_sha256, self._folder, goes_on)
+        graph = api.fetch_graph(lease.policy, lease.graph_sha256, self._folder, patience)
         module = BUILTIN_PROCESS if lease.policy in BUILTIN_NAMES else POLICY_PROCESS
         self._policy = JailedPolicy(lease.policy, graph, least=self._settings.jail_level, module=module)
         return self._policy
@@ -263,6 +266,11 @@ class Robot:
     def _live_state(self) -> LiveState | None:
         lease = self._lease
         return None if lease is None else live_state(lease, self._progress)
+
+
+def _patience(keeper: LeaseKeeper, stop: threading.Event) -> Patience:
+    """Waits as long as the lease is renewed and nobody wants the robot or the trial to end."""
+    return lambda _error: keeper.holds() and not stop.is_set()
 
 
 def _life(name: str, settings: Settings) -> Life:

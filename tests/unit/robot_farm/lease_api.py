@@ -7,8 +7,20 @@ from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 from api_schemas.robot import Lease
+from robot_farm.api_link import ApiLink
+from robot_farm.bus_link import Accepted
 
 LEASE_S = 3.0
+
+
+class SilentBus:
+    """Notes what the robot says it does."""
+
+    def __init__(self):
+        self.said = []
+
+    def __getattr__(self, name):
+        return lambda *_: self.said.append(name)
 
 
 class LeaseApi:
@@ -76,3 +88,17 @@ def wait_until(condition, within_s=20.0):
     while not condition():
         assert time.monotonic() < give_up_s, "it did not happen"
         time.sleep(0.02)
+
+
+@contextmanager
+def serving(robot, api, lease=None):
+    """A robot that serves a lease in a thread of its own; waits for its end."""
+    with ApiLink(api.url, "token") as link:
+        arguments = (Accepted(lease or excitation_lease(), time.monotonic()), link, SilentBus(), threading.Event())
+        thread = threading.Thread(target=robot._serve, args=arguments)
+        thread.start()
+        try:
+            yield thread
+        finally:
+            thread.join(60)
+            assert not thread.is_alive()

@@ -7,19 +7,9 @@ import pytest
 
 from robot_farm import lease_keeper
 from robot_farm.api_link import PART_BYTES, ApiLink
-from robot_farm.bus_link import Accepted
 from robot_farm.jail import ACTION_WALL_S, START_WALL_S
 from robot_farm.lease_keeper import CANCELLED, LeaseKeeper
-from robot_farm.robot import Robot
-from robot_farm.settings import TOKEN_VARIABLE, parse
-from tests.unit.robot_farm.lease_api import LEASE_S, excitation_lease, lease_api, wait_until
-from tests.unit.robot_farm.test_token_ended import SilentBus
-
-
-@pytest.fixture
-def api():
-    with lease_api() as api:
-        yield api
+from tests.unit.robot_farm.lease_api import LEASE_S, excitation_lease, serving, wait_until
 
 
 @pytest.fixture
@@ -77,12 +67,8 @@ def test_the_start_of_a_policy_is_no_hanging():
 
 
 @pytest.mark.parametrize("is_cancelled", [False, True])
-def test_a_run_that_blocks_loses_its_lease(api, tmp_path, monkeypatch, is_cancelled):
+def test_a_run_that_blocks_loses_its_lease(api, robot, monkeypatch, is_cancelled):
     monkeypatch.setattr(lease_keeper, "STOPS_WITHIN_S" if is_cancelled else "SILENT_FOR_S", 1.5)
-    monkeypatch.setenv(TOKEN_VARIABLE, "token")
-    robot = Robot(
-        "robot-0", parse(["--api", api.url, "--data", str(tmp_path), "--physics", "nominal", "--robot", "robot-0"]), print
-    )
     disk_is_back = threading.Event()
 
     def blocked(*_, **__):
@@ -90,10 +76,7 @@ def test_a_run_that_blocks_loses_its_lease(api, tmp_path, monkeypatch, is_cancel
         raise OSError("the disk was away")
 
     monkeypatch.setattr("robot_farm.robot.run_trial", blocked)
-    with ApiLink(api.url, "token") as link:
-        arguments = (Accepted(excitation_lease(), time.monotonic()), link, SilentBus(), threading.Event())
-        serving = threading.Thread(target=robot._serve, args=arguments)
-        serving.start()
+    with serving(robot, api):
         try:
             wait_until(lambda: renewals(api) >= 1)
             if is_cancelled:
@@ -102,16 +85,15 @@ def test_a_run_that_blocks_loses_its_lease(api, tmp_path, monkeypatch, is_cancel
             assert no_more_renewals(api)
         finally:
             disk_is_back.set()
-            serving.join()
 
 
 def test_each_part_of_a_file_that_is_sent_and_of_a_graph_that_is_fetched_is_noticed(api, tmp_path):
     log, noticed = tmp_path / "log.mcap", []
     log.write_bytes(bytes(5 * PART_BYTES))
     with ApiLink(api.url, "token") as link:
-        link.upload_log(excitation_lease(), log, lambda: noticed.append(1))
+        link.upload_log(excitation_lease(), log, noticed.append)
         assert len(noticed) >= 5
         noticed.clear()
         with pytest.raises(ValueError, match="SHA-256"):
-            link.fetch_graph("1" * 64, "2" * 64, tmp_path, lambda: noticed.append(1))
+            link.fetch_graph("1" * 64, "2" * 64, tmp_path, noticed.append)
         assert len(noticed) >= 2, "before the try, and with what came"

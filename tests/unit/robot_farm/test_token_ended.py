@@ -13,6 +13,7 @@ from robot_farm.bus_link import Accepted
 from robot_farm.lease_keeper import TrialStoppedError
 from robot_farm.robot import Robot
 from robot_farm.settings import TOKEN_VARIABLE, parse
+from tests.unit.robot_farm.lease_api import SilentBus
 
 LEASE_S = 3.0
 
@@ -47,16 +48,6 @@ def api():
     server.shutdown()
     thread.join()
     server.server_close()
-
-
-class SilentBus:
-    """Notes what the robot says it does."""
-
-    def __init__(self):
-        self.said = []
-
-    def __getattr__(self, name):
-        return lambda *_: self.said.append(name)
 
 
 def test_a_token_that_ends_in_the_middle_of_a_trial_ends_trial_and_robot(api, tmp_path, monkeypatch):

@@ -1,0 +1,20 @@
+"""A robot, and an API beside it that does as a test tells it."""
+
+import pytest
+
+from robot_farm.robot import Robot
+from robot_farm.settings import TOKEN_VARIABLE, parse
+from tests.unit.robot_farm.lease_api import lease_api
+
+
+@pytest.fixture
+def api():
+    with lease_api() as api:
+        yield api
+
+
+@pytest.fixture
+def robot(api, tmp_path, monkeypatch):
+    monkeypatch.setenv(TOKEN_VARIABLE, "token")
+    given = ["--api", api.url, "--data", str(tmp_path), "--physics", "nominal", "--robot", "robot-0"]
+    return Robot("robot-0", parse(given), print)
