@@ -63,7 +63,10 @@ class RobotsWord(Schema):
 
 
 class Heartbeat(RobotsWord):
-    """A robot's sign of life; ``instance`` changes whenever its process starts anew. Older robots tell no ``health``."""
+    """A robot's sign of life; ``instance`` changes whenever its process starts anew. Older robots tell no ``health``.
+
+    ``cut_off_trial_id`` and ``cut_off_fence`` name its last attempt, if the API does not answer or did not when that ended.
+    """
 
     robot: str = Field(pattern=r"^[a-z0-9-]{1,40}$")
     instance: str
@@ -72,6 +75,9 @@ class Heartbeat(RobotsWord):
     state: RobotState
     trial_id: str | None = None
     fence: int | None = None
+    cut_off_trial_id: str | None = None
+    cut_off_fence: int | None = None
+    api_away: bool = False  # which is why it is out of service
     reason: str | None = None
     physics: str = "nominal"
     physics_digest: str = Field(

@@ -4,7 +4,6 @@ from dataclasses import dataclass, field
 
 import structlog
 
-from api_schemas.robot import RobotState
 from services.database.database import Database
 from services.database.rows import AnyRow
 from services.dispatcher import queue
@@ -15,7 +14,6 @@ from services.jobs.fleet import Fleet
 from services.jobs.signals import Signals
 
 log = structlog.get_logger()
-GONE = frozenset({RobotState.LOST, RobotState.OUT_OF_SERVICE})
 
 
 @dataclass
@@ -47,7 +45,7 @@ class Abandoner:
 
     def _is_gone(self, robot: str, now_s: float) -> bool:
         member = self.fleet.snapshot(robot)
-        return member is None or member.state(now_s) in GONE
+        return member is None or member.is_gone(now_s)
 
     async def _fail(self, row: AnyRow, now_s: float) -> None:
         left, doing = row.trials - row.trials_done, why_unfit(self.fleet, now_s)(row.robot)

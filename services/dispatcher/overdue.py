@@ -39,9 +39,15 @@ class LeaseEnder:
         return None
 
     async def end(self, claim: Claim, reason: str) -> None:
-        """Sends the trial back to the queue, if the claim still holds."""
+        """Sends the trial back to the queue, if the claim still holds.
+
+        Where the robot lives and says that the API did not answer it, neither robot nor trial has done anything wrong.
+        """
+        cut_off = self.fleet.member(claim.robot).was_cut_off(claim, self.clock.now_s())
+        reason = f"{reason}, since the API did not answer it" if cut_off else reason
         async with self.database.write() as tx:
-            ending = await completion.fault(tx, self.clock.now_s(), claim, reason, self.settings.max_attempts)
+            limit = self.settings.max_attempts
+            ending = await completion.fault(tx, self.clock.now_s(), claim, reason, limit, cut_off=cut_off)
         self.fleet.freed(claim, done=False)
         if ending is not None and ending.job_id is not None:
             log.warning("attempt failed by the platform's fault", trial=claim.trial_id, robot=claim.robot, reason=reason)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Integer, bindparam, select, update
+from sqlalchemy import Integer, bindparam, func, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.job import JobState, TaskName
@@ -48,6 +48,11 @@ _LEAVE = (
     )
     .returning(trial.c.job_number, trial.c.ordinal, trial.c.faults)
 )
+OUTAGES = 20
+"""So many attempts of a trial may be cut off from the API without counting; one that has more may be what brings them about."""
+_PLATFORM_FAULTS = select(func.count()).where(
+    attempt.c.trial_id == bindparam("of_trial"), attempt.c.state == AttemptState.PLATFORM_FAULT
+)
 _LEFT_WITHOUT: dict[str, Any] = {"to_robot": None, "add_faults": 0, "to_outcome": None}
 _LEFT_WITHOUT |= {"to_log_sha256": None, "to_log_bytes": None, "to_truth_sha256": None}
 
@@ -84,14 +89,20 @@ async def fault(
     max_attempts: int,
     *,
     report: OutcomeReport | None = None,
+    cut_off: bool = False,
 ) -> Ending | None:
-    """Ends an attempt by the platform's fault; the trial is queued again. None when the claim does not hold any more."""
+    """Ends an attempt by the platform's fault; the trial is queued again. None when the claim does not hold any more.
+
+    One whose robot was ``cut_off`` from the API counts neither for the trial nor for the robot, ``OUTAGES`` times.
+    """
     await lock_job_of(tx, claim.trial_id)
-    moved = await _leave(tx, claim, TrialState.QUEUED, add_faults=1)
+    counts = not (cut_off and await _may_be_an_outage(tx, claim.trial_id))
+    moved = await _leave(tx, claim, TrialState.QUEUED, add_faults=int(counts))
     if moved is None:
         return None
     await close_attempt(tx, now_s, claim, AttemptState.PLATFORM_FAULT, reason, report=report)
-    await robots.count_fault(tx, claim.robot, reason)
+    if counts:
+        await robots.count_fault(tx, claim.robot, reason)
     now = await _record(
         tx,
         now_s,
@@ -105,6 +116,12 @@ async def fault(
         await pinning.unpin(tx, now.number)
     ended = await _after_fault(tx, now_s, now, moved, claim=claim, reason=reason, max_attempts=max_attempts)
     return Ending(now.job_id, done=False, job_ended=ended)
+
+
+async def _may_be_an_outage(tx: AsyncConnection, trial_id: str) -> bool:
+    counted = (await tx.execute(select(trial.c.faults).where(trial.c.trial_id == trial_id))).scalar_one()
+    ended = (await tx.execute(_PLATFORM_FAULTS, {"of_trial": trial_id})).scalar_one()
+    return ended - counted < OUTAGES
 
 
 async def decline(tx: AsyncConnection, now_s: float, claim: Claim, reason: str) -> Ending | None:

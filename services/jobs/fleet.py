@@ -86,6 +86,19 @@ class Member:
         beat = self.heartbeat
         return Claim(beat.trial_id, beat.fence, self.robot) if beat and beat.trial_id and beat.fence else None
 
+    def was_cut_off(self, claim: Claim, now_s: float) -> bool:
+        """Whether the robot says that the API did not answer it during this attempt; one that is lost says nothing."""
+        said = self.heartbeat
+        if said is None or self.state(now_s) == RobotState.LOST or self.is_doubled(now_s):
+            return False
+        return (said.cut_off_trial_id, said.cut_off_fence) == (claim.trial_id, claim.fence)
+
+    def is_gone(self, now_s: float) -> bool:
+        """Whether it may never serve again: lost, or out of service for another reason than that the API is away for it."""
+        state = self.state(now_s)
+        waits = self.heartbeat is not None and self.heartbeat.api_away and self.withdrawn is None and not self.is_doubled(now_s)
+        return state == RobotState.LOST or (state == RobotState.OUT_OF_SERVICE and not waits)
+
     def healthy(self, now_s: float) -> bool:
         """In service, be it idle or busy."""
         return self.state(now_s) in {RobotState.IDLE, RobotState.LEASED, RobotState.RUNNING}
