@@ -4,6 +4,7 @@ import hashlib
 import ssl
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
@@ -99,6 +100,16 @@ class ApiLink:
         body = Renewal(robot=robot, fence=fence).model_dump(mode="json")
         response = self.once("POST", f"/v1/leases/{trial_id}/renew", json=body)
         return RenewalReply.model_validate_json(response.content)
+
+    def try_out(self, robot: str) -> None:
+        """Ask for something cheap, a single try: whatever is answered, the API is there.
+
+        Raises:
+            ApiUnreachableError: no answer.
+            NotAdmittedError: the farm does not take the robot any more.
+        """
+        with suppress(LeaseRefusedError, RuntimeError):
+            self.once("POST", f"/v1/robots/{robot}/token")
 
     def fetch_graph(self, digest: str, sha256: str, folder: Path, patience: Patience = impatient) -> Path:
         """The policy's ONNX graph, kept under its SHA-256 in the robot's own folder until ``GRAPHS_KEPT`` others were wanted.

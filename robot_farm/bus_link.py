@@ -21,6 +21,7 @@ from api_schemas import bus
 from api_schemas.jail.report import JailReport
 from api_schemas.robot import Lease, OfferReply, RobotHealth, RobotState
 from robot_farm.bus_access import Access
+from robot_farm.outage import Standing
 
 LIVE_EVERY_S = 0.1
 CLOSE_WITHIN_S = 3.0
@@ -57,6 +58,7 @@ class BusLink:
         stopping: whether the robot is about to end and takes no more offers.
         jail: what its policies are put into.
         health: how the robot is; asked for each heartbeat.
+        standing: how it stands with the API; asked for each heartbeat and offer.
         alive_file: touched with each heartbeat, for the health check of a container.
     """
 
@@ -72,12 +74,14 @@ class BusLink:
         stopping: Callable[[], bool],
         jail: JailReport | None = None,
         health: Callable[[], RobotHealth | None] = lambda: None,
+        standing: Callable[[], Standing] = Standing,
         alive_file: Path | None = None,
     ) -> None:
         self._access, self._robot, self._physics = access, robot, physics
         self._physics_digest = physics_digest
         self._jail, self._health, self._alive_file = jail, health, alive_file
         self._live, self._on_cancel, self._stopping = live, on_cancel, stopping
+        self._standing = standing
         self._instance = uuid.uuid4().hex
         self._lock, self._sending = threading.Lock(), threading.Lock()
         self._state, self._lease = RobotState.IDLE, None
@@ -194,6 +198,8 @@ class BusLink:
                 return OfferReply(accepted=False, reason=f"busy with trial {self._lease.trial_id}")
             if self._wrong is not None:
                 return OfferReply(accepted=False, reason=f"out of service: {self._wrong}")
+            if not (standing := self._standing()).takes_offers:
+                return OfferReply(accepted=False, reason=f"out of service: {standing.reason}")
             if self._draining or self._stopping():
                 return OfferReply(accepted=False, reason="draining" if self._draining else "about to end")
             self._lease, self._state = lease, RobotState.LEASED
@@ -226,17 +232,21 @@ class BusLink:
         return OfferReply(accepted=True)
 
     def _send_heartbeat(self) -> None:
-        health = self._health()
+        health, standing = self._health(), self._standing()
+        cut_off_trial_id, cut_off_fence = standing.cut_off or (None, None)
         with self._lock:
             beat = bus.Heartbeat(
                 robot=self._robot,
                 instance=self._instance,
                 pid=os.getpid(),
                 host=socket.gethostname(),
-                state=self._state,
+                state=self._state if standing.takes_offers else RobotState.OUT_OF_SERVICE,
                 trial_id=self._lease.trial_id if self._lease else None,
                 fence=self._lease.fence if self._lease else None,
-                reason=self._wrong,
+                cut_off_trial_id=cut_off_trial_id,
+                cut_off_fence=cut_off_fence,
+                api_away=standing.api_away and self._wrong is None,
+                reason=self._wrong or standing.reason,
                 physics=self._physics,
                 physics_digest=self._physics_digest,
                 version=version("trifarm"),

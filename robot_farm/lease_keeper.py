@@ -4,8 +4,8 @@ import threading
 import time
 from types import TracebackType
 
-from api_schemas.robot import RENEW_EVERY_S, Lease
-from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError, TokenEndedError
+from api_schemas.robot import RENEW_EVERY_S, Lease, RenewalReply
+from robot_farm.api_link import ApiFailedError, ApiLink, ApiUnreachableError, LeaseRefusedError, TokenEndedError
 
 CANCELLED = "the job was cancelled"
 JOIN_WITHIN_S = 0.5
@@ -36,6 +36,8 @@ class LeaseKeeper:
         self._stop_reason: str | None = None
         self._asked_at_s = time.monotonic()
         self._cancelled_at_s: float | None = None
+        self._unanswered: str | None = None
+        self._asking_since_s: float | None = None
         self.hangs: str | None = None
         """Why the lease is left to end though the API would renew it."""
         self.token_ended: TokenEndedError | None = None
@@ -69,6 +71,23 @@ class LeaseKeeper:
         return self._asked_at_s < self._ends_at_s and self._cancelled_at_s is None
 
     @property
+    def claim(self) -> tuple[str, int]:
+        """Trial and fence of the lease."""
+        return self._lease.trial_id, self._lease.fence
+
+    @property
+    def ran_out(self) -> bool:
+        """Whether the lease has ended on the robot's clock."""
+        return time.monotonic() >= self._ends_at_s
+
+    @property
+    def unanswered(self) -> str | None:
+        """Why the API has not answered the last renewal; None when it has, whatever it said."""
+        since_s = self._asking_since_s
+        asking_s = 0.0 if since_s is None else time.monotonic() - since_s
+        return f"no answer to a renewal for {asking_s:.0f} s" if asking_s > self._lease.lease_s / 3 else self._unanswered
+
+    @property
     def cancelled(self) -> bool:
         """Whether the reason to stop is a wish of the user."""
         return self._stop_reason == CANCELLED
@@ -80,7 +99,7 @@ class LeaseKeeper:
                 self.hangs, self._stop_reason = hangs, self._stop_reason or hangs
                 return
             try:
-                reply = self._api.renew(self._lease.trial_id, self._lease.robot, self._lease.fence)
+                reply = self._ask()
             except ApiUnreachableError:
                 continue  # the lease ends by itself if this goes on
             except LeaseRefusedError as error:
@@ -95,6 +114,16 @@ class LeaseKeeper:
             self._ends_at_s = asked_at_s + reply.lease_s
             if reply.cancel:
                 self.cancel()
+
+    def _ask(self) -> RenewalReply:
+        self._asking_since_s, unanswered = time.monotonic(), None
+        try:
+            return self._api.renew(self._lease.trial_id, self._lease.robot, self._lease.fence)
+        except ApiUnreachableError as error:
+            unanswered = None if isinstance(error, ApiFailedError) else str(error)
+            raise
+        finally:
+            self._unanswered, self._asking_since_s = unanswered, None
 
     def _how_it_hangs(self, now_s: float) -> str | None:
         if self._cancelled_at_s is not None and now_s - self._cancelled_at_s > STOPS_WITHIN_S:

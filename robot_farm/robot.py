@@ -22,6 +22,7 @@ from robot_farm.hidden_physics import HiddenPhysics, farm_secret
 from robot_farm.jail import BUILTIN_PROCESS, POLICY_PROCESS, JailedPolicy
 from robot_farm.lease_keeper import CANCELLED, LeaseKeeper, TrialStoppedError
 from robot_farm.life import Life, OutOfServiceError
+from robot_farm.outage import Outage
 from robot_farm.prepared import Prepared, prepare_plainly, shape_of_lease
 from robot_farm.run import Progress, live_state
 from robot_farm.settings import Settings
@@ -53,6 +54,7 @@ class Robot:
         self._policy: JailedPolicy | None = None
         self._lease: Lease | None = None
         self._keeper: LeaseKeeper | None = None
+        self._outage = Outage(say)
         self._progress = Progress()
         self._watched = WatchedHealth(lambda: self._progress, self._life)
 
@@ -87,6 +89,7 @@ class Robot:
                     stopping=stop.is_set,
                     jail=JailReport.of(self._jail),
                     health=self._watched.health,
+                    standing=self._outage.standing,
                     alive_file=self._settings.alive_file,
                 )
             )
@@ -98,6 +101,7 @@ class Robot:
                 elif bus.resume_asked():
                     self._test(stop)
                     bus.out_of_service(self._unfit)
+                self._outage.look(lambda: api.try_out(self._name))
                 access = renewed(access, ask, bus, self._say)
 
     def _own_token(self) -> str:
@@ -114,21 +118,25 @@ class Robot:
             with LeaseKeeper(api, lease, accepted.at_s) as keeper:
                 self._progress = Progress()
                 self._lease, self._keeper = lease, keeper
+                self._outage.begin(keeper)
                 bus.running()
                 outcome = self._attempt(lease, api, keeper, log, TruthFile(truth, self._truth_channels), stop)
                 bus.out_of_service(self._unfit)
                 if keeper.token_ended is not None:
                     raise keeper.token_ended
                 if outcome is not None:  # files first, outcome last
-                    patience = _patience(keeper, stop)
+                    patience = self._outage.patience(keeper, stop)
                     truth_digest = api.upload_truth(lease, truth, patience) if truth.exists() else None
                     digest = api.upload_log(lease, log, patience) if log.exists() else None
                     bus.finishing()
                     api.report_outcome(lease, outcome, digest, truth_digest, patience)
+                    self._outage.came_home()
         except (LeaseRefusedError, ApiUnreachableError) as error:
             self._say(f"trial {lease.trial_id}, attempt {lease.fence}: outcome not accepted: {error}")
-            if self._keeper is not None and self._keeper.cancelled and isinstance(error, ApiUnreachableError):
-                self._report(lease, api, OutcomeKind.CANCELLED, f"{CANCELLED} while its files could not be sent: {error}")
+            if isinstance(error, ApiUnreachableError):
+                if self._keeper is not None and self._keeper.cancelled:
+                    self._report(lease, api, OutcomeKind.CANCELLED, f"{CANCELLED} while its files could not be sent: {error}")
+                self._outage.ended(error)
         except TokenEndedError:
             raise
         except Exception as error:
@@ -136,6 +144,7 @@ class Robot:
             reason = f"{self._name} could not bring its outcome home: {type(error).__name__}: {error}"
             self._report(lease, api, OutcomeKind.PLATFORM_ERROR, reason)
         finally:
+            self._outage.ended()
             self._lease = self._keeper = None
             for file in (log, truth):
                 file.unlink(missing_ok=True)
@@ -150,7 +159,8 @@ class Robot:
             return "the robot is being stopped" if stop.is_set() else keeper.stop_reason()
 
         try:
-            policy = self._policy_for(lease, api, _patience(keeper, stop))
+            policy = self._policy_for(lease, api, self._outage.patience(keeper, stop))
+            self._outage.waits = None
             with turn(self._settings.robots_folder, self._core, stop_reason=stop_reason):
                 driver, prepared = self._make_ready(lease, truth, stop_reason)
                 outcome = run_trial(
@@ -229,6 +239,7 @@ class Robot:
         """Say how the attempt ended without what it made, so that nobody waits until its lease runs out."""
         try:
             api.report_outcome(lease, _ended(kind, reason), None)
+            self._outage.came_home()
         except Exception as error:  # then the lease runs out by itself
             self._say(f"trial {lease.trial_id}, attempt {lease.fence}: nor could that be told: {error}")
 
@@ -266,11 +277,6 @@ class Robot:
     def _live_state(self) -> LiveState | None:
         lease = self._lease
         return None if lease is None else live_state(lease, self._progress)
-
-
-def _patience(keeper: LeaseKeeper, stop: threading.Event) -> Patience:
-    """Waits as long as the lease is renewed and nobody wants the robot or the trial to end."""
-    return lambda _error: keeper.holds() and not stop.is_set()
 
 
 def _life(name: str, settings: Settings) -> Life:

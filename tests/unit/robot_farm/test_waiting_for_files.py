@@ -7,8 +7,7 @@ from robot_farm import api_link
 from tests.unit.robot_farm.lease_api import serving, wait_until
 
 
-@pytest.fixture(autouse=True)
-def recorded(monkeypatch):
+def recorded_at_once(monkeypatch):
     """Every trial is recorded at once; who has no patience gives up soon."""
 
     def run(_lease, _policy, _driver, _channels, log, **_):
@@ -17,6 +16,11 @@ def recorded(monkeypatch):
 
     monkeypatch.setattr("robot_farm.robot.run_trial", run)
     monkeypatch.setattr(api_link, "RETRY_FOR_S", 0.5)
+
+
+@pytest.fixture(autouse=True)
+def recorded(monkeypatch):
+    recorded_at_once(monkeypatch)
 
 
 def tries(api):
