@@ -3,6 +3,7 @@
 import json
 import os
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event
@@ -22,6 +23,9 @@ from client_cli.output import counted, note, print_document, print_line
 from client_cli.settings import load_connection
 
 REPORT_NAME = "report.json"
+OWNER_NAME = "job_id.txt"
+"""Says whose logs a folder holds for as long as it has no report."""
+ANY_LOG = "trial-*.mcap"
 FORBIDDEN = 403
 
 
@@ -89,7 +93,8 @@ def fetch_job(client: ApiClient, job_id: str, folder: Path, parallel: int, *, wi
     downloads = _download_all(client, logs + truths, parallel)
     report = None
     if job.state is JobState.SUCCEEDED:
-        report = _write_report(client.report(job_id), folder / REPORT_NAME)
+        report = _write_whole(client.report(job_id), folder / REPORT_NAME)
+        (folder / OWNER_NAME).unlink(missing_ok=True)
     return Fetched(
         job=job,
         folder=folder,
@@ -118,20 +123,34 @@ def _claim_folder(folder: Path, job_id: str) -> None:
     held = held_by(folder)
     if held not in (None, job_id):
         raise UsageProblem(f"{folder} holds the logs of job {held}; choose another folder for job {job_id}")
+    if held is None:
+        _write_whole(f"{job_id}\n".encode(), folder / OWNER_NAME)
 
 
 def held_by(folder: Path) -> str | None:
-    """The job whose logs a folder holds, None without a report or a folder.
+    """The job whose logs a folder holds, None without logs or a folder.
 
     Raises:
-        UsageProblem: its report cannot be read.
+        UsageProblem: it cannot be read, or it has logs and names no job.
     """
     try:
-        return json.loads((folder / REPORT_NAME).read_text()).get("job_id")
-    except FileNotFoundError:
-        return None
+        held = _named_in(folder)
     except (OSError, ValueError, AttributeError) as error:
         raise UsageProblem(f"cannot use the folder {folder}: {error}") from error
+    if not held and (logs := sorted(folder.glob(ANY_LOG))):
+        raise UsageProblem(
+            f"{folder} holds {logs[0].name} and does not say of which job; choose another folder, or, to go on with its job, "
+            f"write that job's id into {folder / OWNER_NAME}"
+        )
+    return held or None
+
+
+def _named_in(folder: Path) -> str | None:
+    with suppress(FileNotFoundError):
+        return json.loads((folder / REPORT_NAME).read_text()).get("job_id")
+    with suppress(FileNotFoundError):
+        return (folder / OWNER_NAME).read_text().strip()
+    return None
 
 
 def _download_all(client: ApiClient, files: list[tuple[StoredFile, Path]], parallel: int) -> list[Download]:
@@ -146,7 +165,7 @@ def _download_all(client: ApiClient, files: list[tuple[StoredFile, Path]], paral
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _write_report(content: bytes, path: Path) -> Path:
+def _write_whole(content: bytes, path: Path) -> Path:
     part = path.with_name(path.name + ".part")
     part.write_bytes(content)
     return part.replace(path)

@@ -91,7 +91,7 @@ def test_a_log_that_is_not_what_the_server_says_never_gets_its_name(farm, trifar
     ended = trifarm("fetch", JOB_ID, "--to", str(folder))
     assert ended.code == 1
     assert "another SHA-256" in ended.err
-    assert not [name for name in files(folder) if not name.endswith(".part")]
+    assert [name for name in files(folder) if not name.endswith(".part")] == ["job_id.txt"]
 
 
 def test_another_jobs_folder_is_left_alone(farm, trifarm, folder):
@@ -115,4 +115,42 @@ def test_a_cancelled_job_gives_its_logs_but_no_report(farm, trifarm, folder):
     ended = trifarm("fetch", JOB_ID, "--to", str(folder), "--json")
     assert ended.code == 3
     assert ended.document["report"] is None
-    assert sorted(files(folder)) == ["trial-000.mcap", "trial-001.mcap"]
+    assert sorted(files(folder)) == ["job_id.txt", "trial-000.mcap", "trial-001.mcap"]
+
+
+def test_a_folder_that_is_not_complete_is_of_its_job_all_the_same(farm, trifarm, folder):
+    farm.state = JobState.FAILED
+    assert trifarm("fetch", JOB_ID, "--to", str(folder)).code == 3
+    before = files(folder)
+    for command in (("fetch", "jother"), ("identify", "--robot", "any")):
+        ended = trifarm(*command, "--to", str(folder))
+        assert ended.code == 2
+        assert f"holds the logs of job {JOB_ID}; choose another folder" in ended.err
+        assert files(folder) == before
+    farm.state = JobState.SUCCEEDED  # as after it was queued again
+    assert trifarm("fetch", JOB_ID, "--to", str(folder), "--json").document["already_there"] == 3
+    assert files(folder) == complete(farm)
+
+
+def test_an_interrupted_folder_is_left_alone_by_others_and_resumed_by_its_job(farm, trifarm, folder):
+    farm.trials, farm.log_cuts = 1, [400_000] * 3
+    assert trifarm("fetch", JOB_ID, "--to", str(folder)).code not in {0, 2}
+    before = files(folder)
+    assert before["job_id.txt"].decode() == f"{JOB_ID}\n" and "trial-000.mcap.part" in before
+    assert trifarm("fetch", "jother", "--to", str(folder)).code == 2
+    assert files(folder) == before
+    farm.trials = 3
+    assert trifarm("fetch", JOB_ID, "--to", str(folder)).code == 0
+    assert files(folder) == complete(farm)
+
+
+def test_logs_of_nobody_knows_which_job_are_left_alone_until_somebody_says_it(farm, trifarm, folder):
+    folder.mkdir(parents=True)
+    (folder / "trial-000.mcap").write_bytes(LOGS[f"{JOB_ID}-000"])
+    ended = trifarm("fetch", JOB_ID, "--to", str(folder))
+    assert ended.code == 2
+    assert "holds trial-000.mcap and does not say of which job" in ended.err
+    assert list(files(folder)) == ["trial-000.mcap"]
+    (folder / "job_id.txt").write_text(JOB_ID)
+    assert trifarm("fetch", JOB_ID, "--to", str(folder), "--json").document["already_there"] == 1
+    assert files(folder) == complete(farm)
