@@ -18,7 +18,8 @@ SMALL = (Path("tokens.json"), Path("up.json"), Path(KEY_FILE), Path("robots") / 
 """What makes the restored farm the same: its tokens, the key it signs with, what its robots were told and are drawn from."""
 PHYSICS = Path("physics")
 RECORD = Path("backup.json")
-_REPORTED = "SELECT log_sha256 AS sha FROM trial UNION SELECT truth_sha256 FROM trial"
+_OF_REPORTS = "FROM trial JOIN job ON job.number = trial.job_number WHERE job.state != 'cancelled'"  # retention keeps no others
+_REPORTED = f"SELECT trial.log_sha256 AS sha {_OF_REPORTS} UNION SELECT trial.truth_sha256 {_OF_REPORTS}"
 _POLICIES = "SELECT weights_sha256 AS sha FROM policy UNION SELECT graph_sha256 FROM policy"
 _ATTEMPTS = "SELECT log_sha256 AS sha FROM attempt UNION SELECT truth_sha256 FROM attempt"
 

@@ -6,7 +6,7 @@ import sqlite3
 import pytest
 
 from services.upkeep.backup import back_up, restore
-from services.upkeep.folder import UpkeepError, object_path
+from services.upkeep.folder import UpkeepError, object_path, references
 
 LOG = b"what a robot measured"
 SHA256 = hashlib.sha256(LOG).hexdigest()
@@ -22,14 +22,16 @@ def data(tmp_path):
     with sqlite3.connect(data / "farm.sqlite") as database:
         for table, columns in (
             ("policy", "weights_sha256, graph_sha256"),
-            ("trial", "log_sha256, truth_sha256"),
+            ("trial", "job_number, log_sha256, truth_sha256"),
             ("attempt", "log_sha256, truth_sha256"),
             ("alembic_version", "version_num"),
-            ("job", "number"),
+            ("job", "number, state"),
             ("report", "number"),
         ):
             database.execute(f"CREATE TABLE {table} ({columns})")
-        database.execute("INSERT INTO trial VALUES (?, NULL)", (SHA256,))
+        database.execute("INSERT INTO job VALUES (1, 'succeeded')")
+        database.execute("INSERT INTO trial VALUES (1, ?, NULL)", (SHA256,))
+        database.execute("INSERT INTO attempt VALUES (?, NULL)", (SHA256,))
         database.execute("INSERT INTO alembic_version VALUES ('0001')")
     database.close()
     (data / "physics").mkdir()
@@ -53,6 +55,17 @@ def test_a_damaged_copy_is_replaced_and_that_is_said(data, tmp_path):
     restore(tmp_path / "backup", tmp_path / "new")
     assert object_path(tmp_path / "new", SHA256).read_bytes() == LOG
     assert (tmp_path / "new" / "physics" / "mine.toml").read_text() == "about = 'mine'"
+
+
+@pytest.mark.parametrize(("state", "is_needed"), [("failed", True), ("cancelled", False)])
+def test_a_log_that_retention_may_take_is_not_needed(data, state, is_needed):
+    with sqlite3.connect(data / "farm.sqlite") as database:
+        database.execute("UPDATE job SET state = ?", (state,))
+        found = references(database)
+    database.close()
+    assert (found.needed, found.others) == (
+        (frozenset({SHA256}), frozenset()) if is_needed else (frozenset(), frozenset({SHA256}))
+    )
 
 
 def test_a_damaged_source_is_named_with_the_command_that_finds_all(data, tmp_path):
