@@ -14,6 +14,9 @@ from experiments.plan import Piece, TrainingPiece, missing, pieces
 from experiments.provenance import Versions
 from experiments.store import MEASURED, TRIALS, Key, Store
 
+SAME_EVALUATION = 0.01
+"""Share of a run's samples by which evaluations of several runs may lie apart that are shown as one point."""
+
 
 @dataclass(frozen=True)
 class Rate:
@@ -127,15 +130,23 @@ def _curves(experiment: Experiment, runs: Runs):
 
 
 def _curve(cell: Cell, runs: Sequence[tuple[int, Mapping[str, Any]]]) -> Curve | None:
-    """Evaluations on nominal robots, where all runs have them."""
+    """Evaluations on nominal robots, where all runs have them; of a run that was resumed they come some samples off."""
     lines = [
-        {each["samples"]: each["success_rate"] for each in run["evaluations"] if each["physics"] == "nominal"} for _, run in runs
+        sorted((each["samples"], each["success_rate"]) for each in run["evaluations"] if each["physics"] == "nominal")
+        for _, run in runs
     ]
-    shared = sorted(set.intersection(*(set(line) for line in lines))) if lines else []
-    if not shared:
+    if not lines or not all(lines):
+        return None
+    together, off = [], SAME_EVALUATION * max(line[-1][0] for line in lines)
+    for samples, _ in lines[0]:
+        nearest = [min(line, key=lambda each: abs(each[0] - samples)) for line in lines]
+        if all(abs(each[0] - samples) <= off for each in nearest):
+            together.append(nearest)
+    if not together:
         return None
     before = demonstrated_periods(cell.training.demonstrations) if cell.training is not None else 0
-    return Curve(cell.name, before + np.array(shared), np.array([[line[samples] for samples in shared] for line in lines]))
+    points = np.array(together)
+    return Curve(cell.name, before + points[:, :, 0].mean(axis=1), points[:, :, 1].T)
 
 
 def _in_a_row(experiment: Experiment, store: Store):

@@ -40,6 +40,17 @@ def test_the_figure_has_labelled_axes_with_units_and_says_of_what_and_how_many(t
     assert bars.get_legend() is None, "one kind of robots needs none"
 
 
+@pytest.mark.parametrize(("samples", "curves"), [(4100, ["first", "other"]), (5000, ["other"])])
+def test_a_run_that_was_resumed_is_evaluated_some_samples_later_and_still_in_the_curve(tmp_path, samples, curves):
+    store = complete(tmp_path)
+    train(store, SMALL.cells[0], 2, samples=samples, rates=(0.0, 0.4, 0.5))
+    found = {curve.cell: curve for curve in findings(SMALL, store).curves}
+    assert list(found) == curves
+    if "first" in found:
+        np.testing.assert_allclose(found["first"].success, [[0.2, 0.6, 0.9], [0.0, 0.4, 0.5]])
+        np.testing.assert_allclose(found["first"].samples, [1365.5, 2731.5, 4098.0])
+
+
 def test_what_is_at_100_per_cent_is_whole_and_equal_runs_lie_beside_each_other(tmp_path):
     _, bars = panels(findings(SMALL, complete(tmp_path, first=5, other=5)))
     assert bars.get_ylim()[1] > 100
