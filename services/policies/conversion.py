@@ -1,9 +1,9 @@
-"""The child process that converts: ``python -m services.policies.conversion WEIGHTS MANIFEST OUT.onnx LEVEL LIMIT_BYTES``.
+"""The child process that converts: ``python -m services.policies.conversion WEIGHTS MANIFEST OUT.onnx LEVEL [LIMIT]``.
 
 ``OUT.onnx`` lies in the working folder, the only one that it sees from its jail; it refuses a jail below ``LEVEL``, and a graph
-of more than about twice ``LIMIT_BYTES``, which is the most that weights may have. It prints one line of JSON when the graph is
-written and one more after the dry run. The kernel ends it when it computes for too long; the parent then goes by the lines that
-it has.
+of more than about twice ``LIMIT``, the most bytes that weights may have (64 MiB if it is not given). It prints one line of JSON
+when the graph is written and one more after the dry run. The kernel ends it when it computes for too long; the parent then goes
+by the lines that it has.
 """
 
 import json
@@ -15,6 +15,7 @@ from pathlib import Path
 from api_schemas.jail.entering import enter
 from api_schemas.jail.level import JailLevel, too_open
 from api_schemas.jail.needs import Needs
+from api_schemas.policy import MAX_WEIGHTS_BYTES
 
 CPU_LIMIT_S = 5
 MEMORY_LIMIT_BYTES = 1024**3
@@ -86,7 +87,7 @@ def main() -> None:
     """Converts as the command line says; every refusal is a line, every other failure an exit status."""
     weights, manifest, out = (Path(argument) for argument in sys.argv[1:4])
     content, manifest_text = weights.read_bytes(), manifest.read_text()
-    limit_bytes = int(sys.argv[5])
+    limit_bytes = int(sys.argv[5]) if len(sys.argv) > 5 else MAX_WEIGHTS_BYTES
     if (reason := confine(JailLevel(sys.argv[4]), graph_limit_bytes(limit_bytes))) is not None:
         _say(too_open=reason)
         return

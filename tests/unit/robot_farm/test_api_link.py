@@ -33,7 +33,7 @@ def test_the_graphs_that_were_wanted_last_are_kept(tmp_path, monkeypatch):
 @pytest.mark.parametrize("left", [b"", b"gra", b"GRaph"])
 def test_what_a_power_cut_left_of_a_graph_is_fetched_anew(tmp_path, monkeypatch, left):
     with ApiLink("http://farm", "token") as link:
-        monkeypatch.setattr(link, "_patiently", lambda _method, _url: httpx.Response(200, content=b"graph"))
+        monkeypatch.setattr(link, "_patiently", lambda _method, _url, **_: httpx.Response(200, content=b"graph"))
         for _ in range(2):
             path = link.fetch_graph("digest", hashlib.sha256(b"graph").hexdigest(), tmp_path)
             assert path.read_bytes() == b"graph"
