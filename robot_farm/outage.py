@@ -43,7 +43,7 @@ class Outage:
         self._keeper: LeaseKeeper | None = None
         self._away: str | None = None
         self._cut_off: tuple[str, int] | None = None
-        self._in_a_row, self._ask_at_s = 0, 0.0
+        self._pause_s, self._ask_at_s = FIRST_PAUSE_S, 0.0
         self.waits: str | None = None
         """Why the last try to send or to fetch something failed, while it is tried again."""
 
@@ -63,7 +63,7 @@ class Outage:
 
     def came_home(self) -> None:
         """The API took the attempt's outcome."""
-        self._keeper, self._in_a_row, self.waits = None, 0, None
+        self._keeper, self._pause_s, self.waits = None, FIRST_PAUSE_S, None
 
     def ended(self, error: ApiUnreachableError | None = None) -> None:
         """The attempt is over; nothing happens if it came home.
@@ -76,8 +76,8 @@ class Outage:
         why = keeper.unanswered if error is None or isinstance(error, ApiFailedError) else str(error)
         if why is not None and keeper.hangs is None:
             self._away, self._cut_off = f"the API does not answer: {why}", keeper.claim
-            self._ask_at_s = time.monotonic() + min(FIRST_PAUSE_S * 2**self._in_a_row, LONGEST_PAUSE_S)
-            self._in_a_row += 1
+            self._ask_at_s = time.monotonic() + self._pause_s
+            self._pause_s = min(2.0 * self._pause_s, LONGEST_PAUSE_S)
             self._say(f"takes no offers for now: {self._away}")
         self._keeper = self.waits = None
 

@@ -15,7 +15,6 @@ from sim_backend.reality_gap.joints.value_errors import is_telling, usual_error
 from sim_backend.reality_gap.verdict import Cause
 
 Z_90 = 1.6448536269514722
-WIDTH_OF_JOINTS, WIDTH_OF_AXES = 9, 3
 _SYSTEMATIC = 2.0
 _SYSTEMATIC_SHARE = 0.1
 """Intervals are wider than the noise alone makes them, by a factor and by a share of the deviation: laws are not exact."""
@@ -27,12 +26,9 @@ def causes_of(study: JointStudy, accepted: Accepted) -> list[Cause]:
     Intervals cover the noise of the data and a usual imperfection of the laws, and where a robot differs everywhere also how far
     values are usually off there.
     """
-    errors, found, seen = study.fit.errors[(accepted.effect, accepted.where)], [], set()
+    errors, found = study.fit.errors[(accepted.effect, accepted.where)], []
     for fitted in fitted_values(study.start, study.fit.state, accepted.terms, errors):
         parameter = PARAMETERS[fitted.key]
-        if (fitted.key, fitted.index) in seen:
-            continue
-        seen.add((fitted.key, fitted.index))
         value, deviation = fitted.value, fitted.value - study.problem_start(fitted.key, fitted.index)
         share = 0.0 if fitted.error == 0.0 else _SYSTEMATIC_SHARE  # a number that goes with another one, and was not estimated
         half = float(np.hypot(Z_90 * _SYSTEMATIC * fitted.error, share * deviation))
@@ -48,8 +44,8 @@ def causes_of(study: JointStudy, accepted: Accepted) -> list[Cause]:
 
 def place_of(names: Sequence[str], fitted: FittedValue, where: str) -> str:
     """Name of the place that a number belongs to: its joint, its axis, or that of the hypothesis."""
-    width = PARAMETERS[fitted.key].width
-    return names[fitted.index] if width == WIDTH_OF_JOINTS else "xyz"[fitted.index] if width == WIDTH_OF_AXES else where
+    scope = PARAMETERS[fitted.key].scope
+    return names[fitted.index] if scope is Scope.JOINT else "xyz"[fitted.index] if scope is Scope.VECTOR else where
 
 
 def _widened(cause: Cause) -> Cause:

@@ -9,6 +9,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from api_schemas.robot import Lease
 from robot_farm.api_link import ApiLink
 from robot_farm.bus_link import Accepted
+from robot_farm.lease_keeper import TrialStoppedError
 
 LEASE_S = 3.0
 
@@ -102,3 +103,16 @@ def serving(robot, api, lease=None):
         finally:
             thread.join(60)
             assert not thread.is_alive()
+
+
+def endless_trial(steps: list[float]):
+    """A trial that would go on for ever, asking in each step whether it may; ``steps`` gets when it did, in seconds."""
+
+    def run(_lease, _policy, _driver, _channels, log, *, stop_reason, **_):
+        log.write_bytes(b"half a log")
+        while (reason := stop_reason()) is None:
+            steps.append(time.monotonic())
+            time.sleep(0.01)
+        raise TrialStoppedError(reason)
+
+    return run

@@ -16,7 +16,7 @@ from robot_farm.bus_link import BusLink
 from robot_farm.lease_keeper import LeaseKeeper, TrialStoppedError
 from robot_farm.outage import FIRST_PAUSE_S, LONGEST_PAUSE_S, Outage, Standing
 from tests.integration.farm_process import free_port
-from tests.unit.robot_farm.lease_api import LEASE_S, excitation_lease, serving, wait_until
+from tests.unit.robot_farm.lease_api import LEASE_S, endless_trial, excitation_lease, serving, wait_until
 from tests.unit.robot_farm.test_waiting_for_files import recorded_at_once
 
 CLAIM = ("j1-000", 1)
@@ -25,16 +25,8 @@ CLAIM = ("j1-000", 1)
 @pytest.fixture
 def steps(monkeypatch):
     """When a trial that would go on for ever asked whether it may."""
-    steps = []
-
-    def endless(_lease, _policy, _driver, _channels, log, *, stop_reason, **_):
-        log.write_bytes(b"half a log")
-        while (reason := stop_reason()) is None:
-            steps.append(time.monotonic())
-            time.sleep(0.01)
-        raise TrialStoppedError(reason)
-
-    monkeypatch.setattr("robot_farm.robot.run_trial", endless)
+    steps: list[float] = []
+    monkeypatch.setattr("robot_farm.robot.run_trial", endless_trial(steps))
     return steps
 
 

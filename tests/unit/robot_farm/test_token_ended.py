@@ -10,10 +10,9 @@ import pytest
 from api_schemas.robot import Lease
 from robot_farm.api_link import ApiLink, TokenEndedError
 from robot_farm.bus_link import Accepted
-from robot_farm.lease_keeper import TrialStoppedError
 from robot_farm.robot import Robot
 from robot_farm.settings import TOKEN_VARIABLE, parse
-from tests.unit.robot_farm.lease_api import SilentBus
+from tests.unit.robot_farm.lease_api import SilentBus, endless_trial
 
 LEASE_S = 3.0
 
@@ -56,16 +55,7 @@ def test_a_token_that_ends_in_the_middle_of_a_trial_ends_trial_and_robot(api, tm
     settings = parse(["--api", url, "--data", str(tmp_path), "--physics", "nominal", "--robot", "robot-0"])
     said, bus = [], SilentBus()
     robot = Robot("robot-0", settings, said.append)
-
-    def endless(lease, policy, driver, channels, log, *, stop_reason, **_):
-        """A trial that would go on for ever, asking in each step whether it may."""
-        log.write_bytes(b"half a log")
-        while (reason := stop_reason()) is None:
-            steps.append(time.monotonic())
-            time.sleep(0.01)
-        raise TrialStoppedError(reason)
-
-    monkeypatch.setattr("robot_farm.robot.run_trial", endless)
+    monkeypatch.setattr("robot_farm.robot.run_trial", endless_trial(steps))
     lease = Lease(
         trial_id="j1-000", job_id="j1", ordinal=0, fence=1, robot="robot-0", task="identify", excitation="slow_ramps", seed=1,
         lease_s=LEASE_S,
