@@ -10,10 +10,13 @@ ClientError
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from api_schemas import command_error
-from api_schemas.error import Problem
 from client_cli.exit_codes import ExitCode
+
+if TYPE_CHECKING:
+    from api_schemas.error import Problem
 
 COMMANDS = {
     "GET /v1/jobs/<job>/events": "trifarm watch JOB",
@@ -65,7 +68,7 @@ class Refused(ClientError):
 
     exit_code = ExitCode.REFUSED
 
-    def __init__(self, problem: Problem, retry_after_s: float | None = None):
+    def __init__(self, problem: "Problem", retry_after_s: float | None = None):
         super().__init__(problem.detail)
         self.title = problem.title
         self.problem = problem

@@ -1,15 +1,17 @@
 """What a schema or the command line says of a wrong value, as a sentence about what the user wrote."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
-from pydantic import ValidationError
 from typer.core import TyperGroup
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 LONGEST_VALUE = 60
 
 
-def sentence(error: ValidationError, whole: str) -> str:
+def sentence(error: "ValidationError", whole: str) -> str:
     """The first thing that is wrong, such as "trials is -1 and should be greater than or equal to 1".
 
     Args:

@@ -67,8 +67,9 @@ def test_ctrl_c_ends_any_command_with_130_and_no_words(trifarm, monkeypatch):
     assert (ended.code, ended.out, ended.err) == (130, "", "")
 
 
-def test_ctrl_c_while_the_command_is_loaded_is_no_traceback(tmp_path):
-    (tmp_path / "rich.py").write_text("import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(5)\n")
+@pytest.mark.parametrize("module", ["typer", "httpx"], ids=["for-all-commands", "for-this-one"])
+def test_ctrl_c_while_the_command_is_loaded_is_no_traceback(tmp_path, module):
+    (tmp_path / f"{module}.py").write_text("import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(5)\n")
     ended = _run("status", stdout=subprocess.PIPE, path=tmp_path)
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "")
 
