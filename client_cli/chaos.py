@@ -12,6 +12,7 @@ from client_cli.child_process import module_command
 from client_cli.errors import ClientError
 from client_cli.exit_codes import ExitCode
 from client_cli.foreground import how_it_ended, run_to_end
+from client_cli.installation import check_in_clone
 from client_cli.options import JsonOption
 from client_cli.output import print_document, print_line, print_table
 
@@ -55,6 +56,7 @@ def chaos(
     as_json: JsonOption = False,
 ) -> None:
     """Start a farm, break it in every way we know while clients work, and check that it kept its promises."""
+    check_in_clone("chaos")
     flags = ["--home", home.value, "--campaign", campaign.value, "--seed", str(seed), *(["--quick"] if quick else [])]
     said = _run(flags)
     if out is not None:

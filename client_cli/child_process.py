@@ -12,6 +12,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from client_cli.installation import clone
+
 TAIL_LINES = 15
 LOG_BYTES = 10 * 1024**2
 LOGS_KEPT = 3
@@ -28,8 +30,7 @@ def module_command(module: str, *arguments: str) -> list[str]:
 def child_environment(**extra: str) -> dict[str, str]:
     """The environment of a child; it finds our packages in a clone that nobody has installed, too."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith(OWN_PREFIX)} | extra
-    root = Path(__file__).resolve().parents[1]
-    if (root / "pyproject.toml").exists():
+    if root := clone():
         environment["PYTHONPATH"] = os.pathsep.join(filter(None, (environment.get("PYTHONPATH"), str(root))))
     return environment
 

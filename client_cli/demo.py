@@ -18,6 +18,7 @@ from client_cli.exit_codes import ExitCode
 from client_cli.farm_claims import private_files
 from client_cli.fetch import fetch_job
 from client_cli.following import ending, exit_code_of, follow_to_end
+from client_cli.installation import shipped_weights
 from client_cli.options import JsonOption, LayoutOption, ManifestOption, RobotsOption, TaskOption
 from client_cli.output import counted, note, print_document, print_line
 from client_cli.policy_files import read_policy
@@ -46,8 +47,11 @@ class DemoResult:
 
 
 def demo(
-    policy: Annotated[Path, typer.Option("--policy", metavar="FILE", help="The policy's weights.")],
     *,
+    policy: Annotated[
+        Path | None,
+        typer.Option("--policy", metavar="FILE", help="The policy's weights; the shipped policy of push or lift if not given."),
+    ] = None,
     manifest: ManifestOption = None,
     layout: LayoutOption = None,
     task: TaskOption = TaskName.PUSH,
@@ -65,7 +69,7 @@ def demo(
     as_json: JsonOption = False,
 ) -> None:
     """Start a farm, run a policy on it, print the report, fetch the logs and stop the farm."""
-    local = read_policy(policy, manifest, layout)
+    local = read_policy(policy or shipped_weights(task), manifest, layout)
     home, told = folder.absolute(), RobotOptions.of(robots, physics, farm_seed, reset, fault)
     with _farm(FarmOptions(data=home, home=home / "home", port=0, robots=told, jail_level=jail_level)) as client:
         note(f"uploading {local.weights.name} and queueing {counted(trials, f'{task.value} trial')}")

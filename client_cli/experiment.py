@@ -9,6 +9,7 @@ from client_cli.child_process import module_command
 from client_cli.errors import ClientError, UsageProblem
 from client_cli.exit_codes import ExitCode
 from client_cli.foreground import how_it_ended, run_to_end
+from client_cli.installation import check_in_clone
 from client_cli.options import JsonOption
 
 EXPERIMENTS = "experiments"
@@ -49,6 +50,7 @@ def experiment(
     as_json: JsonOption = False,
 ) -> None:
     """Run what is missing of an experiment: trainings, trials on a farm of its own, measurements; write figure, page and JSON."""
+    check_in_clone("experiment")
     if name is None and not list_pieces:
         raise UsageProblem(f"say which experiment: {', '.join(NAMES)}; --list shows what is done of each")
     flags = [flag for flag, given in (("--quick", quick), ("--list", list_pieces), ("--json", as_json)) if given]
