@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 from pydantic import Field, TypeAdapter
 
 from api_schemas.excitation import ExcitationName
-from api_schemas.jail.report import JailReport
-from api_schemas.object import ObjectName
+from api_schemas.jail_report import JailReport
+from api_schemas.physics import ObjectName
 from api_schemas.schema import Schema
 from api_schemas.trial import Outcome
 

@@ -11,20 +11,20 @@ from typing import TYPE_CHECKING, Self
 
 from api_schemas.builtin_policies import builtin_digest
 from api_schemas.job import POLICY_TASKS, Job, JobPriority, JobRequest, JobState, TaskName
-from api_schemas.object import ObjectName
+from api_schemas.physics import ObjectName
 from api_schemas.report import Report, read_report
 from api_schemas.trial import OutcomeKind, Trial
-from client_cli.api_client import ApiClient, log_of
-from client_cli.errors import ClientError, UsageProblem, files_checked
-from client_cli.following import follow_to_end
-from client_cli.log_download import download, log_name
-from client_cli.policy_files import read_policy
-from client_cli.report import write_page, write_print
-from client_cli.settings import load_connection
-from client_cli.submit import builtin_named, checked
+from client_cli.commands.report import write_page, write_print
+from client_cli.commands.submit import builtin_named, checked
+from client_cli.connection.api_client import ApiClient, log_of
+from client_cli.connection.log_download import download, log_name
+from client_cli.connection.settings import load_connection
+from client_cli.policies.policy_files import read_policy
+from client_cli.terminal.errors import ClientError, UsageProblem, files_checked
+from client_cli.views.following import follow_to_end
 
 if TYPE_CHECKING:
-    from api_schemas.trial_log_reader import TrialLog
+    from trial_logs.reader import TrialLog
 
 REPORT_WRITERS = {".html": write_page, ".pdf": write_print}
 
@@ -182,7 +182,7 @@ class FarmTrial:
         Raises:
             ClientError: the trial has no log, or it cannot be read.
         """
-        from api_schemas.trial_log_reader import LogUnreadableError, read_log
+        from trial_logs.reader import LogUnreadableError, read_log
 
         with tempfile.TemporaryDirectory(prefix="trifarm-log-") as folder:
             try:

@@ -6,16 +6,12 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from client_cli import (
-    backup,
+from client_cli.commands import (
     canary,
-    cancel,
     chaos,
     check,
     compare,
     demo,
-    doctor,
-    effects,
     experiment,
     fetch,
     gap,
@@ -27,7 +23,6 @@ from client_cli import (
     policy,
     replay,
     report,
-    restore,
     robots,
     status,
     submit,
@@ -35,13 +30,13 @@ from client_cli import (
     top,
     train,
     up,
+    upkeep,
     verify,
-    watch,
 )
-from client_cli.errors import ClientError, error_document, error_line, files_checked
-from client_cli.exit_codes import MEANING, OF_EVERY_REQUEST, ExitCode, epilog
-from client_cli.output import drop_stdout, note, print_document
-from client_cli.wrong_values import Commands
+from client_cli.terminal.errors import ClientError, error_document, error_line, files_checked
+from client_cli.terminal.exit_codes import MEANING, OF_EVERY_REQUEST, ExitCode, epilog
+from client_cli.terminal.output import drop_stdout, note, print_document
+from client_cli.terminal.wrong_values import Commands
 
 app = typer.Typer(
     name="trifarm",
@@ -63,14 +58,14 @@ app.command(epilog=epilog(*OF_A_CHILD))(pack.pack)
 app.command(epilog=epilog(*JOB_END))(identify.identify)
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(jobs.jobs)
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(ladder.ladder)
-app.command(epilog=epilog(*JOB_END))(watch.watch)
-app.command(epilog=epilog(*OF_EVERY_REQUEST))(cancel.cancel)
+app.command(epilog=epilog(*JOB_END))(jobs.watch)
+app.command(epilog=epilog(*OF_EVERY_REQUEST))(jobs.cancel)
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(report.report)
 app.command("compare", epilog=epilog(*OF_EVERY_REQUEST, ExitCode.WORSE))(compare.compare_jobs)
 app.command(epilog=epilog(*OF_A_CHILD, ExitCode.DIFFERS, ExitCode.UNVERIFIED, ExitCode.LOGS_MISSING))(verify.verify)
 app.command(epilog=epilog(*JOB_END))(fetch.fetch)
 app.command(epilog=epilog(*OF_EVERY_REQUEST, ExitCode.DIFFERS))(replay.replay)
-app.command(epilog=epilog(*OF_A_CHILD))(effects.effects)
+app.command(epilog=epilog(*OF_A_CHILD))(physics.effects)
 app.command(epilog=epilog(*OF_A_CHILD))(physics.physics)
 app.command(epilog=epilog(*OF_A_CHILD, ExitCode.INTERRUPTED))(train.train)
 app.add_typer(gap.commands, name="gap")
@@ -79,9 +74,9 @@ app.add_typer(canary.commands, name="canary")
 app.add_typer(policy.commands, name="policy")
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(status.status)
 app.command(epilog=epilog(*OF_EVERY_REQUEST))(top.top)
-app.command(epilog=epilog(*OF_A_CHILD))(backup.backup)
-app.command(epilog=epilog(*OF_A_CHILD))(restore.restore)
-app.command(epilog=epilog(*OF_A_CHILD))(doctor.doctor)
+app.command(epilog=epilog(*OF_A_CHILD))(upkeep.backup)
+app.command(epilog=epilog(*OF_A_CHILD))(upkeep.restore)
+app.command(epilog=epilog(*OF_A_CHILD))(upkeep.doctor)
 app.command(epilog=epilog(*OF_A_CHILD, ExitCode.INTERRUPTED))(chaos.chaos)
 app.command(epilog=epilog(*OF_A_CHILD, ExitCode.INTERRUPTED))(experiment.experiment)
 app.add_typer(token.commands, name="token")

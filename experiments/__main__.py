@@ -22,7 +22,7 @@ def main(arguments: list[str] | None = None) -> int:
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     if find_spec("torch") is None or find_spec("stable_baselines3") is None:
         return _problem("experiments need packages that are not installed: pip install -e '.[learning]' in the clone", OTHER)
-    from client_cli.errors import ClientError
+    from client_cli.terminal.errors import ClientError
     from experiments.farm_trials import WeightsMissingError
     from experiments.lock import TakenError
     from experiments.store import StoreError

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from api_schemas.physics_name import NOMINAL
+from api_schemas.physics import NOMINAL
 from experiments.catalogue import HOURS_ALLOWED
 from experiments.contrasts import Judged
 from experiments.design import Claim, Experiment, Measure

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from api_schemas import error_axis
 from api_schemas.success_rate import wilson
+from report_views import error_axis
 
 LEVEL = 0.80
 

@@ -45,7 +45,7 @@ def test_makefile_has_at_most_ten_targets():
 
 
 def test_documented_log_channels_are_those_of_the_writer():
-    from api_schemas import trial_log
+    from trial_logs import trial_log
 
     written = {
         value for value in vars(trial_log).values() if isinstance(value, str) and value.startswith(("/measured/", "/truth/"))

@@ -10,7 +10,7 @@ from api_schemas.canary import Canary
 from api_schemas.comparison import Comparison
 from api_schemas.job import Job, JobPage
 from api_schemas.ladder import Ladder
-from api_schemas.policy_check import PolicyCheck
+from api_schemas.policy import PolicyCheck
 from api_schemas.report import IdentificationReport, Report
 from api_schemas.robot import Robot, RobotPage
 from api_schemas.signature import Signature
@@ -18,11 +18,11 @@ from api_schemas.status import FarmStatus
 from api_schemas.token import NewToken, TokenPage
 from chaos import run
 from chaos.promises import Evidence, check
-from client_cli import demo, fetch, identify, pack, top, up, verify
-from client_cli.embedded_farm import EmbeddedFarm
-from client_cli.exit_codes import MEANING
+from client_cli.commands import demo, fetch, identify, pack, top, up, verify
+from client_cli.connection.settings import Connection
+from client_cli.embedded.farm import EmbeddedFarm
 from client_cli.main import app
-from client_cli.settings import Connection
+from client_cli.terminal.exit_codes import MEANING
 from tests.unit.client_cli.farm_server import STATUS, FarmState, job
 
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "cli.md").read_text()

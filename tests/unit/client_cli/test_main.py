@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from client_cli import report
+from client_cli.commands import report
 from services.jobs.reports import sign
 from services.signing import FarmKey
-from tests.unit.api_schemas.test_report_text import report as some_report
-from tests.unit.api_schemas.test_report_text import trial
 from tests.unit.client_cli.farm_server import JOB_ID
+from tests.unit.report_views.test_text import report as some_report
+from tests.unit.report_views.test_text import trial
 
 ROOT = Path(__file__).resolve().parents[3]
 ENTRY = (sys.executable, "-m", "client_cli")
@@ -62,7 +62,7 @@ def test_ctrl_c_ends_any_command_with_130_and_no_words(trifarm, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("client_cli.status.load_connection", interrupt)
+    monkeypatch.setattr("client_cli.commands.status.load_connection", interrupt)
     ended = trifarm("status")
     assert (ended.code, ended.out, ended.err) == (130, "", "")
 
