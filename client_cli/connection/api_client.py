@@ -1,8 +1,4 @@
-"""The only file that speaks HTTP: one method for each request, pydantic schemas in and out, errors that say what to do.
-
-It is one class in a file of over 300 lines because it is one thing, the list of the API's routes, and because splitting it
-would give HTTP a second home.
-"""
+"""The only file that speaks HTTP: one method for each request, pydantic schemas in and out, errors that say what to do."""
 
 import ssl
 import time
