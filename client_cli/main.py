@@ -1,89 +1,77 @@
-"""The table of contents of ``trifarm``: every command with the file it lives in and the codes it exits with."""
+"""The table of contents of ``trifarm``: every command with the file it lives in and the codes it exits with.
+
+A command is imported when it runs, so that ``trifarm --help`` costs no more than its own text.
+"""
 
 import sys
-from importlib.metadata import PackageNotFoundError, version
 from typing import Annotated, NoReturn
 
 import typer
 
-from client_cli.commands import (
-    canary,
-    chaos,
-    check,
-    compare,
-    demo,
-    experiment,
-    fetch,
-    gap,
-    identify,
-    jobs,
-    ladder,
-    pack,
-    physics,
-    policy,
-    replay,
-    report,
-    robots,
-    status,
-    submit,
-    token,
-    top,
-    train,
-    up,
-    upkeep,
-    verify,
-)
+from client_cli.terminal.commands import Entry, LazyCommands
 from client_cli.terminal.errors import ClientError, error_document, error_line, files_checked
 from client_cli.terminal.exit_codes import MEANING, OF_EVERY_REQUEST, ExitCode, epilog
 from client_cli.terminal.output import drop_stdout, note, print_document
-from client_cli.terminal.wrong_values import Commands
+
+OF_A_CHILD = (ExitCode.OK, ExitCode.OTHER, ExitCode.USAGE)
+JOB_END = (*OF_EVERY_REQUEST, ExitCode.JOB_WITHOUT_REPORT, ExitCode.INTERRUPTED)
+
+COMMANDS = {
+    "up": Entry("client_cli.commands.up:up", OF_A_CHILD),
+    "demo": Entry("client_cli.commands.demo:demo", JOB_END),
+    "check": Entry("client_cli.commands.check:check", (*OF_A_CHILD, ExitCode.REFUSED, ExitCode.INTERRUPTED)),
+    "submit": Entry("client_cli.commands.submit:submit", JOB_END),
+    "pack": Entry("client_cli.commands.pack:pack", OF_A_CHILD),
+    "identify": Entry("client_cli.commands.identify:identify", JOB_END),
+    "jobs": Entry("client_cli.commands.jobs:jobs", OF_EVERY_REQUEST),
+    "ladder": Entry("client_cli.commands.ladder:ladder", OF_EVERY_REQUEST),
+    "watch": Entry("client_cli.commands.jobs:watch", JOB_END),
+    "cancel": Entry("client_cli.commands.jobs:cancel", OF_EVERY_REQUEST),
+    "report": Entry("client_cli.commands.report:report", OF_EVERY_REQUEST),
+    "compare": Entry("client_cli.commands.compare:compare_jobs", (*OF_EVERY_REQUEST, ExitCode.WORSE)),
+    "verify": Entry(
+        "client_cli.commands.verify:verify", (*OF_A_CHILD, ExitCode.DIFFERS, ExitCode.UNVERIFIED, ExitCode.LOGS_MISSING)
+    ),
+    "fetch": Entry("client_cli.commands.fetch:fetch", JOB_END),
+    "replay": Entry("client_cli.commands.replay:replay", (*OF_EVERY_REQUEST, ExitCode.DIFFERS)),
+    "effects": Entry("client_cli.commands.physics:effects", OF_A_CHILD),
+    "physics": Entry("client_cli.commands.physics:physics", OF_A_CHILD),
+    "train": Entry("client_cli.commands.train:train", (*OF_A_CHILD, ExitCode.INTERRUPTED)),
+    "gap": Entry("client_cli.commands.gap:commands"),
+    "robots": Entry("client_cli.commands.robots:commands"),
+    "canary": Entry("client_cli.commands.canary:commands"),
+    "policy": Entry("client_cli.commands.policy:commands"),
+    "status": Entry("client_cli.commands.status:status", OF_EVERY_REQUEST),
+    "top": Entry("client_cli.commands.top:top", OF_EVERY_REQUEST),
+    "backup": Entry("client_cli.commands.upkeep:backup", OF_A_CHILD),
+    "restore": Entry("client_cli.commands.upkeep:restore", OF_A_CHILD),
+    "doctor": Entry("client_cli.commands.upkeep:doctor", OF_A_CHILD),
+    "chaos": Entry("client_cli.commands.chaos:chaos", (*OF_A_CHILD, ExitCode.INTERRUPTED)),
+    "experiment": Entry("client_cli.commands.experiment:experiment", (*OF_A_CHILD, ExitCode.INTERRUPTED)),
+    "token": Entry("client_cli.commands.token:commands"),
+}
+
+
+class Trifarm(LazyCommands):
+    """The commands of ``trifarm``."""
+
+    entries = COMMANDS
+
 
 app = typer.Typer(
     name="trifarm",
-    cls=Commands,
+    cls=Trifarm,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     epilog=epilog(*MEANING),
 )
 
-OF_A_CHILD = (ExitCode.OK, ExitCode.OTHER, ExitCode.USAGE)
-JOB_END = (*OF_EVERY_REQUEST, ExitCode.JOB_WITHOUT_REPORT, ExitCode.INTERRUPTED)
-
-app.command(epilog=epilog(*OF_A_CHILD))(up.up)
-app.command(epilog=epilog(*JOB_END))(demo.demo)
-app.command(epilog=epilog(*OF_A_CHILD, ExitCode.REFUSED, ExitCode.INTERRUPTED))(check.check)
-app.command(epilog=epilog(*JOB_END))(submit.submit)
-app.command(epilog=epilog(*OF_A_CHILD))(pack.pack)
-app.command(epilog=epilog(*JOB_END))(identify.identify)
-app.command(epilog=epilog(*OF_EVERY_REQUEST))(jobs.jobs)
-app.command(epilog=epilog(*OF_EVERY_REQUEST))(ladder.ladder)
-app.command(epilog=epilog(*JOB_END))(jobs.watch)
-app.command(epilog=epilog(*OF_EVERY_REQUEST))(jobs.cancel)
-app.command(epilog=epilog(*OF_EVERY_REQUEST))(report.report)
-app.command("compare", epilog=epilog(*OF_EVERY_REQUEST, ExitCode.WORSE))(compare.compare_jobs)
-app.command(epilog=epilog(*OF_A_CHILD, ExitCode.DIFFERS, ExitCode.UNVERIFIED, ExitCode.LOGS_MISSING))(verify.verify)
-app.command(epilog=epilog(*JOB_END))(fetch.fetch)
-app.command(epilog=epilog(*OF_EVERY_REQUEST, ExitCode.DIFFERS))(replay.replay)
-app.command(epilog=epilog(*OF_A_CHILD))(physics.effects)
-app.command(epilog=epilog(*OF_A_CHILD))(physics.physics)
-app.command(epilog=epilog(*OF_A_CHILD, ExitCode.INTERRUPTED))(train.train)
-app.add_typer(gap.commands, name="gap")
-app.add_typer(robots.commands, name="robots")
-app.add_typer(canary.commands, name="canary")
-app.add_typer(policy.commands, name="policy")
-app.command(epilog=epilog(*OF_EVERY_REQUEST))(status.status)
-app.command(epilog=epilog(*OF_EVERY_REQUEST))(top.top)
-app.command(epilog=epilog(*OF_A_CHILD))(upkeep.backup)
-app.command(epilog=epilog(*OF_A_CHILD))(upkeep.restore)
-app.command(epilog=epilog(*OF_A_CHILD))(upkeep.doctor)
-app.command(epilog=epilog(*OF_A_CHILD, ExitCode.INTERRUPTED))(chaos.chaos)
-app.command(epilog=epilog(*OF_A_CHILD, ExitCode.INTERRUPTED))(experiment.experiment)
-app.add_typer(token.commands, name="token")
-
 
 def _print_version(is_asked: bool) -> None:
     if is_asked:
+        from importlib.metadata import PackageNotFoundError, version
+
         try:
             typer.echo(version("trifarm"))
         except PackageNotFoundError:

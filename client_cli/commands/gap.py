@@ -15,7 +15,12 @@ from client_cli.terminal.options import JsonOption
 REALITY_GAP = "sim_backend.reality_gap"
 ENDS = (ExitCode.OK, ExitCode.OTHER, ExitCode.USAGE, ExitCode.INTERRUPTED)
 
-commands = typer.Typer(no_args_is_help=True, help="Compare measured data with a model and name the cause.", epilog=epilog(*ENDS))
+commands = typer.Typer(no_args_is_help=True)
+
+
+@commands.callback(epilog=epilog(*ENDS))
+def gap() -> None:
+    """Compare measured data with a model and name the cause."""
 
 
 class Method(StrEnum):

@@ -17,7 +17,12 @@ from client_cli.terminal.wrong_values import sentence
 
 COLUMNS = ("token", "owner", "scopes", "age", "used", "expires", "revoked")
 
-commands = typer.Typer(no_args_is_help=True, help="Make, list and revoke access tokens.", epilog=epilog(*OF_EVERY_REQUEST))
+commands = typer.Typer(no_args_is_help=True)
+
+
+@commands.callback(epilog=epilog(*OF_EVERY_REQUEST))
+def token() -> None:
+    """Make, list and revoke access tokens."""
 
 
 @commands.command(epilog=epilog(*OF_EVERY_REQUEST))

@@ -10,10 +10,12 @@ ClientError
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
-from api_schemas import error as documents
-from api_schemas.error import Problem
 from client_cli.terminal.exit_codes import ExitCode
+
+if TYPE_CHECKING:
+    from api_schemas.error import Problem
 
 COMMANDS = {
     "GET /v1/jobs/<job>/events": "trifarm watch JOB",
@@ -65,7 +67,7 @@ class Refused(ClientError):
 
     exit_code = ExitCode.REFUSED
 
-    def __init__(self, problem: Problem, retry_after_s: float | None = None):
+    def __init__(self, problem: "Problem", retry_after_s: float | None = None):
         super().__init__(problem.detail)
         self.title = problem.title
         self.problem = problem
@@ -110,4 +112,6 @@ def error_line(error: ClientError) -> str:
 def error_document(error: ClientError) -> dict[str, object]:
     """What stdout gets with ``--json`` when a command fails."""
     more = {"type": error.problem.type, "status": error.problem.status} if isinstance(error, Refused) else {}
+    from api_schemas import error as documents  # pydantic, which help does not need
+
     return documents.error_document(error.title, error.detail, int(error.exit_code), **more)

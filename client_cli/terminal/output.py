@@ -5,23 +5,26 @@ import os
 import sys
 from collections.abc import Iterable
 from datetime import UTC, datetime
+from typing import TYPE_CHECKING
 
-from pydantic import BaseModel
-from rich.console import Console
-from rich.table import Table
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+    from rich.console import Console
 
 PIPE_COLUMNS = 10_000
 """Wide enough for any row."""
 
 
-def stderr_console() -> Console:
+def stderr_console() -> "Console":
     """The console of progress and errors."""
+    from rich.console import Console
+
     return Console(file=sys.stderr, highlight=False, soft_wrap=True, markup=False)
 
 
-def print_document(document: BaseModel | dict[str, object]) -> None:
+def print_document(document: "BaseModel | dict[str, object]") -> None:
     """The one JSON document of a command with ``--json``; flushed, since ``up`` goes on running after it."""
-    body = document.model_dump(mode="json") if isinstance(document, BaseModel) else document
+    body = document if isinstance(document, dict) else document.model_dump(mode="json")
     print_line(json.dumps(body, indent=2))
 
 
@@ -47,6 +50,9 @@ def note(text: str) -> None:
 
 def print_table(columns: Iterable[str], rows: Iterable[Iterable[object]]) -> None:
     """A plain table whose last column takes the long texts; in a pipe or file each row is one line."""
+    from rich.console import Console
+    from rich.table import Table
+
     table = Table(box=None, pad_edge=False, header_style="bold")
     *names, last = columns
     for name in names:

@@ -1,10 +1,6 @@
-"""What a schema or the command line says of a wrong value, as a sentence about what the user wrote."""
+"""What a schema says of a wrong value, as a sentence about what the user wrote."""
 
-from typing import Any
-
-import typer
 from pydantic import ValidationError
-from typer.core import TyperGroup
 
 LONGEST_VALUE = 60
 
@@ -32,19 +28,3 @@ def sentence(error: ValidationError, whole: str) -> str:
     shown = repr(first["input"])
     shown = shown if len(shown) <= LONGEST_VALUE else shown[: LONGEST_VALUE - 1] + "…"
     return f"{where or whole} is {shown} and should {wanted}"
-
-
-class Commands(TyperGroup):
-    """A group of commands that says what is wrong with an argument without the words of the library that found it."""
-
-    def invoke(self, ctx: typer.Context) -> Any:
-        """Run the command that is asked for.
-
-        Raises:
-            BadParameter: an argument is wrong.
-        """
-        try:
-            return super().invoke(ctx)
-        except typer.BadParameter as error:
-            error.message = error.message.removeprefix("Value error, ").replace("Input should", "it should", 1)
-            raise

@@ -1,9 +1,10 @@
 """The README's moving picture: one trial from its log, drawn by MuJoCo.
 
-``MUJOCO_GL=egl PYTHONPATH=. python docs/pictures/moving_picture.py LOG OUT.gif [FROM_S TO_S]``. LOG is a trial of a nominal robot,
-whose log holds the true pose of the cube. ``docs/pictures/lift.gif`` is trial 1 of
-``trifarm demo --policy sim_backend/training/reference_policies/lift.safetensors --task lift --trials 4 --robots 1 --physics nominal``,
-0 to 7 s. Needs pyopengl, libegl1 and libgl1-mesa-dri.
+``MUJOCO_GL=egl PYTHONPATH=. python docs/pictures/moving_picture.py LOG OUT.gif [FROM_S TO_S]``
+
+LOG is a trial of a nominal robot, which holds the true pose of the cube. ``docs/pictures/lift.gif`` is trial 1, 0 to 7 s, of
+``trifarm demo --task lift --trials 4 --robots 1 --physics nominal`` with ``reference_policies/lift.safetensors``. Needs pyopengl,
+libegl1 and libgl1-mesa-dri.
 """
 
 import sys

@@ -4,6 +4,8 @@ import re
 from pathlib import Path
 
 import pytest
+import typer
+from typer.core import TyperGroup
 from typer.main import get_command
 
 from api_schemas.canary import Canary
@@ -62,8 +64,10 @@ def walk(command, path):
     arguments = [parameter for parameter in command.params if parameter.param_type_name == "argument"]
     if path and (not hasattr(command, "commands") or command.invoke_without_command):
         yield " ".join([*path, *(argument.metavar for argument in arguments)]), command
-    for name, child in getattr(command, "commands", {}).items():
-        yield from walk(child, [*path, name])
+    if isinstance(command, TyperGroup):
+        context = typer.Context(command)
+        for name in command.list_commands(context):
+            yield from walk(command.get_command(context, name), [*path, name])
 
 
 COMMANDS = dict(walk(get_command(app), []))
