@@ -7,7 +7,7 @@ PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check -c con
 setup: .venv/full        ## install everything, learning and tests included (torch: several GB)
 
 demo: .venv/farm         ## 40 push trials of the reference policy on 4 robots, with report and logs
-	.venv/bin/trifarm demo --policy sim_backend/training/reference_policies/push.safetensors
+	.venv/bin/trifarm demo
 
 test: .venv/full         ## all tests
 	.venv/bin/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder

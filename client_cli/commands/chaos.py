@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from client_cli.embedded.child_process import module_command
+from client_cli.embedded.child_process import clone_command
 from client_cli.terminal.errors import ClientError
 from client_cli.terminal.exit_codes import ExitCode
 from client_cli.terminal.foreground import how_it_ended, run_to_end
@@ -74,7 +74,7 @@ def _run(flags: list[str]) -> dict[str, Any]:
     """
     with tempfile.TemporaryDirectory(prefix="trifarm-chaos-") as folder:
         document = Path(folder) / "run.json"
-        command = module_command("chaos", "run", *flags, "--out", str(document))
+        command = clone_command("chaos", "run", *flags, "--out", str(document))
         code = run_to_end(command, "'chaos' has been stopped; its farm is gone")
         if code not in ENDS or not document.exists():
             raise ClientError(f"'chaos' {how_it_ended(code)}")

@@ -14,6 +14,7 @@ from api_schemas.job import MAX_SEED, MAX_TRIALS, Job, JobRequest, TaskName
 from client_cli.commands.fetch import fetch_job
 from client_cli.commands.submit import submit_policy
 from client_cli.connection.api_client import ApiClient
+from client_cli.embedded.child_process import ROOT
 from client_cli.embedded.claims import private_files
 from client_cli.embedded.farm import FarmOptions, embedded_farm
 from client_cli.embedded.robot_options import (
@@ -26,7 +27,7 @@ from client_cli.embedded.robot_options import (
     RobotOptions,
 )
 from client_cli.policies.policy_files import read_policy
-from client_cli.terminal.errors import Interrupted
+from client_cli.terminal.errors import Interrupted, UsageProblem
 from client_cli.terminal.exit_codes import ExitCode
 from client_cli.terminal.options import JsonOption, LayoutOption, ManifestOption, RobotsOption, TaskOption
 from client_cli.terminal.output import counted, note, print_document, print_line
@@ -46,7 +47,10 @@ class DemoResult:
 
 
 def demo(
-    policy: Annotated[Path, typer.Option("--policy", metavar="FILE", help="The policy's weights.")],
+    policy: Annotated[
+        Path | None,
+        typer.Option("--policy", metavar="FILE", help="The policy's weights; if absent, the shipped ones."),
+    ] = None,
     *,
     manifest: ManifestOption = None,
     layout: LayoutOption = None,
@@ -65,7 +69,7 @@ def demo(
     as_json: JsonOption = False,
 ) -> None:
     """Start a farm, run a policy on it, print the report, fetch the logs and stop the farm."""
-    local = read_policy(policy, manifest, layout)
+    local = read_policy(policy or _shipped(task), manifest, layout)
     home, told = folder.absolute(), RobotOptions.of(robots, physics, farm_seed, reset, fault)
     with _farm(FarmOptions(data=home, home=home / "home", port=0, robots=told, jail_level=jail_level)) as client:
         note(f"uploading {local.weights.name} and queueing {counted(trials, f'{task.value} trial')}")
@@ -77,6 +81,20 @@ def demo(
     else:
         print_line(text(result))
     raise typer.Exit(exit_code_of(job))
+
+
+def _shipped(task: TaskName) -> Path:
+    """The weights that come with trifarm for a task.
+
+    Raises:
+        UsageProblem: there are none for this one.
+    """
+    folder = ROOT / "sim_backend/training/reference_policies"
+    weights = {path.stem: path for path in folder.glob("*.safetensors")}
+    if task.value not in weights:
+        shipped = ", ".join(each for each in TaskName if each.value in weights)
+        raise UsageProblem(f"no policy for {task.value} comes with trifarm, only for {shipped}: give --policy FILE")
+    return weights[task.value]
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from client_cli.embedded.child_process import module_command
+from client_cli.embedded.child_process import clone_command
 from client_cli.terminal.errors import ClientError, UsageProblem
 from client_cli.terminal.exit_codes import ExitCode
 from client_cli.terminal.foreground import how_it_ended, run_to_end
@@ -65,7 +65,7 @@ def experiment(
     again = (
         "with the --out that it named above, the same command goes on" if quick and out is None else "the same command goes on"
     )
-    command = module_command(EXPERIMENTS, *([] if name is None else [name]), *flags)
+    command = clone_command(EXPERIMENTS, *([] if name is None else [name]), *flags)
     code = run_to_end(command, f"'experiment' has been stopped; {again}", ends_within_s=ENDS_WITHIN_S)
     if code not in ENDS:
         raise ClientError(f"'experiment' {how_it_ended(code)}")

@@ -2,15 +2,18 @@
 
 import importlib.util
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from api_schemas.policy import LAYOUTS, PolicyManifest, canonical_json
+from api_schemas.policy import LAYOUTS, PolicyManifest
 from client_cli.policies.policy_files import LAYOUT_NAMES, read_manifest
 from client_cli.terminal.errors import ClientError, UsageProblem
 from client_cli.terminal.options import JsonOption, LayoutOption, ManifestOption
 from client_cli.terminal.output import note, print_document, print_line
+
+if TYPE_CHECKING:
+    from client_cli.packing.packed_files import Packed
 
 FORMATS = "auto, sb3, rl-games, rsl-rl, skrl, state-dict, torchscript, torch-export"
 
@@ -52,43 +55,33 @@ def pack(
     Reading a checkpoint runs the code in it: pack only files that you trust.
     """
     _need_torch()
-    from client_cli.packing import comparison, reading
-    from client_cli.packing.recipe import unit_of
+    from client_cli.packing.comparison import LIMIT, OBSERVATIONS
+    from client_cli.packing.packed_files import pack_to
+    from client_cli.packing.reading import Statement
 
-    if form not in reading.FORMATS:
-        raise UsageProblem(f"--format {form} is not known; choose from {', '.join(reading.FORMATS)}")
-    if activation not in (None, "elu", "relu", "tanh"):
-        raise UsageProblem(f"--activation {activation} is not known to the farm; choose from elu, relu, tanh")
     states = tuple(_shape(each) for each in state or ())
-    stated = reading.Statement(_manifest(files[0], manifest, layout), form, architecture, activation, scale, states, normaliser)
-    packed = reading.pack_files(files, stated)
-    if out.suffix != packed.suffix:
-        raise UsageProblem(f"{packed.source} is packed as {packed.suffix}; give --out {out.with_suffix(packed.suffix)}")
-    graph = comparison.converted(packed.weights, packed.suffix, packed.manifest)
-    unit = unit_of(packed.manifest)
-    compared = comparison.compare(packed.original, graph, comparison.observations(packed.manifest, packed.normaliser))
-    comparison.check(compared, unit)
+    stated = Statement(_manifest(files[0], manifest, layout), form, architecture, activation, scale, states, normaliser)
+    packed = pack_to(out, files, stated)
     for text in packed.notes:
         note(f"note: {text}")
-    _write(out, packed.weights, packed.manifest)
     if as_json:
-        print_document(document(out, packed.source, compared.largest_difference, unit))
+        print_document(document(packed))
         return
-    print_line(f"packed {files[0].name} ({packed.source}) as {out} and {out.with_suffix('.json').name}")
+    print_line(f"packed {files[0].name} ({packed.source}) as {packed.weights} and {packed.manifest.name}")
     print_line(
-        f"largest difference from the original on {comparison.OBSERVATIONS} observations: "
-        f"{compared.largest_difference:.2g} {unit} (allowed {comparison.LIMIT:g})"
+        f"largest difference from the original on {OBSERVATIONS} observations: "
+        f"{packed.largest_difference:.2g} {packed.unit} (allowed {LIMIT:g})"
     )
 
 
-def document(out: Path, source: str, largest_difference: float, unit: str) -> dict[str, object]:
+def document(packed: "Packed") -> dict[str, object]:
     """What ``--json`` prints."""
     return {
-        "weights": str(out),
-        "manifest": str(out.with_suffix(".json")),
-        "source": source,
-        "largest_difference": largest_difference,
-        "unit": unit,
+        "weights": str(packed.weights),
+        "manifest": str(packed.manifest),
+        "source": packed.source,
+        "largest_difference": packed.largest_difference,
+        "unit": packed.unit,
     }
 
 
@@ -117,11 +110,3 @@ def _shape(text: str) -> tuple[int, ...]:
         return tuple(int(each) for each in text.split(","))
     except ValueError:
         raise UsageProblem(f"--state {text!r} is not a shape; write its numbers with commas, such as 1,1,256") from None
-
-
-def _write(out: Path, weights: bytes, manifest: PolicyManifest) -> None:
-    try:
-        out.write_bytes(weights)
-        out.with_suffix(".json").write_text(canonical_json(manifest) + "\n")
-    except OSError as error:
-        raise UsageProblem(f"cannot write {error.filename}: {error.strerror}") from error

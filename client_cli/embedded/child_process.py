@@ -12,6 +12,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from client_cli.terminal.errors import UsageProblem
+
+ROOT = Path(__file__).resolve().parents[2]
+"""Where our packages lie: the clone, or the installation."""
 TAIL_LINES = 15
 LOG_BYTES = 10 * 1024**2
 LOGS_KEPT = 3
@@ -25,12 +29,25 @@ def module_command(module: str, *arguments: str) -> list[str]:
     return [sys.executable, "-P", "-m", module, *arguments]
 
 
+def clone_command(module: str, *arguments: str) -> list[str]:
+    """The command that runs a module which only a clone of the repository has.
+
+    Raises:
+        UsageProblem: trifarm was installed without the clone.
+    """
+    if not (ROOT / module).is_dir():
+        raise UsageProblem(
+            f"'{module}' is part of trifarm's repository, not of the installed package: clone the repository, run 'make setup' "
+            "there, and use its .venv/bin/trifarm"
+        )
+    return module_command(module, *arguments)
+
+
 def child_environment(**extra: str) -> dict[str, str]:
     """The environment of a child; it finds our packages in a clone that nobody has installed, too."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith(OWN_PREFIX)} | extra
-    root = Path(__file__).resolve().parents[2]
-    if (root / "pyproject.toml").exists():
-        environment["PYTHONPATH"] = os.pathsep.join(filter(None, (environment.get("PYTHONPATH"), str(root))))
+    if (ROOT / "pyproject.toml").exists():
+        environment["PYTHONPATH"] = os.pathsep.join(filter(None, (environment.get("PYTHONPATH"), str(ROOT))))
     return environment
 
 

@@ -89,6 +89,14 @@ class TrifingerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             that draws them.
         episode_s: length of a trial; the task's own if None.
         physics_step_s: integration step; the farm's has 1 ms.
+
+    Example:
+        >>> import trifarm
+        >>> env = trifarm.TrifingerEnv("push", physics="real")
+        >>> observation, info = env.reset(seed=1)
+        >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        >>> observation.shape
+        (75,)
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012 - Gymnasium's own name and kind

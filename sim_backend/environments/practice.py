@@ -55,6 +55,11 @@ def practice_of(
 
     Raises:
         ValueError: a name that does not exist; the message lists those that do.
+
+    Example:
+        >>> import trifarm
+        >>> trifarm.practice_of("lift", physics="real").periods
+        1500
     """
     if task not in TASKS:
         raise ValueError(f"unknown task {task!r}; choose from {', '.join(TASKS)}")

@@ -31,6 +31,13 @@ class TrifingerVecEnv(VecEnv):
         seed: draws robots, starts, goals and noise.
         privileged: whether observations have the privileged part.
         physics_backend: where the physics runs.
+
+    Example:
+        >>> import numpy as np, trifarm
+        >>> robots = trifarm.TrifingerVecEnv(trifarm.practice_of("push"), robots=8)
+        >>> robots.reset().shape
+        (8, 75)
+        >>> observations, rewards, dones, infos = robots.step(np.zeros((8, 9), np.float32))
     """
 
     def __init__(

@@ -24,6 +24,7 @@ from client_cli.commands import demo, fetch, identify, pack, top, up, verify
 from client_cli.connection.settings import Connection
 from client_cli.embedded.farm import EmbeddedFarm
 from client_cli.main import app
+from client_cli.packing.packed_files import Packed
 from client_cli.terminal.exit_codes import MEANING
 from tests.unit.client_cli.farm_server import STATUS, FarmState, job
 
@@ -42,7 +43,7 @@ JSON_KEYS = {
     "compare ID...": Comparison.model_fields,
     "verify REPORT": verify.document(verify.Verified(SIGNATURE, (), True)),
     "fetch ID": fetch.document(fetch.Fetched(job(FarmState()), Path(), (), (), 0, 0, None)),
-    "pack FILE...": pack.document(Path("p.safetensors"), "", 0.0, ""),
+    "pack FILE...": pack.document(Packed(Path(), Path(), "", 0.0, "", ())),
     "identify": identify.document(identify.Identified(job(FarmState()), None)),
     "robots": RobotPage.model_fields,
     "robots forget ROBOT": {"robot": "", "forgotten": True},

@@ -38,7 +38,7 @@ def ran(monkeypatch):
             asked.append(arguments)
             return [sys.executable, "-c", RUNS, json.dumps(said), str(code), *arguments]
 
-        monkeypatch.setattr(chaos, "module_command", command)
+        monkeypatch.setattr(chaos, "clone_command", command)
         return CliRunner().invoke(app, ["chaos", *flags]), asked
 
     return call

@@ -21,7 +21,7 @@ def ran(monkeypatch):
             asked.append(arguments)
             return [sys.executable, "-c", f"import sys; sys.exit({code})"]
 
-        monkeypatch.setattr(experiment, "module_command", command)
+        monkeypatch.setattr(experiment, "clone_command", command)
         return CliRunner().invoke(app, ["experiment", *flags]), asked
 
     return call

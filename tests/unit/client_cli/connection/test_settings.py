@@ -3,7 +3,6 @@ import stat
 
 import pytest
 
-from client_cli import Farm
 from client_cli.connection.settings import (
     DEFAULT_URL,
     Connection,
@@ -13,6 +12,7 @@ from client_cli.connection.settings import (
     settings_file,
 )
 from client_cli.terminal.errors import UsageProblem
+from trifarm import Farm
 
 
 def test_a_saved_connection_is_found_again_and_is_private(tmp_path):
@@ -58,7 +58,7 @@ def test_a_program_names_address_and_token_itself(tmp_path, monkeypatch):
     for name in ("TRIFARM_URL", "TRIFARM_TOKEN"):
         monkeypatch.delenv(name, raising=False)
     seen = []
-    monkeypatch.setattr("client_cli.farm_sdk.ApiClient", seen.append)
+    monkeypatch.setattr("trifarm.farm.ApiClient", seen.append)
     Farm("http://other:2")
     Farm("http://other:2", "own")
     Farm()

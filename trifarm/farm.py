@@ -1,4 +1,4 @@
-"""A farm for programs: submit a policy, wait for its report, go through its trials, read a log as arrays."""
+"""A farm for programs: submits a policy, waits for its report, goes through its trials, reads a log as arrays."""
 
 import os
 import tempfile
@@ -24,7 +24,7 @@ from client_cli.terminal.errors import ClientError, UsageProblem, files_checked
 from client_cli.views.following import follow_to_end
 
 if TYPE_CHECKING:
-    from trial_logs.reader import TrialLog
+    from trifarm.log import Log
 
 REPORT_WRITERS = {".html": write_page, ".pdf": write_print}
 
@@ -38,6 +38,18 @@ class Farm:
 
     Raises:
         ClientError: an address or a token that cannot be used.
+
+    Example:
+        >>> import trifarm
+        >>> with trifarm.Farm() as farm:
+        ...     job = farm.submit("push.safetensors", task="push", trials=2, seed=1)
+        ...     report = job.wait()
+        ...     for trial in job.trials():
+        ...         trial.save_log(f"trial-{trial.trial.ordinal:03}.mcap")
+        PosixPath('trial-000.mcap')
+        PosixPath('trial-001.mcap')
+        >>> report.trials
+        2
     """
 
     def __init__(self, url: str | None = None, token: str | None = None) -> None:
@@ -106,7 +118,15 @@ class Farm:
 
 @dataclass
 class FarmJob:
-    """A job of a farm; ``job`` is what was last heard of it."""
+    """A job of a farm; ``job`` is what was last heard of it.
+
+    Example:
+        >>> import trifarm
+        >>> with trifarm.Farm() as farm:
+        ...     newest = farm.jobs(limit=1)[0]
+        ...     newest.job.state.value
+        'succeeded'
+    """
 
     client: ApiClient = field(repr=False)
     job: Job
@@ -166,7 +186,15 @@ class FarmJob:
 
 @dataclass(frozen=True)
 class FarmTrial:
-    """A trial of a job."""
+    """A trial of a job.
+
+    Example:
+        >>> import trifarm
+        >>> with trifarm.Farm() as farm:
+        ...     first = next(farm.jobs(limit=1)[0].trials())
+        ...     first.log().metadata["task"]
+        'push'
+    """
 
     client: ApiClient = field(repr=False)
     trial: Trial
@@ -176,13 +204,14 @@ class FarmTrial:
         """Whether it reached its goal."""
         return self.trial.outcome is not None and self.trial.outcome.kind is OutcomeKind.SUCCEEDED
 
-    def log(self) -> "TrialLog":
+    def log(self) -> "Log":
         """The log as arrays; the file itself is not kept.
 
         Raises:
             ClientError: the trial has no log, or it cannot be read.
         """
-        from trial_logs.reader import LogUnreadableError, read_log
+        from trial_logs.reader import LogUnreadableError
+        from trifarm.log import read_log
 
         with tempfile.TemporaryDirectory(prefix="trifarm-log-") as folder:
             try:

@@ -8,7 +8,6 @@ import pytest
 
 from api_schemas.builtin_policies import builtin_digest
 from api_schemas.policy import LAYOUTS
-from client_cli import Farm
 from client_cli.commands import report
 from client_cli.terminal.errors import ClientError
 from services.jobs.reports import sign
@@ -16,6 +15,7 @@ from services.signing import FarmKey
 from tests.unit.client_cli.farm_server import JOB_ID
 from tests.unit.report_views.test_text import report as some_report
 from tests.unit.report_views.test_text import trial
+from trifarm import Farm
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "docs" / "examples" / "first_job.py"
 
