@@ -167,10 +167,10 @@ def table(comparison: Comparison) -> str:
 
 
 @contextmanager
-def farm(checkout: Path, python: str, home: Path, options: list[str]) -> Iterator[dict[str, str]]:
-    """A farm of a clone's code on free ports; gives the environment in which that clone's ``trifarm`` finds it."""
+def farm(checkout: Path, python: str, home: Path, options: list[str], **settings: str) -> Iterator[dict[str, str]]:
+    """A farm of a clone's code, told ``settings`` by its environment; gives the environment in which its ``trifarm`` finds it."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("TRIFARM_")}
-    environment |= {"PYTHONPATH": str(checkout), "TRIFARM_HOME": str(home)}
+    environment |= {"PYTHONPATH": str(checkout), "TRIFARM_HOME": str(home)} | settings
     home.mkdir(parents=True)
     with (home / "up.log").open("wb") as said:
         command = [python, "-m", "client_cli", "up", "--port", "0", "--data", str(home / "farm"), *options]
