@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from api_schemas.report import IdentificationReport, Report, read_report
-from api_schemas.trial_log_reader import read_log, read_truth
-from client_cli.verify import check
-from sim_backend.replay import main as replay
+from client_cli.commands.verify import check
+from sim_backend.replays.replay import main as replay
 from tests.kept.versions import FARMS, VERSIONS, told, unpacked
+from trial_logs.reader import read_log, read_truth
 
 FILES = [(version, physics, file) for version, physics in FARMS for file in told(version, "arrays")[physics]]
 LOGS = [(version, physics, file) for version, physics, file in FILES if not file.endswith(".truth.mcap")]
