@@ -2,6 +2,7 @@
 
 import inspect
 import sys
+from enum import Enum
 from pathlib import Path
 
 import trifarm
@@ -64,7 +65,10 @@ def _signature(name: str, found: object) -> list[str]:
 
 
 def _default(value: object) -> str:
-    return "..." if callable(value) else str(value.value) if hasattr(value, "value") else repr(value)
+    if callable(value):
+        return "..."
+    written = value.value if isinstance(value, Enum) else value
+    return f'"{written}"' if isinstance(written, str) else repr(written)
 
 
 def _lines(found: object) -> list[str]:
