@@ -25,7 +25,7 @@ def _lines(report: Report) -> Iterator[str]:
     yield f"  80 % interval {_interval(report.interval_80)}   95 % interval {_interval(report.interval_95)}   (Wilson)"
     yield f"  reached at any time {report.success_ever} of {report.trials}{_means(report)}"
     policy_faults = f"policy {report.policy_faults} (counted as failures)"
-    yield f"faults         {policy_faults}, platform {report.platform_faults} (not counted)"
+    yield f"errors         {policy_faults}, platform {report.platform_faults} (retried, not counted)"
     yield f"attempts       {report.attempts} for {report.trials} trials"
     yield from _timing(report.timing)
     if report.jail is not None:
@@ -122,7 +122,7 @@ def _faults(rows: tuple[FaultRow, ...]) -> Iterator[str]:
     if not rows:
         return
     yield ""
-    yield "attempts that failed by the platform's fault (tried again, not counted):"
+    yield "platform errors (retried, not counted):"
     for row in rows:
         yield f"  trial {row.trial}, attempt {row.attempt} on {row.robot}: {_cut(_one_line(row.reason), REASON_WIDTH)}"
 

@@ -96,5 +96,5 @@ def _p(p: float) -> str:
 
 def _verdict(found: Difference) -> str:
     if found.p > CHANCE:
-        return "no difference that chance would not explain"
+        return "the difference could be chance"
     return "worse" if found.is_worse else "better"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from api_schemas.report import Report
 from api_schemas.signature import Signature
 from api_schemas.trial import OutcomeKind
+from client_cli.terminal.output import counted
 from report_views import error_axis
 from report_views.text import render
 
@@ -61,8 +62,8 @@ def _first_page(figure: "Figure", report: Report, signature: Signature) -> None:
     say(0.885, f"{100 * report.success_rate:.0f} %", 34, weight="bold")
     wide, wider = (f"{100 * low:.0f}–{100 * high:.0f} %" for low, high in (report.interval_80, report.interval_95))
     say(0.832, f"{report.successes} of {report.trials} succeeded · 80 % interval {wide} · 95 % interval {wider} (Wilson)", 9.5)
-    counted = f"{report.policy_faults} by the policy's fault (counted)"
-    faults = f"{counted} · {report.platform_faults} attempts by the platform's (not counted)"
+    of_policy = f"{counted(report.policy_faults, 'policy error')} (counted as failures)"
+    faults = f"{of_policy} · {counted(report.platform_faults, 'platform error')} (retried, not counted)"
     say(0.814, faults, 8, SOFT)
     say(0.78, "By robot, with 80 % intervals", 10, weight="bold")
     height = 0.022 * (min(len(report.per_robot), MOST_ROBOTS) + 1)

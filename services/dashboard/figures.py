@@ -11,7 +11,7 @@ LEVEL = 0.80
 
 @dataclass(frozen=True)
 class Curve:
-    """A success rate as it narrows: its band and its line, as the points of a polygon and of a polyline."""
+    """The success rate so far: its band and its line, as the points of a polygon and of a polyline."""
 
     band: str
     line: str

@@ -1,4 +1,4 @@
-"""The page of one job: how far it is, its success rate as it narrows, its robots, and its trials, failures first."""
+"""The page of one job: how far it is, its success rate so far, its robots, and its trials, failures first."""
 
 from collections import defaultdict
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
