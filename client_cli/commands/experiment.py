@@ -40,7 +40,11 @@ def experiment(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="DIR", help="Folder of results; docs/experiments of the clone that trifarm runs from."),
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            help="Folder of results and pages; if absent, results/ and docs/ of the clone.",
+        ),
     ] = None,
     work: Annotated[
         Path | None,
