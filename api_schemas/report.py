@@ -67,7 +67,7 @@ class BetweenRobots(Schema):
 
 
 class Report(Schema):
-    """What a user came for. Intervals of rates are Wilson's, as fractions."""
+    """What a job achieved: its success rate, robots, trials and errors. Intervals of rates are Wilson's, as fractions."""
 
     format: Literal["trifarm-report/1"] = "trifarm-report/1"
     job_id: str

@@ -24,8 +24,14 @@ LONG = 100
 
 def page() -> str:
     """The page as Markdown."""
-    rows = [f"| [`{name}`](#{name.lower()}) | {_first_sentence(getattr(trifarm, name))} |" for name in trifarm.__all__]
+    rows = [f"| [`{name}`](#{_anchor(name)}) | {_first_sentence(getattr(trifarm, name))} |" for name in trifarm.__all__]
     return HEAD + "\n".join(rows) + "\n" + "".join(f"\n{_section(name)}" for name in trifarm.__all__)
+
+
+def _anchor(name: str) -> str:
+    """Of the section of a name; ``Report`` and ``report`` are two."""
+    before = [each for each in trifarm.__all__[: trifarm.__all__.index(name)] if each.lower() == name.lower()]
+    return name.lower() + (f"-{len(before)}" if before else "")
 
 
 def _section(name: str) -> str:

@@ -31,7 +31,10 @@ COMMANDS = {
 
 
 class ClientError(Exception):
-    """Ends the command with one line of text; ``after_document`` says that stdout already has its JSON document."""
+    """What went wrong, in one sentence that says what to do; a command ends with it.
+
+    ``detail`` is the sentence; ``after_document`` says that stdout already has the command's JSON document.
+    """
 
     title = "error"
     exit_code = ExitCode.OTHER

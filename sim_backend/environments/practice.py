@@ -51,7 +51,7 @@ def practice_of(
     episode_s: float | None = None,
     physics_step_s: float = c.PHYSICS_STEP_S,
 ) -> Practice:
-    """What is practised, by names; arguments as for ``gym_env.TrifingerEnv``.
+    """What is practised, by names; arguments as for ``TrifingerEnv``.
 
     Raises:
         ValueError: a name that does not exist; the message lists those that do.
