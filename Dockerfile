@@ -25,6 +25,9 @@ RUN python -c "import tomllib; print(*tomllib.load(open('pyproject.toml', 'rb'))
       > /tmp/needed.txt \
     && pip install --requirement /tmp/needed.txt --constraint constraints.txt && rm /tmp/needed.txt
 COPY api_schemas api_schemas
+COPY jail jail
+COPY trial_logs trial_logs
+COPY report_views report_views
 COPY services services
 RUN pip install --no-deps .
 # Away from the sources, so that what runs is what was installed.
@@ -42,6 +45,9 @@ RUN python -c "import tomllib; print(*tomllib.load(open('pyproject.toml', 'rb'))
       > /tmp/needed.txt \
     && pip install --requirement /tmp/needed.txt --constraint constraints.txt && rm /tmp/needed.txt
 COPY api_schemas api_schemas
+COPY jail jail
+COPY trial_logs trial_logs
+COPY report_views report_views
 COPY sim_backend sim_backend
 COPY robot_farm robot_farm
 RUN pip install --no-deps .

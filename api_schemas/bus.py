@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import ConfigDict, Field
 
-from api_schemas.jail.report import JailReport
+from api_schemas.jail_report import JailReport
 from api_schemas.robot import RobotHealth, RobotState
 from api_schemas.schema import Schema
 

@@ -14,7 +14,7 @@ MAX_EXCITATION_SEED = 2**63 - 1
 
 
 class ExcitationName(StrEnum):
-    """The excitations of the farm; what each commands lives in sim_backend/excitation.py."""
+    """The excitations of the farm; what each commands lives in sim_backend/excitations/excitation.py."""
 
     SLOW_RAMPS = "slow_ramps"
     FAST_SWEEPS = "fast_sweeps"

@@ -5,7 +5,7 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from api_schemas.job import MAX_SEED, MAX_TRIALS, JobPriority, JobState, PolicyDigest, PolicyTask, TaskName
-from api_schemas.object import ObjectName, ObjectScale
+from api_schemas.physics import ObjectName, ObjectScale
 from api_schemas.schema import Schema
 
 MAX_RUNGS = 100

@@ -3,7 +3,7 @@
 from pydantic import Field
 
 from api_schemas.job import TaskName
-from api_schemas.object import ObjectName
+from api_schemas.physics import ObjectName
 from api_schemas.schema import Schema
 
 

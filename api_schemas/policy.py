@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, Field, model_validator
 
+from api_schemas.error import Problem
 from api_schemas.policy_network import MOST_BINS, ActionHead, Cell, FrameStack, NetworkState
 from api_schemas.schema import Schema
 
@@ -243,3 +244,15 @@ class PolicyPage(Schema):
 
     policies: tuple[Policy, ...]
     next_cursor: str | None = None
+
+
+class PolicyCheck(Schema):
+    """The verdict on weights and a manifest; ``problem`` is what the server would answer to those that it refuses."""
+
+    accepted: bool
+    file: str
+    digest: str
+    weights_format: WeightsFormat | None = None
+    weights_bytes: int
+    warnings: tuple[str, ...] = ()
+    problem: Problem | None = None

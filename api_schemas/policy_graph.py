@@ -4,14 +4,44 @@ A graph with memory has, beside ``observation`` and ``action``, an input for eac
 named like the input with ``NEXT`` before it. A trial begins with zeros.
 """
 
+import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
+from jail.environment import SILENT
+
 OBSERVATION = "observation"
 ACTION = "action"
 NEXT = "next_"
+
+
+def runtime() -> Any:
+    """onnxruntime, silent, imported when it is first asked for: some processes close their jail right after.
+
+    Every process of the farm gets it from here; a test looks for other imports.
+    """
+    os.environ.update(SILENT)
+    import onnxruntime
+
+    onnxruntime.disable_telemetry_events()
+    return onnxruntime
+
+
+def session(graph: bytes | Path) -> Any:
+    """A session of one thread on the CPU, as robots have it; ``graph`` is a model or its file.
+
+    Raises:
+        Exception: the runtime cannot load the graph; of which class is the runtime's own affair.
+    """
+    module = runtime()
+    options = module.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.execution_mode = module.ExecutionMode.ORT_SEQUENTIAL
+    options.log_severity_level = 4
+    return module.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
 
 
 class Session(Protocol):

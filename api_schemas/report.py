@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 from pydantic import Field, TypeAdapter
 
 from api_schemas.excitation import ExcitationName
-from api_schemas.jail.report import JailReport
-from api_schemas.object import ObjectName
+from api_schemas.jail_report import JailReport
+from api_schemas.physics import ObjectName
 from api_schemas.schema import Schema
 from api_schemas.trial import Outcome
 
@@ -67,7 +67,7 @@ class BetweenRobots(Schema):
 
 
 class Report(Schema):
-    """What a user came for. Intervals of rates are Wilson's, as fractions."""
+    """What a job achieved: its success rate, robots, trials and errors. Intervals of rates are Wilson's, as fractions."""
 
     format: Literal["trifarm-report/1"] = "trifarm-report/1"
     job_id: str

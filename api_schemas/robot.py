@@ -6,7 +6,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from api_schemas.excitation import ExcitationName
 from api_schemas.job import TaskName
-from api_schemas.object import ObjectName, ObjectScale
+from api_schemas.physics import ObjectName, ObjectScale
 from api_schemas.policy import PolicyManifest
 from api_schemas.schema import Schema
 from api_schemas.trial import Outcome

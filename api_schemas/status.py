@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from api_schemas.jail.report import JailReport
+from api_schemas.jail_report import JailReport
 from api_schemas.schema import Schema
 
 

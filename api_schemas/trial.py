@@ -5,7 +5,7 @@ from enum import StrEnum
 from pydantic import Field
 
 from api_schemas.excitation import ExcitationName
-from api_schemas.jail.report import JailReport
+from api_schemas.jail_report import JailReport
 from api_schemas.schema import Schema
 
 MAX_REASON = 2000
@@ -148,3 +148,27 @@ class TrialPage(Schema):
 
     trials: tuple[Trial, ...]
     next_cursor: str | None = None
+
+
+class Verification(Schema):
+    """Answer of POST /v1/jobs/{job}/trials/{ordinal}/verify.
+
+    ``first_difference_step`` is the first millisecond whose numbers differ, null when none does. How large differences are
+    is for operators only: with it, made-up logs would measure the hidden robot.
+    """
+
+    trial_id: str
+    steps: int
+    same: bool
+    first_difference_step: int | None
+    largest_joint_difference_rad: float | None = None
+    largest_cube_difference_m: float | None = None
+
+
+class ViewerLink(Schema):
+    """Answer of POST /v1/trials/{trial_id}/link: whoever has ``url`` can read this one log until ``expires_at``."""
+
+    trial_id: str
+    url: str
+    expires_at: str
+    lasts_s: int = Field(description="from when it was made")

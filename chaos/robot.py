@@ -15,10 +15,10 @@ from api_schemas.robot import Lease, RenewalReply
 from api_schemas.trial import FAULT_OF, Measures, Outcome, OutcomeKind, PolicyTiming
 from chaos.history import History, Writes
 from chaos.orders import Orders
-from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError, own_token
-from robot_farm.bus_access import Access
-from robot_farm.bus_link import Accepted, BusLink
-from robot_farm.lease_keeper import LeaseKeeper
+from robot_farm.link.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError, own_token
+from robot_farm.link.bus_access import Access
+from robot_farm.link.bus_link import Accepted, BusLink
+from robot_farm.link.lease_keeper import LeaseKeeper
 
 CONTROL_PERIOD_S = 0.02
 JOIN_AGAIN_S = 0.3

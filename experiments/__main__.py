@@ -22,7 +22,7 @@ def main(arguments: list[str] | None = None) -> int:
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     if find_spec("torch") is None or find_spec("stable_baselines3") is None:
         return _problem("experiments need packages that are not installed: pip install -e '.[learning]' in the clone", OTHER)
-    from client_cli.errors import ClientError
+    from client_cli.terminal.errors import ClientError
     from experiments.farm_trials import WeightsMissingError
     from experiments.lock import TakenError
     from experiments.store import StoreError
@@ -66,7 +66,7 @@ def _folders(options: argparse.Namespace, until_the_end: ExitStack) -> tuple[Pat
     """Of results and of checkpoints: those of the clone that we run from, wherever the user is; a new one for a quick form."""
     root = Path(__file__).resolve().parents[1]
     root = root if (root / "pyproject.toml").exists() else Path()
-    out = options.out or root / "docs" / "experiments"
+    out = options.out or root / "results" / "experiments"
     if options.quick and options.out is None:
         if options.list:  # there is nothing to see yet, and nothing stays
             out = Path(until_the_end.enter_context(tempfile.TemporaryDirectory(prefix=NEW_FOLDER)))
@@ -77,17 +77,23 @@ def _folders(options: argparse.Namespace, until_the_end: ExitStack) -> tuple[Pat
     return out.absolute(), work.absolute()
 
 
+def _pages(options: argparse.Namespace, out: Path) -> Path | None:
+    """Of pages and figures: the clone's where the results are the clone's, else beside the results."""
+    return None if options.quick or options.out is not None else out.parents[1] / "docs" / "experiments"
+
+
 def _run(options: argparse.Namespace, experiment, out: Path, work: Path) -> int:
     from experiments.run import Settings, document, run, write, write_overview
     from experiments.store import Store, StoreError
 
-    store = Store(out, work, experiment)
+    pages = _pages(options, out)
+    store = Store(out, work, experiment, pages)
     until_s = math.inf if options.budget_minutes is None else time.monotonic() + 60 * options.budget_minutes
     found = run(experiment, store, Settings(_wanted(options), _jobs(options), lambda: time.monotonic() < until_s, _tell))
     written = write(found, store)
     if not options.quick:
         try:
-            written.append(write_overview(out, work))
+            written.append(write_overview(out, work, pages))
         except StoreError as error:
             _tell(f"the page of all experiments stays as it was: {error}")
     for path in written:

@@ -6,7 +6,7 @@ from functools import cache
 from typing import Any
 
 from api_schemas.builtin_policies import builtin_digest
-from client_cli.policy_files import read_policy
+from client_cli.policies.policy_files import read_policy
 from experiments.catalogue import CATALOGUE
 from experiments.design import BUILTIN, Cell, Experiment, Training
 from experiments.recipe_files import wanted_recipe

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from statistics import mean, median
 from typing import Any
 
-from api_schemas.physics_name import NOMINAL
+from api_schemas.physics import NOMINAL
 from experiments.design import Cell, Contrast, Demonstrations, Experiment, Measure
 from experiments.farm_trials import by_goal, robot_by_goal
 from experiments.judging import (

@@ -10,19 +10,19 @@ from typing import Any, Protocol
 
 from api_schemas.builtin_policies import builtin_digest
 from api_schemas.job import JobRequest, TaskName
-from api_schemas.object import ObjectName
+from api_schemas.physics import ObjectName
 from api_schemas.report import Report
 from api_schemas.trial import OutcomeKind
-from client_cli.api_client import ApiClient
-from client_cli.embedded_farm import FarmOptions, embedded_farm
-from client_cli.farm_sdk import Farm as FarmConnection
-from client_cli.farm_sdk import FarmJob
-from client_cli.robot_options import RobotOptions, usable_physics
+from client_cli.connection.api_client import ApiClient
+from client_cli.embedded.farm import FarmOptions, embedded_farm
+from client_cli.embedded.robot_options import RobotOptions, usable_physics
 from experiments.design import BUILTIN, Cell, Farm, FarmTrials
 from experiments.plan import BlockPiece
 from experiments.store import TRIALS, Key, Store
 from experiments.trainer import manifest_beside
 from sim_backend.training import reference_policies
+from trifarm.farm import Farm as FarmConnection
+from trifarm.farm import FarmJob
 
 
 class WeightsMissingError(Exception):

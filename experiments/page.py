@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from api_schemas.physics_name import NOMINAL
+from api_schemas.physics import NOMINAL
 from experiments.catalogue import HOURS_ALLOWED
 from experiments.contrasts import Judged
 from experiments.design import Claim, Experiment, Measure
@@ -73,7 +73,7 @@ def overview(all_found: Sequence[Findings]) -> str:
     lines = [
         "# The papers' claims, tried on our farm",
         "",
-        "Made by `trifarm experiment NAME` from the JSON files beside this page; a test compares them. Each experiment is one",
+        "`trifarm experiment NAME` makes these pages from `results/experiments`; a test compares them. Each experiment is one",
         "command, which goes on where the last one stopped: only what is missing is run. Policies that trials still need lie",
         "beside their runs; those of more than 300 kB stay in the work folder of the machine that trained them, and trials run",
         "there.",

@@ -14,7 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from api_schemas.physics_name import physics_name
+from api_schemas.physics import physics_name
 from sim_backend.effects.ranges import load_ranges
 
 DIGITS = 16

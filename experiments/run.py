@@ -148,21 +148,16 @@ def _policy(cell: Cell, seed: int, store: Store) -> ExportedPolicy | GraspPolicy
 
 def write(found: Findings, store: Store) -> list[Path]:
     """Figure, JSON and page of an experiment; what was written."""
-    store.out.mkdir(parents=True, exist_ok=True)
-    figures = draw(found, store.out)
+    store.page_folder.mkdir(parents=True, exist_ok=True)
+    figures = draw(found, store.page_folder)
     text = json.dumps(document(found), indent=1) + "\n"
-    name = found.experiment.name
-    return [
-        *figures,
-        store.write_text(f"{name}.json", text),
-        store.write_text(f"{name}.md", experiment_page(found, bool(figures))),
-    ]
+    return [*figures, store.write_document(text), store.write_page(experiment_page(found, bool(figures)))]
 
 
-def write_overview(out: Path, work: Path) -> Path:
+def write_overview(out: Path, work: Path, pages: Path | None) -> Path:
     """The page of all experiments."""
     found = [findings(experiment, Store(out, work, experiment)) for experiment in catalogue.CATALOGUE.values()]
-    path = out / "README.md"
+    path = (pages or out) / "README.md"
     path.write_text(overview(found))
     return path
 

@@ -48,11 +48,13 @@ class Key:
 
 @dataclass(frozen=True)
 class Store:
-    """The results of one experiment below ``out``, and the folder of what is not committed."""
+    """The results of one experiment below ``out``, the folder of what is not committed, and where its page goes."""
 
     out: Path
     work: Path
     experiment: Experiment
+    pages: Path | None = None
+    """Folder of page and figure; beside the results if None."""
 
     @property
     def folder(self) -> Path:
@@ -225,12 +227,18 @@ class Store:
                 made_by = kept.get("made_by")
                 yield path, [(made_by or {}).get(block) for block in kept["blocks"]] if kind == TRIALS else [made_by]
 
-    def write_text(self, name: str, text: str) -> Path:
-        """Write a page beside the results."""
-        self.out.mkdir(parents=True, exist_ok=True)
-        path = self.out / name
-        path.write_text(text)
-        return path
+    def write_document(self, text: str) -> Path:
+        """Write the JSON of all findings beside the results."""
+        return _written(self.out / f"{self.experiment.name}.json", text)
+
+    def write_page(self, text: str) -> Path:
+        """Write the page of the experiment."""
+        return _written(self.page_folder / f"{self.experiment.name}.md", text)
+
+    @property
+    def page_folder(self) -> Path:
+        """Of page and figure."""
+        return self.pages or self.out
 
     def _of_design(self, path: Path, key: Key, differs: Callable[..., list[str]]) -> dict[str, Any] | None:
         if (kept := self._read(path)) is not None:
@@ -275,3 +283,9 @@ def without_paths(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [without_paths(part) for part in value]
     return Path(value).name if isinstance(value, str) and value.startswith("/") else value
+
+
+def _written(path: Path, text: str) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return path

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from api_schemas.policy import PolicyManifest
-from client_cli.child_process import child_environment, module_command
-from client_cli.policy_files import read_policy
+from client_cli.embedded.child_process import child_environment, module_command
+from client_cli.policies.policy_files import read_policy
 from experiments.design import Demonstrations, Start
 from experiments.lock import taken
 from experiments.plan import TrainingPiece

@@ -41,7 +41,7 @@ def main() -> int:
         threading.Thread(target=watch_parent, args=(stop, parent_pid), daemon=True).start()
         run_robots(settings, _without_count(sys.argv[1:]), stop, say)
         return 0
-    from robot_farm.api_link import NotAdmittedError
+    from robot_farm.link.api_link import NotAdmittedError
     from robot_farm.robot import Robot
     from robot_farm.watch import watch_parent
 

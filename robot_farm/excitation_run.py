@@ -5,10 +5,10 @@ import numpy as np
 from api_schemas.trial import OutcomeKind
 from robot_farm.recorder import Recorder
 from robot_farm.run import Failure, Run
-from sim_backend.course import Sight
 from sim_backend.driver.driver import hold_command
 from sim_backend.driver.simulated import PhysicsDivergedError
-from sim_backend.excitation import EXCITATIONS
+from sim_backend.excitations.course import Sight
+from sim_backend.excitations.excitation import EXCITATIONS
 from sim_backend.trifinger import constants as c
 
 

@@ -7,8 +7,8 @@ import threading
 import time
 from collections.abc import Callable
 
-from robot_farm.api_link import ApiUnreachableError, LeaseRefusedError, NotAdmittedError, own_token
-from robot_farm.places import held_names
+from robot_farm.arena.places import held_names
+from robot_farm.link.api_link import ApiUnreachableError, LeaseRefusedError, NotAdmittedError, own_token
 from robot_farm.settings import NOT_TAKEN, TOKEN_VARIABLE, Settings
 from sim_backend.driver.compilation import is_kept
 

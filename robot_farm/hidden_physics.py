@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from api_schemas.command_error import error_document
+from api_schemas.error import error_document
 from robot_farm.farm_seed import given_seed
 from robot_farm.trial_physics import TrialPhysics
 from sim_backend.effects.physics import Physics

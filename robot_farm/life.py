@@ -12,14 +12,14 @@ import numpy as np
 
 from api_schemas.robot import Lease
 from robot_farm.alarm import Alarm
-from robot_farm.arena import Arena, by_hand
-from robot_farm.cooling import BETWEEN_TRIALS_S, cooled_k, pause_s
+from robot_farm.arena.cooling import BETWEEN_TRIALS_S, cooled_k, pause_s
+from robot_farm.arena.motion import START_RAD
+from robot_farm.arena.reset import Arena, by_hand
+from robot_farm.arena.self_test import LOOK_AGAIN_S, blind_camera, try_joints, try_sight, wrong_joint
+from robot_farm.arena.sweep import retreat
 from robot_farm.faults import RESTART_S, Change, Fault, draw_fault, timeline
-from robot_farm.motion import START_RAD
 from robot_farm.prepared import Prepared, draw_start_and_goal, shape_of_lease
-from robot_farm.self_test import LOOK_AGAIN_S, blind_camera, try_joints, try_sight, wrong_joint
 from robot_farm.settings import Reset
-from robot_farm.sweep import retreat
 from robot_farm.trial_physics import TrialPhysics
 from robot_farm.truth import TruthFile
 from sim_backend.driver.driver import Start

@@ -4,8 +4,6 @@ from types import TracebackType
 
 import numpy as np
 
-from api_schemas import trial_log
-from api_schemas.trial_log import TrialLogWriter
 from robot_farm.faults import CAMERA_NAMES
 from sim_backend.driver.driver import Command, Segment
 from sim_backend.driver.tracker import TrackedPose
@@ -14,6 +12,8 @@ from sim_backend.tasks.task import Goal, Task
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger import viewer_scene
 from sim_backend.trifinger.objects import CUBE, Shape
+from trial_logs import trial_log
+from trial_logs.trial_log import TrialLogWriter
 
 TRUTH_EVERY_STEPS = 10
 """Steps from one true state to the next; whoever needs every millisecond has it simulated again."""

@@ -7,22 +7,22 @@ from pathlib import Path
 
 from api_schemas.builtin_policies import BUILTIN_NAMES
 from api_schemas.bus import LiveState
-from api_schemas.jail.detection import detect
-from api_schemas.jail.level import too_open
-from api_schemas.jail.report import JailReport
+from api_schemas.jail_report import JailReport
 from api_schemas.robot import Lease
 from api_schemas.trial import FAULT_OF, MAX_REASON, Fault, Outcome, OutcomeKind
-from robot_farm.admission import asked_until_answered, renewed
-from robot_farm.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError, Patience, TokenEndedError, own_token
-from robot_farm.bus_access import Access, ask_access
-from robot_farm.bus_link import Accepted, BusLink
+from jail.detection import detect
+from jail.level import too_open
 from robot_farm.core import stay_on_one_core, turn
 from robot_farm.health import WatchedHealth
 from robot_farm.hidden_physics import HiddenPhysics, farm_secret
-from robot_farm.jail import BUILTIN_PROCESS, POLICY_PROCESS, JailedPolicy
-from robot_farm.lease_keeper import CANCELLED, LeaseKeeper, TrialStoppedError
 from robot_farm.life import Life, OutOfServiceError
-from robot_farm.outage import Outage
+from robot_farm.link.admission import asked_until_answered, renewed
+from robot_farm.link.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError, Patience, TokenEndedError, own_token
+from robot_farm.link.bus_access import Access, ask_access
+from robot_farm.link.bus_link import Accepted, BusLink
+from robot_farm.link.lease_keeper import CANCELLED, LeaseKeeper, TrialStoppedError
+from robot_farm.link.outage import Outage
+from robot_farm.policy.jail import BUILTIN_PROCESS, POLICY_PROCESS, JailedPolicy
 from robot_farm.prepared import Prepared, prepare_plainly, shape_of_lease
 from robot_farm.run import Progress, live_state
 from robot_farm.settings import Settings

@@ -5,18 +5,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from api_schemas import trial_log
 from api_schemas.bus import LiveState
 from api_schemas.robot import Lease
 from api_schemas.trial import OutcomeKind
-from api_schemas.trial_log import TrialLogWriter
 from robot_farm.faults import Change
-from robot_farm.lease_keeper import TrialStoppedError
+from robot_farm.link.lease_keeper import TrialStoppedError
 from robot_farm.prepared import Prepared
 from sim_backend.driver.driver import Measurement, Segment
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.driver.tracker import TrackedPose
 from sim_backend.trifinger import constants as c
+from trial_logs import trial_log
+from trial_logs.trial_log import TrialLogWriter
 
 Failure = tuple[OutcomeKind, str]
 """How a trial ended other than by its time being over, and why."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from api_schemas.jail.level import JailLevel
-from api_schemas.physics_name import NOMINAL, physics_name
+from api_schemas.physics import NOMINAL, physics_name
+from jail.level import JailLevel
 from robot_farm.checking import check_robots
 from robot_farm.farm_seed import FARM_SEED_VARIABLE, given_seed
 from robot_farm.faults import FORM, Fault, parse_fault

@@ -11,15 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from api_schemas import trial_log
-from api_schemas.jail.report import JailReport
+from api_schemas.jail_report import JailReport
 from api_schemas.policy import PolicyManifest, canonical_json
 from api_schemas.robot import Lease
 from api_schemas.trial import FAULT_OF, MAX_REASON, Fault, Measures, Outcome, OutcomeKind, PolicyTiming
-from api_schemas.trial_log import LogChannels, TrialLogWriter
 from robot_farm.excitation_run import run_excitation
-from robot_farm.jail import JailedPolicy, PolicyFailedError
-from robot_farm.lease_keeper import TrialStoppedError
+from robot_farm.link.lease_keeper import TrialStoppedError
+from robot_farm.policy.jail import JailedPolicy, PolicyFailedError
 from robot_farm.prepared import Prepared, prepare_plainly, shape_of_lease
 from robot_farm.recorder import Recorder
 from robot_farm.run import Failure, Progress, Run
@@ -34,6 +32,8 @@ from sim_backend.trifinger import constants as c
 from sim_backend.trifinger import viewer_scene
 from sim_backend.trifinger.objects import Shape
 from sim_backend.trifinger.scene import build_scene
+from trial_logs import trial_log
+from trial_logs.trial_log import LogChannels, TrialLogWriter
 
 KEPT_MODELS = 8
 """Objects come in any scale, so that what is kept of them must end somewhere."""

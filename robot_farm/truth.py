@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from api_schemas import trial_log
 from api_schemas.trial import Measures
-from api_schemas.trial_log import LogChannels, TrialLogWriter
 from robot_farm.faults import Change
 from sim_backend.driver.driver import Start
 from sim_backend.effects.physics import Physics
 from sim_backend.trifinger import constants as c
+from trial_logs import trial_log
+from trial_logs.trial_log import LogChannels, TrialLogWriter
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing import Any
 
 import structlog
 
-from api_schemas.jail.level import JailLevel
+from jail.level import JailLevel
 from services.settings import Settings
 
 PRIVATE = 0o077

@@ -7,7 +7,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from api_schemas.jail.environment import jail_environment
+from jail.environment import jail_environment
 
 MAX_SAID_BYTES = 64 * 1024
 

@@ -15,8 +15,8 @@ import uvicorn
 from prometheus_client import CollectorRegistry, ProcessCollector
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
-from api_schemas.jail.detection import detect
 from api_schemas.token import Scope, TokenRequest
+from jail.detection import detect
 from services.api.app import create_app
 from services.api.farm import Farm
 from services.api.tokens import Tokens, new_bearer

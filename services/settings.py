@@ -6,10 +6,10 @@ from typing import Annotated, Self
 from pydantic import AfterValidator, Field, SecretStr, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from api_schemas.jail.level import JailLevel
-from api_schemas.physics_name import physics_name
+from api_schemas.physics import physics_name
 from api_schemas.policy import MAX_WEIGHTS_BYTES
 from api_schemas.robot import LEASE_S, RENEW_EVERY_S
+from jail.level import JailLevel
 
 
 class Settings(BaseSettings):

@@ -4,7 +4,7 @@ import errno
 import os
 import sys
 
-from api_schemas.jail import kernel, seccomp
+from jail import kernel, seccomp
 
 CREATE_RULESET = 444
 _ALLOW, _ERROR = 0x7FFF0000, 0x00050000

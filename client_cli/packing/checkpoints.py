@@ -11,8 +11,8 @@ import numpy as np
 
 from api_schemas.policy import InputScaling, PolicyManifest
 from api_schemas.policy_network import ActionHead
-from client_cli.errors import UsageProblem
 from client_cli.packing.recipe import TINY, Array, Normaliser, Part, Recipe, follows, part
+from client_cli.terminal.errors import UsageProblem
 
 State = Mapping[str, Any]
 RL_GAMES = "a2c_network."

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from api_schemas import runtime
+from api_schemas import policy_graph
 from api_schemas.policy import PolicyManifest, canonical_json
 from api_schemas.policy_graph import GraphRunner
-from client_cli.errors import ClientError, UsageProblem
 from client_cli.packing.original import Original
 from client_cli.packing.recipe import Array, Normaliser
+from client_cli.terminal.errors import ClientError, UsageProblem
 
 OBSERVATIONS = 1000
 TRIALS = 20
@@ -77,7 +77,7 @@ def observations(manifest: PolicyManifest, normaliser: Normaliser | None) -> Arr
 
 def compare(original: Original, graph: bytes, given: Array) -> Compared:
     """Run both through the same trials; both begin each trial with nothing remembered."""
-    packed = GraphRunner(runtime.session(graph))
+    packed = GraphRunner(policy_graph.session(graph))
     difference = action = 0.0
     for trial in given:
         original.begin()

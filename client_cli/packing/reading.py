@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from api_schemas.policy import PolicyManifest
-from client_cli.errors import UsageProblem
 from client_cli.packing import checkpoints, stable_baselines, whole
 from client_cli.packing.original import Original, TorchOriginal
 from client_cli.packing.recipe import Normaliser, Recipe, manifest_of, tensors_of
-from client_cli.policy_files import check_is_file
+from client_cli.policies.policy_files import check_is_file
+from client_cli.terminal.errors import UsageProblem
 
 FORMATS = ("auto", "sb3", "rl-games", "rsl-rl", "skrl", "state-dict", "torchscript", "torch-export")
 PLAIN = "state-dict"

@@ -8,7 +8,7 @@ import numpy as np
 
 from api_schemas.policy import ACTION_SIZE, ActionKind, InputScaling, OutputScaling, PolicyManifest
 from api_schemas.policy_network import ActionHead, Cell
-from client_cli.errors import UsageProblem
+from client_cli.terminal.errors import UsageProblem
 
 Array = np.ndarray
 TINY = 1e-20

@@ -14,10 +14,10 @@ import numpy as np
 
 from api_schemas.policy import ACTION_SIZE, PolicyManifest
 from api_schemas.policy_network import ActionHead
-from client_cli.errors import UsageProblem
 from client_cli.packing.checkpoints import arrays, parts_of
 from client_cli.packing.original import Stack, scaled_as_stated
 from client_cli.packing.recipe import Array, Normaliser, Part, Recipe
+from client_cli.terminal.errors import UsageProblem
 
 ACTORS = {
     "mlp_extractor.policy_net": ("lstm_actor", "mlp_extractor.policy_net.", "action_net"),

@@ -9,9 +9,9 @@ import numpy as np
 
 from api_schemas.policy import ACTION_SIZE, PolicyManifest
 from api_schemas.policy_network import ActionHead, NetworkState
-from client_cli.errors import UsageProblem
 from client_cli.packing.original import Stack, scaled_as_stated
 from client_cli.packing.recipe import Array
+from client_cli.terminal.errors import UsageProblem
 
 OPSET = 17
 

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 
-from client_cli import Farm
+from trifarm import Farm
 
 if len(sys.argv) < 2:
     sys.exit("usage: python first_job.py WEIGHTS [TRIALS]")

@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import Depends, Request
 from prometheus_client import CollectorRegistry
 
-from api_schemas.jail.level import Jail
+from jail.level import Jail
 from services.api.tokens import Tokens
 from services.database.database import Database
 from services.files.store import FileStore

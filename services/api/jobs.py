@@ -8,9 +8,9 @@ from sqlalchemy import select
 
 from api_schemas.job import Job, JobPage, JobPriority, JobRequest, JobState
 from api_schemas.report import AnyReport, read_report
-from api_schemas.report_text import render
 from api_schemas.token import Scope
 from api_schemas.webhook import Webhook
+from report_views.text import render
 from services.api import cursor as cursors
 from services.api.access import Operator, Submitter, User
 from services.api.document import refusals

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Query
 
 from api_schemas.job import PolicyTask
 from api_schemas.leaderboard import Contests, Leaderboard
-from api_schemas.object import ObjectName, ObjectScale
+from api_schemas.physics import ObjectName, ObjectScale
 from services.api.access import User
 from services.api.farm import Farm, TheFarm
 from services.api.tokens import Caller

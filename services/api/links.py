@@ -11,8 +11,7 @@ import structlog
 from fastapi import APIRouter, Depends, Path, Request, Response
 from sqlalchemy import select
 
-from api_schemas.trial import Trial
-from api_schemas.viewer_link import ViewerLink
+from api_schemas.trial import Trial, ViewerLink
 from services.api.access import User
 from services.api.farm import Farm, TheFarm
 from services.api.serving import stored_file

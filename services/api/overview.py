@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from fastapi import APIRouter
 from sqlalchemy import func, select
 
-from api_schemas.jail.level import too_open
-from api_schemas.jail.report import JailReport
+from api_schemas.jail_report import JailReport
 from api_schemas.job import JobState
 from api_schemas.robot import RobotState
 from api_schemas.status import FarmStatus
+from jail.level import too_open
 from services.api.access import AnyCaller
 from services.api.farm import Farm, TheFarm
 from services.database.tables import job

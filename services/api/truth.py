@@ -10,9 +10,9 @@ from fastapi import APIRouter, Request, Response
 from fastapi import Path as InPath
 from sqlalchemy import select
 
-from api_schemas.jail.level import too_open
 from api_schemas.token import Scope
-from api_schemas.verification import Verification
+from api_schemas.trial import Verification
+from jail.level import too_open
 from services.api.access import Operator, User
 from services.api.at_once import one_more
 from services.api.document import BINARY, files, refusals

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Query, Response
 
 from api_schemas.job import TaskName
 from api_schemas.leaderboard import Contest
-from api_schemas.object import LARGEST_SCALE, SMALLEST_SCALE, ObjectName
+from api_schemas.physics import LARGEST_SCALE, SMALLEST_SCALE, ObjectName
 from services.api.farm import TheFarm
 from services.api.leaderboards import PhysicsNumber, best
 from services.dashboard.figures import Bar

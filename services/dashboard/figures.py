@@ -3,15 +3,15 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from api_schemas import error_axis
 from api_schemas.success_rate import wilson
+from report_views import error_axis
 
 LEVEL = 0.80
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A success rate as it narrows: its band and its line, as the points of a polygon and of a polyline."""
+    """The success rate so far: its band and its line, as the points of a polygon and of a polyline."""
 
     band: str
     line: str

@@ -1,4 +1,4 @@
-"""The page of one job: how far it is, its success rate as it narrows, its robots, and its trials, failures first."""
+"""The page of one job: how far it is, its success rate so far, its robots, and its trials, failures first."""
 
 from collections import defaultdict
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
@@ -11,9 +11,9 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from api_schemas.job import FINAL_JOB_STATES, Job, TaskName
 from api_schemas.report import Report, read_report
-from api_schemas.report_page import render_page, style_source
 from api_schemas.token import Scope
 from api_schemas.trial import Outcome, OutcomeKind, TrialState
+from report_views.page import render_page, style_source
 from services.api import jobs, signatures
 from services.api.farm import Farm, TheFarm
 from services.api.jobs import JobId, stored_report

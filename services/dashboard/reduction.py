@@ -18,12 +18,12 @@ from mcap.reader import McapReader, make_reader
 from mcap.summary import Summary
 from mcap_protobuf.decoder import DecoderFactory
 
-from api_schemas import trial_log as t
-from api_schemas.jail.entering import enter
-from api_schemas.jail.needs import Needs
+from jail.entering import enter
+from jail.needs import Needs
 from services.dashboard import partial
 from services.dashboard import replay_limits as limits
 from services.dashboard.tips import moments_of
+from trial_logs import trial_log as t
 
 MOST_SAMPLES = 1500
 """Of each array over time; more than a screen has columns."""

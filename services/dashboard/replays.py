@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from api_schemas.jail.level import too_open
+from jail.level import too_open
 from services.api.farm import Farm
 from services.api.serving import stored_size
 from services.child import ChildKilledError, run_module

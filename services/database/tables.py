@@ -2,7 +2,6 @@
 
 States are stored as the words of ``api_schemas``; times for people as ISO 8601 text in UTC, times that are compared as
 seconds of the farm's clock. Every statement that uses these tables runs on SQLite and on PostgreSQL.
-The file is over 300 lines since it is one thing: tables that refer to each other.
 """
 
 from sqlalchemy import (

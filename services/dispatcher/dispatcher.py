@@ -11,7 +11,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.excitation import ExcitationName
 from api_schemas.job import TaskName
-from api_schemas.object import ObjectName
+from api_schemas.physics import ObjectName
 from api_schemas.policy import PolicyManifest
 from api_schemas.robot import Lease
 from api_schemas.trial import TrialState

@@ -8,7 +8,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.job import JobRequest, JobState, TaskName
 from api_schemas.ladder import Ladder, LadderLine, LadderRequest, Rung
-from api_schemas.object import ObjectName
+from api_schemas.physics import ObjectName
 from api_schemas.success_rate import wilson
 from services.database.rows import AnyRow
 from services.database.tables import job, ladder, rung

@@ -5,7 +5,7 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.bus import Heartbeat
-from api_schemas.physics_name import NOMINAL
+from api_schemas.physics import NOMINAL
 from services.database.rows import AnyRow
 from services.database.tables import job, physics
 from services.jobs.clock import iso

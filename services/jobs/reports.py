@@ -10,9 +10,9 @@ from sqlalchemy import insert, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.excitation import ExcitationName
-from api_schemas.jail.report import weakest
+from api_schemas.jail_report import weakest
 from api_schemas.job import TaskName
-from api_schemas.object import ObjectName
+from api_schemas.physics import ObjectName
 from api_schemas.report import (
     BetweenRobots,
     ExcitationRow,

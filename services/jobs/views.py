@@ -9,7 +9,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.excitation import ExcitationName
 from api_schemas.job import Job, JobState, TaskName
-from api_schemas.object import ObjectName
+from api_schemas.physics import ObjectName
 from api_schemas.robot import Robot, RobotState
 from api_schemas.trial import Attempt, AttemptState, Outcome, Trial, TrialState
 from services.database.rows import AnyRow

@@ -6,7 +6,6 @@ from api_schemas.job import FINAL_JOB_STATES
 from api_schemas.robot import RobotState
 from api_schemas.trial import TrialState
 from services.database.rows import AnyRow
-from services.jobs.clock import iso
 from services.jobs.fleet import Fleet, Member
 from services.jobs.position import Ahead
 
@@ -53,8 +52,7 @@ def _others_first(row: AnyRow, ahead: Ahead, limit: int | None) -> str | None:
 def trial_waits(row: AnyRow, job: AnyRow, fleet: Fleet, now_s: float, before: int) -> str | None:
     """The sentence for a trial; ``before`` counts the job's earlier queued trials. None when the trial is over."""
     if row.state == TrialState.RUNNING:
-        left_s = max(0.0, (row.lease_until_s or now_s) - now_s)
-        return f"running on {row.robot}, whose lease ends in {left_s:.0f} s if not renewed"
+        return f"running on {row.robot}"
     if row.state == TrialState.LEASED:
         return f"leased to {row.robot}, which has not answered yet"
     if row.state != TrialState.QUEUED:
@@ -100,7 +98,7 @@ def robot_now(member: Member, now_s: float, of_job: str | None = None) -> str:
     match state:
         case RobotState.LOST:
             since = member.lost_s if member.lost_s is not None else member.seen_s
-            return "has not reported yet" if said is None else f"is lost since {iso(since)}"
+            return "has not reported yet" if said is None else f"has been silent for {_lasting(now_s - since)}"
         case RobotState.RUNNING | RobotState.LEASED:
             return f"is running {_trial(busy.trial_id, of_job)}" if busy else f"is {state}{reason}"
         case RobotState.DRAINING:

@@ -14,8 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from api_schemas.error import Problem
-from api_schemas.policy import MAX_WEIGHTS_BYTES, PolicyManifest, canonical_json, policy_digest
-from api_schemas.policy_check import PolicyCheck
+from api_schemas.policy import MAX_WEIGHTS_BYTES, PolicyCheck, PolicyManifest, canonical_json, policy_digest
 from services.errors import ServiceError
 from services.policies import child, intake
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from api_schemas.jail.level import JailLevel
 from api_schemas.policy import MAX_WEIGHTS_BYTES
+from jail.level import JailLevel
 from services.child import ChildKilledError, Ended, run_module
 from services.errors import Refused, Unavailable
 from services.policies.conversion import DRY_RUN_CPU_S

@@ -12,10 +12,10 @@ import signal
 import sys
 from pathlib import Path
 
-from api_schemas.jail.entering import enter
-from api_schemas.jail.level import JailLevel, too_open
-from api_schemas.jail.needs import Needs
 from api_schemas.policy import MAX_WEIGHTS_BYTES
+from jail.entering import enter
+from jail.level import JailLevel, too_open
+from jail.needs import Needs
 
 CPU_LIMIT_S = 5
 MEMORY_LIMIT_BYTES = 1024**3

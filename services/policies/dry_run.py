@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from api_schemas import runtime
+from api_schemas import policy_graph
+from api_schemas.physics import MAX_TORQUE_NM, SOFT_LIMIT_LOWER_RAD, SOFT_LIMIT_UPPER_RAD
 from api_schemas.policy import ACTION_SIZE, ActionKind, PolicyManifest
 from api_schemas.policy_graph import GraphRunner, Session
-from api_schemas.robot_limits import MAX_TORQUE_NM, SOFT_LIMIT_LOWER_RAD, SOFT_LIMIT_UPPER_RAD
 from services.policies.recorded import RecordedTrial, recorded_trials
 from services.policies.unfit import UnfitError, too_slow
 
@@ -44,7 +44,7 @@ def load(graph: Path) -> Session:
         UnfitError: the runtime cannot load the graph.
     """
     try:
-        return runtime.session(graph)
+        return policy_graph.session(graph)
     except Exception as error:
         raise UnfitError(f"the runtime cannot load the network: {error}") from error
 

@@ -9,8 +9,8 @@ import os
 import sys
 from pathlib import Path
 
-from api_schemas.jail.entering import enter
-from api_schemas.jail.needs import Needs
+from jail.entering import enter
+from jail.needs import Needs
 
 MEMORY_LIMIT_BYTES = 3 * 1024**3
 FILE_LIMIT_BYTES = 1024**2

@@ -7,11 +7,11 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from api_schemas.verification import Verification
+from api_schemas.trial import Verification
 from services.child import ChildSaidTooMuchError, ChildTimedOutError, Ended, run_module
 from services.errors import Refused, Unavailable
 
-REPLAY = "sim_backend.replay"
+REPLAY = "sim_backend.replays.replay"
 VERDICTS = frozenset({0, 6})
 """Exit codes of a replay that compared all numbers: the same, or different."""
 

@@ -16,6 +16,12 @@ class Physics:
 
     ``given`` holds the parameters that were given a value, by "effect.parameter", with shape (n,) for global ones and
     (n, 9) or (n, 3) for those with a value per joint, camera or axis. Everything else is absent.
+
+    Example:
+        >>> import trifarm
+        >>> two = trifarm.Physics.of(2, {"coulomb_friction.torque_nm": 0.05})
+        >>> two.value("coulomb_friction.torque_nm").shape
+        (2, 9)
     """
 
     n: int

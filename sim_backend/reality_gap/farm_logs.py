@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from api_schemas.trial_log_reader import LogUnreadableError, TrialLog, read_log, read_trial
 from sim_backend.reality_gap.recording import JointSignals, ObjectSignals, Recording, RecordingError
 from sim_backend.trifinger import constants as c
+from trial_logs.reader import LogUnreadableError, TrialLog, read_log, read_trial
 
 _MIN_STEPS = 1000
 

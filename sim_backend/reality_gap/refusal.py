@@ -3,7 +3,7 @@
 import json
 import sys
 
-from api_schemas.command_error import error_document
+from api_schemas.error import error_document
 
 EXIT_UNUSABLE = 2
 

@@ -59,7 +59,7 @@ class Material:
 
 @dataclass(frozen=True)
 class StudyResult:
-    """The verdict, and the document that reports are made of."""
+    """What a study found: its verdict, the document that its report is made of, and the files that it wrote."""
 
     verdict: Verdict
     document: dict[str, Any]

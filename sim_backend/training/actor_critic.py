@@ -12,7 +12,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
 from api_schemas.policy import OBSERVATION_SIZES, PolicyManifest
-from sim_backend.vec_env import PRIVILEGED, SEEN
+from sim_backend.environments.vec_env import PRIVILEGED, SEEN
 
 CLIP, EPSILON = 5.0, 1e-5
 """Of the normalised inputs, as the manifests of exported policies say."""

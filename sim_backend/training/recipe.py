@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
 from api_schemas.policy import PolicyManifest
-from sim_backend.action_space import ActionMode
 from sim_backend.driver.physics_backend import PhysicsBackend
+from sim_backend.environments.action_space import ActionMode
 from sim_backend.layouts import TRAINING_LAYOUTS, layout_of
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.reward import Reward, RewardKind

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnvWrapper
 
-from sim_backend.vec_env import PRIVILEGED, SEEN, TrifingerVecEnv
+from sim_backend.environments.vec_env import PRIVILEGED, SEEN, TrifingerVecEnv
 
 CLIP = 10.0
 

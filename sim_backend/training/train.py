@@ -16,8 +16,9 @@ import torch
 from sb3_contrib import RecurrentPPO
 from stable_baselines3 import PPO
 
-from sim_backend.action_space import ActionSpace
-from sim_backend.practice import Practice
+from sim_backend.environments.action_space import ActionSpace
+from sim_backend.environments.practice import Practice
+from sim_backend.environments.vec_env import TrifingerVecEnv
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.reward import Reward
 from sim_backend.training import evaluating
@@ -33,7 +34,6 @@ from sim_backend.training.randomization import Randomizer, randomizer_of
 from sim_backend.training.recipe import PpoWarmStartTable, Recipe, RecipeError
 from sim_backend.training.recurrent import RecurrentActorCritic
 from sim_backend.training.returns import NormalisedReturns
-from sim_backend.vec_env import TrifingerVecEnv
 
 
 @dataclass

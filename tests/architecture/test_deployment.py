@@ -10,7 +10,7 @@ import kubernetes_validate
 import pytest
 import yaml
 
-from robot_farm.jailed_policy import NEEDS
+from robot_farm.policy.jailed_policy import NEEDS
 from robot_farm.settings import ALIVE_VARIABLE, TOKEN_VARIABLE, parse
 from services.__main__ import parsed
 from services.settings import Settings

@@ -32,7 +32,8 @@ _start = subprocess.Popen.__init__
 
 def _started(self, command, *rest, **named):
     if isinstance(command, list):
-        command = ["tests.benchmarks.attacking_robot_policy" if each == "robot_farm.jailed_policy" else each for each in command]
+        attacking = {"robot_farm.policy.jailed_policy": "tests.benchmarks.attacking_robot_policy"}
+        command = [attacking.get(each, each) for each in command]
     _start(self, command, *rest, **named)
 
 

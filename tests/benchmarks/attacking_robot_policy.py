@@ -12,8 +12,8 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-import robot_farm.jailed_policy
-from tests.unit.robot_farm.attacking_policy import attack
+import robot_farm.policy.jailed_policy
+from tests.unit.robot_farm.policy.attacking_policy import attack
 
 NAMES = {"spin for ever": "spin", "fork bomb": "fork", "touch 8 GB": "memory", "200 threads": "threads"}
 """The attacks by the words in which a tensor's name says them."""
@@ -31,10 +31,10 @@ def hostile_graph(path: Path, name: str) -> Path:
     return path
 
 
-def _load(graph: bytes, np, onnxruntime) -> robot_farm.jailed_policy.Act:
+def _load(graph: bytes, np, onnxruntime) -> robot_farm.policy.jailed_policy.Act:
     found = _MARK.search(graph)
     if found is None:
-        return robot_farm.jailed_policy._load(graph, np, onnxruntime)
+        return robot_farm.policy.jailed_policy._load(graph, np, onnxruntime)
     name = next(name for name, word in NAMES.items() if word == found[1].decode())
 
     def act(_data: bytes):
@@ -45,4 +45,4 @@ def _load(graph: bytes, np, onnxruntime) -> robot_farm.jailed_policy.Act:
 
 
 if __name__ == "__main__":
-    sys.exit(robot_farm.jailed_policy.main(_load))
+    sys.exit(robot_farm.policy.jailed_policy.main(_load))

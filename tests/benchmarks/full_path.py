@@ -22,9 +22,8 @@ from mujoco.rollout import Rollout
 
 from api_schemas.policy import PolicyManifest
 from api_schemas.robot import Lease
-from api_schemas.trial_log_reader import TrialLog, read_log, read_truth
-from robot_farm.jail import JailedPolicy
 from robot_farm.life import Life
+from robot_farm.policy.jail import JailedPolicy
 from robot_farm.prepared import prepare_plainly
 from robot_farm.settings import Reset
 from robot_farm.trial import log_channels, measured_channels, run_trial
@@ -36,6 +35,7 @@ from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import Ranges, load_ranges
 from sim_backend.tasks import TASKS
 from sim_backend.trifinger import constants as c
+from trial_logs.reader import TrialLog, read_log, read_truth
 
 ROOT = Path(__file__).parent.parent.parent
 REFERENCE = ROOT / "sim_backend/training/reference_policies/push.safetensors"

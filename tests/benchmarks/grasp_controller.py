@@ -1,7 +1,7 @@
 """What the controllers without weights achieve, on the 2020 challenge's levels and where the cube is to be turned.
 
-    python -m tests.benchmarks.grasp_controller --out docs/results/grasp.json [--trials 200] [--first-seed 40000000]
-    python -m tests.benchmarks.grasp_controller --out docs/results/grasp.json --through-farm 7001
+    python -m tests.benchmarks.grasp_controller --out results/grasp.json [--trials 200] [--first-seed 40000000]
+    python -m tests.benchmarks.grasp_controller --out results/grasp.json --through-farm 7001
 
 Each task is tried on nominal robots and on robots of ``real``, with physics at 1 kHz. With ``--through-farm`` each level is
 instead one job of 40 trials on a farm of ``real`` robots of that seed, through its API. Goes on where it was stopped.

@@ -20,8 +20,8 @@ from statistics import median
 import numpy as np
 from mujoco.batch import Batch
 
-from sim_backend.environment import Environment
-from sim_backend.practice import practice_of
+from sim_backend.environments.environment import Environment
+from sim_backend.environments.practice import practice_of
 from sim_backend.trifinger.scene import compile_scene
 
 STEP_S, SUBSTEPS = 0.004, 5

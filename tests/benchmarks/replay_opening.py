@@ -12,10 +12,10 @@ import tempfile
 import time
 from pathlib import Path
 
-from api_schemas.trial_log_reader import read_log
 from sim_backend.training import reference_policies
 from tests.browser.conftest import CHROMIUM, FLAGS
 from tests.end_to_end.farm import Farm
+from trial_logs.reader import read_log
 
 OPENINGS, PAUSE_S = 5, 1.0
 PAINT = "() => performance.getEntriesByType('paint').find(each => each.name === 'first-contentful-paint').startTime"

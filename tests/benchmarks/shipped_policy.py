@@ -4,7 +4,7 @@
     python tests/benchmarks/shipped_policy.py POLICY.safetensors --task lift --out FILE --through-farm 7001 [--trials 24]
 
 Many trials at once (``sim_backend/evaluation.py``) at 1 kHz. On a farm's robots the goals, starts and robots are those of the job
-that ``published_experts.py farms`` kept for the published expert (its results lie in ``docs/results``), so that both tried the
+that ``published_experts.py farms`` kept for the published expert (its results lie in ``results``), so that both tried the
 same goals on the same robots. Goals on nominal robots are fresh. Pieces are kept as they come, and kept ones are not redone. With
 ``--through-farm`` the policy is uploaded to a farm of that seed, and one job goes the whole path, with the same goals.
 """

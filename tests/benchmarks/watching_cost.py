@@ -17,9 +17,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from api_schemas.trial_log_reader import read_log
 from robot_farm.health import WatchedHealth
-from robot_farm.jail import JailedPolicy
+from robot_farm.policy.jail import JailedPolicy
 from robot_farm.robot import Robot
 from robot_farm.run import Progress
 from robot_farm.trial import log_channels, run_trial
@@ -27,6 +26,7 @@ from services.dashboard.watch_page import message
 from sim_backend.driver.simulated import SimulatedDriver
 from tests.graphs import linear
 from tests.unit.conftest import lease
+from trial_logs.reader import read_log
 
 EVERY_S = 0.1
 REPEATED = 2000

@@ -197,7 +197,7 @@ def test_two_jobs_are_compared(operator, looked, jobs, ended):
     page.check(f"#job-{jobs['again']}")
     page.get_by_role("button", name="Compare").click()
     assert "N = 2" in page.inner_text("main")
-    assert "No difference that chance would not explain" in page.inner_text("main")
+    assert "The difference could be chance" in page.inner_text("main")
 
 
 def test_a_user_cancels_his_job(browser, looked, jobs):

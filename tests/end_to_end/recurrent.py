@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from api_schemas.policy import PolicyManifest, canonical_json
-from tests.unit.client_cli.toy_env import ToyEnv
+from tests.unit.client_cli.packing.toy_env import ToyEnv
 
 SCALE = 0.1
 MANIFEST = PolicyManifest.model_validate(

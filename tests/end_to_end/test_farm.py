@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from api_schemas.trial_log_reader import read_log
 from tests.end_to_end import recurrent
 from tests.end_to_end.farm import Farm
 from tests.graphs import endless, endless_in_time, linear, memory_hog, no_number_in_time
+from trial_logs.reader import read_log
 
 ROOT = Path(__file__).parent.parent.parent
 REFERENCE = ROOT / "sim_backend/training/reference_policies/push.safetensors"

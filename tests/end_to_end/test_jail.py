@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from api_schemas.jail.detection import detect
-from api_schemas.jail.level import JailLevel
+from jail.detection import detect
+from jail.level import JailLevel
 from tests.end_to_end.farm import Farm
 
 ROOT = Path(__file__).parent.parent.parent

@@ -10,12 +10,12 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
-from api_schemas.trial_log import EVENTS, MANIFEST_ATTACHMENT, MEASURED_TOPICS, MODEL_ATTACHMENT, STEP_NS, TORQUE, TRACKER
-from api_schemas.trial_log_reader import read_log
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.replay import EXIT_DIFFERS
+from sim_backend.replays.replay import EXIT_DIFFERS
 from sim_backend.trifinger.constants import START_JOINT_POSITION_RAD as START_RAD
 from tests.end_to_end.farm import Farm
+from trial_logs.reader import read_log
+from trial_logs.trial_log import EVENTS, MANIFEST_ATTACHMENT, MEASURED_TOPICS, MODEL_ATTACHMENT, STEP_NS, TORQUE, TRACKER
 
 ROOT = Path(__file__).parent.parent.parent
 REFERENCE = ROOT / "sim_backend/training/reference_policies/push.safetensors"

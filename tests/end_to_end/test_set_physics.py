@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from api_schemas.trial_log_reader import read_log
 from tests.end_to_end.farm import Farm
+from trial_logs.reader import read_log
 
 TRACKER = """
 [tracking_latency]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from api_schemas.jail.environment import jail_environment
+from jail.environment import jail_environment
 from services.child import Ended
 from services.policies import child
 

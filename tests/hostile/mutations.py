@@ -24,9 +24,9 @@ import onnx
 import onnxruntime
 import safetensors.numpy  # noqa: F401  loaded here, so that no fork loads it again
 
-from api_schemas.jail.level import JailLevel
 from api_schemas.policy import MAX_WEIGHTS_BYTES, WeightsFormat, canonical_json
-from robot_farm.jail import JailedPolicy
+from jail.level import JailLevel
+from robot_farm.policy.jail import JailedPolicy
 from services.child import Ended
 from services.errors import ServiceError
 from services.policies import child, conversion, dry_run, graph, intake, recorded, sb3_network, uploaded  # noqa: F401

@@ -30,8 +30,8 @@ HEALTH = RobotHealth(
 
 def admitted(api, token, name, ca):
     """The session that the API gives a robot for its own token."""
-    from robot_farm.api_link import ApiLink  # not for the many that are told the bus: it takes them a second
-    from robot_farm.bus_access import ask_access
+    from robot_farm.link.api_link import ApiLink  # not for the many that are told the bus: it takes them a second
+    from robot_farm.link.bus_access import ask_access
     from robot_farm.settings import parse
 
     os.environ["TRIFARM_ROBOT_TOKEN"] = token

@@ -9,10 +9,10 @@ import zenoh
 from api_schemas import bus
 from api_schemas.bus import Heartbeat, Identity
 from api_schemas.robot import RobotState
-from robot_farm.admission import renewed
-from robot_farm.api_link import ApiLink, NotAdmittedError, NotExpectedError, own_token
-from robot_farm.bus_access import Access, ask_access
-from robot_farm.bus_link import BusLink
+from robot_farm.link.admission import renewed
+from robot_farm.link.api_link import ApiLink, NotAdmittedError, NotExpectedError, own_token
+from robot_farm.link.bus_access import Access, ask_access
+from robot_farm.link.bus_link import BusLink
 from robot_farm.settings import TOKEN_VARIABLE, parse
 from tests.integration.farm_process import services, until
 
@@ -109,9 +109,9 @@ def test_a_wrong_token_gets_nothing(farm, told):
 
 
 def test_a_robot_that_is_too_old_is_told_so(farm, told, monkeypatch):
-    monkeypatch.setattr("robot_farm.bus_access.version", lambda _: "0.0.0")
+    monkeypatch.setattr("robot_farm.link.bus_access.version", lambda _: "0.0.0")
     access_of(farm, "robot-2", told)  # a neighbour
-    monkeypatch.setattr("robot_farm.bus_access.version", lambda _: "1.0.0")
+    monkeypatch.setattr("robot_farm.link.bus_access.version", lambda _: "1.0.0")
     with pytest.raises(NotAdmittedError, match=r"services' version .* is too old"):
         access_of(farm, "robot-2", told)
 

@@ -132,7 +132,7 @@ def test_an_identification_ends_when_its_robot_stays_away(tmp_path):
         farm.robots["robot-0"].terminate()
         job = farm.wait_for_end(job_id)
         assert (job["state"], job["robot"]) == ("failed", "robot-0")
-        assert "could run on robot-0 alone, which is lost since" in job["reason"]
+        assert "could run on robot-0 alone, which has been silent for" in job["reason"]
         assert farm.admin.get(f"/v1/trials/{job_id}-000/log").status_code == 200
 
 

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from robot_farm.api_link import ApiUnreachableError, own_token
+from robot_farm.link.api_link import ApiUnreachableError, own_token
 from tests.integration.farm_process import ROOT, services
 
 EXTENSIONS = (

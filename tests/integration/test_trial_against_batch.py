@@ -8,8 +8,7 @@ import pytest
 
 from api_schemas.policy import LAYOUTS
 from api_schemas.trial import OutcomeKind
-from api_schemas.trial_log_reader import TrialLog, TruthLog, read_log, read_truth
-from robot_farm.jail import JailedPolicy
+from robot_farm.policy.jail import JailedPolicy
 from robot_farm.prepared import Prepared
 from robot_farm.trial import measured_channels, run_trial
 from robot_farm.truth import TruthFile, truth_channels
@@ -21,6 +20,7 @@ from sim_backend.tasks import TASKS
 from sim_backend.tasks.task import draw_trial, stack_goals, stack_starts
 from tests.graphs import linear
 from tests.unit.conftest import lease
+from trial_logs.reader import TrialLog, TruthLog, read_log, read_truth
 
 ROBOTS, ROW = 4, 2
 SEEDS = (11, 12, 13, 14)

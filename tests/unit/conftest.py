@@ -31,7 +31,7 @@ def short_log(tmp_path_factory) -> Path:
     import dataclasses
 
     from robot_farm import trial
-    from robot_farm.jail import JailedPolicy
+    from robot_farm.policy.jail import JailedPolicy
     from sim_backend.driver.simulated import SimulatedDriver
 
     folder = tmp_path_factory.mktemp("short-log")

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from sim_backend.course import Sight, follow, hold
-from sim_backend.cube_slide import slide_cube
 from sim_backend.driver.driver import Command, Segment, Start
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.driver.tracker import TrackedPose, Tracker
 from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import load_ranges
+from sim_backend.excitations.course import Sight, follow, hold
+from sim_backend.excitations.cube_slide import slide_cube
 from sim_backend.reality_gap.cube.windows import LEAST_PUSHES, all_push_windows
 from sim_backend.reality_gap.joints import hypotheses
 from sim_backend.reality_gap.recording import JointSignals, ObjectSignals, Recording

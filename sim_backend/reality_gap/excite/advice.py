@@ -6,7 +6,7 @@ from itertools import combinations
 from typing import Any
 
 from sim_backend.effects.catalogue import CATALOGUE
-from sim_backend.excitation import EXCITATIONS
+from sim_backend.excitations.excitation import EXCITATIONS
 from sim_backend.reality_gap.excite.table import BY_HAND, DISTINCTIONS, FOLLOWED, SHOWN_BY, Distinction
 from sim_backend.reality_gap.verdict import VerdictKind
 

@@ -19,7 +19,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from sim_backend.excitation import EXCITATIONS
+from sim_backend.excitations.excitation import EXCITATIONS
 from sim_backend.reality_gap.excite.advice import Advice, Advised, advice_after, first_advice
 from sim_backend.reality_gap.excite.course import NoFixedCourseError, targets, targets_for, write_csv
 from sim_backend.reality_gap.refusal import refused

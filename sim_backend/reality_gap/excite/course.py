@@ -9,8 +9,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from sim_backend.course import COMMAND_S, Sight, command_times_s, commands
-from sim_backend.excitation import EXCITATIONS, RAISED_RAD
+from sim_backend.excitations.course import COMMAND_S, Sight, command_times_s, commands
+from sim_backend.excitations.excitation import EXCITATIONS, RAISED_RAD
 from sim_backend.trifinger import constants as c
 
 WAY_UP_S = 1.5

@@ -12,8 +12,7 @@ from sim_backend.reality_gap.foreign.measurement_units import chosen_factor
 from sim_backend.reality_gap.foreign.naming import listed, nearest
 from sim_backend.reality_gap.foreign.objects import object_signals
 from sim_backend.reality_gap.foreign.rows import Rows
-from sim_backend.reality_gap.foreign.study_entries import Channel
-from sim_backend.reality_gap.foreign.study_file import RecordingEntry, StudyFile
+from sim_backend.reality_gap.foreign.study_file import Channel, RecordingEntry, StudyFile
 from sim_backend.reality_gap.recording import Recording, RecordingError
 
 MIN_DURATION_S = 0.2

@@ -8,8 +8,7 @@ from sim_backend.reality_gap.foreign import time_grid
 from sim_backend.reality_gap.foreign.data_table import find
 from sim_backend.reality_gap.foreign.measurement_units import chosen_factor
 from sim_backend.reality_gap.foreign.rows import Rows
-from sim_backend.reality_gap.foreign.study_entries import JointEntry
-from sim_backend.reality_gap.foreign.study_nominal import Controller
+from sim_backend.reality_gap.foreign.study_file import Controller, JointEntry
 from sim_backend.reality_gap.outliers import position_outliers, torque_outliers
 from sim_backend.reality_gap.recording import JointSignals, Outlier
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sim_backend.reality_gap.foreign.data_table import DataTable
-from sim_backend.reality_gap.foreign.study_entries import Channel
+from sim_backend.reality_gap.foreign.study_file import Channel
 from sim_backend.reality_gap.recording import RecordingError
 
 

@@ -11,7 +11,7 @@ from sim_backend.driver.driver import Command, Start
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import load_ranges
-from sim_backend.excitation import EXCITATIONS
+from sim_backend.excitations.excitation import EXCITATIONS
 from sim_backend.reality_gap.joints.healthy import STANDARD
 from sim_backend.reality_gap.joints.hypotheses import HEALTHY
 from sim_backend.reality_gap.recording import JointSignals, Recording

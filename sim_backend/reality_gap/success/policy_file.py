@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from api_schemas import runtime
+from api_schemas import policy_graph
 from api_schemas.policy import LAYOUTS, PolicyManifest
 from api_schemas.policy_graph import GraphRunner, Session
 from sim_backend.evaluation import Act
@@ -56,7 +56,7 @@ def _converted(weights: Path, manifest: PolicyManifest) -> bytes:
 
 def _act(graph: bytes) -> Act:
     """The graph as robots run it: one observation at a time, in one thread."""
-    return GraphPolicy(runtime.session(graph))
+    return GraphPolicy(policy_graph.session(graph))
 
 
 class GraphPolicy:

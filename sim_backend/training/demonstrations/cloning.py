@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from api_schemas.policy import OBSERVATION_SIZES, PolicyManifest
-from sim_backend.practice import Practice
+from sim_backend.environments.practice import Practice
 from sim_backend.training.demonstrations.recipe import ImitationTable
 from sim_backend.training.demonstrations.recording import Demonstrations, joined, read_demonstrations
 from sim_backend.training.demonstrations.samples import Samples

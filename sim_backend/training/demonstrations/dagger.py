@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from sim_backend.environment import Environment
+from sim_backend.environments.environment import Environment
 from sim_backend.training.demonstrations.recipe import ImitationRecipe
 from sim_backend.training.demonstrations.samples import Samples
 from sim_backend.training.demonstrations.student import Student

@@ -8,8 +8,8 @@ from torch import nn
 
 from api_schemas.policy import OutputScaling
 from api_schemas.policy_network import ActionHead
-from sim_backend.action_space import ActionMode
-from sim_backend.practice import Practice
+from sim_backend.environments.action_space import ActionMode
+from sim_backend.environments.practice import Practice
 from sim_backend.training.actor_critic import CLIP, EPSILON, Inputs
 from sim_backend.training.demonstrations.teacher import check_same_actions, find_policy
 from sim_backend.training.export import ExportedPolicy, input_scaling_of

@@ -6,7 +6,7 @@ from pydantic import Field, model_validator
 
 from api_schemas.policy import PolicyManifest
 from api_schemas.policy_network import Cell
-from sim_backend.action_space import ActionMode
+from sim_backend.environments.action_space import ActionMode
 from sim_backend.layouts import TRAINING_LAYOUTS, layout_of
 from sim_backend.tasks import TASKS
 from sim_backend.training.recipe import Count, EvaluationTable, Layers, Positive, RecipeFile, Table, WarmStartTable

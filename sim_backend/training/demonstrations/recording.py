@@ -21,7 +21,6 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from api_schemas.policy import PolicyManifest
-from api_schemas.trial_log_reader import LogUnreadableError, TrialLog, read_log
 from sim_backend.effects.physics import Physics
 from sim_backend.evaluation import begin_trials
 from sim_backend.tasks import TASKS
@@ -30,6 +29,7 @@ from sim_backend.training.demonstrations.teacher import find_policy
 from sim_backend.training.export import ExportedPolicy
 from sim_backend.training.trying import robots_of
 from sim_backend.trifinger import constants as c
+from trial_logs.reader import LogUnreadableError, TrialLog, read_log
 
 TRIALS_AT_ONCE = 50
 PHYSICS_STEP_S = 0.004

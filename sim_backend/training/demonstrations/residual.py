@@ -7,12 +7,12 @@ import numpy as np
 from gymnasium import spaces
 
 from api_schemas.policy import InputScaling
-from sim_backend.practice import Practice
+from sim_backend.environments.practice import Practice
+from sim_backend.environments.vec_env import SEEN, TrifingerVecEnv
 from sim_backend.training.actor_critic import CLIP, EPSILON, ActorCritic
 from sim_backend.training.demonstrations.plain_policy import PlainPolicy
 from sim_backend.training.export import ExportedPolicy, count_layers, exported
 from sim_backend.training.recipe import ResidualTable
-from sim_backend.vec_env import SEEN, TrifingerVecEnv
 
 LARGEST = 10.0
 """Bound of a residual's outputs; so wide that the sum is what is clipped, as in the exported network."""

@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from torch import nn
 
-from sim_backend.action_space import ActionSpace
 from sim_backend.effects.physics import Physics
-from sim_backend.environment import Environment
-from sim_backend.practice import Practice
+from sim_backend.environments.action_space import ActionSpace
+from sim_backend.environments.environment import Environment
+from sim_backend.environments.practice import Practice
 from sim_backend.tasks import TASKS
 from sim_backend.training import evaluating
 from sim_backend.training.demonstrations.cloning import Cloning, read_demonstrations

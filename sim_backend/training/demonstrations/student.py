@@ -8,7 +8,7 @@ from torch import nn
 
 from api_schemas.policy import PolicyManifest
 from api_schemas.policy_network import Cell
-from sim_backend.observation_space import observation_space
+from sim_backend.environments.observation_space import observation_space
 from sim_backend.training.actor_critic import Inputs
 from sim_backend.training.demonstrations.recipe import StudentTable
 from sim_backend.training.export import ExportedPolicy, exported_network

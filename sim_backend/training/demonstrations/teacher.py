@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from api_schemas.policy import PolicyManifest
-from sim_backend.environment import Environment
+from sim_backend.environments.environment import Environment
 from sim_backend.layouts import layout_of
 from sim_backend.observation import ObservationBuilder, Sight
 from sim_backend.training import reference_policies

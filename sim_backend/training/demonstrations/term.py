@@ -12,12 +12,12 @@ import numpy as np
 import torch
 from torch import nn
 
-from sim_backend.practice import Practice
+from sim_backend.environments.practice import Practice
+from sim_backend.environments.vec_env import PRIVILEGED, SEEN
 from sim_backend.training.actor_critic import ActorCritic, hold_actor
 from sim_backend.training.demonstrations.cloning import as_practised
 from sim_backend.training.demonstrations.recording import joined, read_demonstrations
 from sim_backend.training.recipe import DemonstrationTable
-from sim_backend.vec_env import PRIVILEGED, SEEN
 
 CLONING_RATE = 1e-3
 

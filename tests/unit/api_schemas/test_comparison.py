@@ -9,7 +9,7 @@ from scipy.stats import binomtest
 
 from api_schemas.comparison import NotComparableError, changed_sides, compare, mcnemar, paired_interval
 from api_schemas.trial import OutcomeKind
-from tests.unit.api_schemas.test_report_text import report, trial
+from tests.unit.report_views.test_text import report, trial
 
 
 def job(name, outcomes, *, first_seed=100):

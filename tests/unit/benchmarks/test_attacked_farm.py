@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from robot_farm.jail import JailedPolicy, PolicyFailedError
+from robot_farm.policy.jail import JailedPolicy, PolicyFailedError
 from tests.benchmarks.attacking_robot_policy import hostile_graph
 from tests.graphs import linear
 

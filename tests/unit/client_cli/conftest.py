@@ -11,7 +11,7 @@ import pytest
 from api_schemas.policy import PolicyManifest
 from client_cli.main import run
 from tests.unit.client_cli.farm_server import TOKEN, FarmState, serving
-from tests.unit.client_cli.packed import MANIFEST
+from tests.unit.client_cli.packing.packed import MANIFEST
 
 
 @dataclass(frozen=True)

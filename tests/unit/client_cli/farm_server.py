@@ -22,8 +22,7 @@ from api_schemas.policy import LAYOUTS, Policy, PolicyManifest, WeightsFormat, p
 from api_schemas.robot import Robot, RobotPage, RobotState
 from api_schemas.status import FarmStatus
 from api_schemas.token import NewToken, Token, TokenPage, TokenRequest
-from api_schemas.trial import Trial, TrialPage, TrialState
-from api_schemas.verification import Verification
+from api_schemas.trial import Trial, TrialPage, TrialState, Verification
 
 TOKEN = "trifarm_test_secret"
 JOB_ID = "jabcdefghijkl"

@@ -4,13 +4,15 @@ import re
 from pathlib import Path
 
 import pytest
+import typer
+from typer.core import TyperGroup
 from typer.main import get_command
 
 from api_schemas.canary import Canary
 from api_schemas.comparison import Comparison
 from api_schemas.job import Job, JobPage
 from api_schemas.ladder import Ladder
-from api_schemas.policy_check import PolicyCheck
+from api_schemas.policy import PolicyCheck
 from api_schemas.report import IdentificationReport, Report
 from api_schemas.robot import Robot, RobotPage
 from api_schemas.signature import Signature
@@ -18,11 +20,12 @@ from api_schemas.status import FarmStatus
 from api_schemas.token import NewToken, TokenPage
 from chaos import run
 from chaos.promises import Evidence, check
-from client_cli import demo, fetch, identify, pack, top, up, verify
-from client_cli.embedded_farm import EmbeddedFarm
-from client_cli.exit_codes import MEANING
+from client_cli.commands import demo, fetch, identify, pack, top, up, verify
+from client_cli.connection.settings import Connection
+from client_cli.embedded.farm import EmbeddedFarm
 from client_cli.main import app
-from client_cli.settings import Connection
+from client_cli.packing.packed_files import Packed
+from client_cli.terminal.exit_codes import MEANING
 from tests.unit.client_cli.farm_server import STATUS, FarmState, job
 
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "cli.md").read_text()
@@ -40,7 +43,7 @@ JSON_KEYS = {
     "compare ID...": Comparison.model_fields,
     "verify REPORT": verify.document(verify.Verified(SIGNATURE, (), True)),
     "fetch ID": fetch.document(fetch.Fetched(job(FarmState()), Path(), (), (), 0, 0, None)),
-    "pack FILE...": pack.document(Path("p.safetensors"), "", 0.0, ""),
+    "pack FILE...": pack.document(Packed(Path(), Path(), "", 0.0, "", ())),
     "identify": identify.document(identify.Identified(job(FarmState()), None)),
     "robots": RobotPage.model_fields,
     "robots forget ROBOT": {"robot": "", "forgotten": True},
@@ -62,8 +65,10 @@ def walk(command, path):
     arguments = [parameter for parameter in command.params if parameter.param_type_name == "argument"]
     if path and (not hasattr(command, "commands") or command.invoke_without_command):
         yield " ".join([*path, *(argument.metavar for argument in arguments)]), command
-    for name, child in getattr(command, "commands", {}).items():
-        yield from walk(child, [*path, name])
+    if isinstance(command, TyperGroup):
+        context = typer.Context(command)
+        for name in command.list_commands(context):
+            yield from walk(command.get_command(context, name), [*path, name])
 
 
 COMMANDS = dict(walk(get_command(app), []))

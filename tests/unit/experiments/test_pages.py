@@ -15,27 +15,29 @@ from experiments.judging import Verdict
 from experiments.page import experiment_page, overview
 from experiments.run import document, write
 from experiments.store import Key, Store
+from tests import ROOT
 from tests.unit.experiments.small import SMALL, complete, rows, store_of
 
 CLAIMING = replace(SMALL, claims=(Claim("better by far", "a paper", "83 %", ("other against first", "other")),))
-PAGES = Path(__file__).parents[3] / "docs" / "experiments"
+PAGES = ROOT / "docs/experiments"
+RESULTS = ROOT / "results/experiments"
 
 
 def found_in(folder: Path) -> list:
     return [findings(each, Store(folder, folder / "no-work", each)) for each in CATALOGUE.values()]
 
 
-@pytest.mark.parametrize("found", found_in(PAGES), ids=CATALOGUE)
+@pytest.mark.parametrize("found", found_in(RESULTS), ids=CATALOGUE)
 def test_the_committed_pages_are_what_the_committed_results_give(found):
     name = found.experiment.name
     figure = PAGES / f"{name}.svg"
     assert (PAGES / f"{name}.md").read_text() == experiment_page(found, figure.exists())
-    assert json.loads((PAGES / f"{name}.json").read_text()) == json.loads(json.dumps(document(found)))
+    assert json.loads((RESULTS / f"{name}.json").read_text()) == json.loads(json.dumps(document(found)))
     assert figure.exists() == (figure_of(found) is not None) == figure.with_suffix(".png").exists()
 
 
 def test_the_committed_overview_is_what_the_committed_results_give():
-    assert (PAGES / "README.md").read_text() == overview(found_in(PAGES))
+    assert (PAGES / "README.md").read_text() == overview(found_in(RESULTS))
 
 
 def test_the_documented_keys_are_those_of_the_document(tmp_path):

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from api_schemas.physics_name import NAMED_PHYSICS
+from api_schemas.physics import NAMED_PHYSICS
 from experiments.provenance import code_digest, made_by, ranges_digest
 from sim_backend.effects.ranges import PRESET_NAMES
 

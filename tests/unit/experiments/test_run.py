@@ -69,7 +69,7 @@ def test_a_result_of_another_recipe_is_said_in_the_list_of_all_and_refused_alone
 def test_results_are_those_of_the_clone_wherever_the_user_is(lists, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     _, said = lists("memory")
-    assert f"results in {ROOT / 'docs' / 'experiments'}, checkpoints in {ROOT / 'build' / 'experiments'}" in said
+    assert f"results in {ROOT / 'results' / 'experiments'}, checkpoints in {ROOT / 'build' / 'experiments'}" in said
 
 
 def test_the_list_of_a_quick_form_leaves_nothing(lists, tmp_path, monkeypatch):

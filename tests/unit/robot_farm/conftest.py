@@ -4,7 +4,7 @@ import pytest
 
 from robot_farm.robot import Robot
 from robot_farm.settings import TOKEN_VARIABLE, parse
-from tests.unit.robot_farm.lease_api import lease_api
+from tests.unit.robot_farm.link.lease_api import lease_api
 
 
 @pytest.fixture

@@ -7,8 +7,8 @@ from api_schemas.robot import Lease
 from api_schemas.trial import Outcome
 from robot_farm.faults import parse_fault
 from robot_farm.hidden_physics import HiddenPhysics
-from robot_farm.jail import JailedPolicy
 from robot_farm.life import Life
+from robot_farm.policy.jail import JailedPolicy
 from robot_farm.settings import Reset
 from robot_farm.trial import measured_channels, run_trial
 from robot_farm.truth import TruthFile, truth_channels

@@ -5,7 +5,7 @@ from itertools import pairwise
 import pytest
 
 from robot_farm import farm
-from robot_farm.api_link import ApiUnreachableError, NotAdmittedError
+from robot_farm.link.api_link import ApiUnreachableError, NotAdmittedError
 from robot_farm.settings import NOT_TAKEN, TOKEN_VARIABLE, parse
 
 

@@ -7,23 +7,23 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from api_schemas import trial_log
-from api_schemas.object import ObjectName
+from api_schemas.physics import ObjectName
 from api_schemas.trial import Fault, OutcomeKind
-from api_schemas.trial_log_reader import read_log, read_truth
 from robot_farm import life as life_module
-from robot_farm.arena import HAND_POSITION_M
-from robot_farm.cooling import BETWEEN_TRIALS_S, cooled_k
-from robot_farm.jail import JailedPolicy
-from robot_farm.lease_keeper import TrialStoppedError
+from robot_farm.arena.cooling import BETWEEN_TRIALS_S, cooled_k
+from robot_farm.arena.motion import START_RAD
+from robot_farm.arena.reset import HAND_POSITION_M
 from robot_farm.life import OutOfServiceError, in_the_middle
-from robot_farm.motion import START_RAD
+from robot_farm.link.lease_keeper import TrialStoppedError
+from robot_farm.policy.jail import JailedPolicy
 from robot_farm.settings import Reset
 from robot_farm.truth import TruthFile
 from sim_backend.tasks.task import draw_trial
 from tests.graphs import linear
 from tests.unit.conftest import lease
 from tests.unit.robot_farm.living import SHORT_TASKS, Living
+from trial_logs import trial_log
+from trial_logs.reader import read_log, read_truth
 
 FAR_SEED = next(s for s in range(99) if np.hypot(*draw_trial(SHORT_TASKS["push"], s)[0].cube_position_world_m[0, :2]) > 0.1)
 """Of a start with the object far from the middle."""

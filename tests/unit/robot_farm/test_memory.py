@@ -6,7 +6,7 @@ import pytest
 
 from api_schemas.policy import LAYOUTS, OutputScaling
 from api_schemas.policy_network import Cell, FrameStack
-from robot_farm.jail import JailedPolicy
+from robot_farm.policy.jail import JailedPolicy
 from robot_farm.trial import log_channels, run_trial
 from services.policies import graph
 from sim_backend.driver.simulated import SimulatedDriver

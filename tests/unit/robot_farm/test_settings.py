@@ -2,7 +2,7 @@
 
 import pytest
 
-from api_schemas.jail.level import JailLevel
+from jail.level import JailLevel
 from robot_farm.farm_seed import FARM_SEED_VARIABLE
 from robot_farm.settings import JAIL_LEVEL_VARIABLE, TOKEN_VARIABLE, Reset, parse
 

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from api_schemas import trial_log
 from api_schemas.trial import Fault, OutcomeKind
-from api_schemas.trial_log_reader import read_log
 from robot_farm import trial
-from robot_farm.jail import JailedPolicy
+from robot_farm.policy.jail import JailedPolicy
 from robot_farm.trial import Progress, TrialStoppedError, log_channels, run_trial
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.tasks import TASKS
 from sim_backend.trifinger.objects import shape_of
 from tests.graphs import linear, long_error
 from tests.unit.conftest import lease
+from trial_logs import trial_log
+from trial_logs.reader import read_log
 
 
 @pytest.fixture

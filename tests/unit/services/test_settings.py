@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from api_schemas.jail.level import JailLevel
+from jail.level import JailLevel
 from services.__main__ import parsed
 from services.dashboard.trial_page import viewers
 

@@ -4,7 +4,7 @@ import pytest
 from fastapi import Request
 
 from api_schemas.token import Scope
-from api_schemas.verification import Verification
+from api_schemas.trial import Verification
 from services.api.tokens import Caller
 from services.api.truth import _receive, shown_to
 from services.errors import TooLarge, TooSlow

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from api_schemas import trial_log
-from api_schemas.object import ObjectName
-from api_schemas.trial_log import TrialLogWriter
+from api_schemas.physics import ObjectName
 from robot_farm.trial import measured_channels
 from services.dashboard.pages import FOLDER
 from services.dashboard.reduction import reduce
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger import viewer_scene
 from sim_backend.trifinger.objects import shape_of
+from trial_logs import trial_log
+from trial_logs.trial_log import TrialLogWriter
 
 KEPT = FOLDER / "static" / "trifinger.json"
 DIGITS = 6

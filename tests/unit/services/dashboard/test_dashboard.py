@@ -139,8 +139,8 @@ def test_a_log_is_reduced_to_what_is_drawn(short_log, tmp_path):
     import json
     import struct
 
-    from api_schemas.trial_log_reader import read_log
     from services.dashboard import reduction
+    from trial_logs.reader import read_log
 
     out = tmp_path / "replay.bin"
     reduction.main([str(short_log), str(out)])
@@ -176,9 +176,9 @@ def test_a_long_log_becomes_no_more_than_a_screen_has_columns(monkeypatch, short
 
 
 def test_the_truth_comes_from_its_own_file_where_there_is_one(short_log, tmp_path):
-    from api_schemas import trial_log
     from services.dashboard import reduction
     from sim_backend.trifinger import viewer_scene
+    from trial_logs import trial_log
 
     channels = trial_log.LogChannels(
         joint_names=tuple("abcdefghi"), frames=viewer_scene.MEASURED_FRAMES, topics=trial_log.TRUTH_TOPICS

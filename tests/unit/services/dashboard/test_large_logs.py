@@ -10,11 +10,11 @@ from fastapi import FastAPI, Request
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from api_schemas import trial_log as t
 from services.api.serving import stored_file
 from services.dashboard import bringing, reduction, replays
 from services.dashboard.bringing import UnreadableError, bring, spans
 from services.dashboard.partial import MOST_PACKED_BYTES, MOST_UNPACKED_BYTES
+from trial_logs import trial_log as t
 
 SIZE = 300 * 1000**2
 CHUNK_BYTES = 1024 * 1024

@@ -8,10 +8,10 @@ import pytest
 import zstandard
 from mcap.writer import Writer
 
-from api_schemas import trial_log as t
 from services.dashboard import reduction, replays
 from services.errors import Unavailable
 from tests.hostile.measured import Cost, run_measured
+from trial_logs import trial_log as t
 
 UNFOLDED_BYTES = 700 * 1024**2
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from api_schemas.jail import landlock
-from api_schemas.jail.level import JailLevel
 from api_schemas.policy import LAYOUTS, canonical_json
+from jail import landlock
+from jail.level import JailLevel
 from services.child import Ended
 from services.errors import Refused, Unavailable
 from services.policies import child

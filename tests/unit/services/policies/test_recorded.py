@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from safetensors import safe_open
 
-from api_schemas import robot_limits
+from api_schemas import physics
 from api_schemas.policy import LAYOUTS, OBSERVATION_SIZES, PolicyManifest
 from services.policies.recorded import RECORDING, observations, recorded_trials
 from sim_backend.tasks import TASKS
@@ -51,6 +51,6 @@ def test_every_layout_gets_its_fields_in_its_order(layout):
 
 
 def test_the_limits_are_those_of_the_simulated_robot():
-    assert pytest.approx(c.MAX_TORQUE_NM) == robot_limits.MAX_TORQUE_NM
-    np.testing.assert_array_equal(robot_limits.SOFT_LIMIT_LOWER_RAD, c.SOFT_LIMIT_LOWER_RAD)
-    np.testing.assert_array_equal(robot_limits.SOFT_LIMIT_UPPER_RAD, c.SOFT_LIMIT_UPPER_RAD)
+    assert pytest.approx(c.MAX_TORQUE_NM) == physics.MAX_TORQUE_NM
+    np.testing.assert_array_equal(physics.SOFT_LIMIT_LOWER_RAD, c.SOFT_LIMIT_LOWER_RAD)
+    np.testing.assert_array_equal(physics.SOFT_LIMIT_UPPER_RAD, c.SOFT_LIMIT_UPPER_RAD)

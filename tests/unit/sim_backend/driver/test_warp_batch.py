@@ -12,7 +12,7 @@ from sim_backend.driver.simulated import PhysicsDivergedError, SimulatedDriver
 from sim_backend.effects.effect import Acts
 from sim_backend.effects.physics import Physics
 from sim_backend.trifinger.objects import CUBE, shape_of
-from tests.unit.sim_backend.backends import WARP_IS_MISSING, needs_warp
+from tests.unit.sim_backend.driver.backends import WARP_IS_MISSING, needs_warp
 from tests.unit.sim_backend.effects.rig import CATALOGUE, c, go_to, present, run, start_of
 
 STEP_S = 0.004

@@ -5,11 +5,11 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from api_schemas import trial_log
-from api_schemas.trial_log import MEASURED_TOPICS, TRUTH_TOPICS, LogChannels, TrialLogWriter
 from sim_backend.reality_gap.farm_logs import find_logs, read_farm_logs
 from sim_backend.reality_gap.recording import RecordingError
 from sim_backend.trifinger import constants as c
+from trial_logs import trial_log
+from trial_logs.trial_log import MEASURED_TOPICS, TRUTH_TOPICS, LogChannels, TrialLogWriter
 
 STEPS, GAP = 1500, slice(700, 710)
 COMMANDS = (0, 400, 900)

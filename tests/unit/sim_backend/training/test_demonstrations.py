@@ -12,11 +12,10 @@ torch = pytest.importorskip("torch", reason="the extra 'learning' is not install
 pytest.importorskip("stable_baselines3", reason="the extra 'learning' is not installed")
 
 from api_schemas.policy import LAYOUTS, PolicyManifest  # noqa: E402
-from api_schemas.trial_log_reader import read_log  # noqa: E402
 from sim_backend.effects.physics import Physics  # noqa: E402
-from sim_backend.environment import Environment  # noqa: E402
+from sim_backend.environments.environment import Environment  # noqa: E402
+from sim_backend.environments.practice import practice_of  # noqa: E402
 from sim_backend.layouts import layout_of  # noqa: E402
-from sim_backend.practice import practice_of  # noqa: E402
 from sim_backend.training.__main__ import main  # noqa: E402
 from sim_backend.training.demonstrations.cloning import as_practised  # noqa: E402
 from sim_backend.training.demonstrations.recipe import ImitationRecipe  # noqa: E402
@@ -27,6 +26,7 @@ from sim_backend.training.demonstrations.teacher import Teacher, as_it_is, find_
 from sim_backend.training.export import ExportedPolicy, read_policy, write_policy  # noqa: E402
 from sim_backend.training.recipe import Recipe  # noqa: E402
 from sim_backend.training.train import Run  # noqa: E402
+from trial_logs.reader import read_log  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("default")  # torch's own
 EVALUATION = {"every_samples": 10_000_000, "trials": 2, "physics": ["nominal"], "final_trials": 0}

@@ -185,8 +185,8 @@ def test_ranges_grow_within_a_run(tmp_path):
 
 @pytest.mark.parametrize("layout", ["push", "move", "pose", "reach", "rrc2022-lift"])
 def test_differences_are_those_of_the_places_in_an_observation(layout):
-    from sim_backend.environment import Environment
-    from sim_backend.practice import practice_of
+    from sim_backend.environments.environment import Environment
+    from sim_backend.environments.practice import practice_of
 
     manifest = layout_of(layout)
     environment = Environment(practice_of("reach" if layout == "reach" else "lift", layout=manifest, physics_step_s=0.004))

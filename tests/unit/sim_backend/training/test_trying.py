@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("torch", reason="the extra 'learning' is not installed")
 
-from sim_backend.action_space import ActionMode, ActionSpace
+from sim_backend.environments.action_space import ActionMode, ActionSpace
 from sim_backend.layouts import layout_of
 from sim_backend.training import trying
 from sim_backend.training.export import ExportedPolicy, write_policy

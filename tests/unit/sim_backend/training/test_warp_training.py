@@ -9,7 +9,7 @@ from sim_backend.driver.warp_batch import WarpBatch  # noqa: E402
 from sim_backend.training.__main__ import main  # noqa: E402
 from sim_backend.training.recipe import Recipe  # noqa: E402
 from sim_backend.training.train import Run  # noqa: E402
-from tests.unit.sim_backend.backends import needs_warp  # noqa: E402
+from tests.unit.sim_backend.driver.backends import needs_warp  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("default")  # torch's own
 REACH = {
@@ -37,7 +37,7 @@ def test_a_policy_learns_on_warp_what_it_then_does_in_mujoco(tmp_path):
 
 def _rewards(run: Run) -> float:
     """Mean reward of the policy as it is, in MuJoCo."""
-    from sim_backend.vec_env import TrifingerVecEnv
+    from sim_backend.environments.vec_env import TrifingerVecEnv
 
     robots = TrifingerVecEnv(run.robots.environment.practice, robots=32, threads=1, seed=7)
     seen, total = robots.reset(), 0.0

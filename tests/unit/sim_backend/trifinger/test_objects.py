@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from api_schemas.object import LARGEST_SCALE, SMALLEST_SCALE, ObjectName
+from api_schemas.physics import LARGEST_SCALE, SMALLEST_SCALE, ObjectName
 from sim_backend.effects.contact import cube_size
 from sim_backend.tasks.task import draw_face_up_quat_wxyz
 from sim_backend.trifinger import constants as c

@@ -11,7 +11,7 @@ from sim_backend.driver.driver import Command
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.effects.catalogue import CATALOGUE
 from sim_backend.effects.physics import Physics
-from sim_backend.excitation import EXCITATIONS, RAISED_RAD
+from sim_backend.excitations.excitation import EXCITATIONS, RAISED_RAD
 from sim_backend.reality_gap.excite.advice import advice_after, first_advice
 from sim_backend.reality_gap.excite.answer import main, read_study
 from sim_backend.reality_gap.excite.course import WAY_UP_S, targets

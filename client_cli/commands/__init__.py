@@ -1,0 +1,1 @@
+"""The commands of ``trifarm``, a file each; ``client_cli/main.py`` lists them."""

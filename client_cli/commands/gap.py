@@ -1,0 +1,138 @@
+"""``trifarm gap``: what measured data say is wrong with a model, how good that answer is, and what to record next."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from client_cli.embedded.child_process import module_command
+from client_cli.terminal.errors import ClientError, UsageProblem
+from client_cli.terminal.exit_codes import ExitCode, epilog
+from client_cli.terminal.foreground import how_it_ended, run_to_end
+from client_cli.terminal.options import JsonOption
+
+REALITY_GAP = "sim_backend.reality_gap"
+ENDS = (ExitCode.OK, ExitCode.OTHER, ExitCode.USAGE, ExitCode.INTERRUPTED)
+
+commands = typer.Typer(no_args_is_help=True)
+
+
+@commands.callback(epilog=epilog(*ENDS))
+def gap() -> None:
+    """Compare measured data with a model and name the cause."""
+
+
+class Method(StrEnum):
+    """Ways from data to a better model."""
+
+    NAMING = "naming"
+    SIMOPT = "simopt"
+    COORDINATE_DESCENT = "coordinate-descent"
+
+
+@commands.command(epilog=epilog(*ENDS))
+def study(
+    data: Annotated[Path, typer.Argument(metavar="STUDY.toml|LOGDIR", help="A study.toml, or a folder of a robot's logs.")],
+    *,
+    data_folder: Annotated[
+        Path | None, typer.Option("--data", metavar="DIR", help="Where the data files of a study.toml lie.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Where the results go.")] = None,
+    method: Annotated[
+        Method, typer.Option("--method", help="naming names the cause; the others are there to be compared with it.")
+    ] = Method.NAMING,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Draws what is random about the study.")] = None,
+    trials: Annotated[
+        Path | None, typer.Option("--trials", metavar="JOBDIR", help="A policy's trials on the same robot, as fetched.")
+    ] = None,
+    policy: Annotated[
+        Path | None, typer.Option("--policy", metavar="FILE", help="That policy, to predict its success with both models.")
+    ] = None,
+    manifest: Annotated[
+        str | None, typer.Option("--manifest", metavar="LAYOUT|FILE", help="What the policy expects: a layout or a file.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Say where measured data and a model disagree, name the cause, write the better model, measure what it gained."""
+    if not data.exists():
+        raise UsageProblem(
+            f"there is no file or folder {data}; give a study.toml, or a folder of logs as 'trifarm fetch' makes it"
+        )
+    if data_folder is not None and not data_folder.is_dir():
+        raise UsageProblem(f"there is no folder {data_folder}")
+    success = (("--trials", trials), ("--policy", policy), ("--manifest", manifest))
+    if len([value for _, value in success if value is not None]) not in (0, len(success)):
+        raise UsageProblem("--trials, --policy and --manifest go together")
+    flags = [*_given("--data", data_folder), *_given("--out", out), "--method", method.value, *_given("--seed", seed)]
+    flags += [text for flag, value in success for text in _given(flag, value)]
+    _run("study", str(data), *flags, as_json=as_json)
+
+
+@commands.command(epilog=epilog(*ENDS))
+def blind_test(
+    *,
+    cases: Annotated[
+        int | None, typer.Option("--cases", metavar="N", min=0, help="Robots with a hidden effect; N/2 healthy ones come on top.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Draws the hidden effects.")] = None,
+    excitation: Annotated[
+        str | None,
+        typer.Option("--excitation", metavar="NAME", help="What the robots are seen by; 'everything' as 'identify' records it."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Where results are kept, and taken up again.")] = None,
+    processes: Annotated[int | None, typer.Option("--processes", metavar="N", min=1, help="How many work side by side.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Hide effects in simulated robots, ask for them, and count the right and wrong answers; goes on where it stopped."""
+    flags = [*_given("--cases", cases), *_given("--seed", seed), *_given("--excitation", excitation)]
+    flags += [*_given("--out", out), *_given("--processes", processes)]
+    _run("blind-test", *flags, as_json=as_json)
+
+
+@commands.command(epilog=epilog(*ENDS))
+def excite(
+    earlier: Annotated[
+        Path | None, typer.Argument(metavar="STUDY_OR_REPORT", help="A study's study.json, report.html or folder.")
+    ] = None,
+    *,
+    robot: Annotated[
+        str | None, typer.Option("--robot", metavar="ROBOT", help="The farm's robot that is to do it, for the command to run.")
+    ] = None,
+    excitation: Annotated[
+        str | None, typer.Option("--excitation", metavar="NAME", help="Which one --csv writes; without it the first advised.")
+    ] = None,
+    csv: Annotated[
+        Path | None, typer.Option("--csv", metavar="FILE", help="Write an excitation's position targets, for a robot elsewhere.")
+    ] = None,
+    model: Annotated[
+        Path | None, typer.Option("--model", metavar="MJCF", help="Whose joints and ranges --csv is made for; the study's.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Draws what --csv writes.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Say what to record next: after a study what settles its verdict, without one what tells most causes apart."""
+    for path in (earlier, model):
+        if path is not None and not path.exists():
+            raise UsageProblem(f"there is no file {path}")
+    if earlier is not None and earlier.is_dir() and not (earlier / "study.json").is_file():
+        raise UsageProblem(f"{earlier} holds no study.json; give the folder that 'trifarm gap study' wrote, or no study at all")
+    if csv is not None and not csv.absolute().parent.is_dir():
+        raise UsageProblem(f"cannot write {csv}: there is no folder {csv.absolute().parent}")
+    flags = [*_given("--robot", robot), *_given("--excitation", excitation), *_given("--csv", csv), *_given("--model", model)]
+    _run("excite", *([] if earlier is None else [str(earlier)]), *flags, *_given("--seed", seed), as_json=as_json)
+
+
+def _given(flag: str, value: object) -> list[str]:
+    """A flag and its value; nothing if there is none, so that each default has one home, in the child."""
+    return [] if value is None else [flag, str(value)]
+
+
+def _run(*arguments: str, as_json: bool) -> None:
+    """Run a part of the reality gap in a process of its own, which prints for itself, and end with its exit code."""
+    goes_on = "; the same command goes on where it stopped" if arguments[0] == "blind-test" else ""
+    command = module_command(REALITY_GAP, *arguments, *(["--json"] if as_json else []))
+    code = run_to_end(command, f"'gap {arguments[0]}' has been stopped{goes_on}")
+    if code not in ENDS:
+        raise ClientError(f"'gap {arguments[0]}' {how_it_ended(code)}")
+    raise typer.Exit(code)

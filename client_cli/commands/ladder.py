@@ -1,0 +1,105 @@
+"""``trifarm ladder``: success of each checkpoint of a ladder, with its interval."""
+
+import os
+import time
+import uuid
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from api_schemas.job import JobState
+from api_schemas.ladder import Ladder, LadderRequest, Rung, RungRequest
+from client_cli.connection.api_client import ApiClient
+from client_cli.connection.settings import load_connection
+from client_cli.policies.checkpoints import Checkpoint
+from client_cli.policies.policy_files import LocalPolicy, read_policy
+from client_cli.terminal.errors import Interrupted, ServerAway
+from client_cli.terminal.exit_codes import ExitCode
+from client_cli.terminal.options import JsonOption
+from client_cli.terminal.output import note, print_document, print_line, print_table
+from client_cli.views.following import GIVE_UP_AFTER_S
+from client_cli.views.progress import JobProgress
+from client_cli.views.progress_view import progress_view
+
+LOOK_EVERY_S = 1.0
+COLUMNS = ("step", "job", "state", "done", "succeeded", "rate", "80 % interval", "policy")
+LadderArgument = Annotated[str, typer.Argument(metavar="ID", help="The ladder's id, as submit printed it.")]
+
+
+def ladder(ladder_id: LadderArgument, as_json: JsonOption = False) -> None:
+    """Show a ladder: how each checkpoint of a folder does on the same goals, as far as it is."""
+    with ApiClient(load_connection(os.environ)) as client:
+        shown = client.ladder(ladder_id)
+    if as_json:
+        print_document(shown)
+    else:
+        print_ladder(shown)
+
+
+def read_checkpoints(
+    checkpoints: Sequence[Checkpoint], manifest: Path | None, layout: str | None
+) -> tuple[tuple[LocalPolicy, float], ...]:
+    """The policies and their steps; all are checked before the first is sent."""
+    return tuple((read_policy(each.file, manifest, layout), each.step) for each in checkpoints)
+
+
+def submit_ladder(
+    client: ApiClient, policies: Sequence[tuple[LocalPolicy, float]], wish: LadderRequest, idempotency_key: str | None
+) -> Ladder:
+    """Upload the policies and queue the ladder of them."""
+    for policy, _ in policies:
+        for warning in client.upload_policy(policy.digest, policy.weights, policy.manifest).warnings:
+            note(f"warning: {policy.weights.name}: {warning}")
+    return client.create_ladder(wish, idempotency_key or uuid.uuid4().hex)
+
+
+def rungs_of(policies: Sequence[tuple[LocalPolicy, float]]) -> tuple[RungRequest, ...]:
+    """What is asked for of each policy."""
+    return tuple(RungRequest(policy=policy.digest, step=step) for policy, step in policies)
+
+
+def follow_ladder(client: ApiClient, ladder_id: str) -> Ladder:
+    """Show a ladder's progress until its last job has ended. Ctrl-C leaves the jobs running."""
+    heard_at_s = time.monotonic()
+    try:
+        with progress_view() as view:
+            while True:
+                try:
+                    shown, heard_at_s = client.ladder(ladder_id), time.monotonic()
+                except ServerAway:
+                    if time.monotonic() - heard_at_s > GIVE_UP_AFTER_S:
+                        raise
+                else:
+                    view.show(_progress(shown))
+                    if shown.is_over:
+                        return shown
+                time.sleep(LOOK_EVERY_S)
+    except KeyboardInterrupt:
+        raise Interrupted(f"ladder {ladder_id} goes on without you; 'trifarm ladder {ladder_id}' shows it") from None
+
+
+def _progress(shown: Ladder) -> JobProgress:
+    done, successes = (sum(getattr(rung, name) for rung in shown.rungs) for name in ("trials_done", "successes"))
+    return JobProgress(trials=shown.trials * len(shown.rungs), done=done, successes=successes)
+
+
+def ladder_exit_code(shown: Ladder) -> ExitCode:
+    """0 when each rung has its report."""
+    whole = all(rung.state is JobState.SUCCEEDED for rung in shown.rungs)
+    return ExitCode.OK if whole else ExitCode.JOB_WITHOUT_REPORT
+
+
+def print_ladder(shown: Ladder) -> None:
+    """The ladder as a table, the first line saying what it is."""
+    drawn = " (drawn by the farm)" if shown.seed_drawn_by_server else ""
+    print_line(f"{shown.name}: {shown.task.value}, {len(shown.rungs)} rungs × {shown.trials} trials, seed {shown.seed}{drawn}")
+    print_table(COLUMNS, (_row(rung) for rung in shown.rungs))
+
+
+def _row(rung: Rung) -> tuple[object, ...]:
+    rate = None if rung.success_rate is None else f"{100 * rung.success_rate:.0f} %"
+    interval = None if rung.interval_80 is None else f"{100 * rung.interval_80[0]:.0f}–{100 * rung.interval_80[1]:.0f} %"
+    done = f"{rung.trials_done}/{rung.trials}"
+    return f"{rung.step:.10g}", rung.job_id, rung.state.value, done, rung.successes, rate, interval, rung.policy_name

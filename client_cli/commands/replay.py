@@ -1,0 +1,95 @@
+"""``trifarm replay``: what a log holds, and whether a new simulation gives the same numbers."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from api_schemas.trial import Verification
+from client_cli.connection.api_client import ApiClient
+from client_cli.connection.settings import load_connection
+from client_cli.embedded.child_process import module_command
+from client_cli.terminal.child_answer import answer_of, pass_on
+from client_cli.terminal.errors import UsageProblem
+from client_cli.terminal.exit_codes import ExitCode
+from client_cli.terminal.options import JsonOption
+from client_cli.terminal.output import note, print_document, print_line
+
+REPLAY = "sim_backend.replays.replay"
+NEEDS_TRUTH = 7
+"""Exit code of a replay that lacks what only the farm knows: the robot's physics."""
+
+
+def replay(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="A trial's log, such as trial-000.mcap.")],
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Simulate it again, compare every number, exit 6 if one differs.")
+    ] = False,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", metavar="FILE", help="The trial's truth, which operators can fetch; with --verify.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Show what a log holds; with --verify simulate it again, here or on the server if only that knows the robot's physics."""
+    if truth is not None and not verify:
+        raise UsageProblem("--truth is what --verify compares with; give --verify, too")
+    for path in (log, *([] if truth is None else [truth])):
+        if not path.is_file():
+            raise UsageProblem(f"there is no file {path}")
+    flags = ["--verify"] * verify + ([] if truth is None else ["--truth", str(truth)]) + ["--json"] * as_json
+    ended = _run(log, *flags)
+    if ended.returncode == NEEDS_TRUTH and verify and truth is None:
+        raise typer.Exit(_ask_server(log, as_json))
+    if ended.returncode == ExitCode.USAGE:
+        raise UsageProblem(_reason(ended))
+    sys.stderr.write(ended.stderr)
+    pass_on("replay", ended)
+
+
+def _run(log: Path, *flags: str) -> subprocess.CompletedProcess[str]:
+    return answer_of(module_command(REPLAY, str(log), *flags), stderr=subprocess.PIPE)
+
+
+def _reason(ended: subprocess.CompletedProcess[str]) -> str:
+    """Why a log or its truth cannot be used: a document with --json, else a line on stderr."""
+    if not ended.stdout:
+        return ended.stderr.strip().removeprefix("error: ")
+    said = json.loads(ended.stdout)
+    return ": ".join(filter(None, (said["error"], said.get("hidden"))))
+
+
+def _ask_server(log: Path, as_json: bool) -> ExitCode:
+    trial_id = _trial_of(log)
+    with ApiClient(load_connection(os.environ)) as client:
+        note(f"{log.name} is of a robot whose physics only its farm knows; {client.url} simulates it again")
+        verdict = client.verify(trial_id, log)
+    if as_json:
+        print_document(verdict)
+    else:
+        print_line(text(verdict, log.name))
+    return ExitCode.OK if verdict.same else ExitCode.DIFFERS
+
+
+def _trial_of(log: Path) -> str:
+    """The id of the log's trial, as the replay reads it."""
+    shown = _run(log, "--json")
+    try:
+        trial_id = json.loads(shown.stdout)["trial"]["trial_id"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise UsageProblem(f"{log} does not say which trial it is of: {(shown.stdout or shown.stderr).strip()[:200]}") from error
+    return str(trial_id)
+
+
+def text(verdict: Verification, name: str) -> str:
+    """The verdict in one line."""
+    if verdict.same:
+        return f"{name}: same numbers in all {verdict.steps} steps"
+    line = f"{name}: differs from step {verdict.first_difference_step} on"
+    if verdict.largest_joint_difference_rad is None or verdict.largest_cube_difference_m is None:
+        return line
+    joints, cube = f"{verdict.largest_joint_difference_rad:.3g} rad", f"{verdict.largest_cube_difference_m:.3g} m"
+    return f"{line} (by up to {joints} at the joints, {cube} at the cube)"

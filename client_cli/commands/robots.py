@@ -1,0 +1,82 @@
+"""``trifarm robots``: what every robot does, and drain, resume or forget one."""
+
+import os
+from typing import Annotated
+
+import typer
+
+from api_schemas.robot import Robot, RobotState
+from client_cli.connection.api_client import ApiClient
+from client_cli.connection.settings import load_connection
+from client_cli.terminal.exit_codes import OF_EVERY_REQUEST, epilog
+from client_cli.terminal.options import JsonOption
+from client_cli.terminal.output import age, print_document, print_line, print_table
+
+COLUMNS = ("robot", "state", "pid", "host", "trial", "simulated", "done", "seen", "reason")
+RobotArgument = Annotated[str, typer.Argument(metavar="ROBOT", help="The robot's name, such as robot-2.")]
+
+commands = typer.Typer(invoke_without_command=True)
+
+
+@commands.callback(epilog=epilog(*OF_EVERY_REQUEST))
+def robots(context: typer.Context, as_json: JsonOption = False) -> None:
+    """List the robots: state, process, trial and, if a robot is not in service, why."""
+    if context.invoked_subcommand:
+        return
+    with ApiClient(load_connection(os.environ)) as client:
+        page = client.robots()
+    if as_json:
+        print_document(page)
+    else:
+        print_table(COLUMNS, (_row(robot) for robot in page.robots))
+
+
+@commands.command(epilog=epilog(*OF_EVERY_REQUEST))
+def drain(robot: RobotArgument, as_json: JsonOption = False) -> None:
+    """Let a robot finish its trial and give it no other."""
+    with ApiClient(load_connection(os.environ)) as client:
+        answered = client.drain(robot)
+    _show(answered, f"{robot} is {_now(answered)}", as_json)
+
+
+@commands.command(epilog=epilog(*OF_EVERY_REQUEST))
+def resume(robot: RobotArgument, as_json: JsonOption = False) -> None:
+    """Give a drained robot trials again; one that is out of service tests itself again first."""
+    with ApiClient(load_connection(os.environ)) as client:
+        answered = client.resume(robot)
+    # The farm answers before the robot has heard of it.
+    will = {
+        RobotState.DRAINING: "will take trials again",
+        RobotState.OUT_OF_SERVICE: f"is to test itself again; until then it is {_now(answered)}",
+    }
+    _show(answered, f"{robot} {will.get(answered.state, f'is {_now(answered)}')}", as_json)
+
+
+@commands.command(epilog=epilog(*OF_EVERY_REQUEST))
+def forget(robot: RobotArgument, as_json: JsonOption = False) -> None:
+    """Take a robot that is gone for good off the list; what it did stays."""
+    with ApiClient(load_connection(os.environ)) as client:
+        client.forget(robot)
+    if as_json:
+        print_document({"robot": robot, "forgotten": True})
+    else:
+        print_line(f"{robot} is forgotten")
+
+
+def _now(robot: Robot) -> str:
+    return f"{robot.state.value}{f': {robot.reason}' if robot.reason else ''}"
+
+
+def _show(robot: Robot, sentence: str, as_json: bool) -> None:
+    if as_json:
+        print_document(robot)
+    else:
+        print_line(sentence)
+
+
+def _row(robot: Robot) -> tuple[object, ...]:
+    simulated = None if robot.simulated_s is None else f"{robot.simulated_s:.1f} s"
+    seen = age(robot.last_seen_at)
+    return (
+        robot.robot, robot.state, robot.pid, robot.host, robot.trial, simulated, robot.trials_done, seen, robot.reason or ""
+    )  # fmt: skip

@@ -1,0 +1,145 @@
+"""``trifarm submit``: a policy goes in, a job's id comes out; of a folder of checkpoints, a ladder's."""
+
+import os
+import uuid
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import typer
+from pydantic import ValidationError
+
+from api_schemas.builtin_policies import BUILTIN, PREFIX, builtin_digest
+from api_schemas.job import MAX_SEED, MAX_TRIALS, Job, JobPriority, JobRequest
+from api_schemas.ladder import LadderRequest
+from api_schemas.physics import ObjectName
+from client_cli.commands.ladder import follow_ladder, ladder_exit_code, read_checkpoints, rungs_of, submit_ladder
+from client_cli.connection.api_client import ApiClient
+from client_cli.connection.settings import load_connection
+from client_cli.policies.checkpoints import find_checkpoints
+from client_cli.policies.policy_files import LocalPolicy, read_policy
+from client_cli.terminal.errors import UsageProblem
+from client_cli.terminal.options import (
+    IdempotencyKeyOption,
+    JsonOption,
+    LayoutOption,
+    ManifestOption,
+    ObjectOption,
+    ObjectScaleOption,
+    PriorityOption,
+    TaskOption,
+    WaitOption,
+    WebhookOption,
+)
+from client_cli.terminal.output import counted, note, print_document, print_line
+from client_cli.terminal.wrong_values import sentence
+from client_cli.views.following import ending, exit_code_of, follow_to_end
+
+Wish = TypeVar("Wish", JobRequest, LadderRequest)
+
+
+def submit(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="The policy's weights: .safetensors, .onnx SB3's .zip, a folder of checkpoints, or builtin:grasp[-turn].",
+        ),
+    ],
+    task: TaskOption,
+    *,
+    manifest: ManifestOption = None,
+    layout: LayoutOption = None,
+    trials: Annotated[int, typer.Option("--trials", min=1, max=MAX_TRIALS, help="How many goals to try.")] = 40,
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", min=0, max=MAX_SEED, help="Draws goals and robots; the server draws one if absent."),
+    ] = None,
+    thing: ObjectOption = ObjectName.CUBE,
+    scale: ObjectScaleOption = 1.0,
+    priority: PriorityOption = JobPriority.NORMAL,
+    webhook: WebhookOption = None,
+    wait: WaitOption = False,
+    idempotency_key: IdempotencyKeyOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Upload a policy, queue a job of trials and print the job's id; of a folder, one job for each checkpoint."""
+    common: dict[str, object] = {"task": task, "trials": trials, "seed": seed, "object": thing, "object_scale": scale}
+    common["priority"] = priority
+    if file.is_dir():
+        if webhook is not None:
+            raise UsageProblem("--webhook is of one job; a folder makes several, which 'trifarm ladder' shows")
+        policies = read_checkpoints(find_checkpoints(file), manifest, layout)
+        named = {"name": file.resolve().name[:100] or "checkpoints", "rungs": rungs_of(policies)}
+        _submit_folder(policies, checked(LadderRequest, common | named), idempotency_key, wait=wait, as_json=as_json)
+        return
+    builtin = builtin_named(file)
+    policy = None if builtin else read_policy(file, manifest, layout)
+    digest = builtin_digest(builtin) if policy is None else policy.digest
+    wish = checked(JobRequest, common | {"policy": digest, "webhook": webhook})
+    with ApiClient(load_connection(os.environ)) as client:
+        if policy is None:
+            client.take_builtin(builtin)
+            job = client.create_job(wish, idempotency_key or uuid.uuid4().hex)
+        else:
+            job = submit_policy(client, policy, wish, idempotency_key)
+        if not as_json:
+            print_line(job.job_id)
+        if wait:
+            job = follow_to_end(client, job.job_id)
+            note(ending(job))
+        if as_json:
+            print_document(job)
+    if wait:
+        raise typer.Exit(exit_code_of(job))
+
+
+def builtin_named(file: Path) -> str:
+    """The name in ``builtin:NAME``; empty if a file is meant.
+
+    Raises:
+        UsageProblem: no policy of this name comes with the farm.
+    """
+    text = str(file)
+    if not text.startswith(PREFIX):
+        return ""
+    if (name := text.removeprefix(PREFIX)) not in BUILTIN:
+        raise UsageProblem(f"no built-in policy {name!r}; choose from {', '.join(PREFIX + each for each in BUILTIN)}")
+    return name
+
+
+def checked(schema: type[Wish], asked: Mapping[str, object]) -> Wish:
+    """What is asked for.
+
+    Raises:
+        UsageProblem: with the first thing that is wrong with it.
+    """
+    try:
+        return schema.model_validate(asked)
+    except ValidationError as error:
+        raise UsageProblem(sentence(error, "the job")) from error
+
+
+def _submit_folder(
+    policies: Sequence[tuple[LocalPolicy, float]], wish: LadderRequest, key: str | None, *, wait: bool, as_json: bool
+) -> None:
+    with ApiClient(load_connection(os.environ)) as client:
+        made = submit_ladder(client, policies, wish, key)
+        if not as_json:
+            print_line(made.ladder_id)
+        if wait:
+            made = follow_ladder(client, made.ladder_id)
+        shown = f"'trifarm ladder {made.ladder_id}' shows them, {client.url}/ladders/{made.ladder_id} too"
+        note(f"{counted(len(made.rungs), 'job')}; {shown}")
+        if as_json:
+            print_document(made)
+    if wait:
+        raise typer.Exit(ladder_exit_code(made))
+
+
+def submit_policy(client: ApiClient, policy: LocalPolicy, wish: JobRequest, idempotency_key: str | None = None) -> Job:
+    """Upload ``policy`` and queue the job of it; what the dry run found strange is noted, not refused."""
+    uploaded = client.upload_policy(policy.digest, policy.weights, policy.manifest)
+    for warning in uploaded.warnings:
+        note(f"warning: {warning}")
+    return client.create_job(wish, idempotency_key or uuid.uuid4().hex)

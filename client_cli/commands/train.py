@@ -1,0 +1,35 @@
+"""``trifarm train``: from a recipe to a policy that can be submitted."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from client_cli.embedded.child_process import module_command
+from client_cli.terminal.errors import ClientError
+from client_cli.terminal.exit_codes import ExitCode
+from client_cli.terminal.foreground import how_it_ended, run_to_end
+from client_cli.terminal.options import JsonOption
+
+TRAINING = "sim_backend.training"
+ENDS = (ExitCode.OK, ExitCode.OTHER, ExitCode.USAGE, ExitCode.INTERRUPTED)
+
+
+def train(
+    recipe: Annotated[str, typer.Argument(metavar="RECIPE", help="Name of a shipped recipe, or a TOML file.")],
+    *,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Folder of the run; train-RECIPE if it is not given.")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint in the folder.")] = False,
+    threads: Annotated[int | None, typer.Option("--threads", metavar="N", min=1, help="Cores to use; all if not given.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Train a policy by a recipe in many simulations at once; ends with a file that can be submitted."""
+    flags = [*(["--out", str(out)] if out else []), *(["--resume"] if resume else [])]
+    flags += ["--threads", str(threads)] if threads else []
+    command = module_command(TRAINING, recipe, *flags, *(["--json"] if as_json else []))
+    code = run_to_end(command, "'train' has been stopped; with --resume it goes on from its checkpoint")
+    if code not in ENDS:
+        raise ClientError(f"'train' {how_it_ended(code)}")
+    raise typer.Exit(code)

@@ -1,0 +1,1 @@
+"""How the client reaches a farm: address and token, requests, downloads, patience."""

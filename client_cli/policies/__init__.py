@@ -1,0 +1,1 @@
+"""Policies as files on this machine: weights with their manifest, folders of checkpoints."""

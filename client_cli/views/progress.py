@@ -1,0 +1,92 @@
+"""How far a job is: a value that each event moves on, and the sentence that tells it."""
+
+from dataclasses import dataclass, replace
+from datetime import datetime
+
+from api_schemas.job import Job, JobEvent, TaskName
+from client_cli.terminal.output import duration
+
+
+@dataclass(frozen=True)
+class JobProgress:
+    """A job's progress. ``running`` pairs the ordinal of each running trial with its robot.
+
+    ``of_robots`` has for each robot the trials it has done and how many of them succeeded, as far as events told.
+    """
+
+    trials: int
+    done: int = 0
+    successes: int = 0
+    running: tuple[tuple[int, str], ...] = ()
+    started_at: str | None = None
+    last_done_at: str | None = None
+    waiting_because: str | None = None
+    has_goals: bool = True
+    of_robots: tuple[tuple[str, int, int], ...] = ()
+    told_successes: int = 0
+    """By the last event; what the next one has more is its robot's."""
+
+
+def progress_of(job: Job) -> JobProgress:
+    """Where a job stands before any event."""
+    return JobProgress(
+        trials=job.trials,
+        done=job.trials_done,
+        successes=job.successes,
+        waiting_because=waiting_sentence(job),
+        has_goals=job.task is not TaskName.IDENTIFY,
+    )
+
+
+def waiting_sentence(job: Job) -> str | None:
+    """Why the job waits; nothing while its trials run, since then the bar moves."""
+    return None if job.trials_running else job.waiting_because
+
+
+def advance(progress: JobProgress, event: JobEvent) -> JobProgress:
+    """The progress after ``event``."""
+    robots = dict(progress.running)
+    if event.trial_ordinal is not None:
+        if event.kind in {"trial_leased", "trial_running"} and event.robot:
+            robots[event.trial_ordinal] = event.robot
+        else:
+            robots.pop(event.trial_ordinal, None)
+    done = event.kind == "trial_done"
+    of_robots = {robot: (trials, successes) for robot, trials, successes in progress.of_robots}
+    if done and event.robot:
+        trials, successes = of_robots.get(event.robot, (0, 0))
+        of_robots[event.robot] = (trials + 1, successes + event.successes - progress.told_successes)
+    return replace(
+        progress,
+        done=event.trials_done,
+        successes=event.successes,
+        running=tuple(robots.items()),
+        of_robots=tuple((robot, *counts) for robot, counts in sorted(of_robots.items())),
+        told_successes=event.successes,
+        started_at=progress.started_at or (event.at if robots or done else None),
+        last_done_at=event.at if done else progress.last_done_at,
+        waiting_because=None if robots else progress.waiting_because,
+    )
+
+
+def estimate_s(progress: JobProgress) -> float | None:
+    """Seconds of work left at the pace so far, by the server's clock; None until a trial has ended."""
+    if not (progress.done and progress.started_at and progress.last_done_at):
+        return None
+    worked = datetime.fromisoformat(progress.last_done_at) - datetime.fromisoformat(progress.started_at)
+    return worked.total_seconds() / progress.done * (progress.trials - progress.done)
+
+
+def sentence(progress: JobProgress) -> str:
+    """Everything but the bar, such as "11 succeeded, 4 running (robot-0 robot-1), about 12 s left"."""
+    parts = [f"{progress.successes} succeeded" if progress.has_goals else f"{progress.done} recorded"]
+    if progress.running:
+        names = sorted({robot for _, robot in progress.running})
+        shown = " ".join(names[:4]) + (" …" if len(names) > 4 else "")
+        parts.append(f"{len(progress.running)} running ({shown})")
+    if progress.waiting_because and progress.done < progress.trials:
+        parts.append(f"waiting: {progress.waiting_because}")
+    left = estimate_s(progress)
+    if left is not None and progress.done < progress.trials:
+        parts.append(f"about {duration(left)} left")
+    return ", ".join(parts)

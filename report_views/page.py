@@ -1,0 +1,226 @@
+"""A report as one page of HTML that needs nothing else: what it shows, the data it shows, and the farm's word for them.
+
+It is one thing and over 200 lines because the page is a function of the data alone, so that whoever holds a page can make it
+again from the data inside and see whether somebody changed what it shows.
+"""
+
+import hashlib
+import json
+import math
+from base64 import b64encode
+from collections.abc import Iterator
+from html import escape
+from typing import Any
+
+from api_schemas.report import Report, RobotRow, TrialRow
+from api_schemas.signature import Signature
+from api_schemas.trial import Fault, OutcomeKind
+from report_views import error_axis
+
+MAKER = "trifarm report page 1"
+"""Pages of another maker show the same data in another way."""
+DATA_ID = "trifarm-signed-report"
+TOLERANCE_MM, TOLERANCE_DEG = 20, 22
+STYLE = """
+:root{color-scheme:light dark;--ink:light-dark(#17201c,#e8eeea);--soft:light-dark(#55615b,#a3b0a9);
+--line:light-dark(#dfe3df,#2f3833);--bar:light-dark(#9ccbc6,#2f7069);--ok:light-dark(#1f7a4d,#57c98a);--not:light-dark(#b3372f,#ff8f85)}
+body{font:15px/1.55 system-ui,"Segoe UI",Roboto,"Noto Sans","DejaVu Sans",sans-serif;color:var(--ink);
+background:light-dark(#fff,#151a17);max-width:860px;margin:0 auto;padding:40px 24px 64px}
+h1{font-size:27px;line-height:1.25;letter-spacing:-.015em;margin:0;overflow-wrap:anywhere}
+h2{font-size:17px;margin:36px 0 10px}
+.soft{color:var(--soft)}.number{font-size:56px;font-weight:650;letter-spacing:-.03em;line-height:1.1;margin:22px 0 0}
+table{border-collapse:collapse;width:100%;font-size:13.5px}
+td,th{text-align:left;padding:5px 12px 5px 0;border-bottom:1px solid var(--line);vertical-align:top}
+.n{text-align:right;font-variant-numeric:tabular-nums}th{font-weight:500;color:var(--soft)}
+code{font:12.5px ui-monospace,Menlo,Consolas,"DejaVu Sans Mono",monospace;overflow-wrap:anywhere}
+svg{display:block;width:100%}.b{fill:var(--bar)}.g{fill:var(--line)}.w{stroke:var(--ink);fill:none;stroke-width:1.5}
+.ok{fill:var(--ok)}.not{fill:var(--not)}text{fill:var(--soft);font-size:11px}
+.bar{width:220px;height:14px}.wrap{overflow-x:auto}dl{display:grid;grid-template-columns:max-content 1fr;gap:4px 22px;margin:0}
+dt{color:var(--soft)}dd{margin:0;overflow-wrap:anywhere}
+@media(max-width:560px){dl{grid-template-columns:1fr}dt{margin-top:6px}body{padding:24px 16px}.bar{width:110px}}
+"""
+
+
+def style_source() -> str:
+    """What a content security policy has to say for the page's own style."""
+    return f"'sha256-{b64encode(hashlib.sha256(STYLE.encode()).digest()).decode()}'"
+
+
+def render_page(report: Report, signature: Signature) -> str:
+    """The whole page; whatever a user named is escaped."""
+    return "\n".join(_lines(report, signature)) + "\n"
+
+
+def _lines(report: Report, signature: Signature) -> Iterator[str]:
+    yield "<!doctype html>"
+    yield '<html lang="en"><head><meta charset="utf-8">'
+    yield f'<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; style-src {style_source()}">'
+    yield f'<meta name="generator" content="{MAKER}"><meta name="viewport" content="width=device-width, initial-scale=1">'
+    yield f"<title>{_text(report.policy_name)}: {report.task} · report of job {_text(report.job_id)}</title>"
+    yield f"<style>{STYLE}</style></head><body><main>"
+    yield from _section("result", _result(report))
+    yield from _section("robots", _robots(report))
+    yield from _section("errors", _errors(report))
+    yield from _section("trials", _trials(report))
+    yield from _section("methods", _methods(report))
+    yield from _section("signature", _signature(report, signature))
+    yield "</main>"
+    data = {"report": report.model_dump(mode="json"), "signature": signature.model_dump(mode="json")}
+    yield f'<script type="application/json" id="{DATA_ID}">{_embedded(data)}</script>'
+    yield "</body></html>"
+
+
+def _section(name: str, lines: Iterator[str]) -> Iterator[str]:
+    yield f'<section id="{name}">'
+    yield from lines
+    yield "</section>"
+
+
+def _embedded(data: dict[str, Any]) -> str:
+    """JSON that ends no element, whatever it says."""
+    text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _result(report: Report) -> Iterator[str]:
+    low, high = report.interval_80
+    yield f"<h1>{_text(report.policy_name)}</h1>"
+    what = f"{report.trials} trials of {report.task}{_object(report)}"
+    yield f'<p class="soft">{what} · job <code>{_text(report.job_id)}</code></p>'
+    yield f'<p class="number">{100 * report.success_rate:.0f} %</p>'
+    lower, upper = report.interval_95
+    yield (
+        f"<p>{report.successes} of {report.trials} trials succeeded · 80 % interval <b>{_percent(low)}–{_percent(high)} %</b> · "
+        f"95 % interval {_percent(lower)}–{_percent(upper)} %</p>"
+    )
+    yield _bar(report.success_rate, report.interval_80, 'viewBox="0 0 100 6" preserveAspectRatio="none" height="18"', 6)
+    ever = f"Reached at any time in {report.success_ever}"
+    faults = f"{report.policy_faults} ended by the policy's fault (counted as failures)"
+    yield f'<p class="soft">{ever} · {faults} · {report.platform_faults} attempts by the platform\'s (not counted)</p>'
+
+
+def _object(report: Report) -> str:
+    usual = report.object == "cube" and report.object_scale == 1.0
+    return "" if usual else f" with {_text(report.object)}, {report.object_scale:g} × its usual size"
+
+
+def _robots(report: Report) -> Iterator[str]:
+    yield '<h2>By robot</h2><div class="wrap"><table><tr><th>robot</th><th class="n">trials</th><th class="n">succeeded</th>'
+    yield '<th class="n">rate</th><th>80 % interval</th><th></th></tr>'
+    yield from (_robot(row) for row in report.per_robot)
+    yield "</table></div>"
+    if report.between_robots is not None:
+        lower, upper = report.between_robots.interval_80
+        share = f"{100 * report.between_robots.variance_share:.0f} % of the variance of success lies between robots"
+        yield f'<p class="soft">{share} (80 % interval {_percent(lower)}–{_percent(upper)} %).</p>'
+
+
+def _robot(row: RobotRow) -> str:
+    low, high = row.interval_80
+    cells = f'<td class="n">{row.trials}</td><td class="n">{row.successes}</td><td class="n">{row.success_rate:.2f}</td>'
+    bar = _bar(row.success_rate, row.interval_80, 'class="bar" viewBox="0 0 100 6" preserveAspectRatio="none"', 6)
+    return f"<tr><td>{_text(row.robot)}</td>{cells}<td>{low:.2f}–{high:.2f}</td><td>{bar}</td></tr>"
+
+
+def _bar(rate: float, interval: tuple[float, float], attributes: str, height: int) -> str:
+    low, high = (f"{100 * bound:.2f}" for bound in interval)
+    middle = height / 2
+    whisker = f"M{low} {middle}H{high}M{low} 1V{height - 1}M{high} 1V{height - 1}"
+    return (
+        f'<svg {attributes} role="img" aria-label="{100 * rate:.0f} %"><rect class="g" width="100" height="{height}"/>'
+        f'<rect class="b" width="{100 * rate:.2f}" height="{height}"/>'
+        f'<path class="w" vector-effect="non-scaling-stroke" d="{whisker}"/></svg>'
+    )
+
+
+def _errors(report: Report) -> Iterator[str]:
+    measured = [row for row in report.per_trial if row.outcome.measures is not None]
+    yield "<h2>How far from the goal the trials ended</h2>"
+    if not measured:
+        yield '<p class="soft">Nothing was measured.</p>'
+        return
+    label = f"Final position error of {len(measured)} trials in millimetres, on a logarithmic scale"
+    yield f'<svg viewBox="0 0 800 130" role="img" aria-label="{label}">'
+    for tick in error_axis.TICKS_MM:
+        x = _error_x(tick)
+        yield f'<path stroke="#8886" d="M{x:.1f} 0V108"/><text x="{x:.1f}" y="124" text-anchor="middle">{tick} mm</text>'
+    for index, row in enumerate(measured):
+        assert row.outcome.measures is not None, "only measured rows are here"
+        x, y = _error_x(1e3 * row.outcome.measures.final_position_error_m), 12 + 84 * error_axis.across(index)
+        word = "ok" if row.outcome.kind == OutcomeKind.SUCCEEDED else "not"
+        yield f'<circle class="{word}" cx="{x:.1f}" cy="{y:.1f}" r="4.5" opacity=".75"><title>trial {row.trial}</title></circle>'
+    yield "</svg>"
+
+
+def _error_x(error_mm: float) -> float:
+    return 24 + 752 * error_axis.along(error_mm)
+
+
+def _trials(report: Report) -> Iterator[str]:
+    yield '<h2>Trials</h2><div class="wrap"><table><tr><th class="n">trial</th><th>robot</th><th>outcome</th>'
+    yield '<th class="n">error mm</th><th class="n">angle °</th><th class="n">tries</th><th>why</th></tr>'
+    yield from (_trial(row) for row in report.per_trial)
+    yield "</table></div>"
+    if report.platform_fault_attempts:
+        yield "<h2>Attempts that failed by the platform's fault</h2><ul>"
+        for fault in report.platform_fault_attempts:
+            yield f"<li>trial {fault.trial}, attempt {fault.attempt} on {_text(fault.robot)}: {_text(fault.reason)}</li>"
+        yield "</ul>"
+
+
+def _trial(row: TrialRow) -> str:
+    measures = row.outcome.measures
+    error = "–" if measures is None else f"{1e3 * measures.final_position_error_m:.1f}"
+    turned = None if measures is None else measures.final_angle_error_rad
+    angle = "–" if turned is None else f"{math.degrees(turned):.1f}"
+    succeeded = row.outcome.kind == OutcomeKind.SUCCEEDED
+    whose = "" if row.outcome.fault == Fault.NONE else f" ({row.outcome.fault}'s fault)"
+    why = "" if succeeded else _text(row.outcome.reason)
+    ended = f"<td>{_text(row.robot)}</td><td>{_text(row.outcome.kind)}{whose}</td>"
+    numbers = f'<td class="n">{error}</td><td class="n">{angle}</td><td class="n">{row.attempts}</td>'
+    return f'<tr><td class="n">{row.trial}</td>{ended}{numbers}<td>{why}</td></tr>'
+
+
+def _methods(report: Report) -> Iterator[str]:
+    turned = any(row.outcome.measures and row.outcome.measures.final_angle_error_rad is not None for row in report.per_trial)
+    angle = f" and {TOLERANCE_DEG}° of its orientation" if turned else ""
+    yield "<h2>Methods</h2><dl>"
+    yield from _row("success", f"at the trial's end within {TOLERANCE_MM} mm of the goal{angle}")
+    yield from _row("intervals", "Wilson's score interval; every accepted trial counts, platform faults were tried again")
+    yield from _row("robots", f"{len(report.per_robot)}, drawn for each trial by the job's seed")
+    yield from _row("seed", str(report.seed))
+    yield from _row("policy", f"<code>{_text(report.policy)}</code> (SHA-256)")
+    if report.jail is not None:
+        yield from _row("jail of the policy", f"{_text(report.jail.level)}: {_text(', '.join(report.jail.layers))}")
+    if report.timing is not None:
+        keeps = "keeps its rate" if report.timing.keeps_rate else "would not keep its rate on hardware"
+        late = f"{report.timing.missed} of {report.timing.actions} actions took over {report.timing.allowed_ms:g} ms"
+        yield from _row("policy timing", f"{keeps}; {late}, 99th percentile {report.timing.p99_ms:.2f} ms")
+    yield from _row(
+        "queued, started, ended", f"{_text(report.created_at)}, {_text(report.started_at or '–')}, {_text(report.ended_at)}"
+    )
+    yield from _row("versions", _text(", ".join(f"{name} {value}" for name, value in sorted(report.versions.items()))))
+    yield "</dl>"
+
+
+def _signature(report: Report, signature: Signature) -> Iterator[str]:
+    logs = sum(row.log_sha256 is not None for row in report.per_trial)
+    yield "<h2>Signature</h2>"
+    yield f'<p class="soft">Signed with the SHA-256 of the policy, of {logs} logs and of each part of this report. '
+    yield "<code>trifarm verify FILE</code> checks this page without a connection.</p><dl>"
+    yield from _row("key of the farm", f"<code>{signature.key}</code>")
+    yield from _row("report", f"<code>{signature.report_sha256}</code> (SHA-256)")
+    yield from _row("signature (Ed25519)", f"<code>{signature.signature}</code>")
+    yield "</dl>"
+
+
+def _row(name: str, value: str) -> Iterator[str]:
+    yield f"<dt>{name}</dt><dd>{value}</dd>"
+
+
+def _percent(fraction: float) -> str:
+    return f"{100 * fraction:.0f}"
+
+
+def _text(value: object) -> str:
+    return escape(str(value), quote=True)

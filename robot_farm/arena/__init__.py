@@ -1,0 +1,1 @@
+"""Between trials: the arena is cleared, motors cool, the robot tests itself."""

@@ -1,0 +1,117 @@
+"""The policy process: runs one ONNX graph on the observations that the robot sends, and nothing else.
+
+Started as ``python -m robot_farm.policy.jailed_policy GRAPH.onnx IN_FD OUT_FD ROBOT_PID`` by ``jail.py``; imports as
+little as it can.
+It loads the runtime, opens the graph, closes the jail, and only then looks at what a stranger made.
+"""
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from api_schemas import policy_graph, policy_link
+from api_schemas.builtin_mark import BUILTIN_MARK
+from api_schemas.policy_graph import GraphRunner
+from jail.entering import end_with_parent, enter
+from jail.needs import Needs
+
+NEEDS = Needs(memory_bytes=4 * 1024**3)
+"""No file, no folder: the graph is read before."""
+
+MOST_NAMED_BYTES = 100
+Act = Callable[[bytes], tuple[Any, int]]
+"""From an observation's bytes to an action (float32 array) and its inference time in ns; one that remembers can ``forget``."""
+
+
+class UnknownHereError(Exception):
+    """The robot's version is not made for this policy, which is no fault of the policy."""
+
+
+def main(load: Callable[..., Act] | None = None) -> int:
+    """Answer requests until the robot closes its end. ``load`` makes something else of the graph than a network: tests only."""
+    graph, read_fd, write_fd, robot_pid = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
+    end_with_parent(robot_pid)
+    try:
+        import numpy as np
+
+        onnxruntime = policy_graph.runtime()
+        content = graph.read_bytes()
+        jail = enter(NEEDS)
+    except Exception as error:  # the robot's installation is broken, which is no fault of the policy
+        _reply_text(write_fd, error, policy_link.BROKEN)
+        return 1
+    os.write(write_fd, policy_link.pack_reply(policy_link.JAILED, " ".join(jail.layers).encode()))
+    try:
+        act = (load or _load)(content, np, onnxruntime)
+    except UnknownHereError as error:
+        _reply_text(write_fd, error, policy_link.BROKEN)
+        return 1
+    except Exception as error:  # whatever the runtime raises goes to the robot as text
+        _reply_text(write_fd, error)
+        return 1
+    os.write(write_fd, policy_link.pack_reply(policy_link.READY))
+    try:
+        while True:
+            _answer(act, read_fd, write_fd)
+    except (policy_link.LinkClosedError, BrokenPipeError):
+        return 0
+
+
+class Network:
+    """One policy in a session of one thread, with what it remembers of a trial."""
+
+    def __init__(self, runner: GraphRunner, np: Any) -> None:
+        self._runner = runner
+        self._np = np
+
+    def __call__(self, data: bytes) -> tuple[Any, int]:
+        """From an observation's bytes to an action (float32 array) and its inference time in ns."""
+        observation = self._np.frombuffer(data, self._np.float32)[None]
+        started_ns = time.perf_counter_ns()
+        action = self._runner.act(observation)
+        return action.reshape(-1), time.perf_counter_ns() - started_ns
+
+    def forget(self) -> None:
+        """Begin a new trial."""
+        self._runner.forget()
+
+
+def _load(graph: bytes, np, _onnxruntime) -> Network:
+    """The network as a function from observation bytes to an action array and its inference time in ns."""
+    if graph.startswith(BUILTIN_MARK):
+        asked = graph[:MOST_NAMED_BYTES].decode(errors="replace").strip()
+        raise UnknownHereError(f"this robot is too old for it: it does not know the {asked}; update the robot")
+    return Network(GraphRunner(policy_graph.session(graph)), np)
+
+
+def _answer(act: Act, read_fd: int, write_fd: int) -> None:
+    """Answer one request: an action that may depend on all observations since the last reset, or a reset."""
+    kind, count = policy_link.REQUEST.unpack(policy_link.read_exactly(read_fd, policy_link.REQUEST.size))
+    if kind == policy_link.RESET:
+        getattr(act, "forget", _nothing_to_forget)()
+        os.write(write_fd, policy_link.pack_reply(policy_link.OK))
+        return
+    try:
+        action, inference_time_ns = act(policy_link.read_exactly(read_fd, 4 * count))
+    except policy_link.LinkClosedError:
+        raise
+    except Exception as error:
+        _reply_text(write_fd, error)
+        return
+    os.write(write_fd, policy_link.pack_reply(policy_link.OK, action.tobytes(), inference_time_ns))
+
+
+def _nothing_to_forget() -> None:
+    """What a plain function does when a new trial begins."""
+
+
+def _reply_text(write_fd: int, error: Exception, status: int = policy_link.FAILED) -> None:
+    text = f"{type(error).__name__}: {error}".encode(errors="replace")[: policy_link.MAX_TEXT_BYTES]
+    os.write(write_fd, policy_link.pack_reply(status, text))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

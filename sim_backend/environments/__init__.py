@@ -1,0 +1,1 @@
+"""Robots that practise a task: one for Gymnasium, many at once for training."""

@@ -1,0 +1,80 @@
+"""Every command of docs/bring-your-weights.md that packs is run as it stands, on a checkpoint of that library's layout."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+import torch
+from torch import nn
+
+from api_schemas.policy import PolicyManifest
+from client_cli.policies.policy_files import read_policy
+from tests import ROOT
+from tests.unit.client_cli.packing.checkpoints import RlGames, RslRl, Skrl, TorchLstm, mlp
+
+PAGE = (ROOT / "docs" / "bring-your-weights.md").read_text()
+BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
+ROBOT = next(text for kind, text in BLOCKS if kind == "json")
+PYTHON = next(text for kind, text in BLOCKS if kind == "python")
+COMMANDS = [line for kind, text in BLOCKS if not kind for line in text.splitlines() if " pack " in line]
+SIZE = PolicyManifest.model_validate_json(ROBOT).observation_size
+
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+
+
+def stable_baselines():
+    stable = pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed")
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+    from tests.unit.client_cli.packing.toy_env import ToyEnv
+
+    normalised = VecNormalize(DummyVecEnv([lambda: ToyEnv(SIZE)]))
+    model = stable.PPO("MlpPolicy", normalised, device="cpu", n_steps=16, batch_size=16)
+    model.learn(32)
+    model.save("model.zip")
+    normalised.save("vec_normalize.pkl")
+
+
+def state_dict():
+    parts = {"memory": nn.GRU(SIZE, 16), "actor": mlp(16, 16, 9), "critic": mlp(SIZE, 1)}
+    torch.save(nn.ModuleDict(parts).state_dict(), "weights.pt")
+
+
+def programs():
+    exec(PYTHON, {"torch": torch, "network": mlp(SIZE, 16, 9)})
+
+
+MAKERS = {
+    "model.zip": stable_baselines,
+    "last_cube_ep_500.pth": lambda: torch.save({"model": RlGames(SIZE, "lstm-after").state_dict()}, "last_cube_ep_500.pth"),
+    "model_1500.pt": lambda: torch.save(RslRl(SIZE, "lstm").checkpoint(), "model_1500.pt"),
+    "agent_36000.pt": lambda: torch.save(Skrl(SIZE, "mlp").checkpoint(), "agent_36000.pt"),
+    "weights.pt": state_dict,
+    "network.pt2": programs,
+    "network.pt": programs,
+    "recurrent.pt": lambda: torch.jit.script(TorchLstm(SIZE)).save("recurrent.pt"),
+}
+
+
+def test_an_action_of_one_is_the_same_with_and_without_packing():
+    stated = {float(words[words.index("--scale") + 1]) for words in map(shlex.split, COMMANDS)}
+    assert stated == {PolicyManifest.model_validate_json(ROBOT).output_scaling.scale}
+
+
+def test_every_example_has_a_checkpoint():
+    assert [shlex.split(line)[2] for line in COMMANDS] == list(MAKERS)
+
+
+@pytest.mark.parametrize("line", COMMANDS, ids=lambda line: shlex.split(line)[2])
+def test_the_example_packs(line, tmp_path, monkeypatch, trifarm):
+    monkeypatch.chdir(tmp_path)
+    torch.manual_seed(0)
+    words = shlex.split(line)
+    MAKERS[words[2]]()
+    Path("robot.json").write_text(ROBOT)
+    ended = trifarm(*words[1:])
+    assert ended.code == 0, ended.err
+    assert "largest difference" in ended.out
+    out = Path(words[words.index("--out") + 1])
+    assert read_policy(out, None, None).manifest.observation_size == SIZE, "ready for trifarm submit"

@@ -1,0 +1,65 @@
+"""What is wrong with a value is said in a sentence, not in the words of the library that found it."""
+
+import pytest
+from pydantic import ValidationError
+
+from api_schemas.job import POLICY_TASKS, JobRequest, TaskName
+from api_schemas.policy import PolicyManifest
+from client_cli.terminal.options import AskedTask
+from client_cli.terminal.wrong_values import sentence
+
+JOB = {"policy": "0" * 64, "task": "push"}
+MANIFEST = {"observation": ["joint_position_rad"]}
+
+
+def said(schema, **wrong):
+    with pytest.raises(ValidationError) as error:
+        schema.model_validate((JOB if schema is JobRequest else MANIFEST) | wrong)
+    return sentence(error.value, "the whole")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "expected"),
+    [
+        ({"trials": -1}, "trials is -1 and should be greater than or equal to 1"),
+        ({"webhook": "ftp://x"}, "webhook: a webhook's address begins with https:// and a host, this one with 'ftp://x'"),
+        ({"colour": "red"}, "colour is not known there"),
+        ({"object": "x" * 99}, f"object is '{'x' * 58}… and should be 'cube', 'cuboid', 'sphere' or 'octagonal_prism'"),
+    ],
+)
+def test_a_wrong_job(wrong, expected):
+    assert said(JobRequest, **wrong) == expected
+
+
+def test_a_wrong_manifest():
+    assert said(PolicyManifest, rate_hz=300).startswith("rate_hz is 300; ")
+    with pytest.raises(ValidationError) as error:
+        PolicyManifest.model_validate({})
+    assert sentence(error.value, "it") == "observation is missing"
+
+
+def test_the_tasks_that_are_offered_are_those_of_policies(trifarm):
+    assert AskedTask.__args__ == POLICY_TASKS
+    missing = trifarm("submit", "x.onnx")
+    assert missing.code == 2
+    assert "move_cube_4" in missing.err
+    assert TaskName.IDENTIFY not in missing.err
+    wrong = trifarm("submit", "x.onnx", "--task", "identify")
+    assert wrong.code == 2
+    assert "'push'" in wrong.err
+    assert "Value error" not in wrong.err
+
+
+@pytest.mark.parametrize(
+    ("flags", "named"),
+    [(["--owner", "ann", "--days", "99999999"], "--days is 99999999"), (["--owner", "a b"], "the owner is 'a b'")],
+)
+def test_what_is_wrong_with_a_token_is_what_is_blamed(trifarm, flags, named):
+    ended = trifarm("token", "create", "--scope", "submit", *flags)
+    assert ended.code == 2
+    assert named in ended.err
+
+
+def test_numbers_out_of_range_read_as_sentences(trifarm):
+    err = trifarm("submit", "x.onnx", "--task", "push", "--trials", "9999").err
+    assert "'--trials': it should be less than or equal to 1000" in err

@@ -1,0 +1,55 @@
+"""How soon ``trifarm`` answers: help costs no more than its own text, and names every command as the command names itself."""
+
+import resource
+import subprocess
+import sys
+
+import pytest
+import typer
+
+from client_cli.main import COMMANDS, app
+
+HEAVY = ("torch", "mujoco", "onnxruntime", "onnx", "numpy", "httpx", "pydantic", "matplotlib", "client_cli.connection")
+WITHIN_S = 0.3
+BEST_OF = 5
+
+
+def _cpu_s(*arguments):
+    """User and system time of a Python process, s."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([sys.executable, *arguments], check=True, stdout=subprocess.DEVNULL)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def test_help_takes_less_than_0_3_s_of_cpu():
+    assert min(_cpu_s("-m", "client_cli", "--help") for _ in range(BEST_OF)) < WITHIN_S
+
+
+def test_help_loads_nothing_that_a_command_needs():
+    code = f"""
+import sys
+from client_cli.main import run
+try:
+    run(["--help"])
+except SystemExit:
+    pass
+sys.exit(" ".join(name for name in {HEAVY!r} if name in sys.modules) or 0)
+"""
+    done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_table_of_contents_says_of_a_command_what_it_says_of_itself(name):
+    group = typer.main.get_command(app)
+    command = group.get_command(typer.Context(group), name)
+    assert command.name == name
+    assert COMMANDS[name].summary()
+    assert " ".join(command.help.split()).startswith(" ".join(COMMANDS[name].summary().split()))
+
+
+def test_an_unknown_command_is_refused_with_the_nearest_name():
+    done = subprocess.run([sys.executable, "-m", "client_cli", "sumbit"], check=False, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "Did you mean 'submit'?" in done.stderr

@@ -1,0 +1,96 @@
+"""The farm for programs: whatever a program gets wrong is a ClientError, and reports are written as what they are named."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from api_schemas.builtin_policies import builtin_digest
+from api_schemas.policy import LAYOUTS
+from client_cli.commands import report
+from client_cli.terminal.errors import ClientError
+from services.jobs.reports import sign
+from services.signing import FarmKey
+from tests.unit.client_cli.farm_server import JOB_ID
+from tests.unit.report_views.test_text import report as some_report
+from tests.unit.report_views.test_text import trial
+from trifarm import Farm
+
+EXAMPLE = Path(__file__).resolve().parents[3] / "docs" / "examples" / "first_job.py"
+
+
+@pytest.fixture
+def weights(tmp_path):
+    path = tmp_path / "push.onnx"
+    path.write_bytes(b"weights")
+    return path
+
+
+@pytest.fixture
+def signed(monkeypatch, tmp_path):
+    body = some_report(trial(0))
+    signature = sign(body.model_dump(mode="json"), FarmKey.of(tmp_path))
+    monkeypatch.setattr(report, "_signed", lambda *_: (body, signature))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"task": "pusch"}, "'pusch' for a policy; choose from push, lift"),
+        ({"task": "identify"}, "choose from push"),
+        ({"trials": -1}, "trials is -1 and should be greater"),
+        ({"priority": "soon"}, "priority is 'soon' and should be"),
+        ({"object": "pear"}, "object is 'pear' and should be"),
+        ({"webhook": "http://x"}, "https://"),
+    ],
+)
+def test_what_cannot_be_asked_is_a_client_error(farm, weights, wrong, said):
+    with Farm() as connection, pytest.raises(ClientError, match=said):
+        connection.submit(weights, **{"task": "push", "layout": "rrc2022-push"} | wrong)
+    assert not farm.submissions
+    assert not farm.uploads
+
+
+def test_a_webhook_is_passed_on(farm, weights):
+    with Farm() as connection:
+        connection.submit(weights, task="push", layout="rrc2022-push", webhook="https://example.org/ended")
+    ((asked, _),) = farm.submissions
+    assert asked.webhook == "https://example.org/ended"
+
+
+def test_files_may_be_named_by_strings(farm, weights, tmp_path):
+    manifest = tmp_path / "other.json"
+    manifest.write_text(LAYOUTS["rrc2022-push"].model_dump_json())
+    with Farm() as connection:
+        connection.submit(str(weights), task="push", manifest=str(manifest))
+    assert len(farm.submissions) == 1
+
+
+def test_a_policy_that_comes_with_the_farm_needs_no_file(farm):
+    with Farm() as connection:
+        connection.submit("builtin:grasp", task="push")
+        with pytest.raises(ClientError, match="builtin:grasp-turn"):
+            connection.submit("builtin:dance", task="push")
+    ((asked, _),) = farm.submissions
+    assert asked.policy == builtin_digest("grasp")
+
+
+@pytest.mark.parametrize(("name", "begins"), [("r.html", b"<!"), ("r.pdf", b"%PDF"), ("r.PDF", b"%PDF")])
+def test_a_report_is_what_its_name_says(farm, signed, tmp_path, name, begins):
+    with Farm() as connection:
+        connection.job(JOB_ID).save_report(tmp_path / name)
+    assert (tmp_path / name).read_bytes().startswith(begins)
+
+
+@pytest.mark.parametrize(
+    ("path", "said"), [("/nonexistent/x.html", "cannot use /nonexistent/x.html"), ("x.txt", ".html or .pdf")]
+)
+def test_a_report_that_cannot_be_written_is_a_client_error(farm, signed, path, said):
+    with Farm() as connection, pytest.raises(ClientError, match=said):
+        connection.job(JOB_ID).save_report(path)
+
+
+def test_the_example_says_how_it_is_used():
+    ended = subprocess.run([sys.executable, EXAMPLE], stderr=subprocess.PIPE, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (1, "usage: python first_job.py WEIGHTS [TRIALS]\n")

@@ -1,0 +1,263 @@
+"""The log of a trial: which MCAP channels it has, and its writer.
+
+``/measured/`` channels hold what a real robot could give, ``/truth/`` channels what only a simulation knows. Robots that are all
+the same ideal one write both into one file; every other robot writes the truth into a file of its own (``TRUTH_TOPICS``). Times
+are simulated nanoseconds since the trial's start; a tracked pose is logged when it was delivered and stamped when its image was
+taken. Messages are those of Foxglove where it has one, so that Foxglove and Lichtblick show a log without set-up.
+"""
+
+import json
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import foxglove
+import numpy as np
+from foxglove import messages as fm
+from foxglove.mcap import MCAPWriteOptions
+
+from trial_logs.fixed_message import FixedMessage
+from trial_logs.messages import (
+    TRACKER_SCHEMA,
+    WORLD_FRAME,
+    command_schema,
+    encode_command,
+    encode_joint_states,
+    encode_motors,
+    encode_pose,
+    encode_torque,
+    encode_transforms,
+    motors_schema,
+    packed,
+    policy_step_schema,
+    torque_schema,
+)
+
+JOINT_STATES = "/measured/joint_states"  # foxglove.JointStates at 1 kHz; effort is the measured torque
+TORQUE = "/measured/torque"  # trifarm.Torque at 1 kHz: desired and applied
+TRACKED_POSE = "/measured/tracked_cube_pose"  # foxglove.PoseInFrame at 10 Hz
+TRACKER = "/measured/tracker"  # JSON at 10 Hz: capture and delivery time, confidence, visible faces, the pose before the filter
+POLICY = "/measured/policy"  # trifarm.PolicyStep at the policy's rate: observation, action, inference time
+COMMAND = "/measured/command"  # trifarm.Command, instead of POLICY, where an excitation ran
+GOAL = "/measured/goal"  # foxglove.PoseInFrame, once; not for ``reach``, whose goal is a metadata record
+MEASURED_TRANSFORMS = "/measured/tf"  # foxglove.FrameTransforms
+MEASURED_SCENE = "/measured/scene"  # foxglove.SceneUpdate, once
+EVENTS = "/measured/events"  # foxglove.Log
+CUBE_POSE = "/truth/cube_pose"  # foxglove.PoseInFrame at 100 Hz
+TRUE_TRANSFORMS = "/truth/tf"  # foxglove.FrameTransforms
+TRUE_SCENE = "/truth/scene"  # foxglove.SceneUpdate, once
+TRUE_JOINT_STATES = "/truth/joint_states"  # foxglove.JointStates at 100 Hz; effort is the torque that reached the joint
+MOTORS = "/truth/motors"  # trifarm.Motors at 4 Hz: temperatures
+TRUE_EVENTS = "/truth/events"  # foxglove.Log: faults as they come and go
+
+SHARED_TRUTH_TOPICS = (CUBE_POSE, TRUE_TRANSFORMS, TRUE_SCENE)
+"""The truth about robots that are all alike: it gives nothing away and stands in the same file."""
+TRUTH_TOPICS = (*SHARED_TRUTH_TOPICS, TRUE_JOINT_STATES, MOTORS, TRUE_EVENTS)
+MEASURED_TOPICS = (
+    JOINT_STATES,
+    TORQUE,
+    TRACKED_POSE,
+    TRACKER,
+    POLICY,
+    COMMAND,
+    GOAL,
+    MEASURED_TRANSFORMS,
+    MEASURED_SCENE,
+    EVENTS,
+)
+
+TRIAL_METADATA = "trial"
+OUTCOME_METADATA = "outcome"
+GOAL_METADATA = "goal"
+PHYSICS_METADATA = "physics"
+"""Of a truth file: the robot's effects and how they changed, the start and the seed of the noise."""
+MODEL_ATTACHMENT = "model.xml"
+MANIFEST_ATTACHMENT = "manifest.json"
+
+STEP_NS = 1_000_000
+FLUSH_EVERY_STEPS = 250
+"""A killed robot loses at most this much: the recorder flushes at least so often."""
+
+
+class LogChannels:
+    """The channels of a robot's logs and the templates of their messages, made once for all of its trials.
+
+    Args:
+        joint_names: names of the nine joints.
+        frames: (parent, child) of the moving transforms under /measured/tf, in the order of their rows.
+        topics: the channels that there are.
+    """
+
+    def __init__(
+        self,
+        *,
+        joint_names: tuple[str, ...],
+        frames: tuple[tuple[str, str], ...],
+        topics: tuple[str, ...] = (*MEASURED_TOPICS, *SHARED_TRUTH_TOPICS),
+    ) -> None:
+        self.context = foxglove.Context()
+        joint_states = FixedMessage(lambda v: encode_joint_states(joint_names, v), 3 * len(joint_names))
+        self.fixed = {
+            JOINT_STATES: joint_states,
+            TRUE_JOINT_STATES: joint_states,
+            TORQUE: FixedMessage(encode_torque, 18),
+            COMMAND: FixedMessage(encode_command, 18),
+            MOTORS: FixedMessage(encode_motors, len(joint_names)),
+            MEASURED_TRANSFORMS: FixedMessage(lambda v: encode_transforms(frames, v), 7 * len(frames)),
+            TRUE_TRANSFORMS: FixedMessage(lambda v: encode_transforms(((WORLD_FRAME, "cube"),), v), 7),
+        }
+        self.fixed |= dict.fromkeys((TRACKED_POSE, GOAL, CUBE_POSE), FixedMessage(encode_pose, 7))
+        self._channels = {
+            topic: foxglove.Channel(topic, schema=schema, message_encoding="protobuf", context=self.context)
+            for topic, schema in _protobuf_schemas().items()
+            if topic in topics
+        }
+        if TRACKER in topics:
+            self._channels[TRACKER] = foxglove.Channel(TRACKER, schema=TRACKER_SCHEMA, context=self.context)
+
+    def log(self, topic: str, message: bytes, time_ns: int) -> None:
+        """One encoded message."""
+        self._channels[topic].log(message, log_time=time_ns)
+
+    def log_rows(self, topic: str, values: np.ndarray, times_ns: np.ndarray) -> None:
+        """Many messages of fixed size; ``values`` has shape (n, doubles of the message)."""
+        log = self._channels[topic].base.log  # without the checks of its wrapper, which cost as much as the log itself
+        for encoded, time_ns in zip(self.fixed[topic].rows(values, times_ns), times_ns.tolist(), strict=True):
+            log(encoded, time_ns)
+
+
+class TrialLogWriter:
+    """Writes one trial's log; a context manager. Steps are physics steps of 1 ms since the trial's start.
+
+    Args:
+        path: file to create; it must not exist.
+        channels: the robot's channels; only one writer may use them at a time.
+    """
+
+    def __init__(self, path: Path, channels: LogChannels) -> None:
+        options = MCAPWriteOptions(compression_threads=0, compression_level=1)
+        self._writer = foxglove.open_mcap(path, context=channels.context, writer_options=options)
+        self._channels = channels
+
+    def __enter__(self) -> "TrialLogWriter":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._writer.close()
+
+    def joint_states(self, first_step: int, position: np.ndarray, velocity: np.ndarray, torque_nm: np.ndarray) -> None:
+        """Rows of consecutive steps; each array has shape (n, 9), in rad, rad/s and N m."""
+        values = np.stack([position, velocity, torque_nm], axis=2).reshape(len(position), -1)
+        steps = first_step + np.arange(len(position))
+        self._rows(JOINT_STATES, values, steps)
+
+    def true_joint_states(self, steps: np.ndarray, position: np.ndarray, velocity: np.ndarray, torque_nm: np.ndarray) -> None:
+        """True states and the torque that reached the joints; shapes (n,) and (n, 9), in rad, rad/s and N m."""
+        self._rows(TRUE_JOINT_STATES, np.stack([position, velocity, torque_nm], axis=2).reshape(len(position), -1), steps)
+
+    def motors(self, step: int, temperature_rise_k: np.ndarray) -> None:
+        """Temperatures of the motors above ambient, shape (9,), K."""
+        self._rows(MOTORS, temperature_rise_k[None], np.array([step]))
+
+    def command(self, step: int, desired_torque_nm: np.ndarray, position_target_rad: np.ndarray | None) -> None:
+        """What an excitation asked for, each shape (9,), N m and rad; without a position part the targets are NaN."""
+        target = np.full(len(desired_torque_nm), np.nan) if position_target_rad is None else position_target_rad
+        self._rows(COMMAND, np.concatenate([desired_torque_nm, target])[None], np.array([step]))
+
+    def torque(self, first_step: int, desired_nm: np.ndarray, applied_nm: np.ndarray) -> None:
+        """Rows of consecutive steps; each array has shape (n, 9), N m."""
+        values = np.concatenate([desired_nm, applied_nm], axis=1)
+        self._rows(TORQUE, values, first_step + np.arange(len(values)))
+
+    def cube_pose(self, steps: np.ndarray, position_world_m: np.ndarray, quat_wxyz: np.ndarray) -> None:
+        """True poses of the cube; shapes (n,), (n, 3), (n, 4)."""
+        self._rows(CUBE_POSE, np.concatenate([position_world_m, quat_wxyz], axis=1), steps)
+
+    def transforms(self, topic: str, steps: np.ndarray, values: np.ndarray) -> None:
+        """Moving transforms: per frame x, y, z in m and quaternion wxyz; shape (n, 7 * frames)."""
+        self._rows(topic, values, steps)
+
+    def tracked_pose(
+        self,
+        capture_step: int,
+        delivery_step: int,
+        position_world_m: np.ndarray,
+        quat_wxyz: np.ndarray,
+        confidence: float,
+        **more: Any,
+    ) -> None:
+        """One report of the tracker; ``more`` is written with it. Images taken before the start are stamped with the start."""
+        values = np.concatenate([position_world_m, quat_wxyz])[None]
+        stamp_ns = np.array([max(0, capture_step) * STEP_NS])
+        at_ns = max(0, delivery_step) * STEP_NS
+        self._channels.log(TRACKED_POSE, self._channels.fixed[TRACKED_POSE].rows(values, stamp_ns)[0], at_ns)
+        report = {
+            "capture_time_s": capture_step * STEP_NS / 1e9,
+            "delivery_time_s": delivery_step * STEP_NS / 1e9,
+            "confidence": float(confidence),
+            **more,
+        }
+        self._channels.log(TRACKER, json.dumps(report).encode(), at_ns)
+
+    def goal(self, position_world_m: np.ndarray, quat_wxyz: np.ndarray) -> None:
+        """The wanted pose of the cube, at the start."""
+        values = np.concatenate([position_world_m, quat_wxyz])[None]
+        self._rows(GOAL, values, np.zeros(1))
+
+    def policy_step(self, step: int, observation: np.ndarray, action: np.ndarray, inference_time_ns: int) -> None:
+        """What the policy saw, what it asked for and how long it took."""
+        encoded = (
+            packed(1, observation.astype(np.float32).tobytes())
+            + packed(2, action.astype(np.float64).tobytes())
+            + b"\x19"
+            + inference_time_ns.to_bytes(8, "little")
+        )
+        self._channels.log(POLICY, encoded, step * STEP_NS)
+
+    def message(self, topic: str, step: int, encoded: bytes) -> None:
+        """One encoded message of a channel that is written rarely (scenes, fixed transforms)."""
+        self._channels.log(topic, encoded, step * STEP_NS)
+
+    def event(self, step: int, text: str, *, error: bool = False, topic: str = EVENTS) -> None:
+        """A line of the trial's history."""
+        level = fm.LogLevel.Error if error else fm.LogLevel.Info
+        stamp = fm.Timestamp(sec=step // 1000, nsec=step % 1000 * STEP_NS)
+        event = fm.Log(timestamp=stamp, level=level, message=text, name="trial")
+        self._channels.log(topic, event.encode(), step * STEP_NS)
+
+    def metadata(self, name: str, values: dict[str, Any]) -> None:
+        """A metadata record; values that are not text are written as JSON."""
+        self._writer.write_metadata(
+            name, {key: value if isinstance(value, str) else json.dumps(value) for key, value in values.items()}
+        )
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """A file inside the log."""
+        self._writer.attach(log_time=0, create_time=0, name=name, media_type=media_type, data=data)
+
+    def flush(self) -> None:
+        """Hand everything written so far to the operating system."""
+        self._writer.flush()
+
+    def _rows(self, topic: str, values: np.ndarray, steps: np.ndarray) -> None:
+        self._channels.log_rows(topic, values, np.asarray(steps, dtype=np.int64) * STEP_NS)
+
+
+def _protobuf_schemas() -> dict[str, foxglove.Schema]:
+    """The schema of every channel but the JSON one."""
+    poses = {topic: fm.PoseInFrame.get_schema() for topic in (TRACKED_POSE, GOAL, CUBE_POSE)}
+    transforms = {topic: fm.FrameTransforms.get_schema() for topic in (MEASURED_TRANSFORMS, TRUE_TRANSFORMS)}
+    scenes = {topic: fm.SceneUpdate.get_schema() for topic in (MEASURED_SCENE, TRUE_SCENE)}
+    return {
+        JOINT_STATES: fm.JointStates.get_schema(),
+        TRUE_JOINT_STATES: fm.JointStates.get_schema(),
+        COMMAND: command_schema(),
+        MOTORS: motors_schema(),
+        TORQUE: torque_schema(),
+        POLICY: policy_step_schema(),
+        EVENTS: fm.Log.get_schema(),
+        TRUE_EVENTS: fm.Log.get_schema(),
+        **poses,
+        **transforms,
+        **scenes,
+    }

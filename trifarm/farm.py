@@ -1,0 +1,232 @@
+"""A farm for programs: submits a policy, waits for its report, goes through its trials, reads a log as arrays."""
+
+import os
+import tempfile
+import uuid
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from threading import Event
+from typing import TYPE_CHECKING, Self
+
+from api_schemas.builtin_policies import builtin_digest
+from api_schemas.job import POLICY_TASKS, Job, JobPriority, JobRequest, JobState, TaskName
+from api_schemas.physics import ObjectName
+from api_schemas.report import Report, read_report
+from api_schemas.trial import OutcomeKind, Trial
+from client_cli.commands.report import write_page, write_print
+from client_cli.commands.submit import builtin_named, checked
+from client_cli.connection.api_client import ApiClient, log_of
+from client_cli.connection.log_download import download, log_name
+from client_cli.connection.settings import load_connection
+from client_cli.policies.policy_files import read_policy
+from client_cli.terminal.errors import ClientError, UsageProblem, files_checked
+from client_cli.views.following import follow_to_end
+
+if TYPE_CHECKING:
+    from trifarm.log import Log
+
+REPORT_WRITERS = {".html": write_page, ".pdf": write_print}
+
+
+class Farm:
+    """A connection to a farm; use it as a context manager.
+
+    Args:
+        url: where it is; without it as for the command line: ``TRIFARM_URL``, or what ``trifarm up`` wrote.
+        token: who asks; without it as for the command line, which shows a stored token to its own farm alone.
+
+    Raises:
+        ClientError: an address or a token that cannot be used.
+
+    Example:
+        >>> import trifarm
+        >>> with trifarm.Farm() as farm:
+        ...     job = farm.submit("push.safetensors", task="push", trials=2, seed=1)
+        ...     report = job.wait()
+        ...     for trial in job.trials():
+        ...         trial.save_log(f"trial-{trial.trial.ordinal:03}.mcap")
+        PosixPath('trial-000.mcap')
+        PosixPath('trial-001.mcap')
+        >>> report.trials
+        2
+    """
+
+    def __init__(self, url: str | None = None, token: str | None = None) -> None:
+        self._client = ApiClient(load_connection(os.environ, url, token))
+
+    def __enter__(self) -> Self:
+        self._client.__enter__()
+        return self
+
+    def __exit__(self, *details: object) -> None:
+        self._client.__exit__(*details)
+
+    def submit(
+        self,
+        weights: Path | str,
+        *,
+        task: TaskName | str,
+        trials: int = 40,
+        seed: int | None = None,
+        layout: str | None = None,
+        manifest: Path | str | None = None,
+        object: ObjectName | str = ObjectName.CUBE,
+        object_scale: float = 1.0,
+        priority: JobPriority | str = JobPriority.NORMAL,
+        webhook: str | None = None,
+    ) -> "FarmJob":
+        """Uploads a policy and queues a job of it.
+
+        Args:
+            weights: a .safetensors, .onnx or stable-baselines3 .zip file; for operators also builtin:grasp or builtin:grasp-turn.
+            task: what is asked of the robots.
+            trials: how many goals are tried.
+            seed: draws goals and robots; the farm draws one if absent.
+            layout: a ready-made manifest by its name.
+            manifest: the manifest's file; without it and a layout, the one beside the weights.
+            object: what lies between the fingers.
+            object_scale: times the object's usual size.
+            priority: low waits behind the rest; high goes before it, for operators alone.
+            webhook: an https address that the farm calls at the job's end, where it may.
+
+        Raises:
+            ClientError: the policy cannot be used, or the farm refused it; the text says why.
+        """
+        if task not in POLICY_TASKS:
+            raise UsageProblem(f"there is no task {str(task)!r} for a policy; choose from {', '.join(POLICY_TASKS)}")
+        asked = {"task": task, "trials": trials, "seed": seed, "object": object, "object_scale": object_scale}
+        asked |= {"priority": priority, "webhook": webhook}
+        with files_checked():
+            builtin = builtin_named(Path(weights))
+            policy = None if builtin else read_policy(Path(weights), None if manifest is None else Path(manifest), layout)
+            wish = checked(JobRequest, asked | {"policy": builtin_digest(builtin) if policy is None else policy.digest})
+            if policy is None:
+                self._client.take_builtin(builtin)
+            else:
+                self._client.upload_policy(policy.digest, policy.weights, policy.manifest)
+        return FarmJob(self._client, self._client.create_job(wish, uuid.uuid4().hex))
+
+    def job(self, job_id: str) -> "FarmJob":
+        """A job by its id."""
+        return FarmJob(self._client, self._client.job(job_id))
+
+    def jobs(self, *, limit: int = 50, state: JobState | None = None) -> tuple["FarmJob", ...]:
+        """The newest jobs."""
+        return tuple(FarmJob(self._client, job) for job in self._client.jobs(limit=limit, state=state).jobs)
+
+
+@dataclass
+class FarmJob:
+    """A job of a farm; ``job`` is what was last heard of it.
+
+    Example:
+        >>> import trifarm
+        >>> with trifarm.Farm() as farm:
+        ...     newest = farm.jobs(limit=1)[0]
+        ...     newest.job.state.value
+        'succeeded'
+    """
+
+    client: ApiClient = field(repr=False)
+    job: Job
+
+    @property
+    def id(self) -> str:
+        """What the farm calls it."""
+        return self.job.job_id
+
+    def refresh(self) -> Job:
+        """The job as it is now."""
+        self.job = self.client.job(self.id)
+        return self.job
+
+    def wait(self) -> Report:
+        """Waits for the end, through lost connections, and gives the report; says on standard error how far it is.
+
+        Raises:
+            ClientError: the job failed or was cancelled; the text says why.
+        """
+        self.job = follow_to_end(self.client, self.id)
+        return self.report()
+
+    def report(self) -> Report:
+        """The report of a job that has ended with one.
+
+        Raises:
+            ClientError: it has none, or it is an identification's.
+        """
+        if self.job.state in {JobState.FAILED, JobState.CANCELLED}:
+            raise ClientError(f"job {self.id} {self.job.state}: {self.job.reason or 'no reason given'}")
+        report = read_report(self.client.report(self.id))
+        if not isinstance(report, Report):
+            raise ClientError(f"job {self.id} is an identification; 'trifarm report {self.id} --json' shows what it recorded")
+        return report
+
+    def save_report(self, path: Path | str) -> None:
+        """Writes the report: a .html file is one signed page, which ``trifarm verify`` checks, a .pdf file is for print.
+
+        Raises:
+            ClientError: there is no report, or the file has another ending or cannot be written.
+        """
+        write = REPORT_WRITERS.get(Path(path).suffix.lower())
+        if write is None:
+            raise UsageProblem(f"a report is written as {' or '.join(REPORT_WRITERS)}, and {str(path)!r} is neither")
+        with files_checked():
+            write(self.client, self.id, Path(path))
+
+    def trials(self) -> Iterator["FarmTrial"]:
+        """The trials in their order."""
+        return (FarmTrial(self.client, trial) for trial in self.client.trials(self.id))
+
+    def cancel(self) -> None:
+        """Takes the job out of the queue and has its running trials stopped."""
+        self.job = self.client.cancel(self.id)
+
+
+@dataclass(frozen=True)
+class FarmTrial:
+    """A trial of a job.
+
+    Example:
+        >>> import trifarm
+        >>> with trifarm.Farm() as farm:
+        ...     first = next(farm.jobs(limit=1)[0].trials())
+        ...     first.log().metadata["task"]
+        'push'
+    """
+
+    client: ApiClient = field(repr=False)
+    trial: Trial
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether it reached its goal."""
+        return self.trial.outcome is not None and self.trial.outcome.kind is OutcomeKind.SUCCEEDED
+
+    def log(self) -> "Log":
+        """The log as arrays; the file itself is not kept.
+
+        Raises:
+            ClientError: the trial has no log, or it cannot be read.
+        """
+        from trial_logs.reader import LogUnreadableError
+        from trifarm.log import read_log
+
+        with tempfile.TemporaryDirectory(prefix="trifarm-log-") as folder:
+            try:
+                return read_log(self.save_log(Path(folder) / log_name(self.trial.ordinal)))
+            except LogUnreadableError as error:
+                raise ClientError(str(error)) from error
+
+    def save_log(self, path: Path | str) -> Path:
+        """Brings the log to a file, checked against its SHA-256.
+
+        Raises:
+            ClientError: the trial has no log, or the file cannot be written.
+        """
+        if self.trial.log_sha256 is None:
+            name, state = self.trial.trial_id, self.trial.state
+            raise ClientError(f"trial {name} is {state} and has no log; logs come with accepted outcomes")
+        with files_checked():
+            return download(self.client, log_of(self.trial), Path(path), Event()).path

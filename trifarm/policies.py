@@ -1,0 +1,102 @@
+"""Policies as files on this machine: packed from a training library's checkpoint, checked as the farm checks them."""
+
+import json
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from api_schemas.policy import LAYOUTS, PolicyCheck, PolicyManifest, canonical_json
+from client_cli.commands.check import CHECKING, ENDS
+from client_cli.embedded.child_process import module_command
+from client_cli.packing.packed_files import Packed, pack_to
+from client_cli.packing.reading import Statement
+from client_cli.policies.policy_files import LAYOUT_NAMES, check_is_file, find_manifest, read_manifest
+from client_cli.terminal.child_answer import answer_of
+from client_cli.terminal.errors import ClientError, UsageProblem
+from client_cli.terminal.foreground import how_it_ended
+
+__all__ = ["Packed", "check", "pack"]
+
+
+def pack(
+    files: Path | str | Sequence[Path | str],
+    out: Path | str,
+    *,
+    expects: str | Path | PolicyManifest,
+    form: str = "auto",
+    architecture: str | None = None,
+    activation: str | None = None,
+    scale: float | None = None,
+    states: Sequence[tuple[int, ...]] = (),
+    normaliser: str | None = None,
+) -> Packed:
+    """Packs a training library's checkpoint into weights and manifest, compared with the original on 1,000 observations.
+
+    Reading a checkpoint runs the code in it: pack only files that you trust.
+
+    Args:
+        files: a checkpoint; of stable-baselines3 with its ``VecNormalize`` pickle beside it.
+        out: ``NAME.safetensors``, or ``NAME.onnx`` for TorchScript and ``torch.export`` programs; the manifest is ``NAME.json``.
+        expects: the observation that it was trained on: a ready-made layout by its name, a manifest's file, or a manifest.
+        form: kind of the file, where it does not show: ``sb3``, ``rl-games``, ``rsl-rl``, ``skrl``, ``state-dict`` …
+        architecture: the actor's modules in order, such as ``lstm,actor.0,actor.2``.
+        activation: ``elu``, ``relu`` or ``tanh``, where the file does not say.
+        scale: what an action of 1 of the training is, N m or rad.
+        states: shapes of the states of a TorchScript program.
+        normaliser: of a plain state dict: ``MEAN,VARIANCE[,EPSILON[,CLIP]]`` by name, or ``none``.
+
+    Raises:
+        ClientError: a file cannot be read or packed, or the packed policy acts otherwise than the original.
+
+    Example:
+        >>> import torch, trifarm  # rrc2022-push is an observation of 54 numbers
+        >>> network = {"architecture": "0,2", "activation": "tanh", "normaliser": "none"}
+        >>> actor = torch.nn.Sequential(torch.nn.Linear(54, 32), torch.nn.Tanh(), torch.nn.Linear(32, 9))
+        >>> torch.save(actor.state_dict(), "actor.pt")
+        >>> trifarm.pack("actor.pt", "mine.safetensors", expects="rrc2022-push", **network).unit
+        'N m'
+    """
+    given = [Path(files)] if isinstance(files, str | Path) else [Path(each) for each in files]
+    stated = Statement(_manifest(expects), form, architecture, activation, scale, tuple(states), normaliser)
+    return pack_to(Path(out), given, stated)
+
+
+def check(weights: Path | str, *, expects: str | Path | PolicyManifest | None = None) -> PolicyCheck:
+    """Says whether a farm would accept a policy, by the farm's own checks run here; nothing is sent.
+
+    Args:
+        weights: a .safetensors, .onnx or stable-baselines3 .zip file.
+        expects: a ready-made layout by its name, a manifest's file, or a manifest; the file beside the weights if None.
+
+    Returns:
+        The verdict; ``problem`` says what to do where the farm would refuse.
+
+    Raises:
+        ClientError: there is no such file, or the checks broke.
+
+    Example:
+        >>> import trifarm
+        >>> trifarm.check("push.safetensors").accepted
+        True
+    """
+    file = Path(weights)
+    check_is_file(file)
+    manifest = find_manifest(file, None, None) if expects is None else _manifest(expects)
+    with tempfile.TemporaryDirectory(prefix="trifarm-check-") as folder:
+        text = Path(folder) / "manifest.json"
+        text.write_text(canonical_json(manifest))
+        ended = answer_of(module_command(CHECKING, str(file), str(text), "--json"), subprocess.DEVNULL)
+    if ended.returncode not in ENDS:
+        raise ClientError(f"'check' {how_it_ended(ended.returncode)}")
+    return PolicyCheck.model_validate(json.loads(ended.stdout))
+
+
+def _manifest(expects: str | Path | PolicyManifest) -> PolicyManifest:
+    if isinstance(expects, PolicyManifest):
+        return expects
+    if isinstance(expects, str) and expects in LAYOUTS:
+        return LAYOUTS[expects]
+    if not Path(expects).is_file():
+        raise UsageProblem(f"{str(expects)!r} is neither a manifest's file nor a layout; layouts are {LAYOUT_NAMES}")
+    return read_manifest(Path(expects))
