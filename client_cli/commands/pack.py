@@ -88,7 +88,8 @@ def document(packed: "Packed") -> dict[str, object]:
 def _need_torch() -> None:
     if importlib.util.find_spec("torch") is None:
         raise ClientError(
-            "pack reads checkpoints with torch, which is not installed here: pip install -e '.[learning]' in the clone"
+            "pack reads checkpoints with torch, which is not installed here: pip install -e '.[learning]' in the clone, "
+            "or the wheel with '[learning]' after its name"
         )
 
 

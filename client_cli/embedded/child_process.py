@@ -20,6 +20,8 @@ TAIL_LINES = 15
 LOG_BYTES = 10 * 1024**2
 LOGS_KEPT = 3
 LOOK_EVERY_S = 0.01
+IN_A_CLONE = "pyproject.toml"
+"""Lies beside our packages in a clone only; a package called chaos may be anybody's in an environment's folder."""
 OWN_PREFIX = "TRIFARM_"
 """No such variable of the caller reaches a child that is not given it: an embedded farm has its own tokens."""
 
@@ -35,7 +37,7 @@ def clone_command(module: str, *arguments: str) -> list[str]:
     Raises:
         UsageProblem: trifarm was installed without the clone.
     """
-    if not (ROOT / module).is_dir():
+    if not (ROOT / IN_A_CLONE).exists():
         raise UsageProblem(
             f"'{module}' is part of trifarm's repository, not of the installed package: clone the repository, run 'make setup' "
             "there, and use its .venv/bin/trifarm"
@@ -46,7 +48,7 @@ def clone_command(module: str, *arguments: str) -> list[str]:
 def child_environment(**extra: str) -> dict[str, str]:
     """The environment of a child; it finds our packages in a clone that nobody has installed, too."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith(OWN_PREFIX)} | extra
-    if (ROOT / "pyproject.toml").exists():
+    if (ROOT / IN_A_CLONE).exists():
         environment["PYTHONPATH"] = os.pathsep.join(filter(None, (environment.get("PYTHONPATH"), str(ROOT))))
     return environment
 

@@ -75,7 +75,10 @@ def open_device(device: str | None) -> tuple[Any, Any, str]:
         import mujoco_warp
     except ImportError as error:
         missing = f"the physics back end 'warp' needs packages that are not installed ({error.name})"
-        raise BackendError(f"{missing}: pip install -e '.[gpu]' in the clone, or leave physics_backend at 'cpu'") from error
+        raise BackendError(
+            f"{missing}: pip install -e '.[gpu]' in the clone, or the wheel with '[gpu]' after its name; "
+            "or leave physics_backend at 'cpu'"
+        ) from error
     if device is None and not warp.is_cuda_available():
         found = "the physics back end 'warp' needs an NVIDIA GPU with its driver, and CUDA finds none here"
         raise BackendError(f"{found}: leave physics_backend at 'cpu' ('warp-cpu' runs it on the processor, slowly, for tests)")

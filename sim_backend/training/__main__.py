@@ -21,7 +21,8 @@ def main(arguments: list[str] | None = None) -> int:
         from sim_backend.training.train import Run
     except ImportError as error:
         return _problem(
-            f"training needs packages that are not installed ({error.name}): pip install -e '.[learning]' in the clone",
+            f"training needs packages that are not installed ({error.name}): pip install -e '.[learning]' in the clone, "
+            "or the wheel with '[learning]' after its name",
             OTHER,
         )
     from sim_backend.training.recipe import Recipe, RecipeError, load_recipe

@@ -42,8 +42,8 @@ def wheel(tmp_path_factory):
         ):
             (clone / name).parent.mkdir(parents=True, exist_ok=True)
             (clone / name).symlink_to(ROOT / name)
-    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", str(out), str(clone)]
-    subprocess.run(command, check=True)
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
+    subprocess.run([*command, "--wheel-dir", str(out), str(clone)], check=True)
     (found,) = out.glob("trifarm-*.whl")
     return found
 

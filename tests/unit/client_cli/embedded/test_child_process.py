@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from client_cli.embedded.child_process import LOGS_KEPT, child_environment, start_child
+from client_cli.embedded import child_process
+from client_cli.embedded.child_process import LOGS_KEPT, child_environment, clone_command, start_child
+from client_cli.terminal.errors import UsageProblem
 
 WRITES = """
 import sys, time
@@ -86,3 +88,11 @@ def test_nobody_waits_for_ever(tmp_path):
     assert not started.has_ended()
     started.kill()
     started.wait_for_all(10)
+
+
+def test_a_package_of_the_same_name_in_an_environment_is_not_that_of_a_clone(monkeypatch, tmp_path):
+    assert clone_command("chaos", "run")[-3:] == ["-m", "chaos", "run"]
+    (tmp_path / "chaos").mkdir()
+    monkeypatch.setattr(child_process, "ROOT", tmp_path)
+    with pytest.raises(UsageProblem, match="'chaos' is part of trifarm's repository, not of the installed package"):
+        clone_command("chaos", "run")
