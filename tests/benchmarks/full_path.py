@@ -25,10 +25,9 @@ from api_schemas.robot import Lease
 from api_schemas.trial_log_reader import TrialLog, read_log, read_truth
 from robot_farm.jail import JailedPolicy
 from robot_farm.life import Life
-from robot_farm.prepared import prepare_plainly
+from robot_farm.prepared import TrialPhysics, prepare_plainly
 from robot_farm.settings import Reset
 from robot_farm.trial import log_channels, measured_channels, run_trial
-from robot_farm.trial_physics import TrialPhysics
 from robot_farm.truth import TruthFile, truth_channels
 from sim_backend.driver.robot_model import robot_spec
 from sim_backend.driver.simulated import SimulatedDriver
