@@ -1,8 +1,5 @@
 """What a study.toml says of joints, objects and other signals: which column holds what, in which unit."""
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

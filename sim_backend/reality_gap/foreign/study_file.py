@@ -1,8 +1,5 @@
 """A study.toml, parsed and checked: which model, which recordings, which column holds what."""
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
-
 import hashlib
 import os.path
 import tomllib
