@@ -1,8 +1,8 @@
 """``python typings/make.py``: writes what pyright is told of MuJoCo's compiled modules, read from the wheel itself.
 
 The wheel has no stubs, so that a checker finds no name in it; but pybind11 writes the signature of every function and the type of
-every attribute into its docstring. The stub has only what the project names: run this again when MuJoCo's version changes and for a
-name that pyright does not know.
+every attribute into its docstring. The stub has only what the project names: run this again for a name that pyright does not
+know, and when MuJoCo's version changes.
 """
 
 import ast
