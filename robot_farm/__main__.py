@@ -22,8 +22,7 @@ def main() -> int:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # before numpy is imported: many robots share few cores
     os.umask(0o077)  # whatever robots write, unfinished truth among it, is theirs alone
-    from robot_farm.farm_seed import FARM_SEED_VARIABLE
-    from robot_farm.settings import NOT_TAKEN, parse
+    from robot_farm.settings import FARM_SEED_VARIABLE, NOT_TAKEN, parse
 
     settings = parse(sys.argv[1:])
     if settings.farm_seed is not None:
@@ -36,16 +35,14 @@ def main() -> int:
     system.prctl(_PR_SET_DUMPABLE, 0)  # no core files, and other processes of the user cannot look into memory or environment
     if settings.robot is None:
         from robot_farm.farm import run_robots
-        from robot_farm.watch import watch_parent
 
-        threading.Thread(target=watch_parent, args=(stop, parent_pid), daemon=True).start()
+        threading.Thread(target=_watch_parent, args=(stop, parent_pid), daemon=True).start()
         run_robots(settings, _without_count(sys.argv[1:]), stop, say)
         return 0
     from robot_farm.link.api_link import NotAdmittedError
     from robot_farm.robot import Robot
-    from robot_farm.watch import watch_parent
 
-    threading.Thread(target=watch_parent, args=(stop, parent_pid), daemon=True).start()
+    threading.Thread(target=_watch_parent, args=(stop, parent_pid), daemon=True).start()
     robot = Robot(settings.robot, settings, lambda text: say(f"{settings.robot}: {text}"))
     say(f"{settings.robot}: ready (pid {os.getpid()})")
     try:
@@ -55,6 +52,13 @@ def main() -> int:
         return NOT_TAKEN
     say(f"{settings.robot}: ended")
     return 0
+
+
+def _watch_parent(stop: threading.Event, parent_pid: int) -> None:
+    """Stop when the process that started this one has gone; for a thread of its own."""
+    while not stop.wait(0.5):
+        if os.getppid() != parent_pid:
+            stop.set()
 
 
 def _without_count(arguments: list[str]) -> list[str]:

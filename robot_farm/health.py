@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from api_schemas.robot import RobotHealth, SelfTest
+from robot_farm.ideal_life import IdealLife
 from robot_farm.life import Life
 from robot_farm.run import Progress
 
@@ -16,11 +17,11 @@ class WatchedHealth:
 
     Args:
         progress: gives that of the running trial, or of the last one.
-        life: of the robot; None where all are alike, which have neither temperatures nor tests.
+        life: of the robot; an ideal one has neither temperatures nor tests.
     """
 
     progress: Callable[[], Progress]
-    life: Life | None
+    life: Life | IdealLife
     _confidence: float | None = None
     _tests_seen: int = 0
     _self_test: SelfTest | None = None
@@ -30,12 +31,11 @@ class WatchedHealth:
         tracked = self.progress().tracked
         if tracked is not None:
             self._confidence = _rounded(float(tracked.confidence[0]), 3)
-        if self.life is None:
-            return RobotHealth(tracker_confidence=self._confidence)
         if self.life.tests_ended != self._tests_seen:
             self._tests_seen = self.life.tests_ended
             self._self_test = SelfTest(at=datetime.now(UTC).isoformat(timespec="seconds"), wrong=self.life.wrong)
-        rise_k = _rounded(self.life.temperature_rise_k, 1)
+        warmest_k = self.life.temperature_rise_k
+        rise_k = None if warmest_k is None else _rounded(warmest_k, 1)
         return RobotHealth(motor_temperature_rise_k=rise_k, tracker_confidence=self._confidence, self_test=self._self_test)
 
 

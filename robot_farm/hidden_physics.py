@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from api_schemas.error import error_document
-from robot_farm.farm_seed import given_seed
-from robot_farm.trial_physics import TrialPhysics
+from robot_farm.prepared import TrialPhysics
+from robot_farm.settings import given_seed
 from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import load_ranges
 

@@ -5,6 +5,7 @@ a robot that broke in a trial says so with this trial's outcome, not with the ne
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from typing import NoReturn
 
@@ -18,9 +19,10 @@ from robot_farm.arena.reset import Arena, by_hand
 from robot_farm.arena.self_test import LOOK_AGAIN_S, blind_camera, try_joints, try_sight, wrong_joint
 from robot_farm.arena.sweep import retreat
 from robot_farm.faults import RESTART_S, Change, Fault, draw_fault, timeline
-from robot_farm.prepared import Prepared, draw_start_and_goal, shape_of_lease
+from robot_farm.link.lease_keeper import TrialStoppedError
+from robot_farm.prepared import Prepared, TrialPhysics, draw_start_and_goal, shape_of_lease
 from robot_farm.settings import Reset
-from robot_farm.trial_physics import TrialPhysics
+from robot_farm.trial import measured_channels
 from robot_farm.truth import TruthFile
 from sim_backend.driver.driver import Start
 from sim_backend.driver.simulated import PhysicsDivergedError, SimulatedDriver
@@ -29,6 +31,7 @@ from sim_backend.tasks import TASKS
 from sim_backend.tasks.task import draw_start
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.objects import CUBE, Shape
+from trial_logs.trial_log import LogChannels
 
 StopReason = Callable[[], str | None]
 
@@ -48,6 +51,7 @@ class Life:
         faults: those that befall this robot by schedule.
         fault_rate: probability of a fault by chance in each trial.
         self_test_every: trials from one self-test to the next.
+        physics_digest: of what its farm's physics are, as others are told.
     """
 
     robot: str
@@ -56,6 +60,7 @@ class Life:
     faults: tuple[Fault, ...] = ()
     fault_rate: float = 0.0
     self_test_every: int = 5
+    physics_digest: str = ""
     wrong: str | None = None
     """Why the robot is out of service, None while it serves."""
     _arena: Arena | None = None
@@ -67,6 +72,10 @@ class Life:
     _tests: int = 0
     tests_ended: int = 0
     """Self-tests that came to an end, whatever they found."""
+
+    def log_channels(self) -> LogChannels:
+        """The channels of its logs, which hold nothing but what a real robot could give."""
+        return measured_channels()
 
     @property
     def driver(self) -> SimulatedDriver:
@@ -117,6 +126,22 @@ class Life:
                 arena, alarm.jump, physics_at(physics, changes, step), drawn.rng, failed=failed
             ),
         )
+
+    def test_in_turn(self, turn: AbstractContextManager[None], stop_reason: StopReason) -> str | None:
+        """Test the robot outside any lease while it has its turn on its core; a test that breaks off counts as failed.
+
+        Returns:
+            What is wrong, or that it passed; None if the test was stopped.
+        """
+        try:
+            with turn:
+                return self.test_again(stop_reason) or "passed"
+        except TrialStoppedError:
+            return None
+        except Exception as error:
+            self.forget()
+            self.wrong = f"the self-test broke off: {type(error).__name__}: {error}"
+            return self.wrong
 
     def test_again(self, stop_reason: StopReason) -> str | None:
         """Test the robot outside any lease: at its start, and when an operator wants it back in service.

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from api_schemas.robot import Lease
 from robot_farm.alarm import Alarm
 from robot_farm.faults import Change
@@ -15,10 +17,22 @@ from sim_backend.trifinger.objects import CUBE, Shape, resting_height_m, shape_o
 
 
 @dataclass(frozen=True)
+class TrialPhysics:
+    """What a robot is in one attempt at a trial.
+
+    Physics (n = 1), the seed of its noise (a whole number below 2**53), and a generator for what the robot does by chance.
+    """
+
+    physics: Physics
+    noise_seed: int
+    rng: np.random.Generator
+
+
+@dataclass(frozen=True)
 class Prepared:
     """Start, goal and cameras of a trial; the task is None for an excitation, which has no goal either.
 
-    The rest is for robots with a life of their own: ``changes`` are faults that come within the trial, ``events`` say what was
+    The rest is for robots that are not ideal: ``changes`` are faults that come within the trial, ``events`` say what was
     done to get ready, ``truth`` is where the truth is written (None: into the log), ``alarm`` watches the robot, and ``close``
     ends the trial on the robot's side: it is told at which step and whether the robot failed, and says what is wrong with it.
     """

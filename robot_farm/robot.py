@@ -15,6 +15,7 @@ from jail.level import too_open
 from robot_farm.core import stay_on_one_core, turn
 from robot_farm.health import WatchedHealth
 from robot_farm.hidden_physics import HiddenPhysics, farm_secret
+from robot_farm.ideal_life import IdealLife
 from robot_farm.life import Life, OutOfServiceError
 from robot_farm.link.admission import asked_until_answered, renewed
 from robot_farm.link.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError, Patience, TokenEndedError, own_token
@@ -23,13 +24,10 @@ from robot_farm.link.bus_link import Accepted, BusLink
 from robot_farm.link.lease_keeper import CANCELLED, LeaseKeeper, TrialStoppedError
 from robot_farm.link.outage import Outage
 from robot_farm.policy.jail import BUILTIN_PROCESS, POLICY_PROCESS, JailedPolicy
-from robot_farm.prepared import Prepared, prepare_plainly, shape_of_lease
 from robot_farm.run import Progress, live_state
 from robot_farm.settings import Settings
-from robot_farm.trial import log_channels, measured_channels, run_trial
+from robot_farm.trial import run_trial
 from robot_farm.truth import TruthFile, truth_channels
-from sim_backend.driver.simulated import SimulatedDriver
-from sim_backend.tasks import TASKS
 
 IDLE_WAIT_S = 0.5
 UNFINISHED = "unfinished"
@@ -37,7 +35,7 @@ UNFINISHED_KEPT = 5
 
 
 class Robot:
-    """One robot. Owner of its life (or, where all are alike, of its driver), of the policy process and of the lease in hand."""
+    """One robot. Owner of its life, of the policy process and of the lease in hand."""
 
     def __init__(self, name: str, settings: Settings, say: Callable[[str], None]) -> None:
         self._name, self._settings, self._say = name, settings, say
@@ -45,10 +43,8 @@ class Robot:
         self._folder.mkdir(parents=True, exist_ok=True)
         self._core = stay_on_one_core(name)
         self._keep_left_overs()
-        self._driver: SimulatedDriver | None = None
-        self._life = None if settings.is_plain else _life(name, settings)
-        self._physics_digest = "" if settings.is_plain else _hidden(name, settings).digest()
-        self._channels = log_channels() if self._life is None else measured_channels()
+        self._life = _life(name, settings)
+        self._channels = self._life.log_channels()
         self._truth_channels = truth_channels()
         self._jail = detect()
         self._policy: JailedPolicy | None = None
@@ -83,7 +79,7 @@ class Robot:
                     access,
                     self._name,
                     self._settings.physics_name,
-                    physics_digest=self._physics_digest,
+                    physics_digest=self._life.physics_digest,
                     live=self._live_state,
                     on_cancel=self._cancel,
                     stopping=stop.is_set,
@@ -162,11 +158,11 @@ class Robot:
             policy = self._policy_for(lease, api, self._outage.patience(keeper, stop))
             self._outage.waits = None
             with turn(self._settings.robots_folder, self._core, stop_reason=stop_reason):
-                driver, prepared = self._make_ready(lease, truth, stop_reason)
+                prepared = self._life.prepare(lease, truth, stop_reason)
                 outcome = run_trial(
                     lease,
                     policy,
-                    driver,
+                    self._life.driver,
                     self._channels,
                     log,
                     stop_reason=stop_reason,
@@ -186,54 +182,28 @@ class Robot:
             raise
         except Exception as error:
             self._end_policy()
-            self._forget()
+            self._life.forget()
             self._say(f"trial {lease.trial_id}, attempt {lease.fence}: {type(error).__name__}: {error}")
             return _ended(OutcomeKind.PLATFORM_ERROR, f"{type(error).__name__}: {error}")
         if FAULT_OF[outcome.kind] is not Fault.NONE:
             self._end_policy()  # never trusted with another trial in the same process
         return outcome
 
-    def _make_ready(
-        self, lease: Lease, truth: TruthFile, stop_reason: Callable[[], str | None]
-    ) -> tuple[SimulatedDriver, Prepared]:
-        """The robot's driver and what the trial begins with, after whatever the robot does before."""
-        if self._life is not None:
-            prepared = self._life.prepare(lease, truth, stop_reason)
-            return self._life.driver, prepared
-        shape = shape_of_lease(lease)
-        if self._driver is None or self._driver.shape != shape:
-            self._driver = SimulatedDriver(shape=shape)
-        return self._driver, prepare_plainly(lease, TASKS)
-
     def _test(self, stop: threading.Event) -> None:
-        """Have the robot test itself outside any trial; a test that breaks off counts as failed."""
-        if self._life is None:
-            return
+        """Have the robot test itself outside any trial."""
 
         def stop_reason() -> str | None:
             return "the robot is being stopped" if stop.is_set() else None
 
-        try:
-            with turn(self._settings.robots_folder, self._core, stop_reason=stop_reason):
-                wrong = self._life.test_again(stop_reason)
-        except TrialStoppedError:
-            return
-        except Exception as error:
-            self._forget()
-            wrong = self._life.wrong = f"the self-test broke off: {type(error).__name__}: {error}"
-        self._say(f"self-test: {wrong or 'passed'}")
+        found = self._life.test_in_turn(turn(self._settings.robots_folder, self._core, stop_reason=stop_reason), stop_reason)
+        if found is not None:
+            self._say(f"self-test: {found}")
 
     @property
     def _unfit(self) -> str | None:
         """Why the robot is out of service, None while it serves."""
         reason = too_open(self._jail, self._settings.jail_level)
-        return reason if reason is not None or self._life is None else self._life.wrong
-
-    def _forget(self) -> None:
-        """Nothing of the last trial is trusted any more."""
-        self._driver = None
-        if self._life is not None:
-            self._life.forget()
+        return self._life.wrong if reason is None else reason
 
     def _report(self, lease: Lease, api: ApiLink, kind: OutcomeKind, reason: str) -> None:
         """Say how the attempt ended without what it made, so that nobody waits until its lease runs out."""
@@ -279,20 +249,20 @@ class Robot:
         return None if lease is None else live_state(lease, self._progress)
 
 
-def _life(name: str, settings: Settings) -> Life:
-    """The life of a robot with physics of its own."""
+def _life(name: str, settings: Settings) -> Life | IdealLife:
+    """What the robot is between its trials; an ideal robot's life is one without effects."""
+    if settings.is_plain:
+        return IdealLife()
+    hidden = HiddenPhysics(farm_secret(settings.robots_folder, settings.farm_seed), name, settings.physics)
     return Life(
         robot=name,
-        draw=_hidden(name, settings).of_trial,
+        draw=hidden.of_trial,
         reset=settings.reset,
         faults=tuple(fault for fault in settings.faults if fault.robot == name),
         fault_rate=settings.fault_rate,
         self_test_every=settings.self_test_every,
+        physics_digest=hidden.digest(),
     )
-
-
-def _hidden(name: str, settings: Settings) -> HiddenPhysics:
-    return HiddenPhysics(farm_secret(settings.robots_folder, settings.farm_seed), name, settings.physics)
 
 
 def _ended(kind: OutcomeKind, reason: str) -> Outcome:

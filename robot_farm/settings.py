@@ -9,10 +9,11 @@ from pathlib import Path
 from api_schemas.physics import NOMINAL, physics_name
 from jail.level import JailLevel
 from robot_farm.checking import check_robots
-from robot_farm.farm_seed import FARM_SEED_VARIABLE, given_seed
 from robot_farm.faults import FORM, Fault, parse_fault
 from sim_backend.effects.ranges import load_ranges
 
+FARM_SEED_VARIABLE = "TRIFARM_FARM_SEED"
+"""The farm's seed as its robots are told: in the environment, which nobody else can read, unlike a command line."""
 TOKEN_VARIABLE = "TRIFARM_ROBOT_TOKEN"  # noqa: S105 - the name of a variable, not a secret
 NOT_TAKEN = 77
 """Exit code of a robot that the farm does not take (``EX_NOPERM`` of ``sysexits.h``)."""
@@ -80,7 +81,7 @@ class Settings:
 
     @property
     def is_plain(self) -> bool:
-        """Whether all robots are the same ideal one, always placed and never at fault: then they have no life of their own."""
+        """Whether all robots are the same ideal one, always placed and never at fault: its life is one without effects."""
         return self.physics == NOMINAL and self.reset is Reset.PLACEMENT and not self.faults and self.fault_rate == 0.0
 
 
@@ -135,6 +136,20 @@ def parse(arguments: list[str]) -> Settings:
         except ValueError as error:
             parser.error(str(error))
     return settings
+
+
+def given_seed() -> int | None:
+    """The farm's seed in the environment, None if there is none.
+
+    Raises:
+        ValueError: it is no whole number of 0 or more.
+    """
+    text = os.environ.get(FARM_SEED_VARIABLE, "")
+    if not text:
+        return None
+    if not (text.isascii() and text.isdigit()):
+        raise ValueError(f"{FARM_SEED_VARIABLE} is {text!r}; it must be a whole number of 0 or more")
+    return int(text)
 
 
 def _parser() -> argparse.ArgumentParser:

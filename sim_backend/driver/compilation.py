@@ -4,15 +4,13 @@ numba's own cache looks at the file of the function it compiles, not at the file
 cache is therefore kept in a folder named after all sources that may take part, and after numba's version.
 """
 
-# numba makes its settings when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
 import functools
 import hashlib
 import os
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numba
 from numba.core import config
@@ -20,20 +18,22 @@ from numba.core import config
 from sim_backend import effects, trifinger
 
 Compiled = TypeVar("Compiled")
+_SETTINGS: Any = config
+"""numba makes them when it is imported, which the type checker cannot see."""
 
 
 def compiled_once(compile_function: Callable[[bool], Compiled]) -> Compiled:
     """The result of ``compile_function``, which is told whether to use the cache; without it where no folder can be written."""
-    before = config.CACHE_DIR
+    before = _SETTINGS.CACHE_DIR
     try:
-        config.CACHE_DIR = str(_folder())
+        _SETTINGS.CACHE_DIR = str(_folder())
         with warnings.catch_warnings():
             warnings.simplefilter("error", numba.NumbaWarning)
             return compile_function(True)
     except (OSError, RuntimeError, numba.NumbaWarning):
         return compile_function(False)
     finally:
-        config.CACHE_DIR = before
+        _SETTINGS.CACHE_DIR = before
 
 
 @functools.cache

@@ -9,15 +9,15 @@ joints by the recorded torques.
 The addresses of the fields come from MuJoCo's own description of its structs (``mujoco.introspect``).
 """
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
 import ctypes
 import functools
+from collections.abc import Sequence
+from typing import cast
 
 import mujoco
 import numba
 import numpy as np
-from mujoco.introspect.ast_nodes import ArrayType, PointerType
+from mujoco.introspect.ast_nodes import ArrayType, PointerType, StructFieldDecl
 from mujoco.introspect.structs import STRUCTS
 from numba import carray, types  # pyright: ignore[reportPrivateImportUsage]
 from numba.extending import intrinsic
@@ -58,7 +58,7 @@ def _ctype(described):
 
 def _struct(name: str, last_field: str | None = None) -> type[ctypes.Structure]:
     """A struct of MuJoCo, up to and including ``last_field`` if given (what follows does not move it)."""
-    described = STRUCTS[name].fields
+    described = cast(Sequence[StructFieldDecl], STRUCTS[name].fields)  # those that are followed here have no unions
     if last_field is not None:
         described = described[: [field.name for field in described].index(last_field) + 1]
     return type(name, (ctypes.Structure,), {"_fields_": [(field.name, _ctype(field.type)) for field in described]})

@@ -1,7 +1,5 @@
 """Where the physics runs: MuJoCo's own batch on the processor, or mujoco_warp on a GPU; to the driver both are a batch."""
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
 from collections.abc import Sequence
 from enum import StrEnum
 from typing import Any, Protocol

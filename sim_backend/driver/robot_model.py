@@ -1,7 +1,5 @@
 """The compiled model of one robot: the nominal scene, changed by the effects that MuJoCo has."""
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
 import functools
 
 import mujoco

@@ -1,7 +1,5 @@
 """The simulated driver: sole owner of the physics state of n TriFingers."""
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
 from collections.abc import Sequence
 from dataclasses import fields
 

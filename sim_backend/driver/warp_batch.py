@@ -8,8 +8,6 @@ implementation serves both. The price is a copy of positions, velocities and tor
 mujoco_warp calculates in single precision: its trajectories are near MuJoCo's, not the same.
 """
 
-# mujoco fills its namespace when it is imported, and the packages of the extra need not be there
-# pyright: reportAttributeAccessIssue=false, reportMissingImports=false
 import functools
 from collections.abc import Sequence
 from typing import Any
@@ -69,10 +67,10 @@ def open_device(device: str | None) -> tuple[Any, Any, str]:
         BackendError: they are not installed, or there is no GPU.
     """
     try:
-        import warp
+        import warp  # pyright: ignore[reportMissingImports] - of the extra, which need not be installed
 
         warp.config.log_level = warp.LOG_WARNING  # what it tells otherwise goes to the standard output
-        import mujoco_warp
+        import mujoco_warp  # pyright: ignore[reportMissingImports] - as above
     except ImportError as error:
         missing = f"the physics back end 'warp' needs packages that are not installed ({error.name})"
         raise BackendError(

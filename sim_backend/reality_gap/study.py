@@ -3,7 +3,6 @@
 The process is :func:`run_study`; each step is a module of its own.
 """
 
-# pyright: reportAttributeAccessIssue=false
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The object's body in the scene: its geom, its colours, its mass."""
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
 import numpy as np
 from mujoco import MjSpec, mjtGeom
 

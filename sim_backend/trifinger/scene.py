@@ -4,8 +4,6 @@ The numbers have one home (``constants.py``), so the MJCF is generated, not writ
 what a log carries. Links are primitive geoms: spheres for the tips, capsules for the links.
 """
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
 import numpy as np
 from mujoco import MjModel, MjSpec, mjtCone, mjtGeom, mjtIntegrator
 

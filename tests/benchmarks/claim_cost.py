@@ -83,8 +83,10 @@ async def claim(database, robot, number):
     fleet, began = idle_fleet(), time.perf_counter()
     async with database.write(lasting=False) as tx:
         found = await find_trial(tx, robot, fleet, 1.0, None)
+        assert found is not None, "there are trials enough"
         claimed = await lease.write_lease(tx, 1.0 + number, found[0], robot, departure=found[1], lease_s=15.0)
     took_s = time.perf_counter() - began
+    assert claimed is not None, "nobody else claims"
     async with database.write(lasting=False) as tx:
         done = update(trial).where(trial.c.trial_id == claimed.trial_id).values(state=TrialState.DONE)
         await tx.execute(done)

@@ -20,14 +20,14 @@ import mujoco
 import numpy as np
 from mujoco.rollout import Rollout
 
+from api_schemas.job import TaskName
 from api_schemas.policy import PolicyManifest
 from api_schemas.robot import Lease
 from robot_farm.life import Life
 from robot_farm.policy.jail import JailedPolicy
-from robot_farm.prepared import prepare_plainly
+from robot_farm.prepared import TrialPhysics, prepare_plainly
 from robot_farm.settings import Reset
 from robot_farm.trial import log_channels, measured_channels, run_trial
-from robot_farm.trial_physics import TrialPhysics
 from robot_farm.truth import TruthFile, truth_channels
 from sim_backend.driver.robot_model import robot_spec
 from sim_backend.driver.simulated import SimulatedDriver
@@ -98,14 +98,15 @@ class RealRobot:
         self._life = Life("robot-0", self._draw, Reset.PLACEMENT, self_test_every=10**6)
         self._channels, self._truth_channels = measured_channels(), truth_channels()
 
-    def _draw(self, trial_id: str, _attempt: int) -> TrialPhysics:
-        rng = np.random.default_rng([FIRST_SEED, *trial_id.encode()])
+    def _draw(self, seed: int | str, _attempt: int) -> TrialPhysics:
+        rng = np.random.default_rng([FIRST_SEED, *str(seed).encode()])
         return TrialPhysics(self._ranges.draw_episode(rng, self._ranges.draw(rng, 1)), int(rng.integers(2**53)), rng)
 
     def run(self, lease: Lease, policy: JailedPolicy, path: Path) -> tuple[float, float]:
         """As of the nominal robot; what it moves after the trial counts as simulated, too."""
         truth = TruthFile(path.with_suffix(".truth.mcap"), self._truth_channels)
         ready = self._life.prepare(lease, truth, lambda: None)
+        assert self._life._arena is not None
         motion = self._life._arena.motion
         before_s, started_s = motion.simulated_s, time.perf_counter()
         run_trial(lease, policy, self._life.driver, self._channels, path, stop_reason=lambda: None, prepared=ready)
@@ -156,7 +157,7 @@ def _lease(manifest: PolicyManifest, seed: int) -> Lease:
         policy="0" * 64,
         manifest=manifest,
         graph_sha256="0" * 64,
-        task="push",
+        task=TaskName.PUSH,
         seed=seed,
     )
 

@@ -115,10 +115,11 @@ def summary_of_rates(blocks: list[dict]) -> dict:
 
 def ppo_shares(recipe: str, threads: int, iterations: int) -> dict:
     """What the loop of PPO spends its time on, as shares of the clock, once all robots have begun."""
-    from sim_backend.training.recipe import load_recipe
+    from sim_backend.training.recipe import Recipe, load_recipe
     from sim_backend.training.train import Run
 
     name, settings = load_recipe(recipe)
+    assert isinstance(settings, Recipe), "PPO's own loop"
     samples = settings.ppo.robots * settings.ppo.steps * iterations
     quick = settings.model_copy(update={"samples": samples, "minutes": None})
     watches = {name: Stopwatch() for name in ("begin", "physics", "environment", "act", "update")}

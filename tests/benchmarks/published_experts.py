@@ -209,7 +209,9 @@ def _expert(weights: Path, task: str):
         subprocess.run(command, check=True, capture_output=True, cwd=folder)
         session = onnxruntime.InferenceSession(graph.read_bytes(), providers=["CPUExecutionProvider"])
     name = session.get_inputs()[0].name
-    return lambda observation: np.concatenate([session.run(None, {name: row[None]})[0] for row in observation]), manifest
+    return lambda observation: np.concatenate(
+        [np.asarray(session.run(None, {name: row[None]})[0]) for row in observation]
+    ), manifest
 
 
 def main() -> int:

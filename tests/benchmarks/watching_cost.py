@@ -13,14 +13,14 @@ import tempfile
 import threading
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 
+from api_schemas.robot import Lease
 from robot_farm.health import WatchedHealth
+from robot_farm.ideal_life import IdealLife
 from robot_farm.policy.jail import JailedPolicy
-from robot_farm.robot import Robot
-from robot_farm.run import Progress
+from robot_farm.run import Progress, live_state
 from robot_farm.trial import log_channels, run_trial
 from services.dashboard.watch_page import message
 from sim_backend.driver.simulated import SimulatedDriver
@@ -49,10 +49,9 @@ def trial(folder: Path, policy: JailedPolicy, driver: SimulatedDriver, channels,
     progress, over, shows = Progress(), threading.Event(), []
 
     def show() -> None:
-        robot = SimpleNamespace(_lease=lease(), _progress=progress, _name="robot-0")
+        leased = lease()
         while not over.wait(EVERY_S):
-            state = Robot._live_state(robot)
-            shows.append(None if state is None else state.model_dump_json())
+            shows.append(_shown(leased, progress))
 
     watcher = threading.Thread(target=show, daemon=True)
     path = folder / f"{time.monotonic_ns()}.mcap"
@@ -68,6 +67,12 @@ def trial(folder: Path, policy: JailedPolicy, driver: SimulatedDriver, channels,
     return {"cpu_s": round(spent_s, 3), "shown": len(shows), "sha256": digest, "progress": progress}
 
 
+def _shown(leased: Lease, progress: Progress) -> str | None:
+    """What the robot sends for one showing."""
+    state = live_state(leased, progress)
+    return None if state is None else state.model_dump_json()
+
+
 def main() -> None:
     """Measures and prints."""
     parser = argparse.ArgumentParser()
@@ -81,15 +86,15 @@ def main() -> None:
             for _ in range(PAIRS)
         ]
     progress = runs[-1][1]["progress"]
-    robot = SimpleNamespace(_lease=lease(), _progress=progress, _name="robot-0")
-    state = Robot._live_state(robot)
+    leased = lease()
+    state = live_state(leased, progress)
     assert state is not None
-    one_us = cpu_us(lambda: Robot._live_state(robot).model_dump_json())
+    one_us = cpu_us(lambda: _shown(leased, progress))
     found = {
         "load_before": os.getloadavg()[0],
         "robot_us_for_one_showing": one_us,
         "robot_share_of_a_core_at_10_hz": round(10 * one_us / 1e6, 5),
-        "robot_us_for_its_health_once_a_second": cpu_us(WatchedHealth(lambda: progress, None).health),
+        "robot_us_for_its_health_once_a_second": cpu_us(WatchedHealth(lambda: progress, IdealLife()).health),
         "services_us_for_one_message_to_one_viewer": cpu_us(lambda: message(state)),
         "bytes_of_a_message_to_a_viewer": len(message(state)),
         "trial_cpu_s_not_shown_and_shown": [[alone["cpu_s"], shown["cpu_s"]] for alone, shown in runs],

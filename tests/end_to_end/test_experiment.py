@@ -18,11 +18,16 @@ pytest.importorskip("stable_baselines3", reason="the extra 'learning' is not ins
 from tests.end_to_end.farm import TRIFARM
 
 
-def experiment(*flags, code=0):
+def experiment(*flags: str) -> dict:
+    """What a command that succeeds prints."""
+    return json.loads(ended(0, *flags).stdout)
+
+
+def ended(code: int, *flags: str) -> subprocess.CompletedProcess[str]:
     command = [*TRIFARM, "experiment", "randomization", "--quick", "--json", *flags]
     done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=280)
     assert done.returncode == code, done.stdout + done.stderr
-    return json.loads(done.stdout) if code == 0 else done.stderr, done.stderr
+    return done
 
 
 def processes_of(folder: Path) -> list[str]:
@@ -63,7 +68,7 @@ def test_the_quick_form_trains_tries_on_a_farm_and_judges(tmp_path):
     stop_when(signal.SIGINT, lambda: bool([*farm.glob("*/logs/robots.log")]), out, work)
     assert processes_of(work) == [] and not farm.exists(), "a farm's folder is large"
     assert len([*out.glob("*/runs/*-seed1.json")]) == 2, "what was finished is kept"
-    whole, _ = experiment("--out", str(out), "--work", str(work))
+    whole = experiment("--out", str(out), "--work", str(work))
     assert whole["state"] == "complete" and whole["quick"] and whole["missing"] == []
     assert {(each["cell"], each["physics"], each["trials"]) for each in whole["cells"]} == {
         ("nominal", "real", 2),
@@ -74,10 +79,10 @@ def test_the_quick_form_trains_tries_on_a_farm_and_judges(tmp_path):
     page = (out / "randomization.md").read_text()
     assert "The quick form" in page and "![" in page
     assert (out / "randomization.svg").stat().st_size > 0 and (out / "randomization.png").stat().st_size > 0
-    listed, _ = experiment("--out", str(out), "--list")
+    listed = experiment("--out", str(out), "--list")
     assert all(piece["done"] for piece in listed["pieces"]) and listed["hours_left"] == 0
 
 
 def test_a_cell_that_is_not_there_is_refused_with_those_that_are(tmp_path):
-    said, _ = experiment("--out", str(tmp_path), "--only", "nothing", code=2)
+    said = ended(2, "--out", str(tmp_path), "--only", "nothing").stderr
     assert "choose from nominal, randomized" in said

@@ -9,7 +9,7 @@ pytest.importorskip("torch", reason="the extra 'learning' is not installed")
 pytest.importorskip("stable_baselines3", reason="the extra 'learning' is not installed")
 
 from sim_backend.training.export import write_policy
-from sim_backend.training.recipe import load_recipe
+from sim_backend.training.recipe import Recipe, load_recipe
 from sim_backend.training.train import Run
 from tests.end_to_end.farm import TRIFARM, Farm
 
@@ -19,6 +19,7 @@ TRIALS = 24
 @pytest.mark.filterwarnings("default")  # torch's own
 def test_a_policy_trained_by_a_recipe_does_better_on_the_farm_than_an_untrained_one(tmp_path):
     _, recipe = load_recipe("reach")
+    assert isinstance(recipe, Recipe)
     untrained = write_policy(Run("untrained", recipe, tmp_path, threads=1).exported(), tmp_path, "untrained")
     command = [*TRIFARM, "train", "reach", "--out", str(tmp_path / "run"), "--threads", "2"]
     subprocess.run(command, check=True, capture_output=True, text=True, timeout=280)

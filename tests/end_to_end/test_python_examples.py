@@ -12,6 +12,7 @@ import pytest
 import trifarm
 from tests import ROOT
 from tests.end_to_end.farm import Farm
+from trifarm.log import TableName
 
 POLICY = ROOT / "sim_backend/training/reference_policies/push"
 PENDULUM = ROOT / "docs/studies/double-pendulum"
@@ -72,7 +73,12 @@ def test_a_log_is_arrays_and_tables(folder):
     steps = len(log.joint_time_s)
     assert log.joint_position_rad.shape == log.applied_torque_nm.shape == (steps, 9)
     np.testing.assert_allclose(np.diff(log.joint_time_s), 1e-3)
-    rows_of = {"joints": steps, "cube": len(log.cube_time_s), "tracker": len(log.capture_s), "policy": len(log.action)}
+    rows_of: dict[TableName, int] = {
+        "joints": steps,
+        "cube": len(log.cube_time_s),
+        "tracker": len(log.capture_s),
+        "policy": len(log.action),
+    }
     for table, rows in rows_of.items():
         frame, arrow = log.to_pandas(table), log.to_arrow(table)
         assert len(frame) == arrow.num_rows == rows > 0
@@ -80,4 +86,4 @@ def test_a_log_is_arrays_and_tables(folder):
     torque = log.to_pandas()["applied_torque_nm.finger0_base_to_upper"]
     np.testing.assert_array_equal(torque, log.applied_torque_nm[:, 0])
     with pytest.raises(ValueError, match="choose from joints"):
-        log.columns("motors")
+        log.columns("motors")  # pyright: ignore[reportArgumentType] - it is refused

@@ -138,6 +138,7 @@ def forge(log: Path, forged: Path, *, topic: str, step: int) -> None:
         writer.start()
         schemas, channels = {}, {}
         for schema, channel, message in reader.iter_messages():
+            assert schema is not None
             if schema.id not in schemas:
                 schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
             if channel.id not in channels:

@@ -1,6 +1,5 @@
 """Causes hidden in the joints of an arm that nobody calibrated for: MuJoCo's own friction, a controller that feeds noise back."""
 
-# pyright: reportAttributeAccessIssue=false
 import mujoco
 import numpy as np
 import pytest

@@ -65,7 +65,8 @@ class Services:
         self.api, self.bus = f"{scheme}://{host}:{self.port}", f"{link}/{host}:{self.bus_port}"
         self.verify = ssl.create_default_context(cafile=settings["tls_certificate"]) if scheme == "https" else True
         self.robots, self.clients = {}, []
-        self.process, self.tokens = None, {}
+        self.process = None
+        self.tokens: dict[str, str] = {}
         self.errors = self.data.parent / f"{self.data.name}-stderr.txt"
 
     def start(self):

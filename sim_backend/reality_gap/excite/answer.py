@@ -5,8 +5,6 @@ robot of the farm run them, and in numbers or as a table of position targets for
 Exit codes: 0 said; 2 usage, a study that cannot be read, or a table that cannot be written.
 """
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
 import argparse
 import json
 import re

@@ -1,7 +1,5 @@
 """An excitation as numbers for a robot elsewhere: how far, how fast, how long, and its position targets as a table."""
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

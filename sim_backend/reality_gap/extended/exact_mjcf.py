@@ -4,8 +4,6 @@ MuJoCo writes six digits. Each attribute that it wrote is replaced by the compil
 that precision, so that nothing can change but digits.
 """
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
 from collections.abc import Mapping
 from xml.etree import ElementTree
 

@@ -1,6 +1,5 @@
 """The accepted causes of a study as files: physics that ``sim_backend`` loads, and plain MJCF."""
 
-# pyright: reportAttributeAccessIssue=false
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -4,8 +4,6 @@ The text loads with ``mujoco.MjModel.from_xml_path`` and nothing of this project
 what is missing stands in it, too, as ``<custom><text name="not_expressed">``.
 """
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
 import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict

@@ -4,8 +4,6 @@ A function here changes what its arguments name and returns what MuJoCo cannot s
 catalogue's parameters. ``REASONS`` says of every other effect why plain MJCF does not have it.
 """
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
 import math
 
 import mujoco

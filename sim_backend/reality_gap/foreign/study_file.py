@@ -4,9 +4,6 @@ From the bottom up: tables read strictly (``Section``), what they say of joints,
 (values that effects start from, and the controller), and the file as a whole (``StudyFile``).
 """
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
-
 import hashlib
 import math
 import os.path

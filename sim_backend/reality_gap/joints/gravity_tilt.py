@@ -1,7 +1,5 @@
 """Gravity as a tilted table has it, turned by the catalogue's own function."""
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
 import mujoco
 import numpy as np
 

@@ -1,7 +1,5 @@
 """The joints of a MuJoCo model as a plant: what torques a motion needs, and how that depends on masses, gravity and pose."""
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
 from collections.abc import Sequence
 from dataclasses import dataclass
 

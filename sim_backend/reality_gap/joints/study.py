@@ -1,6 +1,5 @@
 """Joints: from recordings to a verdict about what the model gets wrong."""
 
-# pyright: reportAttributeAccessIssue=false
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

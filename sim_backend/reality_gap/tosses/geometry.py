@@ -1,8 +1,5 @@
 """The free body of a model and what it can touch: which geoms, how large, and how far a pose is from contact."""
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
-
 from dataclasses import dataclass
 
 import mujoco

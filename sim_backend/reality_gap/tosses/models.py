@@ -1,8 +1,5 @@
 """Models of the object under other values: the effects of the catalogue, applied to any free body instead of the farm's cube."""
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
-
 from collections.abc import Mapping
 
 import mujoco

@@ -1,14 +1,11 @@
 """Replays of tosses through MuJoCo from their measured state, and the pose at which an object comes to rest."""
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from mujoco import rollout
+from mujoco.rollout import rollout
 
 from sim_backend.reality_gap.tosses.geometry import ObjectGeometry, gaps_m
 from sim_backend.reality_gap.tosses.models import compiled, upward
@@ -112,7 +109,7 @@ def _packed(model, data, geometry: ObjectGeometry, position_m, quat_wxyz, veloci
 def _rollout(model, states: np.ndarray, steps: int, threads: int) -> np.ndarray:
     """States from the first on, shape (n, steps + 1, size)."""
     data = [mujoco.MjData(model) for _ in range(threads)]
-    path, _ = rollout.rollout(model, data, states, nstep=steps)
+    path, _ = rollout(model, data, states, nstep=steps)
     return np.concatenate([states[:, None], np.asarray(path)], axis=1)
 
 

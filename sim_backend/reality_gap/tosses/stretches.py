@@ -1,8 +1,5 @@
 """What the recorded poses of one object show by themselves: where it flies, where it rests, and from where it can be replayed."""
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,8 +1,5 @@
 """What tosses of an object say about friction, contacts, size, gravity and the measurement's scale: the study as a process."""
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -6,13 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 
 from robot_farm.health import WatchedHealth
+from robot_farm.ideal_life import IdealLife
 from robot_farm.run import Progress
 from tests.unit.robot_farm.living import Living
 
 
-def test_a_robot_without_a_life_knows_its_tracker_alone():
+def test_an_ideal_robot_knows_its_tracker_alone():
     progress = Progress()
-    watched = WatchedHealth(lambda: progress, None)
+    watched = WatchedHealth(lambda: progress, IdealLife())
     assert watched.health().model_dump() == {"motor_temperature_rise_k": None, "tracker_confidence": None, "self_test": None}
     progress.tracked = SimpleNamespace(confidence=np.array([0.8126]))
     assert watched.health().tracker_confidence == 0.813

@@ -8,8 +8,8 @@ from multiprocessing import get_context
 import pytest
 
 from robot_farm import hidden_physics
-from robot_farm.farm_seed import FARM_SEED_VARIABLE
 from robot_farm.hidden_physics import SECRET_BYTES, SECRET_FILE, HiddenPhysics, farm_secret
+from robot_farm.settings import FARM_SEED_VARIABLE
 
 
 def _ask(folder, answers) -> None:

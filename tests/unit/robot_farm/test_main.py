@@ -12,8 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from robot_farm.farm_seed import FARM_SEED_VARIABLE
-from robot_farm.settings import TOKEN_VARIABLE
+from robot_farm.settings import FARM_SEED_VARIABLE, TOKEN_VARIABLE
 
 NEEDED = ["--api", "http://127.0.0.1:1", "--bus", "tcp/127.0.0.1:1"]
 WITHIN_S = 60.0

@@ -3,8 +3,7 @@
 import pytest
 
 from jail.level import JailLevel
-from robot_farm.farm_seed import FARM_SEED_VARIABLE
-from robot_farm.settings import JAIL_LEVEL_VARIABLE, TOKEN_VARIABLE, Reset, parse
+from robot_farm.settings import FARM_SEED_VARIABLE, JAIL_LEVEL_VARIABLE, TOKEN_VARIABLE, Reset, parse
 
 NEEDED = ["--api", "http://127.0.0.1:1/", "--bus", "tcp/127.0.0.1:2", "--data", "data"]
 

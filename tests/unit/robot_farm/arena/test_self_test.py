@@ -1,5 +1,6 @@
 """A self-test names the joint or the camera that is wrong, and passes robots that are only not alike."""
 
+import contextlib
 import dataclasses
 
 import numpy as np
@@ -9,6 +10,7 @@ from robot_farm.arena.self_test import wrong_joint, wrong_sight
 from robot_farm.faults import parse_fault
 from robot_farm.hidden_physics import HiddenPhysics
 from robot_farm.life import Life
+from robot_farm.link.lease_keeper import TrialStoppedError
 from robot_farm.settings import Reset
 from sim_backend.driver.driver import hold_command
 from sim_backend.driver.simulated import SimulatedDriver
@@ -30,6 +32,28 @@ def test_a_robot_without_fault_passes(physics):
 @pytest.mark.parametrize("joint", ["finger0_base_to_upper", "finger120_upper_to_middle", "finger240_middle_to_lower"])
 def test_a_stuck_joint_is_named(joint):
     assert f"joint {joint} is" in str(_found(f"stuck_joint:{joint}"))
+
+
+@pytest.mark.parametrize(
+    ("ends_with", "found"),
+    [(None, "passed"), (TrialStoppedError("stopped"), None), (ValueError("odd"), "the self-test broke off: ValueError: odd")],
+)
+def test_outside_a_lease_it_holds_its_turn(ends_with, found, monkeypatch):
+    life, turns = Life("robot-0", HiddenPhysics(b"secret", "robot-0", "nominal").of_trial, Reset.SWEEP), []
+
+    @contextlib.contextmanager
+    def turn():
+        turns.append("taken")
+        yield
+
+    def ending(_stop_reason):
+        assert turns == ["taken"]
+        if ends_with is not None:
+            raise ends_with
+
+    monkeypatch.setattr(life, "test_again", ending)
+    assert life.test_in_turn(turn(), lambda: None) == found
+    assert life.wrong == (found if isinstance(ends_with, ValueError) else None)
 
 
 @pytest.mark.parametrize("size", ["0.3", "-0.3"])

@@ -1,7 +1,5 @@
 """The compiled callback writes only where there is what it expects."""
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
 import mujoco
 import numpy as np
 import pytest

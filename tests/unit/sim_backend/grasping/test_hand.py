@@ -1,7 +1,5 @@
 """Derivatives and gravity of the fingers, against MuJoCo's own."""
 
-# mujoco fills its namespace when it is imported, which the type checker cannot see
-# pyright: reportAttributeAccessIssue=false
 import mujoco
 import numpy as np
 import pytest

@@ -1,6 +1,5 @@
 """A double pendulum whose torques are what MuJoCo's inverse dynamics needs, with noise: the truth is known exactly."""
 
-# pyright: reportAttributeAccessIssue=false
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,6 +1,5 @@
 """What a study writes of the extended model can be loaded from where it was written."""
 
-# pyright: reportAttributeAccessIssue=false
 import mujoco
 import pytest
 

@@ -1,6 +1,5 @@
 """The extended model as plain MJCF: MuJoCo alone moves as the driver does, and says what it cannot."""
 
-# pyright: reportAttributeAccessIssue=false
 import json
 from dataclasses import asdict
 

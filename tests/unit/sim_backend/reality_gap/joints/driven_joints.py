@@ -1,6 +1,7 @@
 """Three joints without gravity that a controller leads along sines, by MuJoCo itself; apart from the code that studies them."""
 
-# pyright: reportAttributeAccessIssue=false
+from typing import Any
+
 import mujoco
 import numpy as np
 
@@ -49,13 +50,13 @@ def drive(model: mujoco.MjModel, seconds: float, missing_nm=lambda velocity: 0.0
     return position, torque
 
 
-def recording(position: np.ndarray, torque: np.ndarray, name="made", **channels: np.ndarray) -> Recording:
+def recording(position: np.ndarray, torque: np.ndarray, name: str = "made", **channels: Any) -> Recording:
     """As a file would give it."""
     joints = JointSignals(NAMES, position, commanded_torque_nm=torque, **channels)
     return Recording(name, "made", STEP_S, STEP_S * np.arange(len(position)), joints)
 
 
-def episode(position: np.ndarray, torque: np.ndarray, **channels: np.ndarray) -> EpisodeEquations:
+def episode(position: np.ndarray, torque: np.ndarray, **channels: Any) -> EpisodeEquations:
     """Its equations with the model without friction."""
     path = trajectory(recording(position, torque, **channels))
     return EpisodeEquations(Plant(joints_model(), NAMES), path, 0, has_safety_pipeline=False)

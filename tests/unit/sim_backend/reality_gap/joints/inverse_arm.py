@@ -1,6 +1,7 @@
 """A hanging arm of two links whose torques come from MuJoCo's inverse dynamics: everything that is wrong with it is planted."""
 
-# pyright: reportAttributeAccessIssue=false
+from typing import Any
+
 import mujoco
 import numpy as np
 
@@ -51,7 +52,7 @@ def friction(velocity: np.ndarray, coulomb_nm=(0.0, 0.0)) -> np.ndarray:
     return np.array(coulomb_nm) * np.tanh(velocity / 0.01)
 
 
-def recording(position: np.ndarray, torque: np.ndarray, seed: int, **channels: np.ndarray) -> Recording:
+def recording(position: np.ndarray, torque: np.ndarray, seed: int, **channels: Any) -> Recording:
     """As a file would give it, with noise of the sensors."""
     rng = np.random.default_rng(1000 + seed)
     position = position + ENCODER_RAD * rng.standard_normal(position.shape)

@@ -1,6 +1,5 @@
 """Inverse dynamics of a model's joints and what they depend on."""
 
-# pyright: reportAttributeAccessIssue=false
 import mujoco
 import numpy as np
 import pytest
