@@ -7,6 +7,7 @@ that of the safety pipeline, bit for bit, and nothing else acts.
 import math
 
 import numba
+import numpy as np
 
 from sim_backend.driver.joint_reports import (
     filtered_velocity_rad_s,
@@ -59,7 +60,7 @@ _PUSH_TIME = SLOTS["cube_pushes.duration_s"]
 
 
 @numba.njit
-def hold_late_command(slots, torque):
+def hold_late_command(slots: np.ndarray, torque: np.ndarray) -> None:
     """Timing jitter: let the previous command act until the new one has come; shape (9,).
 
     A command that is overtaken by a newer one hands on its time: the newest acts when the first of them was due.
@@ -86,7 +87,7 @@ def hold_late_command(slots, torque):
 
 
 @numba.njit
-def _let_come(slots, share):
+def _let_come(slots: np.ndarray, share: float) -> None:
     """Let the awaited command act for a share of this step: the torque as its mean, a position target if for half of it."""
     if share <= 0.0:
         return
@@ -98,7 +99,7 @@ def _let_come(slots, share):
 
 
 @numba.njit
-def protect_nominal(slots, torque, position, velocity):
+def protect_nominal(slots: np.ndarray, torque: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> None:
     """The safety pipeline of a robot without effects, in place; shapes (9,)."""
     for j in range(9):
         torque[j] = joint_applied_torque_nm(
@@ -116,7 +117,7 @@ def protect_nominal(slots, torque, position, velocity):
 
 
 @numba.njit
-def protect(slots, torque, position, velocity):
+def protect(slots: np.ndarray, torque: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> None:
     """The safety pipeline in place, on what the encoders report; shapes (9,)."""
     for j in range(9):
         sent = joint_applied_torque_nm(
@@ -135,7 +136,7 @@ def protect(slots, torque, position, velocity):
 
 
 @numba.njit
-def delay(slots, torque, arrived):
+def delay(slots: np.ndarray, torque: np.ndarray, arrived: np.ndarray) -> None:
     """Put the torque sent into the ring and take out what arrives now; shapes (9,), the ring takes the rest of the slots."""
     length = (len(slots) - r.RING) // 9
     clock = int(slots[r.CLOCK])
@@ -146,14 +147,14 @@ def delay(slots, torque, arrived):
             arrived[j] = torque[j]
             continue
         steps = slots[_DELAY + j] / slots[r.STEP_S]
-        whole = math.floor(steps + 1e-9)
+        whole: int = math.floor(steps + 1e-9)
         fraction = steps - whole if steps - whole > 1e-6 else 0.0
         newer, older = (clock - whole) % length, (clock - whole - 1) % length
         arrived[j] = delayed_torque_nm(slots[r.RING + 9 * newer + j], slots[r.RING + 9 * older + j], fraction)
 
 
 @numba.njit
-def add_noise(slots, torque):
+def add_noise(slots: np.ndarray, torque: np.ndarray) -> None:
     """Noise of the motors' currents, in place; shape (9,). White numbers that change within a step act by their mean."""
     seed, clock, step_s = slots[r.SEED], slots[r.CLOCK], slots[r.STEP_S]
     block = math.floor(clock * step_s / slots[_HOLD] + 1e-9)
@@ -171,7 +172,7 @@ def add_noise(slots, torque):
 
 
 @numba.njit
-def limit(slots, torque):
+def limit(slots: np.ndarray, torque: np.ndarray) -> None:
     """What motors and supply give of it, in place; shape (9,)."""
     total = 0.0
     for j in range(9):
@@ -184,7 +185,7 @@ def limit(slots, torque):
 
 
 @numba.njit
-def drive(slots, torque, position, velocity):
+def drive(slots: np.ndarray, torque: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> None:
     """From the motors' currents, as torque, to the torque at the joints, in place; true states, shapes (9,)."""
     step_s = slots[r.STEP_S]
     for j in range(9):
@@ -202,7 +203,7 @@ def drive(slots, torque, position, velocity):
 
 
 @numba.njit
-def friction_bound_nm(slots, j, velocity_rad_s, torque_nm):
+def friction_bound_nm(slots: np.ndarray, j: int, velocity_rad_s: float, torque_nm: float) -> float:
     """The bound of joint j's friction constraint in this step."""
     bound = slots[_COULOMB + j] + stribeck_bound_nm(slots[_STRIBECK + j], slots[_STRIBECK_SPEED + j], velocity_rad_s)
     bound += load_bound_nm(slots[_LOAD + j], torque_nm) + stuck_bound_nm(slots[_STUCK + j])
@@ -210,7 +211,7 @@ def friction_bound_nm(slots, j, velocity_rad_s, torque_nm):
 
 
 @numba.njit
-def push(slots, axis):
+def push(slots: np.ndarray, axis: int) -> float:
     """Force on the cube along a world axis, N."""
     if slots[_PUSH] == 0.0:
         return 0.0
@@ -220,7 +221,7 @@ def push(slots, axis):
 
 
 @numba.njit
-def set_bounds(slots, velocity, report, bounds):
+def set_bounds(slots: np.ndarray, velocity: np.ndarray, report: np.ndarray, bounds: np.ndarray) -> None:
     """Set the bounds of the joints' friction constraints for this step; shapes (9,), N m.
 
     Args:
@@ -234,7 +235,9 @@ def set_bounds(slots, velocity, report, bounds):
 
 
 @numba.njit
-def step_with_effects(slots, torque, position, velocity, report, force):
+def step_with_effects(
+    slots: np.ndarray, torque: np.ndarray, position: np.ndarray, velocity: np.ndarray, report: np.ndarray, force: np.ndarray
+) -> None:
     """One step of one simulation.
 
     Args:

@@ -6,6 +6,7 @@ batch gets the same ones as a robot alone.
 """
 
 import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numba
@@ -22,6 +23,12 @@ SEEN_SHARE = 0.1
 
 WHITE, EPISODE, JUMP, MISSED, JITTER, DROPOUT, READING = 100, 106, 112, 114, 115, 116, 120
 """First channels of ``noise``, which has 100 to 199 for the tracker."""
+
+
+Pose = tuple[np.ndarray, np.ndarray]
+"""Positions, shape (n, 3), m, and orientations, shape (n, 4) wxyz."""
+Detected = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""What :func:`detect` returns."""
 
 
 class Values(NamedTuple):
@@ -84,7 +91,7 @@ def values_of(physics: Physics, size_m: tuple[float, float, float]) -> Values:
 
 
 @numba.njit
-def confidence_of(size, seen, sharp, missed):
+def confidence_of(size: np.ndarray, seen: np.ndarray, sharp: np.ndarray, missed: np.ndarray) -> np.ndarray:
     """Confidence of the detector, shape (n,): 0.4 good_pixel_ratio + 0.3 filled_face_ratio + 0.3 cameras_with_pixels / 3.
 
     The formula is the real one's (TOT pose_detector.cpp); what its terms are out of is our reading of their names, with sample
@@ -122,7 +129,7 @@ def confidence_of(size, seen, sharp, missed):
 
 
 @numba.njit
-def hidden_faces(size, seen):
+def hidden_faces(size: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """How many faces no camera sees though they look at one, in parts of faces, shape (n,); arguments (n, 3, 6)."""
     out = np.zeros(len(size))
     for i in range(len(size)):
@@ -137,7 +144,7 @@ def hidden_faces(size, seen):
 
 
 @numba.njit
-def _normal(seed, frame, first_channel, count):
+def _normal(seed: np.ndarray, frame: np.ndarray, first_channel: int, count: int) -> np.ndarray:
     """Standard normal numbers, shape (n, count); ``frame`` (n,)."""
     out = np.empty((len(seed), count))
     for i in range(len(seed)):
@@ -147,7 +154,7 @@ def _normal(seed, frame, first_channel, count):
 
 
 @numba.njit
-def _uniform(seed, frame, channel, count, frame_step, channel_step):
+def _uniform(seed: np.ndarray, frame: np.ndarray, channel: int, count: int, frame_step: int, channel_step: int) -> np.ndarray:
     """Numbers in (0, 1), shape (n, count), whose frame and channel change by these steps from one to the next."""
     out = np.empty((len(seed), count))
     for i in range(len(seed)):
@@ -157,7 +164,7 @@ def _uniform(seed, frame, channel, count, frame_step, channel_step):
 
 
 @numba.njit
-def _certain(v, works, confidence, hidden):
+def _certain(v: Values, works: np.ndarray, confidence: np.ndarray, hidden: np.ndarray) -> None:
     """Set confidence (n,) and hidden faces (n,) of robots for which no effect makes them uncertain."""
     for i in range(len(confidence)):
         if v.finger_thickness[i] == 0.0 and v.sphere_radius_m[i] == 0.0 and works[i, 0] and works[i, 1] and works[i, 2]:
@@ -167,7 +174,7 @@ def _certain(v, works, confidence, hidden):
 
 
 @numba.njit
-def _meaningless(confidence, position_m, quat_wxyz):
+def _meaningless(confidence: np.ndarray, position_m: np.ndarray, quat_wxyz: np.ndarray) -> None:
     """Put poses that there was nothing to go by for, (n, 3) and (n, 4), at the origin."""
     for i in range(len(confidence)):
         if confidence[i] == 0.0:
@@ -176,7 +183,9 @@ def _meaningless(confidence, position_m, quat_wxyz):
             quat_wxyz[i, 0] = 1.0
 
 
-def _detect(v, seed, frame, joint_position_rad, position_m, quat_wxyz):
+def _detect(
+    v: Values, seed: np.ndarray, frame: np.ndarray, joint_position_rad: np.ndarray, position_m: np.ndarray, quat_wxyz: np.ndarray
+) -> Detected:
     works, sphere = tracking.working(v.dead), tracking.foreign_sphere(v.sphere_radius_m, v.sphere_position_m)
     size, seen, sharp = look(joint_position_rad, position_m, quat_wxyz, v.half_size_m, v.finger_thickness, sphere, works)
     missed = tracking.missed_share(v.missed, _uniform(seed, frame, MISSED, 1, 0, 0))
@@ -196,16 +205,16 @@ def _detect(v, seed, frame, joint_position_rad, position_m, quat_wxyz):
     return seen >= SEEN_SHARE, confidence, found_m, found_wxyz, delay_s, lost
 
 
-def _read(v, seed, step, position_m, quat_wxyz):
+def _read(v: Values, seed: np.ndarray, step: np.ndarray, position_m: np.ndarray, quat_wxyz: np.ndarray) -> Pose:
     normal = _normal(seed, step, READING, 6)
     return pose_errors.noisy_pose(position_m, quat_wxyz, v.reading_noise_m, v.reading_noise_rad, normal)
 
 
 @functools.cache
-def _compiled():
+def _compiled() -> tuple[Callable[..., Detected], Callable[..., Pose]]:
     """Both functions, compiled once a process by calling them for a nominal robot."""
 
-    def compile_both(cache: bool):
+    def compile_both(cache: bool) -> tuple[Callable[..., Detected], Callable[..., Pose]]:
         v = values_of(Physics.nominal(1), (0.1, 0.1, 0.1))
         seed, frame = np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64)
         pose = np.ones((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])
@@ -217,7 +226,14 @@ def _compiled():
     return compiled_once(compile_both)
 
 
-def detect(values: Values, seed: np.ndarray, frame: np.ndarray, joint_position_rad, position_m, quat_wxyz):
+def detect(
+    values: Values,
+    seed: np.ndarray,
+    frame: np.ndarray,
+    joint_position_rad: np.ndarray,
+    position_m: np.ndarray,
+    quat_wxyz: np.ndarray,
+) -> Detected:
     """What n robots' detectors find in one frame.
 
     Args:
@@ -236,6 +252,6 @@ def detect(values: Values, seed: np.ndarray, frame: np.ndarray, joint_position_r
     return _compiled()[0](values, seed, frame, *arrays)
 
 
-def read(values: Values, seed: np.ndarray, step: int | np.ndarray, position_m, quat_wxyz):
+def read(values: Values, seed: np.ndarray, step: int | np.ndarray, position_m: np.ndarray, quat_wxyz: np.ndarray) -> Pose:
     """Poses (n, 3) and (n, 4) as they are read at a physics step (of each, or of all), with the noise of the reading."""
     return _compiled()[1](values, seed, np.full(len(seed), step), position_m, quat_wxyz)

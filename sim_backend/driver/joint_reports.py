@@ -1,6 +1,7 @@
 """What encoders and motor boards report of the joints, compiled; on the slots of one simulation (``effects/record.py``)."""
 
 import numba
+import numpy as np
 
 from sim_backend.effects import record as r
 from sim_backend.effects.noise import gaussian
@@ -15,7 +16,7 @@ _GAP = SLOTS["backlash.gap_rad"]
 
 
 @numba.njit
-def measured_position_rad(slots, j, position_rad):
+def measured_position_rad(slots: np.ndarray, j: int, position_rad: float) -> float:
     """What the encoder of joint j reports now."""
     seed, clock = slots[r.SEED], slots[r.CLOCK]
     value = offset_position_rad(position_rad + slots[r.PLAY + j], slots[_OFFSET + j])
@@ -27,7 +28,7 @@ def measured_position_rad(slots, j, position_rad):
 
 
 @numba.njit
-def filtered_velocity_rad_s(slots, j, velocity_rad_s):
+def filtered_velocity_rad_s(slots: np.ndarray, j: int, velocity_rad_s: float) -> float:
     """The speed of joint j after the board's filter; its state is that of the step before."""
     is_free = abs(slots[r.PLAY + j]) < 0.5 * slots[_GAP + j]  # otherwise the rotor presses against its side of the play
     turning = slots[r.ROTOR + j] if is_free else velocity_rad_s
@@ -35,7 +36,7 @@ def filtered_velocity_rad_s(slots, j, velocity_rad_s):
 
 
 @numba.njit
-def measured_velocity_rad_s(slots, j, filtered_rad_s):
+def measured_velocity_rad_s(slots: np.ndarray, j: int, filtered_rad_s: float) -> float:
     """What the board of joint j reports now as its speed."""
     seed, clock = slots[r.SEED], slots[r.CLOCK]
     value = filtered_rad_s + slots[r.VELOCITY_EPISODE + j]
@@ -45,7 +46,13 @@ def measured_velocity_rad_s(slots, j, filtered_rad_s):
 
 
 @numba.njit
-def measure_joints(records, position_rad, velocity_rad_s, measured_position, measured_velocity):
+def measure_joints(
+    records: np.ndarray,
+    position_rad: np.ndarray,
+    velocity_rad_s: np.ndarray,
+    measured_position: np.ndarray,
+    measured_velocity: np.ndarray,
+) -> None:
     """What n robots would report now, without moving their clocks; shapes (n, slots) and (n, 9), results in the last two."""
     for i in range(len(records)):
         for j in range(9):
@@ -55,7 +62,7 @@ def measure_joints(records, position_rad, velocity_rad_s, measured_position, mea
 
 
 @numba.njit
-def measured_torque_nm(slots, j, current_nm):
+def measured_torque_nm(slots: np.ndarray, j: int, current_nm: float) -> float:
     """What the board of joint j reports as its torque: that of its current, which is not what reaches the joint."""
     if slots[_TORQUE_NOISE + j] == 0.0:
         return current_nm

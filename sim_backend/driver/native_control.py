@@ -11,13 +11,13 @@ The addresses of the fields come from MuJoCo's own description of its structs (`
 
 import ctypes
 import functools
-from collections.abc import Sequence
-from typing import cast
+from collections.abc import Callable, Sequence
+from typing import Any, cast
 
 import mujoco
 import numba
 import numpy as np
-from mujoco.introspect.ast_nodes import ArrayType, PointerType, StructFieldDecl
+from mujoco.introspect.ast_nodes import ArrayType, PointerType, StructFieldDecl, ValueType
 from mujoco.introspect.structs import STRUCTS
 from numba import carray, types  # pyright: ignore[reportPrivateImportUsage]
 from numba.extending import intrinsic
@@ -41,7 +41,7 @@ _SCALARS = {
 }
 
 
-def _ctype(described):
+def _ctype(described: ValueType | ArrayType | PointerType) -> Any:
     """The ctypes equivalent of a C type as MuJoCo describes it; what is neither scalar nor struct is an enum."""
     if isinstance(described, ArrayType):
         inner = _ctype(described.inner_type)
@@ -78,17 +78,17 @@ def field_word(struct: str, field: str) -> int:
 
 
 @intrinsic
-def _untyped(_context, pointer):
+def _untyped(_context: object, pointer: types.Type) -> tuple[Any, Callable[..., Any]]:
     """A pointer to anything as a pointer to nothing, so that a struct can be looked at as an array of integers."""
 
-    def generate(context, builder, _signature, arguments):
+    def generate(context: Any, builder: Any, _signature: object, arguments: Sequence[Any]) -> Any:
         return builder.bitcast(arguments[0], context.get_value_type(types.voidptr))
 
     return types.voidptr(pointer), generate
 
 
 @functools.cache
-def _compiled():
+def _compiled() -> Any:
     """The callback, compiled once a process."""
     nuserdata, nsensordata = (field_word("mjModel", name) for name in ("nuserdata", "nsensordata"))
     qpos, qvel, ctrl, userdata, sensordata, qfrc_applied = (
@@ -101,7 +101,7 @@ def _compiled():
     integers, friction = max(nefc, nisland) + 1, int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF)
     signature = types.void(types.CPointer(types.int64), types.CPointer(types.voidptr))
 
-    def control(model, data):
+    def control(model: np.ndarray, data: np.ndarray) -> None:
         size = model[nuserdata]
         if size < r.CONTROL_SLOTS:
             return
@@ -132,18 +132,18 @@ def _compiled():
 
 
 @functools.cache
-def measurer():
+def measurer() -> Callable[..., None]:
     """``joint_reports.measure_joints``, compiled once a process."""
     rows = types.float64[:, :]
     return compiled_once(lambda cache: numba.njit([(rows,) * 5], cache=cache)(measure_joints.py_func))
 
 
 @functools.cache
-def _silence():
+def _silence() -> Any:
     """A warning handler that says nothing; MuJoCo's own writes a file into the user's folder. Counters still count."""
 
     @numba.cfunc(types.void(types.voidptr))
-    def ignore(_text):
+    def ignore(_text: object) -> None:
         pass
 
     return ignore

@@ -1,6 +1,7 @@
 """The compiled model of one robot: the nominal scene, changed by the effects that MuJoCo has."""
 
 import functools
+from collections.abc import Callable
 
 import mujoco
 import numba
@@ -93,7 +94,7 @@ def parameter_slots(physics: Physics, noise_seed: np.ndarray) -> np.ndarray:
 
 
 @functools.cache
-def _gaussians():
+def _gaussians() -> Callable[..., np.ndarray]:
     """``noise.gaussians``, compiled once a machine."""
     seeds, channels = types.float64[:], types.int64[:]
     return compiled_once(lambda cache: numba.njit([(seeds, seeds, channels)], cache=cache)(noise.gaussians.py_func))

@@ -6,6 +6,7 @@ compiled function runs inside the physics (``native_control.py``) and, vectorise
 
 import functools
 import math
+from collections.abc import Callable
 
 import numba
 import numpy as np
@@ -15,17 +16,17 @@ from sim_backend.trifinger import constants as c
 
 @numba.njit(inline="always", error_model="numpy")
 def joint_applied_torque_nm(
-    desired_torque_nm,
-    position_target_rad,
-    position_rad,
-    velocity_rad_s,
-    soft_lower_rad,
-    soft_upper_rad,
-    position_gain_nm_rad,
-    velocity_gain_nm_s_rad,
-    damping_nm_s_rad,
-    max_torque_nm,
-):
+    desired_torque_nm: float,
+    position_target_rad: float,
+    position_rad: float,
+    velocity_rad_s: float,
+    soft_lower_rad: float,
+    soft_upper_rad: float,
+    position_gain_nm_rad: float,
+    velocity_gain_nm_s_rad: float,
+    damping_nm_s_rad: float,
+    max_torque_nm: float,
+) -> float:
     """Torque that acts on one joint for one step of 1 ms.
 
     A joint outside its soft limits obeys only actions that point back; any other is replaced by a position command to the
@@ -51,7 +52,7 @@ def joint_applied_torque_nm(
 
 
 @functools.cache
-def _vectorised():
+def _vectorised() -> Callable[..., np.ndarray]:
     """The pipeline as a numpy function, compiled when first needed."""
     return numba.vectorize(["float64(" + ",".join(["float64"] * 10) + ")"])(joint_applied_torque_nm.py_func)
 

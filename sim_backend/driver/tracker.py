@@ -236,7 +236,14 @@ class Tracker:
         return int((delivery_step + _rows_of(self._begun, rows))[waiting].min()) if waiting.any() else _NEVER
 
 
-def filtered(position_m, quat_wxyz, confidence, previous_position_m, previous_quat_wxyz, previous_confidence):
+def filtered(
+    position_m: np.ndarray,
+    quat_wxyz: np.ndarray,
+    confidence: np.ndarray,
+    previous_position_m: np.ndarray,
+    previous_quat_wxyz: np.ndarray,
+    previous_confidence: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What the driver's filter makes of poses: those it is not sure of give way to the ones it reported before.
 
     Args:

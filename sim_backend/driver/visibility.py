@@ -45,7 +45,7 @@ OCCLUDERS = 10  # three capsules or spheres for each finger, and one foreign sph
 
 
 @numba.njit
-def _to_world(link, x, y, z, q, finger, out, at):
+def _to_world(link: int, x: float, y: float, z: float, q: np.ndarray, finger: int, out: np.ndarray, at: int) -> None:
     """A point of the middle (1) or lower (2) link in the world, from ``out[at]`` on; ``q`` (3,) are the joint positions, rad."""
     if link == 2:
         cos, sin = math.cos(q[2]), math.sin(q[2])
@@ -62,7 +62,7 @@ def _to_world(link, x, y, z, q, finger, out, at):
 
 
 @numba.njit
-def finger_capsules(joint_position_rad, out):
+def finger_capsules(joint_position_rad: np.ndarray, out: np.ndarray) -> None:
     """Capsules of one robot's fingers.
 
     Args:
@@ -84,7 +84,7 @@ def finger_capsules(joint_position_rad, out):
 
 
 @numba.njit
-def _occluders(joint_position_rad, thickness, sphere, out):
+def _occluders(joint_position_rad: np.ndarray, thickness: float, sphere: np.ndarray, out: np.ndarray) -> None:
     """Everything that may be in the way of one robot's cameras, shape (``OCCLUDERS``, 7)."""
     finger_capsules(joint_position_rad, out)
     for index in range(OCCLUDERS - 1):
@@ -95,7 +95,7 @@ def _occluders(joint_position_rad, thickness, sphere, out):
 
 
 @numba.njit
-def clearance_m(eye, point, capsule):
+def clearance_m(eye: np.ndarray, point: np.ndarray, capsule: np.ndarray) -> float:
     """Distance between the ray from ``eye`` to ``point`` (both (3,)) and the surface of a capsule (7,), negative if it is hit."""
     rx, ry, rz = point[0] - eye[0], point[1] - eye[1], point[2] - eye[2]
     ax, ay, az = capsule[3] - capsule[0], capsule[4] - capsule[1], capsule[5] - capsule[2]
@@ -116,13 +116,13 @@ def clearance_m(eye, point, capsule):
 
 
 @numba.njit
-def edge_m(capsule):
+def edge_m(capsule: np.ndarray) -> float:
     """Width of the mixture around the outline of a capsule (7,), m; see ``EDGE_M``."""
     return min(EDGE_M, capsule[6])
 
 
 @numba.njit
-def _in_image(camera, point):
+def _in_image(camera: int, point: np.ndarray) -> bool:
     """Whether a point is inside a camera's image; the lens' distortion only shifts the margin."""
     x, y, z = 0.0, 0.0, 0.0
     for axis in range(3):
@@ -137,7 +137,7 @@ def _in_image(camera, point):
 
 
 @numba.njit
-def _rotation(quat, out):
+def _rotation(quat: np.ndarray, out: np.ndarray) -> None:
     """Rotation matrix (3, 3) of a unit quaternion (4,) wxyz."""
     w, x, y, z = quat
     out[0, 0], out[0, 1], out[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
@@ -146,7 +146,7 @@ def _rotation(quat, out):
 
 
 @numba.njit
-def _face_size(eye, centre, turn, half, face):
+def _face_size(eye: np.ndarray, centre: np.ndarray, turn: np.ndarray, half: np.ndarray, face: int) -> float:
     """Size of a face in an image, as the angle it fills (rad^2), or 0 where it looks away."""
     axis, sign = face // 2, 1.0 - 2.0 * (face % 2)
     along, distance_squared = 0.0, 0.0
@@ -161,7 +161,16 @@ def _face_size(eye, centre, turn, half, face):
 
 
 @numba.njit
-def _shares(camera, centre, turn, half, face, occluders, near, point):
+def _shares(
+    camera: int,
+    centre: np.ndarray,
+    turn: np.ndarray,
+    half: np.ndarray,
+    face: int,
+    occluders: np.ndarray,
+    near: np.ndarray,
+    point: np.ndarray,
+) -> tuple[float, float]:
     """Shares of a face's sample points that a camera sees, and that it sees sharply."""
     axis, sign = face // 2, 1.0 - 2.0 * (face % 2)
     first, second = (axis + 1) % 3, (axis + 2) % 3
@@ -184,14 +193,22 @@ def _shares(camera, centre, turn, half, face, occluders, near, point):
 
 
 @numba.njit
-def _near(eye, centre, radius, occluders, near):
+def _near(eye: np.ndarray, centre: np.ndarray, radius: float, occluders: np.ndarray, near: np.ndarray) -> None:
     """Which occluders can hide anything within ``radius`` of ``centre`` at all."""
     for index in range(OCCLUDERS):
         near[index] = occluders[index, 6] > 0.0 and clearance_m(eye, centre, occluders[index]) < radius + EDGE_M
 
 
 @numba.njit
-def look(joint_position_rad, position_m, quat_wxyz, half_m, thickness, sphere, works):
+def look(
+    joint_position_rad: np.ndarray,
+    position_m: np.ndarray,
+    quat_wxyz: np.ndarray,
+    half_m: np.ndarray,
+    thickness: np.ndarray,
+    sphere: np.ndarray,
+    works: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What the cameras see of the object.
 
     Args:

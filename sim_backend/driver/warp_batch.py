@@ -9,7 +9,7 @@ mujoco_warp calculates in single precision: its trajectories are near MuJoCo's, 
 """
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import mujoco
@@ -257,7 +257,15 @@ def _plain_names(struct: Any) -> list[str]:
     return [name for name in dir(struct) if not name.startswith("_") and not callable(getattr(struct, name))]
 
 
-def control_rows(slots, torque, position, velocity, report, force, bounds):
+def control_rows(
+    slots: np.ndarray,
+    torque: np.ndarray,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    report: np.ndarray,
+    force: np.ndarray,
+    bounds: np.ndarray,
+) -> None:
     """One step of the control of all simulations: ``native_control``'s callback for each row.
 
     Args:
@@ -280,7 +288,7 @@ def control_rows(slots, torque, position, velocity, report, force, bounds):
 
 
 @functools.cache
-def _controller():
+def _controller() -> Callable[..., None]:
     """``control_rows``, compiled once a process."""
     rows = types.float64[:, ::1]
     return compiled_once(lambda cache: numba.njit([(rows,) * 7], cache=cache)(control_rows))

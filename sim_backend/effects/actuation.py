@@ -4,10 +4,12 @@ The functions act on one joint for one step and are compiled into the control ca
 """
 
 import math
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numba
 
-from sim_backend.effects.effect import Acts, Effect, Group, per_joint, per_robot
+from sim_backend.effects.effect import Acts, Effect, Group, Parameter, per_joint, per_robot
 from sim_backend.trifinger import constants as c
 
 MAX_DELAY_S = 0.1
@@ -19,7 +21,7 @@ ROTOR_INERTIA_KG_M2 = 4.5e-6 * c.GEAR_RATIO**2
 
 
 @numba.njit(inline="always")
-def delayed_torque_nm(newer_nm, older_nm, fraction):
+def delayed_torque_nm(newer_nm: float, older_nm: float, fraction: float) -> float:
     """Mean over a step of a held torque that arrives ``fraction`` of a step after the step's begin."""
     if fraction == 0.0:
         return newer_nm
@@ -27,31 +29,33 @@ def delayed_torque_nm(newer_nm, older_nm, fraction):
 
 
 @numba.njit(inline="always")
-def share_of_step(now_s, due_s, step_s):
+def share_of_step(now_s: float, due_s: float, step_s: float) -> float:
     """For which share of the step that begins now a command acts that is due at a time; below 0 if not yet."""
     return min(1.0, (now_s + step_s - due_s) / step_s)
 
 
 @numba.njit(inline="always")
-def scaled_torque_nm(torque_nm, error):
+def scaled_torque_nm(torque_nm: float, error: float) -> float:
     """Torque of a motor whose torque constant is off by the relative ``error``."""
     return torque_nm * (1.0 + error)
 
 
 @numba.njit(inline="always")
-def saturated_torque_nm(torque_nm, limit_nm):
+def saturated_torque_nm(torque_nm: float, limit_nm: float) -> float:
     """Torque clipped to what the motor gives."""
     return min(max(torque_nm, -limit_nm), limit_nm)
 
 
 @numba.njit(inline="always")
-def sagging_factor(sag_per_nm, total_torque_nm):
+def sagging_factor(sag_per_nm: float, total_torque_nm: float) -> float:
     """Share of the torque limit that a supply leaves which sags under the torque of all motors together."""
     return max(0.0, 1.0 - sag_per_nm * total_torque_nm)
 
 
 @numba.njit(inline="always")
-def temperature_rise_k(rise_k, torque_nm, rise_per_torque_k_nm2, time_constant_s, step_s):
+def temperature_rise_k(
+    rise_k: float, torque_nm: float, rise_per_torque_k_nm2: float, time_constant_s: float, step_s: float
+) -> float:
     """Temperature above ambient after a step: first order, heated by the copper loss of the torque."""
     x = step_s / time_constant_s
     share = x * (1.0 - x / 2.0 * (1.0 - x / 3.0))  # of 1 - exp(-x), to 1e-11 for x below 0.005
@@ -59,7 +63,7 @@ def temperature_rise_k(rise_k, torque_nm, rise_per_torque_k_nm2, time_constant_s
 
 
 @numba.njit(inline="always")
-def derated_torque_nm(torque_nm, rise_k, loss_per_k):
+def derated_torque_nm(torque_nm: float, rise_k: float, loss_per_k: float) -> float:
     """Torque of a motor that loses a share for each kelvin above ambient."""
     if loss_per_k == 0.0:
         return torque_nm
@@ -67,7 +71,7 @@ def derated_torque_nm(torque_nm, rise_k, loss_per_k):
 
 
 @numba.njit(inline="always")
-def cogging_torque_nm(amplitude_nm, cycles_per_rad, phase_rad, position_rad):
+def cogging_torque_nm(amplitude_nm: float, cycles_per_rad: float, phase_rad: float, position_rad: float) -> float:
     """Torque of the rotor's preferred positions."""
     if amplitude_nm == 0.0:
         return 0.0
@@ -75,20 +79,28 @@ def cogging_torque_nm(amplitude_nm, cycles_per_rad, phase_rad, position_rad):
 
 
 @numba.njit(inline="always")
-def correlated_noise(previous, fresh, step_s, time_constant_s):
+def correlated_noise(previous: float, fresh: float, step_s: float, time_constant_s: float) -> float:
     """Next value of an Ornstein-Uhlenbeck process of unit variance; ``fresh`` is a standard normal number."""
     kept = math.exp(-step_s / time_constant_s)
     return kept * previous + math.sqrt(1.0 - kept * kept) * fresh
 
 
 @numba.njit(inline="always")
-def scaled_gain(gain, factor):
+def scaled_gain(gain: float, factor: float) -> float:
     """A gain of the controller that is not what it should be."""
     return gain * factor
 
 
 @numba.njit(inline="always")
-def backlash(play_rad, rotor_rad_s, joint_rad_s, torque_nm, gap_rad, rotor_inertia_kg_m2, step_s):
+def backlash(
+    play_rad: float,
+    rotor_rad_s: float,
+    joint_rad_s: float,
+    torque_nm: float,
+    gap_rad: float,
+    rotor_inertia_kg_m2: float,
+    step_s: float,
+) -> tuple[float, float, float]:
     """One step of a rotor with play in its gear.
 
     Args:
@@ -119,7 +131,9 @@ def backlash(play_rad, rotor_rad_s, joint_rad_s, torque_nm, gap_rad, rotor_inert
     return (half if play_rad > 0.0 else -half), joint_rad_s, impact_nm
 
 
-def _effect(name, about, source, apply, *parameters, shape=()) -> Effect:
+def _effect(
+    name: str, about: str, source: str, apply: Callable[..., Any], *parameters: Parameter, shape: Sequence[Parameter] = ()
+) -> Effect:
     return Effect(name, Group.ACTUATION, about, source, Acts.CONTROL, parameters, apply, tuple(shape))
 
 

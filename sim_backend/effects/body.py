@@ -1,14 +1,20 @@
 """Effects on links, joints and gravity; all of them are MuJoCo's own and applied to the specification before it is compiled."""
 
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
-from sim_backend.effects.effect import Acts, Effect, Group, per_axis, per_joint, per_robot
+from sim_backend.effects.effect import Acts, Effect, Group, Parameter, per_axis, per_joint, per_robot
 from sim_backend.trifinger import constants as c
+
+if TYPE_CHECKING:
+    from mujoco import MjSpec
 
 _LINKS = ("upper", "middle", "lower")
 
 
-def link_mass(spec, values) -> None:
+def link_mass(spec: "MjSpec", values: Mapping[str, np.ndarray]) -> None:
     """Scale mass and inertia of each link; the tip belongs to the lower link."""
     for index, factor in enumerate(values["factor"]):
         finger = c.FINGER_NAMES[index // 3]
@@ -18,27 +24,27 @@ def link_mass(spec, values) -> None:
             body.mass, body.fullinertia = body.mass * factor, np.asarray(body.fullinertia) * factor
 
 
-def rotor_inertia(spec, values) -> None:
+def rotor_inertia(spec: "MjSpec", values: Mapping[str, np.ndarray]) -> None:
     """Inertia of the rotors as ``armature``."""
     for name, inertia in zip(c.JOINT_NAMES, values["armature_kg_m2"], strict=True):
         spec.joint(name).armature = inertia
 
 
-def joint_stiffness(spec, values) -> None:
+def joint_stiffness(spec: "MjSpec", values: Mapping[str, np.ndarray]) -> None:
     """A spring at each joint, as the motor cables are."""
     for name, stiffness, reference in zip(c.JOINT_NAMES, values["stiffness_nm_rad"], values["reference_rad"], strict=True):
         joint = spec.joint(name)
         joint.stiffness[0], joint.springref = stiffness, reference
 
 
-def joint_limits(spec, values) -> None:
+def joint_limits(spec: "MjSpec", values: Mapping[str, np.ndarray]) -> None:
     """Shift the ends of each joint's range."""
     for name, lower, upper in zip(c.JOINT_NAMES, values["lower_rad"], values["upper_rad"], strict=True):
         joint = spec.joint(name)
         joint.range = np.asarray(joint.range) + np.array([lower, upper])
 
 
-def table_tilt(spec, values) -> None:
+def table_tilt(spec: "MjSpec", values: Mapping[str, float]) -> None:
     """Turn gravity as a table does that stands askew: about x by the roll, then about y by the pitch, seen from the table."""
     roll, pitch = float(values["roll_rad"]), float(values["pitch_rad"])
     x, y, z = spec.option.gravity
@@ -47,12 +53,14 @@ def table_tilt(spec, values) -> None:
     spec.option.gravity = [x, y, z]
 
 
-def gravity(spec, values) -> None:
+def gravity(spec: "MjSpec", values: Mapping[str, np.ndarray]) -> None:
     """Add to the gravity vector."""
     spec.option.gravity = np.asarray(spec.option.gravity) + values["offset_m_s2"]
 
 
-def _effect(name, about, source, apply, *parameters, shape=()) -> Effect:
+def _effect(
+    name: str, about: str, source: str, apply: Callable[..., Any], *parameters: Parameter, shape: Sequence[Parameter] = ()
+) -> Effect:
     return Effect(name, Group.BODY, about, source, Acts.MODEL, parameters, apply, tuple(shape))
 
 

@@ -1,39 +1,45 @@
 """Effects on the cube and on contacts; all but the random pushes are MuJoCo's own and applied to the specification."""
 
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
 import numba
 import numpy as np
 
-from sim_backend.effects.effect import Acts, Effect, Group, per_robot
+from sim_backend.effects.effect import Acts, Effect, Group, Parameter, per_robot
 from sim_backend.trifinger import constants as c
+
+if TYPE_CHECKING:
+    from mujoco import MjSpec
 
 _MUJOCO_CONTACT_S = 0.02
 
 
-def fingertip_friction(spec, values) -> None:
+def fingertip_friction(spec: "MjSpec", values: Mapping[str, float]) -> None:
     """Friction of fingers against the cube: the explicit contact pairs."""
     for pair in spec.pairs:
         pair.friction[:2] = float(values["coefficient"])
 
 
-def table_friction(spec, values) -> None:
+def table_friction(spec: "MjSpec", values: Mapping[str, float]) -> None:
     """Friction of the cube against table and wall; the cube's own value counts there."""
     spec.geom("cube").friction[0] = float(values["coefficient"])
 
 
-def finger_table_friction(spec, values) -> None:
+def finger_table_friction(spec: "MjSpec", values: Mapping[str, float]) -> None:
     """Friction of fingers against table, wall and each other."""
     for finger in c.FINGER_NAMES:
         for link in ("tip", "lower", "middle"):
             spec.geom(f"{finger}_{link}").friction[0] = float(values["coefficient"])
 
 
-def cube_mass(spec, values) -> None:
+def cube_mass(spec: "MjSpec", values: Mapping[str, float]) -> None:
     """Scale mass and inertia of the cube."""
     body, factor = spec.body("cube"), float(values["factor"])
     body.mass, body.inertia = body.mass * factor, np.asarray(body.inertia) * factor
 
 
-def cube_size(spec, values) -> None:
+def cube_size(spec: "MjSpec", values: Mapping[str, float]) -> None:
     """Scale the cube's width at the same mass."""
     body, factor = spec.body("cube"), float(values["factor"])
     body.inertia = np.asarray(body.inertia) * factor**2
@@ -44,7 +50,7 @@ def cube_size(spec, values) -> None:
             mesh.scale = np.asarray(mesh.scale) * factor
 
 
-def contact_stiffness(spec, values) -> None:
+def contact_stiffness(spec: "MjSpec", values: Mapping[str, float]) -> None:
     """Time constant and damping ratio of the cube's contacts."""
     solref = [float(values["time_constant_s"]), float(values["damping_ratio"])]
     spec.geom("cube").solref = solref
@@ -53,12 +59,20 @@ def contact_stiffness(spec, values) -> None:
 
 
 @numba.njit(inline="always")
-def push_force_n(std_n, probability, chance, normal):
+def push_force_n(std_n: float, probability: float, chance: float, normal: float) -> float:
     """Force on the cube in one direction: for a while, by chance."""
     return std_n * normal if chance < probability else 0.0
 
 
-def _effect(name, about, source, apply, *parameters, acts=Acts.MODEL, shape=()) -> Effect:
+def _effect(
+    name: str,
+    about: str,
+    source: str,
+    apply: Callable[..., Any],
+    *parameters: Parameter,
+    acts: Acts = Acts.MODEL,
+    shape: Sequence[Parameter] = (),
+) -> Effect:
     return Effect(name, Group.CONTACT, about, source, acts, parameters, apply, tuple(shape))
 
 

@@ -5,11 +5,17 @@ friction constraint in every step, so that the solver still decides what sticks.
 """
 
 import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numba
+import numpy as np
 
-from sim_backend.effects.effect import Acts, Effect, Group, per_joint
+from sim_backend.effects.effect import Acts, Effect, Group, Parameter, per_joint
 from sim_backend.trifinger import constants as c
+
+if TYPE_CHECKING:
+    from mujoco import MjsJoint, MjSpec
 
 DIRECTION_SPEED_RAD_S = 0.02
 """Within this speed the bound blends from one direction's to the other's."""
@@ -18,26 +24,26 @@ _ROW_NM = 1e-9  # gives a joint its constraint row, for the control callback to 
 _SOLREF, _SOLIMP = [0.004, 1.0], [0.999, 0.9999, 0.001, 0.5, 2.0]  # stiff: a stuck joint creeps by less than 0.001 rad/s
 
 
-def coulomb_friction(spec, values) -> None:
+def coulomb_friction(spec: "MjSpec", values: Mapping[str, np.ndarray]) -> None:
     """Constant friction as ``frictionloss``."""
     for name, torque_nm in zip(c.JOINT_NAMES, values["torque_nm"], strict=True):
         set_bound(spec.joint(name), torque_nm)
 
 
-def viscous_friction(spec, values) -> None:
+def viscous_friction(spec: "MjSpec", values: Mapping[str, np.ndarray]) -> None:
     """Friction in proportion to speed as ``damping``."""
     for name, damping in zip(c.JOINT_NAMES, values["damping_nm_s_rad"], strict=True):
         spec.joint(name).damping[0] = damping
 
 
-def reserve_bounds(spec) -> None:
+def reserve_bounds(spec: "MjSpec") -> None:
     """Give every joint a friction constraint whose bound the control callback sets."""
     for name in c.JOINT_NAMES:
         joint = spec.joint(name)
         set_bound(joint, max(float(joint.frictionloss), _ROW_NM))
 
 
-def set_bound(joint, torque_nm: float) -> None:
+def set_bound(joint: "MjsJoint", torque_nm: float) -> None:
     """Constant friction of one joint of a specification, N m, stiff enough to stick."""
     joint.frictionloss = torque_nm
     if torque_nm > 0.0:
@@ -45,7 +51,7 @@ def set_bound(joint, torque_nm: float) -> None:
 
 
 @numba.njit(inline="always")
-def stribeck_bound_nm(extra_nm, speed_rad_s, velocity_rad_s):
+def stribeck_bound_nm(extra_nm: float, speed_rad_s: float, velocity_rad_s: float) -> float:
     """What is added to the bound near standstill."""
     if extra_nm == 0.0:
         return 0.0
@@ -54,13 +60,13 @@ def stribeck_bound_nm(extra_nm, speed_rad_s, velocity_rad_s):
 
 
 @numba.njit(inline="always")
-def load_bound_nm(coefficient, torque_nm):
+def load_bound_nm(coefficient: float, torque_nm: float) -> float:
     """What is added to the bound by the torque that the gear transmits."""
     return coefficient * abs(torque_nm)
 
 
 @numba.njit(inline="always")
-def directional_bound_nm(difference_nm, velocity_rad_s):
+def directional_bound_nm(difference_nm: float, velocity_rad_s: float) -> float:
     """What is added to the bound when turning towards plus, and taken when turning towards minus."""
     if difference_nm == 0.0:
         return 0.0
@@ -68,12 +74,21 @@ def directional_bound_nm(difference_nm, velocity_rad_s):
 
 
 @numba.njit(inline="always")
-def stuck_bound_nm(holding_torque_nm):
+def stuck_bound_nm(holding_torque_nm: float) -> float:
     """What a jammed joint holds."""
     return holding_torque_nm
 
 
-def _effect(name, about, source, acts, apply, *parameters, shape=(), group=Group.ACTUATION) -> Effect:
+def _effect(
+    name: str,
+    about: str,
+    source: str,
+    acts: Acts,
+    apply: Callable[..., Any],
+    *parameters: Parameter,
+    shape: Sequence[Parameter] = (),
+    group: Group = Group.ACTUATION,
+) -> Effect:
     return Effect(name, group, about, source, acts, parameters, apply, tuple(shape))
 
 

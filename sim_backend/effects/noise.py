@@ -15,14 +15,14 @@ _TWO_PI = 2.0 * math.pi
 
 
 @numba.njit(inline="always")
-def _mixed(value):
+def _mixed(value: np.uint64) -> np.uint64:
     value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     value = (value ^ (value >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return value ^ (value >> np.uint64(31))
 
 
 @numba.njit
-def _bits(seed, step, channel):
+def _bits(seed: float, step: float, channel: int) -> np.uint64:
     """64 mixed bits of the triple."""
     state = _mixed(np.uint64(seed) + np.uint64(0x9E3779B97F4A7C15))
     state = _mixed(state ^ (np.uint64(np.int64(step)) * np.uint64(0xD1B54A32D192ED03)))
@@ -30,7 +30,7 @@ def _bits(seed, step, channel):
 
 
 @numba.njit
-def uniform(seed, step, channel):
+def uniform(seed: float, step: float, channel: int) -> float:
     """A number in (0, 1), never 0 or 1.
 
     Args:
@@ -42,7 +42,7 @@ def uniform(seed, step, channel):
 
 
 @numba.njit
-def gaussian(seed, step, channel):
+def gaussian(seed: float, step: float, channel: int) -> float:
     """A number from the standard normal distribution (Box and Muller); arguments as for :func:`uniform`."""
     bits = _bits(seed, step, channel)
     radius = (np.float64(bits >> np.uint64(32)) + 0.5) * (1.0 / 4294967296.0)
@@ -51,7 +51,7 @@ def gaussian(seed, step, channel):
 
 
 @numba.njit
-def gaussians(seeds, steps, channels):
+def gaussians(seeds: np.ndarray, steps: np.ndarray, channels: np.ndarray) -> np.ndarray:
     """Standard normal numbers for n simulations.
 
     Args:
@@ -70,7 +70,7 @@ def gaussians(seeds, steps, channels):
 
 
 @numba.njit
-def uniforms(seeds, steps, channels):
+def uniforms(seeds: np.ndarray, steps: np.ndarray, channels: np.ndarray) -> np.ndarray:
     """Numbers in (0, 1) for n simulations; shapes as for :func:`gaussians`."""
     out = np.empty((len(seeds), len(channels)))
     for i in range(len(seeds)):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sim_backend.effects.catalogue import CATALOGUE, PARAMETERS
-from sim_backend.effects.effect import Parameter
+from sim_backend.effects.effect import Effect, Parameter
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ def _parameter(key: str) -> Parameter:
     return PARAMETERS[key]
 
 
-def _effect(name: str):
+def _effect(name: str) -> Effect:
     if name not in CATALOGUE:
         raise ValueError(f"unknown effect {name!r}; choose from {', '.join(CATALOGUE)}")
     return CATALOGUE[name]

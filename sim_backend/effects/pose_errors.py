@@ -7,7 +7,7 @@ import numpy as np
 
 
 @numba.njit
-def scaled_position_m(position_m, factor_error):
+def scaled_position_m(position_m: np.ndarray, factor_error: np.ndarray) -> np.ndarray:
     """Positions (n, 3) seen too far from the world's origin, or too near; ``factor_error`` (n,)."""
     out = position_m.copy()
     for i in range(len(position_m)):
@@ -17,7 +17,7 @@ def scaled_position_m(position_m, factor_error):
 
 
 @numba.njit
-def quat_product(a, b, out):
+def quat_product(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
     """``out`` = ``a`` b, each of shape (4,), wxyz; ``out`` may not be one of them."""
     out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
     out[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2]
@@ -26,7 +26,7 @@ def quat_product(a, b, out):
 
 
 @numba.njit
-def turned_quat(quat_wxyz, rotation_rad):
+def turned_quat(quat_wxyz: np.ndarray, rotation_rad: np.ndarray) -> np.ndarray:
     """Orientations (n, 4) wxyz turned by rotation vectors (n, 3) in the world frame, rad."""
     out, turn = quat_wxyz.copy(), np.empty(4)
     for i in range(len(quat_wxyz)):
@@ -40,7 +40,7 @@ def turned_quat(quat_wxyz, rotation_rad):
 
 
 @numba.njit
-def offset_position_m(position_m, offset_m, rotation_rad):
+def offset_position_m(position_m: np.ndarray, offset_m: np.ndarray, rotation_rad: np.ndarray) -> np.ndarray:
     """Positions (n, 3) as cameras see them that stand askew: turned about the world's origin, then moved; all (n, 3)."""
     out = position_m.copy()
     for i in range(len(position_m)):
@@ -61,13 +61,17 @@ def offset_position_m(position_m, offset_m, rotation_rad):
 
 
 @numba.njit
-def offset_pose(position_m, quat_wxyz, offset_m, rotation_rad):
+def offset_pose(
+    position_m: np.ndarray, quat_wxyz: np.ndarray, offset_m: np.ndarray, rotation_rad: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Position (n, 3) and orientation (n, 4) as cameras see them that stand askew (:func:`offset_position_m`)."""
     return offset_position_m(position_m, offset_m, rotation_rad), turned_quat(quat_wxyz, rotation_rad)
 
 
 @numba.njit
-def noisy_pose(position_m, quat_wxyz, position_std_m, rotation_std_rad, normal):
+def noisy_pose(
+    position_m: np.ndarray, quat_wxyz: np.ndarray, position_std_m: np.ndarray, rotation_std_rad: np.ndarray, normal: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Poses with an error.
 
     Args:
@@ -104,7 +108,7 @@ CUBE_TURNS_WXYZ = _cube_turns_wxyz()
 
 
 @numba.njit
-def jump_probability(probability, growth, hidden_faces):
+def jump_probability(probability: np.ndarray, growth: np.ndarray, hidden_faces: np.ndarray) -> np.ndarray:
     """Probability of a wrong assignment of colours to faces, shape (n,).
 
     It grows by the factor ``growth`` for each face that no camera sees though it looks at one (``hidden_faces``, (n,), in
@@ -117,7 +121,7 @@ def jump_probability(probability, growth, hidden_faces):
 
 
 @numba.njit
-def jumped_quat(quat_wxyz, probability, uniform):
+def jumped_quat(quat_wxyz: np.ndarray, probability: np.ndarray, uniform: np.ndarray) -> np.ndarray:
     """Orientations (n, 4) of which some are wrong by one of the 23 other ways in which a cube fits itself.
 
     Args:

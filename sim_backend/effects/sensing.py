@@ -1,18 +1,24 @@
 """Effects between a joint and what its encoder reports; compiled into the control callback, one joint and one step at a time."""
 
-import numba
+from collections.abc import Callable
+from typing import Any, TypeVar
 
-from sim_backend.effects.effect import Acts, Effect, Group, per_joint, per_robot
+import numba
+import numpy as np
+
+from sim_backend.effects.effect import Acts, Effect, Group, Parameter, per_joint, per_robot
+
+Numbers = TypeVar("Numbers", float, np.ndarray)
 
 
 @numba.njit(inline="always")
-def offset_position_rad(position_rad, offset_rad):
+def offset_position_rad(position_rad: float, offset_rad: float) -> float:
     """An encoder whose zero is off."""
     return position_rad + offset_rad
 
 
 @numba.njit(inline="always")
-def quantised(value, step):
+def quantised(value: float, step: float) -> float:
     """A value in whole steps of an encoder."""
     if step == 0.0:
         return value
@@ -20,7 +26,7 @@ def quantised(value, step):
 
 
 @numba.njit(inline="always")
-def filtered(previous, value, step_s, time_constant_s):
+def filtered(previous: float, value: float, step_s: float, time_constant_s: float) -> float:
     """Next output of a first-order low-pass filter."""
     if time_constant_s == 0.0:
         return value
@@ -28,18 +34,20 @@ def filtered(previous, value, step_s, time_constant_s):
 
 
 @numba.njit(inline="always")
-def noisy(value, std, normal):
-    """A value with an error; ``normal`` is a standard normal number."""
+def noisy(value: float, std: Numbers, normal: Numbers) -> Numbers:
+    """A value with an error, or many; ``normal`` is a standard normal number."""
     return value + std * normal
 
 
 @numba.njit(inline="always")
-def commanded_torque_nm(torque_nm, off):
+def commanded_torque_nm(torque_nm: float, off: float) -> float:
     """Torque that a controller sends: none while it restarts."""
     return 0.0 if off > 0.0 else torque_nm
 
 
-def _effect(name, about, source, apply, *parameters, group=Group.SENSING) -> Effect:
+def _effect(
+    name: str, about: str, source: str, apply: Callable[..., Any], *parameters: Parameter, group: Group = Group.SENSING
+) -> Effect:
     return Effect(name, group, about, source, Acts.CONTROL, parameters, apply)
 
 

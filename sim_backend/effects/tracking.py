@@ -5,6 +5,8 @@ robot alone. Where a robot's parameters are absent its numbers pass untouched.
 """
 
 import math
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numba
 import numpy as np
@@ -16,13 +18,13 @@ from sim_backend.trifinger import constants as c
 NOMINAL_RATE_HZ = 1.0 / c.CAMERA_PERIOD_S
 
 
-def frame_period_s(rate_hz):
+def frame_period_s(rate_hz: np.ndarray) -> np.ndarray:
     """Time between two images, shape (n,), s."""
     return 1.0 / rate_hz
 
 
 @numba.njit
-def later_s(delay_s, extra_s):
+def later_s(delay_s: float, extra_s: np.ndarray) -> np.ndarray:
     """Delays from image to report, shape (n,), that are longer than ``delay_s`` by a constant (n,), s."""
     out = np.empty(len(extra_s))
     for i in range(len(extra_s)):
@@ -31,7 +33,7 @@ def later_s(delay_s, extra_s):
 
 
 @numba.njit
-def jittered_s(delay_s, std_s, normal):
+def jittered_s(delay_s: np.ndarray, std_s: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """Delays (n,) that differ from frame to frame but never go back in time, s; ``normal`` (n, 1) is standard normal."""
     out = np.empty(len(delay_s))
     for i in range(len(delay_s)):
@@ -40,13 +42,13 @@ def jittered_s(delay_s, std_s, normal):
 
 
 @numba.njit
-def gap_frames(duration_frames):
+def gap_frames(duration_frames: float) -> int:
     """Length of a gap in whole frames: the nearest number, and at least one."""
     return max(int(np.rint(duration_frames)), 1)
 
 
 @numba.njit
-def dropped(probability, duration_frames, uniform):
+def dropped(probability: np.ndarray, duration_frames: np.ndarray, uniform: np.ndarray) -> np.ndarray:
     """Frames that never arrive.
 
     Args:
@@ -65,7 +67,7 @@ def dropped(probability, duration_frames, uniform):
 
 
 @numba.njit
-def missed_share(missed, uniform):
+def missed_share(missed: np.ndarray, uniform: np.ndarray) -> np.ndarray:
     """Share of the coloured pixels that are not recognised in a frame, shape (n,).
 
     Beta(1, (1 - m) / m) with mean m = ``missed`` (n,), up to 0.5: close to an exponential where m is small, but a share whatever
@@ -78,13 +80,13 @@ def missed_share(missed, uniform):
 
 
 @numba.njit
-def occluder_radius_m(radius_m, strength):
+def occluder_radius_m(radius_m: float, strength: float) -> float:
     """Radius that a part of a finger hides the cube with, m; nothing is hidden at strength 0."""
     return radius_m * strength
 
 
 @numba.njit
-def foreign_sphere(radius_m, position_m):
+def foreign_sphere(radius_m: np.ndarray, position_m: np.ndarray) -> np.ndarray:
     """Spheres in the way, shape (n, 4): centre in the world frame and radius (n,), m."""
     out = np.empty((len(radius_m), 4))
     for i in range(len(radius_m)):
@@ -95,7 +97,7 @@ def foreign_sphere(radius_m, position_m):
 
 
 @numba.njit
-def working(dead):
+def working(dead: np.ndarray) -> np.ndarray:
     """Cameras that give images, shape (n, 3)."""
     return dead < 0.5
 
@@ -107,7 +109,15 @@ def _noise(position_about: str, rotation_about: str) -> tuple[Parameter, ...]:
     )
 
 
-def _effect(name, about, source, apply, *parameters, shape=(), group=Group.TRACKING) -> Effect:
+def _effect(
+    name: str,
+    about: str,
+    source: str,
+    apply: Callable[..., Any],
+    *parameters: Parameter,
+    shape: Sequence[Parameter] = (),
+    group: Group = Group.TRACKING,
+) -> Effect:
     return Effect(name, group, about, source, Acts.TRACKER, parameters, apply, tuple(shape))
 
 
