@@ -34,7 +34,7 @@ RUN pip install --no-deps .
 WORKDIR /home/trifarm
 USER trifarm
 # What is missing shows here, not when the first user comes.
-RUN python -c "import services.router, services.serve, services.policies.child"
+RUN python -c "import services.router, services.serve, services.policies.jailed_conversion"
 VOLUME /data
 EXPOSE 8787 7447
 ENTRYPOINT ["python", "-m", "services"]

@@ -56,8 +56,7 @@ async def put_log(
     x_content_sha256: AnnouncedSha256 = None,
 ) -> StoredFile:
     """Takes a log under a lease that holds; it is kept under its SHA-256, which the outcome then names."""
-    await _check_lease(farm, trial_id, fence, caller)
-    return await _keep(farm, trial_id, fence, "log", request, x_content_sha256)
+    return await _keep(farm, trial_id, fence, "log", request, caller, x_content_sha256)
 
 
 @router.put("/{trial_id}/{fence}/truth", responses=refusals(409), openapi_extra=FILE)
@@ -70,8 +69,7 @@ async def put_truth(
     x_content_sha256: AnnouncedSha256 = None,
 ) -> StoredFile:
     """Takes what only the simulation knows of a trial, as ``log`` takes the log; operators alone can fetch it."""
-    await _check_lease(farm, trial_id, fence, caller)
-    return await _keep(farm, trial_id, fence, "truth", request, x_content_sha256)
+    return await _keep(farm, trial_id, fence, "truth", request, caller, x_content_sha256)
 
 
 def _check_robot(caller: Caller, robot: str) -> None:
@@ -82,14 +80,11 @@ def _check_robot(caller: Caller, robot: str) -> None:
         )
 
 
-async def _check_lease(farm: Farm, trial_id: str, fence: int, caller: Caller) -> None:
+async def _keep(
+    farm: Farm, trial_id: str, fence: int, kind: lease.FileKind, request: Request, caller: Caller, announced: str | None
+) -> StoredFile:
     async with farm.database.read() as connection:
         await lease.check_lease(connection, trial_id, fence, caller.robot)
-
-
-async def _keep(
-    farm: Farm, trial_id: str, fence: int, kind: lease.FileKind, request: Request, announced: str | None
-) -> StoredFile:
     limit_bytes = farm.settings.max_log_bytes
     stored = await farm.files.put(request.stream(), limit_bytes=limit_bytes, expected_sha256=announced)
     # The file is on the disk; its row need not be, because the outcome that names it is committed after it and lasts.

@@ -10,7 +10,7 @@ from typing import Annotated, BinaryIO, Literal
 from fastapi import APIRouter, Query, Request, Response
 from fastapi import Path as InPath
 from pydantic import ValidationError
-from starlette.datastructures import FormData, UploadFile
+from starlette.datastructures import UploadFile
 from starlette.exceptions import HTTPException
 from starlette.types import Message, Receive
 
@@ -70,28 +70,37 @@ async def post_policy(request: Request, response: Response, caller: Submitter, f
     return await _take(None, request, response, caller, farm)
 
 
-async def _take(digest: str | None, request: Request, response: Response, caller: Caller, farm: Farm) -> Policy:
+async def _take(address: str | None, request: Request, response: Response, caller: Caller, farm: Farm) -> Policy:
     detail = f"{caller.owner} has {MOST_UPLOADS} uploads under way, the most that a user may have; wait for one to be answered."
     refusal = TooMany("too-many-uploads", detail, RETRY_AFTER_S)
-    with one_more(request.app.state.uploads, caller, MOST_UPLOADS, refusal):
-        policy, new = await _received(digest, request, caller, farm)
+    under_way = one_more(request.app.state.uploads, caller, MOST_UPLOADS, refusal)
+    with under_way, tempfile.TemporaryDirectory(prefix="trifarm-upload-") as folder:
+        upload = await _upload(address, request, Path(folder), caller, farm)
+        policy, new = await farm.policies.take(upload, farm.clock.now_iso())
     response.status_code = 201 if new else 200
     response.headers["Location"] = f"/v1/policies/{policy.digest}"
     return policy
 
 
-async def _received(digest: str | None, request: Request, caller: Caller, farm: Farm) -> tuple[Policy, bool]:
-    limit_bytes = farm.settings.max_weights_bytes
-    limited = Request(request.scope, _limited(request, limit_bytes))
-    with tempfile.TemporaryDirectory(prefix="trifarm-upload-") as folder:
-        try:
-            async with limited.form(max_files=1, max_fields=1, max_part_size=MANIFEST_BYTES) as form:
-                upload = await _upload(digest, form, Path(folder), caller, farm)
-        except BodyRefused:
-            raise
-        except HTTPException as error:
-            raise Refused("form-malformed", f"The form cannot be read: {error.detail}") from error
-        return await farm.policies.take(upload, farm.clock.now_iso())
+async def _upload(address: str | None, request: Request, folder: Path, caller: Caller, farm: Farm) -> Upload:
+    """Reads the form, and puts its weights into ``folder``."""
+    limited = Request(request.scope, _limited(request, farm.settings.max_weights_bytes))
+    try:
+        async with limited.form(max_files=1, max_fields=1, max_part_size=MANIFEST_BYTES) as form:
+            weights, text = form.get("weights"), form.get("manifest")
+            if not isinstance(weights, UploadFile) or not isinstance(text, str):
+                raise Refused("form-incomplete", "Send multipart/form-data with a file 'weights' and a text 'manifest'.")
+            kind = weights_format(weights.filename)
+            manifest = _manifest(text)
+            path = folder / f"weights.{kind}"
+            sha256 = await asyncio.to_thread(_copy, weights.file, path)
+    except BodyRefused:
+        raise
+    except HTTPException as error:
+        raise Refused("form-malformed", f"The form cannot be read: {error.detail}") from error
+    digest = policy_digest(sha256, manifest)
+    share_bytes = None if caller.sees_only is None else farm.settings.max_policy_bytes_per_user
+    return Upload(digest, path, sha256, kind, manifest, caller.owner, weights.filename, address, share_bytes)
 
 
 def _limited(request: Request, limit_bytes: int) -> Receive:
@@ -111,19 +120,6 @@ def _limited(request: Request, limit_bytes: int) -> Receive:
         return message
 
     return receive
-
-
-async def _upload(digest: str | None, form: FormData, folder: Path, caller: Caller, farm: Farm) -> Upload:
-    weights, manifest = form.get("weights"), form.get("manifest")
-    if not isinstance(weights, UploadFile) or not isinstance(manifest, str):
-        raise Refused("form-incomplete", "Send multipart/form-data with a file 'weights' and a text 'manifest'.")
-    kind = weights_format(weights.filename)
-    parsed = _manifest(manifest)
-    path = folder / f"weights.{kind}"
-    sha256 = await asyncio.to_thread(_copy, weights.file, path)
-    share_bytes = None if caller.sees_only is None else farm.settings.max_policy_bytes_per_user
-    digest = policy_digest(sha256, parsed) if digest is None else digest
-    return Upload(digest, path, sha256, kind, parsed, caller.owner, weights.filename, share_bytes)
 
 
 def _copy(source: BinaryIO, path: Path) -> str:

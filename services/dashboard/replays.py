@@ -11,7 +11,7 @@ from pathlib import Path
 from jail.level import too_open
 from services.api.farm import Farm
 from services.api.serving import stored_size
-from services.child import ChildKilledError, run_module
+from services.child_process import ChildKilledError, run_module
 from services.dashboard.bringing import UnreadableError, bring
 from services.dashboard.replay_limits import DEADLINE_S, LARGEST_REPLAY_BYTES
 from services.errors import Unavailable

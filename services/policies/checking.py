@@ -14,9 +14,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from api_schemas.error import Problem
-from api_schemas.policy import MAX_WEIGHTS_BYTES, PolicyCheck, PolicyManifest, canonical_json, policy_digest
+from api_schemas.policy import MAX_WEIGHTS_BYTES, PolicyCheck, PolicyManifest, policy_digest
 from services.errors import ServiceError
-from services.policies import child, intake
+from services.policies import intake
+from services.policies.jailed_conversion import Converted, convert
 
 DEADLINE_S = 60.0
 ACCEPTED, REFUSED = 0, 5
@@ -41,14 +42,13 @@ def verdict(weights: Path, manifest: PolicyManifest) -> PolicyCheck:
     )
 
 
-def _converted(weights: Path, kind: str, manifest: PolicyManifest) -> child.Converted:
+def _converted(weights: Path, kind: str, manifest: PolicyManifest) -> Converted:
     with tempfile.TemporaryDirectory(prefix="trifarm-check-") as name:
         folder = Path(name)
         # A copy, since the child goes by the end of the name, and need see nothing but this folder.
-        copy, text = folder / f"weights.{kind}", folder / "manifest.json"
+        copy = folder / f"weights.{kind}"
         shutil.copyfile(weights, copy)
-        text.write_text(canonical_json(manifest))
-        return asyncio.run(child.convert(copy, text, folder / "policy.onnx", DEADLINE_S, filename=weights.name))
+        return asyncio.run(convert(copy, manifest, folder, DEADLINE_S, filename=weights.name))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

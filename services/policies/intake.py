@@ -4,7 +4,6 @@ All of it works on the file as it lies on disk, costs at most a tenth of a secon
 """
 
 import mmap
-from collections.abc import Callable
 from pathlib import Path
 
 from api_schemas.policy import WeightsFormat
@@ -53,24 +52,13 @@ def check_weights(path: Path, kind: WeightsFormat, limit_bytes: int, filename: s
         with path.open("rb") as file:
             # Not closed by hand: views of it may still be held where an error was raised.
             mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-        check_content(memoryview(mapped), kind, limit_bytes, lambda: mapped.madvise(mmap.MADV_DONTNEED))
+        content = memoryview(mapped)
+        check_start(bytes(content[:FIRST_BYTES]), kind)
+        if kind == WeightsFormat.ZIP:
+            check_entries_of(content, limit_bytes)
+        else:
+            check = check_onnx if kind == WeightsFormat.ONNX else check_safetensors
+            check(content, lambda: mapped.madvise(mmap.MADV_DONTNEED))
     except UnfitError as error:
         # Without the error's own frames, which would keep the file mapped.
         raise refused(error, name) from None
-
-
-def check_content(
-    content: memoryview, kind: WeightsFormat, limit_bytes: int, forget: Callable[[], object] = lambda: None
-) -> None:
-    """Raises unless the content of a file is a well-formed one of its kind; ``forget`` may drop what has been read of it.
-
-    Raises:
-        UnfitError: it is another format, not well formed, or over a limit.
-    """
-    check_start(bytes(content[:FIRST_BYTES]), kind)
-    if kind == WeightsFormat.SAFETENSORS:
-        check_safetensors(content, forget)
-    elif kind == WeightsFormat.ONNX:
-        check_onnx(content, forget)
-    else:
-        check_entries_of(content, limit_bytes)

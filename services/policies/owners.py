@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from sqlalchemy import delete, exists, func, insert, or_, select
+from sqlalchemy import and_, delete, exists, func, insert, or_, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from services.database.rows import AnyRow
@@ -31,6 +31,13 @@ async def find(connection: AsyncConnection, digest: str, owner: str | None) -> A
     return (await connection.execute(wanted)).one_or_none()
 
 
+async def find_for(connection: AsyncConnection, digest: str, owner: str) -> AnyRow | None:
+    """The policy's row, whoever owns it; its ``owned_at`` is since when it is the owner's, None if it is not."""
+    theirs = and_(policy_owner.c.digest == policy.c.digest, policy_owner.c.owner == owner)
+    wanted = select(policy, policy_owner.c.created_at.label("owned_at")).select_from(policy.outerjoin(policy_owner, theirs))
+    return (await connection.execute(wanted.where(policy.c.digest == digest))).one_or_none()
+
+
 async def page(connection: AsyncConnection, before: int | None, count: int, owner: str | None) -> Sequence[AnyRow]:
     """Up to ``count`` rows, newest first, whose ``place`` is below ``before``; with ``owner`` only his."""
     place = policy.c.number if owner is None else policy_owner.c.number
@@ -43,12 +50,13 @@ async def page(connection: AsyncConnection, before: int | None, count: int, owne
     return (await connection.execute(wanted.order_by(place.desc()).limit(count))).all()
 
 
-async def own(tx: AsyncConnection, digest: str, owner: str, now_iso: str) -> bool:
-    """Makes the policy his; false when it was."""
-    if (await tx.execute(select(exists().where(policy_owner.c.digest == digest, policy_owner.c.owner == owner)))).scalar():
-        return False
-    await tx.execute(insert(policy_owner).values(digest=digest, owner=owner, created_at=now_iso))
-    return True
+async def own(tx: AsyncConnection, digest: str, owner: str, now_iso: str) -> str | None:
+    """Makes the policy the owner's; gives since when it already was, None if it was not."""
+    theirs = (policy_owner.c.digest == digest, policy_owner.c.owner == owner)
+    since = (await tx.execute(select(policy_owner.c.created_at).where(*theirs))).scalar_one_or_none()
+    if since is None:
+        await tx.execute(insert(policy_owner).values(digest=digest, owner=owner, created_at=now_iso))
+    return since
 
 
 async def disown(tx: AsyncConnection, digest: str, owner: str) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from api_schemas.trial import Verification
-from services.child import ChildSaidTooMuchError, ChildTimedOutError, Ended, run_module
+from services.child_process import ChildSaidTooMuchError, ChildTimedOutError, Ended, run_module
 from services.errors import Refused, Unavailable
 
 REPLAY = "sim_backend.replays.replay"

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from jail.environment import jail_environment
-from services.child import Ended
-from services.policies import child
+from services.child_process import Ended
+from services.policies import jailed_conversion
 
 
 @dataclass
@@ -27,7 +27,7 @@ class Cost:
 
 @contextmanager
 def measured_children():
-    """Has ``child.convert`` start its children as always, but each through a small process that tells what it cost."""
+    """Has ``convert`` start its children as always, but each through a small process that tells what it cost."""
     cost = Cost()
 
     async def run_module(module, *arguments, folder, deadline_s):
@@ -35,7 +35,7 @@ def measured_children():
             return await asyncio.to_thread(run_measured, cost, [sys.executable, "-P", "-m", module, *arguments], folder)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(child, "run_module", run_module)
+        patch.setattr(jailed_conversion, "run_module", run_module)
         yield cost
 
 

@@ -27,9 +27,9 @@ import safetensors.numpy  # noqa: F401  loaded here, so that no fork loads it ag
 from api_schemas.policy import MAX_WEIGHTS_BYTES, WeightsFormat, canonical_json
 from jail.level import JailLevel
 from robot_farm.policy.jail import JailedPolicy
-from services.child import Ended
+from services.child_process import Ended
 from services.errors import ServiceError
-from services.policies import child, conversion, dry_run, graph, intake, recorded, sb3_network, uploaded  # noqa: F401
+from services.policies import conversion, dry_run, graph, intake, jailed_conversion, recorded, sb3_network, uploaded  # noqa: F401
 from tests.hostile.measured import measured_children
 from tests.hostile.valid import MANIFEST, VALID, sb3_entries, torch_entries, zipped
 
@@ -171,7 +171,7 @@ def try_one(content, kind, folder, tally, label):
     if ended.status not in (0, -signal.SIGPROF):
         tally.faults.append(f"{label}: the converter {ended.how}")
     try:
-        child._read(ended, out, path.name)
+        jailed_conversion._read(ended, out, path.name)
     except ServiceError as error:
         return count_refusal(tally, "refused_by_converter", error, label)
     tally.outcomes["accepted"] += 1
@@ -185,11 +185,10 @@ def try_one(content, kind, folder, tally, label):
 
 def whole_child(content, suffix, folder):
     """What a child costs that starts from nothing and takes the file."""
-    path, manifest = folder / f"weights.{suffix}", folder / "manifest.json"
+    path = folder / f"weights.{suffix}"
     path.write_bytes(content)
-    manifest.write_text(canonical_json(MANIFEST))
     with measured_children() as cost:
-        asyncio.run(child.convert(path, manifest, folder / "policy.onnx", HANGS_S))
+        asyncio.run(jailed_conversion.convert(path, MANIFEST, folder, HANGS_S))
     return {
         "cpu_s_of_a_whole_converter": round(cost.cpu_s, 3),
         "memory_mb_of_a_whole_converter": round(cost.memory_bytes / 2**20),

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from api_schemas.policy import MAX_WEIGHTS_BYTES, canonical_json
+from api_schemas.policy import MAX_WEIGHTS_BYTES
 from services.errors import ServiceError
 from services.policies import conversion
-from services.policies.child import convert
 from services.policies.intake import check_weights, weights_format
+from services.policies.jailed_conversion import convert
 from tests.hostile.corpus import corpus
 from tests.hostile.measured import measured_children
 from tests.hostile.valid import MANIFEST, VALID, canary_pickle, sized
@@ -64,11 +64,9 @@ def check(path, filename):
 
 async def converted(path, tmp_path, manifest=MANIFEST):
     """What the converting child says, and what it cost, start-up included."""
-    text = tmp_path / "manifest.json"
-    text.write_text(canonical_json(manifest))
     with measured_children() as cost:
         try:
-            return await convert(path, text, tmp_path / "policy.onnx", 60), cost
+            return await convert(path, manifest, tmp_path, 60), cost
         except ServiceError as error:
             return error, cost
 

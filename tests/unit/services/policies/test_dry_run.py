@@ -6,11 +6,11 @@ import pytest
 import safetensors.numpy
 from onnx import TensorProto, helper, numpy_helper
 
-from api_schemas.policy import LAYOUTS, ActionKind, OutputScaling, PolicyManifest, canonical_json
+from api_schemas.policy import LAYOUTS, ActionKind, OutputScaling, PolicyManifest
 from api_schemas.policy_network import Cell
 from services.errors import Refused
 from services.policies import dry_run, graph, uploaded
-from services.policies.child import convert
+from services.policies.jailed_conversion import convert
 from services.policies.recorded import recorded_trials
 from services.policies.unfit import UnfitError
 from tests.graphs import endless
@@ -179,11 +179,10 @@ def test_the_rate_decides_what_is_too_slow():
 
 
 async def refused_by_the_child(tmp_path, name, content, manifest):
-    path, text = tmp_path / name, tmp_path / "m.json"
+    path = tmp_path / name
     path.write_bytes(content)
-    text.write_text(canonical_json(manifest))
     with pytest.raises(Refused) as error:
-        await convert(path, text, tmp_path / "out.onnx", 60)
+        await convert(path, manifest, tmp_path, 60)
     assert {"file", "part", "instead"} <= set(error.value.members)
     return error.value
 

@@ -1,4 +1,4 @@
-"""Starts the converting child, waits for it, and reads what it said."""
+"""The conversion of a policy as the server asks for it: in a jailed child process, whose answer is read with suspicion."""
 
 import json
 import signal
@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from api_schemas.policy import MAX_WEIGHTS_BYTES
+from api_schemas.policy import MAX_WEIGHTS_BYTES, PolicyManifest, canonical_json
 from jail.level import JailLevel
-from services.child import ChildKilledError, Ended, run_module
+from services.child_process import ChildKilledError, Ended, run_module
 from services.errors import Refused, Unavailable
 from services.policies.conversion import DRY_RUN_CPU_S
 from services.policies.unfit import UnfitError, refused, too_slow
@@ -26,20 +26,20 @@ class Converted:
 
 async def convert(
     weights: Path,
-    manifest: Path,
-    out: Path,
+    manifest: PolicyManifest,
+    folder: Path,
     deadline_s: float,
     least: JailLevel = JailLevel.NONE,
     *,
     limit_bytes: int = MAX_WEIGHTS_BYTES,
     filename: str | None = None,
 ) -> Converted:
-    """Converts in a jailed child process, which gets the folder of ``out`` for its own.
+    """Converts in a jailed child process, which gets ``folder`` for its own.
 
     Args:
         weights: the file, named by its format.
-        manifest: what it expects, as JSON.
-        out: where the graph is written.
+        manifest: what they expect and give.
+        folder: where manifest and graph are written; the child sees no other.
         deadline_s: how long it may take.
         least: the level that the jail must reach.
         limit_bytes: the most that weights may have; a graph may have about twice as many.
@@ -49,12 +49,14 @@ async def convert(
         Refused: the policy cannot be converted.
         Unavailable: the jail does not reach the level ``least``.
     """
-    files = (str(weights), str(manifest), out.name, least.value, str(limit_bytes))
+    expected, graph = folder / "manifest.json", folder / "policy.onnx"
+    expected.write_text(canonical_json(manifest))
+    given = (str(weights), str(expected), graph.name, least.value, str(limit_bytes))
     try:
-        ended = await run_module("services.policies.conversion", *files, folder=out.parent, deadline_s=deadline_s)
+        ended = await run_module("services.policies.conversion", *given, folder=folder, deadline_s=deadline_s)
     except ChildKilledError as error:
         raise _failed(str(error), filename or weights.name) from error
-    return _read(ended, out, filename or weights.name)
+    return _read(ended, graph, filename or weights.name)
 
 
 def _last_line(said: bytes) -> dict[str, Any]:
@@ -68,7 +70,7 @@ def _last_line(said: bytes) -> dict[str, Any]:
         return {}
 
 
-def _read(ended: Ended, out: Path, filename: str) -> Converted:
+def _read(ended: Ended, graph: Path, filename: str) -> Converted:
     last = _last_line(ended.said)
     if "too_open" in last:
         raise Unavailable("jail-too-open", f"The farm takes no policies now: {last['too_open']}. Its operator can change that.")
@@ -77,7 +79,7 @@ def _read(ended: Ended, out: Path, filename: str) -> Converted:
     if "why" in last.get("problem", {}):
         raise refused(UnfitError(**last["problem"]), filename)
     if "warnings" in last:
-        return Converted(out, tuple(f"Dry run: the policy {warning}." for warning in last["warnings"]))
+        return Converted(graph, tuple(f"Dry run: the policy {warning}." for warning in last["warnings"]))
     if last.get("converted") and ended.status == -signal.SIGPROF:
         raise refused(too_slow(f"the network used more than {DRY_RUN_CPU_S:g} s of CPU time and was stopped"), filename)
     raise _failed(f"the converting process {ended.how}", filename)

@@ -6,22 +6,21 @@ from pathlib import Path
 
 import pytest
 
-from api_schemas.policy import LAYOUTS, canonical_json
+from api_schemas.policy import LAYOUTS
 from jail import landlock
 from jail.level import JailLevel
-from services.child import Ended
+from services.child_process import Ended
 from services.errors import Refused, Unavailable
-from services.policies import child
-from services.policies.child import convert
+from services.policies import jailed_conversion
+from services.policies.jailed_conversion import convert
 from tests.integration.farm_process import small_policy
 
 
 def files(tmp_path):
-    weights, manifest = tmp_path / "w.safetensors", tmp_path / "m.json"
-    content, layout = small_policy()
+    weights = tmp_path / "w.safetensors"
+    content, manifest = small_policy()
     weights.write_bytes(content)
-    manifest.write_text(canonical_json(layout))
-    return weights, manifest, tmp_path / "out.onnx"
+    return weights, manifest, tmp_path
 
 
 async def test_a_good_policy_is_converted_and_its_secrets_stay_here(tmp_path, monkeypatch):
@@ -32,12 +31,12 @@ async def test_a_good_policy_is_converted_and_its_secrets_stay_here(tmp_path, mo
 
 
 async def test_a_graph_of_more_than_twice_what_may_be_sent_is_refused(tmp_path):
-    weights, manifest, out = files(tmp_path)
+    weights, manifest, folder = files(tmp_path)
     weights.write_bytes(small_policy(width=1200)[0])  # 300 kB, as if it had come packed
     with pytest.raises(Refused, match=r"unpacked, as robots run it, the policy has 30\d{4} bytes; at most 265536 are") as refusal:
-        await convert(weights, manifest, out, 60, limit_bytes=100_000)
-    assert (refusal.value.slug, out.exists()) == ("graph-too-large", False)
-    assert (await convert(weights, manifest, out, 60, limit_bytes=150_000)).graph.stat().st_size > 300_000
+        await convert(weights, manifest, folder, 60, limit_bytes=100_000)
+    assert (refusal.value.slug, (folder / "policy.onnx").exists()) == ("graph-too-large", False)
+    assert (await convert(weights, manifest, folder, 60, limit_bytes=150_000)).graph.stat().st_size > 300_000
 
 
 async def test_a_child_that_takes_too_long_is_ended(tmp_path):
@@ -46,12 +45,11 @@ async def test_a_child_that_takes_too_long_is_ended(tmp_path):
 
 
 async def test_a_child_that_breaks_is_a_refusal(tmp_path):
-    weights, manifest, out = files(tmp_path)
-    manifest.write_text(canonical_json(LAYOUTS["pose"]))
+    weights, manifest, folder = files(tmp_path)
     with pytest.raises(Refused, match="nearest ready-made layout"):
-        await convert(weights, manifest, out, 60)
+        await convert(weights, LAYOUTS["pose"], folder, 60)
     with pytest.raises(Refused, match="cannot be converted"):
-        await convert(tmp_path / "missing.onnx", manifest, out, 60)
+        await convert(tmp_path / "missing.onnx", manifest, folder, 60)
 
 
 @pytest.mark.parametrize(
@@ -73,7 +71,7 @@ async def test_a_child_that_breaks_is_a_refusal(tmp_path):
 )
 def test_whatever_a_taken_over_child_says_is_a_refusal(said, tmp_path):
     with pytest.raises(Refused, match="the converting process ended with status 0"):
-        child._read(Ended(0, said), tmp_path / "out.onnx", "p.zip")
+        jailed_conversion._read(Ended(0, said), tmp_path / "out.onnx", "p.zip")
 
 
 async def test_a_jail_that_is_closed_enough_converts(tmp_path):
@@ -93,7 +91,7 @@ def test_a_jail_that_is_too_open_takes_nothing(tmp_path):
     ran = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
     assert ran.returncode == 0, ran.stderr
     assert ran.stdout.startswith("jail-too-open The farm takes no policies now: the jail here reaches level limits"), ran.stdout
-    assert not (tmp_path / "out.onnx").exists()
+    assert not (tmp_path / "policy.onnx").exists()
 
 
 if __name__ == "__main__":
