@@ -6,7 +6,7 @@ from statistics import mean, median
 from typing import Any
 
 from api_schemas.physics import NOMINAL
-from experiments.design import Cell, Contrast, Demonstrations, Experiment, Measure
+from experiments.design import Cell, Contrast, Demonstrations, Experiment, Measure, robots_in_words
 from experiments.farm_trials import by_goal, robot_by_goal
 from experiments.judging import (
     Arrival,
@@ -116,7 +116,7 @@ def _goals(contrast: Contrast, experiment: Experiment, store: Store, first: Cell
     found, most = paired_goals(before, after), experiment.many_goals.goals
     hidden = hidden_effect(contrast, found, median(before), median(after), most)
     sides = zip(keys, (before, after), strict=True)
-    ended = [f"{reached.count(most)} of {len(reached)} trials on {key.physics} robots" for key, reached in sides]
+    ended = [f"{reached.count(most)} of {len(reached)} trials on {robots_in_words(key.physics)}" for key, reached in sides]
     return _Sides(found, hidden, (f"all {most} goals: {', '.join(ended)}",) if most in (*before, *after) else ())
 
 

@@ -10,6 +10,11 @@ FARM_SEED = 9001
 """Of every experiment's farm, so that all meet the same robots."""
 
 
+def robots_in_words(*physics: str) -> str:
+    """Robots of these physics as pages and figures call them; nobody may take the preset ``real`` for measured hardware."""
+    return f"{' and '.join('varied' if each == 'real' else each for each in physics)} simulated robots"
+
+
 @dataclass(frozen=True)
 class Demonstrations:
     """Successful trials of a shipped policy, recorded with the same seeds for every run."""

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from experiments.design import Look, Measure
+from experiments.design import Look, Measure, robots_in_words
 from experiments.findings import Curve, Findings, Rate
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def _curves(axes: "Axes", found: Findings) -> None:
     axes.set_ylim(0, TOP)
     axes.set_xlim(left=0)
     axes.set_xlabel(f"samples{counted}, millions", fontsize=9)
-    axes.set_ylabel("success on nominal robots, %", fontsize=9)
+    axes.set_ylabel("success on nominal simulated robots, %", fontsize=9)
     task = next(run["settings"].get("task", "") for runs in found.runs.values() for _, run in runs)
     means = "thick: mean; thin: runs; ring: first at 80 %" if judged else "line: mean of runs; band: lowest to highest"
     _title(axes, f"while training: {task or found.experiment.name}, {goals} goals a point", means)
@@ -143,7 +143,7 @@ def _rates(axes: "Axes", found: Findings, task: str, rates: Sequence[Rate]) -> N
         of_kind = [each for each in rates if each.physics == physics]
         for each in of_kind:
             at = cells.index(each.cell) + (index - (len(kinds) - 1) / 2) * width
-            _bar(axes, each, at, width, label=f"on {physics} robots" if each is of_kind[0] else None)
+            _bar(axes, each, at, width, label=f"on {robots_in_words(physics)}" if each is of_kind[0] else None)
     sizes = {(each.trials, len(each.of_runs)) for each in rates}
     names = [_label(found, cell) for cell in cells]
     if len(sizes) > 1:
@@ -154,7 +154,7 @@ def _rates(axes: "Axes", found: Findings, task: str, rates: Sequence[Rate]) -> N
     axes.set_xlim(-0.6, len(cells) - 0.4)
     axes.set_ylim(0, TOP)
     axes.set_ylabel("success rate on the farm, %", fontsize=9)
-    robots = f"{trials.farms[0].robots} robots of {' and of '.join(kinds)}"
+    robots = f"{trials.farms[0].robots} {robots_in_words(*kinds)}"
     several = any(len(each.of_runs) > 1 for each in rates)
     _title(axes, f"{task}, {robots}{_size(sizes)}", f"whiskers: 80 % intervals{'; dots: single runs' if several else ''}")
     if len(kinds) > 1:
@@ -197,8 +197,8 @@ def _in_a_row(axes: "Axes", found: Findings, cell: str) -> None:
         said = each.summary
         style = "-o" if each.physics == "nominal" else "--s"
         drawn = {"color": ROBOTS.get(each.physics, COLOURS[2]), "ms": 3, "linewidth": 1.3, "clip_on": False}
-        axes.plot(np.arange(1, len(each.reached) + 1), said["sorted"], style, label=f"{each.physics} robots", **drawn)
-        lines.append(f"{each.physics}: median {said['median']:g}, mean {said['mean']:.1f}")
+        axes.plot(np.arange(1, len(each.reached) + 1), said["sorted"], style, label=robots_in_words(each.physics), **drawn)
+        lines.append(f"{robots_in_words(each.physics).split()[0]}: median {said['median']:g}, mean {said['mean']:.1f}")
     trials = max(len(each.reached) for each in found.in_a_row if each.cell == cell)
     axes.set_ylim(0, most * TOP / 100)
     axes.set_xlim(0.5, trials + 0.5)

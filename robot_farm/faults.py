@@ -100,9 +100,9 @@ def parse_fault(text: str) -> Fault:
         raise ValueError(f"fault {text!r} is of unknown kind {match['kind']!r}; choose from {', '.join(KINDS)}")
     where = match["where"]
     if kind.places and where not in kind.places:
-        raise ValueError(f"fault {text!r} befalls {where or 'nothing'!r}; choose from {', '.join(kind.places)}")
+        raise ValueError(f"fault {text!r} is at {where or 'nothing'!r}; choose from {', '.join(kind.places)}")
     if where is not None and not kind.places:
-        raise ValueError(f"fault {text!r}: {match['kind']} befalls the whole robot, leave out {where!r}")
+        raise ValueError(f"fault {text!r}: {match['kind']} affects the whole robot; leave out {where!r}")
     if match["size"] is not None and not kind.takes_size:
         raise ValueError(f"fault {text!r}: {match['kind']} has no size, leave out {match['size']!r}")
     size = kind.size if match["size"] is None else float(match["size"])

@@ -137,7 +137,7 @@ class Robot:
             raise
         except Exception as error:
             self._say(f"trial {lease.trial_id}, attempt {lease.fence}: {type(error).__name__}: {error}")
-            reason = f"{self._name} could not bring its outcome home: {type(error).__name__}: {error}"
+            reason = f"{self._name} could not deliver its outcome: {type(error).__name__}: {error}"
             self._report(lease, api, OutcomeKind.PLATFORM_ERROR, reason)
         finally:
             self._outage.ended()

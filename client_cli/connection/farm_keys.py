@@ -45,7 +45,7 @@ def given_key(text: str) -> str:
     path = Path(text)
     found = path.read_text().strip() if len(text) < 256 and path.is_file() else text.strip()
     if not _KEY.fullmatch(found):
-        raise UsageProblem(f"{text!r} is no key of a farm and no file with one; a key is 64 hexadecimal digits")
+        raise UsageProblem(f"{text!r} is neither a farm's key (64 hexadecimal digits) nor a file with one")
     return found
 
 
@@ -58,5 +58,5 @@ def _stored(home: Path) -> dict[str, str]:
     except (OSError, ValueError) as error:
         raise UsageProblem(f"cannot read the farms' keys in {path}: {error}") from error
     if not isinstance(stored, dict) or not all(isinstance(key, str) and _KEY.fullmatch(key) for key in stored.values()):
-        raise UsageProblem(f"{path} holds something else than farms with their keys; repair or delete it")
+        raise UsageProblem(f"{path} is not a file of farms and their keys; repair or delete it")
     return stored

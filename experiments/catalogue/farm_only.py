@@ -25,7 +25,7 @@ CONSECUTIVE = Experiment(
     "that was 2 cm above its rest, fell, and lies on the table again; one that was set "
     "down may be lifted again. A goal counts at the instant at which it is reached, while the "
     "farm judges push at the end of its 15 s: a policy that passes its goal is worth more here. A policy that was trained for "
-    "trials of 5 to 30 s meets goals here from wherever the last one left its fingers. Nominal and real robots meet the same "
+    "trials of 5 to 30 s meets goals here from wherever the last one left its fingers. Nominal and varied robots meet the same "
     "goals in the same order and are compared trial by trial.",
     cells=(
         Cell("push", "the shipped push policy", policy="push", task="push", label="push, shipped"),
@@ -61,7 +61,7 @@ CONSECUTIVE = Experiment(
     ),
     contrasts=tuple(
         Contrast(
-            f"{cell}: nominal against real robots",
+            f"{cell}: nominal against varied simulated robots",
             Measure.GOALS,
             cell,
             cell,

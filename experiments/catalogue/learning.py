@@ -152,7 +152,7 @@ MEMORY = Experiment(
             "with an LSTM about twice as many rotations in simulation as without a memory, and more on the physical hand",
             f"{DACTYL_PAGE}; {DACTYL}, table 5",
             "goals in a row on the physical hand: median 13 (18.8 ± 17.1) with a memory, 3 (4.6 ± 4.3) without; 10 trials each",
-            ("memory against none, real robots",),
+            ("memory against none, varied simulated robots",),
         ),
         Claim(
             "the state of the memory is predictive of the randomised environment",
@@ -177,7 +177,7 @@ MEMORY = Experiment(
         _remembering("lstm", "an LSTM of 64 cells, then a layer of 128", {"hidden": [128], "cell": "lstm", "cells": 64}),
     ),
     contrasts=(
-        Contrast("memory against none, real robots", Measure.SUCCESS, "feed-forward", "lstm", 0.1),
+        Contrast("memory against none, varied simulated robots", Measure.SUCCESS, "feed-forward", "lstm", 0.1),
         Contrast(
             "fingertip friction, known beyond what is seen",
             Measure.KNOWN,

@@ -167,9 +167,7 @@ class JailedPolicy:
         except BrokenPipeError:
             raise self._ended() from None
         except BlockingIOError:
-            raise PolicyFailedError(
-                OutcomeKind.POLICY_ERROR, "the policy process answers without reading what it is asked"
-            ) from None
+            raise PolicyFailedError(OutcomeKind.POLICY_ERROR, "the policy process answers before it reads the request") from None
         self._wait(ACTION_CPU_S, ACTION_WALL_S, "one action")
         status, payload, inference_time_ns = self._reply()
         if status != policy_link.OK:
@@ -212,9 +210,9 @@ class JailedPolicy:
         except policy_link.LinkClosedError:
             raise self._ended() from None
         except BlockingIOError:
-            raise PolicyFailedError(OutcomeKind.POLICY_ERROR, "the policy process sent a part of a reply and no more") from None
+            raise PolicyFailedError(OutcomeKind.POLICY_ERROR, "the policy process sent a partial reply") from None
         if inference_time_ns > _LONGEST_INFERENCE_NS:
-            reason = f"the policy process says that an action took {inference_time_ns / 1e9:g} s"
+            reason = f"the policy process reports that an action took {inference_time_ns / 1e9:g} s"
             raise PolicyFailedError(OutcomeKind.POLICY_ERROR, reason)
         return status, payload, inference_time_ns
 

@@ -41,7 +41,7 @@ class Incoming:
             async with asyncio.timeout(self._stall_s):
                 message = await self._receive()
         except TimeoutError as error:
-            detail = f"Of the body nothing came for {self._stall_s:g} s; {self._bytes} bytes of it did. Send it again, whole."
+            detail = f"The body stalled for {self._stall_s:g} s after {self._bytes} bytes; send it again."
             raise BodyRefused(TooSlow("body-too-slow", detail)) from error
         self._bytes += len(message.get("body", b""))
         self._whole = not message.get("more_body", False)

@@ -29,7 +29,7 @@ WATCHED = frozenset({"GET", "HEAD"})
 UNAUTHORISED = 401
 SESSION_COOKIE = "trifarm_session"
 """In which a browser that has signed in on the dashboard shows its sealed token."""
-REVOKED = "The token of this request ended while it was answered; ask for a new one."
+REVOKED = "The token became invalid while its request was answered; ask for a new one."
 
 
 class Door:

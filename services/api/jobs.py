@@ -104,9 +104,7 @@ async def requeue_job(job_id: JobId, caller: Operator, farm: TheFarm) -> Job:
 def check_priority(caller: Caller, asked: JobPriority) -> None:
     """Raises where a user would go before the others."""
     if asked is JobPriority.HIGH and not caller.may(Scope.OPERATE):
-        detail = (
-            f"Only operators queue jobs of priority high; {caller.owner} can ask for normal (others take turns with him) or low."
-        )
+        detail = f"Only operators queue jobs of priority high; {caller.owner} can ask for normal or low."
         raise Forbidden("priority-too-high", detail)
 
 

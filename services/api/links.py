@@ -113,7 +113,9 @@ async def _granted(
         )
     request.state.lent = token_id, expires_s
     if not await farm.tokens.lasts(token_id, expires_s):
-        raise Forbidden("link-over", "This link is over: it lasts ten minutes, and ends with its maker's token; make a new one.")
+        raise Forbidden(
+            "link-over", "This link has expired: it lasts ten minutes, and no longer than its maker's token; make a new one."
+        )
     return link
 
 
@@ -121,7 +123,7 @@ async def _reading(link: Annotated[Link, Depends(_granted)], request: Request) -
     """The link, counted with its token for as long as it is read."""
     readers: Counter[str] = request.app.state.link_readers
     if readers[link.token_id] >= MOST_READERS:
-        detail = f"{MOST_READERS} answers to links of this token are under way, the most that may at once; wait for one to end."
+        detail = f"{MOST_READERS} downloads by links of this token are under way, the limit; wait for one to end."
         raise TooMany("too-many-link-readers", detail, RETRY_AFTER_S)
     readers[link.token_id] += 1
     try:

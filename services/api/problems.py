@@ -80,7 +80,7 @@ async def database_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, DBAPIError)
     if _is_of_value(error):
         log.warning("value refused by the database", route=_route(request), kind=type(error.orig).__name__)
-        detail = "A value of this request is none that the database can keep or look for, such as a NUL in a text. Leave it out."
+        detail = "The database cannot store a value of this request, such as a NUL character in a text; leave it out."
         return answer(request, 422, "value-unfit", "Content refused", detail)
     error.hide_parameters = True  # hashes of tokens, keys and manifests of users are among them
     log.error("database error", route=_route(request), exc_info=error)
@@ -112,7 +112,7 @@ async def _broken_off(request: Request, error: Exception) -> JSONResponse:
 async def _unexpected(request: Request, error: Exception) -> JSONResponse:
     log.error("unexpected error", route=_route(request), exc_info=error)
     number = getattr(request.state, "request_id", "unknown")
-    detail = f"The farm failed; its log says how, under the request {number}. Please report it."
+    detail = f"Internal error; the farm's log explains it under the request {number}. Please report it."
     return answer(request, 500, "internal-error", "Error of the farm", detail, headers={"X-Request-Id": number})
 
 

@@ -40,7 +40,7 @@ class Streams:
             TooMany: the owner has ``MOST_STREAMS`` already.
         """
         if self._open[owner] >= MOST_STREAMS:
-            detail = f"{owner} has {MOST_STREAMS} live pages open, the most that a user may have; close some of them."
+            detail = f"{owner} has {MOST_STREAMS} live pages open, the limit for a user; close some."
             raise TooMany("too-many-streams", detail, RETRY_AFTER_S)
         self._open[owner] += 1
 

@@ -49,10 +49,12 @@ class Watching:
             TooMany: the owner, or all together, have as many as may be.
         """
         if self._open[owner] >= MOST_OF_OWNER:
-            detail = f"{owner} watches trials on {MOST_OF_OWNER} pages now, the most that one may at once; close some of them."
+            detail = f"{owner} already watches trials on {MOST_OF_OWNER} pages, the limit for a user; close some."
             raise TooMany("too-many-watching", detail, RETRY_AFTER_S)
         if self._open.total() >= MOST_WATCHING:
-            detail = f"{MOST_WATCHING} people watch trials now, the most that may at once; the trial's replay comes with its end."
+            detail = (
+                f"{MOST_WATCHING} people already watch trials, the limit of this farm; the replay is there when the trial ends."
+            )
             raise TooMany("too-many-watching", detail, RETRY_AFTER_S)
         self._open[owner] += 1
 

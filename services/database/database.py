@@ -141,6 +141,6 @@ async def _refuse_newer(url: str, config: Config) -> None:
     if form is not None and form not in {script.revision for script in scripts.walk_revisions()}:
         newest = scripts.get_current_head()
         raise NotReady(
-            f"the database has the form {form}, and this version of the services knows forms up to {newest}; start the version "
-            "that changed it, or give this one a copy of the database from before. Nothing was changed"
+            f"the database has schema {form}; this version of the services knows schemas up to {newest}; start the version "
+            "that upgraded it, or use a copy of the database from before. Nothing was changed"
         )

@@ -82,7 +82,7 @@ class Hearing:
         if member.is_doubled(now_s):
             log.error("robot out of service", robot=beat.robot, reason=member.reason(now_s))
         elif held is not None and (is_new or offer_lost) and (beat.trial_id, beat.fence) != (held.trial_id, held.fence):
-            await self.leases.end(held, f"{beat.robot} started anew while it held the lease")
+            await self.leases.end(held, f"{beat.robot} restarted while it held the lease")
 
     async def _keep(self, beat: Heartbeat) -> tuple[bool, Claim | None]:
         """Whether nobody had written the process down before, and the attempt that the robot has a lease for."""

@@ -29,7 +29,7 @@ class LeaseEnder:
     def why_overdue(self, row: AnyRow, now_s: float) -> str | None:
         """Why the lease of an active trial has to end now; None when it may go on."""
         if now_s >= row.lease_until_s:
-            return f"the lease of {row.robot} ended without renewal"
+            return f"the lease of {row.robot} was not renewed in time"
         member = self.fleet.member(row.robot)
         if member.is_doubled(now_s):
             return member.reason(now_s)  # both may be running the trial, under the same fence
@@ -50,7 +50,7 @@ class LeaseEnder:
             ending = await completion.fault(tx, self.clock.now_s(), claim, reason, limit, cut_off=cut_off)
         self.fleet.freed(claim, done=False)
         if ending is not None and ending.job_id is not None:
-            log.warning("attempt failed by the platform's fault", trial=claim.trial_id, robot=claim.robot, reason=reason)
+            log.warning("platform error of an attempt", trial=claim.trial_id, robot=claim.robot, reason=reason)
             self.signals.job_changed(ending.job_id)
         self.signals.wake_dispatcher()
 

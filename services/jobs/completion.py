@@ -108,7 +108,7 @@ async def fault(
         now_s,
         moved,
         "attempt_faulted",
-        f"attempt {claim.fence} of trial {moved.ordinal} on {claim.robot} failed by the platform's fault: {reason}",
+        f"attempt {claim.fence} of trial {moved.ordinal} on {claim.robot} had a platform error: {reason}",
         claim=claim,
         add_platform_faults=1,
     )
@@ -154,7 +154,7 @@ async def _after_fault(
     if moved.faults < max_attempts:
         return False
     last = f"the last time on {claim.robot}: {reason}"
-    text = f"trial {moved.ordinal} failed {moved.faults} times by the platform's fault, {last}"
+    text = f"trial {moved.ordinal} had {moved.faults} platform errors, {last}"
     await cancel_queued(tx, now.number)
     await _end(tx, now_s, now.number, JobState.FAILED, f"job failed: {text}", set_reason=text)
     return True

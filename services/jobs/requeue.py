@@ -30,9 +30,7 @@ async def check_logs(database: Database, files: FileStore, job_number: int) -> N
     gone = [row.ordinal for row in rows if await files.size(row.log_sha256) is None]
     if gone:
         some = ", ".join(map(str, gone[:NAMED])) + (" …" if len(gone) > NAMED else "")
-        detail = (
-            f"Logs of what job {rows[0].job_id} has done are gone (trial {some}), and its report would name them; send a new job."
-        )
+        detail = f"Logs of job {rows[0].job_id} are gone (trial {some}) and its report would name them; submit a new job."
         raise Conflict("logs-gone", detail, trials=gone)
 
 
@@ -48,7 +46,7 @@ async def requeue(tx: AsyncConnection, now_s: float, job_number: int) -> None:
             "job-not-failed", f"Job {row.job_id} is {row.state}; only a failed job can be queued again.", state=row.state
         )
     if row.trials_active:
-        detail = f"Robots still stop trials of job {row.job_id}; ask again in a moment."
+        detail = f"Robots are still stopping trials of job {row.job_id}; ask again in a moment."
         raise Conflict("job-stopping", detail, trials_active=row.trials_active)
     state = JobState.QUEUED if row.started_at is None else JobState.RUNNING
     of_job = update(event).where(event.c.job_number == job_number)

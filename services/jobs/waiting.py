@@ -54,7 +54,7 @@ def trial_waits(row: AnyRow, job: AnyRow, fleet: Fleet, now_s: float, before: in
     if row.state == TrialState.RUNNING:
         return f"running on {row.robot}"
     if row.state == TrialState.LEASED:
-        return f"leased to {row.robot}, which has not answered yet"
+        return f"leased to {row.robot}, waiting for its answer"
     if row.state != TrialState.QUEUED:
         return None
     if (nobody := _nobody_for(job.robot, "it", fleet, now_s)) is not None:
@@ -62,7 +62,7 @@ def trial_waits(row: AnyRow, job: AnyRow, fleet: Fleet, now_s: float, before: in
     if row.first_choice is None:
         return f"{_count(before, 'queued trial')} of job {job.job_id} before it; its robot is drawn when its turn comes"
     member = fleet.snapshot(row.first_choice)
-    doing = "was not seen since the services started" if member is None else robot_now(member, now_s, job.job_id)
+    doing = "has not been seen since the services started" if member is None else robot_now(member, now_s, job.job_id)
     return f"{row.first_choice}, drawn for this trial, {doing}"
 
 
@@ -72,7 +72,7 @@ def _nobody_for(pinned: str | None, what: str, fleet: Fleet, now_s: float) -> st
         return None if fleet.healthy(now_s) else nobody_in_service(fleet, now_s)
     member = fleet.snapshot(pinned)
     if member is None:
-        return f"{what} must run on {pinned}, which was not seen since the services started"
+        return f"{what} must run on {pinned}, which has not been seen since the services started"
     return None if member.healthy(now_s) else f"{what} must run on {pinned}, which {robot_now(member, now_s)}"
 
 

@@ -70,7 +70,7 @@ async def disown(tx: AsyncConnection, digest: str, owner: str) -> None:
     """
     his = (policy_owner.c.digest == digest, policy_owner.c.owner == owner)
     if (await tx.execute(delete(policy_owner).where(*his))).rowcount == 0:
-        raise NotFound("policy-not-found", f"{owner} has no policy with the digest {digest}; GET /v1/policies lists his.")
+        raise NotFound("policy-not-found", f"{owner} has no policy with the digest {digest}; GET /v1/policies lists theirs.")
     jobs = select(func.count(), func.max(job.c.number)).where(job.c.policy == digest, job.c.owner == owner)
     count, newest = (await tx.execute(jobs)).one()
     if count:

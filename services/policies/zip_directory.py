@@ -94,7 +94,7 @@ def _directory(content: memoryview, entry_limit: int) -> tuple[int, int, int]:
     tail = bytes(content[tail_at:])
     found = tail.rfind(b"PK\x05\x06")
     if found < 0 or len(tail) - found < END.size:
-        raise _broken("it has no directory at its end, as if it were cut short")
+        raise _broken("it has no directory at its end, perhaps cut short")
     _, disk, first_disk, here, count, size, start, comment = END.unpack_from(tail, found)
     at = tail_at + found
     if at + END.size + comment != len(content):

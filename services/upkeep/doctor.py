@@ -72,9 +72,9 @@ def _files(farm: sqlite3.Connection, data: Path, *, deep: bool) -> Iterator[Find
         yield _found("ok", "files", f"all {len(named.needed)} that policies and outcomes name are there")
     damaged = sorted(name for name, path in there.items() if folders.sha256_of(path) != name) if deep else []
     if damaged:
-        yield _found("problem", "content", f"{len(damaged)} files are not what their names say ({_some(damaged)})")
+        yield _found("problem", "content", f"{len(damaged)} files do not match their SHA-256 ({_some(damaged)})")
     elif deep:
-        yield _found("ok", "content", f"all {len(there)} files are what their names say")
+        yield _found("ok", "content", f"all {len(there)} files match their SHA-256")
     loose = [path.stat().st_size for name, path in there.items() if name not in named.needed | named.others]
     if loose:
         yield _found(

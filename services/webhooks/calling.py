@@ -14,7 +14,7 @@ from services.webhooks.address import Resolver, is_public
 
 WITHIN_S = 10.0
 HTTPS = 443
-NO_ANSWER = "no answer of HTTP came; the host must be on the public Internet, answer in 10 s, and have a certificate of its name"
+NO_ANSWER = "no HTTP answer; the host must be on the public Internet, answer in 10 s, and have a certificate of its name"
 """All that is said where there was no answer: why there was none would tell what is in the farm's own network."""
 LONGEST_LINE = 1024
 """Bytes of an answer's first line."""
@@ -58,7 +58,7 @@ async def call(url: str, headers: Mapping[str, str], body: bytes, reach: Reach) 
     except TimeoutError as error:
         raise FailedError(NO_ANSWER, f"no answer within {reach.within_s:g} s") from error
     except ssl.SSLCertVerificationError as error:
-        raise FailedError(NO_ANSWER, "the certificate does not vouch for the host") from error
+        raise FailedError(NO_ANSWER, "the certificate is not valid for the host") from error
     except (OSError, asyncio.IncompleteReadError, ValueError) as error:
         raise FailedError(NO_ANSWER, "the connection failed") from error
     if 300 <= status < 400:
@@ -74,7 +74,7 @@ async def _address(host: str, port: int, reach: Reach) -> str:
     if not found:
         raise FailedError(NO_ANSWER, "the host could not be reached")
     if not all(reach.may_call(each) for each in found):
-        raise FailedError(NO_ANSWER, "the host is not on the public Internet, and only such are called")
+        raise FailedError(NO_ANSWER, "the host is not on the public Internet; others are not called")
     return found[0]
 
 
@@ -85,7 +85,7 @@ async def _post(address: str, host: str, port: int, request: bytes, trusted: ssl
         await writer.drain()
         return _status(await reader.readuntil(b"\n"))
     except asyncio.LimitOverrunError as error:
-        raise ValueError("the answer is none of HTTP") from error
+        raise ValueError("the answer is not HTTP") from error
     finally:
         writer.transport.abort()
 
@@ -93,7 +93,7 @@ async def _post(address: str, host: str, port: int, request: bytes, trusted: ssl
 def _status(line: bytes) -> int:
     version, _, rest = line.partition(b" ")
     if not version.startswith(b"HTTP/1.") or not rest[:3].isdigit():
-        raise ValueError("the answer is none of HTTP")
+        raise ValueError("the answer is not HTTP")
     return int(rest[:3])
 
 

@@ -131,7 +131,7 @@ class Deliverer:
         """One try; gives after how many seconds another follows, None for never, and what is said of this one."""
         tries = due.tries + 1
         if due.tries > len(AGAIN_AFTER_S):
-            return None, f"given up after {due.tries} tries: the farm was stopped while it made the last"
+            return None, f"given up after {due.tries} tries: the farm stopped during the last"
         try:
             body, timestamp = await self._body(due), str(int(self.clock.now_s()))
             headers = {TIMESTAMP_HEADER: timestamp, SIGNATURE_HEADER: self.key.sign(signed_bytes(timestamp, body))}

@@ -43,7 +43,7 @@ def test_a_robot_that_comes_back_anew_frees_its_trial_at_once(tmp_path):
         farm.start_robot("robot-0", trial_s=0.1)
         farm.wait_for_end(job_id, 10)
         report = farm.admin.get(f"/v1/jobs/{job_id}/report").json()
-        assert report["platform_fault_attempts"][0]["reason"] == "robot-0 started anew while it held the lease"
+        assert report["platform_fault_attempts"][0]["reason"] == "robot-0 restarted while it held the lease"
 
 
 def test_a_stopped_robot_loses_its_lease_and_is_refused_when_it_wakes(tmp_path):
@@ -107,7 +107,7 @@ def test_a_trial_that_always_fails_by_the_platform_fails_its_job(tmp_path):
         job_id = farm.submit(farm.policy(), trials=3).json()["job_id"]
         job = farm.wait_for_end(job_id, 20)
         assert job["state"] == "failed"
-        assert "3 times by the platform's fault" in job["reason"]
+        assert "3 platform errors" in job["reason"]
         assert job["waiting_because"] is None
         assert farm.admin.post(f"/v1/jobs/{job_id}/cancel").status_code == 409
 

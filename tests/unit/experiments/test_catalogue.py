@@ -22,9 +22,9 @@ def test_a_contrast_answers_a_claim_or_is_ours(experiment):
 def test_ours_are_what_no_paper_claims():
     ours = {each.name for experiment in CATALOGUE.values() for each in experiment.contrasts if each.ours}
     assert ours == {
-        "not randomised against randomised, nominal robots",
+        "not randomised against randomised, nominal simulated robots",
         "100 against 25",
-        *(f"{cell.name}: nominal against real robots" for cell in CATALOGUE["consecutive"].cells),
+        *(f"{cell.name}: nominal against varied simulated robots" for cell in CATALOGUE["consecutive"].cells),
         *(f"{task}-{name} against {task}-cube" for task in ("lift", "push") for name in ("cube-0.8", "octagonal-prism")),
     }
 

@@ -167,7 +167,7 @@ def test_nominal_and_real_trials_of_the_same_seeds_are_paired(tmp_path):
 def test_goals_at_the_cap_tell_nothing(tmp_path):
     judged = keep_goals(tmp_path, [50] * 20, [50] * 20).judged[0]
     assert judged.verdict is Verdict.UNDECIDED
-    assert judged.note.startswith("too many goals to tell; all 50 goals: 20 of 20 trials on real robots")
+    assert judged.note.startswith("too many goals to tell; all 50 goals: 20 of 20 trials on varied simulated robots")
 
 
 def test_what_a_memory_knows_is_noted_with_how_often_the_side_is_told(tmp_path):
@@ -181,7 +181,7 @@ def test_what_a_memory_knows_is_noted_with_how_often_the_side_is_told(tmp_path):
         store.keep_measured(Key("lstm", seed, "real"), {"parameters": parameters})
     found = findings(memory, store)
     by_name = {each.contrast.name: each for each in found.judged}
-    assert by_name["memory against none, real robots"].verdict is Verdict.NOT_RUN
+    assert by_name["memory against none, varied simulated robots"].verdict is Verdict.NOT_RUN
     cube, table = by_name["cube size, known beyond what is seen"], by_name["table friction, known beyond what is seen"]
     assert cube.verdict is table.verdict is Verdict.REPRODUCED
     assert cube.note == "after 5 s; whether above the mean told rightly of 80% of the robots"

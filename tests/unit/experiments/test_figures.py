@@ -29,13 +29,13 @@ def texts(axes):
 
 def test_the_figure_has_labelled_axes_with_units_and_says_of_what_and_how_many(tmp_path):
     curves, bars = panels(findings(SMALL, complete(tmp_path)))
-    assert labels(curves) == ("samples, millions", "success on nominal robots, %")
+    assert labels(curves) == ("samples, millions", "success on nominal simulated robots, %")
     assert texts(curves) == ["first (2 runs)", "other (2 runs)"]
     assert "push, 64 goals a point" in curves.get_title(loc="left")
     assert bars.get_ylabel() == "success rate on the farm, %"
     assert [text.get_text() for text in bars.get_xticklabels()] == ["first", "other"]
     assert [patch.get_extents().height / bars.bbox.height for patch in bars.patches] == pytest.approx([20 / 104, 80 / 104])
-    assert "push, 4 robots of real; N = 20 a bar (2 runs × 10 goals)" in bars.get_title(loc="left")
+    assert "push, 4 varied simulated robots; N = 20 a bar (2 runs × 10 goals)" in bars.get_title(loc="left")
     assert "80 % intervals" in bars.get_title(loc="left")
     assert bars.get_legend() is None, "one kind of robots needs none"
 
@@ -76,7 +76,7 @@ def test_cells_of_other_sizes_say_their_own_n_and_two_kinds_have_a_legend(tmp_pa
             store.keep_block(Key(cell, seed, physics), 0, rows(0, 3), {"task": "push"})
     (bars,) = panels(findings(both, store))
     assert [text.get_text() for text in bars.get_xticklabels()] == ["first\nN = 10", "other\nN = 5"]
-    assert texts(bars) == ["on nominal robots", "on real robots"]
+    assert texts(bars) == ["on nominal simulated robots", "on varied simulated robots"]
 
 
 def test_goals_in_a_row_have_a_small_panel_for_each_policy(tmp_path):
@@ -90,7 +90,7 @@ def test_goals_in_a_row_have_a_small_panel_for_each_policy(tmp_path):
     assert push.get_title(loc="left").splitlines() == [
         "push, shipped",
         "nominal: median 12, mean 21.7",
-        "real: median 1, mean 2.7",
+        "varied: median 1, mean 2.7",
     ]
     assert [line.get_linestyle() for line in lift.lines] == ["-", "--"]
 

@@ -103,7 +103,7 @@ def test_one_run_speaks_of_its_policies_only(tmp_path):
 def test_the_budget_says_what_the_trials_can_show():
     page = experiment_page(found_in(Path("/nowhere"))[1], figure=False)
     lines = [line for line in page.splitlines() if line.startswith("- power")]
-    assert len(lines) == 2, "on real robots and on nominal ones"
+    assert len(lines) == 2, "on varied robots and on nominal ones"
     for line, robots in zip(lines, ("and the true gain is the same on all 4 robots, which differ", "robots alike"), strict=True):
         assert "of 3 runs of 40 pairs, where 30% of the goals end differently" in line and robots in line
         assert "a true gain of 0.1 reads as reproduced in" in line and "true gains spread by 0.1" in line

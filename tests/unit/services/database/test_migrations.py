@@ -98,7 +98,7 @@ async def test_what_a_released_form_holds_is_kept_and_comes_back(url, form):
 async def test_a_newer_form_is_refused_and_left_alone(url):
     await migrate(url)
     await on(url, lambda tx: tx.execute(text("UPDATE alembic_version SET version_num = '9999'")))
-    with pytest.raises(NotReady, match=rf"form 9999, and this version of the services knows forms up to {RELEASED[-1]}; start"):
+    with pytest.raises(NotReady, match=rf"schema 9999; this version of the services knows schemas up to {RELEASED[-1]}; start"):
         await migrate(url)
     assert await form_of(url) == "9999"
 

@@ -43,7 +43,7 @@ class Lapses:
         claim = await take(self.database, "b", self.fleet)
         if cut_off:
             self.says(claim)
-        await self.ender.end(claim, "the lease of b ended without renewal")
+        await self.ender.end(claim, "the lease of b was not renewed in time")
         return await self.counted()
 
     async def counted(self):
@@ -67,7 +67,7 @@ async def lapses(new_database, fleet_of, tmp_path):
 async def test_a_robot_that_the_api_did_not_answer_and_its_trial_are_not_blamed(lapses):
     for _ in range(FAULTS_IN_A_ROW + 1):
         counted = await lapses.lapse()
-    reason = "the lease of b ended without renewal, since the API did not answer it"
+    reason = "the lease of b was not renewed in time, since the API did not answer it"
     assert counted == (0, 0, "running", reason)
     assert (await lapses.lapse(cut_off=False))[:2] == (1, 1)
 
@@ -75,7 +75,7 @@ async def test_a_robot_that_the_api_did_not_answer_and_its_trial_are_not_blamed(
 async def test_a_lapse_that_nobody_explains_counts_up_to_the_end(lapses):
     for _ in range(FAULTS_IN_A_ROW):
         counted = await lapses.lapse(cut_off=False)
-    assert counted == (5, 5, "failed", "the lease of b ended without renewal")
+    assert counted == (5, 5, "failed", "the lease of b was not renewed in time")
 
 
 async def test_a_trial_that_is_cut_off_again_and_again_ends_too(lapses):
@@ -99,7 +99,7 @@ async def test_a_robot_that_died_counts_whatever_it_last_said(lapses, how):
     else:
         for instance in ("two", "one"):
             lapses.says(claim, instance)
-    await lapses.ender.end(claim, "the lease of b ended without renewal")
+    await lapses.ender.end(claim, "the lease of b was not renewed in time")
     assert (await lapses.counted())[:2] == (1, 1)
 
 

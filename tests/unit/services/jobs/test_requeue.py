@@ -87,7 +87,7 @@ async def test_a_job_whose_robots_still_stop_its_trials_has_to_wait_and_its_hist
     first, second = [await take(database, name, fleet) for name in "ab"]
     async with database.write() as tx:
         await fault(tx, NOW_S, first, "the power went", 1)
-    with pytest.raises(Conflict, match="Robots still stop trials of job"):
+    with pytest.raises(Conflict, match="Robots are still stopping trials of job"):
         async with database.write() as tx:
             await requeue(tx, NOW_S, 1)
     stopped = Outcome(kind=OutcomeKind.CANCELLED, fault=Fault.NONE, reason="the job was cancelled")

@@ -144,7 +144,7 @@ async def test_a_host_whose_certificate_is_another_ones_is_not_told_anything(rec
         ):
             with pytest.raises(FailedError) as failed:
                 await call(f"https://{host}:{receiver.port}/", {}, b"{}", reach)
-            assert (str(failed.value), failed.value.why) == (NO_ANSWER, "the certificate does not vouch for the host")
+            assert (str(failed.value), failed.value.why) == (NO_ANSWER, "the certificate is not valid for the host")
         assert receiver.requests == []
 
 

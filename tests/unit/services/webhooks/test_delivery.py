@@ -209,4 +209,4 @@ async def test_tries_that_were_broken_off_count_too(database, receiving, here):
         await deliver(deliverer(database, here))
         assert receiver.connections == 0
     now = await shown(database)
-    assert (now.is_open, now.said) == (False, "given up after 5 tries: the farm was stopped while it made the last")
+    assert (now.is_open, now.said) == (False, "given up after 5 tries: the farm stopped during the last")
