@@ -1,6 +1,7 @@
 """Policies as files on this machine: packed from a training library's checkpoint, checked as the farm checks them."""
 
 import json
+import re
 import subprocess
 import tempfile
 from collections.abc import Sequence
@@ -17,6 +18,9 @@ from client_cli.terminal.errors import ClientError, UsageProblem
 from client_cli.terminal.foreground import how_it_ended
 
 __all__ = ["Packed", "check", "pack"]
+
+_ARGUMENTS = {"--format": "form", "--manifest": "expects", "--layout": "expects"}
+"""Options of ``trifarm pack`` that are called otherwise here."""
 
 
 def pack(
@@ -59,7 +63,10 @@ def pack(
     """
     given = [Path(files)] if isinstance(files, str | Path) else [Path(each) for each in files]
     stated = Statement(_manifest(expects), form, architecture, activation, scale, tuple(states), normaliser)
-    return pack_to(Path(out), given, stated)
+    try:
+        return pack_to(Path(out), given, stated)
+    except ClientError as error:
+        raise type(error)(_of_python(error.detail)) from error
 
 
 def check(weights: Path | str, *, expects: str | Path | PolicyManifest | None = None) -> PolicyCheck:
@@ -100,3 +107,8 @@ def _manifest(expects: str | Path | PolicyManifest) -> PolicyManifest:
     if not Path(expects).is_file():
         raise UsageProblem(f"{str(expects)!r} is neither a manifest's file nor a layout; layouts are {LAYOUT_NAMES}")
     return read_manifest(Path(expects))
+
+
+def _of_python(detail: str) -> str:
+    """A message of the command line with the names of arguments in place of options."""
+    return re.sub(r"--[a-z]+", lambda option: _ARGUMENTS.get(option[0], option[0].removeprefix("--")), detail)
