@@ -111,11 +111,11 @@ def test_two_owners_leave_room_for_a_third():
     for owner in ("ann", "bob"):
         for _ in range(MOST_OF_OWNER):
             watching.opened(owner)
-        with pytest.raises(TooMany, match=f"{owner} watches trials on {MOST_OF_OWNER} pages"):
+        with pytest.raises(TooMany, match=f"{owner} already watches trials on {MOST_OF_OWNER} pages"):
             watching.opened(owner)
     for _ in range(MOST_WATCHING - 2 * MOST_OF_OWNER):
         watching.opened("carl")
-    with pytest.raises(TooMany, match=f"{MOST_WATCHING} people watch"):
+    with pytest.raises(TooMany, match=f"{MOST_WATCHING} people already watch"):
         watching.opened("carl")
     watching.closed("ann")
     watching.opened("carl")

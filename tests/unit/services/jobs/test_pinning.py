@@ -164,7 +164,7 @@ async def test_what_waits_for_a_robot_out_of_service_says_so_and_holds_nobody_up
     assert (await take(database, "c", fleet)).trial_id == f"{other}-000"
     fleet.token_changed("b", present=False, now_s=NOW_S)
     assert "which has been silent for" in (await shown(database, waiting, fleet))[0].waiting_because
-    assert "which was not seen since" in (await shown(database, waiting, fleet_of("a")))[0].waiting_because
+    assert "which has not been seen since" in (await shown(database, waiting, fleet_of("a")))[0].waiting_because
 
 
 @pytest.mark.parametrize("kind", [OutcomeKind.SUCCEEDED, OutcomeKind.FAILED])

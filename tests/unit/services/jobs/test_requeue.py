@@ -69,7 +69,7 @@ async def test_a_job_whose_report_would_name_logs_that_are_gone_is_not_queued_ag
     await failed(database, fleet_of("a", "b"))
     async with database.read() as connection:
         job_id = (await connection.execute(select(job.c.job_id))).scalar_one()
-    with pytest.raises(Conflict, match=rf"what job {job_id} has done are gone \(trial 0\)") as caught:
+    with pytest.raises(Conflict, match=rf"Logs of job {job_id} are gone \(trial 0\)") as caught:
         await requeue_job(job_id, SimpleNamespace(sees_only=None), SimpleNamespace(database=database, files=files))
     assert (caught.value.slug, caught.value.members) == ("logs-gone", {"trials": [0]})
     sha256 = (await files.put(log(), limit_bytes=9)).sha256

@@ -104,7 +104,7 @@ async def test_one_bad_address_among_good_ones_is_enough_to_refuse(receiving, he
     async with receiving() as receiver:
         with pytest.raises(FailedError) as failed:
             await call(receiver.url, {}, b"{}", replace(here, resolve=both, may_call=is_public))
-        assert (str(failed.value), failed.value.why.partition(",")[0]) == (NO_ANSWER, "the host is not on the public Internet")
+        assert (str(failed.value), failed.value.why.partition(";")[0]) == (NO_ANSWER, "the host is not on the public Internet")
         assert receiver.connections == 0
 
 
