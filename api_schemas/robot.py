@@ -68,9 +68,10 @@ class Robot(Schema):
 
 
 class RobotPage(Schema):
-    """All robots, by name."""
+    """One page of robots, by name; ``next_cursor`` is null on the last page."""
 
     robots: tuple[Robot, ...]
+    next_cursor: str | None = None
 
 
 class Lease(Schema):

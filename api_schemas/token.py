@@ -47,6 +47,7 @@ class NewToken(Token):
 
 
 class TokenPage(Schema):
-    """All tokens, oldest first."""
+    """One page of tokens, by id; ``next_cursor`` is null on the last page."""
 
     tokens: tuple[Token, ...]
+    next_cursor: str | None = None

@@ -19,7 +19,6 @@ from api_schemas.token import Scope, TokenRequest
 from jail.detection import detect
 from services.api.app import create_app
 from services.api.farm import Farm
-from services.api.tokens import Tokens, new_bearer
 from services.connection import connection
 from services.dashboard.mount import mount
 from services.database.database import Database, address, migrate
@@ -38,6 +37,7 @@ from services.policies.keeping import Policies
 from services.router import told_to_stop
 from services.settings import Settings
 from services.signing import FarmKey
+from services.tokens import Tokens, new_bearer
 from services.upkeep import retention
 from services.upkeep.retention import Rules
 from services.webhooks.delivery import LOOK_EVERY_S, Deliverer
@@ -253,7 +253,7 @@ async def _first_tokens(settings: Settings, tokens: Tokens) -> None:
                 await tokens.register(bearer.get_secret_value(), request)
             except IntegrityError:
                 await tokens.register(bearer.get_secret_value(), request)  # another process did so at the same time
-    if any(bearer is not None for bearer, _ in given) or await tokens.all():
+    if any(bearer is not None for bearer, _ in given) or await tokens.any():
         return
     # The file first: of tokens that are in the database alone nobody knows the secrets, and no others would be made.
     made = {"admin": new_bearer(), "robot": new_bearer()}

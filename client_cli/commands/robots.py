@@ -24,11 +24,11 @@ def robots(context: typer.Context, as_json: JsonOption = False) -> None:
     if context.invoked_subcommand:
         return
     with ApiClient(load_connection(os.environ)) as client:
-        page = client.robots()
+        found = client.robots()
     if as_json:
-        print_document(page)
+        print_document({"robots": [robot.model_dump(mode="json") for robot in found]})
     else:
-        print_table(COLUMNS, (_row(robot) for robot in page.robots))
+        print_table(COLUMNS, (_row(robot) for robot in found))
 
 
 @commands.command(epilog=epilog(*OF_EVERY_REQUEST))

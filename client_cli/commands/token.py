@@ -52,11 +52,11 @@ def create(
 def list_tokens(as_json: JsonOption = False) -> None:
     """List all tokens, without their secrets."""
     with ApiClient(load_connection(os.environ)) as client:
-        page = client.tokens()
+        found = client.tokens()
     if as_json:
-        print_document(page)
+        print_document({"tokens": [token.model_dump(mode="json") for token in found]})
     else:
-        print_table(COLUMNS, (_row(token) for token in page.tokens))
+        print_table(COLUMNS, (_row(token) for token in found))
 
 
 @commands.command(epilog=epilog(*OF_EVERY_REQUEST))

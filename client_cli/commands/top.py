@@ -44,7 +44,7 @@ class Seen:
     def now(cls, client: ApiClient) -> "Seen":
         """As the server tells it."""
         jobs = [job for state in (JobState.RUNNING, JobState.QUEUED) for job in client.jobs(limit=MOST_JOBS, state=state).jobs]
-        return cls(client.status(), client.robots().robots, tuple(jobs[:MOST_JOBS]))
+        return cls(client.status(), client.robots(), tuple(jobs[:MOST_JOBS]))
 
 
 def top(

@@ -20,7 +20,7 @@ from api_schemas.policy import Policy, PolicyManifest, canonical_json
 from api_schemas.robot import Robot, RobotPage
 from api_schemas.signature import Signature
 from api_schemas.status import FarmStatus
-from api_schemas.token import NewToken, TokenPage, TokenRequest
+from api_schemas.token import NewToken, Token, TokenPage, TokenRequest
 from api_schemas.trial import Trial, TrialPage, Verification
 from client_cli.connection.paths import job_path, ladder_path, robot_path, token_path, trial_path
 from client_cli.connection.patience import patiently
@@ -38,6 +38,7 @@ VERIFICATION_TIMEOUT = httpx.Timeout(600.0, connect=5.0)
 """A verification answers only when the log has been simulated again, and may wait for others before."""
 
 Answer = TypeVar("Answer", bound=BaseModel)
+ListPage = TypeVar("ListPage", TrialPage, RobotPage, TokenPage)
 
 
 @dataclass(frozen=True)
@@ -147,13 +148,8 @@ class ApiClient:
 
     def trials(self, job_id: str) -> tuple[Trial, ...]:
         """All trials of a job in their order."""
-        trials: list[Trial] = []
-        cursor: str | None = None
-        while True:
-            page = self._get(TrialPage, f"{job_path(job_id)}/trials", params={"cursor": cursor} if cursor else None)
-            trials.extend(page.trials)
-            if (cursor := page.next_cursor) is None:
-                return tuple(trials)
+        pages = self._pages(TrialPage, f"{job_path(job_id)}/trials")
+        return tuple(trial for page in pages for trial in page.trials)
 
     def truth(self, trial_id: str) -> StoredFile:
         """Where a trial's truth is, and what it is; for operators."""
@@ -193,9 +189,9 @@ class ApiClient:
         """The farm's word for the report."""
         return self._get(Signature, f"{job_path(job_id)}/report/signature")
 
-    def robots(self) -> RobotPage:
-        """All robots."""
-        return self._get(RobotPage, "/v1/robots")
+    def robots(self) -> tuple[Robot, ...]:
+        """All robots, by name."""
+        return tuple(robot for page in self._pages(RobotPage, "/v1/robots") for robot in page.robots)
 
     def drain(self, robot: str) -> Robot:
         """Let a robot finish its trial and take no other."""
@@ -229,13 +225,22 @@ class ApiClient:
         """Make a token; its secret is in this answer and nowhere else."""
         return self._answer(NewToken, self._send("POST", "/v1/tokens", json=request.model_dump(mode="json")))
 
-    def tokens(self) -> TokenPage:
-        """All tokens."""
-        return self._get(TokenPage, "/v1/tokens")
+    def tokens(self) -> tuple[Token, ...]:
+        """All tokens, oldest first."""
+        tokens = [token for page in self._pages(TokenPage, "/v1/tokens") for token in page.tokens]
+        return tuple(sorted(tokens, key=lambda token: (token.created_at, token.token_id)))
 
     def revoke_token(self, token_id: str) -> None:
         """End a token's life."""
         self._send("DELETE", token_path(token_id))
+
+    def _pages(self, schema: type[ListPage], path: str) -> Iterator[ListPage]:
+        cursor: str | None = None
+        while True:
+            page = self._get(schema, path, params={"cursor": cursor} if cursor else None)
+            yield page
+            if (cursor := page.next_cursor) is None:
+                return
 
     def _get(self, schema: type[Answer], path: str, **request: Any) -> Answer:
         return self._answer(schema, self._send("GET", path, **request))

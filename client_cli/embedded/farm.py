@@ -132,13 +132,13 @@ def _check(children: tuple[ChildProcess, ...]) -> None:
 
 
 def _robots_in_service(client: ApiClient) -> int:
-    return sum(robot.state is not RobotState.LOST for robot in client.robots().robots)
+    return sum(robot.state is not RobotState.LOST for robot in client.robots())
 
 
 def _forget_places(client: ApiClient, count: int) -> None:
     """A folder that had more robots the last time has no lost ones now."""
     places = {f"robot-{number}" for number in range(count)}
-    for robot in client.robots().robots:
+    for robot in client.robots():
         if robot.state is RobotState.LOST and robot.robot not in places:
             with suppress(Refused):  # it holds a lease from the last time, or is coming at this moment
                 client.forget(robot.robot)

@@ -8,8 +8,8 @@ from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
 from api_schemas.token import Scope
 from services.api.farm import TheFarm
-from services.api.tokens import Caller
 from services.errors import Forbidden, Unauthorised
+from services.tokens import Caller
 
 _bearer = HTTPBearer(auto_error=False, description="A token of the farm: trifarm_<id>_<secret>")
 

@@ -4,8 +4,8 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from services.api.tokens import Caller
 from services.errors import TooMany
+from services.tokens import Caller
 
 
 @contextmanager

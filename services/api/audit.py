@@ -8,7 +8,7 @@ from fastapi.routing import APIRoute
 from starlette.routing import Match
 from starlette.types import Scope
 
-from services.api.tokens import Caller
+from services.tokens import Caller
 
 log = structlog.get_logger()
 CHANGES_NOTHING = frozenset({"GET", "HEAD", "OPTIONS"})

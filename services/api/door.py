@@ -17,10 +17,10 @@ from starlette.types import Scope as Asgi
 from services.api import audit, problems
 from services.api.bodies import Incoming
 from services.api.rate_limits import MOST_BUCKETS, Buckets, Draw, network
-from services.api.tokens import Caller, Tokens
 from services.database.database import AWAY
 from services.errors import Unauthorised
 from services.settings import Settings
+from services.tokens import Caller, Tokens
 
 RECHECK_S = 0.3
 """So often the token of a lasting request is looked at again; with ``REMEMBERED_S`` a revoked one ends well within a second."""

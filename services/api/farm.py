@@ -8,7 +8,6 @@ from fastapi import Depends, Request
 from prometheus_client import CollectorRegistry
 
 from jail.level import Jail
-from services.api.tokens import Tokens
 from services.database.database import Database
 from services.files.store import FileStore
 from services.jobs.clock import FarmClock
@@ -17,6 +16,7 @@ from services.jobs.signals import Signals
 from services.policies.keeping import Policies
 from services.settings import Settings
 from services.signing import FarmKey
+from services.tokens import Tokens
 
 
 @dataclass(frozen=True)

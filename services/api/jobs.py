@@ -2,23 +2,23 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Path, Query, Request, Response
+from fastapi import APIRouter, Depends, Header, Path, Request, Response
 from fastapi.responses import PlainTextResponse
-from sqlalchemy import select
 
 from api_schemas.job import Job, JobPage, JobPriority, JobRequest, JobState
 from api_schemas.report import AnyReport, read_report
 from api_schemas.token import Scope
 from api_schemas.webhook import Webhook
 from report_views.text import render
-from services.api import cursor as cursors
 from services.api.access import Operator, Submitter, User
 from services.api.document import refusals
 from services.api.farm import Farm, TheFarm
-from services.api.tokens import Caller
-from services.database.tables import job
+from services.api.paging import encode, numbered
+from services.database.pages import Asked
 from services.errors import Forbidden, Refused
 from services.jobs import cancellation, reports, requeue, submission, views
+from services.jobs.lists import JobFilter, job_page
+from services.tokens import Caller
 from services.webhooks import delivery
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
@@ -44,24 +44,14 @@ async def create_job(
 
 @router.get("")
 async def list_jobs(
-    caller: User,
-    farm: TheFarm,
-    cursor: str | None = None,
-    limit: Annotated[int, Query(ge=1, le=200)] = 50,
-    state: JobState | None = None,
+    caller: User, farm: TheFarm, asked: Annotated[Asked, Depends(numbered(usual=50, most=200))], state: JobState | None = None
 ) -> JobPage:
     """Jobs, newest first; users see their own, operators all."""
-    wanted = select(job).order_by(job.c.number.desc()).limit(limit + 1)
-    if (before := cursors.decode(cursor)) is not None:
-        wanted = wanted.where(job.c.number < before)
-    if state is not None:
-        wanted = wanted.where(job.c.state == state)
-    if caller.sees_only is not None:
-        wanted = wanted.where(job.c.owner == caller.sees_only)
     async with farm.database.read() as connection:
-        rows = (await connection.execute(wanted)).all()
-        shown = await views.show_jobs(connection, rows[:limit], farm.fleet, farm.clock.now_s(), farm.settings.user_trials_at_once)
-    return JobPage(jobs=shown, next_cursor=cursors.encode(rows[limit - 1].number if len(rows) > limit else None))
+        page = await job_page(connection, JobFilter(caller.sees_only, state), asked)
+        limit = farm.settings.user_trials_at_once
+        shown = await views.show_jobs(connection, page.entries, farm.fleet, farm.clock.now_s(), limit)
+    return JobPage(jobs=shown, next_cursor=encode(page.following))
 
 
 @router.get("/{job_id}")

@@ -2,16 +2,17 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query, Response
+from fastapi import APIRouter, Depends, Path, Response
 
 from api_schemas.ladder import Ladder, LadderPage, LadderRequest
-from services.api import cursor as cursors
 from services.api.access import Submitter, User
 from services.api.document import refusals
 from services.api.farm import Farm, TheFarm
 from services.api.jobs import IdempotencyKey, check_priority, sender_of
-from services.api.tokens import Caller
+from services.api.paging import encode, numbered
+from services.database.pages import Asked
 from services.jobs import ladders
+from services.tokens import Caller
 
 router = APIRouter(prefix="/v1/ladders", tags=["ladders"])
 LadderId = Annotated[str, Path(pattern=r"^[a-z0-9]{1,20}$")]
@@ -34,14 +35,11 @@ async def create_ladder(
 
 
 @router.get("")
-async def list_ladders(
-    caller: User, farm: TheFarm, cursor: str | None = None, limit: Annotated[int, Query(ge=1, le=200)] = 50
-) -> LadderPage:
+async def list_ladders(caller: User, farm: TheFarm, asked: Annotated[Asked, Depends(numbered(usual=50, most=200))]) -> LadderPage:
     """Ladders, newest first; users see their own, operators all."""
     async with farm.database.read() as connection:
-        found = await ladders.lines(connection, caller.sees_only, cursors.decode(cursor), limit + 1)
-    following = found[limit - 1][0] if len(found) > limit else None
-    return LadderPage(ladders=tuple(line for _, line in found[:limit]), next_cursor=cursors.encode(following))
+        page = await ladders.lines(connection, caller.sees_only, asked)
+    return LadderPage(ladders=tuple(page.entries), next_cursor=encode(page.following))
 
 
 @router.get("/{ladder_id}")

@@ -9,9 +9,9 @@ from api_schemas.leaderboard import Contests, Leaderboard
 from api_schemas.physics import ObjectName, ObjectScale
 from services.api.access import User
 from services.api.farm import Farm, TheFarm
-from services.api.tokens import Caller
 from services.jobs import leaderboard
 from services.jobs.leaderboard import Wanted
+from services.tokens import Caller
 
 router = APIRouter(prefix="/v1/leaderboard", tags=["leaderboard"])
 PhysicsNumber = Annotated[int | None, Query(ge=1, le=2**31 - 1)]

@@ -9,11 +9,11 @@ from api_schemas.robot import OutcomeReport, Renewal, RenewalReply
 from services.api.access import RobotCaller
 from services.api.document import BINARY, refusals
 from services.api.farm import Farm, TheFarm
-from services.api.tokens import Caller
 from services.api.trials import TrialId
 from services.errors import Forbidden, Refused
 from services.jobs import completion, lease
 from services.jobs.claim import Claim
+from services.tokens import Caller
 
 router = APIRouter(prefix="/v1/leases", tags=["leases"])
 FILE = {"requestBody": {"required": True, "content": {"application/octet-stream": {"schema": BINARY}}}}

@@ -9,17 +9,16 @@ from typing import Annotated
 
 import structlog
 from fastapi import APIRouter, Depends, Path, Request, Response
-from sqlalchemy import select
 
 from api_schemas.trial import Trial, ViewerLink
 from services.api.access import User
 from services.api.farm import Farm, TheFarm
 from services.api.serving import stored_file
-from services.api.tokens import Caller
 from services.api.trials import MCAP, TrialId, get_trial
-from services.database.tables import trial
 from services.errors import Forbidden, NotFound, TooMany
 from services.jobs.clock import iso
+from services.jobs.lists import trial_row
+from services.tokens import Caller
 
 log = structlog.get_logger()
 router = APIRouter(tags=["trials"])
@@ -105,7 +104,8 @@ async def _granted(
         Forbidden: it is none of this farm, or over.
     """
     async with farm.database.read() as connection:
-        sha256 = (await connection.execute(select(trial.c.log_sha256).where(trial.c.trial_id == trial_id))).scalar_one_or_none()
+        row = await trial_row(connection, trial_id)
+    sha256 = None if row is None else row.log_sha256
     link = Link(trial_id, sha256 or "", token_id, expires_s)
     if sha256 is None or not hmac.compare_digest(link.signature(farm), signature):
         raise Forbidden(

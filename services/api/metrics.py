@@ -7,12 +7,11 @@ from fastapi import APIRouter, Response
 from fastapi.responses import PlainTextResponse
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Gauge, generate_latest
 from prometheus_client.core import CounterMetricFamily
-from sqlalchemy import func, select
 
 from api_schemas.trial import Fault, TrialState
-from services.api.farm import Farm, TheFarm
+from services.api.farm import TheFarm
 from services.api.overview import load_of
-from services.database.tables import job
+from services.jobs.totals import attempts_ended
 
 router = APIRouter(tags=["farm"])
 
@@ -36,20 +35,13 @@ async def metrics(farm: TheFarm) -> Response:
     """Counters of this process and gauges of the farm, for Prometheus."""
     load, registry = await load_of(farm), CollectorRegistry()
     _gauge(registry, "trifarm_robots", "Robots by state", load.robots, "state")
-    _gauge(registry, "trifarm_jobs", "Jobs by state", load.jobs, "state")
-    trials = {TrialState.QUEUED: load.trials_queued, TrialState.RUNNING: load.trials_running}
+    _gauge(registry, "trifarm_jobs", "Jobs by state", load.work.jobs, "state")
+    trials = {TrialState.QUEUED: load.work.trials_queued, TrialState.RUNNING: load.work.trials_running}
     _gauge(registry, "trifarm_trials", "Trials of unended jobs by state", {str(k): v for k, v in trials.items()}, "state")
-    Gauge("trifarm_oldest_queued_seconds", "Age of the oldest queued job", registry=registry).set(load.oldest_queued_s or 0)
-    registry.register(await _attempts(farm))
-    return Response(generate_latest(farm.registry) + generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
-
-
-async def _attempts(farm: Farm) -> Attempts:
-    counted = (job.c.trials_done, job.c.policy_faults, job.c.platform_faults)
+    Gauge("trifarm_oldest_queued_seconds", "Age of the oldest queued job", registry=registry).set(load.work.oldest_queued_s or 0)
     async with farm.database.read() as connection:
-        row = (await connection.execute(select(*(func.coalesce(func.sum(each), 0) for each in counted)))).one()
-    done, policy, platform = map(int, row)
-    return Attempts({Fault.NONE: done - policy, Fault.POLICY: policy, Fault.PLATFORM: platform})
+        registry.register(Attempts(await attempts_ended(connection)))
+    return Response(generate_latest(farm.registry) + generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
 
 
 def _gauge(registry: CollectorRegistry, name: str, words: str, values: dict[str, int], label: str) -> None:

@@ -4,17 +4,14 @@ from collections import Counter
 from dataclasses import dataclass
 
 from fastapi import APIRouter
-from sqlalchemy import func, select
 
 from api_schemas.jail_report import JailReport
-from api_schemas.job import JobState
 from api_schemas.robot import RobotState
 from api_schemas.status import FarmStatus
 from jail.level import too_open
 from services.api.access import AnyCaller
 from services.api.farm import Farm, TheFarm
-from services.database.tables import job
-from services.jobs.lease import UNENDED
+from services.jobs.totals import Work, work_of
 from services.jobs.waiting import nobody_in_service, robot_now
 
 router = APIRouter(tags=["farm"])
@@ -25,17 +22,13 @@ class Load:
     """What there is to do and who is there to do it."""
 
     robots: dict[str, int]
-    jobs: dict[str, int]
-    trials_queued: int
-    trials_running: int
-    oldest_queued_s: float | None
+    work: Work
 
 
 @router.get("/healthz")
 async def healthz(farm: TheFarm) -> dict[str, str]:
     """Answers when the API and its database do."""
-    async with farm.database.read() as connection:
-        await connection.execute(select(1))
+    await farm.database.check()
     return {"status": "ok", "version": farm.version}
 
 
@@ -46,18 +39,18 @@ async def status(_caller: AnyCaller, farm: TheFarm) -> FarmStatus:
     in_service = len(farm.fleet.healthy(farm.clock.now_s()))
     if (reason := too_open(farm.jail, farm.settings.jail_level)) is not None:
         problems = (*problems, f"no policy and no log is taken: {reason}")
-    if load.trials_queued and not in_service:
-        problems = (f"{load.trials_queued} trials wait and {nobody_in_service(farm.fleet, farm.clock.now_s())}", *problems)
+    if load.work.trials_queued and not in_service:
+        problems = (f"{load.work.trials_queued} trials wait and {nobody_in_service(farm.fleet, farm.clock.now_s())}", *problems)
     return FarmStatus(
         healthy=not problems,
-        summary=f"{in_service} of {len(farm.fleet.members)} robots in service, {load.trials_running} trials running, "
-        f"{load.trials_queued} queued",
+        summary=f"{in_service} of {len(farm.fleet.members)} robots in service, {load.work.trials_running} trials running, "
+        f"{load.work.trials_queued} queued",
         problems=problems,
         robots_by_state=load.robots,
-        jobs_by_state=load.jobs,
-        trials_queued=load.trials_queued,
-        trials_running=load.trials_running,
-        oldest_queued_s=load.oldest_queued_s,
+        jobs_by_state=load.work.jobs,
+        trials_queued=load.work.trials_queued,
+        trials_running=load.work.trials_running,
+        oldest_queued_s=load.work.oldest_queued_s,
         version=farm.version,
         farm=farm.settings.farm,
         physics=farm.settings.physics,
@@ -69,21 +62,10 @@ async def status(_caller: AnyCaller, farm: TheFarm) -> FarmStatus:
 async def load_of(farm: Farm) -> Load:
     """What there is to do now."""
     now_s = farm.clock.now_s()
-    left = func.sum(job.c.trials - job.c.trials_done - job.c.trials_active)
     async with farm.database.read() as connection:
-        jobs = (await connection.execute(select(job.c.state, func.count()).group_by(job.c.state))).all()
-        unended = select(left, func.sum(job.c.trials_active)).where(job.c.state.in_(UNENDED), job.c.cancel_requested.is_(False))
-        queued, running = (await connection.execute(unended)).one()
-        oldest = (await connection.execute(select(func.min(job.c.created_s)).where(job.c.state == JobState.QUEUED))).scalar()
-    counted = {row[0]: row[1] for row in jobs}
+        work = await work_of(connection, now_s)
     robots = Counter(member.state(now_s) for member in farm.fleet.members.values())
-    return Load(
-        robots={str(state): robots[state] for state in RobotState},
-        jobs={str(state): counted.get(state, 0) for state in JobState},
-        trials_queued=queued or 0,
-        trials_running=running or 0,
-        oldest_queued_s=None if oldest is None else max(0.0, now_s - oldest),
-    )
+    return Load({str(state): robots[state] for state in RobotState}, work)
 
 
 def _problems(farm: Farm) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 from typing import Annotated, BinaryIO, Literal
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter, Depends, Request, Response
 from fastapi import Path as InPath
 from pydantic import ValidationError
 from starlette.datastructures import UploadFile
@@ -15,18 +15,19 @@ from starlette.exceptions import HTTPException
 from starlette.types import Message, Receive
 
 from api_schemas.policy import Policy, PolicyManifest, PolicyPage, policy_digest
-from services.api import cursor as cursors
 from services.api.access import Operator, RobotCaller, Submitter, User
 from services.api.at_once import one_more
 from services.api.bodies import BodyRefused
 from services.api.document import files, refusals
 from services.api.farm import Farm, TheFarm
+from services.api.paging import encode, numbered
 from services.api.serving import stored_file
-from services.api.tokens import Caller
+from services.database.pages import Asked
 from services.errors import Refused, TooLarge, TooMany
 from services.jobs import lease
 from services.policies.intake import weights_format
 from services.policies.keeping import Upload
+from services.tokens import Caller
 
 router = APIRouter(prefix="/v1/policies", tags=["policies"])
 Digest = Annotated[str, InPath(pattern=r"^[0-9a-f]{64}$")]
@@ -148,11 +149,11 @@ async def put_builtin(name: BuiltinName, response: Response, caller: Operator, f
 
 @router.get("")
 async def list_policies(
-    caller: User, farm: TheFarm, cursor: str | None = None, limit: Annotated[int, Query(ge=1, le=200)] = 50
+    caller: User, farm: TheFarm, asked: Annotated[Asked, Depends(numbered(usual=50, most=200))]
 ) -> PolicyPage:
     """Policies, newest first; users see their own, operators all."""
-    policies, following = await farm.policies.page(cursors.decode(cursor), limit, caller.sees_only)
-    return PolicyPage(policies=policies, next_cursor=cursors.encode(following))
+    page = await farm.policies.page(caller.sees_only, asked)
+    return PolicyPage(policies=tuple(page.entries), next_cursor=encode(page.following))
 
 
 @router.get("/{digest}")

@@ -3,29 +3,32 @@
 from collections.abc import Sequence
 from typing import Annotated
 
-from fastapi import APIRouter, Path
-from sqlalchemy import select
+from fastapi import APIRouter, Depends, Path
 
 from api_schemas.robot import Robot, RobotPage, RobotState
 from api_schemas.token import NewToken
 from services.api.access import AnyCaller, Bearer, Joining, Operator
 from services.api.document import refusals
 from services.api.farm import Farm, TheFarm
-from services.api.tokens import Caller
-from services.database.tables import job
+from services.api.paging import encode, named
+from services.database.pages import Asked, page_of
 from services.errors import Conflict, NotFound
 from services.jobs import robots, views
 from services.jobs.fleet import Member
+from services.jobs.lists import owned
+from services.tokens import Caller
 
 router = APIRouter(prefix="/v1/robots", tags=["robots"])
 Name = Annotated[str, Path(pattern=r"^[a-z0-9-]{1,40}$")]
 
 
 @router.get("")
-async def list_robots(caller: AnyCaller, farm: TheFarm) -> RobotPage:
-    """All robots that ever joined, by name; users see which of their own trials run on them, operators all."""
-    members = sorted(farm.fleet.members.values(), key=lambda member: member.robot)
-    return RobotPage(robots=await _show(members, caller, farm))
+async def list_robots(
+    caller: AnyCaller, farm: TheFarm, asked: Annotated[Asked, Depends(named(usual=1000, most=1000))]
+) -> RobotPage:
+    """Robots that ever joined, by name; users see which of their own trials run on them, operators all."""
+    page = page_of(list(farm.fleet.members.values()), lambda member: member.robot, asked)
+    return RobotPage(robots=await _show(page.entries, caller, farm), next_cursor=encode(page.following))
 
 
 @router.get("/{robot}")
@@ -89,9 +92,8 @@ async def _show(members: Sequence[Member], caller: Caller, farm: Farm) -> tuple[
     if caller.sees_only is None:
         return shown
     running = {robot.job for robot in shown if robot.job is not None}
-    own = select(job.c.job_id).where(job.c.job_id.in_(running), job.c.owner == caller.sees_only)
     async with farm.database.read() as connection:
-        mine = set((await connection.execute(own)).scalars())
+        mine = await owned(connection, running, caller.sees_only)
     return tuple(hidden_from_users(robot, is_own=robot.job in mine) for robot in shown)
 
 

@@ -2,11 +2,13 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Path
+from fastapi import APIRouter, Depends, Path
 
 from api_schemas.token import NewToken, TokenPage, TokenRequest
 from services.api.access import Admin
 from services.api.farm import TheFarm
+from services.api.paging import encode, named
+from services.database.pages import Asked
 
 router = APIRouter(prefix="/v1/tokens", tags=["tokens"])
 TokenId = Annotated[str, Path(pattern=r"^[A-Za-z0-9.@-]{1,20}$")]
@@ -19,9 +21,10 @@ async def make_token(body: TokenRequest, _caller: Admin, farm: TheFarm) -> NewTo
 
 
 @router.get("")
-async def list_tokens(_caller: Admin, farm: TheFarm) -> TokenPage:
-    """All tokens without their secrets."""
-    return TokenPage(tokens=await farm.tokens.all())
+async def list_tokens(_caller: Admin, farm: TheFarm, asked: Annotated[Asked, Depends(named(usual=1000, most=1000))]) -> TokenPage:
+    """Tokens without their secrets, by id."""
+    page = await farm.tokens.page(asked)
+    return TokenPage(tokens=tuple(page.entries), next_cursor=encode(page.following))
 
 
 @router.delete("/{token_id}", status_code=204)

@@ -8,7 +8,6 @@ from typing import Annotated
 
 from fastapi import APIRouter, Request, Response
 from fastapi import Path as InPath
-from sqlalchemy import select
 
 from api_schemas.token import Scope
 from api_schemas.trial import Verification
@@ -19,12 +18,12 @@ from services.api.document import BINARY, files, refusals
 from services.api.farm import Farm, TheFarm
 from services.api.jobs import JobId
 from services.api.serving import stored_file, stored_size
-from services.api.tokens import Caller
 from services.api.trials import MCAP
 from services.database.rows import AnyRow
-from services.database.tables import trial
 from services.errors import NotFound, Refused, TooLarge, TooMany, TooSlow, Unavailable
 from services.jobs import views
+from services.jobs.lists import trial_at
+from services.tokens import Caller
 from services.verification import replaying
 from services.verification.replaying import Compared
 
@@ -88,8 +87,7 @@ def shown_to(caller: Caller, verdict: Verification) -> Verification:
 async def _with_truth(farm: Farm, job_id: str, ordinal: int, owner: str | None) -> AnyRow:
     async with farm.database.read() as connection:
         owner_job = await views.job_row(connection, job_id, owner)
-        wanted = select(trial).where(trial.c.job_number == owner_job.number, trial.c.ordinal == ordinal)
-        row = (await connection.execute(wanted)).one_or_none()
+        row = await trial_at(connection, owner_job.number, ordinal)
     if row is None:
         raise NotFound("trial-not-found", f"Job {job_id} has no trial {ordinal}; its last is {owner_job.trials - 1}.")
     if row.truth_sha256 is None or row.log_sha256 is None:

@@ -15,11 +15,13 @@ from api_schemas.status import FarmStatus
 from api_schemas.token import Scope
 from services.api import overview, robots
 from services.api.farm import Farm, TheFarm
-from services.dashboard import live, queries
+from services.dashboard import live
 from services.dashboard.pages import HEADERS, PageRoute, page, part
 from services.dashboard.sessions import Operating, Session, SignedIn
-from services.jobs import views
+from services.jobs import recent, views
 from services.jobs.clock import iso
+from services.jobs.lists import owned
+from services.jobs.totals import UserLoad, load_by_user
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 LAST_TRIALS = 50
@@ -37,7 +39,7 @@ class Seen:
 
     status: FarmStatus
     robots: tuple[Robot, ...]
-    loads: list[queries.UserLoad]
+    loads: list[UserLoad]
 
 
 @dataclass(frozen=True)
@@ -63,13 +65,13 @@ class Watcher:
             now_s = farm.clock.now_s()
             if self._history is None or now_s - self._history[0] > HISTORY_KEPT_S:
                 async with farm.database.read() as connection:
-                    ended = await queries.recently_ended(connection)
-                    given = await queries.recently_given(connection, iso(now_s - 60 * RATE_MINUTES))
+                    ended = await recent.recently_ended(connection)
+                    given = await recent.recently_given(connection, iso(now_s - 60 * RATE_MINUTES))
                 rates = _per_minute([each.ended_at for each in ended]), _per_minute(given)
-                self._history = (now_s, History(queries.by_robot(ended, LAST_TRIALS), *rates))
+                self._history = (now_s, History(recent.by_robot(ended, LAST_TRIALS), *rates))
             if self._seen is None or now_s - self._seen[0] > KEPT_S:
                 async with farm.database.read() as connection:
-                    loads = await queries.load_by_user(connection)
+                    loads = await load_by_user(connection)
                 # The status is the same for every caller; of the robots, ``parts`` hides what this viewer may not see.
                 self._seen = (now_s, Seen(await overview.status(session.caller, farm), _robots(farm, now_s), loads))
             return self._seen[1], self._history[1]
@@ -123,7 +125,7 @@ async def _visible_jobs(listed: tuple[Robot, ...], session: Session, farm: Farm)
     if session.caller.sees_only is None or not running:
         return running
     async with farm.database.read() as connection:
-        return frozenset((await connection.execute(queries.owned(running, session.caller.owner))).scalars())
+        return await owned(connection, running, session.caller.owner)
 
 
 @router.get("/")

@@ -19,11 +19,12 @@ from services.api.farm import Farm, TheFarm
 from services.api.jobs import JobId, stored_report
 from services.dashboard import figures, live
 from services.dashboard.pages import HEADERS, PageRoute, page, part
-from services.dashboard.queries import successes_over_time, trial_rows
 from services.dashboard.sessions import Changing, Operating, Session, SignedIn
 from services.database.rows import AnyRow
 from services.errors import NotFound
 from services.jobs import views
+from services.jobs.lists import trials_of
+from services.jobs.recent import successes_over_time
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 ON_A_PAGE = 100
@@ -82,7 +83,7 @@ async def parts(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> di
     async with farm.database.read() as connection:
         row = await views.job_row(connection, job_id, session.caller.sees_only)
         (job,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s(), farm.settings.user_trials_at_once)
-        trials = [_line(each) for each in await trial_rows(connection, row.number)]
+        trials = [_line(each) for each in await trials_of(connection, row.number)]
         steps = await successes_over_time(connection, row.number)
     judged = job.task is not TaskName.IDENTIFY
     head = {"csrf": session.csrf, "ended": job.state in FINAL_JOB_STATES, "operates": session.caller.may(Scope.OPERATE)}

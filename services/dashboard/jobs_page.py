@@ -9,14 +9,15 @@ from fastapi import APIRouter, Depends, Query, Response
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from api_schemas.job import Job, JobState
-from services.api import cursor as cursors
 from services.api.farm import Farm, TheFarm
+from services.api.paging import decode_number, encode
 from services.dashboard import live
 from services.dashboard.figures import Bar
 from services.dashboard.pages import PageRoute, page, part
-from services.dashboard.queries import JobFilter
 from services.dashboard.sessions import Session, SignedIn
+from services.database.pages import Asked
 from services.jobs import views
+from services.jobs.lists import JobFilter, job_page
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 ON_A_PAGE = 25
@@ -61,14 +62,14 @@ class Line:
 
 async def parts(session: Session, farm: Farm, wanted: Wanted) -> dict[str, str]:
     """The list, and the way to the next page."""
-    chosen = JobFilter(session.caller.sees_only, wanted.state, wanted.text, cursors.decode(wanted.cursor))
+    chosen = JobFilter(session.caller.sees_only, wanted.state, wanted.text)
+    asked = Asked(ON_A_PAGE, None if wanted.cursor is None else decode_number(wanted.cursor))
     async with farm.database.read() as connection:
-        rows = (await connection.execute(chosen.select(ON_A_PAGE + 1))).all()
+        found = await job_page(connection, chosen, asked)
         limit = farm.settings.user_trials_at_once
-        jobs = await views.show_jobs(connection, rows[:ON_A_PAGE], farm.fleet, farm.clock.now_s(), limit)
+        jobs = await views.show_jobs(connection, found.entries, farm.fleet, farm.clock.now_s(), limit)
     lines = [Line(job, Bar.of(job.job_id, job.successes, job.trials_done), job.waiting_because or job.reason) for job in jobs]
-    following = cursors.encode(rows[ON_A_PAGE - 1].number) if len(rows) > ON_A_PAGE else None
-    following = None if following is None else wanted.address(cursor=following)
+    following = None if found.following is None else wanted.address(cursor=encode(found.following))
     shows_owner = session.caller.sees_only is None
     return {"jobs": part("jobs/list.html", lines=lines, following=following, wanted=wanted, shows_owner=shows_owner)}
 

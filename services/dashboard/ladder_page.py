@@ -7,12 +7,13 @@ from fastapi import APIRouter, Depends, Query, Response
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from api_schemas.ladder import Ladder
-from services.api import cursor as cursors
 from services.api.farm import Farm, TheFarm
 from services.api.ladders import LadderId, seen_ladder
+from services.api.paging import decode_number, encode
 from services.dashboard import figures, live
 from services.dashboard.pages import PageRoute, page, part
 from services.dashboard.sessions import Session, SignedIn
+from services.database.pages import Asked
 from services.jobs import ladders
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
@@ -52,10 +53,10 @@ def _comparable(ladder: Ladder) -> str | None:
 @router.get("/ladders")
 async def show_ladders(session: SignedIn, farm: TheFarm, cursor: Annotated[str | None, Query(max_length=40)] = None) -> Response:
     """The list."""
+    asked = Asked(ON_A_PAGE, None if cursor is None else decode_number(cursor))
     async with farm.database.read() as connection:
-        found = await ladders.lines(connection, session.caller.sees_only, cursors.decode(cursor), ON_A_PAGE + 1)
-    following = cursors.encode(found[ON_A_PAGE - 1][0]) if len(found) > ON_A_PAGE else None
-    context = {"lines": [line for _, line in found[:ON_A_PAGE]], "following": following, "cursor": cursor}
+        found = await ladders.lines(connection, session.caller.sees_only, asked)
+    context = {"lines": found.entries, "following": encode(found.following), "cursor": cursor}
     return page("ladders.html", session, title="Ladders", here="ladders", **context)
 
 

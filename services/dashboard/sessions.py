@@ -15,9 +15,9 @@ from fastapi import Depends, Form, Request, Response
 from api_schemas.token import Scope
 from services.api.door import SESSION_COOKIE as COOKIE
 from services.api.farm import TheFarm
-from services.api.tokens import Caller
 from services.errors import Forbidden, Unauthorised
 from services.signing import FarmKey
+from services.tokens import Caller
 
 LASTS_S = 12 * 3600
 """After so long a browser has to show the token again."""

@@ -5,7 +5,6 @@ from urllib.parse import quote
 
 from fastapi import APIRouter, Depends, Request, Response
 from fastapi.responses import FileResponse, RedirectResponse
-from sqlalchemy import select
 
 from api_schemas.token import Scope
 from api_schemas.trial import Trial, TrialState
@@ -16,8 +15,8 @@ from services.api.trials import TrialId
 from services.dashboard.pages import HEADERS, PageRoute, page
 from services.dashboard.replays import Replays
 from services.dashboard.sessions import Session, SignedIn, refuse_foreign
-from services.database.tables import trial as trial_table
 from services.errors import NotFound
+from services.jobs.lists import trial_row
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 Viewer = Literal["foxglove", "lichtblick", "rerun"]
@@ -55,8 +54,8 @@ async def get_replay(
     truth = None
     if _sees_truth(session, shown):
         async with farm.database.read() as connection:
-            wanted = select(trial_table.c.truth_sha256).where(trial_table.c.trial_id == trial_id)
-            truth = (await connection.execute(wanted)).scalar_one()
+            row = await trial_row(connection, trial_id)
+        truth = None if row is None else row.truth_sha256
     path = await replays.reduced(farm, shown.log_sha256, truth)
     return FileResponse(path, media_type="application/octet-stream", headers=HEADERS)
 

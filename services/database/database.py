@@ -8,7 +8,7 @@ from pathlib import Path
 from alembic import command
 from alembic.config import Config
 from alembic.script import ScriptDirectory
-from sqlalchemy import inspect, text
+from sqlalchemy import inspect, select, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
@@ -56,6 +56,15 @@ class Database:
             if self.is_shared and not lasting:
                 await connection.execute(postgres.BRIEF)
             yield connection
+
+    async def check(self) -> None:
+        """Asks the database for a number.
+
+        Raises:
+            Unavailable: it does not answer.
+        """
+        async with self.read() as connection:
+            await connection.execute(select(1))
 
     async def close(self) -> None:
         """Closes all connections."""

@@ -1,7 +1,5 @@
 """Ladders: jobs of several checkpoints that are queued together, try the same goals, and are shown together."""
 
-from collections.abc import Sequence
-
 from sqlalchemy import func, insert, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection
@@ -10,6 +8,7 @@ from api_schemas.job import JobRequest, JobState, TaskName
 from api_schemas.ladder import Ladder, LadderLine, LadderRequest, Rung
 from api_schemas.physics import ObjectName
 from api_schemas.success_rate import wilson
+from services.database.pages import Asked, Page, read_page
 from services.database.rows import AnyRow
 from services.database.tables import job, ladder, rung
 from services.errors import Conflict, NotFound
@@ -126,25 +125,20 @@ def _rung(row: AnyRow) -> Rung:
     )
 
 
-async def lines(
-    connection: AsyncConnection, owner: str | None, before: int | None, limit: int
-) -> Sequence[tuple[int, LadderLine]]:
-    """Ladders with their numbers, newest first; with ``owner`` only his."""
-    newest = select(ladder.c.number).order_by(ladder.c.number.desc()).limit(limit)
-    if owner is not None:
-        newest = newest.where(ladder.c.owner == owner)
-    if before is not None:
-        newest = newest.where(ladder.c.number < before)
+async def lines(connection: AsyncConnection, owner: str | None, asked: Asked) -> Page[LadderLine]:
+    """Ladders, newest first; with ``owner`` only theirs. The key is the ladder's number."""
+    wanted = select(ladder.c.number) if owner is None else select(ladder.c.number).where(ladder.c.owner == owner)
+    page = await read_page(connection, wanted, ladder.c.number, asked)
     counts = func.count(), func.sum(job.c.trials), func.sum(job.c.trials_done), func.min(job.c.task)
     wanted = (
         select(ladder, *(count.label(name) for count, name in zip(counts, ("rungs", "trials", "done", "task"), strict=True)))
         .join(rung, rung.c.ladder_number == ladder.c.number)
         .join(job, job.c.number == rung.c.job_number)
-        .where(ladder.c.number.in_(newest))
+        .where(rung.c.ladder_number.in_([row.number for row in page.entries]))
         .group_by(ladder.c.number)
         .order_by(ladder.c.number.desc())
     )
-    return [(row.number, _line(row)) for row in await connection.execute(wanted)]
+    return Page([_line(row) for row in await connection.execute(wanted)], page.following)
 
 
 def _line(row: AnyRow) -> LadderLine:

@@ -2,9 +2,8 @@
 
 import json
 from collections.abc import Sequence
-from typing import Any
 
-from sqlalchemy import Select, select
+from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.excitation import ExcitationName
@@ -74,10 +73,9 @@ def _job(row: AnyRow, ahead: Ahead | None, fleet: Fleet, now_s: float, limit: in
 
 
 async def show_trials(
-    connection: AsyncConnection, owner_job: AnyRow, wanted: Select[Any], fleet: Fleet, now_s: float
+    connection: AsyncConnection, owner_job: AnyRow, rows: Sequence[AnyRow], fleet: Fleet, now_s: float
 ) -> tuple[Trial, ...]:
-    """The job's trials that ``wanted`` selects, with their attempts."""
-    rows = (await connection.execute(wanted)).all()
+    """Trials of the job, with their attempts."""
     ids = [row.trial_id for row in rows]
     of_these = select(attempt).where(attempt.c.trial_id.in_(ids)).order_by(attempt.c.trial_id, attempt.c.fence)
     attempts = (await connection.execute(of_these)).all()

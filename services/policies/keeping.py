@@ -18,6 +18,7 @@ from sqlalchemy.exc import IntegrityError
 from api_schemas.builtin_policies import BUILTIN, BUILTIN_NAMES, PREFIX, builtin_content, builtin_digest
 from api_schemas.policy import BUILTIN_FORMAT, Policy, PolicyManifest, WeightsFormat, canonical_json
 from services.database.database import Database
+from services.database.pages import Asked, Page
 from services.database.rows import AnyRow
 from services.database.tables import policy
 from services.errors import Conflict, NotFound, Refused
@@ -80,12 +81,10 @@ class Policies:
             raise NotFound("policy-not-found", f"No policy has the digest {digest}; upload it with POST /v1/policies.")
         return show(row)
 
-    async def page(self, before: int | None, limit: int, owner: str | None) -> tuple[tuple[Policy, ...], int | None]:
-        """Policies, newest first, placed below ``before``, with ``owner`` only his; and the place to go on from."""
+    async def page(self, owner: str | None, asked: Asked) -> Page[Policy]:
+        """Policies, newest first; with ``owner`` theirs alone."""
         async with self._database.read() as connection:
-            rows = await owners.page(connection, before, limit + 1, owner)
-        shown = tuple(show(row) for row in rows[:limit])
-        return shown, rows[limit - 1].place if len(rows) > limit else None
+            return (await owners.page(connection, owner, asked)).show(show)
 
     async def take(self, upload: Upload, now_iso: str) -> tuple[Policy, bool]:
         """Keeps an upload; gives the policy and whether it is new to its sender.

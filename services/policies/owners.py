@@ -1,10 +1,9 @@
 """Whose policies are whose: who has sent one owns it, sees it and may ask for trials of it; and how much one may keep."""
 
-from collections.abc import Sequence
-
 from sqlalchemy import and_, delete, exists, func, insert, or_, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from services.database.pages import Asked, Page, read_page
 from services.database.rows import AnyRow
 from services.database.tables import canary, job, policy, policy_owner, token
 from services.errors import Conflict, Forbidden, NotFound
@@ -38,16 +37,12 @@ async def find_for(connection: AsyncConnection, digest: str, owner: str) -> AnyR
     return (await connection.execute(wanted.where(policy.c.digest == digest))).one_or_none()
 
 
-async def page(connection: AsyncConnection, before: int | None, count: int, owner: str | None) -> Sequence[AnyRow]:
-    """Up to ``count`` rows, newest first, whose ``place`` is below ``before``; with ``owner`` only his."""
-    place = policy.c.number if owner is None else policy_owner.c.number
-    wanted = select(policy, place.label("place"))
-    if owner is not None:
-        wanted = select(*_COLUMNS, policy_owner.c.created_at, place.label("place")).select_from(_OWNED)
-        wanted = wanted.where(policy_owner.c.owner == owner)
-    if before is not None:
-        wanted = wanted.where(place < before)
-    return (await connection.execute(wanted.order_by(place.desc()).limit(count))).all()
+async def page(connection: AsyncConnection, owner: str | None, asked: Asked) -> Page[AnyRow]:
+    """Rows of policies, newest first; with ``owner`` theirs alone, by when they became theirs."""
+    if owner is None:
+        return await read_page(connection, select(policy), policy.c.number, asked)
+    theirs = select(*_COLUMNS, policy_owner.c.created_at).select_from(_OWNED).where(policy_owner.c.owner == owner)
+    return await read_page(connection, theirs, policy_owner.c.number, asked)
 
 
 async def own(tx: AsyncConnection, digest: str, owner: str, now_iso: str) -> str | None:

@@ -123,15 +123,46 @@ def test_an_idempotency_key_makes_one_job(farm, policy):
     assert other.headers["content-type"] == "application/problem+json"
 
 
-def test_jobs_are_listed_page_by_page(farm, policy, done):
-    seen, cursor = [], None
-    while True:
-        page = farm.admin.get("/v1/jobs", params={"limit": 1} | ({"cursor": cursor} if cursor else {})).json()
-        seen += [job["job_id"] for job in page["jobs"]]
-        if (cursor := page["next_cursor"]) is None:
-            break
-    assert len(seen) == len(set(seen))
-    assert done in seen
+FEEDS = {"/v1/jobs/{job_id}/history": "waits for what is new; its key is the event's own number"}
+"""What answers with a list of events and is no list of things that are there."""
+
+
+def lists_of(document):
+    """The routes of the API's document that give many of something, with the name of their entries."""
+    schemas = document["components"]["schemas"]
+    for path, operations in document["paths"].items():
+        content = operations.get("get", {}).get("responses", {}).get("200", {}).get("content", {})
+        schema = content.get("application/json", {}).get("schema", {})
+        members = schemas.get(schema.get("$ref", "").rpartition("/")[2], {}).get("properties", {})
+        many = [name for name, member in members.items() if member.get("type") == "array"]
+        if schema.get("type") == "array" or (len(many) == 1 and set(members) <= {*many, "next_cursor"}):
+            yield path, (many or [None])[0]
+
+
+def test_every_list_comes_in_pages(farm, policy, done):
+    ladder = {"name": "two", "task": "push", "rungs": [{"step": step, "policy": policy} for step in (1, 2)], "trials": 1}
+    for _ in range(3):
+        assert farm.admin.post("/v1/ladders", json=ladder).status_code == 201
+    found = {path: name for path, name in lists_of(farm.admin.get("/openapi.json").json()) if path not in FEEDS}
+    assert set(found) >= {"/v1/jobs", "/v1/robots", "/v1/policies", "/v1/ladders", "/v1/tokens", "/v1/jobs/{job_id}/trials"}
+    for path, name in found.items():
+        if path == "/v1/leaderboard":
+            continue  # one entry a task and physics
+        address = path.replace("{job_id}", done)
+        whole = farm.admin.get(address, params={"limit": 200}).json()
+        assert whole["next_cursor"] is None
+        seen, cursor, pages = [], None, 0
+        while cursor is not None or not pages:
+            page = farm.admin.get(address, params={"limit": 2} | ({"cursor": cursor} if cursor else {})).json()
+            seen, cursor, pages = seen + page[name], page["next_cursor"], pages + 1
+        assert [identity(each) for each in seen] == [identity(each) for each in whole[name]], path
+        assert pages == -(-len(seen) // 2), path
+        for wrong in ({"cursor": "bi0x"}, {"cursor": "x"}, {"limit": 0}, {"limit": 10**6}):
+            assert farm.admin.get(address, params=wrong).status_code == 422, (path, wrong)
+
+
+def identity(entry):
+    return next(entry[key] for key in ("trial_id", "job_id", "ladder_id", "digest", "token_id", "robot") if key in entry)
 
 
 def test_a_drained_robot_takes_no_trial_until_it_is_resumed(farm, policy):

@@ -14,10 +14,10 @@ from api_schemas.job import Job, JobPage
 from api_schemas.ladder import Ladder
 from api_schemas.policy import PolicyCheck
 from api_schemas.report import IdentificationReport, Report
-from api_schemas.robot import Robot, RobotPage
+from api_schemas.robot import Robot
 from api_schemas.signature import Signature
 from api_schemas.status import FarmStatus
-from api_schemas.token import NewToken, TokenPage
+from api_schemas.token import NewToken
 from chaos import run
 from chaos.promises import Evidence, check
 from client_cli.commands import demo, fetch, identify, pack, top, up, verify
@@ -45,7 +45,7 @@ JSON_KEYS = {
     "fetch ID": fetch.document(fetch.Fetched(job(FarmState()), Path(), (), (), 0, 0, None)),
     "pack FILE...": pack.document(Packed(Path(), Path(), "", 0.0, "", ())),
     "identify": identify.document(identify.Identified(job(FarmState()), None)),
-    "robots": RobotPage.model_fields,
+    "robots": {"robots": ()},
     "robots forget ROBOT": {"robot": "", "forgotten": True},
     "policy delete DIGEST": {"digest": "", "deleted": True},
     "canary": Canary.model_fields,
@@ -54,7 +54,7 @@ JSON_KEYS = {
     "top": top.document(top.Seen(STATUS, (), ())),
     "chaos": run.document(check(NO_EVIDENCE, bool), [], run.About("", "", 0, False, False, True, None, 0.0, 0.0)),
     "token create": NewToken.model_fields,
-    "token list": TokenPage.model_fields,
+    "token list": {"tokens": ()},
     "token revoke TOKEN": {"token_id": "", "revoked": True},
 }
 """What the commands that are not said to print another command's document print."""

@@ -9,12 +9,13 @@ from sqlalchemy import select
 from structlog.testing import capture_logs
 
 from services import serve
-from services.api.tokens import Tokens
+from services.database.pages import Asked
 from services.database.tables import trial
 from services.errors import ServiceError
 from services.jobs import robots
 from services.jobs.clock import FarmClock
 from services.settings import Settings
+from services.tokens import Tokens
 from tests.unit.services.conftest import beat
 from tests.unit.services.jobs.test_pinning import NOW_S, asked, take
 
@@ -77,4 +78,4 @@ async def test_the_first_tokens_are_in_their_file_also_if_the_first_start_was_cu
         await serve._first_tokens(settings, tokens)
     made = json.loads((tmp_path / serve.TOKENS_FILE).read_text())
     assert {name: (await tokens.caller(bearer)).owner for name, bearer in made.items()} == {"admin": "operator", "robot": "farm"}
-    assert len(await tokens.all()) == 2
+    assert len((await tokens.page(Asked(10))).entries) == 2

@@ -12,7 +12,6 @@ from api_schemas.job import JobRequest
 from api_schemas.token import Scope, TokenRequest
 from services.api.app import create_app
 from services.api.links import MOST_READERS, Link, linked
-from services.api.tokens import Caller, Tokens
 from services.database.database import Database, migrate
 from services.database.tables import policy, trial
 from services.files.store import FileStore
@@ -20,6 +19,7 @@ from services.jobs.clock import FarmClock
 from services.jobs.submission import Sender, submit
 from services.settings import Settings
 from services.signing import FarmKey
+from services.tokens import Caller, Tokens
 
 DIGEST = "d" * 64
 POLICY = {"number": 1, "digest": DIGEST, "name": "p", "weights_format": "onnx", "weights_sha256": DIGEST, "weights_bytes": 1}

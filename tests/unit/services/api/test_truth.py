@@ -5,9 +5,9 @@ from fastapi import Request
 
 from api_schemas.token import Scope
 from api_schemas.trial import Verification
-from services.api.tokens import Caller
 from services.api.truth import _receive, shown_to
 from services.errors import TooLarge, TooSlow
+from services.tokens import Caller
 
 DIFFERENT = Verification(
     trial_id="j-000",

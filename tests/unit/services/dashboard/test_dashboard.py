@@ -107,34 +107,6 @@ def test_durations_are_read_in_two_units(seconds, text):
     assert words.duration(seconds) == text
 
 
-async def test_what_a_user_looks_for_is_no_pattern(tmp_path):
-    from sqlalchemy import insert
-
-    from services.dashboard.queries import JobFilter
-    from services.database.database import Database, migrate
-    from services.database.tables import job
-
-    url = f"sqlite+aiosqlite:///{tmp_path / 'farm.sqlite'}"
-    await migrate(url)
-    database = Database(url)
-    states = ["succeeded", "running", "queued", "cancelled", "queued", "queued"]
-    common = {"task": "push", "seed": 1, "seed_drawn_by_server": False, "created_at": "2026-01-01T00:00:00Z", "created_s": 0.0}
-    async with database.write() as tx:
-        for number, state in enumerate(states, start=1):
-            done = 10 if state == "succeeded" else 0
-            owner = "ann" if number % 2 else "100%_bob"
-            row = {"number": number, "job_id": f"j{number}", "state": state, "owner": owner, "trials": 10, "trials_done": done}
-            await tx.execute(insert(job).values(**row, cancel_requested=number == 5, **common))
-    async with database.read() as connection:
-        found = {
-            text: (await connection.execute(JobFilter(None, None, text, None).select(9))).all() for text in ("%_", "J3", "x")
-        }
-    assert [row.number for row in found["%_"]] == [6, 4, 2], "what a user types is no pattern"
-    assert [row.number for row in found["J3"]] == [3]
-    assert found["x"] == []
-    await database.close()
-
-
 def test_a_log_is_reduced_to_what_is_drawn(short_log, tmp_path):
     import json
     import struct

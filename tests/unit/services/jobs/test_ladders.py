@@ -6,6 +6,7 @@ from sqlalchemy import insert, select, update
 from api_schemas.job import JobRequest, TaskName
 from api_schemas.ladder import LadderRequest
 from api_schemas.success_rate import wilson
+from services.database.pages import Asked
 from services.database.tables import job, policy, policy_owner
 from services.errors import Conflict, NotFound, TooMany
 from services.jobs import ladders, leaderboard, robots, submission
@@ -71,7 +72,7 @@ async def test_a_ladder_comes_in_whole_or_not_at_all(database):
         await send(database, asked(), Sender("ann", sees_only="ann", may_queue=2))
     async with database.read() as connection:
         assert (await connection.execute(select(job.c.number))).all() == []
-        assert await ladders.lines(connection, None, None, 5) == []
+        assert (await ladders.lines(connection, None, Asked(5))).entries == []
 
 
 async def test_the_same_key_is_the_same_ladder(database):
@@ -87,9 +88,9 @@ async def test_ladders_of_others_are_not_there(database):
     async with database.read() as connection:
         with pytest.raises(NotFound, match="no ladder"):
             await ladders.show(connection, ladder_id, "bob")
-        ((_, line),) = await ladders.lines(connection, "ann", None, 5)
+        (line,) = (await ladders.lines(connection, "ann", Asked(5))).entries
         assert (line.rungs, line.trials, line.trials_done, line.task) == (3, 12, 0, "push")
-        assert await ladders.lines(connection, "bob", None, 5) == []
+        assert (await ladders.lines(connection, "bob", Asked(5))).entries == []
 
 
 async def tried(database, digest, done, successes, state="succeeded", seed=None, **more):

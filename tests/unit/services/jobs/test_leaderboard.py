@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from sqlalchemy import event, insert, select, update
+from sqlalchemy import insert, select, update
 
 from api_schemas.job import JobRequest, TaskName
 from api_schemas.robot import OutcomeReport
@@ -15,6 +15,7 @@ from services.jobs import completion, leaderboard, lease, robots, submission
 from services.jobs.leaderboard import Wanted
 from services.jobs.submission import Sender
 from tests.unit.services.conftest import beat
+from tests.unit.services.reading import Reading
 
 A, B = "a" * 64, "b" * 64
 PUSH = Wanted(TaskName.PUSH)
@@ -131,24 +132,6 @@ async def test_physics_that_only_has_a_name_counts_if_nothing_can_be_behind_it(d
 async def test_physics_that_never_was_is_said(database):
     with pytest.raises(NotFound, match="never had physics number 9"):
         await board(database, Wanted(TaskName.PUSH, physics=9))
-
-
-class Reading:
-    """Keeps the statements that the readers of a database are asked."""
-
-    def __init__(self, database):
-        self.asked = []
-        self._engine = database._readers.sync_engine
-
-    def __enter__(self):
-        event.listen(self._engine, "before_cursor_execute", self._note)
-        return self
-
-    def __exit__(self, *_):
-        event.remove(self._engine, "before_cursor_execute", self._note)
-
-    def _note(self, _connection, _cursor, statement, parameters, *_):
-        self.asked.append((statement, parameters))
 
 
 async def many(database, jobs, trials):

@@ -12,7 +12,7 @@ from services.database.tables import job, robot, trial
 from services.dispatcher import queue
 from services.dispatcher.finding import find_trial
 from services.errors import Conflict, NotFound, Refused
-from services.jobs import completion, lease, views
+from services.jobs import completion, lease, lists, views
 from services.jobs.submission import Sender, identify
 from tests.unit.services.conftest import beat
 
@@ -64,9 +64,8 @@ async def give_back(database, fleet, claim):
 async def shown(database, job_id, fleet):
     async with database.read() as connection:
         row = await views.job_row(connection, job_id, None)
-        wanted = select(trial).where(trial.c.job_number == row.number).order_by(trial.c.ordinal)
         (one,) = await views.show_jobs(connection, [row], fleet, NOW_S)
-        return one, await views.show_trials(connection, row, wanted, fleet, NOW_S)
+        return one, await views.show_trials(connection, row, await lists.trials_of(connection, row.number), fleet, NOW_S)
 
 
 async def test_each_repeat_runs_the_excitations_in_their_order(database, fleet_of):

@@ -1,34 +1,20 @@
-"""What the pages ask the database beyond what the API asks: all but the search by text from an index or a few jobs."""
+"""What happened lately, read from an index or from a few jobs."""
 
 import json
 from collections import defaultdict
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sqlalchemy import Select, func, or_, select
+from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from api_schemas.job import JobState
 from api_schemas.trial import AttemptState, OutcomeKind
-from services.database.rows import AnyRow
-from services.database.tables import attempt, event, job, trial
-from services.jobs.lease import UNENDED
+from services.database.tables import attempt, event, job
 
 RECENT_JOBS = 300
 RECENT_ATTEMPTS = 2000
 """What a robot did lately is looked for in the newest jobs, as far as these two reach."""
 NOT_JUDGED = frozenset({OutcomeKind.RECORDED, OutcomeKind.CANCELLED})
-LEFT = job.c.trials - job.c.trials_done - job.c.trials_active
-
-
-@dataclass(frozen=True)
-class UserLoad:
-    """What one user has in the farm."""
-
-    owner: str
-    jobs: int
-    waiting: int
-    running: int
 
 
 @dataclass(frozen=True)
@@ -38,15 +24,6 @@ class Ended:
     robot: str
     succeeded: bool
     ended_at: str
-
-
-async def load_by_user(connection: AsyncConnection) -> list[UserLoad]:
-    """Users with trials in the queue or on robots, the busiest first."""
-    waiting, running = func.sum(LEFT), func.sum(job.c.trials_active)
-    wanted = select(job.c.owner, func.count(), waiting, running).where(job.c.state.in_(UNENDED)).group_by(job.c.owner)
-    rows = (await connection.execute(wanted)).all()
-    loads = [UserLoad(row[0], row[1], max(0, row[2]), row[3]) for row in rows]
-    return sorted(loads, key=lambda each: (-each.running - each.waiting, each.owner))
 
 
 async def recently_ended(connection: AsyncConnection) -> list[Ended]:
@@ -79,41 +56,6 @@ async def recently_given(connection: AsyncConnection, since: str) -> Sequence[st
         attempt.c.job_number.in_(newest), attempt.c.started_at >= since, attempt.c.state != AttemptState.DECLINED
     )
     return (await connection.execute(wanted)).scalars().all()
-
-
-@dataclass(frozen=True)
-class JobFilter:
-    """Which jobs a list shows."""
-
-    owner: str | None
-    state: JobState | None
-    text: str
-    before: int | None
-
-    def select(self, limit: int) -> Select[tuple]:
-        """The statement, newest first."""
-        wanted = select(job).order_by(job.c.number.desc()).limit(limit)
-        if self.owner is not None:
-            wanted = wanted.where(job.c.owner == self.owner)
-        if self.state is not None:
-            wanted = wanted.where(job.c.state == self.state)
-        if self.before is not None:
-            wanted = wanted.where(job.c.number < self.before)
-        if self.text:
-            columns = (job.c.job_id, job.c.policy_name, job.c.owner, job.c.task, job.c.policy)
-            wanted = wanted.where(or_(*(column.icontains(self.text, autoescape=True) for column in columns)))
-        return wanted
-
-
-def owned(job_ids: Collection[str], owner: str) -> Select[tuple]:
-    """The statement for those of the jobs that are this owner's."""
-    return select(job.c.job_id).where(job.c.job_id.in_(job_ids), job.c.owner == owner)
-
-
-async def trial_rows(connection: AsyncConnection, number: int) -> Sequence[AnyRow]:
-    """All trials of a job, in their order."""
-    wanted = select(trial).where(trial.c.job_number == number).order_by(trial.c.ordinal)
-    return (await connection.execute(wanted)).all()
 
 
 async def successes_over_time(connection: AsyncConnection, number: int) -> list[tuple[int, int]]:

@@ -14,6 +14,7 @@ from sqlalchemy.exc import IntegrityError
 
 from api_schemas.token import NewToken, Scope, Token, TokenRequest
 from services.database.database import Database
+from services.database.pages import Asked, Page, read_page
 from services.database.rows import AnyRow
 from services.database.tables import token
 from services.errors import Forbidden, NotFound, Refused, Unauthorised
@@ -218,11 +219,16 @@ class Tokens:
             parent=parent,
         )
 
-    async def all(self) -> tuple[Token, ...]:
-        """Every token ever made, without secrets, oldest first."""
+    async def any(self) -> bool:
+        """Whether a token was ever made."""
         async with self.database.read() as connection:
-            rows = await connection.execute(select(token).order_by(token.c.created_at, token.c.token_id))
-            return tuple(_shown(row) for row in rows)
+            return (await connection.execute(select(token.c.token_id).limit(1))).first() is not None
+
+    async def page(self, asked: Asked) -> Page[Token]:
+        """Tokens without secrets, those that have ended included, by id."""
+        async with self.database.read() as connection:
+            page = await read_page(connection, select(token), token.c.token_id, asked, newest_first=False)
+        return page.show(_shown)
 
     async def revoke(self, token_id: str) -> None:
         """Ends a token, at once in this process.

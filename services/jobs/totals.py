@@ -1,0 +1,66 @@
+"""How much there is to do and how much was done, over all jobs."""
+
+from dataclasses import dataclass
+
+from sqlalchemy import func, select
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from api_schemas.job import JobState
+from api_schemas.trial import Fault
+from services.database.tables import job
+from services.jobs.lease import UNENDED
+
+LEFT = job.c.trials - job.c.trials_done - job.c.trials_active
+
+
+@dataclass(frozen=True)
+class Work:
+    """Jobs by state, and the trials of those that are not over; ``oldest_queued_s`` is the age of the oldest queued job."""
+
+    jobs: dict[str, int]
+    trials_queued: int
+    trials_running: int
+    oldest_queued_s: float | None
+
+
+async def work_of(connection: AsyncConnection, now_s: float) -> Work:
+    """What there is to do now."""
+    jobs = (await connection.execute(select(job.c.state, func.count()).group_by(job.c.state))).all()
+    unended = select(func.sum(LEFT), func.sum(job.c.trials_active))
+    unended = unended.where(job.c.state.in_(UNENDED), job.c.cancel_requested.is_(False))
+    queued, running = (await connection.execute(unended)).one()
+    oldest = (await connection.execute(select(func.min(job.c.created_s)).where(job.c.state == JobState.QUEUED))).scalar()
+    counted = {row[0]: row[1] for row in jobs}
+    return Work(
+        jobs={str(state): counted.get(state, 0) for state in JobState},
+        trials_queued=queued or 0,
+        trials_running=running or 0,
+        oldest_queued_s=None if oldest is None else max(0.0, now_s - oldest),
+    )
+
+
+async def attempts_ended(connection: AsyncConnection) -> dict[Fault, int]:
+    """How many attempts have ended, by fault, as the rows of jobs count them."""
+    counted = (job.c.trials_done, job.c.policy_faults, job.c.platform_faults)
+    row = (await connection.execute(select(*(func.coalesce(func.sum(each), 0) for each in counted)))).one()
+    done, policy, platform = map(int, row)
+    return {Fault.NONE: done - policy, Fault.POLICY: policy, Fault.PLATFORM: platform}
+
+
+@dataclass(frozen=True)
+class UserLoad:
+    """Unended jobs of one user, and their trials."""
+
+    owner: str
+    jobs: int
+    waiting: int
+    running: int
+
+
+async def load_by_user(connection: AsyncConnection) -> list[UserLoad]:
+    """Users with trials in the queue or on robots, the busiest first."""
+    waiting, running = func.sum(LEFT), func.sum(job.c.trials_active)
+    wanted = select(job.c.owner, func.count(), waiting, running).where(job.c.state.in_(UNENDED)).group_by(job.c.owner)
+    rows = (await connection.execute(wanted)).all()
+    loads = [UserLoad(row[0], row[1], max(0, row[2]), row[3]) for row in rows]
+    return sorted(loads, key=lambda each: (-each.running - each.waiting, each.owner))
