@@ -35,7 +35,7 @@ MAX_SEED = 2**63 - 1
 
 
 class TaskName(StrEnum):
-    """The tasks of the farm; their goals and tolerances live in sim_backend/tasks."""
+    """The tasks of the farm; what they ask stands in ``sim_backend.tasks``, which has the same names (a test)."""
 
     PUSH = "push"
     LIFT = "lift"

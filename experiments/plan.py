@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 from experiments.design import Cell, Experiment, Farm, Start
 from experiments.store import Key, Store
+from sim_backend.tasks import TASKS
 
 FARM_STARTS_S = 10.0
-LONGEST_TASK_S = {"lift": 30.0}
 USUAL_TASK_S = 15.0
 GOAL_S = 5.0
 """Simulated, for a goal of many, on average; a guess for the plan alone."""
@@ -85,7 +85,7 @@ def pieces(experiment: Experiment) -> list[Piece]:
         for farm in trials.farms:
             for block in range(trials.blocks):
                 for cell, seed in runs:
-                    longer = LONGEST_TASK_S.get(cell.task or trials.task, USUAL_TASK_S) / USUAL_TASK_S
+                    longer = TASKS[cell.task or trials.task].duration_s / USUAL_TASK_S
                     found.append(BlockPiece(cell, seed, farm, block, trials.block * trials.trial_s * longer))
     if (many := experiment.many_goals) is not None:
         seconds = many.trials * many.goals * GOAL_S / SIMULATED_PER_S

@@ -14,13 +14,13 @@ from typing import Any
 
 from api_schemas.report import Report, RobotRow, TrialRow
 from api_schemas.signature import Signature
+from api_schemas.tolerance import ANGLE_TOLERANCE_RAD, POSITION_TOLERANCE_M
 from api_schemas.trial import Fault, OutcomeKind
 from report_views import error_axis
 
 MAKER = "trifarm report page 1"
 """Pages of another maker show the same data in another way."""
 DATA_ID = "trifarm-signed-report"
-TOLERANCE_MM, TOLERANCE_DEG = 20, 22
 STYLE = """
 :root{color-scheme:light dark;--ink:light-dark(#17201c,#e8eeea);--soft:light-dark(#55615b,#a3b0a9);
 --line:light-dark(#dfe3df,#2f3833);--bar:light-dark(#9ccbc6,#2f7069);--ok:light-dark(#1f7a4d,#57c98a);--not:light-dark(#b3372f,#ff8f85)}
@@ -183,9 +183,9 @@ def _trial(row: TrialRow) -> str:
 
 def _methods(report: Report) -> Iterator[str]:
     turned = any(row.outcome.measures and row.outcome.measures.final_angle_error_rad is not None for row in report.per_trial)
-    angle = f" and {TOLERANCE_DEG}° of its orientation" if turned else ""
+    angle = f" and {math.degrees(ANGLE_TOLERANCE_RAD):.0f}° of its orientation" if turned else ""
     yield "<h2>Methods</h2><dl>"
-    yield from _row("success", f"at the trial's end within {TOLERANCE_MM} mm of the goal{angle}")
+    yield from _row("success", f"at the trial's end within {1e3 * POSITION_TOLERANCE_M:.0f} mm of the goal{angle}")
     yield from _row("intervals", "Wilson's score interval; every accepted trial counts, platform faults were tried again")
     yield from _row("robots", f"{len(report.per_robot)}, drawn for each trial by the job's seed")
     yield from _row("seed", str(report.seed))

@@ -18,6 +18,7 @@ from mcap.reader import McapReader, make_reader
 from mcap.summary import Summary
 from mcap_protobuf.decoder import DecoderFactory
 
+from api_schemas.tolerance import POSITION_TOLERANCE_M
 from jail.entering import enter
 from jail.needs import Needs
 from services.dashboard import partial
@@ -74,6 +75,7 @@ def reduce(log: Path, truth: Path | None) -> tuple[dict[str, Any], dict[str, np.
     header = {
         "format": "trifarm-replay/1",
         "task": records.get(t.TRIAL_METADATA, {}).get("task", ""),
+        "tolerance_mm": 1e3 * POSITION_TOLERANCE_M,
         "parts": [shown, chunks],
         "fixed": [],
         "frames": [],

@@ -14,19 +14,11 @@ from sim_backend.environments.action_space import ActionSpace
 from sim_backend.environments.environment import Environment
 from sim_backend.environments.observation_space import gym_action_space, observation_space
 from sim_backend.environments.practice import DrawPhysics, practice_of
+from sim_backend.tasks import TASKS
 from sim_backend.tasks.reward import Reward
 from sim_backend.trifinger import constants as c
 
-IDS: dict[str, str] = {
-    "trifarm/Reach-v0": "reach",
-    "trifarm/Push-v0": "push",
-    "trifarm/Lift-v0": "lift",
-    "trifarm/FloorPose-v0": "floor_pose",
-    "trifarm/MoveCube1-v0": "move_cube_1",
-    "trifarm/MoveCube2-v0": "move_cube_2",
-    "trifarm/MoveCube3-v0": "move_cube_3",
-    "trifarm/MoveCube4-v0": "move_cube_4",
-}
+IDS: dict[str, str] = {f"trifarm/{''.join(word.capitalize() for word in name.split('_'))}-v0": name for name in TASKS}
 """Registered environments and the farm's tasks that they practise."""
 
 

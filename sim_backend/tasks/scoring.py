@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from api_schemas.tolerance import ANGLE_TOLERANCE_RAD, POSITION_TOLERANCE_M
 from sim_backend.tasks.keypoints import angle_between_rad, cube_keypoints_world_m
 from sim_backend.tasks.task import Goal, Task
 from sim_backend.trifinger import constants as c
@@ -49,13 +50,13 @@ def score(
         tips = fingertip_position_world_m(joint_position_rad) - goal.fingertip_position_world_m
         distance = np.linalg.norm(tips.reshape(*tips.shape[:-1], 3, 3), axis=-1)
         error = distance.max(axis=-1)
-        return Scores(error, np.zeros_like(error), error < c.POSITION_TOLERANCE_M, 4 * kernel(distance).mean(axis=-1))
+        return Scores(error, np.zeros_like(error), error < POSITION_TOLERANCE_M, 4 * kernel(distance).mean(axis=-1))
     offset = cube_position_world_m - goal.cube_position_world_m
     position_error = np.linalg.norm(offset, axis=-1)
     angle_error = angle_between_rad(cube_quat_wxyz, goal.cube_quat_wxyz)
-    success = position_error < c.POSITION_TOLERANCE_M
+    success = position_error < POSITION_TOLERANCE_M
     if task.orientation_counts:
-        success &= angle_error < c.ANGLE_TOLERANCE_RAD
+        success &= angle_error < ANGLE_TOLERANCE_RAD
     if task.challenge_cost:
         reward = -_challenge_cost(offset, angle_error if task.orientation_counts else None)
     elif task.orientation_counts:

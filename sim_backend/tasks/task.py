@@ -40,7 +40,7 @@ class Task:
     moves_cube: bool = True
     orientation_counts: bool = False
     challenge_cost: bool = False  # the 2020 challenge's cost as return, instead of the keypoint kernel
-    starts_upright: bool = False  # the cube begins with its +z face up, as at the goal; otherwise any face is up
+    starts_upright: bool = False  # where the object is placed; a swept arena leaves any face up
 
     @property
     def steps(self) -> int:

@@ -141,8 +141,6 @@ CUBE_REST_HEIGHT_M = CUBE_WIDTH_M / 2
 MAX_GOAL_HEIGHT_M = 0.1
 CHALLENGE_XY_RANGE_M = 0.39  # TS move_cube: scales of the 2020 cost
 CHALLENGE_Z_RANGE_M = 0.1
-POSITION_TOLERANCE_M = 0.02  # TRD: success within 2 cm
-ANGLE_TOLERANCE_RAD = float(np.deg2rad(22.0))  # and, where orientation counts, 22 degrees
 KEYPOINT_KERNEL_PER_M = 30.0  # TRD reward: 1 / (e^(30 d) + 2 + e^(-30 d))
 
 

@@ -4,7 +4,6 @@ import { indexAt, Plot } from "./plots.js";
 import { Scene, steer, VIEWS, worldFrames } from "./scene.js";
 import { between } from "./vectors.js";
 
-const TOLERANCE_MM = 20;
 const element = (id) => document.getElementById(id);
 const root = element("replay");
 
@@ -74,7 +73,7 @@ function plotsOf(log) {
     { t: log.true_t_s, values: distances(log.true_pose, goal), name: "true", colour: 1 },
   ];
   return [
-    ...(goal ? [{ title: "Distance to the goal", unit: "mm", series: () => away, band: TOLERANCE_MM }] : []),
+    ...(goal ? [{ title: "Distance to the goal", unit: "mm", series: () => away, band: log.tolerance_mm }] : []),
     { title: "Object, tracked" + (log.true_t_s.length ? " and true (dashed)" : ""), unit: "mm",
       series: () => [...axes("tracked_pose", "tracked_t_s", false), ...axes("true_pose", "true_t_s", true)] },
     { title: "Joint position", unit: "rad", series: () => joints("joint_position_rad", "joint_t_s") },

@@ -10,7 +10,7 @@ from client_cli.commands.verify import check
 from client_cli.connection.farm_keys import KEYS_FILE, keep_key, known_keys
 from client_cli.terminal.errors import ClientError, UsageProblem
 from client_cli.terminal.exit_codes import ExitCode
-from report_views.page import TOLERANCE_DEG, TOLERANCE_MM, render_page
+from report_views.page import render_page
 from report_views.text import render
 from services.jobs.reports import sign
 from services.signing import KEY_FILE, FarmKey
@@ -116,15 +116,6 @@ def test_names_are_only_text_in_the_page(page):
     assert page.count("<script") == 1
     data = json.loads(re.search(r'id="trifarm-signed-report">(.*?)</script>', page, re.DOTALL)[1])
     assert data["report"]["policy_name"] == HOSTILE
-
-
-def test_tolerances_are_those_of_the_tasks():
-    import math
-
-    from sim_backend.trifinger import constants as c
-
-    assert pytest.approx(1e3 * c.POSITION_TOLERANCE_M) == TOLERANCE_MM
-    assert pytest.approx(math.degrees(c.ANGLE_TOLERANCE_RAD)) == TOLERANCE_DEG
 
 
 def test_the_key_is_private_and_lasts(tmp_path):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from api_schemas.tolerance import POSITION_TOLERANCE_M
 from sim_backend.grasping.choice import LIFTED_M, SECURE_N, choose_grasp, side_normals
 from sim_backend.grasping.turning import wrapped
 from sim_backend.tasks import TASKS
@@ -28,7 +29,7 @@ def test_it_is_within_the_joints_and_the_wall_at_start_and_goal(seed):
         joints = joint_position_rad((place + grasp.tip_m).reshape(9))
         assert (joints > c.SOFT_LIMIT_LOWER_RAD).all()
         assert (joints < c.SOFT_LIMIT_UPPER_RAD).all()
-    assert np.linalg.norm(grasp.goal_m - goal.cube_position_world_m[0]) < c.POSITION_TOLERANCE_M / 2
+    assert np.linalg.norm(grasp.goal_m - goal.cube_position_world_m[0]) < POSITION_TOLERANCE_M / 2
 
 
 def test_fingers_press_into_the_cube_and_two_of_them_face_each_other():

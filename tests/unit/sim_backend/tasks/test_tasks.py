@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from api_schemas.job import POLICY_TASKS
+from api_schemas.tolerance import POSITION_TOLERANCE_M
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.keypoints import cube_keypoints_world_m
 from sim_backend.tasks.scoring import kernel, score
@@ -44,7 +45,9 @@ def test_being_at_the_goal_is_success_and_far_away_is_not(task):
     joints = start.joint_position_rad
     if task.moves_cube:
         at_goal = score(task, goal, goal.cube_position_world_m, goal.cube_quat_wxyz, joints)
-        away = score(task, goal, goal.cube_position_world_m + np.array([0.021, 0, 0]), goal.cube_quat_wxyz, joints)
+        away = score(
+            task, goal, goal.cube_position_world_m + np.array([POSITION_TOLERANCE_M + 0.001, 0, 0]), goal.cube_quat_wxyz, joints
+        )
         assert at_goal.success.all()
         assert not away.success.any()
         assert at_goal.reward > away.reward
