@@ -35,7 +35,7 @@ _WITH_PARENT = select(
 
 @dataclass(frozen=True)
 class Caller:
-    """Who asks, and what he may; ``robot`` is the one that the token speaks for, ``key`` the SHA-256 of the token."""
+    """Who asks, and with which scopes; ``robot`` is the one that the token speaks for, ``key`` the SHA-256 of the token."""
 
     token_id: str
     owner: str
@@ -44,12 +44,12 @@ class Caller:
     key: str = ""
 
     def may(self, *any_of: Scope) -> bool:
-        """Whether one of the scopes, or admin, is his."""
+        """Whether the caller has one of the scopes, or admin."""
         return Scope.ADMIN in self.scopes or not self.scopes.isdisjoint(any_of)
 
     @property
     def sees_only(self) -> str | None:
-        """The owner whose jobs alone he may see; None for those who may see all."""
+        """The owner whose jobs alone the caller may see; None for those who may see all."""
         return None if self.may(Scope.OPERATE) else self.owner
 
 
@@ -133,7 +133,7 @@ class Tokens:
         return NewToken(**_shown(row).model_dump(), secret=bearer)
 
     async def of_robot(self, caller: Caller, bearer: str, robot: str) -> NewToken:
-        """The token of one robot, derived from the one that the caller shows: the same however often he asks.
+        """The token of one robot, derived from the one that the caller shows: the same however often it is asked for.
 
         It ends with the one that it was derived from. Whoever shows a robot's own token gets that.
 

@@ -1,6 +1,6 @@
 """What a data folder remembers of the farm that was started on it last, so that its robots' physics can be drawn again.
 
-A file of physics is remembered with its content: whoever moves or changes his own changes neither robots nor their truth.
+A file of physics is remembered with its content: moving or changing the file afterwards changes neither robots nor their truth.
 """
 
 import json

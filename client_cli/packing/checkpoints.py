@@ -45,7 +45,7 @@ def parts_of(tensors: Mapping[str, Array]) -> dict[str, Part]:
 
 
 def stated(tensors: Mapping[str, Array], architecture: str) -> tuple[Part, ...]:
-    """The parts that the user names, in his order.
+    """The parts that the user names, in that order.
 
     Raises:
         UsageProblem: there is no such module; the message lists those there are.

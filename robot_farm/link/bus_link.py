@@ -164,9 +164,9 @@ class BusLink:
         self._send_heartbeat()
 
     def resume_asked(self) -> bool:
-        """Whether an operator wants a robot that is out of service back; asks once for each time that he does."""
+        """Whether an operator wants a robot that is out of service back; asks once for each such wish."""
         if not self._resume_asked.is_set():
-            return False  # and is not cleared: he may ask at this very moment
+            return False  # and is not cleared: a wish may come at this very moment
         self._resume_asked.clear()
         return True
 

@@ -12,13 +12,13 @@ from services.tokens import Caller
 def one_more(under_way: Counter[str], caller: Caller, most: int, refusal: TooMany) -> Iterator[None]:
     """Counts one more of the caller's owner for as long as the block lasts; operators have no share and are not counted.
 
-    Whoever leaves before his answer goes on being counted while work for him goes on.
+    Callers who leave before their answer are counted for as long as the work goes on.
 
     Args:
         under_way: how many each owner has; belongs to the event loop.
         caller: who asks.
         most: how many one owner may have.
-        refusal: what is raised where he has them.
+        refusal: what is raised at the limit.
 
     Raises:
         TooMany: ``refusal``.

@@ -74,7 +74,7 @@ class Door:
         if passage.status == UNAUTHORISED:
             self._good.pop(key, None)
         elif caller is not None and known is None and key == scope["state"].get("credential"):
-            buckets.give_back(name)  # whoever has a token is counted by it; one shown beside it for nothing is not his
+            buckets.give_back(name)  # whoever has a token is counted by it; a token beside it may be anybody's
             self._good[key] = caller
             if len(self._good) > MOST_BUCKETS:
                 self._good.popitem(last=False)

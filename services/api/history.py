@@ -34,7 +34,7 @@ async def _job(job_id: JobId, caller: User, farm: TheFarm) -> AnyRow:
 
 
 async def _counted(row: Annotated[AnyRow, Depends(_job)], caller: User, request: Request) -> AsyncIterator[AnyRow]:
-    """The job of a reader, who is counted for as long as he reads."""
+    """The job of a reader, who is counted for as long as they read."""
     detail = f"{caller.owner} has {MOST_READERS} streams and long polls of events open, the limit for a user; close some."
     refusal = TooMany("too-many-event-readers", detail, RETRY_AFTER_S)
     with one_more(request.app.state.event_readers, caller, MOST_READERS, refusal):

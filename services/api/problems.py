@@ -103,7 +103,7 @@ def _is_of_full_disk(error: DBAPIError) -> bool:
 
 
 async def _broken_off(request: Request, error: Exception) -> JSONResponse:
-    """The sender of a body has left, which is his right; nobody reads this answer."""
+    """The sender of a body has left; nobody reads this answer."""
     assert isinstance(error, ClientDisconnect)
     log.info("request broken off by its sender", route=_route(request))
     return answer(request, 400, "broken-off", "Request broken off", "The body ended before it was whole; send it again.")

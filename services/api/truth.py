@@ -69,7 +69,7 @@ async def _verified(row: AnyRow, request: Request, caller: Caller, farm: Farm) -
         files = Compared(*(Path(folder) / f"{name}.mcap" for name in ("log", "truth", "original")))
         await _receive(files.log, request, 2 * row.log_bytes + SPARE_BYTES, farm.settings.verification_upload_s)
         await asyncio.to_thread(_check_form, files.log)
-        # Only now: whoever sends slowly holds up nobody but himself.
+        # Only now: slow senders hold up nobody else.
         async with farm.verifications:
             await _write(files.truth, farm.files.read(row.truth_sha256))
             await _write(files.original, farm.files.read(row.log_sha256))

@@ -23,7 +23,7 @@ EVERY_S = 1.0
 GATHER_S = 0.1
 """What changes within so long is shown together."""
 MOST_STREAMS = 20
-"""Open at the same time for one owner, over all of his browsers; each page makes its parts once a second."""
+"""Open at the same time for one owner, over all of their browsers; each page makes its parts once a second."""
 RETRY_AFTER_S = 10
 
 

@@ -91,7 +91,7 @@ def _mark(cookie: str) -> bytes:
 
 @dataclass(frozen=True)
 class Session:
-    """Who looks, the word that his forms must carry, the token that he signed in with, and the cookie that stands for it."""
+    """Who looks, the word that forms must carry, the token of the sign-in, and the cookie that stands for it."""
 
     caller: Caller
     csrf: str

@@ -66,7 +66,7 @@ class Watching:
 
 
 async def _watching(request: Request, session: live.Watching) -> AsyncIterator[Session]:
-    """The session of somebody who watches, counted among all for as long as he does."""
+    """The session of somebody who watches, counted among all for as long as they do."""
     watching: Watching = request.app.state.dashboard_watching
     watching.opened(session.caller.owner)
     try:

@@ -215,7 +215,7 @@ turn = Table(
     "turn",
     metadata,
     Column("owner", String(64), primary_key=True),
-    # When a trial of his was last leased; who has waited longest comes next.
+    # When a trial of theirs was last leased; the owner who has waited longest comes next.
     Column("served_s", Float, nullable=False),
 )
 

@@ -65,7 +65,7 @@ async def _find_of(
     while True:
         drawn = await turns.next_with_drawn(tx, robot, rank, at_limit)
         undrawn = await turns.next_with_undrawn(tx, rank, at_limit) if blocks < BLOCKS_AHEAD else None
-        # Whoever was served longest ago comes next, also if nothing of his was drawn for this robot yet.
+        # Whoever was served longest ago comes next, also if nothing of theirs was drawn for this robot yet.
         if undrawn is not None and (drawn is None or undrawn.served_s < drawn.served_s):
             blocks += 1
             await queue.draw(tx, rank, undrawn.owner, fleet.known(now_s), healthy, why)

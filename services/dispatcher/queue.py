@@ -53,7 +53,7 @@ def _oldest_of() -> Select[Any]:
 def _oldest_undrawn() -> Select[Any]:
     """The oldest of a user's trials that have no order yet.
 
-    The user and all behind him in the alphabet, cut off, and he alone of these: so a database has no other way to that order
+    The user and all that follow in the alphabet, cut off, and this one alone: so a database has no other way to that order
     than the index of such trials, and does not look for them among all that are done.
     """
     seed = select(job.c.seed).where(job.c.number == trial.c.job_number).scalar_subquery().label("job_seed")

@@ -1,4 +1,4 @@
-"""Users take turns within a priority: whose trial is next for a robot, and who has as many trials running as he may.
+"""Users take turns within a priority: whose trial is next for a robot, and who has reached the limit of running trials.
 
 The users that have something queued are found by stepping through an index from one name to the next, so that the cost
 follows the number of these users and not that of their trials.

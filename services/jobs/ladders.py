@@ -27,7 +27,7 @@ async def submit(tx: AsyncConnection, now_s: float, request: LadderRequest, send
     Raises:
         NotFound: a policy was not uploaded, or by others only.
         Conflict: the idempotency key was used for another ladder.
-        TooMany: with these jobs he would have more unended ones than he may have.
+        TooMany: with these jobs the sender would exceed the limit of unended ones.
     """
     digest = submission.digest_of(request, _LATER_FIELDS)
     if (earlier := await _earlier(tx, sender, digest)) is not None:
@@ -83,7 +83,7 @@ async def _insert(tx: AsyncConnection, now_s: float, ladder_id: str, request: La
 
 
 async def show(connection: AsyncConnection, ladder_id: str, owner: str | None) -> Ladder:
-    """A ladder; with ``owner`` only if it is his.
+    """A ladder; with ``owner`` only if it is theirs.
 
     Raises:
         NotFound: there is no such ladder, or it is another's.

@@ -2,7 +2,7 @@
 
 On SQLite there is one writer anyway. On PostgreSQL each statement sees what was committed before it began, so that after the
 lock is had everything of the job is as its last mover left it; and since all take the rows in this order, none waits for
-another that waits for him. A transaction that moves several jobs is a dispatcher's, and dispatchers take turns.
+another that waits for it. A transaction that moves several jobs is a dispatcher's, and dispatchers take turns.
 """
 
 from sqlalchemy import bindparam, select

@@ -44,7 +44,7 @@ _LATEST = (
 
 @dataclass(frozen=True)
 class User:
-    """A user with trials of one priority in the queue, ``running`` more on robots, and when one of his was leased last."""
+    """A user with trials of one priority in the queue, ``running`` more on robots, and when one of theirs was leased last."""
 
     owner: str
     trials: int
@@ -91,7 +91,7 @@ def _ahead(own: int, owner: str, rank: int, users: Sequence[User], each_s: float
 def trials_ahead(own: int, owner: str, users: Sequence[User]) -> int:
     """How many trials of its priority are taken before the one that has ``own`` of its owner before it.
 
-    Until then everybody else has as many turns as he, and one more if he was served longer ago.
+    Until then everybody else has as many turns, and one more if this one was served longer ago.
     """
     served_s = next((user.served_s for user in users if user.owner == owner), NEVER_S)
     others = [(user, user.served_s < served_s) for user in users if user.owner != owner]

@@ -42,7 +42,7 @@ KEEPS_RATE_MISSED = 0.01
 async def stored(
     database: Database, fleet: Fleet, now_s: float, job_id: str, owner: str | None, user_trials_at_once: int | None
 ) -> tuple[bytes, str]:
-    """The report of a job as it was written, and its SHA-256; with ``owner`` only if the job is his.
+    """The report of a job as it was written, and its SHA-256; with ``owner`` only if the job is theirs.
 
     Raises:
         NotFound: there is no such job.

@@ -31,14 +31,14 @@ LATER_FIELDS = frozenset({"object", "object_scale", "webhook", "priority"})
 """Fields of a job that came after its first form; a job sent before they came and again afterwards is one job."""
 
 LOOK_AGAIN_S = 30
-"""When a user whose share of the queue is used up may ask again at the earliest; how long his jobs take nobody knows."""
+"""When a user whose share of the queue is used up may ask again at the earliest; how long jobs take nobody knows."""
 
 
 @dataclass(frozen=True)
 class Sender:
-    """Who sends a job, and the key under which he may send it again.
+    """Who sends a job, and the key under which it may be sent again.
 
-    ``sees_only`` is the owner whose policies alone he may use, ``may_queue`` how many jobs of his may be unended; None is all.
+    ``sees_only`` is the owner whose policies alone may be used, ``may_queue`` the limit of unended jobs; None is all.
     """
 
     owner: str
@@ -75,7 +75,7 @@ async def submit(
     Raises:
         NotFound: the policy was not uploaded, or by others only.
         Conflict: the idempotency key was used for another request.
-        TooMany: he has as many unended jobs as he may have.
+        TooMany: the sender has reached the limit of unended jobs.
     """
     digest = digest_of(request)
     if (earlier := await _earlier(tx, sender, digest)) is not None:
@@ -103,7 +103,7 @@ async def identify(tx: AsyncConnection, now_s: float, request: IdentificationReq
     Raises:
         NotFound: no robot of this name ever joined.
         Conflict: the idempotency key was used for another request.
-        TooMany: he has as many unended jobs as he may have.
+        TooMany: the sender has reached the limit of unended jobs.
     """
     digest = digest_of(request)
     if (earlier := await _earlier(tx, sender, digest)) is not None:

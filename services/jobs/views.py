@@ -23,7 +23,7 @@ from services.jobs.waiting import job_waits, trial_waits
 
 
 async def job_row(connection: AsyncConnection, job_id: str, owner: str | None) -> AnyRow:
-    """A job's row; with ``owner`` only if it is his.
+    """A job's row; with ``owner`` only if it is theirs.
 
     Raises:
         NotFound: there is no such job, or it is another's.

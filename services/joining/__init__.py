@@ -1,1 +1,1 @@
-"""Who may come onto the bus and what he may say there: the farm's own certificates and its access rules."""
+"""Admission to the bus and what each may say on it: the farm's certificates and access rules."""

@@ -70,7 +70,7 @@ class Policies:
         self._coming_bytes: Counter[str] = Counter()
 
     async def find(self, digest: str, owner: str | None = None) -> Policy:
-        """The policy of a digest; with ``owner`` only if it is his.
+        """The policy of a digest; with ``owner`` only if it is theirs.
 
         Raises:
             NotFound: it was never uploaded, or by others only.

@@ -21,7 +21,7 @@ async def hold(tx: AsyncConnection, owner: str) -> None:
 
 
 async def find(connection: AsyncConnection, digest: str, owner: str | None) -> AnyRow | None:
-    """The policy's row; with ``owner`` only if it is his, and dated from when it became his."""
+    """The policy's row; with ``owner`` only if it is theirs, and dated from when it became so."""
     if owner is None:
         wanted = select(policy).where(policy.c.digest == digest)
     else:
@@ -60,11 +60,11 @@ async def disown(tx: AsyncConnection, digest: str, owner: str) -> None:
     What a job refers to stays, so that its report means something.
 
     Raises:
-        NotFound: it is not his.
+        NotFound: it is not theirs.
         Conflict: a job of it, or the canary, needs it.
     """
-    his = (policy_owner.c.digest == digest, policy_owner.c.owner == owner)
-    if (await tx.execute(delete(policy_owner).where(*his))).rowcount == 0:
+    theirs = (policy_owner.c.digest == digest, policy_owner.c.owner == owner)
+    if (await tx.execute(delete(policy_owner).where(*theirs))).rowcount == 0:
         raise NotFound("policy-not-found", f"{owner} has no policy with the digest {digest}; GET /v1/policies lists theirs.")
     jobs = select(func.count(), func.max(job.c.number)).where(job.c.policy == digest, job.c.owner == owner)
     count, newest = (await tx.execute(jobs)).one()
@@ -82,7 +82,7 @@ async def disown(tx: AsyncConnection, digest: str, owner: str) -> None:
 
 
 async def check_room(connection: AsyncConnection, owner: str, more_bytes: int, limit_bytes: int | None) -> None:
-    """Refuses what would make an owner's policies, weights and graphs, larger than his share; without a limit, nothing.
+    """Refuses what would make an owner's policies, weights and graphs, larger than their share; without a limit, nothing.
 
     Raises:
         Forbidden: there is no room for ``more_bytes``.

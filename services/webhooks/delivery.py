@@ -1,6 +1,6 @@
 """Calls the webhooks of jobs that have ended; each a few times at most, and by one process of the services at a time.
 
-Owners share the calls: of one no more than a few are made at once, so that his slow receivers delay nobody else's.
+Owners share the calls: of one no more than a few are made at once, so that one owner's slow receivers delay nobody else's.
 """
 
 import asyncio
@@ -42,7 +42,7 @@ async def register(tx: AsyncConnection, job_id: str, url: str) -> None:
     """Notes that the address is called when the job has ended.
 
     Raises:
-        TooMany: the job's owner has as many open webhooks as he may have.
+        TooMany: the job's owner has reached the limit of open webhooks.
     """
     row = (await tx.execute(select(job.c.number, job.c.owner).where(job.c.job_id == job_id))).one()
     await owners.hold(tx, row.owner)

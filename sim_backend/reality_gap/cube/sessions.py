@@ -1,7 +1,7 @@
 """Sessions of simulated robots with a cube: one log of it at rest and one of fingers that push it, as a farm would give them.
 
 As ``robot_farm/excitation_run.py`` runs an excitation, but for many robots at once: each has a course of its own that sees what
-its own tracker reports. Physics runs at half the step that logs have: whoever fits them sees no mirror image of his model.
+its own tracker reports. Physics runs at half the step that logs have: a fit sees no mirror image of its own model.
 """
 
 from collections.abc import Sequence
