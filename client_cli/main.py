@@ -16,46 +16,57 @@ from client_cli.terminal.output import drop_stdout, note, print_document
 OF_A_CHILD = (ExitCode.OK, ExitCode.OTHER, ExitCode.USAGE)
 JOB_END = (*OF_EVERY_REQUEST, ExitCode.JOB_WITHOUT_REPORT, ExitCode.INTERRUPTED)
 
-COMMANDS = {
-    "up": Entry("client_cli.commands.up:up", OF_A_CHILD),
-    "demo": Entry("client_cli.commands.demo:demo", JOB_END),
-    "check": Entry("client_cli.commands.check:check", (*OF_A_CHILD, ExitCode.REFUSED, ExitCode.INTERRUPTED)),
-    "submit": Entry("client_cli.commands.submit:submit", JOB_END),
-    "pack": Entry("client_cli.commands.pack:pack", OF_A_CHILD),
-    "identify": Entry("client_cli.commands.identify:identify", JOB_END),
-    "jobs": Entry("client_cli.commands.jobs:jobs", OF_EVERY_REQUEST),
-    "ladder": Entry("client_cli.commands.ladder:ladder", OF_EVERY_REQUEST),
-    "watch": Entry("client_cli.commands.jobs:watch", JOB_END),
-    "cancel": Entry("client_cli.commands.jobs:cancel", OF_EVERY_REQUEST),
-    "report": Entry("client_cli.commands.report:report", OF_EVERY_REQUEST),
-    "compare": Entry("client_cli.commands.compare:compare_jobs", (*OF_EVERY_REQUEST, ExitCode.WORSE)),
-    "verify": Entry(
-        "client_cli.commands.verify:verify", (*OF_A_CHILD, ExitCode.DIFFERS, ExitCode.UNVERIFIED, ExitCode.LOGS_MISSING)
-    ),
-    "fetch": Entry("client_cli.commands.fetch:fetch", JOB_END),
-    "replay": Entry("client_cli.commands.replay:replay", (*OF_EVERY_REQUEST, ExitCode.DIFFERS)),
-    "effects": Entry("client_cli.commands.physics:effects", OF_A_CHILD),
-    "physics": Entry("client_cli.commands.physics:physics", OF_A_CHILD),
-    "train": Entry("client_cli.commands.train:train", (*OF_A_CHILD, ExitCode.INTERRUPTED)),
-    "gap": Entry("client_cli.commands.gap:commands"),
-    "robots": Entry("client_cli.commands.robots:commands"),
-    "canary": Entry("client_cli.commands.canary:commands"),
-    "policy": Entry("client_cli.commands.policy:commands"),
-    "status": Entry("client_cli.commands.status:status", OF_EVERY_REQUEST),
-    "top": Entry("client_cli.commands.top:top", OF_EVERY_REQUEST),
-    "backup": Entry("client_cli.commands.upkeep:backup", OF_A_CHILD),
-    "restore": Entry("client_cli.commands.upkeep:restore", OF_A_CHILD),
-    "doctor": Entry("client_cli.commands.upkeep:doctor", OF_A_CHILD),
-    "chaos": Entry("client_cli.commands.chaos:chaos", (*OF_A_CHILD, ExitCode.INTERRUPTED)),
-    "experiment": Entry("client_cli.commands.experiment:experiment", (*OF_A_CHILD, ExitCode.INTERRUPTED)),
-    "token": Entry("client_cli.commands.token:commands"),
+GROUPS = {
+    "Jobs and policies": {
+        "demo": Entry("client_cli.commands.demo:demo", JOB_END),
+        "check": Entry("client_cli.commands.check:check", (*OF_A_CHILD, ExitCode.REFUSED, ExitCode.INTERRUPTED)),
+        "submit": Entry("client_cli.commands.submit:submit", JOB_END),
+        "jobs": Entry("client_cli.commands.jobs:jobs", OF_EVERY_REQUEST),
+        "watch": Entry("client_cli.commands.jobs:watch", JOB_END),
+        "cancel": Entry("client_cli.commands.jobs:cancel", OF_EVERY_REQUEST),
+        "report": Entry("client_cli.commands.report:report", OF_EVERY_REQUEST),
+        "compare": Entry("client_cli.commands.compare:compare_jobs", (*OF_EVERY_REQUEST, ExitCode.WORSE)),
+        "ladder": Entry("client_cli.commands.ladder:ladder", OF_EVERY_REQUEST),
+        "fetch": Entry("client_cli.commands.fetch:fetch", JOB_END),
+        "policy": Entry("client_cli.commands.policy:commands"),
+    },
+    "Running a farm": {
+        "up": Entry("client_cli.commands.up:up", OF_A_CHILD),
+        "status": Entry("client_cli.commands.status:status", OF_EVERY_REQUEST),
+        "top": Entry("client_cli.commands.top:top", OF_EVERY_REQUEST),
+        "robots": Entry("client_cli.commands.robots:commands"),
+        "canary": Entry("client_cli.commands.canary:commands"),
+        "token": Entry("client_cli.commands.token:commands"),
+        "backup": Entry("client_cli.commands.upkeep:backup", OF_A_CHILD),
+        "restore": Entry("client_cli.commands.upkeep:restore", OF_A_CHILD),
+        "doctor": Entry("client_cli.commands.upkeep:doctor", OF_A_CHILD),
+    },
+    "The reality gap": {
+        "identify": Entry("client_cli.commands.identify:identify", JOB_END),
+        "gap": Entry("client_cli.commands.gap:commands"),
+        "effects": Entry("client_cli.commands.physics:effects", OF_A_CHILD),
+        "physics": Entry("client_cli.commands.physics:physics", OF_A_CHILD),
+    },
+    "Learning": {
+        "train": Entry("client_cli.commands.train:train", (*OF_A_CHILD, ExitCode.INTERRUPTED)),
+        "pack": Entry("client_cli.commands.pack:pack", OF_A_CHILD),
+        "experiment": Entry("client_cli.commands.experiment:experiment", (*OF_A_CHILD, ExitCode.INTERRUPTED)),
+    },
+    "Checks and chaos": {
+        "verify": Entry(
+            "client_cli.commands.verify:verify", (*OF_A_CHILD, ExitCode.DIFFERS, ExitCode.UNVERIFIED, ExitCode.LOGS_MISSING)
+        ),
+        "replay": Entry("client_cli.commands.replay:replay", (*OF_EVERY_REQUEST, ExitCode.DIFFERS)),
+        "chaos": Entry("client_cli.commands.chaos:chaos", (*OF_A_CHILD, ExitCode.INTERRUPTED)),
+    },
 }
+"""Every command, in the groups of the help and of ``docs/cli``."""
 
 
 class Trifarm(LazyCommands):
     """The commands of ``trifarm``."""
 
-    entries = COMMANDS
+    groups = GROUPS
 
 
 app = typer.Typer(

@@ -26,7 +26,7 @@ commands = typer.Typer(invoke_without_command=True)
 
 @commands.callback(epilog=epilog(*OF_EVERY_REQUEST))
 def canary(context: typer.Context, as_json: JsonOption = False) -> None:
-    """Show the farm's canary; for operators."""
+    """Show the farm's canary policy (operators only)."""
     if context.invoked_subcommand:
         return
     with ApiClient(load_connection(os.environ)) as client:
@@ -35,17 +35,17 @@ def canary(context: typer.Context, as_json: JsonOption = False) -> None:
 
 @commands.command("set", epilog=epilog(*OF_EVERY_REQUEST))
 def choose(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The policy's weights, or builtin:grasp[-turn].")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Weights of the policy, or builtin:grasp[-turn].")],
     task: TaskOption,
-    at_least: Annotated[float, typer.Option("--at-least", min=0, max=1, help="The least success rate of a sound robot.")],
+    at_least: Annotated[float, typer.Option("--at-least", min=0, max=1, help="Lowest success rate of a healthy robot.")],
     *,
-    trials: Annotated[int, typer.Option("--trials", min=1, max=MAX_CANARY_TRIALS, help="How many goals each robot tries.")] = 10,
-    every_h: Annotated[float, typer.Option("--every-h", help="Hours from one look at a robot to the next.")] = 24.0,
+    trials: Annotated[int, typer.Option("--trials", min=1, max=MAX_CANARY_TRIALS, help="Number of goals for each robot.")] = 10,
+    every_h: Annotated[float, typer.Option("--every-h", help="Hours between two checks of a robot.")] = 24.0,
     manifest: ManifestOption = None,
     layout: LayoutOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Have every idle robot try a policy from time to time; one that does too badly goes out of service."""
+    """Set a canary policy: idle robots try it regularly, and a robot below --at-least leaves service."""
     builtin = builtin_named(file)
     policy = None if builtin else read_policy(file, manifest, layout)
     digest = builtin_digest(builtin) if policy is None else policy.digest
@@ -64,7 +64,7 @@ def choose(
 
 @commands.command(epilog=epilog(*OF_EVERY_REQUEST))
 def off(as_json: JsonOption = False) -> None:
-    """Have no canary any more; robots that left its band stay out of service until they are resumed."""
+    """Remove the canary; robots that failed it stay out of service until they are resumed."""
     with ApiClient(load_connection(os.environ)) as client:
         client.drop_canary()
     if as_json:

@@ -45,16 +45,20 @@ class Campaign(StrEnum):
 
 def chaos(
     *,
-    quick: Annotated[bool, typer.Option("--quick", help="Fewer jobs and shorter faults, within 10 minutes.")] = False,
-    seed: Annotated[int, typer.Option("--seed", metavar="S", min=0, help="Order of the faults, whom they hit, jobs.")] = 0,
-    home: Annotated[Home, typer.Option("--home", help="SQLite and a folder, or PostgreSQL and S3.")] = Home.EMBEDDED,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Use fewer jobs and shorter faults, for a run below 10 minutes.")
+    ] = False,
+    seed: Annotated[int, typer.Option("--seed", metavar="S", min=0, help="Seed of faults, their targets and jobs.")] = 0,
+    home: Annotated[
+        Home, typer.Option("--home", help="embedded uses SQLite and a folder; scale starts PostgreSQL and S3.")
+    ] = Home.EMBEDDED,
     campaign: Annotated[
-        Campaign, typer.Option("--campaign", help="Every kind of fault, or one of them many times.")
+        Campaign, typer.Option("--campaign", help="matrix injects every kind of fault; the others repeat one kind.")
     ] = Campaign.MATRIX,
-    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Also write the JSON document to a file.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Also write the JSON document to this file.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Start a farm, break it in every way we know while clients work, and check that it kept its promises."""
+    """Start a farm, inject faults of every known kind while clients work, and check that it keeps its promises."""
     flags = ["--home", home.value, "--campaign", campaign.value, "--seed", str(seed), *(["--quick"] if quick else [])]
     said = _run(flags)
     if out is not None:

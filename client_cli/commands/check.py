@@ -20,14 +20,14 @@ ENDS = (ExitCode.OK, ExitCode.REFUSED)
 
 def check(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="The policy's weights: .safetensors, .onnx or a stable-baselines3 .zip.")
+        Path, typer.Argument(metavar="FILE", help="Weights of the policy: .safetensors, .onnx or a stable-baselines3 .zip.")
     ],
     *,
     manifest: ManifestOption = None,
     layout: LayoutOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Say whether the server would accept a policy, with its own checks run here; nothing is sent."""
+    """Check on this machine whether the server would accept a policy; nothing is sent."""
     check_is_file(file)
     found = find_manifest(file, manifest, layout)
     with tempfile.TemporaryDirectory(prefix="trifarm-check-") as folder:

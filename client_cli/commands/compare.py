@@ -22,17 +22,18 @@ MOST_GOALS_SHOWN = 12
 
 def compare_jobs(
     job_ids: Annotated[
-        list[str], typer.Argument(metavar="ID...", help="Jobs; the first of each task is what others are held to.")
+        list[str], typer.Argument(metavar="ID...", help="Jobs to compare; the first of each task is the baseline.")
     ],
     fail_if_worse: Annotated[
-        bool, typer.Option("--fail-if-worse", help="Exit 7 if a job is worse than the first and chance hardly explains it.")
+        bool, typer.Option("--fail-if-worse", help="Exit with 7 if a job is worse than the baseline with p ≤ 0.05.")
     ] = False,
     figure: Annotated[
-        list[Path] | None, typer.Option("--figure", metavar="FILE", help="Draw the success rates: .svg, .png or .pdf.")
+        list[Path] | None,
+        typer.Option("--figure", metavar="FILE", help="Draw the success rates to a .svg, .png or .pdf file; repeatable."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Compare jobs goal by goal: paired difference with interval and exact p, and which trials changed sides."""
+    """Compare jobs goal by goal: paired difference with interval, exact p, and goals gained or lost."""
     for path in figure or []:
         if path.suffix not in FIGURE_SUFFIXES:
             raise UsageProblem(f"{path.name} ends in {path.suffix or 'nothing'}; a figure is one of {', '.join(FIGURE_SUFFIXES)}")

@@ -49,26 +49,26 @@ class DemoResult:
 def demo(
     policy: Annotated[
         Path | None,
-        typer.Option("--policy", metavar="FILE", help="The policy's weights; if absent, the shipped ones."),
+        typer.Option("--policy", metavar="FILE", help="Weights of the policy; by default the shipped ones for push or lift."),
     ] = None,
     *,
     manifest: ManifestOption = None,
     layout: LayoutOption = None,
     task: TaskOption = TaskName.PUSH,
-    trials: Annotated[int, typer.Option("--trials", min=1, max=MAX_TRIALS, help="How many goals to try.")] = 40,
-    seed: Annotated[int, typer.Option("--seed", min=0, max=MAX_SEED, help="Draws goals and robots.")] = 1,
+    trials: Annotated[int, typer.Option("--trials", min=1, max=MAX_TRIALS, help="Number of trials, one goal each.")] = 40,
+    seed: Annotated[int, typer.Option("--seed", min=0, max=MAX_SEED, help="Seed of goals and robots.")] = 1,
     robots: RobotsOption = 4,
     physics: PhysicsOption = DEFAULT_PHYSICS,
     farm_seed: FarmSeedOption = None,
     reset: ResetOption = None,
     fault: FaultOption = None,
     jail_level: JailOption = None,
-    folder: Annotated[Path, typer.Option("--dir", metavar="DIR", help="Everything the demo writes is in here.")] = Path(
+    folder: Annotated[Path, typer.Option("--dir", metavar="DIR", help="Folder for everything that the demo writes.")] = Path(
         "demo-farm"
     ),
     as_json: JsonOption = False,
 ) -> None:
-    """Start a farm, run a policy on it, print the report, fetch the logs and stop the farm."""
+    """Start a farm, run a policy, print the report, fetch the logs and stop the farm."""
     local = read_policy(policy or _shipped(task), manifest, layout)
     home, told = folder.absolute(), RobotOptions.of(robots, physics, farm_seed, reset, fault)
     with _farm(FarmOptions(data=home, home=home / "home", port=0, robots=told, jail_level=jail_level)) as client:

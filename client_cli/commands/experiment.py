@@ -21,38 +21,38 @@ ENDS = (ExitCode.OK, ExitCode.OTHER, ExitCode.USAGE, ExitCode.INTERRUPTED)
 
 def experiment(
     name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help=f"Which one: {', '.join(NAMES[:-1])} or {NAMES[-1]}; all with --list.")
+        str | None,
+        typer.Argument(metavar="NAME", help=f"Experiment: {', '.join(NAMES[:-1])} or {NAMES[-1]}; optional with --list."),
     ] = None,
     *,
     quick: Annotated[
-        bool, typer.Option("--quick", help="So little of everything that it shows only that it runs; into a temporary folder.")
+        bool, typer.Option("--quick", help="Smoke test with one seed, two cells and few samples, in a temporary folder.")
     ] = False,
-    list_pieces: Annotated[
-        bool, typer.Option("--list", help="Only say what is done, what is missing, how long it takes.")
-    ] = False,
-    only: Annotated[str | None, typer.Option("--only", metavar="CELL", help="This cell alone.")] = None,
-    seed: Annotated[int | None, typer.Option("--seed", metavar="N", min=0, help="This seed of the trainings alone.")] = None,
+    list_pieces: Annotated[bool, typer.Option("--list", help="Only list finished and missing parts with the time left.")] = False,
+    only: Annotated[str | None, typer.Option("--only", metavar="CELL", help="Run only this cell.")] = None,
+    seed: Annotated[int | None, typer.Option("--seed", metavar="N", min=0, help="Run only this seed of the trainings.")] = None,
     jobs: Annotated[
-        int | None, typer.Option("--jobs", metavar="N", min=1, help="Trainings side by side, a thread each; 2 if not given.")
+        int | None,
+        typer.Option("--jobs", metavar="N", min=1, help="Number of parallel trainings; by default 2, or 1 on a single core."),
     ] = None,
     budget_minutes: Annotated[
-        float | None, typer.Option("--budget-minutes", metavar="M", min=0, help="Begin nothing more after so long.")
+        float | None, typer.Option("--budget-minutes", metavar="M", min=0, help="Start nothing new after this many minutes.")
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
             "--out",
             metavar="DIR",
-            help="Folder of results and pages; if absent, results/ and docs/ of the clone.",
+            help="Folder of results and pages; by default results/ and docs/ of the clone.",
         ),
     ] = None,
     work: Annotated[
         Path | None,
-        typer.Option("--work", metavar="DIR", help="Folder of checkpoints and farms; build/experiments of the clone."),
+        typer.Option("--work", metavar="DIR", help="Folder of checkpoints and farms; by default build/experiments of the clone."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Run what is missing of an experiment: trainings, trials on a farm of its own, measurements; write figure, page and JSON."""
+    """Run the missing parts of an experiment (trainings, trials on its own farm, measurements) and write its page and figure."""
     if name is None and not list_pieces:
         raise UsageProblem(f"say which experiment: {', '.join(NAMES)}; --list shows what is done of each")
     flags = [flag for flag, given in (("--quick", quick), ("--list", list_pieces), ("--json", as_json)) if given]

@@ -44,12 +44,12 @@ class Fetched:
 
 def fetch(
     job_id: JobArgument,
-    to: Annotated[Path, typer.Option("--to", metavar="DIR", help="The folder to write to; made if absent.")],
-    parallel: Annotated[int, typer.Option("--jobs", min=1, max=16, help="How many logs to download at once.")] = 4,
-    truth: Annotated[bool, typer.Option("--truth", help="The truth of each trial too; for operators.")] = False,
+    to: Annotated[Path, typer.Option("--to", metavar="DIR", help="Folder for the logs; created if absent.")],
+    parallel: Annotated[int, typer.Option("--jobs", min=1, max=16, help="Number of parallel downloads.")] = 4,
+    truth: Annotated[bool, typer.Option("--truth", help="Also fetch the truth of each trial (operators only).")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Download a job's logs (trial-000.mcap …) and, last of all, report.json. Run again, it brings only what is missing."""
+    """Download a job's logs (trial-000.mcap …), then report.json. A second run downloads only missing files."""
     with ApiClient(load_connection(os.environ)) as client:
         fetched = fetch_job(client, job_id, to, parallel, with_truth=truth)
     if as_json:

@@ -20,7 +20,7 @@ commands = typer.Typer(no_args_is_help=True)
 
 @commands.callback(epilog=epilog(*ENDS))
 def gap() -> None:
-    """Compare measured data with a model and name the cause."""
+    """Compare measured data with a model and name the cause of the difference."""
 
 
 class Method(StrEnum):
@@ -36,25 +36,27 @@ def study(
     data: Annotated[Path, typer.Argument(metavar="STUDY.toml|LOGDIR", help="A study.toml, or a folder of a robot's logs.")],
     *,
     data_folder: Annotated[
-        Path | None, typer.Option("--data", metavar="DIR", help="Where the data files of a study.toml lie.")
+        Path | None, typer.Option("--data", metavar="DIR", help="Folder of the data files; overrides the one in study.toml.")
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Where the results go.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results; by default gap-NAME.")] = None,
     method: Annotated[
-        Method, typer.Option("--method", help="naming names the cause; the others are there to be compared with it.")
+        Method, typer.Option("--method", help="naming names the cause; the others calibrate all parameters, for comparison.")
     ] = Method.NAMING,
-    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Draws what is random about the study.")] = None,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the study; by default 0.")] = None,
     trials: Annotated[
-        Path | None, typer.Option("--trials", metavar="JOBDIR", help="A policy's trials on the same robot, as fetched.")
+        Path | None,
+        typer.Option("--trials", metavar="JOBDIR", help="Fetched trials of a policy on the same robot, to predict its success."),
     ] = None,
     policy: Annotated[
-        Path | None, typer.Option("--policy", metavar="FILE", help="That policy, to predict its success with both models.")
+        Path | None, typer.Option("--policy", metavar="FILE", help="Weights of that policy; with --trials.")
     ] = None,
     manifest: Annotated[
-        str | None, typer.Option("--manifest", metavar="LAYOUT|FILE", help="What the policy expects: a layout or a file.")
+        str | None,
+        typer.Option("--manifest", metavar="LAYOUT|FILE", help="Manifest of that policy, as a layout or a file; with --trials."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Say where measured data and a model disagree, name the cause, write the better model, measure what it gained."""
+    """Find where measured data and a model disagree, name the cause, write an extended model and measure its gain."""
     if not data.exists():
         raise UsageProblem(
             f"there is no file or folder {data}; give a study.toml, or a folder of logs as 'trifarm fetch' makes it"
@@ -73,18 +75,30 @@ def study(
 def blind_test(
     *,
     cases: Annotated[
-        int | None, typer.Option("--cases", metavar="N", min=0, help="Robots with a hidden effect; N/2 healthy ones come on top.")
+        int | None,
+        typer.Option(
+            "--cases",
+            metavar="N",
+            min=0,
+            help="Number of robots with a hidden effect, 30 by default; N/2 healthy robots are added.",
+        ),
     ] = None,
-    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Draws the hidden effects.")] = None,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the hidden effects; by default 1.")] = None,
     excitation: Annotated[
         str | None,
-        typer.Option("--excitation", metavar="NAME", help="What the robots are seen by; 'everything' as 'identify' records it."),
+        typer.Option(
+            "--excitation", metavar="NAME", help="Excitation of the robots, as for identify, or everything; by default standard."
+        ),
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Where results are kept, and taken up again.")] = None,
-    processes: Annotated[int | None, typer.Option("--processes", metavar="N", min=1, help="How many work side by side.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Folder of the results; by default blind-test.")
+    ] = None,
+    processes: Annotated[
+        int | None, typer.Option("--processes", metavar="N", min=1, help="Number of parallel processes; by default 2.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Hide effects in simulated robots, ask for them, and count the right and wrong answers; goes on where it stopped."""
+    """Hide effects in simulated robots and count how often a study names them; a stopped test continues."""
     flags = [*_given("--cases", cases), *_given("--seed", seed), *_given("--excitation", excitation)]
     flags += [*_given("--out", out), *_given("--processes", processes)]
     _run("blind-test", *flags, as_json=as_json)
@@ -97,21 +111,26 @@ def excite(
     ] = None,
     *,
     robot: Annotated[
-        str | None, typer.Option("--robot", metavar="ROBOT", help="The farm's robot that is to do it, for the command to run.")
+        str | None, typer.Option("--robot", metavar="ROBOT", help="Robot of the farm, for the suggested command.")
     ] = None,
     excitation: Annotated[
-        str | None, typer.Option("--excitation", metavar="NAME", help="Which one --csv writes; without it the first advised.")
+        str | None,
+        typer.Option("--excitation", metavar="NAME", help="Excitation that --csv writes; by default the first suggested one."),
     ] = None,
     csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="Write an excitation's position targets, for a robot elsewhere.")
+        Path | None,
+        typer.Option("--csv", metavar="FILE", help="Write an excitation's position targets to a table, for a robot elsewhere."),
     ] = None,
     model: Annotated[
-        Path | None, typer.Option("--model", metavar="MJCF", help="Whose joints and ranges --csv is made for; the study's.")
+        Path | None,
+        typer.Option("--model", metavar="MJCF", help="Model with the joints and ranges for --csv; by default the study's."),
     ] = None,
-    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Draws what --csv writes.")] = None,
+    seed: Annotated[
+        int | None, typer.Option("--seed", min=0, help="Seed of the excitation that --csv writes; by default 0.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Say what to record next: after a study what settles its verdict, without one what tells most causes apart."""
+    """Suggest the next recording: to settle a study's verdict or, without a study, to separate most causes."""
     for path in (earlier, model):
         if path is not None and not path.exists():
             raise UsageProblem(f"there is no file {path}")

@@ -33,15 +33,20 @@ class Identified:
 
 
 def identify(
-    robot: Annotated[str, typer.Option("--robot", metavar="ROBOT|any", help="Whose physics; any takes the first idle one.")],
+    robot: Annotated[
+        str, typer.Option("--robot", metavar="ROBOT|any", help="Robot to identify; any takes the first idle robot.")
+    ],
     *,
     excitation: Annotated[
         list[ExcitationName] | None,
-        typer.Option("--excitation", help="Only this one; may be given several times. All without it.", show_default=False),
+        typer.Option("--excitation", help="Only this excitation, by default all; repeatable.", show_default=False),
     ] = None,
-    repeats: Annotated[int, typer.Option("--repeats", min=1, max=MAX_REPEATS, help="How often the whole list is run.")] = 1,
+    repeats: Annotated[
+        int, typer.Option("--repeats", min=1, max=MAX_REPEATS, help="Number of times that the whole list runs.")
+    ] = 1,
     seed: Annotated[
-        int | None, typer.Option("--seed", min=0, max=MAX_EXCITATION_SEED, help="Draws the courses; the server's if absent.")
+        int | None,
+        typer.Option("--seed", min=0, max=MAX_EXCITATION_SEED, help="Seed of the excitations; by default the server draws it."),
     ] = None,
     to: Annotated[
         Path | None, typer.Option("--to", metavar="DIR", help="Wait for the end and fetch the logs to this folder.")
@@ -50,7 +55,7 @@ def identify(
     idempotency_key: IdempotencyKeyOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Queue excitations on one robot and print the job's id; each is a trial with a log of its own."""
+    """Queue excitations on one robot and print the job's id; each excitation is a trial with its own log."""
     request = _request(robot, excitation, repeats, seed)
     # Now, and not when everything has been recorded; with a key of the user's it may be this very job.
     if to is not None and idempotency_key is None and (held := held_by(to)) is not None:

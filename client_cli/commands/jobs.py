@@ -17,8 +17,10 @@ COLUMNS = ("job", "state", "task", "done", "succeeded", "policy", "owner", "age"
 
 def jobs(
     state: Annotated[JobState | None, typer.Option("--state", help="Only jobs in this state.")] = None,
-    limit: Annotated[int, typer.Option("--limit", min=1, max=200, help="At most so many jobs.")] = 20,
-    cursor: Annotated[str | None, typer.Option("--cursor", metavar="TEXT", help="Go on where the last page ended.")] = None,
+    limit: Annotated[int, typer.Option("--limit", min=1, max=200, help="Maximum number of jobs.")] = 20,
+    cursor: Annotated[
+        str | None, typer.Option("--cursor", metavar="TEXT", help="Cursor printed with the last page; continue there.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """List your jobs, newest first."""
@@ -54,7 +56,7 @@ def watch(job_id: JobArgument, as_json: JsonOption = False) -> None:
 
 
 def cancel(job_id: JobArgument, as_json: JsonOption = False) -> None:
-    """Cancel a job: queued trials never start, running ones are stopped. Cancelling twice does no harm."""
+    """Cancel a job: queued trials never start, running trials stop."""
     with ApiClient(load_connection(os.environ)) as client:
         job = client.cancel(job_id)
     if as_json:

@@ -25,11 +25,11 @@ from client_cli.views.progress_view import progress_view
 
 LOOK_EVERY_S = 1.0
 COLUMNS = ("step", "job", "state", "done", "succeeded", "rate", "80 % interval", "policy")
-LadderArgument = Annotated[str, typer.Argument(metavar="ID", help="The ladder's id, as submit printed it.")]
+LadderArgument = Annotated[str, typer.Argument(metavar="ID", help="Ladder id, as printed by submit.")]
 
 
 def ladder(ladder_id: LadderArgument, as_json: JsonOption = False) -> None:
-    """Show a ladder: how each checkpoint of a folder does on the same goals, as far as it is."""
+    """Show a ladder: the success rate so far of each checkpoint of a folder, on the same goals."""
     with ApiClient(load_connection(os.environ)) as client:
         shown = client.ladder(ladder_id)
     if as_json:

@@ -9,7 +9,7 @@ import typer
 from api_schemas.policy import LAYOUTS, PolicyManifest
 from client_cli.policies.policy_files import LAYOUT_NAMES, read_manifest
 from client_cli.terminal.errors import ClientError, UsageProblem
-from client_cli.terminal.options import JsonOption, LayoutOption, ManifestOption
+from client_cli.terminal.options import JsonOption, LayoutOption
 from client_cli.terminal.output import note, print_document, print_line
 
 if TYPE_CHECKING:
@@ -21,36 +21,46 @@ FORMATS = "auto, sb3, rl-games, rsl-rl, skrl, state-dict, torchscript, torch-exp
 def pack(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE...", help="A checkpoint; for stable-baselines3 its VecNormalize pickle (.pkl) as well."),
+        typer.Argument(metavar="FILE...", help="Checkpoint; for stable-baselines3 also its VecNormalize pickle (.pkl)."),
     ],
     out: Annotated[
-        Path, typer.Option("--out", metavar="NAME", help="NAME.safetensors, or NAME.onnx for TorchScript and torch.export.")
+        Path,
+        typer.Option(
+            "--out", metavar="NAME", help="Weights to write: NAME.safetensors, or NAME.onnx for TorchScript and torch.export."
+        ),
     ],
     *,
-    manifest: ManifestOption = None,
+    manifest: Annotated[
+        Path | None,
+        typer.Option(
+            "--manifest", metavar="FILE", help="Manifest with the observation and the actions of the network; or --layout."
+        ),
+    ] = None,
     layout: LayoutOption = None,
-    form: Annotated[str, typer.Option("--format", metavar="NAME", help=f"One of {FORMATS}.")] = "auto",
+    form: Annotated[str, typer.Option("--format", metavar="NAME", help=f"Format of the checkpoint: {FORMATS}.")] = "auto",
     architecture: Annotated[
         str | None,
-        typer.Option("--architecture", metavar="NAMES", help="The actor's modules in order: lstm,actor.0,actor.2,actor.4."),
+        typer.Option(
+            "--architecture", metavar="NAMES", help="Modules of the actor in order, such as lstm,actor.0,actor.2,actor.4."
+        ),
     ] = None,
     activation: Annotated[
-        str | None, typer.Option("--activation", metavar="NAME", help="elu, relu or tanh, where the file does not say.")
+        str | None, typer.Option("--activation", metavar="NAME", help="Activation if the file states none: elu, relu or tanh.")
     ] = None,
-    scale: Annotated[float | None, typer.Option("--scale", help="What an action of 1 of the training is, in N m or rad.")] = None,
+    scale: Annotated[float | None, typer.Option("--scale", help="Size of a training action of 1, in N m or rad.")] = None,
     state: Annotated[
         list[str] | None,
-        typer.Option("--state", metavar="SHAPE", help="Shape of a state of a TorchScript program, such as 1,1,256; repeat it."),
+        typer.Option("--state", metavar="SHAPE", help="Shape of a state of a TorchScript program, such as 1,1,256; repeatable."),
     ] = None,
     normaliser: Annotated[
         str | None,
         typer.Option(
-            "--normaliser", metavar="NAMES", help="Of a plain state dict: MEAN,VARIANCE[,EPSILON[,CLIP]] by name, or none."
+            "--normaliser", metavar="NAMES", help="Names in a plain state dict: MEAN,VARIANCE[,EPSILON[,CLIP]], or none."
         ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Pack a checkpoint into weights and manifest, compared with the original on 1,000 observations.
+    """Pack a checkpoint into weights and a manifest, and compare both with the original on 1,000 observations.
 
     Reading a checkpoint runs the code in it: pack only files that you trust.
     """

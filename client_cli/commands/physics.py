@@ -14,16 +14,16 @@ from client_cli.terminal.options import JsonOption
 
 
 def physics(
-    robot: Annotated[str, typer.Option("--robot", metavar="ROBOT", help="The robot's name, such as robot-2.")],
-    data: Annotated[Path, typer.Option("--data", metavar="DIR", help="The farm's data folder.")],
+    robot: Annotated[str, typer.Option("--robot", metavar="ROBOT", help="Robot name, such as robot-2.")],
+    data: Annotated[Path, typer.Option("--data", metavar="DIR", help="Data folder of the farm.")],
     told: Annotated[
         str | None,
-        typer.Option("--physics", metavar="nominal|mild|real|FILE", help="What the robots were told, if not by 'trifarm up'."),
+        typer.Option("--physics", metavar="nominal|mild|real|FILE", help="Physics of a farm that 'trifarm up' did not start."),
     ] = None,
     farm_seed: FarmSeedOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Print a robot's hidden physics. Nothing of it is ever shown by the server."""
+    """Print a robot's hidden physics from the data folder; the server never shows it."""
     if not data.is_dir():
         raise UsageProblem(f"there is no data folder {data}")
     record = load_record(data) if told is None else None
@@ -38,6 +38,6 @@ def physics(
 
 
 def effects(as_json: JsonOption = False) -> None:
-    """List every effect a robot may have, with the bounds, units and sources of its parameters."""
+    """List all effects with the bounds, units and sources of their parameters."""
     flags = ["--json"] if as_json else []
     pass_on("effects", answer_of(module_command("sim_backend.effects", *flags)))

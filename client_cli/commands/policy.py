@@ -19,15 +19,15 @@ commands = typer.Typer(no_args_is_help=True)
 
 @commands.callback()
 def policy() -> None:
-    """Delete policies that are not needed any more."""
+    """Delete policies from the farm."""
 
 
 @commands.command(epilog=epilog(*OF_EVERY_REQUEST))
 def delete(
-    digest: Annotated[str, typer.Argument(metavar="DIGEST", help="The policy's digest, as 'trifarm jobs --json' shows it.")],
+    digest: Annotated[str, typer.Argument(metavar="DIGEST", help="Policy digest, as shown by 'trifarm jobs --json'.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Delete a policy of yours that no job refers to."""
+    """Delete one of your policies that no job uses."""
     if len(digest) != DIGEST_DIGITS or set(digest) - set("0123456789abcdef"):
         raise UsageProblem(f"{digest!r} is no digest of a policy, which is {DIGEST_DIGITS} hexadecimal digits")
     with ApiClient(load_connection(os.environ)) as client:

@@ -25,16 +25,17 @@ NEEDS_TRUTH = 7
 
 
 def replay(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="A trial's log, such as trial-000.mcap.")],
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log of a trial, such as trial-000.mcap.")],
     verify: Annotated[
-        bool, typer.Option("--verify", help="Simulate it again, compare every number, exit 6 if one differs.")
+        bool, typer.Option("--verify", help="Simulate the trial again and compare every number; exit with 6 if one differs.")
     ] = False,
     truth: Annotated[
-        Path | None, typer.Option("--truth", metavar="FILE", help="The trial's truth, which operators can fetch; with --verify.")
+        Path | None,
+        typer.Option("--truth", metavar="FILE", help="Truth of the trial, from 'trifarm fetch --truth'; with --verify."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show what a log holds; with --verify simulate it again, here or on the server if only that knows the robot's physics."""
+    """Show the content of a log; with --verify simulate the trial again, on the server if the robot's physics is hidden."""
     if truth is not None and not verify:
         raise UsageProblem("--truth is what --verify compares with; give --verify, too")
     for path in (log, *([] if truth is None else [truth])):

@@ -22,12 +22,12 @@ from report_views.page import render_page
 def report(
     job_id: JobArgument,
     html: Annotated[
-        Path | None, typer.Option("--html", metavar="FILE", help="Write it as one signed page, which 'verify' checks.")
+        Path | None, typer.Option("--html", metavar="FILE", help="Write a signed HTML page, for 'trifarm verify'.")
     ] = None,
-    pdf: Annotated[Path | None, typer.Option("--pdf", metavar="FILE", help="Write it as a PDF for print.")] = None,
+    pdf: Annotated[Path | None, typer.Option("--pdf", metavar="FILE", help="Write a PDF for print.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Print a job's report: success rate with intervals, robots, trials, and whose fault each failure was."""
+    """Print a job's report: success rate with intervals, robots, trials, and policy and platform errors."""
     with ApiClient(load_connection(os.environ)) as client:
         for path, write in ((html, write_page), (pdf, write_print)):
             if path is not None:

@@ -13,14 +13,14 @@ from client_cli.terminal.options import JsonOption
 from client_cli.terminal.output import age, print_document, print_line, print_table
 
 COLUMNS = ("robot", "state", "pid", "host", "trial", "simulated", "done", "seen", "reason")
-RobotArgument = Annotated[str, typer.Argument(metavar="ROBOT", help="The robot's name, such as robot-2.")]
+RobotArgument = Annotated[str, typer.Argument(metavar="ROBOT", help="Robot name, such as robot-2.")]
 
 commands = typer.Typer(invoke_without_command=True)
 
 
 @commands.callback(epilog=epilog(*OF_EVERY_REQUEST))
 def robots(context: typer.Context, as_json: JsonOption = False) -> None:
-    """List the robots: state, process, trial and, if a robot is not in service, why."""
+    """List the robots with state, process and trial, and the reason if one is out of service."""
     if context.invoked_subcommand:
         return
     with ApiClient(load_connection(os.environ)) as client:
@@ -33,7 +33,7 @@ def robots(context: typer.Context, as_json: JsonOption = False) -> None:
 
 @commands.command(epilog=epilog(*OF_EVERY_REQUEST))
 def drain(robot: RobotArgument, as_json: JsonOption = False) -> None:
-    """Let a robot finish its trial and give it no other."""
+    """Drain a robot: it finishes its trial and gets no other."""
     with ApiClient(load_connection(os.environ)) as client:
         answered = client.drain(robot)
     _show(answered, f"{robot} is {_now(answered)}", as_json)
@@ -41,7 +41,7 @@ def drain(robot: RobotArgument, as_json: JsonOption = False) -> None:
 
 @commands.command(epilog=epilog(*OF_EVERY_REQUEST))
 def resume(robot: RobotArgument, as_json: JsonOption = False) -> None:
-    """Give a drained robot trials again; one that is out of service tests itself again first."""
+    """Give a robot trials again; a robot out of service repeats its self-test first."""
     with ApiClient(load_connection(os.environ)) as client:
         answered = client.resume(robot)
     # The farm answers before the robot has heard of it.
@@ -54,7 +54,7 @@ def resume(robot: RobotArgument, as_json: JsonOption = False) -> None:
 
 @commands.command(epilog=epilog(*OF_EVERY_REQUEST))
 def forget(robot: RobotArgument, as_json: JsonOption = False) -> None:
-    """Take a robot that is gone for good off the list; what it did stays."""
+    """Remove a lost robot from the list; its trials stay."""
     with ApiClient(load_connection(os.environ)) as client:
         client.forget(robot)
     if as_json:

@@ -10,7 +10,7 @@ from client_cli.terminal.output import duration, print_document, print_line
 
 
 def status(as_json: JsonOption = False) -> None:
-    """Say how the farm is: robots, queue, and what is wrong if something is."""
+    """Show the state of the farm: robots, queue and problems."""
     with ApiClient(load_connection(os.environ)) as client:
         farm = client.status()
         url = client.url

@@ -43,17 +43,17 @@ def submit(
         Path,
         typer.Argument(
             metavar="FILE",
-            help="The policy's weights: .safetensors, .onnx SB3's .zip, a folder of checkpoints, or builtin:grasp[-turn].",
+            help="Weights (.safetensors, .onnx, stable-baselines3 .zip), a folder of checkpoints, or builtin:grasp[-turn].",
         ),
     ],
     task: TaskOption,
     *,
     manifest: ManifestOption = None,
     layout: LayoutOption = None,
-    trials: Annotated[int, typer.Option("--trials", min=1, max=MAX_TRIALS, help="How many goals to try.")] = 40,
+    trials: Annotated[int, typer.Option("--trials", min=1, max=MAX_TRIALS, help="Number of trials, one goal each.")] = 40,
     seed: Annotated[
         int | None,
-        typer.Option("--seed", min=0, max=MAX_SEED, help="Draws goals and robots; the server draws one if absent."),
+        typer.Option("--seed", min=0, max=MAX_SEED, help="Seed of goals and robots; by default the server draws it."),
     ] = None,
     thing: ObjectOption = ObjectName.CUBE,
     scale: ObjectScaleOption = 1.0,
@@ -63,7 +63,7 @@ def submit(
     idempotency_key: IdempotencyKeyOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Upload a policy, queue a job of trials and print the job's id; of a folder, one job for each checkpoint."""
+    """Upload a policy, queue a job and print its id; for a folder, queue a job for each checkpoint."""
     common: dict[str, object] = {"task": task, "trials": trials, "seed": seed, "object": thing, "object_scale": scale}
     common["priority"] = priority
     if file.is_dir():

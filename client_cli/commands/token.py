@@ -22,17 +22,19 @@ commands = typer.Typer(no_args_is_help=True)
 
 @commands.callback(epilog=epilog(*OF_EVERY_REQUEST))
 def token() -> None:
-    """Make, list and revoke access tokens."""
+    """Create, list and revoke access tokens."""
 
 
 @commands.command(epilog=epilog(*OF_EVERY_REQUEST))
 def create(
-    owner: Annotated[str, typer.Option("--owner", metavar="NAME", help="Whose token it is; jobs belong to this name.")],
-    scope: Annotated[list[Scope], typer.Option("--scope", help="What it may do; give it several times for several scopes.")],
-    days: Annotated[float | None, typer.Option("--days", min=0.001, help="When it expires; never if absent.")] = None,
+    owner: Annotated[str, typer.Option("--owner", metavar="NAME", help="Owner of the token and of its jobs.")],
+    scope: Annotated[list[Scope], typer.Option("--scope", help="Permission of the token; repeatable.")],
+    days: Annotated[
+        float | None, typer.Option("--days", min=0.001, help="Days until the token expires; by default it never does.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Make a token and print it. It is shown this once; the server keeps only its hash."""
+    """Create a token and print it once; the server keeps only its hash."""
     try:
         request = TokenRequest(owner=owner, scopes=tuple(scope), expires_in_days=days)
     except ValidationError as error:
@@ -50,7 +52,7 @@ def create(
 
 @commands.command("list", epilog=epilog(*OF_EVERY_REQUEST))
 def list_tokens(as_json: JsonOption = False) -> None:
-    """List all tokens, without their secrets."""
+    """List all tokens without their secrets."""
     with ApiClient(load_connection(os.environ)) as client:
         found = client.tokens()
     if as_json:
@@ -61,10 +63,10 @@ def list_tokens(as_json: JsonOption = False) -> None:
 
 @commands.command(epilog=epilog(*OF_EVERY_REQUEST))
 def revoke(
-    token_id: Annotated[str, typer.Argument(metavar="TOKEN", help="The token's id, as list shows it.")],
+    token_id: Annotated[str, typer.Argument(metavar="TOKEN", help="Token id, as shown by 'trifarm token list'.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Revoke a token; requests with it are refused from now on."""
+    """Revoke a token; the server refuses further requests with it."""
     with ApiClient(load_connection(os.environ)) as client:
         client.revoke_token(token_id)
     if as_json:

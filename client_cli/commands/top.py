@@ -48,11 +48,11 @@ class Seen:
 
 
 def top(
-    every_s: Annotated[float, typer.Option("--every", min=0.2, max=60.0, help="Seconds between two looks.")] = 1.0,
-    once: Annotated[bool, typer.Option("--once", help="Look once and end, as it does where stdout is no terminal.")] = False,
+    every_s: Annotated[float, typer.Option("--every", min=0.2, max=60.0, help="Seconds between two updates.")] = 1.0,
+    once: Annotated[bool, typer.Option("--once", help="Show the farm once and end; always so if stdout is no terminal.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Watch the farm in the terminal: problems, robots, jobs that run and wait. Ctrl-C ends it."""
+    """Watch the farm in the terminal: problems, robots, running and queued jobs. Ctrl-C ends it."""
     with ApiClient(load_connection(os.environ)) as client:
         if as_json:
             print_document(document(Seen.now(client)))

@@ -18,14 +18,12 @@ ENDS = (ExitCode.OK, ExitCode.OTHER, ExitCode.USAGE, ExitCode.INTERRUPTED)
 def train(
     recipe: Annotated[str, typer.Argument(metavar="RECIPE", help="Name of a shipped recipe, or a TOML file.")],
     *,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Folder of the run; train-RECIPE if it is not given.")
-    ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint in the folder.")] = False,
-    threads: Annotated[int | None, typer.Option("--threads", metavar="N", min=1, help="Cores to use; all if not given.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder of the run; by default train-RECIPE.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue from the checkpoint in the folder.")] = False,
+    threads: Annotated[int | None, typer.Option("--threads", metavar="N", min=1, help="Number of cores; by default all.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Train a policy by a recipe in many simulations at once; ends with a file that can be submitted."""
+    """Train a policy from a recipe in many parallel simulations and write a file for submit."""
     flags = [*(["--out", str(out)] if out else []), *(["--resume"] if resume else [])]
     flags += ["--threads", str(threads)] if threads else []
     command = module_command(TRAINING, recipe, *flags, *(["--json"] if as_json else []))

@@ -31,9 +31,9 @@ def up(
     robots: RobotsOption = 4,
     data: Annotated[
         Path | None,
-        typer.Option("--data", metavar="DIR", help="Where database, policies and logs live.", show_default=False),
+        typer.Option("--data", metavar="DIR", help="Folder of database, policies and logs.", show_default=False),
     ] = None,
-    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="The API's port; 0 takes any free one.")] = DEFAULT_PORT,
+    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="Port of the API; 0 takes any free one.")] = DEFAULT_PORT,
     physics: PhysicsOption = DEFAULT_PHYSICS,
     farm_seed: FarmSeedOption = None,
     reset: ResetOption = None,

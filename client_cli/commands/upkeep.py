@@ -18,7 +18,7 @@ from client_cli.terminal.output import print_document, print_line, print_table
 
 DataOption = Annotated[
     Path | None,
-    typer.Option("--data", metavar="DIR", help="The farm's data folder (that of 'trifarm up').", show_default=False),
+    typer.Option("--data", metavar="DIR", help="Data folder of the farm, as for 'trifarm up'.", show_default=False),
 ]
 ENDS = (0, 1)
 
@@ -40,11 +40,11 @@ def run_upkeep(command: str, *flags: str) -> dict[str, Any]:
 
 
 def backup(
-    to: Annotated[Path, typer.Option("--to", metavar="DIR", help="A new folder, or that of an earlier backup.")],
+    to: Annotated[Path, typer.Option("--to", metavar="DIR", help="New folder, or the folder of an earlier backup.")],
     data: DataOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Copy a farm's database, policies, logs and tokens to a folder; the farm may run meanwhile."""
+    """Copy a farm's database, policies, logs and tokens to a folder; the farm may keep running."""
     folder = (data or default_data_folder(os.environ)).absolute()
     made = run_upkeep("backup", "--data", str(folder), "--to", str(to.absolute()))
     if as_json:
@@ -58,11 +58,11 @@ def backup(
 
 
 def restore(
-    backup: Annotated[Path, typer.Option("--from", metavar="DIR", help="The folder that 'trifarm backup' made.")],
+    backup: Annotated[Path, typer.Option("--from", metavar="DIR", help="Folder of a backup.")],
     data: DataOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Make the farm that a backup holds, in an empty folder; every file is checked on the way."""
+    """Restore a farm from a backup into an empty folder and check every file."""
     folder = (data or default_data_folder(os.environ)).absolute()
     made = run_upkeep("restore", "--data", str(folder), "--from", str(backup.absolute()))
     if as_json:
@@ -77,7 +77,7 @@ def doctor(
     deep: Annotated[bool, typer.Option("--deep", help="Read every file and compare it with its hash.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Look through a farm's database, files, reports and disk; the farm may run meanwhile."""
+    """Check a farm's database, files, reports and disk; the farm may keep running."""
     folder = (data or default_data_folder(os.environ)).absolute()
     said = run_upkeep("doctor", "--data", str(folder), *(["--deep"] if deep else []))
     if as_json:

@@ -62,16 +62,17 @@ class Verified:
 
 
 def verify(
-    report: Annotated[Path, typer.Argument(metavar="REPORT", help="A page that 'trifarm report --html' or the dashboard made.")],
+    report: Annotated[Path, typer.Argument(metavar="REPORT", help="Signed page of 'trifarm report --html' or of the dashboard.")],
     key: Annotated[
-        str | None, typer.Option("--key", metavar="KEY", help="The farm's public key, or a file with it, instead of known ones.")
+        str | None,
+        typer.Option("--key", metavar="KEY", help="Public key of the farm, or a file with it; by default the known keys."),
     ] = None,
     logs: Annotated[
-        Path | None, typer.Option("--logs", metavar="DIR", help="Fetched logs: is each the one that was signed?")
+        Path | None, typer.Option("--logs", metavar="DIR", help="Folder of fetched logs to compare with the signed ones.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Check a signed report without a connection: is it what its farm signed, and who was that?"""
+    """Check offline that a signed report is unchanged and which farm signed it."""
     try:
         page = report.read_text()
     except (OSError, UnicodeDecodeError) as error:

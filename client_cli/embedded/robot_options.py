@@ -32,33 +32,35 @@ PhysicsOption = Annotated[
     typer.Option(
         "--physics",
         metavar="nominal|mild|real|FILE",
-        help="The robots' physics: nominal gives each the same, ideal one, the others hidden ones of its own.",
+        help="Physics of the robots: nominal is ideal for all; the others differ by robot and are hidden.",
     ),
 ]
 FarmSeedOption = Annotated[
     int | None,
     typer.Option(
-        "--farm-seed", min=0, max=MAX_FARM_SEED, help="Draws the robots' physics; a secret of the data folder if absent."
+        "--farm-seed", min=0, max=MAX_FARM_SEED, help="Seed of the robots' physics; by default a secret in the data folder."
     ),
 ]
 ResetOption = Annotated[
     Reset | None,
-    typer.Option("--reset", help="How the arena is put in order: sweep, but placement on nominal farms.", show_default=False),
+    typer.Option(
+        "--reset", help="Reset of the arena between trials; by default sweep, on nominal farms placement.", show_default=False
+    ),
 ]
 FaultOption = Annotated[
     list[str] | None,
     typer.Option(
         "--fault",
         metavar="ROBOT:KIND[:WHERE[:SIZE]][@TRIAL[+SECONDS]]",
-        help="A fault that a robot shall have, such as robot-1:stuck_joint:finger0_base_to_upper@2+3.5; may be given several "
-        "times. KIND is stuck_joint, encoder_jump (WHERE is a joint), dead_camera (WHERE is a camera) or controller_restart.",
+        help="Fault of a robot, such as robot-1:stuck_joint:finger0_base_to_upper@2+3.5; repeatable. "
+        "KIND is stuck_joint, encoder_jump (WHERE is a joint), dead_camera (WHERE is a camera) or controller_restart.",
     ),
 ]
 JailOption = Annotated[
     JailLevel | None,
     typer.Option(
         "--jail-level",
-        help="Run no policy, and take no upload, where the jail does not reach this level.",
+        help="Minimum jail level; the farm refuses policies and uploads below it.",
         show_default="limits",
     ),
 ]

@@ -70,10 +70,15 @@ class Entry:
 class LazyCommands(Commands):
     """A group whose commands are imported when they run; its help needs none of them."""
 
-    entries: ClassVar[dict[str, Entry]] = {}
+    groups: ClassVar[dict[str, dict[str, Entry]]] = {}
+
+    @property
+    def entries(self) -> dict[str, Entry]:
+        """The commands of all groups."""
+        return {name: entry for group in self.groups.values() for name, entry in group.items()}
 
     def list_commands(self, ctx: typer.Context) -> list[str]:  # noqa: ARG002
-        """The names, in the order of ``entries``."""
+        """The names, group by group."""
         return list(self.entries)
 
     def get_command(self, ctx: typer.Context, cmd_name: str) -> Any:  # noqa: ARG002
@@ -90,7 +95,7 @@ class LazyCommands(Commands):
             return super().resolve_command(ctx, args)
 
     def format_help(self, ctx: typer.Context, formatter: Any) -> None:
-        """Write the help: every command with its summary."""
+        """Write the help: every command with its summary, in its group."""
         with self._summaries():
             super().format_help(ctx, formatter)
 
@@ -98,7 +103,11 @@ class LazyCommands(Commands):
     def _summaries(self) -> Iterator[None]:
         """Every command stands there by its name and summary alone."""
         commands = self.commands
-        self.commands = {name: TyperCommand(name, help=entry.summary()) for name, entry in self.entries.items()}
+        self.commands = {
+            name: TyperCommand(name, help=entry.summary(), rich_help_panel=title)
+            for title, group in self.groups.items()
+            for name, entry in group.items()
+        }
         try:
             yield
         finally:

@@ -21,15 +21,15 @@ class ExitCode(IntEnum):
 
 MEANING: dict[ExitCode, str] = {
     ExitCode.OK: "done",
-    ExitCode.OTHER: "something else went wrong",
-    ExitCode.USAGE: "wrong usage, or a file that cannot be used",
+    ExitCode.OTHER: "another error",
+    ExitCode.USAGE: "wrong usage or an unusable file",
     ExitCode.JOB_WITHOUT_REPORT: "the job failed or was cancelled",
     ExitCode.SERVER_AWAY: "no server answers",
     ExitCode.REFUSED: "the server refused",
     ExitCode.DIFFERS: "the replay differs from the log, or the report was changed",
     ExitCode.WORSE: "a compared job is worse than the first",
-    ExitCode.UNVERIFIED: "the report is signed by a key that is not known here",
-    ExitCode.LOGS_MISSING: "the report is true, but logs of it are not in the folder",
+    ExitCode.UNVERIFIED: "the report is signed with an unknown key",
+    ExitCode.LOGS_MISSING: "the report is true, but some of its logs are missing",
     ExitCode.INTERRUPTED: "interrupted by Ctrl-C",
 }
 

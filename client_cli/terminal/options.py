@@ -8,11 +8,13 @@ import typer
 from api_schemas.job import POLICY_TASKS, JobPriority, TaskName
 from api_schemas.physics import LARGEST_SCALE, SMALLEST_SCALE, ObjectName
 
-JsonOption = Annotated[bool, typer.Option("--json", help="Print exactly one JSON document on stdout; progress goes to stderr.")]
-JobArgument = Annotated[str, typer.Argument(metavar="ID", help="The job's id, as submit printed it.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout; progress goes to stderr.")]
+JobArgument = Annotated[str, typer.Argument(metavar="ID", help="Job id, as printed by submit.")]
 ManifestOption = Annotated[
     Path | None,
-    typer.Option("--manifest", metavar="FILE", help="The policy's manifest; without it, FILE with the suffix .json."),
+    typer.Option(
+        "--manifest", metavar="FILE", help="Manifest of the policy; by default the path of its weights with the suffix .json."
+    ),
 ]
 LayoutOption = Annotated[
     str | None,
@@ -31,22 +33,24 @@ AskedTask = Literal[
     TaskName.MOVE_CUBE_4,
 ]
 """The tasks that a policy can be asked to do, which leaves out ``identify``."""
-TaskOption = Annotated[AskedTask, typer.Option("--task", metavar="|".join(POLICY_TASKS), help="What is asked of the robot.")]
-ObjectOption = Annotated[
-    ObjectName, typer.Option("--object", help="What lies between the fingers; goals stay those of the cube.")
-]
+TaskOption = Annotated[AskedTask, typer.Option("--task", metavar="|".join(POLICY_TASKS), help="Task of the robot.")]
+ObjectOption = Annotated[ObjectName, typer.Option("--object", help="Object between the fingers; goals stay those of the cube.")]
 ObjectScaleOption = Annotated[
-    float, typer.Option("--object-scale", min=SMALLEST_SCALE, max=LARGEST_SCALE, help="Times the object's usual size.")
+    float,
+    typer.Option(
+        "--object-scale", min=SMALLEST_SCALE, max=LARGEST_SCALE, help="Size of the object, as a multiple of its usual size."
+    ),
 ]
 PriorityOption = Annotated[
-    JobPriority, typer.Option("--priority", help="low waits behind the rest; high goes before it, for operators alone.")
+    JobPriority, typer.Option("--priority", help="low runs after all other jobs; high runs first (operators only).")
 ]
 WaitOption = Annotated[bool, typer.Option("--wait", help="Follow the job to its end.")]
 IdempotencyKeyOption = Annotated[
     str | None,
-    typer.Option("--idempotency-key", metavar="TEXT", help="The same key and the same job make one job, however often sent."),
+    typer.Option("--idempotency-key", metavar="TEXT", help="Repeated requests with the same key make one job."),
 ]
 WebhookOption = Annotated[
-    str | None, typer.Option("--webhook", metavar="URL", help="An https address that the farm calls at the job's end, if it may.")
+    str | None,
+    typer.Option("--webhook", metavar="URL", help="https address that the farm calls when the job ends; not for a folder."),
 ]
-RobotsOption = Annotated[int, typer.Option("--robots", min=1, max=64, help="How many simulated robots.")]
+RobotsOption = Annotated[int, typer.Option("--robots", min=1, max=64, help="Number of simulated robots.")]

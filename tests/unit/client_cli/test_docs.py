@@ -1,12 +1,10 @@
-"""docs/cli.md says what the commands really take, print and exit with."""
+"""docs/cli says what the commands really take, print and exit with."""
 
 import re
+import runpy
 from pathlib import Path
 
 import pytest
-import typer
-from typer.core import TyperGroup
-from typer.main import get_command
 
 from api_schemas.canary import Canary
 from api_schemas.comparison import Comparison
@@ -23,12 +21,13 @@ from chaos.promises import Evidence, check
 from client_cli.commands import demo, fetch, identify, pack, top, up, verify
 from client_cli.connection.settings import Connection
 from client_cli.embedded.farm import EmbeddedFarm
-from client_cli.main import app
+from client_cli.main import GROUPS
 from client_cli.packing.packed_files import Packed
-from client_cli.terminal.exit_codes import MEANING
+from tests import ROOT
+from tests.cli_pages import PAGES, SECTIONS, names_after
 from tests.unit.client_cli.farm_server import STATUS, FarmState, job
 
-PAGE = (Path(__file__).resolve().parents[3] / "docs" / "cli.md").read_text()
+MAKER = ROOT / "docs/cli_pages.py"
 FARM = EmbeddedFarm(Connection("", None), "", Path(), 4, "nominal", Path(), ())
 SIGNATURE = Signature(key="0" * 64, job_id="", policy="", report_sha256="0" * 64, parts={}, signature="0" * 128)
 NO_EVIDENCE = Evidence((), {}, (), (), {}, {}, 0.0, 0.0)
@@ -60,45 +59,36 @@ JSON_KEYS = {
 """What the commands that are not said to print another command's document print."""
 
 
-def walk(command, path):
-    """Every command that can be called, by what a user types for it."""
-    arguments = [parameter for parameter in command.params if parameter.param_type_name == "argument"]
-    if path and (not hasattr(command, "commands") or command.invoke_without_command):
-        yield " ".join([*path, *(argument.metavar for argument in arguments)]), command
-    if isinstance(command, TyperGroup):
-        context = typer.Context(command)
-        for name in command.list_commands(context):
-            yield from walk(command.get_command(context, name), [*path, name])
+def made():
+    """What the program that writes the pages knows."""
+    return runpy.run_path(str(MAKER))
 
 
-COMMANDS = dict(walk(get_command(app), []))
-SECTIONS = {
-    title: text for title, text in re.findall(r"^### `trifarm ([^`]+)`\n(.*?)(?=^### |\Z)", PAGE, re.MULTILINE | re.DOTALL)
-}
+def test_the_pages_are_those_of_the_commands():
+    assert made()["pages"]() == PAGES, "python docs/cli_pages.py writes them anew"
 
 
-def names_after(label, section):
-    """The names in backticks of the paragraph that begins with ``label``, except those in parentheses."""
-    paragraph = re.search(rf"^{label}: (.*?)\n\n", section, re.MULTILINE | re.DOTALL)
-    return re.findall(r"`([^`]+)`", re.sub(r"\([^)]*\)", "", paragraph[1])) if paragraph else None
+def test_a_page_of_a_group_that_is_gone_is_removed(tmp_path):
+    (tmp_path / "gone.md").write_text("# Gone\n")
+    made()["write"](tmp_path)
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == PAGES
 
 
-def test_the_page_has_every_command_and_no_other():
-    assert list(SECTIONS) == sorted(COMMANDS, key=list(SECTIONS).index)
+def test_a_note_about_a_command_that_is_gone_is_an_error(tmp_path):
+    program = made()
+    notes = tmp_path / "notes.md"
+    notes.write_text(f"{program['NOTES'].read_text()}\n## gone\n\nIt was there.\n")
+    program["pages"].__globals__["NOTES"] = notes
+    with pytest.raises(ValueError, match=r"notes\.md tells of gone"):
+        program["pages"]()
 
 
-@pytest.mark.parametrize("title", COMMANDS)
-def test_flags_are_those_of_the_command(title):
-    documented = re.findall(r"^\| `(--[a-z-]+)` \|", SECTIONS[title], re.MULTILINE)
-    real = [name for parameter in COMMANDS[title].params for name in parameter.opts if name.startswith("--")]
-    assert sorted(documented) == sorted(real)
-
-
-@pytest.mark.parametrize("title", COMMANDS)
-def test_exit_codes_are_those_of_the_help(title):
-    documented = re.search(r"^Exit codes: ([\d, ]+)$", SECTIONS[title], re.MULTILINE)
-    assert documented
-    assert re.findall(r"\d+", documented[1]) == re.findall(r"(\d+) [a-z]", COMMANDS[title].epilog)
+def test_links_within_the_pages_lead_to_a_heading():
+    program = made()
+    for name, page in PAGES.items():
+        for target, anchor in re.findall(r"\]\(((?:[\w-]+\.md)?)#([\w-]+)\)", page):
+            headings = re.findall(r"^#+ (.+)$", PAGES[target or name], re.MULTILINE)
+            assert anchor in {program["_anchor"](heading) for heading in headings}, f"{name}: {target}#{anchor}"
 
 
 @pytest.mark.parametrize("title", JSON_KEYS)
@@ -114,18 +104,14 @@ def test_keys_of_an_identifications_report_are_those_of_its_schema():
     assert names_after("Keys of an identification", SECTIONS["report ID"]) == list(IdentificationReport.model_fields)
 
 
-@pytest.mark.parametrize("title", COMMANDS)
-def test_every_command_that_prints_has_json(title):
-    assert "--json" in [name for parameter in COMMANDS[title].params for name in parameter.opts]
-
-
-def test_the_table_of_exit_codes_is_complete():
-    rows = re.findall(r"^\| (\d+) \| (.+) \|$", PAGE, re.MULTILINE)
-    assert rows == [(str(int(code)), text) for code, text in MEANING.items()]
+@pytest.mark.parametrize("name", [name for group in GROUPS.values() for name in group])
+def test_every_command_that_prints_has_json(name):
+    for _, command in made()["commands"](name):
+        assert "--json" in [option for parameter in command.params for option in parameter.opts]
 
 
 def test_the_recipes_that_are_named_are_those_that_are_shipped():
-    recipes = Path(__file__).resolve().parents[3] / "sim_backend" / "training" / "recipes"
-    named = re.search(r"name of a shipped recipe: (.*?)\. Needs", SECTIONS["train RECIPE"], re.DOTALL)
+    recipes = ROOT / "sim_backend" / "training" / "recipes"
+    named = re.search(r"Shipped recipes are (.*?);", SECTIONS["train RECIPE"], re.DOTALL)
     assert named
     assert re.findall(r"`([^`]+)`", named[1]) == sorted(path.stem for path in recipes.glob("*.toml"))

@@ -1,7 +1,6 @@
 """Pages and figures are made of results alone: the committed ones are what their JSON gives; nothing is claimed without."""
 
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from experiments.page import experiment_page, overview
 from experiments.run import document, write
 from experiments.store import Key, Store
 from tests import ROOT
+from tests.cli_pages import SECTIONS, names_after
 from tests.unit.experiments.small import SMALL, complete, rows, store_of
 
 CLAIMING = replace(SMALL, claims=(Claim("better by far", "a paper", "83 %", ("other against first", "other")),))
@@ -41,9 +41,8 @@ def test_the_committed_overview_is_what_the_committed_results_give():
 
 
 def test_the_documented_keys_are_those_of_the_document(tmp_path):
-    section = (PAGES.parent / "cli.md").read_text().partition("### `trifarm experiment NAME`")[2]
-    documented = re.findall(r"^JSON keys: (.*?)\n\n", section, re.MULTILINE | re.DOTALL)
-    assert re.findall(r"`([^`]+)`", documented[0]) == [*document(findings(SMALL, store_of(tmp_path))), "folder"]
+    section = SECTIONS["experiment NAME"]
+    assert names_after("JSON keys", section) == [*document(findings(SMALL, store_of(tmp_path))), "folder"]
     assert [name for name in CATALOGUE if f"`{name}`" not in section] == []
 
 

@@ -1,14 +1,12 @@
 """What robots would be told is refused before anything starts, in one sentence."""
 
 import re
-from pathlib import Path
 
 import pytest
 
 from robot_farm.checking import main
 from robot_farm.faults import FORM, KINDS
-
-CLI = Path(__file__).resolve().parents[3] / "docs" / "cli.md"
+from tests.cli_pages import SECTIONS
 
 
 @pytest.mark.parametrize(
@@ -39,6 +37,6 @@ def test_what_can_be_is_not(capsys):
 
 
 def test_the_page_names_the_form_and_every_kind():
-    section = CLI.read_text().split("#### Faults")[1].split("\n### ")[0]
+    section = SECTIONS["up"].split("### Faults")[1]
     assert FORM in section
     assert re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE) == list(KINDS)

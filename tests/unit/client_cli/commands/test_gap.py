@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -13,6 +12,7 @@ import pytest
 
 from client_cli.main import run
 from tests import ROOT
+from tests.cli_pages import SECTIONS, names_after
 
 MODULE = "sim_backend.reality_gap"
 STUBBORN = """
@@ -185,13 +185,6 @@ def _goes(pid, patience_s=5.0):
         time.sleep(0.02)
 
 
-def keys_on_the_page(command):
-    section = (ROOT / "docs" / "cli.md").read_text().split(f"### `trifarm {command}`")[1].split("###")[0]
-    paragraph = re.search(r"^JSON keys: (.*?)\n\n", section, re.MULTILINE | re.DOTALL)
-    assert paragraph
-    return re.findall(r"`([^`]+)`", re.sub(r"\([^)]*\)", "", paragraph[1]))
-
-
 def test_documented_keys_are_those_of_the_reality_gap():
     from sim_backend.reality_gap.blind_test.joints import summary
     from sim_backend.reality_gap.excite.advice import first_advice
@@ -199,9 +192,9 @@ def test_documented_keys_are_those_of_the_reality_gap():
     from sim_backend.reality_gap.verdict import Verdict, VerdictKind
 
     verdict = Verdict(VerdictKind.NOTHING_WRONG, "").document()
-    assert keys_on_the_page("gap study STUDY.toml|LOGDIR") == [*verdict, "files"]
-    assert keys_on_the_page("gap blind-test") == list(summary([]))
-    assert keys_on_the_page("gap excite STUDY_OR_REPORT") == list(document(None, first_advice(), "any", None))
+    assert names_after("JSON keys", SECTIONS["gap study STUDY.toml|LOGDIR"]) == [*verdict, "files"]
+    assert names_after("JSON keys", SECTIONS["gap blind-test"]) == list(summary([]))
+    assert names_after("JSON keys", SECTIONS["gap excite STUDY_OR_REPORT"]) == list(document(None, first_advice(), "any", None))
 
 
 def test_the_real_reality_gap_answers(home, capfd):

@@ -2,13 +2,11 @@
 
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,6 +22,7 @@ from sim_backend.training.progress import Watch  # noqa: E402
 from sim_backend.training.recipe import Recipe  # noqa: E402
 from sim_backend.training.train import Run  # noqa: E402
 from sim_backend.trifinger.constants import CUBE_RADIUS_M  # noqa: E402
+from tests.cli_pages import SECTIONS, names_after  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("default")  # torch's own
 TINY = """
@@ -119,8 +118,7 @@ def test_a_stopped_run_goes_on(tmp_path, capsys):
     assert second["returns"][2] > first["returns"][2]
     weights = [state["policy"]["action_net.weight"] for state in (first, second)]
     assert (weights[0] != weights[1]).any()
-    page = (Path(__file__).parents[4] / "docs" / "cli.md").read_text().split("### `trifarm train RECIPE`")[1]
-    assert re.findall("`([^`]+)`", re.search(r"^JSON keys: (.*)$", page, re.MULTILINE)[1]) == list(document(record, folder))
+    assert names_after("JSON keys", SECTIONS["train RECIPE"]) == list(document(record, folder))
 
 
 def test_a_run_is_not_gone_on_with_by_another_recipe(tmp_path, capsys):
