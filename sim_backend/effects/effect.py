@@ -76,8 +76,9 @@ class Effect:
 
     An effect is absent when its first parameters have their absent values; ``shape_parameters`` (a time constant, a phase)
     only say how it looks when it is there. ``apply`` is the function that applies it: for ``Acts.MODEL`` it takes the MjSpec
-    and one robot's values by parameter name, for ``Acts.CONTROL`` it is a compiled function of scalars that the control
-    callback calls for each joint, for ``Acts.TRACKER`` a function over n robots that the tracker calls.
+    and one robot's values by parameter name, for ``Acts.CONTROL`` it is a compiled function that the control callback
+    calls by name (``sim_backend.driver.control_step``), most of them for each joint, for ``Acts.TRACKER`` a function over n
+    robots that the tracker calls.
     """
 
     name: str

@@ -41,6 +41,9 @@ def robot_mjcf(
         physics: effects of one robot (n = 1).
         shape: the object in the arena.
         physics_step_s: integration step, s; delays hold for this one.
+
+    Raises:
+        ValueError: an effect of the catalogue has neither a law nor a reason.
     """
     spec, missing = robot_spec(physics, shape=shape, physics_step_s=physics_step_s), []
     for name, effect in _in_order(name for name in CATALOGUE if physics.has(name)):
@@ -48,6 +51,8 @@ def robot_mjcf(
             continue
         values = {p.name: physics.value(effect.key(p))[0] for p in effect.all_parameters}
         why, absent = laws.reason(name), effect.parameters[0].absent
+        if why is None and name not in _LAWS:
+            raise ValueError(f"effect {name} has neither a law here nor a reason in native_laws.REASONS")
         if why is None:
             first = np.broadcast_to(values[effect.parameters[0].name], 9)
             own = [{key: float(np.broadcast_to(value, 9)[j]) for key, value in values.items()} for j in range(9)]
