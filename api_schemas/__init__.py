@@ -1,4 +1,4 @@
-"""What the three programs of trifarm say to each other: HTTP bodies, bus messages, log channels, policy frames.
+"""Messages between the three programs: HTTP bodies, bus messages, frames to a policy process.
 
 This package imports none of the others; every other package may import it.
 """

@@ -1,1 +1,1 @@
-"""The simulated TriFinger: what the robot is, how one speaks to it, what is asked of it, and how it learns."""
+"""The simulated TriFinger: robot, effects, driver, tasks, learning and the reality gap."""

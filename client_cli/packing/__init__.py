@@ -1,1 +1,1 @@
-"""From what training libraries write to what the farm takes; runs on the user's own machine, because reading it runs its code."""
+"""Converts checkpoints of training libraries into policies, on the user's own machine, since reading one runs its code."""

@@ -1,1 +1,1 @@
-"""What commands share at the terminal: options, output, errors, exit codes, child programs."""
+"""Shared by commands at the terminal: options, output, errors, exit codes, child programs."""

@@ -1,1 +1,1 @@
-"""What people see of a job: progress while it runs, figures and print afterwards."""
+"""Views of a job for people: progress while it runs, figures and print afterwards."""

@@ -1,1 +1,1 @@
-"""What a robot says to the farm: API, bus, lease, and what it does in an outage."""
+"""A robot's side of API, bus and lease, outages included."""

@@ -1,1 +1,1 @@
-"""How one speaks to a robot: commands in, measured states and tracked poses out, safety in between."""
+"""The driver of a robot: commands in, measured states and tracked poses out, safety in between."""

@@ -1,4 +1,4 @@
-"""What is asked of a robot: goals, start poses and how well they were reached. ``TASKS`` is all that a robot can do."""
+"""The tasks of a robot: goals, start poses and scores. ``TASKS`` is all that a robot can do."""
 
 from sim_backend.tasks.move_cube import FLOOR_POSE, LIFT, MOVE_CUBE_LEVELS, PUSH
 from sim_backend.tasks.reach import REACH

@@ -1,1 +1,1 @@
-"""What the robot is: cited numbers, the compiled scene and its kinematics."""
+"""The nominal robot: cited numbers, the compiled scene and its kinematics."""

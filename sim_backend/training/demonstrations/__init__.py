@@ -1,1 +1,1 @@
-"""Learning from what others did: recording, cloning, DAgger, a demonstration term for PPO, and residuals."""
+"""Learning from demonstrations: recording, cloning, DAgger, a demonstration term for PPO, and residuals."""
