@@ -1,4 +1,4 @@
 """Messages between the three programs: HTTP bodies, bus messages, frames to a policy process.
 
-This package imports none of the others; every other package may import it.
+It imports no package but ``jail``; every other package may import it.
 """
