@@ -8,7 +8,8 @@ import hashlib
 import json
 import math
 from base64 import b64encode
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from html import escape
 from typing import Any
 
@@ -18,8 +19,8 @@ from api_schemas.tolerance import ANGLE_TOLERANCE_RAD, POSITION_TOLERANCE_M
 from api_schemas.trial import Fault, OutcomeKind
 from report_views import error_axis
 
-MAKER = "trifarm report page 1"
-"""Pages of another maker show the same data in another way."""
+MAKER = "trifarm report page 2"
+"""The maker of new pages. Pages of an earlier one stay signed, so that they are drawn again in its own words."""
 DATA_ID = "trifarm-signed-report"
 STYLE = """
 :root{color-scheme:light dark;--ink:light-dark(#17201c,#e8eeea);--soft:light-dark(#55615b,#a3b0a9);
@@ -46,23 +47,60 @@ def style_source() -> str:
     return f"'sha256-{b64encode(hashlib.sha256(STYLE.encode()).digest()).decode()}'"
 
 
-def render_page(report: Report, signature: Signature) -> str:
-    """The whole page; whatever a user named is escaped."""
-    return "\n".join(_lines(report, signature)) + "\n"
+@dataclass(frozen=True)
+class _Words:
+    """The sentences that differ from one maker to the next."""
+
+    errors: Callable[[Report], str]
+    attempts: str
+    intervals: str
 
 
-def _lines(report: Report, signature: Signature) -> Iterator[str]:
+def _errors_of_policy_and_platform(report: Report) -> str:
+    policy = f"{report.policy_faults} policy error{'' if report.policy_faults == 1 else 's'} (counted as failures)"
+    platform = f"{report.platform_faults} platform error{'' if report.platform_faults == 1 else 's'} (retried, not counted)"
+    return f"{policy} · {platform}"
+
+
+MAKERS: dict[str, _Words] = {
+    "trifarm report page 1": _Words(
+        lambda report: (
+            f"{report.policy_faults} ended by the policy's fault (counted as failures) · "
+            f"{report.platform_faults} attempts by the platform's (not counted)"
+        ),
+        "Attempts that failed by the platform's fault",
+        "Wilson's score interval; every accepted trial counts, platform faults were tried again",
+    ),
+    MAKER: _Words(
+        _errors_of_policy_and_platform,
+        "Platform errors",
+        "Wilson's score interval; every accepted trial counts, attempts with a platform error were retried",
+    ),
+}
+
+
+def render_page(report: Report, signature: Signature, maker: str = MAKER) -> str:
+    """The whole page; whatever a user named is escaped.
+
+    Raises:
+        KeyError: there is no such maker.
+    """
+    return "\n".join(_lines(report, signature, maker)) + "\n"
+
+
+def _lines(report: Report, signature: Signature, maker: str) -> Iterator[str]:
+    words = MAKERS[maker]
     yield "<!doctype html>"
     yield '<html lang="en"><head><meta charset="utf-8">'
     yield f'<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; style-src {style_source()}">'
-    yield f'<meta name="generator" content="{MAKER}"><meta name="viewport" content="width=device-width, initial-scale=1">'
+    yield f'<meta name="generator" content="{maker}"><meta name="viewport" content="width=device-width, initial-scale=1">'
     yield f"<title>{_text(report.policy_name)}: {report.task} · report of job {_text(report.job_id)}</title>"
     yield f"<style>{STYLE}</style></head><body><main>"
-    yield from _section("result", _result(report))
+    yield from _section("result", _result(report, words))
     yield from _section("robots", _robots(report))
     yield from _section("errors", _errors(report))
-    yield from _section("trials", _trials(report))
-    yield from _section("methods", _methods(report))
+    yield from _section("trials", _trials(report, words))
+    yield from _section("methods", _methods(report, words))
     yield from _section("signature", _signature(report, signature))
     yield "</main>"
     data = {"report": report.model_dump(mode="json"), "signature": signature.model_dump(mode="json")}
@@ -82,7 +120,7 @@ def _embedded(data: dict[str, Any]) -> str:
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-def _result(report: Report) -> Iterator[str]:
+def _result(report: Report, words: _Words) -> Iterator[str]:
     low, high = report.interval_80
     yield f"<h1>{_text(report.policy_name)}</h1>"
     what = f"{report.trials} trials of {report.task}{_object(report)}"
@@ -95,8 +133,7 @@ def _result(report: Report) -> Iterator[str]:
     )
     yield _bar(report.success_rate, report.interval_80, 'viewBox="0 0 100 6" preserveAspectRatio="none" height="18"', 6)
     ever = f"Reached at any time in {report.success_ever}"
-    faults = f"{report.policy_faults} ended by the policy's fault (counted as failures)"
-    yield f'<p class="soft">{ever} · {faults} · {report.platform_faults} attempts by the platform\'s (not counted)</p>'
+    yield f'<p class="soft">{ever} · {words.errors(report)}</p>'
 
 
 def _object(report: Report) -> str:
@@ -156,13 +193,13 @@ def _error_x(error_mm: float) -> float:
     return 24 + 752 * error_axis.along(error_mm)
 
 
-def _trials(report: Report) -> Iterator[str]:
+def _trials(report: Report, words: _Words) -> Iterator[str]:
     yield '<h2>Trials</h2><div class="wrap"><table><tr><th class="n">trial</th><th>robot</th><th>outcome</th>'
     yield '<th class="n">error mm</th><th class="n">angle °</th><th class="n">tries</th><th>why</th></tr>'
     yield from (_trial(row) for row in report.per_trial)
     yield "</table></div>"
     if report.platform_fault_attempts:
-        yield "<h2>Attempts that failed by the platform's fault</h2><ul>"
+        yield f"<h2>{words.attempts}</h2><ul>"
         for fault in report.platform_fault_attempts:
             yield f"<li>trial {fault.trial}, attempt {fault.attempt} on {_text(fault.robot)}: {_text(fault.reason)}</li>"
         yield "</ul>"
@@ -181,12 +218,12 @@ def _trial(row: TrialRow) -> str:
     return f'<tr><td class="n">{row.trial}</td>{ended}{numbers}<td>{why}</td></tr>'
 
 
-def _methods(report: Report) -> Iterator[str]:
+def _methods(report: Report, words: _Words) -> Iterator[str]:
     turned = any(row.outcome.measures and row.outcome.measures.final_angle_error_rad is not None for row in report.per_trial)
     angle = f" and {math.degrees(ANGLE_TOLERANCE_RAD):.0f}° of its orientation" if turned else ""
     yield "<h2>Methods</h2><dl>"
     yield from _row("success", f"at the trial's end within {1e3 * POSITION_TOLERANCE_M:.0f} mm of the goal{angle}")
-    yield from _row("intervals", "Wilson's score interval; every accepted trial counts, platform faults were tried again")
+    yield from _row("intervals", words.intervals)
     yield from _row("robots", f"{len(report.per_robot)}, drawn for each trial by the job's seed")
     yield from _row("seed", str(report.seed))
     yield from _row("policy", f"<code>{_text(report.policy)}</code> (SHA-256)")

@@ -22,7 +22,7 @@ from client_cli.terminal.errors import UsageProblem
 from client_cli.terminal.exit_codes import ExitCode
 from client_cli.terminal.options import JsonOption
 from client_cli.terminal.output import counted, print_document, print_line
-from report_views.page import DATA_ID, MAKER, render_page
+from report_views.page import DATA_ID, MAKERS, render_page
 
 THE_SIGNATURE = "the signature itself"
 MOST_NAMED = 3
@@ -147,12 +147,13 @@ def _is_signed(signature: Signature) -> bool:
 
 
 def _shown_otherwise(page: str, report: dict[str, Any], signature: Signature) -> Iterator[str]:
-    """The sections of the page that do not show what the data say; a page of another maker is judged by its data alone."""
-    if f'content="{MAKER}"' not in page:
-        yield f"the page's maker, which is not '{MAKER}'"
+    """The sections of the page that do not show what the data say; a page of an unknown maker is judged by its data alone."""
+    maker = next((maker for maker in MAKERS if f'<meta name="generator" content="{maker}">' in page), None)
+    if maker is None:
+        yield f"the page's maker, which is none of {', '.join(MAKERS)}"
         return
     try:
-        true_page = render_page(Report.model_validate(report), signature)
+        true_page = render_page(Report.model_validate(report), signature, maker)
     except ValidationError:
         return  # changed_parts has named it
     if page == true_page:

@@ -10,7 +10,7 @@ from client_cli.commands.verify import check
 from client_cli.connection.farm_keys import KEYS_FILE, keep_key, known_keys
 from client_cli.terminal.errors import ClientError, UsageProblem
 from client_cli.terminal.exit_codes import ExitCode
-from report_views.page import render_page
+from report_views.page import MAKER, MAKERS, render_page
 from report_views.text import render
 from services.jobs.reports import sign
 from services.signing import KEY_FILE, FarmKey
@@ -52,7 +52,7 @@ def test_an_unknown_key_is_called_unverified(page):
         ('<p class="number">90 %</p>', '<p class="number">100 %</p>', "what the page shows under 'result'"),
         ("<dt>intervals</dt>", "<dt>guesses</dt>", "what the page shows under 'methods'"),
         ("</main>", "<p>winner of all</p></main>", "what the page holds besides its sections"),
-        ("trifarm report page 1", "trifarm report page 9", "the page's maker"),
+        (MAKER, "trifarm report page 9", "the page's maker"),
     ],
 )
 def test_the_changed_part_is_named(page, key, old, new, named):
@@ -109,6 +109,16 @@ def test_an_absent_folder_of_logs_is_wrong_usage(trifarm, page, tmp_path):
 def test_what_is_no_report_is_refused():
     with pytest.raises(UsageProblem, match="no signed report"):
         check("<html></html>", frozenset())
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+def test_a_page_of_every_maker_is_verified_and_its_forgery_is_found(maker, key):
+    body = report(*(trial(number) for number in range(3)))
+    page = render_page(body, sign(body.model_dump(mode="json"), key), maker)
+    assert not check(page, known(key)).changed
+    forged = page.replace("counted as failures", "not counted")
+    assert forged != page
+    assert check(forged, known(key)).changed
 
 
 def test_names_are_only_text_in_the_page(page):
