@@ -10,7 +10,7 @@ import httpx
 import pytest
 
 from services.api.bodies import MAX_BODY_BYTES
-from services.api.cursor import encode
+from services.api.paging import encode
 from tests.integration.farm_process import services, small_policy
 
 STALL_S = 1.0
