@@ -1,1 +1,1 @@
-"""The program that breaks a farm of its own on purpose and checks that the farm kept its promises; nobody imports it."""
+"""Fault injection: starts a farm of its own, injects faults and checks the farm's promises. No other package imports it."""

@@ -1,1 +1,1 @@
-"""The command line of trifarm: a stranger to services and robots, with HTTP between them."""
+"""The command line of trifarm, which speaks HTTP with services and imports neither them nor robots."""

@@ -1,1 +1,1 @@
-"""Experiments of papers, tried on our robots: trains or loads, submits to a farm of its own, judges; ``trifarm experiment``."""
+"""Experiments that repeat claims of papers: training, trials on a farm of their own, verdicts; see ``trifarm experiment``."""

@@ -1,1 +1,1 @@
-"""Reports as text and as a page, the same wherever one is shown."""
+"""Reports as text and as HTML, shared by command line and dashboard."""

@@ -1,1 +1,1 @@
-"""The services of the farm: API, dispatcher, database and files, in one process. Never loads physics or learning."""
+"""The services of the farm: API, dispatcher, database and files, in one or more processes. None loads physics or learning."""

@@ -1,1 +1,1 @@
-"""The faults: each does its harm, brings the farm back to what it was, and says what it saw of it."""
+"""The faults: each injects a failure, undoes it and reports whether the failure was seen."""

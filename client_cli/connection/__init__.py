@@ -1,1 +1,1 @@
-"""How the client reaches a farm: address and token, requests, downloads, patience."""
+"""The client's connection to a farm: address and token, requests, downloads, retries."""

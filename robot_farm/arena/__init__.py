@@ -1,1 +1,1 @@
-"""Between trials: the arena is cleared, motors cool, the robot tests itself."""
+"""The arena between trials: clearing it, cooling motors, self-tests."""

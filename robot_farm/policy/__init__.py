@@ -1,1 +1,1 @@
-"""A policy in a jailed process of its own, and the built-in ones."""
+"""Policies that robots run: uploaded ones in a jailed process, and built-in ones."""

@@ -1,1 +1,1 @@
-"""The farm in a browser: pages made by the server over the same functions that the API's routes call."""
+"""The farm in a browser: pages rendered on the server, with the same functions as the API's routes."""

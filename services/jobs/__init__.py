@@ -1,1 +1,1 @@
-"""Jobs, trials, leases and reports: every move of their states is in this package."""
+"""Jobs, trials, leases and reports, with every transition of their states."""

@@ -1,1 +1,1 @@
-"""The database's forms, one file per revision."""
+"""Migrations of the database's schema, one file per revision."""

@@ -1,1 +1,1 @@
-"""Housekeeping: old logs go, a farm's folder is copied, brought back and looked through."""
+"""Housekeeping: retention of logs, backup, restore and checks of a farm's folder."""

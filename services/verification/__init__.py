@@ -1,1 +1,1 @@
-"""Simulates a trial's log again beside its truth, in a child process that alone loads physics."""
+"""Verification of logs: a child process simulates a trial again and compares it with its truth."""

@@ -1,1 +1,1 @@
-"""Webhooks: addresses of users that the farm calls when their jobs end, and never an address of its own network."""
+"""Webhooks: the farm calls users' addresses when their jobs end, but never an address of its own network."""

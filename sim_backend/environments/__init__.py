@@ -1,1 +1,1 @@
-"""Robots that practise a task: one for Gymnasium, many at once for training."""
+"""Environments for training: one robot for Gymnasium, many at once for stable-baselines3."""

@@ -1,1 +1,1 @@
-"""Commands that move a robot so that its physics shows."""
+"""Excitations: motions that make a robot's physics identifiable."""

@@ -1,1 +1,1 @@
-"""Policies that need no weights: they grasp the cube with three fingers, carry it and turn it."""
+"""Built-in policies without weights: they grasp the cube with three fingers, carry it and turn it."""

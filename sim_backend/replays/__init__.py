@@ -1,1 +1,1 @@
-"""Logs simulated again: by the log itself, by the original policy, by the truth of the robot."""
+"""Replays of logs: from the log itself, with the original policy, with the truth of the robot."""

@@ -1,1 +1,1 @@
-"""How policies are trained here, and the reference policies that the project ships."""
+"""Training of policies, and the reference policies that the project ships."""

@@ -1,1 +1,1 @@
-"""Blind tests: effects hidden in simulated robots, found or not by a tool whose thresholds were frozen before."""
+"""Blind tests of the reality gap: effects hidden in simulated robots, thresholds frozen before."""

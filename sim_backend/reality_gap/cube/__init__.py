@@ -1,1 +1,1 @@
-"""Which cause of the cube or its tracker is at work in logs of pushes and rest."""
+"""Identification of causes at the cube and its tracker from logs of pushes and rest."""

@@ -1,1 +1,1 @@
-"""What to record next."""
+"""Design of the next recording: the motions that separate the remaining causes."""

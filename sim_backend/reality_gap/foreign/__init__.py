@@ -1,1 +1,1 @@
-"""Anyone's measured data, read as a study.toml says."""
+"""Measured data of other robots, read as their study.toml describes."""

@@ -1,1 +1,1 @@
-"""Which causes are at work in joints: equations a healthy robot fulfils, what each effect adds, fit and verdict."""
+"""Identification of causes at joints: equations of a healthy robot, terms of each effect, fit and verdict."""

@@ -1,1 +1,1 @@
-"""What an extended model bought in success: rates of a policy predicted by both models and measured."""
+"""The extended model's gain in success: a policy's rates predicted by both models, compared with measured ones."""

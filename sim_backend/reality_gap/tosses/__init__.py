@@ -1,1 +1,1 @@
-"""What tosses of an object say about friction, contacts, size, gravity and the measurement's scale."""
+"""Identification from tosses of an object: friction, contacts, size, gravity and the measurement's scale."""
