@@ -42,7 +42,9 @@ def _section(name: str) -> str:
     if inspect.isclass(found):
         for method, function in _public_methods(found):
             lines += ["", f"### {name}.{method}", "", *_prose(function)]
-            lines += ["", "```python", *_signature(f"{name}.{method}", function), "```"]
+            is_property = isinstance(inspect.getattr_static(found, method), property)
+            written = [f"trifarm.{name}.{method}"] if is_property else _signature(f"{name}.{method}", function)
+            lines += ["", "```python", *written, "```"]
             for example in _examples(function):
                 lines += ["", "```pycon", *example, "```"]
     return "\n".join(lines) + "\n"
@@ -60,11 +62,15 @@ def _signature(name: str, found: object) -> list[str]:
     try:
         signature = inspect.signature(found)  # pyright: ignore[reportArgumentType]
     except ValueError:
-        return [name]
+        return [f"trifarm.{name}"]
     given = [each for each in signature.parameters.values() if each.name != "self"]
     if isinstance(found, type) and issubclass(found, Exception):
         return [f"trifarm.{name}"]
-    names = ", ".join(each.name if each.default is each.empty else f"{each.name}={_default(each.default)}" for each in given)
+    written = [each.name if each.default is each.empty else f"{each.name}={_default(each.default)}" for each in given]
+    first = next((at for at, each in enumerate(given) if each.kind is each.KEYWORD_ONLY), None)
+    if first is not None:
+        written.insert(first, "*")
+    names = ", ".join(written)
     if len(names) < LONG:
         return [f"trifarm.{name}({names})"]
     return [f"trifarm.{name}(", *(f"    {each}," for each in names.split(", ")), ")"]

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from sim_backend.environments.gym_env import TrifingerEnv
     from sim_backend.environments.practice import practice_of
     from sim_backend.environments.vec_env import TrifingerVecEnv
+    from sim_backend.reality_gap.recording import RecordingError
     from sim_backend.reality_gap.study import StudyResult
+    from trial_logs.reader import LogUnreadableError
     from trifarm.farm import Farm, FarmJob, FarmTrial
     from trifarm.gap import study
     from trifarm.log import Log, read_log
@@ -28,9 +30,11 @@ __all__ = [
     "FarmJob",
     "FarmTrial",
     "Log",
+    "LogUnreadableError",
     "Packed",
     "Physics",
     "PolicyCheck",
+    "RecordingError",
     "Report",
     "StudyResult",
     "TrifingerEnv",
@@ -49,9 +53,11 @@ _HOMES = {
     "FarmJob": "trifarm.farm",
     "FarmTrial": "trifarm.farm",
     "Log": "trifarm.log",
+    "LogUnreadableError": "trial_logs.reader",
     "Packed": "trifarm.policies",
     "Physics": "sim_backend.effects.physics",
     "PolicyCheck": "api_schemas.policy",
+    "RecordingError": "sim_backend.reality_gap.recording",
     "Report": "api_schemas.report",
     "StudyResult": "sim_backend.reality_gap.study",
     "TrifingerEnv": "sim_backend.environments.gym_env",

@@ -65,6 +65,12 @@ def plain(state: State, architecture: str | None, manifest: PolicyManifest, norm
         UsageProblem: either is missing, or is not in the file.
     """
     tensors = arrays(state) | {name: each for name, each in state.items() if isinstance(each, np.ndarray)}
+    inside = [str(name) for name, value in state.items() if isinstance(value, Mapping) and arrays(value)]
+    if inside and not parts_of(tensors):
+        raise UsageProblem(
+            f"the file holds {', '.join(map(str, state))}; {inside[0]!r} looks like the state_dict: save that part alone, "
+            f"torch.save(checkpoint[{inside[0]!r}], 'weights.pt')"
+        )
     if architecture is None:
         raise UsageProblem(
             "a plain state_dict does not say how its modules are applied: name the actor's in order with --architecture, "

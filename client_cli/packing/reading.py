@@ -16,6 +16,10 @@ from client_cli.terminal.errors import UsageProblem
 FORMATS = ("auto", "sb3", "rl-games", "rsl-rl", "skrl", "state-dict", "torchscript", "torch-export")
 PLAIN = "state-dict"
 PICKLES = (".pkl", ".pickle")
+NO_LAST_ACTIVATION = (
+    "a state_dict shows no activation behind the last layer, and none is taken: if your network ends in Tanh, write "
+    '"squash": "tanh" into output_scaling. The comparison is with the network rebuilt from these tensors, not with your program'
+)
 
 
 @dataclass(frozen=True)
@@ -103,6 +107,8 @@ def _checkpoint(path: Path, form: str, stated: Statement) -> Packing:
         "torch, which cannot show that it was another"
     )
     notes = () if stated.activation else (note,)
+    if library == PLAIN and manifest.output_scaling.squash is None:
+        notes = (*notes, NO_LAST_ACTIVATION)
     return Packing(recipe.source, weights, ".safetensors", manifest, original, recipe.normaliser, notes)
 
 
@@ -116,7 +122,10 @@ def _loaded(path: Path) -> Mapping[str, Any]:
         try:
             content = torch.load(path, map_location="cpu", weights_only=False)
         except Exception as error:
-            raise UsageProblem(f"torch cannot read {path.name}: {str(error)[:300]}") from error
+            hint = "; a whole module of a class of your own: save its state_dict, or a torch.export program"
+            raise UsageProblem(
+                f"torch cannot read {path.name}: {str(error)[:300]}{hint if isinstance(error, AttributeError) else ''}"
+            ) from error
     if not isinstance(content, Mapping):
         raise UsageProblem(f"{path.name} holds a {type(content).__name__}; save its state_dict, or torch.jit.script of it")
     return content

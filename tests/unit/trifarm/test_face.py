@@ -15,7 +15,7 @@ from tests import ROOT
 HEAVY = ("torch", "mujoco", "onnxruntime", "numpy", "pydantic", "httpx", "gymnasium")
 WITHIN_S = 0.3
 BEST_OF = 5
-DATA_ONLY = {"ClientError", "Packed", "PolicyCheck", "Report", "StudyResult"}
+DATA_ONLY = {"ClientError", "LogUnreadableError", "Packed", "RecordingError", "PolicyCheck", "Report", "StudyResult"}
 """What is only ever received: the examples of what gives it show it."""
 
 
