@@ -56,7 +56,9 @@ def demo(
     layout: LayoutOption = None,
     task: TaskOption = TaskName.PUSH,
     trials: Annotated[int, typer.Option("--trials", min=1, max=MAX_TRIALS, help="Number of trials, one goal each.")] = 40,
-    seed: Annotated[int, typer.Option("--seed", min=0, max=MAX_SEED, help="Seed of goals and robots.")] = 1,
+    seed: Annotated[
+        int, typer.Option("--seed", min=0, max=MAX_SEED, help="Seed of goals and of each trial's order of robots.")
+    ] = 1,
     robots: RobotsOption = 4,
     physics: PhysicsOption = DEFAULT_PHYSICS,
     farm_seed: FarmSeedOption = None,

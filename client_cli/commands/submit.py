@@ -53,7 +53,12 @@ def submit(
     trials: Annotated[int, typer.Option("--trials", min=1, max=MAX_TRIALS, help="Number of trials, one goal each.")] = 40,
     seed: Annotated[
         int | None,
-        typer.Option("--seed", min=0, max=MAX_SEED, help="Seed of goals and robots; by default the server draws it."),
+        typer.Option(
+            "--seed",
+            min=0,
+            max=MAX_SEED,
+            help="Seed of goals and of each trial's order of robots; by default the server draws it.",
+        ),
     ] = None,
     thing: ObjectOption = ObjectName.CUBE,
     scale: ObjectScaleOption = 1.0,

@@ -89,7 +89,7 @@ def welcome(farm: EmbeddedFarm) -> str:
         f"  data       {farm.data}",
         f"  logs       {farm.data / 'logs'}",
         "In another terminal:",
-        "  trifarm submit FILE --layout rrc2022-push --task push --wait",
+        "  trifarm submit FILE --task push --wait     (FILE with its manifest FILE.json, or --manifest, or --layout)",
         "  trifarm robots",
         "  trifarm status",
         "Ctrl-C stops everything.",

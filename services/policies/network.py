@@ -67,6 +67,8 @@ def _check_names(tensors: Mapping[str, Array], manifest: PolicyManifest) -> None
         return
     memory = "recurrent.weight_ih_l0 … as torch names them, " if manifest.recurrent else ""
     hint = "; a file with memory needs recurrent in its manifest" if any(n.startswith("recurrent.") for n in unknown) else ""
+    if not hint and missing and any(name.endswith(".weight") for name in unknown):
+        hint = "; `trifarm pack FILE` makes such a file of a state_dict as torch names it"
     raise UnfitError(
         f"the file must hold {memory}layer0.weight, layer0.bias, layer1.weight … "
         f"and may hold {', '.join(sorted(SCALING_TENSORS))}; "
