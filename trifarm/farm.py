@@ -82,7 +82,7 @@ class Farm:
             weights: a .safetensors, .onnx or stable-baselines3 .zip file; for operators also builtin:grasp or builtin:grasp-turn.
             task: what is asked of the robots.
             trials: how many goals are tried.
-            seed: draws the goals and each trial's order of robots, so that jobs of one seed compare; the farm draws one if absent.
+            seed: draws the goals and each trial's order of robots, so that jobs of one seed compare; drawn by the farm if absent.
             layout: a ready-made manifest by its name.
             manifest: the manifest's file; without it and a layout, the one beside the weights.
             object: what lies between the fingers.
