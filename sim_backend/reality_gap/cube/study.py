@@ -14,6 +14,7 @@ from sim_backend.reality_gap.cube.replay import PushReplay, Replayed
 from sim_backend.reality_gap.cube.summary import NAMES, CubeSummary, Evidence, summary_of, summary_of_evidence
 from sim_backend.reality_gap.cube.tracker import tracker_statistics
 from sim_backend.reality_gap.cube.windows import LEAST_PUSHES, all_push_windows
+from sim_backend.reality_gap.knowledge.separation import separated_by
 from sim_backend.reality_gap.recording import Recording
 from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
 
@@ -30,19 +31,6 @@ EXPLAINED, REMAINDER_P = 0.78, 0.025
 leaves is more than so many healthy sessions have."""
 MAX_CONFUSABLE = 3
 _RESAMPLES, _SOLID = 40, 0.8
-
-_SEPARATED_BY = {
-    frozenset({"cube_mass", "table_friction"}): "fast pushes, after which the cube slides freely: that takes friction alone",
-    frozenset(
-        {"table_friction", "fingertip_friction"}
-    ): "pushes against a side far off its middle, where the tip slides along it",
-    frozenset({"cube_mass", "fingertip_friction"}): "a lift: it takes the mass alone",
-    frozenset(
-        {"cube_size", "tracking_scale"}
-    ): "a cube at rest far from the arena's centre: scale grows with distance, size does not",
-    frozenset({"cube_size", "tracking_offset"}): "pushes from opposite sides: a cube's size changes sides, an offset does not",
-    frozenset({"tracking_offset", "tracking_scale"}): "a cube at rest at opposite ends of the arena",
-}
 
 
 @dataclass(frozen=True)
@@ -192,8 +180,8 @@ def _sentence(judged: Judged) -> str:
 
 
 def _separated(best: Judged, other: Judged) -> str:
-    pair = frozenset({best.effect, other.effect})
-    return _SEPARATED_BY.get(pair, f"more sessions: {best.effect} and {other.effect} show in different numbers")
+    otherwise = f"more sessions: {best.effect} and {other.effect} show in different numbers"
+    return separated_by(best.effect, other.effect, otherwise)
 
 
 def _follows(summary: CubeSummary, calibration: Calibration) -> tuple[str, ...]:

@@ -7,7 +7,8 @@ from typing import Any
 
 from sim_backend.effects.catalogue import CATALOGUE
 from sim_backend.excitations.excitation import EXCITATIONS
-from sim_backend.reality_gap.excite.table import BY_HAND, DISTINCTIONS, FOLLOWED, SHOWN_BY, Distinction
+from sim_backend.reality_gap.excite.table import BY_HAND, FOLLOWED, SHOWN_BY
+from sim_backend.reality_gap.knowledge.separation import SEPARATIONS, Separation
 from sim_backend.reality_gap.verdict import VerdictKind
 
 FIRST = ("standard", "slide_cube")
@@ -131,18 +132,18 @@ def _missing(name: str) -> str:
 
 
 def _between(first: str, second: str) -> _Question:
-    known = DISTINCTIONS.get(frozenset((first, second)))
+    known = SEPARATIONS.get(frozenset((first, second)))
     if known is None:
         both = tuple(dict.fromkeys((*SHOWN_BY.get(first, ())[:1], *SHOWN_BY.get(second, ())[:1])))
         by = "the motion that shows the one best, and the motion that shows the other best"
-        known = Distinction(by, both, len(both))
+        known = Separation(by, both, len(both))
     text = f"tells {_words(first)} from {_words(second)}: {known.by}"
     return _Question(text, known.excitations, known.needs, (first, second, known.by))
 
 
 def _likest(effects: Sequence[str], rival: str) -> str:
     """The effect that a rival is most likely to be taken for."""
-    return next((effect for effect in effects if frozenset((effect, rival)) in DISTINCTIONS), effects[0])
+    return next((effect for effect in effects if frozenset((effect, rival)) in SEPARATIONS), effects[0])
 
 
 def _again(effect: str, recorded: Sequence[str]) -> _Question:
@@ -193,11 +194,11 @@ def _shown(name: str) -> tuple[str, ...]:
 
 def _pairs_of(name: str) -> list[tuple[str, str, str]]:
     found = []
-    for pair, distinction in DISTINCTIONS.items():
-        has = set(distinction.excitations) - {"slide_cube"} if name == "standard" else name in distinction.excitations
+    for pair, separation in SEPARATIONS.items():
+        has = set(separation.excitations) - {"slide_cube"} if name == "standard" else name in separation.excitations
         if has:
             first, second = sorted(pair)
-            found.append((first, second, distinction.by))
+            found.append((first, second, separation.by))
     return found
 
 

@@ -18,6 +18,7 @@ from sim_backend.reality_gap.joints.look import Accepted, Candidate, Look
 from sim_backend.reality_gap.joints.moves import moved
 from sim_backend.reality_gap.joints.study import JointStudy
 from sim_backend.reality_gap.joints.uncalibrated import ALMOST, reconsidered, unknown_of
+from sim_backend.reality_gap.knowledge.separation import separated_by
 from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
 
 CONFUSABLE_NATS = 5.0
@@ -34,20 +35,6 @@ FOREIGN_PATTERN_SHARE = 1.0
 """Where there are no healthy sessions: what is left must be more than what was explained."""
 _TRADED_SCALE, _TRADED = 0.2, 2
 """So many torques or masses that seem off by more than this take the place of something else."""
-SEPARATES = {
-    frozenset({"action_delay", "viscous_friction"}): "a chirp: a delay shifts the phase and leaves the size",
-    frozenset({"coulomb_friction", "stribeck_friction"}): "slow ramps through zero speed and fast sweeps",
-    frozenset({"coulomb_friction", "viscous_friction"}): "slow and fast motion over the same way",
-    frozenset({"torque_constant", "load_friction"}): "lifting against lowering: friction changes sign with the speed",
-    frozenset({"torque_constant", "link_mass"}): "a known payload, or a fall at zero torque",
-    frozenset({"encoder_offset", "table_tilt"}): "two poses far apart; a tilt moves all fingers alike",
-    frozenset({"encoder_offset", "gravity"}): "two poses far apart",
-    frozenset({"gravity", "table_tilt"}): "another orientation of the base",
-    frozenset({"joint_stiffness", "gravity"}): "a spring is linear in the position, gravity follows its sine",
-    frozenset({"rotor_inertia", "link_mass"}): "the coupling between joints, which a rotor does not have",
-    frozenset({"torque_saturation", "supply_sag"}): "one motor at a time against all together",
-    frozenset({"thermal_derating", "torque_constant"}): "the same motion cold and warm",
-}
 _SHOWN = {
     ("joint_noise", "position_rad"): "the noise of the reported position",
     ("joint_noise", "velocity_rad_s"): "the noise of the reported velocity",
@@ -232,9 +219,11 @@ def _rival(study: JointStudy, accepted: Accepted) -> tuple[Rival, list[Cause]] |
             continue  # refused for its values, or named elsewhere
         if (accepted.effect, h.effect) == ("table_tilt", "gravity"):
             continue  # the same with one number more
-        pair = frozenset({h.effect, accepted.effect})
         rival = Rival(
-            h.effect, h.where, float(taken.gain - candidate.gain), SEPARATES.get(pair, "a longer and livelier recording")
+            h.effect,
+            h.where,
+            float(taken.gain - candidate.gain),
+            separated_by(h.effect, accepted.effect, "a longer and livelier recording"),
         )
         return rival, _rival_causes(look, candidate, study)
     return None

@@ -15,8 +15,9 @@ from sim_backend.excitations.excitation import EXCITATIONS, RAISED_RAD
 from sim_backend.reality_gap.excite.advice import advice_after, first_advice
 from sim_backend.reality_gap.excite.answer import main, read_study
 from sim_backend.reality_gap.excite.course import WAY_UP_S, targets
-from sim_backend.reality_gap.excite.table import BY_HAND, DISTINCTIONS, FOLLOWED, SHOWN_BY
+from sim_backend.reality_gap.excite.table import BY_HAND, FOLLOWED, SHOWN_BY
 from sim_backend.reality_gap.joints.flexible import VARIABLES
+from sim_backend.reality_gap.knowledge.separation import SEPARATIONS
 from sim_backend.reality_gap.report.report import write_html
 from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
 from sim_backend.tasks.task import draw_start
@@ -56,8 +57,8 @@ def printed(capsys, *arguments):
 def test_every_effect_is_shown_by_an_excitation_or_by_hand():
     assert set(CATALOGUE) == set(SHOWN_BY) | set(BY_HAND)
     assert {name for shown in SHOWN_BY.values() for name in shown} <= set(EXCITATIONS)
-    assert all(pair <= set(CATALOGUE) for pair in DISTINCTIONS)
-    for distinction in DISTINCTIONS.values():
+    assert all(pair <= set(CATALOGUE) for pair in SEPARATIONS)
+    for distinction in SEPARATIONS.values():
         assert set(distinction.excitations) <= set(EXCITATIONS)
         assert 1 <= distinction.needs <= len(distinction.excitations)
 
@@ -70,11 +71,11 @@ def test_whatever_a_residual_can_follow_is_known():
         assert f"follows {variable}:" in advice.excitations[0].why
 
 
-@pytest.mark.parametrize("pair", DISTINCTIONS, ids=lambda pair: " and ".join(sorted(pair)))
+@pytest.mark.parametrize("pair", SEPARATIONS, ids=lambda pair: " and ".join(sorted(pair)))
 def test_a_confusable_pair_gets_what_separates_it(pair):
     first, second = sorted(pair)
     advice = advice_after(verdict("confusable", cause(first), cause(second)))
-    chosen, known = names(advice), DISTINCTIONS[pair]
+    chosen, known = names(advice), SEPARATIONS[pair]
     assert chosen[0] == known.excitations[0]
     assert len(set(chosen) & set(known.excitations)) == len(chosen) == known.needs
     assert advice.excitations[0].separates == ((first, second, known.by),)

@@ -1,0 +1,1 @@
+"""Programs that measure the tool itself; no study needs them."""

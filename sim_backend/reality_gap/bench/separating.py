@@ -1,0 +1,129 @@
+"""How well each excitation separates two effects of a joint: ``python -m sim_backend.reality_gap.bench.separating --out FILE``.
+
+Each effect is given alone, at ``MULTIPLE`` times its detection limit, to a robot without noise that is nominal otherwise. What it
+changes in measured positions, velocities and torques, in units of the sensors' noise, is a direction; an effect with a free shape
+(the phase of cogging) or with several numbers (gravity) spans a plane. What of the smaller change lies outside the other's plane
+is what separates the two. Effects stand at one joint of a finger, all three in turn; the median over them is kept.
+"""
+
+import argparse
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.effects.physics import Physics
+from sim_backend.reality_gap.blind_test.joints import LIMITS_FILE
+from sim_backend.reality_gap.joints.sessions import IN_THE_AIR, simulated_sessions
+
+MULTIPLE = 2.0
+SEED = 9101
+JOINTS = (0, 1, 2)
+NOISE = {"position_rad": 1e-4, "velocity_rad_s": 5e-3, "measured_torque_nm": 2e-3}
+"""Of the sensors, about as a healthy robot has it."""
+EVERY = 4  # samples
+SHAPES: Mapping[str, tuple[tuple[str, tuple[float, ...]], ...]] = {
+    "cogging": (("cogging.phase_rad", (0.0, np.pi / 2)),),
+    "joint_stiffness": (("joint_stiffness.reference_rad", (-1.0, 1.0)),),
+    "stribeck_friction": (("stribeck_friction.speed_rad_s", (0.1,)),),
+    "thermal_derating": (("thermal_derating.time_constant_s", (5.0, 30.0)),),
+}
+NUMBERS: Mapping[str, tuple[str, ...]] = {
+    "table_tilt": ("table_tilt.roll_rad", "table_tilt.pitch_rad"),
+    "gravity": ("gravity.offset_m_s2",),
+}
+
+
+@dataclass(frozen=True)
+class _Given:
+    """One robot: an effect, the joint where it is (None for the platform), and the numbers that it changes."""
+
+    effect: str
+    joint: int | None
+    changes: Mapping[str, np.ndarray]
+
+
+def _robots(limits: Mapping[str, float]) -> list[_Given]:
+    """Every effect of joints that has a detection limit in a number of its own, at each joint and in each shape."""
+    found, seen = [], set()
+    for key, limit in limits.items():
+        effect, parameter = key.partition(".")[0], PARAMETERS[key]
+        if effect in seen or parameter.lower == parameter.upper:
+            continue
+        seen.add(effect)
+        keys = NUMBERS.get(effect, (key,))
+        if parameter.width == 9:
+            places = [(joint, joint) for joint in JOINTS]
+        else:
+            places = [(None, index) for index in range(PARAMETERS[keys[0]].width)]
+        for number in keys:
+            for joint, index in places:
+                for shape in _shapes(effect):
+                    found.append(_Given(effect, joint, _changes(number, index, limit) | shape))
+    return found
+
+
+def _shapes(effect: str) -> Iterable[dict[str, np.ndarray]]:
+    for key, values in SHAPES.get(effect, (("", (0.0,)),)):
+        for value in values:
+            yield {key: np.full((1, PARAMETERS[key].width), value)} if key else {}
+
+
+def _changes(key: str, index: int, limit: float) -> dict[str, np.ndarray]:
+    parameter = PARAMETERS[key]
+    values = np.full((1, parameter.width), parameter.absent)
+    wanted = parameter.absent + MULTIPLE * limit
+    values[0, index] = wanted if wanted <= parameter.upper else parameter.absent - MULTIPLE * limit
+    return {key: np.clip(values, parameter.lower, parameter.upper)}
+
+
+def directions(given: Sequence[_Given], excitation: str) -> np.ndarray:
+    """What each robot measures otherwise than the nominal one, in units of noise, shape (robots, samples)."""
+    physics = Physics.stack([Physics.nominal(), *(Physics.nominal().changed(dict(each.changes)) for each in given)])
+    sessions = simulated_sessions(physics, [SEED] * (len(given) + 1), excitation=excitation, threads=2)
+    measured = np.stack(
+        [np.concatenate([(getattr(s.joints, name)[::EVERY] / noise).ravel() for name, noise in NOISE.items()]) for s in sessions]
+    ).astype(np.float32)
+    return measured[1:] - measured[0]
+
+
+def separations(given: Sequence[_Given], changes: np.ndarray) -> dict[tuple[str, str], float]:
+    """For each pair of effects how much of the smaller change the other cannot give, in units of noise; the median over joints."""
+    planes: dict[tuple[str, int | None], list[np.ndarray]] = {}
+    for each, change in zip(given, changes, strict=True):
+        planes.setdefault((each.effect, each.joint), []).append(change)
+    spans = {key: np.linalg.qr(np.stack(found).T.astype(float))[0] for key, found in planes.items()}
+    found: dict[tuple[str, str], list[float]] = {}
+    for first, second in combinations(planes, 2):
+        at = {first[1], second[1]} - {None}
+        if first[0] == second[0] or len(at) > 1:
+            continue
+        apart = min(_outside(planes[first], spans[second]), _outside(planes[second], spans[first]))
+        found.setdefault((first[0], second[0]), []).append(apart)
+    return {pair: float(np.median(values)) for pair, values in found.items()}
+
+
+def _outside(changes: Sequence[np.ndarray], span: np.ndarray) -> float:
+    return min(float(np.linalg.norm(change - span @ (span.T @ change))) for change in changes)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Simulates every excitation and writes what separates what."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--out", type=Path, required=True)
+    out = parser.parse_args(arguments).out
+    given, kept = _robots(json.loads(LIMITS_FILE.read_text())["limits"]), {}
+    for excitation in IN_THE_AIR:
+        found = separations(given, directions(given, excitation))
+        for (first, second), apart in found.items():
+            kept.setdefault(f"{first} {second}", {})[excitation] = round(apart, 2)
+        out.write_text(json.dumps({"multiple": MULTIPLE, "seed": SEED, "noise": NOISE, "apart": kept}, indent=1))
+        print(excitation, flush=True)
+
+
+if __name__ == "__main__":
+    main()
