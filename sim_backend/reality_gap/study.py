@@ -26,8 +26,9 @@ from sim_backend.reality_gap.foreign.study_file import StudyFile, load_study_fil
 from sim_backend.reality_gap.joints.calibrating import METHODS, calibrate
 from sim_backend.reality_gap.joints.gain import held_out, held_out_of_hits
 from sim_backend.reality_gap.joints.judged import not_judged
+from sim_backend.reality_gap.joints.motor_law import LIMIT
 from sim_backend.reality_gap.joints.sections import joint_sections
-from sim_backend.reality_gap.joints.study import LIMIT, JointStudy, ShowsNothingError, study_joints
+from sim_backend.reality_gap.joints.study import JointStudy, ShowsNothingError, study_joints
 from sim_backend.reality_gap.joints.verdict import judge
 from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.report.report import write_html

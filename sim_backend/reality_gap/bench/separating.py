@@ -92,7 +92,7 @@ def directions(given: Sequence[_Given], excitation: str) -> np.ndarray:
 
 
 def separations(given: Sequence[_Given], changes: np.ndarray) -> dict[tuple[str, str], float]:
-    """For each pair of effects how much of the smaller change the other cannot give, in units of noise; the median over joints."""
+    """For each pair of effects how much of the smaller change the other cannot give, in units of noise; median over joints."""
     planes: dict[tuple[str, int | None], list[np.ndarray]] = {}
     for each, change in zip(given, changes, strict=True):
         planes.setdefault((each.effect, each.joint), []).append(change)

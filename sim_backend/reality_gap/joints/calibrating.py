@@ -10,9 +10,11 @@ import numpy as np
 from scipy import linalg, optimize, special
 
 from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.reality_gap.joints.hypotheses import PLATFORM
 from sim_backend.reality_gap.joints.look import Accepted, JointProblem, Look
 from sim_backend.reality_gap.joints.moves import moved
 from sim_backend.reality_gap.joints.state import JointState, Term
+from sim_backend.reality_gap.knowledge.evidence import plane_of
 from sim_backend.reality_gap.verdict import Cause
 
 METHODS = ("naming", "simopt", "coordinate-descent")
@@ -66,7 +68,7 @@ def _numbers(look: Look) -> list[int]:
     """One term for each number: the first shape of each single place; springs and cogging need two and are left out."""
     found: dict[tuple[str, int], int] = {}
     for h in look.catalogue.hypotheses:
-        if (len(h.terms) > 1 and h.effect not in ("table_tilt", "gravity")) or h.effect in ("cogging", "joint_stiffness"):
+        if (len(h.terms) > 1 and h.where != PLATFORM) or plane_of(h.effect) is not None:
             continue
         for i in h.terms:
             term = look.catalogue.terms[i]

@@ -14,12 +14,11 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.physics import Physics
-from sim_backend.reality_gap.joints.fitted_values import LOSS, RISE
 from sim_backend.reality_gap.joints.flexible import patterns
-from sim_backend.reality_gap.joints.hypotheses import FITTED_RISE_K_NM2
 from sim_backend.reality_gap.joints.sessions import EVERYTHING, IN_THE_AIR, healthy_physics, simulated_recordings
 from sim_backend.reality_gap.joints.study import study_joints
 from sim_backend.reality_gap.joints.verdict import strongest_left
+from sim_backend.reality_gap.knowledge.evidence import NUMBERS
 from sim_backend.trifinger.scene import compile_scene
 
 _NO_GATE = 1e18
@@ -65,7 +64,7 @@ def _measured(model, recordings) -> dict:
         if candidate.hypothesis.where.startswith("all"):
             continue
         label = terms[0].key + "".join(f"|{key}={value:g}" for key, value in terms[0].shape) + f"|{terms[0].probe:.6g}"
-        if terms[0].key == "torque_saturation.limit_nm":
+        if terms[0].key in NUMBERS and NUMBERS[terms[0].key].begins_at_load:
             label = terms[0].key
         values[label].append([float(v) for v in candidate.values])
     best = look.best
@@ -166,8 +165,10 @@ def detection_limits(null_lines: list[dict]) -> dict[str, float]:
         rows = [np.hypot.reduce(np.atleast_1d(v)) for line in null_lines for v in line["values"].get(label, [])]
         key = label.partition("|")[0]
         limits[key] = max(limits.get(key, 0.0), float(np.quantile(np.abs(rows), 0.99)))
-    if LOSS in limits:
-        limits[LOSS] *= FITTED_RISE_K_NM2 / PARAMETERS[RISE].absent
+    for key, number in NUMBERS.items():
+        if number.product_with is not None and key in limits:
+            other, fitted = number.product_with
+            limits[key] *= fitted / PARAMETERS[other].absent
     return limits
 
 

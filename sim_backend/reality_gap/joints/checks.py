@@ -4,10 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim_backend.reality_gap.joints.body_law import encoder_offsets_rad
 from sim_backend.reality_gap.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.joints.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.joints.state import JointState
 from sim_backend.reality_gap.joints.trajectory import filled_gaps
+from sim_backend.reality_gap.knowledge.evidence import SEEN, Sign
 from sim_backend.reality_gap.sensor_noise import white_noise
 
 ODD_JOINT = 1.6
@@ -39,19 +41,28 @@ _WHITE = 2.0
 
 @dataclass(frozen=True)
 class Finding:
-    """An effect at a joint that needs no fit: its value with a 90 % interval, and how often beyond what is healthy it is.
+    """A sign at a joint, whose effect needs no fit: its value with a 90 % interval, and how often beyond what is healthy it is.
 
     ``episode`` and ``sample`` say when it came, for what happens at one time.
     """
 
-    effect: str
-    parameter: str
+    sign: Sign
     joint: int | None
     value: float
     interval_90: tuple[float, float]
     excess: float
     episode: int = 0
     sample: int = 0
+
+    @property
+    def effect(self) -> str:
+        """Name in the catalogue."""
+        return SEEN[self.sign].partition(".")[0]
+
+    @property
+    def parameter(self) -> str:
+        """Of the effect, which the value is of."""
+        return SEEN[self.sign].partition(".")[2]
 
 
 def noise_findings(episodes: list[EpisodeEquations], *, are_sensors_known: bool = True) -> list[Finding]:
@@ -64,15 +75,15 @@ def noise_findings(episodes: list[EpisodeEquations], *, are_sensors_known: bool 
     noise = white_noise if are_sensors_known else _noise_that_is_white
     paths, joints = [episode.path for episode in episodes], [episode.path.joints for episode in episodes]
     steps = np.median([path.by_own_samples(encoder_step, path.joints.position_rad) for path in paths], axis=0)
-    found += odd("encoder_quantisation", "step_rad", steps, HEALTHY_STEP_RAD, 0.02)
+    found += odd(Sign.POSITION_STEPS, steps, HEALTHY_STEP_RAD, 0.02)
     position = np.median([path.by_own_samples(noise, path.joints.position_rad) for path in paths], axis=0)
     position = np.sqrt(np.maximum(position**2 - steps**2 / 12.0, 0.0))
-    if not any(f.effect == "encoder_quantisation" for f in found):
-        found += odd("joint_noise", "position_rad", position, HEALTHY_NOISE["position_rad"], 0.05)
+    if not any(f.sign is Sign.POSITION_STEPS for f in found):
+        found += odd(Sign.POSITION_NOISE, position, HEALTHY_NOISE["position_rad"], 0.05)
     if all(j.velocity_rad_s is not None for j in joints):
         reported = [(path, v) for path in paths if (v := path.joints.velocity_rad_s) is not None]
         velocity = np.median([path.by_own_samples(noise, v) for path, v in reported], axis=0)
-        found += odd("joint_noise", "velocity_rad_s", velocity, HEALTHY_NOISE["velocity_rad_s"], 0.08)
+        found += odd(Sign.VELOCITY_NOISE, velocity, HEALTHY_NOISE["velocity_rad_s"], 0.08)
     return found
 
 
@@ -100,21 +111,18 @@ def torque_noise_findings(
     white = np.median([white_noise(d) for d in differences], axis=0)
     slow = np.sqrt(np.maximum(_autocovariance(joined, 3), 0.0))
     found = _odd(
-        "action_noise",
-        "correlated_nm",
+        Sign.SLOW_FELT_TORQUE,
         np.where(slow > np.maximum(HEALTHY_ACTION_NOISE_NM, SLOW_SHARE * white), slow, 0.0),
         HEALTHY_ACTION_NOISE_NM,
         0.1,
     )
     felt = white * np.sqrt(np.clip(1.0 - sensed_share, 0.0, 1.0))
     felt_low = white * np.sqrt(np.clip(1.0 - sensed_share - 3.0 * share_error, 0.0, 1.0))
-    acting = _odd(
-        "action_noise", "white_nm", np.where(felt_low > HEALTHY_ACTION_NOISE_NM, felt, 0.0), HEALTHY_ACTION_NOISE_NM, 0.15
-    )
+    acting = _odd(Sign.FELT_TORQUE, np.where(felt_low > HEALTHY_ACTION_NOISE_NM, felt, 0.0), HEALTHY_ACTION_NOISE_NM, 0.15)
     if not found:
         found += acting
     if not found:
-        found += _odd("joint_noise", "torque_nm", white, HEALTHY_NOISE["torque_nm"], 0.05)
+        found += _odd(Sign.TORQUE_NOISE, white, HEALTHY_NOISE["torque_nm"], 0.05)
     return found
 
 
@@ -125,11 +133,11 @@ def _autocovariance(series: np.ndarray, lag: int) -> np.ndarray:
     return np.median(products, axis=0) / 0.4549 if len(products) else np.zeros(series.shape[1])
 
 
-def _odd(effect: str, parameter: str, levels: np.ndarray, healthy: float, relative_error: float) -> list[Finding]:
+def _odd(sign: Sign, levels: np.ndarray, healthy: float, relative_error: float) -> list[Finding]:
     """Joints whose level is odd among the others, or all of them if all are beyond what is healthy."""
 
     def finding(joint: int | None, value: float, excess: float) -> Finding:
-        return Finding(effect, parameter, joint, value, (value * (1 - relative_error), value * (1 + relative_error)), excess)
+        return Finding(sign, joint, value, (value * (1 - relative_error), value * (1 + relative_error)), excess)
 
     found = []
     for joint, level in enumerate(levels):
@@ -143,8 +151,8 @@ def _odd(effect: str, parameter: str, levels: np.ndarray, healthy: float, relati
     return found
 
 
-def _odd_among_unknown(effect: str, parameter: str, levels: np.ndarray, healthy: float, relative_error: float) -> list[Finding]:
-    odd = _odd(effect, parameter, levels, healthy, relative_error)
+def _odd_among_unknown(sign: Sign, levels: np.ndarray, healthy: float, relative_error: float) -> list[Finding]:
+    odd = _odd(sign, levels, healthy, relative_error)
     return [f for f in odd if f.joint is not None and f.value > healthy and f.excess > _ODD_AMONG_UNKNOWN]
 
 
@@ -188,7 +196,7 @@ def fault_findings(episodes: list[EpisodeEquations], size: float | None = None) 
 
 def end_findings(episodes: list[EpisodeEquations], state: JointState) -> list[Finding]:
     """Ends of joints that are not where they should be, once encoders are known to be off by what the model says."""
-    offsets = state.value("encoder_offset.offset_rad")
+    offsets = encoder_offsets_rad(state)
     return [f for joint, offset in enumerate(offsets) for f in _shifted_end(episodes, joint, float(offset))]
 
 
@@ -203,7 +211,7 @@ def _stuck(episodes: list[EpisodeEquations], joint: int) -> list[Finding]:
     if not (rests or creeps):
         return []
     held = float(max(pushes))
-    return [Finding("stuck_joint", "holding_torque_nm", joint, held, (held, 20.0), held / STUCK_TORQUE_NM)]
+    return [Finding(Sign.REST_UNDER_LOAD, joint, held, (held, 20.0), held / STUCK_TORQUE_NM)]
 
 
 def _stuck_off_target(episodes: list[EpisodeEquations], joint: int, size: float) -> list[Finding]:
@@ -223,7 +231,7 @@ def _stuck_off_target(episodes: list[EpisodeEquations], joint: int, size: float)
     if max(spans) > STUCK_RANGE_RAD or max(asked) < ASKED_RANGES * STUCK_RANGE_RAD or max(needless) < size * STUCK_TORQUE_NM:
         return []
     held = float(max(needless))
-    return [Finding("stuck_joint", "holding_torque_nm", joint, held, (held, 20.0 * size), held / (size * STUCK_TORQUE_NM))]
+    return [Finding(Sign.REST_UNDER_LOAD, joint, held, (held, 20.0 * size), held / (size * STUCK_TORQUE_NM))]
 
 
 def _jump(episodes: list[EpisodeEquations], joint: int) -> list[Finding]:
@@ -242,7 +250,7 @@ def _jump(episodes: list[EpisodeEquations], joint: int) -> list[Finding]:
         is_clear = abs(size) > max(_JUMP_RAD, 12.0 * usual) and max(np.ptp(before), np.ptp(after)) < 0.3 * abs(size)
         if is_clear and not _catches_up(moves, at):
             interval = (size - 2 * usual, size + 2 * usual)
-            return [Finding("encoder_jump", "offset_rad", joint, size, interval, abs(size) / _JUMP_RAD, index, at + 1)]
+            return [Finding(Sign.POSITION_JUMP, joint, size, interval, abs(size) / _JUMP_RAD, index, at + 1)]
     return []
 
 
@@ -264,7 +272,7 @@ def _near_gap(position_rad: np.ndarray) -> np.ndarray:
 def _shifted_end(episodes: list[EpisodeEquations], joint: int, offset_rad: float) -> list[Finding]:
     """An end that is passed, or a place inside the range where the joint is held although the motor presses outwards."""
     found: list[Finding] = []
-    for side, parameter in ((0, "lower_rad"), (1, "upper_rad")):
+    for side, sign in ((0, Sign.LOWER_END), (1, Sign.UPPER_END)):
         end = float(episodes[0].ends_rad[joint, side]) + offset_rad
         if not np.isfinite(end):
             continue
@@ -283,8 +291,7 @@ def _shifted_end(episodes: list[EpisodeEquations], joint: int, offset_rad: float
             error = max(_SOFT_END_RAD, float(np.std(held)))
             found.append(
                 Finding(
-                    "joint_limits",
-                    parameter,
+                    sign,
                     joint,
                     shift,
                     (shift - 1.6 * error, shift + 1.6 * error),

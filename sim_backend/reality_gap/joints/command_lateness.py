@@ -8,19 +8,19 @@ from scipy import optimize, stats
 
 from sim_backend.reality_gap.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.joints.fit import JointFit
+from sim_backend.reality_gap.joints.sent_torque import LATENESS
 
-KEY = "timing_jitter.std_s"
 _LEAST_COMMANDS = 20
 
 
 def with_measured_lateness(fit: JointFit, episodes: Sequence[EpisodeEquations]) -> JointFit:
     """The fit with the scale of lateness as counted, where late commands are among its causes; else the same fit."""
-    taken = next((a for a in fit.accepted if a.effect == KEY.partition(".")[0]), None)
+    taken = next((a for a in fit.accepted if a.effect == LATENESS.partition(".")[0]), None)
     late = np.concatenate([episode.late_steps(fit.state) for episode in episodes])
     if taken is None or len(late) < _LEAST_COMMANDS:
         return fit
     std_s, error_s = lateness_std_s(late, episodes[0].path.step_s)
-    state = replace(fit.state, given={**fit.state.given, KEY: np.array([std_s])})
+    state = replace(fit.state, given={**fit.state.given, LATENESS: np.array([std_s])})
     errors = {**fit.errors, (taken.effect, taken.where): np.full(len(taken.terms), error_s)}
     return replace(fit, state=state, errors=errors)
 

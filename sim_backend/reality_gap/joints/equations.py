@@ -15,7 +15,6 @@ residual is the sum of images times the true deviations.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 
@@ -24,24 +23,16 @@ from sim_backend.reality_gap.joints.mechanics import Mechanics
 from sim_backend.reality_gap.joints.mechanics_images import JointImage, MechanicsImages
 from sim_backend.reality_gap.joints.motor_torques import MotorTorques
 from sim_backend.reality_gap.joints.plant import InverseDynamics, Plant
-from sim_backend.reality_gap.joints.reported_velocity import velocity_image, velocity_residual
+from sim_backend.reality_gap.joints.reported_velocity import SHOWN, velocity_image, velocity_residual
 from sim_backend.reality_gap.joints.sent_torque import SentTorque
 from sim_backend.reality_gap.joints.state import JointState, Term
 from sim_backend.reality_gap.joints.trajectory import Trajectory
+from sim_backend.reality_gap.knowledge.evidence import Channel
 from sim_backend.reality_gap.recording import JointSignals
 
 _SMALLEST_IMAGE = 1e-9
 _COUNTED_S = 0.003
 """From one counted sample to the next where noise is white and there are more than enough."""
-
-
-class Channel(StrEnum):
-    """Which equation."""
-
-    CONTROLLER = "controller"
-    CURRENT = "current"
-    MECHANICS = "mechanics"
-    VELOCITY = "velocity"
 
 
 @dataclass(frozen=True)
@@ -110,7 +101,7 @@ class EpisodeEquations:
         self._motors = motors = MotorTorques(path)
         self._mechanics = Mechanics(plant, path, motors)
         thin = path.smoothed if in_torques else path.averaged
-        self._images = MechanicsImages(path, motors, self._mechanics.dynamics, plant.gravity_m_s2, thin)
+        self._images = MechanicsImages(path, motors, self._mechanics.body, thin)
         self._sent: SentTorque | None = None
         if has_safety_pipeline and motors.sent_nm is not None and path.joints.position_target_rad is not None:
             self._sent = SentTorque(reported or path.joints, motors.sent_nm, path.step_s)
@@ -248,7 +239,7 @@ class EpisodeEquations:
         residual = velocity_residual(path, state, is_mean=self._sent is not None)
         if residual is None:
             return []
-        images = [(i, t.index, velocity_image(path, state, t)) for i, t in enumerate(terms) if t.effect == "velocity_filter"]
+        images = [(i, t.index, velocity_image(path, state, t)) for i, t in enumerate(terms) if t.key in SHOWN]
         return self._joint_equations(Channel.VELOCITY, residual, images, self._valid_velocity, path.time_s, slice(None))
 
     def _controller_equations(self, state: JointState, terms: Sequence[Term]) -> list[Equation]:

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import linalg
 
-from sim_backend.reality_gap.joints.equations import Channel, Equation
+from sim_backend.reality_gap.joints.equations import Equation
+from sim_backend.reality_gap.knowledge.evidence import Channel
 
 FOLDS = 10
 WHOLE_EPISODES = 5

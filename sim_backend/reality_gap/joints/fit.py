@@ -9,6 +9,7 @@ from sim_backend.reality_gap.joints.hypotheses import Hypothesis
 from sim_backend.reality_gap.joints.look import Accepted, JointProblem, Look
 from sim_backend.reality_gap.joints.moves import is_plausible, moved, refining_terms
 from sim_backend.reality_gap.joints.state import JointState
+from sim_backend.reality_gap.knowledge.evidence import FITTED
 
 Progress = Callable[[str, float], None]
 MAX_CAUSES = 24
@@ -20,9 +21,8 @@ _PROXY_SHARE = {False: 0.04, True: 0.004}
 """A cause that gains less than this share of the largest one may only mend what that one's law leaves."""
 _PROXY_SHARE_OF_LEFT = 0.15
 """Where it is known what noise leaves: a cause must gain this share of what the laws leave beside it, for the same reason."""
-_OF_COMMANDS = ("action_delay", "timing_jitter", "controller_restart", "position_gain", "safety_damping")
 _PROXY_SHARE_OF_COMMANDS = 0.001
-"""These show in the torques that were sent, whatever the mechanics: there, too, a law may mend another's, but by less."""
+"""Of effects that show in the torques that were sent: there, too, a law may mend another's, but by less."""
 
 
 @dataclass(frozen=True)
@@ -125,9 +125,9 @@ def _later_gain(problem: JointProblem, look: Look, accepted: Sequence[Accepted],
         proxy = max(shared, _PROXY_SHARE[problem.expects_many] * max(a.gain for a in accepted))
         return lambda _: proxy
     mechanics = max(shared, _PROXY_SHARE_OF_LEFT * look.beyond_noise)
-    sent = max((a.gain for a in accepted if a.effect in _OF_COMMANDS), default=0.0)
+    sent = max((a.gain for a in accepted if FITTED[a.effect].in_commands), default=0.0)
     commands = max(mechanics, _PROXY_SHARE_OF_COMMANDS * sent)
-    return lambda effect: commands if effect in _OF_COMMANDS else mechanics
+    return lambda effect: commands if FITTED[effect].in_commands else mechanics
 
 
 def _contains(hypothesis: Hypothesis, other: Accepted) -> bool:

@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim_backend.reality_gap.joints.equations import Channel, EpisodeEquations, Equation
+from sim_backend.reality_gap.joints.equations import EpisodeEquations, Equation
 from sim_backend.reality_gap.joints.evidence import FOLDS, folds_of, normal_equations, reduced, whitened
 from sim_backend.reality_gap.joints.look import Look
 from sim_backend.reality_gap.joints.state import JointState
+from sim_backend.reality_gap.knowledge.evidence import Channel
 from sim_backend.reality_gap.sensor_noise import position_noise
 
 HATS = 9

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_backend.reality_gap.joints.equations import Channel
 from sim_backend.reality_gap.joints.evidence import FOLDS, folds_of
 from sim_backend.reality_gap.joints.look import JointProblem, Look
 from sim_backend.reality_gap.joints.moves import deviations, moved
 from sim_backend.reality_gap.joints.rattling import HitErrors
 from sim_backend.reality_gap.joints.state import JointState, Term
+from sim_backend.reality_gap.knowledge.evidence import Channel
 from sim_backend.reality_gap.verdict import HeldOut
 
 _RESAMPLES = 2000

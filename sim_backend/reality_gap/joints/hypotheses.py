@@ -6,72 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.effects.effect import Scope
 from sim_backend.effects.ranges import load_ranges
 from sim_backend.reality_gap.joints.state import CLOCK, SENSED, JointState, Term, size_factor
+from sim_backend.reality_gap.knowledge.evidence import FITTED, SCALES, JointEffect, Number, entry_of
 
 HEALTHY = Path(__file__).with_name("healthy.toml")
 """How far healthy robots lie from the nominal one."""
 ALL_JOINTS = "all joints"
 PLATFORM = "platform"
 
-SCALES: dict[str, float] = {
-    "coulomb_friction.torque_nm": 0.05,
-    "viscous_friction.damping_nm_s_rad": 0.02,
-    "stribeck_friction.extra_nm": 0.03,
-    "load_friction.coefficient": 0.15,
-    "directional_friction.difference_nm": 0.03,
-    "backlash.gap_rad": 0.01,
-    "action_delay.delay_s": 0.005,
-    "torque_constant.error": 0.1,
-    "torque_saturation.limit_nm": 0.2,
-    "supply_sag.loss_per_nm": 0.2,
-    "thermal_derating.loss_per_k": 0.005,
-    "cogging.amplitude_nm": 0.01,
-    "link_mass.factor": 0.2,
-    "rotor_inertia.armature_kg_m2": 5e-4,
-    "joint_stiffness.stiffness_nm_rad": 0.02,
-    "encoder_offset.offset_rad": 0.02,
-    "velocity_filter.time_constant_s": 0.005,
-    "position_gain.factor": 0.3,
-    "safety_damping.factor": 0.3,
-    "timing_jitter.std_s": 0.005,
-    "controller_restart.off": 1.0,
-    "table_tilt.roll_rad": 0.02,
-    "table_tilt.pitch_rad": 0.02,
-    "gravity.offset_m_s2": 0.1,
-    "stribeck_friction.speed_rad_s": 0.1,
-    "thermal_derating.time_constant_s": 20.0,
-}
-"""How large a deviation each number may have before its size speaks against it: a prior's standard deviation, in its unit."""
-
-_PROBES: dict[str, tuple[float, ...]] = {
-    "backlash.gap_rad": (0.003, 0.01, 0.03),
-    "action_delay.delay_s": (0.001, 0.004, 0.015),
-    "supply_sag.loss_per_nm": (0.05, 0.15, 0.4),
-    "timing_jitter.std_s": (0.0005, 0.001, 0.002, 0.004),
-    "directional_friction.difference_nm": (-0.01, 0.01),
-}
-"""Deviations at which the image of a number that is not linear is taken; others are probed at a hundredth of their scale."""
-
-_SHAPES: dict[str, tuple[str, tuple[float, ...]]] = {
-    "stribeck_friction.extra_nm": ("stribeck_friction.speed_rad_s", (0.04, 0.12, 0.35)),
-    "thermal_derating.loss_per_k": ("thermal_derating.time_constant_s", (5.0, 30.0)),
-    "joint_stiffness.stiffness_nm_rad": ("joint_stiffness.reference_rad", (-2.0, -1.0, 0.0, 1.0)),
-    "cogging.amplitude_nm": ("cogging.phase_rad", (0.0, np.pi / 2)),
-}
-_SHAPES_OF_MANY = {"thermal_derating.loss_per_k": ("thermal_derating.time_constant_s", (5.0, 30.0, 300.0))}
-"""A motor that warms over minutes looks like a torque constant, unless others pin that down."""
-ONLY_SHAPES = ("stribeck_friction.speed_rad_s", "thermal_derating.time_constant_s")
-"""These have a prior for when their effect is in the model; alone they are nothing."""
-FITTED_RISE_K_NM2 = 2000.0
-"""Only the product of this and the loss shows in motion; it is told for the catalogue's own (:mod:`.fitted_values`)."""
-_PAIRED = ("cogging.amplitude_nm", "joint_stiffness.stiffness_nm_rad")
-"""Their shapes span a plane: two images together stand for any phase, or any place of rest."""
-SCALES_OF_EVERYTHING = ("torque_constant", "link_mass")
-"""All torques and all masses may be off by the same share without any sign of it: these are only asked of single joints."""
-_GLOBAL = ("supply_sag.loss_per_nm", "timing_jitter.std_s", "controller_restart.off")
-_OF_THE_DRIVER = ("position_gain", "safety_damping", "timing_jitter", "controller_restart", "supply_sag")
-"""What only a robot can have whose driver is known."""
 BEYOND_HEALTHY = 10.0
 FOREIGN_TOLERANCE = 0.2
 """Share of a healthy TriFinger's tolerances that any other robot is granted: its nominal model is all that is known of it."""
@@ -149,19 +94,17 @@ def joint_catalogue(
     """
     terms: list[Term] = []
     families: dict[tuple[str, int], list[tuple[int, ...]]] = {}
-    shapes = _SHAPES | (_SHAPES_OF_MANY if expects_many else {})
     shares = _SATURATION_SHARES if has_pipeline else _FOREIGN_SATURATION_SHARES
     scales = {key: scale * size_factor(key, state.size) for key, scale in SCALES.items()}
-    for key, scale in scales.items():
-        if key in ONLY_SHAPES:
+    for entry in FITTED.values():
+        if entry.of_the_driver and not has_pipeline:
             continue
-        if not has_pipeline and key.partition(".")[0] in _OF_THE_DRIVER:
-            continue
-        for index in range(state.width(key)):
-            families[(key, index)] = []
-            for members in _members(key, index, scale, state, load_nm, shares, shapes):
-                families[(key, index)].append(tuple(range(len(terms), len(terms) + len(members))))
-                terms += members
+        for number in entry.numbers:
+            for index in range(state.width(number.key)):
+                families[(number.key, index)] = []
+                for members in _members(number, index, state, load_nm, shares, expects_many=expects_many):
+                    families[(number.key, index)].append(tuple(range(len(terms), len(terms) + len(members))))
+                    terms += members
     terms.append(Term(CLOCK, 0, step_s))
     terms += [Term(SENSED, j, 1.0) for j in range(len(names))]
     granted = 1.0 if has_pipeline else FOREIGN_TOLERANCE
@@ -171,7 +114,7 @@ def joint_catalogue(
     tolerance[-len(names) :] = 1.0
     for (key, _), members in families.items():
         # torques and masses of one finger trade places: what each seems to have is the other's
-        usual = tolerances.get(key, []) if key.partition(".")[0] not in SCALES_OF_EVERYTHING else []
+        usual = [] if scales_everything(key) else tolerances.get(key, [])
         for number, member in enumerate(members):
             for term in member:
                 tolerance[term] = max(
@@ -191,47 +134,55 @@ def _scale(scale: float, tolerance: float) -> float:
     return min(scale, BEYOND_HEALTHY * tolerance) if tolerance > 0.0 else scale
 
 
+def scales_everything(key: str) -> bool:
+    """Whether a number's effect makes all torques, or all masses, different by the same share."""
+    entry = entry_of(key)
+    return entry is not None and entry.scales_everything
+
+
 def _members(
-    key: str, index: int, scale: float, state: JointState, load_nm: np.ndarray, shares: Sequence[float], shapes: Mapping
+    number: Number, index: int, state: JointState, load_nm: np.ndarray, shares: Sequence[float], *, expects_many: bool
 ) -> list[list[Term]]:
     """The shapes in which a number may show, each as one term or two."""
-    if key == "torque_saturation.limit_nm":
+    key, by = number.key, size_factor(number.key, state.size)
+    scale = number.scale * by
+    if number.begins_at_load:
         limit, load = state.value(key)[index], np.abs(load_nm[:, index])
         levels = load.max() * np.array(shares)
         return [[Term(key, index, float(level - limit))] for level in levels if 0.02 < level < 0.995 * limit]
-    if key in shapes:
-        shape, values = shapes[key]
-        if key in _PAIRED:
-            return [[Term(key, index, scale / 100, ((shape, value),)) for value in values[:: max(1, len(values) - 1)][:2]]]
-        extra = (("thermal_derating.rise_k_nm2", FITTED_RISE_K_NM2),) if key.startswith("thermal") else ()
-        return [[Term(key, index, scale / 100, ((shape, value), *extra))] for value in values]
-    by = size_factor(key, state.size)
-    return [[Term(key, index, by * probe)] for probe in _PROBES.get(key, (scale / by / 100,))]
+    shape = number.shape
+    if shape is None:
+        return [[Term(key, index, by * probe)] for probe in number.probes or (scale / by / 100,)]
+    extra = () if number.product_with is None else (number.product_with,)
+    values = (*shape.values, *(shape.more if expects_many else ()))
+    members = [Term(key, index, scale / 100, ((shape.key, value), *extra)) for value in values]
+    return [[term] for term in members] if shape.plane is None else [members]
 
 
 def _hypotheses(
     names: Sequence[str], families: dict[tuple[str, int], list[tuple[int, ...]]], scales: Mapping[str, float]
 ) -> list[Hypothesis]:
     found: list[Hypothesis] = []
-    for key, scale in scales.items():
-        effect = key.partition(".")[0]
-        own = {index: members for (k, index), members in families.items() if k == key}
-        if not own or effect in ("table_tilt", "gravity"):
-            continue
-        if key in _GLOBAL:
-            found += [Hypothesis(effect, PLATFORM, m, (scale,) * len(m)) for m in own[0]]
-            continue
-        for index, members in own.items():
-            found += [Hypothesis(effect, names[index], m, (scale,) * len(m)) for m in members]
-        own = {index: members for index, members in own.items() if members}
-        if len(own) > 1 and effect not in SCALES_OF_EVERYTHING:
-            for shapes in zip(*own.values(), strict=False):
-                terms = tuple(term for members in shapes for term in members)
-                found.append(Hypothesis(effect, ALL_JOINTS, terms, (scale,) * len(terms)))
-    for effect, keys in (
-        ("table_tilt", ("table_tilt.roll_rad", "table_tilt.pitch_rad")),
-        ("gravity", ("gravity.offset_m_s2",)),
-    ):
-        terms = tuple(m[0] for (key, _), members in families.items() if key in keys for m in members)
-        found.append(Hypothesis(effect, PLATFORM, terms, tuple(scales[keys[0]] for _ in terms)))
+    for effect, entry in FITTED.items():
+        keys = {number.key for number in entry.numbers}
+        own = {place: members for place, members in families.items() if place[0] in keys}
+        scale = scales[entry.numbers[0].key]
+        if own and PARAMETERS[entry.numbers[0].key].scope is Scope.JOINT:
+            found += _at_joints(entry, names, {index: members for (_, index), members in own.items()}, scale)
+        elif own:
+            shapes = [tuple(term for members in together for term in members) for together in zip(*own.values(), strict=True)]
+            found += [Hypothesis(effect, PLATFORM, terms, (scale,) * len(terms)) for terms in shapes]
+    return found
+
+
+def _at_joints(
+    entry: JointEffect, names: Sequence[str], own: Mapping[int, list[tuple[int, ...]]], scale: float
+) -> list[Hypothesis]:
+    """A hypothesis for each joint and shape, and for each shape one of all joints."""
+    found = [Hypothesis(entry.effect, names[j], members, (scale,) * len(members)) for j, of in own.items() for members in of]
+    several = {index: members for index, members in own.items() if members}
+    if len(several) > 1 and not entry.scales_everything:
+        for shapes in zip(*several.values(), strict=False):
+            terms = tuple(term for members in shapes for term in members)
+            found.append(Hypothesis(entry.effect, ALL_JOINTS, terms, (scale,) * len(terms)))
     return found

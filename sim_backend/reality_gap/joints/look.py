@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim_backend.reality_gap.joints.equations import Channel, EpisodeEquations, Equation
+from sim_backend.reality_gap.joints.equations import EpisodeEquations, Equation
 from sim_backend.reality_gap.joints.evidence import (
     FOLDS,
     NormalEquations,
@@ -20,10 +20,9 @@ from sim_backend.reality_gap.joints.evidence import (
 from sim_backend.reality_gap.joints.hypotheses import ALL_JOINTS, Catalogue, Hypothesis, joint_catalogue
 from sim_backend.reality_gap.joints.moves import may_be
 from sim_backend.reality_gap.joints.state import CLOCK, SENSED, JointState, Term
+from sim_backend.reality_gap.knowledge.evidence import FITTED, NUMBERS, Channel
 
 _ROWS_OF_A_SESSION = 30000.0
-_NOISE_SCALES = {"link_mass": 0.03, "torque_constant": 0.02}
-"""While noise is measured, scales of everything are held close to nominal, so that they do not explain it away."""
 _LONG_S, _LONG_IN_ALL_S = 20.0, 200.0
 """A foreign joint's rows in one recording and in all, as thresholds were made with: beyond, priors grow stronger as data do.
 
@@ -121,9 +120,10 @@ class Look:
         ]
         if not allowed:
             return None
-        tilt = next((c for c in allowed if c.hypothesis.effect == "table_tilt"), None)
-        if allowed[0].hypothesis.effect == "gravity" and tilt is not None and allowed[0].gain - tilt.gain < _SAME_NATS:
-            return tilt  # the same with one number less
+        contained = FITTED[allowed[0].hypothesis.effect].contains
+        simpler = next((c for c in allowed if c.hypothesis.effect == contained), None)
+        if simpler is not None and allowed[0].gain - simpler.gain < _SAME_NATS:
+            return simpler
         enough = allowed[0].gain - max(10.0, 0.05 * allowed[0].gain)
         single = [c for c in allowed if c.gain >= enough and len(c.hypothesis.terms) <= 2]
         return single[0] if allowed[0].hypothesis.where == ALL_JOINTS and single else allowed[0]
@@ -180,9 +180,7 @@ class JointProblem:
                 tolerance[i] = 0.0
         if plain:  # the causes alone, as whoever uses the model will have them
             tolerance[: len(catalogue.terms)] = 0.0
-        whitening = np.array(
-            [_NOISE_SCALES.get(t.effect, catalogue.scales.get(t.key, s)) for t, s in zip(terms, tolerance, strict=True)]
-        )
+        whitening = np.array([_held(t.key, catalogue.scales.get(t.key, s)) for t, s in zip(terms, tolerance, strict=True)])
         whitening[len(catalogue.terms) :] = tolerance[len(catalogue.terms) :]
         whitening[[t.effect in self.excluded for t in terms]] = 0.0
         if self.expects_many:
@@ -191,11 +189,11 @@ class JointProblem:
             whitening = tolerance.copy()
         elif not self.has_pipeline:
             counted_s = sum(float(e.valid_mechanics.sum(axis=0).max()) * e.path.every * step_s for e in self.episodes)
-            tolerance[: len(catalogue.terms)] *= _held(counted_s, _LONG_IN_ALL_S)
+            tolerance[: len(catalogue.terms)] *= _weakened(counted_s, _LONG_IN_ALL_S)
         found = []
         for episode in self.episodes:
             for equation in episode.equations(state, terms):
-                scales = whitening[list(equation.terms)] * (1.0 if self.has_pipeline else _held(equation.counted_s, _LONG_S))
+                scales = whitening[list(equation.terms)] * (1.0 if self.has_pipeline else _weakened(equation.counted_s, _LONG_S))
                 white = whitened(equation, scales, folds_of(equation, len(self.episodes)), plain=plain)
                 if white is not None:
                     found.append(white)
@@ -245,7 +243,12 @@ class JointProblem:
         )
 
 
-def _held(counted_s: float, long_s: float) -> float:
+def _held(key: str, scale: float) -> float:
+    """A term's scale while noise is measured."""
+    return NUMBERS[key].held or scale if key in NUMBERS else scale
+
+
+def _weakened(counted_s: float, long_s: float) -> float:
     """By how much a prior's standard deviation shrinks, so that it is not swamped by many rows."""
     return float(min(1.0, np.sqrt(long_s / max(counted_s, long_s))))
 

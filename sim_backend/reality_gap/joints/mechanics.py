@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim_backend.reality_gap.joints.gravity_tilt import tilted_gravity
+from sim_backend.reality_gap.joints.body_law import BodyLaw
 from sim_backend.reality_gap.joints.motor_torques import MotorTorques
 from sim_backend.reality_gap.joints.plant import InverseDynamics, Plant
 from sim_backend.reality_gap.joints.state import JointState
@@ -21,11 +21,11 @@ class Mechanics:
 
     def __init__(self, plant: Plant, path: Trajectory, motors: MotorTorques) -> None:
         self._path, self._motors = path, motors
-        self._gravity_m_s2 = plant.gravity_m_s2
-        self._in_dynamics = plant.own_values
         self._raw_acceleration = path.raw_acceleration
         self.dynamics: InverseDynamics = plant.derivatives(path.position, path.velocity, path.acceleration)
         """Inverse dynamics of the nominal model along the episode."""
+        self.body = BodyLaw(self.dynamics, path, plant.own_values, plant.gravity_m_s2)
+        """What effects on bodies change in it."""
 
     @property
     def pressing_nm(self) -> np.ndarray:
@@ -76,26 +76,4 @@ class Mechanics:
 
     def _needed(self, state: JointState, play: np.ndarray, *, smooth: bool = False) -> np.ndarray:
         """Torques that the motion needs; ``play`` smoothed, shape (t, k)."""
-        d, path = self.dynamics, self._path
-        acceleration = path.acceleration if smooth else self._raw_acceleration
-        torque = d.torque_nm + np.einsum("tkl,tl->tk", d.by_acceleration, acceleration - path.acceleration)
-        torque += np.einsum("tkl,l->tk", d.by_link_mass, state.value("link_mass.factor") - 1.0)
-        torque += self._beyond_dynamics(state, "rotor_inertia.armature_kg_m2") * acceleration
-        torque += self._beyond_dynamics(state, "viscous_friction.damping_nm_s_rad") * path.velocity
-        stiffness, reference = (state.value(f"joint_stiffness.{name}") for name in ("stiffness_nm_rad", "reference_rad"))
-        torque += stiffness * (path.position - reference)
-        torque += np.einsum("tkg,g->tk", d.by_gravity, self._gravity(state) - self._gravity_m_s2)
-        moved = state.value("encoder_offset.offset_rad") + play
-        torque -= np.einsum("tkl,tl->tk", d.by_position, moved)
-        if play.any():
-            step_s = path.step_s * path.every
-            torque -= np.einsum("tkl,tl->tk", d.by_acceleration, np.gradient(np.gradient(play, step_s, axis=0), step_s, axis=0))
-        return torque
-
-    def _beyond_dynamics(self, state: JointState, key: str) -> np.ndarray:
-        """What a state has of a parameter beyond what the nominal model's dynamics contain, shape (k,)."""
-        return state.value(key) - self._in_dynamics[key]
-
-    def _gravity(self, state: JointState) -> np.ndarray:
-        roll_rad, pitch_rad = (state.value(f"table_tilt.{name}")[0] for name in ("roll_rad", "pitch_rad"))
-        return tilted_gravity(self._gravity_m_s2, roll_rad, pitch_rad) + state.value("gravity.offset_m_s2")
+        return self.body.needed_nm(state, self._path.acceleration if smooth else self._raw_acceleration, play)

@@ -5,9 +5,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from sim_backend.reality_gap.joints import motor_law
-from sim_backend.reality_gap.joints.gravity_tilt import tilt_images
+from sim_backend.reality_gap.joints.body_law import BodyLaw
 from sim_backend.reality_gap.joints.motor_torques import BEFORE_CURRENT, MotorTorques
-from sim_backend.reality_gap.joints.plant import InverseDynamics
 from sim_backend.reality_gap.joints.state import CLOCK, SENSED, JointState, Term
 from sim_backend.reality_gap.joints.trajectory import Trajectory
 
@@ -21,8 +20,7 @@ class MechanicsImages:
     Args:
         path: the smoothed episode.
         motors: along it.
-        dynamics: inverse dynamics of the nominal model along it.
-        gravity_m_s2: nominal, shape (3,).
+        body: effects on bodies along it.
         thin: takes series at full rate, shape (..., s), to rows, shape (..., t), as the residual was.
     """
 
@@ -30,12 +28,10 @@ class MechanicsImages:
         self,
         path: Trajectory,
         motors: MotorTorques,
-        dynamics: InverseDynamics,
-        gravity_m_s2: np.ndarray,
+        body: BodyLaw,
         thin: Callable[[np.ndarray], np.ndarray],
     ) -> None:
-        self._path, self._motors, self._dynamics, self._thin = path, motors, dynamics, thin
-        self._tilt_images = tilt_images(dynamics.by_gravity, gravity_m_s2)
+        self._path, self._motors, self._body, self._thin = path, motors, body, thin
         self._row_s = path.step_s * path.every
 
     def of(self, state: JointState, terms: Sequence[Term]) -> tuple[np.ndarray, list[JointImage]]:
@@ -43,7 +39,7 @@ class MechanicsImages:
         images, currents = self._of_motors(state, terms)
         for i, term in enumerate(terms):
             if term.key not in (CLOCK, SENSED) and term.key not in motor_law.KEYS:
-                images[:, :, i] = self._of_body(state, term)
+                images[:, :, i] = self._body.image(state, term)
         return images, currents
 
     def _of_motors(self, state: JointState, terms: Sequence[Term]) -> tuple[np.ndarray, list[JointImage]]:
@@ -57,7 +53,7 @@ class MechanicsImages:
             if term.key not in motor_law.KEYS:
                 continue
             for j in [term.index] if state.width(term.key) > 1 else range(self._motors.joints):
-                if term.effect == "cogging":
+                if term.key == motor_law.COGGING:
                     nets.append((i, j, self._motors.cogging_image(state, term, j)))
                     continue
                 current, net, play = self._motors.along_sent(state.moved(term, term.probe), j)
@@ -65,12 +61,12 @@ class MechanicsImages:
                     currents.append((i, j, (base[j][0] - current) / term.probe))
                     continue
                 nets.append((i, j, (base[j][1] - net) / term.probe))
-                if term.key == "backlash.gap_rad":
+                if term.key == motor_law.GAP:
                     plays.append((i, j, (base[j][2] - play) / term.probe))
         for (i, j, _), image in zip(nets, _together(nets, self._thin), strict=True):
             images[:, j, i] += image
         for (i, j, _), image in zip(plays, _together(plays, self._path.smoothed), strict=True):
-            images[:, :, i] += self._of_play(image, j)
+            images[:, :, i] += self._body.play_image(image, j)
         return images, currents
 
     def _of_recording(self, base: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], terms: Sequence[Term]) -> np.ndarray:
@@ -83,34 +79,6 @@ class MechanicsImages:
             if term.key == SENSED and self._motors.measured_nm is not None:
                 images[:, term.index, i] = self._thin(self._motors.measured_nm[term.index] - base[term.index][0])
         return images
-
-    def _of_play(self, play: np.ndarray, j: int) -> np.ndarray:
-        faster = np.gradient(np.gradient(play, self._row_s), self._row_s)
-        return self._dynamics.by_position[:, :, j] * play[:, None] + self._dynamics.by_acceleration[:, :, j] * faster[:, None]
-
-    def _of_body(self, state: JointState, term: Term) -> np.ndarray:
-        """Of masses, gravity and what acts at the joint itself, shape (t, k); zeros for what acts elsewhere."""
-        d, path, j = self._dynamics, self._path, term.index
-        image = np.zeros_like(path.position)
-        match term.key:
-            case "link_mass.factor":
-                return d.by_link_mass[:, :, j]
-            case "gravity.offset_m_s2":
-                return d.by_gravity[:, :, j]
-            case "table_tilt.roll_rad":
-                return self._tilt_images[:, :, 0]
-            case "table_tilt.pitch_rad":
-                return self._tilt_images[:, :, 1]
-            case "encoder_offset.offset_rad":
-                return -d.by_position[:, :, j]
-            case "rotor_inertia.armature_kg_m2":
-                image[:, j] = path.acceleration[:, j]
-            case "viscous_friction.damping_nm_s_rad":
-                image[:, j] = path.velocity[:, j]
-            case "joint_stiffness.stiffness_nm_rad":
-                key = "joint_stiffness.reference_rad"
-                image[:, j] = path.position[:, j] - dict(term.shape).get(key, state.value(key)[j])
-        return image
 
 
 def _together(series: Sequence[JointImage], thin: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:

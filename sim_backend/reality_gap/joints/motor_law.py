@@ -40,6 +40,29 @@ KEYS = (
     "directional_friction.difference_nm",
 )
 """Parameters of one joint's motor and gear, in the order of the law's vector."""
+(
+    _DELAY,
+    _LIMIT,
+    _SAG,
+    _CONSTANT,
+    _LOSS,
+    _RISE,
+    _WARM_TIME,
+    _AMPLITUDE,
+    _CYCLES,
+    _PHASE,
+    _GAP,
+    _ROTOR,
+    _COULOMB,
+    _STRIBECK,
+    _STRIBECK_SPEED,
+    _LOAD,
+    _DIRECTION,
+) = range(len(KEYS))
+LIMIT, COGGING, GAP = KEYS[_LIMIT], KEYS[_AMPLITUDE], KEYS[_GAP]
+"""A motor's largest torque; the numbers whose images are not a difference of two torques."""
+ROTOR_INERTIA_KG_M2 = PARAMETERS[KEYS[_ROTOR]].absent
+"""Of a nominal rotor, on the joint's side."""
 UNLIMITED_NM = 1e9
 """Saturation of a model whose motors have none that is known."""
 DIRECTION_RAD_S = 0.01
@@ -49,32 +72,32 @@ DIRECTION_RAD_S = 0.01
 def absent_values() -> np.ndarray:
     """A motor and gear without effects, shape (len(KEYS),)."""
     values = np.array([PARAMETERS[key].absent for key in KEYS])
-    values[KEYS.index("torque_saturation.limit_nm")] = UNLIMITED_NM
+    values[_LIMIT] = UNLIMITED_NM
     return values
 
 
 def _law(sent, total, position, velocity, step_s, p, current, net, play):
     """One joint along a motion: what the motor's current gives, what is left at the joint, and the play of the gear."""
     steps = len(sent)
-    whole = int(np.floor(p[0] / step_s + 1e-9))
-    fraction = p[0] / step_s - whole
+    whole = int(np.floor(p[_DELAY] / step_s + 1e-9))
+    fraction = p[_DELAY] / step_s - whole
     warm, rotor, gap = 0.0, velocity[0], 0.0
     for i in range(steps):
         newer, older = sent[max(0, i - whole)], sent[max(0, i - whole - 1)]
-        value = saturated_torque_nm(newer + fraction * (older - newer), p[1])
-        if p[2] != 0.0:
-            value = saturated_torque_nm(value, c.MAX_TORQUE_NM * sagging_factor(p[2], total[i]))
+        value = saturated_torque_nm(newer + fraction * (older - newer), p[_LIMIT])
+        if p[_SAG] != 0.0:
+            value = saturated_torque_nm(value, c.MAX_TORQUE_NM * sagging_factor(p[_SAG], total[i]))
         current[i] = value
-        if p[4] != 0.0:
-            warm = temperature_rise_k(warm, value, p[5], p[6], step_s)
-        value = derated_torque_nm(scaled_torque_nm(value, p[3]), warm, p[4])
-        value += cogging_torque_nm(p[7], p[8], p[9], position[i])
-        if p[10] > 0.0:
-            gap, rotor, value = backlash(gap, rotor, velocity[i], value, p[10], p[11], step_s)
+        if p[_LOSS] != 0.0:
+            warm = temperature_rise_k(warm, value, p[_RISE], p[_WARM_TIME], step_s)
+        value = derated_torque_nm(scaled_torque_nm(value, p[_CONSTANT]), warm, p[_LOSS])
+        value += cogging_torque_nm(p[_AMPLITUDE], p[_CYCLES], p[_PHASE], position[i])
+        if p[_GAP] > 0.0:
+            gap, rotor, value = backlash(gap, rotor, velocity[i], value, p[_GAP], p[_ROTOR], step_s)
         play[i] = gap
         speed = velocity[i]
-        bound = p[12] + stribeck_bound_nm(p[13], p[14], speed) + load_bound_nm(p[15], value)
-        bound = max(0.0, bound + directional_bound_nm(p[16], speed))
+        bound = p[_COULOMB] + stribeck_bound_nm(p[_STRIBECK], p[_STRIBECK_SPEED], speed) + load_bound_nm(p[_LOAD], value)
+        bound = max(0.0, bound + directional_bound_nm(p[_DIRECTION], speed))
         net[i] = value - bound * np.tanh(speed / DIRECTION_RAD_S)
 
 
@@ -104,3 +127,8 @@ def along(
     out = np.empty((3, len(sent_nm)))
     _compiled()(sent_nm, total_nm, position, velocity, step_s, values, *out)
     return out[0], out[1], out[2]
+
+
+def cogging_image(values: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """What cogging of a motor's own cycles and phase takes away per N m of its amplitude, shape (s,)."""
+    return -np.sin(2.0 * np.pi * values[_CYCLES] * position + values[_PHASE])

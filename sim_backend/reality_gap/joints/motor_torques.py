@@ -5,9 +5,11 @@ import numpy as np
 from sim_backend.reality_gap.joints import motor_law
 from sim_backend.reality_gap.joints.state import JointState, Term
 from sim_backend.reality_gap.joints.trajectory import Trajectory, filled_gaps
+from sim_backend.reality_gap.knowledge.evidence import Channel, keys_of
 
-BEFORE_CURRENT = motor_law.KEYS[:3]
+BEFORE_CURRENT = frozenset(keys_of(Channel.CURRENT))
 """Parameters that change the current; all others act on what the current gives."""
+_IS_BEFORE = np.array([key in BEFORE_CURRENT for key in motor_law.KEYS])
 
 
 class MotorTorques:
@@ -54,9 +56,8 @@ class MotorTorques:
         values = state.motor(j)
         if self.measured_nm is None:
             return self._law(self.driving_nm[j], values, j)
-        before, after = values.copy(), values.copy()
-        count = len(BEFORE_CURRENT)
-        before[count:], after[:count] = motor_law.absent_values()[count:], motor_law.absent_values()[:count]
+        absent = motor_law.absent_values()
+        before, after = np.where(_IS_BEFORE, values, absent), np.where(_IS_BEFORE, absent, values)
         current = self._law(self.driving_nm[j], before, j)[0]
         _, net, play = self._law(self.measured_nm[j], after, j)
         return current, net, play
@@ -70,9 +71,7 @@ class MotorTorques:
 
     def cogging_image(self, state: JointState, term: Term, j: int) -> np.ndarray:
         """What cogging of the term's own phase, beside the one that the state has, adds per N m, shape (s,)."""
-        values = state.moved(term, 0.0).motor(j)
-        cycles, phase = (values[motor_law.KEYS.index(f"cogging.{name}")] for name in ("cycles_per_rad", "phase_rad"))
-        return -np.sin(2.0 * np.pi * cycles * self._position[j] + phase)
+        return motor_law.cogging_image(state.moved(term, 0.0).motor(j), self._position[j])
 
 
 def _given(sent: np.ndarray | None, measured: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:

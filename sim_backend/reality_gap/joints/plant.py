@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from sim_backend.reality_gap.knowledge.evidence import NUMBERS
+
 _ONE_DOF = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 
@@ -55,7 +57,9 @@ class Plant:
         self._tree = self._model.dof_treeid[self._v]
         self.resting = _resting(self._model, joints)
         """Joints of the same trees that were not recorded, taken to rest where the model has them at first."""
-        self.own_values = {key: getattr(model, name)[self._v].copy() for key, name in _OWN.items()}
+        self.own_values = {
+            key: getattr(model, number.model_field)[self._v].copy() for key, number in NUMBERS.items() if number.model_field
+        }
         """What the model itself says of its joints that are effects' values, too, by "effect.parameter", shape (k,)."""
 
     @property
@@ -115,12 +119,6 @@ class Plant:
 
 
 _POSITION_STEP = 1e-4  # rad or m
-_OWN = {
-    "coulomb_friction.torque_nm": "dof_frictionloss",
-    "viscous_friction.damping_nm_s_rad": "dof_damping",
-    "rotor_inertia.armature_kg_m2": "dof_armature",
-}
-"""Where a compiled model keeps what the catalogue has as absolute values of joints."""
 
 
 def _without_constraints(model: mujoco.MjModel) -> mujoco.MjModel:

@@ -10,15 +10,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.joints.checks import Finding
-from sim_backend.reality_gap.joints.equations import Channel, EpisodeEquations, Equation
+from sim_backend.reality_gap.joints.equations import EpisodeEquations, Equation
 from sim_backend.reality_gap.joints.evidence import FOLDS, WINDOW_FLOOR, WINDOW_ROWS, folds_of, in_windows
+from sim_backend.reality_gap.joints.motor_law import ROTOR_INERTIA_KG_M2
 from sim_backend.reality_gap.joints.play_law import follow_play, geared_motion
 from sim_backend.reality_gap.joints.state import JointState
+from sim_backend.reality_gap.knowledge.evidence import Channel, Sign
 
 GAPS_RAD = np.geomspace(5e-4, 2e-2, 9)
-ROTOR_KG_M2 = PARAMETERS["backlash.rotor_inertia_kg_m2"].absent
 LIGHT = 0.5
 """Share of the inertia behind a joint that the rotor's must have, so that the link is light beside it."""
 LEFT_AT_MOST = 0.1
@@ -86,7 +86,7 @@ def rattling_joints(episodes: Sequence[EpisodeEquations], state: JointState) -> 
     found = []
     for joint in range(state.joints):
         inertia = max(float(e.dynamics.by_acceleration[:, joint, joint].mean()) for e in episodes)
-        if LIGHT * inertia > ROTOR_KG_M2:
+        if LIGHT * inertia > ROTOR_INERTIA_KG_M2:
             continue
         tried = [
             [_followed(*each, joint, float(gap), len(episodes)) for each in zip(episodes, motions, equations, strict=True)]
@@ -104,7 +104,7 @@ def _followed(
 ) -> Followed:
     path, equation = episode.path, equations[joint]
     torque = episode.acting_nm[joint]
-    passed, play = follow_play(motion[joint], path.step_s, gap_rad, ROTOR_KG_M2, torque)
+    passed, play = follow_play(motion[joint], path.step_s, gap_rad, ROTOR_INERTIA_KG_M2, torque)
     moved = episode.dynamics.by_position[:, joint, joint] * play[:: path.every]
     moved += episode.dynamics.by_acceleration[:, joint, joint] * path.second_differences(play)
     residual = equation.residual + path.averaged(passed - torque) + moved
@@ -165,4 +165,4 @@ def _judged(joint: int, tried: Sequence[Sequence[Followed]]) -> Finding | None:
     width = np.sqrt(GAPS_RAD[1] / GAPS_RAD[0])
     low, high = float(good[0] / width), float(good[-1] * width)
     value = float(np.sqrt(low * high))
-    return Finding("backlash", "gap_rad", joint, value, (low, high), without / noise / BEYOND_NOISE)
+    return Finding(Sign.RATTLING_ROTOR, joint, value, (low, high), without / noise / BEYOND_NOISE)

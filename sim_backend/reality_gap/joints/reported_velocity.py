@@ -5,6 +5,10 @@ from scipy import signal
 
 from sim_backend.reality_gap.joints.state import JointState, Term
 from sim_backend.reality_gap.joints.trajectory import Trajectory, filled_gaps
+from sim_backend.reality_gap.knowledge.evidence import Channel, keys_of
+
+SHOWN = keys_of(Channel.VELOCITY)
+"""Time constants of first-order filters, one after the other: what stands between a speed and its report."""
 
 
 def velocity_residual(path: Trajectory, state: JointState, *, is_mean: bool) -> np.ndarray | None:
@@ -21,8 +25,9 @@ def velocity_residual(path: Trajectory, state: JointState, *, is_mean: bool) -> 
     speed = path.fast_velocity
     if is_mean:
         speed = 0.5 * (speed + np.concatenate([speed[:1], speed[:-1]]))
-    turning = _lagged(speed, state.value("velocity_filter.time_constant_s"), path.step_s)
-    return path.smoothed((filled_gaps(reported) - turning).T).T
+    for key in SHOWN:
+        speed = _lagged(speed, state.value(key), path.step_s)
+    return path.smoothed((filled_gaps(reported) - speed).T).T
 
 
 def velocity_image(path: Trajectory, state: JointState, term: Term) -> np.ndarray:

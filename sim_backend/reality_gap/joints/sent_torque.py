@@ -10,7 +10,12 @@ from sim_backend.reality_gap.joints.mechanics_images import JointImage
 from sim_backend.reality_gap.joints.state import JointState, Term
 from sim_backend.reality_gap.recording import JointSignals
 
-_KEYS = ("position_gain.factor", "safety_damping.factor", "timing_jitter.std_s", "controller_restart.off")
+_GAIN, _DAMPING, LATENESS, _OFF = (
+    "position_gain.factor",
+    "safety_damping.factor",
+    "timing_jitter.std_s",
+    "controller_restart.off",
+)
 _TELLING_NM = 1e-4
 """Two commands whose torques differ by less cannot be told apart."""
 
@@ -34,7 +39,7 @@ class SentTorque:
     def residual(self, state: JointState) -> np.ndarray:
         """What was sent beyond what the pipeline makes, shape (s, k), N m."""
         residual = self._sent - self._made(state, self._desired, self._target)
-        off = state.value("controller_restart.off")[0]
+        off = state.value(_OFF)[0]
         return residual if off == 0.0 else residual * 0.0 + self._sent
 
     def _made(self, state: JointState, desired: np.ndarray, target: np.ndarray) -> np.ndarray:
@@ -44,8 +49,8 @@ class SentTorque:
             target,
             self._joints.position_rad,
             self._joints.velocity_rad_s,
-            position_gain_factor=state.value("position_gain.factor"),
-            damping_factor=state.value("safety_damping.factor"),
+            position_gain_factor=state.value(_GAIN),
+            damping_factor=state.value(_DAMPING),
         )
 
     def images(self, state: JointState, terms: Sequence[Term]) -> list[JointImage]:
@@ -53,7 +58,7 @@ class SentTorque:
         found: list[JointImage] = []
         taken: dict[tuple[str, float], np.ndarray] = {}
         for i, term in enumerate(terms):
-            if term.key not in _KEYS:
+            if term.key not in (_GAIN, _DAMPING, LATENESS, _OFF):
                 continue
             if (term.key, term.probe) not in taken:
                 taken[term.key, term.probe] = self._image(state, term)
@@ -78,12 +83,12 @@ class SentTorque:
     def _image(self, state: JointState, term: Term) -> np.ndarray:
         """What a term does if all joints have it, shape (s, k)."""
         base = self._made(state, self._desired, self._target)
-        if term.key == "timing_jitter.std_s":
+        if term.key == LATENESS:
             since_s = _time_since_change_s(self._target, self._step_s)
             late = np.maximum(0.0, 1.0 - since_s / (2.0 * term.probe))[:, None]  # roughly the chance of half-normal lateness
             before = self._made(state, *_command_before(self._desired, self._target))
             return late * (before - base) / term.probe
-        if term.key == "controller_restart.off":
+        if term.key == _OFF:
             return -base
         moved = replace(state, given={**state.given, term.key: state.value(term.key) + term.probe})
         return (self._made(moved, self._desired, self._target) - base) / term.probe

@@ -16,21 +16,21 @@ from sim_backend.reality_gap.joints.checks import (
     torque_noise_findings,
 )
 from sim_backend.reality_gap.joints.command_lateness import with_measured_lateness
-from sim_backend.reality_gap.joints.equations import Channel, EpisodeEquations
+from sim_backend.reality_gap.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.joints.fit import MANY_CAUSES, JointFit, select
 from sim_backend.reality_gap.joints.gain import held_out_errors
 from sim_backend.reality_gap.joints.healthy import UNKNOWN, Calibration, calibration
-from sim_backend.reality_gap.joints.hypotheses import SCALES_OF_EVERYTHING
 from sim_backend.reality_gap.joints.look import JointProblem, Look
+from sim_backend.reality_gap.joints.motor_law import LIMIT
 from sim_backend.reality_gap.joints.plant import Plant
 from sim_backend.reality_gap.joints.rattling import Rattling, rattling_joints
 from sim_backend.reality_gap.joints.state import JointState
 from sim_backend.reality_gap.joints.trajectory import trajectory
+from sim_backend.reality_gap.knowledge.evidence import FELT, FITTED, TAKES_OVER, Channel, Sign
 from sim_backend.reality_gap.outliers import PEAK, usual_peak_nm
 from sim_backend.reality_gap.recording import JointSignals, Recording, RecordingError
 from sim_backend.trifinger import constants as c
 
-LIMIT = "torque_saturation.limit_nm"
 FOREIGN_CUTOFF_HZ = 12.0
 """Where nobody knows what a motor board does, torques are compared below this frequency only."""
 LEAST_REDUCTION = 0.02
@@ -142,19 +142,19 @@ def study_joints(
         reported = recordings[index].joints
         episodes[index] = _equations(plant, corrected, index, is_trifinger=is_trifinger, reported=reported)
     for fault in faults:
-        if fault.effect != "encoder_jump" and fault.joint is not None:
+        if fault.sign is not Sign.POSITION_JUMP and fault.joint is not None:
             for episode in episodes:
                 episode.ignore_joint(fault.joint)
     _check_motion(episodes)
     known = calibration(tuple(recording.regime for recording in recordings)) if is_trifinger else UNKNOWN
     left_out = tuple(excluded)
-    excluded = (*excluded, *{"encoder_offset" for f in faults if f.effect == "encoder_jump"})
+    excluded = (*excluded, *{TAKES_OVER[f.sign] for f in faults if f.sign in TAKES_OVER})
     for each in rattling:
         for episode, apart in zip(episodes, each.apart, strict=True):
             episode.ignore_rattling(each.joint, apart)
     for end in end_findings(episodes, nominal_state) if is_trifinger else ():
         for episode in episodes:
-            episode.keep_off(end.joint or 0, 1 if end.parameter == "upper_rad" else 0, end.value)
+            episode.keep_off(end.joint or 0, 1 if end.sign is Sign.UPPER_END else 0, end.value)
     problem = JointProblem(episodes, names, has_pipeline=is_trifinger, excluded=excluded, tolerances=known.tolerances)
     used_gate = gate if gate is not None else _FOREIGN_GATE
     gates = known.gates if gate is None else {}
@@ -171,7 +171,7 @@ def study_joints(
         problem,
         with_measured_lateness(fit, episodes),
         tuple(f for f in found if f.effect not in excluded),
-        tuple(rattling) if "backlash" not in excluded else (),
+        tuple(each for each in rattling if each.finding.effect not in excluded),
         tuple(f for f in found if f.effect in left_out),
         used_gate,
         is_trifinger,
@@ -220,7 +220,7 @@ def noise_of_motors(problem: JointProblem, state: JointState) -> list[Finding]:
     if look.noise_ratio.max() > MANY_CAUSES:
         return []
     found = torque_noise_findings(problem.episodes, state, look.sensed_share, look.sensed_error)
-    felt = [f for f in found if f.effect == "action_noise" and f.joint in odd]
+    felt = [f for f in found if f.sign in FELT and f.joint in odd]
     for finding in felt:
         for episode in problem.episodes:
             episode.ignore_joint(finding.joint or 0)
@@ -231,7 +231,7 @@ def _without_jumps(recordings: Sequence[Recording], faults: Sequence[Finding]) -
     """Recordings as their encoders would have reported them without losing counts, by index; only those with jumps."""
     corrected: dict[int, Recording] = {}
     for jump in faults:
-        if jump.effect != "encoder_jump":
+        if jump.sign is not Sign.POSITION_JUMP:
             continue
         recording = corrected.get(jump.episode, recordings[jump.episode])
         assert recording.joints is not None and jump.joint is not None
@@ -247,7 +247,7 @@ def may_follow(problem: JointProblem, before: Look, after: Look) -> bool:
     What the law of an earlier cause leaves spreads over the torques and masses of its finger, one after the other.
     """
     is_first = not before.accepted or problem.expects_many
-    return is_first or after.accepted[-1].effect not in SCALES_OF_EVERYTHING or is_worth_it(problem, before, after)
+    return is_first or not FITTED[after.accepted[-1].effect].scales_everything or is_worth_it(problem, before, after)
 
 
 def is_worth_it(problem: JointProblem, before: Look, after: Look) -> bool:

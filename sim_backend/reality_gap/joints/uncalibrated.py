@@ -15,6 +15,7 @@ from sim_backend.reality_gap.joints.gain import errors_of, held_out_errors
 from sim_backend.reality_gap.joints.look import Accepted
 from sim_backend.reality_gap.joints.misreadings import listed, misreading
 from sim_backend.reality_gap.joints.study import LEAST_TORQUE_SHARE, JointStudy
+from sim_backend.reality_gap.knowledge.evidence import FITTED, Sign
 from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
 
 FAR = 2.0
@@ -85,7 +86,7 @@ def reconsidered(study: JointStudy, verdict: Verdict) -> Verdict:
     agreement, names = agreement_of(study), study.problem.names
     unjudged = [name for name, judged in zip(names, agreement.is_judged, strict=True) if not judged]
     verdict = replace(verdict, cannot_tell=(*verdict.cannot_tell, *_unjudged_sentences(study, unjudged)))
-    if any(cause.effect == "stuck_joint" for cause in verdict.causes):
+    if any(finding.sign is Sign.REST_UNDER_LOAD for finding in study.findings):
         return verdict
     if not agreement.is_judged.any():
         return _not_identifiable(verdict, "These data cannot tell anything: of no joint are there enough rows in which it moves.")
@@ -130,7 +131,8 @@ def _is_among(accepted: Accepted, named: set[tuple[str, str]], study: JointStudy
 
 def _joints_of(accepted: Accepted, joints: int) -> list[int]:
     """Where a cause acts first: its own joints, or all of them."""
-    own = sorted({t.index for t in accepted.terms if PARAMETERS[t.key].width == 9 and accepted.effect != "link_mass"})
+    reaches = FITTED[accepted.effect].reaches_other_joints
+    own = sorted({t.index for t in accepted.terms if PARAMETERS[t.key].width == 9 and not reaches})
     return own or list(range(joints))
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sim_backend.reality_gap.joints.hypotheses import ONLY_SHAPES, SCALES
+from sim_backend.reality_gap.knowledge.evidence import NUMBERS, SCALES
 
 FILE = Path(__file__).with_name("value_errors.json")
 TELLING = 0.5
@@ -30,7 +30,7 @@ def usual_error(key: str) -> float:
 
 def is_telling(key: str) -> bool:
     """Whether a value can show by itself, where a robot differs everywhere, that its effect is there."""
-    return key not in ONLY_SHAPES and usual_error(key) <= TELLING * SCALES[key]
+    return key in NUMBERS and usual_error(key) <= TELLING * SCALES[key]
 
 
 def usual_errors(rows: Sequence[Mapping]) -> dict[str, float]:

@@ -8,16 +8,16 @@ import numpy as np
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.joints.causes import Z_90, causes_of, is_clear, place_of
 from sim_backend.reality_gap.joints.checks import Finding, place
-from sim_backend.reality_gap.joints.equations import Channel
 from sim_backend.reality_gap.joints.evidence import WHOLE_EPISODES
 from sim_backend.reality_gap.joints.fitted_values import fitted_values
 from sim_backend.reality_gap.joints.flexible import Pattern, lasting, patterns
 from sim_backend.reality_gap.joints.gain import errors_of, held_out_errors
-from sim_backend.reality_gap.joints.hypotheses import ALL_JOINTS, SCALES_OF_EVERYTHING
+from sim_backend.reality_gap.joints.hypotheses import ALL_JOINTS, scales_everything
 from sim_backend.reality_gap.joints.look import Accepted, Candidate, Look
 from sim_backend.reality_gap.joints.moves import moved
 from sim_backend.reality_gap.joints.study import JointStudy
 from sim_backend.reality_gap.joints.uncalibrated import ALMOST, reconsidered, unknown_of
+from sim_backend.reality_gap.knowledge.evidence import ENDS, FELT, FITTED, SENSOR_NOISE, Channel, Sign
 from sim_backend.reality_gap.knowledge.separation import separated_by
 from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
 
@@ -35,20 +35,6 @@ FOREIGN_PATTERN_SHARE = 1.0
 """Where there are no healthy sessions: what is left must be more than what was explained."""
 _TRADED_SCALE, _TRADED = 0.2, 2
 """So many torques or masses that seem off by more than this take the place of something else."""
-_SHOWN = {
-    ("joint_noise", "position_rad"): "the noise of the reported position",
-    ("joint_noise", "velocity_rad_s"): "the noise of the reported velocity",
-    ("joint_noise", "torque_nm"): "the noise of the measured torque",
-    ("action_noise", "white_nm"): "torque that was not sent but felt",
-    ("action_noise", "correlated_nm"): "slow torque that was not sent but felt",
-    ("encoder_quantisation", "step_rad"): "the steps of the reported position",
-    ("encoder_jump", "offset_rad"): "a jump of the reported position",
-    ("stuck_joint", "holding_torque_nm"): "the rest under load",
-    ("backlash", "gap_rad"): "the rattling of the rotor",
-    ("joint_limits", "lower_rad"): "the place of the lower end",
-    ("joint_limits", "upper_rad"): "the place of the upper end",
-}
-"""What findings show, said without their causes."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +49,8 @@ def judge(study: JointStudy) -> JointVerdict:
     """Judge a study of joints (held-out errors are added by ``gain``)."""
     fit, names = study.fit, study.problem.names
     causes = [cause for a in fit.accepted for cause in causes_of(study, a)]
-    acting = {f.joint for f in study.findings if f.effect == "action_noise"}
-    findings = [f for f in study.findings if not (f.effect == "joint_noise" and f.joint in acting)]  # the joint shakes
+    acting = {f.joint for f in study.findings if f.sign in FELT}
+    findings = [f for f in study.findings if not (f.sign in SENSOR_NOISE and f.joint in acting)]  # the joint shakes
     causes += [_found(f, names) for f in findings if _is_shown(f, study)]
     left = patterns(study.problem.episodes, fit.last, study.start.size)
     rivals = [rival for a in fit.accepted if (rival := _rival(study, a)) is not None]
@@ -96,7 +82,7 @@ def _kind(study, causes, left: Sequence[Pattern], rivals) -> tuple[VerdictKind, 
     if study.is_calibrated and len(_large_scales(causes)) >= _TRADED:
         said = "Only torques or masses of several joints that are far off would explain the data: no cause of the catalogue does."
         return VerdictKind.UNEXPLAINED, said
-    is_stuck = any(cause.effect == "stuck_joint" for cause in causes)
+    is_stuck = any(f.sign is Sign.REST_UNDER_LOAD for f in study.findings)
     share = PATTERN_SHARE if study.is_calibrated else FOREIGN_PATTERN_SHARE
     if strongest_left(study, left) > max(PATTERN_NATS, study.known.left_nats, share * explained) and not is_stuck:
         return VerdictKind.UNEXPLAINED, "The data disagree with the model, and no cause of the catalogue explains it well enough."
@@ -110,7 +96,7 @@ def _kind(study, causes, left: Sequence[Pattern], rivals) -> tuple[VerdictKind, 
 
 def strongest_left(study: JointStudy, left: Sequence[Pattern]) -> float:
     """What is left for any function of one variable, or for a hypothesis whose values no robot has, nats."""
-    noisy = {f.joint for f in study.findings if f.effect in ("joint_noise", "action_noise") and _is_shown(f, study)}
+    noisy = {f.joint for f in study.findings if f.sign in SENSOR_NOISE | FELT and _is_shown(f, study)}
     factor = 1.0 if study.problem.expects_many else _VELOCITY_FACTOR
     clear = _almost_explained(study)
     told = [p for p in left if p.joint not in noisy and not (p.channel is Channel.MECHANICS and p.joint in clear)]
@@ -137,7 +123,7 @@ def _almost_explained(study: JointStudy) -> set[int]:
 def _odd(study: JointStudy) -> list[str]:
     """What no healthy robot shows and no cause of the catalogue explains."""
     shown = [f for f in study.odd if _is_shown(f, study)]
-    return [f"{_SHOWN[f.effect, f.parameter]} of {place(study.problem.names, f.joint)}" for f in shown]
+    return [f"{f.sign} of {place(study.problem.names, f.joint)}" for f in shown]
 
 
 def _may_have_play(study: JointStudy) -> bool:
@@ -164,7 +150,7 @@ def _large_scales(causes: Sequence[Cause]) -> list[Cause]:
     return [
         cause
         for cause in causes
-        if cause.effect in SCALES_OF_EVERYTHING
+        if scales_everything(f"{cause.effect}.{cause.parameter}")
         and abs(cause.value - PARAMETERS[f"{cause.effect}.{cause.parameter}"].absent) > _TRADED_SCALE
     ]
 
@@ -191,9 +177,9 @@ def _found(finding: Finding, names: tuple[str, ...]) -> Cause:
 def _is_shown(finding: Finding, study: JointStudy) -> bool:
     """Not what another cause leaves, which looks like noise, and holds a joint where it should not be."""
     where = place(study.problem.names, finding.joint)
-    if finding.effect not in ("joint_noise", "action_noise", "joint_limits"):
+    if finding.sign not in SENSOR_NOISE | FELT | ENDS:
         return True
-    same = (where.partition("_")[0] if finding.effect == "joint_limits" else where, "platform", "all")
+    same = (where.partition("_")[0] if finding.sign in ENDS else where, "platform", "all")
     return not any(a.where.startswith(same) for a in study.fit.accepted)
 
 
@@ -217,7 +203,7 @@ def _rival(study: JointStudy, accepted: Accepted) -> tuple[Rival, list[Cause]] |
             continue  # by itself it would not be named either
         if study.problem.expects_many and (candidate.gain > taken.gain or h.effect in {a.effect for a in study.fit.accepted}):
             continue  # refused for its values, or named elsewhere
-        if (accepted.effect, h.effect) == ("table_tilt", "gravity"):
+        if FITTED[h.effect].contains == accepted.effect:
             continue  # the same with one number more
         rival = Rival(
             h.effect,
