@@ -30,6 +30,7 @@ from sim_backend.reality_gap.joints.motor_law import LIMIT
 from sim_backend.reality_gap.joints.sections import joint_sections
 from sim_backend.reality_gap.joints.study import JointStudy, ShowsNothingError, study_joints
 from sim_backend.reality_gap.joints.verdict import judge
+from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, Robot, UnknownRobot
 from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.report.report import write_html
 from sim_backend.reality_gap.success.prediction import Question, Trials, read_question, success_of
@@ -45,13 +46,13 @@ CUBE_EXCITATION = "slide_cube"
 class Material:
     """What a study works on: recordings, the model they are compared with, and where both come from.
 
-    ``trials`` are logs of the farm beside those of excitations, which no joint is judged from.
+    ``trials`` are logs of the farm beside those of excitations, which no joint is judged from. ``robot`` is its
+    name, if it is one of the farm's. Without a ``study_file`` the recordings are a TriFinger's.
     """
 
     title: str
     recordings: tuple[Recording, ...]
     files: tuple[Path, ...]
-    is_trifinger: bool
     study_file: StudyFile | None
     robot: str | None = None
     trials: tuple[Path, ...] = ()
@@ -114,11 +115,11 @@ def recordings_of(source: FarmLogs | Path, data_root: Path | None, progress: Pro
     if isinstance(source, FarmLogs):
         recordings = read_farm_logs(source.judged, progress)
         title = f"Logs in {source.judged[0].parent.resolve().name}"
-        return Material(title, tuple(recordings), source.judged, True, None, source.robot, source.trials)
+        return Material(title, tuple(recordings), source.judged, None, source.robot, source.trials)
     study_file = load_study_file(source, data_root)
     recordings = read_recordings(study_file, lambda what: progress(f"reading {what}", 0.0))
     files = (source, study_file.model, *dict.fromkeys(entry.file for entry in study_file.recordings))
-    return Material(study_file.title, tuple(recordings), files, False, study_file)
+    return Material(study_file.title, tuple(recordings), files, study_file)
 
 
 def _question(logs: FarmLogs | None, trials: Trials | None) -> Question | None:
@@ -147,7 +148,7 @@ def verdict_of(material: Material, method: str, rng: np.random.Generator, progre
     after = 0.8 if of_cube or of_objects else 1.0
     if of_joints:
         found.append(_joint_verdict(material, of_joints, method, rng, _part(progress, 0.0, after)))
-    if of_cube and material.is_trifinger:
+    if of_cube and material.study_file is None:
         from sim_backend.reality_gap.cube.study import study_cube  # with its replay, which most studies do without
 
         study = study_cube(of_cube, rng, lambda what: progress(what, after))
@@ -163,6 +164,11 @@ def verdict_of(material: Material, method: str, rng: np.random.Generator, progre
     return verdict, sections
 
 
+def known_of(material: Material, recordings: Sequence[Recording]) -> Robot:
+    """What is known of the robot: whoever describes data by a study file has another robot than the farm's."""
+    return KnownTriFinger.seen_in(recordings) if material.study_file is None else UnknownRobot()
+
+
 def _joint_verdict(
     material: Material, recordings: Sequence[Recording], method: str, rng: np.random.Generator, progress: Progress
 ) -> tuple[Verdict, dict[str, Any]]:
@@ -172,12 +178,12 @@ def _joint_verdict(
             model,
             recordings,
             progress,
-            is_trifinger=material.is_trifinger,
+            robot=known_of(material, recordings),
             nominal=_nominal(material, recordings),
             gate=None if method == METHODS[0] else np.inf,
         )
     except ShowsNothingError as error:
-        return not_identifiable(error, material.is_trifinger), {}
+        return not_identifiable(error, known_of(material, recordings)), {}
     if method != METHODS[0]:
         return _calibrated(study, method, rng), {}
     judged = judge(study)
@@ -205,11 +211,11 @@ def _calibrated(study: JointStudy, method: str, rng: np.random.Generator) -> Ver
     )
 
 
-def not_identifiable(error: ShowsNothingError, is_trifinger: bool) -> Verdict:
+def not_identifiable(error: ShowsNothingError, robot: Robot) -> Verdict:
     """Nothing about joints can be told."""
     what = (
         "run 'trifarm identify --excitation standard' on the robot"
-        if is_trifinger
+        if isinstance(robot, KnownTriFinger)
         else "move every joint slowly and fast over its range"
     )
     return Verdict(

@@ -9,6 +9,7 @@ from sim_backend.reality_gap.joints.gain import errors_of, held_out_errors
 from sim_backend.reality_gap.joints.state import JointState
 from sim_backend.reality_gap.joints.study import study_joints
 from sim_backend.reality_gap.joints.verdict import judge
+from sim_backend.reality_gap.knowledge.robot import UnknownRobot
 from sim_backend.reality_gap.study import recordings_of
 from sim_backend.reality_gap.verdict import VerdictKind, names_of
 
@@ -26,7 +27,7 @@ def test_coulomb_friction_is_named_on_both_joints_and_predicts_runs_that_were_le
     material = recordings_of(ROOT / "docs/studies/double-pendulum/study.toml", DATA, lambda *_: None)
     assert material.study_file is not None
     assert len(material.recordings) == 10
-    study = study_joints(material.study_file.compile_model(), material.recordings, lambda *_: None, is_trifinger=False)
+    study = study_joints(material.study_file.compile_model(), material.recordings, lambda *_: None, robot=UnknownRobot())
     verdict = judge(study).verdict
     assert verdict.verdict is VerdictKind.NAMED
     assert names_of(verdict.causes) == {("coulomb_friction", "joint1"), ("coulomb_friction", "joint2")}

@@ -6,6 +6,7 @@ import pytest
 
 from sim_backend.reality_gap.joints.study import study_joints
 from sim_backend.reality_gap.joints.verdict import judge
+from sim_backend.reality_gap.knowledge.robot import UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.verdict import Verdict, VerdictKind
 
@@ -55,7 +56,7 @@ def recorded(model: mujoco.MjModel, seed: int, delay_steps: int = 0, offset_rad:
 
 def verdict_of(model: mujoco.MjModel, **how) -> Verdict:
     recordings = [recorded(model, seed, **how) for seed in (1, 2)]
-    return judge(study_joints(arm(), recordings, lambda *_: None, is_trifinger=False)).verdict
+    return judge(study_joints(arm(), recordings, lambda *_: None, robot=UnknownRobot())).verdict
 
 
 HIDDEN = {

@@ -12,6 +12,7 @@ from sim_backend.reality_gap.blind_test.many_causes import robot
 from sim_backend.reality_gap.joints.sessions import healthy_physics, simulated_sessions
 from sim_backend.reality_gap.joints.study import ShowsNothingError, study_joints
 from sim_backend.reality_gap.joints.verdict import judge
+from sim_backend.reality_gap.knowledge.robot import KnownTriFinger
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.verdict import VerdictKind
 from sim_backend.trifinger import constants as c
@@ -32,7 +33,7 @@ FEW = (
 def verdicts(cases, excluded=()):
     model = compile_scene()
     for case, recordings in zip(cases, recordings_of(cases), strict=True):
-        study = study_joints(model, recordings, lambda *_: None, is_trifinger=True, excluded=excluded)
+        study = study_joints(model, recordings, lambda *_: None, robot=KnownTriFinger.seen_in(recordings), excluded=excluded)
         yield case, judge(study).verdict
 
 
@@ -64,7 +65,8 @@ def test_a_few_hidden_effects_are_named_with_place_and_value():
 def study_of(seed, values):
     """A healthy robot with these values at every joint, seen by the standard excitation."""
     physics = healthy_physics(seed).changed({key: np.full((1, 9), value) for key, value in values.items()})
-    return study_joints(compile_scene(), simulated_sessions(physics, [seed]), lambda *_: None, is_trifinger=True)
+    recordings = simulated_sessions(physics, [seed])
+    return study_joints(compile_scene(), recordings, lambda *_: None, robot=KnownTriFinger.seen_in(recordings))
 
 
 def test_a_cause_that_gains_far_more_does_not_hide_another():
@@ -83,7 +85,8 @@ def test_friction_of_all_joints_does_not_take_their_torques_along():
 
 
 def test_play_beside_other_causes_is_suspected_where_its_law_does_not_explain_it():
-    play = study_joints(compile_scene(), simulated_sessions(robot(8341, 4), [8341]), lambda *_: None, is_trifinger=True)
+    recordings = simulated_sessions(robot(8341, 4), [8341])
+    play = study_joints(compile_scene(), recordings, lambda *_: None, robot=KnownTriFinger.seen_in(recordings))
     verdict = judge(play).verdict
     assert verdict.verdict is VerdictKind.UNEXPLAINED
     assert "backlash" in verdict.record_next[0]
@@ -123,7 +126,7 @@ def test_healthy_robots_are_not_blamed():
 @pytest.mark.parametrize("excitation", ["slow_ramps", "fast_sweeps"])
 def test_healthy_robots_are_not_blamed_whatever_they_are_excited_by(excitation):
     recordings = simulated_sessions(healthy_physics(SEED), [SEED], excitation=excitation)
-    verdict = judge(study_joints(compile_scene(), recordings, lambda *_: None, is_trifinger=True)).verdict
+    verdict = judge(study_joints(compile_scene(), recordings, lambda *_: None, robot=KnownTriFinger.seen_in(recordings))).verdict
     assert verdict.verdict is VerdictKind.NOTHING_WRONG, verdict.summary
 
 
@@ -140,14 +143,14 @@ def test_a_robot_at_rest_tells_nothing():
     joints = JointSignals(c.JOINT_NAMES, position, np.zeros((steps, 9)), np.zeros((steps, 9)), np.zeros((steps, 9)))
     rest = Recording("rest", "rest.mcap", 1e-3, 1e-3 * np.arange(steps), joints)
     with pytest.raises(ShowsNothingError, match="no joint moves"):
-        study_joints(compile_scene(), [rest], lambda *_: None, is_trifinger=True)
+        study_joints(compile_scene(), [rest], lambda *_: None, robot=KnownTriFinger.seen_in([rest]))
 
 
 def test_short_pieces_of_a_recording_tell_nothing():
     (whole,) = simulated_sessions(healthy_physics(SEED), [SEED], excitation="oscillations")
     for pieces in ([begin_of(whole, 9000)] * 3, [begin_of(whole, 17_000)]):
         with pytest.raises(ShowsNothingError, match=r"last (0|17).0 s in all, and it takes 18 s"):
-            study_joints(compile_scene(), pieces, lambda *_: None, is_trifinger=True)
+            study_joints(compile_scene(), pieces, lambda *_: None, robot=KnownTriFinger.seen_in(pieces))
 
 
 def test_the_blind_test_counts_what_was_said():

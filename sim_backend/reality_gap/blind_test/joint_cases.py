@@ -8,9 +8,9 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.physics import Physics
-from sim_backend.reality_gap.joints.healthy import STANDARD
 from sim_backend.reality_gap.joints.hypotheses import PLATFORM
 from sim_backend.reality_gap.joints.sessions import EVERYTHING, healthy_physics, simulated_recordings
+from sim_backend.reality_gap.knowledge.robot import STANDARD
 from sim_backend.reality_gap.recording import Recording
 from sim_backend.trifinger import constants as c
 

@@ -21,10 +21,10 @@ import numpy as np
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.blind_test.counting import share, whole_lines
 from sim_backend.reality_gap.blind_test.joint_cases import MULTIPLES, Case, draw_cases, keys_shown_by, recordings_of
-from sim_backend.reality_gap.joints.healthy import STANDARD
 from sim_backend.reality_gap.joints.sessions import EVERYTHING, IN_THE_AIR
 from sim_backend.reality_gap.joints.study import study_joints
 from sim_backend.reality_gap.joints.verdict import judge
+from sim_backend.reality_gap.knowledge.robot import STANDARD, KnownTriFinger
 from sim_backend.reality_gap.refusal import refused
 from sim_backend.reality_gap.verdict import VerdictKind
 from sim_backend.trifinger.scene import compile_scene
@@ -107,7 +107,7 @@ def _judged(group: Sequence[tuple[Case, bool]], excitation: str) -> list[dict]:
     for (case, left_out), recordings in zip(group, seen, strict=True):
         begun = time.monotonic()
         excluded = _LEFT_OUT_TOGETHER.get(case.effect, (case.effect,)) if left_out else ()
-        study = study_joints(model, recordings, lambda *_: None, is_trifinger=True, excluded=excluded)
+        study = study_joints(model, recordings, lambda *_: None, robot=KnownTriFinger.seen_in(recordings), excluded=excluded)
         judged = judge(study)
         verdict = judged.verdict.document()
         strongest = judged.patterns[0] if judged.patterns else None

@@ -28,6 +28,7 @@ from sim_backend.reality_gap.joints.sessions import healthy_physics, simulated_s
 from sim_backend.reality_gap.joints.study import JointStudy, study_joints
 from sim_backend.reality_gap.joints.value_errors import FILE, document, usual_error
 from sim_backend.reality_gap.joints.verdict import judge
+from sim_backend.reality_gap.knowledge.robot import KnownTriFinger
 from sim_backend.reality_gap.refusal import refused
 from sim_backend.reality_gap.verdict import Cause, VerdictKind
 from sim_backend.trifinger.scene import compile_scene
@@ -104,7 +105,8 @@ def asked(seed: int, effects: int | None = None) -> dict:
     """The verdict on one robot, and each of its values beside the truth."""
     begun = time.monotonic()
     physics = robot(seed, effects)
-    study = study_joints(compile_scene(), simulated_sessions(physics, [seed]), lambda *_: None, is_trifinger=True)
+    recordings = simulated_sessions(physics, [seed])
+    study = study_joints(compile_scene(), recordings, lambda *_: None, robot=KnownTriFinger.seen_in(recordings))
     verdict = judge(study).verdict
     values = [_value(study, physics, cause) for cause in verdict.causes]
     return {

@@ -19,6 +19,7 @@ from sim_backend.reality_gap.joints.sessions import EVERYTHING, IN_THE_AIR, heal
 from sim_backend.reality_gap.joints.study import study_joints
 from sim_backend.reality_gap.joints.verdict import strongest_left
 from sim_backend.reality_gap.knowledge.evidence import NUMBERS
+from sim_backend.reality_gap.knowledge.robot import KnownTriFinger
 from sim_backend.trifinger.scene import compile_scene
 
 _NO_GATE = 1e18
@@ -57,7 +58,7 @@ def main() -> int:
 
 
 def _measured(model, recordings) -> dict:
-    study = study_joints(model, recordings, lambda *_: None, is_trifinger=True, gate=_NO_GATE)
+    study = study_joints(model, recordings, lambda *_: None, robot=KnownTriFinger.seen_in(recordings), gate=_NO_GATE)
     look, values = study.fit.first, defaultdict(list)
     for candidate in look.candidates:
         terms = [look.catalogue.terms[i] for i in candidate.hypothesis.terms]

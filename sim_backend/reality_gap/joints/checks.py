@@ -10,6 +10,7 @@ from sim_backend.reality_gap.joints.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.joints.state import JointState
 from sim_backend.reality_gap.joints.trajectory import filled_gaps
 from sim_backend.reality_gap.knowledge.evidence import SEEN, Sign
+from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, Robot
 from sim_backend.reality_gap.sensor_noise import white_noise
 
 ODD_JOINT = 1.6
@@ -65,14 +66,14 @@ class Finding:
         return SEEN[self.sign].partition(".")[2]
 
 
-def noise_findings(episodes: list[EpisodeEquations], *, are_sensors_known: bool = True) -> list[Finding]:
+def noise_findings(episodes: list[EpisodeEquations], robot: Robot) -> list[Finding]:
     """Noise of positions and velocities, and steps of encoders, beyond what is healthy or what other joints have.
 
     Of sensors that nobody knows only a single joint's can be odd: beyond what a TriFinger's have, and far beyond its neighbours'.
     """
     found: list[Finding] = []
-    odd = _odd if are_sensors_known else _odd_among_unknown
-    noise = white_noise if are_sensors_known else _noise_that_is_white
+    is_known = isinstance(robot, KnownTriFinger)
+    odd, noise = (_odd, white_noise) if is_known else (_odd_among_unknown, _noise_that_is_white)
     paths, joints = [episode.path for episode in episodes], [episode.path.joints for episode in episodes]
     steps = np.median([path.by_own_samples(encoder_step, path.joints.position_rad) for path in paths], axis=0)
     found += odd(Sign.POSITION_STEPS, steps, HEALTHY_STEP_RAD, 0.02)

@@ -28,6 +28,7 @@ from sim_backend.reality_gap.joints.sent_torque import SentTorque
 from sim_backend.reality_gap.joints.state import JointState, Term
 from sim_backend.reality_gap.joints.trajectory import Trajectory
 from sim_backend.reality_gap.knowledge.evidence import Channel
+from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, Robot, UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals
 
 _SMALLEST_IMAGE = 1e-9
@@ -78,8 +79,8 @@ class EpisodeEquations:
         plant: of the nominal model.
         path: the episode.
         episode: its index.
-        has_safety_pipeline: whether the driver's own pipeline made the sent torque.
-        in_torques: whether errors of the torques, not noise of the encoders, decide how well the mechanics can be known.
+        robot: what is known of it. Of a TriFinger the driver's own pipeline made the sent torque, and the noise of its encoders
+            decides how well the mechanics can be known; of any other robot errors of its torques do.
         reported: what the controller saw, where positions were corrected since.
 
     Attributes:
@@ -93,17 +94,16 @@ class EpisodeEquations:
         path: Trajectory,
         episode: int,
         *,
-        has_safety_pipeline: bool,
-        in_torques: bool = False,
+        robot: Robot,
         reported: JointSignals | None = None,
     ) -> None:
-        self._plant, self._path, self._episode, self._in_torques = plant, path, episode, in_torques
+        self._plant, self._path, self._episode, self._in_torques = plant, path, episode, isinstance(robot, UnknownRobot)
         self._motors = motors = MotorTorques(path)
         self._mechanics = Mechanics(plant, path, motors)
-        thin = path.smoothed if in_torques else path.averaged
+        thin = path.smoothed if self._in_torques else path.averaged
         self._images = MechanicsImages(path, motors, self._mechanics.body, thin)
         self._sent: SentTorque | None = None
-        if has_safety_pipeline and motors.sent_nm is not None and path.joints.position_target_rad is not None:
+        if isinstance(robot, KnownTriFinger) and motors.sent_nm is not None and path.joints.position_target_rad is not None:
             self._sent = SentTorque(reported or path.joints, motors.sent_nm, path.step_s)
         self._sensor_noise_nm = self._mechanics.sensor_noise_nm
         self._ends = plant.range_rad.copy()

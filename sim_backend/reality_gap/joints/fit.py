@@ -10,6 +10,7 @@ from sim_backend.reality_gap.joints.look import Accepted, JointProblem, Look
 from sim_backend.reality_gap.joints.moves import is_plausible, moved, refining_terms
 from sim_backend.reality_gap.joints.state import JointState
 from sim_backend.reality_gap.knowledge.evidence import FITTED
+from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, UnknownRobot
 
 Progress = Callable[[str, float], None]
 MAX_CAUSES = 24
@@ -55,7 +56,6 @@ def select(
     *,
     min_share: float = 0.01,
     confirms: Callable[[Look, Look], bool] = lambda *_: True,
-    plain_values: bool = False,
     gates: Mapping[str, float] | None = None,
 ) -> JointFit:
     """Take causes one after the other.
@@ -67,7 +67,6 @@ def select(
         progress: told what is done, and which share.
         min_share: least share of what is left unexplained that a cause beyond the first must take away.
         gates: least gain of a cause of each effect, where healthy sessions tell.
-        plain_values: whether values are fitted by least squares in the end.
         confirms: whether a cause is worth it, told the looks without and with it; if not, the next best is tried.
     """
     problem.start = state
@@ -98,7 +97,7 @@ def select(
             look = problem.look(state, accepted)
             state = _refined(state, accepted, look.accepted_values)
         new = problem.look(state, accepted)
-        is_plausible_now = not (problem.expects_many and problem.has_pipeline) or is_plausible(state)
+        is_plausible_now = not _hides(problem) or is_plausible(state)
         if is_plausible_now and confirms(looks[-1], new):
             looks = [*looks, new] if is_new else [*looks[:-1], new]
             state = _refined(state, accepted, new.accepted_values)
@@ -106,14 +105,19 @@ def select(
         state, accepted = before, kept
         refused.add(best.hypothesis.name)
     final = looks[-1]
-    if problem.has_pipeline and not problem.expects_many:
+    if isinstance(problem.robot, KnownTriFinger) and not problem.expects_many:
         final = final.trusting()
         state = _refined(final.state, accepted, final.accepted_values)
-    if plain_values and accepted:
+    if isinstance(problem.robot, UnknownRobot) and accepted:  # of whose noise nothing is known: least squares
         for _ in range(_REFINEMENTS):
             state = _refined(state, accepted, problem.look(state, accepted, plain=True).accepted_values)
         final = problem.look(state, accepted, plain=True)
     return JointFit(state, tuple(accepted), tuple(looks), final, _errors(accepted, final), frozenset(refused))
+
+
+def _hides(problem: JointProblem) -> bool:
+    """Whether so much is wrong with a TriFinger that what is missing may hide behind all of its torques or masses."""
+    return problem.expects_many and isinstance(problem.robot, KnownTriFinger)
 
 
 def _later_gain(problem: JointProblem, look: Look, accepted: Sequence[Accepted], min_share: float) -> Callable[[str], float]:
@@ -121,7 +125,7 @@ def _later_gain(problem: JointProblem, look: Look, accepted: Sequence[Accepted],
     if not accepted:
         return lambda _: 0.0
     shared = min_share * look.mechanics_left
-    if not problem.has_pipeline or problem.expects_many:
+    if isinstance(problem.robot, UnknownRobot) or problem.expects_many:
         proxy = max(shared, _PROXY_SHARE[problem.expects_many] * max(a.gain for a in accepted))
         return lambda _: proxy
     mechanics = max(shared, _PROXY_SHARE_OF_LEFT * look.beyond_noise)

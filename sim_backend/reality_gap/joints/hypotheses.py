@@ -11,6 +11,7 @@ from sim_backend.effects.effect import Scope
 from sim_backend.effects.ranges import load_ranges
 from sim_backend.reality_gap.joints.state import CLOCK, SENSED, JointState, Term, size_factor
 from sim_backend.reality_gap.knowledge.evidence import FITTED, SCALES, JointEffect, Number, entry_of
+from sim_backend.reality_gap.knowledge.robot import Robot, UnknownRobot
 
 HEALTHY = Path(__file__).with_name("healthy.toml")
 """How far healthy robots lie from the nominal one."""
@@ -18,13 +19,8 @@ ALL_JOINTS = "all joints"
 PLATFORM = "platform"
 
 BEYOND_HEALTHY = 10.0
-FOREIGN_TOLERANCE = 0.2
-"""Share of a healthy TriFinger's tolerances that any other robot is granted: its nominal model is all that is known of it."""
 CLOCK_TOLERANCE = 0.2
 """Standard deviation of when a torque acted, in samples: a quarter of one between a held torque and its mean over two."""
-_SATURATION_SHARES = (0.3, 0.5, 0.7, 0.85, 0.95)
-_FOREIGN_SATURATION_SHARES = (0.05, 0.1, 0.2, *_SATURATION_SHARES)
-"""Of the largest torque that was sent; nobody knows what an unknown driver may ask of its motors."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +73,7 @@ def joint_catalogue(
     load_nm: np.ndarray,
     step_s: float,
     *,
-    has_pipeline: bool,
-    tolerances: Mapping[str, Sequence[float]],
+    robot: Robot,
     expects_many: bool = False,
 ) -> Catalogue:
     """Everything that may be wrong with k joints.
@@ -88,39 +83,36 @@ def joint_catalogue(
         state: the present model.
         load_nm: torques at full rate over all episodes, shape (s, k), N m: where saturation may begin.
         step_s: between samples.
-        has_pipeline: whether the driver's own safety pipeline is known to have made the torques.
-        tolerances: what healthy sessions seem to have of effects that healthy robots do not have, one number for each shape.
+        robot: what is known of it; healthy sessions seem to have something of effects that healthy robots do not have.
         expects_many: whether causes beside others are to be told, which show less of their own shape.
     """
     terms: list[Term] = []
     families: dict[tuple[str, int], list[tuple[int, ...]]] = {}
-    shares = _SATURATION_SHARES if has_pipeline else _FOREIGN_SATURATION_SHARES
     scales = {key: scale * size_factor(key, state.size) for key, scale in SCALES.items()}
     for entry in FITTED.values():
-        if entry.of_the_driver and not has_pipeline:
+        if entry.of_the_driver and isinstance(robot, UnknownRobot):
             continue
         for number in entry.numbers:
             for index in range(state.width(number.key)):
                 families[(number.key, index)] = []
-                for members in _members(number, index, state, load_nm, shares, expects_many=expects_many):
+                for members in _members(number, index, state, load_nm, robot, expects_many=expects_many):
                     families[(number.key, index)].append(tuple(range(len(terms), len(terms) + len(members))))
                     terms += members
     terms.append(Term(CLOCK, 0, step_s))
     terms += [Term(SENSED, j, 1.0) for j in range(len(names))]
-    granted = 1.0 if has_pipeline else FOREIGN_TOLERANCE
-    healthy = {key: granted * value for key, value in healthy_tolerances().items()}
+    healthy = {key: robot.granted * value for key, value in healthy_tolerances().items()}
     tolerance = np.zeros(len(terms))
     tolerance[-1 - len(names)] = CLOCK_TOLERANCE * step_s
     tolerance[-len(names) :] = 1.0
     for (key, _), members in families.items():
         # torques and masses of one finger trade places: what each seems to have is the other's
-        usual = [] if scales_everything(key) else tolerances.get(key, [])
+        usual = [] if scales_everything(key) else robot.healthy.tolerances.get(key, [])
         for number, member in enumerate(members):
             for term in member:
                 tolerance[term] = max(
                     healthy.get(key, 0.0) if number == 0 else 0.0, usual[number] if number < len(usual) else 0.0
                 )
-    if not has_pipeline:
+    if isinstance(robot, UnknownRobot):
         return Catalogue(tuple(terms), tolerance, tuple(_hypotheses(names, families, scales)), scales)
     found = [
         replace(h, scales=tuple(_scale(scale, tolerance[term]) for term, scale in zip(h.terms, h.scales, strict=True)))
@@ -141,14 +133,14 @@ def scales_everything(key: str) -> bool:
 
 
 def _members(
-    number: Number, index: int, state: JointState, load_nm: np.ndarray, shares: Sequence[float], *, expects_many: bool
+    number: Number, index: int, state: JointState, load_nm: np.ndarray, robot: Robot, *, expects_many: bool
 ) -> list[list[Term]]:
     """The shapes in which a number may show, each as one term or two."""
     key, by = number.key, size_factor(number.key, state.size)
     scale = number.scale * by
     if number.begins_at_load:
         limit, load = state.value(key)[index], np.abs(load_nm[:, index])
-        levels = load.max() * np.array(shares)
+        levels = load.max() * np.array(robot.load_shares)
         return [[Term(key, index, float(level - limit))] for level in levels if 0.02 < level < 0.995 * limit]
     shape = number.shape
     if shape is None:

@@ -1,6 +1,6 @@
 """Looks at the joints of a study with any model: what each hypothesis would gain, and what the model leaves."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from sim_backend.reality_gap.joints.hypotheses import ALL_JOINTS, Catalogue, Hyp
 from sim_backend.reality_gap.joints.moves import may_be
 from sim_backend.reality_gap.joints.state import CLOCK, SENSED, JointState, Term
 from sim_backend.reality_gap.knowledge.evidence import FITTED, NUMBERS, Channel
+from sim_backend.reality_gap.knowledge.robot import Robot
 
 _ROWS_OF_A_SESSION = 30000.0
 _LONG_S, _LONG_IN_ALL_S = 20.0, 200.0
@@ -135,9 +136,8 @@ class JointProblem:
     Args:
         episodes: all of the same joints.
         names: of the joints.
-        has_pipeline: whether the driver's own safety pipeline made the torques.
+        robot: what is known of it.
         excluded: effects that are not in the catalogue for this study.
-        tolerances: what healthy sessions seem to have, by parameter and shape.
     """
 
     def __init__(
@@ -145,12 +145,10 @@ class JointProblem:
         episodes: Sequence[EpisodeEquations],
         names: Sequence[str],
         *,
-        has_pipeline: bool,
+        robot: Robot,
         excluded: Sequence[str] = (),
-        tolerances: Mapping[str, Sequence[float]] | None = None,
     ) -> None:
-        self.episodes, self.names, self.has_pipeline, self.excluded = list(episodes), tuple(names), has_pipeline, tuple(excluded)
-        self._tolerances = tolerances or {}
+        self.episodes, self.names, self.robot, self.excluded = list(episodes), tuple(names), robot, tuple(excluded)
         self.expects_many = False
         """Whether noise is what the present model leaves, not what all hypotheses together would leave."""
         self.start: JointState | None = None
@@ -167,8 +165,7 @@ class JointProblem:
             state,
             self._load,
             step_s,
-            has_pipeline=self.has_pipeline,
-            tolerances=self._tolerances,
+            robot=self.robot,
             expects_many=self.expects_many,
         )
         catalogue = catalogue.without(self.excluded)
@@ -187,13 +184,13 @@ class JointProblem:
             rows = sum(float(e.valid_mechanics.sum()) for e in self.episodes)
             tolerance[: len(catalogue.terms)] *= min(1.0, np.sqrt(_ROWS_OF_A_SESSION / rows)) * _TRUSTED
             whitening = tolerance.copy()
-        elif not self.has_pipeline:
+        else:
             counted_s = sum(float(e.valid_mechanics.sum(axis=0).max()) * e.path.every * step_s for e in self.episodes)
-            tolerance[: len(catalogue.terms)] *= _weakened(counted_s, _LONG_IN_ALL_S)
+            tolerance[: len(catalogue.terms)] *= self.robot.prior_share(counted_s, _LONG_IN_ALL_S)
         found = []
         for episode in self.episodes:
             for equation in episode.equations(state, terms):
-                scales = whitening[list(equation.terms)] * (1.0 if self.has_pipeline else _weakened(equation.counted_s, _LONG_S))
+                scales = whitening[list(equation.terms)] * self.robot.prior_share(equation.counted_s, _LONG_S)
                 white = whitened(equation, scales, folds_of(equation, len(self.episodes)), plain=plain)
                 if white is not None:
                     found.append(white)
@@ -246,11 +243,6 @@ class JointProblem:
 def _held(key: str, scale: float) -> float:
     """A term's scale while noise is measured."""
     return NUMBERS[key].held or scale if key in NUMBERS else scale
-
-
-def _weakened(counted_s: float, long_s: float) -> float:
-    """By how much a prior's standard deviation shrinks, so that it is not swamped by many rows."""
-    return float(min(1.0, np.sqrt(long_s / max(counted_s, long_s))))
 
 
 def _left(equation: Equation, mean: np.ndarray) -> Equation:

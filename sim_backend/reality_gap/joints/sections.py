@@ -135,7 +135,7 @@ def _ranking(study: JointStudy) -> dict[str, Any]:
         rows.append({"label": f"{name[0]}, {name[1]}", "gain": candidate.gain, "interval_90": interval})
         if len(rows) == _RANKED:
             break
-    null = study.known.largest_gains
+    null = study.robot.healthy.largest_gains
     line = float(np.quantile(null, 0.99)) if len(null) else study.gate
     return {"unit": "nats", "line": line, "line_is_null_99": bool(len(null)), "noise_floor": None, "rows": rows}
 

@@ -19,7 +19,6 @@ from sim_backend.reality_gap.joints.command_lateness import with_measured_latene
 from sim_backend.reality_gap.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.joints.fit import MANY_CAUSES, JointFit, select
 from sim_backend.reality_gap.joints.gain import held_out_errors
-from sim_backend.reality_gap.joints.healthy import UNKNOWN, Calibration, calibration
 from sim_backend.reality_gap.joints.look import JointProblem, Look
 from sim_backend.reality_gap.joints.motor_law import LIMIT
 from sim_backend.reality_gap.joints.plant import Plant
@@ -27,12 +26,11 @@ from sim_backend.reality_gap.joints.rattling import Rattling, rattling_joints
 from sim_backend.reality_gap.joints.state import JointState
 from sim_backend.reality_gap.joints.trajectory import trajectory
 from sim_backend.reality_gap.knowledge.evidence import FELT, FITTED, TAKES_OVER, Channel, Sign
+from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, Robot
 from sim_backend.reality_gap.outliers import PEAK, usual_peak_nm
 from sim_backend.reality_gap.recording import JointSignals, Recording, RecordingError
 from sim_backend.trifinger import constants as c
 
-FOREIGN_CUTOFF_HZ = 12.0
-"""Where nobody knows what a motor board does, torques are compared below this frequency only."""
 LEAST_REDUCTION = 0.02
 """Share of the held-out error that a cause must take away where there are no healthy sessions to compare with."""
 LEAST_TORQUE_SHARE = 0.01
@@ -64,8 +62,7 @@ class JointStudy:
         rattling: joints whose rotor rattles; their mechanics is in no fit.
         odd: what no healthy robot shows either, but whose effect was left out of the catalogue.
         gate: nats that a cause had to gain.
-        is_calibrated: whether the gate comes from healthy sessions.
-        known: these sessions.
+        robot: what is known of it.
         start: the nominal model.
         gates: nats that a cause of each effect had to gain, where healthy sessions tell.
     """
@@ -76,8 +73,7 @@ class JointStudy:
     rattling: tuple[Rattling, ...]
     odd: tuple[Finding, ...]
     gate: float
-    is_calibrated: bool
-    known: Calibration
+    robot: Robot
     start: JointState
     gates: Mapping[str, float]
 
@@ -91,7 +87,7 @@ class JointStudy:
     @property
     def is_of_many(self) -> bool:
         """Whether so much is wrong with a TriFinger that each cause takes over what the laws of the others leave."""
-        return self.problem.expects_many and self.is_calibrated
+        return self.problem.expects_many and isinstance(self.robot, KnownTriFinger)
 
     def problem_start(self, key: str, index: int) -> float:
         """A value of the model that the study started from."""
@@ -103,7 +99,7 @@ def study_joints(
     recordings: Sequence[Recording],
     progress: Callable[[str, float], None],
     *,
-    is_trifinger: bool,
+    robot: Robot,
     excluded: Sequence[str] = (),
     nominal: Mapping[str, np.ndarray] | None = None,
     gate: float | None = None,
@@ -114,7 +110,7 @@ def study_joints(
         model: the nominal one.
         recordings: with joints, all the same ones.
         progress: told what is done, and which share of all.
-        is_trifinger: whether healthy sessions of this robot are known.
+        robot: what is known of it.
         excluded: effects that are left out of the catalogue.
         nominal: values to start from, by parameter, shape (k,), (1,) or (3,); beside what the model itself says of its joints.
         gate: least gain in nats; the calibrated one if None.
@@ -123,14 +119,14 @@ def study_joints(
         RecordingError: recordings that cannot be used.
         ShowsNothingError: no joint moves, or a TriFinger's are too short.
     """
-    names = _names(recordings)
+    names, is_trifinger = _names(recordings), isinstance(robot, KnownTriFinger)
     if is_trifinger:
         _check_length(recordings)
     plant = Plant(model, names)
     episodes = []
     for index, recording in enumerate(recordings):
         progress(f"smoothing {recording.name}", 0.15 * index / len(recordings))
-        episodes.append(_equations(plant, recording, index, is_trifinger=is_trifinger))
+        episodes.append(_equations(plant, recording, index, robot))
     limit = c.MAX_TORQUE_NM if is_trifinger else largest_torque_nm([e.driving_nm for e in episodes])
     start = starting_values(plant, limit, nominal or {})
     size = 1.0 if is_trifinger else max(1.0, float(np.max(limit)) / c.MAX_TORQUE_NM)
@@ -140,13 +136,12 @@ def study_joints(
     faults = [fault for fault in fault_findings(episodes, size=None if is_trifinger else size) if fault.joint not in loose]
     for index, corrected in _without_jumps(recordings, faults).items():
         reported = recordings[index].joints
-        episodes[index] = _equations(plant, corrected, index, is_trifinger=is_trifinger, reported=reported)
+        episodes[index] = _equations(plant, corrected, index, robot, reported=reported)
     for fault in faults:
         if fault.sign is not Sign.POSITION_JUMP and fault.joint is not None:
             for episode in episodes:
                 episode.ignore_joint(fault.joint)
     _check_motion(episodes)
-    known = calibration(tuple(recording.regime for recording in recordings)) if is_trifinger else UNKNOWN
     left_out = tuple(excluded)
     excluded = (*excluded, *{TAKES_OVER[f.sign] for f in faults if f.sign in TAKES_OVER})
     for each in rattling:
@@ -155,14 +150,14 @@ def study_joints(
     for end in end_findings(episodes, nominal_state) if is_trifinger else ():
         for episode in episodes:
             episode.keep_off(end.joint or 0, 1 if end.sign is Sign.UPPER_END else 0, end.value)
-    problem = JointProblem(episodes, names, has_pipeline=is_trifinger, excluded=excluded, tolerances=known.tolerances)
+    problem = JointProblem(episodes, names, robot=robot, excluded=excluded)
     used_gate = gate if gate is not None else _FOREIGN_GATE
-    gates = known.gates if gate is None else {}
+    gates = robot.healthy.gates if gate is None else {}
     felt = noise_of_motors(problem, nominal_state) if is_trifinger else []
     confirms = functools.partial(may_follow if is_trifinger else is_worth_it, problem)
-    fit = select(problem, nominal_state, used_gate, progress, confirms=confirms, plain_values=not is_trifinger, gates=gates)
+    fit = select(problem, nominal_state, used_gate, progress, confirms=confirms, gates=gates)
     last = fit.last
-    checks = noise_findings(episodes, are_sensors_known=is_trifinger)
+    checks = noise_findings(episodes, robot)
     if is_trifinger:  # what presses where, and what motors make of torques, nobody knows of another robot
         checks += end_findings(episodes, fit.state)
         checks += felt or torque_noise_findings(episodes, fit.state, last.sensed_share, last.sensed_error)
@@ -174,19 +169,18 @@ def study_joints(
         tuple(each for each in rattling if each.finding.effect not in excluded),
         tuple(f for f in found if f.effect in left_out),
         used_gate,
-        is_trifinger,
-        known,
+        robot,
         nominal_state,
         gates,
     )
 
 
 def _equations(
-    plant: Plant, recording: Recording, index: int, *, is_trifinger: bool, reported: JointSignals | None = None
+    plant: Plant, recording: Recording, index: int, robot: Robot, *, reported: JointSignals | None = None
 ) -> EpisodeEquations:
     """One episode's; ``reported`` is what the robot's controller saw, where positions were corrected since."""
-    path = trajectory(recording) if is_trifinger else trajectory(recording, cutoff_hz=FOREIGN_CUTOFF_HZ)
-    return EpisodeEquations(plant, path, index, has_safety_pipeline=is_trifinger, in_torques=not is_trifinger, reported=reported)
+    path = trajectory(recording, cutoff_hz=robot.cutoff_hz)
+    return EpisodeEquations(plant, path, index, robot=robot, reported=reported)
 
 
 def largest_torque_nm(torques_nm: Sequence[np.ndarray]) -> float:

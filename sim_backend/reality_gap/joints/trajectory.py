@@ -6,11 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import signal
 
+from sim_backend.reality_gap.knowledge.robot import CUTOFF_HZ
 from sim_backend.reality_gap.recording import JointSignals, Recording, RecordingError
 from sim_backend.reality_gap.sensor_noise import position_noise
 
-CUTOFF_HZ = 25.0
-"""Below it joints are followed; encoder noise grows with the square of the frequency."""
 ORDER = 4
 FAST_CUTOFF_HZ = 60.0
 """For the direction of motion, which friction switches with."""

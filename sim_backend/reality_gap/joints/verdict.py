@@ -18,6 +18,7 @@ from sim_backend.reality_gap.joints.moves import moved
 from sim_backend.reality_gap.joints.study import JointStudy
 from sim_backend.reality_gap.joints.uncalibrated import ALMOST, reconsidered, unknown_of
 from sim_backend.reality_gap.knowledge.evidence import ENDS, FELT, FITTED, SENSOR_NOISE, Channel, Sign
+from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.knowledge.separation import separated_by
 from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
 
@@ -25,14 +26,10 @@ CONFUSABLE_NATS = 5.0
 """A rival that lies less than this behind cannot be told apart: odds of 150."""
 PATTERN_NATS = 25.0
 """A pattern in what is left that gains less is what healthy sessions have, too."""
-PATTERN_SHARE = 0.3
-"""And it must be this share of what the named causes gain: the rest is the shape of their laws."""
 _VELOCITY_FACTOR = 8.0
 """Reported velocities follow the motion a little by themselves: both are smoothed, but not by the same board."""
 _LEFT_BY_PLAY = 1.2
 """Nats of each row of the mechanics: play in gears left 1.6 to 2.1 in eight robots, other causes at most 0.9, noise 0.3."""
-FOREIGN_PATTERN_SHARE = 1.0
-"""Where there are no healthy sessions: what is left must be more than what was explained."""
 _TRADED_SCALE, _TRADED = 0.2, 2
 """So many torques or masses that seem off by more than this take the place of something else."""
 
@@ -60,7 +57,7 @@ def judge(study: JointStudy) -> JointVerdict:
     if confusable:
         causes += [cause for rival, members in rivals if rival.behind < CONFUSABLE_NATS for cause in members]
     gains = [a.gain for a in fit.accepted] or ([fit.first.best.gain] if fit.first.best is not None and not causes else [])
-    null_p = study.known.null_p(max(gains)) if study.is_calibrated and gains else None
+    null_p = study.robot.healthy.null_p(max(gains)) if isinstance(study.robot, KnownTriFinger) and gains else None
     verdict = Verdict(
         verdict=kind,
         summary=summary,
@@ -72,19 +69,21 @@ def judge(study: JointStudy) -> JointVerdict:
         cannot_tell=tuple(_cannot_tell(study, causes)),
         record_next=tuple(_record_next(study, kind, closest)),
     )
-    return JointVerdict(verdict if study.is_calibrated else reconsidered(study, verdict), tuple(left))
+    return JointVerdict(verdict if isinstance(study.robot, KnownTriFinger) else reconsidered(study, verdict), tuple(left))
 
 
 def _kind(study, causes, left: Sequence[Pattern], rivals) -> tuple[VerdictKind, str]:
     explained = sum(a.gain for a in study.fit.accepted)
     if odd := _odd(study):
         return VerdictKind.UNEXPLAINED, f"No cause of the catalogue explains {odd[0]}."
-    if study.is_calibrated and len(_large_scales(causes)) >= _TRADED:
+    if isinstance(study.robot, KnownTriFinger) and len(_large_scales(causes)) >= _TRADED:
         said = "Only torques or masses of several joints that are far off would explain the data: no cause of the catalogue does."
         return VerdictKind.UNEXPLAINED, said
     is_stuck = any(f.sign is Sign.REST_UNDER_LOAD for f in study.findings)
-    share = PATTERN_SHARE if study.is_calibrated else FOREIGN_PATTERN_SHARE
-    if strongest_left(study, left) > max(PATTERN_NATS, study.known.left_nats, share * explained) and not is_stuck:
+    if (
+        strongest_left(study, left) > max(PATTERN_NATS, study.robot.healthy.left_nats, study.robot.pattern_share * explained)
+        and not is_stuck
+    ):
         return VerdictKind.UNEXPLAINED, "The data disagree with the model, and no cause of the catalogue explains it well enough."
     if not causes:
         return VerdictKind.NOTHING_WRONG, "The data agree with the model as well as a healthy robot's would."
@@ -101,7 +100,7 @@ def strongest_left(study: JointStudy, left: Sequence[Pattern]) -> float:
     clear = _almost_explained(study)
     told = [p for p in left if p.joint not in noisy and not (p.channel is Channel.MECHANICS and p.joint in clear)]
     strongest = max((p.gain / (factor if p.channel is Channel.VELOCITY else 1.0) for p in told), default=0.0)
-    if not study.is_calibrated:
+    if isinstance(study.robot, UnknownRobot):
         return strongest
     return max(strongest, _beyond_bounds(study))
 
@@ -129,7 +128,8 @@ def _odd(study: JointStudy) -> list[str]:
 def _may_have_play(study: JointStudy) -> bool:
     """Whether so much is left as play in several gears leaves, whose law here does not follow a rotor that hits its end."""
     look = study.fit.last
-    return study.is_calibrated and not study.problem.expects_many and look.mechanics_left > _LEFT_BY_PLAY * look.mechanics_rows
+    is_single = isinstance(study.robot, KnownTriFinger) and not study.problem.expects_many
+    return is_single and look.mechanics_left > _LEFT_BY_PLAY * look.mechanics_rows
 
 
 def _beyond_bounds(study: JointStudy) -> float:
@@ -192,12 +192,14 @@ def _rival(study: JointStudy, accepted: Accepted) -> tuple[Rival, list[Cause]] |
     taken = next((c for c in look.candidates if c.hypothesis.name == (accepted.effect, accepted.where)), None)
     if taken is None:
         return None
-    later = {(a.effect, a.where) for a in study.fit.accepted} | (set() if study.is_calibrated else study.fit.refused)
+    later = {(a.effect, a.where) for a in study.fit.accepted} | (
+        study.fit.refused if isinstance(study.robot, UnknownRobot) else set()
+    )
     for candidate in look.candidates:
         h = candidate.hypothesis
         if not candidate.allowed or h.name in later or h.effect == accepted.effect or (is_single and h.where == ALL_JOINTS):
             continue
-        if candidate.gain > taken.gain and not study.is_calibrated:
+        if candidate.gain > taken.gain and isinstance(study.robot, UnknownRobot):
             continue  # passed over when the cause was taken, so that it is no tie
         if candidate.gain < study.gates.get(h.effect, study.gate):
             continue  # by itself it would not be named either
@@ -241,11 +243,11 @@ def _cannot_tell(study: JointStudy, causes: Sequence[Cause]) -> list[str]:
     if slow:
         said.append(f"anything that needs speed about {', '.join(slow)}: slower than 0.3 rad/s all the time")
     unjudged = [name for name, judged in zip(study.problem.names, study.is_judged, strict=True) if not judged]
-    if study.is_calibrated and unjudged:
+    if isinstance(study.robot, KnownTriFinger) and unjudged:
         said.append(f"anything else about {', '.join(unjudged)}: what was found there left no rows of its mechanics to judge")
     if all(e.path.joints.measured_torque_nm is None for e in study.problem.episodes):
         said.append("whether torque is lost before or after the motor's current: no measured torque")
-    return said if study.is_calibrated else [*said, *unknown_of(study)]
+    return said if isinstance(study.robot, KnownTriFinger) else [*said, *unknown_of(study)]
 
 
 def _record_next(study: JointStudy, kind: VerdictKind, closest: Rival | None) -> list[str]:

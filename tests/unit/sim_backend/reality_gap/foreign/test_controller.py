@@ -6,6 +6,7 @@ import pytest
 from sim_backend.reality_gap.foreign.episodes import read_recordings
 from sim_backend.reality_gap.foreign.study_file import load_study_file
 from sim_backend.reality_gap.joints.study import study_joints
+from sim_backend.reality_gap.knowledge.robot import UnknownRobot
 from sim_backend.reality_gap.recording import RecordingError
 from tests.unit.sim_backend.reality_gap.synthetic_arm import MODEL, STEP_S, arm, motion
 
@@ -68,7 +69,7 @@ def test_a_torque_that_was_recorded_stands(tmp_path, torque):
 def test_a_study_of_positions_and_targets_is_no_longer_refused(tmp_path, torque):
     (tmp_path / "study.toml").write_text(STUDY + CONTROLLER)
     recordings = read_recordings(load_study_file(tmp_path / "study.toml"))
-    study = study_joints(arm(), recordings, lambda *_: None, is_trifinger=False, gate=np.inf)
+    study = study_joints(arm(), recordings, lambda *_: None, robot=UnknownRobot(), gate=np.inf)
     (episode,) = study.problem.episodes
     left = episode.torque_error(study.start)[episode.valid_mechanics]
     assert np.sqrt(np.mean(left**2)) < 1.5 * np.sqrt(np.mean(episode.torque_error_floor_nm**2 + 0.005**2 * 2 * 12.0 * STEP_S))

@@ -9,8 +9,8 @@ from sim_backend.reality_gap.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.joints.look import JointProblem
 from sim_backend.reality_gap.joints.plant import Plant
 from sim_backend.reality_gap.joints.state import JointState
-from sim_backend.reality_gap.joints.study import FOREIGN_CUTOFF_HZ
 from sim_backend.reality_gap.joints.trajectory import trajectory
+from sim_backend.reality_gap.knowledge.robot import NO_SESSIONS, KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording
 
 NAMES = ("first", "second", "third")
@@ -59,19 +59,19 @@ def recording(position: np.ndarray, torque: np.ndarray, name: str = "made", **ch
 def episode(position: np.ndarray, torque: np.ndarray, **channels: Any) -> EpisodeEquations:
     """Its equations with the model without friction."""
     path = trajectory(recording(position, torque, **channels))
-    return EpisodeEquations(Plant(joints_model(), NAMES), path, 0, has_safety_pipeline=False)
+    return EpisodeEquations(Plant(joints_model(), NAMES), path, 0, robot=KnownTriFinger(NO_SESSIONS))
 
 
 def problem(position: np.ndarray, torque: np.ndarray) -> JointProblem:
     """A problem of one episode whose accelerations decide, as in studies of TriFingers."""
-    return JointProblem([episode(position, torque)], NAMES, has_pipeline=False)
+    return JointProblem([episode(position, torque)], NAMES, robot=UnknownRobot())
 
 
 def foreign_problem(position: np.ndarray, torque: np.ndarray) -> JointProblem:
     """A problem of one episode whose torques are compared, as in studies of anybody's robots."""
-    path = trajectory(recording(position, torque), cutoff_hz=FOREIGN_CUTOFF_HZ)
-    episode = EpisodeEquations(Plant(joints_model(), NAMES), path, 0, has_safety_pipeline=False, in_torques=True)
-    return JointProblem([episode], NAMES, has_pipeline=False)
+    path = trajectory(recording(position, torque), cutoff_hz=UnknownRobot.cutoff_hz)
+    episode = EpisodeEquations(Plant(joints_model(), NAMES), path, 0, robot=UnknownRobot())
+    return JointProblem([episode], NAMES, robot=UnknownRobot())
 
 
 def planted_friction(torque_nm: float) -> JointProblem:

@@ -7,6 +7,7 @@ import numpy as np
 
 from sim_backend.reality_gap.joints.study import JointStudy, study_joints
 from sim_backend.reality_gap.joints.verdict import judge
+from sim_backend.reality_gap.knowledge.robot import UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.verdict import Verdict
 
@@ -70,7 +71,7 @@ def recorded(seed: int, coulomb_nm=(0.0, 0.0), **how) -> Recording:
 
 def study_of(recordings: list[Recording]) -> JointStudy:
     """A study as of anybody's robot."""
-    return study_joints(arm(), recordings, lambda *_: None, is_trifinger=False)
+    return study_joints(arm(), recordings, lambda *_: None, robot=UnknownRobot())
 
 
 def verdict_of(recordings: list[Recording]) -> Verdict:

@@ -11,9 +11,13 @@ from sim_backend.reality_gap.joints.checks import (
     place,
     torque_noise_findings,
 )
+from sim_backend.reality_gap.knowledge.robot import NO_SESSIONS, KnownTriFinger, UnknownRobot
 from tests.unit.sim_backend.reality_gap.joints.driven_joints import NAMES, NO_LIMIT, drive, episode, joints_model
 
 ENCODER_RAD = 5e-5
+
+
+TRIFINGER = KnownTriFinger(NO_SESSIONS)
 
 
 @pytest.fixture(scope="module")
@@ -33,26 +37,26 @@ def names(findings):
 def test_a_healthy_motion_shows_nothing(motion):
     velocity = np.gradient(motion[0], 1e-3, axis=0)
     whole = episode(*motion, velocity_rad_s=velocity, measured_torque_nm=motion[1] + noise(motion, 0.003))
-    assert noise_findings([whole]) == []
+    assert noise_findings([whole], TRIFINGER) == []
     assert fault_findings([whole]) == []
     assert end_findings([whole], NO_LIMIT) == []
     assert torque_noise_findings([whole], NO_LIMIT, np.ones(3), np.full(3, 0.05)) == []
 
 
 def test_a_noisy_encoder_is_odd_among_others_and_all_are_beyond_what_is_healthy(motion):
-    found = noise_findings([episode(motion[0] + noise(motion, np.array([0.0, 4e-4, 0.0])), motion[1])])
+    found = noise_findings([episode(motion[0] + noise(motion, np.array([0.0, 4e-4, 0.0])), motion[1])], TRIFINGER)
     assert names(found) == [("joint_noise", "position_rad", 1)]
     assert found[0].value == pytest.approx(4e-4, rel=0.1)
     low, high = found[0].interval_90
     assert low < found[0].value < high
-    found = noise_findings([episode(motion[0] + noise(motion, 3e-3), motion[1])])
+    found = noise_findings([episode(motion[0] + noise(motion, 3e-3), motion[1])], TRIFINGER)
     assert names(found) == [("joint_noise", "position_rad", None)]
     assert found[0].value == pytest.approx(3e-3, rel=0.05)
 
 
 def test_of_sensors_that_nobody_knows_only_a_single_joint_can_be_odd(motion):
     def found(sigma):
-        return names(noise_findings([episode(motion[0] + noise(motion, np.array(sigma)), motion[1])], are_sensors_known=False))
+        return names(noise_findings([episode(motion[0] + noise(motion, np.array(sigma)), motion[1])], UnknownRobot()))
 
     assert found([0.0, 4e-4, 0.0]) == [], "another encoder than its neighbours'"
     assert found([3e-3, 3e-3, 3e-3]) == [], "as all of this robot's may be"
@@ -65,8 +69,8 @@ def test_motion_between_few_samples_is_no_noise():
     samples = np.linspace(0.0, len(time_s) - 1.0, 20_000)
     held = np.stack([np.interp(samples, np.arange(len(time_s)), column) for column in quick.T], axis=1)
     slow = episode(held, np.zeros_like(held), position_step_s=np.full(3, 0.05))
-    assert names(noise_findings([slow])) == [("joint_noise", "position_rad", 2)]
-    assert noise_findings([slow], are_sensors_known=False) == []
+    assert names(noise_findings([slow], TRIFINGER)) == [("joint_noise", "position_rad", 2)]
+    assert noise_findings([slow], UnknownRobot()) == []
 
 
 def test_joints_that_are_recorded_slower_are_not_quieter(motion):
@@ -74,13 +78,13 @@ def test_joints_that_are_recorded_slower_are_not_quieter(motion):
     for joint in (1, 2):
         position[:, joint] = np.interp(samples, samples[::5], motion[0][::5, joint])
     slow = episode(position, motion[1], position_step_s=np.array([1e-3, 5e-3, 5e-3]))
-    assert noise_findings([slow]) == []
+    assert noise_findings([slow], TRIFINGER) == []
     assert (slow.path.position_noise_rad > 0.9 * ENCODER_RAD * np.sqrt([1.0, 5.0, 5.0])).all()
 
 
 def test_noise_of_velocities(motion):
     velocity = np.gradient(motion[0], 1e-3, axis=0) + noise(motion, np.array([0.0, 0.0, 0.6]))
-    found = noise_findings([episode(*motion, velocity_rad_s=velocity)])
+    found = noise_findings([episode(*motion, velocity_rad_s=velocity)], TRIFINGER)
     assert names(found) == [("joint_noise", "velocity_rad_s", 2)]
     assert found[0].value == pytest.approx(0.6, rel=0.1)
 
@@ -89,7 +93,7 @@ def test_steps_of_an_encoder(motion):
     coarse = motion[0].copy()
     coarse[:, 2] = 2e-3 * np.round(coarse[:, 2] / 2e-3)
     np.testing.assert_allclose(encoder_step(coarse), [0.0, 0.0, 2e-3], rtol=1e-3)
-    found = noise_findings([episode(coarse, motion[1])])
+    found = noise_findings([episode(coarse, motion[1])], TRIFINGER)
     assert names(found) == [("encoder_quantisation", "step_rad", 2)]
     assert found[0].value == pytest.approx(2e-3, rel=1e-3)
 

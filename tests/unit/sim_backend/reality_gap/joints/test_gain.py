@@ -23,7 +23,7 @@ def planted():
 @pytest.fixture(scope="module")
 def fit(planted):
     confirms = functools.partial(is_worth_it, planted)
-    return select(planted, NO_LIMIT, 12.0, lambda *_: None, confirms=confirms, plain_values=True)
+    return select(planted, NO_LIMIT, 12.0, lambda *_: None, confirms=confirms)
 
 
 def test_the_cause_is_taken_alone(fit):

@@ -14,6 +14,7 @@ from sim_backend.reality_gap.joints.hypotheses import (
     joint_catalogue,
 )
 from sim_backend.reality_gap.joints.state import CLOCK, SENSED, JointState
+from sim_backend.reality_gap.knowledge.robot import HealthySessions, KnownTriFinger, UnknownRobot
 from sim_backend.trifinger import constants as c
 
 CHECKED = {"encoder_quantisation", "joint_noise", "action_noise", "stuck_joint", "encoder_jump", "joint_limits"}
@@ -22,8 +23,9 @@ STATE = JointState(9, {"torque_saturation.limit_nm": np.full(9, c.MAX_TORQUE_NM)
 LOAD_NM = np.tile(np.linspace(-0.3, 0.3, 50)[:, None], (1, 9))
 
 
-def catalogue(has_pipeline=True, tolerances=None):
-    return joint_catalogue(c.JOINT_NAMES, STATE, LOAD_NM, 1e-3, has_pipeline=has_pipeline, tolerances=tolerances or {})
+def catalogue(robot=None, tolerances=None):
+    known = robot or KnownTriFinger(HealthySessions(tolerances or {}, np.zeros(0), {}))
+    return joint_catalogue(c.JOINT_NAMES, STATE, LOAD_NM, 1e-3, robot=known)
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +97,7 @@ def test_tolerances_are_of_healthy_robots_or_of_healthy_sessions():
 
 
 def test_what_needs_the_safety_pipeline_is_not_asked_without_it():
-    asked = {h.effect for h in catalogue(has_pipeline=False).hypotheses}
+    asked = {h.effect for h in catalogue(robot=UnknownRobot()).hypotheses}
     left_out = {"position_gain", "safety_damping", "timing_jitter", "controller_restart", "supply_sag"}
     assert {h.effect for h in catalogue().hypotheses} - asked == left_out
 

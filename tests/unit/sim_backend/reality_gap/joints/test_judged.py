@@ -12,14 +12,15 @@ from sim_backend.reality_gap.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.joints.judged import not_judged
 from sim_backend.reality_gap.joints.plant import Plant
 from sim_backend.reality_gap.joints.state import JointState
-from sim_backend.reality_gap.joints.study import FOREIGN_CUTOFF_HZ, largest_torque_nm, starting_values, study_joints
+from sim_backend.reality_gap.joints.study import largest_torque_nm, starting_values, study_joints
 from sim_backend.reality_gap.joints.trajectory import CUTOFF_HZ, EDGE_S, trajectory
+from sim_backend.reality_gap.knowledge.robot import UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from tests.unit.sim_backend.reality_gap.synthetic_arm import MODEL, NAMES, STEP_S, STUDY, arm, motion, recorded, write_csv
 
 SECONDS = 4.0
 GAP = slice(500, 1000)
-FAR = 0.5 * EDGE_S * CUTOFF_HZ / FOREIGN_CUTOFF_HZ + 0.01
+FAR = 0.5 * EDGE_S * CUTOFF_HZ / UnknownRobot.cutoff_hz + 0.01
 
 
 @pytest.fixture(scope="module")
@@ -29,8 +30,8 @@ def moved():
 
 def equations(position, **torques) -> EpisodeEquations:
     recording = Recording("made", "made", STEP_S, STEP_S * np.arange(len(position)), JointSignals(NAMES, position, **torques))
-    path = trajectory(recording, cutoff_hz=FOREIGN_CUTOFF_HZ)
-    return EpisodeEquations(Plant(arm(), NAMES), path, 0, has_safety_pipeline=False, in_torques=True)
+    path = trajectory(recording, cutoff_hz=UnknownRobot.cutoff_hz)
+    return EpisodeEquations(Plant(arm(), NAMES), path, 0, robot=UnknownRobot())
 
 
 def with_gap(series, joint, rows=GAP):
@@ -100,10 +101,10 @@ def test_a_slow_joint_is_bridged_at_its_own_rate(tmp_path, moved):
     start = JointState(2, starting_values(Plant(arm(), NAMES), 10.0, {}))
     errors = []
     for recording in (whole, slow):
-        path = trajectory(recording, cutoff_hz=FOREIGN_CUTOFF_HZ)
-        episode = EpisodeEquations(Plant(arm(), NAMES), path, 0, has_safety_pipeline=False, in_torques=True)
+        path = trajectory(recording, cutoff_hz=UnknownRobot.cutoff_hz)
+        episode = EpisodeEquations(Plant(arm(), NAMES), path, 0, robot=UnknownRobot())
         errors.append(np.sqrt(np.mean(episode.torque_error(start)[episode.valid_mechanics] ** 2)))
-        assert episode.path.cutoff_hz == FOREIGN_CUTOFF_HZ
+        assert episode.path.cutoff_hz == UnknownRobot.cutoff_hz
         assert errors[-1] < 1.5 * np.sqrt(np.mean(episode.torque_error_floor_nm**2))
     assert not_judged([episode], NAMES) == []
 
@@ -111,7 +112,7 @@ def test_a_slow_joint_is_bridged_at_its_own_rate(tmp_path, moved):
 def test_what_is_compared_lies_below_what_the_slowest_joint_shows(tmp_path, moved):
     position = moved[0].copy()
     position[np.arange(len(position)) % 25 != 0, 1] = np.nan
-    path = trajectory(from_file(tmp_path, position, moved[1]), cutoff_hz=FOREIGN_CUTOFF_HZ)
+    path = trajectory(from_file(tmp_path, position, moved[1]), cutoff_hz=UnknownRobot.cutoff_hz)
     assert path.cutoff_hz == pytest.approx(0.2 / (25 * STEP_S))
 
 
@@ -135,8 +136,8 @@ def test_samples_far_from_their_neighbours_are_left_out_and_named(tmp_path, move
         ("measured torque", "joint2", 2.4),
         ("measured torque", "joint2", 3.0),
     ]
-    path = trajectory(recording, cutoff_hz=FOREIGN_CUTOFF_HZ)
-    episode = EpisodeEquations(Plant(arm(), NAMES), path, 0, has_safety_pipeline=False, in_torques=True)
+    path = trajectory(recording, cutoff_hz=UnknownRobot.cutoff_hz)
+    episode = EpisodeEquations(Plant(arm(), NAMES), path, 0, robot=UnknownRobot())
     assert np.abs(episode.driving_nm).max() < 20.0
     left = episode.torque_error(JointState(2, starting_values(Plant(arm(), NAMES), 10.0, {})))[episode.valid_mechanics]
     assert np.sqrt(np.mean(left**2)) < 1.5 * np.sqrt(np.mean(episode.torque_error_floor_nm**2))
@@ -151,11 +152,11 @@ def test_an_episode_whose_encoder_jumped_is_compared_as_all_others(moved):
     position = moved[0].copy()
     position[1000:, 0] += 0.1
     study = study_joints(
-        arm(), [recorded(position, moved[1]), recorded(*moved)], lambda *_: None, is_trifinger=False, gate=np.inf
+        arm(), [recorded(position, moved[1]), recorded(*moved)], lambda *_: None, robot=UnknownRobot(), gate=np.inf
     )
     assert [f.effect for f in study.findings] == ["encoder_jump"]
     jumped, other = study.problem.episodes
-    assert jumped.path.cutoff_hz == other.path.cutoff_hz == FOREIGN_CUTOFF_HZ
+    assert jumped.path.cutoff_hz == other.path.cutoff_hz == UnknownRobot.cutoff_hz
     channels = [[e.channel for e in episode.equations(study.start, ())] for episode in (jumped, other)]
     assert channels[0] == channels[1]
     assert not any(e.in_windows for e in jumped.equations(study.start, ()))

@@ -8,8 +8,9 @@ from sim_backend.effects.body import link_mass
 from sim_backend.reality_gap.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.joints.plant import Plant
 from sim_backend.reality_gap.joints.state import JointState
-from sim_backend.reality_gap.joints.study import FOREIGN_CUTOFF_HZ, starting_values
+from sim_backend.reality_gap.joints.study import starting_values
 from sim_backend.reality_gap.joints.trajectory import trajectory
+from sim_backend.reality_gap.knowledge.robot import UnknownRobot
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.scene import build_scene, compile_scene
 from tests.unit.sim_backend.reality_gap.joints.driven_joints import NAMES, drive, joints_model, recording
@@ -133,8 +134,8 @@ def test_a_model_that_says_what_the_joints_have_leaves_no_error():
     model.dof_damping[:], model.dof_armature[:] = 0.05, 1e-3
     position, torque = drive(model, 3.0)
     plant = Plant(model, NAMES)
-    path = trajectory(recording(position, torque), cutoff_hz=FOREIGN_CUTOFF_HZ)
-    equations = EpisodeEquations(plant, path, 0, has_safety_pipeline=False, in_torques=True)
+    path = trajectory(recording(position, torque), cutoff_hz=UnknownRobot.cutoff_hz)
+    equations = EpisodeEquations(plant, path, 0, robot=UnknownRobot())
     given = starting_values(plant, 10.0, {})
     counted = equations.valid_mechanics
     assert np.abs(equations.torque_error(JointState(3, given))[counted]).mean() < 1e-3

@@ -9,6 +9,7 @@ from sim_backend.reality_gap.joints.hypotheses import ALL_JOINTS, Hypothesis
 from sim_backend.reality_gap.joints.look import Accepted, Candidate
 from sim_backend.reality_gap.joints.state import JointState
 from sim_backend.reality_gap.joints.verdict import _rival
+from sim_backend.reality_gap.knowledge.robot import NO_SESSIONS, KnownTriFinger
 
 NOTHING = np.zeros(0)
 
@@ -22,7 +23,7 @@ def study(*looks):
     made = [SimpleNamespace(candidates=look, catalogue=SimpleNamespace(terms=()), state=start) for look in looks]
     fit = SimpleNamespace(looks=made, accepted=(), refused=frozenset())
     problem = SimpleNamespace(expects_many=False)
-    return SimpleNamespace(fit=fit, problem=problem, is_calibrated=True, gates={}, gate=12.0, start=start)
+    return SimpleNamespace(fit=fit, problem=problem, robot=KnownTriFinger(NO_SESSIONS), gates={}, gate=12.0, start=start)
 
 
 @pytest.mark.parametrize(("where", "rival", "behind"), [(ALL_JOINTS, "viscous_friction", 1.0), ("elbow", "action_delay", 10.0)])

@@ -6,6 +6,7 @@ import pytest
 from sim_backend.reality_gap.joints.study import study_joints
 from sim_backend.reality_gap.joints.uncalibrated import Agreement
 from sim_backend.reality_gap.joints.verdict import judge
+from sim_backend.reality_gap.knowledge.robot import UnknownRobot
 from sim_backend.reality_gap.verdict import VerdictKind, names_of
 from tests.unit.sim_backend.reality_gap.joints.inverse_arm import (
     arm,
@@ -130,7 +131,7 @@ def test_what_only_a_known_robot_shows_is_never_named():
     model = arm()
     model.jnt_limited[:] = True
     model.jnt_range[:] = np.stack([[-3.0, -3.0], np.max(position, axis=0) + 0.15], axis=1)  # where the motion turns short of
-    verdict = judge(study_joints(model, [made], lambda *_: None, is_trifinger=False)).verdict
+    verdict = judge(study_joints(model, [made], lambda *_: None, robot=UnknownRobot())).verdict
     assert names_of(verdict.causes) == {("coulomb_friction", "shoulder"), ("coulomb_friction", "elbow")}
     assert any("ends of joints and noise of torques" in sentence for sentence in verdict.cannot_tell)
     assert any("commanded torque" in sentence for sentence in verdict.cannot_tell)

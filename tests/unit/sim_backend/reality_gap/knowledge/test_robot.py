@@ -1,20 +1,20 @@
-"""Which healthy sessions a study is compared with."""
+"""What is known of a robot, and which healthy sessions its study is compared with."""
 
 import numpy as np
 
 from sim_backend.reality_gap.joints.calibration import ALONE_RULE, summarise_alone
-from sim_backend.reality_gap.joints.healthy import calibration
+from sim_backend.reality_gap.knowledge.robot import healthy_sessions
 
-STANDARD, RAMPS, CHIRPS = (calibration((name,)) for name in ("standard", "slow_ramps", "chirps"))
+STANDARD, RAMPS, CHIRPS = (healthy_sessions((name,)) for name in ("standard", "slow_ramps", "chirps"))
 
 
 def test_each_study_has_sessions_of_its_own_excitation_where_there_are_any():
-    assert calibration() is calibration()
-    np.testing.assert_array_equal(calibration().largest_gains, STANDARD.largest_gains)
+    assert healthy_sessions() is healthy_sessions()
+    np.testing.assert_array_equal(healthy_sessions().largest_gains, STANDARD.largest_gains)
     assert RAMPS.gates != CHIRPS.gates != STANDARD.gates
     assert RAMPS.left_nats > STANDARD.left_nats == 0.0
     for several in (("standard", "slow_ramps"), ("slow_ramps", "slow_ramps"), ("standard", "standard"), ("anything",)):
-        assert calibration(several).gates == CHIRPS.gates, "gains add up over recordings"
+        assert healthy_sessions(several).gates == CHIRPS.gates, "gains add up over recordings"
 
 
 def test_no_gate_is_lower_than_that_of_the_standard_excitation():

@@ -1,0 +1,119 @@
+"""What is known of the robot that was recorded: a TriFinger of the farm's kind, or any robot, of which there is only a model.
+
+Wherever a study relies on more than recordings and model it asks this object, and nothing else says which robot it is.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from sim_backend.reality_gap.recording import Recording
+
+SESSIONS_FILE = Path(__file__).parent.parent / "joints" / "calibration.json"
+STANDARD = "standard"
+CUTOFF_HZ = 25.0
+"""Below it joints are followed; encoder noise grows with the square of the frequency."""
+_LOAD_SHARES = (0.3, 0.5, 0.7, 0.85, 0.95)
+
+
+@dataclass(frozen=True)
+class HealthySessions:
+    """What sessions of healthy robots look like to the study of joints, as it was measured on simulated ones.
+
+    Attributes:
+        tolerances: standard deviation of each number that a healthy robot does not have, by parameter and shape.
+        largest_gains: of healthy sessions, one each, nats, sorted.
+        gates: gain that a cause of each effect must have, nats, by effect.
+        left_nats: what functions of one variable, or values that no robot has, must gain to be no chance; 0 if not measured.
+    """
+
+    tolerances: Mapping[str, Sequence[float]]
+    largest_gains: np.ndarray
+    gates: Mapping[str, float]
+    left_nats: float = 0.0
+
+    def null_p(self, gain: float) -> float:
+        """Share of healthy sessions whose largest gain is at least this one's."""
+        return float((1 + np.sum(self.largest_gains >= gain)) / (1 + len(self.largest_gains)))
+
+
+NO_SESSIONS = HealthySessions({}, np.zeros(0), {})
+
+
+@cache
+def healthy_sessions(regimes: tuple[str, ...] = (STANDARD,)) -> HealthySessions:
+    """Those of TriFingers that are kept with the code; none where there is no file.
+
+    Args:
+        regimes: what each recording was made under. A single one is compared with sessions of its excitation, if these were
+            measured, and several, whose gains add up, with sessions of all excitations but ``standard``, alone and together.
+    """
+    if not SESSIONS_FILE.exists():
+        return NO_SESSIONS
+    kept = json.loads(SESSIONS_FILE.read_text())
+    alone = {STANDARD: kept, **kept["alone"]}
+    own = alone.get(regimes[0], kept["elsewhere"]) if len(regimes) == 1 else kept["elsewhere"]
+    return HealthySessions(kept["tolerances"], np.sort(own["largest_gains"]), own["gates"], own.get("left_nats", 0.0))
+
+
+@dataclass(frozen=True)
+class KnownTriFinger:
+    """A TriFinger: its driver's pipeline, its motors, rotors and sensors, where its joints end, and its healthy sessions.
+
+    Attributes:
+        healthy: sessions recorded under what its own were recorded under.
+        cutoff_hz: below which torques are compared.
+        granted: share of a healthy robot's tolerances that this one may have.
+        load_shares: of the largest torque that was sent, where a motor's limit is looked for.
+        pattern_share: of what the causes explain, that what is left must reach to be more than the shape of their laws.
+    """
+
+    healthy: HealthySessions
+    cutoff_hz: ClassVar[float] = CUTOFF_HZ
+    granted: ClassVar[float] = 1.0
+    load_shares: ClassVar[tuple[float, ...]] = _LOAD_SHARES
+    pattern_share: ClassVar[float] = 0.3
+
+    @classmethod
+    def seen_in(cls, recordings: Sequence[Recording]) -> "KnownTriFinger":
+        """The robot of some recordings."""
+        return cls(healthy_sessions(tuple(recording.regime for recording in recordings)))
+
+    @staticmethod
+    def prior_share(counted_s: float, long_s: float) -> float:
+        """As of :class:`UnknownRobot`: tolerances were measured on healthy robots, and stay whatever was recorded."""
+        del counted_s, long_s
+        return 1.0
+
+
+@dataclass(frozen=True)
+class UnknownRobot:
+    """Any other robot: its nominal model is all that is known of it. Attributes are those of :class:`KnownTriFinger`.
+
+    Nobody knows what its motor boards do, so that torques are compared below a lower frequency only, nor what its driver may ask
+    of the motors, so that a limit is looked for further down. What is left must be more than what was explained.
+    """
+
+    healthy: ClassVar[HealthySessions] = NO_SESSIONS
+    cutoff_hz: ClassVar[float] = 12.0
+    granted: ClassVar[float] = 0.2
+    load_shares: ClassVar[tuple[float, ...]] = (0.05, 0.1, 0.2, *_LOAD_SHARES)
+    pattern_share: ClassVar[float] = 1.0
+
+    @staticmethod
+    def prior_share(counted_s: float, long_s: float) -> float:
+        """By how much a prior's standard deviation shrinks, so that it is not swamped by many rows.
+
+        Args:
+            counted_s: how long the rows last together.
+            long_s: up to where it stays.
+        """
+        return float(min(1.0, np.sqrt(long_s / max(counted_s, long_s))))
+
+
+Robot = KnownTriFinger | UnknownRobot
