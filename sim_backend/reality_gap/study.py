@@ -5,57 +5,33 @@ The process is :func:`run_study`; each step is a module of its own.
 
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 
-from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.effects.effect import Scope
 from sim_backend.effects.physics import Physics
+from sim_backend.reality_gap.cube import subject as cube
 from sim_backend.reality_gap.extended.files import write_models
 from sim_backend.reality_gap.extended.model import load_extended_model, provenance_of
 from sim_backend.reality_gap.farm_logs import FarmLogs, find_logs, read_farm_logs
 from sim_backend.reality_gap.foreign.episodes import read_recordings
-from sim_backend.reality_gap.foreign.study_file import StudyFile, load_study_file
-from sim_backend.reality_gap.joints.calibrating import METHODS, calibrate
-from sim_backend.reality_gap.joints.gain import held_out, held_out_of_hits
-from sim_backend.reality_gap.joints.judged import not_judged
-from sim_backend.reality_gap.joints.motor_law import LIMIT
-from sim_backend.reality_gap.joints.sections import joint_sections
-from sim_backend.reality_gap.joints.study import JointStudy, ShowsNothingError, study_joints
-from sim_backend.reality_gap.joints.verdict import judge
-from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, Robot, UnknownRobot
-from sim_backend.reality_gap.recording import Recording, RecordingError
+from sim_backend.reality_gap.foreign.study_file import load_study_file
+from sim_backend.reality_gap.joints import subject as joints
+from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, UnknownRobot
+from sim_backend.reality_gap.recording import RecordingError
 from sim_backend.reality_gap.report.report import write_html
+from sim_backend.reality_gap.subjects.subject import Material, Progress, Sections, Subject, part
 from sim_backend.reality_gap.success.prediction import Question, Trials, read_question, success_of
-from sim_backend.reality_gap.tosses.study import makes_worse, study_object
-from sim_backend.reality_gap.verdict import Verdict, VerdictKind, joined
-from sim_backend.trifinger.scene import compile_scene
+from sim_backend.reality_gap.tosses import subject as tosses
+from sim_backend.reality_gap.verdict import Verdict, joined
 
-Progress = Callable[[str, float], None]
-CUBE_EXCITATION = "slide_cube"
-
-
-@dataclass(frozen=True)
-class Material:
-    """What a study works on: recordings, the model they are compared with, and where both come from.
-
-    ``trials`` are logs of the farm beside those of excitations, which no joint is judged from. ``robot`` is its
-    name, if it is one of the farm's. Without a ``study_file`` the recordings are a TriFinger's.
-    """
-
-    title: str
-    recordings: tuple[Recording, ...]
-    files: tuple[Path, ...]
-    study_file: StudyFile | None
-    robot: str | None = None
-    trials: tuple[Path, ...] = ()
+SUBJECTS: tuple[Subject, ...] = (joints, cube, tosses)
 
 
 @dataclass(frozen=True)
@@ -88,38 +64,66 @@ def run_study(
     logs = find_logs(source) if source.is_dir() else None
     question = _question(logs, trials)
     _make_folder(out)  # now, so that no result of long work is lost
-    material = recordings_of(logs or source, data_root, _part(progress, 0.0, 0.1))  # 1 recording
     named = 0.95 if question is None else 0.6
-    # 2 replay, 3 residual, 4 fit, 5 verdict, 7 gain
-    verdict, sections = verdict_of(material, method, rng, _part(progress, 0.1, named))
-    foreign = None if material.study_file is None else material.study_file.model
-    files = write_models(verdict, material.title, material.files, out, model=foreign)  # 6 extended model
-    if question is not None:
-        toml = next((load_extended_model(file) for file in files if file.suffix == ".toml"), None)
-        extended = Physics.nominal() if toml is None else toml.physics
-        sections = {**sections, "success": success_of(question, extended, rng, _part(progress, named, 0.95)).document()}
+    material = material_of(logs or source, data_root, part(progress, 0.0, 0.1), method)  # 1 recording
+    verdict, sections = verdict_of(material, rng, part(progress, 0.1, named))  # 2 replay, 3 residual, 4 fit, 5 verdict, 7 gain
+    models = _extended(verdict, material, out)  # 6 extended model
+    sections |= _success(question, models, rng, part(progress, named, 0.95))  # 7 gain in success
     document = _document(material, verdict, sections, out)
     (out / "study.json").write_text(json.dumps(document, indent=1))
     progress("writing the report", 0.95)
     write_html(document, out / "report.html")  # 8 report
-    return StudyResult(verdict, document, (out / "study.json", out / "report.html", *files))
+    return StudyResult(verdict, document, (out / "study.json", out / "report.html", *models))
 
 
-def _part(progress: Progress, begin: float, end: float) -> Progress:
-    """Progress of a part that takes its own share, 0 to 1, of the range: there is one counter."""
-    return lambda what, share: progress(what, begin + (end - begin) * share)
-
-
-def recordings_of(source: FarmLogs | Path, data_root: Path | None, progress: Progress) -> Material:
+def material_of(source: FarmLogs | Path, data_root: Path | None, progress: Progress, method: str = "naming") -> Material:
     """Step 1: the farm's logs, or anyone's data by a study.toml."""
     if isinstance(source, FarmLogs):
         recordings = read_farm_logs(source.judged, progress)
         title = f"Logs in {source.judged[0].parent.resolve().name}"
-        return Material(title, tuple(recordings), source.judged, None, source.robot, source.trials)
+        return Material(title, tuple(recordings), source.judged, None, source.robot, source.trials, method)
     study_file = load_study_file(source, data_root)
     recordings = read_recordings(study_file, lambda what: progress(f"reading {what}", 0.0))
     files = (source, study_file.model, *dict.fromkeys(entry.file for entry in study_file.recordings))
-    return Material(study_file.title, tuple(recordings), files, study_file)
+    return Material(study_file.title, tuple(recordings), files, study_file, method=method)
+
+
+def verdict_of(material: Material, rng: np.random.Generator, progress: Progress) -> tuple[Verdict, Sections]:
+    """Steps 2 to 5 and 7 of every subject that the recordings show, and all verdicts as one."""
+    asked = [subject for subject in SUBJECTS if subject.seen_in(material)]
+    if not asked:
+        raise RecordingError("the recordings have neither joints nor objects that could be compared with a model")
+    is_foreign = material.study_file is not None
+    known = UnknownRobot() if is_foreign else KnownTriFinger.seen_in(joints.seen_in(material))
+    found = [subject.study(material, known, rng, own) for subject, own in zip(asked, _shares(asked, progress), strict=True)]
+    verdict, sections = joined([verdict for verdict, _ in found]), {}
+    for _, own in reversed(found):
+        sections |= own
+    if material.trials:
+        unread = f"anything from logs of trials ({len(material.trials)}): fingers may touch the cube and the table there"
+        verdict = replace(verdict, cannot_tell=(*verdict.cannot_tell, unread))
+    return verdict, sections
+
+
+def _shares(asked: list[Subject], progress: Progress) -> list[Progress]:
+    """Of the time: what comes first takes nearly all of it."""
+    first = 1.0 if len(asked) == 1 else 0.8
+    begins = [0.0, *(first + (1.0 - first) * i / max(len(asked) - 1, 1) for i in range(len(asked)))]
+    return [part(progress, begin, end) for begin, end in pairwise(begins)]
+
+
+def _extended(verdict: Verdict, material: Material, out: Path) -> list[Path]:
+    model = None if material.study_file is None else material.study_file.model
+    return write_models(verdict, material.title, material.files, out, model=model)
+
+
+def _success(question: Question | None, models: list[Path], rng: np.random.Generator, progress: Progress) -> Sections:
+    """What the extended model gains in a policy's success, where trials of one were given."""
+    if question is None:
+        return {}
+    toml = next((load_extended_model(file) for file in models if file.suffix == ".toml"), None)
+    extended = Physics.nominal() if toml is None else toml.physics
+    return {"success": success_of(question, extended, rng, progress).document()}
 
 
 def _question(logs: FarmLogs | None, trials: Trials | None) -> Question | None:
@@ -137,144 +141,6 @@ def _make_folder(out: Path) -> None:
         raise RecordingError(f"cannot make the folder {out} ({error.strerror}); name another with --out") from error
     if not os.access(out, os.W_OK):
         raise RecordingError(f"nothing can be written to the folder {out}; name another with --out")
-
-
-def verdict_of(material: Material, method: str, rng: np.random.Generator, progress: Progress) -> tuple[Verdict, dict[str, Any]]:
-    """Steps 2 to 5 and 7 for joints, and for objects that were seen."""
-    of_joints = tuple(r for r in material.recordings if r.joints is not None and r.regime != CUBE_EXCITATION)
-    of_cube = tuple(r for r in material.recordings if r.regime == CUBE_EXCITATION)
-    of_objects = tuple(r for r in material.recordings if r.joints is None and r.objects)
-    found: list[tuple[Verdict, dict[str, Any]]] = []
-    after = 0.8 if of_cube or of_objects else 1.0
-    if of_joints:
-        found.append(_joint_verdict(material, of_joints, method, rng, _part(progress, 0.0, after)))
-    if of_cube and material.study_file is None:
-        from sim_backend.reality_gap.cube.study import study_cube  # with its replay, which most studies do without
-
-        study = study_cube(of_cube, rng, lambda what: progress(what, after))
-        found.append((study.verdict, {}))
-    if of_objects and material.study_file is not None:
-        found.append(_object_verdict(material.study_file, of_objects, rng, _part(progress, after if of_joints else 0.0, 1.0)))
-    if not found:
-        raise RecordingError("the recordings have neither joints nor objects that could be compared with a model")
-    verdict, sections = found[0] if len(found) == 1 else _together(found)
-    if material.trials:
-        unread = f"anything from logs of trials ({len(material.trials)}): fingers may touch the cube and the table there"
-        verdict = replace(verdict, cannot_tell=(*verdict.cannot_tell, unread))
-    return verdict, sections
-
-
-def known_of(material: Material, recordings: Sequence[Recording]) -> Robot:
-    """What is known of the robot: whoever describes data by a study file has another robot than the farm's."""
-    return KnownTriFinger.seen_in(recordings) if material.study_file is None else UnknownRobot()
-
-
-def _joint_verdict(
-    material: Material, recordings: Sequence[Recording], method: str, rng: np.random.Generator, progress: Progress
-) -> tuple[Verdict, dict[str, Any]]:
-    model = compile_scene() if material.study_file is None else material.study_file.compile_model()
-    try:
-        study = study_joints(
-            model,
-            recordings,
-            progress,
-            robot=known_of(material, recordings),
-            nominal=_nominal(material, recordings),
-            gate=None if method == METHODS[0] else np.inf,
-        )
-    except ShowsNothingError as error:
-        return not_identifiable(error, known_of(material, recordings)), {}
-    if method != METHODS[0]:
-        return _calibrated(study, method, rng), {}
-    judged = judge(study)
-    when = "while they move and no rotor hits" if study.rattling else "while they move"
-    verdict = replace(
-        judged.verdict,
-        cannot_tell=(*judged.verdict.cannot_tell, *not_judged(study.problem.episodes, study.problem.names)),
-        held_out=held_out(study.problem, study.fit.final, study.start, rng, when=when),
-        held_out_there=tuple(held_out_of_hits(each.errors, study.problem.names[each.joint], rng) for each in study.rattling),
-    )
-    progress("drawing what is left", 0.9)
-    return verdict, joint_sections(study, judged.patterns, rng)
-
-
-def _calibrated(study: JointStudy, method: str, rng: np.random.Generator) -> Verdict:
-    """All numbers at once, by a method that names nothing."""
-    result = calibrate(study.problem, study.start, method, rng)
-    look = study.problem.look(result.state, ())
-    return Verdict(
-        verdict=VerdictKind.NAMED if result.causes else VerdictKind.NOTHING_WRONG,
-        summary=f"Calibrated {len(result.causes)} numbers by {method}; reproducing data makes none of them a cause.",
-        causes=result.causes,
-        held_out=held_out(study.problem, look, study.start, rng),
-        cannot_tell=("which of these numbers is a cause: this method changes whatever helps",),
-    )
-
-
-def not_identifiable(error: ShowsNothingError, robot: Robot) -> Verdict:
-    """Nothing about joints can be told."""
-    what = (
-        "run 'trifarm identify --excitation standard' on the robot"
-        if isinstance(robot, KnownTriFinger)
-        else "move every joint slowly and fast over its range"
-    )
-    return Verdict(
-        verdict=VerdictKind.NOT_IDENTIFIABLE,
-        summary=f"These data cannot tell anything: {error}.",
-        cannot_tell=(f"every effect of joints: {error.because}",),
-        record_next=(f"{what}; 'trifarm gap excite' says how",),
-    )
-
-
-def _nominal(material: Material, recordings: Sequence[Recording]) -> Mapping[str, np.ndarray]:
-    """Values to start from that a study file states for joints' effects; NaN for the limits of motors that it does not name."""
-    if material.study_file is None:
-        return {}
-    names, found = recordings[0].joints.names if recordings[0].joints is not None else (), {}
-    for key, value in material.study_file.nominal.items():
-        parameter = PARAMETERS[key]
-        if parameter.scope is Scope.JOINT:
-            by_joint = value if isinstance(value, Mapping) else dict.fromkeys(names, value)
-            absent = np.nan if key == LIMIT else parameter.absent  # a TriFinger's limit is no other robot's
-            found[key] = np.array([float(by_joint.get(name, absent)) for name in names])  # pyright: ignore[reportArgumentType]
-        else:
-            found[key] = np.atleast_1d(np.asarray(value, dtype=float))
-    return found
-
-
-def _object_verdict(
-    study_file: StudyFile, recordings: Sequence[Recording], rng: np.random.Generator, progress: Progress
-) -> tuple[Verdict, dict[str, Any]]:
-    nominal = {key: float(value) for key, value in study_file.nominal.items() if isinstance(value, int | float)}
-    study = study_object(mujoco.MjSpec.from_file(str(study_file.model)), recordings, nominal, rng, progress)
-    named = ", ".join(dict.fromkeys(cause.effect.replace("_", " ") for cause in study.causes))
-    summary = {
-        VerdictKind.NAMED: f"The data disagree with the model because of {named}.",
-        VerdictKind.CONFUSABLE: f"The data cannot tell apart: {named}.",
-        VerdictKind.UNEXPLAINED: "The data disagree with the model far beyond the noise; no cause of the catalogue explains it.",
-    }.get(study.kind, "The data agree with the model as well as they can tell.")
-    if study.kind is VerdictKind.UNEXPLAINED and study.confirmation is not None and makes_worse(study.confirmation.held_out):
-        summary = "What explains the tosses that were studied puts others further off: no cause of the catalogue does."
-    verdict = Verdict(
-        verdict=study.kind,
-        summary=summary,
-        causes=study.causes,
-        held_out=study.confirmation.held_out if study.confirmation is not None else None,
-        null_p=study.null_p,
-        runner_up=study.runner_up,
-        rejected=tuple(one.rival for one in study.lost if not one.confusable),
-        cannot_tell=study.cannot_tell,
-        record_next=study.record_next,
-    )
-    return verdict, dict(study.sections)
-
-
-def _together(found: Sequence[tuple[Verdict, dict[str, Any]]]) -> tuple[Verdict, dict[str, Any]]:
-    """The verdicts on joints and on objects as one, and the sections of both."""
-    sections: dict[str, Any] = {}
-    for _, own in reversed(found):
-        sections |= own
-    return joined([verdict for verdict, _ in found]), sections
 
 
 def _document(material: Material, verdict: Verdict, sections: Mapping[str, Any], out: Path) -> dict[str, Any]:

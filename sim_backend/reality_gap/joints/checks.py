@@ -1,5 +1,6 @@
 """What joints show without any fit: levels of noise, steps of encoders, jumps, joints that do not move, shifted ends."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,7 +67,7 @@ class Finding:
         return SEEN[self.sign].partition(".")[2]
 
 
-def noise_findings(episodes: list[EpisodeEquations], robot: Robot) -> list[Finding]:
+def noise_findings(episodes: Sequence[EpisodeEquations], robot: Robot) -> list[Finding]:
     """Noise of positions and velocities, and steps of encoders, beyond what is healthy or what other joints have.
 
     Of sensors that nobody knows only a single joint's can be odd: beyond what a TriFinger's have, and far beyond its neighbours'.
@@ -95,7 +96,7 @@ def _noise_that_is_white(series: np.ndarray) -> np.ndarray:
 
 
 def torque_noise_findings(
-    episodes: list[EpisodeEquations], state: JointState, sensed_share: np.ndarray, share_error: np.ndarray
+    episodes: Sequence[EpisodeEquations], state: JointState, sensed_share: np.ndarray, share_error: np.ndarray
 ) -> list[Finding]:
     """Noise between what was sent and what was measured, told apart by whether the joint felt it.
 
@@ -172,7 +173,7 @@ def encoder_step(position_rad: np.ndarray) -> np.ndarray:
     return np.array(steps)
 
 
-def noisy_motors(episodes: list[EpisodeEquations], state: JointState) -> list[int]:
+def noisy_motors(episodes: Sequence[EpisodeEquations], state: JointState) -> list[int]:
     """Joints whose motors' torques differ from what was sent by far more than those of the others."""
     differences = [d for episode in episodes if (d := episode.current_difference(state)) is not None]
     if not differences:
@@ -181,7 +182,7 @@ def noisy_motors(episodes: list[EpisodeEquations], state: JointState) -> list[in
     return [j for j in range(len(white)) if white[j] > ODD_MOTOR * np.median(np.delete(white, j))] if len(white) > 2 else []
 
 
-def fault_findings(episodes: list[EpisodeEquations], size: float | None = None) -> list[Finding]:
+def fault_findings(episodes: Sequence[EpisodeEquations], size: float | None = None) -> list[Finding]:
     """Joints that do not move, and encoders that jump.
 
     Args:
@@ -195,13 +196,13 @@ def fault_findings(episodes: list[EpisodeEquations], size: float | None = None) 
     return found
 
 
-def end_findings(episodes: list[EpisodeEquations], state: JointState) -> list[Finding]:
+def end_findings(episodes: Sequence[EpisodeEquations], state: JointState) -> list[Finding]:
     """Ends of joints that are not where they should be, once encoders are known to be off by what the model says."""
     offsets = encoder_offsets_rad(state)
     return [f for joint, offset in enumerate(offsets) for f in _shifted_end(episodes, joint, float(offset))]
 
 
-def _stuck(episodes: list[EpisodeEquations], joint: int) -> list[Finding]:
+def _stuck(episodes: Sequence[EpisodeEquations], joint: int) -> list[Finding]:
     spans, pushes = [], []
     for episode in episodes:
         series = episode.path.fast_position[:, joint]
@@ -215,7 +216,7 @@ def _stuck(episodes: list[EpisodeEquations], joint: int) -> list[Finding]:
     return [Finding(Sign.REST_UNDER_LOAD, joint, held, (held, 20.0), held / STUCK_TORQUE_NM)]
 
 
-def _stuck_off_target(episodes: list[EpisodeEquations], joint: int, size: float) -> list[Finding]:
+def _stuck_off_target(episodes: Sequence[EpisodeEquations], joint: int, size: float) -> list[Finding]:
     """Of any robot: it rests although it was asked to move, and its motor gives torque that the model does not need for resting.
 
     A joint that was to hold still does so, against gravity too; without targets nobody knows what it was to do.
@@ -235,7 +236,7 @@ def _stuck_off_target(episodes: list[EpisodeEquations], joint: int, size: float)
     return [Finding(Sign.REST_UNDER_LOAD, joint, held, (held, 20.0 * size), held / (size * STUCK_TORQUE_NM))]
 
 
-def _jump(episodes: list[EpisodeEquations], joint: int) -> list[Finding]:
+def _jump(episodes: Sequence[EpisodeEquations], joint: int) -> list[Finding]:
     """A step between two samples that the joint's speed does not explain and that stays."""
     for index, episode in enumerate(episodes):
         raw = filled_gaps(episode.path.joints.position_rad)[:, joint]
@@ -270,7 +271,7 @@ def _near_gap(position_rad: np.ndarray) -> np.ndarray:
     return near[1:] | near[:-1]
 
 
-def _shifted_end(episodes: list[EpisodeEquations], joint: int, offset_rad: float) -> list[Finding]:
+def _shifted_end(episodes: Sequence[EpisodeEquations], joint: int, offset_rad: float) -> list[Finding]:
     """An end that is passed, or a place inside the range where the joint is held although the motor presses outwards."""
     found: list[Finding] = []
     for side, sign in ((0, Sign.LOWER_END), (1, Sign.UPPER_END)):

@@ -1,7 +1,7 @@
 """Forward selection of causes among joints' effects: what gains most is taken, everything is fitted anew, until nothing gains."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,8 +28,12 @@ _PROXY_SHARE_OF_COMMANDS = 0.001
 
 @dataclass(frozen=True)
 class JointFit:
-    """What forward selection came to; ``refused`` gained enough, but without held-out errors that fall."""
+    """What forward selection came to; ``refused`` gained enough, but without held-out errors that fall.
 
+    ``problem`` is the one that was given, or the same with many causes expected.
+    """
+
+    problem: JointProblem
     state: JointState
     accepted: tuple[Accepted, ...]
     looks: tuple[Look, ...]
@@ -50,29 +54,27 @@ class JointFit:
 
 def select(
     problem: JointProblem,
-    state: JointState,
     gate: float,
     progress: Progress,
     *,
     min_share: float = 0.01,
-    confirms: Callable[[Look, Look], bool] = lambda *_: True,
+    confirms: Callable[[JointProblem, Look, Look], bool] = lambda *_: True,
     gates: Mapping[str, float] | None = None,
 ) -> JointFit:
     """Take causes one after the other.
 
     Args:
-        problem: the episodes.
-        state: to start from.
+        problem: the episodes, and the model to start from.
         gate: least gain of a cause, nats.
         progress: told what is done, and which share.
         min_share: least share of what is left unexplained that a cause beyond the first must take away.
         gates: least gain of a cause of each effect, where healthy sessions tell.
-        confirms: whether a cause is worth it, told the looks without and with it; if not, the next best is tried.
+        confirms: whether a cause is worth it, told the problem and the looks without and with it; if not, the next best is tried.
     """
-    problem.start = state
+    state = problem.start
     looks, accepted, refused, again = [problem.look(state, ())], [], set(), set()
     if looks[0].noise_ratio.max() > MANY_CAUSES:
-        problem.expects_many = True
+        problem = replace(problem, expects_many=True)
         looks = [problem.look(state, ())]
     tried = 0
     while len(accepted) < MAX_CAUSES and len(refused) < MAX_REFUSED:
@@ -98,7 +100,7 @@ def select(
             state = _refined(state, accepted, look.accepted_values)
         new = problem.look(state, accepted)
         is_plausible_now = not _hides(problem) or is_plausible(state)
-        if is_plausible_now and confirms(looks[-1], new):
+        if is_plausible_now and confirms(problem, looks[-1], new):
             looks = [*looks, new] if is_new else [*looks[:-1], new]
             state = _refined(state, accepted, new.accepted_values)
             continue
@@ -112,7 +114,7 @@ def select(
         for _ in range(_REFINEMENTS):
             state = _refined(state, accepted, problem.look(state, accepted, plain=True).accepted_values)
         final = problem.look(state, accepted, plain=True)
-    return JointFit(state, tuple(accepted), tuple(looks), final, _errors(accepted, final), frozenset(refused))
+    return JointFit(problem, state, tuple(accepted), tuple(looks), final, _errors(accepted, final), frozenset(refused))
 
 
 def _hides(problem: JointProblem) -> bool:

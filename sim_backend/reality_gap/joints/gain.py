@@ -42,8 +42,7 @@ def held_out_errors(problem: JointProblem, look: Look) -> TorqueErrors:
 
     Where these say nothing of a parameter it stays as the model has it that the problem's selection started from.
     """
-    start = look.state if problem.start is None else problem.start
-    states = [_state_without(look, start, fold) for fold in range(FOLDS)]
+    states = [_state_without(look, problem.start, fold) for fold in range(FOLDS)]
     return _errors(problem, states)
 
 

@@ -1,5 +1,6 @@
 """Looks at the joints of a study with any model: what each hypothesis would gain, and what the model leaves."""
 
+import functools
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
@@ -130,32 +131,35 @@ class Look:
         return single[0] if allowed[0].hypothesis.where == ALL_JOINTS and single else allowed[0]
 
 
+@dataclass(frozen=True)
 class JointProblem:
-    """The episodes of a study with the names of their joints; looks at them with any model.
+    """The episodes of a study; looks at them with any model.
 
-    Args:
+    Attributes:
         episodes: all of the same joints.
         names: of the joints.
         robot: what is known of it.
         excluded: effects that are not in the catalogue for this study.
+        start: the nominal model, which causes are added to.
+        expects_many: whether noise is what the present model leaves, not what all hypotheses together would leave.
     """
 
-    def __init__(
-        self,
-        episodes: Sequence[EpisodeEquations],
-        names: Sequence[str],
-        *,
-        robot: Robot,
-        excluded: Sequence[str] = (),
-    ) -> None:
-        self.episodes, self.names, self.robot, self.excluded = list(episodes), tuple(names), robot, tuple(excluded)
-        self.expects_many = False
-        """Whether noise is what the present model leaves, not what all hypotheses together would leave."""
-        self.start: JointState | None = None
-        """The model that causes are added to, once they are."""
-        self._load = np.concatenate([e.driving_nm.T for e in episodes])
-        self.torque_rms_nm = np.sqrt(np.mean(self._load**2, axis=0))
+    episodes: tuple[EpisodeEquations, ...]
+    names: tuple[str, ...]
+    robot: Robot
+    excluded: tuple[str, ...]
+    start: JointState
+    expects_many: bool = False
+
+    @functools.cached_property
+    def _load_nm(self) -> np.ndarray:
+        """Torques that were sent over all episodes, shape (s, k), N m."""
+        return np.concatenate([e.driving_nm.T for e in self.episodes])
+
+    @functools.cached_property
+    def torque_rms_nm(self) -> np.ndarray:
         """Root mean square of each joint's torque, shape (k,), N m."""
+        return np.sqrt(np.mean(self._load_nm**2, axis=0))
 
     def look(self, state: JointState, accepted: Sequence[Accepted], *, plain: bool = False) -> Look:
         """Linearise at a state and ask every hypothesis what it would gain; ``plain`` as for :func:`whitened`."""
@@ -163,7 +167,7 @@ class JointProblem:
         catalogue = joint_catalogue(
             self.names,
             state,
-            self._load,
+            self._load_nm,
             step_s,
             robot=self.robot,
             expects_many=self.expects_many,

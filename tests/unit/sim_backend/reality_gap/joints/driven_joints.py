@@ -64,14 +64,14 @@ def episode(position: np.ndarray, torque: np.ndarray, **channels: Any) -> Episod
 
 def problem(position: np.ndarray, torque: np.ndarray) -> JointProblem:
     """A problem of one episode whose accelerations decide, as in studies of TriFingers."""
-    return JointProblem([episode(position, torque)], NAMES, robot=UnknownRobot())
+    return JointProblem((episode(position, torque),), NAMES, UnknownRobot(), (), NO_LIMIT)
 
 
 def foreign_problem(position: np.ndarray, torque: np.ndarray) -> JointProblem:
     """A problem of one episode whose torques are compared, as in studies of anybody's robots."""
     path = trajectory(recording(position, torque), cutoff_hz=UnknownRobot.cutoff_hz)
     episode = EpisodeEquations(Plant(joints_model(), NAMES), path, 0, robot=UnknownRobot())
-    return JointProblem([episode], NAMES, robot=UnknownRobot())
+    return JointProblem((episode,), NAMES, UnknownRobot(), (), NO_LIMIT)
 
 
 def planted_friction(torque_nm: float) -> JointProblem:

@@ -1,7 +1,5 @@
 """What a named cause buys where it was not fitted."""
 
-import functools
-
 import numpy as np
 import pytest
 
@@ -22,8 +20,7 @@ def planted():
 
 @pytest.fixture(scope="module")
 def fit(planted):
-    confirms = functools.partial(is_worth_it, planted)
-    return select(planted, NO_LIMIT, 12.0, lambda *_: None, confirms=confirms)
+    return select(planted, 12.0, lambda *_: None, confirms=is_worth_it)
 
 
 def test_the_cause_is_taken_alone(fit):

@@ -10,9 +10,10 @@ from sim_backend.reality_gap.foreign.study_file import load_study_file
 from sim_backend.reality_gap.joints.checks import fault_findings
 from sim_backend.reality_gap.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.joints.judged import not_judged
+from sim_backend.reality_gap.joints.nominal import largest_torque_nm, starting_values
 from sim_backend.reality_gap.joints.plant import Plant
 from sim_backend.reality_gap.joints.state import JointState
-from sim_backend.reality_gap.joints.study import largest_torque_nm, starting_values, study_joints
+from sim_backend.reality_gap.joints.study import study_joints
 from sim_backend.reality_gap.joints.trajectory import CUTOFF_HZ, EDGE_S, trajectory
 from sim_backend.reality_gap.knowledge.robot import UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording

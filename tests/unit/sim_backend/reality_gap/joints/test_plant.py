@@ -6,9 +6,9 @@ import pytest
 
 from sim_backend.effects.body import link_mass
 from sim_backend.reality_gap.joints.equations import EpisodeEquations
+from sim_backend.reality_gap.joints.nominal import starting_values
 from sim_backend.reality_gap.joints.plant import Plant
 from sim_backend.reality_gap.joints.state import JointState
-from sim_backend.reality_gap.joints.study import starting_values
 from sim_backend.reality_gap.joints.trajectory import trajectory
 from sim_backend.reality_gap.knowledge.robot import UnknownRobot
 from sim_backend.trifinger import constants as c
