@@ -34,12 +34,16 @@ _RAISE_S = 1.5
 
 @dataclass(frozen=True)
 class Excitation:
-    """A named motion of a fixed length; ``course`` makes it from a generator of random numbers."""
+    """A named motion of a fixed length; ``course`` makes it from a generator of random numbers.
+
+    ``sees_cube`` says whether it follows what the tracker reports of the cube.
+    """
 
     name: str
     duration_s: float
     about: str
     course: Callable[[np.random.Generator], Course]
+    sees_cube: bool = False
 
 
 def slow_ramps(rng: np.random.Generator) -> Course:
@@ -200,6 +204,6 @@ EXCITATIONS: dict[str, Excitation] = {
         Excitation("oscillations", 20.0, "all joints swing at once", oscillations),
         Excitation("hold_poses", 40.0, "poses held still, reached from alternating sides", hold_poses),
         Excitation("standard", 40.0, "a little of everything on all joints", standard),
-        Excitation("slide_cube", 40.0, "a finger pushes the cube and lets it slide", slide_cube),
+        Excitation("slide_cube", 40.0, "a finger pushes the cube and lets it slide", slide_cube, sees_cube=True),
     )
 }

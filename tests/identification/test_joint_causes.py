@@ -6,12 +6,13 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.blind_test.joint_cases import SHOWN_BY_JOINTS, Case, draw_cases, recordings_of
+from sim_backend.reality_gap.blind_test.joint_cases import Case, draw_cases, recordings_of
 from sim_backend.reality_gap.blind_test.joints import LIMITS_FILE, outcome, summary
 from sim_backend.reality_gap.blind_test.many_causes import robot
 from sim_backend.reality_gap.joints.sessions import healthy_physics, simulated_sessions
 from sim_backend.reality_gap.joints.study import ShowsNothingError, study_joints
 from sim_backend.reality_gap.joints.verdict import judge
+from sim_backend.reality_gap.knowledge.hidden import AT_JOINTS
 from sim_backend.reality_gap.knowledge.robot import KnownTriFinger
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.verdict import VerdictKind
@@ -49,7 +50,7 @@ def large(seed, keys, count):
 
 
 def test_every_effect_that_joints_show_has_a_detection_limit():
-    assert set(SHOWN_BY_JOINTS) <= set(LIMITS)
+    assert set(AT_JOINTS) <= set(LIMITS)
 
 
 def test_a_few_hidden_effects_are_named_with_place_and_value():

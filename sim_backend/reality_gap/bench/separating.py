@@ -16,9 +16,11 @@ from pathlib import Path
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.effects.effect import Scope
 from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.blind_test.joints import LIMITS_FILE
 from sim_backend.reality_gap.joints.sessions import IN_THE_AIR, simulated_sessions
+from sim_backend.reality_gap.knowledge.evidence import FITTED, shape_of
 
 MULTIPLE = 2.0
 SEED = 9101
@@ -26,16 +28,6 @@ JOINTS = (0, 1, 2)
 NOISE = {"position_rad": 1e-4, "velocity_rad_s": 5e-3, "measured_torque_nm": 2e-3}
 """Of the sensors, about as a healthy robot has it."""
 EVERY = 4  # samples
-SHAPES: Mapping[str, tuple[tuple[str, tuple[float, ...]], ...]] = {
-    "cogging": (("cogging.phase_rad", (0.0, np.pi / 2)),),
-    "joint_stiffness": (("joint_stiffness.reference_rad", (-1.0, 1.0)),),
-    "stribeck_friction": (("stribeck_friction.speed_rad_s", (0.1,)),),
-    "thermal_derating": (("thermal_derating.time_constant_s", (5.0, 30.0)),),
-}
-NUMBERS: Mapping[str, tuple[str, ...]] = {
-    "table_tilt": ("table_tilt.roll_rad", "table_tilt.pitch_rad"),
-    "gravity": ("gravity.offset_m_s2",),
-}
 
 
 @dataclass(frozen=True)
@@ -48,29 +40,25 @@ class _Given:
 
 
 def _robots(limits: Mapping[str, float]) -> list[_Given]:
-    """Every effect of joints that has a detection limit in a number of its own, at each joint and in each shape."""
-    found, seen = [], set()
-    for key, limit in limits.items():
-        effect, parameter = key.partition(".")[0], PARAMETERS[key]
-        if effect in seen or parameter.lower == parameter.upper:
-            continue
-        seen.add(effect)
-        keys = NUMBERS.get(effect, (key,))
-        if parameter.width == 9:
-            places = [(joint, joint) for joint in JOINTS]
-        else:
-            places = [(None, index) for index in range(PARAMETERS[keys[0]].width)]
-        for number in keys:
+    """Every fitted effect of joints in each of its numbers, at each joint and in each shape."""
+    found = []
+    for effect, entry in FITTED.items():
+        limit = limits[entry.numbers[0].key]
+        for key in (number.key for number in entry.numbers):
+            is_joint = PARAMETERS[key].scope is Scope.JOINT
+            places = [(joint, joint) for joint in JOINTS] if is_joint else [(None, i) for i in range(PARAMETERS[key].width)]
             for joint, index in places:
                 for shape in _shapes(effect):
-                    found.append(_Given(effect, joint, _changes(number, index, limit) | shape))
+                    found.append(_Given(effect, joint, _changes(key, index, limit) | shape))
     return found
 
 
 def _shapes(effect: str) -> Iterable[dict[str, np.ndarray]]:
-    for key, values in SHAPES.get(effect, (("", (0.0,)),)):
-        for value in values:
-            yield {key: np.full((1, PARAMETERS[key].width), value)} if key else {}
+    """Values of the parameter that decides how an effect looks; one empty set where there is none."""
+    shape = shape_of(effect)
+    if shape is None:
+        return [{}]
+    return [{shape.key: np.full((1, PARAMETERS[shape.key].width), value)} for value in shape.values]
 
 
 def _changes(key: str, index: int, limit: float) -> dict[str, np.ndarray]:

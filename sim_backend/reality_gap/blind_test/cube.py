@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.blind_test.cube_cases import (
-    EFFECTS,
     LEVELS,
     Case,
     effect_cases,
@@ -28,12 +28,12 @@ from sim_backend.reality_gap.blind_test.cube_cases import (
     load_evidence,
     null_cases,
 )
-from sim_backend.reality_gap.cube.calibration import Calibration, load_calibration
+from sim_backend.reality_gap.cube.calibration import HealthyCubes, load_calibration
 from sim_backend.reality_gap.cube.replay import PushReplay
 from sim_backend.reality_gap.cube.study import CubeStudy, study_evidence
+from sim_backend.reality_gap.knowledge.hidden import OF_CUBE
 from sim_backend.reality_gap.verdict import VerdictKind
 
-ABSENT = {"cube_mass": 1.0, "fingertip_friction": 1.0, "table_friction": 1.0}
 _LEFT_OUT = (VerdictKind.UNEXPLAINED, VerdictKind.CONFUSABLE, VerdictKind.NAMED, VerdictKind.NOTHING_WRONG)
 
 
@@ -69,7 +69,7 @@ def judge_case(case: Case, study: CubeStudy, without: CubeStudy | None = None) -
     causes = tuple(dict.fromkeys(cause.effect for cause in verdict.causes))
     error = None
     if case.effect in causes and case.value:
-        absent = ABSENT.get(case.effect, 0.0)
+        absent = PARAMETERS[OF_CUBE[case.effect]].absent
         found = np.array([cause.value for cause in verdict.causes if cause.effect == case.effect])
         true = np.array(case.value)
         error = float(np.linalg.norm(found - true[: len(found)]) / np.linalg.norm(true - absent))
@@ -77,7 +77,7 @@ def judge_case(case: Case, study: CubeStudy, without: CubeStudy | None = None) -
     return Judgement(case, verdict.verdict, causes, verdict.null_p or 1.0, study.pushes, error, left_out)
 
 
-def results(judged: Sequence[Judgement], calibration: Calibration, limits: Mapping[str, float]) -> dict[str, Any]:
+def results(judged: Sequence[Judgement], calibration: HealthyCubes, limits: Mapping[str, float]) -> dict[str, Any]:
     """The test's numbers, plain values for JSON."""
     effects = [row for row in judged if row.case.level > 0.0]
     nulls = [row for row in judged if not row.case.effect]
@@ -92,7 +92,7 @@ def results(judged: Sequence[Judgement], calibration: Calibration, limits: Mappi
         "right_name_2x_5x": _rate([row.is_right for row in strong]),
         "right_name_alone": _rate([row.is_right and row.verdict is VerdictKind.NAMED for row in effects]),
         "by_level": {f"{level:g}x": _shares([row for row in effects if row.case.level == level]) for level in LEVELS},
-        "by_effect": {effect: _shares([row for row in effects if row.case.effect == effect]) for effect in EFFECTS},
+        "by_effect": {effect: _shares([row for row in effects if row.case.effect == effect]) for effect in OF_CUBE},
         "left_out_2x_5x": {str(kind): _rate([row.left_out == str(kind) for row in strong if row.left_out]) for kind in _LEFT_OUT},
         "joint_errors_named_as_cube": _rate([row.verdict in named for row in joints]),
         "confusion": _confusion(judged),
@@ -169,7 +169,7 @@ def _simulate(cases: Sequence[Case], folder: Path) -> None:
         print(f"{done} of {len(cases)} cases, about {left_s / 60:.0f} min left", file=sys.stderr, flush=True)
 
 
-def _kept_limits(folder: Path, calibration: Calibration) -> dict[str, float]:
+def _kept_limits(folder: Path, calibration: HealthyCubes) -> dict[str, float]:
     """Detection limits that the cases of this folder were made with, so that a newer table does not change half of them."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "limits.json"
@@ -178,7 +178,7 @@ def _kept_limits(folder: Path, calibration: Calibration) -> dict[str, float]:
     return json.loads(path.read_text(encoding="utf-8"))
 
 
-def _judged(case: Case, folder: Path, calibration: Calibration) -> Judgement:
+def _judged(case: Case, folder: Path, calibration: HealthyCubes) -> Judgement:
     evidence = load_evidence(folder / f"{case.name}.npz")
     study = study_evidence(evidence, np.random.default_rng([case.seed, 2]), calibration)
     without = None

@@ -11,40 +11,17 @@ from typing import Any
 
 import numpy as np
 
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.effects.effect import Scope
 from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.cube.replay import PushReplay, Replayed
 from sim_backend.reality_gap.cube.sessions import healthy_physics, sessions_with_pushes
-from sim_backend.reality_gap.cube.summary import Evidence, evidence_of
+from sim_backend.reality_gap.cube.summary import CubeEvidence, evidence_of
 from sim_backend.reality_gap.cube.tracker import TrackerStatistics
+from sim_backend.reality_gap.knowledge.hidden import BESIDE_CUBE, OF_CUBE
 
-EFFECTS = (
-    "tracking_latency",
-    "tracking_dropout",
-    "tracking_offset",
-    "orientation_jumps",
-    "cube_mass",
-    "fingertip_friction",
-    "table_friction",
-)
 LEVELS = (1.0, 2.0, 5.0)
 """Times the detection limit."""
-_KEYS = {
-    "tracking_latency": "tracking_latency.extra_s",
-    "tracking_dropout": "tracking_dropout.probability",
-    "tracking_offset": "tracking_offset.position_m",
-    "orientation_jumps": "orientation_jumps.probability",
-    "cube_mass": "cube_mass.factor",
-    "fingertip_friction": "fingertip_friction.coefficient",
-    "table_friction": "table_friction.coefficient",
-}
-JOINT_ERRORS = (
-    ("torque_constant.error", 0.05),
-    ("encoder_offset.offset_rad", 0.006),
-    ("link_mass.factor", 1.06),
-    ("coulomb_friction.torque_nm", 0.015),
-    ("backlash.gap_rad", 0.006),
-)
-"""On one joint: what the other part of the tool is to name, and this one not as a cube's doing."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +42,7 @@ def effect_cases(count: int, seed: int, limits: Mapping[str, float]) -> list[Cas
     """Cases with effects: effects in turn, then levels in turn; sign and direction drawn."""
     cases = []
     for i in range(count):
-        effect, level = EFFECTS[i % len(EFFECTS)], LEVELS[(i // len(EFFECTS)) % len(LEVELS)]
+        effect, level = tuple(OF_CUBE)[i % len(OF_CUBE)], LEVELS[(i // len(OF_CUBE)) % len(LEVELS)]
         value = _value(effect, level, limits, np.random.default_rng([seed, 1, i]))
         cases.append(Case(f"effect-{i:03d}", 1000 * seed + i, effect, level, value))
     return cases
@@ -80,21 +57,21 @@ def joint_cases(count: int, seed: int) -> list[Case]:
     """Robots of which one joint is wrong."""
     cases = []
     for i in range(count):
-        key, size = JOINT_ERRORS[i % len(JOINT_ERRORS)]
+        key, size = BESIDE_CUBE[i % len(BESIDE_CUBE)]
         cases.append(Case(f"joint-{i:03d}", 1000 * seed + 800 + i, key, 0.0, (size,)))
     return cases
 
 
 def _value(effect: str, level: float, limits: Mapping[str, float], rng: np.random.Generator) -> tuple[float, ...]:
     sign = 1.0 if rng.random() < 0.5 else -1.0
-    if effect == "tracking_offset":
+    parameter = PARAMETERS[OF_CUBE[effect]]
+    if parameter.scope is Scope.VECTOR:
         direction = rng.normal(size=3)
         return tuple(level * limits[effect] * direction / np.linalg.norm(direction))
-    if effect in ("tracking_dropout", "orientation_jumps"):
+    if parameter.absent == parameter.lower:
         return (level * limits[effect],)
-    if effect == "tracking_latency":
-        return (sign * level * limits[effect],)
-    return (1.0 + sign * level * limits[f"{effect}.{'up' if sign > 0 else 'down'}"],)
+    limit = limits[effect] if effect in limits else limits[f"{effect}.{'up' if sign > 0 else 'down'}"]
+    return (parameter.absent + sign * level * limit,)
 
 
 def hidden_physics(case: Case) -> Physics:
@@ -103,9 +80,9 @@ def hidden_physics(case: Case) -> Physics:
     physics = healthy_physics(rng, 1)
     if not case.effect:
         return physics
-    if case.effect in _KEYS:
+    if case.effect in OF_CUBE:
         value = np.array(case.value)
-        return physics.changed({_KEYS[case.effect]: value[None] if len(value) > 1 else value})
+        return physics.changed({OF_CUBE[case.effect]: value[None] if len(value) > 1 else value})
     joints = physics.value(case.effect).copy()
     joints[0, rng.integers(9)] = case.value[0]
     return physics.changed({case.effect: joints})
@@ -126,7 +103,7 @@ def gather(cases: Sequence[Case], folder: Path, replay: PushReplay, group: int =
         yield done
 
 
-def save_evidence(path: Path, evidence: Evidence) -> None:
+def save_evidence(path: Path, evidence: CubeEvidence) -> None:
     """Keep it, whole or not at all."""
     arrays = {f"{row.name}{i}": getattr(push, row.name) for i, push in enumerate(evidence.replayed) for row in fields(Replayed)}
     if evidence.tracker is not None:
@@ -136,7 +113,7 @@ def save_evidence(path: Path, evidence: Evidence) -> None:
     part.replace(path)
 
 
-def load_evidence(path: Path) -> Evidence:
+def load_evidence(path: Path) -> CubeEvidence:
     """What :func:`save_evidence` kept."""
     with np.load(path) as file:
         count = sum(name.startswith("residual") for name in file.files)
@@ -146,4 +123,4 @@ def load_evidence(path: Path) -> Evidence:
             kinds = [int if row.type in (int, "int") else float for row in fields(TrackerStatistics)]
             values: list[Any] = [kind(value) for kind, value in zip(kinds, file["tracker"], strict=True)]
             tracker = TrackerStatistics(*values)
-    return Evidence(tracker, replayed)
+    return CubeEvidence(tracker, replayed)

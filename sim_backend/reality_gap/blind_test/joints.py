@@ -18,12 +18,16 @@ from pathlib import Path
 
 import numpy as np
 
-from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.effects.catalogue import CATALOGUE, PARAMETERS
+from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.blind_test.counting import share, whole_lines
 from sim_backend.reality_gap.blind_test.joint_cases import MULTIPLES, Case, draw_cases, keys_shown_by, recordings_of
+from sim_backend.reality_gap.joints.hypotheses import PLATFORM
 from sim_backend.reality_gap.joints.sessions import EVERYTHING, IN_THE_AIR
-from sim_backend.reality_gap.joints.study import study_joints
+from sim_backend.reality_gap.joints.study import JointStudy, study_joints
 from sim_backend.reality_gap.joints.verdict import judge
+from sim_backend.reality_gap.knowledge.evidence import FITTED
+from sim_backend.reality_gap.knowledge.hidden import AT_JOINTS
 from sim_backend.reality_gap.knowledge.robot import STANDARD, KnownTriFinger
 from sim_backend.reality_gap.refusal import refused
 from sim_backend.reality_gap.verdict import VerdictKind
@@ -32,8 +36,6 @@ from sim_backend.trifinger.scene import compile_scene
 LIMITS_FILE = Path(__file__).with_name("detection_limits.json")
 SEEDS_USED = "5001, 5002, 88001, 88002; with other excitations than 'standard' 41 and 42, too"
 _TOGETHER = 4
-_LEFT_OUT_TOGETHER = {effect: ("table_tilt", "gravity") for effect in ("table_tilt", "gravity")}
-"""A tilt of the table is a turn of gravity: without the one, the other is the right name."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -106,7 +108,7 @@ def _judged(group: Sequence[tuple[Case, bool]], excitation: str) -> list[dict]:
     seen = recordings_of([case for case, _ in group], excitation)
     for (case, left_out), recordings in zip(group, seen, strict=True):
         begun = time.monotonic()
-        excluded = _LEFT_OUT_TOGETHER.get(case.effect, (case.effect,)) if left_out else ()
+        excluded = _with_containing(case.effect) if left_out else ()
         study = study_joints(model, recordings, lambda *_: None, robot=KnownTriFinger.seen_in(recordings), excluded=excluded)
         judged = judge(study)
         verdict = judged.verdict.document()
@@ -125,7 +127,17 @@ def _judged(group: Sequence[tuple[Case, bool]], excitation: str) -> list[dict]:
     return found
 
 
-def _naive(study) -> dict[str, list[str]]:
+def _with_containing(effect: str) -> tuple[str, ...]:
+    """An effect, what is the same with more numbers, and what with fewer: without the one, the other is the right name."""
+    contained = FITTED[effect].contains if effect in FITTED else ""
+    return tuple(other for other in CATALOGUE if other in (effect, contained) or _contains(other, effect))
+
+
+def _contains(effect: str, other: str) -> bool:
+    return effect in FITTED and FITTED[effect].contains == other
+
+
+def _naive(study: JointStudy) -> dict[str, list[str]]:
     """What simpler rules would have named: smallest error of the fit, BIC with every row counted, largest z-score."""
     look = study.fit.first
     allowed = [c for c in look.candidates if c.allowed and len(c.hypothesis.terms) <= 2]
@@ -160,11 +172,8 @@ def outcome(line: dict) -> str:
 
 
 def _where(cause: dict) -> str:
-    return (
-        "platform"
-        if cause["effect"] in ("gravity", "table_tilt", "supply_sag", "timing_jitter", "controller_restart")
-        else cause["where"]
-    )
+    parameter = PARAMETERS[f"{cause['effect']}.{cause['parameter']}"]
+    return cause["where"] if parameter.scope is Scope.JOINT else PLATFORM
 
 
 def summary(lines: Sequence[dict]) -> dict:
@@ -216,7 +225,8 @@ def _is_named(line: dict, name: Sequence[str] | None) -> bool:
 def _true_cause(line: dict) -> dict | None:
     parameter = line["case"]["key"].partition(".")[2]
     for cause in line["verdict"]["causes"]:
-        is_axis = cause["effect"] != "gravity" or cause["where"] == "xyz"[line["case"]["joint"]]
+        is_vector = PARAMETERS[line["case"]["key"]].scope is Scope.VECTOR
+        is_axis = not is_vector or cause["where"] == "xyz"[line["case"]["joint"]]
         if cause["effect"] == line["case"]["effect"] and cause["parameter"] == parameter and is_axis:
             return cause
     return None
@@ -225,7 +235,7 @@ def _true_cause(line: dict) -> dict | None:
 def _error(line: dict) -> float:
     """Relative to the deviation from absent; NaN where the size means nothing."""
     cause, absent = _true_cause(line), PARAMETERS[line["case"]["key"]].absent
-    if cause is None or line["case"]["effect"] in ("stuck_joint", "controller_restart"):
+    if cause is None or AT_JOINTS[line["case"]["key"]].is_whole:
         return float("nan")
     return abs(cause["value"] - line["case"]["value"]) / abs(line["case"]["value"] - absent)
 

@@ -17,24 +17,25 @@ import numpy as np
 from scipy import stats
 
 from sim_backend.reality_gap.cube.contact import CONTACT_NAMES
-from sim_backend.reality_gap.cube.hypotheses import KINDS, Null, judge, largest_gains, misfit, without_worst
+from sim_backend.reality_gap.cube.hypotheses import Null, judge, largest_gains, misfit, without_worst
 from sim_backend.reality_gap.cube.limits import GAUSSIAN_CRITICAL, detection_limits, told_scores
 from sim_backend.reality_gap.cube.replay import PushReplay
 from sim_backend.reality_gap.cube.sessions import healthy_physics, sessions_with_pushes
-from sim_backend.reality_gap.cube.summary import NAMES, CubeSummary, Evidence, evidence_of, summary_of_evidence
+from sim_backend.reality_gap.cube.summary import NAMES, CubeEvidence, CubeSummary, evidence_of, summary_of_evidence
+from sim_backend.reality_gap.knowledge.cube import COUNTED, KINDS, Count, Kind
 
 PACKAGED = Path(__file__).parent / "calibration.json"
 GROUP = 20
 """Sessions that are simulated at once."""
 _FOLDS = 10
+_JUMPS = next(row for row in COUNTED if row.count is Count.JUMPS)
 _SHRINK = 0.2  # of the covariance towards its diagonal: there are few sessions for each number
 _FLOOR_STD = {"delay_s": 2e-4, "log_interval": 0.003, "confidence": 0.002, "rest_height_m": 5e-5}
-_SEEN_IN_PUSHES = ("cube_mass", "table_friction", "fingertip_friction", "cube_size", "tracking_scale", "tracking_offset")
 _WINSOR = 5.0  # robust standard deviations beyond which a healthy session's number counts as at that distance
 
 
 @dataclass(frozen=True)
-class Calibration:
+class HealthyCubes:
     """What a study of a cube compares a session with.
 
     Attributes:
@@ -46,12 +47,12 @@ class Calibration:
     """
 
     null: Null
-    gains: dict[str, np.ndarray]
+    gains: Mapping[Kind, np.ndarray]
     misfits: np.ndarray
     limits: dict[str, float]
     seeds: tuple[tuple[int, int], ...]
 
-    def gain_p(self, kind: str, gain: float) -> float:
+    def gain_p(self, kind: Kind, gain: float) -> float:
         """Probability that hypotheses of this kind gain so much by chance.
 
         The share of healthy sessions that do, but at least what Gaussian numbers and as many hypotheses would give.
@@ -72,7 +73,7 @@ class Calibration:
         return {"format": 2, "names": NAMES, "seeds": self.seeds, "limits": self.limits, **arrays, "null": null}
 
 
-def load_calibration(path: Path = PACKAGED) -> Calibration:
+def load_calibration(path: Path = PACKAGED) -> HealthyCubes:
     """A table that :func:`main` wrote.
 
     Raises:
@@ -83,11 +84,13 @@ def load_calibration(path: Path = PACKAGED) -> Calibration:
         raise ValueError(f"{path} was made for other numbers; run python -m sim_backend.reality_gap.cube.calibration again")
     null = document["null"]
     null |= {"mean": np.array(null["mean"]), "covariance": np.array(null["covariance"])}
-    gains, misfits = {kind: np.array(values) for kind, values in document["gains"].items()}, np.array(document["misfits"])
-    return Calibration(Null(**null), gains, misfits, document["limits"], tuple(map(tuple, document["seeds"])))
+    gains, misfits = {Kind(kind): np.array(values) for kind, values in document["gains"].items()}, np.array(document["misfits"])
+    return HealthyCubes(Null(**null), gains, misfits, document["limits"], tuple(map(tuple, document["seeds"])))
 
 
-def calibrate(sessions: Sequence[Evidence], jump_probabilities: Sequence[float], seeds: Sequence[tuple[int, int]]) -> Calibration:
+def calibrate(
+    sessions: Sequence[CubeEvidence], jump_probabilities: Sequence[float], seeds: Sequence[tuple[int, int]]
+) -> HealthyCubes:
     """The table from healthy sessions.
 
     Args:
@@ -98,19 +101,19 @@ def calibrate(sessions: Sequence[Evidence], jump_probabilities: Sequence[float],
     whole = fit_null([summary_of_evidence(row) for row in sessions], jump_probabilities)
     kept = [summary_of_evidence(without_worst(row, whole)) for row in sessions]
     told = _judged_apart(sessions, kept, jump_probabilities, 1.0)[2]
-    pushed = [critical for name, critical in _critical(told).items() if name.partition(".")[0] in _SEEN_IN_PUSHES]
+    pushed = [critical for name, critical in _critical(told).items() if name.partition(".")[0] in KINDS[Kind.PUSHES]]
     breadth = max(1.0, float(np.median(pushed)) / GAUSSIAN_CRITICAL) ** 2
     gains, misfits, told = _judged_apart(sessions, kept, jump_probabilities, breadth)
     null = fit_null(kept, jump_probabilities, breadth)
     summaries = [summary_of_evidence(without_worst(row, null)) for row in sessions]
     limits = detection_limits(summaries, null, _critical(told))
     sorted_gains = {kind: np.sort([row[kind] for row in gains]) for kind in KINDS}
-    return Calibration(null, sorted_gains, np.sort(misfits), limits, tuple(seeds))
+    return HealthyCubes(null, sorted_gains, np.sort(misfits), limits, tuple(seeds))
 
 
 def _judged_apart(
-    sessions: Sequence[Evidence], kept: Sequence[CubeSummary], jump_probabilities: Sequence[float], breadth: float
-) -> tuple[list[dict[str, float]], list[float], dict[str, list[float]]]:
+    sessions: Sequence[CubeEvidence], kept: Sequence[CubeSummary], jump_probabilities: Sequence[float], breadth: float
+) -> tuple[list[dict[Kind, float]], list[float], dict[str, list[float]]]:
     """Of each session largest gains, misfit per number and what told tests see, by a scatter measured on other sessions."""
     folds = np.arange(len(sessions)) % _FOLDS
     gains, misfits, told = [], [], dict[str, list[float]]()
@@ -179,14 +182,14 @@ def _dispersion(counts: np.ndarray) -> float:
 
 def healthy_evidence(
     first_seed: int, count: int, replay: PushReplay, progress: Callable[[str], None]
-) -> Iterator[tuple[Evidence, float]]:
+) -> Iterator[tuple[CubeEvidence, float]]:
     """Healthy sessions, group by group, each with its robot's probability of a jump."""
     started = time.monotonic()
     for first in range(first_seed, first_seed + count, GROUP):
         n = min(GROUP, first_seed + count - first)
         physics = healthy_physics(np.random.default_rng([first]), n)
         sessions = sessions_with_pushes(physics, list(range(first, first + n)))
-        jumps = physics.value("orientation_jumps.probability")
+        jumps = physics.value(_JUMPS.key)
         yield from zip(evidence_of(sessions, replay), map(float, jumps), strict=True)
         done = first + n - first_seed
         left_s = (time.monotonic() - started) / done * (count - done)

@@ -5,19 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_backend.reality_gap.cube.replay import TRIALS, Replayed, Trial
+from sim_backend.reality_gap.cube.replay import Replayed
+from sim_backend.reality_gap.knowledge.cube import DIRECTIONS, TRIALS, UNSURE, Trial
 
 _CHANNEL_STD = np.array([0.1, 0.1, 0.2, 0.45, 0.45, 0.4])
 """What is left in each channel of a healthy push away from impacts, in units of the channel's weight."""
-_UNSURE = {
-    ("tracking_offset_x", 0.004): 0.125,
-    ("tracking_offset_y", 0.004): 0.125,
-    ("cube_mass", 1.25): 0.08,
-    ("table_friction", 0.9): 0.2,
-    ("fingertip_friction", 0.8): 0.1,
-}
-"""Shares of these trials' responses that a healthy push may differ by: where it is touched by half a millimetre, its mass and
-friction by 2 %. Where a response is large, as at an impact, a residual says less."""
 _BEFORE_CONTACT_S = 0.10
 BEND = 6.0
 """Standard deviations beyond which a residual counts by its logarithm: a spike of an impact that came early says little more."""
@@ -25,20 +17,8 @@ _USUAL_SIZE, _TOLERATED = 1.1, 1.3
 """Root mean square of a healthy push's weighted residual, and how far a push may exceed the session's before it counts less."""
 
 _FORCES = ("along", "across", "up")
-_DIRECTIONS: dict[str, tuple[tuple[str, float], tuple[str, float] | None]] = {
-    "cube_mass": (("cube_mass", 1.25), ("cube_mass", 0.8)),
-    "table_friction_low": (("table_friction", 0.9), None),
-    "table_friction_high": (("table_friction", 1.15), None),
-    "table_friction_far": (("table_friction", 0.7), None),
-    "fingertip_friction_low": (("fingertip_friction", 0.8), None),
-    "fingertip_friction_high": (("fingertip_friction", 1.2), None),
-    "cube_size": (("cube_size", 1.03), None),
-    "tracking_offset_x": (("tracking_offset_x", 0.004), None),
-    "tracking_offset_y": (("tracking_offset_y", 0.004), None),
-    "tracking_scale": (("tracking_scale", 0.02), None),
-}
 CONTACT_NAMES = (
-    *_DIRECTIONS,
+    *DIRECTIONS,
     *(f"force_{name}" for name in _FORCES),
     *(f"force_{name}_before_contact" for name in _FORCES),
 )
@@ -67,7 +47,7 @@ def contact_summary(replayed: Sequence[Replayed], trials: Sequence[Trial] = TRIA
     index = {(trial.effect, trial.value): i for i, trial in enumerate(trials)}
     residual = np.concatenate([push.residual.T for push in replayed])
     channel, times = (np.concatenate([getattr(push, name) for push in replayed]) for name in ("channel", "time_s"))
-    unsure = sum((share * (residual[:, 0] - residual[:, index[key]])) ** 2 for key, share in _UNSURE.items())
+    unsure = sum((share * (residual[:, 0] - residual[:, index[key]])) ** 2 for key, share in UNSURE.items())
     residual = residual / np.sqrt(_CHANNEL_STD[channel] ** 2 + unsure)[:, None]
     sizes = [len(push.channel) for push in replayed]
     weight = np.repeat(_push_weights(residual, sizes), sizes)
@@ -101,6 +81,6 @@ def _directions(
     moved: np.ndarray, channel: np.ndarray, times: np.ndarray, index: Mapping[tuple[str, float], int]
 ) -> list[np.ndarray]:
     """Unscaled directions, each of shape (k,), in the order of ``CONTACT_NAMES``; ``moved`` has shape (k, trials)."""
-    found = [moved[:, index[plus]] - (moved[:, index[minus]] if minus else 0.0) for plus, minus in _DIRECTIONS.values()]
+    found = [moved[:, index[plus]] - (moved[:, index[minus]] if minus else 0.0) for plus, minus in DIRECTIONS.values()]
     constant = [(channel == axis).astype(float) for axis in range(3)]
     return found + constant + [row * (times < _BEFORE_CONTACT_S) for row in constant]

@@ -12,8 +12,10 @@ import numpy as np
 
 from sim_backend.reality_gap.cube.counts import count_gain
 from sim_backend.reality_gap.cube.offset import best_offset
-from sim_backend.reality_gap.cube.summary import NAMES, CubeSummary, Evidence, summary_of_evidence
+from sim_backend.reality_gap.cube.summary import NAMES, CubeEvidence, CubeSummary, summary_of_evidence
+from sim_backend.reality_gap.cube.tracker import TrackerStatistics
 from sim_backend.reality_gap.cube.windows import LEAST_PUSHES
+from sim_backend.reality_gap.knowledge.cube import COUNTED, KINDS, LINEAR, TABLED, Count, Kind, Linear, Tabled
 from sim_backend.trifinger import constants as c
 
 Z_90 = 1.6449
@@ -44,6 +46,32 @@ class Null:
 
 
 @dataclass(frozen=True)
+class SeenCount:
+    """A count of a session: events, in how many frames, and what is usual in healthy sessions.
+
+    Attributes:
+        count: of events.
+        frames: in which they could be.
+        usual: healthy rate per frame.
+        spread: variance over mean of healthy counts.
+        share: frames with events over the probability that a robot has.
+    """
+
+    count: int
+    frames: int
+    usual: float
+    spread: float
+    share: float
+
+
+def seen_count(count: Count, tracker: TrackerStatistics, null: Null) -> SeenCount:
+    """What was counted."""
+    if count is Count.LOST_FRAMES:
+        return SeenCount(tracker.gaps, tracker.frames + tracker.lost, null.gap_mean, null.gap_variance, 1.0)
+    return SeenCount(tracker.jumps, tracker.jump_frames, null.jump_mean, null.jump_variance, null.jump_share)
+
+
+@dataclass(frozen=True)
 class Estimate:
     """One number of one effect, with its standard error."""
 
@@ -64,52 +92,7 @@ class Judged:
     estimates: tuple[Estimate, ...]
 
 
-@dataclass(frozen=True)
-class Linear:
-    """A hypothesis in proportion to its numbers: what each moves by how much per unit."""
-
-    effect: str
-    parameters: tuple[tuple[str, str, str], ...]  # name, place, unit
-    moves: tuple[dict[str, float], ...]
-    from_replays: tuple[str | None, ...] = ()  # names of trials whose response is added
-    nominal: float = 0.0
-
-
-LINEAR = (
-    Linear("tracking_latency", (("extra_s", "camera", "s"),), ({"delay_s": 1.0},)),
-    Linear("tracking_jitter", (("std_s", "camera", "s"),), ({"log_delay_std": 1.0},)),
-    Linear("tracking_rate", (("rate_hz", "camera", "Hz"),), ({"log_interval": 1.0},)),
-    Linear(
-        "tracking_noise",
-        (("position_m", "camera", "m"), ("rotation_rad", "camera", "rad")),
-        ({"log_noise_m": 1.0}, {"log_noise_rad": 1.0}),
-    ),
-    Linear("colour_segmentation", (("missed", "camera", ""),), ({"confidence": -0.7},)),
-    Linear(
-        "tracking_offset",
-        (("position_m.x", "camera", "m"), ("position_m.y", "camera", "m"), ("position_m.z", "camera", "m")),
-        ({}, {}, {"rest_height_m": 1.0}),
-        ("tracking_offset_x", "tracking_offset_y", None),
-    ),
-    Linear(
-        "tracking_scale",
-        (("factor_error", "camera", ""),),
-        ({"rest_height_m": c.CUBE_REST_HEIGHT_M},),
-        ("tracking_scale",),
-    ),
-    Linear("cube_size", (("factor", "cube", ""),), ({"rest_height_m": c.CUBE_REST_HEIGHT_M},), ("cube_size",), nominal=1.0),
-)
-TABLED = (("cube_mass", "factor", "cube"), ("table_friction", "coefficient", "table"))
-TABLED += (("fingertip_friction", "coefficient", "cube"),)
-KINDS = {
-    "tracker": ("tracking_latency", "tracking_jitter", "tracking_rate", "tracking_noise", "colour_segmentation"),
-    "counts": ("tracking_dropout", "orientation_jumps"),
-    "pushes": ("tracking_offset", "tracking_scale", "cube_size", "cube_mass", "table_friction", "fingertip_friction"),
-}
-"""Hypotheses by what they show in: gains of each kind scatter in their own way over healthy sessions, those of pushes widest."""
-_OFFSET = "tracking_offset"
 _EXPONENTIAL = {"log_delay_std", "log_interval", "log_noise_m", "log_noise_rad"}
-HYPOTHESES = (*(row.effect for row in LINEAR), *(row[0] for row in TABLED), "tracking_dropout", "orientation_jumps")
 
 
 @dataclass(frozen=True)
@@ -135,13 +118,13 @@ def whitened(summary: CubeSummary, null: Null) -> Whitened:
 def judge(summary: CubeSummary, null: Null, without: Collection[str] = ()) -> list[Judged]:
     """Every hypothesis that the session can say something about, the best first; those in ``without`` are left out."""
     seen = whitened(summary, null)
-    found = [_offset(row, summary, null, seen) if row.effect == _OFFSET else _linear(row, summary, null, seen) for row in LINEAR]
+    found = [_offset(row, summary, null, seen) if row.is_place else _linear(row, summary, null, seen) for row in LINEAR]
     found += [_tabled(row, summary, seen) for row in TABLED]
     rows = [row for row in (*found, *_counted(summary, null)) if row is not None and row.effect not in without]
     return sorted(rows, key=lambda judged: -judged.gain)
 
 
-def largest_gains(ranking: Collection[Judged]) -> dict[str, float]:
+def largest_gains(ranking: Collection[Judged]) -> dict[Kind, float]:
     """Of each kind of hypotheses the largest gain, nats; 0 where there is none."""
     return {kind: max([row.gain for row in ranking if row.effect in effects], default=0.0) for kind, effects in KINDS.items()}
 
@@ -152,7 +135,7 @@ def misfit(summary: CubeSummary, null: Null) -> tuple[float, int]:
     return float(seen.vector @ seen.vector), len(seen.kept)
 
 
-def without_worst(evidence: Evidence, null: Null) -> Evidence:
+def without_worst(evidence: CubeEvidence, null: Null) -> CubeEvidence:
     """The evidence less the push without which least is left that neither health nor any one hypothesis explains.
 
     Whether a cube tips or turns hangs, in some pushes, on a tenth of a millimetre, and one such push would pass for a cause. All
@@ -167,7 +150,7 @@ def without_worst(evidence: Evidence, null: Null) -> Evidence:
 
 def _unexplained(summary: CubeSummary, null: Null) -> float:
     """Misfit, as a sum of squares, less what the best hypothesis about pushes explains of it."""
-    return misfit(summary, null)[0] - 2.0 * largest_gains(judge(summary, null))["pushes"]
+    return misfit(summary, null)[0] - 2.0 * largest_gains(judge(summary, null))[Kind.PUSHES]
 
 
 def _linear(row: Linear, summary: CubeSummary, null: Null, seen: Whitened) -> Judged | None:
@@ -220,22 +203,18 @@ def _estimate(row: Linear, i: int, best: float, std: float, null: Null) -> Estim
     if logarithm in _EXPONENTIAL:
         usual = float(np.exp(null.mean[NAMES.index(logarithm)]))
         value, std = usual * float(np.exp(best)), usual * float(np.exp(best)) * std
-        if row.effect == "tracking_rate":
+        if row.is_rate:
             value, std = 1.0 / (c.CAMERA_PERIOD_S * value), std / value / (c.CAMERA_PERIOD_S * value)
-    elif row.effect == "colour_segmentation":
-        value += _USUAL_MISSED
+    else:
+        value += row.usual
     return Estimate(row.effect, parameter, where, value, unit, std)
 
 
-_USUAL_MISSED = 0.03
-"""Middle of the range in ``healthy.toml``."""
-
-
-def _tabled(row: tuple[str, str, str], summary: CubeSummary, seen: Whitened) -> Judged | None:
+def _tabled(row: Tabled, summary: CubeSummary, seen: Whitened) -> Judged | None:
     """The best value between those that were replayed; what the vector does between two of them is taken as linear."""
     if summary.contact is None:
         return None
-    effect, parameter, where = row
+    effect, parameter, where = row.effect, row.parameter, row.where
     values, moves = response_table(summary, effect)
     fine = np.linspace(values[0], values[-1], FINE)
     table = seen.of(moves)
@@ -269,18 +248,15 @@ def response_table(summary: CubeSummary, effect: str, nominal: float = 1.0) -> t
 
 
 def _counted(summary: CubeSummary, null: Null) -> list[Judged]:
-    tracker = summary.tracker
-    if tracker is None:
+    if summary.tracker is None:
         return []
     found = []
-    for effect, count, frames, usual, spread, share in (
-        ("tracking_dropout", tracker.gaps, tracker.frames + tracker.lost, null.gap_mean, null.gap_variance, 1.0),
-        ("orientation_jumps", tracker.jumps, tracker.jump_frames, null.jump_mean, null.jump_variance, null.jump_share),
-    ):
-        if not frames:
+    for row in COUNTED:
+        seen = seen_count(row.count, summary.tracker, null)
+        if not seen.frames:
             continue
-        rate = count / frames
-        value, std = rate / share, float(np.sqrt(max(count, 1))) / frames / share
-        gain = count_gain(count, frames, usual, spread) if rate > usual else 0.0
-        found.append(Judged(effect, gain, (Estimate(effect, "probability", "camera", value, "", std),)))
+        rate = seen.count / seen.frames
+        value, std = rate / seen.share, float(np.sqrt(max(seen.count, 1))) / seen.frames / seen.share
+        gain = count_gain(seen.count, seen.frames, seen.usual, seen.spread) if rate > seen.usual else 0.0
+        found.append(Judged(row.effect, gain, (Estimate(row.effect, "probability", "camera", value, "", std),)))
     return found

@@ -8,15 +8,15 @@ from scipy import stats
 from sim_backend.reality_gap.cube.counts import healthy_count
 from sim_backend.reality_gap.cube.hypotheses import (
     FINE,
-    LINEAR,
-    TABLED,
     Null,
     Whitened,
     moved_by,
     response_table,
+    seen_count,
     whitened,
 )
 from sim_backend.reality_gap.cube.summary import CubeSummary
+from sim_backend.reality_gap.knowledge.cube import COUNTED, LINEAR, TABLED
 
 GAUSSIAN_CRITICAL = 2.5758
 """A test that is told effect, place and noise rejects at 1 % beyond so many standard deviations, were the noise Gaussian."""
@@ -53,14 +53,15 @@ def detection_limits(summaries: Sequence[CubeSummary], null: Null, critical: Map
             if "." not in name:
                 strength = float(np.sqrt((ways**2).sum(axis=1).mean()))
                 limits.setdefault(name, []).append(critical[name] / strength)
-        for effect, _, _ in TABLED:
-            for side, value in _sides(summary, seen, effect, critical):
-                limits.setdefault(f"{effect}.{side}", []).append(value)
+        for row in TABLED:
+            for side, value in _sides(summary, seen, row.effect, critical):
+                limits.setdefault(f"{row.effect}.{side}", []).append(value)
     found = {name: float(np.median(values)) for name, values in limits.items()}
     trackers = [row.tracker for row in summaries if row.tracker is not None]
-    frames = float(np.median([row.frames for row in trackers])), float(np.median([row.jump_frames for row in trackers]))
-    found["tracking_dropout"] = _count_limit(null.gap_mean, null.gap_variance, frames[0])
-    found["orientation_jumps"] = _count_limit(null.jump_mean, null.jump_variance, frames[1]) / null.jump_share
+    for row in COUNTED:
+        seen = [seen_count(row.count, tracker, null) for tracker in trackers]
+        frames = float(np.median([each.frames for each in seen]))
+        found[row.effect] = _count_limit(seen[0].usual, seen[0].spread, frames) / seen[0].share
     return found
 
 
@@ -68,11 +69,11 @@ def _told_ways(summary: CubeSummary, seen: Whitened) -> dict[str, np.ndarray]:
     """How one unit of each number moves the whitened vector, shape (numbers, k); of tabled effects just beside nominal."""
     ways = {row.effect: seen.of(np.stack([moved_by(row, i, summary) for i in range(len(row.parameters))])) for row in LINEAR}
     if summary.contact is not None:
-        for effect, _, _ in TABLED:
-            values, moves = response_table(summary, effect)
+        for row in TABLED:
+            values, moves = response_table(summary, row.effect)
             nominal = int(np.flatnonzero(values == 1.0)[0])
             for side, k in (("down", nominal - 1), ("up", nominal + 1)):
-                ways[f"{effect}.{side}"] = seen.of(moves[k : k + 1]) / abs(values[k] - 1.0)
+                ways[f"{row.effect}.{side}"] = seen.of(moves[k : k + 1]) / abs(values[k] - 1.0)
     return ways
 
 

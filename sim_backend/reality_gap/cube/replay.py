@@ -5,7 +5,7 @@ at the tip, is what the model lacks. Beside it stands where the cube goes. All p
 hypotheses at once, so that the models are compiled once a process.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ from sim_backend.driver.driver import Command, Start
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.cube.windows import LENGTH_S, PushWindow
+from sim_backend.reality_gap.knowledge.cube import TRIALS, Trial
 from sim_backend.trifinger import constants as c
 
 BIN_STEPS = 20
@@ -23,35 +24,6 @@ VIEW_LIMIT = 8.0
 FORCE_STD_N, PLACE_STD_M, YAW_STD_RAD = 0.15, 0.002, 0.03
 """Weights of the channels. They say only what is looked at; how much a healthy session scatters is measured on healthy ones."""
 _ROWS_AT_ONCE = 6
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One thing to try: physics of the cube, or an error of the tracker, at one value."""
-
-    effect: str
-    value: float
-    physics: Mapping[str, float]
-    bias_m: tuple[float, float] = (0.0, 0.0)
-    scale: float = 0.0
-
-
-def _of(effect: str, parameter: str, values: Sequence[float]) -> tuple[Trial, ...]:
-    return tuple(Trial(effect, value, {f"{effect}.{parameter}": value}) for value in values)
-
-
-OFFSETS_M = (-0.008, -0.004, 0.004, 0.008)
-NOMINAL = Trial("nominal", 0.0, {})
-TRIALS: tuple[Trial, ...] = (
-    NOMINAL,
-    *_of("cube_mass", "factor", (0.5, 0.8, 1.25, 1.6)),
-    *_of("table_friction", "coefficient", (0.35, 0.7, 0.9, 1.15, 1.4)),
-    *_of("fingertip_friction", "coefficient", (0.5, 0.8, 1.2, 1.5)),
-    *_of("cube_size", "factor", (1.03,)),
-    *(Trial("tracking_offset_x", offset, {}, bias_m=(offset, 0.0)) for offset in OFFSETS_M),
-    *(Trial("tracking_offset_y", offset, {}, bias_m=(0.0, offset)) for offset in OFFSETS_M),
-    Trial("tracking_scale", 0.02, {}, scale=0.02),
-)
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from sim_backend.reality_gap.cube.calibration import Calibration, load_calibration
+from sim_backend.reality_gap.cube.calibration import HealthyCubes, load_calibration
 from sim_backend.reality_gap.cube.contact import contact_summary
 from sim_backend.reality_gap.cube.counts import count_p
-from sim_backend.reality_gap.cube.hypotheses import KINDS, Z_90, Judged, judge, largest_gains, misfit, without_worst
+from sim_backend.reality_gap.cube.hypotheses import Z_90, Judged, judge, largest_gains, misfit, seen_count, without_worst
 from sim_backend.reality_gap.cube.replay import PushReplay, Replayed
-from sim_backend.reality_gap.cube.summary import NAMES, CubeSummary, Evidence, summary_of, summary_of_evidence
+from sim_backend.reality_gap.cube.summary import NAMES, CubeEvidence, CubeSummary, summary_of, summary_of_evidence
 from sim_backend.reality_gap.cube.tracker import tracker_statistics
 from sim_backend.reality_gap.cube.windows import LEAST_PUSHES, all_push_windows
+from sim_backend.reality_gap.knowledge.cube import COUNTED, KINDS, Kind
 from sim_backend.reality_gap.knowledge.separation import separated_by
 from sim_backend.reality_gap.recording import Recording
 from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
@@ -55,7 +56,7 @@ def study_cube(
     rng: np.random.Generator,
     progress: Callable[[str], None] = lambda _: None,
     *,
-    calibration: Calibration | None = None,
+    calibration: HealthyCubes | None = None,
     replay: PushReplay | None = None,
 ) -> CubeStudy:
     """Name the cause, or say that there is none, or that it cannot be told.
@@ -71,11 +72,11 @@ def study_cube(
     windows = all_push_windows(recordings)
     progress(f"replaying {len(windows)} pushes")
     replayed = (replay or PushReplay()).replay(windows) if windows else []
-    return study_evidence(Evidence(tracker_statistics(recordings), tuple(replayed)), rng, calibration)
+    return study_evidence(CubeEvidence(tracker_statistics(recordings), tuple(replayed)), rng, calibration)
 
 
 def study_evidence(
-    evidence: Evidence, rng: np.random.Generator, calibration: Calibration, without: Collection[str] = ()
+    evidence: CubeEvidence, rng: np.random.Generator, calibration: HealthyCubes, without: Collection[str] = ()
 ) -> CubeStudy:
     """As :func:`study_cube`, when the pushes have been replayed; hypotheses in ``without`` are left out."""
     if evidence.tracker is None:
@@ -90,14 +91,14 @@ def study_evidence(
     return CubeStudy(verdict, ranking, pushes, chosen)
 
 
-def _ranked(summary: CubeSummary, calibration: Calibration, without: Collection[str]) -> tuple[Judged, ...]:
+def _ranked(summary: CubeSummary, calibration: HealthyCubes, without: Collection[str]) -> tuple[Judged, ...]:
     """Hypotheses, those of kinds that gain more than chance before the others, within each by their gain."""
     ranking = judge(summary, calibration.null, without)
     beyond = {effect for kind in _beyond_chance(ranking, calibration) for effect in KINDS[kind]}
     return tuple(sorted(ranking, key=lambda row: (row.effect not in beyond, -row.gain)))
 
 
-def _beyond_chance(ranking: Sequence[Judged], calibration: Calibration) -> list[str]:
+def _beyond_chance(ranking: Sequence[Judged], calibration: HealthyCubes) -> list[Kind]:
     return [kind for kind, gain in largest_gains(ranking).items() if calibration.gain_p(kind, gain) <= GATE_P]
 
 
@@ -106,7 +107,7 @@ def _chosen(
     summary: CubeSummary,
     replayed: Sequence[Replayed],
     rng: np.random.Generator,
-    calibration: Calibration,
+    calibration: HealthyCubes,
     without: Collection[str],
 ) -> float:
     if len(replayed) < 2:
@@ -119,7 +120,7 @@ def _chosen(
     return same / _RESAMPLES
 
 
-def _verdict(ranking: Sequence[Judged], summary: CubeSummary, calibration: Calibration, chosen: float, pushes: int) -> Verdict:
+def _verdict(ranking: Sequence[Judged], summary: CubeSummary, calibration: HealthyCubes, chosen: float, pushes: int) -> Verdict:
     best = ranking[0]
     p = min(calibration.gain_p(kind, gain) for kind, gain in largest_gains(ranking).items())
     beyond_chance = {effect for kind in _beyond_chance(ranking, calibration) for effect in KINDS[kind]}
@@ -131,7 +132,7 @@ def _verdict(ranking: Sequence[Judged], summary: CubeSummary, calibration: Calib
         text = f"cube and tracker are as those of a healthy robot (p {shared['null_p']:.2g})"
         return Verdict(VerdictKind.NOTHING_WRONG, text, **shared)
     excess = squares - float(np.median(calibration.misfits)) * numbers
-    explained = 2.0 * best.gain if best.effect not in KINDS["counts"] else 0.0
+    explained = 2.0 * best.gain if best.effect not in KINDS[Kind.COUNTS] else 0.0
     remains = calibration.misfit_p((squares - explained) / numbers) <= REMAINDER_P
     if (far and remains and explained < EXPLAINED * excess) or not (beyond_chance or far):
         text = f"something is wrong, but {best.effect} explains only {explained / max(excess, 1e-9):.0%} of it"
@@ -139,15 +140,11 @@ def _verdict(ranking: Sequence[Judged], summary: CubeSummary, calibration: Calib
     return _naming(ranking, beyond_chance or {row.effect for row in ranking}, chosen, shared)
 
 
-def _many(summary: CubeSummary, calibration: Calibration) -> tuple[str, ...]:
+def _many(summary: CubeSummary, calibration: HealthyCubes) -> tuple[str, ...]:
     """Counts that are beyond those of healthy sessions."""
-    tracker, null = summary.tracker, calibration.null
-    assert tracker is not None
-    counts = (
-        ("lost frames", tracker.gaps, tracker.frames + tracker.lost, null.gap_mean, null.gap_variance),
-        ("jumps", tracker.jumps, tracker.jump_frames, null.jump_mean, null.jump_variance),
-    )
-    return tuple(name for name, count, frames, mean, spread in counts if count_p(count, frames, mean, spread) <= COUNT_P)
+    assert summary.tracker is not None
+    seen = {row.count: seen_count(row.count, summary.tracker, calibration.null) for row in COUNTED}
+    return tuple(name for name, each in seen.items() if count_p(each.count, each.frames, each.usual, each.spread) <= COUNT_P)
 
 
 def _naming(ranking: Sequence[Judged], able: Collection[str], chosen: float, shared: dict[str, Any]) -> Verdict:
@@ -184,7 +181,7 @@ def _separated(best: Judged, other: Judged) -> str:
     return separated_by(best.effect, other.effect, otherwise)
 
 
-def _follows(summary: CubeSummary, calibration: Calibration) -> tuple[str, ...]:
+def _follows(summary: CubeSummary, calibration: HealthyCubes) -> tuple[str, ...]:
     """The numbers that lie farthest off, each for itself."""
     far = np.abs(summary.vector - calibration.null.mean) / np.sqrt(np.diag(calibration.null.covariance))
     order = np.argsort(-np.nan_to_num(far))[:3]

@@ -18,7 +18,7 @@ _SHORTEST_S, _SMALLEST = 1e-4, 1e-6
 
 
 @dataclass(frozen=True)
-class Evidence:
+class CubeEvidence:
     """What a session leaves to judge: statistics of the tracker, None with too few reports, and replayed pushes."""
 
     tracker: TrackerStatistics | None
@@ -40,17 +40,17 @@ class CubeSummary:
     tracker: TrackerStatistics | None
 
 
-def evidence_of(sessions: Sequence[Sequence[Recording]], replay: PushReplay) -> list[Evidence]:
+def evidence_of(sessions: Sequence[Sequence[Recording]], replay: PushReplay) -> list[CubeEvidence]:
     """Of each session, recordings of one robot; the pushes of all are replayed together."""
     windows = [all_push_windows(recordings) for recordings in sessions]
     replayed = iter(replay.replay([window for pushes in windows for window in pushes]))
     return [
-        Evidence(tracker_statistics(recordings), tuple(next(replayed) for _ in pushes))
+        CubeEvidence(tracker_statistics(recordings), tuple(next(replayed) for _ in pushes))
         for recordings, pushes in zip(sessions, windows, strict=True)
     ]
 
 
-def summary_of_evidence(evidence: Evidence) -> CubeSummary:
+def summary_of_evidence(evidence: CubeEvidence) -> CubeSummary:
     """The summary of all that a session leaves."""
     return summary_of(evidence.tracker, contact_summary(evidence.replayed))
 

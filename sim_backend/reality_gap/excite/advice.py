@@ -7,7 +7,7 @@ from typing import Any
 
 from sim_backend.effects.catalogue import CATALOGUE
 from sim_backend.excitations.excitation import EXCITATIONS
-from sim_backend.reality_gap.excite.table import BY_HAND, FOLLOWED, SHOWN_BY
+from sim_backend.reality_gap.knowledge.excitations import AT_ONCE, BY_HAND, FOLLOWED, SHOWN_BY
 from sim_backend.reality_gap.knowledge.separation import SEPARATIONS, Separation
 from sim_backend.reality_gap.verdict import VerdictKind
 
@@ -62,7 +62,7 @@ def first_advice() -> Advice:
     listed = tuple(
         Advised(name, reason, _shown(name), tuple(_pairs_of(name))) for name, reason in zip(FIRST, reasons, strict=True)
     )
-    return Advice(why, listed, REPEATS, (BY_HAND["torque_constant"], BY_HAND["cube_mass"]))
+    return Advice(why, listed, REPEATS, _hand(AT_ONCE))
 
 
 def advice_after(verdict: Mapping[str, Any], recorded: Sequence[str] = ()) -> Advice:

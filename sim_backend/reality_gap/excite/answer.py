@@ -32,7 +32,7 @@ class StudyUnreadableError(ValueError):
 
 
 @dataclass(frozen=True)
-class Study:
+class EarlierStudy:
     """An earlier study: its document, and the file it was read from."""
 
     file: Path
@@ -44,7 +44,7 @@ class Study:
         return self.file.parent / str(self.document["model"]) if self.document.get("model") else None
 
 
-def read_study(path: Path) -> Study:
+def read_study(path: Path) -> EarlierStudy:
     """A study from its study.json, its report.html, or the folder of both.
 
     Raises:
@@ -64,10 +64,10 @@ def read_study(path: Path) -> Study:
         raise StudyUnreadableError(f"{file} is no study of 'trifarm gap study': {error}") from error
     if not isinstance(document, dict) or not isinstance(document.get("verdict"), dict):
         raise StudyUnreadableError(f"{file} is no study of 'trifarm gap study': it has no verdict")
-    return Study(file, document)
+    return EarlierStudy(file, document)
 
 
-def advice_for(study: Study | None) -> Advice:
+def advice_for(study: EarlierStudy | None) -> Advice:
     """What to record after a study, or first of all.
 
     Raises:
@@ -89,14 +89,14 @@ def identify_command(advice: Advice, robot: str) -> str:
     return f"trifarm identify --robot {robot} {named} --repeats {advice.repeats} --to {FOLDER}"
 
 
-def targets_command(study: Study, advice: Advice) -> str:
+def targets_command(study: EarlierStudy, advice: Advice) -> str:
     """What writes position targets for a robot that is none of the farm's, one table an excitation; empty where none can be."""
     fixed = [advised.name for advised in advice.excitations if advised.name != "slide_cube"]
     one = f"trifarm gap excite {shlex.quote(str(study.file))}"
     return " && ".join(f"{one} --excitation {name} --csv next-{name}.csv" for name in fixed)
 
 
-def document(study: Study | None, advice: Advice, robot: str, csv: Path | None) -> dict[str, Any]:
+def document(study: EarlierStudy | None, advice: Advice, robot: str, csv: Path | None) -> dict[str, Any]:
     """All of it as plain values."""
     verdict = None if study is None else study.document["verdict"]
     return {

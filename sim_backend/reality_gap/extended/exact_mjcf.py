@@ -12,6 +12,9 @@ import numpy as np
 
 _WRITTEN = 1e-5
 """Relative difference below which six digits mean the same number."""
+_NUMBERS_OF_OPTION = frozenset(
+    name for name in dir(mujoco.MjOption) if isinstance(getattr(mujoco.MjOption(), name), float | np.ndarray)
+)
 _NOTHING = 1e-12
 """In proportion to the largest number of an attribute."""
 
@@ -21,7 +24,7 @@ def exact_numbers(text: str, model: mujoco.MjModel) -> str:
     root = ElementTree.fromstring(text)  # noqa: S314 - written by MuJoCo a moment ago
     option = root.find("option")
     if option is not None:
-        _refine(option, {"gravity": model.opt.gravity, "timestep": model.opt.timestep, "impratio": model.opt.impratio})
+        _refine(option, {name: getattr(model.opt, name) for name in option.attrib if name in _NUMBERS_OF_OPTION})
     for element in root.iter("body"):
         name = element.get("name")
         if name and (index := mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)) >= 0:

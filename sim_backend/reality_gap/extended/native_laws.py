@@ -1,21 +1,23 @@
-"""Effects as MuJoCo itself has them, each written to a joint, body or geom of any specification.
+"""Which effects MuJoCo itself has, as what in plain MJCF, and why it lacks the others.
 
-A function here changes what its arguments name and returns what MuJoCo cannot say of it, or None. Values are those of the
-catalogue's parameters. ``REASONS`` says of every other effect why plain MJCF does not have it.
+Values are those of the catalogue's parameters. Every effect that is no part of a compiled robot already has either a law or a
+reason here.
 """
 
-import math
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import mujoco
 import numpy as np
 
+from sim_backend.effects import body
 from sim_backend.effects.catalogue import CATALOGUE
 from sim_backend.effects.effect import Acts, Group
+from sim_backend.effects.friction import set_bound
+from sim_backend.reality_gap.extended import native_elements as elements
 
-_JOINT_TRANSMISSIONS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-_PASSIVE = int(mujoco.mjtCtrlInput.mjINPUT_NONE)
-_LINEAR = 1  # interpolation of an actuator's history
-_WHOLE_STEP = 1e-6  # a delay is a whole number of steps if it misses it by less, in steps
+_Values = Mapping[str, Any]
+_Law = Callable[[mujoco.MjSpec, str, _Values], str | None]
 
 REASONS: dict[str, str] = {
     "timing_jitter": "actuator delay is the same in every step",
@@ -44,146 +46,109 @@ def reason(effect: str) -> str | None:
     return REASONS.get(effect)
 
 
-def actuators_of(spec: mujoco.MjSpec, joint: str) -> list:
-    """The actuators that take controls and act on a joint."""
-    return [a for a in spec.actuators if a.target == joint and a.trntype in _JOINT_TRANSMISSIONS and a.ctrlspec != _PASSIVE]
+def joints_of(spec: mujoco.MjSpec) -> list[str]:
+    """Names of all hinges and slides."""
+    kinds = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    return [joint.name for joint in spec.joints if joint.type in kinds]
 
 
-def in_units(joint, position: float) -> float:
-    """A position of a joint, rad or m, in the units of its specification: degrees for hinges unless its compiler says other."""
-    is_turned = joint.type == mujoco.mjtJoint.mjJNT_HINGE and joint.compiler.degree
-    return math.degrees(position) if is_turned else position
+def _joint(spec: mujoco.MjSpec, where: str):
+    found = spec.joint(where)
+    if found is None or where not in joints_of(spec):
+        raise ValueError(f"the model has no hinge or slide {where!r}; choose from {', '.join(joints_of(spec))}")
+    return found
 
 
-def add_spring(joint, stiffness_nm_rad: float, reference_rad: float) -> None:
-    """A spring of the joint beside the one that it has: the two of them are one, whose rest lies between theirs."""
-    own, added = joint.stiffness[0], stiffness_nm_rad
-    rest = own * joint.springref + added * in_units(joint, reference_rad)
-    joint.stiffness[0] = own + added
-    joint.springref = rest / (own + added) if own + added > 0.0 else joint.springref
+def _body(spec: mujoco.MjSpec, where: str):
+    found = spec.body(where) or (spec.joint(where).parent if spec.joint(where) else None)
+    if found is None:
+        names = ", ".join(b.name for b in spec.bodies if b.name and b.name != "world")
+        raise ValueError(f"the model has no body or joint {where!r}; its bodies are {names}")
+    return found
 
 
-def delay_action(spec: mujoco.MjSpec, joint: str, delay_s: float) -> str | None:
-    """``delay`` with linear interpolation: a fraction of a step acts as the mean over the step, as the catalogue has it.
-
-    MuJoCo reads its history before it writes to it, so that a delay below one step cannot be had; it becomes a first-order
-    lag of the same mean delay.
-    """
-    step_s: float = spec.option.timestep
-    steps, driving = delay_s / step_s, actuators_of(spec, joint)
-    if not driving:
-        return f"no actuator drives {joint}"
-    steps = float(round(steps)) if abs(steps - round(steps)) < _WHOLE_STEP else steps
-    if 0.0 < steps < 1.0:
-        if any(actuator.dyntype != mujoco.mjtDyn.mjDYN_NONE for actuator in driving):
-            return f"a delay of {delay_s * 1e3:g} ms is shorter than a step"
-        for actuator in driving:
-            actuator.dyntype, actuator.actearly = mujoco.mjtDyn.mjDYN_FILTEREXACT, True
-            actuator.dynprm[0] = step_s / math.log((1.0 + steps) / steps)
-        return f"a delay of {delay_s * 1e3:g} ms is shorter than a step, written as a first-order lag of the same mean delay"
-    for actuator in driving if steps > 0.0 else ():
-        actuator.delay, actuator.nsample, actuator.interp = steps * step_s, math.floor(steps) + 2, _LINEAR
-    return None
+def _geoms(spec: mujoco.MjSpec, where: str) -> list:
+    named = spec.geom(where)
+    found = [named] if named else list(spec.body(where).geoms) if spec.body(where) else []
+    if not found:
+        names = ", ".join(geom.name for geom in spec.geoms if geom.name)
+        raise ValueError(f"the model has no geom {where!r} and no body of that name with geoms; its geoms are {names}")
+    return found
 
 
-def scale_torque(spec: mujoco.MjSpec, joint: str, error: float) -> str | None:
-    """Gain, bias and limit of force times 1 + ``error``."""
-    driving = actuators_of(spec, joint)
-    for actuator in driving:
-        if not _is_linear(actuator):
-            return f"actuator {actuator.name} of {joint} has no linear law"
-    for actuator in driving:
-        for name in ("gainprm", "biasprm", "forcerange"):
-            values = np.array(getattr(actuator, name))
-            values[:3] *= 1.0 + error
-            setattr(actuator, name, values)
-    return None if driving else f"no actuator drives {joint}"
+def _coulomb(spec, where, values) -> None:
+    set_bound(_joint(spec, where), values["torque_nm"])
 
 
-def _is_linear(actuator) -> bool:
-    gains = (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtGain.mjGAIN_AFFINE)
-    return actuator.gaintype in gains and actuator.biastype in (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE)
+def _stuck(spec, where, values) -> None:
+    joint = _joint(spec, where)
+    set_bound(joint, float(joint.frictionloss) + values["holding_torque_nm"])
 
 
-def saturate_torque(spec: mujoco.MjSpec, joint: str, limit_nm: float) -> str | None:
-    """``forcerange`` of the actuators, each with a gear of one; to be set before the torque is scaled."""
-    driving = actuators_of(spec, joint)
-    if any(actuator.gear[0] != 1.0 for actuator in driving):
-        return f"an actuator of {joint} has a gear, so that its force is not the joint's torque"
-    for actuator in driving:
-        actuator.forcelimited, actuator.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, [-limit_nm, limit_nm]
-    return None if driving else f"no actuator drives {joint}"
+def _viscous(spec, where, values) -> None:
+    _joint(spec, where).damping[0] = values["damping_nm_s_rad"]
 
 
-def add_cogging(spec: mujoco.MjSpec, joint: str, amplitude_nm: float, cycles_per_rad: float, phase_rad: float) -> None:
-    """A ``dcmotor`` without input and electricity, of which only the cogging is left; its poles need not be whole."""
-    motor = spec.add_actuator(name=f"{joint}_cogging", target=joint)
-    motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
-    cogging = [amplitude_nm, 2.0 * math.pi * cycles_per_rad, phase_rad]
-    motor.set_to_dcmotor(motorconst=[0.0, 0.0], resistance=1.0, cogging=cogging, ctrlspec=_PASSIVE)
+def _armature(spec, where, values) -> None:
+    _joint(spec, where).armature = values["armature_kg_m2"]
 
 
-def offset_encoder(spec: mujoco.MjSpec, joint: str, offset_rad: float) -> None:
-    """``ref``: the joint's position in the model is then what its encoder reports, and everything at the joint moves along.
-
-    To be done after cogging, limits and stiffness.
-    """
-    found = spec.joint(joint)
-    offset = in_units(found, offset_rad)
-    found.ref, found.springref = found.ref + offset, found.springref + offset
-    if found.range[0] < found.range[1]:
-        found.range = np.asarray(found.range) + offset
-    for actuator in spec.actuators:
-        if actuator.target == joint and actuator.ctrlspec == _PASSIVE:
-            values = np.array(actuator.biasprm)
-            values[2] -= values[1] * offset_rad
-            actuator.biasprm = values
+def _stiffness(spec, where, values) -> None:
+    elements.add_spring(_joint(spec, where), values["stiffness_nm_rad"], values["reference_rad"])
 
 
-def add_noise(spec: mujoco.MjSpec, joint: str, position_rad: float, velocity_rad_s: float, torque_nm: float) -> str:
-    """Sensors that state their noise; MuJoCo keeps the number and adds nothing."""
-    for kind, std in (("JOINTPOS", position_rad), ("JOINTVEL", velocity_rad_s), ("JOINTACTFRC", torque_nm)):
-        sensor = spec.add_sensor(name=f"{joint}_{kind.lower()}", type=getattr(mujoco.mjtSensor, f"mjSENS_{kind}"))
-        sensor.objtype, sensor.objname, sensor.noise = mujoco.mjtObj.mjOBJ_JOINT, joint, std
-    return "sensors state the noise, but MuJoCo does not add it"
+def _range(spec, where, values) -> None:
+    joint = _joint(spec, where)
+    joint.range = np.asarray(joint.range) + [elements.in_units(joint, values[end]) for end in ("lower_rad", "upper_rad")]
 
 
-def scale_mass(body, factor: float) -> None:
-    """Mass and inertia of one body."""
-    if body.explicitinertial:
-        body.mass, body.inertia = body.mass * factor, np.asarray(body.inertia) * factor
-        body.fullinertia = np.asarray(body.fullinertia) * factor
-        return
-    for geom in body.geoms:
-        if math.isnan(geom.mass):
-            geom.density = geom.density * factor
-        else:
-            geom.mass = geom.mass * factor
+def _gravity(spec, where, values) -> str | None:
+    if where not in ("x", "y", "z"):
+        raise ValueError(f"gravity has no axis {where!r}; choose from x, y, z")
+    spec.option.gravity["xyz".index(where)] += values["offset_m_s2"]
 
 
-def set_friction(spec: mujoco.MjSpec, geoms: list, coefficient: float) -> None:
-    """Sliding friction of geoms in all of their contacts: theirs comes first, or MuJoCo would take the larger of two."""
-    _come_first(spec, geoms)
-    for geom in geoms:
-        geom.friction[0] = coefficient
-    for pair in _pairs_of(spec, geoms):
-        pair.friction[:2] = coefficient
+def _tilt(spec, _where, values) -> None:
+    body.table_tilt(spec, values)
 
 
-def set_contact(spec: mujoco.MjSpec, geoms: list, time_constant_s: float, damping_ratio: float) -> None:
-    """``solref`` of geoms in all of their contacts."""
-    _come_first(spec, geoms)
-    for thing in (*geoms, *_pairs_of(spec, geoms)):
-        thing.solref = [time_constant_s, damping_ratio]
+def _noise(spec, where, values) -> str:
+    return elements.add_noise(
+        spec, _joint(spec, where).name, values["position_rad"], values["velocity_rad_s"], values["torque_nm"]
+    )
 
 
-def _come_first(spec: mujoco.MjSpec, geoms: list) -> None:
-    own = {geom.id for geom in geoms}
-    others = max((geom.priority for geom in spec.geoms if geom.id not in own), default=-1)
-    for geom in geoms:
-        geom.priority = max(geom.priority, others + 1)
+def _cogging(spec, where, values) -> None:
+    elements.add_cogging(spec, _joint(spec, where).name, values["amplitude_nm"], values["cycles_per_rad"], values["phase_rad"])
 
 
-def _pairs_of(spec: mujoco.MjSpec, geoms: list) -> list:
-    names = {geom.name for geom in geoms} - {""}
-    return [pair for pair in spec.pairs if pair.geomname1 in names or pair.geomname2 in names]
+def _encoder(spec, where, values) -> None:
+    elements.offset_encoder(spec, _joint(spec, where).name, values["offset_rad"])
+
+
+LAWS: Mapping[str, _Law] = {
+    "coulomb_friction": _coulomb,
+    "stuck_joint": _stuck,
+    "viscous_friction": _viscous,
+    "rotor_inertia": _armature,
+    "joint_stiffness": _stiffness,
+    "joint_limits": _range,
+    "link_mass": lambda spec, where, v: elements.scale_mass(_body(spec, where), v["factor"]),
+    "cube_mass": lambda spec, where, v: elements.scale_mass(_body(spec, where), v["factor"]),
+    "gravity": _gravity,
+    "table_tilt": _tilt,
+    "table_friction": lambda spec, where, v: elements.set_friction(spec, _geoms(spec, where), v["coefficient"]),
+    "contact_stiffness": lambda spec, where, v: elements.set_contact(
+        spec, _geoms(spec, where), v["time_constant_s"], v["damping_ratio"]
+    ),
+    "action_delay": lambda spec, where, v: elements.delay_action(spec, _joint(spec, where).name, v["delay_s"]),
+    "torque_saturation": lambda spec, where, v: elements.saturate_torque(spec, _joint(spec, where).name, v["limit_nm"]),
+    "torque_constant": lambda spec, where, v: elements.scale_torque(spec, _joint(spec, where).name, v["error"]),
+    "cogging": _cogging,
+    "encoder_offset": _encoder,
+    "encoder_jump": _encoder,
+    "joint_noise": _noise,
+}
+"""Each takes a specification, the name of a place, and the values there; it returns what it could not write, or None."""
+ORDER = {"torque_saturation": -1, "encoder_offset": 1, "encoder_jump": 1}
+"""Of laws that must be written before or after all others: limits before gains, encoders last."""

@@ -13,15 +13,18 @@ from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import load_ranges
 from sim_backend.excitations.excitation import EXCITATIONS
 from sim_backend.reality_gap.joints.hypotheses import HEALTHY
+from sim_backend.reality_gap.knowledge.evidence import SEEN, Sign
 from sim_backend.reality_gap.knowledge.robot import STANDARD
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.trifinger import constants as c
 
-IN_THE_AIR = ("standard", "slow_ramps", "fast_sweeps", "chirps", "joint_limits", "oscillations", "hold_poses")
+IN_THE_AIR = tuple(sorted((name for name, each in EXCITATIONS.items() if not each.sees_cube), key=lambda name: name != STANDARD))
+"""Excitations that follow from the generator alone, the standard one first."""
 EVERYTHING = "everything"
 """All of these, as ``trifarm identify`` records them."""
 FINER = 1
 """Physics steps for each logged one."""
+_JUMP = SEEN[Sign.POSITION_JUMP]
 _JUMP_AFTER = 2137  # commands
 _OUT_OF_THE_WAY_M = 1e5  # the cube falls freely for the whole session: contacts would cost most of the time
 
@@ -83,10 +86,10 @@ def simulated_sessions(
         torque = np.concatenate([command.desired_torque_nm for command, _ in commands])
         steps = commands[0][1]
         if jumps and len(parts.get("position_rad", ())) == _JUMP_AFTER:
-            lost = driver.physics.value("encoder_jump.offset_rad").copy()
+            lost = driver.physics.value(_JUMP).copy()
             for robot, (joint, offset_rad) in jumps.items():
                 lost[robot, joint] = offset_rad
-            driver.set_physics(driver.physics.changed({"encoder_jump.offset_rad": lost}))
+            driver.set_physics(driver.physics.changed({_JUMP: lost}))
         segment = driver.advance([(Command(torque, target), steps * finer)])
         logged = {
             "position_rad": segment.joint_position_rad,

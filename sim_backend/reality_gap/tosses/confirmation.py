@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sim_backend.reality_gap.tosses.evidence import MOTION, Evidence
+from sim_backend.reality_gap.tosses.evidence import MOTION, TossEvidence
 from sim_backend.reality_gap.tosses.likelihood import by_episode
 from sim_backend.reality_gap.tosses.replay import replayed
 from sim_backend.reality_gap.verdict import HeldOut
@@ -55,7 +55,7 @@ class Confirmation:
 
 
 def confirmed(
-    evidence: Evidence,
+    evidence: TossEvidence,
     rows: Sequence[int],
     steps: Sequence[tuple[str, Mapping[str, float]]],
     unseen: bool,
@@ -114,7 +114,7 @@ class _Drawn:
     worst_window: Mapping[str, Any]
 
 
-def _paths(evidence: Evidence, rows: Sequence[int], nominal: Mapping[str, float], final: Mapping[str, float], rng) -> _Drawn:
+def _paths(evidence: TossEvidence, rows: Sequence[int], nominal: Mapping[str, float], final: Mapping[str, float], rng) -> _Drawn:
     """Errors over time, and the noise floor: how far a replay goes astray because its start is known no better than it is."""
     tosses = [evidence.tosses[row] for row in rows if evidence.tosses[row].moves]
     before, after = (replayed(evidence.replayer, tosses, values) for values in (nominal, final))

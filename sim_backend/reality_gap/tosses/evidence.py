@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sim_backend.reality_gap.tosses.geometry import gaps_m
-from sim_backend.reality_gap.tosses.models import DAMPING, SIZE, TIME_CONSTANT, upward
-from sim_backend.reality_gap.tosses.replay import HEIGHT, SCALE, Replayer, replayed, settled
+from sim_backend.reality_gap.tosses.models import DAMPING, HEIGHT, SCALE, SIZE, TIME_CONSTANT, upward
+from sim_backend.reality_gap.tosses.replay import Replayer, replayed, settled
 from sim_backend.reality_gap.tosses.stretches import Flight, Toss
 
 _AIR_KG_M3, _DRAG_COEFFICIENT = 1.2, 1.0  # air at 20 degrees C; bluff bodies (Hoerner, Fluid-Dynamic Drag, chapter 3: 0.5 to 1.2)
@@ -42,7 +42,7 @@ class Kind:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class TossEvidence:
     """All tosses of a study, their kinds of evidence, and what was computed of them so far.
 
     ``heights_m`` keeps heights at rest by the values that they depend on; it is this object's own memory.
@@ -107,10 +107,10 @@ class Evidence:
         )
 
 
-def evidence_of(replayer: Replayer, tosses: Sequence[Toss], nominal: Mapping[str, float]) -> Evidence:
+def evidence_of(replayer: Replayer, tosses: Sequence[Toss], nominal: Mapping[str, float]) -> TossEvidence:
     """The kinds of evidence that at least three tosses give, with their scatter and their systematic errors."""
     up, (up_error, side_error) = upward(replayer.geometry.model), _air_m_s2(replayer, tosses)
-    bare = Evidence(replayer, tuple(tosses), ())
+    bare = TossEvidence(replayer, tuple(tosses), ())
     flights = np.array([_longest(toss).acceleration_m_s2 for toss in tosses if toss.flights] or np.zeros((0, 3)))
     rest = bare.rest(nominal, range(len(tosses)))
     rest = rest[np.isfinite(rest)]
@@ -121,7 +121,7 @@ def evidence_of(replayer: Replayer, tosses: Sequence[Toss], nominal: Mapping[str
         (len(flights), Kind(SIDEWAYS, "m/s^2", 2, _scatter(flights - along), side_error, "sideways acceleration in free flight")),
         (len(rest), Kind(REST, "m", 1, _scatter(rest), _sag_m(replayer, tosses, nominal), "height at rest")),
     )
-    return Evidence(replayer, tuple(tosses), tuple(kind for count, kind in found if count >= _FEWEST), bare.heights_m)
+    return TossEvidence(replayer, tuple(tosses), tuple(kind for count, kind in found if count >= _FEWEST), bare.heights_m)
 
 
 def _scatter(values: np.ndarray) -> float:

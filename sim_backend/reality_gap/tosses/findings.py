@@ -7,11 +7,11 @@ import numpy as np
 from scipy.stats import chi2
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.tosses.evidence import FLIGHT, MOTION, REST, Evidence
+from sim_backend.reality_gap.tosses.evidence import FLIGHT, MOTION, REST, TossEvidence
 from sim_backend.reality_gap.tosses.likelihood import Point, by_episode, densities, total, weights
-from sim_backend.reality_gap.tosses.models import FRICTION, MASS, SIZE, TIME_CONSTANT
-from sim_backend.reality_gap.tosses.search import Hypothesis, Study, bounds_of, refitted
-from sim_backend.reality_gap.tosses.selection import Candidate, Selection
+from sim_backend.reality_gap.tosses.models import MASS
+from sim_backend.reality_gap.tosses.search import TossHypothesis, TossSearch, bounds_of, refitted
+from sim_backend.reality_gap.tosses.selection import Selection, TossCandidate
 from sim_backend.reality_gap.verdict import Cause, Rival
 
 _PROFILE_STEPS = np.array([-1.0, -0.5, -0.25, 0.0, 0.25, 0.5, 1.0])
@@ -19,7 +19,6 @@ _DRAWS = 400
 _WIDEST = 5.0  # factor of an interval: a parabola through few points shows no higher correlation
 _CLEAR_NATS = 2.0  # and two standard errors: what a kind of evidence must say to speak for a rival
 _REJECTED_NATS = 0.5 * float(chi2.isf(0.01 / 8.0, 1))  # and three standard errors: as a cause among eight hypotheses is named
-_BODY_KEYS = (MASS, SIZE, TIME_CONSTANT, FRICTION)
 _BODY_STEPS = np.array([-0.07, -0.035, 0.035, 0.07])  # of the value: what a ruler or scale at hand would tell apart
 _WIDE = 0.02  # of the value: a range of values that tells no more than this is worth no warning
 
@@ -55,7 +54,7 @@ class Lost:
     value: float
     by_kind: Mapping[str, float]
     std_by_kind: Mapping[str, float]
-    hypothesis: Hypothesis
+    hypothesis: TossHypothesis
     point: Point
 
     @property
@@ -70,7 +69,7 @@ class Lost:
         return not rejected or any(-nats > max(_CLEAR_NATS, 2.0 * std) for nats, std in of)
 
 
-def profile(study: Study, key: str, final: Point, rng: np.random.Generator) -> Profile:
+def profile(study: TossSearch, key: str, final: Point, rng: np.random.Generator) -> Profile:
     """Profile and interval of one named parameter.
 
     The interval is the wider one of two: where the log density (weighted for errors that tosses share) is within the 90 %
@@ -92,7 +91,7 @@ def profile(study: Study, key: str, final: Point, rng: np.random.Generator) -> P
     return Profile(key, values, score - score.max(), (float(interval[0]), float(interval[1])))
 
 
-def profiles_of(study: Study, hypothesis: Hypothesis, final: Point, rng: np.random.Generator) -> list[Profile]:
+def profiles_of(study: TossSearch, hypothesis: TossHypothesis, final: Point, rng: np.random.Generator) -> list[Profile]:
     """Profiles of one hypothesis; intervals of two parameters that can stand in for each other are widened accordingly."""
     found = [profile(study, key, final, rng) for key in hypothesis.keys]
     if len(found) < 2:
@@ -101,7 +100,7 @@ def profiles_of(study: Study, hypothesis: Hypothesis, final: Point, rng: np.rand
     return [replace(one, interval_90=_widened(one.key, final.values[one.key], one.interval_90, factor)) for one in found]
 
 
-def _ridge(study: Study, found: Sequence[Profile], final: Point) -> float:
+def _ridge(study: TossSearch, found: Sequence[Profile], final: Point) -> float:
     """1 / sqrt(1 - r^2) with the correlation r of two parameters, from the log density at four corners around the best."""
     reach = [max(0.5 * (one.interval_90[1] - one.interval_90[0]), 1e-9) for one in found]
     keys, best = [one.key for one in found], study.score(final)
@@ -123,7 +122,7 @@ def _widened(key: str, value: float, interval: tuple[float, float], factor: floa
     return max(value - factor * (value - interval[0]), lower), min(value + factor * (interval[1] - value), upper)
 
 
-def _spread(study: Study, key: str, final: Point) -> tuple[np.ndarray, list[Point]]:
+def _spread(study: TossSearch, key: str, final: Point) -> tuple[np.ndarray, list[Point]]:
     """Values on both sides of the best, as far as the log density falls by a few nats, and their points."""
     lower, upper = bounds_of(key)
     reach = 0.3 * abs(final.values[key]) if lower > 0.0 else 0.3 * upper
@@ -146,7 +145,7 @@ def _peak(values: np.ndarray, score: np.ndarray) -> float:
     return float(np.clip(values[best] - 0.5 * b / a, values[best - 1], values[best + 1]))
 
 
-def causes_of(hypotheses: Sequence[Hypothesis], point: Point, profiles: Sequence[Profile]) -> tuple[Cause, ...]:
+def causes_of(hypotheses: Sequence[TossHypothesis], point: Point, profiles: Sequence[Profile]) -> tuple[Cause, ...]:
     """One for each parameter of each hypothesis."""
     of, out = {one.key: one for one in profiles}, []
     for hypothesis in hypotheses:
@@ -156,7 +155,7 @@ def causes_of(hypotheses: Sequence[Hypothesis], point: Point, profiles: Sequence
     return tuple(out)
 
 
-def members_of(study: Study, lost: Sequence[Lost], rng: np.random.Generator) -> tuple[Cause, ...]:
+def members_of(study: TossSearch, lost: Sequence[Lost], rng: np.random.Generator) -> tuple[Cause, ...]:
     """The hypotheses that cannot be told from a cause, each with the values it would have in the cause's place."""
     out: list[Cause] = []
     for one in lost:
@@ -165,7 +164,7 @@ def members_of(study: Study, lost: Sequence[Lost], rng: np.random.Generator) -> 
     return tuple(out)
 
 
-def lost_of(study: Study, selection: Selection, nominal: Mapping[str, float]) -> tuple[Lost, ...]:
+def lost_of(study: TossSearch, selection: Selection, nominal: Mapping[str, float]) -> tuple[Lost, ...]:
     """For each cause what else would explain part of the same, closest first.
 
     Such a hypothesis gained something beside the cause, for the same kinds of evidence, and is not accepted after it; whether it
@@ -184,14 +183,14 @@ def lost_of(study: Study, selection: Selection, nominal: Mapping[str, float]) ->
     return tuple(sorted(out, key=lambda lost: lost.rival.behind))
 
 
-def _overlap(one: Candidate, chosen: Candidate) -> float:
+def _overlap(one: TossCandidate, chosen: TossCandidate) -> float:
     """Share of a candidate's gain that lies in kinds of evidence in which the chosen one gains as well."""
     own = {name: max(float(gain.sum()), 0.0) for name, gain in one.gains.items()}
     both = {name: min(own[name], max(float(gain.sum()), 0.0)) for name, gain in chosen.gains.items()}
     return sum(both.values()) / max(sum(own.values()), 1e-12)
 
 
-def _swapped(study: Study, final: Point, cause: Hypothesis, one: Candidate, nominal: Mapping[str, float]) -> Lost:
+def _swapped(study: TossSearch, final: Point, cause: TossHypothesis, one: TossCandidate, nominal: Mapping[str, float]) -> Lost:
     values = {**final.values, **{key: nominal[key] for key in cause.keys}}
     values |= {key: one.best.values[key] for key in one.hypothesis.keys}
     point, _ = refitted(study, one.hypothesis.keys, study.point(values))
@@ -214,23 +213,23 @@ def _std_of_sum(sums: np.ndarray) -> float:
     return float(np.sqrt(len(sums)) * sums.std())
 
 
-def _needless(one: Candidate, later) -> bool:
+def _needless(one: TossCandidate, later) -> bool:
     return not any(c.hypothesis == one.hypothesis and c.accepted for stage in later for c in stage.candidates)
 
 
-def undecided(study: Study, selection: Selection, hypotheses: Sequence[Hypothesis]) -> tuple[str, ...]:
+def undecided(study: TossSearch, selection: Selection, hypotheses: Sequence[TossHypothesis]) -> tuple[str, ...]:
     """Sentences on what the motion cannot tell: mass and size and contacts whose change leaves its error as it is."""
     named, out = {key for cause in selection.causes for key in cause.keys}, []
     if MOTION not in selection.final.residuals:
         return ("nothing moves through contacts in these data: friction, stiffness and mass cannot be told",)
     for hypothesis in hypotheses:
-        for key in hypothesis.keys:
-            if key in _BODY_KEYS and key not in named:
-                out += _flat(study, hypothesis, key, selection.final)
+        key = hypothesis.keys[0]
+        if hypothesis.known.of_contact and key not in named:
+            out += _flat(study, hypothesis, key, selection.final)
     return tuple(out)
 
 
-def _flat(study: Study, hypothesis: Hypothesis, key: str, final: Point) -> list[str]:
+def _flat(study: TossSearch, hypothesis: TossHypothesis, key: str, final: Point) -> list[str]:
     """A sentence if values around the best one leave the error of the motion within one standard error between tosses."""
     rows, value = study.rows.tolist(), final.values[key]
     error = final.residuals[MOTION]
@@ -252,7 +251,7 @@ def _flat(study: Study, hypothesis: Hypothesis, key: str, final: Point) -> list[
     ]
 
 
-def record_next(evidence: Evidence, lost: Sequence[Lost], selection: Selection) -> tuple[str, ...]:
+def record_next(evidence: TossEvidence, lost: Sequence[Lost], selection: Selection) -> tuple[str, ...]:
     """What would add most: kinds of evidence that are missing, and measurements that separate what is confusable."""
     have, out = {kind.name for kind in evidence.kinds}, []
     if FLIGHT not in have:
@@ -262,19 +261,10 @@ def record_next(evidence: Evidence, lost: Sequence[Lost], selection: Selection) 
     if MOTION not in have:
         out.append("toss or slide the object: only motion through contacts shows friction and stiffness")
     out += [
-        f"what separates {one.cause} from {one.rival.effect}: measure {_how(one.rival.effect)}" for one in lost if one.confusable
+        f"what separates {one.cause} from {one.rival.effect}: measure {one.hypothesis.known.measured_by}"
+        for one in lost
+        if one.confusable
     ]
     if not any(MASS in cause.keys for cause in selection.causes):
         out.append("weigh the object, or push it with a known force: tosses alone never show its mass")
     return tuple(out)
-
-
-def _how(effect: str) -> str:
-    ways = {
-        "cube_size": "the object with a caliper",
-        "tracking_offset": "heights at two levels",
-        "tracking_scale": "a known distance",
-        "gravity": "a longer free fall",
-        "table_tilt": "the table with a level",
-    }
-    return ways.get(effect, "slower and faster contacts, on the flat and on edges")

@@ -11,6 +11,8 @@ from sim_backend.reality_gap.tosses.geometry import ObjectGeometry
 FRICTION, MASS, SIZE = "table_friction.coefficient", "cube_mass.factor", "cube_size.factor"
 TIME_CONSTANT, DAMPING = "contact_stiffness.time_constant_s", "contact_stiffness.damping_ratio"
 GRAVITY, ROLL, PITCH = "gravity.offset_m_s2", "table_tilt.roll_rad", "table_tilt.pitch_rad"
+SCALE, HEIGHT = "tracking_scale.factor_error", "tracking_offset.position_m"
+"""Of the camera: how it sees lengths and heights."""
 BODY_KEYS = (FRICTION, MASS, SIZE, TIME_CONSTANT, DAMPING, GRAVITY, ROLL, PITCH)
 _SOLREF = (0.02, 1.0)  # MuJoCo's defaults, where the model gives stiffness and damping instead
 

@@ -8,13 +8,12 @@ import numpy as np
 from mujoco.rollout import rollout
 
 from sim_backend.reality_gap.tosses.geometry import ObjectGeometry, gaps_m
-from sim_backend.reality_gap.tosses.models import compiled, upward
+from sim_backend.reality_gap.tosses.models import HEIGHT, SCALE, compiled, upward
 from sim_backend.reality_gap.tosses.stretches import Toss
 
 _STEP_S = 0.002  # of the integration at most; MuJoCo takes contacts no stiffer than two steps
 _GROUP = 48  # tosses of similar length that are replayed in one call
 _SETTLE_S = 0.3  # an object put down flat within a degree lies still after this time
-SCALE, HEIGHT = "tracking_scale.factor_error", "tracking_offset.position_m"
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.tosses.evidence import Evidence
+from sim_backend.reality_gap.knowledge.tosses import OBJECT, TOSSED, TossEffect
+from sim_backend.reality_gap.tosses.evidence import TossEvidence
 from sim_backend.reality_gap.tosses.likelihood import Point, total, weights
-from sim_backend.reality_gap.tosses.models import DAMPING, FRICTION, GRAVITY, MASS, PITCH, ROLL, SIZE, TIME_CONSTANT
-from sim_backend.reality_gap.tosses.replay import HEIGHT, SCALE
+from sim_backend.reality_gap.tosses.models import GRAVITY
 
 _REFINE = 7  # evaluations of a refinement
 _SHARES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # of the range, in both directions, where a value may have either sign
@@ -19,19 +19,28 @@ _GRAVITY_M_S2 = 3.0  # the catalogue's 10 would let an object fly off
 
 
 @dataclass(frozen=True)
-class Hypothesis:
-    """One effect as the cause: its parameters by catalogue key, and where it would act."""
+class TossHypothesis:
+    """One effect as the cause, and where it would act."""
 
-    effect: str
-    keys: tuple[str, ...]
+    known: TossEffect
     where: str
+
+    @property
+    def effect(self) -> str:
+        """Name in the catalogue."""
+        return self.known.effect
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Its numbers, "effect.parameter"."""
+        return self.known.keys
 
 
 @dataclass(frozen=True)
-class Study:
+class TossSearch:
     """What a search works on: the evidence, the tosses under study, and the few of them for a first look."""
 
-    evidence: Evidence
+    evidence: TossEvidence
     rows: np.ndarray
     first: np.ndarray
 
@@ -49,18 +58,9 @@ class Study:
         return total(self.evidence.kinds, weights(self.evidence.kinds, residuals), residuals)
 
 
-def hypotheses_of(body: str) -> tuple[Hypothesis, ...]:
+def hypotheses_of(body: str) -> tuple[TossHypothesis, ...]:
     """All effects of the catalogue that toss data can speak of."""
-    return (
-        Hypothesis("table_friction", (FRICTION,), "table"),
-        Hypothesis("contact_stiffness", (TIME_CONSTANT, DAMPING), body),
-        Hypothesis("cube_mass", (MASS,), body),
-        Hypothesis("cube_size", (SIZE,), body),
-        Hypothesis("gravity", (GRAVITY,), "world"),
-        Hypothesis("table_tilt", (ROLL, PITCH), "table"),
-        Hypothesis("tracking_scale", (SCALE,), "camera"),
-        Hypothesis("tracking_offset", (HEIGHT,), "camera"),
-    )
+    return tuple(TossHypothesis(known, body if known.where == OBJECT else known.where) for known in TOSSED)
 
 
 def bounds_of(key: str) -> tuple[float, float]:
@@ -83,13 +83,13 @@ def grid_of(key: str, start: float) -> np.ndarray:
 class FirstLook:
     """Best values of a first look, the neighbours between which the best may lie, and the gain promised for all tosses, nats."""
 
-    hypothesis: Hypothesis
+    hypothesis: TossHypothesis
     values: Mapping[str, float]
     brackets: Mapping[str, tuple[float, float]]
     promise: float
 
 
-def first_look(study: Study, hypothesis: Hypothesis, base: Mapping[str, float]) -> FirstLook:
+def first_look(study: TossSearch, hypothesis: TossHypothesis, base: Mapping[str, float]) -> FirstLook:
     """A grid over each parameter in turn, on few tosses."""
     values, brackets = dict(base), {}
     start = best = study.first_score(values)
@@ -104,7 +104,7 @@ def first_look(study: Study, hypothesis: Hypothesis, base: Mapping[str, float]) 
     return FirstLook(hypothesis, values, brackets, (best - start) * len(study.rows) / len(study.first))
 
 
-def explored(study: Study, look: FirstLook, base: Point, refine: bool) -> list[Point]:
+def explored(study: TossSearch, look: FirstLook, base: Point, refine: bool) -> list[Point]:
     """Points of a hypothesis on all tosses: the best of its first look, and those of a search around it if it may win."""
     if not look.brackets or not refine:
         return [] if look.values == base.values else [study.point(look.values)]
@@ -116,7 +116,7 @@ def explored(study: Study, look: FirstLook, base: Point, refine: bool) -> list[P
     return points
 
 
-def line(study: Study, key: str, base: Point, bracket: tuple[float, float]) -> list[Point]:
+def line(study: TossSearch, key: str, base: Point, bracket: tuple[float, float]) -> list[Point]:
     """Points between two values of one parameter, closer to each other near the best one; all else as in ``base``."""
     lower, upper = bracket
     if lower == upper:
@@ -133,7 +133,7 @@ def line(study: Study, key: str, base: Point, bracket: tuple[float, float]) -> l
     return points
 
 
-def refitted(study: Study, keys: tuple[str, ...], base: Point, width: float = 0.15) -> tuple[Point, list[Point]]:
+def refitted(study: TossSearch, keys: tuple[str, ...], base: Point, width: float = 0.15) -> tuple[Point, list[Point]]:
     """The best point when each of several parameters is searched again around its value; and all points tried.
 
     Args:
@@ -157,7 +157,7 @@ def around(key: str, value: float, width: float) -> tuple[float, float]:
     return max(value - reach, lower), min(value + reach, upper)
 
 
-def _makes_a_difference(study: Study, key: str, values: Mapping[str, float], grid: np.ndarray) -> bool:
+def _makes_a_difference(study: TossSearch, key: str, values: Mapping[str, float], grid: np.ndarray) -> bool:
     """Whether the ends of a range differ in their residuals; mass does not where nothing else pushes the object."""
     few = study.first[:6].tolist()
     ends = [study.evidence.residuals({**values, key: float(end)}, few) for end in (grid[0], grid[-1])]

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from sim_backend.reality_gap.tosses.likelihood import Point, bootstrap_sums, by_episode, held_out_gains, weights
-from sim_backend.reality_gap.tosses.search import Hypothesis, Study, explored, first_look, refitted
+from sim_backend.reality_gap.tosses.search import TossHypothesis, TossSearch, explored, first_look, refitted
 
 _LEVEL = 0.01  # of a false name, shared by all hypotheses that are tried
 _STANDARD_ERRORS = 3.0
@@ -18,7 +18,7 @@ _WORTH_SHARE = 0.2  # of the best promise: what promises less is fitted in a lat
 
 
 @dataclass(frozen=True)
-class Candidate:
+class TossCandidate:
     """A hypothesis at one stage.
 
     Attributes:
@@ -32,7 +32,7 @@ class Candidate:
         accepted: whether it passes the gates.
     """
 
-    hypothesis: Hypothesis
+    hypothesis: TossHypothesis
     best: Point
     points: tuple[Point, ...]
     gains: Mapping[str, np.ndarray]
@@ -52,8 +52,8 @@ class Stage:
     """One step of the selection: its start, all candidates, which was taken (None if none), and the gain it needed, nats."""
 
     base: Point
-    candidates: tuple[Candidate, ...]
-    chosen: Candidate | None
+    candidates: tuple[TossCandidate, ...]
+    chosen: TossCandidate | None
     gate: float
 
 
@@ -61,14 +61,14 @@ class Stage:
 class Selection:
     """Named hypotheses with the jointly fitted point, and the stages that led there."""
 
-    causes: tuple[Hypothesis, ...]
+    causes: tuple[TossHypothesis, ...]
     final: Point
     stages: tuple[Stage, ...]
 
 
 def selected(
-    study: Study,
-    hypotheses: Sequence[Hypothesis],
+    study: TossSearch,
+    hypotheses: Sequence[TossHypothesis],
     nominal: Mapping[str, float],
     folds: np.ndarray,
     rng: np.random.Generator,
@@ -109,7 +109,7 @@ def selected(
     return Selection(tuple(kept), final, tuple(stages))
 
 
-def candidate(study: Study, hypothesis: Hypothesis, base: Point, points, folds, hypotheses: int, rng) -> Candidate:
+def candidate(study: TossSearch, hypothesis: TossHypothesis, base: Point, points, folds, hypotheses: int, rng) -> TossCandidate:
     """A hypothesis with its held-out gain and whether that passes.
 
     It must gain more than chance would give one of so many hypotheses (chi-square, level 1 %), more than three standard errors
@@ -126,7 +126,7 @@ def candidate(study: Study, hypothesis: Hypothesis, base: Point, points, folds, 
         sums.sum() > max(_chance(len(hypothesis.keys), hypotheses), _STANDARD_ERRORS * draws.std())
         and max(shares.values()) > _LEAST_SHARE
     )
-    return Candidate(hypothesis, best, tuple(points), gains, sums, (float(low), float(high)), shares, bool(accepted))
+    return TossCandidate(hypothesis, best, tuple(points), gains, sums, (float(low), float(high)), shares, bool(accepted))
 
 
 def removed_share(before: np.ndarray, after: np.ndarray) -> float:
@@ -139,11 +139,11 @@ def _chance(parameters: int, hypotheses: int) -> float:
     return 0.5 * float(chi2.isf(_LEVEL / hypotheses, parameters))
 
 
-def _keys(causes: Sequence[Hypothesis]) -> tuple[str, ...]:
+def _keys(causes: Sequence[TossHypothesis]) -> tuple[str, ...]:
     return tuple(key for cause in causes for key in cause.keys)
 
 
-def _pruned(study: Study, causes: list[Hypothesis], final: Point, nominal, folds, hypotheses: int, rng):
+def _pruned(study: TossSearch, causes: list[TossHypothesis], final: Point, nominal, folds, hypotheses: int, rng):
     """Causes without those that later ones have made needless, and the point that belongs to them."""
     for cause in causes[:-1]:
         others = [one for one in causes if one is not cause]

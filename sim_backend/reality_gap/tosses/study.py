@@ -10,7 +10,7 @@ import numpy as np
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.tosses.confirmation import Confirmation, confirmed
-from sim_backend.reality_gap.tosses.evidence import REST, Evidence, evidence_of
+from sim_backend.reality_gap.tosses.evidence import REST, TossEvidence, evidence_of
 from sim_backend.reality_gap.tosses.findings import (
     Lost,
     Profile,
@@ -23,9 +23,9 @@ from sim_backend.reality_gap.tosses.findings import (
 )
 from sim_backend.reality_gap.tosses.geometry import geometry_of
 from sim_backend.reality_gap.tosses.likelihood import folds_of, sign_flip_p
-from sim_backend.reality_gap.tosses.models import nominal_values
-from sim_backend.reality_gap.tosses.replay import HEIGHT, SCALE, Replayer, replay_step_s
-from sim_backend.reality_gap.tosses.search import Study, bounds_of, hypotheses_of
+from sim_backend.reality_gap.tosses.models import HEIGHT, SCALE, nominal_values
+from sim_backend.reality_gap.tosses.replay import Replayer, replay_step_s
+from sim_backend.reality_gap.tosses.search import TossSearch, bounds_of, hypotheses_of
 from sim_backend.reality_gap.tosses.selection import Selection, selected
 from sim_backend.reality_gap.tosses.stretches import tosses_of
 from sim_backend.reality_gap.verdict import Cause, HeldOut, Rival, VerdictKind
@@ -120,7 +120,7 @@ def study_object(
     return ObjectStudy(kind, causes, confirmation, selection, lost, profiles, null_p, cannot_tell, advice, sections)
 
 
-def _evidence(spec, recordings, nominal: Mapping[str, float], threads: int) -> tuple[Evidence, dict[str, float]]:
+def _evidence(spec, recordings, nominal: Mapping[str, float], threads: int) -> tuple[TossEvidence, dict[str, float]]:
     bodies = [signals.body for recording in recordings for signals in recording.objects]
     if not bodies:
         raise RecordingError("no recording has poses of an object; name one under [objects] in study.toml")
@@ -146,14 +146,14 @@ def _evidence(spec, recordings, nominal: Mapping[str, float], threads: int) -> t
     return evidence, start
 
 
-def _split(evidence: Evidence, rng: np.random.Generator) -> tuple[Study, list[int]]:
+def _split(evidence: TossEvidence, rng: np.random.Generator) -> tuple[TossSearch, list[int]]:
     """Tosses to study and tosses that no fit sees, whole episodes each; none of the latter if there are few."""
     episodes = rng.permutation(np.unique(evidence.episodes))
     count = len(episodes) if len(episodes) < _FEW else min(_STUDIED, int(0.6 * len(episodes)))
     rows = np.flatnonzero(np.isin(evidence.episodes, episodes[:count]))
     first = np.flatnonzero(np.isin(evidence.episodes, episodes[: max(int(_FIRST_SHARE * count), _FIRST_LEAST)]))
     unseen = np.flatnonzero(np.isin(evidence.episodes, episodes[count : count + _CONFIRMED]))
-    return Study(evidence, rows, first), unseen.tolist()
+    return TossSearch(evidence, rows, first), unseen.tolist()
 
 
 def _steps(selection: Selection, start: Mapping[str, float]) -> Sequence[tuple[str, Mapping[str, float]]]:
@@ -175,7 +175,7 @@ def makes_worse(held_out: HeldOut) -> bool:
     return held_out.is_unseen and held_out.reduction_interval_95[1] < 0.0
 
 
-def _kind(evidence: Evidence, selection: Selection, lost: Sequence[Lost], confirmation: Confirmation) -> VerdictKind:
+def _kind(evidence: TossEvidence, selection: Selection, lost: Sequence[Lost], confirmation: Confirmation) -> VerdictKind:
     if confirmation.is_of_motion and is_unexplained(confirmation.held_out):
         return VerdictKind.UNEXPLAINED
     if selection.causes:

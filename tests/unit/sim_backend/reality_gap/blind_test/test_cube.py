@@ -7,7 +7,7 @@ from sim_backend.reality_gap.blind_test.cube import judge_case, results
 from sim_backend.reality_gap.blind_test.cube_cases import Case
 from sim_backend.reality_gap.cube.calibration import load_calibration
 from sim_backend.reality_gap.cube.study import CubeStudy, study_cube, study_evidence
-from sim_backend.reality_gap.cube.summary import Evidence
+from sim_backend.reality_gap.cube.summary import CubeEvidence
 from sim_backend.reality_gap.cube.tracker import TrackerStatistics
 from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
 
@@ -40,7 +40,7 @@ def test_right_wrong_missed_and_false_alarms_are_told_apart():
 
 def test_a_late_tracker_in_a_log_without_pushes_is_named_and_a_push_is_asked_for():
     tracker = TrackerStatistics(500, 0.1, 0.13, 0.003, 1, 1, 0, 450, 0.0323, 0.001, 0.012, 0.92)
-    verdict = study_evidence(Evidence(tracker, ()), np.random.default_rng(1), load_calibration()).verdict
+    verdict = study_evidence(CubeEvidence(tracker, ()), np.random.default_rng(1), load_calibration()).verdict
     assert verdict.verdict is VerdictKind.NAMED
     assert verdict.causes[0].effect == "tracking_latency"
     assert verdict.causes[0].interval_90[0] < 0.04 < verdict.causes[0].interval_90[1]

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.blind_test.cube_cases import (
-    EFFECTS,
     LEVELS,
     effect_cases,
     hidden_physics,
@@ -15,15 +14,16 @@ from sim_backend.reality_gap.blind_test.cube_cases import (
 )
 from sim_backend.reality_gap.cube.calibration import load_calibration
 from sim_backend.reality_gap.cube.replay import Replayed
-from sim_backend.reality_gap.cube.summary import Evidence
+from sim_backend.reality_gap.cube.summary import CubeEvidence
 from sim_backend.reality_gap.cube.tracker import TrackerStatistics
+from sim_backend.reality_gap.knowledge.hidden import OF_CUBE
 
 LIMITS = load_calibration().limits
 
 
 def test_cases_take_every_effect_at_every_level_and_are_the_same_again():
-    cases = effect_cases(len(EFFECTS) * len(LEVELS), 5, LIMITS)
-    assert {(case.effect, case.level) for case in cases} == {(effect, level) for effect in EFFECTS for level in LEVELS}
+    cases = effect_cases(len(OF_CUBE) * len(LEVELS), 5, LIMITS)
+    assert {(case.effect, case.level) for case in cases} == {(effect, level) for effect in OF_CUBE for level in LEVELS}
     assert cases == effect_cases(len(cases), 5, LIMITS)
     assert cases != effect_cases(len(cases), 6, LIMITS)
 
@@ -52,7 +52,7 @@ def test_an_error_of_a_joint_is_at_one_joint():
 def test_evidence_is_kept_and_read_again(tmp_path):
     tracker = TrackerStatistics(500, 0.1, 0.09, 0.003, 1, 2, 3, 450, 0.0325, 0.001, 0.012, 0.92)
     pushes = tuple(Replayed(np.full((3, k), float(k)), np.arange(k), np.arange(k) * 0.1) for k in (2, 4))
-    save_evidence(tmp_path / "case.npz", Evidence(tracker, pushes))
+    save_evidence(tmp_path / "case.npz", CubeEvidence(tracker, pushes))
     read = load_evidence(tmp_path / "case.npz")
     assert read.tracker == tracker
     assert [push.residual.tolist() for push in read.replayed] == [push.residual.tolist() for push in pushes]

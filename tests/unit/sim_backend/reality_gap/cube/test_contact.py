@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.cube.contact import CONTACT_NAMES, contact_summary
-from sim_backend.reality_gap.cube.replay import TRIALS, Replayed
+from sim_backend.reality_gap.cube.replay import Replayed
+from sim_backend.reality_gap.knowledge.cube import TRIALS
 
 MASS = [i for i, trial in enumerate(TRIALS) if trial.effect == "cube_mass"]
 

@@ -9,9 +9,10 @@ from sim_backend.reality_gap.cube.calibration import load_calibration
 from sim_backend.reality_gap.cube.contact import CONTACT_NAMES, ContactSummary
 from sim_backend.reality_gap.cube.counts import count_gain
 from sim_backend.reality_gap.cube.hypotheses import judge, misfit, response_table, without_worst
-from sim_backend.reality_gap.cube.replay import TRIALS, Replayed
-from sim_backend.reality_gap.cube.summary import NAMES, TRACKER_NAMES, CubeSummary, Evidence
+from sim_backend.reality_gap.cube.replay import Replayed
+from sim_backend.reality_gap.cube.summary import NAMES, TRACKER_NAMES, CubeEvidence, CubeSummary
 from sim_backend.reality_gap.cube.tracker import TrackerStatistics
+from sim_backend.reality_gap.knowledge.cube import TRIALS
 
 NULL = load_calibration().null
 
@@ -108,10 +109,10 @@ def test_the_push_that_went_wrong_is_left_out():
     rng = np.random.default_rng(4)
     pushes = tuple(_push(rng, 6.0 if i == 2 else 0.0) for i in range(5))
     null = replace(NULL, mean=np.zeros(len(NAMES)), covariance=np.eye(len(NAMES)))
-    kept = without_worst(Evidence(_tracker(), pushes), null).replayed
+    kept = without_worst(CubeEvidence(_tracker(), pushes), null).replayed
     assert len(kept) == 4
     assert not any(push is pushes[2] for push in kept)
-    assert without_worst(Evidence(_tracker(), pushes[:3]), null).replayed == pushes[:3]
+    assert without_worst(CubeEvidence(_tracker(), pushes[:3]), null).replayed == pushes[:3]
 
 
 def test_without_pushes_nothing_is_said_about_mass_and_friction():

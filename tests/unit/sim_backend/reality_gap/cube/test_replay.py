@@ -5,8 +5,9 @@ import pytest
 
 from sim_backend.driver.driver import Start, hold_command
 from sim_backend.driver.simulated import SimulatedDriver
-from sim_backend.reality_gap.cube.replay import FORCE_STD_N, NOMINAL, PLACE_STD_M, PushReplay, Trial
+from sim_backend.reality_gap.cube.replay import FORCE_STD_N, PLACE_STD_M, PushReplay
 from sim_backend.reality_gap.cube.windows import LENGTH_S, PushWindow
+from sim_backend.reality_gap.knowledge.cube import NOMINAL, Trial
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.kinematics import fingertip_position_world_m
 

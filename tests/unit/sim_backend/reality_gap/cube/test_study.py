@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.cube.calibration import load_calibration
-from sim_backend.reality_gap.cube.hypotheses import HYPOTHESES, KINDS
 from sim_backend.reality_gap.cube.study import GATE_P, study_evidence
-from sim_backend.reality_gap.cube.summary import Evidence
+from sim_backend.reality_gap.cube.summary import CubeEvidence
 from sim_backend.reality_gap.cube.tracker import TrackerStatistics
+from sim_backend.reality_gap.knowledge.cube import HYPOTHESES, KINDS
 from sim_backend.reality_gap.verdict import VerdictKind
 
 CALIBRATION = load_calibration()
@@ -15,7 +15,7 @@ CALIBRATION = load_calibration()
 
 def _study(delay_s=0.09, gaps=1, jumps=0, without=()):
     tracker = TrackerStatistics(500, 0.1, delay_s, 0.003, gaps, gaps, jumps, 450, 0.0324, 0.001, 0.0115, 0.916)
-    return study_evidence(Evidence(tracker, ()), np.random.default_rng(1), CALIBRATION, without=without)
+    return study_evidence(CubeEvidence(tracker, ()), np.random.default_rng(1), CALIBRATION, without=without)
 
 
 def test_every_hypothesis_is_of_one_kind():

@@ -15,8 +15,8 @@ from sim_backend.excitations.excitation import EXCITATIONS, RAISED_RAD
 from sim_backend.reality_gap.excite.advice import advice_after, first_advice
 from sim_backend.reality_gap.excite.answer import main, read_study
 from sim_backend.reality_gap.excite.course import WAY_UP_S, targets
-from sim_backend.reality_gap.excite.table import BY_HAND, FOLLOWED, SHOWN_BY
 from sim_backend.reality_gap.joints.flexible import VARIABLES
+from sim_backend.reality_gap.knowledge.excitations import BY_HAND, FOLLOWED, SHOWN_BY
 from sim_backend.reality_gap.knowledge.separation import SEPARATIONS
 from sim_backend.reality_gap.report.report import write_html
 from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from sim_backend.effects.catalogue import CATALOGUE, PARAMETERS
-from sim_backend.reality_gap.blind_test.joint_cases import SHOWN_BY_JOINTS
 from sim_backend.reality_gap.joints.hypotheses import (
     ALL_JOINTS,
     CLOCK_TOLERANCE,
@@ -14,6 +13,7 @@ from sim_backend.reality_gap.joints.hypotheses import (
     joint_catalogue,
 )
 from sim_backend.reality_gap.joints.state import CLOCK, SENSED, JointState
+from sim_backend.reality_gap.knowledge.hidden import AT_JOINTS
 from sim_backend.reality_gap.knowledge.robot import HealthySessions, KnownTriFinger, UnknownRobot
 from sim_backend.trifinger import constants as c
 
@@ -34,7 +34,7 @@ def whole():
 
 
 def test_every_effect_that_joints_show_is_a_hypothesis_or_a_check(whole):
-    shown = {key.partition(".")[0] for key in SHOWN_BY_JOINTS}
+    shown = {key.partition(".")[0] for key in AT_JOINTS}
     asked = {h.effect for h in whole.hypotheses}
     assert asked | CHECKED == shown
     assert not asked & CHECKED

@@ -2,10 +2,11 @@
 
 import pytest
 
+from sim_backend.reality_gap.knowledge.tosses import OBJECT, TossEffect
 from sim_backend.reality_gap.tosses.findings import Lost
 from sim_backend.reality_gap.tosses.likelihood import Point
 from sim_backend.reality_gap.tosses.models import FRICTION, GRAVITY, ROLL, SIZE
-from sim_backend.reality_gap.tosses.search import Hypothesis, bounds_of, grid_of
+from sim_backend.reality_gap.tosses.search import TossHypothesis, bounds_of, grid_of
 from sim_backend.reality_gap.verdict import Rival
 
 
@@ -19,7 +20,9 @@ from sim_backend.reality_gap.verdict import Rival
 )
 def test_rival_is_confusable_unless_a_kind_of_evidence_separates_it(by_kind, std, confusable):
     rival = Rival("cube_size", "thing", sum(by_kind.values()), "")
-    lost = Lost(rival, "tracking_scale", 1.0, 0.98, by_kind, std, Hypothesis("cube_size", (SIZE,), "thing"), Point({}, {}))
+    lost = Lost(
+        rival, "tracking_scale", 1.0, 0.98, by_kind, std, TossHypothesis(TossEffect((SIZE,), OBJECT), "thing"), Point({}, {})
+    )
     assert lost.confusable is confusable
 
 

@@ -72,6 +72,8 @@ BY_HAND: dict[str, str] = {
 }
 """What nobody can do by running an excitation alone."""
 
+AT_ONCE = ("torque_constant", "cube_mass")
+"""Of these: what no motion of any robot tells, so that a new one is asked for it."""
 
 FOLLOWED: dict[str, tuple[str, tuple[str, ...]]] = {
     "load against motion": ("lifting and lowering the same load", ("fast_sweeps", "oscillations")),
