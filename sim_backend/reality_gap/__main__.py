@@ -20,18 +20,18 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one of the commands."""
     given = sys.argv[1:] if arguments is None else arguments
     if given[:1] == ["blind-test"]:
-        from sim_backend.reality_gap.blind_test import joints
+        from sim_backend.reality_gap.bench import joints
 
         return joints.main(given[1:])
     if given[:1] == ["excite"]:
-        from sim_backend.reality_gap.excite import answer
+        from sim_backend.reality_gap.advice import answer
 
         return answer.main(given[1:])
     return _study(given)
 
 
 def _study(given: list[str]) -> int:
-    from sim_backend.reality_gap.joints.calibrating import METHODS
+    from sim_backend.reality_gap.subjects.joints.calibrating import METHODS
 
     parser = argparse.ArgumentParser(prog="trifarm gap", description="Compare measured data with the simulation.")
     commands = parser.add_subparsers(dest="command", required=True)

@@ -16,19 +16,19 @@ from typing import Any
 import numpy as np
 
 from sim_backend.effects.physics import Physics
-from sim_backend.reality_gap.cube import subject as cube
-from sim_backend.reality_gap.extended.files import write_models
-from sim_backend.reality_gap.extended.model import load_extended_model, provenance_of
-from sim_backend.reality_gap.farm_logs import FarmLogs, find_logs, read_farm_logs
-from sim_backend.reality_gap.foreign.episodes import read_recordings
-from sim_backend.reality_gap.foreign.study_file import load_study_file
-from sim_backend.reality_gap.joints import subject as joints
 from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, UnknownRobot
+from sim_backend.reality_gap.measured.farm_logs import FarmLogs, find_logs, read_farm_logs
+from sim_backend.reality_gap.measured.foreign.episodes import read_recordings
+from sim_backend.reality_gap.measured.foreign.study_file import load_study_file
+from sim_backend.reality_gap.model.files import write_models
+from sim_backend.reality_gap.model.model import load_extended_model, provenance_of
 from sim_backend.reality_gap.recording import RecordingError
 from sim_backend.reality_gap.report.report import write_html
+from sim_backend.reality_gap.subjects.cube import subject as cube
+from sim_backend.reality_gap.subjects.joints import subject as joints
 from sim_backend.reality_gap.subjects.subject import Material, Progress, Sections, Subject, part
+from sim_backend.reality_gap.subjects.tosses import subject as tosses
 from sim_backend.reality_gap.success.prediction import Question, Trials, read_question, success_of
-from sim_backend.reality_gap.tosses import subject as tosses
 from sim_backend.reality_gap.verdict import Verdict, joined
 
 SUBJECTS: tuple[Subject, ...] = (joints, cube, tosses)

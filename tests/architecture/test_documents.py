@@ -122,8 +122,8 @@ def test_settings_in_documents_and_containers_exist(name):
 
 def test_documented_detection_limits_are_those_that_are_used():
     text = (ROOT / "docs/detection-limits.md").read_text()
-    joints = json.loads((ROOT / "sim_backend/reality_gap/blind_test/detection_limits.json").read_text())["limits"]
-    cube = json.loads((ROOT / "sim_backend/reality_gap/cube/calibration.json").read_text())["limits"]
+    joints = json.loads((ROOT / "sim_backend/reality_gap/knowledge/detection_limits.json").read_text())["limits"]
+    cube = json.loads((ROOT / "sim_backend/reality_gap/knowledge/healthy_cubes.json").read_text())["limits"]
     sides = {"": "", ".down": ", below nominal", ".up": ", above nominal"}
     used = [(f"`{name}`", f"{value:.3g}") for name, value in joints.items()]
     for key, value in cube.items():

@@ -1,6 +1,6 @@
 """Effects on the cube and its tracker, hidden in pushing and resting logs of robots with small errors everywhere, are found.
 
-The full test is ``python -m sim_backend.reality_gap.blind_test.cube``; here each effect is large and tried once.
+The full test is ``python -m sim_backend.reality_gap.bench.cube``; here each effect is large and tried once.
 """
 
 from dataclasses import dataclass
@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from sim_backend.effects.physics import Physics
-from sim_backend.reality_gap.cube.replay import PushReplay
-from sim_backend.reality_gap.cube.sessions import healthy_physics, sessions_with_pushes
-from sim_backend.reality_gap.cube.study import CubeStudy, study_cube
+from sim_backend.reality_gap.bench.cube_sessions import healthy_physics, sessions_with_pushes
+from sim_backend.reality_gap.subjects.cube.replay import PushReplay
+from sim_backend.reality_gap.subjects.cube.study import CubeStudy, study_cube
 from sim_backend.reality_gap.verdict import VerdictKind
 
 SEED = 730_000

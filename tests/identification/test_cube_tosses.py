@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.recording import ObjectSignals, Recording
-from sim_backend.reality_gap.tosses.study import study_object
+from sim_backend.reality_gap.subjects.tosses.study import study_object
 from sim_backend.reality_gap.verdict import VerdictKind, names_of
-from tests.unit.sim_backend.reality_gap.tosses.simulated_tosses import toss_spec, tosses
+from tests.unit.sim_backend.reality_gap.subjects.tosses.simulated_tosses import toss_spec, tosses
 
 _ROOT = Path(__file__).parents[2]
 _TOSSES = _ROOT.parent / "shared/data/contactnets_cube/tosses.npz"

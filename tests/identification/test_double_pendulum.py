@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.joints.gain import errors_of, held_out_errors
-from sim_backend.reality_gap.joints.state import JointState
-from sim_backend.reality_gap.joints.study import study_joints
-from sim_backend.reality_gap.joints.verdict import judge
 from sim_backend.reality_gap.knowledge.robot import UnknownRobot
-from sim_backend.reality_gap.study import recordings_of
+from sim_backend.reality_gap.study import material_of
+from sim_backend.reality_gap.subjects.joints.gain import errors_of, held_out_errors
+from sim_backend.reality_gap.subjects.joints.state import JointState
+from sim_backend.reality_gap.subjects.joints.study import study_joints
+from sim_backend.reality_gap.subjects.joints.verdict import judge
 from sim_backend.reality_gap.verdict import VerdictKind, names_of
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -24,7 +24,7 @@ PUBLISHED = {  # identified_parameters/design_C.1_model_1.0.yml: cf atan(100 v) 
 @pytest.mark.slow
 @pytest.mark.skipif(not DATA.is_dir(), reason="the measured data are not beside this checkout")
 def test_coulomb_friction_is_named_on_both_joints_and_predicts_runs_that_were_left_out():
-    material = recordings_of(ROOT / "docs/studies/double-pendulum/study.toml", DATA, lambda *_: None)
+    material = material_of(ROOT / "docs/studies/double-pendulum/study.toml", DATA, lambda *_: None)
     assert material.study_file is not None
     assert len(material.recordings) == 10
     study = study_joints(material.study_file.compile_model(), material.recordings, lambda *_: None, robot=UnknownRobot())

@@ -6,15 +6,16 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.blind_test.joint_cases import Case, draw_cases, recordings_of
-from sim_backend.reality_gap.blind_test.joints import LIMITS_FILE, outcome, summary
-from sim_backend.reality_gap.blind_test.many_causes import robot
-from sim_backend.reality_gap.joints.sessions import healthy_physics, simulated_sessions
-from sim_backend.reality_gap.joints.study import ShowsNothingError, study_joints
-from sim_backend.reality_gap.joints.verdict import judge
+from sim_backend.reality_gap.bench.joint_cases import Case, draw_cases, recordings_of
+from sim_backend.reality_gap.bench.joint_sessions import healthy_physics, simulated_sessions
+from sim_backend.reality_gap.bench.joints import outcome, summary
+from sim_backend.reality_gap.bench.many_causes import robot
+from sim_backend.reality_gap.knowledge.healthy import LIMITS_FILE
 from sim_backend.reality_gap.knowledge.hidden import AT_JOINTS
 from sim_backend.reality_gap.knowledge.robot import KnownTriFinger
 from sim_backend.reality_gap.recording import JointSignals, Recording
+from sim_backend.reality_gap.subjects.joints.study import ShowsNothingError, study_joints
+from sim_backend.reality_gap.subjects.joints.verdict import judge
 from sim_backend.reality_gap.verdict import VerdictKind
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.scene import compile_scene

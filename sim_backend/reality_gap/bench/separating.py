@@ -18,9 +18,9 @@ import numpy as np
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
 from sim_backend.effects.physics import Physics
-from sim_backend.reality_gap.blind_test.joints import LIMITS_FILE
-from sim_backend.reality_gap.joints.sessions import IN_THE_AIR, simulated_sessions
+from sim_backend.reality_gap.bench.joint_sessions import IN_THE_AIR, simulated_sessions
 from sim_backend.reality_gap.knowledge.evidence import FITTED, shape_of
+from sim_backend.reality_gap.knowledge.healthy import LIMITS_FILE
 
 MULTIPLE = 2.0
 SEED = 9101

@@ -222,3 +222,14 @@ SEEN: Mapping[Sign, str] = {
 """The parameter that each sign tells the value of."""
 TAKES_OVER: Mapping[Sign, str] = {Sign.POSITION_JUMP: "encoder_offset"}
 """Effects that a fit would name for what a sign has told already."""
+NOT_ASKED: Mapping[str, str] = {
+    "joint_episode_noise": "an error that lasts for an episode is an offset of the encoder in that episode",
+    "finger_table_friction": "no excitation touches the table",
+    "cube_pushes": "forces by chance leave no motion that comes again",
+    "tracking_episode_noise": "an error that lasts for an episode is an offset of the tracker in that episode",
+    "observation_noise": "it is the tracker's noise once more, and the two add up",
+    "occlusion_by_fingers": "lost frames are counted wherever the fingers are",
+    "foreign_occlusion": "lost frames are counted wherever the cube is",
+    "dead_camera": "a tracker of two cameras reports as one of three does, with more noise",
+}
+"""Effects that no subject is asked for, and why."""

@@ -3,62 +3,18 @@
 Wherever a study relies on more than recordings and model it asks this object, and nothing else says which robot it is.
 """
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
+from sim_backend.reality_gap.knowledge.healthy import NO_SESSIONS, HealthySessions, healthy_sessions
 from sim_backend.reality_gap.recording import Recording
 
-SESSIONS_FILE = Path(__file__).parent.parent / "joints" / "calibration.json"
-STANDARD = "standard"
 CUTOFF_HZ = 25.0
 """Below it joints are followed; encoder noise grows with the square of the frequency."""
 _LOAD_SHARES = (0.3, 0.5, 0.7, 0.85, 0.95)
-
-
-@dataclass(frozen=True)
-class HealthySessions:
-    """What sessions of healthy robots look like to the study of joints, as it was measured on simulated ones.
-
-    Attributes:
-        tolerances: standard deviation of each number that a healthy robot does not have, by parameter and shape.
-        largest_gains: of healthy sessions, one each, nats, sorted.
-        gates: gain that a cause of each effect must have, nats, by effect.
-        left_nats: what functions of one variable, or values that no robot has, must gain to be no chance; 0 if not measured.
-    """
-
-    tolerances: Mapping[str, Sequence[float]]
-    largest_gains: np.ndarray
-    gates: Mapping[str, float]
-    left_nats: float = 0.0
-
-    def null_p(self, gain: float) -> float:
-        """Share of healthy sessions whose largest gain is at least this one's."""
-        return float((1 + np.sum(self.largest_gains >= gain)) / (1 + len(self.largest_gains)))
-
-
-NO_SESSIONS = HealthySessions({}, np.zeros(0), {})
-
-
-@cache
-def healthy_sessions(regimes: tuple[str, ...] = (STANDARD,)) -> HealthySessions:
-    """Those of TriFingers that are kept with the code; none where there is no file.
-
-    Args:
-        regimes: what each recording was made under. A single one is compared with sessions of its excitation, if these were
-            measured, and several, whose gains add up, with sessions of all excitations but ``standard``, alone and together.
-    """
-    if not SESSIONS_FILE.exists():
-        return NO_SESSIONS
-    kept = json.loads(SESSIONS_FILE.read_text())
-    alone = {STANDARD: kept, **kept["alone"]}
-    own = alone.get(regimes[0], kept["elsewhere"]) if len(regimes) == 1 else kept["elsewhere"]
-    return HealthySessions(kept["tolerances"], np.sort(own["largest_gains"]), own["gates"], own.get("left_nats", 0.0))
 
 
 @dataclass(frozen=True)

@@ -186,9 +186,9 @@ def _goes(pid, patience_s=5.0):
 
 
 def test_documented_keys_are_those_of_the_reality_gap():
-    from sim_backend.reality_gap.blind_test.joints import summary
-    from sim_backend.reality_gap.excite.advice import first_advice
-    from sim_backend.reality_gap.excite.answer import document
+    from sim_backend.reality_gap.advice.advice import first_advice
+    from sim_backend.reality_gap.advice.answer import document
+    from sim_backend.reality_gap.bench.joints import summary
     from sim_backend.reality_gap.verdict import Verdict, VerdictKind
 
     verdict = Verdict(VerdictKind.NOTHING_WRONG, "").document()

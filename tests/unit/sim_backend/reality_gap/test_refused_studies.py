@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from sim_backend.reality_gap import __main__, study
-from tests.unit.sim_backend.reality_gap.test_farm_logs import write_log
+from tests.unit.sim_backend.reality_gap.measured.test_farm_logs import write_log
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from sim_backend.reality_gap.excite.answer import read_study
+from sim_backend.reality_gap.advice.answer import read_study
 from sim_backend.reality_gap.study import run_study
 from sim_backend.reality_gap.verdict import VerdictKind
 from tests.unit.sim_backend.reality_gap.synthetic_arm import MODEL, STUDY, motion, write_csv

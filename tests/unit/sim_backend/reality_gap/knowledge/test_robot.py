@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sim_backend.reality_gap.joints.calibration import ALONE_RULE, summarise_alone
-from sim_backend.reality_gap.knowledge.robot import healthy_sessions
+from sim_backend.reality_gap.bench.joint_calibration import ALONE_RULE, summarise_alone
+from sim_backend.reality_gap.knowledge.healthy import healthy_sessions
 
 STANDARD, RAMPS, CHIRPS = (healthy_sessions((name,)) for name in ("standard", "slow_ramps", "chirps"))
 

@@ -1,0 +1,204 @@
+"""The blind test on cubes: effects hidden in pushing and resting logs, found or not by a tool with thresholds set before.
+
+``python -m sim_backend.reality_gap.bench.cube --cases N --seed S --out DIR [--json]`` simulates N robots with an effect,
+half as many healthy ones and a tenth with an error of a joint, and judges them. What ``--out`` holds is kept. Cases of 2 and 5
+times the detection limit are judged a second time without the hypothesis that is true, which should leave them unexplained.
+"""
+
+import argparse
+import json
+import sys
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.reality_gap.bench.cube_cases import (
+    LEVELS,
+    Case,
+    effect_cases,
+    gather,
+    joint_cases,
+    load_evidence,
+    null_cases,
+)
+from sim_backend.reality_gap.knowledge.hidden import OF_CUBE
+from sim_backend.reality_gap.subjects.cube.healthy import HealthyCubes, load_calibration
+from sim_backend.reality_gap.subjects.cube.replay import PushReplay
+from sim_backend.reality_gap.subjects.cube.study import CubeStudy, study_evidence
+from sim_backend.reality_gap.verdict import VerdictKind
+
+_LEFT_OUT = (VerdictKind.UNEXPLAINED, VerdictKind.CONFUSABLE, VerdictKind.NAMED, VerdictKind.NOTHING_WRONG)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What the tool said of a case; ``error`` is that of the effect's size over the size, where the name was right.
+
+    ``left_out`` is what it said without the true hypothesis, None where that was not asked.
+    """
+
+    case: Case
+    verdict: VerdictKind
+    causes: tuple[str, ...]
+    null_p: float
+    pushes: int
+    error: float | None
+    left_out: str | None = None
+
+    @property
+    def is_right(self) -> bool:
+        """The right name, alone or in a confusable set."""
+        return self.case.effect in self.causes
+
+    @property
+    def said(self) -> str:
+        """For the confusion matrix: the name, the set, or what there was instead of one."""
+        return " or ".join(sorted(self.causes)) if self.causes else str(self.verdict)
+
+
+def judge_case(case: Case, study: CubeStudy, without: CubeStudy | None = None) -> Judgement:
+    """Compare a study, and one ``without`` the true hypothesis, with what was hidden."""
+    verdict = study.verdict
+    causes = tuple(dict.fromkeys(cause.effect for cause in verdict.causes))
+    error = None
+    if case.effect in causes and case.value:
+        absent = PARAMETERS[OF_CUBE[case.effect]].absent
+        found = np.array([cause.value for cause in verdict.causes if cause.effect == case.effect])
+        true = np.array(case.value)
+        error = float(np.linalg.norm(found - true[: len(found)]) / np.linalg.norm(true - absent))
+    left_out = None if without is None else str(without.verdict.verdict)
+    return Judgement(case, verdict.verdict, causes, verdict.null_p or 1.0, study.pushes, error, left_out)
+
+
+def results(judged: Sequence[Judgement], calibration: HealthyCubes, limits: Mapping[str, float]) -> dict[str, Any]:
+    """The test's numbers, plain values for JSON."""
+    effects = [row for row in judged if row.case.level > 0.0]
+    nulls = [row for row in judged if not row.case.effect]
+    joints = [row for row in judged if row.case.effect and row.case.level == 0.0]
+    strong = [row for row in effects if row.case.level >= 2.0]
+    named = (VerdictKind.NAMED, VerdictKind.CONFUSABLE)
+    return {
+        "n_effect": len(effects),
+        "n_null": len(nulls),
+        **_shares(effects),
+        "false_alarm": _rate([row.verdict is not VerdictKind.NOTHING_WRONG for row in nulls]),
+        "right_name_2x_5x": _rate([row.is_right for row in strong]),
+        "right_name_alone": _rate([row.is_right and row.verdict is VerdictKind.NAMED for row in effects]),
+        "by_level": {f"{level:g}x": _shares([row for row in effects if row.case.level == level]) for level in LEVELS},
+        "by_effect": {effect: _shares([row for row in effects if row.case.effect == effect]) for effect in OF_CUBE},
+        "left_out_2x_5x": {str(kind): _rate([row.left_out == str(kind) for row in strong if row.left_out]) for kind in _LEFT_OUT},
+        "joint_errors_named_as_cube": _rate([row.verdict in named for row in joints]),
+        "confusion": _confusion(judged),
+        "detection_limits": dict(limits),
+        "detection_limits_of_table": calibration.limits,
+        "calibration": {"healthy_sessions": len(calibration.misfits), "seeds": calibration.seeds},
+        "cases": [
+            {**asdict(row.case), "said": row.said, "null_p": row.null_p, "error": row.error, "left_out": row.left_out}
+            for row in judged
+        ],
+    }
+
+
+def _shares(effects: Sequence[Judgement]) -> dict[str, Any]:
+    errors = [row.error for row in effects if row.error is not None]
+    named = (VerdictKind.NAMED, VerdictKind.CONFUSABLE)
+    return {
+        "right_name": _rate([row.is_right for row in effects]),
+        "wrong_name": _rate([row.verdict in named and not row.is_right for row in effects]),
+        "unexplained": _rate([row.verdict is VerdictKind.UNEXPLAINED for row in effects]),
+        "missed": _rate([row.verdict is VerdictKind.NOTHING_WRONG for row in effects]),
+        "median_parameter_error": float(np.median(errors)) if errors else None,
+    }
+
+
+def _rate(marks: Sequence[bool]) -> dict[str, Any]:
+    """Count, share and its 90 % interval after Wilson."""
+    k, n = sum(marks), len(marks)
+    if not n:
+        return {"k": 0, "n": 0, "rate": None, "interval_90": None}
+    interval = stats.binomtest(k, n).proportion_ci(0.90, method="wilson")
+    return {"k": k, "n": n, "rate": k / n, "interval_90": [float(interval.low), float(interval.high)]}
+
+
+def _confusion(judged: Sequence[Judgement]) -> dict[str, dict[str, int]]:
+    """How often which answer came for what was hidden."""
+    rows: dict[str, Counter[str]] = {}
+    for row in judged:
+        rows.setdefault(row.case.effect or "healthy", Counter())[row.said] += 1
+    return {hidden: dict(counts.most_common()) for hidden, counts in rows.items()}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command; see the module's docstring."""
+    parser = argparse.ArgumentParser(prog="python -m sim_backend.reality_gap.bench.cube", description=__doc__)
+    parser.add_argument("--cases", type=int, default=105, help="with an effect")
+    parser.add_argument("--seed", type=int, default=83, help="other seeds than those the table was made with")
+    parser.add_argument("--out", type=Path, default=Path("cube-blind-test"))
+    parser.add_argument("--share", default="", help="K/N: only simulate every Nth case from the Kth on, judge nothing")
+    parser.add_argument("--json", action="store_true", help="print the results as JSON")
+    options = parser.parse_args(arguments)
+    calibration = load_calibration()
+    limits = _kept_limits(options.out, calibration)
+    cases = effect_cases(options.cases, options.seed, limits) + null_cases(-(-options.cases // 2), options.seed)
+    cases += joint_cases(-(-options.cases // 10), options.seed)
+    if options.share:
+        first, step = (int(part) for part in options.share.split("/"))
+        _simulate(cases[first::step], options.out)
+        return 0
+    _simulate(cases, options.out)
+    document = results([_judged(case, options.out, calibration) for case in cases], calibration, limits)
+    text = json.dumps(document, indent=1)
+    (options.out / "results.json").write_text(text + "\n", encoding="utf-8")
+    print(text if options.json else _sentences(document))
+    return 0
+
+
+def _simulate(cases: Sequence[Case], folder: Path) -> None:
+    """All cases that the folder does not hold yet, with the time left on standard error."""
+    started, first = time.monotonic(), None
+    for done in gather(cases, folder, PushReplay()):
+        first = done if first is None else first
+        left_s = (time.monotonic() - started) / max(done - first + 10, 1) * (len(cases) - done)
+        print(f"{done} of {len(cases)} cases, about {left_s / 60:.0f} min left", file=sys.stderr, flush=True)
+
+
+def _kept_limits(folder: Path, calibration: HealthyCubes) -> dict[str, float]:
+    """Detection limits that the cases of this folder were made with, so that a newer table does not change half of them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "limits.json"
+    if not path.exists():
+        path.write_text(json.dumps(calibration.limits, indent=1) + "\n", encoding="utf-8")
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def _judged(case: Case, folder: Path, calibration: HealthyCubes) -> Judgement:
+    evidence = load_evidence(folder / f"{case.name}.npz")
+    study = study_evidence(evidence, np.random.default_rng([case.seed, 2]), calibration)
+    without = None
+    if case.level >= 2.0:
+        without = study_evidence(evidence, np.random.default_rng([case.seed, 3]), calibration, without=(case.effect,))
+    return judge_case(case, study, without)
+
+
+def _sentences(document: Mapping[str, Any]) -> str:
+    lines = [f"{document['n_effect']} robots with an effect, {document['n_null']} healthy ones"]
+    for key in ("right_name", "right_name_2x_5x", "wrong_name", "unexplained", "missed", "false_alarm"):
+        rate = document[key]
+        if rate["n"]:
+            low, high = rate["interval_90"]
+            lines.append(f"{key}: {rate['k']} of {rate['n']}, {rate['rate']:.0%} (90 % {low:.0%} to {high:.0%})")
+    for kind, rate in document["left_out_2x_5x"].items():
+        lines.append(f"without the true hypothesis {kind}: {rate['k']} of {rate['n']}")
+    lines.append(f"median parameter error: {document['median_parameter_error']}")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,157 @@
+"""How healthy sessions with a cube scatter, what the largest gain is that chance gives, and what can be detected at all.
+
+``python -m sim_backend.reality_gap.bench.cube_calibration --sessions N --seed S --out FILE`` simulates healthy robots and writes
+the table that studies read; the one of the package is ``knowledge/healthy_cubes.json``, with its seeds.
+"""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from sim_backend.reality_gap.bench.cube_limits import GAUSSIAN_CRITICAL, detection_limits, told_scores
+from sim_backend.reality_gap.bench.cube_sessions import healthy_physics, sessions_with_pushes
+from sim_backend.reality_gap.knowledge.cube import COUNTED, KINDS, Count, Kind
+from sim_backend.reality_gap.subjects.cube.contact import CONTACT_NAMES
+from sim_backend.reality_gap.subjects.cube.healthy import PACKAGED, HealthyCubes
+from sim_backend.reality_gap.subjects.cube.hypotheses import Null, judge, largest_gains, misfit, without_worst
+from sim_backend.reality_gap.subjects.cube.replay import PushReplay
+from sim_backend.reality_gap.subjects.cube.summary import NAMES, CubeEvidence, CubeSummary, evidence_of, summary_of_evidence
+
+GROUP = 20
+"""Sessions that are simulated at once."""
+_FOLDS = 10
+_JUMPS = next(row for row in COUNTED if row.count is Count.JUMPS)
+_SHRINK = 0.2  # of the covariance towards its diagonal: there are few sessions for each number
+_FLOOR_STD = {"delay_s": 2e-4, "log_interval": 0.003, "confidence": 0.002, "rest_height_m": 5e-5}
+_WINSOR = 5.0  # robust standard deviations beyond which a healthy session's number counts as at that distance
+
+
+def calibrate(
+    sessions: Sequence[CubeEvidence], jump_probabilities: Sequence[float], seeds: Sequence[tuple[int, int]]
+) -> HealthyCubes:
+    """The table from healthy sessions.
+
+    Args:
+        sessions: what they leave to judge.
+        jump_probabilities: that their robots had.
+        seeds: first seed and number of each group of them.
+    """
+    whole = fit_null([summary_of_evidence(row) for row in sessions], jump_probabilities)
+    kept = [summary_of_evidence(without_worst(row, whole)) for row in sessions]
+    told = _judged_apart(sessions, kept, jump_probabilities, 1.0)[2]
+    pushed = [critical for name, critical in _critical(told).items() if name.partition(".")[0] in KINDS[Kind.PUSHES]]
+    breadth = max(1.0, float(np.median(pushed)) / GAUSSIAN_CRITICAL) ** 2
+    gains, misfits, told = _judged_apart(sessions, kept, jump_probabilities, breadth)
+    null = fit_null(kept, jump_probabilities, breadth)
+    summaries = [summary_of_evidence(without_worst(row, null)) for row in sessions]
+    limits = detection_limits(summaries, null, _critical(told))
+    sorted_gains = {kind: np.sort([row[kind] for row in gains]) for kind in KINDS}
+    return HealthyCubes(null, sorted_gains, np.sort(misfits), limits, tuple(seeds))
+
+
+def _judged_apart(
+    sessions: Sequence[CubeEvidence], kept: Sequence[CubeSummary], jump_probabilities: Sequence[float], breadth: float
+) -> tuple[list[dict[Kind, float]], list[float], dict[str, list[float]]]:
+    """Of each session largest gains, misfit per number and what told tests see, by a scatter measured on other sessions."""
+    folds = np.arange(len(sessions)) % _FOLDS
+    gains, misfits, told = [], [], dict[str, list[float]]()
+    for fold in range(_FOLDS):
+        others = np.flatnonzero(folds != fold).tolist()
+        without = fit_null([kept[i] for i in others], [jump_probabilities[i] for i in others], breadth)
+        for i in np.flatnonzero(folds == fold).tolist():
+            row = summary_of_evidence(without_worst(sessions[i], without))
+            gains.append(largest_gains(judge(row, without)))
+            squares, numbers = misfit(row, without)
+            misfits.append(squares / numbers)
+            for name, scores in told_scores(row, without).items():
+                told.setdefault(name, []).extend(np.abs(scores))
+    return gains, misfits, told
+
+
+def _critical(told: Mapping[str, Sequence[float]]) -> dict[str, float]:
+    """Scores beyond which 1 % of healthy sessions lie, at least those of Gaussian noise."""
+    return {name: max(GAUSSIAN_CRITICAL, float(np.quantile(scores, 0.99))) for name, scores in told.items()}
+
+
+def fit_null(summaries: Sequence[CubeSummary], jump_probabilities: Sequence[float], breadth: float = 1.0) -> Null:
+    """Mean and covariance over healthy sessions with pushes, and what is usual of gaps and jumps over all.
+
+    Args:
+        summaries: of healthy sessions.
+        jump_probabilities: that their robots had.
+        breadth: factor on the covariance of what pushes show, which has broader tails than a Gaussian.
+    """
+    vectors = np.array([row.vector for row in summaries])
+    vectors = vectors[np.isfinite(vectors).all(axis=1)]
+    middle = np.median(vectors, axis=0)
+    spread = 1.4826 * np.median(np.abs(vectors - middle), axis=0) + 1e-12
+    floor = np.array([_FLOOR_STD.get(name, 0.0) for name in NAMES])
+    vectors = np.clip(vectors, middle - _WINSOR * np.maximum(spread, floor), middle + _WINSOR * np.maximum(spread, floor))
+    covariance = np.cov(vectors.T) * _related()
+    covariance = (1.0 - _SHRINK) * covariance + _SHRINK * np.diag(np.diag(covariance)) + np.diag(floor**2)
+    broader = np.array([breadth**0.5 if name in CONTACT_NAMES else 1.0 for name in NAMES])
+    covariance *= np.outer(broader, broader)
+    trackers = [(row.tracker, p) for row, p in zip(summaries, jump_probabilities, strict=True) if row.tracker is not None]
+    gaps, jumps = (
+        np.array([[t.gaps, t.frames + t.lost] for t, _ in trackers]),
+        np.array([[t.jumps, t.jump_frames] for t, _ in trackers]),
+    )
+    expected = sum(p * t.jump_frames for t, p in trackers)
+    return Null(
+        mean=vectors.mean(axis=0),
+        covariance=covariance,
+        gap_mean=float(gaps[:, 0].sum() / gaps[:, 1].sum()),
+        gap_variance=_dispersion(gaps[:, 0]),
+        jump_mean=float(jumps[:, 0].sum() / jumps[:, 1].sum()),
+        jump_variance=_dispersion(jumps[:, 0]),
+        jump_share=float(jumps[:, 0].sum() / expected) if expected > 0 else 1.0,
+    )
+
+
+def _related() -> np.ndarray:
+    """Which numbers may scatter together, shape (k, k) of 0 and 1: those of pushes and the height of rest; no others."""
+    pushed = np.array([name == "rest_height_m" or name in CONTACT_NAMES for name in NAMES])
+    return np.where(np.outer(pushed, pushed), 1.0, np.eye(len(NAMES)))
+
+
+def _dispersion(counts: np.ndarray) -> float:
+    return float(max(counts.var() / counts.mean(), 1.0)) if counts.mean() > 0 else 1.0
+
+
+def healthy_evidence(
+    first_seed: int, count: int, replay: PushReplay, progress: Callable[[str], None]
+) -> Iterator[tuple[CubeEvidence, float]]:
+    """Healthy sessions, group by group, each with its robot's probability of a jump."""
+    started = time.monotonic()
+    for first in range(first_seed, first_seed + count, GROUP):
+        n = min(GROUP, first_seed + count - first)
+        physics = healthy_physics(np.random.default_rng([first]), n)
+        sessions = sessions_with_pushes(physics, list(range(first, first + n)))
+        jumps = physics.value(_JUMPS.key)
+        yield from zip(evidence_of(sessions, replay), map(float, jumps), strict=True)
+        done = first + n - first_seed
+        left_s = (time.monotonic() - started) / done * (count - done)
+        progress(f"{done} of {count} healthy sessions, {left_s / 60:.0f} min left")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command; see the module's docstring."""
+    parser = argparse.ArgumentParser(prog="python -m sim_backend.reality_gap.bench.cube_calibration", description=__doc__)
+    parser.add_argument("--sessions", type=int, default=160)
+    parser.add_argument("--seed", type=int, default=740000, help="of the first session")
+    parser.add_argument("--out", type=Path, default=PACKAGED)
+    options = parser.parse_args(arguments)
+    rows = list(healthy_evidence(options.seed, options.sessions, PushReplay(), lambda text: print(text, file=sys.stderr)))
+    table = calibrate([row for row, _ in rows], [p for _, p in rows], [(options.seed, options.sessions)])
+    options.out.write_text(json.dumps(table.document(), indent=1) + "\n", encoding="utf-8")
+    print(f"{len(rows)} healthy sessions; {options.out} written; detection limits {table.limits}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

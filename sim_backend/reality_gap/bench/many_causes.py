@@ -1,0 +1,189 @@
+"""The blind test on robots that differ everywhere: does each interval hold the truth?
+
+    python -m sim_backend.reality_gap.bench.many_causes --first-seed S --robots N --out DIR [--effects K] [--calibrate]
+
+Robots are drawn from ``real``, or are healthy but for K of its effects, and are seen by the excitation ``standard`` alone. Each
+is a line of ``robots.jsonl``, so that a test goes on where it stopped. With ``--calibrate`` these robots' errors become the usual
+ones (``joints/value_errors.json``): other seeds than those that are tested with.
+"""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.effects.physics import Physics
+from sim_backend.effects.ranges import Per, load_ranges
+from sim_backend.reality_gap.bench.counting import share, whole_lines
+from sim_backend.reality_gap.bench.joint_sessions import healthy_physics, simulated_sessions
+from sim_backend.reality_gap.knowledge.robot import KnownTriFinger
+from sim_backend.reality_gap.knowledge.value_errors import FILE, document, usual_error
+from sim_backend.reality_gap.refusal import refused
+from sim_backend.reality_gap.subjects.joints.causes import index_of, is_clear
+from sim_backend.reality_gap.subjects.joints.hypotheses import SCALES
+from sim_backend.reality_gap.subjects.joints.study import JointStudy, study_joints
+from sim_backend.reality_gap.subjects.joints.verdict import judge
+from sim_backend.reality_gap.verdict import Cause, VerdictKind
+from sim_backend.trifinger.scene import compile_scene
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command; see the module's docstring."""
+    parser = argparse.ArgumentParser(description="Ask about robots that differ everywhere.")
+    parser.add_argument("--first-seed", type=int, required=True)
+    parser.add_argument("--robots", type=int, default=10)
+    parser.add_argument("--effects", type=int, metavar="K", help="how many effects act; all of them if not given")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where results are kept")
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--calibrate", action="store_true", help="these robots' errors become the usual ones")
+    options = parser.parse_args(arguments)
+    if options.calibrate and options.effects is not None:
+        parser.error("--calibrate is for robots with all effects")
+    try:
+        return _run(options)
+    except OSError as error:
+        return refused(error, as_json=False)
+
+
+def _run(options: argparse.Namespace) -> int:
+    options.out.mkdir(parents=True, exist_ok=True)
+    seeds = range(options.first_seed, options.first_seed + options.robots)
+    lines = _asked(options.out / "robots.jsonl", seeds, options.effects, options.processes)
+    if options.calibrate:
+        rows = [row for line in lines for row in line["values"] if row["key"] in SCALES]
+        FILE.write_text(json.dumps(document(rows, list(seeds)), indent=1) + "\n")
+        print(f"wrote {FILE}")
+    found = summary(lines)
+    (options.out / "many-causes.json").write_text(json.dumps(found, indent=1) + "\n")
+    print(json.dumps(found, indent=1))
+    return 0
+
+
+def _asked(path: Path, seeds: Sequence[int], effects: int | None, processes: int) -> list[dict]:
+    """The lines of all seeds; what is not there yet is asked."""
+    there = whole_lines(path)
+    path.write_text("".join(json.dumps(line) + "\n" for line in there))
+    kept = [line for line in there if line["seed"] in seeds and line["effects"] == effects]
+    todo = [seed for seed in seeds if seed not in {line["seed"] for line in kept}]
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool, path.open("a") as file:
+        for future in as_completed([pool.submit(asked, seed, effects) for seed in todo]):
+            kept.append(future.result())
+            file.write(json.dumps(kept[-1]) + "\n")
+            file.flush()
+            print(f"{len(kept)} of {len(seeds)} robots", file=sys.stderr, flush=True)
+    return sorted(kept, key=lambda line: line["seed"])
+
+
+def robot(seed: int, effects: int | None = None) -> Physics:
+    """A robot of ``real``, or a healthy one with so many of the effects of ``real`` that joints can show, drawn with the seed."""
+    rng = np.random.default_rng([seed, 1])
+    if effects is None:
+        return load_ranges("real").draw(rng, 1)
+    rows = {row.key: row for row in load_ranges("real").rows if row.per is Per.ROBOT}
+    chosen = rng.choice(sorted({_effect(key) for key in rows} & {_effect(key) for key in SCALES}), effects, replace=False)
+    return healthy_physics(seed).changed({key: row.draw(rng, 1) for key, row in rows.items() if _effect(key) in chosen})
+
+
+def hidden_effects(seed: int, effects: int) -> set[str]:
+    """The effects of :func:`robot`."""
+    drawn, healthy = robot(seed, effects), healthy_physics(seed)
+    return {_effect(key) for key in PARAMETERS if not np.array_equal(drawn.value(key), healthy.value(key))}
+
+
+def _effect(key: str) -> str:
+    return key.partition(".")[0]
+
+
+def asked(seed: int, effects: int | None = None) -> dict:
+    """The verdict on one robot, and each of its values beside the truth."""
+    begun = time.monotonic()
+    physics = robot(seed, effects)
+    recordings = simulated_sessions(physics, [seed])
+    study = study_joints(compile_scene(), recordings, lambda *_: None, robot=KnownTriFinger.seen_in(recordings))
+    verdict = judge(study).verdict
+    values = [_value(study, physics, cause) for cause in verdict.causes]
+    return {
+        "seed": seed,
+        "effects": effects,
+        "causes": len(study.fit.accepted),
+        "of_many": study.is_of_many,
+        "verdict": verdict.verdict,
+        "summary": verdict.summary,
+        "cannot_tell": list(verdict.cannot_tell),
+        "values": values,
+        "seconds": time.monotonic() - begun,
+    }
+
+
+def _value(study: JointStudy, physics: Physics, cause: Cause) -> dict:
+    key = f"{cause.effect}.{cause.parameter}"
+    place = index_of(study.problem.names, key, cause.where)
+    low, high = cause.interval_90
+    half, usual = 0.5 * (high - low), usual_error(key) if study.is_of_many and key in SCALES else 0.0
+    return {
+        "key": key,
+        "where": cause.where,
+        "value": cause.value,
+        "truth": float(np.ravel(np.atleast_2d(physics.value(key))[0])[place]),
+        "nominal": study.problem_start(key, place),
+        "interval_90": list(cause.interval_90),
+        "clear": is_clear(study, cause),
+        "own": float(np.sqrt(max(0.0, half**2 - usual**2))),
+    }
+
+
+def summary(lines: Sequence[dict]) -> dict:
+    """Verdicts, effects, and how many intervals hold the truth: of all values, of the clear ones, by parameter.
+
+    An effect counts as named if a value of it is clear and the verdict is ``named``; of robots with all effects none is counted.
+    """
+    rows = [row for line in lines for row in line["values"]]
+    clear = [row for row in rows if row["clear"]]
+    by_key = {key: [row for row in rows if row["key"] == key] for key in sorted({row["key"] for row in rows})}
+    return {
+        "robots": len(lines),
+        "seeds": [lines[0]["seed"], lines[-1]["seed"]] if lines else [],
+        "verdicts": {kind: sum(line["verdict"] == kind for line in lines) for kind in sorted({x["verdict"] for x in lines})},
+        "effects": _effects(lines) if lines and lines[0]["effects"] is not None else None,
+        "interval_coverage": _covered(rows),
+        "clear": len(clear),
+        "clear_interval_coverage": _covered(clear),
+        "clear_with_the_right_sign": share(sum(_has_right_sign(row) for row in clear), len(clear)),
+        "median_error": {key: float(np.median([abs(row["value"] - row["truth"]) for row in of])) for key, of in by_key.items()},
+        "by_parameter": {key: _covered(of) for key, of in by_key.items()},
+        "median_seconds": float(np.median([line["seconds"] for line in lines])) if lines else None,
+    }
+
+
+def _effects(lines: Sequence[dict]) -> dict[str, int]:
+    """Of robots with some effects: how many were named, missed, and named without being there."""
+    right = wrong = missed = 0
+    for line in lines:
+        there = hidden_effects(line["seed"], line["effects"])
+        is_named = line["verdict"] == VerdictKind.NAMED
+        said = {_effect(row["key"]) for row in line["values"] if is_named and row["clear"]}
+        right, wrong, missed = right + len(said & there), wrong + len(said - there), missed + len(there - said)
+    return {"right": right, "wrong": wrong, "missed": missed}
+
+
+def _covered(rows: Sequence[dict]) -> dict:
+    return share(sum(_holds(row, row["truth"]) for row in rows), len(rows))
+
+
+def _holds(row: dict, value: float) -> bool:
+    return row["interval_90"][0] <= value <= row["interval_90"][1]
+
+
+def _has_right_sign(row: dict) -> bool:
+    return (row["value"] - row["nominal"]) * (row["truth"] - row["nominal"]) > 0.0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

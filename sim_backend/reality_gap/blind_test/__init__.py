@@ -1,1 +1,0 @@
-"""Blind tests of the reality gap: effects hidden in simulated robots, thresholds frozen before."""

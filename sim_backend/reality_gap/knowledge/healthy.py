@@ -1,0 +1,67 @@
+"""What healthy TriFingers look like: how far they lie from the nominal one, and what their sessions seem to have."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from sim_backend.effects.ranges import load_ranges
+
+JOINTS, CUBES = (Path(__file__).with_name(f"healthy_{name}.toml") for name in ("joints", "cubes"))
+"""Ranges of what joints, and what trackers and cubes, are off by."""
+SESSIONS_FILE = Path(__file__).with_name("healthy_joints.json")
+LIMITS_FILE = Path(__file__).with_name("detection_limits.json")
+"""Deviation of each number that joints show in half of all healthy sessions, by a test that is told effect and place."""
+STANDARD = "standard"
+
+
+def healthy_tolerances() -> dict[str, float]:
+    """Standard deviation of each parameter of joints in a healthy robot, about the absent value, by "effect.parameter"."""
+    found = {}
+    for row in load_ranges(JOINTS).rows:
+        low, high = row.low - row.parameter.absent, row.high - row.parameter.absent
+        found[row.key] = float(np.sqrt((low * low + low * high + high * high) / 3.0))
+    return found
+
+
+@dataclass(frozen=True)
+class HealthySessions:
+    """What sessions of healthy robots look like to the study of joints, as it was measured on simulated ones.
+
+    Attributes:
+        tolerances: standard deviation of each number that a healthy robot does not have, by parameter and shape.
+        largest_gains: of healthy sessions, one each, nats, sorted.
+        gates: gain that a cause of each effect must have, nats, by effect.
+        left_nats: what functions of one variable, or values that no robot has, must gain to be no chance; 0 if not measured.
+    """
+
+    tolerances: Mapping[str, Sequence[float]]
+    largest_gains: np.ndarray
+    gates: Mapping[str, float]
+    left_nats: float = 0.0
+
+    def null_p(self, gain: float) -> float:
+        """Share of healthy sessions whose largest gain is at least this one's."""
+        return float((1 + np.sum(self.largest_gains >= gain)) / (1 + len(self.largest_gains)))
+
+
+NO_SESSIONS = HealthySessions({}, np.zeros(0), {})
+
+
+@cache
+def healthy_sessions(regimes: tuple[str, ...] = (STANDARD,)) -> HealthySessions:
+    """Those of TriFingers that are kept with the code; none where there is no file.
+
+    Args:
+        regimes: what each recording was made under. A single one is compared with sessions of its excitation, if these were
+            measured, and several, whose gains add up, with sessions of all excitations but ``standard``, alone and together.
+    """
+    if not SESSIONS_FILE.exists():
+        return NO_SESSIONS
+    kept = json.loads(SESSIONS_FILE.read_text())
+    alone = {STANDARD: kept, **kept["alone"]}
+    own = alone.get(regimes[0], kept["elsewhere"]) if len(regimes) == 1 else kept["elsewhere"]
+    return HealthySessions(kept["tolerances"], np.sort(own["largest_gains"]), own["gates"], own.get("left_nats", 0.0))

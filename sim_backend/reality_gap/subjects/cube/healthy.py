@@ -1,0 +1,71 @@
+"""How healthy sessions with a cube scatter, and what chance gives: the table that studies compare a session with."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from sim_backend.reality_gap.knowledge.cube import KINDS, Kind
+from sim_backend.reality_gap.knowledge.healthy import CUBES
+from sim_backend.reality_gap.subjects.cube.hypotheses import Null
+from sim_backend.reality_gap.subjects.cube.summary import NAMES
+
+PACKAGED = CUBES.with_suffix(".json")
+
+
+@dataclass(frozen=True)
+class HealthyCubes:
+    """What a study of a cube compares a session with.
+
+    Attributes:
+        null: scatter over healthy sessions.
+        gains: by kind of hypotheses the largest gain of each healthy session by a scatter measured without it, increasing.
+        misfits: misfit per number of each healthy session, likewise.
+        limits: detection limits by effect and side, in the parameter's unit.
+        seeds: first seed and number of sessions of each group.
+    """
+
+    null: Null
+    gains: Mapping[Kind, np.ndarray]
+    misfits: np.ndarray
+    limits: dict[str, float]
+    seeds: tuple[tuple[int, int], ...]
+
+    def gain_p(self, kind: Kind, gain: float) -> float:
+        """Probability that hypotheses of this kind gain so much by chance.
+
+        The share of healthy sessions that do, but at least what Gaussian numbers and as many hypotheses would give.
+        """
+        healthy = self.gains[kind]
+        share = float((1 + (healthy >= gain).sum()) / (1 + len(healthy)))
+        return max(share, min(1.0, len(KINDS[kind]) * float(stats.chi2.sf(2.0 * max(gain, 0.0), 1))))
+
+    def misfit_p(self, per_number: float) -> float:
+        """Share of healthy sessions that lie at least so far off."""
+        return float((1 + (self.misfits >= per_number).sum()) / (1 + len(self.misfits)))
+
+    def document(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        null = {name: np.asarray(value).round(10).tolist() for name, value in asdict(self.null).items()}
+        gains = {kind: np.round(values, 4).tolist() for kind, values in self.gains.items()}
+        arrays = {"gains": gains, "misfits": np.round(self.misfits, 4).tolist()}
+        return {"format": 2, "names": NAMES, "seeds": self.seeds, "limits": self.limits, **arrays, "null": null}
+
+
+def load_calibration(path: Path = PACKAGED) -> HealthyCubes:
+    """A table that the calibration program wrote.
+
+    Raises:
+        ValueError: it was made for other numbers than this version looks at.
+    """
+    document = json.loads(path.read_text(encoding="utf-8"))
+    if document["format"] != 2 or tuple(document["names"]) != NAMES:
+        raise ValueError(f"{path} was made for other numbers; run python -m sim_backend.reality_gap.bench.cube_calibration again")
+    null = document["null"]
+    null |= {"mean": np.array(null["mean"]), "covariance": np.array(null["covariance"])}
+    gains, misfits = {Kind(kind): np.array(values) for kind, values in document["gains"].items()}, np.array(document["misfits"])
+    return HealthyCubes(Null(**null), gains, misfits, document["limits"], tuple(map(tuple, document["seeds"])))

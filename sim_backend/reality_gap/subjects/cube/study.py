@@ -1,0 +1,198 @@
+"""Which cause of the tracker or the cube is at work in logs of one robot: pushes of a cube and a cube at rest."""
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sim_backend.reality_gap.knowledge.cube import COUNTED, KINDS, Kind
+from sim_backend.reality_gap.knowledge.separation import separated_by
+from sim_backend.reality_gap.recording import Recording
+from sim_backend.reality_gap.subjects.cube.contact import contact_summary
+from sim_backend.reality_gap.subjects.cube.counts import count_p
+from sim_backend.reality_gap.subjects.cube.healthy import HealthyCubes, load_calibration
+from sim_backend.reality_gap.subjects.cube.hypotheses import Z_90, Judged, judge, largest_gains, misfit, seen_count, without_worst
+from sim_backend.reality_gap.subjects.cube.replay import PushReplay, Replayed
+from sim_backend.reality_gap.subjects.cube.summary import NAMES, CubeEvidence, CubeSummary, summary_of, summary_of_evidence
+from sim_backend.reality_gap.subjects.cube.tracker import tracker_statistics
+from sim_backend.reality_gap.subjects.cube.windows import LEAST_PUSHES, all_push_windows
+from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
+
+GATE_P = 0.0125
+"""A gain that so many healthy sessions reach is chance; each kind of hypotheses has gains of its own."""
+MISFIT_P = 0.0075
+"""As much for the misfit of the whole vector, whatever causes it."""
+COUNT_P = 0.001
+"""As much for losses and jumps that no hypothesis is there for."""
+MARGIN = 2.0
+"""Nats by which the best hypothesis must lead, or the next ones may be the cause as well."""
+EXPLAINED, REMAINDER_P = 0.78, 0.025
+"""Something else is at work if a cause explains less than this share of what is beyond a healthy session's misfit, and what it
+leaves is more than so many healthy sessions have."""
+MAX_CONFUSABLE = 3
+_RESAMPLES, _SOLID = 40, 0.8
+
+
+@dataclass(frozen=True)
+class CubeStudy:
+    """What came out.
+
+    Attributes:
+        verdict: as of any study; its ``causes`` are those named, or the members of a confusable set.
+        ranking: every hypothesis with its gain, nats, and its estimates, the best first.
+        pushes: windows that were replayed.
+        chosen: share of resamples of the pushes in which the best hypothesis was the best, too.
+    """
+
+    verdict: Verdict
+    ranking: tuple[Judged, ...]
+    pushes: int
+    chosen: float
+
+
+def study_cube(
+    recordings: Sequence[Recording],
+    rng: np.random.Generator,
+    progress: Callable[[str], None] = lambda _: None,
+    *,
+    calibration: HealthyCubes | None = None,
+    replay: PushReplay | None = None,
+) -> CubeStudy:
+    """Name the cause, or say that there is none, or that it cannot be told.
+
+    Args:
+        recordings: of one robot and one object; regimes ``rest`` and ``slide_cube`` are what the healthy scatter was measured on.
+        rng: for resamples of the pushes.
+        progress: told what is done.
+        calibration: scatter of healthy sessions; the package's if None.
+        replay: to be used again from study to study; made if None.
+    """
+    calibration = calibration or load_calibration()
+    windows = all_push_windows(recordings)
+    progress(f"replaying {len(windows)} pushes")
+    replayed = (replay or PushReplay()).replay(windows) if windows else []
+    return study_evidence(CubeEvidence(tracker_statistics(recordings), tuple(replayed)), rng, calibration)
+
+
+def study_evidence(
+    evidence: CubeEvidence, rng: np.random.Generator, calibration: HealthyCubes, without: Collection[str] = ()
+) -> CubeStudy:
+    """As :func:`study_cube`, when the pushes have been replayed; hypotheses in ``without`` are left out."""
+    if evidence.tracker is None:
+        text = "there are too few reports of a tracked object to say anything about cube or tracker"
+        verdict = Verdict(VerdictKind.NOT_IDENTIFIABLE, text, cannot_tell=("every cause of tracker and cube",))
+        return CubeStudy(verdict, (), 0, 0.0)
+    kept = without_worst(evidence, calibration.null)
+    summary, pushes = summary_of_evidence(kept), len(evidence.replayed)
+    ranking = _ranked(summary, calibration, without)
+    chosen = _chosen(ranking, summary, kept.replayed, rng, calibration, without)
+    verdict = _verdict(ranking, summary, calibration, chosen, pushes)
+    return CubeStudy(verdict, ranking, pushes, chosen)
+
+
+def _ranked(summary: CubeSummary, calibration: HealthyCubes, without: Collection[str]) -> tuple[Judged, ...]:
+    """Hypotheses, those of kinds that gain more than chance before the others, within each by their gain."""
+    ranking = judge(summary, calibration.null, without)
+    beyond = {effect for kind in _beyond_chance(ranking, calibration) for effect in KINDS[kind]}
+    return tuple(sorted(ranking, key=lambda row: (row.effect not in beyond, -row.gain)))
+
+
+def _beyond_chance(ranking: Sequence[Judged], calibration: HealthyCubes) -> list[Kind]:
+    return [kind for kind, gain in largest_gains(ranking).items() if calibration.gain_p(kind, gain) <= GATE_P]
+
+
+def _chosen(
+    ranking: Sequence[Judged],
+    summary: CubeSummary,
+    replayed: Sequence[Replayed],
+    rng: np.random.Generator,
+    calibration: HealthyCubes,
+    without: Collection[str],
+) -> float:
+    if len(replayed) < 2:
+        return 1.0
+    same = 0
+    for _ in range(_RESAMPLES):
+        picked = [replayed[i] for i in rng.integers(len(replayed), size=len(replayed))]
+        again = _ranked(summary_of(summary.tracker, contact_summary(picked)), calibration, without)
+        same += again[0].effect == ranking[0].effect
+    return same / _RESAMPLES
+
+
+def _verdict(ranking: Sequence[Judged], summary: CubeSummary, calibration: HealthyCubes, chosen: float, pushes: int) -> Verdict:
+    best = ranking[0]
+    p = min(calibration.gain_p(kind, gain) for kind, gain in largest_gains(ranking).items())
+    beyond_chance = {effect for kind in _beyond_chance(ranking, calibration) for effect in KINDS[kind]}
+    squares, numbers = misfit(summary, calibration.null)
+    far = calibration.misfit_p(squares / numbers) <= MISFIT_P
+    cannot, record = _limits_of_log(pushes)
+    shared = {"null_p": 1.0 - (1.0 - p) ** len(KINDS), "cannot_tell": cannot, "record_next": record}
+    if not beyond_chance and not far and not _many(summary, calibration):
+        text = f"cube and tracker are as those of a healthy robot (p {shared['null_p']:.2g})"
+        return Verdict(VerdictKind.NOTHING_WRONG, text, **shared)
+    excess = squares - float(np.median(calibration.misfits)) * numbers
+    explained = 2.0 * best.gain if best.effect not in KINDS[Kind.COUNTS] else 0.0
+    remains = calibration.misfit_p((squares - explained) / numbers) <= REMAINDER_P
+    if (far and remains and explained < EXPLAINED * excess) or not (beyond_chance or far):
+        text = f"something is wrong, but {best.effect} explains only {explained / max(excess, 1e-9):.0%} of it"
+        return Verdict(VerdictKind.UNEXPLAINED, text, follows=_follows(summary, calibration), **shared)
+    return _naming(ranking, beyond_chance or {row.effect for row in ranking}, chosen, shared)
+
+
+def _many(summary: CubeSummary, calibration: HealthyCubes) -> tuple[str, ...]:
+    """Counts that are beyond those of healthy sessions."""
+    assert summary.tracker is not None
+    seen = {row.count: seen_count(row.count, summary.tracker, calibration.null) for row in COUNTED}
+    return tuple(name for name, each in seen.items() if count_p(each.count, each.frames, each.usual, each.spread) <= COUNT_P)
+
+
+def _naming(ranking: Sequence[Judged], able: Collection[str], chosen: float, shared: dict[str, Any]) -> Verdict:
+    """The best hypothesis by name, or as one of a set where others of those ``able`` come close."""
+    best = ranking[0]
+    close = [row for row in ranking[1:] if row.gain > best.gain - MARGIN and row.effect in able]
+    if not close and chosen < _SOLID:
+        close = [ranking[1]] if best.gain - ranking[1].gain < 2.0 * MARGIN else []
+    members = (best, *close[: MAX_CONFUSABLE - 1])
+    runner = ranking[1] if len(ranking) > 1 else best
+    rival = Rival(runner.effect, runner.estimates[0].where, best.gain - runner.gain, _separated(best, runner))
+    causes = tuple(cause for row in members for cause in _causes(row))
+    if close:
+        record = (*shared["record_next"], *(_separated(best, row) for row in members[1:]))
+        text = "one of " + ", ".join(row.effect for row in members) + f" (p {shared['null_p']:.2g}); these logs do not say which"
+        return Verdict(VerdictKind.CONFUSABLE, text, causes, runner_up=rival, **{**shared, "record_next": record})
+    text = f"{best.effect}, {_sentence(best)} (p {shared['null_p']:.2g}); next is {runner.effect}, {rival.behind:.0f} nats behind"
+    return Verdict(VerdictKind.NAMED, text, causes, runner_up=rival, **shared)
+
+
+def _causes(judged: Judged) -> tuple[Cause, ...]:
+    return tuple(
+        Cause(e.effect, e.parameter, e.where, e.value, e.unit, (e.value - Z_90 * e.std, e.value + Z_90 * e.std))
+        for e in judged.estimates
+    )
+
+
+def _sentence(judged: Judged) -> str:
+    return ", ".join(f"{e.parameter} {e.value:.4g} ± {Z_90 * e.std:.2g} {e.unit}".strip() for e in judged.estimates)
+
+
+def _separated(best: Judged, other: Judged) -> str:
+    otherwise = f"more sessions: {best.effect} and {other.effect} show in different numbers"
+    return separated_by(best.effect, other.effect, otherwise)
+
+
+def _follows(summary: CubeSummary, calibration: HealthyCubes) -> tuple[str, ...]:
+    """The numbers that lie farthest off, each for itself."""
+    far = np.abs(summary.vector - calibration.null.mean) / np.sqrt(np.diag(calibration.null.covariance))
+    order = np.argsort(-np.nan_to_num(far))[:3]
+    return (*_many(summary, calibration), *(f"{NAMES[k]} ({far[k]:.1f} standard deviations)" for k in order))
+
+
+def _limits_of_log(pushes: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    always = ("a delay that the tracker's own time stamps do not hold", "motions of the cube off the table")
+    if pushes >= LEAST_PUSHES:
+        return always, ()
+    if pushes:
+        return always, (f"the excitation slide_cube again, with the cube placed near the centre: only {pushes} pushes met it",)
+    without = ("mass and friction of the cube, and where it lies across the table: no finger pushed it",)
+    return (*always, *without), ("the excitation slide_cube",)

@@ -1,0 +1,89 @@
+"""The accepted effects as causes: each number with its place and an interval."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.effects.effect import Scope
+from sim_backend.reality_gap.knowledge.value_errors import is_telling, usual_error
+from sim_backend.reality_gap.subjects.joints.fitted_values import FittedValue, fitted_values
+from sim_backend.reality_gap.subjects.joints.hypotheses import SCALES
+from sim_backend.reality_gap.subjects.joints.look import Accepted
+from sim_backend.reality_gap.subjects.joints.study import JointStudy
+from sim_backend.reality_gap.verdict import Cause
+
+Z_90 = 1.6448536269514722
+_SYSTEMATIC = 2.0
+_SYSTEMATIC_SHARE = 0.1
+"""Intervals are wider than the noise alone makes them, by a factor and by a share of the deviation: laws are not exact."""
+
+
+def causes_of(study: JointStudy, accepted: Accepted) -> list[Cause]:
+    """One cause for each number of an effect that is away from absent.
+
+    Intervals cover the noise of the data and a usual imperfection of the laws, and where a robot differs everywhere also how far
+    values are usually off there.
+    """
+    errors, found = study.fit.errors[(accepted.effect, accepted.where)], []
+    for fitted in fitted_values(study.start, study.fit.state, accepted.terms, errors):
+        parameter = PARAMETERS[fitted.key]
+        value, deviation = fitted.value, fitted.value - study.problem_start(fitted.key, fitted.index)
+        share = 0.0 if fitted.error == 0.0 else _SYSTEMATIC_SHARE  # a number that goes with another one, and was not estimated
+        half = float(np.hypot(Z_90 * _SYSTEMATIC * fitted.error, share * deviation))
+        where = place_of(study.problem.names, fitted, accepted.where)
+        found.append(Cause(accepted.effect, parameter.name, where, value, parameter.unit, (value - half, value + half)))
+    kept = _that_matter(study, accepted, found)
+    if not study.is_of_many:
+        return kept
+    widened = [_widened(cause) for cause in kept]
+    clear = {cause.where for cause in widened if f"{cause.effect}.{cause.parameter}" in SCALES and is_clear(study, cause)}
+    return [cause for cause in widened if f"{cause.effect}.{cause.parameter}" in SCALES or cause.where in clear]
+
+
+def place_of(names: Sequence[str], fitted: FittedValue, where: str) -> str:
+    """Name of the place that a number belongs to: its joint, its axis, or that of the hypothesis."""
+    scope = PARAMETERS[fitted.key].scope
+    return names[fitted.index] if scope is Scope.JOINT else "xyz"[fitted.index] if scope is Scope.VECTOR else where
+
+
+def _widened(cause: Cause) -> Cause:
+    """With what values are usually off beside what their own noise tells, where a robot differs everywhere."""
+    own, usual = 0.5 * (cause.interval_90[1] - cause.interval_90[0]), usual_error(f"{cause.effect}.{cause.parameter}")
+    half = float(np.hypot(own, usual))
+    return replace(cause, interval_90=(cause.value - half, cause.value + half))
+
+
+def is_clear(study: JointStudy, cause: Cause) -> bool:
+    """Whether a cause is told for itself: where a robot differs everywhere, only if its value shows that the effect is there."""
+    key = f"{cause.effect}.{cause.parameter}"
+    if not study.is_of_many or key not in SCALES:
+        return True
+    here = study.problem_start(key, index_of(study.problem.names, key, cause.where))
+    return is_telling(key) and not cause.interval_90[0] <= here <= cause.interval_90[1]
+
+
+def _that_matter(study: JointStudy, accepted: Accepted, causes: list[Cause]) -> list[Cause]:
+    """Of a cause at all joints, the joints that have it: away from nominal beyond errors, and not by a trifle."""
+    if not accepted.where.startswith("all"):
+        return causes
+    first = accepted.terms[0].key.partition(".")[2]
+    start = {name: study.problem_start(accepted.terms[0].key, j) for j, name in enumerate(study.problem.names)}
+    sizes = {cause.where: abs(cause.value - start[cause.where]) for cause in causes if cause.parameter == first}
+    largest = max(sizes.values(), default=0.0)
+    kept = {
+        cause.where
+        for cause in causes
+        if cause.parameter == first
+        and sizes[cause.where] > 0.05 * largest
+        and not cause.interval_90[0] <= start[cause.where] <= cause.interval_90[1]
+    }
+    return [cause for cause in causes if cause.where in kept]
+
+
+def index_of(names: Sequence[str], key: str, where: str) -> int:
+    """Which of a parameter's numbers a place means: a joint's, an axis', or the only one."""
+    if PARAMETERS[key].scope is Scope.JOINT:
+        return list(names).index(where)
+    return "xyz".index(where) if where in ("x", "y", "z") else 0

@@ -1,0 +1,60 @@
+"""Fitted terms as numbers of the catalogue: a spring and cogging by size and place, heat at a temperature that motors reach."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.reality_gap.knowledge.evidence import NUMBERS, plane_of
+from sim_backend.reality_gap.subjects.joints import planes
+from sim_backend.reality_gap.subjects.joints.state import JointState, Term
+
+
+@dataclass(frozen=True)
+class FittedValue:
+    """One number of a model: parameter, index of joint or axis, value and standard error in the parameter's unit."""
+
+    key: str
+    index: int
+    value: float
+    error: float
+
+
+def fitted_values(start: JointState, state: JointState, terms: Sequence[Term], errors: np.ndarray) -> list[FittedValue]:
+    """The numbers that a model needs for an effect.
+
+    Args:
+        start: the nominal model.
+        state: with the effect.
+        terms: of the effect.
+        errors: their standard errors, shape (m,).
+    """
+    found = []
+    if terms and (plane := plane_of(terms[0].effect)) is not None:
+        for first, second, *own in zip(terms[::2], terms[1::2], errors[::2], errors[1::2], strict=True):
+            told = planes.size_and_place(plane, state, (first, second), (own[0], own[1]))
+            found += [FittedValue(key, first.index, value, error) for key, value, error in told]
+        return found
+    for term, error in zip(terms, errors, strict=True):
+        value = FittedValue(term.key, term.index, float(state.value(term.key)[term.index]), float(error))
+        product = NUMBERS[term.key].product_with if term.key in NUMBERS else None
+        found += [value] if product is None else _at_usual_factor(start, state, value, product[0])
+    return found
+
+
+def _at_usual_factor(start: JointState, state: JointState, number: FittedValue, key: str) -> list[FittedValue]:
+    """A loss for the temperature that the nominal motor reaches: joints show no more than the product of both.
+
+    A larger robot's motor gets as warm from its own largest torque. A loss that no motor has there stays at the rise that it was
+    fitted with, which is then told, too.
+    """
+    fitted, given = (float(s.value(key)[number.index]) for s in (state, start))
+    usual = PARAMETERS[key].absent
+    rise = given if key in start.given else usual / start.size**2
+    if rise > 0.0 and number.value * fitted / rise <= PARAMETERS[number.key].upper:
+        by, told = fitted / rise, rise
+    else:
+        by, told = 1.0, fitted
+    found = [FittedValue(number.key, number.index, number.value * by, number.error * by)]
+    return found if told == usual else [*found, FittedValue(key, number.index, told, 0.0)]

@@ -1,0 +1,168 @@
+"""What may be wrong with joints: the numbers of the catalogue's effects, and hypotheses as sets of them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.effects.effect import Scope
+from sim_backend.reality_gap.knowledge.evidence import FITTED, SCALES, JointEffect, Number, entry_of
+from sim_backend.reality_gap.knowledge.healthy import healthy_tolerances
+from sim_backend.reality_gap.knowledge.robot import Robot, UnknownRobot
+from sim_backend.reality_gap.subjects.joints.state import CLOCK, SENSED, JointState, Term, size_factor
+
+ALL_JOINTS = "all joints"
+PLATFORM = "platform"
+
+BEYOND_HEALTHY = 10.0
+CLOCK_TOLERANCE = 0.2
+"""Standard deviation of when a torque acted, in samples: a quarter of one between a held torque and its mean over two."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """An effect at a place, as terms with the scale of each one's prior."""
+
+    effect: str
+    where: str
+    terms: tuple[int, ...]
+    scales: tuple[float, ...]
+
+    @property
+    def name(self) -> tuple[str, str]:
+        """Effect and place: several hypotheses may share it that differ in shape."""
+        return self.effect, self.where
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """All terms of a plant, the tolerance of each in a healthy robot, and all hypotheses.
+
+    ``tolerance`` has shape (m,): standard deviations in the terms' units, 0 for what a healthy robot does not have; ``scales``
+    are :data:`SCALES` for a robot of this size.
+    """
+
+    terms: tuple[Term, ...]
+    tolerance: np.ndarray
+    hypotheses: tuple[Hypothesis, ...]
+    scales: Mapping[str, float]
+
+    def without(self, effects: Sequence[str]) -> "Catalogue":
+        """The same without some effects, neither as hypotheses nor in tolerances."""
+        kept = tuple(h for h in self.hypotheses if h.effect not in effects)
+        tolerance = np.array([0.0 if t.effect in effects else s for t, s in zip(self.terms, self.tolerance, strict=True)])
+        return Catalogue(self.terms, tolerance, kept, self.scales)
+
+
+def joint_catalogue(
+    names: Sequence[str],
+    state: JointState,
+    load_nm: np.ndarray,
+    step_s: float,
+    *,
+    robot: Robot,
+    expects_many: bool = False,
+) -> Catalogue:
+    """Everything that may be wrong with k joints.
+
+    Args:
+        names: of the joints.
+        state: the present model.
+        load_nm: torques at full rate over all episodes, shape (s, k), N m: where saturation may begin.
+        step_s: between samples.
+        robot: what is known of it; healthy sessions seem to have something of effects that healthy robots do not have.
+        expects_many: whether causes beside others are to be told, which show less of their own shape.
+    """
+    terms: list[Term] = []
+    families: dict[tuple[str, int], list[tuple[int, ...]]] = {}
+    scales = {key: scale * size_factor(key, state.size) for key, scale in SCALES.items()}
+    for entry in FITTED.values():
+        if entry.of_the_driver and isinstance(robot, UnknownRobot):
+            continue
+        for number in entry.numbers:
+            for index in range(state.width(number.key)):
+                families[(number.key, index)] = []
+                for members in _members(number, index, state, load_nm, robot, expects_many=expects_many):
+                    families[(number.key, index)].append(tuple(range(len(terms), len(terms) + len(members))))
+                    terms += members
+    terms.append(Term(CLOCK, 0, step_s))
+    terms += [Term(SENSED, j, 1.0) for j in range(len(names))]
+    healthy = {key: robot.granted * value for key, value in healthy_tolerances().items()}
+    tolerance = np.zeros(len(terms))
+    tolerance[-1 - len(names)] = CLOCK_TOLERANCE * step_s
+    tolerance[-len(names) :] = 1.0
+    for (key, _), members in families.items():
+        # torques and masses of one finger trade places: what each seems to have is the other's
+        usual = [] if scales_everything(key) else robot.healthy.tolerances.get(key, [])
+        for number, member in enumerate(members):
+            for term in member:
+                tolerance[term] = max(
+                    healthy.get(key, 0.0) if number == 0 else 0.0, usual[number] if number < len(usual) else 0.0
+                )
+    if isinstance(robot, UnknownRobot):
+        return Catalogue(tuple(terms), tolerance, tuple(_hypotheses(names, families, scales)), scales)
+    found = [
+        replace(h, scales=tuple(_scale(scale, tolerance[term]) for term, scale in zip(h.terms, h.scales, strict=True)))
+        for h in _hypotheses(names, families, scales)
+    ]
+    return Catalogue(tuple(terms), tolerance, tuple(found), scales)
+
+
+def _scale(scale: float, tolerance: float) -> float:
+    """A prior for a deviation: not much wider than what is healthy, or its width alone would hide small deviations."""
+    return min(scale, BEYOND_HEALTHY * tolerance) if tolerance > 0.0 else scale
+
+
+def scales_everything(key: str) -> bool:
+    """Whether a number's effect makes all torques, or all masses, different by the same share."""
+    entry = entry_of(key)
+    return entry is not None and entry.scales_everything
+
+
+def _members(
+    number: Number, index: int, state: JointState, load_nm: np.ndarray, robot: Robot, *, expects_many: bool
+) -> list[list[Term]]:
+    """The shapes in which a number may show, each as one term or two."""
+    key, by = number.key, size_factor(number.key, state.size)
+    scale = number.scale * by
+    if number.begins_at_load:
+        limit, load = state.value(key)[index], np.abs(load_nm[:, index])
+        levels = load.max() * np.array(robot.load_shares)
+        return [[Term(key, index, float(level - limit))] for level in levels if 0.02 < level < 0.995 * limit]
+    shape = number.shape
+    if shape is None:
+        return [[Term(key, index, by * probe)] for probe in number.probes or (scale / by / 100,)]
+    extra = () if number.product_with is None else (number.product_with,)
+    values = (*shape.values, *(shape.more if expects_many else ()))
+    members = [Term(key, index, scale / 100, ((shape.key, value), *extra)) for value in values]
+    return [[term] for term in members] if shape.plane is None else [members]
+
+
+def _hypotheses(
+    names: Sequence[str], families: dict[tuple[str, int], list[tuple[int, ...]]], scales: Mapping[str, float]
+) -> list[Hypothesis]:
+    found: list[Hypothesis] = []
+    for effect, entry in FITTED.items():
+        keys = {number.key for number in entry.numbers}
+        own = {place: members for place, members in families.items() if place[0] in keys}
+        scale = scales[entry.numbers[0].key]
+        if own and PARAMETERS[entry.numbers[0].key].scope is Scope.JOINT:
+            found += _at_joints(entry, names, {index: members for (_, index), members in own.items()}, scale)
+        elif own:
+            shapes = [tuple(term for members in together for term in members) for together in zip(*own.values(), strict=True)]
+            found += [Hypothesis(effect, PLATFORM, terms, (scale,) * len(terms)) for terms in shapes]
+    return found
+
+
+def _at_joints(
+    entry: JointEffect, names: Sequence[str], own: Mapping[int, list[tuple[int, ...]]], scale: float
+) -> list[Hypothesis]:
+    """A hypothesis for each joint and shape, and for each shape one of all joints."""
+    found = [Hypothesis(entry.effect, names[j], members, (scale,) * len(members)) for j, of in own.items() for members in of]
+    several = {index: members for index, members in own.items() if members}
+    if len(several) > 1 and not entry.scales_everything:
+        for shapes in zip(*several.values(), strict=False):
+            terms = tuple(term for members in shapes for term in members)
+            found.append(Hypothesis(entry.effect, ALL_JOINTS, terms, (scale,) * len(terms)))
+    return found

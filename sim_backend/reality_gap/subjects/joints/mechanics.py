@@ -1,0 +1,79 @@
+"""The mechanics of k joints in one episode: what the motors gave, less what inverse dynamics needs for the measured motion."""
+
+import numpy as np
+
+from sim_backend.reality_gap.measured.sensor_noise import white_noise
+from sim_backend.reality_gap.subjects.joints.body_law import BodyLaw
+from sim_backend.reality_gap.subjects.joints.motor_torques import MotorTorques
+from sim_backend.reality_gap.subjects.joints.plant import InverseDynamics, Plant
+from sim_backend.reality_gap.subjects.joints.state import JointState
+from sim_backend.reality_gap.subjects.joints.trajectory import Trajectory
+
+
+class Mechanics:
+    """Residuals of one episode of s samples and t rows.
+
+    Args:
+        plant: of the nominal model.
+        path: the smoothed episode.
+        motors: along it.
+    """
+
+    def __init__(self, plant: Plant, path: Trajectory, motors: MotorTorques) -> None:
+        self._path, self._motors = path, motors
+        self._raw_acceleration = path.raw_acceleration
+        self.dynamics: InverseDynamics = plant.derivatives(path.position, path.velocity, path.acceleration)
+        """Inverse dynamics of the nominal model along the episode."""
+        self.body = BodyLaw(self.dynamics, path, plant.own_values, plant.gravity_m_s2)
+        """What effects on bodies change in it."""
+
+    @property
+    def pressing_nm(self) -> np.ndarray:
+        """What the motors give beyond what the motion needs, shape (t, k), N m."""
+        return self._path.averaged(self._motors.acting_nm).T - self.dynamics.torque_nm
+
+    @property
+    def sensor_noise_nm(self) -> np.ndarray:
+        """What noise of the encoders alone makes of :meth:`residual`, shape (k,), N m."""
+        path = self._path
+        return self._inertia() @ (path.position_noise_rad / (path.step_s * path.every) ** 2)
+
+    @property
+    def torque_error_floor_nm(self) -> np.ndarray:
+        """What the sensors' noise alone makes of :meth:`torque_error`, shape (k,), N m."""
+        path = self._path
+        moved = self._inertia() @ path.acceleration_noise(path.position_noise_rad)
+        measured = path.joints.measured_torque_nm
+        sensed = 0.0 if measured is None else white_noise(measured) * np.sqrt(2.0 * path.cutoff_hz * path.step_s)
+        return np.hypot(moved, sensed)
+
+    def _inertia(self) -> np.ndarray:
+        return np.sqrt(np.mean(self.dynamics.by_acceleration**2, axis=0))
+
+    def residual(self, state: JointState) -> tuple[np.ndarray, np.ndarray]:
+        """Of the mechanics, shape (t, k), and of the current at full rate, shape (s, k); N m."""
+        given = self._given(state)
+        net = self._path.averaged(given[1]).T
+        current = np.zeros(self._path.fast_position.shape)
+        if self._motors.measured_nm is not None:
+            current = (given[0] - self._motors.measured_nm).T
+        return net - self._needed(state, self._play(given[2])), current
+
+    def torque_error(self, state: JointState) -> np.ndarray:
+        """What the motors gave beyond what the smoothed motion needs, both smoothed alike, shape (t, k), N m."""
+        given = self._given(state)
+        return self._path.smoothed(given[1]).T - self._needed(state, self._play(given[2]), smooth=True)
+
+    def _given(self, state: JointState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Torque of the current, torque left at the joint, and play, each (k, s)."""
+        motors = [self._motors.along(state, j) for j in range(self._motors.joints)]
+        current, net, play = (np.stack([m[i] for m in motors]) for i in range(3))
+        return current, net, play
+
+    def _play(self, plays: np.ndarray) -> np.ndarray:
+        path = self._path
+        return path.smoothed(plays).T if plays.any() else np.zeros_like(path.position)
+
+    def _needed(self, state: JointState, play: np.ndarray, *, smooth: bool = False) -> np.ndarray:
+        """Torques that the motion needs; ``play`` smoothed, shape (t, k)."""
+        return self.body.needed_nm(state, self._path.acceleration if smooth else self._raw_acceleration, play)

@@ -1,0 +1,86 @@
+"""What the motors of k joints gave along one recorded motion, as the motor law makes it of what was sent or measured."""
+
+import numpy as np
+
+from sim_backend.reality_gap.knowledge.evidence import Channel, keys_of
+from sim_backend.reality_gap.subjects.joints import motor_law
+from sim_backend.reality_gap.subjects.joints.state import JointState, Term
+from sim_backend.reality_gap.subjects.joints.trajectory import Trajectory, filled_gaps
+
+BEFORE_CURRENT = frozenset(keys_of(Channel.CURRENT))
+"""Parameters that change the current; all others act on what the current gives."""
+_IS_BEFORE = np.array([key in BEFORE_CURRENT for key in motor_law.KEYS])
+
+
+class MotorTorques:
+    """The motors along one episode of s samples.
+
+    Args:
+        path: the smoothed episode.
+
+    Raises:
+        ValueError: the episode has no torque.
+    """
+
+    def __init__(self, path: Trajectory) -> None:
+        sent, measured = path.joints.commanded_torque_nm, path.joints.measured_torque_nm
+        if sent is None and measured is None:
+            raise ValueError(f"episode {path.recording.name} has no torque")
+        self.sent_nm = None if sent is None else filled_gaps(sent)
+        """What was sent with gaps filled, shape (s, k), N m; None if it is not known."""
+        given, acting = _given(sent, measured)
+        driving = filled_gaps(given)
+        self.driving_nm = np.ascontiguousarray(driving.T)
+        """What was sent, or measured where nothing else is known, with gaps filled, shape (k, s), N m."""
+        self.measured_nm = None if acting is None else np.ascontiguousarray(filled_gaps(acting).T)
+        """What was measured of the current beside what was sent, shape (k, s), N m; None without both."""
+        self.known = ~np.isnan(given if acting is None else acting)
+        """Samples whose torque that drives the mechanics is no filled gap, shape (s, k)."""
+        self._total = np.abs(driving).sum(axis=1)
+        self._position = np.ascontiguousarray(path.fast_position.T)
+        self._velocity = np.ascontiguousarray(path.fast_velocity.T)
+        self._step_s = path.step_s
+
+    @property
+    def joints(self) -> int:
+        """How many."""
+        return len(self.driving_nm)
+
+    @property
+    def acting_nm(self) -> np.ndarray:
+        """Torques that drive the mechanics: measured where they are known, shape (k, s), N m."""
+        return self.driving_nm if self.measured_nm is None else self.measured_nm
+
+    def along(self, state: JointState, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Torque of the current, torque left at the joint, and play, at full rate; shape (s,)."""
+        values = state.motor(j)
+        if self.measured_nm is None:
+            return self._law(self.driving_nm[j], values, j)
+        absent = motor_law.absent_values()
+        before, after = np.where(_IS_BEFORE, values, absent), np.where(_IS_BEFORE, absent, values)
+        current = self._law(self.driving_nm[j], before, j)[0]
+        _, net, play = self._law(self.measured_nm[j], after, j)
+        return current, net, play
+
+    def along_sent(self, state: JointState, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As :meth:`along`, driven by what was sent: images must not hold the noise that residuals hold."""
+        return self._law(self.driving_nm[j], state.motor(j), j)
+
+    def _law(self, torque_nm: np.ndarray, values: np.ndarray, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return motor_law.along(torque_nm, self._total, self._position[j], self._velocity[j], self._step_s, values)
+
+    def cogging_image(self, state: JointState, term: Term, j: int) -> np.ndarray:
+        """What cogging of the term's own phase, beside the one that the state has, adds per N m, shape (s,)."""
+        return motor_law.cogging_image(state.moved(term, 0.0).motor(j), self._position[j])
+
+
+def _given(sent: np.ndarray | None, measured: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
+    """What was sent, and what was measured beside it, shape (s, k), NaN in gaps.
+
+    What was not sent but measured was sent so, too; a joint without any measured torque gave what was sent.
+    """
+    if sent is None or measured is None:
+        return (sent, None) if measured is None else (measured, None)  # pyright: ignore[reportReturnType] - one of them is there
+    if np.isnan(measured).all(axis=0).any():
+        measured = np.where(np.isnan(measured).all(axis=0), sent, measured)
+    return np.where(np.isnan(sent), measured, sent) if np.isnan(sent).any() else sent, measured

@@ -1,0 +1,196 @@
+"""Joints: from recordings to what was found of them, with a fit and without."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from sim_backend.reality_gap.knowledge.evidence import FITTED, Channel
+from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, Robot
+from sim_backend.reality_gap.recording import Recording
+from sim_backend.reality_gap.subjects.joints.along import along, names_of_joints
+from sim_backend.reality_gap.subjects.joints.checks import Finding, end_findings, noise_findings, torque_noise_findings
+from sim_backend.reality_gap.subjects.joints.command_lateness import with_measured_lateness
+from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
+from sim_backend.reality_gap.subjects.joints.fit import JointFit, select
+from sim_backend.reality_gap.subjects.joints.gain import held_out_errors
+from sim_backend.reality_gap.subjects.joints.look import JointProblem, Look
+from sim_backend.reality_gap.subjects.joints.nominal import nominal_state
+from sim_backend.reality_gap.subjects.joints.plant import Plant
+from sim_backend.reality_gap.subjects.joints.rattling import Rattling
+from sim_backend.reality_gap.subjects.joints.state import JointState
+from sim_backend.reality_gap.subjects.joints.unfitted import noise_of_motors, told_without_fit
+
+LEAST_REDUCTION = 0.02
+"""Share of the held-out error that a cause must take away where there are no healthy sessions to compare with."""
+LEAST_TORQUE_SHARE = 0.01
+"""And what it takes away must be this share of the joint's torque: integrators and filters alone make errors of some 0.1 %."""
+_USUAL_GATE = 12.0
+"""Nats that a cause must gain where no healthy sessions are known: odds of 160 000, shared by some hundred hypotheses."""
+_LEAST_MOTION_RAD_S = 0.05
+_LEAST_MOVING_SHARE = 0.02
+_LEAST_S, _PIECE_S = 18.0, 10.0
+"""A TriFinger's recordings together: healthy sessions of 20 s and more are known. Pieces of 2 to 10 s gave false names."""
+
+
+class ShowsNothingError(Exception):
+    """The recordings could not show what is wrong with the joints; ``because`` says why in two words."""
+
+    def __init__(self, message: str, because: str) -> None:
+        super().__init__(message)
+        self.because = because
+
+
+@dataclass(frozen=True)
+class JointStudy:
+    """What the joints' recordings say.
+
+    Attributes:
+        problem: the episodes as equations.
+        fit: causes in the order in which they were taken.
+        findings: what needed no fit.
+        rattling: joints whose rotor rattles; their mechanics is in no fit.
+        odd: what no healthy robot shows either, but whose effect was left out of the catalogue.
+        gate: nats that a cause had to gain.
+        gates: nats that a cause of each effect had to gain, where healthy sessions tell.
+    """
+
+    problem: JointProblem
+    fit: JointFit
+    findings: tuple[Finding, ...]
+    rattling: tuple[Rattling, ...]
+    odd: tuple[Finding, ...]
+    gate: float
+    gates: Mapping[str, float]
+
+    @property
+    def robot(self) -> Robot:
+        """What is known of it."""
+        return self.problem.robot
+
+    @property
+    def start(self) -> JointState:
+        """The nominal model."""
+        return self.problem.start
+
+    @property
+    def is_judged(self) -> np.ndarray:
+        """Whether the mechanics of each joint had an equation at all, shape (k,)."""
+        judged = np.zeros(len(self.problem.names), bool)
+        judged[[equation.joint for equation in self.fit.first.left if equation.channel is Channel.MECHANICS]] = True
+        return judged
+
+    @property
+    def is_of_many(self) -> bool:
+        """Whether so much is wrong with a TriFinger that each cause takes over what the laws of the others leave."""
+        return self.problem.expects_many and isinstance(self.robot, KnownTriFinger)
+
+    def problem_start(self, key: str, index: int) -> float:
+        """A value of the model that the study started from."""
+        return float(self.start.value(key)[index])
+
+
+def study_joints(
+    model: mujoco.MjModel,
+    recordings: Sequence[Recording],
+    progress: Callable[[str, float], None],
+    *,
+    robot: Robot,
+    excluded: Sequence[str] = (),
+    nominal: Mapping[str, np.ndarray] | None = None,
+    gate: float | None = None,
+) -> JointStudy:
+    """Compare recordings with a model and find what is wrong with it.
+
+    Args:
+        model: the nominal one.
+        recordings: with joints, all the same ones.
+        progress: told what is done, and which share of all.
+        robot: what is known of it.
+        excluded: effects that are left out of the catalogue.
+        nominal: values to start from, by parameter, shape (k,), (1,) or (3,); beside what the model itself says of its joints.
+        gate: least gain in nats; the calibrated one if None.
+
+    Raises:
+        RecordingError: recordings that cannot be used.
+        ShowsNothingError: no joint moves, or a TriFinger's are too short.
+    """
+    names = names_of_joints(recordings)
+    if isinstance(robot, KnownTriFinger):
+        _check_length(recordings)
+    plant = Plant(model, names)
+    episodes = along(plant, recordings, robot, progress)
+    start = nominal_state(plant, [episode.driving_nm for episode in episodes], robot, nominal or {})
+    unfitted = told_without_fit(plant, recordings, episodes, robot, start)
+    _check_motion(unfitted.episodes)
+    asked_without = (*excluded, *unfitted.taken_over)
+    problem = JointProblem(tuple(unfitted.episodes), names, robot, asked_without, start)
+    felt = noise_of_motors(problem, start)
+    used_gate, gates = (_USUAL_GATE, robot.healthy.gates) if gate is None else (gate, {})
+    fit = select(problem, used_gate, progress, confirms=is_worth_it_beside, gates=gates)
+    found = [*unfitted.findings, *checked(problem, fit, felt)]
+    return JointStudy(
+        fit.problem,
+        with_measured_lateness(fit, problem.episodes),
+        tuple(f for f in found if f.effect not in asked_without),
+        tuple(each for each in unfitted.rattling if each.finding.effect not in asked_without),
+        tuple(f for f in found if f.effect in excluded),
+        used_gate,
+        gates,
+    )
+
+
+def is_worth_it_beside(problem: JointProblem, before: Look, after: Look) -> bool:
+    """Whether a cause may follow others. Of a TriFinger only torques and masses must be worth it.
+
+    What the law of an earlier cause leaves spreads over the torques and masses of its finger, one after the other.
+    """
+    if isinstance(problem.robot, KnownTriFinger):
+        is_first = not before.accepted or problem.expects_many
+        if is_first or not FITTED[after.accepted[-1].effect].scales_everything:
+            return True
+    return is_worth_it(problem, before, after)
+
+
+def checked(problem: JointProblem, fit: JointFit, felt: Sequence[Finding]) -> list[Finding]:
+    """What sensors, ends and motors show beside the fit; ``felt`` is the noise of motors that was found before it."""
+    checks = noise_findings(problem.episodes, problem.robot)
+    if isinstance(problem.robot, KnownTriFinger):  # what presses where, and what motors make of torques, nobody knows of another
+        checks += end_findings(problem.episodes, fit.state)
+        checks += felt or torque_noise_findings(problem.episodes, fit.state, fit.last.sensed_share, fit.last.sensed_error)
+    return checks
+
+
+def is_worth_it(problem: JointProblem, before: Look, after: Look) -> bool:
+    """Whether held-out errors fall: at one joint at least by enough, and over all joints."""
+    old, new = (held_out_errors(problem, look).by_joint_nm for look in (before, after))
+    reduction = 1.0 - new / np.maximum(old, 1e-12)
+    removed_nm = np.sqrt(np.maximum(old**2 - new**2, 0.0))
+    is_enough = (reduction > LEAST_REDUCTION) & (removed_nm > LEAST_TORQUE_SHARE * problem.torque_rms_nm)
+    return bool(is_enough.any() and reduction.min() > -0.5 * LEAST_REDUCTION)
+
+
+def _check_motion(episodes: Sequence[EpisodeEquations]) -> None:
+    moving = max(float(np.mean(np.abs(e.path.velocity) > _LEAST_MOTION_RAD_S, axis=0).max()) for e in episodes)
+    if moving < _LEAST_MOVING_SHARE:
+        raise ShowsNothingError(
+            f"no joint moves faster than {_LEAST_MOTION_RAD_S:g} rad/s for {_LEAST_MOVING_SHARE:.0%} of the time", "they rest"
+        )
+
+
+def _check_length(recordings: Sequence[Recording]) -> None:
+    known_s = [float(_is_known(recording).sum()) * recording.step_s for recording in recordings]
+    together_s = sum(each for each in known_s if each > _PIECE_S)
+    if together_s < _LEAST_S:
+        raise ShowsNothingError(
+            f"recordings of more than {_PIECE_S:g} s last {together_s:.1f} s in all, and it takes {_LEAST_S:g} s to tell "
+            "an effect from chance",
+            "too short",
+        )
+
+
+def _is_known(recording: Recording) -> np.ndarray:
+    """Samples in which every joint's position was measured, shape (s,)."""
+    assert recording.joints is not None
+    return np.isfinite(recording.joints.position_rad.sum(axis=1))

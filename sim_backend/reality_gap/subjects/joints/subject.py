@@ -1,0 +1,107 @@
+"""Joints as a subject: equations along the recorded motion, causes that explain what they leave, and the verdict on them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.effects.effect import Scope
+from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, Robot
+from sim_backend.reality_gap.recording import Recording
+from sim_backend.reality_gap.subjects.joints.calibrating import METHODS, calibrate
+from sim_backend.reality_gap.subjects.joints.gain import held_out, held_out_of_hits
+from sim_backend.reality_gap.subjects.joints.judged import not_judged
+from sim_backend.reality_gap.subjects.joints.motor_law import LIMIT
+from sim_backend.reality_gap.subjects.joints.sections import joint_sections
+from sim_backend.reality_gap.subjects.joints.study import JointStudy, ShowsNothingError, study_joints
+from sim_backend.reality_gap.subjects.joints.verdict import judge
+from sim_backend.reality_gap.subjects.subject import CUBE_EXCITATION, Material, Progress, Sections
+from sim_backend.reality_gap.verdict import Verdict, VerdictKind
+from sim_backend.trifinger.scene import compile_scene
+
+NAMING = METHODS[0]
+
+
+def seen_in(material: Material) -> tuple[Recording, ...]:
+    """Recordings with joints that nothing but their motors moves."""
+    return tuple(r for r in material.recordings if r.joints is not None and r.regime != CUBE_EXCITATION)
+
+
+def study(material: Material, known: Robot, rng: np.random.Generator, progress: Progress) -> tuple[Verdict, Sections]:
+    """As of any :class:`Subject`."""
+    recordings = seen_in(material)
+    model = compile_scene() if material.study_file is None else material.study_file.compile_model()
+    try:
+        found = study_joints(  # replay, residual, fit
+            model,
+            recordings,
+            progress,
+            robot=known,
+            nominal=_nominal(material, recordings),
+            gate=None if material.method == NAMING else np.inf,
+        )
+    except ShowsNothingError as error:
+        return not_identifiable(error, known), {}
+    if material.method != NAMING:
+        return _calibrated(found, material.method, rng), {}
+    judged = judge(found)
+    verdict = _with_gain(found, judged.verdict, rng)
+    progress("drawing what is left", 0.9)
+    return verdict, joint_sections(found, judged.patterns, rng)
+
+
+def _with_gain(found: JointStudy, verdict: Verdict, rng: np.random.Generator) -> Verdict:
+    """The verdict with what its causes bought, and with what could not be judged."""
+    when = "while they move and no rotor hits" if found.rattling else "while they move"
+    names = found.problem.names
+    return replace(
+        verdict,
+        cannot_tell=(*verdict.cannot_tell, *not_judged(found.problem.episodes, names)),
+        held_out=held_out(found.problem, found.fit.final, found.start, rng, when=when),
+        held_out_there=tuple(held_out_of_hits(each.errors, names[each.joint], rng) for each in found.rattling),
+    )
+
+
+def _calibrated(study: JointStudy, method: str, rng: np.random.Generator) -> Verdict:
+    """All numbers at once, by a method that names nothing."""
+    result = calibrate(study.problem, study.start, method, rng)
+    look = study.problem.look(result.state, ())
+    return Verdict(
+        verdict=VerdictKind.NAMED if result.causes else VerdictKind.NOTHING_WRONG,
+        summary=f"Calibrated {len(result.causes)} numbers by {method}; reproducing data makes none of them a cause.",
+        causes=result.causes,
+        held_out=held_out(study.problem, look, study.start, rng),
+        cannot_tell=("which of these numbers is a cause: this method changes whatever helps",),
+    )
+
+
+def not_identifiable(error: ShowsNothingError, robot: Robot) -> Verdict:
+    """Nothing about joints can be told."""
+    what = (
+        "run 'trifarm identify --excitation standard' on the robot"
+        if isinstance(robot, KnownTriFinger)
+        else "move every joint slowly and fast over its range"
+    )
+    return Verdict(
+        verdict=VerdictKind.NOT_IDENTIFIABLE,
+        summary=f"These data cannot tell anything: {error}.",
+        cannot_tell=(f"every effect of joints: {error.because}",),
+        record_next=(f"{what}; 'trifarm gap excite' says how",),
+    )
+
+
+def _nominal(material: Material, recordings: Sequence[Recording]) -> Mapping[str, np.ndarray]:
+    """Values to start from that a study file states for joints' effects; NaN for the limits of motors that it does not name."""
+    if material.study_file is None:
+        return {}
+    names, found = recordings[0].joints.names if recordings[0].joints is not None else (), {}
+    for key, value in material.study_file.nominal.items():
+        parameter = PARAMETERS[key]
+        if parameter.scope is Scope.JOINT:
+            by_joint = value if isinstance(value, Mapping) else dict.fromkeys(names, value)
+            absent = np.nan if key == LIMIT else parameter.absent  # a TriFinger's limit is no other robot's
+            found[key] = np.array([float(by_joint.get(name, absent)) for name in names])  # pyright: ignore[reportArgumentType]
+        else:
+            found[key] = np.atleast_1d(np.asarray(value, dtype=float))
+    return found

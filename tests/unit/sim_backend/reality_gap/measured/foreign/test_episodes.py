@@ -1,0 +1,213 @@
+"""Anyone's data become recordings: every format, unit and rate alike."""
+
+import numpy as np
+import pytest
+
+from sim_backend.reality_gap.recording import Recording
+from tests.unit.sim_backend.reality_gap.measured.foreign.foreign_study import (
+    STEP_S,
+    STUDY,
+    columns,
+    csv_text,
+    folder,
+    read,
+    write,
+)
+
+
+def assert_same(one: Recording, other: Recording) -> None:
+    pairs = [(one.time_s, other.time_s), (one.signals["supply_v"], other.signals["supply_v"])]
+    for kind in ("joints", "objects"):
+        left, right = getattr(one, kind), getattr(other, kind)
+        left, right = (left[0], right[0]) if kind == "objects" else (left, right)
+        pairs += [(value, vars(right)[key]) for key, value in vars(left).items()]
+    for left, right in pairs:
+        if isinstance(left, np.ndarray):
+            np.testing.assert_array_equal(left, right)
+        else:
+            assert left == right
+
+
+@pytest.mark.parametrize("name", ["data.csv", "data.csv.gz", "data.parquet", "data.npz"])
+def test_every_format_gives_the_same_recording(tmp_path, name):
+    (tmp_path / "reference").mkdir()
+    (reference,) = read(folder(tmp_path / "reference"))
+    (recording,) = read(folder(tmp_path, name=name))
+    assert recording.name == "data"
+    assert recording.source.endswith(name)
+    assert_same(recording, reference)
+
+
+def test_values_arrive_in_si_units_and_in_the_models_order(tmp_path):
+    data = columns()
+    (recording,) = read(folder(tmp_path))
+    joints = recording.joints
+    assert joints is not None
+    assert joints.names == ("shoulder", "slider")
+    assert recording.step_s == pytest.approx(STEP_S)
+    np.testing.assert_allclose(joints.position_rad, np.column_stack([data["q"], data["x"] / 1000.0]), rtol=1e-12)
+    assert joints.measured_torque_nm is not None
+    np.testing.assert_array_equal(joints.measured_torque_nm[:, 0], data["tau"])
+    assert np.isnan(joints.measured_torque_nm[:, 1]).all(), "the slider has no torque"
+    assert joints.commanded_torque_nm is not None
+    np.testing.assert_array_equal(joints.commanded_torque_nm[:, 0], data["tau_cmd"])
+    assert joints.temperature_rise_k is not None
+    np.testing.assert_allclose(joints.temperature_rise_k[:, 0], data["temp"] - 20.0)
+    np.testing.assert_allclose(recording.signals["supply_v"], data["vbat"] / 1000.0)
+    (block,) = recording.objects
+    assert (block.name, block.body) == ("block", "cube")
+    np.testing.assert_allclose(block.quat_wxyz[:, 0], data["quat[3]"])
+    np.testing.assert_allclose(block.quat_wxyz[:, 1], data["quat[0]"])
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_separators_header_units_and_comments(tmp_path, separator):
+    path = folder(tmp_path, STUDY.replace('"x"\nposition_unit = "mm"', '"x"'))
+    text = csv_text(columns(), separator)
+    header, _, rest = text.partition("\n")
+    header = header.replace(f"{separator}q{separator}", f"{separator} q [rad] {separator}").replace(
+        f"x{separator}", f"x (mm){separator}"
+    )
+    (tmp_path / "data.csv").write_text(f"# a robot\n#\n{header}\n{rest}\n\n")
+    (recording,) = read(path)
+    np.testing.assert_allclose(recording.joints.position_rad[:, 1], columns()["x"] / 1000.0, rtol=1e-12)
+
+
+def test_decimal_commas_and_a_header_as_numpy_writes_it(tmp_path):
+    path = folder(tmp_path)
+    (reference,) = read(path)
+    text = csv_text(columns(), ";")
+    header, _, rest = text.partition("\n")
+    (tmp_path / "data.csv").write_bytes(b"\xef\xbb\xbf" + f"# {header}\n{rest.replace('.', ',')}".replace("\n", "\r\n").encode())
+    (recording,) = read(path)
+    assert_same(recording, reference)
+
+
+def test_a_gap_stays_a_gap_and_a_lost_row_is_bridged(tmp_path):
+    data = columns()
+    keep = np.ones(200, dtype=bool)
+    keep[[50, *range(100, 120)]] = False
+    (recording,) = read(folder(tmp_path, data={key: column[keep] for key, column in data.items()}))
+    assert len(recording.time_s) == 200
+    position = recording.joints.position_rad[:, 0]
+    assert np.flatnonzero(np.isnan(position)).tolist() == list(range(100, 120))
+    assert position[50] == pytest.approx(data["q"][50], abs=1e-4)
+    assert len(recording.objects[0].time_s) == 179
+
+
+def test_slower_channels_and_objects_keep_their_rate(tmp_path):
+    data = columns()
+    slow = np.arange(200) % 10 != 0
+    for name in ("temp", "tau_cmd", "vbat", "pos[0]"):
+        data[name][slow] = np.nan
+    (recording,) = read(folder(tmp_path, data=data))
+    joints = recording.joints
+    np.testing.assert_allclose(joints.temperature_rise_k[:191, 0], columns()["temp"][:191] - 20.0, atol=1e-9)
+    np.testing.assert_allclose(joints.commanded_torque_nm[:, 0], np.repeat(columns()["tau_cmd"][::10], 10), rtol=1e-9)
+    np.testing.assert_allclose(recording.objects[0].time_s, np.arange(20) * 10 * STEP_S)
+
+
+def test_equal_time_stamps_are_merged(tmp_path):
+    data = {key: np.repeat(column, 2) for key, column in columns().items()}
+    for name, column in data.items():  # as a log that writes the cube in rows of its own
+        if name != "time":
+            column[(1 if name.startswith(("pos", "quat")) else 0) :: 2] = np.nan
+    (tmp_path / "reference").mkdir()
+    (recording,), (reference,) = read(folder(tmp_path, data=data)), read(folder(tmp_path / "reference"))
+    assert_same(recording, reference)
+
+
+@pytest.mark.parametrize("stated", ["", "wrapped = true", "wrapped = false"])
+def test_wrapped_angles_are_unwrapped_unless_forbidden(tmp_path, stated):
+    data = columns()
+    turned = 30.0 * data["time"]
+    wrapped = (turned + np.pi) % (2.0 * np.pi) - np.pi
+    data["q"] = np.rad2deg(wrapped)
+    study = STUDY.replace('position = "q"', f'position = "q"\nposition_unit = "deg"\n{stated}')
+    (recording,) = read(folder(tmp_path, study, data))
+    expected = wrapped if stated == "wrapped = false" else turned
+    np.testing.assert_allclose(recording.joints.position_rad[:, 0], expected, atol=1e-9)
+
+
+def test_sign_zero_and_a_number_as_unit(tmp_path):
+    data = columns()
+    data["q"] = data["q"] * 1000.0 + 500.0
+    study = STUDY.replace('position = "q"', 'position = "q"\nposition_unit = 0.001\nsign = -1\nzero = 500.0')
+    joints = read(folder(tmp_path, study, data))[0].joints
+    np.testing.assert_allclose(joints.position_rad[:, 0], -columns()["q"], atol=1e-12)
+    np.testing.assert_array_equal(joints.velocity_rad_s[:, 0], -data["dq"])
+    np.testing.assert_array_equal(joints.measured_torque_nm[:, 0], -data["tau"])
+
+
+def test_position_targets_lie_on_the_turn_of_the_position(tmp_path):
+    data = columns()
+    turned = 30.0 * data["time"]
+    data["q"] = (turned + np.pi) % (2.0 * np.pi) - np.pi
+    data["target"] = (turned + 0.1 + np.pi) % (2.0 * np.pi) - np.pi
+    study = (
+        STUDY.replace('position = "q"', 'position = "q"\nposition_target = "target"')
+        + '[controller]\nkind = "pd"\nstiffness = 1.0\ndamping = 0.1\n'
+    )
+    joints = read(folder(tmp_path, study, data))[0].joints
+    np.testing.assert_allclose(joints.position_target_rad[:, 0], turned + 0.1, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["data.csv", "data.parquet", "data.npz"])
+def test_episodes_of_one_file_may_have_other_rates(tmp_path, name):
+    data = {key: np.tile(column, 2) for key, column in columns().items()}
+    data["time"][200:] = 7.0 + 0.005 * np.arange(200)
+    data["run"] = np.repeat([7, 3], 200)
+    study = STUDY.replace('file = "data.csv"', 'file = "data.csv"\nepisode = "run"\nregime = "free"')
+    first, second = read(folder(tmp_path, study, data, name))
+    assert (first.name, second.name, first.regime) == ("data, run 7", "data, run 3", "free")
+    assert (first.step_s, second.step_s) == (pytest.approx(STEP_S), pytest.approx(0.005))
+    assert second.time_s[0] == second.objects[0].time_s[0] == 0.0
+    chosen = study.replace('episode = "run"', 'episode_column = "run"\nepisode = [3]')
+    assert [recording.name for recording in read(folder(tmp_path, chosen, data, name))] == ["data, run 3"]
+
+
+def test_patterns_missing_channels_and_a_data_root(tmp_path):
+    from sim_backend.reality_gap.measured.foreign.episodes import read_recordings
+    from sim_backend.reality_gap.measured.foreign.study_file import load_study_file
+
+    root = tmp_path / "elsewhere"
+    (root / "a").mkdir(parents=True)
+    write(root / "a" / "run.csv", columns())
+    write(root / "a" / "other.csv", {key: column for key, column in columns().items() if key not in {"temp", "vbat"}})
+    study = (
+        STUDY.replace('"data.csv"', '"a/r*.csv"') + '[[recording]]\nfile = "a/other.csv"\nmissing = ["temperature", "supply_v"]\n'
+    )
+    recordings = read_recordings(load_study_file(folder(tmp_path, study), root))
+    assert [recording.name for recording in recordings] == ["run", "other"]
+    assert recordings[1].joints.temperature_rise_k is None
+    assert "supply_v" not in recordings[1].signals
+
+
+def test_objects_have_times_and_frames_of_their_own(tmp_path):
+    joints, poses = columns(), columns(40, seed=1)
+    joints["time"] = joints["time"] + 1e9
+    seen_s = 0.01 * np.arange(40)
+    velocity = np.random.default_rng(0).normal(size=(40, 3))
+    np.savez(
+        tmp_path / "poses.npz",
+        time=joints["time"],
+        q=joints["q"],
+        seen=seen_s + 1e9,
+        known=seen_s + 1e9 + 0.09,
+        pos=np.column_stack([poses[f"pos[{axis}]"] for axis in range(3)]),
+        quat=np.tile([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)], (40, 1)),  # xyzw: a quarter turn about z
+        velocity=velocity,
+    )
+    study = (
+        'model = "model.xml"\n[[recording]]\nfile = "poses.npz"\n[time]\ncolumn = "time"\n[joints.shoulder]\nposition = "q"\n'
+        '[objects.cube]\ntime = "seen"\ndelivery = "known"\nposition = "pos"\nquaternion = "quat"\nquaternion_order = "xyzw"\n'
+        'angular_velocity = "velocity"\nangular_velocity_frame = "world"\n'
+        'linear_velocity = "velocity"\nlinear_velocity_frame = "body"\n'
+    )
+    (recording,) = read(folder(tmp_path, study))
+    (cube,) = recording.objects
+    np.testing.assert_allclose(cube.time_s, seen_s, atol=1e-6)
+    np.testing.assert_allclose(cube.delivery_s - cube.time_s, 0.09, atol=1e-6)
+    x, y, z = velocity.T
+    np.testing.assert_allclose(cube.angular_velocity_rad_s, np.column_stack([y, -x, z]), atol=1e-12)
+    np.testing.assert_allclose(cube.linear_velocity_m_s, np.column_stack([-y, x, z]), atol=1e-12)

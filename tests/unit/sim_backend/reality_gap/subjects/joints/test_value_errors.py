@@ -1,0 +1,54 @@
+"""What is added to intervals where a robot differs everywhere."""
+
+import numpy as np
+import pytest
+
+from sim_backend.reality_gap.knowledge.value_errors import COVERED, document, is_telling, usual_error, usual_errors
+from sim_backend.reality_gap.subjects.joints.hypotheses import SCALES
+
+KEY = "coulomb_friction.torque_nm"
+
+
+def rows_of(errors, own=0.0, key=KEY):
+    return [{"key": key, "value": 0.04 + error, "truth": 0.04, "own": own} for error in errors]
+
+
+def test_so_many_values_to_come_are_held_as_wanted():
+    rng = np.random.default_rng(5)
+    held = []
+    for _ in range(300):
+        usual = usual_errors(rows_of(rng.normal(0.0, 0.003, 30)))[KEY]
+        held.append(np.mean(np.abs(rng.normal(0.0, 0.003, 1000)) <= usual))
+    assert np.mean(held) == pytest.approx(COVERED, abs=0.02)
+
+
+def test_what_the_own_noise_explains_is_not_added_again():
+    assert usual_errors(rows_of([0.003, -0.003] * 20, own=0.003))[KEY] == pytest.approx(0.0, abs=1e-8)
+    assert usual_errors(rows_of([0.005, -0.005] * 20, own=0.003))[KEY] == pytest.approx(0.004)
+
+
+def test_of_a_few_values_the_largest_error_counts():
+    assert usual_errors(rows_of([0.001, 0.002, 0.006]))[KEY] == pytest.approx(0.006)
+
+
+def test_the_file_says_what_it_is_made_of():
+    found = document(rows_of([0.01] * 20) + rows_of([0.04] * 20, key="load_friction.coefficient"), [3, 1, 2])
+    assert (found["robots"], found["seeds"]) == (3, [1, 3])
+    assert found["values"] == {KEY: 20, "load_friction.coefficient": 20}
+    assert found["errors"] == pytest.approx({KEY: 0.01, "load_friction.coefficient": 0.04})
+
+
+@pytest.mark.parametrize("key", ["controller_restart.off", "position_gain.factor", "timing_jitter.std_s"])
+def test_what_takes_over_nothing_can_be_told(key):
+    assert usual_error(key) == 0.0
+    assert is_telling(key)
+
+
+@pytest.mark.parametrize("key", ["load_friction.coefficient", "encoder_offset.offset_rad", "stribeck_friction.speed_rad_s"])
+def test_what_is_usually_far_off_tells_nothing(key):
+    assert not is_telling(key)
+
+
+@pytest.mark.parametrize("key", SCALES)
+def test_every_number_that_a_study_can_name_has_one(key):
+    assert 0.0 <= usual_error(key) < 10 * SCALES[key]
