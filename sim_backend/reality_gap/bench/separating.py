@@ -66,7 +66,8 @@ def _changes(key: str, index: int, limit: float) -> dict[str, np.ndarray]:
     values = np.full((1, parameter.width), parameter.absent)
     wanted = parameter.absent + MULTIPLE * limit
     values[0, index] = wanted if wanted <= parameter.upper else parameter.absent - MULTIPLE * limit
-    return {key: np.clip(values, parameter.lower, parameter.upper)}
+    within = np.clip(values, parameter.lower, parameter.upper)
+    return {key: within[0] if parameter.scope is Scope.GLOBAL else within}
 
 
 def directions(given: Sequence[_Given], excitation: str) -> np.ndarray:

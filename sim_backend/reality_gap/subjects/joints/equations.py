@@ -13,23 +13,22 @@ Every number that an effect may change has an image in them: the difference that
 residual is the sum of images times the true deviations.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sim_backend.reality_gap.knowledge.evidence import Channel
 from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, Robot, UnknownRobot
-from sim_backend.reality_gap.recording import JointSignals
+from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.counted_rows import is_lively, measured, near_end, rests
-from sim_backend.reality_gap.subjects.joints.mechanics import Mechanics
-from sim_backend.reality_gap.subjects.joints.mechanics_images import JointImage, MechanicsImages
+from sim_backend.reality_gap.subjects.joints.mechanics import JointImage, Mechanics, MechanicsImages
 from sim_backend.reality_gap.subjects.joints.motor_torques import MotorTorques
 from sim_backend.reality_gap.subjects.joints.plant import InverseDynamics, Plant
 from sim_backend.reality_gap.subjects.joints.reported_velocity import SHOWN, velocity_image, velocity_residual
 from sim_backend.reality_gap.subjects.joints.sent_torque import SentTorque
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
-from sim_backend.reality_gap.subjects.joints.trajectory import Trajectory
+from sim_backend.reality_gap.subjects.joints.trajectory import Trajectory, trajectory
 
 _SMALLEST_IMAGE = 1e-9
 _COUNTED_S = 0.003
@@ -264,3 +263,26 @@ class EpisodeEquations:
             terms = tuple(i for i, _ in own)
             found.append(Equation(channel, j, self._episode, time_s[rows], residual[rows, j], stacked, terms, valid[rows, j]))
         return found
+
+
+def along(
+    plant: Plant, recordings: Sequence[Recording], robot: Robot, progress: Callable[[str, float], None]
+) -> list[EpisodeEquations]:
+    """The equations of each recording.
+
+    Raises:
+        RecordingError: an episode is too short.
+    """
+    found = []
+    for index, recording in enumerate(recordings):
+        progress(f"smoothing {recording.name}", 0.15 * index / len(recordings))
+        found.append(equations_of(plant, recording, index, robot))
+    return found
+
+
+def equations_of(
+    plant: Plant, recording: Recording, index: int, robot: Robot, *, reported: JointSignals | None = None
+) -> EpisodeEquations:
+    """One episode's; ``reported`` is what the robot's controller saw, where positions were corrected since."""
+    path = trajectory(recording, cutoff_hz=robot.cutoff_hz)
+    return EpisodeEquations(plant, path, index, robot=robot, reported=reported)

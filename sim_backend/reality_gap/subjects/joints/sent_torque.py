@@ -7,7 +7,7 @@ import numpy as np
 
 from sim_backend.driver.safety import applied_torque_nm
 from sim_backend.reality_gap.recording import JointSignals
-from sim_backend.reality_gap.subjects.joints.mechanics_images import JointImage
+from sim_backend.reality_gap.subjects.joints.mechanics import JointImage
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 
 _GAIN, _DAMPING, LATENESS, _OFF = (

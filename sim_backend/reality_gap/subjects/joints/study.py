@@ -8,11 +8,10 @@ import numpy as np
 
 from sim_backend.reality_gap.knowledge.evidence import FITTED, Channel
 from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, Robot
-from sim_backend.reality_gap.recording import Recording
-from sim_backend.reality_gap.subjects.joints.along import along, names_of_joints
+from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.subjects.joints.checks import Finding, end_findings, noise_findings, torque_noise_findings
 from sim_backend.reality_gap.subjects.joints.command_lateness import with_measured_lateness
-from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
+from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations, along
 from sim_backend.reality_gap.subjects.joints.fit import JointFit, select
 from sim_backend.reality_gap.subjects.joints.gain import held_out_errors
 from sim_backend.reality_gap.subjects.joints.look import JointProblem, Look
@@ -116,7 +115,7 @@ def study_joints(
         RecordingError: recordings that cannot be used.
         ShowsNothingError: no joint moves, or a TriFinger's are too short.
     """
-    names = names_of_joints(recordings)
+    names = _names(recordings)
     if isinstance(robot, KnownTriFinger):
         _check_length(recordings)
     plant = Plant(model, names)
@@ -194,3 +193,22 @@ def _is_known(recording: Recording) -> np.ndarray:
     """Samples in which every joint's position was measured, shape (s,)."""
     assert recording.joints is not None
     return np.isfinite(recording.joints.position_rad.sum(axis=1))
+
+
+def _names(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Of the joints that all recordings have.
+
+    Raises:
+        RecordingError: they have not the same ones, or one has no torque.
+    """
+    found = {recording.joints.names for recording in recordings if recording.joints is not None}
+    if len(found) != 1:
+        raise RecordingError(f"all episodes must have the same joints; found {sorted(found) or 'none'}")
+    for recording in recordings:
+        joints = recording.joints
+        if joints is not None and joints.commanded_torque_nm is None and joints.measured_torque_nm is None:
+            raise RecordingError(
+                f"{recording.source}: episode {recording.name} has no torque; give commanded or measured torques, "
+                "or position targets and the controller that follows them"
+            )
+    return found.pop()

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from sim_backend.reality_gap.knowledge.evidence import FELT, TAKES_OVER, Sign
 from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, Robot
 from sim_backend.reality_gap.recording import Recording
-from sim_backend.reality_gap.subjects.joints.along import equations_of
 from sim_backend.reality_gap.subjects.joints.checks import (
     Finding,
     end_findings,
@@ -14,7 +13,7 @@ from sim_backend.reality_gap.subjects.joints.checks import (
     noisy_motors,
     torque_noise_findings,
 )
-from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
+from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations, equations_of
 from sim_backend.reality_gap.subjects.joints.fit import MANY_CAUSES
 from sim_backend.reality_gap.subjects.joints.look import JointProblem
 from sim_backend.reality_gap.subjects.joints.plant import Plant
