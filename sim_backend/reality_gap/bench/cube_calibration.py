@@ -16,6 +16,7 @@ import numpy as np
 from sim_backend.reality_gap.bench.cube_limits import GAUSSIAN_CRITICAL, detection_limits, told_scores
 from sim_backend.reality_gap.bench.cube_sessions import healthy_physics, sessions_with_pushes
 from sim_backend.reality_gap.knowledge.cube import COUNTED, KINDS, Count, Kind
+from sim_backend.reality_gap.quantiles import MEDIAN_SIZE
 from sim_backend.reality_gap.subjects.cube.contact import CONTACT_NAMES
 from sim_backend.reality_gap.subjects.cube.healthy import PACKAGED, HealthyCubes
 from sim_backend.reality_gap.subjects.cube.hypotheses import Null, judge, largest_gains, misfit, without_worst
@@ -89,7 +90,7 @@ def fit_null(summaries: Sequence[CubeSummary], jump_probabilities: Sequence[floa
     vectors = np.array([row.vector for row in summaries])
     vectors = vectors[np.isfinite(vectors).all(axis=1)]
     middle = np.median(vectors, axis=0)
-    spread = 1.4826 * np.median(np.abs(vectors - middle), axis=0) + 1e-12
+    spread = np.median(np.abs(vectors - middle), axis=0) / MEDIAN_SIZE + 1e-12
     floor = np.array([_FLOOR_STD.get(name, 0.0) for name in NAMES])
     vectors = np.clip(vectors, middle - _WINSOR * np.maximum(spread, floor), middle + _WINSOR * np.maximum(spread, floor))
     covariance = np.cov(vectors.T) * _related()

@@ -6,6 +6,7 @@ import numpy as np
 from scipy import stats
 
 from sim_backend.reality_gap.knowledge.cube import COUNTED, LINEAR, TABLED
+from sim_backend.reality_gap.quantiles import Z_99
 from sim_backend.reality_gap.subjects.cube.counts import healthy_count
 from sim_backend.reality_gap.subjects.cube.hypotheses import (
     FINE,
@@ -18,7 +19,7 @@ from sim_backend.reality_gap.subjects.cube.hypotheses import (
 )
 from sim_backend.reality_gap.subjects.cube.summary import CubeSummary
 
-GAUSSIAN_CRITICAL = 2.5758
+GAUSSIAN_CRITICAL = Z_99
 """A test that is told effect, place and noise rejects at 1 % beyond so many standard deviations, were the noise Gaussian."""
 
 

@@ -8,8 +8,10 @@ stopped: one line of JSON for each session.
 import argparse
 import json
 from collections import defaultdict
+from collections.abc import Sequence
 from pathlib import Path
 
+import mujoco
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
@@ -17,7 +19,9 @@ from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.bench.joint_sessions import EVERYTHING, IN_THE_AIR, healthy_physics, simulated_recordings
 from sim_backend.reality_gap.knowledge.evidence import NUMBERS
 from sim_backend.reality_gap.knowledge.robot import KnownTriFinger
+from sim_backend.reality_gap.recording import Recording
 from sim_backend.reality_gap.subjects.joints.flexible import patterns
+from sim_backend.reality_gap.subjects.joints.look import Look
 from sim_backend.reality_gap.subjects.joints.study import study_joints
 from sim_backend.reality_gap.subjects.joints.verdict import strongest_left
 from sim_backend.trifinger.scene import compile_scene
@@ -57,7 +61,7 @@ def main() -> int:
     return 0
 
 
-def _measured(model, recordings) -> dict:
+def _measured(model: mujoco.MjModel, recordings: Sequence[Recording]) -> dict:
     study = study_joints(model, recordings, lambda *_: None, robot=KnownTriFinger.seen_in(recordings), gate=_NO_GATE)
     look, values = study.fit.first, defaultdict(list)
     for candidate in look.candidates:
@@ -80,7 +84,7 @@ def _measured(model, recordings) -> dict:
     }
 
 
-def _gain_by_effect(look) -> dict[str, float]:
+def _gain_by_effect(look: Look) -> dict[str, float]:
     gains: dict[str, float] = {}
     for candidate in look.candidates:
         if candidate.allowed:

@@ -14,6 +14,7 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+from scipy import ndimage
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
@@ -21,6 +22,9 @@ from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.bench.joint_sessions import IN_THE_AIR, simulated_sessions
 from sim_backend.reality_gap.knowledge.evidence import FITTED, shape_of
 from sim_backend.reality_gap.knowledge.healthy import LIMITS_FILE
+from sim_backend.reality_gap.recording import Recording
+from sim_backend.reality_gap.subjects.joints.plant import Plant
+from sim_backend.trifinger.scene import compile_scene
 
 MULTIPLE = 2.0
 SEED = 9101
@@ -28,6 +32,8 @@ JOINTS = (0, 1, 2)
 NOISE = {"position_rad": 1e-4, "velocity_rad_s": 5e-3, "measured_torque_nm": 2e-3}
 """Of the sensors, about as a healthy robot has it."""
 EVERY = 4  # samples
+NEAR_END_RAD, NEAR_END_S = 0.05, 0.5
+"""Around the ends of joints nothing is compared: so near, and so long before and after."""
 
 
 @dataclass(frozen=True)
@@ -74,10 +80,23 @@ def directions(given: Sequence[_Given], excitation: str) -> np.ndarray:
     """What each robot measures otherwise than the nominal one, in units of noise, shape (robots, samples)."""
     physics = Physics.stack([Physics.nominal(), *(Physics.nominal().changed(dict(each.changes)) for each in given)])
     sessions = simulated_sessions(physics, [SEED] * (len(given) + 1), excitation=excitation, threads=2)
-    measured = np.stack(
-        [np.concatenate([(getattr(s.joints, name)[::EVERY] / noise).ravel() for name, noise in NOISE.items()]) for s in sessions]
-    ).astype(np.float32)
+    measured = np.stack([_measured(session, _counted(sessions[0])) for session in sessions])
     return measured[1:] - measured[0]
+
+
+def _counted(session: Recording) -> np.ndarray:
+    """Samples of each joint that a fit counts: away from the ends, where the smallest change shifts a hit; shape (s, k)."""
+    assert session.joints is not None
+    position, ends = session.joints.position_rad, Plant(compile_scene(), session.joints.names).range_rad
+    near = (position < ends[:, 0] + NEAR_END_RAD) | (position > ends[:, 1] - NEAR_END_RAD)
+    around = ndimage.binary_dilation(near, np.ones((round(NEAR_END_S / session.step_s), 1), dtype=bool))
+    return np.logical_not(around)
+
+
+def _measured(session: Recording, counted: np.ndarray) -> np.ndarray:
+    """Everything that a robot measures where it counts, in units of noise, shape (samples,)."""
+    parts = [np.where(counted, getattr(session.joints, name) / noise, 0.0)[::EVERY].ravel() for name, noise in NOISE.items()]
+    return np.concatenate(parts).astype(np.float32)
 
 
 def separations(given: Sequence[_Given], changes: np.ndarray) -> dict[tuple[str, str], float]:

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from sim_backend.reality_gap.quantiles import MEDIAN_SIZE
+
 LEAST_NOISE_RAD = 3e-5
 """No encoder is trusted beyond this: laws of friction and gears do not hold to less, however quiet a simulated sensor is."""
 
@@ -23,4 +25,4 @@ def white_noise(series: np.ndarray) -> np.ndarray:
     """
     differences = np.diff(series, 4, axis=0)
     differences[:, np.isnan(differences).all(axis=0)] = 0.0
-    return np.nanmedian(np.abs(differences), axis=0) / (0.6744897501960817 * np.sqrt(70.0))
+    return np.nanmedian(np.abs(differences), axis=0) / (MEDIAN_SIZE * np.sqrt(70.0))

@@ -14,7 +14,7 @@ import numpy as np
 
 from sim_backend.driver.robot_model import robot_spec
 from sim_backend.effects.catalogue import CATALOGUE
-from sim_backend.effects.effect import Acts
+from sim_backend.effects.effect import Acts, Effect
 from sim_backend.effects.estimate import Estimate
 from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.model import native_laws as laws
@@ -110,7 +110,7 @@ def mjcf_text(spec: mujoco.MjSpec) -> str:
     return exact_numbers(copy.to_xml(), model)
 
 
-def _in_order(names: Iterable[str]):
+def _in_order(names: Iterable[str]) -> list[tuple[str, Effect]]:
     """Effects by name, in the order in which their laws must be written: limits before gains, encoders last."""
     return sorted(((name, CATALOGUE[name]) for name in names), key=lambda entry: laws.ORDER.get(entry[0], 0))
 

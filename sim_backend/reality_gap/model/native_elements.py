@@ -19,13 +19,13 @@ def actuators_of(spec: mujoco.MjSpec, joint: str) -> list:
     return [a for a in spec.actuators if a.target == joint and a.trntype in _JOINT_TRANSMISSIONS and a.ctrlspec != _PASSIVE]
 
 
-def in_units(joint, position: float) -> float:
+def in_units(joint: mujoco.MjsJoint, position: float) -> float:
     """A position of a joint, rad or m, in the units of its specification: degrees for hinges unless its compiler says other."""
     is_turned = joint.type == mujoco.mjtJoint.mjJNT_HINGE and joint.compiler.degree
     return math.degrees(position) if is_turned else position
 
 
-def add_spring(joint, stiffness_nm_rad: float, reference_rad: float) -> None:
+def add_spring(joint: mujoco.MjsJoint, stiffness_nm_rad: float, reference_rad: float) -> None:
     """A spring of the joint beside the one that it has: the two of them are one, whose rest lies between theirs."""
     own, added = joint.stiffness[0], stiffness_nm_rad
     rest = own * joint.springref + added * in_units(joint, reference_rad)
@@ -70,7 +70,7 @@ def scale_torque(spec: mujoco.MjSpec, joint: str, error: float) -> str | None:
     return None if driving else f"no actuator drives {joint}"
 
 
-def _is_linear(actuator) -> bool:
+def _is_linear(actuator: mujoco.MjsActuator) -> bool:
     gains = (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtGain.mjGAIN_AFFINE)
     return actuator.gaintype in gains and actuator.biastype in (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE)
 
@@ -118,7 +118,7 @@ def add_noise(spec: mujoco.MjSpec, joint: str, position_rad: float, velocity_rad
     return "sensors state the noise, but MuJoCo does not add it"
 
 
-def scale_mass(body, factor: float) -> None:
+def scale_mass(body: mujoco.MjsBody, factor: float) -> None:
     """Mass and inertia of one body."""
     if body.explicitinertial:
         body.mass, body.inertia = body.mass * factor, np.asarray(body.inertia) * factor

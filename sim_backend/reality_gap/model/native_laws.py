@@ -52,14 +52,14 @@ def joints_of(spec: mujoco.MjSpec) -> list[str]:
     return [joint.name for joint in spec.joints if joint.type in kinds]
 
 
-def _joint(spec: mujoco.MjSpec, where: str):
+def _joint(spec: mujoco.MjSpec, where: str) -> mujoco.MjsJoint:
     found = spec.joint(where)
     if found is None or where not in joints_of(spec):
         raise ValueError(f"the model has no hinge or slide {where!r}; choose from {', '.join(joints_of(spec))}")
     return found
 
 
-def _body(spec: mujoco.MjSpec, where: str):
+def _body(spec: mujoco.MjSpec, where: str) -> mujoco.MjsBody:
     found = spec.body(where) or (spec.joint(where).parent if spec.joint(where) else None)
     if found is None:
         names = ", ".join(b.name for b in spec.bodies if b.name and b.name != "world")
@@ -76,53 +76,53 @@ def _geoms(spec: mujoco.MjSpec, where: str) -> list:
     return found
 
 
-def _coulomb(spec, where, values) -> None:
+def _coulomb(spec: mujoco.MjSpec, where: str, values: _Values) -> None:
     set_bound(_joint(spec, where), values["torque_nm"])
 
 
-def _stuck(spec, where, values) -> None:
+def _stuck(spec: mujoco.MjSpec, where: str, values: _Values) -> None:
     joint = _joint(spec, where)
     set_bound(joint, float(joint.frictionloss) + values["holding_torque_nm"])
 
 
-def _viscous(spec, where, values) -> None:
+def _viscous(spec: mujoco.MjSpec, where: str, values: _Values) -> None:
     _joint(spec, where).damping[0] = values["damping_nm_s_rad"]
 
 
-def _armature(spec, where, values) -> None:
+def _armature(spec: mujoco.MjSpec, where: str, values: _Values) -> None:
     _joint(spec, where).armature = values["armature_kg_m2"]
 
 
-def _stiffness(spec, where, values) -> None:
+def _stiffness(spec: mujoco.MjSpec, where: str, values: _Values) -> None:
     elements.add_spring(_joint(spec, where), values["stiffness_nm_rad"], values["reference_rad"])
 
 
-def _range(spec, where, values) -> None:
+def _range(spec: mujoco.MjSpec, where: str, values: _Values) -> None:
     joint = _joint(spec, where)
     joint.range = np.asarray(joint.range) + [elements.in_units(joint, values[end]) for end in ("lower_rad", "upper_rad")]
 
 
-def _gravity(spec, where, values) -> str | None:
+def _gravity(spec: mujoco.MjSpec, where: str, values: _Values) -> str | None:
     if where not in ("x", "y", "z"):
         raise ValueError(f"gravity has no axis {where!r}; choose from x, y, z")
     spec.option.gravity["xyz".index(where)] += values["offset_m_s2"]
 
 
-def _tilt(spec, _where, values) -> None:
+def _tilt(spec: mujoco.MjSpec, _where: str, values: _Values) -> None:
     body.table_tilt(spec, values)
 
 
-def _noise(spec, where, values) -> str:
+def _noise(spec: mujoco.MjSpec, where: str, values: _Values) -> str:
     return elements.add_noise(
         spec, _joint(spec, where).name, values["position_rad"], values["velocity_rad_s"], values["torque_nm"]
     )
 
 
-def _cogging(spec, where, values) -> None:
+def _cogging(spec: mujoco.MjSpec, where: str, values: _Values) -> None:
     elements.add_cogging(spec, _joint(spec, where).name, values["amplitude_nm"], values["cycles_per_rad"], values["phase_rad"])
 
 
-def _encoder(spec, where, values) -> None:
+def _encoder(spec: mujoco.MjSpec, where: str, values: _Values) -> None:
     elements.offset_encoder(spec, _joint(spec, where).name, values["offset_rad"])
 
 

@@ -18,7 +18,6 @@ from sim_backend.reality_gap.subjects.cube.tracker import TrackerStatistics
 from sim_backend.reality_gap.subjects.cube.windows import LEAST_PUSHES
 from sim_backend.trifinger import constants as c
 
-Z_90 = 1.6449
 FINE = 400
 
 

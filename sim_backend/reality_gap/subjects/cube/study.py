@@ -8,11 +8,12 @@ import numpy as np
 
 from sim_backend.reality_gap.knowledge.cube import COUNTED, KINDS, Kind
 from sim_backend.reality_gap.knowledge.separation import separated_by
+from sim_backend.reality_gap.quantiles import Z_90
 from sim_backend.reality_gap.recording import Recording
 from sim_backend.reality_gap.subjects.cube.contact import contact_summary
 from sim_backend.reality_gap.subjects.cube.counts import count_p
 from sim_backend.reality_gap.subjects.cube.healthy import HealthyCubes, load_calibration
-from sim_backend.reality_gap.subjects.cube.hypotheses import Z_90, Judged, judge, largest_gains, misfit, seen_count, without_worst
+from sim_backend.reality_gap.subjects.cube.hypotheses import Judged, judge, largest_gains, misfit, seen_count, without_worst
 from sim_backend.reality_gap.subjects.cube.replay import PushReplay, Replayed
 from sim_backend.reality_gap.subjects.cube.summary import NAMES, CubeEvidence, CubeSummary, summary_of, summary_of_evidence
 from sim_backend.reality_gap.subjects.cube.tracker import tracker_statistics

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim_backend.reality_gap.quantiles import MEDIAN_SIZE
 from sim_backend.reality_gap.recording import ObjectSignals, Recording
 from sim_backend.reality_gap.subjects.cube.windows import rotation_matrices, usable_frames
 from sim_backend.trifinger import constants as c
@@ -141,7 +142,7 @@ def _rotation_vector(matrix: np.ndarray) -> np.ndarray:
 
 def _spread(values: np.ndarray) -> float:
     """Robust standard deviation of numbers with mean 0, shape (k, 3)."""
-    return float(1.4826 * np.median(np.abs(values))) if len(values) else np.nan
+    return float(np.median(np.abs(values)) / MEDIAN_SIZE) if len(values) else np.nan
 
 
 def _mean(parts: Sequence[np.ndarray]) -> float:

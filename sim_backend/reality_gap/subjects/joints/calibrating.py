@@ -11,6 +11,7 @@ from scipy import linalg, optimize, special
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.knowledge.evidence import plane_of
+from sim_backend.reality_gap.quantiles import Z_90
 from sim_backend.reality_gap.subjects.joints.hypotheses import PLATFORM
 from sim_backend.reality_gap.subjects.joints.look import Accepted, JointProblem, Look
 from sim_backend.reality_gap.subjects.joints.moves import moved
@@ -83,7 +84,9 @@ def _bounds(terms: Sequence[Term], start: JointState, scales: np.ndarray) -> tup
     return lower / scales, upper / scales
 
 
-def _coordinate_descent(quadratic, linear, square: float, lower, upper) -> np.ndarray:
+def _coordinate_descent(
+    quadratic: np.ndarray, linear: np.ndarray, square: float, lower: np.ndarray, upper: np.ndarray
+) -> np.ndarray:
     """One number after the other to its best value, as long as that takes away a share of the error; shape (m,)."""
     value, left = np.zeros(len(linear)), square
     for _ in range(_SWEEPS):
@@ -102,7 +105,9 @@ def _coordinate_descent(quadratic, linear, square: float, lower, upper) -> np.nd
     return value
 
 
-def _simopt(quadratic, linear, lower, upper, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def _simopt(
+    quadratic: np.ndarray, linear: np.ndarray, lower: np.ndarray, upper: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
     """A Gaussian over the numbers, moved towards what fits within a bound on each update; mean and spread, shape (m,)."""
     mean, covariance = np.zeros(len(linear)), np.diag(np.full(len(linear), 0.25))
     for _ in range(_ITERATIONS):
@@ -127,7 +132,9 @@ def _bounded_weights(cost: np.ndarray) -> np.ndarray:
     return special.softmax(-cost / np.exp(root))
 
 
-def _causes(problem: JointProblem, start: JointState, terms, mean, spread, scales) -> list[Cause]:
+def _causes(
+    problem: JointProblem, start: JointState, terms: Sequence[Term], mean: np.ndarray, spread: np.ndarray, scales: np.ndarray
+) -> list[Cause]:
     found = []
     for term, value, error, scale in sorted(zip(terms, mean, spread, scales, strict=True), key=lambda row: -abs(row[1])):
         if abs(value) < _REPORTED:
@@ -135,7 +142,7 @@ def _causes(problem: JointProblem, start: JointState, terms, mean, spread, scale
         parameter = PARAMETERS[term.key]
         where = problem.names[term.index] if parameter.width == 9 else "xyz"[term.index] if parameter.width == 3 else "platform"
         here = start.value(term.key)[term.index]
-        middle, half = float(here + value * scale), float(1.6448536269514722 * error * scale)
+        middle, half = float(here + value * scale), float(Z_90 * error * scale)
         found.append(Cause(term.effect, parameter.name, where, middle, parameter.unit, (middle - half, middle + half)))
     return found
 

@@ -8,13 +8,13 @@ import numpy as np
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.knowledge.value_errors import is_telling, usual_error
+from sim_backend.reality_gap.quantiles import Z_90
 from sim_backend.reality_gap.subjects.joints.fitted_values import FittedValue, fitted_values
 from sim_backend.reality_gap.subjects.joints.hypotheses import SCALES
 from sim_backend.reality_gap.subjects.joints.look import Accepted
 from sim_backend.reality_gap.subjects.joints.study import JointStudy
 from sim_backend.reality_gap.verdict import Cause
 
-Z_90 = 1.6448536269514722
 _SYSTEMATIC = 2.0
 _SYSTEMATIC_SHARE = 0.1
 """Intervals are wider than the noise alone makes them, by a factor and by a share of the deviation: laws are not exact."""

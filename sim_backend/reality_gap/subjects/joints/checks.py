@@ -8,6 +8,7 @@ import numpy as np
 from sim_backend.reality_gap.knowledge.evidence import SEEN, Sign
 from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, Robot
 from sim_backend.reality_gap.measured.sensor_noise import white_noise
+from sim_backend.reality_gap.quantiles import MEDIAN_SIZE, MEDIAN_SQUARE, Z_90
 from sim_backend.reality_gap.subjects.joints.body_law import encoder_offsets_rad
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS
@@ -132,7 +133,7 @@ def _autocovariance(series: np.ndarray, lag: int) -> np.ndarray:
     """Of the part that lasts for some samples but is no slow drift, shape (k,)."""
     fast = series - np.median(series, axis=0)
     products = fast[lag:] * fast[:-lag]
-    return np.median(products, axis=0) / 0.4549 if len(products) else np.zeros(series.shape[1])
+    return np.median(products, axis=0) / MEDIAN_SQUARE if len(products) else np.zeros(series.shape[1])
 
 
 def _odd(sign: Sign, levels: np.ndarray, healthy: float, relative_error: float) -> list[Finding]:
@@ -243,7 +244,7 @@ def _jump(episodes: Sequence[EpisodeEquations], joint: int) -> list[Finding]:
         moves = np.diff(raw)
         if len(moves) < 50:
             continue
-        usual = np.median(np.abs(np.diff(moves))) / 0.6745
+        usual = np.median(np.abs(np.diff(moves))) / MEDIAN_SIZE
         around = 0.5 * (np.roll(moves, 2) + np.roll(moves, -2))
         odd = np.where(_near_gap(episode.path.joints.position_rad[:, joint]), 0.0, np.abs(moves - around))
         at = int(np.argmax(odd[5:-5])) + 5
@@ -296,7 +297,7 @@ def _shifted_end(episodes: Sequence[EpisodeEquations], joint: int, offset_rad: f
                     sign,
                     joint,
                     shift,
-                    (shift - 1.6 * error, shift + 1.6 * error),
+                    (shift - Z_90 * error, shift + Z_90 * error),
                     abs(shift) / END_MARGIN_RAD,
                 )
             )

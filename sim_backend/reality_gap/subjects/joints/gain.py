@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_backend.reality_gap.knowledge.evidence import Channel
+from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.subjects.joints.look import JointProblem, Look
 from sim_backend.reality_gap.subjects.joints.moves import deviations, moved
 from sim_backend.reality_gap.subjects.joints.normal_equations import FOLDS, folds_of
@@ -62,7 +63,7 @@ def _errors(problem: JointProblem, states: Sequence[JointState]) -> TorqueErrors
     return TorqueErrors(np.array(squares), np.array(rows, dtype=float))
 
 
-def folds_of_rows(episode, episodes: int) -> np.ndarray:
+def folds_of_rows(episode: EpisodeEquations, episodes: int) -> np.ndarray:
     """Fold of each row of an episode, shape (t,)."""
     equation = episode.empty_equation(Channel.MECHANICS)
     return folds_of(equation, episodes)

@@ -202,7 +202,15 @@ class JointProblem:
         sums = normal_equations(found, len(terms), FOLDS)
         return self._answers(sums, catalogue, tuple(found), tolerance, accepted, state)
 
-    def _answers(self, sums, catalogue, found, tolerance, accepted, state) -> Look:
+    def _answers(
+        self,
+        sums: NormalEquations,
+        catalogue: Catalogue,
+        found: tuple[Whitened, ...],
+        tolerance: np.ndarray,
+        accepted: Sequence[Accepted],
+        state: JointState,
+    ) -> Look:
         base = np.flatnonzero(tolerance > 0.0)
         weights = np.ones(FOLDS)
         whole = reduced(sums.weighted(weights), base, tolerance[base])

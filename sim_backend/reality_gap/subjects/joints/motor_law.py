@@ -1,6 +1,7 @@
 """The effects between a sent torque and a joint, applied along a recorded motion with the catalogue's own functions."""
 
 import functools
+from collections.abc import Callable
 
 import numba
 import numpy as np
@@ -76,7 +77,17 @@ def absent_values() -> np.ndarray:
     return values
 
 
-def _law(sent, total, position, velocity, step_s, p, current, net, play):
+def _law(
+    sent: np.ndarray,
+    total: np.ndarray,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    step_s: float,
+    p: np.ndarray,
+    current: np.ndarray,
+    net: np.ndarray,
+    play: np.ndarray,
+) -> None:
     """One joint along a motion: what the motor's current gives, what is left at the joint, and the play of the gear."""
     steps = len(sent)
     whole = int(np.floor(p[_DELAY] / step_s + 1e-9))
@@ -102,7 +113,7 @@ def _law(sent, total, position, velocity, step_s, p, current, net, play):
 
 
 @functools.cache
-def _compiled():
+def _compiled() -> Callable[..., None]:
     series = types.float64[:]
     signature = types.void(series, series, series, series, types.float64, series, series, series, series)
     return compiled_once(lambda cache: numba.njit(signature, cache=cache)(_law))

@@ -12,6 +12,7 @@ import numpy as np
 from scipy import linalg
 
 from sim_backend.reality_gap.knowledge.evidence import Channel
+from sim_backend.reality_gap.quantiles import MEDIAN_SIZE
 from sim_backend.reality_gap.subjects.joints.equations import Equation
 
 FOLDS = 10
@@ -149,7 +150,7 @@ def left_over(y: np.ndarray, x: np.ndarray, scales: np.ndarray, floor: float) ->
 
 def _spread(values: np.ndarray) -> float:
     """Standard deviation of the bulk (median absolute deviation, scaled for a normal distribution)."""
-    return float(np.median(np.abs(values - np.median(values))) / 0.6744897501960817)
+    return float(np.median(np.abs(values - np.median(values))) / MEDIAN_SIZE)
 
 
 def _autoregression(left: np.ndarray, valid: np.ndarray, order: int) -> np.ndarray:

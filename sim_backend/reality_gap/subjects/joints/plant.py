@@ -107,7 +107,7 @@ class Plant:
             gravity[:, :, axis] = self._torque(model, *motion) - base
         return InverseDynamics(base, mass, gravity, pose, inertia)
 
-    def _torque(self, model: mujoco.MjModel, position, velocity, acceleration) -> np.ndarray:
+    def _torque(self, model: mujoco.MjModel, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
         data = mujoco.MjData(model)
         out = np.empty_like(position)
         q, v = self._q, self._v

@@ -1,6 +1,7 @@
 """The play of a gear along a recorded motion: the encoder sits at the rotor, so that the link is where nobody measured it."""
 
 import functools
+from collections.abc import Callable
 
 import numba
 import numpy as np
@@ -14,7 +15,9 @@ ROTOR_RAD, ROTOR_RAD_S, FALL_RAD_S2 = range(3)
 """Rows of the motion: rotor as reported, and what the link would do without its motor."""
 
 
-def _follow(motion, step_s, gap_rad, rotor_inertia_kg_m2, torque_nm, play_rad):
+def _follow(
+    motion: np.ndarray, step_s: float, gap_rad: float, rotor_inertia_kg_m2: float, torque_nm: np.ndarray, play_rad: np.ndarray
+) -> None:
     """The law, in place on the last two."""
     rotor, speed, fall = motion[0], motion[1], motion[2]
     half, steps = 0.5 * gap_rad, len(torque_nm)
@@ -37,7 +40,7 @@ def _follow(motion, step_s, gap_rad, rotor_inertia_kg_m2, torque_nm, play_rad):
 
 
 @functools.cache
-def _compiled():
+def _compiled() -> Callable[..., None]:
     series, number = types.float64[::1], types.float64
     signature = types.void(types.float64[:, ::1], number, number, number, series, series)
     return compiled_once(lambda cache: numba.njit(signature, cache=cache)(_follow))

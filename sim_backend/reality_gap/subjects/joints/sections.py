@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.subjects.joints.causes import Z_90, place_of
+from sim_backend.reality_gap.quantiles import Z_90, Z_95
+from sim_backend.reality_gap.subjects.joints.causes import place_of
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.subjects.joints.fitted_values import fitted_values
 from sim_backend.reality_gap.subjects.joints.flexible import Pattern, heat, since_reversal_s
@@ -56,7 +57,9 @@ def _worst_joints(errors: Sequence[np.ndarray], study: JointStudy) -> list[int]:
     return [int(j) for j in dict.fromkeys(order)][:_SHOWN_JOINTS]
 
 
-def _series(study: JointStudy, before, after, joints: Sequence[int]) -> list[dict[str, Any]]:
+def _series(
+    study: JointStudy, before: Sequence[np.ndarray], after: Sequence[np.ndarray], joints: Sequence[int]
+) -> list[dict[str, Any]]:
     found = []
     for against, unit, of in (
         ("velocity", "rad/s", lambda e: e.path.velocity),
@@ -93,7 +96,7 @@ def _binned(x: np.ndarray, y: np.ndarray) -> dict[str, list]:
     return rows
 
 
-def _worst_window(study: JointStudy, before, joint: int) -> dict[str, Any]:
+def _worst_window(study: JointStudy, before: Sequence[np.ndarray], joint: int) -> dict[str, Any]:
     """The second in which the nominal model's torque error of the worst joint is largest."""
     episode, best, at = 0, -1.0, 0
     for index, (errors, e) in enumerate(zip(before, study.problem.episodes, strict=True)):
@@ -127,7 +130,7 @@ def _ranking(study: JointStudy) -> dict[str, Any]:
             continue
         seen.add(name)
         half = (
-            1.645 * float(np.sqrt(len(candidate.by_fold)) * np.std(candidate.by_fold, ddof=1))
+            Z_90 * float(np.sqrt(len(candidate.by_fold)) * np.std(candidate.by_fold, ddof=1))
             if len(candidate.by_fold) > 1
             else 0.0
         )
@@ -140,7 +143,7 @@ def _ranking(study: JointStudy) -> dict[str, Any]:
     return {"unit": "nats", "line": line, "line_is_null_99": bool(len(null)), "noise_floor": None, "rows": rows}
 
 
-def _horizon(study: JointStudy, before, after) -> dict[str, Any]:
+def _horizon(study: JointStudy, before: Sequence[np.ndarray], after: Sequence[np.ndarray]) -> dict[str, Any]:
     """How far a joint would be off after a while for its torque error alone, from the right start; root mean square, mrad."""
     e = study.problem.episodes[0]
     inertia = np.mean(
@@ -205,7 +208,7 @@ def _profiles(study: JointStudy) -> list[dict[str, Any]]:
     return found[:12]
 
 
-def _autocorrelation(study: JointStudy, before, after, joint: int) -> dict[str, Any]:
+def _autocorrelation(study: JointStudy, before: Sequence[np.ndarray], after: Sequence[np.ndarray], joint: int) -> dict[str, Any]:
     e = study.problem.episodes[0]
     found = {"lag_s": [lag * e.path.step_s * e.path.every for lag in range(_LAGS)]}
     rows = 1
@@ -215,7 +218,7 @@ def _autocorrelation(study: JointStudy, before, after, joint: int) -> dict[str, 
         rows = max(1, int(np.isfinite(errors[0][:, joint]).sum()))
         power = float(series @ series) or 1.0
         found[stage] = [float(series[lag:] @ series[: len(series) - lag]) / power for lag in range(_LAGS)]
-    return found | {"band": 1.96 / float(np.sqrt(rows))}
+    return found | {"band": Z_95 / float(np.sqrt(rows))}
 
 
 def _ladder(study: JointStudy) -> list[dict[str, Any]]:

@@ -9,7 +9,8 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.knowledge.evidence import ENDS, FELT, FITTED, SENSOR_NOISE, Channel, Sign
 from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.knowledge.separation import separated_by
-from sim_backend.reality_gap.subjects.joints.causes import Z_90, causes_of, is_clear, place_of
+from sim_backend.reality_gap.quantiles import Z_90
+from sim_backend.reality_gap.subjects.joints.causes import causes_of, is_clear, place_of
 from sim_backend.reality_gap.subjects.joints.checks import Finding, place
 from sim_backend.reality_gap.subjects.joints.fitted_values import fitted_values
 from sim_backend.reality_gap.subjects.joints.flexible import Pattern, lasting, patterns
@@ -72,7 +73,9 @@ def judge(study: JointStudy) -> JointVerdict:
     return JointVerdict(verdict if isinstance(study.robot, KnownTriFinger) else reconsidered(study, verdict), tuple(left))
 
 
-def _kind(study, causes, left: Sequence[Pattern], rivals) -> tuple[VerdictKind, str]:
+def _kind(
+    study: JointStudy, causes: Sequence[Cause], left: Sequence[Pattern], rivals: Sequence[tuple[Rival, list[Cause]]]
+) -> tuple[VerdictKind, str]:
     explained = sum(a.gain for a in study.fit.accepted)
     if odd := _odd(study):
         return VerdictKind.UNEXPLAINED, f"No cause of the catalogue explains {odd[0]}."

@@ -9,6 +9,7 @@ import numpy as np
 from sim_backend.reality_gap.subjects.tosses.evidence import MOTION, TossEvidence
 from sim_backend.reality_gap.subjects.tosses.likelihood import by_episode
 from sim_backend.reality_gap.subjects.tosses.replay import replayed
+from sim_backend.reality_gap.subjects.tosses.stretches import Toss
 from sim_backend.reality_gap.verdict import HeldOut
 
 _HORIZONS = 12
@@ -96,7 +97,9 @@ def _kind_error(name: str, unit: str, before: np.ndarray, after: np.ndarray) -> 
     return KindError(name, unit, mean[0], mean[1], int(np.isfinite(before).sum()))
 
 
-def _reduction_interval(before: np.ndarray, after: np.ndarray, episodes: np.ndarray, rng) -> tuple[float, float]:
+def _reduction_interval(
+    before: np.ndarray, after: np.ndarray, episodes: np.ndarray, rng: np.random.Generator
+) -> tuple[float, float]:
     """Share of the error that is gone, 95 %, by a bootstrap over episodes."""
     known = np.isfinite(before) & np.isfinite(after)
     start, end = (by_episode(np.abs(values[known]), episodes[known]) for values in (before, after))
@@ -114,7 +117,13 @@ class _Drawn:
     worst_window: Mapping[str, Any]
 
 
-def _paths(evidence: TossEvidence, rows: Sequence[int], nominal: Mapping[str, float], final: Mapping[str, float], rng) -> _Drawn:
+def _paths(
+    evidence: TossEvidence,
+    rows: Sequence[int],
+    nominal: Mapping[str, float],
+    final: Mapping[str, float],
+    rng: np.random.Generator,
+) -> _Drawn:
     """Errors over time, and the noise floor: how far a replay goes astray because its start is known no better than it is."""
     tosses = [evidence.tosses[row] for row in rows if evidence.tosses[row].moves]
     before, after = (replayed(evidence.replayer, tosses, values) for values in (nominal, final))
@@ -134,13 +143,13 @@ def _paths(evidence: TossEvidence, rows: Sequence[int], nominal: Mapping[str, fl
     return _Drawn(floor_m, horizon, _window(tosses[worst], before[worst][0], after[worst][0]))
 
 
-def _at_horizon(tosses, distances, time_s: float) -> float:
+def _at_horizon(tosses: Sequence[Toss], distances: Sequence[np.ndarray], time_s: float) -> float:
     """Mean distance in mm at a time, of the tosses that last so long."""
     values = [np.interp(time_s, toss.time_s, d) for toss, d in zip(tosses, distances, strict=True) if toss.time_s[-1] >= time_s]
     return 1e3 * float(np.mean(values))
 
 
-def _window(toss, before_m: np.ndarray, after_m: np.ndarray) -> dict[str, Any]:
+def _window(toss: Toss, before_m: np.ndarray, after_m: np.ndarray) -> dict[str, Any]:
     """The coordinate in which measured and replayed path are farthest apart."""
     axis = int(np.argmax(np.abs(before_m - toss.position_m).max(0)))
     paths = {"measured": toss.position_m, "before": before_m, "after": after_m}

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sim_backend.reality_gap.quantiles import MEDIAN_LENGTH_OF_TWO, MEDIAN_SIZE
 from sim_backend.reality_gap.subjects.tosses.geometry import gaps_m
 from sim_backend.reality_gap.subjects.tosses.models import DAMPING, HEIGHT, SCALE, SIZE, TIME_CONSTANT, upward
 from sim_backend.reality_gap.subjects.tosses.replay import Replayer, replayed, settled
@@ -19,7 +20,6 @@ from sim_backend.reality_gap.subjects.tosses.stretches import Flight, Toss
 _AIR_KG_M3, _DRAG_COEFFICIENT = 1.2, 1.0  # air at 20 degrees C; bluff bodies (Hoerner, Fluid-Dynamic Drag, chapter 3: 0.5 to 1.2)
 _SHAPE_KNOWN_TO = 1e-3
 _FEWEST = 3  # tosses that make a kind of evidence
-_MAD_TO_STD, _NORM_OF_TWO = 1.4826, 1.7456  # of a normal distribution; the median length of two such numbers over that of one
 _CONTACT_KEYS = (SIZE, TIME_CONSTANT, DAMPING)  # what the height at rest depends on
 MOTION, FLIGHT, SIDEWAYS, REST = "motion", "flight", "sideways", "rest"
 
@@ -129,8 +129,9 @@ def _scatter(values: np.ndarray) -> float:
     if len(values) < _FEWEST:
         return 1.0
     off = values - np.median(values, axis=0)
-    size = np.abs(off) if off.ndim == 1 else np.linalg.norm(off, axis=1) / _NORM_OF_TWO
-    return max(_MAD_TO_STD * float(np.median(size)), 1e-12)
+    if off.ndim == 1:
+        return max(float(np.median(np.abs(off))) / MEDIAN_SIZE, 1e-12)
+    return max(float(np.median(np.linalg.norm(off, axis=1))) / MEDIAN_LENGTH_OF_TWO, 1e-12)
 
 
 def _poses(tosses: Sequence[Toss]) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ from sim_backend.reality_gap.subjects.tosses.evidence import FLIGHT, MOTION, RES
 from sim_backend.reality_gap.subjects.tosses.likelihood import Point, by_episode, densities, total, weights
 from sim_backend.reality_gap.subjects.tosses.models import MASS
 from sim_backend.reality_gap.subjects.tosses.search import TossHypothesis, TossSearch, bounds_of, refitted
-from sim_backend.reality_gap.subjects.tosses.selection import Selection, TossCandidate
+from sim_backend.reality_gap.subjects.tosses.selection import Selection, Stage, TossCandidate
 from sim_backend.reality_gap.verdict import Cause, Rival
 
 _PROFILE_STEPS = np.array([-1.0, -0.5, -0.25, 0.0, 0.25, 0.5, 1.0])
@@ -213,7 +213,7 @@ def _std_of_sum(sums: np.ndarray) -> float:
     return float(np.sqrt(len(sums)) * sums.std())
 
 
-def _needless(one: TossCandidate, later) -> bool:
+def _needless(one: TossCandidate, later: Sequence[Stage]) -> bool:
     return not any(c.hypothesis == one.hypothesis and c.accepted for stage in later for c in stage.candidates)
 
 

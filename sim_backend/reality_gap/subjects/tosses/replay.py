@@ -65,7 +65,9 @@ def replayed(
     return out
 
 
-def settled(replayer: Replayer, poses: tuple[np.ndarray, np.ndarray], values: Mapping[str, float]):
+def settled(
+    replayer: Replayer, poses: tuple[np.ndarray, np.ndarray], values: Mapping[str, float]
+) -> tuple[np.ndarray, np.ndarray]:
     """Where the object lies after it was put down in each pose; a small error of the orientation settles.
 
     Args:
@@ -88,7 +90,15 @@ def _columns(geometry: ObjectGeometry) -> slice:
     return slice(1 + geometry.qpos, 1 + geometry.qpos + 7)  # the state begins with the time
 
 
-def _state(model, data, geometry: ObjectGeometry, toss: Toss, scale: float, offset: np.ndarray, rng) -> np.ndarray:
+def _state(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    geometry: ObjectGeometry,
+    toss: Toss,
+    scale: float,
+    offset: np.ndarray,
+    rng: np.random.Generator | None,
+) -> np.ndarray:
     velocity = np.concatenate([toss.velocity_m_s, toss.angular_velocity_rad_s])
     if rng is not None:
         velocity += rng.standard_normal(6) * np.repeat([toss.velocity_std_m_s, toss.angular_velocity_std_rad_s], 3)
@@ -96,7 +106,14 @@ def _state(model, data, geometry: ObjectGeometry, toss: Toss, scale: float, offs
     return _packed(model, data, geometry, (toss.position_m[0] - offset) / scale, toss.quat_wxyz[0], velocity)
 
 
-def _packed(model, data, geometry: ObjectGeometry, position_m, quat_wxyz, velocity) -> np.ndarray:
+def _packed(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    geometry: ObjectGeometry,
+    position_m: np.ndarray,
+    quat_wxyz: np.ndarray,
+    velocity: np.ndarray,
+) -> np.ndarray:
     data.qpos[geometry.qpos : geometry.qpos + 3] = position_m
     data.qpos[geometry.qpos + 3 : geometry.qpos + 7] = quat_wxyz
     data.qvel[geometry.dof : geometry.dof + 6] = velocity
@@ -105,7 +122,7 @@ def _packed(model, data, geometry: ObjectGeometry, position_m, quat_wxyz, veloci
     return state
 
 
-def _rollout(model, states: np.ndarray, steps: int, threads: int) -> np.ndarray:
+def _rollout(model: mujoco.MjModel, states: np.ndarray, steps: int, threads: int) -> np.ndarray:
     """States from the first on, shape (n, steps + 1, size)."""
     data = [mujoco.MjData(model) for _ in range(threads)]
     path, _ = rollout(model, data, states, nstep=steps)

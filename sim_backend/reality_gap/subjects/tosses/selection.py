@@ -109,7 +109,15 @@ def selected(
     return Selection(tuple(kept), final, tuple(stages))
 
 
-def candidate(study: TossSearch, hypothesis: TossHypothesis, base: Point, points, folds, hypotheses: int, rng) -> TossCandidate:
+def candidate(
+    study: TossSearch,
+    hypothesis: TossHypothesis,
+    base: Point,
+    points: Sequence[Point],
+    folds: np.ndarray,
+    hypotheses: int,
+    rng: np.random.Generator,
+) -> TossCandidate:
     """A hypothesis with its held-out gain and whether that passes.
 
     It must gain more than chance would give one of so many hypotheses (chi-square, level 1 %), more than three standard errors
@@ -143,7 +151,15 @@ def _keys(causes: Sequence[TossHypothesis]) -> tuple[str, ...]:
     return tuple(key for cause in causes for key in cause.keys)
 
 
-def _pruned(study: TossSearch, causes: list[TossHypothesis], final: Point, nominal, folds, hypotheses: int, rng):
+def _pruned(
+    study: TossSearch,
+    causes: list[TossHypothesis],
+    final: Point,
+    nominal: Mapping[str, float],
+    folds: np.ndarray,
+    hypotheses: int,
+    rng: np.random.Generator,
+) -> tuple[list[TossHypothesis], Point]:
     """Causes without those that later ones have made needless, and the point that belongs to them."""
     for cause in causes[:-1]:
         others = [one for one in causes if one is not cause]

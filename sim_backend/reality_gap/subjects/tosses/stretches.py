@@ -1,6 +1,6 @@
 """What the recorded poses of one object show by themselves: where it flies, where it rests, and from where it can be replayed."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -73,7 +73,9 @@ def tosses_of(geometry: ObjectGeometry, recordings: Sequence[Recording]) -> list
     return found
 
 
-def _pieces(time_s, position_m, quat_wxyz):
+def _pieces(
+    time_s: np.ndarray, position_m: np.ndarray, quat_wxyz: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Rows between missing samples and gaps in time."""
     good = np.isfinite(position_m).all(1) & np.isfinite(quat_wxyz).all(1) & np.isfinite(time_s)
     time_s, position_m, quat_wxyz = time_s[good], position_m[good], quat_wxyz[good]
@@ -85,7 +87,9 @@ def _pieces(time_s, position_m, quat_wxyz):
         yield time_s[rows], position_m[rows], quat_wxyz[rows]
 
 
-def _toss(geometry: ObjectGeometry, episode: int, name: str, time_s, position_m, quat_wxyz) -> Toss | None:
+def _toss(
+    geometry: ObjectGeometry, episode: int, name: str, time_s: np.ndarray, position_m: np.ndarray, quat_wxyz: np.ndarray
+) -> Toss | None:
     if len(time_s) < _MIN_FLIGHT:
         return None
     free = gaps_m(geometry.model, geometry, position_m, quat_wxyz) > _FLIGHT_MARGIN * geometry.radius_m
@@ -112,7 +116,7 @@ def _toss(geometry: ObjectGeometry, episode: int, name: str, time_s, position_m,
     )
 
 
-def _runs(free: np.ndarray, time_s: np.ndarray):
+def _runs(free: np.ndarray, time_s: np.ndarray) -> Iterator[tuple[int, int]]:
     """Begin and end of the stretches without contact, without their ends."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(int)))
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
@@ -145,7 +149,9 @@ def _start_rows(time_s: np.ndarray, start: int, free: np.ndarray | None) -> slic
     return slice(start, min(end, len(time_s)))
 
 
-def start_velocities(time_s: np.ndarray, position_m: np.ndarray, quat_wxyz: np.ndarray):
+def start_velocities(
+    time_s: np.ndarray, position_m: np.ndarray, quat_wxyz: np.ndarray
+) -> tuple[tuple[np.ndarray, float], tuple[np.ndarray, float]]:
     """Velocities at time 0 from the poses around it: a parabola through positions and one through rotations.
 
     Velocities that a data set brings along are not used: they may lie half a step off, or in another frame.
@@ -175,7 +181,9 @@ def _slope(time_s: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, float]:
     return curve[-2], float(np.sqrt(variance * np.linalg.inv(terms.T @ terms)[-2, -2]))
 
 
-def _rests(geometry: ObjectGeometry, time_s, position_m, quat_wxyz) -> tuple[np.ndarray, np.ndarray]:
+def _rests(
+    geometry: ObjectGeometry, time_s: np.ndarray, position_m: np.ndarray, quat_wxyz: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Mean pose of each stretch in which neither position nor orientation moves, beside something."""
     poses, begin = [], 0
     travel, turn = _REST_TRAVEL * geometry.radius_m, np.cos(_REST_TURN_RAD / 2.0)

@@ -120,7 +120,9 @@ def study_object(
     return ObjectStudy(kind, causes, confirmation, selection, lost, profiles, null_p, cannot_tell, advice, sections)
 
 
-def _evidence(spec, recordings, nominal: Mapping[str, float], threads: int) -> tuple[TossEvidence, dict[str, float]]:
+def _evidence(
+    spec: mujoco.MjSpec, recordings: Sequence[Recording], nominal: Mapping[str, float], threads: int
+) -> tuple[TossEvidence, dict[str, float]]:
     bodies = [signals.body for recording in recordings for signals in recording.objects]
     if not bodies:
         raise RecordingError("no recording has poses of an object; name one under [objects] in study.toml")
