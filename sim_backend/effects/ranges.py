@@ -124,7 +124,7 @@ class Ranges:
 def load_ranges(name_or_path: str | Path) -> Ranges:
     """A preset by its name, or a TOML file: a table of ranges, or the physics of one robot, which all robots then share.
 
-    The file of an extended model (``reality_gap/extended/model.py``) also says where its values come from and how sure they are.
+    The file of an extended model (``reality_gap/model/model.py``) also says where its values come from and how sure they are.
 
     Raises:
         ValueError: neither a preset nor a readable file, or a row that does not hold; the message says which.

@@ -1,6 +1,7 @@
 """Who may name an effect in the reality gap: what is known of it, and the laws."""
 
 import ast
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -50,3 +51,9 @@ def test_only_knowledge_and_laws_name_effects(name):
 @pytest.mark.parametrize("name", sorted(LAWS))
 def test_laws_are_of_some_effect(name):
     assert list(names_in(FILES[name].read_text(encoding="utf-8")))
+
+
+def test_no_public_class_has_the_name_of_another():
+    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in FILES.values()]
+    names = Counter(node.name for tree in trees for node in tree.body if isinstance(node, ast.ClassDef))
+    assert [name for name, count in names.items() if count > 1 and not name.startswith("_")] == []

@@ -21,7 +21,7 @@ from scipy import stats
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.bench.cube_cases import (
     LEVELS,
-    Case,
+    CubeCase,
     effect_cases,
     gather,
     joint_cases,
@@ -44,7 +44,7 @@ class Judgement:
     ``left_out`` is what it said without the true hypothesis, None where that was not asked.
     """
 
-    case: Case
+    case: CubeCase
     verdict: VerdictKind
     causes: tuple[str, ...]
     null_p: float
@@ -63,7 +63,7 @@ class Judgement:
         return " or ".join(sorted(self.causes)) if self.causes else str(self.verdict)
 
 
-def judge_case(case: Case, study: CubeStudy, without: CubeStudy | None = None) -> Judgement:
+def judge_case(case: CubeCase, study: CubeStudy, without: CubeStudy | None = None) -> Judgement:
     """Compare a study, and one ``without`` the true hypothesis, with what was hidden."""
     verdict = study.verdict
     causes = tuple(dict.fromkeys(cause.effect for cause in verdict.causes))
@@ -160,7 +160,7 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _simulate(cases: Sequence[Case], folder: Path) -> None:
+def _simulate(cases: Sequence[CubeCase], folder: Path) -> None:
     """All cases that the folder does not hold yet, with the time left on standard error."""
     started, first = time.monotonic(), None
     for done in gather(cases, folder, PushReplay()):
@@ -178,7 +178,7 @@ def _kept_limits(folder: Path, calibration: HealthyCubes) -> dict[str, float]:
     return json.loads(path.read_text(encoding="utf-8"))
 
 
-def _judged(case: Case, folder: Path, calibration: HealthyCubes) -> Judgement:
+def _judged(case: CubeCase, folder: Path, calibration: HealthyCubes) -> Judgement:
     evidence = load_evidence(folder / f"{case.name}.npz")
     study = study_evidence(evidence, np.random.default_rng([case.seed, 2]), calibration)
     without = None

@@ -25,7 +25,7 @@ LEVELS = (1.0, 2.0, 5.0)
 
 
 @dataclass(frozen=True)
-class Case:
+class CubeCase:
     """What is hidden: nothing, one effect (``value`` has one number, or three), or an error of a joint.
 
     ``level`` is in times the detection limit; 0 for healthy robots and joint errors.
@@ -38,27 +38,27 @@ class Case:
     value: tuple[float, ...]
 
 
-def effect_cases(count: int, seed: int, limits: Mapping[str, float]) -> list[Case]:
+def effect_cases(count: int, seed: int, limits: Mapping[str, float]) -> list[CubeCase]:
     """Cases with effects: effects in turn, then levels in turn; sign and direction drawn."""
     cases = []
     for i in range(count):
         effect, level = tuple(OF_CUBE)[i % len(OF_CUBE)], LEVELS[(i // len(OF_CUBE)) % len(LEVELS)]
         value = _value(effect, level, limits, np.random.default_rng([seed, 1, i]))
-        cases.append(Case(f"effect-{i:03d}", 1000 * seed + i, effect, level, value))
+        cases.append(CubeCase(f"effect-{i:03d}", 1000 * seed + i, effect, level, value))
     return cases
 
 
-def null_cases(count: int, seed: int) -> list[Case]:
+def null_cases(count: int, seed: int) -> list[CubeCase]:
     """Healthy robots."""
-    return [Case(f"null-{i:03d}", 1000 * seed + 400 + i, "", 0.0, ()) for i in range(count)]
+    return [CubeCase(f"null-{i:03d}", 1000 * seed + 400 + i, "", 0.0, ()) for i in range(count)]
 
 
-def joint_cases(count: int, seed: int) -> list[Case]:
+def joint_cases(count: int, seed: int) -> list[CubeCase]:
     """Robots of which one joint is wrong."""
     cases = []
     for i in range(count):
         key, size = BESIDE_CUBE[i % len(BESIDE_CUBE)]
-        cases.append(Case(f"joint-{i:03d}", 1000 * seed + 800 + i, key, 0.0, (size,)))
+        cases.append(CubeCase(f"joint-{i:03d}", 1000 * seed + 800 + i, key, 0.0, (size,)))
     return cases
 
 
@@ -74,7 +74,7 @@ def _value(effect: str, level: float, limits: Mapping[str, float], rng: np.rando
     return (parameter.absent + sign * level * limit,)
 
 
-def hidden_physics(case: Case) -> Physics:
+def hidden_physics(case: CubeCase) -> Physics:
     """A healthy robot of the case's seed with what is hidden in it (n = 1)."""
     rng = np.random.default_rng([case.seed])
     physics = healthy_physics(rng, 1)
@@ -88,7 +88,7 @@ def hidden_physics(case: Case) -> Physics:
     return physics.changed({case.effect: joints})
 
 
-def gather(cases: Sequence[Case], folder: Path, replay: PushReplay, group: int = 10) -> Iterator[int]:
+def gather(cases: Sequence[CubeCase], folder: Path, replay: PushReplay, group: int = 10) -> Iterator[int]:
     """Simulate the cases that have no evidence in ``folder`` yet; yields how many are done after each group."""
     folder.mkdir(parents=True, exist_ok=True)
     missing = [case for case in cases if not (folder / f"{case.name}.npz").exists()]

@@ -11,7 +11,7 @@ from sim_backend.reality_gap.subjects.cube.counts import healthy_count
 from sim_backend.reality_gap.subjects.cube.hypotheses import (
     FINE,
     Null,
-    Whitened,
+    WhitenedSession,
     moved_by,
     response_table,
     seen_count,
@@ -66,7 +66,7 @@ def detection_limits(summaries: Sequence[CubeSummary], null: Null, critical: Map
     return found
 
 
-def _told_ways(summary: CubeSummary, seen: Whitened) -> dict[str, np.ndarray]:
+def _told_ways(summary: CubeSummary, seen: WhitenedSession) -> dict[str, np.ndarray]:
     """How one unit of each number moves the whitened vector, shape (numbers, k); of tabled effects just beside nominal."""
     ways = {row.effect: seen.of(np.stack([moved_by(row, i, summary) for i in range(len(row.parameters))])) for row in LINEAR}
     if summary.contact is not None:
@@ -78,7 +78,7 @@ def _told_ways(summary: CubeSummary, seen: Whitened) -> dict[str, np.ndarray]:
     return ways
 
 
-def _sides(summary: CubeSummary, seen: Whitened, effect: str, critical: Mapping[str, float]) -> list[tuple[str, float]]:
+def _sides(summary: CubeSummary, seen: WhitenedSession, effect: str, critical: Mapping[str, float]) -> list[tuple[str, float]]:
     """How far below and above 1 a tabled effect must be for the critical score."""
     values, moves = response_table(summary, effect)
     fine = np.linspace(values[0], values[-1], 4 * FINE)

@@ -4,7 +4,7 @@
 
 Robots are drawn from ``real``, or are healthy but for K of its effects, and are seen by the excitation ``standard`` alone. Each
 is a line of ``robots.jsonl``, so that a test goes on where it stopped. With ``--calibrate`` these robots' errors become the usual
-ones (``joints/value_errors.json``): other seeds than those that are tested with.
+ones (``knowledge/value_errors.json``): other seeds than those that are tested with.
 """
 
 import argparse

@@ -12,7 +12,7 @@ from sim_backend.reality_gap.measured.foreign.measurement_units import chosen_fa
 from sim_backend.reality_gap.measured.foreign.naming import listed, nearest
 from sim_backend.reality_gap.measured.foreign.objects import object_signals
 from sim_backend.reality_gap.measured.foreign.rows import Rows
-from sim_backend.reality_gap.measured.foreign.study_file import Channel, RecordingEntry, StudyFile
+from sim_backend.reality_gap.measured.foreign.study_file import DataChannel, RecordingEntry, StudyFile
 from sim_backend.reality_gap.recording import Recording, RecordingError
 
 MIN_DURATION_S = 0.2
@@ -127,7 +127,7 @@ def _episodes(study: StudyFile, entry: RecordingEntry) -> Iterator[Rows]:
         yield whole.where(index).named(f"{entry.name}, {column} {label}")
 
 
-def _values(table: DataTable, channels: Sequence[Channel]) -> dict[str, np.ndarray]:
+def _values(table: DataTable, channels: Sequence[DataChannel]) -> dict[str, np.ndarray]:
     """Columns in SI units by the channels' keys; a channel of several columns has shape (rows, k)."""
     addresses = [find(table, channel.column, channel.key) for channel in channels]
     numbers = table.read_numbers(list(dict.fromkeys(address.name for address in addresses)))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sim_backend.reality_gap.measured.foreign.data_table import DataTable
-from sim_backend.reality_gap.measured.foreign.study_file import Channel
+from sim_backend.reality_gap.measured.foreign.study_file import DataChannel
 from sim_backend.reality_gap.recording import RecordingError
 
 
@@ -32,7 +32,7 @@ class Rows:
     time_column: str = ""
     start_s: float = 0.0
 
-    def column(self, channel: Channel) -> np.ndarray:
+    def column(self, channel: DataChannel) -> np.ndarray:
         """A channel with one number for each row.
 
         Raises:
@@ -51,7 +51,7 @@ class Rows:
         self.refuse_empty(channel, values)
         return values
 
-    def refuse_empty(self, channel: Channel, values: np.ndarray) -> None:
+    def refuse_empty(self, channel: DataChannel, values: np.ndarray) -> None:
         """Raise RecordingError if a channel holds nothing but missing values."""
         if not np.isfinite(values).any():
             raise self.refusal(
@@ -59,7 +59,7 @@ class Rows:
                 channel.column,
             )
 
-    def filled(self, time: Channel) -> np.ndarray:
+    def filled(self, time: DataChannel) -> np.ndarray:
         """Which rows hold a time or any other number, shape (s,)."""
         filled = np.zeros(len(self.index), dtype=bool)
         for values in self.values.values():

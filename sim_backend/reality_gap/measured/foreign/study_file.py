@@ -132,7 +132,7 @@ _KINDS = {"commanded": "commanded_torque", "measured": "measured_torque"}
 
 
 @dataclass(frozen=True)
-class Channel:
+class DataChannel:
     """A column and what it holds.
 
     Attributes:
@@ -173,7 +173,7 @@ class JointEntry:
 
     name: str
     slide: bool
-    channels: Mapping[str, Channel]
+    channels: Mapping[str, DataChannel]
     sign: float = 1.0
     zero: float = 0.0
     ambient: float = 0.0
@@ -196,7 +196,7 @@ class ObjectEntry:
 
     name: str
     body: str
-    channels: Mapping[str, tuple[Channel, ...]]
+    channels: Mapping[str, tuple[DataChannel, ...]]
     xyzw: bool
     linear_in_body: bool = False
     angular_in_body: bool = True
@@ -242,9 +242,9 @@ def _joint(section: Section, name: str, *, slide: bool) -> JointEntry:
     )
 
 
-def _joint_channel(section: Section, name: str, word: str, column: str, *, slide: bool) -> Channel:
+def _joint_channel(section: Section, name: str, word: str, column: str, *, slide: bool) -> DataChannel:
     quantity = _SLIDE.get(_HINGE[word], _HINGE[word]) if slide else _HINGE[word]
-    channel = Channel("joints", name, word, column, quantity, section.unit(_UNIT_KEYS[word]))
+    channel = DataChannel("joints", name, word, column, quantity, section.unit(_UNIT_KEYS[word]))
     if channel.unit is not None:
         si_factor(channel.unit, quantity, f"{section.file}, {section.name}, {_UNIT_KEYS[word]}")
     return channel
@@ -301,7 +301,7 @@ def _object(section: Section, name: str, bodies: list[str], time_unit: str | flo
     return ObjectEntry(name, body, channels, xyzw, linear, angular)
 
 
-def _object_channels(section: Section, name: str, word: str, time_unit: str | float | None) -> tuple[Channel, ...]:
+def _object_channels(section: Section, name: str, word: str, time_unit: str | float | None) -> tuple[DataChannel, ...]:
     width, quantity, unit_key = _OBJECT_CHANNELS[word]
     columns = section.texts(word)
     if len(columns) not in {1, width}:
@@ -309,10 +309,10 @@ def _object_channels(section: Section, name: str, word: str, time_unit: str | fl
     unit = time_unit if quantity is Quantity.TIME else section.unit(unit_key) if unit_key else None
     if unit is not None:
         si_factor(unit, quantity, f"{section.file}, {section.name}, {unit_key or 'unit of time'}")
-    return tuple(Channel("objects", name, word, column, quantity, unit) for column in columns)
+    return tuple(DataChannel("objects", name, word, column, quantity, unit) for column in columns)
 
 
-def signal_entries(top: Section) -> tuple[Channel, ...]:
+def signal_entries(top: Section) -> tuple[DataChannel, ...]:
     """Other signals of ``[signals]``: ``supply_v = "column"``, or ``supply_v = { column = "vbat", unit = "mV" }``.
 
     Raises:
@@ -322,15 +322,15 @@ def signal_entries(top: Section) -> tuple[Channel, ...]:
     return tuple(_signal(tables, name) for name in tables.table)
 
 
-def _signal(tables: Section, name: str) -> Channel:
+def _signal(tables: Section, name: str) -> DataChannel:
     if isinstance(tables.table[name], str):
-        return Channel("signals", name, "", tables.text(name), Quantity.ANY)
+        return DataChannel("signals", name, "", tables.text(name), Quantity.ANY)
     section = tables.section(name, f"[signals.{name}]")
     section.only("column", "unit")
     unit = section.unit("unit")
     if unit is not None:
         si_factor(unit, Quantity.ANY, f"{section.file}, {section.name}, unit")
-    return Channel("signals", name, "", section.text("column"), Quantity.ANY, unit)
+    return DataChannel("signals", name, "", section.text("column"), Quantity.ANY, unit)
 
 
 NominalValue = float | tuple[float, ...] | dict[str, float]
@@ -494,7 +494,7 @@ class RecordingEntry:
     regime: str = ""
     missing: tuple[str, ...] = ()
 
-    def lacks(self, channel: Channel) -> bool:
+    def lacks(self, channel: DataChannel) -> bool:
         """Whether the channel is said to be missing in this file."""
         of_all = (channel.word,) if channel.kind == "joints" else (channel.owner,)
         return any(name in self.missing for name in (*of_all, f"{channel.owner}.{channel.word}"))
@@ -523,11 +523,11 @@ class StudyFile:
     model: Path
     nominal: Mapping[str, NominalValue]
     recordings: tuple[RecordingEntry, ...]
-    time: Channel | None
+    time: DataChannel | None
     rate_hz: float | None
     joints: tuple[JointEntry, ...]
     objects: tuple[ObjectEntry, ...]
-    signals: tuple[Channel, ...]
+    signals: tuple[DataChannel, ...]
     controller: Controller | None
 
     def compile_model(self) -> MjModel:
@@ -539,7 +539,7 @@ class StudyFile:
         files = dict.fromkeys([self.path, self.model, *(entry.file for entry in self.recordings)])
         return [{"file": str(path), "sha256": hashlib.sha256(path.read_bytes()).hexdigest()} for path in files]
 
-    def channels(self, entry: RecordingEntry) -> Iterator[Channel]:
+    def channels(self, entry: RecordingEntry) -> Iterator[DataChannel]:
         """Every channel that a file must have."""
         yield from [] if self.time is None else [self.time]
         for joint in self.joints:
@@ -609,7 +609,7 @@ def _compiled(path: Path) -> MjModel:
         raise RecordingError(f"{path}: MuJoCo does not compile it: {' '.join(str(error).split())}") from error
 
 
-def _time(top: Section) -> tuple[Channel | None, float | None]:
+def _time(top: Section) -> tuple[DataChannel | None, float | None]:
     """Column or rate; a text in the place of the table is a column in the unit of the file's header, or seconds."""
     short = {"column": top.table["time"]} if isinstance(top.table.get("time"), str) else None
     section = top.section("time", "[time]") if short is None else Section(top.file, "[time]", short)
@@ -620,7 +620,7 @@ def _time(top: Section) -> tuple[Channel | None, float | None]:
     if unit is not None:
         si_factor(unit, Quantity.TIME, f"{section.file}, [time], unit")
     if section.has("column"):
-        return Channel("time", "", "column", section.text("column"), Quantity.TIME, unit), None
+        return DataChannel("time", "", "column", section.text("column"), Quantity.TIME, unit), None
     rate_hz = section.number("rate_hz")
     if rate_hz <= 0.0:
         raise section.refusal(f"rate_hz is {rate_hz:g}; it must be above 0")
@@ -710,7 +710,7 @@ def _refuse_unknown_missing(top: Section, study: StudyFile) -> None:
                 raise top.refusal(f"missing names {name!r}{nearest(name, valid)}; valid are {listed(valid)}")
 
 
-def _names(channel: Channel) -> tuple[str, ...]:
+def _names(channel: DataChannel) -> tuple[str, ...]:
     if channel.kind == "signals":
         return (channel.owner,)
     if channel.kind == "objects":

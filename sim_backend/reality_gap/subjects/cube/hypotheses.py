@@ -95,7 +95,7 @@ _EXPONENTIAL = {"log_delay_std", "log_interval", "log_noise_m", "log_noise_rad"}
 
 
 @dataclass(frozen=True)
-class Whitened:
+class WhitenedSession:
     """The numbers that a session has, with unit covariance where it is healthy."""
 
     kept: np.ndarray
@@ -107,11 +107,11 @@ class Whitened:
         return np.linalg.solve(self.root, moved[..., self.kept].T).T
 
 
-def whitened(summary: CubeSummary, null: Null) -> Whitened:
+def whitened(summary: CubeSummary, null: Null) -> WhitenedSession:
     """A session as seen from healthy ones."""
     kept = np.flatnonzero(np.isfinite(summary.vector))
     root = np.linalg.cholesky(null.covariance[np.ix_(kept, kept)])
-    return Whitened(kept, root, np.linalg.solve(root, (summary.vector - null.mean)[kept]))
+    return WhitenedSession(kept, root, np.linalg.solve(root, (summary.vector - null.mean)[kept]))
 
 
 def judge(summary: CubeSummary, null: Null, without: Collection[str] = ()) -> list[Judged]:
@@ -152,7 +152,7 @@ def _unexplained(summary: CubeSummary, null: Null) -> float:
     return misfit(summary, null)[0] - 2.0 * largest_gains(judge(summary, null))[Kind.PUSHES]
 
 
-def _linear(row: Linear, summary: CubeSummary, null: Null, seen: Whitened) -> Judged | None:
+def _linear(row: Linear, summary: CubeSummary, null: Null, seen: WhitenedSession) -> Judged | None:
     moves = np.stack([moved_by(row, i, summary) for i in range(len(row.parameters))])
     columns = seen.of(moves).T
     said = np.linalg.norm(columns, axis=0) > 1e-12
@@ -180,7 +180,7 @@ def moved_by(row: Linear, i: int, summary: CubeSummary) -> np.ndarray:
     return move
 
 
-def _offset(row: Linear, summary: CubeSummary, null: Null, seen: Whitened) -> Judged | None:
+def _offset(row: Linear, summary: CubeSummary, null: Null, seen: WhitenedSession) -> Judged | None:
     """The best offset between those that were replayed, with its best height; without pushes the height alone."""
     height = seen.of(moved_by(row, 2, summary))
     if summary.contact is None or height @ height < 1e-12:
@@ -209,7 +209,7 @@ def _estimate(row: Linear, i: int, best: float, std: float, null: Null) -> Estim
     return Estimate(row.effect, parameter, where, value, unit, std)
 
 
-def _tabled(row: Tabled, summary: CubeSummary, seen: Whitened) -> Judged | None:
+def _tabled(row: Tabled, summary: CubeSummary, seen: WhitenedSession) -> Judged | None:
     """The best value between those that were replayed; what the vector does between two of them is taken as linear."""
     if summary.contact is None:
         return None

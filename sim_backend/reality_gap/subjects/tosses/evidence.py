@@ -25,7 +25,7 @@ MOTION, FLIGHT, SIDEWAYS, REST = "motion", "flight", "sideways", "rest"
 
 
 @dataclass(frozen=True)
-class Kind:
+class EvidenceKind:
     """A kind of evidence: unit, dimensions of one residual, scatter between tosses, error that all share, and what it is."""
 
     name: str
@@ -50,7 +50,7 @@ class TossEvidence:
 
     replayer: Replayer
     tosses: tuple[Toss, ...]
-    kinds: tuple[Kind, ...]
+    kinds: tuple[EvidenceKind, ...]
     heights_m: dict[tuple, dict[int, float]] = field(default_factory=dict)
 
     @property
@@ -116,10 +116,13 @@ def evidence_of(replayer: Replayer, tosses: Sequence[Toss], nominal: Mapping[str
     rest = rest[np.isfinite(rest)]
     along = np.outer(flights @ up, up)
     found = (
-        (sum(toss.moves for toss in tosses), Kind(MOTION, "widths", 3, 0.0, 0.0, "motion through contacts")),
-        (len(flights), Kind(FLIGHT, "m/s^2", 1, _scatter(flights @ up), up_error, "acceleration in free flight")),
-        (len(flights), Kind(SIDEWAYS, "m/s^2", 2, _scatter(flights - along), side_error, "sideways acceleration in free flight")),
-        (len(rest), Kind(REST, "m", 1, _scatter(rest), _sag_m(replayer, tosses, nominal), "height at rest")),
+        (sum(toss.moves for toss in tosses), EvidenceKind(MOTION, "widths", 3, 0.0, 0.0, "motion through contacts")),
+        (len(flights), EvidenceKind(FLIGHT, "m/s^2", 1, _scatter(flights @ up), up_error, "acceleration in free flight")),
+        (
+            len(flights),
+            EvidenceKind(SIDEWAYS, "m/s^2", 2, _scatter(flights - along), side_error, "sideways acceleration in free flight"),
+        ),
+        (len(rest), EvidenceKind(REST, "m", 1, _scatter(rest), _sag_m(replayer, tosses, nominal), "height at rest")),
     )
     return TossEvidence(replayer, tuple(tosses), tuple(kind for count, kind in found if count >= _FEWEST), bare.heights_m)
 

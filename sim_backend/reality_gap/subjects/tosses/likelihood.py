@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_backend.reality_gap.subjects.tosses.evidence import Kind
+from sim_backend.reality_gap.subjects.tosses.evidence import EvidenceKind
 
 _NU = 4.0  # degrees of freedom of Student's t: tosses that go another way at an edge must not decide
 _ITERATIONS = 25
-FOLDS = 5
+TOSS_FOLDS = 5
 
 Residuals = Mapping[str, np.ndarray]
 
@@ -29,7 +29,7 @@ class Weights:
     of: Mapping[str, float]
 
 
-def weights(kinds: Sequence[Kind], residuals: Residuals) -> Weights:
+def weights(kinds: Sequence[EvidenceKind], residuals: Residuals) -> Weights:
     """From the number of tosses with each kind of evidence, their scatter and their common error."""
     out = {}
     for kind in kinds:
@@ -56,7 +56,7 @@ def log_density(residual: np.ndarray, scale: float, dimensions: int) -> np.ndarr
     return np.where(np.isfinite(residual), density, 0.0)
 
 
-def densities(kinds: Sequence[Kind], weight: Weights, point: Residuals, train: np.ndarray) -> dict[str, np.ndarray]:
+def densities(kinds: Sequence[EvidenceKind], weight: Weights, point: Residuals, train: np.ndarray) -> dict[str, np.ndarray]:
     """Weighted log density of each toss by kind.
 
     The scale of a kind with a systematic error is known beforehand; that of the others comes from the tosses ``train`` (a mask,
@@ -70,14 +70,14 @@ def densities(kinds: Sequence[Kind], weight: Weights, point: Residuals, train: n
     return out
 
 
-def total(kinds: Sequence[Kind], weight: Weights, point: Residuals) -> float:
+def total(kinds: Sequence[EvidenceKind], weight: Weights, point: Residuals) -> float:
     """Log density of all tosses, with scales from the same ones: what a search maximises."""
     everything = np.ones(len(next(iter(point.values()))), bool)
     return float(sum(values.sum() for values in densities(kinds, weight, point, everything).values()))
 
 
 def held_out_gains(
-    kinds: Sequence[Kind], weight: Weights, base: Point, points: Sequence[Point], folds: np.ndarray
+    kinds: Sequence[EvidenceKind], weight: Weights, base: Point, points: Sequence[Point], folds: np.ndarray
 ) -> dict[str, np.ndarray]:
     """What each toss gains by kind when the hypothesis is fitted to the other folds, shape (n,), nats.
 
@@ -101,7 +101,7 @@ def folds_of(episodes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """A fold for each toss, so that tosses of one episode stay together; as many folds as episodes if these are few."""
     unique = np.unique(episodes)
     number = dict(zip(rng.permutation(unique).tolist(), range(len(unique)), strict=True))
-    return np.array([number[episode] % min(FOLDS, len(unique)) for episode in episodes.tolist()])
+    return np.array([number[episode] % min(TOSS_FOLDS, len(unique)) for episode in episodes.tolist()])
 
 
 def by_episode(gain: np.ndarray, episodes: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.bench.cube import judge_case, results
-from sim_backend.reality_gap.bench.cube_cases import Case
+from sim_backend.reality_gap.bench.cube_cases import CubeCase
 from sim_backend.reality_gap.subjects.cube.healthy import load_calibration
 from sim_backend.reality_gap.subjects.cube.study import CubeStudy, study_cube, study_evidence
 from sim_backend.reality_gap.subjects.cube.summary import CubeEvidence
@@ -18,8 +18,8 @@ def _study(kind: VerdictKind, *effects: str) -> CubeStudy:
 
 
 def test_right_wrong_missed_and_false_alarms_are_told_apart():
-    mass = Case("effect-000", 1, "cube_mass", 2.0, (1.25,))
-    healthy, joint = Case("null-000", 2, "", 0.0, ()), Case("joint-000", 3, "link_mass.factor", 0.0, (1.06,))
+    mass = CubeCase("effect-000", 1, "cube_mass", 2.0, (1.25,))
+    healthy, joint = CubeCase("null-000", 2, "", 0.0, ()), CubeCase("joint-000", 3, "link_mass.factor", 0.0, (1.06,))
     judged = [
         judge_case(mass, _study(VerdictKind.NAMED, "cube_mass"), _study(VerdictKind.UNEXPLAINED)),
         judge_case(mass, _study(VerdictKind.CONFUSABLE, "table_friction", "cube_mass")),

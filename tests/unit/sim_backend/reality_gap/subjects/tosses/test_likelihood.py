@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.subjects.tosses.evidence import Kind
+from sim_backend.reality_gap.subjects.tosses.evidence import EvidenceKind
 from sim_backend.reality_gap.subjects.tosses.likelihood import (
     Point,
     Weights,
@@ -16,7 +16,7 @@ from sim_backend.reality_gap.subjects.tosses.likelihood import (
     weights,
 )
 
-_KIND = Kind("rest", "m", 1, 0.1, 0.0, "height at rest")
+_KIND = EvidenceKind("rest", "m", 1, 0.1, 0.0, "height at rest")
 
 
 @pytest.mark.parametrize("dimensions", [1, 3])
@@ -28,7 +28,7 @@ def test_scale_of_students_t_is_recovered(dimensions):
 
 
 def test_many_tosses_count_no_more_than_their_common_error_allows():
-    kind = Kind("rest", "m", 1, 0.1, 0.05, "height at rest")
+    kind = EvidenceKind("rest", "m", 1, 0.1, 0.05, "height at rest")
     (weight,) = weights([kind], {"rest": np.zeros(10_000)}).of.values()
     assert 10_000 * weight == pytest.approx(1.0 + (0.1 / 0.05) ** 2, rel=0.01)
 
