@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy import stats
 
-from sim_backend.reality_gap.knowledge.cube import COUNTED, LINEAR, TABLED
+from sim_backend.reality_gap.knowledge.cube import COUNTED, LINEAR, TABLED, Count
 from sim_backend.reality_gap.quantiles import Z_99
 from sim_backend.reality_gap.subjects.cube.counts import healthy_count
 from sim_backend.reality_gap.subjects.cube.hypotheses import (
@@ -61,7 +61,14 @@ def detection_limits(summaries: Sequence[CubeSummary], null: Null, critical: Map
     trackers = [row.tracker for row in summaries if row.tracker is not None]
     for row in COUNTED:
         seen = [seen_count(row.count, tracker, null) for tracker in trackers]
-        frames = float(np.median([each.frames for each in seen]))
+        frames = float(
+            np.median(
+                [
+                    each.frames - (tracker.lost if row.count is Count.LOST_FRAMES else 0)
+                    for each, tracker in zip(seen, trackers, strict=True)
+                ]
+            )
+        )
         found[row.effect] = _count_limit(seen[0].usual, seen[0].spread, frames) / seen[0].share
     return found
 

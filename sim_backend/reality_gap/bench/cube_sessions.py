@@ -16,7 +16,7 @@ from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import load_ranges
 from sim_backend.excitations.course import Sight, follow, hold
 from sim_backend.excitations.cube_slide import slide_cube
-from sim_backend.reality_gap.knowledge.healthy import CUBES, JOINTS
+from sim_backend.reality_gap.knowledge.healthy import CUBES_FILE, JOINTS_FILE
 from sim_backend.reality_gap.recording import JointSignals, ObjectSignals, Recording
 from sim_backend.reality_gap.subjects.cube.windows import LEAST_PUSHES, all_push_windows
 from sim_backend.trifinger import constants as c
@@ -30,7 +30,7 @@ START_RADIUS_M = 0.085
 
 def healthy_physics(rng: np.random.Generator, n: int) -> Physics:
     """Healthy robots with healthy trackers and cubes (``knowledge/healthy_*.toml``)."""
-    joints, cube = (load_ranges(file).draw(rng, n) for file in (JOINTS, CUBES))
+    joints, cube = (load_ranges(file).draw(rng, n) for file in (JOINTS_FILE, CUBES_FILE))
     return Physics(n, {**joints.given, **cube.given})
 
 

@@ -13,7 +13,7 @@ from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import load_ranges
 from sim_backend.excitations.excitation import EXCITATIONS
 from sim_backend.reality_gap.knowledge.evidence import SEEN, Sign
-from sim_backend.reality_gap.knowledge.healthy import JOINTS, STANDARD
+from sim_backend.reality_gap.knowledge.healthy import JOINTS_FILE, STANDARD
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.trifinger import constants as c
 
@@ -30,7 +30,7 @@ _OUT_OF_THE_WAY_M = 1e5  # the cube falls freely for the whole session: contacts
 
 def healthy_physics(seed: int) -> Physics:
     """One robot that is a little off everywhere, as healthy ones are (``knowledge/healthy_joints.toml``)."""
-    return load_ranges(JOINTS).draw(np.random.default_rng([seed, 1]), 1)
+    return load_ranges(JOINTS_FILE).draw(np.random.default_rng([seed, 1]), 1)
 
 
 def simulated_recordings(

@@ -22,6 +22,7 @@ from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.bench.joint_sessions import IN_THE_AIR, simulated_sessions
 from sim_backend.reality_gap.knowledge.evidence import FITTED, shape_of
 from sim_backend.reality_gap.knowledge.healthy import LIMITS_FILE
+from sim_backend.reality_gap.knowledge.hidden import AT_JOINTS
 from sim_backend.reality_gap.recording import Recording
 from sim_backend.reality_gap.subjects.joints.plant import Plant
 from sim_backend.trifinger.scene import compile_scene
@@ -49,6 +50,8 @@ def _robots(limits: Mapping[str, float]) -> list[_Given]:
     """Every fitted effect of joints in each of its numbers, at each joint and in each shape."""
     found = []
     for effect, entry in FITTED.items():
+        if AT_JOINTS[entry.numbers[0].key].is_whole:
+            continue  # it has no size
         limit = limits[entry.numbers[0].key]
         for key in (number.key for number in entry.numbers):
             is_joint = PARAMETERS[key].scope is Scope.JOINT
@@ -80,12 +83,13 @@ def directions(given: Sequence[_Given], excitation: str) -> np.ndarray:
     """What each robot measures otherwise than the nominal one, in units of noise, shape (robots, samples)."""
     physics = Physics.stack([Physics.nominal(), *(Physics.nominal().changed(dict(each.changes)) for each in given)])
     sessions = simulated_sessions(physics, [SEED] * (len(given) + 1), excitation=excitation, threads=2)
-    measured = np.stack([_measured(session, _counted(sessions[0])) for session in sessions])
+    counted = np.logical_and.reduce([_counted(session) for session in sessions])
+    measured = np.stack([_measured(session, counted) for session in sessions])
     return measured[1:] - measured[0]
 
 
 def _counted(session: Recording) -> np.ndarray:
-    """Samples of each joint that a fit counts: away from the ends, where the smallest change shifts a hit; shape (s, k)."""
+    """Samples of each joint that a fit counts: away from its ends, where the smallest change shifts a hit; shape (s, k)."""
     assert session.joints is not None
     position, ends = session.joints.position_rad, Plant(compile_scene(), session.joints.names).range_rad
     near = (position < ends[:, 0] + NEAR_END_RAD) | (position > ends[:, 1] - NEAR_END_RAD)

@@ -1,6 +1,6 @@
 """What is known of the effects on a cube and its tracker: which numbers of a session each one moves, and what replays try of it.
 
-A session is a vector of numbers and two counts (``cube/summary.py``). The order of the rows is that in which they are asked.
+A session is a vector of numbers and two counts (``subjects/cube/summary.py``). Rows come in the order in which they are asked.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,7 +36,7 @@ class Linear:
         moves: by how much each moves which number of the session, per unit.
         from_replays: names of trials whose response is added to each, None for none.
         nominal: value of its numbers in a nominal robot.
-        usual: what healthy robots have of it beyond that.
+        usual: what healthy robots have of it beyond that, the middle of its range in ``healthy_cubes.toml``.
         is_rate: whether the number is one over what is moved.
         is_place: whether the first two numbers are read off tables from replays, and the third is a height.
     """

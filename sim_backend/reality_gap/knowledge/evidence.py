@@ -164,9 +164,9 @@ SCALES: Mapping[str, float] = {key: number.scale for key, number in NUMBERS.item
 """Scale of everything that is fitted: numbers, and shapes that are fitted once their effect is in the model."""
 
 
-def entry_of(key: str) -> JointEffect | None:
-    """What is known of the effect of "effect.parameter"; None of what no fit of joints changes."""
-    return FITTED.get(key.partition(".")[0])
+def scales_everything(effect: str) -> bool:
+    """Whether an effect makes all torques, or all masses, different by the same share; not what is not fitted."""
+    return effect in FITTED and FITTED[effect].scales_everything
 
 
 def shape_of(effect: str) -> Shape | None:
@@ -220,6 +220,13 @@ SEEN: Mapping[Sign, str] = {
     Sign.UPPER_END: "joint_limits.upper_rad",
 }
 """The parameter that each sign tells the value of."""
+
+
+def effect_of(sign: Sign) -> str:
+    """Name in the catalogue of what a sign tells."""
+    return SEEN[sign].partition(".")[0]
+
+
 TAKES_OVER: Mapping[Sign, str] = {Sign.POSITION_JUMP: "encoder_offset"}
 """Effects that a fit would name for what a sign has told already."""
 NOT_ASKED: Mapping[str, str] = {

@@ -1,8 +1,7 @@
 """Which motion shows which effect.
 
-The orders follow from a simulation (2026-11-21): each effect was given to one joint at a size near its detection limit, and what
-that changes in measured positions, velocities and torques was compared, by excitation, with what the other effect of a pair
-changes. First comes the excitation in which the smaller of two changes has the largest part that is not parallel to the other.
+The orders follow from a simulation (2026-11-21): each effect was given to one joint at a size near its detection limit. First
+comes the excitation in which what it changes in measured positions, velocities and torques is largest beside what others change.
 """
 
 SHOWN_BY: dict[str, tuple[str, ...]] = {

@@ -10,7 +10,7 @@ import numpy as np
 
 from sim_backend.effects.ranges import load_ranges
 
-JOINTS, CUBES = (Path(__file__).with_name(f"healthy_{name}.toml") for name in ("joints", "cubes"))
+JOINTS_FILE, CUBES_FILE = (Path(__file__).with_name(f"healthy_{name}.toml") for name in ("joints", "cubes"))
 """Ranges of what joints, and what trackers and cubes, are off by."""
 SESSIONS_FILE = Path(__file__).with_name("healthy_joints.json")
 LIMITS_FILE = Path(__file__).with_name("detection_limits.json")
@@ -21,7 +21,7 @@ STANDARD = "standard"
 def healthy_tolerances() -> dict[str, float]:
     """Standard deviation of each parameter of joints in a healthy robot, about the absent value, by "effect.parameter"."""
     found = {}
-    for row in load_ranges(JOINTS).rows:
+    for row in load_ranges(JOINTS_FILE).rows:
         low, high = row.low - row.parameter.absent, row.high - row.parameter.absent
         found[row.key] = float(np.sqrt((low * low + low * high + high * high) / 3.0))
     return found

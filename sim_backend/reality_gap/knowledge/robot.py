@@ -1,6 +1,7 @@
 """What is known of the robot that was recorded: a TriFinger of the farm's kind, or any robot, of which there is only a model.
 
-Wherever a study relies on more than recordings and model it asks this object, and nothing else says which robot it is.
+Wherever a study of joints relies on more than recordings and model it asks this object. Which of the two it is follows from
+where the recordings come from: anybody's data have a study file, the farm's logs have none.
 """
 
 from collections.abc import Sequence

@@ -10,11 +10,11 @@ import numpy as np
 from scipy import stats
 
 from sim_backend.reality_gap.knowledge.cube import KINDS, Kind
-from sim_backend.reality_gap.knowledge.healthy import CUBES
+from sim_backend.reality_gap.knowledge.healthy import CUBES_FILE
 from sim_backend.reality_gap.subjects.cube.hypotheses import Null
 from sim_backend.reality_gap.subjects.cube.summary import NAMES
 
-PACKAGED = CUBES.with_suffix(".json")
+PACKAGED = CUBES_FILE.with_suffix(".json")
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,8 @@ _MASS, _GRAVITY, _OFFSET = "link_mass.factor", "gravity.offset_m_s2", "encoder_o
 _ROLL, _PITCH = "table_tilt.roll_rad", "table_tilt.pitch_rad"
 _ARMATURE, _DAMPING = "rotor_inertia.armature_kg_m2", "viscous_friction.damping_nm_s_rad"
 _STIFFNESS, _REST = "joint_stiffness.stiffness_nm_rad", "joint_stiffness.reference_rad"
+KEYS = frozenset({_MASS, _GRAVITY, _OFFSET, _ROLL, _PITCH, _ARMATURE, _DAMPING, _STIFFNESS})
+"""Numbers that have an image here."""
 
 
 class BodyLaw:
@@ -59,7 +61,11 @@ class BodyLaw:
         return tilted + state.value(_GRAVITY)
 
     def image(self, state: JointState, term: Term) -> np.ndarray:
-        """What a unit of a term adds to the mechanics, shape (t, k); zeros for what acts elsewhere."""
+        """What a unit of a term adds to the mechanics, shape (t, k).
+
+        Raises:
+            KeyError: the term is none of :data:`KEYS`.
+        """
         d, path, j = self._dynamics, self._path, term.index
         own = np.zeros_like(path.position)
         if term.key == _MASS:
@@ -74,6 +80,8 @@ class BodyLaw:
             own[:, j] = path.acceleration[:, j]
         if term.key == _DAMPING:
             own[:, j] = path.velocity[:, j]
+        if term.key not in KEYS:
+            raise KeyError(f"{term.key} has no law of bodies")
         if term.key == _STIFFNESS:
             own[:, j] = path.position[:, j] - dict(term.shape).get(_REST, state.value(_REST)[j])
         return own

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.evidence import SEEN, Sign
+from sim_backend.reality_gap.knowledge.evidence import SEEN, Sign, effect_of
 from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, Robot
 from sim_backend.reality_gap.measured.sensor_noise import white_noise
 from sim_backend.reality_gap.quantiles import MEDIAN_SIZE, MEDIAN_SQUARE, Z_90
@@ -60,7 +60,7 @@ class Finding:
     @property
     def effect(self) -> str:
         """Name in the catalogue."""
-        return SEEN[self.sign].partition(".")[0]
+        return effect_of(self.sign)
 
     @property
     def parameter(self) -> str:

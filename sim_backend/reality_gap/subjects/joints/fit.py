@@ -99,7 +99,7 @@ def select(
             look = problem.look(state, accepted)
             state = _refined(state, accepted, look.accepted_values)
         new = problem.look(state, accepted)
-        is_plausible_now = not _hides(problem) or is_plausible(state)
+        is_plausible_now = not problem.is_of_many or is_plausible(state)
         if is_plausible_now and confirms(problem, looks[-1], new):
             looks = [*looks, new] if is_new else [*looks[:-1], new]
             state = _refined(state, accepted, new.accepted_values)
@@ -115,11 +115,6 @@ def select(
             state = _refined(state, accepted, problem.look(state, accepted, plain=True).accepted_values)
         final = problem.look(state, accepted, plain=True)
     return JointFit(problem, state, tuple(accepted), tuple(looks), final, _errors(accepted, final), frozenset(refused))
-
-
-def _hides(problem: JointProblem) -> bool:
-    """Whether so much is wrong with a TriFinger that what is missing may hide behind all of its torques or masses."""
-    return problem.expects_many and isinstance(problem.robot, KnownTriFinger)
 
 
 def _later_gain(problem: JointProblem, look: Look, accepted: Sequence[Accepted], min_share: float) -> Callable[[str], float]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
-from sim_backend.reality_gap.knowledge.evidence import FITTED, SCALES, JointEffect, Number, entry_of
+from sim_backend.reality_gap.knowledge.evidence import FITTED, SCALES, JointEffect, Number, scales_everything
 from sim_backend.reality_gap.knowledge.healthy import healthy_tolerances
 from sim_backend.reality_gap.knowledge.robot import Robot, UnknownRobot
 from sim_backend.reality_gap.subjects.joints.state import CLOCK, SENSED, JointState, Term, size_factor
@@ -94,7 +94,7 @@ def joint_catalogue(
     tolerance[-len(names) :] = 1.0
     for (key, _), members in families.items():
         # torques and masses of one finger trade places: what each seems to have is the other's
-        usual = [] if scales_everything(key) else robot.healthy.tolerances.get(key, [])
+        usual = [] if scales_everything(key.partition(".")[0]) else robot.healthy.tolerances.get(key, [])
         for number, member in enumerate(members):
             for term in member:
                 tolerance[term] = max(
@@ -112,12 +112,6 @@ def joint_catalogue(
 def _scale(scale: float, tolerance: float) -> float:
     """A prior for a deviation: not much wider than what is healthy, or its width alone would hide small deviations."""
     return min(scale, BEYOND_HEALTHY * tolerance) if tolerance > 0.0 else scale
-
-
-def scales_everything(key: str) -> bool:
-    """Whether a number's effect makes all torques, or all masses, different by the same share."""
-    entry = entry_of(key)
-    return entry is not None and entry.scales_everything
 
 
 def _members(

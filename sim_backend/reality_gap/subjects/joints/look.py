@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_backend.reality_gap.knowledge.evidence import FITTED, NUMBERS, Channel
-from sim_backend.reality_gap.knowledge.robot import Robot
+from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, Robot
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations, Equation
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS, Catalogue, Hypothesis, joint_catalogue
 from sim_backend.reality_gap.subjects.joints.moves import may_be
@@ -150,6 +150,11 @@ class JointProblem:
     excluded: tuple[str, ...]
     start: JointState
     expects_many: bool = False
+
+    @property
+    def is_of_many(self) -> bool:
+        """Whether so much is wrong with a TriFinger that each cause takes over what the laws of the others leave."""
+        return self.expects_many and isinstance(self.robot, KnownTriFinger)
 
     @functools.cached_property
     def _load_nm(self) -> np.ndarray:

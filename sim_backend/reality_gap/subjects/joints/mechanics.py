@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from sim_backend.reality_gap.knowledge.evidence import Channel, keys_of
 from sim_backend.reality_gap.measured.sensor_noise import white_noise
 from sim_backend.reality_gap.subjects.joints import motor_law
 from sim_backend.reality_gap.subjects.joints.body_law import BodyLaw
@@ -14,6 +15,8 @@ from sim_backend.reality_gap.subjects.joints.motor_torques import BEFORE_CURRENT
 from sim_backend.reality_gap.subjects.joints.plant import InverseDynamics, Plant
 from sim_backend.reality_gap.subjects.joints.state import CLOCK, SENSED, JointState, Term
 from sim_backend.reality_gap.subjects.joints.trajectory import Trajectory
+
+_OF_BODIES = frozenset(keys_of(Channel.MECHANICS)) - frozenset(motor_law.KEYS)
 
 
 class Mechanics:
@@ -113,7 +116,7 @@ class MechanicsImages:
         """Images in the mechanics, shape (t, k, m), and in the current."""
         images, currents = self._of_motors(state, terms)
         for i, term in enumerate(terms):
-            if term.key not in (CLOCK, SENSED) and term.key not in motor_law.KEYS:
+            if term.key in _OF_BODIES:
                 images[:, :, i] = self._body.image(state, term)
         return images, currents
 

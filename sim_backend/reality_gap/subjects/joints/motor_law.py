@@ -41,25 +41,23 @@ KEYS = (
     "directional_friction.difference_nm",
 )
 """Parameters of one joint's motor and gear, in the order of the law's vector."""
-(
-    _DELAY,
-    _LIMIT,
-    _SAG,
-    _CONSTANT,
-    _LOSS,
-    _RISE,
-    _WARM_TIME,
-    _AMPLITUDE,
-    _CYCLES,
-    _PHASE,
-    _GAP,
-    _ROTOR,
-    _COULOMB,
-    _STRIBECK,
-    _STRIBECK_SPEED,
-    _LOAD,
-    _DIRECTION,
-) = range(len(KEYS))
+_DELAY = KEYS.index("action_delay.delay_s")
+_LIMIT = KEYS.index("torque_saturation.limit_nm")
+_SAG = KEYS.index("supply_sag.loss_per_nm")
+_CONSTANT = KEYS.index("torque_constant.error")
+_LOSS = KEYS.index("thermal_derating.loss_per_k")
+_RISE = KEYS.index("thermal_derating.rise_k_nm2")
+_WARM_TIME = KEYS.index("thermal_derating.time_constant_s")
+_AMPLITUDE = KEYS.index("cogging.amplitude_nm")
+_CYCLES = KEYS.index("cogging.cycles_per_rad")
+_PHASE = KEYS.index("cogging.phase_rad")
+_GAP = KEYS.index("backlash.gap_rad")
+_ROTOR = KEYS.index("backlash.rotor_inertia_kg_m2")
+_COULOMB = KEYS.index("coulomb_friction.torque_nm")
+_STRIBECK = KEYS.index("stribeck_friction.extra_nm")
+_STRIBECK_SPEED = KEYS.index("stribeck_friction.speed_rad_s")
+_LOAD = KEYS.index("load_friction.coefficient")
+_DIRECTION = KEYS.index("directional_friction.difference_nm")
 LIMIT, COGGING, GAP = KEYS[_LIMIT], KEYS[_AMPLITUDE], KEYS[_GAP]
 """A motor's largest torque; the numbers whose images are not a difference of two torques."""
 ROTOR_INERTIA_KG_M2 = PARAMETERS[KEYS[_ROTOR]].absent

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.knowledge.evidence import FITTED, plane_of, shape_of
+from sim_backend.reality_gap.knowledge.evidence import FITTED, plane_of, scales_everything, shape_of
 from sim_backend.reality_gap.subjects.joints import planes
-from sim_backend.reality_gap.subjects.joints.hypotheses import Catalogue, Hypothesis, scales_everything
+from sim_backend.reality_gap.subjects.joints.hypotheses import Catalogue, Hypothesis
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 
 _BOUND_SIGMAS = 3.0
@@ -39,7 +39,7 @@ def may_be(
     inside = _mostly_within_bounds if is_group and expects_many else within_bounds
     if not inside(terms, values, errors, state):
         return False
-    if not scales_everything(terms[0].key):
+    if not scales_everything(terms[0].effect):
         return True
     here = np.array([state.value(term.key)[term.index] for term in terms])
     absent = np.array([PARAMETERS[term.key].absent for term in terms])

@@ -16,6 +16,8 @@ _GAIN, _DAMPING, LATENESS, _OFF = (
     "timing_jitter.std_s",
     "controller_restart.off",
 )
+KEYS = frozenset({_GAIN, _DAMPING, LATENESS, _OFF})
+"""Numbers that have an image here."""
 _TELLING_NM = 1e-4
 """Two commands whose torques differ by less cannot be told apart."""
 
@@ -58,7 +60,7 @@ class SentTorque:
         found: list[JointImage] = []
         taken: dict[tuple[str, float], np.ndarray] = {}
         for i, term in enumerate(terms):
-            if term.key not in (_GAIN, _DAMPING, LATENESS, _OFF):
+            if term.key not in KEYS:
                 continue
             if (term.key, term.probe) not in taken:
                 taken[term.key, term.probe] = self._image(state, term)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.evidence import FITTED, Channel
+from sim_backend.reality_gap.knowledge.evidence import Channel, scales_everything
 from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, Robot
 from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.subjects.joints.checks import Finding, end_findings, noise_findings, torque_noise_findings
@@ -83,7 +83,7 @@ class JointStudy:
     @property
     def is_of_many(self) -> bool:
         """Whether so much is wrong with a TriFinger that each cause takes over what the laws of the others leave."""
-        return self.problem.expects_many and isinstance(self.robot, KnownTriFinger)
+        return self.problem.is_of_many
 
     def problem_start(self, key: str, index: int) -> float:
         """A value of the model that the study started from."""
@@ -147,7 +147,7 @@ def is_worth_it_beside(problem: JointProblem, before: Look, after: Look) -> bool
     """
     if isinstance(problem.robot, KnownTriFinger):
         is_first = not before.accepted or problem.expects_many
-        if is_first or not FITTED[after.accepted[-1].effect].scales_everything:
+        if is_first or not scales_everything(after.accepted[-1].effect):
             return True
     return is_worth_it(problem, before, after)
 

@@ -6,7 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.knowledge.evidence import ENDS, FELT, FITTED, SENSOR_NOISE, Channel, Sign
+from sim_backend.reality_gap.knowledge.evidence import (
+    ENDS,
+    FELT,
+    FITTED,
+    SENSOR_NOISE,
+    Channel,
+    Sign,
+    effect_of,
+    scales_everything,
+)
 from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.knowledge.separation import separated_by
 from sim_backend.reality_gap.quantiles import Z_90
@@ -15,7 +24,7 @@ from sim_backend.reality_gap.subjects.joints.checks import Finding, place
 from sim_backend.reality_gap.subjects.joints.fitted_values import fitted_values
 from sim_backend.reality_gap.subjects.joints.flexible import Pattern, lasting, patterns
 from sim_backend.reality_gap.subjects.joints.gain import errors_of, held_out_errors
-from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS, scales_everything
+from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.look import Accepted, Candidate, Look
 from sim_backend.reality_gap.subjects.joints.moves import moved
 from sim_backend.reality_gap.subjects.joints.normal_equations import WHOLE_EPISODES
@@ -153,7 +162,7 @@ def _large_scales(causes: Sequence[Cause]) -> list[Cause]:
     return [
         cause
         for cause in causes
-        if scales_everything(f"{cause.effect}.{cause.parameter}")
+        if scales_everything(cause.effect)
         and abs(cause.value - PARAMETERS[f"{cause.effect}.{cause.parameter}"].absent) > _TRADED_SCALE
     ]
 
@@ -257,9 +266,8 @@ def _record_next(study: JointStudy, kind: VerdictKind, closest: Rival | None) ->
     if kind is VerdictKind.CONFUSABLE and closest is not None:
         return [closest.separated_by]
     if kind is VerdictKind.UNEXPLAINED and _may_have_play(study):
-        return [
-            "each joint turned by hand to and fro, its motor held: as much is left as play in several gears leaves (backlash)"
-        ]
+        play = effect_of(Sign.RATTLING_ROTOR)
+        return [f"each joint turned by hand to and fro, its motor held: as much is left as play in several gears leaves ({play})"]
     if kind is VerdictKind.UNEXPLAINED:
         return ["the same motion twice, slowly and fast, to see whether what is left repeats"]
     return []

@@ -8,8 +8,8 @@ import pytest
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.bench.joint_sessions import healthy_physics
 from sim_backend.reality_gap.bench.many_causes import hidden_effects, main, robot, summary
+from sim_backend.reality_gap.knowledge.evidence import SCALES
 from sim_backend.reality_gap.refusal import EXIT_UNUSABLE
-from sim_backend.reality_gap.subjects.joints.hypotheses import SCALES
 
 KEY = "coulomb_friction.torque_nm"
 

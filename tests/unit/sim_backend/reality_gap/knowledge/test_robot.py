@@ -1,37 +1,34 @@
-"""What is known of a robot, and which healthy sessions its study is compared with."""
+"""What is known of a robot."""
 
 import numpy as np
+import pytest
 
-from sim_backend.reality_gap.bench.joint_calibration import ALONE_RULE, summarise_alone
-from sim_backend.reality_gap.knowledge.healthy import healthy_sessions
-
-STANDARD, RAMPS, CHIRPS = (healthy_sessions((name,)) for name in ("standard", "slow_ramps", "chirps"))
-
-
-def test_each_study_has_sessions_of_its_own_excitation_where_there_are_any():
-    assert healthy_sessions() is healthy_sessions()
-    np.testing.assert_array_equal(healthy_sessions().largest_gains, STANDARD.largest_gains)
-    assert RAMPS.gates != CHIRPS.gates != STANDARD.gates
-    assert RAMPS.left_nats > STANDARD.left_nats == 0.0
-    for several in (("standard", "slow_ramps"), ("slow_ramps", "slow_ramps"), ("standard", "standard"), ("anything",)):
-        assert healthy_sessions(several).gates == CHIRPS.gates, "gains add up over recordings"
+from sim_backend.reality_gap.knowledge.healthy import NO_SESSIONS, STANDARD, healthy_sessions
+from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, UnknownRobot
+from sim_backend.reality_gap.recording import Recording
 
 
-def test_no_gate_is_lower_than_that_of_the_standard_excitation():
-    for known in (RAMPS, CHIRPS):
-        assert all(known.gates[effect] >= gate for effect, gate in STANDARD.gates.items())
+def recorded(regime: str) -> Recording:
+    return Recording(regime, regime, 1e-3, np.arange(3) * 1e-3, regime=regime)
 
 
-def test_gates_lie_beyond_the_largest_gain_of_any_session():
-    lines = [
-        {"excitation": "slow_ramps", "seed": 1, "gain": 30.0, "gain_by_effect": {"backlash": 30.0, "cogging": 1.0}, "left": 40.0},
-        {"excitation": "slow_ramps", "seed": 1, "gain": 9.0, "gain_by_effect": {"backlash": 9.0}, "left": 50.0},
-        {"excitation": "hold_poses", "seed": 2, "gain": 3.0, "gain_by_effect": {"backlash": 3.0}, "left": 0.0},
-    ]
-    made = summarise_alone({"gates": {"backlash": 7.0, "gravity": 6.0}, "alone": {"chirps": {}}}, lines)["alone"]
-    assert set(made) == {"chirps", "slow_ramps", "hold_poses"}
-    ramps = made["slow_ramps"]
-    least, factor, margin = ALONE_RULE
-    assert ramps["gates"] == {"backlash": factor * 30.0 + margin, "gravity": 6.0, "cogging": least}
-    assert (ramps["left_nats"], ramps["sessions"], ramps["seeds"]) == (factor * 50.0 + margin, 2, [1])
-    assert made["hold_poses"]["gates"]["backlash"] == factor * 3.0 + margin
+def test_a_trifinger_is_compared_with_sessions_of_what_it_was_recorded_under():
+    assert KnownTriFinger.seen_in([recorded(STANDARD)]).healthy is healthy_sessions((STANDARD,))
+    assert KnownTriFinger.seen_in([recorded("chirps"), recorded("chirps")]).healthy.gates != healthy_sessions((STANDARD,)).gates
+
+
+def test_of_any_other_robot_no_healthy_session_is_known():
+    assert UnknownRobot.healthy is NO_SESSIONS
+    assert UnknownRobot.healthy.null_p(100.0) == 1.0
+
+
+@pytest.mark.parametrize(("counted_s", "share"), [(5.0, 1.0), (20.0, 1.0), (80.0, 0.5)])
+def test_priors_of_an_unknown_robot_shrink_where_rows_would_swamp_them(counted_s, share):
+    assert UnknownRobot.prior_share(counted_s, 20.0) == pytest.approx(share)
+    assert KnownTriFinger.prior_share(counted_s, 20.0) == 1.0
+
+
+def test_less_is_granted_to_what_nobody_knows():
+    assert UnknownRobot.granted < KnownTriFinger.granted
+    assert UnknownRobot.cutoff_hz < KnownTriFinger.cutoff_hz
+    assert set(KnownTriFinger.load_shares) < set(UnknownRobot.load_shares)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from sim_backend.reality_gap.knowledge.evidence import SCALES
 from sim_backend.reality_gap.knowledge.value_errors import COVERED, document, is_telling, usual_error, usual_errors
-from sim_backend.reality_gap.subjects.joints.hypotheses import SCALES
 
 KEY = "coulomb_friction.torque_nm"
 

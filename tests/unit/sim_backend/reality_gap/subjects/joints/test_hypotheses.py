@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sim_backend.effects.catalogue import CATALOGUE, PARAMETERS
+from sim_backend.reality_gap.knowledge.evidence import SCALES
 from sim_backend.reality_gap.knowledge.healthy import HealthySessions, healthy_tolerances
 from sim_backend.reality_gap.knowledge.hidden import AT_JOINTS
 from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, UnknownRobot
@@ -11,7 +12,6 @@ from sim_backend.reality_gap.subjects.joints.hypotheses import (
     ALL_JOINTS,
     CLOCK_TOLERANCE,
     PLATFORM,
-    SCALES,
     joint_catalogue,
 )
 from sim_backend.reality_gap.subjects.joints.state import CLOCK, SENSED, JointState

@@ -1,0 +1,23 @@
+"""Every number that a fit of joints changes has a law."""
+
+import pytest
+
+from sim_backend.reality_gap.knowledge.evidence import NUMBERS, Channel, keys_of
+from sim_backend.reality_gap.subjects.joints import body_law, motor_law, reported_velocity, sent_torque
+
+LAWS = {
+    Channel.MECHANICS: body_law.KEYS | set(motor_law.KEYS),
+    Channel.CURRENT: set(motor_law.KEYS),
+    Channel.CONTROLLER: sent_torque.KEYS,
+    Channel.VELOCITY: set(reported_velocity.SHOWN),
+}
+
+
+@pytest.mark.parametrize("channel", Channel)
+def test_every_number_has_a_law_in_its_equation(channel):
+    assert set(keys_of(channel)) <= LAWS[channel]
+
+
+def test_what_bodies_change_and_what_motors_change_is_not_the_same():
+    assert not body_law.KEYS & set(motor_law.KEYS)
+    assert set(NUMBERS) >= body_law.KEYS
