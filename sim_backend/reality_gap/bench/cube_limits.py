@@ -61,14 +61,8 @@ def detection_limits(summaries: Sequence[CubeSummary], null: Null, critical: Map
     trackers = [row.tracker for row in summaries if row.tracker is not None]
     for row in COUNTED:
         seen = [seen_count(row.count, tracker, null) for tracker in trackers]
-        frames = float(
-            np.median(
-                [
-                    each.frames - (tracker.lost if row.count is Count.LOST_FRAMES else 0)
-                    for each, tracker in zip(seen, trackers, strict=True)
-                ]
-            )
-        )
+        lost = [tracker.lost if row.count is Count.LOST_FRAMES else 0 for tracker in trackers]
+        frames = float(np.median(np.array([each.frames for each in seen]) - lost))
         found[row.effect] = _count_limit(seen[0].usual, seen[0].spread, frames) / seen[0].share
     return found
 
