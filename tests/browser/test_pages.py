@@ -94,9 +94,10 @@ def test_an_operator_drains_a_robot_and_takes_it_back(operator):
     page.goto("/")
     card = page.locator("#robot-robot-1")
     card.get_by_role("button", name="Drain robot-1").click()
-    page.wait_for_function("() => document.querySelector('#robot-robot-1').textContent.includes('draining')", timeout=5000)
+    said = "document.querySelector('#robot-robot-1')?.textContent"  # the card is gone for a moment while the page is renewed
+    page.wait_for_function(f"() => {said}?.includes('draining')", timeout=5000)
     card.get_by_role("button", name="Resume robot-1").click()
-    page.wait_for_function("() => !document.querySelector('#robot-robot-1').textContent.includes('draining')", timeout=30_000)
+    page.wait_for_function(f"() => {said} && !{said}.includes('draining')", timeout=30_000)
 
 
 def test_a_trial_replays_and_scrubs(operator, ended):

@@ -158,8 +158,9 @@ def test_short_pieces_of_a_recording_tell_nothing():
 def test_the_blind_test_counts_what_was_said():
     def line(kind, causes, *, effect="coulomb_friction", multiple=2.0, left_out=False):
         case = Case(0, 0, effect, f"{effect}.torque_nm" if effect else "", "a" if effect else "", 0, multiple, 0.02).document()
+        numbers = {hidden.effect: hidden.key.partition(".")[2] for hidden in AT_JOINTS.values()}
         said = [
-            {"effect": e, "where": w, "parameter": "torque_nm", "value": 0.021, "interval_90": [0.02, 0.022]} for e, w in causes
+            {"effect": e, "where": w, "parameter": numbers[e], "value": 0.021, "interval_90": [0.02, 0.022]} for e, w in causes
         ]
         return {"case": case, "left_out": left_out, "verdict": {"verdict": kind, "causes": said}, "naive": {}, "seconds": 1.0}
 

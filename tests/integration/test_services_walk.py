@@ -173,7 +173,8 @@ def test_a_drained_robot_takes_no_trial_until_it_is_resumed(farm, policy):
     report = farm.admin.get(f"/v1/jobs/{job_id}/report").json()
     assert {row["robot"] for row in report["per_robot"]} == {"robot-0", "robot-1", "robot-3"}
     departed = [row["departure"] for row in report["per_trial"] if row["departure"]]
-    assert departed == ["robot-2 is draining"] * 2
+    assert len(departed) == 2
+    assert all(why.startswith("robot-2 is draining") for why in departed), "it may still end the trial before"
     assert report["platform_faults"] == 0
     farm.admin.post("/v1/robots/robot-2/resume")
     until(lambda: farm.robots_in("idle") == 4, 5, "robot-2 to be idle again")
