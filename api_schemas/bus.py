@@ -11,6 +11,7 @@ from pydantic import ConfigDict, Field
 
 from api_schemas.jail_report import JailReport
 from api_schemas.robot import RobotHealth, RobotState
+from api_schemas.scene_form import FIRST_FORM
 from api_schemas.schema import Schema
 
 ROOT = "trifarm/v1"
@@ -83,6 +84,7 @@ class Heartbeat(RobotsWord):
     physics_digest: str = Field(
         default="", max_length=64
     )  # of the content of that physics and the farm's secret; shown to nobody
+    form: str = Field(default=FIRST_FORM, max_length=40)  # of the scene
     version: str = ""
     jail: JailReport | None = None  # what its policies are put into
     health: RobotHealth | None = None

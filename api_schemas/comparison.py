@@ -9,6 +9,7 @@ from typing import Literal
 from pydantic import Field
 
 from api_schemas.report import Report
+from api_schemas.scene_form import form_or_first, told_forms
 from api_schemas.schema import Schema
 from api_schemas.success_rate import wilson
 from api_schemas.trial import OutcomeKind
@@ -80,14 +81,15 @@ class Comparison(Schema):
 
 
 class NotComparableError(Exception):
-    """The jobs did not try the same goals; the message says which and what to do."""
+    """The jobs did not try the same goals in the same form of the scene; the message says which and what to do."""
 
 
 def compare(reports: Sequence[Report]) -> Comparison:
     """Compares jobs task by task, in the order in which they are given.
 
     Raises:
-        NotComparableError: there are fewer than two jobs of a task, or they have no goal in common.
+        NotComparableError: there are fewer than two jobs of a task, they have no goal in common, or they were done with different
+            forms of the scene.
     """
     kinds = list(dict.fromkeys(_kind(report) for report in reports))
     ordered = sorted(reports, key=lambda report: kinds.index(_kind(report)))
@@ -106,6 +108,10 @@ def _task(reports: Sequence[Report]) -> TaskComparison:
         )
     if len({report.job_id for report in reports}) < len(reports):
         raise NotComparableError(f"job {first.job_id} is named twice or more; name each job once")
+    forms = {form_or_first(form) for report in reports for form in report.forms or (None,)}
+    if len(forms) > 1:
+        told = "; ".join(f"{report.job_id}: {told_forms(report.forms)}" for report in reports)
+        raise NotComparableError(f"the jobs were done with different forms of the scene, which changes what a goal asks ({told})")
     of = [{row.seed: row for row in report.per_trial} for report in reports]
     common = [seed for seed in of[0] if all(seed in rows for rows in of)]
     if not common:

@@ -23,10 +23,14 @@ class BoardRow(Schema):
 
 
 class BoardPhysics(Schema):
-    """A physics that robots of this farm have or had: other content under the same name, or another farm seed, is another."""
+    """A physics that robots of this farm have or had.
+
+    Other content under the same name, another farm seed or another form of the scene is another.
+    """
 
     number: int
     name: str
+    form: str = Field(description="of the scene")
     since: str = Field(description="when a robot first told that it has it")
     is_now: bool
 

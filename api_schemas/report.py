@@ -98,6 +98,7 @@ class Report(Schema):
     started_at: str | None
     ended_at: str
     versions: dict[str, str]
+    forms: tuple[str, ...] = Field(default=(), description="of the scene, one for all trials; empty in reports of 0.1.0")
 
 
 class ExcitationRow(Schema):
@@ -132,6 +133,7 @@ class IdentificationReport(Schema):
     started_at: str | None
     ended_at: str
     versions: dict[str, str]
+    forms: tuple[str, ...] = Field(default=(), description="of the scene, one for all trials; empty in reports of 0.1.0")
 
 
 AnyReport = Annotated[Report | IdentificationReport, Field(discriminator="format")]

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from api_schemas.excitation import ExcitationName
 from api_schemas.jail_report import JailReport
+from api_schemas.scene_form import form_or_first
 from api_schemas.schema import Schema
 
 MAX_REASON = 2000
@@ -95,6 +96,7 @@ class Outcome(Schema):
     policy_timing: PolicyTiming | None = None
     wall_s: float = 0.0
     jail: JailReport | None = None  # of the policy's process; none where it never started or there was no policy
+    form: str | None = Field(default=None, max_length=40, description="of the scene; null from robots of 0.1.0")
 
 
 class AttemptState(StrEnum):
@@ -154,7 +156,8 @@ class Verification(Schema):
     """Answer of POST /v1/jobs/{job}/trials/{ordinal}/verify.
 
     ``first_difference_step`` is the first millisecond whose numbers differ, null when none does. How large differences are
-    is for operators only: with it, made-up logs would measure the hidden robot.
+    is for operators only: with it, made-up logs would measure the hidden robot. ``form`` is the scene's form that the log is of,
+    ``simulated_form`` the one that it was simulated with; where they differ, so may the numbers of a true log.
     """
 
     trial_id: str
@@ -163,6 +166,26 @@ class Verification(Schema):
     first_difference_step: int | None
     largest_joint_difference_rad: float | None = None
     largest_cube_difference_m: float | None = None
+    form: str | None = None
+    simulated_form: str | None = None
+
+    @property
+    def is_of_other_form(self) -> bool:
+        """Whether the log is of another form of the scene than what it was compared with."""
+        return self.simulated_form is not None and self.form != self.simulated_form
+
+    def in_words(self, name: str) -> str:
+        """The verdict on a log of this name in a sentence or two."""
+        if self.same:
+            return f"{name}: same numbers in all {self.steps} steps"
+        joints, cube = self.largest_joint_difference_rad, self.largest_cube_difference_m
+        differs = f"differs from step {self.first_difference_step} on"
+        if joints is not None and cube is not None:
+            differs += f" (by up to {joints:.3g} rad at the joints, {cube:.3g} m at the cube)"
+        if not self.is_of_other_form:
+            return f"{name}: {differs}"
+        apart = f"is of form {form_or_first(self.form)} of the scene, and this version simulates form {self.simulated_form}"
+        return f"{name}: {apart}; it {differs}, which says nothing against the log"
 
 
 class ViewerLink(Schema):

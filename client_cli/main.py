@@ -56,7 +56,7 @@ GROUPS = {
         "verify": Entry(
             "client_cli.commands.verify:verify", (*OF_A_CHILD, ExitCode.DIFFERS, ExitCode.UNVERIFIED, ExitCode.LOGS_MISSING)
         ),
-        "replay": Entry("client_cli.commands.replay:replay", (*OF_EVERY_REQUEST, ExitCode.DIFFERS)),
+        "replay": Entry("client_cli.commands.replay:replay", (*OF_EVERY_REQUEST, ExitCode.DIFFERS, ExitCode.OTHER_FORM)),
         "chaos": Entry("client_cli.commands.chaos:chaos", (*OF_A_CHILD, ExitCode.INTERRUPTED)),
     },
 }

@@ -14,6 +14,7 @@ from html import escape
 from typing import Any
 
 from api_schemas.report import Report, RobotRow, TrialRow
+from api_schemas.scene_form import told_forms
 from api_schemas.signature import Signature
 from api_schemas.tolerance import ANGLE_TOLERANCE_RAD, POSITION_TOLERANCE_M
 from api_schemas.trial import Fault, OutcomeKind
@@ -103,7 +104,8 @@ def _lines(report: Report, signature: Signature, maker: str) -> Iterator[str]:
     yield from _section("methods", _methods(report, words))
     yield from _section("signature", _signature(report, signature))
     yield "</main>"
-    data = {"report": report.model_dump(mode="json"), "signature": signature.model_dump(mode="json")}
+    # Only what was read: what later versions know besides is not what was signed.
+    data = {"report": report.model_dump(mode="json", exclude_unset=True), "signature": signature.model_dump(mode="json")}
     yield f'<script type="application/json" id="{DATA_ID}">{_embedded(data)}</script>'
     yield "</body></html>"
 
@@ -236,6 +238,8 @@ def _methods(report: Report, words: _Words) -> Iterator[str]:
     yield from _row(
         "queued, started, ended", f"{_text(report.created_at)}, {_text(report.started_at or '–')}, {_text(report.ended_at)}"
     )
+    if report.forms:  # reports of 0.1.0 tell none, and their pages stay as they were signed
+        yield from _row("form of the scene", _text(told_forms(report.forms)))
     yield from _row("versions", _text(", ".join(f"{name} {value}" for name, value in sorted(report.versions.items()))))
     yield "</dl>"
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from api_schemas.physics import ObjectName
 from api_schemas.report import BetweenRobots, ExcitationRow, FaultRow, IdentificationReport, Report, TimingRow, TrialRow
+from api_schemas.scene_form import told_forms
 from api_schemas.trial import Fault, OutcomeKind
 
 WIDTH = 100
@@ -86,6 +87,7 @@ def _made(report: Report | IdentificationReport) -> Iterator[str]:
     yield ""
     yield f"queued {report.created_at}, started {report.started_at}, ended {report.ended_at}"
     yield ", ".join(f"{name} {version}" for name, version in sorted(report.versions.items()))
+    yield f"form of the scene: {told_forms(report.forms)}"
 
 
 def _means(report: Report) -> str:

@@ -28,6 +28,7 @@ from robot_farm.run import Progress, live_state
 from robot_farm.settings import Settings
 from robot_farm.trial import run_trial
 from robot_farm.truth import TruthFile, truth_channels
+from sim_backend.trifinger.form import scene_form
 
 IDLE_WAIT_S = 0.5
 UNFINISHED = "unfinished"
@@ -80,6 +81,7 @@ class Robot:
                     self._name,
                     self._settings.physics_name,
                     physics_digest=self._life.physics_digest,
+                    form=scene_form(),
                     live=self._live_state,
                     on_cancel=self._cancel,
                     stopping=stop.is_set,

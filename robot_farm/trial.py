@@ -30,6 +30,7 @@ from sim_backend.tasks.scoring import score
 from sim_backend.tasks.task import Goal, Task
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger import viewer_scene
+from sim_backend.trifinger.form import scene_form
 from sim_backend.trifinger.objects import Shape
 from sim_backend.trifinger.scene import build_scene
 from trial_logs import trial_log
@@ -173,7 +174,13 @@ def _outcome(run: Run, failure: Failure | None, measures: Measures | None, wall_
         kind = OutcomeKind.SUCCEEDED if measures.success_at_end else OutcomeKind.FAILED
         reason = _sentence(task, measures)
     return Outcome(
-        kind=kind, fault=FAULT_OF[kind], reason=reason[:MAX_REASON], measures=measures, policy_timing=timing, wall_s=wall_s
+        kind=kind,
+        fault=FAULT_OF[kind],
+        reason=reason[:MAX_REASON],
+        measures=measures,
+        policy_timing=timing,
+        wall_s=wall_s,
+        form=scene_form(),
     )
 
 
@@ -243,6 +250,7 @@ def _trial_record(lease: Lease, physics: str) -> dict[str, Any]:
         "object": lease.object.value,
         "object_scale": lease.object_scale,
         "physics": physics,
+        "form": scene_form(),
         "policy": lease.policy or "",
         "graph_sha256": lease.graph_sha256 or "",
         "versions": {

@@ -9,7 +9,6 @@ from typing import Annotated
 
 import typer
 
-from api_schemas.trial import Verification
 from client_cli.connection.api_client import ApiClient
 from client_cli.connection.settings import load_connection
 from client_cli.embedded.child_process import module_command
@@ -71,8 +70,10 @@ def _ask_server(log: Path, as_json: bool) -> ExitCode:
     if as_json:
         print_document(verdict)
     else:
-        print_line(text(verdict, log.name))
-    return ExitCode.OK if verdict.same else ExitCode.DIFFERS
+        print_line(verdict.in_words(log.name))
+    if verdict.same:
+        return ExitCode.OK
+    return ExitCode.OTHER_FORM if verdict.is_of_other_form else ExitCode.DIFFERS
 
 
 def _trial_of(log: Path) -> str:
@@ -83,14 +84,3 @@ def _trial_of(log: Path) -> str:
     except (ValueError, KeyError, TypeError) as error:
         raise UsageProblem(f"{log} does not say which trial it is of: {(shown.stdout or shown.stderr).strip()[:200]}") from error
     return str(trial_id)
-
-
-def text(verdict: Verification, name: str) -> str:
-    """The verdict in one line."""
-    if verdict.same:
-        return f"{name}: same numbers in all {verdict.steps} steps"
-    line = f"{name}: differs from step {verdict.first_difference_step} on"
-    if verdict.largest_joint_difference_rad is None or verdict.largest_cube_difference_m is None:
-        return line
-    joints, cube = f"{verdict.largest_joint_difference_rad:.3g} rad", f"{verdict.largest_cube_difference_m:.3g} m"
-    return f"{line} (by up to {joints} at the joints, {cube} at the cube)"

@@ -16,6 +16,7 @@ class ExitCode(IntEnum):
     WORSE = 7
     UNVERIFIED = 8
     LOGS_MISSING = 9
+    OTHER_FORM = 10
     INTERRUPTED = 130
 
 
@@ -30,6 +31,7 @@ MEANING: dict[ExitCode, str] = {
     ExitCode.WORSE: "a compared job is worse than the first",
     ExitCode.UNVERIFIED: "the report is signed with an unknown key",
     ExitCode.LOGS_MISSING: "the report is true, but some of its logs are missing",
+    ExitCode.OTHER_FORM: "the replay differs from the log, which is of another form of the scene",
     ExitCode.INTERRUPTED: "interrupted by Ctrl-C",
 }
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from api_schemas.report import Report
+from api_schemas.scene_form import told_forms
 from api_schemas.signature import Signature
 from api_schemas.trial import OutcomeKind
 from client_cli.terminal.output import counted
@@ -116,6 +117,7 @@ def _methods(report: Report, signature: Signature) -> Iterator[tuple[str, str]]:
     if report.jail is not None:
         yield "jail", f"{report.jail.level} ({len(report.jail.layers)} layers)"
     yield "ended", report.ended_at
+    yield "form of the scene", told_forms(report.forms)
     yield "versions", ", ".join(f"{name} {value}" for name, value in sorted(report.versions.items()))
     yield "report", f"{signature.report_sha256} (SHA-256)"
     yield "farm's key", signature.key

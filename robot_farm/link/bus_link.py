@@ -20,6 +20,7 @@ from pydantic import ValidationError
 from api_schemas import bus
 from api_schemas.jail_report import JailReport
 from api_schemas.robot import Lease, OfferReply, RobotHealth, RobotState
+from api_schemas.scene_form import FIRST_FORM
 from robot_farm.link.bus_access import Access
 from robot_farm.link.outage import Standing
 
@@ -53,6 +54,7 @@ class BusLink:
         robot: name of the robot.
         physics: name of its physics, as told to the dispatcher.
         physics_digest: of what the name stands for, and of the farm's secret; "" where all robots are ideal.
+        form: of the scene that the robot is simulated in.
         live: gives the live state, or None when nothing runs; called ten times a second.
         on_cancel: called with trial id and fence when a trial shall stop.
         stopping: whether the robot is about to end and takes no more offers.
@@ -69,6 +71,7 @@ class BusLink:
         physics: str,
         *,
         physics_digest: str = "",
+        form: str = FIRST_FORM,
         live: Callable[[], bus.LiveState | None],
         on_cancel: Callable[[str, int], None],
         stopping: Callable[[], bool],
@@ -79,6 +82,7 @@ class BusLink:
     ) -> None:
         self._access, self._robot, self._physics = access, robot, physics
         self._physics_digest = physics_digest
+        self._form = form
         self._jail, self._health, self._alive_file = jail, health, alive_file
         self._live, self._on_cancel, self._stopping = live, on_cancel, stopping
         self._standing = standing
@@ -249,6 +253,7 @@ class BusLink:
                 reason=self._wrong or standing.reason,
                 physics=self._physics,
                 physics_digest=self._physics_digest,
+                form=self._form,
                 version=version("trifarm"),
                 jail=self._jail,
                 health=health,

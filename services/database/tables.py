@@ -23,6 +23,8 @@ from sqlalchemy import (
 )
 from sqlalchemy.types import TypeDecorator
 
+from api_schemas.scene_form import FIRST_FORM
+
 metadata = MetaData(
     naming_convention={
         "ix": "ix_%(column_0_label)s",
@@ -86,10 +88,12 @@ physics = Table(
     Column("name", Words(100), nullable=False),
     # Of its content and the farm's secret, by which guesses at a farm seed can be checked: shown to nobody.
     Column("digest", String(64), nullable=False),
+    # Of the scene.
+    Column("form", String(40), nullable=False, default=FIRST_FORM),
     Column("first_told_at", String(40), nullable=False),
     # When a robot with it last joined; the latest is the farm's.
     Column("told_s", Float, nullable=False),
-    UniqueConstraint("name", "digest"),
+    UniqueConstraint("name", "digest", "form"),
 )
 
 job = Table(

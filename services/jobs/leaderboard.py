@@ -56,7 +56,7 @@ async def contests(connection: AsyncConnection) -> tuple[Contest, ...]:
     """The tasks, objects and physics that at least one policy was tried at with a seed of the server's; now's physics first."""
     by = (job.c.task, job.c.object, job.c.object_scale, job.c.physics)
     counts = select(*by, func.count(distinct(job.c.policy)).label("policies")).where(*COUNTED).group_by(*by).subquery()
-    told = (physics.c.number, physics.c.name, physics.c.first_told_at, (physics.c.number == NOW).label("is_now"))
+    told = (physics.c.number, physics.c.name, physics.c.form, physics.c.first_told_at, (physics.c.number == NOW).label("is_now"))
     wanted = select(counts, *told).join(physics, physics.c.number == counts.c.physics)
     order = (physics.c.told_s.desc(), physics.c.number.desc(), counts.c.task, counts.c.object, counts.c.object_scale)
     return tuple(
@@ -108,7 +108,7 @@ async def board(connection: AsyncConnection, wanted: Wanted, sees_only: str | No
 
 
 def _physics(row: AnyRow) -> BoardPhysics:
-    return BoardPhysics(number=row.number, name=row.name, since=row.first_told_at, is_now=row.is_now)
+    return BoardPhysics(number=row.number, name=row.name, form=row.form, since=row.first_told_at, is_now=row.is_now)
 
 
 async def _own(connection: AsyncConnection, rows: Sequence[AnyRow], sees_only: str | None) -> dict[str, str] | None:

@@ -13,7 +13,11 @@ from services.jobs.clock import iso
 _latest = physics.alias("latest")
 NOW = select(_latest.c.number).order_by(_latest.c.told_s.desc(), _latest.c.number.desc()).limit(1).scalar_subquery()
 """The farm's physics: that of the robot that joined last; null before any told what it has."""
-_TOLD = and_(physics.c.name == bindparam("told_name"), physics.c.digest == bindparam("told_digest"))
+_TOLD = and_(
+    physics.c.name == bindparam("told_name"),
+    physics.c.digest == bindparam("told_digest"),
+    physics.c.form == bindparam("told_form"),
+)
 _TELL_AGAIN = update(physics).where(_TOLD).values(told_s=bindparam("at_s")).returning(physics.c.number)
 
 
@@ -24,10 +28,11 @@ async def told(tx: AsyncConnection, beat: Heartbeat, now_s: float) -> int | None
     """
     if not beat.physics_digest and beat.physics != NOMINAL:
         return None
-    named = {"told_name": beat.physics, "told_digest": beat.physics_digest, "at_s": now_s}
+    named = {"told_name": beat.physics, "told_digest": beat.physics_digest, "told_form": beat.form, "at_s": now_s}
     if (number := (await tx.execute(_TELL_AGAIN, named)).scalar_one_or_none()) is not None:
         return number
-    new = insert(physics).values(name=beat.physics, digest=beat.physics_digest, first_told_at=iso(now_s), told_s=now_s)
+    content = {"name": beat.physics, "digest": beat.physics_digest, "form": beat.form}
+    new = insert(physics).values(**content, first_told_at=iso(now_s), told_s=now_s)
     try:
         async with tx.begin_nested():
             return (await tx.execute(new.returning(physics.c.number))).scalar_one()

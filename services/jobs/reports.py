@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from importlib.metadata import version
 from typing import Any
 
@@ -23,6 +23,7 @@ from api_schemas.report import (
     TimingRow,
     TrialRow,
 )
+from api_schemas.scene_form import form_or_first
 from api_schemas.signature import Signature, unsigned
 from api_schemas.success_rate import wilson
 from api_schemas.trial import AttemptState, Fault, Outcome, OutcomeKind
@@ -118,6 +119,7 @@ def compose(job: AnyRow, trials: Sequence[AnyRow], attempts: Sequence[AnyRow], v
         started_at=job.started_at,
         ended_at=job.ended_at,
         versions=versions,
+        forms=_forms(outcomes),
     )
 
 
@@ -126,6 +128,7 @@ def compose_identification(
 ) -> IdentificationReport:
     """The report of an identification: what was recorded where."""
     faults = tuple(_fault_row(row) for row in attempts if row.state == AttemptState.PLATFORM_FAULT)
+    rows = tuple(_excitation_row(row, attempts) for row in trials)
     return IdentificationReport(
         job_id=job.job_id,
         task=job.task,
@@ -136,13 +139,19 @@ def compose_identification(
         trials=len(trials),
         platform_faults=len(faults),
         attempts=len(attempts),
-        per_trial=tuple(_excitation_row(row, attempts) for row in trials),
+        per_trial=rows,
         platform_fault_attempts=faults,
         created_at=job.created_at,
         started_at=job.started_at,
         ended_at=job.ended_at,
         versions=versions,
+        forms=_forms(row.outcome for row in rows),
     )
+
+
+def _forms(outcomes: Iterable[Outcome]) -> tuple[str, ...]:
+    """The forms of the scene that the trials were done with; one, unless robots were exchanged meanwhile."""
+    return tuple(sorted({form_or_first(outcome.form) for outcome in outcomes}))
 
 
 def _excitation_row(row: AnyRow, attempts: Sequence[AnyRow]) -> ExcitationRow:

@@ -12,8 +12,8 @@ from services.child_process import ChildSaidTooMuchError, ChildTimedOutError, En
 from services.errors import Refused, Unavailable
 
 REPLAY = "sim_backend.replays.replay"
-VERDICTS = frozenset({0, 6})
-"""Exit codes of a replay that compared all numbers: the same, or different."""
+VERDICTS = frozenset({0, 6, 10})
+"""Exit codes of a replay that compared all numbers: the same, different, or of another form of the scene."""
 
 
 @dataclass(frozen=True)

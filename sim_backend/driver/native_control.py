@@ -149,7 +149,19 @@ def _silence() -> Any:
     return ignore
 
 
+@functools.cache
+def _no_clock() -> Any:
+    """A clock that stands still: MuJoCo reads its own some twenty times a step for timers that nobody looks at here."""
+
+    @numba.cfunc(types.double())
+    def stand_still() -> float:
+        return 0.0
+
+    return stand_still
+
+
 def install() -> None:
     """Make MuJoCo call the compiled safety pipeline in this process (it acts only on models that reserve its slots)."""
     mujoco.set_mjcb_control(_compiled().ctypes)
     mujoco.set_mju_user_warning(_silence().ctypes)
+    mujoco.set_mjcb_time(_no_clock().ctypes)

@@ -39,8 +39,14 @@ def _nominal_spec(physics_step_s: float, shape: Shape) -> mujoco.MjSpec:
 
 
 def compile_robot(physics: Physics, *, shape: Shape = CUBE, physics_step_s: float) -> mujoco.MjModel:
-    """The model that the driver runs: with a record for the control callback and a sensor for what it reports."""
+    """The model that the driver runs: with a record for the control callback and a sensor for what it reports.
+
+    It has nothing that only shows, so that no step is spent on it.
+    """
     spec = robot_spec(physics, shape=shape, physics_step_s=physics_step_s)
+    spec.compiler.discardvisual = True
+    for unseen in (*spec.cameras, *spec.lights):  # they would be moved along in every step
+        spec.delete(unseen)
     spec.nuserdata = record.record_size(physics_step_s)
     spec.add_sensor(
         name="report",

@@ -4,6 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from api_schemas.scene_form import form_or_first
+from sim_backend.trifinger.form import scene_form
 from sim_backend.trifinger.objects import Shape, shape_of
 from trial_logs.reader import LogUnreadableError, TrialLog
 
@@ -17,7 +19,10 @@ class NotRepeatableError(Exception):
 
 @dataclass(frozen=True)
 class Verification:
-    """What a replay found. ``first_difference_step`` is the first step whose numbers differ, None if there is none."""
+    """What a replay found. ``first_difference_step`` is the first step whose numbers differ, None if there is none.
+
+    ``form`` is the scene's form that the log is of, ``simulated_form`` the one that it was simulated with.
+    """
 
     trial_id: str
     steps: int
@@ -25,6 +30,8 @@ class Verification:
     first_difference_step: int | None
     largest_joint_difference_rad: float
     largest_cube_difference_m: float
+    form: str
+    simulated_form: str
 
 
 @dataclass
@@ -88,13 +95,15 @@ def shape_of_log(log: TrialLog) -> Shape:
         raise LogUnreadableError(f"the log is of no object of the farm: {error}") from error
 
 
-def verification(log: TrialLog, first_step: int | None, largest: dict[str, float]) -> Verification:
-    """What was found about a log."""
+def verification(log: TrialLog, driving: TrialLog, found: Comparison) -> Verification:
+    """What was found about a log when the trial that ``driving`` tells of was simulated again."""
     return Verification(
         trial_id=log.metadata.get("trial_id", ""),
         steps=len(log.joint_steps),
-        same=first_step is None,
-        first_difference_step=first_step,
-        largest_joint_difference_rad=largest.get("joint", 0.0),
-        largest_cube_difference_m=largest.get("cube", 0.0),
+        same=found.first_step is None,
+        first_difference_step=found.first_step,
+        largest_joint_difference_rad=found.largest.get("joint", 0.0),
+        largest_cube_difference_m=found.largest.get("cube", 0.0),
+        form=form_or_first(driving.metadata.get("form")),
+        simulated_form=scene_form(),
     )

@@ -6,7 +6,8 @@ A robot that is like all others is simulated from its log alone: the recorded ap
 recorded start. A robot with physics of its own needs the truth about the trial: what its policy or its excitation asked for goes
 through the whole pipeline again, effects, tracker and all. A true log gives the same numbers, bit for bit. With the farm's own
 log as original, nothing of the given log drives the simulation: it is only compared.
-Exit codes: 0 same (or shown), 6 the numbers differ, 7 the truth is needed, 2 the log or its truth cannot be used.
+Exit codes: 0 same (or shown), 6 the numbers differ, 10 they differ and the log is of another form of the scene, which says
+nothing against it, 7 the truth is needed, 2 the log or its truth cannot be used.
 """
 
 import argparse
@@ -17,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from api_schemas.trial import Verification as Shown
 from sim_backend.replays.comparison import (
     Comparison,
     NotRepeatableError,
@@ -30,6 +32,7 @@ from trial_logs.reader import LogUnreadableError, TrialLog, read_log, read_truth
 EXIT_UNREADABLE = 2
 EXIT_DIFFERS = 6
 EXIT_NEEDS_TRUTH = 7
+EXIT_OTHER_FORM = 10
 LONGEST_REASON = 300
 """Characters of an error's text: a log can name its trial, and so the reason, as long as it likes."""
 
@@ -68,7 +71,7 @@ def verify(log: TrialLog) -> Verification:
     found.compare(log.joint_steps, log.joint_velocity_rad_s, segment.joint_velocity_rad_s[0])
     found.compare(log.cube_steps, log.cube_position_world_m, segment.cube_position_world_m[0][log.cube_steps], "cube")
     found.compare(log.cube_steps, log.cube_quat_wxyz, segment.cube_quat_wxyz[0][log.cube_steps])
-    return verification(log, found.first_step, found.largest)
+    return verification(log, log, found)
 
 
 def _summary(log: TrialLog) -> dict:
@@ -119,16 +122,11 @@ def main(arguments: list[str] | None = None) -> int:
         return _refused("the trial cannot be simulated again", EXIT_UNREADABLE, as_json=options.json, hidden=str(error))
     except TruthNeededError as error:
         return _refused(str(error), EXIT_NEEDS_TRUTH, as_json=options.json)
-    if options.json:
-        print(json.dumps(asdict(result)))
-    elif result.same:
-        print(f"{options.log.name}: same numbers in all {result.steps} steps")
-    else:
-        print(
-            f"{options.log.name}: differs from step {result.first_difference_step} on (by up to "
-            f"{result.largest_joint_difference_rad:.3g} rad at the joints, {result.largest_cube_difference_m:.3g} m at the cube)"
-        )
-    return 0 if result.same else EXIT_DIFFERS
+    shown = Shown(**asdict(result))
+    print(json.dumps(asdict(result)) if options.json else shown.in_words(options.log.name))
+    if result.same:
+        return 0
+    return EXIT_OTHER_FORM if shown.is_of_other_form else EXIT_DIFFERS
 
 
 def _refused(reason: str, code: int, *, as_json: bool, hidden: str | None = None) -> int:

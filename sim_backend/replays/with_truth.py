@@ -72,7 +72,7 @@ def verify_with_truth(log: TrialLog, truth: TruthLog, original: TrialLog | None 
             compare_with_original(found, log, original)
     except (IndexError, TypeError, ValueError) as error:
         raise LogUnreadableError(f"the log's numbers cannot be compared: {type(error).__name__}") from error
-    return verification(log, found.first_step, found.largest)
+    return verification(log, driving, found)
 
 
 def _simulate(log: TrialLog, truth: TruthLog) -> _Simulated:

@@ -5,13 +5,16 @@ what a log carries. Links are primitive geoms: spheres for the tips, capsules fo
 """
 
 import numpy as np
-from mujoco import MjModel, MjSpec, mjtCone, mjtGeom, mjtIntegrator
+from mujoco import MjModel, MjsBody, MjSpec, mjtCone, mjtGeom, mjtIntegrator
 
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.object_body import add_object
 from sim_backend.trifinger.objects import CUBE, Shape
 
-TABLE_BITS, CUBE_BITS, FINGER_BITS = 1, 2, 4
+ARENA_BITS, CUBE_BITS, FINGER_BITS, MIDDLE_BITS = 1, 2, 4, 8
+"""What may touch what: the middle links reach neither table nor wall, so that no step looks whether they do."""
+WALL_PARTS = 8
+"""Bodies that the wall's boxes are shared among, so that the broad phase leaves out those where nothing is near."""
 VISUAL_GROUP = 2
 
 
@@ -30,14 +33,14 @@ def build_scene(*, physics_step_s: float = c.PHYSICS_STEP_S, shape: Shape = CUBE
     spec.modelname = "trifinger_pro"
     spec.compiler.degree = False
     spec.option.timestep = physics_step_s
-    spec.option.integrator = mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.integrator = mjtIntegrator.mjINT_EULER
     spec.option.cone = mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10.0
     spec.option.gravity = [0.0, 0.0, -c.GRAVITY_M_S2]
     _add_arena(spec)
     for finger, yaw_rad in zip(c.FINGER_NAMES, c.FINGER_YAW_RAD, strict=True):
         _add_finger(spec, finger, float(yaw_rad))
-    add_object(spec, shape, contact=_contact(CUBE_BITS, TABLE_BITS | FINGER_BITS), visual=_visual())
+    add_object(spec, shape, contact=_contact(CUBE_BITS, ARENA_BITS | FINGER_BITS | MIDDLE_BITS), visual=_visual())
     _add_finger_cube_pairs(spec)
     _add_cameras(spec)
     return spec
@@ -55,13 +58,14 @@ def _add_arena(spec: MjSpec) -> None:
         type=mjtGeom.mjGEOM_PLANE,  # only its top within the wall can be reached
         size=[c.TABLE_HALF_EXTENT_M[0], c.TABLE_HALF_EXTENT_M[1], 0.05],
         rgba=[0.25, 0.25, 0.27, 1.0],
-        **_contact(TABLE_BITS, CUBE_BITS | FINGER_BITS),
+        **_contact(ARENA_BITS, CUBE_BITS | FINGER_BITS),
     )
+    parts = [spec.worldbody.add_body(name=f"wall_part_{part}") for part in range(WALL_PARTS)]
     for ring, (bottom, top) in enumerate(zip(c.WALL_PROFILE_M[:-1], c.WALL_PROFILE_M[1:], strict=True)):
-        _add_wall_ring(spec, ring, bottom, top)
+        _add_wall_ring(parts, ring, bottom, top)
 
 
-def _add_wall_ring(spec: MjSpec, ring: int, bottom: tuple[float, float], top: tuple[float, float]) -> None:
+def _add_wall_ring(parts: list[MjsBody], ring: int, bottom: tuple[float, float], top: tuple[float, float]) -> None:
     """Boxes whose inner faces form a ring (or cone) from (radius, height) ``bottom`` to ``top``."""
     rise, widening = top[1] - bottom[1], top[0] - bottom[0]
     tilt_rad = float(np.arctan2(widening, rise))
@@ -72,23 +76,23 @@ def _add_wall_ring(spec: MjSpec, ring: int, bottom: tuple[float, float], top: tu
     height = (bottom[1] + top[1]) / 2 - half_thickness * np.sin(tilt_rad)
     for segment in range(c.WALL_SEGMENTS):
         angle = 2 * np.pi * segment / c.WALL_SEGMENTS
-        spec.worldbody.add_geom(
+        parts[segment * len(parts) // c.WALL_SEGMENTS].add_geom(
             name=f"wall{ring}_{segment}",
             type=mjtGeom.mjGEOM_BOX,
             pos=[radius * np.cos(angle), radius * np.sin(angle), height],
             quat=_product(_about([0, 0, 1], angle), _about([0, 1, 0], tilt_rad)),
             size=[half_thickness, half_width, half_length],
+            mass=0.0,
             rgba=[0.85, 0.85, 0.88, 0.25],
-            **_contact(TABLE_BITS, CUBE_BITS | FINGER_BITS),
+            **_contact(ARENA_BITS, CUBE_BITS | FINGER_BITS),
         )
 
 
 def _add_finger(spec: MjSpec, finger: str, yaw_rad: float) -> None:
-    parent = spec.worldbody.add_body(
-        name=f"{finger}_base", pos=[0.0, 0.0, c.FINGER_BASE_HEIGHT_M], quat=_about([0, 0, 1], yaw_rad)
-    )
+    parent, quat = spec.worldbody, _about([0, 0, 1], yaw_rad)
     for index, link in enumerate(c.LINKS):
-        body = parent.add_body(name=f"{finger}_{link.name}", pos=link.origin_m)
+        pos = link.origin_m if index else (0.0, 0.0, c.FINGER_BASE_HEIGHT_M)
+        body = parent.add_body(name=f"{finger}_{link.name}", pos=pos, quat=[1.0, 0.0, 0.0, 0.0] if index else quat)
         body.mass, body.ipos, body.fullinertia = link.mass_kg, link.centre_of_mass_m, link.inertia_kg_m2
         body.explicitinertial = True
         if link.joint_axis is not None:
@@ -125,7 +129,7 @@ def _add_link_geoms(body, finger: str, link: str) -> None:
             fromto=[x, 0.0, 0.0, x, 0.0, c.LINKS[2].origin_m[2]],
             size=[c.MIDDLE_CAPSULE_RADIUS_M, 0, 0],
             rgba=grey,
-            **_contact(FINGER_BITS, TABLE_BITS | CUBE_BITS | FINGER_BITS),
+            **_contact(MIDDLE_BITS, CUBE_BITS | FINGER_BITS | MIDDLE_BITS),
         )
     elif link == "lower":
         x, _, z = c.LINKS[3].origin_m
@@ -135,7 +139,7 @@ def _add_link_geoms(body, finger: str, link: str) -> None:
             fromto=[x, 0.0, 0.0, x, 0.0, z + c.TIP_RADIUS_M],
             size=[c.TIP_STEM_RADIUS_M, 0, 0],
             rgba=grey,
-            **_contact(FINGER_BITS, TABLE_BITS | CUBE_BITS | FINGER_BITS),
+            **_contact(FINGER_BITS, ARENA_BITS | CUBE_BITS | FINGER_BITS | MIDDLE_BITS),
         )
     else:
         body.add_geom(
@@ -143,7 +147,7 @@ def _add_link_geoms(body, finger: str, link: str) -> None:
             type=mjtGeom.mjGEOM_SPHERE,
             size=[c.TIP_RADIUS_M, 0, 0],
             rgba=[0.1, 0.1, 0.1, 1.0],
-            **_contact(FINGER_BITS, TABLE_BITS | CUBE_BITS | FINGER_BITS),
+            **_contact(FINGER_BITS, ARENA_BITS | CUBE_BITS | FINGER_BITS | MIDDLE_BITS),
         )
 
 
@@ -176,7 +180,7 @@ def _add_cameras(spec: MjSpec) -> None:
 
 def _contact(contype: int, conaffinity: int) -> dict:
     """Contact settings of a collision geom; the cube's friction holds in all of its contacts, whatever it touches."""
-    friction = {TABLE_BITS: c.TABLE_FRICTION, FINGER_BITS: c.FINGER_FRICTION, CUBE_BITS: c.CUBE_FRICTION}[contype]
+    friction = {ARENA_BITS: c.TABLE_FRICTION, CUBE_BITS: c.CUBE_FRICTION}.get(contype, c.FINGER_FRICTION)
     return {
         "contype": contype,
         "conaffinity": conaffinity,

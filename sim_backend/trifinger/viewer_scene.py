@@ -148,7 +148,7 @@ def _arena() -> fm.SceneEntity:
         color=fm.Color(r=0.25, g=0.25, b=0.27, a=1.0),
     )
     wall = []
-    for geom in build_scene().worldbody.geoms:
+    for geom in build_scene().geoms:
         if geom.name.startswith("wall"):
             w, x, y, z = (float(v) for v in geom.quat)
             pose = fm.Pose(position=_vector(geom.pos), orientation=fm.Quaternion(w=w, x=x, y=y, z=z))

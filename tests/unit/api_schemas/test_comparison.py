@@ -97,3 +97,14 @@ def test_what_cannot_be_compared_is_said(jobs, words):
     made = {"a": job("a", [True]), "far": job("far", [True], first_seed=999)}
     with pytest.raises(NotComparableError, match=words):
         compare([made[name] for name in jobs])
+
+
+def test_jobs_of_two_forms_of_the_scene_are_not_compared():
+    first, other = job("a", [True, False]), job("b", [True, True])
+    of_now = other.model_copy(update={"forms": ("0.2.0-0123456789ab",)})
+    with pytest.raises(NotComparableError, match=r"different forms .*a: 0\.1\.0; b: 0\.2\.0-0123456789ab"):
+        compare([first, of_now])
+    mixed = other.model_copy(update={"forms": ("0.1.0", "0.2.0-0123456789ab")})
+    with pytest.raises(NotComparableError, match="their rate is of none"):
+        compare([first, mixed])
+    assert compare([of_now, of_now.model_copy(update={"job_id": "c"})]).tasks[0].goals == 2

@@ -170,3 +170,25 @@ async def test_a_view_looks_at_the_jobs_of_its_contest_alone(database):
     found = "SEARCH job USING INDEX ix_job_board (task=? AND object=? AND object_scale=? AND physics=?"
     assert any(step.startswith(found) for step in steps), steps
     assert not any(step.startswith("SCAN job") for step in steps), steps
+
+
+async def test_two_forms_of_the_scene_are_never_pooled(database, fleet_of):
+    """A rolling update in the middle of a job marks it mixed; what is queued afterwards is of the new form alone."""
+    told = REAL | {"form": "0.1.0"}
+    await join(database, "robot-0", told)
+    before = await queued(database)
+    await run(database, fleet_of, "robot-0")
+    await run(database, fleet_of, "robot-0")
+    between = await queued(database)
+    await run(database, fleet_of, "robot-0")
+    await join(database, "robot-0", REAL | {"form": "0.2.0-0123456789ab"}, now_s=2000.0, instance="two")
+    await run(database, fleet_of, "robot-0")
+    await queued(database)
+    await run(database, fleet_of, "robot-0")
+    await run(database, fleet_of, "robot-0")
+    now, first = await board(database), await board(database, Wanted(TaskName.PUSH, physics=1))
+    assert (now.physics.form, now.rows[0].trials, now.rows[0].jobs) == ("0.2.0-0123456789ab", 2, 1)
+    assert (first.physics.form, first.rows[0].trials, first.rows[0].jobs) == ("0.1.0", 2, 1)
+    async with database.read() as connection:
+        rows = {row.job_id: row.physics_mixed for row in await connection.execute(select(job.c.job_id, job.c.physics_mixed))}
+    assert (rows[before], rows[between]) == (False, True)

@@ -5,7 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from api_schemas.trial import Verification
 from sim_backend.replays import replay
+from sim_backend.trifinger.form import scene_form
 from trial_logs.reader import LogUnreadableError, read_log
 
 
@@ -23,6 +25,20 @@ def test_a_forged_torque_is_named_by_its_step(short_log):
     assert not result.same
     assert result.first_difference_step is not None
     assert 500 < result.first_difference_step < 520
+
+
+def test_another_form_of_the_scene_is_told_apart_from_a_forged_log(short_log, capsys):
+    log = read_log(short_log)
+    torque = log.applied_torque_nm.copy()
+    torque[500, 3] += 1e-9
+    old = dataclasses.replace(log, applied_torque_nm=torque, metadata={**log.metadata, "form": "0.1.7"})
+    result = Verification(**dataclasses.asdict(replay.verify(old)))
+    assert not result.same and result.is_of_other_form
+    said = result.in_words("old.mcap")
+    assert f"is of form 0.1.7 of the scene, and this version simulates form {scene_form()}" in said
+    assert "says nothing against the log" in said
+    of_now = Verification(**dataclasses.asdict(replay.verify(dataclasses.replace(log, applied_torque_nm=torque))))
+    assert not of_now.same and not of_now.is_of_other_form and "form" not in of_now.in_words("forged.mcap")
 
 
 def test_a_truncated_log_is_refused(short_log, tmp_path, capsys):
