@@ -8,6 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from trial_logs.block_writer import HEADER_BYTES, column, room_for
+
 MARKER_SECONDS = 97
 MARKER_NANOS = 999_999_937
 MAX_SECONDS = 127
@@ -40,28 +42,33 @@ class FixedMessage:
         markers = [marker(index) for index in range(doubles)]
         encoded = encode(markers)
         self._template = np.frombuffer(encoded, np.uint8)
-        places = [_only_place(encoded, np.float64(value).tobytes()) for value in markers]
-        self._double_bytes = np.array([place + byte for place in places for byte in range(8)], dtype=np.intp)
+        self._places = [_only_place(encoded, np.float64(value).tobytes()) for value in markers]
         stamp = b"\x08" + _varint(MARKER_SECONDS) + b"\x10" + _varint(MARKER_NANOS)
         self._stamps = _all_places(encoded, stamp)
 
-    def rows(self, values: np.ndarray, time_ns: np.ndarray) -> list[bytes]:
-        """One message per row.
+    def one(self, values: np.ndarray, time_ns: int) -> bytes:
+        """A message alone; ``values`` has shape (doubles,)."""
+        return self.rows(values[None], np.array([time_ns]))[0, HEADER_BYTES:].tobytes()
+
+    def rows(self, values: np.ndarray, time_ns: np.ndarray) -> np.ndarray:
+        """One message per row, each after room for its header.
 
         Args:
             values: shape (n, doubles).
             time_ns: shape (n,), whole nanoseconds since the trial's start, below 128 s.
+
+        Returns:
+            Shape (n, HEADER_BYTES + bytes of the message), as :func:`block_writer.room_for` gives it.
         """
-        count = len(values)
-        rows = np.repeat(self._template[None], count, axis=0)
-        contiguous = np.ascontiguousarray(values, dtype=np.float64)
-        rows[:, self._double_bytes] = contiguous.view(np.uint8).reshape(count, -1)
+        rows = room_for(len(values), len(self._template))
+        rows[:, HEADER_BYTES:] = self._template
+        for index, place in enumerate(self._places):
+            column(rows, HEADER_BYTES + place, "<f8")[:] = values[:, index]
         if self._stamps:
             stamp = _stamp_bytes(time_ns)
             for place in self._stamps:
-                rows[:, place : place + stamp.shape[1]] = stamp
-        size, flat = rows.shape[1], rows.tobytes()
-        return [flat[start : start + size] for start in range(0, count * size, size)]
+                rows[:, HEADER_BYTES + place : HEADER_BYTES + place + stamp.shape[1]] = stamp
+        return rows
 
 
 def _stamp_bytes(time_ns: np.ndarray) -> np.ndarray:

@@ -1,5 +1,6 @@
 """How the messages of a trial log look: their encoders, and the schemas of those that Foxglove does not have."""
 
+import json
 from collections.abc import Sequence
 
 import foxglove
@@ -112,7 +113,7 @@ def encode_transforms(frames: tuple[tuple[str, str], ...], values: list[float]) 
     return fm.FrameTransforms(transforms=transforms).encode()
 
 
-TRACKER_SCHEMA = {
+_TRACKER = {
     "type": "object",
     "title": "trifarm.Tracker",
     "properties": {
@@ -125,3 +126,8 @@ TRACKER_SCHEMA = {
         "visible_faces": {"type": "object"},
     },
 }
+
+
+def tracker_schema() -> foxglove.Schema:
+    """A report of the tracker, as JSON."""
+    return foxglove.Schema(name=str(_TRACKER["title"]), encoding="jsonschema", data=json.dumps(_TRACKER).encode())

@@ -14,11 +14,10 @@ from typing import Any
 import foxglove
 import numpy as np
 from foxglove import messages as fm
-from foxglove.mcap import MCAPWriteOptions
 
+from trial_logs.block_writer import BlockWriter, Topic
 from trial_logs.fixed_message import FixedMessage
 from trial_logs.messages import (
-    TRACKER_SCHEMA,
     WORLD_FRAME,
     command_schema,
     encode_command,
@@ -31,6 +30,7 @@ from trial_logs.messages import (
     packed,
     policy_step_schema,
     torque_schema,
+    tracker_schema,
 )
 
 JOINT_STATES = "/measured/joint_states"  # foxglove.JointStates at 1 kHz; effort is the measured torque
@@ -95,7 +95,6 @@ class LogChannels:
         frames: tuple[tuple[str, str], ...],
         topics: tuple[str, ...] = (*MEASURED_TOPICS, *SHARED_TRUTH_TOPICS),
     ) -> None:
-        self.context = foxglove.Context()
         joint_states = FixedMessage(lambda v: encode_joint_states(joint_names, v), 3 * len(joint_names))
         self.fixed = {
             JOINT_STATES: joint_states,
@@ -107,23 +106,10 @@ class LogChannels:
             TRUE_TRANSFORMS: FixedMessage(lambda v: encode_transforms(((WORLD_FRAME, "cube"),), v), 7),
         }
         self.fixed |= dict.fromkeys((TRACKED_POSE, GOAL, CUBE_POSE), FixedMessage(encode_pose, 7))
-        self._channels = {
-            topic: foxglove.Channel(topic, schema=schema, message_encoding="protobuf", context=self.context)
-            for topic, schema in _protobuf_schemas().items()
-            if topic in topics
-        }
+        schemas = {topic: schema for topic, schema in _protobuf_schemas().items() if topic in topics}
+        self.topics = {topic: Topic("protobuf", schema) for topic, schema in schemas.items()}
         if TRACKER in topics:
-            self._channels[TRACKER] = foxglove.Channel(TRACKER, schema=TRACKER_SCHEMA, context=self.context)
-
-    def log(self, topic: str, message: bytes, time_ns: int) -> None:
-        """One encoded message."""
-        self._channels[topic].log(message, log_time=time_ns)
-
-    def log_rows(self, topic: str, values: np.ndarray, times_ns: np.ndarray) -> None:
-        """Many messages of fixed size; ``values`` has shape (n, doubles of the message)."""
-        log = self._channels[topic].base.log  # without the checks of its wrapper, which cost as much as the log itself
-        for encoded, time_ns in zip(self.fixed[topic].rows(values, times_ns), times_ns.tolist(), strict=True):
-            log(encoded, time_ns)
+            self.topics[TRACKER] = Topic("json", tracker_schema())
 
 
 class TrialLogWriter:
@@ -131,13 +117,11 @@ class TrialLogWriter:
 
     Args:
         path: file to create; it must not exist.
-        channels: the robot's channels; only one writer may use them at a time.
+        channels: the robot's channels.
     """
 
     def __init__(self, path: Path, channels: LogChannels) -> None:
-        options = MCAPWriteOptions(compression_threads=0, compression_level=1)
-        self._writer = foxglove.open_mcap(path, context=channels.context, writer_options=options)
-        self._channels = channels
+        self._writer, self._fixed = BlockWriter(path, channels.topics), channels.fixed
 
     def __enter__(self) -> "TrialLogWriter":
         return self
@@ -187,17 +171,16 @@ class TrialLogWriter:
         **more: Any,
     ) -> None:
         """One report of the tracker; ``more`` is written with it. Images taken before the start are stamped with the start."""
-        values = np.concatenate([position_world_m, quat_wxyz])[None]
-        stamp_ns = np.array([max(0, capture_step) * STEP_NS])
+        pose, stamp_ns = np.concatenate([position_world_m, quat_wxyz]), max(0, capture_step) * STEP_NS
         at_ns = max(0, delivery_step) * STEP_NS
-        self._channels.log(TRACKED_POSE, self._channels.fixed[TRACKED_POSE].rows(values, stamp_ns)[0], at_ns)
+        self._writer.message(TRACKED_POSE, self._fixed[TRACKED_POSE].one(pose, stamp_ns), at_ns)
         report = {
             "capture_time_s": capture_step * STEP_NS / 1e9,
             "delivery_time_s": delivery_step * STEP_NS / 1e9,
             "confidence": float(confidence),
             **more,
         }
-        self._channels.log(TRACKER, json.dumps(report).encode(), at_ns)
+        self._writer.message(TRACKER, json.dumps(report).encode(), at_ns)
 
     def goal(self, position_world_m: np.ndarray, quat_wxyz: np.ndarray) -> None:
         """The wanted pose of the cube, at the start."""
@@ -212,35 +195,36 @@ class TrialLogWriter:
             + b"\x19"
             + inference_time_ns.to_bytes(8, "little")
         )
-        self._channels.log(POLICY, encoded, step * STEP_NS)
+        self._writer.message(POLICY, encoded, step * STEP_NS)
 
     def message(self, topic: str, step: int, encoded: bytes) -> None:
         """One encoded message of a channel that is written rarely (scenes, fixed transforms)."""
-        self._channels.log(topic, encoded, step * STEP_NS)
+        self._writer.message(topic, encoded, step * STEP_NS)
 
     def event(self, step: int, text: str, *, error: bool = False, topic: str = EVENTS) -> None:
         """A line of the trial's history."""
         level = fm.LogLevel.Error if error else fm.LogLevel.Info
         stamp = fm.Timestamp(sec=step // 1000, nsec=step % 1000 * STEP_NS)
         event = fm.Log(timestamp=stamp, level=level, message=text, name="trial")
-        self._channels.log(topic, event.encode(), step * STEP_NS)
+        self._writer.message(topic, event.encode(), step * STEP_NS)
 
     def metadata(self, name: str, values: dict[str, Any]) -> None:
         """A metadata record; values that are not text are written as JSON."""
-        self._writer.write_metadata(
+        self._writer.metadata(
             name, {key: value if isinstance(value, str) else json.dumps(value) for key, value in values.items()}
         )
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """A file inside the log."""
-        self._writer.attach(log_time=0, create_time=0, name=name, media_type=media_type, data=data)
+        self._writer.attach(name, media_type, data)
 
     def flush(self) -> None:
         """Hand everything written so far to the operating system."""
         self._writer.flush()
 
     def _rows(self, topic: str, values: np.ndarray, steps: np.ndarray) -> None:
-        self._channels.log_rows(topic, values, np.asarray(steps, dtype=np.int64) * STEP_NS)
+        times_ns = np.asarray(steps, dtype=np.int64) * STEP_NS
+        self._writer.rows(topic, self._fixed[topic].rows(values, times_ns), times_ns)
 
 
 def _protobuf_schemas() -> dict[str, foxglove.Schema]:

@@ -46,7 +46,7 @@ def test_its_trials_begin_with_the_lease_alone(tmp_path):
     assert first.physics.document() == Physics.nominal().document()
     assert (first.truth, first.alarm, first.changes, first.events) == (None, None, (), ())
     assert first.close(0, True) is None and (life.wrong, life.physics_digest) == (None, "")
-    assert CUBE_POSE in life.log_channels()._channels, "its logs hold the truth"
+    assert CUBE_POSE in life.log_channels().topics, "its logs hold the truth"
 
 
 def test_it_keeps_its_driver_for_an_object_and_until_it_is_forgotten(tmp_path):

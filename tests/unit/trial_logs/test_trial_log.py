@@ -6,6 +6,7 @@ from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 
 from trial_logs import trial_log
+from trial_logs.block_writer import BlockWriter
 from trial_logs.fixed_message import FixedMessage
 from trial_logs.messages import encode_pose
 from trial_logs.reader import read_log
@@ -74,6 +75,46 @@ def test_a_killed_writer_loses_only_what_was_not_flushed(tmp_path):
 
 def test_fixed_message_refuses_times_it_cannot_hold():
     message = FixedMessage(lambda values: np.array(values).tobytes(), 2)
-    assert message.rows(np.array([[1.0, 2.0]]), np.array([0])) == [np.array([1.0, 2.0]).tobytes()]
+    assert message.one(np.array([1.0, 2.0]), 0) == np.array([1.0, 2.0]).tobytes()
     with pytest.raises(ValueError, match="within 0 and 127 s"):
         FixedMessage(encode_pose, 7).rows(np.zeros((1, 7)), np.array([128 * 10**9]))
+
+
+def test_rows_in_blocks_are_the_messages_one_by_one(tmp_path):
+    """Written at once or each alone, and whatever was flushed when: a reader finds the same messages, and the sums agree."""
+    rng, channels = np.random.default_rng(1), LogChannels(joint_names=NAMES, frames=FRAMES)
+    values, times_ns = rng.standard_normal((40, 27)), np.arange(40) * 1_000_000
+    encoded = [channels.fixed[trial_log.JOINT_STATES].one(row, int(at)) for row, at in zip(values, times_ns, strict=True)]
+    paths = [tmp_path / name for name in ("rows.mcap", "single.mcap")]
+    with BlockWriter(paths[0], channels.topics) as writer:
+        for part in (slice(0, 25), slice(25, 25), slice(25, 40)):
+            writer.rows(
+                trial_log.JOINT_STATES, channels.fixed[trial_log.JOINT_STATES].rows(values[part], times_ns[part]), times_ns[part]
+            )
+            writer.flush()
+    with BlockWriter(paths[1], channels.topics) as writer:
+        for each, at in zip(encoded, times_ns.tolist(), strict=True):
+            writer.message(trial_log.JOINT_STATES, each, at)
+        writer.metadata("about", {"key": "value"})
+        writer.attach("file.bin", "application/octet-stream", b"\x00\x01")
+    found = []
+    for path in paths:
+        with path.open("rb") as stream:
+            reader = make_reader(stream, validate_crcs=True)
+            found.append([(m.sequence, m.log_time, m.publish_time, m.data) for _, _, m in reader.iter_messages()])
+            summary = reader.get_summary()
+            assert summary.statistics.message_count == summary.statistics.channel_message_counts[1] == 40
+            assert (summary.statistics.message_start_time, summary.statistics.message_end_time) == (0, 39_000_000)
+    assert found[0] == found[1] == [(i, int(at), int(at), encoded[i]) for i, at in enumerate(times_ns)]
+    with paths[1].open("rb") as stream:
+        reader = make_reader(stream)
+        assert [(each.name, each.metadata) for each in reader.iter_metadata()] == [("about", {"key": "value"})]
+        assert [(each.name, each.data) for each in reader.iter_attachments()] == [("file.bin", b"\x00\x01")]
+
+
+def test_a_log_is_never_written_over(tmp_path):
+    path = tmp_path / "log.mcap"
+    path.write_bytes(b"kept")
+    with pytest.raises(FileExistsError):
+        TrialLogWriter(path, LogChannels(joint_names=NAMES, frames=FRAMES))
+    assert path.read_bytes() == b"kept"
