@@ -60,22 +60,21 @@ class ObservationBuilder:
         if unknown:
             raise ValueError(f"unknown observation fields {unknown}; choose from {', '.join(FIELDS)}")
         self._names = tuple(names)
-        self._parts: list[np.ndarray] = []
+        self._changing = frozenset(self._names) - CONSTANT_IN_A_TRIAL - CHANGES_WITH_TRACKER
+        self._parts: dict[str, np.ndarray] = {}
         self._tracked: TrackedPose | None = None
         self._goal: Goal | None = None
 
     def build(self, sight: Sight) -> np.ndarray:
         """The observation, shape (n, size), float64."""
-        new_frame, new_goal = sight.tracked is not self._tracked, sight.goal is not self._goal
-        fresh = len(self._parts) != len(self._names)
-        parts = []
-        for index, name in enumerate(self._names):
-            stale = (
-                fresh
-                or (new_goal and name in CONSTANT_IN_A_TRIAL)
-                or (new_frame and name in CHANGES_WITH_TRACKER)
-                or not (name in CONSTANT_IN_A_TRIAL or name in CHANGES_WITH_TRACKER)
-            )
-            parts.append(FIELDS[name](sight) if stale else self._parts[index])
-        self._parts, self._tracked, self._goal = parts, sight.tracked, sight.goal
-        return np.concatenate(parts, axis=1)
+        stale = self._changing
+        if sight.tracked is not self._tracked:
+            stale = stale | CHANGES_WITH_TRACKER
+        if sight.goal is not self._goal:
+            stale = stale | CONSTANT_IN_A_TRIAL
+        parts = self._parts
+        for name in self._names:
+            if name in stale or name not in parts:
+                parts[name] = FIELDS[name](sight)
+        self._tracked, self._goal = sight.tracked, sight.goal
+        return np.concatenate([parts[name] for name in self._names], axis=1)

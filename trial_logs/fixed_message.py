@@ -8,13 +8,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from trial_logs.block_writer import HEADER_BYTES, column, room_for
+from trial_logs.block_writer import HEADER_BYTES, room_for
 
 MARKER_SECONDS = 97
 MARKER_NANOS = 999_999_937
 MAX_SECONDS = 127
 """Time stamps must stay below 128 s, so that their seconds fit one byte of a varint."""
 _NANOS_BYTES = 5
+_SHIFTS = 7 * np.arange(_NANOS_BYTES)
+_CONTINUES = np.where(np.arange(_NANOS_BYTES) < _NANOS_BYTES - 1, 0x80, 0)
 
 
 def marker(index: int) -> float:
@@ -42,9 +44,10 @@ class FixedMessage:
         markers = [marker(index) for index in range(doubles)]
         encoded = encode(markers)
         self._template = np.frombuffer(encoded, np.uint8)
-        self._places = [_only_place(encoded, np.float64(value).tobytes()) for value in markers]
+        places = [_only_place(encoded, np.float64(value).tobytes()) for value in markers]
+        self._double_bytes = np.array([HEADER_BYTES + place + byte for place in places for byte in range(8)], dtype=np.intp)
         stamp = b"\x08" + _varint(MARKER_SECONDS) + b"\x10" + _varint(MARKER_NANOS)
-        self._stamps = _all_places(encoded, stamp)
+        self._stamps = [HEADER_BYTES + place for place in _all_places(encoded, stamp)]
 
     def one(self, values: np.ndarray, time_ns: int) -> bytes:
         """A message alone; ``values`` has shape (doubles,)."""
@@ -62,12 +65,13 @@ class FixedMessage:
         """
         rows = room_for(len(values), len(self._template))
         rows[:, HEADER_BYTES:] = self._template
-        for index, place in enumerate(self._places):
-            column(rows, HEADER_BYTES + place, "<f8")[:] = values[:, index]
+        rows[:, self._double_bytes] = (
+            np.ascontiguousarray(values, dtype=np.float64).view(np.uint8).reshape(len(values), len(self._double_bytes))
+        )
         if self._stamps:
             stamp = _stamp_bytes(time_ns)
             for place in self._stamps:
-                rows[:, HEADER_BYTES + place : HEADER_BYTES + place + stamp.shape[1]] = stamp
+                rows[:, place : place + stamp.shape[1]] = stamp
         return rows
 
 
@@ -78,8 +82,7 @@ def _stamp_bytes(time_ns: np.ndarray) -> np.ndarray:
         raise ValueError(f"time stamps run from {seconds.min()} to {seconds.max()} s; they must lie within 0 and {MAX_SECONDS} s")
     out = np.empty((len(seconds), 2 + 1 + _NANOS_BYTES), np.uint8)
     out[:, 0], out[:, 1], out[:, 2] = 0x08, seconds, 0x10
-    for byte in range(_NANOS_BYTES):
-        out[:, 3 + byte] = nanos >> 7 * byte & 0x7F | (0x80 if byte < _NANOS_BYTES - 1 else 0)
+    out[:, 3:] = nanos[:, None] >> _SHIFTS & 0x7F | _CONTINUES
     return out
 
 

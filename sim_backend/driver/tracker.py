@@ -170,12 +170,11 @@ class Tracker:
 
     def reading(self, step: int | np.ndarray) -> TrackedPose:
         """The newest report as a policy reads it at this step of the trial: with the noise of the reading, if there is any."""
-        assert self._physics is not None, "reset the tracker first"
-        if not self._physics.has("observation_noise"):
-            return self.latest
-        values, pose = self._all_values, (self.latest.cube_position_world_m, self.latest.cube_quat_wxyz)
-        position_m, quat_wxyz = read(values, self._seed, step, *pose)
-        return replace(self.latest, cube_position_world_m=position_m, cube_quat_wxyz=quat_wxyz)
+        latest = self.latest
+        if not self._reads_noise:
+            return latest
+        position_m, quat_wxyz = read(self._all_values, self._seed, step, latest.cube_position_world_m, latest.cube_quat_wxyz)
+        return replace(latest, cube_position_world_m=position_m, cube_quat_wxyz=quat_wxyz)
 
     def _group(self) -> None:
         """Sort the robots by the steps at which their cameras take images."""
@@ -183,6 +182,7 @@ class Tracker:
         self._physics = Physics.nominal(n) if self._physics is None else self._physics
         if self._physics.n != n:
             raise ValueError(f"the tracker has the physics of {self._physics.n} robots, but there are {n}")
+        self._reads_noise = self._physics.has("observation_noise")
         self._all_values = values_of(self._physics, self._shape.size_m)
         period_s = frame_period_s(self._physics.value("tracking_rate.rate_hz"))
         period_steps = np.maximum(np.rint(period_s / self._physics_step_s).astype(np.int64), 1)
