@@ -29,7 +29,8 @@ from robot_farm.settings import Settings
 from robot_farm.trial import run_trial
 from robot_farm.truth import TruthFile, truth_channels
 
-IDLE_WAIT_S = 0.5
+IDLE_WAIT_S = 2.0
+"""Between two looks at what happens seldom: certificates that end, an API that is back."""
 UNFINISHED = "unfinished"
 UNFINISHED_KEPT = 5
 
@@ -90,6 +91,7 @@ class Robot:
                 )
             )
             bus.out_of_service(self._unfit)
+            threading.Thread(target=_wake_at, args=(stop, bus), daemon=True).start()
             while not stop.is_set():
                 accepted = bus.next_lease(IDLE_WAIT_S)
                 if accepted is not None:
@@ -263,6 +265,12 @@ def _life(name: str, settings: Settings) -> Life | IdealLife:
         self_test_every=settings.self_test_every,
         physics_digest=hidden.digest(),
     )
+
+
+def _wake_at(stop: threading.Event, bus: BusLink) -> None:
+    """Has a robot that waits for a lease notice at once that it is to stop; for a thread of its own."""
+    stop.wait()
+    bus.wake()
 
 
 def _ended(kind: OutcomeKind, reason: str) -> Outcome:
