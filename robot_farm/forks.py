@@ -80,7 +80,7 @@ class Forks:
         self._robots: list[Forked] = []
 
     def __enter__(self) -> "Forks":
-        ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1)
+        _take_orphans(True)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
@@ -90,6 +90,7 @@ class Forks:
             control.close()
             os.kill(pid, signal.SIGKILL)
             os.waitpid(pid, 0)
+        _take_orphans(False)
 
     def robot(self, name: str, token: str) -> Forked:
         """Ask for a robot, which comes as soon as the warm parent, started anew where there is none, has time."""
@@ -137,6 +138,11 @@ class Forks:
                 environment = {name: value for name, value in os.environ.items() if name != TOKEN_VARIABLE}
                 self._warm = os.posix_spawn(sys.executable, command, environment), ours
         return self._warm[1]
+
+
+def _take_orphans(takes: bool) -> None:
+    """Whether what descends from this process and has lost its parent becomes its child."""
+    ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, int(takes))
 
 
 def how(returncode: int) -> str:

@@ -67,15 +67,16 @@ def main() -> int:
 
 
 def _warm() -> None:
-    """Import and compile all that robots need; one that cannot be compiled here has its robots say so."""
-    import robot_farm.robot  # noqa: F401  for the robots
+    """Import, compile and find out all that is the same for all robots of this host."""
     from robot_farm.process import say
+    from robot_farm.robot import host_jail
     from sim_backend import warm_up
     from sim_backend.driver.compilation import is_kept
 
     if not is_kept():
         say("compiling for the first time, about ten seconds")
     warm_up.main()
+    host_jail()
 
 
 def _check_alone() -> None:

@@ -27,7 +27,7 @@ from tests.end_to_end.farm import TRIFARM, Farm
 
 POLICY = Path(sim_backend.__file__).parent / "training" / "reference_policies" / "push.safetensors"
 IDLE_S = 20.0
-SETTLE_S = 3.0
+SETTLE_S = 2.0
 LEASE_WITHIN_S = 60.0
 JOB_WITHIN_S = 900.0
 LOOK_EVERY_S = 0.02
