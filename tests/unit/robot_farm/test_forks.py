@@ -20,10 +20,11 @@ HOLDER = """
 import sys, time
 from robot_farm.forks import Forks
 
-with Forks(sys.argv[1:], lambda _: None) as forks:
+with Forks(sys.argv[1:], print) as forks:
     robots = [forks.robot(f"robot-{number}", f"token-{number}") for number in range(2)]
     while any(robot.pid is None for robot in robots):
         forks.look()
+        assert all(robot.returncode is None for robot in robots), "a robot could not be forked"
         time.sleep(0.01)
     print("pids", *(robot.pid for robot in robots), flush=True)
     time.sleep(600)
@@ -189,9 +190,9 @@ def test_robots_outlive_their_warm_parent_and_who_waits_for_it_gets_another_one(
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_robots_end_with_the_process_that_asked_for_them(number, tmp_path):
     command = [sys.executable, "-c", HOLDER, *ARGUMENTS, "--data", str(tmp_path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as holder:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as holder:
         try:
-            told = next(line for line in holder.stdout if line.startswith("pids "))  # robots talk, too
+            told = next((line for line in holder.stdout if line.startswith("pids ")), "")  # robots talk, too
             robots = [int(pid) for pid in told.split()[1:]]
             children = children_of(holder.pid)
             assert len(robots) == 2
