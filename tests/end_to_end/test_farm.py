@@ -93,25 +93,24 @@ def test_the_controller_that_needs_no_weights_runs_as_any_policy_and_replays(far
     assert farm.json("replay", str(tmp_path / "logs/trial-000.mcap"), "--verify")["same"]
 
 
-def test_same_seed_same_numbers_on_one_two_and_four_robots(farm, tmp_path):
-    results = [numbers(farm.report(farm.submit(REFERENCE, trials=4, seed=3)))]
-    for robots in (1, 2):
-        with Farm(tmp_path / str(robots), robots=robots) as other:
-            results.append(numbers(other.report(other.submit(REFERENCE, trials=4, seed=3))))
-    assert results[0] == results[1] == results[2]
+@pytest.mark.parametrize("robots", [1, pytest.param(2, marks=pytest.mark.scale)])
+def test_same_seed_same_numbers_on_four_robots_and_on_fewer(farm, tmp_path, robots):
+    with Farm(tmp_path / "other", robots=robots) as other:
+        found = [numbers(each.report(each.submit(REFERENCE, trials=4, seed=3))) for each in (farm, other)]
+    assert found[0] == found[1]
 
 
 def test_a_killed_robot_costs_one_attempt_and_nothing_else(farm):
-    job = farm.submit(REFERENCE, task="lift", trials=12, seed=5)
+    job = farm.submit(REFERENCE, task="lift", trials=6, seed=5)
     killed = farm.robot_in_mid_trial()
     os.kill(killed["pid"], signal.SIGKILL)
     report = farm.report(job)
-    assert len(report["per_trial"]) == 12 == len({row["trial_id"] for row in report["per_trial"]})
+    assert len(report["per_trial"]) == 6 == len({row["trial_id"] for row in report["per_trial"]})
     assert report["platform_faults"] == 1
-    assert report["attempts"] == 13
+    assert report["attempts"] == 7
     (fault,) = report["platform_fault_attempts"]
     assert fault["robot"] == killed["robot"]
-    assert numbers(report) == numbers(farm.report(farm.submit(REFERENCE, task="lift", trials=12, seed=5)))
+    assert numbers(report) == numbers(farm.report(farm.submit(REFERENCE, task="lift", trials=6, seed=5)))
     kept = list((farm.folder / "data/robots" / killed["robot"] / "unfinished").glob("*.mcap"))
     assert kept, "the log of the cut-off attempt is gone"
 
@@ -215,11 +214,20 @@ def test_an_endless_policy_ends_with_its_robot(tmp_path):
 
 
 @pytest.mark.skipif(not EXPERTS.exists(), reason="the published experts are not beside this checkout (../shared/data/policies)")
-@pytest.mark.parametrize("task, floor", [("push", 34), ("lift", 28)])
-def test_published_experts(farm, task, floor):
-    job = farm.submit(EXPERTS / f"{task}_expert.safetensors", layout=f"rrc2022-{task}", task=task, trials=40, seed=2022)
+@pytest.mark.parametrize(
+    "task, trials, floor",
+    [
+        ("push", 12, 10),
+        ("lift", 8, 5),
+        pytest.param("push", 40, 34, marks=pytest.mark.scale),
+        pytest.param("lift", 40, 28, marks=pytest.mark.scale),
+    ],
+)
+def test_published_experts(farm, task, trials, floor):
+    """At either scale fewer would be likely with no published rate: 0.94 of pushes and 0.90 of lifts succeed."""
+    job = farm.submit(EXPERTS / f"{task}_expert.safetensors", layout=f"rrc2022-{task}", task=task, trials=trials, seed=2022)
     report = farm.report(job)
-    assert report["trials"] == 40
+    assert report["trials"] == trials
     assert report["platform_faults"] == 0 == report["policy_faults"]
     assert report["successes"] >= floor
 
