@@ -2,15 +2,18 @@
 PYTHON ?= python3
 PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: setup demo test check up bench train-reference image homes clean
+.PHONY: setup demo test test-all check up bench image homes clean
 
 setup: .venv/full        ## install everything, learning and tests included (torch: several GB)
 
 demo: .venv/farm         ## 40 push trials of the reference policy on 4 robots, with report and logs
 	.venv/bin/trifarm demo
 
-test: .venv/full         ## all tests
-	.venv/bin/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder
+test: .venv/full         ## every claim once; prints the ten slowest tests
+	.venv/bin/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder --durations 10 -m "not scale"
+
+test-all: .venv/full     ## all tests, also those that repeat a claim at larger scale
+	.venv/bin/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder --durations 10
 
 check: .venv/full        ## style, types, import rules
 	.venv/bin/ruff check .
@@ -23,9 +26,6 @@ up: .venv/farm           ## a farm of 4 robots until Ctrl-C
 
 bench: .venv/farm        ## rate of the full path against bare physics
 	.venv/bin/python tests/benchmarks/full_path.py --out bench-results.json
-
-train-reference: .venv/full  ## train a push policy as the shipped one (needs push_expert.safetensors here)
-	.venv/bin/trifarm train push-imitated
 
 image:                   ## container images
 	docker compose build

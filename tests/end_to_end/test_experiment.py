@@ -57,7 +57,6 @@ def stop_when(number: signal.Signals, is_time: Callable[[], bool], out: Path, wo
     return said
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_the_quick_form_trains_tries_on_a_farm_and_judges(tmp_path):
     out, work = tmp_path / "results", tmp_path / "work"

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,12 +21,66 @@ from trial_logs.reader import read_log
 ROOT = Path(__file__).parent.parent.parent
 REFERENCE = ROOT / "sim_backend/training/reference_policies/push.safetensors"
 EXPERTS = ROOT.parent / "shared/data/policies"
+SAME = {"policy": REFERENCE, "trials": 4, "seed": 3}
+"""A job that farms of different sizes run."""
 
 
 @pytest.fixture(scope="module")
 def farm(tmp_path_factory):
     with Farm(tmp_path_factory.mktemp("farm"), robots=4) as farm:
         yield farm
+
+
+@pytest.fixture(scope="module")
+def one_robot(tmp_path_factory):
+    """A farm with one robot."""
+    with Farm(tmp_path_factory.mktemp("one"), robots=1) as farm:
+        yield farm
+
+
+@pytest.fixture(scope="module")
+def four_trials(farm) -> list:
+    """The numbers of ``SAME`` on four robots."""
+    return numbers(farm.report(farm.submit(**SAME)))
+
+
+@dataclass(frozen=True)
+class TwoRobots:
+    """What became of a farm that ended in the middle of ``SAME``, was started again, and lost its parent."""
+
+    stopped_after_s: float
+    left_after_stop: list[int]
+    numbers: list
+    left_after_kill: list[int]
+
+
+@pytest.fixture(scope="module")
+def two_robots(tmp_path_factory) -> TwoRobots:
+    folder = tmp_path_factory.mktemp("two")
+    with Farm(folder, robots=2) as first:
+        job = first.submit(**SAME)
+        while not first.running():
+            time.sleep(0.05)
+        pids = pids_of(first)
+        stopped_after_s = first.stop()
+        left_after_stop = left_of(pids, within_s=2)
+    with Farm(folder, robots=2) as second:
+        found = numbers(second.report(job))
+        pids = pids_of(second)
+        second.process.kill()
+        return TwoRobots(stopped_after_s, left_after_stop, found, left_of(pids, within_s=8))
+
+
+def pids_of(farm) -> list[int]:
+    return [robot["pid"] for robot in farm.json("robots")["robots"]]
+
+
+def left_of(pids, *, within_s) -> list[int]:
+    """Which of these processes are left, when those that were killed have had the time to go."""
+    give_up_s = time.monotonic() + within_s
+    while (left := [pid for pid in pids if Path(f"/proc/{pid}").exists()]) and time.monotonic() < give_up_s:
+        time.sleep(0.05)
+    return left
 
 
 def numbers(report: dict) -> list:
@@ -93,25 +148,25 @@ def test_the_controller_that_needs_no_weights_runs_as_any_policy_and_replays(far
     assert farm.json("replay", str(tmp_path / "logs/trial-000.mcap"), "--verify")["same"]
 
 
-def test_same_seed_same_numbers_on_one_two_and_four_robots(farm, tmp_path):
-    results = [numbers(farm.report(farm.submit(REFERENCE, trials=4, seed=3)))]
-    for robots in (1, 2):
-        with Farm(tmp_path / str(robots), robots=robots) as other:
-            results.append(numbers(other.report(other.submit(REFERENCE, trials=4, seed=3))))
-    assert results[0] == results[1] == results[2]
+def test_same_seed_same_numbers_on_one_and_four_robots(four_trials, one_robot):
+    assert numbers(one_robot.report(one_robot.submit(**SAME))) == four_trials
+
+
+def test_job_survives_a_restart_of_the_farm_with_the_numbers_of_one_that_was_not_stopped(four_trials, two_robots):
+    assert two_robots.numbers == four_trials
 
 
 def test_a_killed_robot_costs_one_attempt_and_nothing_else(farm):
-    job = farm.submit(REFERENCE, task="lift", trials=12, seed=5)
+    job = farm.submit(REFERENCE, task="lift", trials=6, seed=5)
     killed = farm.robot_in_mid_trial()
     os.kill(killed["pid"], signal.SIGKILL)
     report = farm.report(job)
-    assert len(report["per_trial"]) == 12 == len({row["trial_id"] for row in report["per_trial"]})
+    assert len(report["per_trial"]) == 6 == len({row["trial_id"] for row in report["per_trial"]})
     assert report["platform_faults"] == 1
-    assert report["attempts"] == 13
+    assert report["attempts"] == 7
     (fault,) = report["platform_fault_attempts"]
     assert fault["robot"] == killed["robot"]
-    assert numbers(report) == numbers(farm.report(farm.submit(REFERENCE, task="lift", trials=12, seed=5)))
+    assert numbers(report) == numbers(farm.report(farm.submit(REFERENCE, task="lift", trials=6, seed=5)))
     kept = list((farm.folder / "data/robots" / killed["robot"] / "unfinished").glob("*.mcap"))
     assert kept, "the log of the cut-off attempt is gone"
 
@@ -200,26 +255,47 @@ def computes(pid: int) -> bool:
         return False
 
 
-def test_an_endless_policy_ends_with_its_robot(tmp_path):
-    with Farm(tmp_path, robots=1) as farm:
-        farm.submit(endless_in_time(tmp_path / "endless.onnx"), trials=4, seed=1)
-        (pid,) = [robot["pid"] for robot in farm.json("robots")["robots"]]
-        give_up_s = time.monotonic() + 30
-        while not (children := policy_processes(pid)) and time.monotonic() < give_up_s:
-            time.sleep(0.01)
-        assert children
-        time.sleep(1.0)  # by now it computes
-        os.kill(pid, signal.SIGKILL)
-        time.sleep(0.5)
-        assert not any(computes(child) for child in children)
+def processor_s(pid: int) -> float:
+    """Seconds that a process has computed."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def test_an_endless_policy_ends_with_its_robot(one_robot, tmp_path):
+    job = one_robot.submit(endless_in_time(tmp_path / "endless.onnx"), trials=4, seed=1)
+    (pid,) = pids_of(one_robot)
+    give_up_s = time.monotonic() + 30
+    while not (children := policy_processes(pid)) and time.monotonic() < give_up_s:
+        time.sleep(0.01)
+    assert children
+    began_s = min(processor_s(child) for child in children)
+    while min(processor_s(child) for child in children) < began_s + 0.5 and time.monotonic() < give_up_s:
+        time.sleep(0.01)
+    os.kill(pid, signal.SIGKILL)
+    while any(computes(child) for child in children):
+        assert time.monotonic() < give_up_s, "a policy computes on without its robot"
+        time.sleep(0.01)
+    one_robot.run("cancel", job)
 
 
 @pytest.mark.skipif(not EXPERTS.exists(), reason="the published experts are not beside this checkout (../shared/data/policies)")
-@pytest.mark.parametrize("task, floor", [("push", 34), ("lift", 28)])
-def test_published_experts(farm, task, floor):
-    job = farm.submit(EXPERTS / f"{task}_expert.safetensors", layout=f"rrc2022-{task}", task=task, trials=40, seed=2022)
+@pytest.mark.parametrize(
+    "task, trials, floor",
+    [
+        ("push", 12, 10),
+        ("lift", 8, 5),
+        pytest.param("push", 40, 34, marks=pytest.mark.scale),
+        pytest.param("lift", 40, 28, marks=pytest.mark.scale),
+    ],
+)
+def test_published_experts(farm, task, trials, floor):
+    """`test_published_experts` with few trials claims what it claims with forty.
+
+    At either scale fewer would be likely with no published rate: 0.94 of pushes and 0.90 of lifts succeed.
+    """
+    job = farm.submit(EXPERTS / f"{task}_expert.safetensors", layout=f"rrc2022-{task}", task=task, trials=trials, seed=2022)
     report = farm.report(job)
-    assert report["trials"] == 40
+    assert report["trials"] == trials
     assert report["platform_faults"] == 0 == report["policy_faults"]
     assert report["successes"] >= floor
 
@@ -237,38 +313,13 @@ def test_services_never_import_physics_or_learning(farm):
         assert library not in maps
 
 
-def assert_gone(pids, *, within_s):
-    """Nothing is left of these processes, when those that were killed have had the time to go."""
-    give_up_s = time.monotonic() + within_s
-    while left := [pid for pid in pids if Path(f"/proc/{pid}").exists()]:
-        assert time.monotonic() < give_up_s, left
-        time.sleep(0.05)
+def test_everything_ends_within_five_seconds_and_nothing_is_left(two_robots):
+    assert two_robots.stopped_after_s < 5
+    assert two_robots.left_after_stop == []
 
 
-def test_everything_ends_within_five_seconds_and_nothing_is_left(tmp_path):
-    with Farm(tmp_path, robots=2) as farm:
-        farm.submit(REFERENCE, trials=40, seed=1)
-        pids = [robot["pid"] for robot in farm.json("robots")["robots"]]
-        assert farm.stop() < 5
-        assert_gone(pids, within_s=2)
-
-
-def test_robots_end_when_their_parent_is_killed(tmp_path):
-    with Farm(tmp_path, robots=2) as farm:
-        pids = [robot["pid"] for robot in farm.json("robots")["robots"]]
-        farm.process.kill()
-        assert_gone(pids, within_s=8)
-
-
-def test_job_survives_a_restart_of_the_farm(tmp_path):
-    first = Farm(tmp_path, robots=2)
-    with first:
-        job = first.submit(REFERENCE, trials=12, seed=4)
-        while not first.running():
-            time.sleep(0.05)
-    with Farm(tmp_path, robots=2) as second:
-        report = second.report(job)
-        assert len(report["per_trial"]) == 12
+def test_robots_end_when_their_parent_is_killed(two_robots):
+    assert two_robots.left_after_kill == []
 
 
 def test_module_runs_without_a_farm():

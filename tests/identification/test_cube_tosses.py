@@ -36,7 +36,6 @@ def _published(every: int) -> list[Recording]:
     return out
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(not _TOSSES.exists(), reason="the published tosses are not on this machine")
 def test_published_cube_gives_friction_and_the_scale_of_its_measurement():
     study = _study(mujoco.MjSpec.from_file(str(_MODEL)), _published(36), {"table_friction.coefficient": 1.0}, 1)
@@ -52,7 +51,6 @@ def test_published_cube_gives_friction_and_the_scale_of_its_measurement():
     assert study.confirmation.held_out.after < 0.25 * study.confirmation.held_out.before
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "scale", "effect", "value", "tolerance"),
     [
@@ -69,7 +67,6 @@ def test_hidden_cause_is_named(hidden, scale, effect, value, tolerance):
     assert _value(study, effect).value == pytest.approx(value, abs=tolerance)
 
 
-@pytest.mark.slow
 def test_a_size_that_only_the_height_at_rest_shows_is_confusable_with_the_table_s_height():
     study = _study(toss_spec(), tosses(toss_spec(half_m=(0.0485,) * 3), 12, 31), {}, 31)
     assert study.kind is VerdictKind.CONFUSABLE
@@ -78,7 +75,6 @@ def test_a_size_that_only_the_height_at_rest_shows_is_confusable_with_the_table_
     assert any("caliper" in advice or "two levels" in advice for advice in study.record_next)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", [21, 22])
 def test_nothing_is_named_where_nothing_is_wrong(seed):
     study = _study(toss_spec(), tosses(toss_spec(), 12, seed), {}, seed)

@@ -21,7 +21,6 @@ PUBLISHED = {  # identified_parameters/design_C.1_model_1.0.yml: cf atan(100 v) 
 }
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(not DATA.is_dir(), reason="the measured data are not beside this checkout")
 def test_coulomb_friction_is_named_on_both_joints_and_predicts_runs_that_were_left_out():
     material = material_of(ROOT / "docs/studies/double-pendulum/study.toml", DATA, lambda *_: None)

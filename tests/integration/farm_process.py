@@ -16,6 +16,7 @@ import numpy as np
 import safetensors.numpy
 
 from api_schemas.policy import LAYOUTS, canonical_json, policy_digest
+from tests.integration.forked import Forked
 
 ROOT = Path(__file__).parents[2]
 
@@ -63,7 +64,7 @@ class Services:
         self.port, self.bus_port = free_ports(2)
         scheme = "https" if "tls_key" in settings else "http"
         self.api, self.bus = f"{scheme}://{host}:{self.port}", f"{link}/{host}:{self.bus_port}"
-        self.verify = ssl.create_default_context(cafile=settings["tls_certificate"]) if scheme == "https" else True
+        self.verify = scheme == "https" and ssl.create_default_context(cafile=settings["tls_certificate"])
         self.robots, self.clients = {}, []
         self.process = None
         self.tokens: dict[str, str] = {}
@@ -72,10 +73,13 @@ class Services:
     def start(self):
         arguments = ["serve", "--data", str(self.data), "--host", self.host, "--port", str(self.port), "--bus", self.bus]
         environment = {name: value for name, value in os.environ.items() if not name.startswith("TRIFARM_")}
-        with self.errors.open("ab") as errors:
-            command = [*self.through, sys.executable, "-m", "services", *arguments]
-            environment |= self.settings
-            self.process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=errors, stderr=errors)
+        environment |= self.settings
+        if self.through:
+            with self.errors.open("ab") as errors:
+                command = [*self.through, sys.executable, "-m", "services", *arguments]
+                self.process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=errors, stderr=errors)
+        else:
+            self.process = Forked("services.__main__", arguments, cwd=ROOT, env=environment, errors=self.errors)
         until(self._healthy, 90, "the services to be healthy")
         if not self.tokens:
             given = [self.settings.get(f"TRIFARM_{name}_TOKEN") for name in ("ADMIN", "ROBOT")]
@@ -104,13 +108,11 @@ class Services:
 
     def start_robot(self, name, **options):
         flags = [part for key, value in options.items() for part in _flag(key, value)]
-        script = Path(__file__).parent / "scripted_robot.py"
         environment = os.environ | {"TRIFARM_ROBOT_TOKEN": self.tokens["robot"]}
         if name in self.robots:
             self.robots[name].wait(10)
-        self.robots[name] = subprocess.Popen(
-            [sys.executable, str(script), name, "--api", self.api, "--bus", self.bus, *flags], cwd=ROOT, env=environment
-        )
+        arguments = [name, "--api", self.api, "--bus", self.bus, *flags]
+        self.robots[name] = Forked("tests.integration.scripted_robot", arguments, cwd=ROOT, env=environment)
         return self.robots[name]
 
     def start_robots(self, count, **options):

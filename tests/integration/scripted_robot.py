@@ -52,7 +52,7 @@ class ScriptedRobot:
         self.truth, self.breaks, self.out_of_service, self.live = truth, breaks, None, live
         self.body = random.Random(name).randbytes(log_bytes)
         self.state, self.lease, self.draining = RobotState.IDLE, None, False
-        self.work, self.cancel, self.stopping = queue.Queue(), threading.Event(), threading.Event()
+        self.work, self.cancel, self.stopping = queue.SimpleQueue(), threading.Event(), threading.Event()
         ca = Path(os.environ["TRIFARM_CA"]) if "TRIFARM_CA" in os.environ else None
         verify = True if ca is None else ssl.create_default_context(cafile=ca)
         self.http = httpx.Client(base_url=api, headers={"Authorization": f"Bearer {token}"}, timeout=30, verify=verify)
@@ -115,7 +115,13 @@ class ScriptedRobot:
             except queue.Empty:
                 self.beat()
                 continue
-            self.trial(lease)
+            if lease is not None:
+                self.trial(lease)
+
+    def stop(self):
+        """Ends ``run`` at once; a trial that runs is left."""
+        self.stopping.set()
+        self.work.put(None)
 
     def trial(self, lease):
         self.state = RobotState.RUNNING
@@ -247,7 +253,7 @@ def main():
         breaks=given.breaks,
         live=given.live,
     )
-    signal.signal(signal.SIGTERM, lambda *_: robot.stopping.set())
+    signal.signal(signal.SIGTERM, lambda *_: robot.stop())
     try:
         robot.run()
     finally:

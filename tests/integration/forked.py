@@ -1,0 +1,67 @@
+"""Processes of a farm that are forked from one which has their programs imported: they begin at once and do the rest as always.
+
+Importing takes services some seconds of a processor, a fork some milliseconds. The process to fork from is that of
+multiprocessing's fork server; it lives as long as this one and imports nothing that services must not load.
+"""
+
+import importlib
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+IMPORTED = [
+    "services.serve",
+    "services.__main__",
+    "aiosqlite",
+    "uvicorn.loops.auto",
+    "uvicorn.protocols.http.auto",
+    "tests.integration.scripted_robot",
+]
+_context = multiprocessing.get_context("forkserver")
+_context.set_forkserver_preload(IMPORTED)
+
+
+class Forked:
+    """What of ``subprocess.Popen`` tests use."""
+
+    def __init__(self, module, arguments, *, cwd, env, errors=None):
+        """``main`` of a module with these arguments and variables; what it says goes to the file ``errors`` if given."""
+        self._process = _context.Process(
+            target=_run, args=(module, [str(each) for each in arguments], cwd, dict(env), errors), daemon=True
+        )
+        self._process.start()
+        self.pid = self._process.pid
+
+    def poll(self):
+        return self._process.exitcode
+
+    def wait(self, timeout=None):
+        self._process.join(timeout)
+        if self.poll() is None:
+            raise subprocess.TimeoutExpired(str(self._process), timeout)
+        return self.poll()
+
+    def send_signal(self, number):
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def terminate(self):
+        self.send_signal(signal.SIGTERM)
+
+    def kill(self):
+        self.send_signal(signal.SIGKILL)
+
+
+def _run(module, arguments, cwd, env, errors):
+    os.chdir(cwd)
+    os.environ.clear()
+    os.environ.update(env)
+    if errors is not None:
+        with Path(errors).open("ab") as said:
+            os.dup2(said.fileno(), 1)
+            os.dup2(said.fileno(), 2)
+    sys.argv = [module, *arguments]
+    importlib.import_module(module).main()
