@@ -15,7 +15,8 @@ _PR_SET_DUMPABLE = 4
 
 def say(text: str) -> None:
     """A line of the robots' log."""
-    print(f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%S.%fZ} {text}", flush=True)
+    sys.stdout.write(f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%S.%fZ} {text}\n")  # at once, so that robots' lines stay whole
+    sys.stdout.flush()
 
 
 def keep_to_itself() -> None:

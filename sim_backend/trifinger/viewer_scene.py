@@ -4,6 +4,7 @@ import functools
 
 import numpy as np
 from foxglove import messages as fm
+from mujoco import MjsGeom
 
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.objects import CUBE, Kind, Shape, corners_m
@@ -148,13 +149,18 @@ def _arena() -> fm.SceneEntity:
         color=fm.Color(r=0.25, g=0.25, b=0.27, a=1.0),
     )
     wall = []
-    for geom in build_scene().geoms:
+    for geom in sorted(build_scene().geoms, key=_ring_and_segment):
         if geom.name.startswith("wall"):
             w, x, y, z = (float(v) for v in geom.quat)
             pose = fm.Pose(position=_vector(geom.pos), orientation=fm.Quaternion(w=w, x=x, y=y, z=z))
             colour = fm.Color(r=0.85, g=0.85, b=0.88, a=0.15)
             wall.append(fm.CubePrimitive(pose=pose, size=_vector(2 * np.array(geom.size)), color=colour))
     return _entity("arena", WORLD, cylinders=[table], cubes=wall)
+
+
+def _ring_and_segment(geom: MjsGeom) -> tuple[int, ...]:
+    """Of a box of the wall, which is named by both; nothing of other geoms."""
+    return tuple(int(number) for number in geom.name.removeprefix("wall").split("_")) if geom.name.startswith("wall") else ()
 
 
 def _entity(name: str, frame: str, **primitives) -> fm.SceneEntity:
