@@ -18,6 +18,8 @@ ROOT = "trifarm/v1"
 LINK_LEASE_MS = 2000
 """After so long without a sign of life the transport is closed and liveliness tokens vanish."""
 HEARTBEAT_EVERY_S = 1.0
+IDLE_HEARTBEATS_APART = 2.0
+"""An idle robot's come so much more seldom; whatever changes is told at once."""
 CONNECT_AGAIN = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5}
 """How often a session whose router went looks for it; without, after 1, 3 and 7 s, so that a farm waits for its robots."""
 
@@ -155,6 +157,8 @@ def session_config(
 ) -> dict[str, Any]:
     """Zenoh settings of every trifarm session: explicit endpoints, no multicast, no gossip, a short link lease.
 
+    No shared memory either: messages are small, and each link would look for some ten times a second, on both ends.
+
     With an identity, both ends of ``tls/`` endpoints must show certificates of its authority, the one that listens
     also one of its address; a link ends with the certificate of the other end.
     """
@@ -166,7 +170,7 @@ def session_config(
         "connect": {"endpoints": list(connect), "retry": CONNECT_AGAIN},
         "listen": {"endpoints": list(listen)},
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-        "transport": {"link": link},
+        "transport": {"link": link, "shared_memory": {"enabled": False}},
     }
     return settings if access_rules is None else settings | {"access_control": access_rules}
 

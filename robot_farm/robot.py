@@ -1,6 +1,7 @@
 """One robot at work: wait for a lease, get ready, run its trial, bring home log and outcome, again."""
 
 import contextlib
+import functools
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +12,7 @@ from api_schemas.jail_report import JailReport
 from api_schemas.robot import Lease
 from api_schemas.trial import FAULT_OF, MAX_REASON, Fault, Outcome, OutcomeKind
 from jail.detection import detect
-from jail.level import too_open
+from jail.level import Jail, too_open
 from robot_farm.core import stay_on_one_core, turn
 from robot_farm.health import WatchedHealth
 from robot_farm.hidden_physics import HiddenPhysics, farm_secret
@@ -30,9 +31,16 @@ from robot_farm.trial import run_trial
 from robot_farm.truth import TruthFile, truth_channels
 from sim_backend.trifinger.form import scene_form
 
-IDLE_WAIT_S = 0.5
+IDLE_WAIT_S = 5.0
+"""Between two looks at what happens seldom: certificates that end, an API that is back."""
 UNFINISHED = "unfinished"
 UNFINISHED_KEPT = 5
+
+
+@functools.cache
+def host_jail() -> Jail:
+    """The jail that policies get on this host, which the warm parent tries out once for all of its robots."""
+    return detect()
 
 
 class Robot:
@@ -47,7 +55,7 @@ class Robot:
         self._life = _life(name, settings)
         self._channels = self._life.log_channels()
         self._truth_channels = truth_channels()
-        self._jail = detect()
+        self._jail = host_jail()
         self._policy: JailedPolicy | None = None
         self._lease: Lease | None = None
         self._keeper: LeaseKeeper | None = None
@@ -92,6 +100,7 @@ class Robot:
                 )
             )
             bus.out_of_service(self._unfit)
+            threading.Thread(target=_wake_at, args=(stop, bus), daemon=True).start()
             while not stop.is_set():
                 accepted = bus.next_lease(IDLE_WAIT_S)
                 if accepted is not None:
@@ -265,6 +274,12 @@ def _life(name: str, settings: Settings) -> Life | IdealLife:
         self_test_every=settings.self_test_every,
         physics_digest=hidden.digest(),
     )
+
+
+def _wake_at(stop: threading.Event, bus: BusLink) -> None:
+    """Has a robot that waits for a lease notice at once that it is to stop; for a thread of its own."""
+    stop.wait()
+    bus.wake()
 
 
 def _ended(kind: OutcomeKind, reason: str) -> Outcome:

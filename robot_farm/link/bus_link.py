@@ -55,7 +55,7 @@ class BusLink:
         physics: name of its physics, as told to the dispatcher.
         physics_digest: of what the name stands for, and of the farm's secret; "" where all robots are ideal.
         form: of the scene that the robot is simulated in.
-        live: gives the live state, or None when nothing runs; called ten times a second.
+        live: gives the live state, or None when nothing runs; called ten times a second while a trial runs.
         on_cancel: called with trial id and fence when a trial shall stop.
         stopping: whether the robot is about to end and takes no more offers.
         jail: what its policies are put into.
@@ -86,13 +86,13 @@ class BusLink:
         self._jail, self._health, self._alive_file = jail, health, alive_file
         self._live, self._on_cancel, self._stopping = live, on_cancel, stopping
         self._standing = standing
-        self._instance = uuid.uuid4().hex
+        self._instance, self._version = uuid.uuid4().hex, version("trifarm")  # which reads files
         self._lock, self._sending = threading.Lock(), threading.Lock()
         self._state, self._lease = RobotState.IDLE, None
         self._draining, self._wrong = False, None
         self._resume_asked = threading.Event()
-        self._offers: queue.Queue[Accepted] = queue.Queue(maxsize=1)
-        self._closing = threading.Event()
+        self._offers: queue.SimpleQueue[Accepted | None] = queue.SimpleQueue()
+        self._running, self._closing = threading.Event(), threading.Event()
 
     def __enter__(self) -> "BusLink":
         with self._sending:  # a command may be answered, with a heartbeat, before this line is over
@@ -107,6 +107,7 @@ class BusLink:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._closing.set()
+        self._running.set()
         for thread in self._threads:
             thread.join(timeout=1.0)
         _close(self._open.session)
@@ -135,14 +136,19 @@ class BusLink:
         return _Open(session, heartbeats, session.declare_publisher(bus.live_key(farm, robot)), declared)
 
     def next_lease(self, timeout_s: float) -> Accepted | None:
-        """The lease that was accepted, or None if none came in time."""
+        """The lease that was accepted, or None if none came in time, or something else wants to be looked at."""
         try:
             return self._offers.get(timeout=timeout_s)
         except queue.Empty:
             return None
 
+    def wake(self) -> None:
+        """End a wait for the next lease."""
+        self._offers.put(None)
+
     def running(self) -> None:
         """The accepted lease's trial has begun."""
+        self._running.set()
         self._become(RobotState.RUNNING)
 
     def finishing(self) -> None:
@@ -154,6 +160,7 @@ class BusLink:
 
     def free(self, lease: Lease) -> None:
         """A lease is over, however it ended; the next one may have been accepted already."""
+        self._running.clear()
         with self._lock:
             if self._lease is None or self._lease is lease:
                 self._lease, self._state = None, self._idle_state()
@@ -207,7 +214,7 @@ class BusLink:
             if self._draining or self._stopping():
                 return OfferReply(accepted=False, reason="draining" if self._draining else "about to end")
             self._lease, self._state = lease, RobotState.LEASED
-        self._offers.put_nowait(Accepted(lease, time.monotonic()))
+        self._offers.put(Accepted(lease, time.monotonic()))
         return OfferReply(accepted=True)
 
     def _answer_command(self, query: zenoh.Query) -> None:
@@ -227,6 +234,7 @@ class BusLink:
                 self._draining = command.kind is bus.CommandKind.DRAIN
                 if self._wrong is not None and not self._draining:
                     self._resume_asked.set()
+                    self.wake()
                 if lease is None:
                     self._state = self._idle_state()
                 return OfferReply(accepted=True)
@@ -254,7 +262,7 @@ class BusLink:
                 physics=self._physics,
                 physics_digest=self._physics_digest,
                 form=self._form,
-                version=version("trifarm"),
+                version=self._version,
                 jail=self._jail,
                 health=health,
             )
@@ -266,18 +274,17 @@ class BusLink:
 
     def _beat(self) -> None:
         self._send_heartbeat()
-        while not self._closing.wait(bus.HEARTBEAT_EVERY_S):
+        while not self._closing.wait(bus.HEARTBEAT_EVERY_S * (bus.IDLE_HEARTBEATS_APART if self._lease is None else 1.0)):
             self._send_heartbeat()
 
     def _show(self) -> None:
         while not self._closing.wait(LIVE_EVERY_S):
-            try:
+            self._running.wait()  # an idle robot costs its host next to nothing
+            with suppress(ValidationError):  # a number that is not finite; the next may be
                 state = self._live()
-            except ValidationError:  # a number that is not finite; the next may be
-                continue
-            if state is not None:
-                with self._sending:
-                    self._open.lives.put(state.model_dump_json())
+                if state is not None:
+                    with self._sending:
+                        self._open.lives.put(state.model_dump_json())
 
 
 def _close(session: zenoh.Session) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from sim_backend.effects.physics import Physics
-from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, UnknownRobot
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.measured.farm_logs import FarmLogs, find_logs, read_farm_logs
 from sim_backend.reality_gap.measured.foreign.episodes import read_recordings
 from sim_backend.reality_gap.measured.foreign.study_file import load_study_file

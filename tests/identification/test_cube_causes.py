@@ -30,7 +30,9 @@ HIDDEN = {
     "tracking_latency": Hidden("tracking_latency.extra_s", 0.02, 0.004),
     "tracking_dropout": Hidden("tracking_dropout.probability", 0.08, 0.04),
     "orientation_jumps": Hidden("orientation_jumps.probability", 0.03, 0.025),
-    "tracking_offset": Hidden("tracking_offset.position_m", [0.005, -0.004, 0.002], 0.003),
+    # On other seeds (730013, 730023, 730033), in two forms of the scene, values are 2.0 mm off in the root mean square; 4 mm are
+    # then the 99 % quantile of a normal error in three directions.
+    "tracking_offset": Hidden("tracking_offset.position_m", [0.005, -0.004, 0.002], 0.004),
     "cube_mass": Hidden("cube_mass.factor", 1.40, 0.1),
     "table_friction": Hidden("table_friction.coefficient", 0.7, 0.08),
     "fingertip_friction": Hidden("fingertip_friction.coefficient", 0.6, 0.1),

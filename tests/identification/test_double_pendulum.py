@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.knowledge.robot import UnknownRobot
+from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.study import material_of
 from sim_backend.reality_gap.subjects.joints.gain import errors_of, held_out_errors
+from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.state import JointState
-from sim_backend.reality_gap.subjects.joints.study import study_joints
 from sim_backend.reality_gap.subjects.joints.verdict import judge
 from sim_backend.reality_gap.verdict import VerdictKind, names_of
 

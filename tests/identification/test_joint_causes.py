@@ -12,9 +12,9 @@ from sim_backend.reality_gap.bench.joints import outcome, summary
 from sim_backend.reality_gap.bench.many_causes import robot
 from sim_backend.reality_gap.knowledge.healthy import LIMITS_FILE
 from sim_backend.reality_gap.knowledge.hidden import AT_JOINTS
-from sim_backend.reality_gap.knowledge.robot import KnownTriFinger
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.recording import JointSignals, Recording
-from sim_backend.reality_gap.subjects.joints.study import ShowsNothingError, study_joints
+from sim_backend.reality_gap.subjects.joints.identification import ShowsNothingError, study_joints
 from sim_backend.reality_gap.subjects.joints.verdict import judge
 from sim_backend.reality_gap.verdict import VerdictKind
 from sim_backend.trifinger import constants as c

@@ -17,12 +17,12 @@ import numpy as np
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.bench.joint_sessions import EVERYTHING, IN_THE_AIR, healthy_physics, simulated_recordings
-from sim_backend.reality_gap.knowledge.evidence import NUMBERS
-from sim_backend.reality_gap.knowledge.robot import KnownTriFinger
+from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.recording import Recording
-from sim_backend.reality_gap.subjects.joints.flexible import patterns
+from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.look import Look
-from sim_backend.reality_gap.subjects.joints.study import study_joints
+from sim_backend.reality_gap.subjects.joints.residual_patterns import patterns
 from sim_backend.reality_gap.subjects.joints.verdict import strongest_left
 from sim_backend.trifinger.scene import compile_scene
 

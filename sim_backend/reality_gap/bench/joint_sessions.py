@@ -12,8 +12,8 @@ from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import load_ranges
 from sim_backend.excitations.excitation import EXCITATIONS
-from sim_backend.reality_gap.knowledge.evidence import SEEN, Sign
 from sim_backend.reality_gap.knowledge.healthy import JOINTS_FILE, STANDARD
+from sim_backend.reality_gap.knowledge.joint_effects import SEEN, Sign
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.trifinger import constants as c
 

@@ -23,13 +23,13 @@ from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.bench.counting import share, whole_lines
 from sim_backend.reality_gap.bench.joint_cases import MULTIPLES, Case, draw_cases, keys_shown_by, recordings_of
 from sim_backend.reality_gap.bench.joint_sessions import EVERYTHING, IN_THE_AIR
-from sim_backend.reality_gap.knowledge.evidence import FITTED
 from sim_backend.reality_gap.knowledge.healthy import LIMITS_FILE, STANDARD
 from sim_backend.reality_gap.knowledge.hidden import AT_JOINTS
-from sim_backend.reality_gap.knowledge.robot import KnownTriFinger
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.refusal import refused
 from sim_backend.reality_gap.subjects.joints.hypotheses import PLATFORM
-from sim_backend.reality_gap.subjects.joints.study import JointStudy, study_joints
+from sim_backend.reality_gap.subjects.joints.identification import JointStudy, study_joints
 from sim_backend.reality_gap.subjects.joints.verdict import judge
 from sim_backend.reality_gap.verdict import VerdictKind
 from sim_backend.trifinger.scene import compile_scene

@@ -23,12 +23,12 @@ from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import Per, load_ranges
 from sim_backend.reality_gap.bench.counting import share, whole_lines
 from sim_backend.reality_gap.bench.joint_sessions import healthy_physics, simulated_sessions
-from sim_backend.reality_gap.knowledge.evidence import SCALES
-from sim_backend.reality_gap.knowledge.robot import KnownTriFinger
+from sim_backend.reality_gap.knowledge.joint_effects import SCALES
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.knowledge.value_errors import FILE, document, usual_error
 from sim_backend.reality_gap.refusal import refused
 from sim_backend.reality_gap.subjects.joints.causes import index_of, is_clear
-from sim_backend.reality_gap.subjects.joints.study import JointStudy, study_joints
+from sim_backend.reality_gap.subjects.joints.identification import JointStudy, study_joints
 from sim_backend.reality_gap.subjects.joints.verdict import judge
 from sim_backend.reality_gap.verdict import Cause, VerdictKind
 from sim_backend.trifinger.scene import compile_scene

@@ -20,9 +20,9 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
 from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.bench.joint_sessions import IN_THE_AIR, simulated_sessions
-from sim_backend.reality_gap.knowledge.evidence import FITTED, shape_of
 from sim_backend.reality_gap.knowledge.healthy import LIMITS_FILE
 from sim_backend.reality_gap.knowledge.hidden import AT_JOINTS
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED, shape_of
 from sim_backend.reality_gap.recording import Recording
 from sim_backend.reality_gap.subjects.joints.plant import Plant
 from sim_backend.trifinger.scene import compile_scene

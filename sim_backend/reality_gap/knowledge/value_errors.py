@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.evidence import NUMBERS, SCALES
+from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, SCALES
 
 FILE = Path(__file__).with_name("value_errors.json")
 TELLING = 0.5

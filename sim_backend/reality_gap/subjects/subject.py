@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.robot import Robot
+from sim_backend.reality_gap.knowledge.known_of_robot import Robot
 from sim_backend.reality_gap.measured.foreign.study_file import StudyFile
 from sim_backend.reality_gap.recording import Recording
 from sim_backend.reality_gap.verdict import Verdict

@@ -43,7 +43,8 @@ def trial(number, kind=OutcomeKind.SUCCEEDED, departure=None, reason="reached", 
 
 
 def report(*trials, faults=(), timing=None, name="push"):
-    return Report(
+    """A report as it is read, with all that it was written with."""
+    made = Report(
         job_id="jabcdefghijkl",
         task="push",
         policy="f" * 64,
@@ -69,6 +70,7 @@ def report(*trials, faults=(), timing=None, name="push"):
         ended_at="2026-01-01T00:00:09.000Z",
         versions={"trifarm": "0.1.0"},
     )
+    return Report.model_validate_json(made.model_dump_json())
 
 
 def test_a_report_says_what_matters():

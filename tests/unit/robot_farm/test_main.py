@@ -59,8 +59,8 @@ def test_no_command_line_of_a_robot_has_the_farms_seed(flag, tmp_path):
             lines = _children(supervisor.pid, 2)
         finally:
             supervisor.terminate()
-    assert len(lines) == 2
-    assert all("--robot" in line for line in lines)
+    assert sum(" -m robot_farm --robot robot-" in line for line in lines) == 2
+    assert len(lines) == 3, "the warm parent and two robots"
     assert not any("907711" in line or "--farm-seed" in line for line in lines)
 
 

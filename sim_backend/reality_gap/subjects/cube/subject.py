@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.robot import Robot
+from sim_backend.reality_gap.knowledge.known_of_robot import Robot
 from sim_backend.reality_gap.recording import Recording
 from sim_backend.reality_gap.subjects.subject import CUBE_EXCITATION, Material, Progress, Sections
 from sim_backend.reality_gap.verdict import Verdict

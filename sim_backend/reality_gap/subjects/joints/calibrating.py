@@ -10,7 +10,7 @@ import numpy as np
 from scipy import linalg, optimize, special
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.knowledge.evidence import plane_of
+from sim_backend.reality_gap.knowledge.joint_effects import plane_of
 from sim_backend.reality_gap.quantiles import Z_90
 from sim_backend.reality_gap.subjects.joints.hypotheses import PLATFORM
 from sim_backend.reality_gap.subjects.joints.look import Accepted, JointProblem, Look

@@ -7,12 +7,12 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
-from sim_backend.reality_gap.knowledge.evidence import SCALES
+from sim_backend.reality_gap.knowledge.joint_effects import SCALES
 from sim_backend.reality_gap.knowledge.value_errors import is_telling, usual_error
 from sim_backend.reality_gap.quantiles import Z_90
 from sim_backend.reality_gap.subjects.joints.fitted_values import FittedValue, fitted_values
+from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.look import Accepted
-from sim_backend.reality_gap.subjects.joints.study import JointStudy
 from sim_backend.reality_gap.verdict import Cause
 
 _SYSTEMATIC = 2.0

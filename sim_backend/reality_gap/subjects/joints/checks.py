@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.evidence import SEEN, Sign, effect_of
-from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, Robot
+from sim_backend.reality_gap.knowledge.joint_effects import SEEN, Sign, effect_of
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot
 from sim_backend.reality_gap.measured.sensor_noise import white_noise
 from sim_backend.reality_gap.quantiles import MEDIAN_SIZE, MEDIAN_SQUARE, Z_90
 from sim_backend.reality_gap.subjects.joints.body_law import encoder_offsets_rad

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.evidence import Channel
-from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, Robot, UnknownRobot
+from sim_backend.reality_gap.knowledge.joint_effects import Channel
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot, UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.counted_rows import is_lively, measured, near_end, rests
 from sim_backend.reality_gap.subjects.joints.mechanics import JointImage, Mechanics, MechanicsImages

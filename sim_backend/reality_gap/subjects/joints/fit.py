@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.evidence import FITTED
-from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, UnknownRobot
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.subjects.joints.hypotheses import Hypothesis
 from sim_backend.reality_gap.subjects.joints.look import Accepted, JointProblem, Look
 from sim_backend.reality_gap.subjects.joints.moves import is_plausible, moved, refining_terms

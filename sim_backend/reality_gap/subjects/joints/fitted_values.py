@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.knowledge.evidence import NUMBERS, plane_of
+from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, plane_of
 from sim_backend.reality_gap.subjects.joints import planes
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 

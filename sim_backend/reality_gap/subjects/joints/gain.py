@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.evidence import Channel
+from sim_backend.reality_gap.knowledge.joint_effects import Channel
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.subjects.joints.look import JointProblem, Look
 from sim_backend.reality_gap.subjects.joints.moves import deviations, moved

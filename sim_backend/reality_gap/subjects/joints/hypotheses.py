@@ -7,9 +7,9 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
-from sim_backend.reality_gap.knowledge.evidence import FITTED, SCALES, JointEffect, Number, scales_everything
 from sim_backend.reality_gap.knowledge.healthy import healthy_tolerances
-from sim_backend.reality_gap.knowledge.robot import Robot, UnknownRobot
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED, SCALES, JointEffect, Number, scales_everything
+from sim_backend.reality_gap.knowledge.known_of_robot import Robot, UnknownRobot
 from sim_backend.reality_gap.subjects.joints.state import CLOCK, SENSED, JointState, Term, size_factor
 
 ALL_JOINTS = "all joints"

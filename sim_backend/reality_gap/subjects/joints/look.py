@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.evidence import FITTED, NUMBERS, Channel
-from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, Robot
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED, NUMBERS, Channel
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations, Equation
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS, Catalogue, Hypothesis, joint_catalogue
 from sim_backend.reality_gap.subjects.joints.moves import may_be

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.evidence import Channel, keys_of
+from sim_backend.reality_gap.knowledge.joint_effects import Channel, keys_of
 from sim_backend.reality_gap.measured.sensor_noise import white_noise
 from sim_backend.reality_gap.subjects.joints import motor_law
 from sim_backend.reality_gap.subjects.joints.body_law import BodyLaw

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.evidence import Channel, keys_of
+from sim_backend.reality_gap.knowledge.joint_effects import Channel, keys_of
 from sim_backend.reality_gap.subjects.joints import motor_law
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 from sim_backend.reality_gap.subjects.joints.trajectory import Trajectory, filled_gaps

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.knowledge.evidence import FITTED, plane_of, scales_everything, shape_of
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED, plane_of, scales_everything, shape_of
 from sim_backend.reality_gap.subjects.joints import planes
 from sim_backend.reality_gap.subjects.joints.hypotheses import Catalogue, Hypothesis
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, Robot
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot
 from sim_backend.reality_gap.measured.outliers import PEAK, usual_peak_nm
 from sim_backend.reality_gap.subjects.joints.motor_law import LIMIT
 from sim_backend.reality_gap.subjects.joints.plant import Plant

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import linalg
 
-from sim_backend.reality_gap.knowledge.evidence import Channel
+from sim_backend.reality_gap.knowledge.joint_effects import Channel
 from sim_backend.reality_gap.quantiles import MEDIAN_SIZE
 from sim_backend.reality_gap.subjects.joints.equations import Equation
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.knowledge.evidence import Plane, Shape, shape_of
+from sim_backend.reality_gap.knowledge.joint_effects import Plane, Shape, shape_of
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 
 _SOFTEST_NM_RAD = 1e-6

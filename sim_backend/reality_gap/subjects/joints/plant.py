@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.evidence import NUMBERS
+from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS
 
 _ONE_DOF = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.evidence import Channel, Sign
+from sim_backend.reality_gap.knowledge.joint_effects import Channel, Sign
 from sim_backend.reality_gap.subjects.joints.checks import Finding
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations, Equation
 from sim_backend.reality_gap.subjects.joints.motor_law import ROTOR_INERTIA_KG_M2

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import signal
 
-from sim_backend.reality_gap.knowledge.evidence import Channel, keys_of
+from sim_backend.reality_gap.knowledge.joint_effects import Channel, keys_of
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 from sim_backend.reality_gap.subjects.joints.trajectory import Trajectory, filled_gaps
 

@@ -11,9 +11,9 @@ import numpy as np
 from scipy import linalg
 
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
-from sim_backend.reality_gap.subjects.joints.flexible import heat, since_reversal_s
 from sim_backend.reality_gap.subjects.joints.gain import folds_of_rows
 from sim_backend.reality_gap.subjects.joints.normal_equations import FOLDS
+from sim_backend.reality_gap.subjects.joints.residual_patterns import heat, since_reversal_s
 from sim_backend.reality_gap.subjects.joints.state import JointState
 
 UNITS = 256

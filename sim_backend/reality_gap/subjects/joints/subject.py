@@ -7,14 +7,14 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
-from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, Robot
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot
 from sim_backend.reality_gap.recording import Recording
 from sim_backend.reality_gap.subjects.joints.calibrating import METHODS, calibrate
 from sim_backend.reality_gap.subjects.joints.gain import held_out, held_out_of_hits
+from sim_backend.reality_gap.subjects.joints.identification import JointStudy, ShowsNothingError, study_joints
 from sim_backend.reality_gap.subjects.joints.judged import not_judged
 from sim_backend.reality_gap.subjects.joints.motor_law import LIMIT
 from sim_backend.reality_gap.subjects.joints.sections import joint_sections
-from sim_backend.reality_gap.subjects.joints.study import JointStudy, ShowsNothingError, study_joints
 from sim_backend.reality_gap.subjects.joints.verdict import judge
 from sim_backend.reality_gap.subjects.subject import CUBE_EXCITATION, Material, Progress, Sections
 from sim_backend.reality_gap.verdict import Verdict, VerdictKind

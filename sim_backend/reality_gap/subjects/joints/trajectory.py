@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import signal
 
-from sim_backend.reality_gap.knowledge.robot import CUTOFF_HZ
+from sim_backend.reality_gap.knowledge.known_of_robot import CUTOFF_HZ
 from sim_backend.reality_gap.measured.sensor_noise import position_noise
 from sim_backend.reality_gap.recording import JointSignals, Recording, RecordingError
 

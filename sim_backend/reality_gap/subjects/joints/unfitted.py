@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from sim_backend.reality_gap.knowledge.evidence import FELT, TAKES_OVER, Sign
-from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, Robot
+from sim_backend.reality_gap.knowledge.joint_effects import FELT, TAKES_OVER, Sign
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot
 from sim_backend.reality_gap.recording import Recording
 from sim_backend.reality_gap.subjects.joints.checks import (
     Finding,

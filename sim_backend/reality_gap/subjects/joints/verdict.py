@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.knowledge.evidence import (
+from sim_backend.reality_gap.knowledge.joint_effects import (
     ENDS,
     FELT,
     FITTED,
@@ -16,20 +16,20 @@ from sim_backend.reality_gap.knowledge.evidence import (
     effect_of,
     scales_everything,
 )
-from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, UnknownRobot
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.knowledge.separation import separated_by
 from sim_backend.reality_gap.quantiles import Z_90
 from sim_backend.reality_gap.subjects.joints.causes import causes_of, is_clear, place_of
 from sim_backend.reality_gap.subjects.joints.checks import Finding, place
 from sim_backend.reality_gap.subjects.joints.fitted_values import fitted_values
-from sim_backend.reality_gap.subjects.joints.flexible import Pattern, lasting, patterns
 from sim_backend.reality_gap.subjects.joints.gain import errors_of, held_out_errors
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS
+from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.look import Accepted, Candidate, Look
 from sim_backend.reality_gap.subjects.joints.moves import moved
 from sim_backend.reality_gap.subjects.joints.normal_equations import WHOLE_EPISODES
-from sim_backend.reality_gap.subjects.joints.study import JointStudy
-from sim_backend.reality_gap.subjects.joints.uncalibrated import ALMOST, reconsidered, unknown_of
+from sim_backend.reality_gap.subjects.joints.residual_patterns import Pattern, lasting, patterns
+from sim_backend.reality_gap.subjects.joints.verdict_of_unknown_robot import ALMOST, reconsidered, unknown_of
 from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
 
 CONFUSABLE_NATS = 5.0

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.robot import Robot
+from sim_backend.reality_gap.knowledge.known_of_robot import Robot
 from sim_backend.reality_gap.recording import Recording
 from sim_backend.reality_gap.subjects.subject import Material, Progress, Sections
 from sim_backend.reality_gap.subjects.tosses.study import ObjectStudy, makes_worse, study_object

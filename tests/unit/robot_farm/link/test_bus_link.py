@@ -129,8 +129,11 @@ def test_a_number_that_is_not_finite_does_not_end_the_showing(dispatcher):
 
     with (
         session.declare_subscriber(bus.live_key("farm", "robot-0"), shown.append),
-        BusLink(Access((endpoint,), "farm"), "robot-0", "real", live=live, on_cancel=lambda *_: None, stopping=lambda: False),
+        BusLink(
+            Access((endpoint,), "farm"), "robot-0", "real", live=live, on_cancel=lambda *_: None, stopping=lambda: False
+        ) as link,
     ):
+        link.running()
         give_up_s = time.monotonic() + WITHIN_S
         while not shown:
             assert time.monotonic() < give_up_s, "nothing was shown any more"

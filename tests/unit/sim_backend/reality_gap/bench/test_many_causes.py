@@ -8,7 +8,7 @@ import pytest
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.bench.joint_sessions import healthy_physics
 from sim_backend.reality_gap.bench.many_causes import hidden_effects, main, robot, summary
-from sim_backend.reality_gap.knowledge.evidence import SCALES
+from sim_backend.reality_gap.knowledge.joint_effects import SCALES
 from sim_backend.reality_gap.refusal import EXIT_UNUSABLE
 
 KEY = "coulomb_friction.torque_nm"

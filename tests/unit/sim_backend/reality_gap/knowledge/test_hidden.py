@@ -3,9 +3,9 @@
 import json
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.knowledge.evidence import FITTED, SEEN
 from sim_backend.reality_gap.knowledge.healthy import LIMITS_FILE
 from sim_backend.reality_gap.knowledge.hidden import AT_JOINTS, BESIDE_CUBE, OF_CUBE
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED, SEEN
 
 
 def test_every_effect_that_joints_show_is_hidden_and_has_a_detection_limit():

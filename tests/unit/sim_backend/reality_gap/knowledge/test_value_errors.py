@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.knowledge.evidence import SCALES
+from sim_backend.reality_gap.knowledge.joint_effects import SCALES
 from sim_backend.reality_gap.knowledge.value_errors import COVERED, document, is_telling, usual_error, usual_errors
 
 KEY = "coulomb_friction.torque_nm"

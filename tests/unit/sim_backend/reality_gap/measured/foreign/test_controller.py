@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.knowledge.robot import UnknownRobot
+from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.measured.foreign.episodes import read_recordings
 from sim_backend.reality_gap.measured.foreign.study_file import load_study_file
 from sim_backend.reality_gap.recording import RecordingError
-from sim_backend.reality_gap.subjects.joints.study import study_joints
+from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from tests.unit.sim_backend.reality_gap.synthetic_arm import MODEL, STEP_S, arm, motion
 
 STIFFNESS, DAMPING = {"joint1": 20.0, "joint2": 10.0}, 0.5

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from sim_backend.reality_gap.knowledge.healthy import NO_SESSIONS
-from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, UnknownRobot
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.subjects.joints.look import JointProblem

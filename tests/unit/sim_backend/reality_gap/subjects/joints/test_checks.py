@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.knowledge.healthy import NO_SESSIONS
-from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, UnknownRobot
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.subjects.joints.checks import (
     encoder_step,
     end_findings,

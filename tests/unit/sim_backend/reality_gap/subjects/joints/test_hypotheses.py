@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from sim_backend.effects.catalogue import CATALOGUE, PARAMETERS
-from sim_backend.reality_gap.knowledge.evidence import SCALES
 from sim_backend.reality_gap.knowledge.healthy import HealthySessions, healthy_tolerances
 from sim_backend.reality_gap.knowledge.hidden import AT_JOINTS
-from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, UnknownRobot
+from sim_backend.reality_gap.knowledge.joint_effects import SCALES
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.subjects.joints.hypotheses import (
     ALL_JOINTS,
     CLOCK_TOLERANCE,

@@ -5,17 +5,17 @@ import shutil
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.knowledge.robot import UnknownRobot
+from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.measured.foreign.episodes import read_recordings
 from sim_backend.reality_gap.measured.foreign.study_file import load_study_file
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.checks import fault_findings
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
+from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.judged import not_judged
 from sim_backend.reality_gap.subjects.joints.nominal import largest_torque_nm, starting_values
 from sim_backend.reality_gap.subjects.joints.plant import Plant
 from sim_backend.reality_gap.subjects.joints.state import JointState
-from sim_backend.reality_gap.subjects.joints.study import study_joints
 from sim_backend.reality_gap.subjects.joints.trajectory import CUTOFF_HZ, EDGE_S, trajectory
 from tests.unit.sim_backend.reality_gap.synthetic_arm import MODEL, NAMES, STEP_S, STUDY, arm, motion, recorded, write_csv
 

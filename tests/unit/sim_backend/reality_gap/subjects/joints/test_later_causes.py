@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from sim_backend.reality_gap.knowledge.healthy import NO_SESSIONS
-from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, UnknownRobot
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.subjects.joints.fit import _later_gain
 from sim_backend.reality_gap.subjects.joints.look import Accepted, Look
 

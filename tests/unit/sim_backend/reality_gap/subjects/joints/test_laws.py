@@ -2,7 +2,7 @@
 
 import pytest
 
-from sim_backend.reality_gap.knowledge.evidence import NUMBERS, Channel, keys_of
+from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, Channel, keys_of
 from sim_backend.reality_gap.subjects.joints import body_law, motor_law, reported_velocity, sent_torque
 
 LAWS = {

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.knowledge.evidence import FITTED, plane_of
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED, plane_of
 from sim_backend.reality_gap.subjects.joints import planes
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 

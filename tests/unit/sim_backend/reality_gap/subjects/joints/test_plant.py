@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from sim_backend.effects.body import link_mass
-from sim_backend.reality_gap.knowledge.robot import UnknownRobot
+from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.subjects.joints.nominal import starting_values
 from sim_backend.reality_gap.subjects.joints.plant import Plant

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.knowledge.healthy import NO_SESSIONS
-from sim_backend.reality_gap.knowledge.robot import KnownTriFinger
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS, Hypothesis
 from sim_backend.reality_gap.subjects.joints.look import Accepted, Candidate
 from sim_backend.reality_gap.subjects.joints.state import JointState

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.evidence import Channel, scales_everything
-from sim_backend.reality_gap.knowledge.robot import KnownTriFinger, Robot
+from sim_backend.reality_gap.knowledge.joint_effects import Channel, scales_everything
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot
 from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.subjects.joints.checks import Finding, end_findings, noise_findings, torque_noise_findings
 from sim_backend.reality_gap.subjects.joints.command_lateness import with_measured_lateness

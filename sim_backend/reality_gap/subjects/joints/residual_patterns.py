@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.evidence import Channel
+from sim_backend.reality_gap.knowledge.joint_effects import Channel
 from sim_backend.reality_gap.measured.sensor_noise import position_noise
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations, Equation
 from sim_backend.reality_gap.subjects.joints.look import Look

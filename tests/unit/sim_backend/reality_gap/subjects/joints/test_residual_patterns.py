@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.subjects.joints.equations import Channel
-from sim_backend.reality_gap.subjects.joints.flexible import HATS, VARIABLES, hats, heat, patterns, since_reversal_s
+from sim_backend.reality_gap.subjects.joints.residual_patterns import HATS, VARIABLES, hats, heat, patterns, since_reversal_s
 from tests.unit.sim_backend.reality_gap.subjects.joints.driven_joints import NO_LIMIT, drive, joints_model, problem
 
 ENCODER_RAD = 3e-5

@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.knowledge.evidence import FITTED, Sign
-from sim_backend.reality_gap.subjects.joints.flexible import shares
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED, Sign
 from sim_backend.reality_gap.subjects.joints.gain import errors_of, held_out_errors
+from sim_backend.reality_gap.subjects.joints.identification import LEAST_TORQUE_SHARE, JointStudy
 from sim_backend.reality_gap.subjects.joints.look import Accepted
 from sim_backend.reality_gap.subjects.joints.misreadings import listed, misreading
-from sim_backend.reality_gap.subjects.joints.study import LEAST_TORQUE_SHARE, JointStudy
+from sim_backend.reality_gap.subjects.joints.residual_patterns import shares
 from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
 
 FAR = 2.0

@@ -4,7 +4,7 @@ import pytest
 
 from sim_backend.effects.catalogue import CATALOGUE, PARAMETERS
 from sim_backend.reality_gap.knowledge import cube, tosses
-from sim_backend.reality_gap.knowledge.evidence import (
+from sim_backend.reality_gap.knowledge.joint_effects import (
     FITTED,
     NOT_ASKED,
     NUMBERS,

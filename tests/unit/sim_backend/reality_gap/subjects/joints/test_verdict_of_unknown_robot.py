@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.knowledge.robot import UnknownRobot
-from sim_backend.reality_gap.subjects.joints.study import study_joints
-from sim_backend.reality_gap.subjects.joints.uncalibrated import Agreement
+from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
+from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.verdict import judge
+from sim_backend.reality_gap.subjects.joints.verdict_of_unknown_robot import Agreement
 from sim_backend.reality_gap.verdict import VerdictKind, names_of
 from tests.unit.sim_backend.reality_gap.subjects.joints.inverse_arm import (
     arm,
