@@ -75,8 +75,9 @@ def test_a_size_that_only_the_height_at_rest_shows_is_confusable_with_the_table_
     assert any("caliper" in advice or "two levels" in advice for advice in study.record_next)
 
 
-@pytest.mark.parametrize("seed", [21, 22])
+@pytest.mark.parametrize("seed", [21, pytest.param(22, marks=pytest.mark.scale)])
 def test_nothing_is_named_where_nothing_is_wrong(seed):
+    """`test_nothing_is_named_where_nothing_is_wrong` has one session without scale."""
     study = _study(toss_spec(), tosses(toss_spec(), 12, seed), {}, seed)
     assert study.kind is VerdictKind.NOTHING_WRONG
     assert study.causes == ()

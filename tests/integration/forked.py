@@ -10,7 +10,9 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
+from types import ModuleType
 
 IMPORTED = [
     "services.serve",
@@ -32,7 +34,8 @@ class Forked:
         self._process = _context.Process(
             target=_run, args=(module, [str(each) for each in arguments], cwd, dict(env), errors), daemon=True
         )
-        self._process.start()
+        with _without_main():
+            self._process.start()
         self.pid = self._process.pid
 
     def poll(self):
@@ -53,6 +56,16 @@ class Forked:
 
     def kill(self):
         self.send_signal(signal.SIGKILL)
+
+
+@contextmanager
+def _without_main():
+    """The fork server would have the new process import the program of this one, which may be a benchmark."""
+    program, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = program
 
 
 def _run(module, arguments, cwd, env, errors):

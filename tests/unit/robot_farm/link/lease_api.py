@@ -11,7 +11,7 @@ from robot_farm.link.api_link import ApiLink
 from robot_farm.link.bus_link import Accepted
 from robot_farm.link.lease_keeper import TrialStoppedError
 
-LEASE_S = 3.0
+LEASE_S = 1.5
 
 
 class SilentBus:

@@ -75,7 +75,7 @@ def test_an_api_that_fails_is_there(api, robot, steps):
 
 
 def test_a_run_that_hangs_is_no_outage(api, robot, monkeypatch):
-    monkeypatch.setattr(lease_keeper, "SILENT_FOR_S", 1.5)
+    monkeypatch.setattr(lease_keeper, "SILENT_FOR_S", 0.75)
     api.status = 503
     goes_on = threading.Event()
 
@@ -95,7 +95,7 @@ def test_a_run_that_hangs_is_no_outage(api, robot, monkeypatch):
 
 def test_a_log_that_could_not_be_brought_cuts_off_and_says_meanwhile_what_it_waits_for(api, robot, monkeypatch):
     recorded_at_once(monkeypatch)
-    monkeypatch.setattr(api_link, "WAIT_FOR_S", 2.0)
+    monkeypatch.setattr(api_link, "WAIT_FOR_S", 1.0)
     api.of_files = 503
     with serving(robot, api):
         wait_until(lambda: robot._outage.standing().reason)

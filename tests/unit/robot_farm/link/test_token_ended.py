@@ -14,7 +14,7 @@ from robot_farm.robot import Robot
 from robot_farm.settings import TOKEN_VARIABLE, parse
 from tests.unit.robot_farm.link.lease_api import SilentBus, endless_trial
 
-LEASE_S = 3.0
+LEASE_S = 1.5
 
 
 class Api(BaseHTTPRequestHandler):

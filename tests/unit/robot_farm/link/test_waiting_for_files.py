@@ -30,7 +30,7 @@ def tries(api):
 def test_a_log_waits_while_its_lease_lives(api, robot):
     api.of_files = 503
     with serving(robot, api):
-        wait_until(lambda: tries(api) >= 7)
+        wait_until(lambda: tries(api) >= 6)
         api.of_files = 200
     assert api.times("/log")[-1] - api.times("/log")[0] > 5 * api_link.RETRY_FOR_S
     assert [each["outcome"]["kind"] for each in api.outcomes] == ["recorded"]
@@ -47,7 +47,7 @@ def test_it_does_not_wait_for_an_api_that_fails_or_that_does_not_renew(api, robo
 
 
 def test_nor_for_ever(api, robot, monkeypatch):
-    monkeypatch.setattr(api_link, "WAIT_FOR_S", 2.0)
+    monkeypatch.setattr(api_link, "WAIT_FOR_S", 1.0)
     api.of_files = 503
     with serving(robot, api):
         pass

@@ -45,9 +45,19 @@ def lateness_s(std_s: float, step_s: float, robots: int = 2000) -> np.ndarray:
     return step_s * (torque + 0.1).sum(axis=1) / 0.2
 
 
-@pytest.mark.parametrize("std_s", [1e-5, 0.0005, 0.005])
-@pytest.mark.parametrize("step_s", [0.001, 0.004])
+@pytest.mark.parametrize(
+    ("step_s", "std_s"),
+    [
+        (0.001, 0.0005),
+        (0.004, 1e-5),
+        (0.004, 0.0005),
+        (0.004, 0.005),
+        pytest.param(0.001, 1e-5, marks=pytest.mark.scale),
+        pytest.param(0.001, 0.005, marks=pytest.mark.scale),
+    ],
+)
 def test_lateness_is_half_normal_whatever_the_step(std_s: float, step_s: float):
+    """`test_lateness_is_half_normal_whatever_the_step` has every deviation and every step without scale."""
     late_s = lateness_s(std_s, step_s)
     expected, spread = std_s * np.sqrt(2 / np.pi), std_s * np.sqrt(1 - 2 / np.pi)
     assert late_s.mean() == pytest.approx(expected, abs=4 * spread / np.sqrt(len(late_s)))
