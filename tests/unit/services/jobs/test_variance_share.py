@@ -67,12 +67,15 @@ TRIALS = {"4 x 10": [10] * 4, "13 10 9 8": [13, 10, 9, 8], "8 x 25": [25] * 8, "
 
 def crossed(populations, trials):
     """All with all; those are left to ``make test-all`` in which neither appears for the first time."""
-    for i, population in enumerate(populations):
-        for j, each in enumerate(trials):
-            first = i == j or (j == 0 and i >= len(trials)) or (i == 0 and j >= len(populations))
-            yield pytest.param(
-                populations[population], trials[each], marks=[] if first else pytest.mark.scale, id=f"{population}-{each}"
-            )
+
+    def first(i, j):
+        return i == j or (j == 0 and i >= len(trials)) or (i == 0 and j >= len(populations))
+
+    return [
+        pytest.param(populations[name], trials[each], marks=[] if first(i, j) else pytest.mark.scale, id=f"{name}-{each}")
+        for i, name in enumerate(populations)
+        for j, each in enumerate(trials)
+    ]
 
 
 @pytest.mark.parametrize(("population", "trials"), crossed(POPULATIONS, TRIALS))
