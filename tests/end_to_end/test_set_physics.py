@@ -20,7 +20,7 @@ duration_s = 0.1
 position_m = 0.002
 rotation_rad = 0.02
 [orientation_jumps]
-probability = 0.04
+probability = 0.02
 growth = 1.0
 [occlusion_by_fingers]
 strength = 1.0
@@ -67,7 +67,7 @@ def test_noise_and_jumps_of_a_resting_cube(logs):
         jumps.append(2 * np.arccos(np.minimum(cosine, 1.0)) > JUMPED_RAD)
     noise, jumped = np.concatenate(errors), np.concatenate(jumps)
     assert noise.std() == pytest.approx(0.002, rel=5 / np.sqrt(2 * noise.size))
-    assert jumped.mean() == pytest.approx(0.04, abs=4 * np.sqrt(0.04 / len(jumped)))
+    assert jumped.mean() == pytest.approx(0.02, abs=4 * np.sqrt(0.02 / len(jumped)))
 
 
 def test_fingers_hide_faces_and_confidence_says_so(logs):
