@@ -202,7 +202,7 @@ EVERY = (*BRIEF, "slow_ramps", "fast_sweeps", "chirps", "oscillations", "standar
 
 @pytest.mark.parametrize("asked", [BRIEF, pytest.param((), marks=pytest.mark.scale)], ids=["brief", "all"])
 def test_identification_brings_a_log_of_every_excitation(farm, asked, tmp_path):
-    """`test_identification_brings_a_log_of_every_excitation` asks for three kinds of them without scale, with the cube and without."""
+    """`test_identification_brings_a_log_of_every_excitation` asks for three of them without scale."""
     named = [word for name in asked for word in ("--excitation", name)]
     assert farm.json("identify", "--robot", "any", *named, "--to", str(tmp_path), "--wait")
     found = [read_log(log).metadata["excitation"] for log in tmp_path.glob("*.mcap")]
