@@ -206,6 +206,7 @@ class MjModel:
     pair_geom2: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     pair_solref: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     pair_friction: _Attribute[numpy.typing.NDArray[numpy.float64], object]
+    tendon_frictionloss: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     actuator_dynprm: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     actuator_gainprm: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     actuator_biasprm: _Attribute[numpy.typing.NDArray[numpy.float64], object]
@@ -387,6 +388,8 @@ class MjSpec:
     textures: _Attribute[list, typing.Never]
     def add_pair(self, default: MjsDefault | None = ..., name: str | None = ..., geomname1: str | None = ..., geomname2: str | None = ..., condim: typing.SupportsInt | typing.SupportsIndex | None = ..., solref: numpy.typing.ArrayLike | None = ..., solreffriction: numpy.typing.ArrayLike | None = ..., solimp: numpy.typing.ArrayLike | None = ..., margin: typing.SupportsFloat | typing.SupportsIndex | None = ..., gap: typing.SupportsFloat | typing.SupportsIndex | None = ..., adhesion: typing.SupportsFloat | typing.SupportsIndex | None = ..., friction: numpy.typing.ArrayLike | None = ..., info: str | None = ...) -> MjsPair: ...
     pairs: _Attribute[list, typing.Never]
+    equalities: _Attribute[list, typing.Never]
+    tendons: _Attribute[list, typing.Never]
     def add_actuator(self, default: MjsDefault | None = ..., name: str | None = ..., type: typing.SupportsInt | typing.SupportsIndex | None = ..., gaintype: typing.SupportsInt | typing.SupportsIndex | None = ..., gainprm: numpy.typing.ArrayLike | None = ..., biastype: typing.SupportsInt | typing.SupportsIndex | None = ..., biasprm: numpy.typing.ArrayLike | None = ..., dyntype: typing.SupportsInt | typing.SupportsIndex | None = ..., dynprm: numpy.typing.ArrayLike | None = ..., actdim: typing.SupportsInt | typing.SupportsIndex | None = ..., ctrlspec: typing.SupportsInt | typing.SupportsIndex | None = ..., velrange: numpy.typing.ArrayLike | None = ..., ffrange: numpy.typing.ArrayLike | None = ..., actearly: typing.SupportsInt | typing.SupportsIndex | None = ..., trntype: typing.SupportsInt | typing.SupportsIndex | None = ..., gear: numpy.typing.ArrayLike | None = ..., target: str | None = ..., refsite: str | None = ..., slidersite: str | None = ..., cranklength: typing.SupportsFloat | typing.SupportsIndex | None = ..., lengthrange: numpy.typing.ArrayLike | None = ..., inheritrange: typing.SupportsFloat | typing.SupportsIndex | None = ..., damping: object | None = ..., armature: typing.SupportsFloat | typing.SupportsIndex | None = ..., ctrllimited: typing.SupportsInt | typing.SupportsIndex | None = ..., ctrlrange: numpy.typing.ArrayLike | None = ..., forcelimited: typing.SupportsInt | typing.SupportsIndex | None = ..., forcerange: numpy.typing.ArrayLike | None = ..., actlimited: typing.SupportsInt | typing.SupportsIndex | None = ..., actrange: numpy.typing.ArrayLike | None = ..., group: typing.SupportsInt | typing.SupportsIndex | None = ..., nsample: typing.SupportsInt | typing.SupportsIndex | None = ..., interp: typing.SupportsInt | typing.SupportsIndex | None = ..., delay: typing.SupportsFloat | typing.SupportsIndex | None = ..., userdata: numpy.typing.ArrayLike | None = ..., plugin: MjsPlugin | None = ..., info: str | None = ...) -> MjsActuator: ...
     actuators: _Attribute[list, typing.Never]
     def add_sensor(self, name: str | None = ..., type: typing.SupportsInt | typing.SupportsIndex | None = ..., objtype: typing.SupportsInt | typing.SupportsIndex | None = ..., objname: str | None = ..., reftype: typing.SupportsInt | typing.SupportsIndex | None = ..., refname: str | None = ..., intprm: numpy.typing.ArrayLike | None = ..., datatype: typing.SupportsInt | typing.SupportsIndex | None = ..., needstage: typing.SupportsInt | typing.SupportsIndex | None = ..., dim: typing.SupportsInt | typing.SupportsIndex | None = ..., cutoff: typing.SupportsFloat | typing.SupportsIndex | None = ..., noise: typing.SupportsFloat | typing.SupportsIndex | None = ..., nsample: typing.SupportsInt | typing.SupportsIndex | None = ..., interp: typing.SupportsInt | typing.SupportsIndex | None = ..., delay: typing.SupportsFloat | typing.SupportsIndex | None = ..., interval: numpy.typing.ArrayLike | None = ..., userdata: numpy.typing.ArrayLike | None = ..., plugin: MjsPlugin | None = ..., info: str | None = ...) -> MjsSensor: ...
@@ -1277,6 +1280,7 @@ class mjtGeom(_Enum):
 
 class mjtIntegrator(_Enum):
     mjINT_EULER: typing.ClassVar[mjtIntegrator]
+    mjINT_IMPLICITFAST: typing.ClassVar[mjtIntegrator]
 
 class mjtJoint(_Enum):
     mjJNT_FREE: typing.ClassVar[mjtJoint]
@@ -1316,6 +1320,7 @@ class mjtStage(_Enum):
     mjSTAGE_VEL: typing.ClassVar[mjtStage]
 
 class mjtState(_Enum):
+    mjSTATE_QFRC_APPLIED: typing.ClassVar[mjtState]
     mjSTATE_FULLPHYSICS: typing.ClassVar[mjtState]
 
 class mjtTexture(_Enum):

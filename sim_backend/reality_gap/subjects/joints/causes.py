@@ -8,6 +8,7 @@ import numpy as np
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.knowledge.joint_effects import SCALES
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.knowledge.value_errors import is_telling, usual_error
 from sim_backend.reality_gap.quantiles import Z_90
 from sim_backend.reality_gap.subjects.joints.fitted_values import FittedValue, fitted_values
@@ -62,6 +63,15 @@ def is_clear(study: JointStudy, cause: Cause) -> bool:
         return True
     here = study.problem_start(key, index_of(study.problem.names, key, cause.where))
     return is_telling(key) and not cause.interval_90[0] <= here <= cause.interval_90[1]
+
+
+def may_be_absent(study: JointStudy, cause: Cause) -> bool:
+    """Whether a number's interval holds what the model had; of a TriFinger healthy sessions have said that it is there."""
+    key = f"{cause.effect}.{cause.parameter}"
+    if isinstance(study.robot, KnownTriFinger) or key not in SCALES:
+        return False
+    here = study.problem_start(key, index_of(study.problem.names, key, cause.where))
+    return bool(cause.interval_90[0] <= here <= cause.interval_90[1])
 
 
 def _that_matter(study: JointStudy, accepted: Accepted, causes: list[Cause]) -> list[Cause]:

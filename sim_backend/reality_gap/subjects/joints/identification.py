@@ -11,6 +11,7 @@ from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Rob
 from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.subjects.joints.checks import Finding, end_findings, noise_findings, torque_noise_findings
 from sim_backend.reality_gap.subjects.joints.command_lateness import with_measured_lateness
+from sim_backend.reality_gap.subjects.joints.contradictions import contradicts, runs_into_bounds
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations, along
 from sim_backend.reality_gap.subjects.joints.fit import JointFit, select
 from sim_backend.reality_gap.subjects.joints.gain import held_out_errors
@@ -141,7 +142,7 @@ def study_joints(
 
 
 def is_worth_it_beside(problem: JointProblem, before: Look, after: Look) -> bool:
-    """Whether a cause may follow others. Of a TriFinger only torques and masses must be worth it.
+    """Whether a cause may follow others, or is possible at all. Of a TriFinger only torques and masses must be worth it.
 
     What the law of an earlier cause leaves spreads over the torques and masses of its finger, one after the other.
     """
@@ -149,6 +150,8 @@ def is_worth_it_beside(problem: JointProblem, before: Look, after: Look) -> bool
         is_first = not before.accepted or problem.expects_many
         if is_first or not scales_everything(after.accepted[-1].effect):
             return True
+    elif contradicts(problem, after.state) or runs_into_bounds(after.state, problem.start, after.accepted):
+        return False
     return is_worth_it(problem, before, after)
 
 

@@ -17,10 +17,12 @@ from sim_backend.reality_gap.subjects.joints.normal_equations import (
     Reduced,
     Whitened,
     folds_of,
+    is_short,
     normal_equations,
     of_one_noise,
     reduced,
     whitened,
+    whitened_together,
 )
 from sim_backend.reality_gap.subjects.joints.state import CLOCK, SENSED, JointState, Term
 
@@ -196,13 +198,19 @@ class JointProblem:
         else:
             counted_s = sum(float(e.valid_mechanics.sum(axis=0).max()) * e.path.every * step_s for e in self.episodes)
             tolerance[: len(catalogue.terms)] *= self.robot.prior_share(counted_s, _LONG_IN_ALL_S)
-        found = []
+        found, short = [], {}
         for episode in self.episodes:
             for equation in episode.equations(state, terms):
+                if is_short(equation):
+                    short.setdefault((equation.channel, equation.joint), []).append(equation)
+                    continue
                 scales = whitening[list(equation.terms)] * self.robot.prior_share(equation.counted_s, _LONG_S)
                 white = whitened(equation, scales, folds_of(equation, len(self.episodes)), plain=plain)
                 if white is not None:
                     found.append(white)
+        for together in short.values():
+            scales = whitening * self.robot.prior_share(sum(equation.counted_s for equation in together), _LONG_S)
+            found += whitened_together(together, scales, [folds_of(e, len(self.episodes)) for e in together], plain=plain)
         found = of_one_noise(found) if plain else found
         sums = normal_equations(found, len(terms), FOLDS)
         return self._answers(sums, catalogue, tuple(found), tolerance, accepted, state)

@@ -2,14 +2,20 @@
 
 Such an error is no effect of a robot. It makes all torques wrong at once, so that whatever cause is fitted takes over a part of
 it. Each reading is therefore compared with the data as they are told, both with friction and a constant torque set free.
+
+Readings that make motions or torques smaller leave smaller errors of torques, right or wrong. So a reading is said only if the
+model, driven by the torques, also goes where the robot went, on stretches that friction was not fitted to and as a share of how
+far it moved, and the data as they are told do not.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from sim_backend.reality_gap.subjects.joints.counted_rows import near_end
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
+from sim_backend.reality_gap.subjects.joints.rollouts import Losses, Motion, Rollouts, windows_of
 from sim_backend.reality_gap.subjects.joints.state import JointState
 
 FALLS_TO = 0.7
@@ -23,6 +29,9 @@ _BLURRED_RAD_S = 0.02
 _FEWEST_ROWS = 100
 _SAME = 0.05
 """Readings whose errors differ by less than this share do equally well."""
+_GOES_TO = 0.5
+"""Of the rollouts' error that the data as they are told have: a right sign or unit leaves a tenth of it and less."""
+_WINDOW_S, _STRETCH_S, _MOST_WINDOWS = 0.4, 1.2, 120
 _UNIT_NAMES = {1e-3: "as if mN m were read as N m", 1e3: "as if N m were read as mN m", 1e-2: "as if N cm were read as N m"}
 _NEAR_UNIT = 1.15
 _POSITION_UNITS = {
@@ -30,6 +39,15 @@ _POSITION_UNITS = {
     180.0 / np.pi: "are in rad, not in degrees",
     2.0 * np.pi: "are in turns, not in rad",
 }
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How to read the data: factors of each joint's positions and torques, shapes (k,), and how late torques are dated, s."""
+
+    positions: np.ndarray
+    torques: np.ndarray
+    late_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -41,12 +59,14 @@ class Misreading:
         check: what to look at.
         joints: that it is about.
         after_nm: root mean square torque error of each joint with it, friction and a constant set free, shape (k,).
+        reading: the same as numbers.
     """
 
     said: str
     check: str
     joints: tuple[int, ...]
     after_nm: np.ndarray
+    reading: Reading = field(repr=False)
 
 
 @dataclass(frozen=True)
@@ -82,14 +102,67 @@ def misreading(
     rows = _all_rows(data)
     told = _errors(rows)
     limit = np.minimum(told, left_nm)
-    found = [*_with_torques(rows, names, "", "", ()), *_other_positions(data, names)]
+    found = [*_with_torques(rows, names, "", "", (), np.ones(len(names))), *_other_positions(data, names)]
     right = [m for m in found if _is_far_better(m, told, FALLS_TO * limit)]
     right += [m for m in _other_clocks(data) if _is_far_better(m, told, CLOCK_FALLS_TO * limit)]
+    if not right:
+        return None
+    right = _that_roll_out(right, data)
     if not right:
         return None
     left = np.array([float(np.nanmean(np.log(m.after_nm / told))) for m in right])
     same = [m for m, value in zip(right, left, strict=True) if value < left.min() + _SAME]
     return _either(same)
+
+
+def _that_roll_out(found: Sequence[Misreading], data: Sequence[_Told]) -> list[Misreading]:
+    """Those with which the model goes where the robot went, and the data as they are told do not."""
+    k = len(found[0].after_nm)
+    told = _rollout_errors(data, Reading(np.ones(k), np.ones(k)))
+    kept = []
+    for each in found:
+        ratio = _rollout_errors(data, each.reading) / told
+        own = ratio[list(each.joints)]
+        if np.nanmax(own, initial=np.inf if np.isnan(own).all() else 0.0) <= _GOES_TO and np.nanmean(np.log(ratio)) < 0.0:
+            kept.append(each)
+    return kept
+
+
+def _rollout_errors(data: Sequence[_Told], reading: Reading) -> np.ndarray:
+    """Median over windows of how far each joint is from where it was, as a share of how far it moved, shape (k,)."""
+    rows = _all_rows(data, reading.positions, reading.late_s, held_out=False)
+    coulomb, damping, offset = (np.zeros(len(rows)) for _ in range(3))
+    for j, of_joint in enumerate(rows):
+        if len(of_joint.given) >= _FEWEST_ROWS:
+            _, (coulomb[j], damping[j], offset[j]) = _rms_left(
+                reading.torques[j] * of_joint.given - of_joint.needed, of_joint.free
+            )
+    losses = Losses(np.maximum(coulomb, 0.0), np.maximum(damping, 0.0), -offset)
+    motions, starts = zip(*(_motion(told, reading) for told in data), strict=True)
+    many = max(1, round(sum(map(len, starts)) / _MOST_WINDOWS))
+    errors = Rollouts(data[0].episode.plant).errors(motions, [each[::many] for each in starts], _WINDOW_S, losses)
+    if not len(errors):
+        return np.full(len(rows), np.nan)
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isfinite(errors).any(axis=0), np.nanmedian(errors, axis=0), np.nan)
+
+
+def _motion(told: _Told, reading: Reading) -> tuple[Motion, np.ndarray]:
+    """What was recorded, read so, and where the windows begin that friction was not fitted to."""
+    episode, path = told.episode, told.episode.path
+    torque, time_s = episode.acting_nm.T * reading.torques, path.recording.time_s
+    if reading.late_s:
+        torque = np.stack([np.interp(time_s + reading.late_s, time_s, column) for column in torque.T], axis=1)
+    good = (episode.is_measured & ~near_end(path, episode.ends_rad)).all(axis=1)
+    known = np.repeat(good, path.every)[: len(time_s)]
+    held_out = _is_held_out(time_s - time_s[0])
+    motion = Motion(path.fast_position * reading.positions, path.fast_velocity * reading.positions, torque, path.step_s, known)
+    return motion, windows_of(motion, _WINDOW_S, _WINDOW_S / 2, held_out)
+
+
+def _is_held_out(time_s: np.ndarray) -> np.ndarray:
+    """Every other stretch of an episode."""
+    return np.floor(time_s / _STRETCH_S).astype(int) % 2 == 1
 
 
 def _either(same: Sequence[Misreading]) -> Misreading:
@@ -116,17 +189,17 @@ def _other_positions(data: Sequence[_Told], names: Sequence[str]) -> Iterator[Mi
             by = np.ones(k)
             by[list(joints)] = factor
             check = f"the sign of {who}" if factor < 0.0 else f"position_unit of {who}"
-            yield from _with_torques(_all_rows(data, by), names, f"the positions of {who} {said}", check, joints)
+            yield from _with_torques(_all_rows(data, by), names, f"the positions of {who} {said}", check, joints, by)
 
 
 def _with_torques(
-    rows: Sequence[_Rows], names: Sequence[str], said: str, check: str, joints: tuple[int, ...]
+    rows: Sequence[_Rows], names: Sequence[str], said: str, check: str, joints: tuple[int, ...], by: np.ndarray
 ) -> Iterator[Misreading]:
-    """The positions as given, and each joint's torque turned round or in another unit where only this agrees.
+    """The positions as given (times ``by``), and each joint's torque turned round or in another unit where only this agrees.
 
     Not both units at once: smaller positions need smaller torques, which then leave smaller errors, whatever is right.
     """
-    after = _errors(rows)
+    after, factors = _errors(rows), np.ones(len(rows))
     turned: list[int] = []
     scaled: dict[int, float] = {}
     for j, of_joint in enumerate(rows):
@@ -134,10 +207,10 @@ def _with_torques(
             continue
         opposite, (free, factor, without) = _left(of_joint, -1.0), _left_with_any_factor(of_joint)
         if opposite <= FALLS_TO * after[j] and opposite <= free / FALLS_TO:
-            after[j] = opposite
+            after[j], factors[j] = opposite, -1.0
             turned.append(j)
         elif not joints and free <= FALLS_TO * min(after[j], without) and _is_implausible(factor):
-            after[j] = free
+            after[j], factors[j] = free, factor
             scaled[j] = factor
     touched, these = tuple(sorted({*joints, *turned, *scaled})), [names[j] for j in turned]
     parts, checks = [said] if said else [], [check] if check else []
@@ -150,7 +223,7 @@ def _with_torques(
         parts.append(_of_units(scaled, names))
         checks.append(f"torque_unit of {listed([names[j] for j in scaled])}")
     if parts:
-        yield Misreading(" and ".join(parts), " and ".join(checks), touched, after)
+        yield Misreading(" and ".join(parts), " and ".join(checks), touched, after, Reading(by, factors))
 
 
 def _of_units(factors: dict[int, float], names: Sequence[str]) -> str:
@@ -183,7 +256,8 @@ def _other_clocks(data: Sequence[_Told]) -> Iterator[Misreading]:
     when = "later" if late_ms < 0.0 else "earlier"
     joints = tuple(np.flatnonzero(np.isfinite(after)).tolist())
     said = f"the torques acted {abs(late_ms):.3g} ms {when} than they are dated"
-    yield Misreading(said, "the clocks of positions and torques", joints, after)
+    same = np.ones(len(after))
+    yield Misreading(said, "the clocks of positions and torques", joints, after, Reading(same, same, 1e-3 * late_ms))
 
 
 def _told(episode: EpisodeEquations, start: JointState) -> _Told:
@@ -191,8 +265,13 @@ def _told(episode: EpisodeEquations, start: JointState) -> _Told:
     return _Told(episode, given, given - episode.torque_error(start))
 
 
-def _all_rows(data: Sequence[_Told], factor: np.ndarray | None = None, late_s: float = 0.0) -> list[_Rows]:
-    """Rows of each joint; positions times ``factor`` of shape (k,), torques as they are dated ``late_s`` after the motion."""
+def _all_rows(
+    data: Sequence[_Told], factor: np.ndarray | None = None, late_s: float = 0.0, *, held_out: bool | None = None
+) -> list[_Rows]:
+    """Rows of each joint; positions times ``factor`` of shape (k,), torques as they are dated ``late_s`` after the motion.
+
+    ``held_out`` asks for one half of the stretches only.
+    """
     parts = []
     for told in data:
         path, given, needed = told.episode.path, told.given, told.needed
@@ -202,7 +281,10 @@ def _all_rows(data: Sequence[_Told], factor: np.ndarray | None = None, late_s: f
             needed = needed + told.episode.plant.torque_nm(*moved) - told.episode.dynamics.torque_nm
         if late_s:
             given = np.stack([np.interp(path.time_s + late_s, path.time_s, column) for column in given.T], axis=1)
-        parts.append((given, needed, velocity, told.episode.valid_mechanics))
+        counts = told.episode.valid_mechanics
+        if held_out is not None:
+            counts = counts & (_is_held_out(path.time_s - path.time_s[0]) == held_out)[:, None]
+        parts.append((given, needed, velocity, counts))
     found = []
     for j in range(parts[0][0].shape[1]):
         given, needed, velocity = (np.concatenate([part[i][part[3][:, j], j] for part in parts]) for i in range(3))

@@ -28,6 +28,8 @@ WINDOW_FLOOR = 0.9
 """Least noise in a window, as a share of what the encoders' white noise makes there."""
 ERROR_FLOOR = 0.5
 """Least noise of torque errors, as a share of what the sensors make of them: an autoregression leaves 0.5 to 0.85 of it."""
+_FEWEST_ROWS = 20
+"""Valid rows for each number that the noise has."""
 _AR_ORDER = {Channel.MECHANICS: 4, Channel.VELOCITY: 8, Channel.CURRENT: 0, Channel.CONTROLLER: 0}
 _SMALLEST_NOISE = {Channel.MECHANICS: 1e-5, Channel.VELOCITY: 2e-3, Channel.CURRENT: 1e-5, Channel.CONTROLLER: 2e-4}
 
@@ -91,7 +93,7 @@ def whitened(equation: Equation, scales: np.ndarray, fold: np.ndarray, *, plain:
     else:
         valid = equation.valid & np.isfinite(equation.residual)
         order = 0 if plain else _AR_ORDER[equation.channel]
-        if valid.sum() < 20 * (order + 1):
+        if valid.sum() < _FEWEST_ROWS * (order + 1):
             return None
         floor = max(_SMALLEST_NOISE[equation.channel], ERROR_FLOOR * equation.error_floor_nm)
         left, _ = left_over(equation.residual[valid], equation.images[valid], scales, floor)
@@ -109,6 +111,45 @@ def whitened(equation: Equation, scales: np.ndarray, fold: np.ndarray, *, plain:
         noise = max(float(np.sqrt(np.mean(left**2))), floor)
         weight = np.full(len(left), 1.0 / noise)
     return Whitened(equation, y * weight, x * weight[:, None], fold, noise)
+
+
+def is_short(equation: Equation) -> bool:
+    """Whether an equation has too few valid rows for a noise of its own."""
+    if equation.in_windows:
+        return False
+    return int((equation.valid & np.isfinite(equation.residual)).sum()) < _FEWEST_ROWS * (_AR_ORDER[equation.channel] + 1)
+
+
+def whitened_together(
+    equations: Sequence[Equation], scales: np.ndarray, folds: Sequence[np.ndarray], *, plain: bool = False
+) -> list[Whitened]:
+    """Whiten equations of one channel and joint, each too short for it, by a noise that they have in common.
+
+    Args:
+        equations: one after the other, as if of one episode with pauses.
+        scales: prior standard deviations of all terms, shape (m,).
+        folds: of each one's rows.
+        plain: as of :func:`whitened`.
+    """
+    terms = sorted({term for equation in equations for term in equation.terms})
+    pause = max(_AR_ORDER.values())
+    parts: list[list[np.ndarray]] = [[], [], [], []]
+    for owner, (equation, fold) in enumerate(zip(equations, folds, strict=True)):
+        images = np.zeros((len(equation.residual), len(terms)))
+        images[:, [terms.index(term) for term in equation.terms]] = equation.images
+        for part, values in zip(parts, (equation.residual, images, equation.valid, fold + FOLDS * owner), strict=True):
+            part += [values, np.zeros((pause, *values.shape[1:]), values.dtype)]
+    residual, images, valid, fold = (np.concatenate(part) for part in parts)
+    one = replace(equations[0], residual=residual, images=images, valid=valid, terms=tuple(terms))
+    white = whitened(one, scales[terms], fold, plain=plain)
+    if white is None:
+        return []
+    found = []
+    for owner, equation in enumerate(equations):
+        own = white.fold // FOLDS == owner
+        columns = [terms.index(term) for term in equation.terms]
+        found.append(Whitened(equation, white.residual[own], white.images[own][:, columns], white.fold[own] % FOLDS, white.noise))
+    return found
 
 
 def in_windows(equation: Equation, fold: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:

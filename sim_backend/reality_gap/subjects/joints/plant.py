@@ -47,6 +47,7 @@ class Plant:
         wrong = [name for name, j in zip(names, joints, strict=True) if int(self._model.jnt_type[j]) not in _ONE_DOF]
         if wrong:
             raise ValueError(f"{', '.join(wrong)} is neither a hinge nor a slide; only those can be studied as joints")
+        self._unchanged = model
         self._q, self._v = self._model.jnt_qposadr[joints], self._model.jnt_dofadr[joints]
         self._links = [_rigid_with(self._model, int(self._model.jnt_bodyid[j])) for j in joints]
         limited = self._model.jnt_limited[joints].astype(bool)
@@ -66,6 +67,25 @@ class Plant:
     def joints(self) -> int:
         """How many."""
         return len(self.names)
+
+    @property
+    def positions(self) -> np.ndarray:
+        """Where the joints are in the model's ``qpos``, shape (k,)."""
+        return self._q
+
+    @property
+    def velocities(self) -> np.ndarray:
+        """Where the joints are in the model's ``qvel``, shape (k,)."""
+        return self._v
+
+    def forward_model(self) -> mujoco.MjModel:
+        """A copy to simulate: with dry friction, without contacts, limits, equalities, tendons' friction and actuators."""
+        copy = mujoco.MjModel.__copy__(self._unchanged)
+        for flag in ("CONTACT", "LIMIT", "EQUALITY", "ACTUATION"):
+            copy.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
+        copy.tendon_frictionloss[:] = 0.0
+        copy.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        return copy
 
     @property
     def gravity_m_s2(self) -> np.ndarray:

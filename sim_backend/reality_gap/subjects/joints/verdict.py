@@ -19,7 +19,7 @@ from sim_backend.reality_gap.knowledge.joint_effects import (
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.knowledge.separation import separated_by
 from sim_backend.reality_gap.quantiles import Z_90
-from sim_backend.reality_gap.subjects.joints.causes import causes_of, is_clear, place_of
+from sim_backend.reality_gap.subjects.joints.causes import causes_of, is_clear, may_be_absent, place_of
 from sim_backend.reality_gap.subjects.joints.checks import Finding, place
 from sim_backend.reality_gap.subjects.joints.fitted_values import fitted_values
 from sim_backend.reality_gap.subjects.joints.gain import errors_of, held_out_errors
@@ -55,7 +55,8 @@ class JointVerdict:
 def judge(study: JointStudy) -> JointVerdict:
     """Judge a study of joints (held-out errors are added by ``gain``)."""
     fit, names = study.fit, study.problem.names
-    causes = [cause for a in fit.accepted for cause in causes_of(study, a)]
+    fitted = [cause for a in fit.accepted for cause in causes_of(study, a)]
+    causes = [cause for cause in fitted if not may_be_absent(study, cause)]
     acting = {f.joint for f in study.findings if f.sign in FELT}
     findings = [f for f in study.findings if not (f.sign in SENSOR_NOISE and f.joint in acting)]  # the joint shakes
     causes += [_found(f, names) for f in findings if _is_shown(f, study)]
@@ -76,7 +77,7 @@ def judge(study: JointStudy) -> JointVerdict:
         runner_up=closest,
         rejected=() if confusable else tuple(sorted((rival for rival, _ in rivals), key=lambda rival: rival.behind)),
         follows=(*_odd(study), *_follows(left[:3], names)) if kind is VerdictKind.UNEXPLAINED else (),
-        cannot_tell=tuple(_cannot_tell(study, causes)),
+        cannot_tell=(*_cannot_tell(study, causes), *_perhaps_absent(fitted, causes)),
         record_next=tuple(_record_next(study, kind, closest)),
     )
     return JointVerdict(verdict if isinstance(study.robot, KnownTriFinger) else reconsidered(study, verdict), tuple(left))
@@ -260,6 +261,13 @@ def _cannot_tell(study: JointStudy, causes: Sequence[Cause]) -> list[str]:
     if all(e.path.joints.measured_torque_nm is None for e in study.problem.episodes):
         said.append("whether torque is lost before or after the motor's current: no measured torque")
     return said if isinstance(study.robot, KnownTriFinger) else [*said, *unknown_of(study)]
+
+
+def _perhaps_absent(fitted: Sequence[Cause], causes: Sequence[Cause]) -> list[str]:
+    """Effects none of whose numbers is surely away from absent."""
+    named = {cause.effect for cause in causes}
+    unsure = [cause for cause in fitted if cause.effect not in named]
+    return [f"whether there is {', '.join(_said(unsure))}: the interval holds that there is none"] if unsure else []
 
 
 def _record_next(study: JointStudy, kind: VerdictKind, closest: Rival | None) -> list[str]:
