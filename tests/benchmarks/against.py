@@ -125,9 +125,8 @@ def _begun(out: Path, settings: dict) -> list[dict]:
         return []
     first, *rows = (json.loads(line) for line in out.read_text().splitlines())
     if other := [name for name in settings if first.get(name) != settings[name]]:
-        raise SystemExit(
-            f"{out} was begun with another {', '.join(other)}: {[first.get(name) for name in other]}; give another --out"
-        )
+        before = ", ".join(f"{name} {first.get(name)}" for name in other)
+        raise SystemExit(f"{out} was begun with {before}, which is not so in this run; give another --out")
     return rows
 
 
