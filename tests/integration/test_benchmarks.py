@@ -86,25 +86,31 @@ def started(name, words, monkeypatch):
     return 0
 
 
-@pytest.mark.parametrize(
-    ("name", "lines"),
-    [
-        *(pytest.param(name, lines, id=name) for name, lines in QUICK.items()),
-        *(pytest.param(name, lines, id=f"{name}-larger", marks=pytest.mark.scale) for name, lines in LARGER.items()),
-    ],
-)
-def test_a_program_runs_and_says_what_it_found(name, lines, tmp_path, monkeypatch, capsys):
+def try_program(name, lines, folder, monkeypatch, capsys):
+    """Runs its command lines; each ends as it should, says something and writes the files that it was told to write."""
     if (reason := why_not(name, lines)) is not None:
         pytest.skip(reason)
-    document = tmp_path / "openapi.json"
+    document = folder / "openapi.json"
     document.write_text('{"paths": {}, "components": {"schemas": {}}}')
     monkeypatch.chdir(ROOT)
     for line in lines:
-        words = shlex.split(line.format(to=tmp_path, experts=EXPERTS, document=document))
+        words = shlex.split(line.format(to=folder, experts=EXPERTS, document=document))
         assert started(name, words, monkeypatch) in ({0, 1} if name in MAY_MISS else {0})
         assert capsys.readouterr().out.strip(), f"{name} said nothing"
-        written = [Path(word) for word in words if word.startswith(str(tmp_path)) and Path(word).suffix]
+        written = [Path(word) for word in words if word.startswith(str(folder)) and Path(word).suffix]
         assert all(path.stat().st_size for path in written)
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_a_program_runs_and_says_what_it_found(name, tmp_path, monkeypatch, capsys):
+    try_program(name, QUICK[name], tmp_path, monkeypatch, capsys)
+
+
+@pytest.mark.scale
+@pytest.mark.parametrize("name", LARGER)
+def test_a_program_that_takes_longer_runs(name, tmp_path, monkeypatch, capsys):
+    """As `test_a_program_runs_and_says_what_it_found`, for programs that need farms, browsers, databases or many seconds."""
+    try_program(name, LARGER[name], tmp_path, monkeypatch, capsys)
 
 
 def test_no_program_is_left_out():
