@@ -71,7 +71,7 @@ def missing(experts: Path, *, make: bool = True) -> str | None:
 
 def theirs(task: str, asked: argparse.Namespace, seed: int) -> dict:
     """An episode in the published simulation; see ``peer_episode``."""
-    steps = asked.steps or round(TASKS[task].steps * 0.001 / PERIOD_S)
+    steps = asked.steps or round(TASKS[task].steps * 0.001 / PERIOD_S) - 1  # its reset makes the first one
     with tempfile.TemporaryDirectory() as folder:
         weights = Path(folder) / "expert.npz"
         tensors: dict = safetensors.numpy.load_file(asked.experts / f"{task}_expert.safetensors")

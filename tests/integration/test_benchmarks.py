@@ -26,7 +26,6 @@ QUICK = {
     "record_observations": ["--out {to}/recorded.safetensors"],
     "shipped_policy": [f"{PUSH} --task push --trials 1 --farm-seeds 7001 --physics-step 0.004 --out {{to}}/policy.json"],
     "verdict_times": ["--uploads 1 --out {to}/verdicts.json"],
-    "watching_cost": ["--pairs 1 --out {to}/watching.json"],
 }
 """Each program's command lines, one after the other."""
 LARGER = {
@@ -47,6 +46,7 @@ LARGER = {
     "success_gain_oracle": ["--experts {experts} --trials 2 --out {to}/gain.json"],
     "two_homes": ["--trials 1 --jobs 1 --out {to}/homes.json"],
     "two_hosts": ["--trials 1 --robots 1 --out {to}/hosts.json"],
+    "watching_cost": ["--pairs 1 --out {to}/watching.json"],
 }
 MAY_MISS = {"attacked_farm", "crowd", "shipped_policy", "verdict_times"}
 """Programs that end with 1 where a figure misses its limit, as it may in so short a run."""
