@@ -24,8 +24,8 @@ check: .venv/full        ## style, types, import rules
 up: .venv/farm           ## a farm of 4 robots until Ctrl-C
 	.venv/bin/trifarm up
 
-bench: .venv/farm        ## rate of the full path against bare physics
-	.venv/bin/python tests/benchmarks/full_path.py --out bench-results.json
+bench: .venv/farm        ## what steps, trials, robots and training cost, beside what is kept of such a machine
+	.venv/bin/python -m tests.benchmarks.bench --out bench-results.json
 
 image:                   ## container images
 	docker compose build

@@ -14,8 +14,8 @@ import numpy as np
 
 from tests.integration.farm_process import Services, until
 
-JOBS, TRIALS, QUEUED = 10_000, 40, 1_000
-POLICIES, LADDERS, RUNGS = 500, 100, 50
+TRIALS = 40
+POLICIES, RUNGS = 500, 50
 PAGES = (
     "/",
     "/jobs",
@@ -33,12 +33,13 @@ PAGES = (
 OUTCOME = {"kind": "succeeded", "fault": "none", "reason": "reached", "measures": None}
 
 
-def fill(path: Path, policy: str, report: bytes) -> None:
-    """Puts jobs with all their trials and attempts into a stopped farm's database."""
+def fill(path: Path, policy: str, report: bytes, count: int) -> None:
+    """Puts so many jobs with all their trials and attempts into a stopped farm's database; a tenth of them is queued."""
+    queued, ladder_count = count // 10, count // (2 * RUNGS)
     now_s, at = time.time(), "2026-01-01T00:00:00.000Z"
     jobs, trials, attempts, events, reports = [], [], [], [], []
-    for number in range(100, 100 + JOBS):
-        is_done, name = number < 100 + JOBS - QUEUED, f"b{number}"
+    for number in range(100, 100 + count):
+        is_done, name = number < 100 + count - queued, f"b{number}"
         state, done = ("succeeded", TRIALS) if is_done else ("queued", 0)
         ended_at = at if is_done else None
         its_policy = hashlib.sha256(b"%d" % (number % POLICIES)).hexdigest() if is_done else policy
@@ -83,10 +84,10 @@ def fill(path: Path, policy: str, report: bytes) -> None:
         )
         (physics,) = database.execute("select max(number) from physics").fetchone()
         database.execute("update job set physics = ? where job_id like 'b%'", (physics,))
-        ladders = [(number, f"l{number}", f"ladder {number}", "user1", at) for number in range(LADDERS)]
+        ladders = [(number, f"l{number}", f"ladder {number}", "user1", at) for number in range(ladder_count)]
         database.executemany("insert into ladder (number, ladder_id, name, owner, created_at) values (?,?,?,?,?)", ladders)
         rungs = [
-            (number, place, 1e4 * place, 100 + RUNGS * number + place) for number in range(LADDERS) for place in range(RUNGS)
+            (number, place, 1e4 * place, 100 + RUNGS * number + place) for number in range(ladder_count) for place in range(RUNGS)
         ]
         database.executemany("insert into rung (ladder_number, ordinal, step, job_number) values (?,?,?,?)", rungs)
         database.executemany("insert into report (job_number, body, sha256, created_at) values (?,?,?,?)", reports)
@@ -116,6 +117,7 @@ def main() -> None:
     """Fills a farm, starts it with scripted robots, and prints what was measured."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--seconds", type=float, default=40)
+    parser.add_argument("--jobs", type=int, default=10_000, help="in the database; at least 100")
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="trifarm-pages-") as folder:
@@ -131,12 +133,12 @@ def main() -> None:
                 robot.terminate()
                 robot.wait(10)
             farm.stop()
-            fill(Path(folder) / "farm" / "farm.sqlite", policy, report)
+            fill(Path(folder) / "farm" / "farm.sqlite", policy, report, given.jobs)
             farm.start()
             for number in range(4):
                 farm.start_robot(f"robot-{number}", trial_s=2.0)
             until(lambda: farm.robots_in("idle", "leased", "running") == 4, 30, "4 robots at work")
-            found = {"jobs": JOBS, "trials": JOBS * TRIALS, "queued_jobs": QUEUED, "cores": os.cpu_count()}
+            found = {"jobs": given.jobs, "trials": given.jobs * TRIALS, "queued_jobs": given.jobs // 10, "cores": os.cpu_count()}
             found |= {"load_before": os.getloadavg()[0], "pages": measure(farm, given.seconds)}
         finally:
             farm.close()

@@ -1,9 +1,8 @@
-"""Rate of the full path against bare physics, and of a whole farm: ``make bench``.
+"""Rate of the full path against bare physics: ``python tests/benchmarks/full_path.py --physics real``; a part of ``make bench``.
 
 In one run, on the same recorded trials: (a) the full path, a robot with its jailed policy, safety, tracker and 1 kHz log, and
-(b) bare ``mj_step`` of the same model driven by the recorded torques, both pinned to one core and taken in turns: once with
-nominal robots and once with all effects of ``real``, their truth written, too; then (c) the time from submission to report of a
-40-trial push job on a nominal farm of 4 robots. Figures are ratios within the run.
+(b) bare ``mj_step`` of the same model driven by the recorded torques, both pinned to one core and taken in turns: with nominal
+robots, or with all effects of ``real``, their truth written, too.
 """
 
 import argparse
@@ -39,9 +38,7 @@ from trial_logs.reader import TrialLog, read_log, read_truth
 
 ROOT = Path(__file__).parent.parent.parent
 REFERENCE = ROOT / "sim_backend/training/reference_policies/push.safetensors"
-FLOOR_RATIO = {"nominal": 0.5, "real": 0.4}
 TRIAL_S = 15.0
-FARM_FACTOR = 1.3
 FIRST_SEED = 500
 
 
@@ -143,7 +140,6 @@ def one_core_rates(trials: int, physics: str) -> dict:
         "ratio": median(ratios),
         "ratio_min": min(ratios),
         "ratio_max": max(ratios),
-        "floor": FLOOR_RATIO.get(physics),
     }
 
 
@@ -162,66 +158,15 @@ def _lease(manifest: PolicyManifest, seed: int) -> Lease:
     )
 
 
-def farm_s(robots: int, trials: int, jobs: int) -> list[float]:
-    """Submit-to-report times of push jobs on a farm of its own, policy processes and all."""
-    from tests.end_to_end.farm import Farm
-
-    times = []
-    with tempfile.TemporaryDirectory() as name, Farm(Path(name), robots=robots) as farm:
-        for index in range(jobs):
-            started_s = time.perf_counter()
-            job = farm.submit(REFERENCE, trials=trials, seed=100 + index, wait=True)
-            times.append(time.perf_counter() - started_s)
-            report = farm.report(job)
-            assert report["trials"] == trials, report
-    return times
-
-
-def _rates(trials: int, physics: str) -> dict:
-    """The rates from a process of their own, which is pinned to a core."""
-    command = [sys.executable, __file__, "--rates", physics, "--trials", str(trials)]
-    return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-
-
-def main() -> int:
-    """Measure, print, and keep the figures as a file."""
+def main() -> None:
+    """Print the rates as JSON; the process is pinned to a core."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--trials", type=int, default=8, help="trials for the one-core rates")
-    parser.add_argument("--jobs", type=int, default=3, help="40-trial jobs on the farm")
-    parser.add_argument("--out", type=Path, help="also write the figures as JSON")
-    rates = "only measure and print the one-core rates with these physics, as JSON"
-    parser.add_argument("--rates", metavar="PHYSICS", help=rates)
+    parser.add_argument("--trials", type=int, default=8)
+    parser.add_argument("--physics", default="nominal")
     options = parser.parse_args()
-    if options.rates:
-        print(json.dumps(one_core_rates(options.trials, options.rates)))
-        return 0
-    before, real = _rates(options.trials, "nominal"), _rates(options.trials, "real")
-    times = farm_s(robots=4, trials=40, jobs=options.jobs)
-    after = _rates(options.trials, "nominal")
-    rate = median([before["full_path_rate"], after["full_path_rate"]])
-    allowed_s = FARM_FACTOR * 40 * TRIAL_S / (2 * rate)
-    ratio = median([before["ratio"], after["ratio"]])
-    figures = {
-        "one_core_before": before,
-        "one_core_after": after,
-        "one_core_real": real,
-        "ratio": ratio,
-        "ratio_real": real["ratio"],
-        "farm_submit_to_report_s": times,
-        "farm_factor": median(times) / (40 * TRIAL_S / (2 * rate)),
-        "allowed_factor": FARM_FACTOR,
-    }
-    for name, measured in (("full path", {**before, "full_path_rate": rate, "ratio": ratio}), ("with real", real)):
-        speed = f"{measured['full_path_rate']:.1f} simulated s per wall s and core"
-        print(f"{name}   {speed}; {measured['ratio']:.2f} of bare mj_step (floor {measured['floor']})")
-    within = f"{median(times):.1f} s from submission to report (allowed {allowed_s:.1f})"
-    print(f"40 trials   {within}: factor {figures['farm_factor']:.2f} (allowed {FARM_FACTOR})")
-    if options.out:
-        options.out.write_text(json.dumps(figures, indent=2) + "\n")
-    fast = ratio >= before["floor"] and real["ratio"] >= real["floor"]
-    return 0 if fast and median(times) <= allowed_s else 1
+    print(json.dumps(one_core_rates(options.trials, options.physics)))
 
 
 if __name__ == "__main__":
     sys.path.insert(0, str(ROOT))
-    sys.exit(main())
+    main()

@@ -113,15 +113,16 @@ def summary_of_rates(blocks: list[dict]) -> dict:
     return summary
 
 
-def ppo_shares(recipe: str, threads: int, iterations: int) -> dict:
+def ppo_shares(recipe: str, robots: int, threads: int, iterations: int) -> dict:
     """What the loop of PPO spends its time on, as shares of the clock, once all robots have begun."""
     from sim_backend.training.recipe import Recipe, load_recipe
     from sim_backend.training.train import Run
 
     name, settings = load_recipe(recipe)
     assert isinstance(settings, Recipe), "PPO's own loop"
-    samples = settings.ppo.robots * settings.ppo.steps * iterations
-    quick = settings.model_copy(update={"samples": samples, "minutes": None})
+    samples = robots * settings.ppo.steps * iterations
+    ppo = settings.ppo.model_copy(update={"robots": robots, "minibatch": min(settings.ppo.minibatch, samples // iterations)})
+    quick = settings.model_copy(update={"samples": samples, "minutes": None, "ppo": ppo})
     watches = {name: Stopwatch() for name in ("begin", "physics", "environment", "act", "update")}
     with tempfile.TemporaryDirectory() as folder:
         run = Run(name, quick, Path(folder), threads=threads, tell=lambda _line: None)
@@ -166,6 +167,7 @@ def main() -> None:
     parser.add_argument("--blocks", type=int, default=8)
     parser.add_argument("--periods", type=int, default=20)
     parser.add_argument("--iterations", type=int, default=4)
+    parser.add_argument("--recipes", nargs="+", default=["push", "push-randomized"])
     options = parser.parse_args()
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     found = {
@@ -173,7 +175,7 @@ def main() -> None:
         "threads": options.threads,
         "load_before": os.getloadavg()[0],
         "rates": summary_of_rates(rates(options.robots, options.threads, options.blocks, options.periods)),
-        "ppo": [ppo_shares(recipe, options.threads, options.iterations) for recipe in ("push", "push-randomized")],
+        "ppo": [ppo_shares(recipe, options.robots, options.threads, options.iterations) for recipe in options.recipes],
         "load_after": os.getloadavg()[0],
     }
     text = json.dumps(found, indent=2)

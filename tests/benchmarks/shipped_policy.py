@@ -20,7 +20,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 ROOT = Path(__file__).parent.parent.parent
-TEACHER = ROOT / "docs" / "results" / "published-experts-farms.json"
+TEACHER = ROOT / "results" / "published-experts-farms.json"
 FIRST_FRESH_SEED = 60_000_000
 PIECE = 40
 POLL_S = 10.0

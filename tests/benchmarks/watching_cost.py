@@ -30,7 +30,6 @@ from trial_logs.reader import read_log
 
 EVERY_S = 0.1
 REPEATED = 2000
-PAIRS = 3
 
 
 def cpu_us(work) -> float:
@@ -77,13 +76,14 @@ def main() -> None:
     """Measures and prints."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--pairs", type=int, default=3, help="trials that are not shown, and as many that are")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name, JailedPolicy("linear", linear(Path(name) / "linear.onnx")) as policy:
         folder, driver, channels = Path(name), SimulatedDriver(), log_channels()
         trial(folder, policy, driver, channels, shown=False)  # compiled, and in every cache
         runs = [
             (trial(folder, policy, driver, channels, shown=False), trial(folder, policy, driver, channels, shown=True))
-            for _ in range(PAIRS)
+            for _ in range(given.pairs)
         ]
     progress = runs[-1][1]["progress"]
     leased = lease()

@@ -1,0 +1,120 @@
+"""Every program that measures something still runs: each is started with arguments by which it takes a few seconds."""
+
+import importlib.util
+import runpy
+import shlex
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests import ROOT
+from tests.browser.conftest import CHROMIUM
+
+PROGRAMS = ROOT / "tests/benchmarks"
+EXPERTS = ROOT.parent / "shared/data/policies"
+PUSH = "sim_backend/training/reference_policies/push.safetensors"
+QUICK = {
+    "bench": ["--quick --parts bare --out {to}/figures.json"],
+    "claim_cost": ["--many 1000 --claims 5 --out {to}/cost.json"],
+    "dashboard_pages": ["--jobs 100 --seconds 0.1 --out {to}/pages.json"],
+    "form_outcomes": [
+        f"run --checkout {ROOT} --experts {{experts}} --goals 2 --policies push-adr --to {{to}}/goals.jsonl",
+        "compare --old {to}/goals.jsonl --new {to}/goals.jsonl --out {to}/outcomes.json",
+    ],
+    "http_document": ["{document} {document}"],
+    "record_observations": ["--out {to}/recorded.safetensors"],
+    "shipped_policy": [f"{PUSH} --task push --trials 1 --farm-seeds 7001 --physics-step 0.004 --out {{to}}/policy.json"],
+    "verdict_times": ["--uploads 1 --out {to}/verdicts.json"],
+}
+"""Each program's command lines, one after the other."""
+LARGER = {
+    "against": [f"{ROOT} --rounds 1 --out {{to}}/rounds.jsonl --summary {{to}}/summary.json"],
+    "attacked_farm": ["--pairs 1 --attack 'spin for ever' --out {to}/attacked.json"],
+    "bench": ["--quick --out {to}/figures.json"],
+    "crowd": ["--jobs 40 --trials 1 --minutes 0.001 --out {to}/crowd.json"],
+    "full_path": ["--trials 1"],
+    "grasp_controller": ["--trials 1 --tasks move_cube_1 --out {to}/grasp.json"],
+    "learning_rate": ["--robots 16 --threads 1 --blocks 1 --periods 10 --iterations 1 --recipes push --out {to}/rates.json"],
+    "peer": ["--experts {experts} --episodes 1 --tasks push --steps 50 --out {to}/peer.json"],
+    "published_experts": ["band --experts {experts} --trials 1 --out {to}/band.json"],
+    "replay_opening": ["--out {to}/opening.json"],
+    "same_bits": [
+        f"record --checkout {ROOT} --to {{to}}/farm --trials 1 --physics nominal",
+        "compare {to}/farm/results {to}/farm/results",
+    ],
+    "success_gain_oracle": ["--experts {experts} --trials 2 --out {to}/gain.json"],
+    "two_homes": ["--trials 1 --jobs 1 --out {to}/homes.json"],
+    "two_hosts": ["--trials 1 --robots 1 --out {to}/hosts.json"],
+    "watching_cost": ["--pairs 1 --out {to}/watching.json"],
+}
+MAY_MISS = {"attacked_farm", "crowd", "shipped_policy", "verdict_times"}
+"""Programs that end with 1 where a figure misses its limit, as it may in so short a run."""
+ELSEWHERE = {
+    "attacking_robot_policy": "tests/benchmarks/attacked_farm.py",
+    "in_checkout": "tests/benchmarks/against.py",
+    "peer_episode": "tests/benchmarks/peer.py",
+    "robots_of_a_host": "tests/unit/benchmarks/test_robots_of_a_host.py",
+}
+"""Who starts the other programs."""
+
+
+def why_not(name: str, lines: list[str]) -> str | None:
+    """What a program needs and this machine lacks."""
+    if any("{experts}" in line for line in lines) and not EXPERTS.is_dir():
+        return "the published experts are not beside this checkout (../shared/data/policies)"
+    if name == "learning_rate" and importlib.util.find_spec("torch") is None:
+        return "torch is not installed"
+    if name == "replay_opening" and not Path(CHROMIUM).exists():
+        return f"there is no {CHROMIUM}"
+    if name == "peer":
+        from tests.benchmarks.peer import missing
+
+        return missing(EXPERTS, make=False)
+    return None
+
+
+def started(name, words, monkeypatch):
+    """Runs a program in this process, whose libraries are loaded already; gives its exit code."""
+    monkeypatch.setattr(sys, "argv", [f"{name}.py", *words])
+    try:
+        runpy.run_path(str(PROGRAMS / f"{name}.py"), run_name="__main__")
+    except SystemExit as ended:
+        if isinstance(ended.code, str):
+            pytest.skip(ended.code)
+        return ended.code or 0
+    return 0
+
+
+def try_program(name, lines, folder, monkeypatch, capsys):
+    """Runs its command lines; each ends as it should, says something and writes the files that it was told to write."""
+    if (reason := why_not(name, lines)) is not None:
+        pytest.skip(reason)
+    document = folder / "openapi.json"
+    document.write_text('{"paths": {}, "components": {"schemas": {}}}')
+    monkeypatch.chdir(ROOT)
+    for line in lines:
+        words = shlex.split(line.format(to=folder, experts=EXPERTS, document=document))
+        assert started(name, words, monkeypatch) in ({0, 1} if name in MAY_MISS else {0})
+        assert capsys.readouterr().out.strip(), f"{name} said nothing"
+        written = [Path(word) for word in words if word.startswith(str(folder)) and Path(word).suffix]
+        assert all(path.stat().st_size for path in written)
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_a_program_runs_and_says_what_it_found(name, tmp_path, monkeypatch, capsys):
+    try_program(name, QUICK[name], tmp_path, monkeypatch, capsys)
+
+
+@pytest.mark.scale
+@pytest.mark.parametrize("name", LARGER)
+def test_a_program_that_takes_longer_runs(name, tmp_path, monkeypatch, capsys):
+    """As `test_a_program_runs_and_says_what_it_found`, for programs that need farms, browsers, databases or many seconds."""
+    try_program(name, LARGER[name], tmp_path, monkeypatch, capsys)
+
+
+def test_no_program_is_left_out():
+    programs = {path.stem for path in PROGRAMS.glob("*.py") if "__main__" in path.read_text()}
+    assert programs == {*QUICK, *LARGER, *ELSEWHERE}
+    for name, starter in ELSEWHERE.items():
+        assert name in (ROOT / starter).read_text(), f"{starter} does not start {name}"
