@@ -1,5 +1,7 @@
 # trifarm: at most ten targets; each makes the .venv it needs.
 PYTHON ?= python3
+# many tests wait for farms: twice as many processes as cores
+PROCESSES ?= $(shell expr 2 \* $$(nproc))
 PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
 .PHONY: setup demo test test-all check up bench image homes clean
@@ -10,10 +12,10 @@ demo: .venv/farm         ## 40 push trials of the reference policy on 4 robots, 
 	.venv/bin/trifarm demo
 
 test: .venv/full         ## every claim once; prints the ten slowest tests
-	.venv/bin/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder --durations 10 -m "not scale"
+	.venv/bin/python -m pytest -q -n $(PROCESSES) --dist loadfile --no-loadscope-reorder --durations 10 -m "not scale"
 
 test-all: .venv/full     ## all tests, also those that repeat a claim at larger scale
-	.venv/bin/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder --durations 10
+	.venv/bin/python -m pytest -q -n $(PROCESSES) --dist loadfile --no-loadscope-reorder --durations 10
 
 check: .venv/full        ## style, types, import rules
 	.venv/bin/ruff check .

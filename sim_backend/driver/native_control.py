@@ -160,8 +160,13 @@ def _no_clock() -> Any:
     return stand_still
 
 
+def silence_warnings() -> None:
+    """Keep MuJoCo from writing its warnings into the user's folder: who simulates looks at its counters or at what came out."""
+    mujoco.set_mju_user_warning(_silence().ctypes)
+
+
 def install() -> None:
     """Make MuJoCo call the compiled safety pipeline in this process (it acts only on models that reserve its slots)."""
     mujoco.set_mjcb_control(_compiled().ctypes)
-    mujoco.set_mju_user_warning(_silence().ctypes)
+    silence_warnings()
     mujoco.set_mjcb_time(_no_clock().ctypes)

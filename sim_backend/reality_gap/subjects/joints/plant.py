@@ -79,9 +79,12 @@ class Plant:
         return self._v
 
     def forward_model(self) -> mujoco.MjModel:
-        """A copy to simulate: with dry friction, without contacts, limits, equalities, tendons' friction and actuators."""
+        """A copy to simulate: with dry friction, without contacts, limits, equalities, tendons' friction and actuators.
+
+        What diverges stays so, and does not begin anew.
+        """
         copy = mujoco.MjModel.__copy__(self._unchanged)
-        for flag in ("CONTACT", "LIMIT", "EQUALITY", "ACTUATION"):
+        for flag in ("CONTACT", "LIMIT", "EQUALITY", "ACTUATION", "AUTORESET"):
             copy.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
         copy.tendon_frictionloss[:] = 0.0
         copy.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 from mujoco.rollout import rollout
 
+from sim_backend.driver.native_control import silence_warnings
 from sim_backend.reality_gap.subjects.joints.plant import Plant
 
 _LONGEST_STEP_S = 0.002
@@ -54,6 +55,7 @@ class Rollouts:
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
+        silence_warnings()
 
     def errors(self, motions: Sequence[Motion], starts: Sequence[np.ndarray], window_s: float, losses: Losses) -> np.ndarray:
         """How far each joint is from where it was, as a share of how far it moved, in each window; shape (w, k).

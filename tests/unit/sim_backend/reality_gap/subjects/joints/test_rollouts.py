@@ -51,6 +51,14 @@ def test_neither_smaller_nor_larger_motion_is_easier(factor):
     assert np.all(np.median(shares(read), axis=0) > 0.02)
 
 
+def test_a_simulation_that_diverges_is_infinitely_far_and_writes_no_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (motion,) = swings(1, 1.0)
+    pushed = Motion(motion.position, motion.velocity, np.full_like(motion.torque, 1e300), STEP_S, motion.known)
+    assert np.isinf(shares([pushed])).all()
+    assert not list(tmp_path.iterdir())
+
+
 def test_windows_leave_out_what_was_not_measured():
     (motion,) = swings(1, 1.0)
     motion.known[250] = False
