@@ -2,10 +2,14 @@
 
 import os
 import signal
+from pathlib import Path
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # read when numpy is first imported, which the next line does
     os.environ.setdefault(name, "1")
 
+import pytest  # noqa: E402
+
+from tests import ROOT  # noqa: E402
 from tests.homes import postgres, s3  # noqa: E402, F401  fixtures of the whole run
 
 
@@ -14,3 +18,18 @@ def pytest_configure() -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     os.environ["ORT_DISABLE_TELEMETRY"] = "1"
+
+
+_COMPUTE = ("architecture", "identification", "unit")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files that compute take turns with those that wait for farms and browsers, so that cores have always something to do."""
+    files: dict[Path, list[pytest.Item]] = {}
+    for item in items:
+        files.setdefault(item.path, []).append(item)
+    kinds: dict[bool, list[Path]] = {True: [], False: []}
+    for path in files:
+        kinds[path.relative_to(ROOT / "tests").parts[0] in _COMPUTE].append(path)
+    placed = [(place / len(paths), path) for paths in kinds.values() for place, path in enumerate(paths)]
+    items[:] = [item for _, path in sorted(placed, key=lambda each: each[0]) for item in files[path]]

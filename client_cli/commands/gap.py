@@ -27,6 +27,7 @@ class Method(StrEnum):
     """Ways from data to a better model."""
 
     NAMING = "naming"
+    ROLLOUTS = "rollouts"
     SIMOPT = "simopt"
     COORDINATE_DESCENT = "coordinate-descent"
 
@@ -40,7 +41,8 @@ def study(
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results; by default gap-NAME.")] = None,
     method: Annotated[
-        Method, typer.Option("--method", help="naming names the cause; the others calibrate all parameters, for comparison.")
+        Method,
+        typer.Option("--method", help="naming and rollouts name causes, by torques or by motions; the others only calibrate."),
     ] = Method.NAMING,
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the study; by default 0.")] = None,
     trials: Annotated[

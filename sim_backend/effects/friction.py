@@ -15,7 +15,7 @@ from sim_backend.effects.effect import Acts, Effect, Group, Parameter, per_joint
 from sim_backend.trifinger import constants as c
 
 if TYPE_CHECKING:
-    from mujoco import MjsJoint, MjSpec
+    from mujoco import MjModel, MjsJoint, MjSpec
 
 DIRECTION_SPEED_RAD_S = 0.02
 """Within this speed the bound blends from one direction's to the other's."""
@@ -48,6 +48,11 @@ def set_bound(joint: "MjsJoint", torque_nm: float) -> None:
     joint.frictionloss = torque_nm
     if torque_nm > 0.0:
         joint.solref_friction, joint.solimp_friction = _SOLREF, _SOLIMP
+
+
+def make_stiff(model: "MjModel", dofs: np.ndarray) -> None:
+    """Let the friction constraints of some degrees of freedom of a compiled model stick as those of :func:`set_bound` do."""
+    model.dof_solref[dofs], model.dof_solimp[dofs] = _SOLREF, _SOLIMP
 
 
 @numba.njit(inline="always")

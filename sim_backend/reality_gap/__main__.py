@@ -5,12 +5,16 @@ Exit codes: 0 a verdict was reached, whichever; 2 usage, or data that cannot be 
 
 import argparse
 import json
+import os
 import sys
 import time
 from pathlib import Path
 
-from sim_backend.reality_gap.recording import RecordingError
-from sim_backend.reality_gap.refusal import refused
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy is imported: threads of small matrices only wait
+    os.environ.setdefault(name, "1")
+
+from sim_backend.reality_gap.recording import RecordingError  # noqa: E402
+from sim_backend.reality_gap.refusal import refused  # noqa: E402
 
 EXIT_INTERRUPTED = 130
 _QUIET_S = 1.0

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sim_backend.reality_gap.feedback import Feedback
+
 
 class RecordingError(ValueError):
     """Data that cannot be used; the message names file, column, row and reason, and says what to do."""
@@ -35,6 +37,7 @@ class JointSignals:
         position_step_s: from one position to the next as they were reported, of each joint, where some are slower than the grid
             and were bridged by straight lines, shape (k,); None where none is.
         outliers: samples of positions and torques that were left out.
+        feedback: what turned position targets into torque, of joints of which it is known; None where it is of none.
     """
 
     names: tuple[str, ...]
@@ -47,6 +50,7 @@ class JointSignals:
     temperature_rise_k: np.ndarray | None = None
     position_step_s: np.ndarray | None = None
     outliers: tuple[Outlier, ...] = ()
+    feedback: Feedback | None = None
 
 
 @dataclass(frozen=True)

@@ -93,8 +93,10 @@ def verdict_of(material: Material, rng: np.random.Generator, progress: Progress)
     asked = [subject for subject in SUBJECTS if subject.seen_in(material)]
     if not asked:
         raise RecordingError("the recordings have neither joints nor objects that could be compared with a model")
-    is_foreign = material.study_file is not None
-    known = UnknownRobot() if is_foreign else KnownTriFinger.seen_in(joints.seen_in(material))
+    if material.study_file is not None:
+        known = UnknownRobot(material.study_file.tolerance)
+    else:
+        known = KnownTriFinger.seen_in(joints.seen_in(material))
     found = [subject.study(material, known, rng, own) for subject, own in zip(asked, _shares(asked, progress), strict=True)]
     verdict, sections = joined([verdict for verdict, _ in found]), {}
     for _, own in reversed(found):

@@ -14,6 +14,7 @@ GAP = Path(__file__).parents[2] / "sim_backend" / "reality_gap"
 LAWS = {
     "model/native_laws.py",
     "subjects/joints/body_law.py",
+    "subjects/joints/forward.py",
     "subjects/joints/motor_law.py",
     "subjects/joints/sent_torque.py",
     "subjects/tosses/models.py",

@@ -11,7 +11,7 @@ from tests import ROOT
 LONGEST_BODY = 60
 """Lines, without signature and docstring."""
 PACKAGES = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["root_packages"]
-OF_THE_TESTS = {"benchmarks"}
+OF_THE_TESTS = {"benchmarks", "second_generator"}
 """Folders below ``tests/unit`` that test other tests."""
 
 

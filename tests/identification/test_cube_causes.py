@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.bench.cube_sessions import healthy_physics, sessions_with_pushes
 from sim_backend.reality_gap.subjects.cube.replay import PushReplay
 from sim_backend.reality_gap.subjects.cube.study import CubeStudy, study_cube
@@ -37,35 +36,47 @@ HIDDEN = {
     "table_friction": Hidden("table_friction.coefficient", 0.7, 0.08),
     "fingertip_friction": Hidden("fingertip_friction.coefficient", 0.6, 0.1),
 }
+COUNTED = ("tracking_dropout", "orientation_jumps")
+"""Effects that a tracker's reports are counted for, without pushes."""
 JOINTS = "coulomb_friction.torque_nm"
 
 
+ROBOTS = (*HIDDEN, "healthy", JOINTS)
+
+
 @pytest.fixture(scope="module")
-def studies() -> dict[str, CubeStudy]:
-    rows = [healthy_physics(np.random.default_rng([SEED, i]), 1) for i in range(len(HIDDEN) + 2)]
-    for i, hidden in enumerate(HIDDEN.values()):
-        rows[i] = rows[i].changed({hidden.key: [hidden.value] if isinstance(hidden.value, list) else hidden.value})
-    rows[-1] = rows[-1].changed({JOINTS: np.full((1, 9), 0.03)})
-    replay, found = PushReplay(), {}
-    sessions = sessions_with_pushes(Physics.stack(rows), [SEED + i for i in range(len(rows))])
-    for name, recordings in zip([*HIDDEN, "healthy", JOINTS], sessions, strict=True):
-        found[name] = study_cube(recordings, np.random.default_rng(1), replay=replay)
-    return found
+def replay() -> PushReplay:
+    return PushReplay()
 
 
-@pytest.mark.parametrize("effect", HIDDEN)
-def test_the_effect_is_named_and_its_size_is_right(effect, studies):
-    verdict, hidden = studies[effect].verdict, HIDDEN[effect]
-    assert effect in {cause.effect for cause in verdict.causes}, verdict.summary
-    value = np.array([cause.value for cause in verdict.causes if cause.effect == effect])
+def study_of(robot: str, replay: PushReplay) -> CubeStudy:
+    index = ROBOTS.index(robot)
+    physics = healthy_physics(np.random.default_rng([SEED, index]), 1)
+    if robot == JOINTS:
+        physics = physics.changed({JOINTS: np.full((1, 9), 0.03)})
+    elif robot in HIDDEN:
+        hidden = HIDDEN[robot]
+        physics = physics.changed({hidden.key: [hidden.value] if isinstance(hidden.value, list) else hidden.value})
+    (recordings,) = sessions_with_pushes(physics, [SEED + index])
+    return study_cube(recordings, np.random.default_rng(1), replay=replay)
+
+
+@pytest.mark.parametrize("effect", [pytest.param(name, marks=[pytest.mark.scale] * (name in COUNTED)) for name in HIDDEN])
+def test_the_effect_is_named_and_its_size_is_right(effect, replay):
+    """At scale with what reports are counted for, of which `test_many_losses_and_jumps_are_named` has both."""
+    study, hidden = study_of(effect, replay), HIDDEN[effect]
+    assert effect in {cause.effect for cause in study.verdict.causes}, study.verdict.summary
+    value = np.array([cause.value for cause in study.verdict.causes if cause.effect == effect])
     assert np.linalg.norm(value - np.array(hidden.value)) < hidden.tolerance
-    assert studies[effect].ranking[0].effect == effect or verdict.verdict is VerdictKind.CONFUSABLE
+    assert study.ranking[0].effect == effect or study.verdict.verdict is VerdictKind.CONFUSABLE
 
 
-def test_a_healthy_robot_is_healthy(studies):
-    assert studies["healthy"].verdict.verdict is VerdictKind.NOTHING_WRONG, studies["healthy"].verdict.summary
+def test_a_healthy_robot_is_healthy(replay):
+    verdict = study_of("healthy", replay).verdict
+    assert verdict.verdict is VerdictKind.NOTHING_WRONG, verdict.summary
 
 
-def test_friction_of_the_joints_is_not_named_as_the_cubes(studies):
-    assert studies[JOINTS].verdict.verdict is VerdictKind.UNEXPLAINED
-    assert studies[JOINTS].verdict.follows
+def test_friction_of_the_joints_is_not_named_as_the_cubes(replay):
+    verdict = study_of(JOINTS, replay).verdict
+    assert verdict.verdict is VerdictKind.UNEXPLAINED
+    assert verdict.follows

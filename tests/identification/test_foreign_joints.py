@@ -107,5 +107,9 @@ def test_a_tilted_base_is_told_as_gravity():
     assert next(c for c in verdict.causes if c.where == "x").value == pytest.approx(0.5, rel=0.03)
 
 
+def test_nothing_is_wrong_with_an_arm_whose_masses_are_not_exact():
+    assert verdict_of(arm(masses=(1.015, 0.692, 0.303))).verdict is VerdictKind.NOTHING_WRONG
+
+
 def test_nothing_is_wrong_with_the_nominal_arm():
     assert verdict_of(arm()).verdict is VerdictKind.NOTHING_WRONG

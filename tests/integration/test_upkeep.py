@@ -8,6 +8,9 @@ import pytest
 
 from tests.integration.farm_process import ROOT, services, until
 
+MANY = 400
+"""Trials of a job that has not ended when two backups have been made, however slow a machine is at them."""
+
 
 def trifarm(*arguments, code=0):
     ran = subprocess.run(
@@ -33,10 +36,11 @@ def done(farm):
 
 
 def test_a_backup_of_a_running_farm_is_restored_elsewhere_with_the_same_reports_and_goes_on(farm, done, tmp_path):
-    running = farm.submit(farm.policy(), trials=120, seed=2).json()["job_id"]
-    until(lambda: farm.job(running)["trials_done"] > 10, 20, "some trials to be done")
+    running = farm.submit(farm.policy(), trials=MANY, seed=2).json()["job_id"]
+    until(lambda: farm.job(running)["trials_done"] > 10, 60, "some trials to be done")
     first = trifarm("backup", "--data", farm.data, "--to", tmp_path / "backup")
-    until(lambda: farm.job(running)["trials_done"] > 30, 20, "more trials to be done")
+    already = farm.job(running)["trials_done"]
+    until(lambda: farm.job(running)["trials_done"] > already + 10, 60, "more trials to be done")
     second = trifarm("backup", "--data", farm.data, "--to", tmp_path / "backup")
     farm.admin.post(f"/v1/jobs/{running}/cancel")
     assert (first["missing"], second["missing"]) == (0, 0)
@@ -53,9 +57,9 @@ def test_a_backup_of_a_running_farm_is_restored_elsewhere_with_the_same_reports_
         assert restored.admin.get(f"/v1/jobs/{done}/trials/3/truth").status_code == 200
         # What ran at the time of the backup runs on: its robots are gone, and others take their trials.
         kept = restored.job(running)["trials_done"]
-        assert kept >= 30
-        restored.start_robots(2)
-        assert restored.wait_for_end(running, 100)["trials_done"] == 120
+        assert kept > already
+        restored.start_robots(4, trial_s=0.05)
+        assert restored.wait_for_end(running, 100)["trials_done"] == MANY
 
 
 def test_folders_that_cannot_be_used_are_refused_with_a_sentence(farm, done, tmp_path):

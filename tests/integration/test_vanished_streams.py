@@ -11,10 +11,13 @@ from tests.integration.two_hosts import hosts  # noqa: F401  a fixture
 READERS = """
 import socket, sys, time
 host, port, path, token, count = sys.argv[1:]
-streams = [socket.create_connection((host, int(port)), timeout=60) for _ in range(int(count))]
-for stream in streams:
+streams = []
+for _ in range(int(count)):  # each asks at once: a connection that waits with its request is closed
+    stream = socket.create_connection((host, int(port)), timeout=60)
+    streams.append(stream)
     stream.sendall(f"GET {path} HTTP/1.1\\r\\nHost: {host}\\r\\nAuthorization: Bearer {token}\\r\\n\\r\\n".encode())
-    assert stream.recv(4096).startswith(b"HTTP/1.1 200"), "no stream"
+    answer = stream.recv(4096)
+    assert answer.startswith(b"HTTP/1.1 200"), f"no stream, but {answer[:300]!r}"
 print("open", flush=True)
 time.sleep(600)
 """

@@ -59,6 +59,8 @@ class Number:
         begins_at_load: whether it is tried at shares of the largest load instead of probes.
         held: its scale while noise is measured, so that it does not explain noise away; 0 if it stays.
         model_field: where a compiled model keeps it as an absolute value of a joint.
+        tolerated_as: which of a model's tolerances (``known_of_robot.Tolerance``) its own value of it has.
+        samples_off: standard deviation of what of it may come of how an unknown robot samples and writes, in samples.
     """
 
     key: str
@@ -69,6 +71,8 @@ class Number:
     begins_at_load: bool = False
     held: float = 0.0
     model_field: str = ""
+    tolerated_as: str = ""
+    samples_off: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -111,8 +115,8 @@ def _sent(number: Number) -> JointEffect:
 
 
 _ENTRIES = (
-    _at(Channel.MECHANICS, Number("coulomb_friction.torque_nm", 0.05, model_field="dof_frictionloss")),
-    _at(Channel.MECHANICS, Number("viscous_friction.damping_nm_s_rad", 0.02, model_field="dof_damping")),
+    _at(Channel.MECHANICS, Number("coulomb_friction.torque_nm", 0.05, model_field="dof_frictionloss", tolerated_as="friction")),
+    _at(Channel.MECHANICS, Number("viscous_friction.damping_nm_s_rad", 0.02, model_field="dof_damping", tolerated_as="friction")),
     _at(
         Channel.MECHANICS,
         Number("stribeck_friction.extra_nm", 0.03, shape=Shape("stribeck_friction.speed_rad_s", (0.04, 0.12, 0.35), scale=0.1)),
@@ -120,7 +124,11 @@ _ENTRIES = (
     _at(Channel.MECHANICS, Number("load_friction.coefficient", 0.15)),
     _at(Channel.MECHANICS, Number("directional_friction.difference_nm", 0.03, probes=(-0.01, 0.01))),
     _at(Channel.MECHANICS, Number("backlash.gap_rad", 0.01, probes=(0.003, 0.01, 0.03))),
-    JointEffect(Channel.CURRENT, (Number("action_delay.delay_s", 0.005, probes=(0.001, 0.004, 0.015)),), in_commands=True),
+    JointEffect(
+        Channel.CURRENT,
+        (Number("action_delay.delay_s", 0.005, probes=(0.001, 0.004, 0.015), samples_off=0.05),),
+        in_commands=True,
+    ),
     JointEffect(Channel.MECHANICS, (Number("torque_constant.error", 0.1, held=0.02),), scales_everything=True),
     _at(Channel.CURRENT, Number("torque_saturation.limit_nm", 0.2, begins_at_load=True)),
     JointEffect(Channel.CURRENT, (Number("supply_sag.loss_per_nm", 0.2, probes=(0.05, 0.15, 0.4)),), of_the_driver=True),
@@ -135,15 +143,18 @@ _ENTRIES = (
     ),
     _at(Channel.MECHANICS, Number("cogging.amplitude_nm", 0.01, shape=Shape("cogging.phase_rad", (0.0, np.pi / 2), Plane.WAVE))),
     JointEffect(
-        Channel.MECHANICS, (Number("link_mass.factor", 0.2, held=0.03),), scales_everything=True, reaches_other_joints=True
+        Channel.MECHANICS,
+        (Number("link_mass.factor", 0.2, held=0.03, tolerated_as="mass"),),
+        scales_everything=True,
+        reaches_other_joints=True,
     ),
-    _at(Channel.MECHANICS, Number("rotor_inertia.armature_kg_m2", 5e-4, model_field="dof_armature")),
+    _at(Channel.MECHANICS, Number("rotor_inertia.armature_kg_m2", 5e-4, model_field="dof_armature", tolerated_as="inertia")),
     _at(
         Channel.MECHANICS,
         Number("joint_stiffness.stiffness_nm_rad", 0.02, shape=Shape("joint_stiffness.reference_rad", (-2.0, 1.0), Plane.SPRING)),
     ),
     _at(Channel.MECHANICS, Number("encoder_offset.offset_rad", 0.02)),
-    _at(Channel.VELOCITY, Number("velocity_filter.time_constant_s", 0.005)),
+    _at(Channel.VELOCITY, Number("velocity_filter.time_constant_s", 0.005, samples_off=1.0)),
     _sent(Number("position_gain.factor", 0.3)),
     _sent(Number("safety_damping.factor", 0.3)),
     _sent(Number("timing_jitter.std_s", 0.005, probes=(0.0005, 0.001, 0.002, 0.004))),

@@ -5,7 +5,7 @@ where the recordings come from: anybody's data have a study file, the farm's log
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -49,6 +49,25 @@ class KnownTriFinger:
 
 
 @dataclass(frozen=True)
+class Tolerance:
+    """By how much a robot that nothing is wrong with may differ from its model: shares of the model's own values.
+
+    They are twice the standard deviation. Nobody's model is exact: without them a mass that is 1 % off would be called friction.
+
+    Attributes:
+        mass: of each link, its inertia with it.
+        inertia: of each link beside its mass, and of each rotor.
+        centre: of mass, as a share of its distance from the link's joint.
+        friction: of the friction and the damping that the model has.
+    """
+
+    mass: float = 0.02
+    inertia: float = 0.05
+    centre: float = 0.02
+    friction: float = 0.05
+
+
+@dataclass(frozen=True)
 class UnknownRobot:
     """Any other robot: its nominal model is all that is known of it. Attributes are those of :class:`KnownTriFinger`.
 
@@ -56,6 +75,7 @@ class UnknownRobot:
     of the motors, so that a limit is looked for further down. What is left must be more than what was explained.
     """
 
+    tolerance: Tolerance = field(default_factory=Tolerance)
     healthy: ClassVar[HealthySessions] = NO_SESSIONS
     cutoff_hz: ClassVar[float] = 12.0
     granted: ClassVar[float] = 0.2

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from sim_backend.reality_gap.feedback import Feedback
 from sim_backend.reality_gap.measured.foreign import time_grid
 from sim_backend.reality_gap.measured.foreign.data_table import find
 from sim_backend.reality_gap.measured.foreign.measurement_units import chosen_factor
@@ -32,16 +33,14 @@ def joint_signals(
 ) -> JointSignals:
     """Joints on a grid: positions unwrapped, commands held, everything in the model's direction and zero.
 
-    A joint without any torque, but with position targets, was sent what the controller makes of them.
+    A joint without any torque, but with position targets, was sent what the servo or the controller makes of them.
 
     Raises:
         RecordingError: a channel without any value.
     """
     outliers: list[Outlier] = []
     columns = [_joint(rows, grid, joint, outliers) for joint in joints]
-    for joint, column in zip(joints, columns, strict=True):
-        if controller is not None and "position_target" in column and not any(word in column for word in _TORQUES):
-            column["commanded_torque"] = _controlled(controller, joint.name, column, grid.step_s)
+    feedback = _feedback(joints, columns, controller, grid.count)
     steps_s = np.array([time_grid.own_step_s(grid, rows.time_s, rows.column(joint.channels["position"])) for joint in joints])
 
     def together(word: str) -> np.ndarray | None:
@@ -52,6 +51,11 @@ def joint_signals(
 
     position_rad = together("position")
     assert position_rad is not None, "every joint has a position"
+    if feedback is not None:
+        sent = feedback.torque_nm(position_rad, _velocities(columns, grid.step_s))
+        for j, column in enumerate(columns):
+            if feedback.is_known[j] and not any(word in column for word in _TORQUES):
+                column["commanded_torque"] = sent[:, j]
     return JointSignals(
         names=tuple(joint.name for joint in joints),
         position_rad=position_rad,
@@ -63,6 +67,7 @@ def joint_signals(
         temperature_rise_k=together("temperature"),
         position_step_s=steps_s if (steps_s > _SLOWER * grid.step_s).any() else None,
         outliers=tuple(outliers),
+        feedback=feedback,
     )
 
 
@@ -88,17 +93,43 @@ def _joint(rows: Rows, grid: time_grid.Grid, joint: JointEntry, outliers: list[O
     if "position_target" in found:
         target = time_grid.held(grid, rows.time_s, _target(joint, found["position_target"], zero, position, turns=turns))
         signals["position_target"] = target
+    for word in (f"servo_{key}" for key in ("gain", "supply", "enabled")):
+        if word in found:
+            signals[word] = time_grid.held(grid, rows.time_s, found[word])
     if "temperature" in found:
         rise = found["temperature"] - joint.ambient * _factor(rows, joint, "temperature")
         signals["temperature"] = time_grid.interpolated(grid, rows.time_s, rise, own_rate=True)
     return signals
 
 
-def _controlled(controller: Controller, joint: str, column: Mapping[str, np.ndarray], step_s: float) -> np.ndarray:
-    """Torque that a controller sends, N m; without a reported velocity by the slope of the position; shape (s,)."""
-    position = column["position"]
-    velocity = column["velocity"] if "velocity" in column else np.gradient(position, step_s)
-    return controller.torque_nm(joint, column["position_target"], position, velocity, column.get("desired_torque", 0.0))
+def _velocities(columns: Sequence[Mapping[str, np.ndarray]], step_s: float) -> np.ndarray:
+    """As reported, or where nothing is the slope of the positions, shape (s, k)."""
+    return np.column_stack([column.get("velocity", np.gradient(column["position"], step_s)) for column in columns])
+
+
+def _feedback(
+    joints: Sequence[JointEntry], columns: Sequence[Mapping[str, np.ndarray]], controller: Controller | None, samples: int
+) -> Feedback | None:
+    """What turned position targets into torque; None where no joint has any."""
+    laws = np.full((6, samples, len(joints)), np.nan)
+    for j, (joint, column) in enumerate(zip(joints, columns, strict=True)):
+        if "position_target" not in column:
+            continue
+        laws[0, :, j], laws[5, :, j] = column["position_target"], column.get("desired_torque", 0.0)
+        if joint.servo is not None:
+            gain, supply, enabled = (
+                column.get(f"servo_{key}", np.full(samples, joint.servo.constants.get(key, np.nan)))
+                for key in ("gain", "supply", "enabled")
+            )
+            is_on = np.where(np.isfinite(enabled), enabled > 0.5, False)
+            stall_nm = is_on * supply * joint.servo.torque_constant_nm_a / joint.servo.resistance_ohm
+            laws[1, :, j], laws[2, :, j], laws[3, :, j] = stall_nm * gain, 0.0, np.abs(stall_nm)
+            laws[4, :, j] = is_on * joint.servo.torque_constant_nm_a**2 / joint.servo.resistance_ohm
+        elif controller is not None:
+            laws[1, :, j] = controller.stiffness_nm_rad[joint.name]
+            laws[2, :, j] = controller.damping_nm_s_rad[joint.name]
+            laws[3, :, j], laws[4, :, j] = controller.torque_limit_nm.get(joint.name, np.inf), 0.0
+    return Feedback(*laws) if np.isfinite(laws[1]).any() else None
 
 
 def _target(joint: JointEntry, target: np.ndarray, zero: float, position: np.ndarray, *, turns: bool) -> np.ndarray:

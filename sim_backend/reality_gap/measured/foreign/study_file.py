@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from mujoco import MjModel, mjtJoint
 
 from sim_backend.effects.catalogue import CATALOGUE, PARAMETERS
 from sim_backend.effects.effect import Parameter, Scope
+from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance
 from sim_backend.reality_gap.measured.foreign.data_files import SUFFIXES
 from sim_backend.reality_gap.measured.foreign.measurement_units import Quantity, si_factor
 from sim_backend.reality_gap.measured.foreign.naming import listed, nearest
@@ -117,6 +117,8 @@ _HINGE = {
     "position_target": Quantity.ANGLE,
     "temperature": Quantity.TEMPERATURE,
 }
+_SERVO = ("gain", "supply", "enabled")
+"""What a servo's table may have as a number or as a column."""
 _SLIDE = {Quantity.ANGLE: Quantity.LENGTH, Quantity.ANGULAR_VELOCITY: Quantity.VELOCITY, Quantity.TORQUE: Quantity.FORCE}
 JOINT_CHANNELS = tuple(_HINGE)
 _UNIT_KEYS = {
@@ -158,6 +160,21 @@ class DataChannel:
 
 
 @dataclass(frozen=True)
+class Servo:
+    """A servo that drives its motor by voltage: duty = clip(gain (target - position), -1, 1), voltage = duty supply.
+
+    Attributes:
+        constants: ``gain`` (duty for a radian), ``supply`` (V) and ``enabled`` as far as they are numbers.
+        torque_constant_nm_a: of the motor, on the joint's side.
+        resistance_ohm: of its windings.
+    """
+
+    constants: Mapping[str, float]
+    torque_constant_nm_a: float
+    resistance_ohm: float
+
+
+@dataclass(frozen=True)
 class JointEntry:
     """One joint of the model.
 
@@ -169,6 +186,7 @@ class JointEntry:
         zero: reading at which the model's joint is at 0, in the unit of the position column.
         ambient: temperature around the motor, in the unit of the temperature column.
         wrapped: whether angles jump by a turn; None leaves it to the data.
+        servo: what turns its position target into torque, None where ``[controller]`` does or nothing is known.
     """
 
     name: str
@@ -178,6 +196,7 @@ class JointEntry:
     zero: float = 0.0
     ambient: float = 0.0
     wrapped: bool | None = None
+    servo: Servo | None = None
 
 
 @dataclass(frozen=True)
@@ -228,7 +247,7 @@ def hinge_and_slide_joints(model: MjModel) -> dict[str, bool]:
 
 
 def _joint(section: Section, name: str, *, slide: bool) -> JointEntry:
-    section.only(*JOINT_CHANNELS, "torque", "torque_kind", *_UNIT_KEYS.values(), "sign", "zero", "ambient", "wrapped")
+    section.only(*JOINT_CHANNELS, "torque", "torque_kind", *_UNIT_KEYS.values(), "sign", "zero", "ambient", "wrapped", "servo")
     section.text("position")
     columns = {word: section.text(word) for word in JOINT_CHANNELS if section.has(word)} | _torque(section)
     channels = {word: _joint_channel(section, name, word, column, slide=slide) for word, column in columns.items()}
@@ -237,9 +256,44 @@ def _joint(section: Section, name: str, *, slide: bool) -> JointEntry:
         raise section.refusal(f"sign is {sign:g}; it must be 1 or -1 (a scale belongs into the unit)")
     if section.has("temperature") and not section.has("ambient"):
         raise section.refusal("temperature needs ambient, the temperature around the motor in the same unit (0 if it is a rise)")
+    servo, columns_of_servo = _servo(section, name)
     return JointEntry(
-        name, slide, channels, sign, section.number("zero", 0.0), section.number("ambient", 0.0), section.flag("wrapped")
+        name,
+        slide,
+        channels | columns_of_servo,
+        sign,
+        section.number("zero", 0.0),
+        section.number("ambient", 0.0),
+        section.flag("wrapped"),
+        servo,
     )
+
+
+def _servo(joint: Section, name: str) -> tuple[Servo | None, dict[str, DataChannel]]:
+    """The servo of a joint, and what it reads from columns; gains and supplies may be numbers or columns."""
+    if not joint.has("servo"):
+        return None, {}
+    section = joint.section("servo", f"[joints.{name}.servo]")
+    section.only(*_SERVO, "kt", "resistance")
+    if not joint.has("position_target"):
+        raise section.refusal("a servo needs position_target, the column of what the joint was to be at")
+    constants, channels = {"enabled": 1.0}, {}
+    for key in _SERVO:
+        value = section.table.get(key)
+        if isinstance(value, Mapping):
+            column = section.section(key, f"[joints.{name}.servo] {key}")
+            column.only("column", "unit")
+            channels[f"servo_{key}"] = DataChannel(
+                "joints", name, f"servo_{key}", column.text("column"), Quantity.ANY, column.unit("unit")
+            )
+        elif isinstance(value, str):
+            channels[f"servo_{key}"] = DataChannel("joints", name, f"servo_{key}", section.text(key), Quantity.ANY)
+        elif value is not None or key not in constants:
+            constants[key] = section.number(key)
+    found = Servo(constants, section.number("kt"), section.number("resistance"))
+    if not (found.torque_constant_nm_a > 0.0 and found.resistance_ohm > 0.0):
+        raise section.refusal("kt and resistance must be above 0")
+    return found, channels
 
 
 def _joint_channel(section: Section, name: str, word: str, column: str, *, slide: bool) -> DataChannel:
@@ -349,19 +403,6 @@ class Controller:
     damping_nm_s_rad: Mapping[str, float]
     torque_limit_nm: Mapping[str, float]
 
-    def torque_nm(
-        self,
-        joint: str,
-        target_rad: np.ndarray,
-        position_rad: np.ndarray,
-        velocity_rad_s: np.ndarray,
-        desired_nm: np.ndarray | float,
-    ) -> np.ndarray:
-        """What it sends to a joint, N m; all of shape (s,), NaN where anything of it is missing."""
-        torque_nm = self.stiffness_nm_rad[joint] * (target_rad - position_rad) - self.damping_nm_s_rad[joint] * velocity_rad_s
-        limit_nm = self.torque_limit_nm.get(joint, np.inf)
-        return np.clip(torque_nm + desired_nm, -limit_nm, limit_nm)
-
 
 def nominal_values(top: Section, joints: Sequence[str]) -> dict[str, NominalValue]:
     """Values to start from, by "effect.parameter" as the catalogue names them.
@@ -394,6 +435,21 @@ def controller(top: Section, joints: Sequence[str]) -> Controller | None:
     section.only("kind", "stiffness", "damping", "torque_limit")
     kind = section.choice("kind", ("pd",))
     return Controller(kind, *(_per_joint(section, key, joints) for key in ("stiffness", "damping", "torque_limit")))
+
+
+def tolerance(top: Section) -> Tolerance:
+    """What ``[tolerance]`` says that the model may be off by; usual shares where it says nothing.
+
+    Raises:
+        RecordingError: a share that is none, or one of 0.5 and more, with which no model says anything.
+    """
+    section = top.section("tolerance", "[tolerance]")
+    section.only(*_TOLERANCES)
+    found = {name: section.number(name) for name in _TOLERANCES if section.has(name)}
+    for name, share in found.items():
+        if not 0.0 <= share < 0.5:
+            raise section.refusal(f"{name} is {share:g}; it must be a share from 0 to 0.5, such as 0.02 for 2 %")
+    return Tolerance(**found)
 
 
 def _flat(table: Mapping[str, Any]) -> list[tuple[str, Any]]:
@@ -468,7 +524,8 @@ def _known(section: Section, key: str, table: Mapping[str, Any], joints: Sequenc
             raise section.refusal(f"{key} names a joint {joint!r}{nearest(joint, joints)}; the model has {listed(joints)}")
 
 
-_KEYS = ("title", "data", "model", "nominal", "recording", "time", "joints", "objects", "signals", "controller")
+_KEYS = ("title", "data", "model", "nominal", "tolerance", "recording", "time", "joints", "objects", "signals", "controller")
+_TOLERANCES = ("mass", "inertia", "centre", "friction")
 _RECORDING_KEYS = ("file", "episode", "episode_column", "regime", "missing")
 
 
@@ -509,6 +566,7 @@ class StudyFile:
         title: of the study.
         model: the MJCF.
         nominal: values to start from, by "effect.parameter"; a joint's parameter may be a table by joint.
+        tolerance: by how much the model may be off.
         recordings: one for each file, patterns already spelled out.
         time: the column of time; None with ``rate_hz``.
         rate_hz: of the samples where no column tells the time.
@@ -522,6 +580,7 @@ class StudyFile:
     title: str
     model: Path
     nominal: Mapping[str, NominalValue]
+    tolerance: Tolerance
     recordings: tuple[RecordingEntry, ...]
     time: DataChannel | None
     rate_hz: float | None
@@ -576,6 +635,7 @@ def load_study_file(path: Path, data_root: Path | None = None) -> StudyFile:
         title=top.text("title", path.parent.resolve().name),
         model=model_path,
         nominal=nominal_values(top, names),
+        tolerance=tolerance(top),
         recordings=_recordings(top, root),
         time=time,
         rate_hz=rate_hz,
@@ -688,14 +748,18 @@ def _longer_name(file: Path, root: Path) -> str:
 
 def _refuse_unstated_controller(top: Section, study: StudyFile) -> None:
     for joint in study.joints:
-        if "position_target" in joint.channels and (
-            study.controller is None
-            or joint.name not in study.controller.stiffness_nm_rad
-            or joint.name not in study.controller.damping_nm_s_rad
+        if (
+            "position_target" in joint.channels
+            and joint.servo is None
+            and (
+                study.controller is None
+                or joint.name not in study.controller.stiffness_nm_rad
+                or joint.name not in study.controller.damping_nm_s_rad
+            )
         ):
             raise top.refusal(
                 f"[joints.{joint.name}] has a position_target, but no [controller] says what became of it; "
-                "state its kind, and stiffness and damping of this joint, or leave the column out"
+                "state its kind, and stiffness and damping of this joint, give the joint a servo, or leave the column out"
             )
 
 

@@ -1,20 +1,21 @@
 """What masses, springs, dampers, gravity and encoders change in the torques that a motion needs: each law and its image."""
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Mapping
 
 import mujoco
 import numpy as np
 
 from sim_backend.effects.body import table_tilt
-from sim_backend.reality_gap.subjects.joints.plant import InverseDynamics
-from sim_backend.reality_gap.subjects.joints.state import JointState, Term
+from sim_backend.reality_gap.subjects.joints.plant import InverseDynamics, LinkDerivatives
+from sim_backend.reality_gap.subjects.joints.state import LINK_CENTRES, LINK_INERTIA, JointState, Term
 from sim_backend.reality_gap.subjects.joints.trajectory import Trajectory
 
 _MASS, _GRAVITY, _OFFSET = "link_mass.factor", "gravity.offset_m_s2", "encoder_offset.offset_rad"
 _ROLL, _PITCH = "table_tilt.roll_rad", "table_tilt.pitch_rad"
 _ARMATURE, _DAMPING = "rotor_inertia.armature_kg_m2", "viscous_friction.damping_nm_s_rad"
 _STIFFNESS, _REST = "joint_stiffness.stiffness_nm_rad", "joint_stiffness.reference_rad"
-KEYS = frozenset({_MASS, _GRAVITY, _OFFSET, _ROLL, _PITCH, _ARMATURE, _DAMPING, _STIFFNESS})
+KEYS = frozenset({_MASS, _GRAVITY, _OFFSET, _ROLL, _PITCH, _ARMATURE, _DAMPING, _STIFFNESS, LINK_INERTIA, *LINK_CENTRES})
 """Numbers that have an image here."""
 
 
@@ -26,12 +27,19 @@ class BodyLaw:
         path: the smoothed episode.
         own_values: what the nominal model's dynamics contain of effects' values, by "effect.parameter", shape (k,).
         gravity_m_s2: nominal, shape (3,).
+        links: gives what torques owe to inertia and centres of links, where somebody asks.
     """
 
     def __init__(
-        self, dynamics: InverseDynamics, path: Trajectory, own_values: Mapping[str, np.ndarray], gravity_m_s2: np.ndarray
+        self,
+        dynamics: InverseDynamics,
+        path: Trajectory,
+        own_values: Mapping[str, np.ndarray],
+        gravity_m_s2: np.ndarray,
+        links: Callable[[], LinkDerivatives],
     ) -> None:
         self._dynamics, self._path, self._own, self._gravity_m_s2 = dynamics, path, own_values, gravity_m_s2
+        self._links = functools.cache(links)
         self._by_tilt = tilt_images(dynamics.by_gravity, gravity_m_s2)
 
     def needed_nm(self, state: JointState, acceleration: np.ndarray, play: np.ndarray) -> np.ndarray:
@@ -57,8 +65,7 @@ class BodyLaw:
 
     def _gravity(self, state: JointState) -> np.ndarray:
         """Shape (3,)."""
-        tilted = tilted_gravity(self._gravity_m_s2, float(state.value(_ROLL)[0]), float(state.value(_PITCH)[0]))
-        return tilted + state.value(_GRAVITY)
+        return gravity_of(state, self._gravity_m_s2)
 
     def image(self, state: JointState, term: Term) -> np.ndarray:
         """What a unit of a term adds to the mechanics, shape (t, k).
@@ -67,6 +74,8 @@ class BodyLaw:
             KeyError: the term is none of :data:`KEYS`.
         """
         d, path, j = self._dynamics, self._path, term.index
+        if term.key == LINK_INERTIA or term.key in LINK_CENTRES:
+            return self._link_image(term)
         own = np.zeros_like(path.position)
         if term.key == _MASS:
             return d.by_link_mass[:, :, j]
@@ -86,11 +95,22 @@ class BodyLaw:
             own[:, j] = path.position[:, j] - dict(term.shape).get(_REST, state.value(_REST)[j])
         return own
 
+    def _link_image(self, term: Term) -> np.ndarray:
+        links = self._links()
+        if term.key == LINK_INERTIA:
+            return links.by_inertia[:, :, term.index]
+        return links.by_centre[:, :, term.index, LINK_CENTRES.index(term.key)]
+
     def play_image(self, play: np.ndarray, joint: int) -> np.ndarray:
         """What a joint's play adds to the mechanics, shapes (t,) rad and (t, k) N m."""
         d, row_s = self._dynamics, self._path.step_s * self._path.every
         faster = np.gradient(np.gradient(play, row_s), row_s)
         return d.by_position[:, :, joint] * play[:, None] + d.by_acceleration[:, :, joint] * faster[:, None]
+
+
+def gravity_of(state: JointState, gravity_m_s2: np.ndarray) -> np.ndarray:
+    """What a model makes of nominal gravity, shape (3,), m/s^2."""
+    return tilted_gravity(gravity_m_s2, float(state.value(_ROLL)[0]), float(state.value(_PITCH)[0])) + state.value(_GRAVITY)
 
 
 def encoder_offsets_rad(state: JointState) -> np.ndarray:

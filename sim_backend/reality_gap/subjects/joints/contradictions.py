@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sim_backend.reality_gap.subjects.joints.body_law import gravity_of
 from sim_backend.reality_gap.subjects.joints.look import Accepted, JointProblem
 from sim_backend.reality_gap.subjects.joints.motor_law import LIMIT
 from sim_backend.reality_gap.subjects.joints.state import JointState
@@ -12,6 +13,8 @@ _MOVES_RAD_S = 0.1
 _OFTEN = 0.99
 _MASSES_OFF = 0.1
 """Share by which what a motion needs may be too much, since the model's masses are not exact."""
+_GRAVITY_OFF = 0.02
+"""Share by which gravity may be stronger or weaker: the earth's differs by 0.5 %."""
 _NOISE = 3.0
 _AT_BOUND = 1e-6
 """Share of what the catalogue allows within which a value has run into its end."""
@@ -41,6 +44,12 @@ def contradicts(problem: JointProblem, state: JointState) -> bool:
         return False
     limit, first = state.value(LIMIT), problem.start.value(LIMIT)
     return bool(np.any((limit < torque_that_acted_nm(problem)) & (limit < first)))
+
+
+def is_gravity(nominal_m_s2: np.ndarray, state: JointState) -> bool:
+    """Whether a model's gravity is as strong as the nominal one, whatever its direction."""
+    strength = float(np.linalg.norm(nominal_m_s2))
+    return abs(float(np.linalg.norm(gravity_of(state, nominal_m_s2))) - strength) <= _GRAVITY_OFF * max(strength, 1.0)
 
 
 def runs_into_bounds(state: JointState, start: JointState, accepted: Sequence[Accepted]) -> bool:

@@ -100,7 +100,7 @@ class EpisodeEquations:
         self._motors = motors = MotorTorques(path)
         self._mechanics = Mechanics(plant, path, motors)
         thin = path.smoothed if self._in_torques else path.averaged
-        self._images = MechanicsImages(path, motors, self._mechanics.body, thin)
+        self._images = MechanicsImages(path, motors, self._mechanics.body, thin, steps_back=self._in_torques)
         self._sent: SentTorque | None = None
         if isinstance(robot, KnownTriFinger) and motors.sent_nm is not None and path.joints.position_target_rad is not None:
             self._sent = SentTorque(reported or path.joints, motors.sent_nm, path.step_s)
@@ -200,8 +200,8 @@ class EpisodeEquations:
             found = self._mechanics_equations(self._mechanics.torque_error(state), images)
         else:
             residual, current = self._mechanics.residual(state)
-            found = self._mechanics_equations(residual, images)
-            found += self._current_equations(current, currents) + self._velocity_equations(state, terms)
+            found = self._mechanics_equations(residual, images) + self._current_equations(current, currents)
+        found += self._velocity_equations(state, terms)
         return found + self._controller_equations(state, terms)
 
     def _mechanics_equations(self, residual: np.ndarray, images: np.ndarray) -> list[Equation]:

@@ -8,9 +8,17 @@ import numpy as np
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.knowledge.healthy import healthy_tolerances
-from sim_backend.reality_gap.knowledge.joint_effects import FITTED, SCALES, JointEffect, Number, scales_everything
-from sim_backend.reality_gap.knowledge.known_of_robot import Robot, UnknownRobot
-from sim_backend.reality_gap.subjects.joints.state import CLOCK, SENSED, JointState, Term, size_factor
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED, NUMBERS, SCALES, JointEffect, Number, scales_everything
+from sim_backend.reality_gap.knowledge.known_of_robot import Robot, Tolerance, UnknownRobot
+from sim_backend.reality_gap.subjects.joints.state import (
+    CLOCK,
+    LINK_CENTRES,
+    LINK_INERTIA,
+    SENSED,
+    JointState,
+    Term,
+    size_factor,
+)
 
 ALL_JOINTS = "all joints"
 PLATFORM = "platform"
@@ -18,6 +26,9 @@ PLATFORM = "platform"
 BEYOND_HEALTHY = 10.0
 CLOCK_TOLERANCE = 0.2
 """Standard deviation of when a torque acted, in samples: a quarter of one between a held torque and its mean over two."""
+
+UNKNOWN_CLOCK = 0.5
+"""The same of an unknown robot: nobody says whether a row's torque acts from its time on or about it."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +73,8 @@ def joint_catalogue(
     step_s: float,
     *,
     robot: Robot,
+    start: JointState | None = None,
+    centre_distance_m: np.ndarray | None = None,
     expects_many: bool = False,
 ) -> Catalogue:
     """Everything that may be wrong with k joints.
@@ -72,6 +85,8 @@ def joint_catalogue(
         load_nm: torques at full rate over all episodes, shape (s, k), N m: where saturation may begin.
         step_s: between samples.
         robot: what is known of it; healthy sessions seem to have something of effects that healthy robots do not have.
+        start: the nominal model, whose own friction and rotors an unknown robot's may differ from; ``state`` if None.
+        centre_distance_m: of the centre of mass of each joint's link, shape (k,); 0 if None.
         expects_many: whether causes beside others are to be told, which show less of their own shape.
     """
     terms: list[Term] = []
@@ -86,12 +101,14 @@ def joint_catalogue(
                 for members in _members(number, index, state, load_nm, robot, expects_many=expects_many):
                     families[(number.key, index)].append(tuple(range(len(terms), len(terms) + len(members))))
                     terms += members
-    terms.append(Term(CLOCK, 0, step_s))
-    terms += [Term(SENSED, j, 1.0) for j in range(len(names))]
+    clock = UNKNOWN_CLOCK if isinstance(robot, UnknownRobot) else CLOCK_TOLERANCE
+    untold = [(Term(CLOCK, 0, step_s), clock * step_s), *((Term(SENSED, j, 1.0), 1.0) for j in range(len(names)))]
+    if isinstance(robot, UnknownRobot):
+        untold += links_off(robot.tolerance, np.zeros(len(names)) if centre_distance_m is None else centre_distance_m)
+    terms += [term for term, _ in untold]
     healthy = {key: robot.granted * value for key, value in healthy_tolerances().items()}
     tolerance = np.zeros(len(terms))
-    tolerance[-1 - len(names)] = CLOCK_TOLERANCE * step_s
-    tolerance[-len(names) :] = 1.0
+    tolerance[len(terms) - len(untold) :] = [own for _, own in untold]
     for (key, _), members in families.items():
         # torques and masses of one finger trade places: what each seems to have is the other's
         usual = [] if scales_everything(key.partition(".")[0]) else robot.healthy.tolerances.get(key, [])
@@ -101,12 +118,31 @@ def joint_catalogue(
                     healthy.get(key, 0.0) if number == 0 else 0.0, usual[number] if number < len(usual) else 0.0
                 )
     if isinstance(robot, UnknownRobot):
+        for (key, index), members in families.items():
+            if members:
+                first = members[0][0]
+                of_model, late_s = own_share(robot.tolerance, key, index, start or state), NUMBERS[key].samples_off * step_s
+                tolerance[first] = max(tolerance[first], of_model, late_s)
         return Catalogue(tuple(terms), tolerance, tuple(_hypotheses(names, families, scales)), scales)
     found = [
         replace(h, scales=tuple(_scale(scale, tolerance[term]) for term, scale in zip(h.terms, h.scales, strict=True)))
         for h in _hypotheses(names, families, scales)
     ]
     return Catalogue(tuple(terms), tolerance, tuple(found), scales)
+
+
+def own_share(declared: Tolerance, key: str, index: int, start: JointState) -> float:
+    """Standard deviation of what a model says of its own links, rotors and bearings, in the parameter's unit; 0 of all else."""
+    name = NUMBERS[key].tolerated_as
+    return 0.5 * getattr(declared, name) * abs(float(start.value(key)[index])) if name else 0.0
+
+
+def links_off(declared: Tolerance, centre_distance_m: np.ndarray) -> list[tuple[Term, float]]:
+    """What links may be off by without being wrong, each with its standard deviation."""
+    joints = range(len(centre_distance_m))
+    found = [(Term(LINK_INERTIA, j, 1.0), 0.5 * declared.inertia) for j in joints]
+    centres = [0.5 * declared.centre * float(distance) for distance in centre_distance_m]
+    return [*found, *((Term(key, j, 1e-3), centres[j]) for key in LINK_CENTRES for j in joints)]
 
 
 def _scale(scale: float, tolerance: float) -> float:

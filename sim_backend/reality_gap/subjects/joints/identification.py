@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.joint_effects import Channel, scales_everything
-from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED, Channel, scales_everything
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot, UnknownRobot
 from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.subjects.joints.checks import Finding, end_findings, noise_findings, torque_noise_findings
 from sim_backend.reality_gap.subjects.joints.command_lateness import with_measured_lateness
@@ -165,12 +165,26 @@ def checked(problem: JointProblem, fit: JointFit, felt: Sequence[Finding]) -> li
 
 
 def is_worth_it(problem: JointProblem, before: Look, after: Look) -> bool:
-    """Whether held-out errors fall: at one joint at least by enough, and over all joints."""
-    old, new = (held_out_errors(problem, look).by_joint_nm for look in (before, after))
+    """Whether errors fall in the cause's equations: at one joint at least by enough, and over all joints."""
+    usual, channel = problem.torque_rms_nm, shown_in(after.accepted[-1].effect, before)
+    if isinstance(problem.robot, KnownTriFinger) or channel is Channel.MECHANICS:
+        old, new = (held_out_errors(problem, look).by_joint_nm for look in (before, after))
+    else:
+        old, new = (look.left_of(channel, len(problem.names)) for look in (before, after))
+        usual = problem.speed_rms_rad_s if channel is Channel.VELOCITY else usual
     reduction = 1.0 - new / np.maximum(old, 1e-12)
-    removed_nm = np.sqrt(np.maximum(old**2 - new**2, 0.0))
-    is_enough = (reduction > LEAST_REDUCTION) & (removed_nm > LEAST_TORQUE_SHARE * problem.torque_rms_nm)
-    return bool(is_enough.any() and reduction.min() > -0.5 * LEAST_REDUCTION)
+    removed = np.sqrt(np.maximum(old**2 - new**2, 0.0))
+    is_enough = (reduction > LEAST_REDUCTION) & (removed > LEAST_TORQUE_SHARE * usual)
+    is_worse = reduction <= -0.5 * LEAST_REDUCTION
+    if isinstance(problem.robot, UnknownRobot):  # whose tolerances move a little with every cause
+        is_worse &= np.sqrt(np.maximum(new**2 - old**2, 0.0)) > LEAST_TORQUE_SHARE * usual
+    return bool(is_enough.any() and not is_worse.any())
+
+
+def shown_in(effect: str, look: Look) -> Channel:
+    """The equation in which a study sees an effect: what changes the current shows in the mechanics where nobody measured it."""
+    channel = FITTED[effect].channel
+    return channel if any(equation.channel is channel for equation in look.left) else Channel.MECHANICS
 
 
 def _check_motion(episodes: Sequence[EpisodeEquations]) -> None:

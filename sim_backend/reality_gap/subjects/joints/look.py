@@ -73,7 +73,8 @@ class Look:
     ``left`` holds the equations with what the model and its tolerances leave as residual, without images, which would be nearly
     all of a study's memory; ``mechanics_left`` is half the sum of squares of it, whitened, of the mechanics, nats, and
     ``mechanics_rows`` their number of rows. ``mean`` holds the posterior means of all terms, 0 for hypotheses that are not in
-    the model; ``noise_ratio`` has shape (k,): noise of the mechanics relative to that of the sensors.
+    the model; ``noise_ratio`` has shape (k,): noise of the mechanics relative to that of the sensors; ``tolerated_nm`` alike what
+    tolerances make of each joint's torques, root mean squares.
     """
 
     sums: NormalEquations
@@ -92,11 +93,22 @@ class Look:
     accepted: tuple[Accepted, ...]
     tolerance: np.ndarray
     rest: Reduced
+    tolerated_nm: np.ndarray
 
     @property
     def beyond_noise(self) -> float:
         """What the laws of the model leave of the mechanics beside noise, nats."""
         return max(0.0, self.mechanics_left - _NOISE_NATS * self.mechanics_rows)
+
+    def left_of(self, channel: Channel, joints: int) -> np.ndarray:
+        """What model and tolerances leave of an equation of each joint, root mean squares over rows that count, shape (k,)."""
+        squares, rows = np.zeros(joints), np.zeros(joints)
+        for equation in self.left:
+            if equation.channel is channel:
+                counted = equation.residual[equation.valid & np.isfinite(equation.residual)]
+                squares[equation.joint] += counted @ counted
+                rows[equation.joint] += len(counted)
+        return np.sqrt(squares / np.maximum(rows, 1.0))
 
     def trusting(self) -> "Look":
         """The same, its values fitted with narrower tolerances for everything that is not in the model.
@@ -168,6 +180,11 @@ class JointProblem:
         """Root mean square of each joint's torque, shape (k,), N m."""
         return np.sqrt(np.mean(self._load_nm**2, axis=0))
 
+    @functools.cached_property
+    def speed_rms_rad_s(self) -> np.ndarray:
+        """Root mean square of each joint's speed, shape (k,), rad/s."""
+        return np.sqrt(np.mean(np.concatenate([e.path.velocity for e in self.episodes]) ** 2, axis=0))
+
     def look(self, state: JointState, accepted: Sequence[Accepted], *, plain: bool = False) -> Look:
         """Linearise at a state and ask every hypothesis what it would gain; ``plain`` as for :func:`whitened`."""
         step_s = self.episodes[0].path.step_s
@@ -177,6 +194,8 @@ class JointProblem:
             self._load_nm,
             step_s,
             robot=self.robot,
+            start=self.start,
+            centre_distance_m=self.episodes[0].plant.centre_distance_m,
             expects_many=self.expects_many,
         )
         catalogue = catalogue.without(self.excluded)
@@ -262,6 +281,7 @@ class JointProblem:
             tuple(accepted),
             tolerance,
             whole,
+            _tolerated_nm(found, tolerance, sensed, len(self.names)),
         )
 
 
@@ -290,6 +310,17 @@ def _posterior(sums: NormalEquations, base: np.ndarray, tolerance: np.ndarray) -
     mean[base] = scale * (covariance @ (scale * cross[base]))
     error[base] = scale * np.sqrt(np.diag(covariance))
     return mean, error
+
+
+def _tolerated_nm(found: Sequence[Whitened], tolerance: np.ndarray, sensed: Sequence[int], joints: int) -> np.ndarray:
+    squares, rows = np.zeros(joints), np.zeros(joints)
+    known = tolerance.copy()
+    known[list(sensed)] = 0.0
+    for equation in (w.equation for w in found if w.equation.channel is Channel.MECHANICS):
+        counted = equation.valid & np.isfinite(equation.residual)
+        squares[equation.joint] += float(((equation.images[counted] * known[list(equation.terms)]) ** 2).sum())
+        rows[equation.joint] += counted.sum()
+    return np.sqrt(squares / np.maximum(rows, 1.0))
 
 
 def _noise_ratio(found: Sequence[Whitened], joints: int) -> np.ndarray:

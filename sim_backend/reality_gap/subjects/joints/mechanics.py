@@ -13,10 +13,10 @@ from sim_backend.reality_gap.subjects.joints import motor_law
 from sim_backend.reality_gap.subjects.joints.body_law import BodyLaw
 from sim_backend.reality_gap.subjects.joints.motor_torques import BEFORE_CURRENT, MotorTorques
 from sim_backend.reality_gap.subjects.joints.plant import InverseDynamics, Plant
-from sim_backend.reality_gap.subjects.joints.state import CLOCK, SENSED, JointState, Term
+from sim_backend.reality_gap.subjects.joints.state import CLOCK, LINK_CENTRES, LINK_INERTIA, SENSED, JointState, Term
 from sim_backend.reality_gap.subjects.joints.trajectory import Trajectory
 
-_OF_BODIES = frozenset(keys_of(Channel.MECHANICS)) - frozenset(motor_law.KEYS)
+_OF_BODIES = (frozenset(keys_of(Channel.MECHANICS)) | {LINK_INERTIA, *LINK_CENTRES}) - frozenset(motor_law.KEYS)
 
 
 class Mechanics:
@@ -33,7 +33,8 @@ class Mechanics:
         self._raw_acceleration = path.raw_acceleration
         self.dynamics: InverseDynamics = plant.derivatives(path.position, path.velocity, path.acceleration)
         """Inverse dynamics of the nominal model along the episode."""
-        self.body = BodyLaw(self.dynamics, path, plant.own_values, plant.gravity_m_s2)
+        motion = (path.position, path.velocity, path.acceleration)
+        self.body = BodyLaw(self.dynamics, path, plant.own_values, plant.gravity_m_s2, lambda: plant.link_derivatives(*motion))
         """What effects on bodies change in it."""
 
     @property
@@ -100,6 +101,7 @@ class MechanicsImages:
         motors: along it.
         body: effects on bodies along it.
         thin: takes series at full rate, shape (..., s), to rows, shape (..., t), as the residual was.
+        steps_back: whether a later clock looks exactly as commands that are later at all joints do, from sample to sample.
     """
 
     def __init__(
@@ -108,7 +110,10 @@ class MechanicsImages:
         motors: MotorTorques,
         body: BodyLaw,
         thin: Callable[[np.ndarray], np.ndarray],
+        *,
+        steps_back: bool = False,
     ) -> None:
+        self._steps_back = steps_back
         self._path, self._motors, self._body, self._thin = path, motors, body, thin
         self._row_s = path.step_s * path.every
 
@@ -152,8 +157,11 @@ class MechanicsImages:
         images = np.zeros((*self._path.position.shape, len(terms)))
         for i, term in enumerate(terms):
             if term.key == CLOCK:
-                torque = self._thin(np.stack([current for current, _, _ in base])).T  # friction goes by the encoders' clock
-                images[:, :, i] = np.gradient(torque, self._row_s, axis=0)
+                currents = np.stack([current for current, _, _ in base])  # friction goes by the encoders' clock
+                if self._steps_back:
+                    images[:, :, i] = self._thin(np.diff(currents, axis=1, prepend=currents[:, :1])).T / self._path.step_s
+                else:
+                    images[:, :, i] = np.gradient(self._thin(currents).T, self._row_s, axis=0)
             if term.key == SENSED and self._motors.measured_nm is not None:
                 images[:, term.index, i] = self._thin(self._motors.measured_nm[term.index] - base[term.index][0])
         return images

@@ -75,6 +75,27 @@ def absent_values() -> np.ndarray:
     return values
 
 
+@numba.njit(inline="always")
+def _sent_to_joint(
+    sent: float, total: float, position: float, velocity: float, step_s: float, p: np.ndarray, memory: np.ndarray
+) -> tuple[float, float, float]:
+    """One step of one joint: torque of the current, torque after the gear, and bound of the friction.
+
+    ``memory`` has the motor's temperature, the rotor's speed and the gear's play, and is moved on; shape (3,).
+    """
+    current = saturated_torque_nm(sent, p[_LIMIT])
+    if p[_SAG] != 0.0:
+        current = saturated_torque_nm(current, c.MAX_TORQUE_NM * sagging_factor(p[_SAG], total))
+    if p[_LOSS] != 0.0:
+        memory[0] = temperature_rise_k(memory[0], current, p[_RISE], p[_WARM_TIME], step_s)
+    value = derated_torque_nm(scaled_torque_nm(current, p[_CONSTANT]), memory[0], p[_LOSS])
+    value += cogging_torque_nm(p[_AMPLITUDE], p[_CYCLES], p[_PHASE], position)
+    if p[_GAP] > 0.0:
+        memory[2], memory[1], value = backlash(memory[2], memory[1], velocity, value, p[_GAP], p[_ROTOR], step_s)
+    bound = p[_COULOMB] + stribeck_bound_nm(p[_STRIBECK], p[_STRIBECK_SPEED], velocity) + load_bound_nm(p[_LOAD], value)
+    return current, value, max(0.0, bound + directional_bound_nm(p[_DIRECTION], velocity))
+
+
 def _law(
     sent: np.ndarray,
     total: np.ndarray,
@@ -87,27 +108,34 @@ def _law(
     play: np.ndarray,
 ) -> None:
     """One joint along a motion: what the motor's current gives, what is left at the joint, and the play of the gear."""
-    steps = len(sent)
     whole = int(np.floor(p[_DELAY] / step_s + 1e-9))
     fraction = p[_DELAY] / step_s - whole
-    warm, rotor, gap = 0.0, velocity[0], 0.0
-    for i in range(steps):
+    memory = np.array([0.0, velocity[0], 0.0])
+    for i in range(len(sent)):
         newer, older = sent[max(0, i - whole)], sent[max(0, i - whole - 1)]
-        value = saturated_torque_nm(newer + fraction * (older - newer), p[_LIMIT])
-        if p[_SAG] != 0.0:
-            value = saturated_torque_nm(value, c.MAX_TORQUE_NM * sagging_factor(p[_SAG], total[i]))
-        current[i] = value
-        if p[_LOSS] != 0.0:
-            warm = temperature_rise_k(warm, value, p[_RISE], p[_WARM_TIME], step_s)
-        value = derated_torque_nm(scaled_torque_nm(value, p[_CONSTANT]), warm, p[_LOSS])
-        value += cogging_torque_nm(p[_AMPLITUDE], p[_CYCLES], p[_PHASE], position[i])
-        if p[_GAP] > 0.0:
-            gap, rotor, value = backlash(gap, rotor, velocity[i], value, p[_GAP], p[_ROTOR], step_s)
-        play[i] = gap
-        speed = velocity[i]
-        bound = p[_COULOMB] + stribeck_bound_nm(p[_STRIBECK], p[_STRIBECK_SPEED], speed) + load_bound_nm(p[_LOAD], value)
-        bound = max(0.0, bound + directional_bound_nm(p[_DIRECTION], speed))
+        arrived, speed = newer + fraction * (older - newer), velocity[i]
+        current[i], value, bound = _sent_to_joint(arrived, total[i], position[i], speed, step_s, p, memory)
+        play[i] = memory[2]
         net[i] = value - bound * np.tanh(speed / DIRECTION_RAD_S)
+
+
+def _in_simulations(
+    arrived: np.ndarray,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    step_s: float,
+    p: np.ndarray,
+    memory: np.ndarray,
+    value: np.ndarray,
+    bound: np.ndarray,
+) -> None:
+    """One step of k joints in n simulations; shapes (n, k), of ``p`` (n, k, len(KEYS)) and of ``memory`` (n, k, 3)."""
+    for i in range(arrived.shape[0]):
+        total = np.abs(arrived[i]).sum()
+        for j in range(arrived.shape[1]):
+            _, value[i, j], bound[i, j] = _sent_to_joint(
+                arrived[i, j], total, position[i, j], velocity[i, j], step_s, p[i, j], memory[i, j]
+            )
 
 
 @functools.cache
@@ -115,6 +143,18 @@ def _compiled() -> Callable[..., None]:
     series = types.float64[:]
     signature = types.void(series, series, series, series, types.float64, series, series, series, series)
     return compiled_once(lambda cache: numba.njit(signature, cache=cache)(_law))
+
+
+@functools.cache
+def in_simulations() -> Callable[..., None]:
+    """One step of k joints in n simulations, compiled: torque after the gears and bounds of friction are filled in.
+
+    Its arguments are those of ``_in_simulations``: torques that arrive at the motors, positions and velocities, shape (n, k), the
+    step, values by ``KEYS``, shape (n, k, len(KEYS)), memory of motors and gears, shape (n, k, 3), and the two results, (n, k).
+    """
+    rows, cubes = types.float64[:, ::1], types.float64[:, :, ::1]
+    signature = types.void(rows, rows, rows, types.float64, cubes, cubes, rows, rows)
+    return compiled_once(lambda cache: numba.njit(signature, cache=cache)(_in_simulations))
 
 
 def along(

@@ -30,6 +30,19 @@ class InverseDynamics:
     by_acceleration: np.ndarray
 
 
+@dataclass(frozen=True)
+class LinkDerivatives:
+    """What torques for a motion owe to the shape of the links, N m.
+
+    Attributes:
+        by_inertia: by a share of the inertia of the link behind joint l about its centre of mass, shape (s, k, k).
+        by_centre: by a move of that centre along each axis of the link's body, shape (s, k, k, 3), N m/m.
+    """
+
+    by_inertia: np.ndarray
+    by_centre: np.ndarray
+
+
 class Plant:
     """k joints of a model, without contacts, limits and friction; everything else of the model rests.
 
@@ -43,7 +56,7 @@ class Plant:
     def __init__(self, model: mujoco.MjModel, names: Sequence[str]) -> None:
         self.names = tuple(names)
         self._model = _without_constraints(model)
-        joints = [self._model.joint(name).id for name in names]
+        joints = self._joint_ids = [self._model.joint(name).id for name in names]
         wrong = [name for name, j in zip(names, joints, strict=True) if int(self._model.jnt_type[j]) not in _ONE_DOF]
         if wrong:
             raise ValueError(f"{', '.join(wrong)} is neither a hinge nor a slide; only those can be studied as joints")
@@ -77,6 +90,25 @@ class Plant:
     def velocities(self) -> np.ndarray:
         """Where the joints are in the model's ``qvel``, shape (k,)."""
         return self._v
+
+    @property
+    def joint_ids(self) -> list[int]:
+        """Of the joints in the model."""
+        return self._joint_ids
+
+    @property
+    def links(self) -> list[list[int]]:
+        """Bodies of the link behind each joint."""
+        return self._links
+
+    def heaviest_of(self, joint: int) -> int:
+        """The heaviest body of a joint's link: where its centre of mass is moved."""
+        return _heaviest(self._model, self._links[joint])
+
+    def centre_share(self, joint: int) -> float:
+        """How far that body's centre moves for each metre of the link's."""
+        mass = self._model.body_mass
+        return float(mass[self._links[joint]].sum() / max(float(mass[self.heaviest_of(joint)]), 1e-12))
 
     def forward_model(self) -> mujoco.MjModel:
         """A copy to simulate: with dry friction, without contacts, limits, equalities, tendons' friction and actuators.
@@ -130,6 +162,35 @@ class Plant:
             gravity[:, :, axis] = self._torque(model, *motion) - base
         return InverseDynamics(base, mass, gravity, pose, inertia)
 
+    @property
+    def centre_distance_m(self) -> np.ndarray:
+        """How far the centre of mass of the link behind each joint is from the joint's axis or, if further, its anchor; (k,)."""
+        model, found = self._model, []
+        for j, links in zip(self._joint_ids, self._links, strict=True):
+            found.append(float(np.linalg.norm(model.body_ipos[_heaviest(model, links)] - model.jnt_pos[j])))
+        return np.array(found)
+
+    def link_derivatives(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> LinkDerivatives:
+        """What torques for a motion owe to inertia and centre of mass of each link; shapes (s, k)."""
+        motion, k = (position, velocity, acceleration), self.joints
+        base = self.torque_nm(*motion)
+        inertia, centre = np.zeros((*base.shape, k)), np.zeros((*base.shape, k, 3))
+        for group in self.groups:
+            model = mujoco.MjModel.__copy__(self._model)
+            for j in group:
+                model.body_inertia[self._links[j]] *= 2.0
+            change = self._torque(model, *motion) - base
+            for j in group:
+                inertia[:, :, j] = np.where(self.same_tree(j), change, 0.0)
+            for axis in range(3):
+                model = mujoco.MjModel.__copy__(self._model)
+                for j in group:
+                    model.body_ipos[self.heaviest_of(j), axis] += _CENTRE_STEP_M * self.centre_share(j)
+                change = (self._torque(model, *motion) - base) / _CENTRE_STEP_M
+                for j in group:
+                    centre[:, :, j, axis] = np.where(self.same_tree(j), change, 0.0)
+        return LinkDerivatives(inertia, centre)
+
     def _torque(self, model: mujoco.MjModel, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
         data = mujoco.MjData(model)
         out = np.empty_like(position)
@@ -142,6 +203,11 @@ class Plant:
 
 
 _POSITION_STEP = 1e-4  # rad or m
+_CENTRE_STEP_M = 1e-4
+
+
+def _heaviest(model: mujoco.MjModel, links: Sequence[int]) -> int:
+    return max(links, key=lambda body: float(model.body_mass[body]))
 
 
 def _without_constraints(model: mujoco.MjModel) -> mujoco.MjModel:

@@ -14,6 +14,10 @@ CLOCK = "clock.offset_s"
 """Not an effect but what nobody can know of a recording: when within a sample the torque acted that was written there."""
 SENSED = "sensed.share"
 """Nor is this: which share of the difference between measured and sent torque is noise of the sensor, for each joint."""
+LINK_INERTIA = "link.inertia_share"
+LINK_CENTRES = ("link.centre_x_m", "link.centre_y_m", "link.centre_z_m")
+"""Nor are these: by how much a model's links are off in inertia and in their centres of mass, for each joint."""
+NO_EFFECTS = frozenset({CLOCK, SENSED, LINK_INERTIA, *LINK_CENTRES})
 
 
 def size_factor(key: str, size: float) -> float:
@@ -58,11 +62,11 @@ class JointState:
         """Values of a parameter, absent where none was given."""
         if key in self.given:
             return self.given[key]
-        return np.full(self.width(key), 0.0 if key in (CLOCK, SENSED) else PARAMETERS[key].absent)
+        return np.full(self.width(key), 0.0 if key in NO_EFFECTS else PARAMETERS[key].absent)
 
     def width(self, key: str) -> int:
         """How many values a parameter has."""
-        if key in (CLOCK, SENSED):
+        if key in NO_EFFECTS:
             return 1 if key == CLOCK else self.joints
         scope = PARAMETERS[key].scope
         return self.joints if scope is Scope.JOINT else PARAMETERS[key].width

@@ -7,20 +7,25 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
-from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot
-from sim_backend.reality_gap.recording import Recording
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot, UnknownRobot
+from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.subjects.joints.calibrating import METHODS, calibrate
+from sim_backend.reality_gap.subjects.joints.contradictions import contradicts
 from sim_backend.reality_gap.subjects.joints.gain import held_out, held_out_of_hits
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy, ShowsNothingError, study_joints
 from sim_backend.reality_gap.subjects.joints.judged import not_judged
 from sim_backend.reality_gap.subjects.joints.motor_law import LIMIT
+from sim_backend.reality_gap.subjects.joints.rollout_fit import LENGTHS_S, RolloutProblem
+from sim_backend.reality_gap.subjects.joints.rollout_selection import select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.sections import joint_sections
+from sim_backend.reality_gap.subjects.joints.state import JointState
 from sim_backend.reality_gap.subjects.joints.verdict import judge
-from sim_backend.reality_gap.subjects.subject import CUBE_EXCITATION, Material, Progress, Sections
+from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import verdict_of_rollouts
+from sim_backend.reality_gap.subjects.subject import CUBE_EXCITATION, Material, Progress, Sections, part
 from sim_backend.reality_gap.verdict import Verdict, VerdictKind
 from sim_backend.trifinger.scene import compile_scene
 
-NAMING = METHODS[0]
+NAMING, ROLLOUTS = METHODS[:2]
 
 
 def seen_in(material: Material) -> tuple[Recording, ...]:
@@ -31,6 +36,8 @@ def seen_in(material: Material) -> tuple[Recording, ...]:
 def study(material: Material, known: Robot, rng: np.random.Generator, progress: Progress) -> tuple[Verdict, Sections]:
     """As of any :class:`Subject`."""
     recordings = seen_in(material)
+    if material.method == ROLLOUTS and isinstance(known, KnownTriFinger):
+        raise RecordingError("--method rollouts is for recordings of a study.toml; logs of the farm are judged by naming")
     model = compile_scene() if material.study_file is None else material.study_file.compile_model()
     try:
         found = study_joints(  # replay, residual, fit
@@ -43,12 +50,36 @@ def study(material: Material, known: Robot, rng: np.random.Generator, progress: 
         )
     except ShowsNothingError as error:
         return not_identifiable(error, known), {}
+    if material.method == ROLLOUTS:
+        return _by_rollouts(found, progress), {}
     if material.method != NAMING:
         return _calibrated(found, material.method, rng), {}
     judged = judge(found)
     verdict = _with_gain(found, judged.verdict, rng)
     progress("drawing what is left", 0.9)
     return verdict, joint_sections(found, judged.patterns, rng)
+
+
+def _by_rollouts(found: JointStudy, progress: Progress) -> Verdict:
+    """What makes the model go where the robot went.
+
+    Raises:
+        RecordingError: no recording has a window in which everything was measured.
+    """
+    catalogue = found.fit.first.catalogue
+    assert isinstance(found.robot, UnknownRobot)
+    problem = RolloutProblem(found.problem.episodes, found.start, catalogue, found.robot.tolerance)
+    if not len(problem.windows):
+        raise RecordingError(
+            f"no recording has {LENGTHS_S[-1]:g} s in which positions and torques of all joints are known; "
+            "rollouts need several of them"
+        )
+
+    def is_possible(state: JointState) -> bool:
+        return not contradicts(found.problem, state)
+
+    told = part(progress, 0.2, 0.9)
+    return verdict_of_rollouts(found, select_by_rollouts(problem, catalogue, is_possible, told))
 
 
 def _with_gain(found: JointStudy, verdict: Verdict, rng: np.random.Generator) -> Verdict:

@@ -35,7 +35,7 @@ class Agreement:
     Attributes:
         is_judged: whether a joint had equations at all.
         before, after: held-out torque error with the nominal model and with the causes.
-        noise: what the sensors and the integration of motion alone make of it.
+        noise: what sensors, the integration of motion and a model as inexact as this one may be make of it.
     """
 
     is_judged: np.ndarray
@@ -65,13 +65,16 @@ def agreement_of(study: JointStudy) -> Agreement:
     problem = study.problem
     floor = np.sqrt(np.mean([e.torque_error_floor_nm**2 for e in problem.episodes], axis=0))
     before, after = errors_of(problem, study.start).by_joint_nm, held_out_errors(problem, study.fit.final).by_joint_nm
-    return Agreement(study.is_judged, before, after, np.hypot(floor, LEAST_TORQUE_SHARE * problem.torque_rms_nm))
+    usual = np.hypot(LEAST_TORQUE_SHARE * problem.torque_rms_nm, study.fit.first.tolerated_nm)
+    return Agreement(study.is_judged, before, after, np.hypot(floor, usual))
 
 
 def unknown_of(study: JointStudy) -> list[str]:
     """What no recording of a robot tells whose sensors, motors and other joints nobody knows."""
     episodes = study.problem.episodes
     said = ["anything about ends of joints and noise of torques: what is usual for this robot is not known"]
+    row_ms = 1e3 * max(e.path.step_s for e in episodes)
+    said.append(f"delays below a row ({row_ms:.3g} ms): nobody says when within its row a torque acted")
     if any(e.path.joints.measured_torque_nm is not None and e.path.joints.commanded_torque_nm is not None for e in episodes):
         said.append(
             "what motors make of the commanded torque (delay, limit, constant): the mechanics is compared with the measured"

@@ -35,8 +35,11 @@ def open_loop(name, seed=0):
             return steps
 
 
-def run(name, physics, start, seed=0):
-    """All segments of an excitation on n robots that get the same commands, fed with what the first one sees, late."""
+def run(name, physics, start, seed=0, share=1.0):
+    """Segments of an excitation on n robots that get the same commands, fed with what the first one sees, late.
+
+    All of them, or those of the first share of its time.
+    """
     driver = SimulatedDriver(robots=physics.n, physics=physics)
     driver.reset(
         Start(
@@ -47,8 +50,11 @@ def run(name, physics, start, seed=0):
         )
     )
     course, segments = EXCITATIONS[name].course(np.random.default_rng(seed)), []
+    most = share * EXCITATIONS[name].duration_s / (c.PHYSICS_STEP_S * COMMAND_STEPS)
     command, steps = next(course)
     while True:
+        if len(segments) >= most:
+            return driver.model, segments
         command = Command(*(np.repeat(x, physics.n, axis=0) for x in (command.desired_torque_nm, command.position_target_rad)))
         segments.append(driver.advance([(command, steps)]))
         seen = segments[max(0, len(segments) - LATE_COMMANDS)]
@@ -133,14 +139,17 @@ VARIED = {
 
 @pytest.fixture(scope="module")
 def responses():
-    """What each change does to measured positions (mrad) and torques (5 mN m): by excitation, shape (parameters, k, 18)."""
+    """What each change does to measured positions (mrad) and torques (5 mN m) in the first 40 % of an excitation.
+
+    By excitation, shape (parameters, k, 18).
+    """
     rows = [
         {key: value + (change if key == varied else 0.0) for key, (value, change) in VARIED.items()} for varied in (None, *VARIED)
     ]
     physics = Physics.of(len(rows), {key: np.array([row[key] for row in rows]) for key in VARIED})
     start, found = draw_start(np.random.default_rng(3)), {}
     for name in PARTS:
-        _, segments = run(name, physics, start, seed=3)
+        _, segments = run(name, physics, start, seed=3, share=0.4)
         position, torque = joined(segments, "joint_position_rad"), joined(segments, "measured_torque_nm")
         measured = np.concatenate([position / 1e-3, torque / 5e-3], axis=2)[:, ::5]
         found[name] = measured[1:] - measured[:1]

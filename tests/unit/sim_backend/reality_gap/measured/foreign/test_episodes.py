@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.recording import Recording
+from sim_backend.reality_gap.recording import Recording, RecordingError
 from tests.unit.sim_backend.reality_gap.measured.foreign.foreign_study import (
     STEP_S,
     STUDY,
@@ -150,6 +150,50 @@ def test_position_targets_lie_on_the_turn_of_the_position(tmp_path):
     )
     joints = read(folder(tmp_path, study, data))[0].joints
     np.testing.assert_allclose(joints.position_target_rad[:, 0], turned + 0.1, atol=1e-9)
+
+
+SERVO = """
+[joints.slider]
+position = "x"
+position_unit = "mm"
+[joints.slider.servo]
+gain = { column = "kp", unit = 0.5 }
+supply = "volts"
+kt = 0.2
+resistance = 4.0
+enabled = "on"
+"""
+
+
+def test_a_servo_clips_its_duty_before_the_motor_s_own_voltage_acts(tmp_path):
+    data = columns()
+    count = len(data["time"])
+    data |= {"target": data["q"] + 0.3, "kp": np.full(count, 4.0), "volts": np.full(count, 10.0), "on": np.ones(count)}
+    data["target"][: count // 2] += 2.0
+    data["on"][-10:] = 0.0
+    servo = SERVO.replace("slider", "shoulder").split("[joints.shoulder.servo]")[1]
+    study = STUDY.replace('position = "q"', 'position = "q"\nposition_target = "target"') + f"[joints.shoulder.servo]{servo}"
+    study = (
+        study.replace('commanded_torque = "tau_cmd"\n', "")
+        .replace('torque = "tau"\n', "")
+        .replace('torque_kind = "measured"\n', "")
+    )
+    joints = read(folder(tmp_path, study, data))[0].joints
+    duty = np.where(np.arange(count) < count // 2, 1.0, 0.6)
+    expected = 0.2 * 10.0 * duty / 4.0 - 0.2**2 / 4.0 * data["dq"]
+    expected[-10:] = 0.0
+    np.testing.assert_allclose(joints.commanded_torque_nm[:, 0], expected, atol=1e-9)
+    assert joints.feedback.is_known.tolist() == [True, False]
+
+
+def test_a_servo_without_targets_or_motor_is_refused(tmp_path):
+    (tmp_path / "motor").mkdir()
+    with pytest.raises(RecordingError, match=r"\[joints.slider.servo\]: a servo needs position_target"):
+        read(folder(tmp_path, STUDY + SERVO[SERVO.index("[joints.slider.servo]") :]))
+    targets = STUDY.replace('position = "q"', 'position = "q"\nposition_target = "tau"')
+    without = SERVO[SERVO.index("[joints.slider.servo]") :].replace("slider", "shoulder").replace("kt = 0.2\n", "")
+    with pytest.raises(RecordingError, match="kt is missing"):
+        read(folder(tmp_path / "motor", targets + without))
 
 
 @pytest.mark.parametrize("name", ["data.csv", "data.parquet", "data.npz"])

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance
 from sim_backend.reality_gap.measured.foreign.episodes import read_recordings
 from sim_backend.reality_gap.measured.foreign.study_file import load_study_file
 from sim_backend.reality_gap.recording import RecordingError
@@ -76,6 +77,8 @@ REFUSED = {
     "an unknown joint's value": (nominal('"coulomb_friction.torque_nm" = { elbow = 1.0 }'), ["'elbow'", "shoulder, slider"]),
     "one number for an axis each": (nominal('"gravity.offset_m_s2" = 0.1'), ["is one number", "a list of 3"]),
     "a list for joints": (nominal('"coulomb_friction.torque_nm" = [0.1, 0.2]'), ["table with one for each joint"]),
+    "a tolerance of nothing that is": (STUDY + "[tolerance]\nmasses = 0.1\n", ["[tolerance]", "did you mean 'mass'"]),
+    "a tolerance in per cent": (STUDY + "[tolerance]\nmass = 2.0\n", ["mass is 2", "0.02 for 2 %"]),
     "targets alone": (STUDY.replace('position = "q"', 'position = "q"\nposition_target = "q"'), ["[controller]"]),
     "another controller": (STUDY + CONTROLLER.replace("pd", "pid"), ["kind is 'pid'"]),
     "no damping": (STUDY + CONTROLLER.replace("damping", "#"), ["damping is missing"]),
@@ -130,6 +133,12 @@ def test_nominal_values_controller_and_digests(tmp_path):
     digests = {Path(row["file"]).name: row["sha256"] for row in study.digests()}
     assert set(digests) == {"study.toml", "model.xml", "data.csv"}
     assert digests["data.csv"] == hashlib.sha256((tmp_path / "data.csv").read_bytes()).hexdigest()
+
+
+def test_a_model_is_as_exact_as_it_says(tmp_path):
+    assert load_study_file(folder(tmp_path, STUDY)).tolerance == Tolerance()
+    said = load_study_file(folder(tmp_path, STUDY + "[tolerance]\nmass = 0.1\ninertia = 0\n")).tolerance
+    assert said == Tolerance(mass=0.1, inertia=0.0)
 
 
 def test_a_rate_stands_for_a_column_of_time(tmp_path):

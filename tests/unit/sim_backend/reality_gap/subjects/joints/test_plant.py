@@ -141,3 +141,27 @@ def test_a_model_that_says_what_the_joints_have_leaves_no_error():
     assert np.abs(equations.torque_error(JointState(3, given))[counted]).mean() < 1e-3
     without = JointState(3, given | {"viscous_friction.damping_nm_s_rad": np.zeros(3)})
     assert np.abs(equations.torque_error(without)[counted]).mean() > 0.02
+
+
+LINKS = """<mujoco><compiler angle="radian"/><worldbody>
+<body><joint name="a" axis="0 1 0"/><inertial pos="0.02 0 {first}" mass="1" diaginertia="0.01 0.01 0.004"/>
+<body pos="0 0 -0.3"><joint name="b" axis="1 0 0"/><inertial pos="0 0.01 -0.1" mass="0.5" diaginertia="{second} 0.003 0.001"/>
+</body></body></worldbody></mujoco>"""
+
+
+def links(first=-0.12, second=0.003) -> Plant:
+    return Plant(mujoco.MjModel.from_xml_string(LINKS.format(first=first, second=second)), ("a", "b"))
+
+
+def test_what_torques_owe_to_inertia_and_centres_of_links():
+    rng = np.random.default_rng(2)
+    motion = (rng.uniform(-1, 1, (ROWS, 2)), rng.uniform(-2, 2, (ROWS, 2)), rng.uniform(-9, 9, (ROWS, 2)))
+    found, base = links().link_derivatives(*motion), links().torque_nm(*motion)
+    lower = (links(first=-0.1201).torque_nm(*motion) - links(first=-0.1199).torque_nm(*motion)) / -2e-4
+    np.testing.assert_allclose(found.by_centre[:, :, 0, 2], lower, atol=2e-3)
+    # all three moments are off together, about an axis where only the first one counts
+    alone = (motion[0] * [0, 1], motion[1] * [0, 1], motion[2] * [0, 1])
+    larger = links(second=0.0033).torque_nm(*alone) - links().torque_nm(*alone)
+    np.testing.assert_allclose(0.1 * links().link_derivatives(*alone).by_inertia[:, 1, 1], larger[:, 1], atol=1e-9)
+    assert found.by_inertia.shape == (ROWS, 2, 2) and np.abs(base).max() > 1.0
+    np.testing.assert_allclose(links().centre_distance_m, [np.hypot(0.02, 0.12), np.hypot(0.01, 0.1)])

@@ -1,0 +1,215 @@
+"""Forward simulation of an extended model over windows of recordings: where would this robot have gone?
+
+Many windows under many models run together, in the loop in which the data were made: where it is known what turned position
+targets into torque that law acts on the simulated motion, otherwise the recorded torques do. Laws between torque and joint are
+those of the equations (``motor_law``); dry friction is MuJoCo's own constraint, so that what sticks is decided by its solver.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from sim_backend.driver.native_control import silence_warnings
+from sim_backend.effects.friction import make_stiff
+from sim_backend.reality_gap.feedback import Feedback
+from sim_backend.reality_gap.subjects.joints.body_law import gravity_of
+from sim_backend.reality_gap.subjects.joints.motor_law import in_simulations
+from sim_backend.reality_gap.subjects.joints.plant import Plant
+from sim_backend.reality_gap.subjects.joints.state import CLOCK, LINK_CENTRES, LINK_INERTIA, JointState
+
+_LONGEST_STEP_S = 0.002
+_HELD_KG_M2 = 1e6
+"""Armature of joints that were not recorded: they rest."""
+_MOST_SIMULATIONS = 6000
+
+
+@dataclass(frozen=True)
+class Windows:
+    """n stretches of recordings, of s samples each, of k joints.
+
+    Attributes:
+        step_s: between samples.
+        position_rad: as reported after each sample's time, shape (n, s, k).
+        begin_rad, begin_rad_s: where and how fast the joints were at the begin, as reported, shape (n, k).
+        sent_nm: what was sent from each sample to the next, shape (n, s, k).
+        feedback: what made it of position targets, arrays of shape (n, s, k); None if that is of no joint known.
+        owner: recording of each window, shape (n,).
+    """
+
+    step_s: float
+    position_rad: np.ndarray
+    begin_rad: np.ndarray
+    begin_rad_s: np.ndarray
+    sent_nm: np.ndarray
+    feedback: Feedback | None
+    owner: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.begin_rad)
+
+    def some(self, index: np.ndarray) -> "Windows":
+        """Those of some indices, which may come more than once."""
+        feedback = None if self.feedback is None else self.feedback.at(index)
+        position, begin, speed, sent = (a[index] for a in (self.position_rad, self.begin_rad, self.begin_rad_s, self.sent_nm))
+        return Windows(self.step_s, position, begin, speed, sent, feedback, self.owner[index])
+
+
+class Forward:
+    """Simulates windows, without contacts, ends of joints and the model's own actuators.
+
+    Args:
+        plant: whose model it is.
+        step_s: between samples.
+    """
+
+    def __init__(self, plant: Plant, step_s: float) -> None:
+        self._plant = plant
+        self._substeps = int(np.ceil(step_s / _LONGEST_STEP_S - 1e-9))
+        self._model = plant.forward_model()
+        self._model.opt.timestep = step_s / self._substeps
+        self._model.dof_armature[np.setdiff1d(np.arange(self._model.nv), plant.velocities)] = _HELD_KG_M2
+        make_stiff(self._model, plant.velocities)
+        silence_warnings()
+
+    def positions(
+        self, windows: Windows, begin_rad: np.ndarray, begin_rad_s: np.ndarray, states: Sequence[JointState], which: np.ndarray
+    ) -> np.ndarray:
+        """Reported positions after each sample, shape (n, s, k); not finite where a simulation diverges.
+
+        Args:
+            windows: n of them.
+            begin_rad: where each begins, as reported, shape (n, k).
+            begin_rad_s: how fast it moves there, shape (n, k).
+            states: models.
+            which: of the models each window is simulated with, shape (n,).
+        """
+        found = [
+            self._simulated(windows.some(rows), begin_rad[rows], begin_rad_s[rows], states, which[rows])
+            for rows in np.array_split(np.arange(len(windows)), max(1, -(-len(windows) // _MOST_SIMULATIONS)))
+        ]
+        return np.concatenate(found)
+
+    def _simulated(
+        self, windows: Windows, begin_rad: np.ndarray, begin_rad_s: np.ndarray, states: Sequence[JointState], which: np.ndarray
+    ) -> np.ndarray:
+        plant, model = self._plant, self._model
+        step_s, shape = float(model.opt.timestep), (len(windows), plant.joints)
+        batch = Batch(model, len(windows), nthread=0)
+        self._set_bodies(batch, states, which)
+        bounds = batch.expand("dof_frictionloss")
+        position, velocity, applied = batch.bind("qpos"), batch.bind("qvel"), batch.bind("qfrc_applied")
+        offset = _by_window(states, which, "encoder_offset.offset_rad")
+        batch.reset(stage=int(mujoco.mjtStage.mjSTAGE_NONE))
+        position[:, plant.positions], velocity[:, plant.velocities] = begin_rad - offset, begin_rad_s
+        delay_s = _by_window(states, which, "action_delay.delay_s")
+        recorded = _Recorded(windows, delay_s + _by_window(states, which, CLOCK), step_s)
+        line, feedback = _DelayLine(delay_s / step_s), windows.feedback
+        values = np.array([[state.motor(j) for j in range(plant.joints)] for state in states])[which]
+        memory, at_joint, bound = np.zeros((*shape, 3)), np.empty(shape), np.empty(shape)
+        memory[:, :, 1] = begin_rad_s
+        found, step = np.empty((*shape[:1], windows.sent_nm.shape[1], shape[1])), in_simulations()
+        with np.errstate(all="ignore"):
+            for now in range(found.shape[1] * self._substeps):
+                sample = now // self._substeps
+                is_at = np.ascontiguousarray(position[:, plant.positions])
+                moves = np.ascontiguousarray(velocity[:, plant.velocities])
+                arrived = recorded.arriving_nm(now)
+                if feedback is not None:
+                    made = feedback.at((slice(None), sample)).torque_nm(is_at + offset, moves)
+                    arrived = np.where(feedback.is_known, line.after(np.nan_to_num(made)), arrived)
+                step(arrived, is_at, moves, step_s, values, memory, at_joint, bound)
+                applied[:, plant.velocities], bounds[:, plant.velocities] = at_joint, bound
+                batch.step()
+                if now % self._substeps == self._substeps - 1:
+                    found[:, sample] = position[:, plant.positions] + offset
+        found[batch.warning.reshape(len(windows), -1).any(axis=1)] = np.nan
+        return found
+
+    def _set_bodies(self, batch: Batch, states: Sequence[JointState], which: np.ndarray) -> None:
+        """Give each simulation the masses, inertias, springs, dampers and gravity of its model."""
+        plant = self._plant
+
+        def of(key: str) -> np.ndarray:
+            return _by_window(states, which, key)
+
+        batch.expand("dof_damping")[:, plant.velocities] = of("viscous_friction.damping_nm_s_rad")
+        batch.expand("dof_armature")[:, plant.velocities] = of("rotor_inertia.armature_kg_m2")
+        stiffness = of("joint_stiffness.stiffness_nm_rad")
+        if stiffness.any():  # beside whatever spring the model itself has, at its own rest
+            own, rest = self._model.jnt_stiffness[plant.joint_ids], self._model.qpos_spring[plant.positions]
+            together = own + stiffness
+            batch.expand("jnt_stiffness")[:, plant.joint_ids] = together
+            reference = of("joint_stiffness.reference_rad")
+            batch.expand("qpos_spring")[:, plant.positions] = (own * rest + stiffness * reference) / np.maximum(together, 1e-12)
+        batch.expand("opt.gravity")[:] = np.array([gravity_of(state, plant.gravity_m_s2) for state in states])[which]
+        mass, inertia = of("link_mass.factor"), 1.0 + of(LINK_INERTIA)
+        centres = np.stack([of(key) for key in LINK_CENTRES], axis=2)
+        if (mass != 1.0).any() or (inertia != 1.0).any() or centres.any():
+            masses, inertias, places = (batch.expand(f"body_{name}") for name in ("mass", "inertia", "ipos"))
+            for j, bodies in enumerate(plant.links):
+                masses[:, bodies] *= mass[:, j, None]
+                inertias[:, bodies] *= (mass[:, j] * inertia[:, j])[:, None, None]
+                places[:, plant.heaviest_of(j)] += plant.centre_share(j) * centres[:, j]
+        batch.set_const()
+
+
+class _Recorded:
+    """Torques that were recorded, each held from its sample to the next, as they act some time later or earlier.
+
+    A step of MuJoCo moves velocities by what acts about its begin, so that it takes the mean of half a step before and after.
+
+    Args:
+        windows: n of them.
+        late_s: shape (n, k); at both ends of a window the first and the last torque go on.
+        step_s: of the simulation.
+    """
+
+    def __init__(self, windows: Windows, late_s: np.ndarray, step_s: float) -> None:
+        self._step_s, self._sample_s, self._sent = step_s, windows.step_s, windows.sent_nm
+        self._sums = np.concatenate([np.zeros_like(windows.sent_nm[:, :1]), np.cumsum(windows.sent_nm, axis=1)], axis=1)
+        self._late_s = late_s + 0.5 * step_s
+        self._before = self._until(0.0)
+
+    def _until(self, time_s: float) -> np.ndarray:
+        """Integral of what has arrived, shape (n, k), in samples."""
+        at = (time_s - self._late_s) / self._sample_s
+        sample = np.clip(np.floor(at).astype(int), 0, self._sent.shape[1] - 1)
+        sums, held = (np.take_along_axis(x, sample[:, None], axis=1)[:, 0] for x in (self._sums, self._sent))
+        return sums + (at - sample) * held
+
+    def arriving_nm(self, step: int) -> np.ndarray:
+        """What acts in a step of the simulation, shape (n, k); steps are asked for one after the other."""
+        until = self._until((step + 1) * self._step_s)
+        mean, self._before = (until - self._before) * (self._sample_s / self._step_s), until
+        return mean
+
+
+class _DelayLine:
+    """Torques that arrive some steps after they were sent, each simulation and joint after its own time.
+
+    Args:
+        late: steps, shape (n, k).
+    """
+
+    def __init__(self, late: np.ndarray) -> None:
+        self._whole = np.floor(late + 1e-9).astype(int)
+        self._share = np.where(late - self._whole > 1e-6, late - self._whole, 0.0)
+        self._sent: list[np.ndarray] = []
+
+    def after(self, sent_nm: np.ndarray) -> np.ndarray:
+        """What arrives in a step in which something is sent, shapes (n, k), N m."""
+        if not self._whole.any() and not self._share.any():
+            return sent_nm
+        self._sent.append(sent_nm)
+        del self._sent[: -int(self._whole.max()) - 2]
+        past, newest = np.stack(self._sent), len(self._sent) - 1
+        newer, older = (np.take_along_axis(past, np.maximum(0, newest - self._whole - more)[None], axis=0)[0] for more in (0, 1))
+        return newer + self._share * (older - newer)
+
+
+def _by_window(states: Sequence[JointState], which: np.ndarray, key: str) -> np.ndarray:
+    """A parameter of the model of each window, shape (n, k) for one of joints."""
+    return np.array([state.value(key) for state in states])[which]

@@ -1,0 +1,379 @@
+"""Models fitted to where a robot went: windows of recordings, simulated from free initial states.
+
+Equations along a motion compare torques in each moment, so that noise of a torque that a controller makes of positions counts as
+much as the torque itself. A simulated window integrates it away, and its error is what a user of the model will have.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from sim_backend.reality_gap.feedback import Feedback
+from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS
+from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance
+from sim_backend.reality_gap.subjects.joints.body_law import KEYS as BODY_KEYS
+from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
+from sim_backend.reality_gap.subjects.joints.forward import Forward, Windows
+from sim_backend.reality_gap.subjects.joints.hypotheses import Catalogue, Hypothesis, links_off, own_share
+from sim_backend.reality_gap.subjects.joints.motor_law import KEYS as MOTOR_KEYS
+from sim_backend.reality_gap.subjects.joints.state import CLOCK, NO_EFFECTS, JointState, Term
+
+LENGTHS_S = (1.0, 0.5, 0.25)
+"""Of windows, the longest first: the first is taken in which a disturbed start does not grow."""
+MOST_WINDOWS = 60
+_GROWS = 2.0
+_FINEST_S = 0.002
+"""Faster recordings are compared this far apart."""
+_EDGE_S = 0.1
+"""Of a recording, at both ends, where its smoothed velocity is not as good."""
+_STARTS = (2e-3, 0.2)
+"""Standard deviations of where windows begin, rad and rad/s, about the smoothed motion."""
+_PROBES = (1e-3, 1e-2)
+_SAMPLES_OF_WINDOW = 4.0
+"""Independent numbers that a joint's errors in a window count as: they are as smooth as the motion."""
+_TAILS = 4.0
+"""Squares of a window's error, over the usual, beyond which it counts less and less."""
+_ITERATIONS, _QUICK_ITERATIONS, _STARTS_ALONE = 6, 5, 3
+_ENOUGH, _DAMPING = 1e-3, 1e-3
+_TOLERATED = 2.0
+"""Standard deviations that a tolerance is."""
+_WIDE = 10.0
+"""Standard deviations of what a cause's numbers may be, in their scales: what no window shows stays where it is."""
+_FLOOR = 2.0
+"""Times an encoder's noise: errors below it are as good as none."""
+FAR_OFF = 5.0
+"""Times an encoder's noise: windows also begin and end where smoothing puts them."""
+_CLOCK_SHARE = 0.25
+"""Standard deviation of when a recorded torque acts, of a row: at most half a row earlier or later."""
+_SIMULATED = frozenset({*MOTOR_KEYS, *BODY_KEYS})
+"""Numbers that rollouts have."""
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Errors of all windows at a model, and what each term changes in them, free of where windows begin.
+
+    Attributes:
+        error: measured less simulated, shape (n, s, k), rad.
+        precision, pull: sums of squares of the terms' changes and with the errors, in units of the noise, (m, m) and (m,).
+        starts: for each window, what its start follows from a change of the terms: (change of start, by terms).
+    """
+
+    error: np.ndarray
+    precision: np.ndarray
+    pull: np.ndarray
+    starts: tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class RolloutFit:
+    """A model that was fitted in rollouts.
+
+    Attributes:
+        state: the model.
+        terms: that were moved, and after them those that were held back by what a healthy robot may differ by.
+        errors: standard errors of ``terms``.
+        squares: mean square error of each window and joint, shape (n, k), rad^2.
+    """
+
+    state: JointState
+    terms: tuple[Term, ...]
+    errors: np.ndarray
+    squares: np.ndarray
+    begin: tuple[np.ndarray, np.ndarray]
+
+    @property
+    def by_joint_rad(self) -> np.ndarray:
+        """Root mean square error of each joint, shape (k,)."""
+        return np.sqrt(self.squares.mean(axis=0))
+
+
+class RolloutProblem:
+    """Windows of all episodes of a study, to fit models to.
+
+    Args:
+        episodes: of the study.
+        start: the nominal model.
+        catalogue: what may be wrong.
+        tolerance: by how much a robot that nothing is wrong with may differ from its model.
+    """
+
+    def __init__(
+        self, episodes: Sequence[EpisodeEquations], start: JointState, catalogue: Catalogue, tolerance: Tolerance
+    ) -> None:
+        step_s = max(_FINEST_S, float(np.median([e.path.step_s for e in episodes])))
+        self.start, self._catalogue = start, catalogue
+        self._forward = Forward(episodes[0].plant, step_s)
+        self.gravity_m_s2 = episodes[0].plant.gravity_m_s2
+        self.noise_rad = np.sqrt(np.mean([e.path.position_noise_rad**2 for e in episodes], axis=0))
+        for length_s in LENGTHS_S:
+            self.windows, self.length_s = windows_of(episodes, length_s, step_s), length_s
+            if len(self.windows) and self._growth() < _GROWS:
+                break
+        row_s = float(np.median([e.path.step_s for e in episodes]))
+        clock = (Term(CLOCK, 0, 0.1 * row_s), _CLOCK_SHARE * row_s)
+        self._loose = [clock, *links_off(tolerance, episodes[0].plant.centre_distance_m), *_of_model(tolerance, catalogue, start)]
+
+    def _growth(self) -> float:
+        """How much further a disturbed start leads than it would without any force, in the median."""
+        w = self.windows.some(np.linspace(0, len(self.windows) - 1, min(20, len(self.windows))).astype(int))
+        nominal, none = [self.start], np.zeros(len(w), int)
+        one = self._forward.positions(w, w.begin_rad, w.begin_rad_s, nominal, none)
+        other = self._forward.positions(w, w.begin_rad, w.begin_rad_s + _PROBES[1], nominal, none)
+        return float(np.nanmedian(np.abs(other - one)[:, -1].max(axis=1)) / (_PROBES[1] * self.length_s))
+
+    def loose_terms(self, without: Sequence[Term]) -> list[tuple[Term, float]]:
+        """What a healthy robot may be off by, with standard deviations, beside terms that are fitted."""
+        taken = {(t.key, t.index) for t in without}
+        return [(term, scale) for term, scale in self._loose if scale > 0.0 and (term.key, term.index) not in taken]
+
+    def squares_of(self, state: JointState, begin: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        """Mean square error of each window and joint, infinite where a simulation diverges; shape (n, k)."""
+        w = self.windows
+        went = self._forward.positions(w, *begin, [state], np.zeros(len(w), int))
+        squares = ((w.position_rad - went) ** 2).mean(axis=1)
+        return np.where(np.isfinite(squares), squares, np.inf)
+
+    def begin(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where the smoothed motion begins each window."""
+        return self.windows.begin_rad, self.windows.begin_rad_s
+
+    def fitted(
+        self,
+        state: JointState,
+        terms: Sequence[Term],
+        begin: tuple[np.ndarray, np.ndarray] | None = None,
+        *,
+        quickly: bool = False,
+    ) -> RolloutFit:
+        """Fit some terms, and beside them within its tolerances all that a healthy robot may be off by.
+
+        Args:
+            state: to begin with.
+            terms: to be moved, each probed by its own ``probe``.
+            begin: where windows begin; the smoothed motion if None.
+            quickly: leave all that is not in ``terms`` as it is, and stop early.
+        """
+        loose = [] if quickly else self.loose_terms(terms)
+        if begin is None:
+            found = self._descended(state, (), (), self.begin(), _STARTS_ALONE)
+            begin = found.begin
+        return self._descended(state, terms, loose, begin, _QUICK_ITERATIONS if quickly else _ITERATIONS)
+
+    def _descended(
+        self,
+        state: JointState,
+        terms: Sequence[Term],
+        loose: Sequence[tuple[Term, float]],
+        begin: tuple[np.ndarray, np.ndarray],
+        iterations: int,
+    ) -> RolloutFit:
+        """Steps of Gauss and Newton, each as far as errors fall."""
+        every = (*terms, *(t for t, _ in loose))
+        scales = np.array([*(_WIDE * self._catalogue.scales.get(t.key, 1.0) for t in terms), *(s for _, s in loose)])
+        squares, errors = self.squares_of(state, begin), np.zeros(len(every))
+        for _ in range(iterations):
+            noise, weights = self.noise_of(squares)
+            linear = self.linearised(state, every, begin, noise, weights)
+            prior = 1.0 / scales**2
+            precision = linear.precision + np.diag(prior)
+            errors = np.sqrt(np.diag(np.linalg.inv(precision)))
+            pull = linear.pull - prior * _apart(state, self.start, every)
+            change = np.linalg.solve(precision + _DAMPING * np.diag(np.diag(precision)), pull)
+            before, found = self._loss(squares, noise), None
+            for share in (1.0, 0.5, 0.25, 0.1):
+                candidate = self._within_tolerance(_moved(state, every, share * change), loose)
+                begins = self._begins(begin, linear, _apart(candidate, state, every), share)
+                tried = self.squares_of(candidate, begins)
+                if self._loss(tried, noise) < before:
+                    found = candidate, begins, tried
+                    break
+            if found is None:
+                break
+            state, begin, squares = found
+            if self._loss(squares, noise) > before - _ENOUGH * abs(before):
+                break
+        return RolloutFit(state, every, errors, squares, begin)
+
+    def without_loose(self, state: JointState, kept: Sequence[Term]) -> JointState:
+        """A model with everything that a healthy robot may be off by as the nominal one has it, but for terms that are kept."""
+        for term, _ in self.loose_terms(kept):
+            by = self.start.value(term.key)[term.index] - state.value(term.key)[term.index]
+            state = state.moved(term, float(by), with_shape=False)
+        return state
+
+    def _within_tolerance(self, state: JointState, loose: Sequence[tuple[Term, float]]) -> JointState:
+        for term, scale in loose:
+            here, first = (float(each.value(term.key)[term.index]) for each in (state, self.start))
+            nearest = float(np.clip(here, first - _TOLERATED * scale, first + _TOLERATED * scale))
+            state = state.moved(term, nearest - here, with_shape=False)
+        return state
+
+    def noise_of(self, squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What a usual window leaves at each joint, shape (k,), rad, and how much each window counts, shape (n, k)."""
+        usual = np.median(squares, axis=0)
+        noise = np.sqrt(np.maximum(usual, self.noise_rad**2))
+        return noise, 1.0 / (1.0 + squares / (_TAILS * noise**2))
+
+    def _loss(self, squares: np.ndarray, noise: np.ndarray) -> float:
+        return float(np.log1p(squares / (_TAILS * noise**2)).sum())
+
+    def _begins(
+        self, begin: tuple[np.ndarray, np.ndarray], linear: Linearised, change: np.ndarray, share: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        free, by_terms = linear.starts
+        starts = share * free - np.einsum("nbm,m->nb", by_terms, change)
+        joints = begin[0].shape[1]
+        return begin[0] + starts[:, :joints], begin[1] + starts[:, joints:]
+
+    def linearised(
+        self,
+        state: JointState,
+        terms: Sequence[Term],
+        begin: tuple[np.ndarray, np.ndarray],
+        noise: np.ndarray,
+        weights: np.ndarray,
+    ) -> Linearised:
+        """Errors at a model and what a change of each term does to them."""
+        w, (n, k) = self.windows, begin[0].shape
+        models = [state, *(state.moved(t, t.probe) for t in terms)]
+        m, total = len(terms), 1 + len(terms) + 2 * k
+        places, speeds = (np.tile(each, (total, 1, 1)) for each in begin)
+        for j in range(k):
+            places[1 + m + j, :, j] += _PROBES[0]
+            speeds[1 + m + k + j, :, j] += _PROBES[1]
+        which = np.repeat([*range(1 + m), *[0] * (2 * k)], n)
+        many = w.some(np.tile(np.arange(n), total))
+        went = self._forward.positions(many, places.reshape(-1, k), speeds.reshape(-1, k), models, which)
+        went = went.reshape(total, n, -1, k)
+        error = w.position_rad - went[0]
+        steps = np.array([*(t.probe for t in terms), *[_PROBES[0]] * k, *[_PROBES[1]] * k])
+        moves = (went[1:] - went[0]) / steps[:, None, None, None]
+        fine = np.isfinite(error).all(axis=(1, 2)) & np.isfinite(moves).all(axis=(0, 2, 3))
+        counted = (np.sqrt(weights * _SAMPLES_OF_WINDOW / error.shape[1]) / noise)[:, None] * fine[:, None, None]
+        left = np.nan_to_num(error * counted).reshape(n, -1)
+        images = np.nan_to_num(moves * counted).reshape(total - 1, n, -1).transpose(1, 2, 0)
+        own, at_start = images[:, :, :m], images[:, :, m:]
+        deviation = np.concatenate([w.begin_rad - begin[0], w.begin_rad_s - begin[1]], axis=1)
+        held = np.repeat(1.0 / np.array(_STARTS) ** 2, k)
+        block = np.einsum("nsa,nsb->nab", at_start, at_start) + np.diag(held)
+        pulled = np.einsum("nsa,ns->na", at_start, left) + held * deviation
+        cross = np.einsum("nsa,nsm->nam", at_start, own)
+        free = np.linalg.solve(block, pulled[:, :, None])[:, :, 0]
+        by_terms = np.linalg.solve(block, cross)
+        precision = np.einsum("nsm,nsl->ml", own, own) - np.einsum("nam,nal->ml", cross, by_terms)
+        pull = np.einsum("nsm,ns->m", own, left) - np.einsum("nam,na->m", cross, free)
+        return Linearised(error, precision, pull, (free, by_terms))
+
+    def gains(self, fit: RolloutFit, hypotheses: Sequence[Hypothesis]) -> list[tuple[float, Hypothesis, np.ndarray, np.ndarray]]:
+        """What hypotheses would gain beside a model, nats, with values and standard errors of their terms, the best first."""
+        usable = [h for h in hypotheses if all(self._catalogue.terms[i].key in _SIMULATED for i in h.terms)]
+        own = sorted({i for h in usable for i in h.terms})
+        base = [*fit.terms, *(t for t, _ in self.loose_terms(fit.terms))]
+        scales = np.array([self._scale(t) for t in base])
+        every = [*base, *(self._catalogue.terms[i] for i in own)]
+        noise, weights = self.noise_of(fit.squares)
+        linear = self.linearised(fit.state, every, fit.begin, noise, weights)
+        b = len(base)
+        inner = linear.precision[:b, :b] + np.diag(1.0 / scales**2)
+        through = np.linalg.solve(inner, linear.precision[:b, b:])
+        precision = linear.precision[b:, b:] - linear.precision[b:, :b] @ through
+        off = np.array([float(fit.state.value(t.key)[t.index] - self.start.value(t.key)[t.index]) for t in base])
+        pull = linear.pull[b:] - through.T @ (linear.pull[:b] - off / scales**2)
+        found = []
+        for h in usable:
+            index = [own.index(i) for i in h.terms]
+            scale = np.array(h.scales)
+            a = np.eye(len(index)) + scale[:, None] * precision[np.ix_(index, index)] * scale
+            values = scale * np.linalg.solve(a, scale * pull[index])
+            gain = float(0.5 * pull[index] @ values - 0.5 * np.linalg.slogdet(a)[1])
+            found.append((gain, h, values, scale * np.sqrt(np.maximum(np.diag(np.linalg.inv(a)), 0.0))))
+        return sorted(found, key=lambda entry: -entry[0])
+
+    def _scale(self, term: Term) -> float:
+        loose = {(t.key, t.index): s for t, s in self.loose_terms(())}
+        return loose.get((term.key, term.index), 1e6)
+
+    def is_near_noise(self, fit: RolloutFit) -> bool:
+        """Whether a usual window of no joint is off by more than a few times what its encoder is."""
+        return bool((np.sqrt(np.median(fit.squares, axis=0)) < FAR_OFF * self.noise_rad).all())
+
+    def gained(self, before: np.ndarray, after: np.ndarray) -> float:
+        """What one model gains over another by the errors of their windows, shapes (n, k), nats."""
+        floor = (_FLOOR * self.noise_rad) ** 2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.log((before + floor) / (after + floor))
+        return float(0.5 * _SAMPLES_OF_WINDOW * np.nan_to_num(ratio, posinf=5.0, neginf=-5.0).sum())
+
+
+def _of_model(tolerance: Tolerance, catalogue: Catalogue, start: JointState) -> list[tuple[Term, float]]:
+    """What the model itself says of its links, rotors and bearings, each with the standard deviation of what it may be off by."""
+    first = {(term.key, term.index): term for term in reversed(catalogue.terms) if term.key in NUMBERS}
+    return [(term, own_share(tolerance, key, index, start)) for (key, index), term in first.items()]
+
+
+def _apart(state: JointState, other: JointState, terms: Sequence[Term]) -> np.ndarray:
+    """By how much numbers of two models differ, shape (m,)."""
+    return np.array([float(state.value(t.key)[t.index] - other.value(t.key)[t.index]) for t in terms])
+
+
+def _moved(state: JointState, terms: Sequence[Term], change: np.ndarray) -> JointState:
+    """Numbers changed one by one, cut off where the catalogue ends."""
+    for term, by in zip(terms, change, strict=True):
+        here = float(state.value(term.key)[term.index])
+        lower, upper = (-np.inf, np.inf) if term.key in NO_EFFECTS else state.bounds(term.key)
+        state = state.moved(term, float(np.clip(here + by, min(lower, here), max(upper, here))) - here, with_shape=False)
+    return state
+
+
+def windows_of(episodes: Sequence[EpisodeEquations], length_s: float, step_s: float) -> Windows:
+    """Windows of a length, one after the other, in which everything was measured; at most ``MOST_WINDOWS``, evenly spread."""
+    parts: list[tuple[int, int]] = []
+    for owner, episode in enumerate(episodes):
+        path = episode.path
+        known = np.isfinite(np.hstack([path.joints.position_rad, episode.acting_nm.T])).all(axis=1)
+        edge, rows = round(_EDGE_S / path.step_s), round(length_s / path.step_s)
+        unknown = np.concatenate([[0], np.cumsum(~known)])
+        starts = np.arange(edge, path.joints.position_rad.shape[0] - rows - edge - 2, rows)
+        parts += [(owner, int(first)) for first in starts if unknown[first + rows + 2] == unknown[first]]
+    chosen = sorted({int(i) for i in np.linspace(0, len(parts) - 1, min(MOST_WINDOWS, len(parts)))}) if parts else []
+    return _windows(episodes, [parts[i] for i in chosen], round(length_s / step_s), step_s)
+
+
+def _windows(episodes: Sequence[EpisodeEquations], parts: Sequence[tuple[int, int]], samples: int, step_s: float) -> Windows:
+    k = episodes[0].plant.joints
+    position, sent, begin, speed, laws = [], [], [], [], []
+    edges_s = step_s * np.arange(samples + 1)
+    for owner, first in parts:
+        episode, path = episodes[owner], episodes[owner].path
+        rows = slice(first, first + round(edges_s[-1] / path.step_s) + 2)
+        position.append(_between(path.joints.position_rad[rows], path.step_s, edges_s[1:]))
+        sent.append(_mean_of_held(episode.acting_nm.T[rows], path.step_s, edges_s))
+        begin.append(path.fast_position[first])
+        speed.append(path.fast_velocity[first])
+        if path.joints.feedback is not None:
+            law = path.joints.feedback.at(rows)
+            laws.append(Feedback(*(_mean_of_held(getattr(law, field.name), path.step_s, edges_s) for field in fields(law))))
+    return Windows(
+        step_s,
+        np.array(position).reshape(-1, samples, k),
+        np.array(begin).reshape(-1, k),
+        np.array(speed).reshape(-1, k),
+        np.array(sent).reshape(-1, samples, k),
+        Feedback.stacked(laws) if laws and len(laws) == len(parts) else None,
+        np.array([part[0] for part in parts], dtype=int),
+    )
+
+
+def _between(series: np.ndarray, step_s: float, times_s: np.ndarray) -> np.ndarray:
+    """Samples (s, k) that are ``step_s`` apart, at other times from the first one on."""
+    own_s = step_s * np.arange(len(series))
+    return np.stack([np.interp(times_s, own_s, column) for column in series.T], axis=1)
+
+
+def _mean_of_held(series: np.ndarray, step_s: float, edges_s: np.ndarray) -> np.ndarray:
+    """Means of values (s, k), each held for ``step_s``, between edges (t + 1,) from the first one on; shape (t, k)."""
+    sums = np.concatenate([np.zeros((1, series.shape[1])), np.cumsum(series, axis=0)]) * step_s
+    at_edges = _between(sums, step_s, edges_s)
+    return np.diff(at_edges, axis=0) / np.diff(edges_s)[:, None]

@@ -1,0 +1,123 @@
+"""A verdict from rollouts alone: what was taken since with it a model goes where the robot went."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.effects.effect import Scope
+from sim_backend.reality_gap.knowledge.separation import separated_by
+from sim_backend.reality_gap.quantiles import Z_90
+from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS
+from sim_backend.reality_gap.subjects.joints.identification import JointStudy
+from sim_backend.reality_gap.subjects.joints.rollout_selection import RolloutSelection, Taken
+from sim_backend.reality_gap.verdict import Cause, HeldOut, Rival, Verdict, VerdictKind
+
+CONFUSABLE_NATS = 5.0
+_SYSTEMATIC, _SYSTEMATIC_SHARE = 2.0, 0.1
+"""Intervals are wider than the errors of windows alone make them, by a factor and by a share of the deviation."""
+_TRIFLE = 0.05
+"""Of the largest number of a cause at all joints: a joint with less of it has none."""
+_EXPLAINED = 0.5
+"""Share of a usual window's error that causes must take away at some joint to be named."""
+
+
+def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection) -> Verdict:
+    """Judge what a selection came to.
+
+    Named is what takes away at least half of a usual window's error at some joint; what takes less is listed as a part of
+    something that is not explained.
+    """
+    problem, names = selection.problem, study.problem.names
+    found = [(taken, causes_of(study, selection, taken)) for taken in selection.taken]
+    causes = [cause for _, own in found for cause in own]
+    rivals = [rival for taken, _ in found if (rival := _rival(taken)) is not None]
+    before, after = (np.sqrt(np.median(fit.squares, axis=0)) for fit in (selection.nominal, selection.fit))
+    worst = int(np.argmax(after / problem.noise_rad))
+    left = f"a usual window of {problem.length_s:g} s ends up {1e3 * after[worst]:.2g} mrad off at {names[worst]}"
+    said = f"{left}, {after[worst] / problem.noise_rad[worst]:.0f} times the noise of its encoder"
+    kind, summary = VerdictKind.NAMED, f"The robot goes where a model goes that has {_listed(causes)}."
+    if not causes and problem.is_near_noise(selection.nominal):
+        kind, summary = VerdictKind.NOTHING_WRONG, "The model goes where the robot went."
+    elif not causes:
+        kind, summary = VerdictKind.UNEXPLAINED, f"The model does not go where the robot went: {said}, and no cause explains it."
+    elif not (after < (1.0 - _EXPLAINED) * before).any():
+        kind, summary = VerdictKind.UNEXPLAINED, f"{_listed(causes)} explains a part of it; with it {said}."
+    elif any(rival.behind < CONFUSABLE_NATS for rival in rivals):
+        kind, summary = VerdictKind.CONFUSABLE, "Some cause explains where the robot went, but these data cannot tell which."
+    is_left = kind is VerdictKind.NAMED and not problem.is_near_noise(selection.fit)
+    return Verdict(
+        verdict=kind,
+        summary=summary,
+        causes=tuple(causes),
+        held_out=_gained(selection),
+        runner_up=min(rivals, key=lambda rival: rival.behind, default=None),
+        rejected=tuple(sorted(rivals, key=lambda rival: rival.behind)),
+        cannot_tell=(*([f"where the rest comes from: {said}"] if is_left else []), *_UNSEEN),
+        record_next=("each joint slowly and fast, unloaded and loaded",) if kind is not VerdictKind.NAMED else (),
+    )
+
+
+_UNSEEN = (
+    "noise and filters of sensors, ends of joints: rollouts compare positions between them",
+    "whether all torques and all masses are off by the same share: no motion shows it",
+)
+
+
+def causes_of(study: JointStudy, selection: RolloutSelection, taken: Taken) -> list[Cause]:
+    """One cause for each number that is away from the nominal model beyond its interval."""
+    errors = {(t.key, t.index): float(e) for t, e in zip(selection.fit.terms, selection.fit.errors, strict=True)}
+    found, sizes = [], []
+    for term in taken.terms:
+        parameter, value = PARAMETERS[term.key], float(selection.fit.state.value(term.key)[term.index])
+        off = value - study.problem_start(term.key, term.index)
+        half = float(np.hypot(Z_90 * _SYSTEMATIC * errors[term.key, term.index], _SYSTEMATIC_SHARE * off))
+        where = taken.hypothesis.where
+        if parameter.scope in (Scope.JOINT, Scope.VECTOR):
+            where = study.problem.names[term.index] if parameter.scope is Scope.JOINT else "xyz"[term.index]
+        if abs(off) > half or term.key not in {t.key for t in taken.terms[:1]}:
+            interval = (value - half, value + half)
+            found.append(Cause(taken.hypothesis.effect, parameter.name, where, value, parameter.unit, interval))
+            sizes.append(abs(off))
+    if taken.hypothesis.where != ALL_JOINTS:
+        return found
+    largest = max(sizes, default=0.0)
+    return [cause for cause, size in zip(found, sizes, strict=True) if size > _TRIFLE * largest]
+
+
+def _rival(taken: Taken) -> Rival | None:
+    """The best other cause by the time one was taken; not the same at more or fewer joints."""
+    own = taken.hypothesis
+    for (effect, where), gain in taken.others:
+        if effect != own.effect:
+            separated = separated_by(effect, own.effect, "slow and fast motion, little and much load")
+            return Rival(effect, where, taken.gain - gain, separated)
+    return None
+
+
+def _gained(selection: RolloutSelection) -> HeldOut:
+    """Errors of the windows without and with the causes; both fitted to the same windows."""
+    problem = selection.problem
+    before, after = (float(np.sqrt(fit.squares.mean())) for fit in (selection.nominal, selection.fit))
+    ratios = np.sqrt(selection.fit.squares.sum(axis=1) / np.maximum(selection.nominal.squares.sum(axis=1), 1e-30))
+    low, high = (float(1.0 - edge) for edge in np.quantile(ratios, [0.975, 0.025]))
+    return HeldOut(
+        metric=f"how far windows of {problem.length_s:g} s end up from where the robot was (root mean square over all joints)",
+        unit="rad",
+        before=before,
+        after=after,
+        noise_floor=float(np.sqrt((problem.noise_rad**2).mean())),
+        reduction=1.0 - after / max(before, 1e-30),
+        reduction_interval_95=(low, high),
+        samples=int(problem.windows.position_rad.size),
+        is_unseen=False,
+    )
+
+
+def _listed(causes: Sequence[Cause]) -> str:
+    """Each effect with its places."""
+    places: dict[str, list[str]] = {}
+    for cause in causes:
+        if cause.where not in places.setdefault(cause.effect, []):
+            places[cause.effect].append(cause.where)
+    return ", ".join(f"{effect.replace('_', ' ')} ({', '.join(where)})" for effect, where in places.items())

@@ -1,0 +1,148 @@
+"""Windows of a known pendulum: simulated as MuJoCo alone does, and what was hidden in it is found by where it goes."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim_backend.reality_gap.feedback import Feedback
+from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownRobot
+from sim_backend.reality_gap.recording import JointSignals, Recording
+from sim_backend.reality_gap.subjects.joints.forward import Forward, Windows
+from sim_backend.reality_gap.subjects.joints.identification import study_joints
+from sim_backend.reality_gap.subjects.joints.plant import Plant
+from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutProblem, windows_of
+from sim_backend.reality_gap.subjects.joints.rollout_selection import select_by_rollouts
+from sim_backend.reality_gap.subjects.joints.state import JointState
+from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import verdict_of_rollouts
+from sim_backend.reality_gap.verdict import VerdictKind
+
+PENDULUM = """
+<mujoco><option timestep="0.0005" integrator="implicitfast"/><worldbody>
+ <body name="arm"><joint name="hinge" type="hinge" axis="0 1 0" armature="0.001" {more}/>
+  <inertial pos="0 0 -0.15" mass="0.6" diaginertia="1e-3 1e-3 1e-3"/></body>
+</worldbody><actuator><motor joint="hinge"/></actuator></mujoco>
+"""
+STEP_S = 0.005
+GAIN, DAMPING = 3.0, 0.1
+NO_LIMIT = {"torque_saturation.limit_nm": np.array([1e9])}
+
+
+def recorded(model: mujoco.MjModel, target_rad: np.ndarray, *, seed: int = 0, noise_rad: float = 1e-4) -> Recording:
+    """A PD controller follows targets at 200 Hz; positions have noise, which the controller sees."""
+    data, rng = mujoco.MjData(model), np.random.default_rng(seed)
+    found = np.empty((3, len(target_rad)))
+    for i, target in enumerate(target_rad):
+        position = data.qpos[0] + noise_rad * rng.standard_normal()
+        data.ctrl[0] = GAIN * (target - position) - DAMPING * data.qvel[0]
+        found[:, i] = position, data.qvel[0], data.ctrl[0]
+        for _ in range(round(STEP_S / model.opt.timestep)):
+            mujoco.mj_step(model, data)
+    position, velocity, torque = (row[:, None] for row in found)
+    joints = JointSignals(("hinge",), position, velocity, commanded_torque_nm=torque)
+    return Recording("swing", "made here", STEP_S, STEP_S * np.arange(len(target_rad)), joints)
+
+
+def targets(seconds: float, seed: int) -> np.ndarray:
+    """Sums of slow and fast sines."""
+    time_s, rng = np.arange(0.0, seconds, STEP_S), np.random.default_rng(seed)
+    phases = rng.uniform(0.0, 2.0 * np.pi, 4)
+    return sum(0.4 * np.sin(2.0 * np.pi * f * time_s + phase) for f, phase in zip((0.2, 0.5, 0.9, 1.7), phases, strict=True))
+
+
+def one_window(position: np.ndarray, sent: np.ndarray, feedback: Feedback | None = None) -> Windows:
+    begin = np.zeros((1, 1))
+    return Windows(STEP_S, position, begin, begin, sent, feedback, np.zeros(1, int))
+
+
+@pytest.mark.parametrize("more", ['damping="0.02"', 'frictionloss="0.05"', 'damping="0.01" frictionloss="0.03"'])
+def test_a_window_goes_where_mujoco_goes(more):
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more=more))
+    data = mujoco.MjData(model)
+    sent, went = 0.7 * np.sin(0.08 * np.arange(120.0))[None, :, None], np.empty((1, 120, 1))
+    for i in range(120):
+        data.ctrl[0] = sent[0, i, 0]
+        for _ in range(10):
+            mujoco.mj_step(model, data)
+        went[0, i] = data.qpos[0]
+    plant = Plant(model, ["hinge"])
+    own = {key: values for key, values in plant.own_values.items() if values.any()}
+    window = one_window(went, sent)
+    found = Forward(plant, STEP_S).positions(
+        window, window.begin_rad, window.begin_rad_s, [JointState(1, own | NO_LIMIT)], np.zeros(1, int)
+    )
+    assert np.abs(found - went).max() < 0.02 * np.abs(went).max()
+
+
+def test_in_the_loop_a_servo_stops_where_its_torque_and_gravity_are_even():
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more='damping="0.1"'))
+    samples, stall_nm = 1200, 0.5
+    law = [np.full((1, samples, 1), value) for value in (1.0, 5.0, 0.0, stall_nm, 0.02, 0.0)]
+    window = one_window(np.zeros((1, samples, 1)), np.full((1, samples, 1), np.nan), Feedback(*law))
+    state = JointState(1, {"viscous_friction.damping_nm_s_rad": np.array([0.1]), **NO_LIMIT})
+    forward = Forward(Plant(model, ["hinge"]), STEP_S)
+    rests = forward.positions(window, window.begin_rad, window.begin_rad_s, [state], np.zeros(1, int))[0, -1, 0]
+    asked = min(5.0 * (1.0 - rests), stall_nm)
+    assert asked == pytest.approx(0.6 * 9.81 * 0.15 * np.sin(rests), rel=1e-3)
+
+
+def test_a_delayed_torque_comes_late():
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more=""))
+    sent = np.zeros((2, 40, 1))
+    sent[0, 4:], sent[1, 6:] = 0.3, 0.3
+    window = replace(one_window(sent, sent), begin_rad=np.zeros((2, 1)), begin_rad_s=np.zeros((2, 1)), owner=np.zeros(2, int))
+    prompt = JointState(1, NO_LIMIT)
+    late = JointState(1, {"action_delay.delay_s": np.array([2 * STEP_S]), **NO_LIMIT})
+    went = Forward(Plant(model, ["hinge"]), STEP_S).positions(
+        window, window.begin_rad, window.begin_rad_s, [prompt, late], np.array([1, 0])
+    )
+    assert went[0] == pytest.approx(went[1], abs=1e-12) and np.abs(went).max() > 0.01
+
+
+def study_of(hidden: str, *, tolerance: Tolerance | None = None):
+    """Judge two recordings of a pendulum that has more than its model."""
+    nominal = mujoco.MjModel.from_xml_string(PENDULUM.format(more=""))
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more=hidden))
+    recordings = [replace(recorded(model, targets(6.0, seed), seed=seed), name=f"swing {seed}") for seed in (1, 2)]
+    robot = UnknownRobot(tolerance or Tolerance())
+    study = study_joints(nominal, recordings, lambda *_: None, robot=robot, gate=np.inf)
+    problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, robot.tolerance)
+    return verdict_of_rollouts(study, select_by_rollouts(problem, study.fit.first.catalogue, lambda _: True))
+
+
+@pytest.mark.parametrize(
+    ("hidden", "effect", "value"),
+    [
+        ('frictionloss="0.08"', "coulomb_friction", 0.08),
+        pytest.param('damping="0.03"', "viscous_friction", 0.03, marks=pytest.mark.scale),
+    ],
+)
+def test_a_hidden_loss_is_named_by_where_the_pendulum_goes(hidden, effect, value):
+    """`test_a_hidden_loss_is_named_by_where_the_pendulum_goes` has the loss that is no straight line without scale."""
+    verdict = study_of(hidden)
+    assert verdict.verdict is VerdictKind.NAMED, verdict.summary
+    (cause,) = verdict.causes
+    assert (cause.effect, cause.where) == (effect, "hinge")
+    assert cause.interval_90[0] < value < cause.interval_90[1] and cause.value == pytest.approx(value, rel=0.1)
+
+
+def test_nothing_is_named_where_nothing_is_hidden():
+    verdict = study_of("")
+    assert verdict.verdict is VerdictKind.NOTHING_WRONG and not verdict.causes, verdict.summary
+
+
+def test_windows_leave_out_what_was_not_measured():
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more=""))
+    recording = recorded(model, targets(8.0, 3))
+    study = study_joints(model, [recording], lambda *_: None, robot=UnknownRobot(), gate=np.inf)
+    whole = windows_of(study.problem.episodes, 1.0, STEP_S)
+    assert recording.joints is not None
+    gone = recording.joints.position_rad.copy()
+    gone[500:520] = np.nan
+    broken = replace(recording, joints=replace(recording.joints, position_rad=gone))
+    less = windows_of(
+        study_joints(model, [broken], lambda *_: None, robot=UnknownRobot(), gate=np.inf).problem.episodes, 1.0, STEP_S
+    )
+    assert len(whole) == 7 and len(less) == 6
+    assert np.isfinite(less.position_rad).all() and np.isfinite(less.sent_nm).all()
