@@ -74,6 +74,32 @@ def study(
 
 
 @commands.command(epilog=epilog(*ENDS))
+def replay(
+    extended: Annotated[Path, typer.Argument(metavar="DIR|MJCF", help="Folder that 'trifarm gap study' wrote, or a model.")],
+    recordings: Annotated[Path, typer.Argument(metavar="STUDY.toml", help="Recordings, best ones that no study has seen.")],
+    *,
+    data_folder: Annotated[
+        Path | None, typer.Option("--data", metavar="DIR", help="Folder of the data files; overrides the one in study.toml.")
+    ] = None,
+    model: Annotated[
+        list[Path] | None, typer.Option("--model", metavar="MJCF", help="Another model to replay, too; several times.")
+    ] = None,
+    window: Annotated[
+        float | None,
+        typer.Option("--window", metavar="SECONDS", help="Begin anew where the robot was; by default only once a recording."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Replay recordings with an extended model, in the loop in which they were made: how far does it go from the robot?"""
+    for path in (extended, recordings, *(model or ())):
+        if not path.exists():
+            raise UsageProblem(f"there is no file or folder {path}")
+    flags = [*_given("--data", data_folder), *_given("--window", window)]
+    flags += [text for path in model or () for text in _given("--model", path)]
+    _run("replay", str(extended), str(recordings), *flags, as_json=as_json)
+
+
+@commands.command(epilog=epilog(*ENDS))
 def blind_test(
     *,
     cases: Annotated[

@@ -52,7 +52,8 @@ _LOSS, _RISE = SLOTS["thermal_derating.loss_per_k"], SLOTS["thermal_derating.ris
 _WARM_TIME = SLOTS["thermal_derating.time_constant_s"]
 _COGGING, _CYCLES, _PHASE = (SLOTS[f"cogging.{name}"] for name in ("amplitude_nm", "cycles_per_rad", "phase_rad"))
 _GAP, _ROTOR_INERTIA = SLOTS["backlash.gap_rad"], SLOTS["backlash.rotor_inertia_kg_m2"]
-_COULOMB, _LOAD = SLOTS[r.COULOMB], SLOTS["load_friction.coefficient"]
+_COULOMB = SLOTS[r.COULOMB]
+_LOAD, _OUTER_LOAD = SLOTS["load_friction.coefficient"], SLOTS["load_friction.external_coefficient"]
 _STRIBECK, _STRIBECK_SPEED = SLOTS["stribeck_friction.extra_nm"], SLOTS["stribeck_friction.speed_rad_s"]
 _DIRECTION, _STUCK = SLOTS["directional_friction.difference_nm"], SLOTS["stuck_joint.holding_torque_nm"]
 _PUSH, _PUSH_CHANCE = SLOTS["cube_pushes.force_n"], SLOTS["cube_pushes.probability"]
@@ -203,10 +204,10 @@ def drive(slots: np.ndarray, torque: np.ndarray, position: np.ndarray, velocity:
 
 
 @numba.njit
-def friction_bound_nm(slots: np.ndarray, j: int, velocity_rad_s: float, torque_nm: float) -> float:
+def friction_bound_nm(slots: np.ndarray, j: int, velocity_rad_s: float, torque_nm: float, external_nm: float) -> float:
     """The bound of joint j's friction constraint in this step."""
     bound = slots[_COULOMB + j] + stribeck_bound_nm(slots[_STRIBECK + j], slots[_STRIBECK_SPEED + j], velocity_rad_s)
-    bound += load_bound_nm(slots[_LOAD + j], torque_nm) + stuck_bound_nm(slots[_STUCK + j])
+    bound += load_bound_nm(slots[_LOAD + j], torque_nm, slots[_OUTER_LOAD + j], external_nm) + stuck_bound_nm(slots[_STUCK + j])
     return max(0.0, bound + directional_bound_nm(slots[_DIRECTION + j], velocity_rad_s))
 
 
@@ -221,17 +222,18 @@ def push(slots: np.ndarray, axis: int) -> float:
 
 
 @numba.njit
-def set_bounds(slots: np.ndarray, velocity: np.ndarray, report: np.ndarray, bounds: np.ndarray) -> None:
+def set_bounds(slots: np.ndarray, velocity: np.ndarray, bias: np.ndarray, report: np.ndarray, bounds: np.ndarray) -> None:
     """Set the bounds of the joints' friction constraints for this step; shapes (9,), N m.
 
     Args:
         slots: the simulation's record.
         velocity: true joint velocities, rad/s.
+        bias: torques that gravity and motion ask of the joints, N m.
         report: what :func:`step_with_effects` reported in this step.
         bounds: set.
     """
     for j in range(9):
-        bounds[j] = friction_bound_nm(slots, j, velocity[j], report[r.EFFECTIVE_TORQUE + j])
+        bounds[j] = friction_bound_nm(slots, j, velocity[j], report[r.EFFECTIVE_TORQUE + j], bias[j])
 
 
 @numba.njit

@@ -91,8 +91,8 @@ def _untyped(_context: object, pointer: types.Type) -> tuple[Any, Callable[..., 
 def _compiled() -> Any:
     """The callback, compiled once a process."""
     nuserdata, nsensordata = (field_word("mjModel", name) for name in ("nuserdata", "nsensordata"))
-    qpos, qvel, ctrl, userdata, sensordata, qfrc_applied = (
-        field_word("mjData", name) for name in ("qpos", "qvel", "ctrl", "userdata", "sensordata", "qfrc_applied")
+    qpos, qvel, ctrl, userdata, sensordata, qfrc_applied, qfrc_bias = (
+        field_word("mjData", name) for name in ("qpos", "qvel", "ctrl", "userdata", "sensordata", "qfrc_applied", "qfrc_bias")
     )
     kinds, bounds, island_bounds, island_rows = (
         field_word("mjData", name) for name in ("efc_type", "efc_frictionloss", "iefc_frictionloss", "map_efc2iefc")
@@ -121,8 +121,8 @@ def _compiled() -> Any:
         kind = carray(data[kinds], (9,), np.int32)
         if kind[0] != friction or kind[8] != friction:  # rows come joint by joint, before those of limits and contacts
             return
-        in_order = carray(data[bounds], (9,), np.float64)
-        set_bounds(slots, velocity, report, in_order)
+        in_order, bias = carray(data[bounds], (9,), np.float64), carray(data[qfrc_bias], (9,), np.float64)
+        set_bounds(slots, velocity, bias, report, in_order)
         if counts[nisland] > 0:  # then the solver works on a copy that is sorted by islands
             rows, by_island = carray(data[island_rows], (9,), np.int32), carray(data[island_bounds], (counts[nefc],), np.float64)
             for j in range(9):

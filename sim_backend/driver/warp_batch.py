@@ -55,6 +55,7 @@ VARIED = (
 WITHOUT_MEANING = ("actuator_acc0", "bvh_aabb", "cam_poscom0", "dof_M0", "dof_length", "light_poscom0", "signature")
 """Fields that may differ although all have those of the nominal model: for muscles, rays, tracking cameras, sleep and lights."""
 _GRAVITY = "gravity"
+_OUTER_LOAD = r.SLOTS["load_friction.external_coefficient"]
 
 
 def open_device(device: str | None) -> tuple[Any, Any, str]:
@@ -96,7 +97,7 @@ class WarpBatch:
         self._warp, self._library, self._device = open_device(device)
         self._model, self._n = model, robots
         self._host = {"qpos": np.tile(model.qpos0, (robots, 1)), "ctrl": np.zeros((robots, model.nu))}
-        self._host |= {name: np.zeros((robots, model.nv)) for name in ("qvel", "qfrc_applied")}
+        self._host |= {name: np.zeros((robots, model.nv)) for name in ("qvel", "qfrc_applied", "qfrc_bias")}
         self._host |= {"userdata": np.zeros((robots, model.nuserdata)), "sensordata": np.zeros((robots, r.REPORT_SIZE))}
         self.warning = np.zeros((robots, 1), dtype=np.int64)
         self.models: list[mujoco.MjModel] | None = None
@@ -178,8 +179,8 @@ class WarpBatch:
         """Let safety pipeline and effects act on the state of this step."""
         host = self._host
         bounds = np.zeros((self._n, 9))
-        arrays = (host["userdata"], host["ctrl"], host["qpos"], host["qvel"], host["sensordata"], host["qfrc_applied"], bounds)
-        _controller()(*arrays)
+        states = (host[name] for name in ("qpos", "qvel", "qfrc_bias", "sensordata", "qfrc_applied"))
+        _controller()(host["userdata"], host["ctrl"], *states, bounds)
         moving = host["userdata"][:, r.BOUNDS_ON] != 0.0
         if moving.any():
             self._fields["dof_frictionloss"][moving, :9] = bounds[moving]
@@ -189,6 +190,8 @@ class WarpBatch:
         """Take the state after a step from the device; simulations that became unstable go back to the initial one."""
         data, host = self._data, self._host
         host["qpos"][:], host["qvel"][:] = data.qpos.numpy(), data.qvel.numpy()
+        if (host["userdata"][:, _OUTER_LOAD : _OUTER_LOAD + 9] != 0.0).any():
+            host["qfrc_bias"][:] = data.qfrc_bias.numpy()
         sums = np.abs(host["qpos"]).max(axis=1) + np.abs(host["qvel"]).max(axis=1)
         lost = ~(sums < LARGEST) | ((data.overflow.numpy() & self._too_much) != 0)
         if lost.any():
@@ -262,6 +265,7 @@ def control_rows(
     torque: np.ndarray,
     position: np.ndarray,
     velocity: np.ndarray,
+    bias: np.ndarray,
     report: np.ndarray,
     force: np.ndarray,
     bounds: np.ndarray,
@@ -273,6 +277,7 @@ def control_rows(
         torque: desired torques in, applied torques out, shape (n, 9), N m.
         position: qpos, shape (n, 16).
         velocity: qvel, shape (n, 15).
+        bias: what gravity and motion asked of the joints a step before, shape (n, 15), N m.
         report: filled with what is measured, shape (n, 36).
         force: filled with generalised forces to add, shape (n, 15).
         bounds: filled with the bounds of joint friction where they move, shape (n, 9), N m.
@@ -284,11 +289,11 @@ def control_rows(
             continue
         step_with_effects(slots[i], torque[i], position[i], velocity[i], report[i], force[i])
         if slots[i, r.BOUNDS_ON] != 0.0:
-            set_bounds(slots[i], velocity[i], report[i], bounds[i])
+            set_bounds(slots[i], velocity[i], bias[i], report[i], bounds[i])
 
 
 @functools.cache
 def _controller() -> Callable[..., None]:
     """``control_rows``, compiled once a process."""
     rows = types.float64[:, ::1]
-    return compiled_once(lambda cache: numba.njit([(rows,) * 7], cache=cache)(control_rows))
+    return compiled_once(lambda cache: numba.njit([(rows,) * 8], cache=cache)(control_rows))

@@ -65,9 +65,9 @@ def stribeck_bound_nm(extra_nm: float, speed_rad_s: float, velocity_rad_s: float
 
 
 @numba.njit(inline="always")
-def load_bound_nm(coefficient: float, torque_nm: float) -> float:
-    """What is added to the bound by the torque that the gear transmits."""
-    return coefficient * abs(torque_nm)
+def load_bound_nm(coefficient: float, torque_nm: float, external_coefficient: float, external_nm: float) -> float:
+    """What is added to the bound by the motor's torque on the gear, and by the joint's load from outside."""
+    return coefficient * abs(torque_nm) + external_coefficient * abs(external_nm)
 
 
 @numba.njit(inline="always")
@@ -132,6 +132,9 @@ EFFECTS = (
         Acts.CONTROL,
         load_bound_nm,
         per_joint("coefficient", "", 0.0, 0.6, 0.0, "friction torque for each N m of motor torque"),
+        per_joint(
+            "external_coefficient", "", 0.0, 0.6, 0.0, "friction torque for each N m by which gravity and motion load the joint"
+        ),
     ),
     _effect(
         "directional_friction",

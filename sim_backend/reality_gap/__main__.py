@@ -1,4 +1,4 @@
-"""The reality gap as commands: ``python -m sim_backend.reality_gap study|blind-test|excite``; ``trifarm gap`` starts them.
+"""The reality gap as commands: ``python -m sim_backend.reality_gap study|replay|blind-test|excite``; ``trifarm gap`` starts them.
 
 Exit codes: 0 a verdict was reached, whichever; 2 usage, or data that cannot be used; 130 stopped by the user.
 """
@@ -34,6 +34,23 @@ def main(arguments: list[str] | None = None) -> int:
     return _study(given)
 
 
+def _replay(options: argparse.Namespace) -> int:
+    from sim_backend.reality_gap.replay import replay
+
+    try:
+        for path in (options.extended, options.source, *options.model):
+            if not path.exists():
+                raise RecordingError(f"there is no {path}")
+        if options.window < 0.0:
+            raise RecordingError("--window is a time in seconds; without it recordings are replayed as a whole")
+        settings = {"data_root": options.data, "others": options.model, "window_s": options.window}
+        found = replay(options.extended, options.source, **settings, progress=_Progress())
+    except RecordingError as error:
+        return refused(error, options.json)
+    print(json.dumps(found.document()) if options.json else "\n".join(found.lines()))
+    return 0
+
+
 def _study(given: list[str]) -> int:
     from sim_backend.reality_gap.subjects.joints.calibrating import METHODS
 
@@ -49,9 +66,18 @@ def _study(given: list[str]) -> int:
     study.add_argument("--policy", type=Path, metavar="FILE", help="that policy: success is predicted with both models")
     study.add_argument("--manifest", metavar="LAYOUT|FILE", help="what it expects: a ready-made layout or a file")
     study.add_argument("--json", action="store_true", help="print the verdict as one JSON document")
+    again = commands.add_parser("replay", help="how far an extended model goes from where a robot went")
+    again.add_argument("extended", type=Path, metavar="DIR|MJCF", help="results of a study, or a model")
+    again.add_argument("source", type=Path, metavar="STUDY.toml", help="the recordings")
+    again.add_argument("--data", type=Path, metavar="DIR", help="where a study file's data lie")
+    again.add_argument("--model", type=Path, action="append", default=[], metavar="MJCF", help="another model to replay, too")
+    again.add_argument("--window", type=float, default=0.0, metavar="SECONDS", help="begin anew where the robot was")
+    again.add_argument("--json", action="store_true", help="print one JSON document")
     for name, what in (("blind-test", "hide effects in simulated robots and ask for them"), ("excite", "what to record next")):
         commands.add_parser(name, help=what)
     options = parser.parse_args(given)
+    if options.command == "replay":
+        return _replay(options)
     asked = (options.trials, options.policy, options.manifest)
     if any(asked) and not all(asked):
         parser.error("--trials, --policy and --manifest go together")

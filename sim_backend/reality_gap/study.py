@@ -15,11 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.effects.effect import Scope
 from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.measured.farm_logs import FarmLogs, find_logs, read_farm_logs
 from sim_backend.reality_gap.measured.foreign.episodes import read_recordings
-from sim_backend.reality_gap.measured.foreign.study_file import load_study_file
+from sim_backend.reality_gap.measured.foreign.study_file import NominalValue, StudyFile, load_study_file
 from sim_backend.reality_gap.model.files import write_models
 from sim_backend.reality_gap.model.model import load_extended_model, provenance_of
 from sim_backend.reality_gap.recording import RecordingError
@@ -29,7 +31,7 @@ from sim_backend.reality_gap.subjects.joints import subject as joints
 from sim_backend.reality_gap.subjects.subject import Material, Progress, Sections, Subject, part
 from sim_backend.reality_gap.subjects.tosses import subject as tosses
 from sim_backend.reality_gap.success.prediction import Question, Trials, read_question, success_of
-from sim_backend.reality_gap.verdict import Verdict, joined
+from sim_backend.reality_gap.verdict import Cause, Verdict, joined
 
 SUBJECTS: tuple[Subject, ...] = (joints, cube, tosses)
 
@@ -115,8 +117,29 @@ def _shares(asked: list[Subject], progress: Progress) -> list[Progress]:
 
 
 def _extended(verdict: Verdict, material: Material, out: Path) -> list[Path]:
-    model = None if material.study_file is None else material.study_file.model
-    return write_models(verdict, material.title, material.files, out, model=model)
+    file = material.study_file
+    if file is None:
+        return write_models(verdict, material.title, material.files, out, model=None)
+    stated = [cause for key, value in file.nominal.items() for cause in _stated(key, value, file)]
+    return write_models(verdict, material.title, material.files, out, model=file.model, stated=stated)
+
+
+def _stated(key: str, value: NominalValue, file: StudyFile) -> list[Cause]:
+    """A value of a study file as causes, one for each place."""
+    parameter = PARAMETERS[key]
+    if isinstance(value, Mapping):
+        places = value
+    elif parameter.scope is Scope.JOINT:
+        places = {joint.name: value for joint in file.joints}
+    elif parameter.scope is Scope.VECTOR:
+        places = dict(zip("xyz", np.broadcast_to(np.asarray(value, dtype=float), 3), strict=True))
+    else:
+        places = {"platform": value}
+    effect = key.partition(".")[0]
+    return [
+        Cause(effect, parameter.name, where, float(each), parameter.unit, (float(each), float(each)))  # pyright: ignore[reportArgumentType]
+        for where, each in places.items()
+    ]
 
 
 def _success(question: Question | None, models: list[Path], rng: np.random.Generator, progress: Progress) -> Sections:

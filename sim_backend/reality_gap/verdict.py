@@ -60,7 +60,8 @@ class HeldOut:
 class Verdict:
     """What is wrong with the model, or that nothing is, or why nobody can tell.
 
-    ``causes`` holds the named ones, or the members of a confusable set. ``null_p`` is the share of healthy sessions whose
+    ``causes`` holds the named ones, or the members of a confusable set. ``extended`` are the values of the extended model where it
+    has more than the causes: what makes it go where the robot went without being told to be a cause. ``null_p`` is the share of healthy sessions whose
     largest gain is at least this one's, none where all causes were seen without a fit. ``held_out_there`` are errors where such
     causes act, which ``held_out`` leaves out. ``rejected`` are the best other explanations of the named causes, closest first,
     with what speaks against each; ``runner_up`` is the first of them.
@@ -69,6 +70,7 @@ class Verdict:
     verdict: VerdictKind
     summary: str
     causes: tuple[Cause, ...] = ()
+    extended: tuple[Cause, ...] = ()
     held_out: HeldOut | None = None
     held_out_there: tuple[HeldOut, ...] = ()
     null_p: float | None = None
@@ -98,6 +100,9 @@ def joined(verdicts: Sequence[Verdict]) -> Verdict:
         min(verdicts, key=lambda verdict: _ORDER.index(verdict.verdict)),
         summary=" ".join(verdict.summary for verdict in verdicts),
         causes=tuple(cause for verdict in verdicts for cause in verdict.causes),
+        extended=tuple(cause for verdict in verdicts for cause in verdict.extended or verdict.causes)
+        if any(verdict.extended for verdict in verdicts)
+        else (),
         rejected=tuple(rival for verdict in verdicts for rival in verdict.rejected),
         held_out=next((v.held_out for v in verdicts if v.held_out is not None), None),
         held_out_there=tuple(x for v in verdicts for x in v.held_out_there),

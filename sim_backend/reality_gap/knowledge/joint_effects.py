@@ -61,6 +61,7 @@ class Number:
         model_field: where a compiled model keeps it as an absolute value of a joint.
         tolerated_as: which of a model's tolerances (``known_of_robot.Tolerance``) its own value of it has.
         samples_off: standard deviation of what of it may come of how an unknown robot samples and writes, in samples.
+        beside: a parameter of the same effect and joint that an unknown robot's motions tell together with it.
     """
 
     key: str
@@ -73,6 +74,7 @@ class Number:
     model_field: str = ""
     tolerated_as: str = ""
     samples_off: float = 0.0
+    beside: str = ""
 
 
 @dataclass(frozen=True)
@@ -121,7 +123,7 @@ _ENTRIES = (
         Channel.MECHANICS,
         Number("stribeck_friction.extra_nm", 0.03, shape=Shape("stribeck_friction.speed_rad_s", (0.04, 0.12, 0.35), scale=0.1)),
     ),
-    _at(Channel.MECHANICS, Number("load_friction.coefficient", 0.15)),
+    _at(Channel.MECHANICS, Number("load_friction.coefficient", 0.15, beside="load_friction.external_coefficient")),
     _at(Channel.MECHANICS, Number("directional_friction.difference_nm", 0.03, probes=(-0.01, 0.01))),
     _at(Channel.MECHANICS, Number("backlash.gap_rad", 0.01, probes=(0.003, 0.01, 0.03))),
     JointEffect(
@@ -169,10 +171,12 @@ NUMBERS: Mapping[str, Number] = {number.key: number for entry in _ENTRIES for nu
 """By "effect.parameter"."""
 SHAPES: Mapping[str, Shape] = {number.shape.key: number.shape for number in NUMBERS.values() if number.shape is not None}
 """By the shape's own "effect.parameter"."""
-SCALES: Mapping[str, float] = {key: number.scale for key, number in NUMBERS.items()} | {
-    key: shape.scale for key, shape in SHAPES.items() if shape.scale > 0.0
-}
-"""Scale of everything that is fitted: numbers, and shapes that are fitted once their effect is in the model."""
+SCALES: Mapping[str, float] = (
+    {key: number.scale for key, number in NUMBERS.items()}
+    | {key: shape.scale for key, shape in SHAPES.items() if shape.scale > 0.0}
+    | {number.beside: number.scale for number in NUMBERS.values() if number.beside}
+)
+"""Scale of everything that is fitted: numbers, and what is fitted once their effect is in the model: shapes, others beside."""
 
 
 def scales_everything(effect: str) -> bool:

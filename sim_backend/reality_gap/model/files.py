@@ -1,5 +1,6 @@
 """The accepted causes of a study as files: physics that ``sim_backend`` loads, and plain MJCF."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -7,14 +8,27 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.effects.catalogue import CATALOGUE, PARAMETERS
+from sim_backend.reality_gap.model import extended_laws
 from sim_backend.reality_gap.model.mjcf import extend_mjcf, robot_mjcf, write_mjcf
 from sim_backend.reality_gap.model.model import extended_model, provenance_of, write_extended_model
+from sim_backend.reality_gap.model.native_laws import joints_of
 from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
 
+NATIVE, LAWS = "extended-model.xml", "extended-laws.json"
+"""The extended model of anyone's robot: what MJCF can say, and what :mod:`.extended_laws` does beside it."""
 
-def write_models(verdict: Verdict, title: str, data: Sequence[Path], out: Path, *, model: Path | None) -> list[Path]:
-    """Write the model of a verdict that names causes; nothing where none is named.
+
+def write_models(
+    verdict: Verdict,
+    title: str,
+    data: Sequence[Path],
+    out: Path,
+    *,
+    model: Path | None,
+    stated: Sequence[Cause] = (),
+) -> list[Path]:
+    """Write the model of a verdict that has causes; nothing where it has none.
 
     Args:
         verdict: of the study.
@@ -22,6 +36,7 @@ def write_models(verdict: Verdict, title: str, data: Sequence[Path], out: Path, 
         data: files that were studied.
         out: folder.
         model: the nominal MJCF of foreign data; None for the farm's robots.
+        stated: values that foreign data's study file starts from; causes replace them.
 
     Returns:
         What was written.
@@ -36,13 +51,31 @@ def write_models(verdict: Verdict, title: str, data: Sequence[Path], out: Path, 
         spec, _ = robot_mjcf(found.physics)
         write_mjcf(spec, out / "extended-model.xml", found.estimate)
         return [out / "extended-model.toml", out / "extended-model.xml"]
-    spec, missing = extend_mjcf(mujoco.MjSpec.from_file(str(model)), verdict.causes)
-    write_mjcf(_finding_its_files(spec, model), out / "extended-model.xml")
-    written.append(out / "extended-model.xml")
+    causes = (*stated, *(verdict.extended or verdict.causes))
+    spec, missing = extend_mjcf(mujoco.MjSpec.from_file(str(model)), causes)
+    write_mjcf(_finding_its_files(spec, model), out / NATIVE)
+    written.append(out / NATIVE)
+    if laws := _laws(causes, spec):
+        (out / LAWS).write_text(json.dumps({"joints": laws}, indent=1) + "\n")
+        (out / Path(extended_laws.__file__).name).write_bytes(Path(extended_laws.__file__).read_bytes())
+        written += [out / LAWS, out / Path(extended_laws.__file__).name]
     if missing:
         (out / "extended-model-missing.txt").write_text("\n".join(missing) + "\n")
         written.append(out / "extended-model-missing.txt")
     return written
+
+
+def _laws(causes: Sequence[Cause], spec: mujoco.MjSpec) -> dict[str, dict[str, float]]:
+    """By joint, what :mod:`.extended_laws` is to do, shape parameters with it; nothing of joints without such a law."""
+    found: dict[str, dict[str, float]] = {}
+    for cause in (cause for cause in causes if cause.effect in extended_laws.EFFECTS):
+        effect = CATALOGUE[cause.effect]
+        for name in joints_of(spec) if cause.where == "all joints" else [cause.where]:
+            own = found.setdefault(name, {})
+            for parameter in effect.all_parameters:
+                own.setdefault(effect.key(parameter), parameter.absent)
+            own[f"{cause.effect}.{cause.parameter}"] = cause.value
+    return found
 
 
 def _finding_its_files(spec: mujoco.MjSpec, model: Path) -> mujoco.MjSpec:

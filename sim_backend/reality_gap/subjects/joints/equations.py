@@ -97,7 +97,7 @@ class EpisodeEquations:
         reported: JointSignals | None = None,
     ) -> None:
         self._plant, self._path, self._episode, self._in_torques = plant, path, episode, isinstance(robot, UnknownRobot)
-        self._motors = motors = MotorTorques(path)
+        self._motors = motors = MotorTorques(path, plant)
         self._mechanics = Mechanics(plant, path, motors)
         thin = path.smoothed if self._in_torques else path.averaged
         self._images = MechanicsImages(path, motors, self._mechanics.body, thin, steps_back=self._in_torques)

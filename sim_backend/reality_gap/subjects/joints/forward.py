@@ -100,7 +100,7 @@ class Forward:
         batch = Batch(model, len(windows), nthread=0)
         self._set_bodies(batch, states, which)
         bounds = batch.expand("dof_frictionloss")
-        position, velocity, applied = batch.bind("qpos"), batch.bind("qvel"), batch.bind("qfrc_applied")
+        position, velocity, applied, bias = (batch.bind(name) for name in ("qpos", "qvel", "qfrc_applied", "qfrc_bias"))
         offset = _by_window(states, which, "encoder_offset.offset_rad")
         batch.reset(stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         position[:, plant.positions], velocity[:, plant.velocities] = begin_rad - offset, begin_rad_s
@@ -120,7 +120,8 @@ class Forward:
                 if feedback is not None:
                     made = feedback.at((slice(None), sample)).torque_nm(is_at + offset, moves)
                     arrived = np.where(feedback.is_known, line.after(np.nan_to_num(made)), arrived)
-                step(arrived, is_at, moves, step_s, values, memory, at_joint, bound)
+                asked = np.ascontiguousarray(bias[:, plant.velocities])  # a step ago
+                step(arrived, is_at, moves, asked, step_s, values, memory, at_joint, bound)
                 applied[:, plant.velocities], bounds[:, plant.velocities] = at_joint, bound
                 batch.step()
                 if now % self._substeps == self._substeps - 1:

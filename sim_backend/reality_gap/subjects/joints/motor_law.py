@@ -38,6 +38,7 @@ KEYS = (
     "stribeck_friction.extra_nm",
     "stribeck_friction.speed_rad_s",
     "load_friction.coefficient",
+    "load_friction.external_coefficient",
     "directional_friction.difference_nm",
 )
 """Parameters of one joint's motor and gear, in the order of the law's vector."""
@@ -57,6 +58,7 @@ _COULOMB = KEYS.index("coulomb_friction.torque_nm")
 _STRIBECK = KEYS.index("stribeck_friction.extra_nm")
 _STRIBECK_SPEED = KEYS.index("stribeck_friction.speed_rad_s")
 _LOAD = KEYS.index("load_friction.coefficient")
+_OUTER_LOAD = KEYS.index("load_friction.external_coefficient")
 _DIRECTION = KEYS.index("directional_friction.difference_nm")
 LIMIT, COGGING, GAP = KEYS[_LIMIT], KEYS[_AMPLITUDE], KEYS[_GAP]
 """A motor's largest torque; the numbers whose images are not a difference of two torques."""
@@ -75,9 +77,21 @@ def absent_values() -> np.ndarray:
     return values
 
 
+def needs_external(values: np.ndarray) -> bool:
+    """Whether the law of one joint asks for its load from outside."""
+    return bool(values[_OUTER_LOAD] != 0.0)
+
+
 @numba.njit(inline="always")
 def _sent_to_joint(
-    sent: float, total: float, position: float, velocity: float, step_s: float, p: np.ndarray, memory: np.ndarray
+    sent: float,
+    total: float,
+    position: float,
+    velocity: float,
+    external: float,
+    step_s: float,
+    p: np.ndarray,
+    memory: np.ndarray,
 ) -> tuple[float, float, float]:
     """One step of one joint: torque of the current, torque after the gear, and bound of the friction.
 
@@ -92,7 +106,8 @@ def _sent_to_joint(
     value += cogging_torque_nm(p[_AMPLITUDE], p[_CYCLES], p[_PHASE], position)
     if p[_GAP] > 0.0:
         memory[2], memory[1], value = backlash(memory[2], memory[1], velocity, value, p[_GAP], p[_ROTOR], step_s)
-    bound = p[_COULOMB] + stribeck_bound_nm(p[_STRIBECK], p[_STRIBECK_SPEED], velocity) + load_bound_nm(p[_LOAD], value)
+    bound = p[_COULOMB] + stribeck_bound_nm(p[_STRIBECK], p[_STRIBECK_SPEED], velocity)
+    bound += load_bound_nm(p[_LOAD], value, p[_OUTER_LOAD], external)
     return current, value, max(0.0, bound + directional_bound_nm(p[_DIRECTION], velocity))
 
 
@@ -101,6 +116,7 @@ def _law(
     total: np.ndarray,
     position: np.ndarray,
     velocity: np.ndarray,
+    external: np.ndarray,
     step_s: float,
     p: np.ndarray,
     current: np.ndarray,
@@ -114,7 +130,7 @@ def _law(
     for i in range(len(sent)):
         newer, older = sent[max(0, i - whole)], sent[max(0, i - whole - 1)]
         arrived, speed = newer + fraction * (older - newer), velocity[i]
-        current[i], value, bound = _sent_to_joint(arrived, total[i], position[i], speed, step_s, p, memory)
+        current[i], value, bound = _sent_to_joint(arrived, total[i], position[i], speed, external[i], step_s, p, memory)
         play[i] = memory[2]
         net[i] = value - bound * np.tanh(speed / DIRECTION_RAD_S)
 
@@ -123,6 +139,7 @@ def _in_simulations(
     arrived: np.ndarray,
     position: np.ndarray,
     velocity: np.ndarray,
+    external: np.ndarray,
     step_s: float,
     p: np.ndarray,
     memory: np.ndarray,
@@ -134,14 +151,14 @@ def _in_simulations(
         total = np.abs(arrived[i]).sum()
         for j in range(arrived.shape[1]):
             _, value[i, j], bound[i, j] = _sent_to_joint(
-                arrived[i, j], total, position[i, j], velocity[i, j], step_s, p[i, j], memory[i, j]
+                arrived[i, j], total, position[i, j], velocity[i, j], external[i, j], step_s, p[i, j], memory[i, j]
             )
 
 
 @functools.cache
 def _compiled() -> Callable[..., None]:
     series = types.float64[:]
-    signature = types.void(series, series, series, series, types.float64, series, series, series, series)
+    signature = types.void(series, series, series, series, series, types.float64, series, series, series, series)
     return compiled_once(lambda cache: numba.njit(signature, cache=cache)(_law))
 
 
@@ -149,16 +166,23 @@ def _compiled() -> Callable[..., None]:
 def in_simulations() -> Callable[..., None]:
     """One step of k joints in n simulations, compiled: torque after the gears and bounds of friction are filled in.
 
-    Its arguments are those of ``_in_simulations``: torques that arrive at the motors, positions and velocities, shape (n, k), the
-    step, values by ``KEYS``, shape (n, k, len(KEYS)), memory of motors and gears, shape (n, k, 3), and the two results, (n, k).
+    Its arguments are those of ``_in_simulations``: torques that arrive at the motors, positions, velocities, and torques that
+    gravity and motion ask of the joints, shape (n, k), the step, values by ``KEYS``, shape (n, k, len(KEYS)), memory of motors
+    and gears, shape (n, k, 3), and the two results, (n, k).
     """
     rows, cubes = types.float64[:, ::1], types.float64[:, :, ::1]
-    signature = types.void(rows, rows, rows, types.float64, cubes, cubes, rows, rows)
+    signature = types.void(rows, rows, rows, rows, types.float64, cubes, cubes, rows, rows)
     return compiled_once(lambda cache: numba.njit(signature, cache=cache)(_in_simulations))
 
 
 def along(
-    sent_nm: np.ndarray, total_nm: np.ndarray, position: np.ndarray, velocity: np.ndarray, step_s: float, values: np.ndarray
+    sent_nm: np.ndarray,
+    total_nm: np.ndarray,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    external_nm: np.ndarray,
+    step_s: float,
+    values: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The law along one joint's motion; all arrays contiguous, of floats.
 
@@ -167,6 +191,7 @@ def along(
         total_nm: of all motors together, shape (s,), N m.
         position: of the joint, shape (s,), rad.
         velocity: shape (s,), rad/s.
+        external_nm: what gravity and motion ask of the joint, shape (s,), N m; anything where :func:`needs_external` is false.
         step_s: length of a step.
         values: by ``KEYS``.
 
@@ -174,7 +199,7 @@ def along(
         Torque of the current (what a board measures), torque left at the joint after friction, and play, each (s,).
     """
     out = np.empty((3, len(sent_nm)))
-    _compiled()(sent_nm, total_nm, position, velocity, step_s, values, *out)
+    _compiled()(sent_nm, total_nm, position, velocity, external_nm, step_s, values, *out)
     return out[0], out[1], out[2]
 
 

@@ -1,9 +1,12 @@
 """What the motors of k joints gave along one recorded motion, as the motor law makes it of what was sent or measured."""
 
+import functools
+
 import numpy as np
 
 from sim_backend.reality_gap.knowledge.joint_effects import Channel, keys_of
 from sim_backend.reality_gap.subjects.joints import motor_law
+from sim_backend.reality_gap.subjects.joints.plant import Plant
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 from sim_backend.reality_gap.subjects.joints.trajectory import Trajectory, filled_gaps
 
@@ -17,12 +20,14 @@ class MotorTorques:
 
     Args:
         path: the smoothed episode.
+        plant: whose joints they move.
 
     Raises:
         ValueError: the episode has no torque.
     """
 
-    def __init__(self, path: Trajectory) -> None:
+    def __init__(self, path: Trajectory, plant: Plant) -> None:
+        self._path, self._plant = path, plant
         sent, measured = path.joints.commanded_torque_nm, path.joints.measured_torque_nm
         if sent is None and measured is None:
             raise ValueError(f"episode {path.recording.name} has no torque")
@@ -67,7 +72,15 @@ class MotorTorques:
         return self._law(self.driving_nm[j], state.motor(j), j)
 
     def _law(self, torque_nm: np.ndarray, values: np.ndarray, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return motor_law.along(torque_nm, self._total, self._position[j], self._velocity[j], self._step_s, values)
+        external = self._external_nm[j] if motor_law.needs_external(values) else self._total
+        return motor_law.along(torque_nm, self._total, self._position[j], self._velocity[j], external, self._step_s, values)
+
+    @functools.cached_property
+    def _external_nm(self) -> np.ndarray:
+        """What gravity and motion ask of the joints, between rows as on a line, shape (k, s), N m."""
+        path = self._path
+        rows = self._plant.load_nm(path.position, path.velocity)
+        return np.stack([np.interp(path.recording.time_s, path.time_s, column) for column in rows.T])
 
     def cogging_image(self, state: JointState, term: Term, j: int) -> np.ndarray:
         """What cogging of the term's own phase, beside the one that the state has, adds per N m, shape (s,)."""

@@ -135,6 +135,10 @@ class Plant:
         """Torques for a motion; shapes (s, k) in rad, rad/s, rad/s^2 and N m."""
         return self._torque(self._model, position, velocity, acceleration)
 
+    def load_nm(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """What gravity and motion ask of the joints, as MuJoCo's ``qfrc_bias``; shapes (s, k) in rad, rad/s and N m."""
+        return self._torque(self._model, position, velocity, np.zeros_like(velocity), "qfrc_bias")
+
     def derivatives(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> InverseDynamics:
         """Torques for a motion and what they depend on; shapes (s, k)."""
         motion, k = (position, velocity, acceleration), self.joints
@@ -191,14 +195,21 @@ class Plant:
                     centre[:, :, j, axis] = np.where(self.same_tree(j), change, 0.0)
         return LinkDerivatives(inertia, centre)
 
-    def _torque(self, model: mujoco.MjModel, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+    def _torque(
+        self,
+        model: mujoco.MjModel,
+        position: np.ndarray,
+        velocity: np.ndarray,
+        acceleration: np.ndarray,
+        field: str = "qfrc_inverse",
+    ) -> np.ndarray:
         data = mujoco.MjData(model)
         out = np.empty_like(position)
         q, v = self._q, self._v
         for row in range(len(position)):
             data.qpos[q], data.qvel[v], data.qacc[v] = position[row], velocity[row], acceleration[row]
             mujoco.mj_inverse(model, data)
-            out[row] = data.qfrc_inverse[v]
+            out[row] = getattr(data, field)[v]
         return out
 
 

@@ -4,6 +4,7 @@ Equations along a motion compare torques in each moment, so that noise of a torq
 much as the torque itself. A simulated window integrates it away, and its error is what a user of the model will have.
 """
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
@@ -22,6 +23,8 @@ from sim_backend.reality_gap.subjects.joints.state import CLOCK, NO_EFFECTS, Joi
 LENGTHS_S = (1.0, 0.5, 0.25)
 """Of windows, the longest first: the first is taken in which a disturbed start does not grow."""
 MOST_WINDOWS = 60
+FOLDS = 3
+"""Parts into which recordings of one regime are divided, each foretold by the others."""
 _GROWS = 2.0
 _FINEST_S = 0.002
 """Faster recordings are compared this far apart."""
@@ -107,6 +110,8 @@ class RolloutProblem:
         self._forward = Forward(episodes[0].plant, step_s)
         self.gravity_m_s2 = episodes[0].plant.gravity_m_s2
         self.noise_rad = np.sqrt(np.mean([e.path.position_noise_rad**2 for e in episodes], axis=0))
+        regimes = [e.path.recording.regime for e in episodes]
+        self._fold_of = np.unique(regimes, return_inverse=True)[1] if len(set(regimes)) > 1 else np.arange(len(episodes)) % FOLDS
         for length_s in LENGTHS_S:
             self.windows, self.length_s = windows_of(episodes, length_s, step_s), length_s
             if len(self.windows) and self._growth() < _GROWS:
@@ -114,6 +119,25 @@ class RolloutProblem:
         row_s = float(np.median([e.path.step_s for e in episodes]))
         clock = (Term(CLOCK, 0, 0.1 * row_s), _CLOCK_SHARE * row_s)
         self._loose = [clock, *links_off(tolerance, episodes[0].plant.centre_distance_m), *_of_model(tolerance, catalogue, start)]
+
+    def part(self, rows: np.ndarray) -> "RolloutProblem":
+        """The same with some of its windows, by index."""
+        found = copy.copy(self)
+        found.windows = self.windows.some(rows)
+        return found
+
+    def foretold(self, fit: RolloutFit, terms: Sequence[Term]) -> np.ndarray:
+        """Mean square errors of windows, shape (n, k), with terms fitted to other recordings: of other regimes, if there are any.
+
+        Where there is one recording only they are those of the fit.
+        """
+        fold, squares = self._fold_of[self.windows.owner], fit.squares.copy()
+        for each in np.unique(fold) if len(np.unique(fold)) > 1 else ():
+            seen, unseen = np.flatnonzero(fold != each), np.flatnonzero(fold == each)
+            own, other = (tuple(b[rows] for b in fit.begin) for rows in (seen, unseen))
+            learned = self.part(seen).fitted(fit.state, terms, own, quickly=True)  # pyright: ignore[reportArgumentType]
+            squares[unseen] = self.part(unseen).fitted(learned.state, (), other, quickly=True).squares  # pyright: ignore[reportArgumentType]
+        return squares
 
     def _growth(self) -> float:
         """How much further a disturbed start leads than it would without any force, in the median."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.joint_effects import plane_of, shape_of
+from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, plane_of, shape_of
 from sim_backend.reality_gap.subjects.joints.contradictions import is_gravity, runs_into_bounds
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS, Catalogue, Hypothesis
 from sim_backend.reality_gap.subjects.joints.look import Accepted
@@ -17,6 +17,7 @@ GATE = 12.0
 """Nats that a cause must gain: odds of 160 000, shared by some hundred hypotheses."""
 OF_NUMBER = 3.0
 """Nats that each number must gain for itself."""
+DEBUG = __import__("os").environ.get("DBG")
 _TRIED, _TRIED_FROM = 6, 3.0
 """So many of the best, by their linear gains in nats, are fitted."""
 _MENDS = 0.5
@@ -38,12 +39,23 @@ class Taken:
 
 @dataclass(frozen=True)
 class RolloutSelection:
-    """What rollouts came to: without any cause, and with those that were taken."""
+    """What rollouts came to.
+
+    Attributes:
+        problem: windows of recordings.
+        nominal: the model without any cause.
+        fit: the model with the causes that were taken.
+        taken: those causes.
+        extended: the model with what else makes it go where the robot went, whether it is the cause or mends another's law.
+        mending: what that is.
+    """
 
     problem: RolloutProblem
     nominal: RolloutFit
     fit: RolloutFit
     taken: tuple[Taken, ...]
+    extended: RolloutFit
+    mending: tuple[Taken, ...] = ()
 
 
 def select_by_rollouts(
@@ -60,23 +72,45 @@ def select_by_rollouts(
         fits: whether nothing measured rules a model out.
         progress: told what is done, and which share.
     """
-    nominal = fit = problem.fitted(problem.start, ())
-    taken: list[Taken] = []
-    while len(taken) < _MOST and not problem.is_near_noise(fit):
-        found = _best(problem, catalogue, fit, taken, fits)
-        if found is None:
-            break
-        taken = [*taken, found[1]]
-        fit = problem.fitted(found[0].state, [term for cause in taken for term in cause.terms], found[0].begin)
-        progress(f"{found[1].hypothesis.effect}, {found[1].hypothesis.where}", 1.0 - 0.7 ** len(taken))
-        fit, taken = _without_needless(problem, fit, taken)
-    return RolloutSelection(problem, nominal, fit, tuple(taken))
+    nominal = problem.fitted(problem.start, ())
+    search = _Search(problem, catalogue, fits, progress)
+    fit, taken = search.extended(nominal, (), _MENDS)
+    extended, all_taken = search.extended(fit, taken, 0.0) if taken else (fit, taken)
+    return RolloutSelection(problem, nominal, fit, taken, extended, all_taken[len(taken) :])
+
+
+@dataclass(frozen=True)
+class _Search:
+    """Causes are taken one by one; fields are the arguments of :func:`select_by_rollouts`."""
+
+    problem: RolloutProblem
+    catalogue: Catalogue
+    fits: Callable[[JointState], bool]
+    progress: Callable[[str, float], None]
+
+    def extended(self, fit: RolloutFit, first: tuple[Taken, ...], share: float) -> tuple[RolloutFit, tuple[Taken, ...]]:
+        """A model with more causes, each worth a share of the largest; those that it has stay."""
+        taken = first
+        while len(taken) < _MOST and not self.problem.is_near_noise(fit):
+            found = _best(self.problem, self.catalogue, fit, taken, self.fits, share)
+            if found is None:
+                break
+            taken = (*taken, found[1])
+            fit = self.problem.fitted(found[0].state, [term for cause in taken for term in cause.terms], found[0].begin)
+            self.progress(f"{found[1].hypothesis.effect}, {found[1].hypothesis.where}", 1.0 - 0.7 ** len(taken))
+            fit, taken = _without_needless(self.problem, fit, taken, first)
+        return fit, taken
 
 
 def _best(
-    problem: RolloutProblem, catalogue: Catalogue, fit: RolloutFit, taken: Sequence[Taken], fits: Callable[[JointState], bool]
+    problem: RolloutProblem,
+    catalogue: Catalogue,
+    fit: RolloutFit,
+    taken: Sequence[Taken],
+    fits: Callable[[JointState], bool],
+    share: float,
 ) -> tuple[RolloutFit, Taken] | None:
-    """What gains most of those that are possible, and the model with it."""
+    """What gains most of those that are possible, and the model with it; ``share`` as of :func:`_least`."""
     own = [term for cause in taken for term in cause.terms]
     names, tried = {cause.hypothesis.name for cause in taken}, []
     for linear, hypothesis, values in _distinct(problem.gains(fit, catalogue.hypotheses), names):
@@ -85,24 +119,39 @@ def _best(
         terms = tuple(catalogue.terms[i] for i in hypothesis.terms)
         state, plain = _begun(problem.without_loose(fit.state, own), terms, values)
         new = problem.fitted(state, [*own, *plain], fit.begin, quickly=True)
+        if own:  # those before may have found another place without it
+            afresh = problem.fitted(_as_nominal(problem, state, own), [*own, *plain], fit.begin, quickly=True)
+            new = max(new, afresh, key=lambda each: problem.gained(fit.squares, each.squares))
         gain = problem.gained(fit.squares, new.squares) - OF_NUMBER * len(plain)
         with_it = [*taken, Taken(hypothesis, plain, gain, ())]
         if fits(new.state) and _may_be(problem, new.state, with_it) and _is_worth_it(fit, new):
             tried.append((gain, new, hypothesis, plain))
     tried.sort(key=lambda entry: -entry[0])
-    tried = [entry for entry in tried if entry[0] >= _least(problem, entry[1], taken)]
+    tried = [entry for entry in tried if entry[0] >= _least(problem, entry[1], taken, share)]
     if not tried:
         return None
     gain, new, hypothesis, plain = _single_rather_than_all(tried)
+    if DEBUG:
+        for entry in tried:
+            cv = 0.0
+            print("   tried", entry[2].name, "gain", round(entry[0],1), "foretold", round(cv,1), {f"{t.key}@{t.index}": float(entry[1].state.value(t.key)[t.index]) for t in entry[3]}, flush=True)
     others = tuple((other.name, own_gain) for own_gain, _, other, _ in tried if other.name != hypothesis.name)
     return new, Taken(hypothesis, plain, gain, others)
 
 
-def _least(problem: RolloutProblem, new: RolloutFit, taken: Sequence[Taken]) -> float:
-    """What a cause must gain: a good share of what the first did, unless with it hardly anything is left."""
+def _as_nominal(problem: RolloutProblem, state: JointState, terms: Sequence[Term]) -> JointState:
+    """A model with some numbers as the nominal one has them."""
+    for term in terms:
+        by = problem.start.value(term.key)[term.index] - state.value(term.key)[term.index]
+        state = state.moved(term, float(by), with_shape=False)
+    return state
+
+
+def _least(problem: RolloutProblem, new: RolloutFit, taken: Sequence[Taken], share: float) -> float:
+    """What a cause must gain: a share of what the largest did, unless with it hardly anything is left."""
     if not taken or problem.is_near_noise(new):
         return GATE
-    return max(GATE, _MENDS * max(cause.gain for cause in taken))
+    return max(GATE, share * max(cause.gain for cause in taken))
 
 
 def _distinct(
@@ -136,7 +185,9 @@ def _begun(state: JointState, terms: tuple[Term, ...], values: np.ndarray) -> tu
                 shaped = state.value(key).copy()
                 shaped[term.index if len(shaped) > 1 else 0] = value
                 state = replace(state, given={**state.given, key: shaped})
-        return state, tuple({(t.key, t.index): replace(t, shape=()) for t in terms}.values())
+        plain = {(t.key, t.index): replace(t, shape=()) for t in terms}
+        beside = {(NUMBERS[key].beside, j): replace(t, key=NUMBERS[key].beside) for (key, j), t in plain.items()}
+        return state, (*plain.values(), *(term for (key, _), term in beside.items() if key))
     state = moved(state, terms, values)
     shape = shape_of(terms[0].effect)
     assert shape is not None, "what has a plane has a shape"
@@ -159,17 +210,17 @@ def _is_worth_it(before: RolloutFit, after: RolloutFit) -> bool:
     return bool((usual[1] < (1.0 - _LEAST_REDUCTION) * usual[0]).any())
 
 
-def _without_needless(problem: RolloutProblem, fit: RolloutFit, taken: list[Taken]) -> tuple[RolloutFit, list[Taken]]:
-    """Drop causes that gain nothing any more beside those that came later."""
-    for cause in taken[:-1]:
-        kept = [other for other in taken if other is not cause]
+def _without_needless(
+    problem: RolloutProblem, fit: RolloutFit, taken: tuple[Taken, ...], first: tuple[Taken, ...]
+) -> tuple[RolloutFit, tuple[Taken, ...]]:
+    """Drop causes that gain nothing any more beside those that came later, but for the first ones."""
+    for cause in taken[len(first) : -1]:
+        kept = tuple(other for other in taken if other is not cause)
         state = problem.without_loose(fit.state, [term for other in taken for term in other.terms])
-        for term in cause.terms:
-            value = problem.start.value(term.key)[term.index] - state.value(term.key)[term.index]
-            state = state.moved(term, float(value), with_shape=False)
+        state = _as_nominal(problem, state, cause.terms)
         without = problem.fitted(state, [term for other in kept for term in other.terms], fit.begin, quickly=True)
         if problem.gained(without.squares, fit.squares) - OF_NUMBER * len(cause.terms) < GATE and _may_be(
             problem, without.state, kept
         ):
-            return _without_needless(problem, without, kept)
+            return _without_needless(problem, without, kept, first)
     return fit, taken

@@ -10,6 +10,7 @@ from sim_backend.reality_gap.knowledge.separation import separated_by
 from sim_backend.reality_gap.quantiles import Z_90
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
+from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutFit
 from sim_backend.reality_gap.subjects.joints.rollout_selection import RolloutSelection, Taken
 from sim_backend.reality_gap.verdict import Cause, HeldOut, Rival, Verdict, VerdictKind
 
@@ -29,9 +30,9 @@ def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection) -> Verdi
     something that is not explained.
     """
     problem, names = selection.problem, study.problem.names
-    found = [(taken, causes_of(study, selection, taken)) for taken in selection.taken]
-    causes = [cause for _, own in found for cause in own]
-    rivals = [rival for taken, _ in found if (rival := _rival(taken)) is not None]
+    causes = [cause for taken in selection.taken for cause in causes_of(study, selection.fit, taken)]
+    rivals = [rival for taken in selection.taken if (rival := _rival(taken)) is not None]
+    extended = _extended(study, selection)
     before, after = (np.sqrt(np.median(fit.squares, axis=0)) for fit in (selection.nominal, selection.fit))
     worst = int(np.argmax(after / problem.noise_rad))
     left = f"a usual window of {problem.length_s:g} s ends up {1e3 * after[worst]:.2g} mrad off at {names[worst]}"
@@ -50,6 +51,7 @@ def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection) -> Verdi
         verdict=kind,
         summary=summary,
         causes=tuple(causes),
+        extended=tuple(extended),
         held_out=_gained(selection),
         runner_up=min(rivals, key=lambda rival: rival.behind, default=None),
         rejected=tuple(sorted(rivals, key=lambda rival: rival.behind)),
@@ -64,12 +66,20 @@ _UNSEEN = (
 )
 
 
-def causes_of(study: JointStudy, selection: RolloutSelection, taken: Taken) -> list[Cause]:
-    """One cause for each number that is away from the nominal model beyond its interval."""
-    errors = {(t.key, t.index): float(e) for t, e in zip(selection.fit.terms, selection.fit.errors, strict=True)}
+def _extended(study: JointStudy, selection: RolloutSelection) -> list[Cause]:
+    """Numbers of the model that goes where the robot went best: the causes' own in it, and what mends the rest."""
+    if not selection.mending:
+        return []
+    every = (*selection.taken, *selection.mending)
+    return [cause for taken in every for cause in causes_of(study, selection.extended, taken)]
+
+
+def causes_of(study: JointStudy, fit: RolloutFit, taken: Taken) -> list[Cause]:
+    """One cause for each number of a fit that is away from the nominal model beyond its interval."""
+    errors = {(t.key, t.index): float(e) for t, e in zip(fit.terms, fit.errors, strict=True)}
     found, sizes = [], []
     for term in taken.terms:
-        parameter, value = PARAMETERS[term.key], float(selection.fit.state.value(term.key)[term.index])
+        parameter, value = PARAMETERS[term.key], float(fit.state.value(term.key)[term.index])
         off = value - study.problem_start(term.key, term.index)
         half = float(np.hypot(Z_90 * _SYSTEMATIC * errors[term.key, term.index], _SYSTEMATIC_SHARE * off))
         where = taken.hypothesis.where

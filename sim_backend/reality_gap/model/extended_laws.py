@@ -1,0 +1,140 @@
+"""What motors and gears of an extended model do that MJCF cannot say, for any MuJoCo program: this file needs nothing else.
+
+``trifarm gap study`` writes it beside ``extended-model.xml``, with the values in ``extended-laws.json``::
+
+    import mujoco
+    from extended_laws import Laws
+
+    model = mujoco.MjModel.from_xml_path("extended-model.xml")
+    data = mujoco.MjData(model)
+    laws = Laws(model, "extended-laws.json")
+    while data.time < 10.0:
+        laws.apply(model, data, {"shoulder": 0.2})  # torques that are sent to the motors, N m
+        mujoco.mj_step(model, data)
+
+``apply`` takes the place of the model's actuators at the joints that it knows: torques go to ``qfrc_applied``, and friction that
+depends on speed, direction or load moves the bound of MuJoCo's friction constraint, so that the solver decides what sticks.
+"""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+EFFECTS = (
+    "action_delay",
+    "torque_saturation",
+    "thermal_derating",
+    "torque_constant",
+    "backlash",
+    "load_friction",
+    "stribeck_friction",
+    "directional_friction",
+)
+"""That have a law here."""
+SOLREF, SOLIMP = (0.004, 1.0), (0.999, 0.9999, 0.001, 0.5, 2.0)
+"""Of friction constraints: stiff, so that what sticks does not creep."""
+DIRECTION_RAD_S = 0.02
+"""Within this speed friction blends from one direction's to the other's."""
+_LEAST_NM = 1e-9
+_STAYS = "_cogging"
+"""Actuators of such names have no input; they are part of the extended model."""
+
+
+class Laws:
+    """The laws of some joints, with what they remember of one simulation; make another for another ``MjData``.
+
+    Args:
+        model: compiled from ``extended-model.xml``. Its friction constraints are set in every step.
+        values: the file, or its content: by joint, by "effect.parameter".
+        joints: more joints to drive, without any such law.
+
+    Raises:
+        KeyError: the model has no joint of a name.
+    """
+
+    def __init__(self, model: Any, values: str | Path | Mapping[str, Mapping[str, float]], joints: Sequence[str] = ()) -> None:
+        given = values if isinstance(values, Mapping) else json.loads(Path(values).read_text())["joints"]
+        self._joints = {name: _Joint(model, name, own) for name, own in ({name: {} for name in joints} | dict(given)).items()}
+
+    def apply(self, model: Any, data: Any, sent_nm: Mapping[str, float]) -> None:
+        """Set what acts in the next step.
+
+        Args:
+            model: as given; bounds of friction are written to its ``dof_frictionloss``.
+            data: of the simulation, before ``mj_step``; ``qfrc_applied`` is written at the joints' degrees of freedom.
+            sent_nm: torque that is sent to each motor now, N m; 0 for joints that are not named.
+        """
+        step_s = float(model.opt.timestep)
+        for name, joint in self._joints.items():
+            dof, arrived_nm = joint.dof, joint.arrived(sent_nm.get(name, 0.0), step_s)
+            torque, bound = joint.step(arrived_nm, float(data.qvel[dof]), float(data.qfrc_bias[dof]), step_s)
+            data.qfrc_applied[dof] = torque
+            model.dof_frictionloss[dof] = max(_LEAST_NM, bound)
+
+
+class _Joint:
+    def __init__(self, model: Any, name: str, values: Mapping[str, float]) -> None:
+        joint = model.joint(name)
+        self.dof = int(joint.dofadr[0])
+        self._v = dict(values)
+        self._constant_nm = float(model.dof_frictionloss[self.dof])
+        model.dof_solref[self.dof], model.dof_solimp[self.dof] = SOLREF, SOLIMP
+        model.dof_frictionloss[self.dof] = max(self._constant_nm, _LEAST_NM)
+        for i in range(model.nu):
+            actuator = model.actuator(i)
+            if int(model.actuator_trnid[i, 0]) == joint.id and not actuator.name.endswith(_STAYS):
+                model.actuator_gainprm[i], model.actuator_biasprm[i] = 0.0, 0.0
+        self._sent: list[float] = []
+        self._rise_k, self._rotor_rad_s, self._play_rad = 0.0, 0.0, 0.0
+
+    def arrived(self, sent_nm: float, step_s: float) -> float:
+        """What was sent a delay ago, between steps as on a line."""
+        late = self._v.get("action_delay.delay_s", 0.0) / step_s
+        whole = math.floor(late + 1e-9)
+        share = late - whole if late - whole > 1e-6 else 0.0
+        self._sent = [*self._sent, sent_nm][-whole - 2 :]
+        newer, older = (self._sent[max(0, len(self._sent) - 1 - whole - more)] for more in (0, 1))
+        return newer + share * (older - newer)
+
+    def step(self, arrived_nm: float, velocity: float, load_nm: float, step_s: float) -> tuple[float, float]:
+        """Torque at the joint and bound of its friction, N m."""
+        v = self._v.get
+        torque = _clipped(arrived_nm, v("torque_saturation.limit_nm", math.inf))
+        if v("thermal_derating.loss_per_k", 0.0):
+            heated = v("thermal_derating.rise_k_nm2", 0.0) * torque * torque
+            self._rise_k += (1.0 - math.exp(-step_s / v("thermal_derating.time_constant_s", 1.0))) * (heated - self._rise_k)
+        torque *= 1.0 + v("torque_constant.error", 0.0)
+        torque *= max(0.0, 1.0 - v("thermal_derating.loss_per_k", 0.0) * self._rise_k)
+        if v("backlash.gap_rad", 0.0) > 0.0:
+            torque = self._through_play(torque, velocity, step_s)
+        bound = self._constant_nm + v("load_friction.coefficient", 0.0) * abs(torque)
+        bound += v("load_friction.external_coefficient", 0.0) * abs(load_nm)
+        bound += v("stribeck_friction.extra_nm", 0.0) * math.exp(-((velocity / v("stribeck_friction.speed_rad_s", 1.0)) ** 2))
+        bound += v("directional_friction.difference_nm", 0.0) * math.tanh(velocity / DIRECTION_RAD_S)
+        return torque, bound
+
+    def _through_play(self, torque_nm: float, velocity: float, step_s: float) -> float:
+        """The rotor crosses its gear's play without touching the joint, and gives its momentum where it arrives."""
+        half, inertia = 0.5 * self._v["backlash.gap_rad"], self._v["backlash.rotor_inertia_kg_m2"]
+        side = 1.0 if self._play_rad >= half else -1.0 if self._play_rad <= -half else 0.0
+        if side and torque_nm * side > 0.0:
+            self._play_rad, self._rotor_rad_s = side * half, velocity
+            return torque_nm
+        if side:
+            self._rotor_rad_s = velocity
+        self._rotor_rad_s += step_s * torque_nm / inertia
+        self._play_rad += step_s * (self._rotor_rad_s - velocity)
+        if abs(self._play_rad) < half:
+            return 0.0
+        self._play_rad = float(np.copysign(half, self._play_rad))
+        impact_nm = inertia * (self._rotor_rad_s - velocity) / step_s
+        self._rotor_rad_s = velocity
+        return impact_nm
+
+
+def _clipped(torque_nm: float, limit_nm: float) -> float:
+    return min(max(torque_nm, -limit_nm), limit_nm)
