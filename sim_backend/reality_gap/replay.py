@@ -29,7 +29,7 @@ _LEFT_OUT = ("CONTACT", "LIMIT", "EQUALITY", "AUTORESET")
 
 
 @dataclass(frozen=True)
-class Replayed:
+class ReplayErrors:
     """How far models went from where robots went.
 
     Attributes:
@@ -97,7 +97,7 @@ def replay(
     others: Sequence[Path] = (),
     window_s: float = 0.0,
     progress: Progress = lambda *_: None,
-) -> Replayed:
+) -> ReplayErrors:
     """Simulate recordings with the model of their study file, with an extended model, and with others.
 
     Args:
@@ -133,7 +133,7 @@ def replay(
         each = [[_error_rad(path, part, model, laws.get(name)) for part in parts] for name, model in models.items()]
         errors.append(np.array(each).mean(axis=1).T)
         windows.append(len(parts))
-    return Replayed(tuple(models), tuple(r.name for r in recordings), tuple(windows), names, np.array(errors), window_s)
+    return ReplayErrors(tuple(models), tuple(r.name for r in recordings), tuple(windows), names, np.array(errors), window_s)
 
 
 def _model(path: Path) -> mujoco.MjModel:
@@ -150,7 +150,7 @@ def _model(path: Path) -> mujoco.MjModel:
 
 def _parts(path: Trajectory, window_s: float) -> list[slice]:
     """Windows one after the other in which everything was measured, or the whole recording."""
-    known = np.isfinite(np.hstack([path.joints.position_rad, _torques(path.joints)])).all(axis=1)
+    known: np.ndarray = np.isfinite(np.hstack([path.joints.position_rad, _torques(path.joints)])).min(axis=1)
     edge = round(_EDGE_S / path.step_s) if window_s else 1
     rows = round(window_s / path.step_s) if window_s else len(known) - 2 * edge
     begins = range(edge, len(known) - edge - rows + 1, max(rows, 1))

@@ -12,6 +12,7 @@ from sim_backend.excitations.excitation import EXCITATIONS
 
 GAP = Path(__file__).parents[2] / "sim_backend" / "reality_gap"
 LAWS = {
+    "model/extended_laws.py",
     "model/native_laws.py",
     "subjects/joints/body_law.py",
     "subjects/joints/forward.py",

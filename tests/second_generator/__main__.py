@@ -33,7 +33,7 @@ def judge(asked):
     """Ask the installed tool about every case of a folder."""
     from tests.second_generator.judging import judge as judge_all
 
-    judge_all(asked.folder, asked.out, limit_s=asked.limit_s, say=lambda line: print(line, flush=True))
+    judge_all(asked.folder, asked.out, limit_s=asked.limit_s, say=lambda line: print(line, flush=True), method=asked.method)
     return 0
 
 
@@ -61,6 +61,7 @@ def _parser():
     two.add_argument("folder", type=Path)
     two.add_argument("--out", type=Path, required=True, help="file that gets one line of JSON for each case")
     two.add_argument("--limit-s", type=float, default=3600.0, help="longest time for one study, s")
+    two.add_argument("--method", default="naming", help="of the study")
     three = commands.add_parser("score", help="count the answers")
     three.add_argument("results", type=Path)
     three.add_argument("truth", type=Path)

@@ -197,6 +197,10 @@ def visible(case, hidden, traces, i):
     return visibility.of_motion(traces, without, declared, case.sensors, case.session.period_s, commands)
 
 
+MOST_ARMS = 10
+"""That are drawn until one stays in its range."""
+
+
 def has_failed(session, trace, seconds):
     """Whether an experimenter would have stopped: out of the range, or far from what was wanted."""
     if len(trace.time_s) < round(seconds / session.period_s) or not np.isfinite(trace.turned_rad).all():
@@ -230,14 +234,31 @@ def sized(rng, case, name):
                 best = cause
             size += -0.2 if failed or cause.visibility > LARGEST_VISIBILITY else 0.2
     if best is None:
-        raise ValueError(f"no size of {name} leaves this arm in its range")
+        raise NoSizeError(f"no size of {name} leaves this arm in its range")
     return best
+
+
+class NoSizeError(ValueError):
+    """An arm that leaves its range whatever size a cause has."""
 
 
 def draw_case(seed, kind, index):
     """All of a case. The same three arguments give the same case, whatever else was made before."""
-    rng = case_rng(seed, kind, index)
-    names = names_of(seed, kind, index)
+    rng, names = case_rng(seed, kind, index), names_of(seed, kind, index)
+    for _ in range(MOST_ARMS):
+        try:
+            return drawn_case(rng, names, seed, kind, index)
+        except NoSizeError as error:
+            last = error
+    raise last
+
+
+def drawn_case(rng, names, seed, kind, index):
+    """A case with some causes: arm, sensors, session and sizes are drawn.
+
+    Raises:
+        NoSizeError: the arm leaves its range whatever is hidden; another one is to be drawn.
+    """
     lonely = set(names) & (outside.NEEDS_TWO_JOINTS | causes.NEEDS_NEIGHBOURS)
     joints = int(rng.choice([1, 2, 3, 7], p=[0.2, 0.3, 0.3, 0.2]))
     declared = draw_arm(rng, max(2, joints) if lonely else joints)

@@ -21,10 +21,10 @@ def answered(path):
     return {row["case"] for row in rows if row["exit_code"] in ANSWERED}
 
 
-def ask(folder, results, command, limit_s):
+def ask(folder, results, command, limit_s, method="naming"):
     """The answer to one case: the study's JSON document, exit code, seconds, and the last lines of what it said on stderr."""
     begin = time.monotonic()
-    call = [*command, "gap", "study", str(folder / "study.toml"), "--out", str(results), "--json"]
+    call = [*command, "gap", "study", str(folder / "study.toml"), "--out", str(results), "--json", "--method", method]
     with subprocess.Popen(
         call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, encoding="utf-8", start_new_session=True
     ) as process:
@@ -47,7 +47,7 @@ def read_answer(said, exit_code):
     return kept | {"more": {key: value for key, value in document.items() if key not in KEPT and key != "files"}}
 
 
-def judge(root, out, command=None, limit_s=3600.0, say=print):
+def judge(root, out, command=None, limit_s=3600.0, say=print, method="naming"):
     """Ask about every case below ``root`` that has no answer in ``out`` yet; each line of JSON is there as soon as its answer."""
     command = command or [str(Path(sys.executable).parent / "trifarm")]
     done = answered(out)
@@ -55,7 +55,7 @@ def judge(root, out, command=None, limit_s=3600.0, say=print):
     folders = sorted(path for path in (root / "cases").iterdir() if (root / "truth" / f"{path.name}.json").is_file())
     for folder in folders:
         if folder.name not in done:
-            row = ask(folder, root / "answers" / folder.name, command, limit_s)
+            row = ask(folder, root / "answers" / folder.name, command, limit_s, method)
             with out.open("a") as lines:
                 lines.write(json.dumps(row) + "\n")
             say(f"{row['case']} {row['verdict']} exit {row['exit_code']} {row['seconds']} s")

@@ -66,6 +66,7 @@ class MjData:
     geom_xmat: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     M: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     qfrc_bias: _Attribute[numpy.typing.NDArray[numpy.float64], object]
+    qfrc_actuator: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     qfrc_inverse: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     contact: _Attribute[_MjContactList, typing.Never]
     efc_type: _Attribute[numpy.typing.NDArray[numpy.int32], typing.Never]
@@ -145,6 +146,7 @@ class MjModel:
     nq: _Attribute[int, typing.Never]
     nv: _Attribute[int, typing.Never]
     nu: _Attribute[int, typing.Never]
+    na: _Attribute[int, typing.Never]
     nbody: _Attribute[int, typing.Never]
     njnt: _Attribute[int, typing.Never]
     ngeom: _Attribute[int, typing.Never]
@@ -207,6 +209,7 @@ class MjModel:
     pair_solref: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     pair_friction: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     tendon_frictionloss: _Attribute[numpy.typing.NDArray[numpy.float64], object]
+    actuator_trnid: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     actuator_dynprm: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     actuator_gainprm: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     actuator_biasprm: _Attribute[numpy.typing.NDArray[numpy.float64], object]
@@ -584,6 +587,7 @@ class MjsCamera:
 class MjsCompiler:
     degree: _Attribute[bool, bool]
     discardvisual: _Attribute[bool, bool]
+    inertiafromgeom: _Attribute[mjtInertiaFromGeom, typing.SupportsInt | typing.SupportsIndex]
     meshdir: _Attribute[str, str]
     texturedir: _Attribute[str, str]
 
@@ -986,6 +990,7 @@ class _MjDataJointViews:
     qacc: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     xaxis: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     qfrc_bias: _Attribute[numpy.typing.NDArray[numpy.float64], object]
+    qfrc_actuator: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     qfrc_inverse: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     id: _Attribute[int, typing.Never]
     name: _Attribute[str, typing.Never]
@@ -1277,6 +1282,9 @@ class mjtGeom(_Enum):
     mjGEOM_CAPSULE: typing.ClassVar[mjtGeom]
     mjGEOM_BOX: typing.ClassVar[mjtGeom]
     mjGEOM_MESH: typing.ClassVar[mjtGeom]
+
+class mjtInertiaFromGeom(_Enum):
+    ...
 
 class mjtIntegrator(_Enum):
     mjINT_EULER: typing.ClassVar[mjtIntegrator]

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sim_backend.reality_gap.subjects.joints import motor_law
 from sim_backend.reality_gap.subjects.joints.body_law import gravity_of
 from sim_backend.reality_gap.subjects.joints.look import Accepted, JointProblem
 from sim_backend.reality_gap.subjects.joints.motor_law import LIMIT
@@ -44,6 +45,11 @@ def contradicts(problem: JointProblem, state: JointState) -> bool:
         return False
     limit, first = state.value(LIMIT), problem.start.value(LIMIT)
     return bool(np.any((limit < torque_that_acted_nm(problem)) & (limit < first)))
+
+
+def pushes(state: JointState) -> bool:
+    """Whether friction of some joint would drive it in one direction."""
+    return any(motor_law.pushes(state.motor(j)) for j in range(state.joints))
 
 
 def is_gravity(nominal_m_s2: np.ndarray, state: JointState) -> bool:

@@ -77,6 +77,11 @@ def absent_values() -> np.ndarray:
     return values
 
 
+def pushes(values: np.ndarray) -> bool:
+    """Whether friction of one joint would be less than none in one direction, at any speed without load."""
+    return bool(abs(values[_DIRECTION]) > values[_COULOMB] + min(0.0, values[_STRIBECK]))
+
+
 def needs_external(values: np.ndarray) -> bool:
     """Whether the law of one joint asks for its load from outside."""
     return bool(values[_OUTER_LOAD] != 0.0)

@@ -319,6 +319,11 @@ class RolloutProblem:
         loose = {(t.key, t.index): s for t, s in self.loose_terms(())}
         return loose.get((term.key, term.index), 1e6)
 
+    @property
+    def motion_rad(self) -> np.ndarray:
+        """How far joints are from their mean place in a usual window, root mean square, shape (k,)."""
+        return np.maximum(np.median(self.windows.position_rad.std(axis=1), axis=0), self.noise_rad)
+
     def is_near_noise(self, fit: RolloutFit) -> bool:
         """Whether a usual window of no joint is off by more than a few times what its encoder is."""
         return bool((np.sqrt(np.median(fit.squares, axis=0)) < FAR_OFF * self.noise_rad).all())

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, plane_of, shape_of
-from sim_backend.reality_gap.subjects.joints.contradictions import is_gravity, runs_into_bounds
+from sim_backend.reality_gap.subjects.joints.contradictions import is_gravity, pushes, runs_into_bounds
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS, Catalogue, Hypothesis
 from sim_backend.reality_gap.subjects.joints.look import Accepted
 from sim_backend.reality_gap.subjects.joints.moves import moved
@@ -17,12 +17,13 @@ GATE = 12.0
 """Nats that a cause must gain: odds of 160 000, shared by some hundred hypotheses."""
 OF_NUMBER = 3.0
 """Nats that each number must gain for itself."""
-DEBUG = __import__("os").environ.get("DBG")
 _TRIED, _TRIED_FROM = 6, 3.0
 """So many of the best, by their linear gains in nats, are fitted."""
+_WHOLLY = 2
+"""So many of those are fitted once more together with everything else."""
 _MENDS = 0.5
 """A cause that gains less than this share of the largest, leaving more than noise, may only mend what that one's law leaves."""
-_MOST = 6
+_MOST, _MOST_MENDING = 6, 2
 _LEAST_REDUCTION = 0.03
 """Share of a joint's error that a cause must take away at one joint."""
 
@@ -74,9 +75,17 @@ def select_by_rollouts(
     """
     nominal = problem.fitted(problem.start, ())
     search = _Search(problem, catalogue, fits, progress)
-    fit, taken = search.extended(nominal, (), _MENDS)
-    extended, all_taken = search.extended(fit, taken, 0.0) if taken else (fit, taken)
+    fit, taken = search.extended(nominal, (), _MENDS, _MOST)
+    taken = tuple(replace(cause, terms=_needed(problem, fit, cause)) for cause in taken)
+    extended, all_taken = (
+        replace(search, catalogue=_without_limits(catalogue)).extended(fit, taken, 0.0, _MOST_MENDING) if taken else (fit, taken)
+    )
     return RolloutSelection(problem, nominal, fit, taken, extended, all_taken[len(taken) :])
+
+
+def _without_limits(catalogue: Catalogue) -> Catalogue:
+    """What may mend a law without being a cause: a limit would cut what other motions need."""
+    return catalogue.without([number.key.partition(".")[0] for number in NUMBERS.values() if number.begins_at_load])
 
 
 @dataclass(frozen=True)
@@ -88,15 +97,19 @@ class _Search:
     fits: Callable[[JointState], bool]
     progress: Callable[[str, float], None]
 
-    def extended(self, fit: RolloutFit, first: tuple[Taken, ...], share: float) -> tuple[RolloutFit, tuple[Taken, ...]]:
-        """A model with more causes, each worth a share of the largest; those that it has stay."""
+    def extended(
+        self, fit: RolloutFit, first: tuple[Taken, ...], share: float, most: int
+    ) -> tuple[RolloutFit, tuple[Taken, ...]]:
+        """A model with at most so many more causes, each worth a share of the largest; those that it has stay."""
         taken = first
-        while len(taken) < _MOST and not self.problem.is_near_noise(fit):
+        while len(taken) < len(first) + most and not self.problem.is_near_noise(fit):
             found = _best(self.problem, self.catalogue, fit, taken, self.fits, share)
             if found is None:
                 break
+            fit, is_whole = found[0], bool(taken)
             taken = (*taken, found[1])
-            fit = self.problem.fitted(found[0].state, [term for cause in taken for term in cause.terms], found[0].begin)
+            if not is_whole:
+                fit = self.problem.fitted(fit.state, found[1].terms, fit.begin)
             self.progress(f"{found[1].hypothesis.effect}, {found[1].hypothesis.where}", 1.0 - 0.7 ** len(taken))
             fit, taken = _without_needless(self.problem, fit, taken, first)
         return fit, taken
@@ -112,31 +125,58 @@ def _best(
 ) -> tuple[RolloutFit, Taken] | None:
     """What gains most of those that are possible, and the model with it; ``share`` as of :func:`_least`."""
     own = [term for cause in taken for term in cause.terms]
-    names, tried = {cause.hypothesis.name for cause in taken}, []
+    names, tried = {cause.hypothesis.name for cause in taken}, list[_Tried]()
+    everywhere = {effect for effect, where in names if where == ALL_JOINTS}
     for linear, hypothesis, values in _distinct(problem.gains(fit, catalogue.hypotheses), names):
+        if hypothesis.effect in everywhere:
+            continue
         if linear < _TRIED_FROM or len(tried) == _TRIED:
             break
         terms = tuple(catalogue.terms[i] for i in hypothesis.terms)
         state, plain = _begun(problem.without_loose(fit.state, own), terms, values)
         new = problem.fitted(state, [*own, *plain], fit.begin, quickly=True)
-        if own:  # those before may have found another place without it
-            afresh = problem.fitted(_as_nominal(problem, state, own), [*own, *plain], fit.begin, quickly=True)
-            new = max(new, afresh, key=lambda each: problem.gained(fit.squares, each.squares))
         gain = problem.gained(fit.squares, new.squares) - OF_NUMBER * len(plain)
         with_it = [*taken, Taken(hypothesis, plain, gain, ())]
         if fits(new.state) and _may_be(problem, new.state, with_it) and _is_worth_it(fit, new):
             tried.append((gain, new, hypothesis, plain))
     tried.sort(key=lambda entry: -entry[0])
+    if taken:  # beside causes that are in the model also with all that a healthy robot may be off by, as the model had it
+        tried = sorted((_fitted_wholly(problem, fit, own, *entry[1:]) for entry in tried[:_WHOLLY]), key=lambda entry: -entry[0])
     tried = [entry for entry in tried if entry[0] >= _least(problem, entry[1], taken, share)]
     if not tried:
         return None
     gain, new, hypothesis, plain = _single_rather_than_all(tried)
-    if DEBUG:
-        for entry in tried:
-            cv = 0.0
-            print("   tried", entry[2].name, "gain", round(entry[0],1), "foretold", round(cv,1), {f"{t.key}@{t.index}": float(entry[1].state.value(t.key)[t.index]) for t in entry[3]}, flush=True)
     others = tuple((other.name, own_gain) for own_gain, _, other, _ in tried if other.name != hypothesis.name)
     return new, Taken(hypothesis, plain, gain, others)
+
+
+def _needed(problem: RolloutProblem, fit: RolloutFit, cause: Taken) -> tuple[Term, ...]:
+    """Those of a cause's numbers without which windows end up further off, the others as they are."""
+    gains = []
+    for term in cause.terms:
+        without = problem.squares_of(_as_nominal(problem, fit.state, (term,)), fit.begin)
+        gains.append(problem.gained(without, fit.squares))
+    return tuple(t for t, gain in zip(cause.terms, gains, strict=True) if gain > OF_NUMBER) or cause.terms
+
+
+_Tried = tuple[float, RolloutFit, Hypothesis, tuple[Term, ...]]
+"""Gain, model, and what was tried with its terms."""
+
+
+def _fitted_wholly(
+    problem: RolloutProblem,
+    fit: RolloutFit,
+    own: Sequence[Term],
+    new: RolloutFit,
+    hypothesis: Hypothesis,
+    plain: tuple[Term, ...],
+) -> _Tried:
+    """The better of two fits, which may end apart: from where a model is, and with what it had before at nominal values."""
+    begun = (new.state, _as_nominal(problem, new.state, own))
+    found = [problem.fitted(state, [*own, *plain], new.begin) for state in begun]
+    gains = [problem.gained(fit.squares, each.squares) - OF_NUMBER * len(plain) for each in found]
+    best = int(np.argmax(gains))
+    return gains[best], found[best], hypothesis, plain
 
 
 def _as_nominal(problem: RolloutProblem, state: JointState, terms: Sequence[Term]) -> JointState:
@@ -166,8 +206,8 @@ def _distinct(
 
 
 def _single_rather_than_all(
-    tried: Sequence[tuple[float, RolloutFit, Hypothesis, tuple[Term, ...]]],
-) -> tuple[float, RolloutFit, Hypothesis, tuple[Term, ...]]:
+    tried: Sequence[_Tried],
+) -> _Tried:
     """All joints together contain what a single one is."""
     first = tried[0]
     if first[2].where != ALL_JOINTS:
@@ -201,7 +241,8 @@ _SHAPE_PROBE = 0.01
 
 def _may_be(problem: RolloutProblem, state: JointState, taken: Sequence[Taken]) -> bool:
     accepted = [Accepted(c.hypothesis.effect, c.hypothesis.where, c.terms, c.gain) for c in taken]
-    return is_gravity(problem.gravity_m_s2, state) and not runs_into_bounds(state, problem.start, accepted)
+    is_possible = is_gravity(problem.gravity_m_s2, state) and not pushes(state)
+    return is_possible and not runs_into_bounds(state, problem.start, accepted)
 
 
 def _is_worth_it(before: RolloutFit, after: RolloutFit) -> bool:

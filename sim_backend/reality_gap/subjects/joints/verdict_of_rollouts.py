@@ -19,6 +19,8 @@ _SYSTEMATIC, _SYSTEMATIC_SHARE = 2.0, 0.1
 """Intervals are wider than the errors of windows alone make them, by a factor and by a share of the deviation."""
 _TRIFLE = 0.05
 """Of the largest number of a cause at all joints: a joint with less of it has none."""
+_NOT_WORTH = 0.01
+"""Share of a window's motion: a model that ends up less than this off is as good as right if no cause adds anything."""
 _EXPLAINED = 0.5
 """Share of a usual window's error that causes must take away at some joint to be named."""
 
@@ -38,8 +40,10 @@ def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection) -> Verdi
     left = f"a usual window of {problem.length_s:g} s ends up {1e3 * after[worst]:.2g} mrad off at {names[worst]}"
     said = f"{left}, {after[worst] / problem.noise_rad[worst]:.0f} times the noise of its encoder"
     kind, summary = VerdictKind.NAMED, f"The robot goes where a model goes that has {_listed(causes)}."
-    if not causes and problem.is_near_noise(selection.nominal):
-        kind, summary = VerdictKind.NOTHING_WRONG, "The model goes where the robot went."
+    share = before / problem.motion_rad
+    if not causes and (problem.is_near_noise(selection.nominal) or (share < _NOT_WORTH).all()):
+        small = f"a usual window of {problem.length_s:g} s ends up at most {100.0 * share.max():.2g} % of its motion off"
+        kind, summary = VerdictKind.NOTHING_WRONG, f"The model goes where the robot went: {small}."
     elif not causes:
         kind, summary = VerdictKind.UNEXPLAINED, f"The model does not go where the robot went: {said}, and no cause explains it."
     elif not (after < (1.0 - _EXPLAINED) * before).any():

@@ -65,6 +65,15 @@ def test_load_friction_takes_its_share_of_any_torque(torque_nm: float):
     assert speed_rad_s({"load_friction.coefficient": 0.3}, torque_nm) == pytest.approx(speed_rad_s({}, 0.7 * torque_nm), rel=0.02)
 
 
+def test_load_friction_takes_its_share_of_the_weight_that_moves_an_idle_joint():
+    falls = [
+        float(run(rig(UNDAMPED | LOCKED | values), only(JOINT, 0.0), 20).true_joint_velocity_rad_s[0, -1, JOINT])
+        for values in ({}, {"load_friction.external_coefficient": 0.3})
+    ]
+    assert abs(falls[0]) > 0.05
+    assert falls[1] == pytest.approx(0.7 * falls[0], rel=0.02)
+
+
 def test_directional_friction_differs_with_the_sign_of_speed():
     values = {"coulomb_friction.torque_nm": 0.03, "directional_friction.difference_nm": 0.02}
     driver = rig(FREE | values)

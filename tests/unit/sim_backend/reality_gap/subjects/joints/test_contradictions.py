@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.subjects.joints.contradictions import contradicts, runs_into_bounds, torque_that_acted_nm
+from sim_backend.reality_gap.subjects.joints.contradictions import contradicts, pushes, runs_into_bounds, torque_that_acted_nm
 from sim_backend.reality_gap.subjects.joints.look import Accepted
 from sim_backend.reality_gap.subjects.joints.motor_law import LIMIT
 from sim_backend.reality_gap.subjects.joints.state import Term
@@ -30,6 +30,15 @@ def test_a_motor_gave_what_the_motion_took(study):
     assert contradicts(study.problem, limited(study, [0.9 * acted[0], 100.0]))
     assert not contradicts(study.problem, limited(study, [1.1 * acted[0], 100.0]))
     assert not contradicts(study.problem, study.fit.state)
+
+
+def test_friction_that_would_drive_a_joint_in_one_direction_is_none(study):
+    def directed(difference_nm):
+        values = {"coulomb_friction.torque_nm": [0.1, 0.2], "directional_friction.difference_nm": [0.0, difference_nm]}
+        return replace(study.start, given={**study.start.given, **{key: np.array(value) for key, value in values.items()}})
+
+    assert not pushes(directed(0.19)) and not pushes(directed(-0.19))
+    assert pushes(directed(0.21)) and pushes(directed(-0.21))
 
 
 def test_a_number_at_the_end_of_what_the_catalogue_allows_is_no_cause(study):

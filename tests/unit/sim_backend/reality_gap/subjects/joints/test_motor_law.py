@@ -37,6 +37,7 @@ CASES = {
 FRICTION = {
     "coulomb": {"coulomb_friction.torque_nm": 0.01 * PER_JOINT},
     "load": {"load_friction.coefficient": 0.2},
+    "load from outside": {"load_friction.external_coefficient": 0.2},
     "direction": {"coulomb_friction.torque_nm": 0.02, "directional_friction.difference_nm": 0.01},
     "stribeck": {"stribeck_friction.extra_nm": 0.02, "stribeck_friction.speed_rad_s": 0.3},
 }
@@ -64,7 +65,10 @@ def lawful(robot, segment, joint):
         values[i] = np.ravel(robot.value(key)[0])[joint if KEYS_PER_JOINT[key] else 0]
     sent = np.ascontiguousarray(segment.applied_torque_nm[0])
     motion = (np.ascontiguousarray(s[0, :, joint]) for s in (segment.true_joint_position_rad, segment.true_joint_velocity_rad_s))
-    return along(np.ascontiguousarray(sent[:, joint]), np.abs(sent).sum(axis=1), *motion, STEPS_S, values)
+    plant = Plant(compile_scene(), c.JOINT_NAMES)
+    asked = plant.load_nm(segment.true_joint_position_rad[0], segment.true_joint_velocity_rad_s[0])[:, joint]
+    total = np.abs(sent).sum(axis=1)
+    return along(np.ascontiguousarray(sent[:, joint]), total, *motion, np.ascontiguousarray(asked), STEPS_S, values)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -111,5 +115,5 @@ def test_a_joint_at_rest_feels_no_friction():
     values = absent_values()
     values[KEYS.index("coulomb_friction.torque_nm")] = 0.1
     rest = np.zeros(50)
-    _, net, _ = along(np.full(50, 0.02), np.full(50, 0.02), rest, rest, STEPS_S, values)
+    _, net, _ = along(np.full(50, 0.02), np.full(50, 0.02), rest, rest, rest, STEPS_S, values)
     np.testing.assert_array_equal(net, np.full(50, 0.02))

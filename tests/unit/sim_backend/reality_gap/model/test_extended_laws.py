@@ -1,0 +1,100 @@
+"""The laws that lie beside an extended model do what the tool's own rollouts do, and need nothing of this project."""
+
+import json
+import subprocess
+import sys
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim_backend.reality_gap.feedback import Feedback
+from sim_backend.reality_gap.model import extended_laws
+from sim_backend.reality_gap.model.extended_laws import Laws
+from sim_backend.reality_gap.model.files import LAWS, NATIVE, write_models
+from sim_backend.reality_gap.recording import JointSignals, Recording
+from sim_backend.reality_gap.replay import simulated
+from sim_backend.reality_gap.subjects.joints.forward import Forward, Windows
+from sim_backend.reality_gap.subjects.joints.plant import Plant
+from sim_backend.reality_gap.subjects.joints.state import JointState
+from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
+
+ARM = """
+<mujoco><compiler angle="radian"/><worldbody>
+ <body><joint name="shoulder" axis="0 1 0" armature="0.002" damping="0.01" frictionloss="0.03"/>
+  <inertial pos="0 0 -0.1" mass="0.5" diaginertia="1e-3 1e-3 1e-3"/>
+  <body pos="0 0 -0.2"><joint name="elbow" axis="0 1 0" armature="0.001"/>
+   <inertial pos="0 0 -0.1" mass="0.2" diaginertia="5e-4 5e-4 5e-4"/></body></body>
+</worldbody><actuator><motor name="own" joint="shoulder"/></actuator></mujoco>
+"""
+STEP_S, SAMPLES = 0.004, 250
+NAMES = ("shoulder", "elbow")
+LAWS_OF_JOINTS = {
+    "nothing": {},
+    "load friction": {"load_friction.coefficient": 0.3, "load_friction.external_coefficient": 0.2},
+    "stribeck": {"stribeck_friction.extra_nm": 0.05, "stribeck_friction.speed_rad_s": 0.3},
+    "direction": {"directional_friction.difference_nm": 0.02},
+    "delay": {"action_delay.delay_s": 0.007},
+    "saturation": {"torque_saturation.limit_nm": 0.3},
+    "torque constant": {"torque_constant.error": -0.2},
+    "heat": {"thermal_derating.loss_per_k": 0.02, "thermal_derating.rise_k_nm2": 900.0, "thermal_derating.time_constant_s": 2.0},
+    "play": {"backlash.gap_rad": 0.05, "backlash.rotor_inertia_kg_m2": 0.002},
+}
+
+
+@pytest.mark.parametrize("law", LAWS_OF_JOINTS)
+def test_both_go_the_same_way(law):
+    model, at = mujoco.MjModel.from_xml_string(ARM), STEP_S * np.arange(SAMPLES)
+    target = np.stack([0.8 * np.sin(4.0 * at), 0.5 * np.sin(7.0 * at)], axis=1)
+    shape = np.ones((SAMPLES, 2))
+    feedback = Feedback(target, 3.0 * shape, 0.02 * shape, np.inf * shape, 0.0 * shape, 0.0 * shape)
+    plant = Plant(model, NAMES)
+    own = plant.own_values | {"torque_saturation.limit_nm": np.full(2, 1e9)}
+    state = JointState(2, own | {key: np.full(2, value) for key, value in LAWS_OF_JOINTS[law].items()})
+    begin, none = np.zeros((1, 2)), np.zeros((1, SAMPLES, 2))
+    windows = Windows(STEP_S, none, begin, begin, none, Feedback.stacked([feedback]), np.zeros(1, int))
+    expected = Forward(plant, STEP_S).positions(windows, begin, begin, [state], np.zeros(1, int))[0]
+    joints = JointSignals(NAMES, target, commanded_torque_nm=np.zeros_like(target), feedback=feedback)
+    recording = Recording("made", "here", STEP_S, at, joints)
+    values = dict.fromkeys(NAMES, LAWS_OF_JOINTS[law])
+    found = simulated(recording, slice(0, SAMPLES), np.zeros(2), np.zeros(2), model, values)
+    assert np.abs(expected).max() > 0.2
+    assert np.abs(found - expected).max() < 2e-3 * np.abs(expected).max()
+    if law != "nothing":
+        without = simulated(recording, slice(0, SAMPLES), np.zeros(2), np.zeros(2), model, {})
+        assert np.abs(without - expected).max() > 1e-2 * np.abs(expected).max()
+
+
+def test_they_take_the_place_of_the_model_s_own_actuators():
+    model = mujoco.MjModel.from_xml_string(ARM)
+    data, laws = mujoco.MjData(model), Laws(model, {"shoulder": {"torque_constant.error": 1.0}})
+    data.ctrl[0] = 100.0
+    laws.apply(model, data, {"shoulder": 0.2})
+    mujoco.mj_step(model, data)
+    assert data.qfrc_actuator[0] == 0.0 and data.qfrc_applied[0] == pytest.approx(0.4)
+    with pytest.raises(KeyError):
+        Laws(model, {"wrist": {}})
+
+
+def cause(effect, parameter, where, value):
+    return Cause(effect, parameter, where, value, "", (value, value))
+
+
+def test_what_a_study_writes_runs_without_this_project(tmp_path):
+    (tmp_path / "arm.xml").write_text(ARM)
+    named = cause("load_friction", "coefficient", "elbow", 0.3)
+    extended = (named, cause("viscous_friction", "damping_nm_s_rad", "elbow", 0.02))
+    stated = (cause("load_friction", "coefficient", "elbow", 0.1), cause("action_delay", "delay_s", "shoulder", 0.002))
+    verdict = Verdict(verdict=VerdictKind.NAMED, summary="friction", causes=(named,), extended=extended)
+    written = write_models(verdict, "made", [], tmp_path, model=tmp_path / "arm.xml", stated=stated)
+    assert {path.name for path in written} >= {NATIVE, LAWS, "extended_laws.py"}
+    laws = json.loads((tmp_path / LAWS).read_text())["joints"]
+    assert laws["elbow"]["load_friction.coefficient"] == 0.3 and laws["shoulder"] == {"action_delay.delay_s": 0.002}
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / NATIVE)).dof_damping.tolist() == [0.01, 0.02]
+    program = extended_laws.__doc__.split("::", 1)[1].split("``apply``")[0]
+    program = "\n".join(line[4:] for line in program.splitlines()).replace("10.0", "0.1")
+    ran = subprocess.run(
+        [sys.executable, "-c", f"{program}\nimport sys\nassert not any('sim_backend' in name for name in sys.modules)"],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert ran.returncode == 0, ran.stderr

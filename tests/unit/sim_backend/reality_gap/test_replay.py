@@ -1,0 +1,86 @@
+"""Recordings replayed with models as they lie on disk: the right one goes where the robot went, in and out of the loop."""
+
+import json
+import subprocess
+import sys
+
+import mujoco
+import numpy as np
+import pytest
+
+ARM = """
+<mujoco><option timestep="0.001" integrator="implicitfast"/><worldbody>
+ <body><joint name="hinge" axis="0 1 0" armature="0.001" {}/>
+  <inertial pos="0 0 -0.15" mass="0.4" diaginertia="1e-3 1e-3 1e-3"/></body>
+</worldbody></mujoco>
+"""
+STEP_S, GAIN, DAMPING = 0.005, 3.0, 0.1
+STUDY = f"""
+model = "arm.xml"
+[[recording]]
+file = "*.csv"
+[time]
+column = "time"
+unit = "s"
+[joints.hinge]
+position = "q"
+position_target = "target"
+[controller]
+kind = "pd"
+stiffness = {GAIN}
+damping = {DAMPING}
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two runs of an arm with friction, its model without, and the model with it."""
+    folder = tmp_path_factory.mktemp("replay")
+    (folder / "arm.xml").write_text(ARM.format(""))
+    (folder / "right.xml").write_text(ARM.format('frictionloss="0.1"'))
+    (folder / "study.toml").write_text(STUDY)
+    model = mujoco.MjModel.from_xml_path(str(folder / "right.xml"))
+    for run in (1, 2):
+        data, rows = mujoco.MjData(model), []
+        for i in range(800):
+            target = 0.7 * np.sin(0.01 * run * i) * np.sin(0.004 * i)
+            rows.append((i * STEP_S, data.qpos[0], target))
+            for _ in range(5):
+                data.qfrc_applied[0] = GAIN * (target - data.qpos[0]) - DAMPING * data.qvel[0]
+                mujoco.mj_step(model, data)
+        np.savetxt(folder / f"run{run}.csv", rows, delimiter=",", header="time,q,target", comments="")
+    return folder
+
+
+def replay(*arguments):
+    call = [sys.executable, "-m", "sim_backend.reality_gap", "replay", *map(str, arguments), "--json"]
+    ran = subprocess.run(call, capture_output=True, text=True, check=False)
+    return ran.returncode, ran.stdout + ran.stderr
+
+
+@pytest.mark.parametrize("window", [[], ["--window", "1.0"]])
+def test_the_right_model_goes_where_the_robot_went(folder, window):
+    code, said = replay(folder / "right.xml", folder / "study.toml", "--model", folder / "arm.xml", *window)
+    assert code == 0, said
+    found = json.loads(said[said.index("{") : said.rindex("}") + 1])
+    error = {each["model"]: each["error_rad"] for each in found["models"]}
+    assert error["extended"] < 0.05 * error["nominal"] and error["arm"] == error["nominal"]
+    assert [each["recording"] for each in found["recordings"]] == ["run1", "run2"]
+    assert found["recordings"][0]["windows"] == (3 if window else 1)
+
+
+@pytest.mark.parametrize(
+    ("model", "more", "why"),
+    [
+        ("nothing.xml", (), "there is no"),
+        (".", (), "give the folder of a study that found causes"),
+        ("study.toml", (), "is no model that MuJoCo can load"),
+        ("other.xml", (), "has no joint 'hinge'"),
+        ("right.xml", ("--window", "9"), "has no window of 9 s"),
+        ("right.xml", ("--window", "-1"), "is a time in seconds"),
+    ],
+)
+def test_what_cannot_be_replayed_is_refused_with_a_sentence(folder, model, more, why):
+    (folder / "other.xml").write_text(ARM.format("").replace("hinge", "knee"))
+    code, said = replay(folder / model, folder / "study.toml", *more)
+    assert code == 2 and why in said
