@@ -36,8 +36,8 @@ HIDDEN = {
     "table_friction": Hidden("table_friction.coefficient", 0.7, 0.08),
     "fingertip_friction": Hidden("fingertip_friction.coefficient", 0.6, 0.1),
 }
-COUNTED = ("tracking_dropout", "orientation_jumps")
-"""Effects that a tracker's reports are counted for, without pushes."""
+AT_SCALE = ("tracking_dropout", "orientation_jumps", "tracking_offset", "cube_mass")
+"""Those of which another of the same kind is named without scale."""
 JOINTS = "coulomb_friction.torque_nm"
 
 
@@ -61,9 +61,11 @@ def study_of(robot: str, replay: PushReplay) -> CubeStudy:
     return study_cube(recordings, np.random.default_rng(1), replay=replay)
 
 
-@pytest.mark.parametrize("effect", [pytest.param(name, marks=[pytest.mark.scale] * (name in COUNTED)) for name in HIDDEN])
+@pytest.mark.parametrize("effect", [pytest.param(name, marks=[pytest.mark.scale] * (name in AT_SCALE)) for name in HIDDEN])
 def test_the_effect_is_named_and_its_size_is_right(effect, replay):
-    """At scale with what reports are counted for, of which `test_many_losses_and_jumps_are_named` has both."""
+    """`test_the_effect_is_named_and_its_size_is_right` has one of contact and one of time without scale, and
+    `test_many_losses_and_jumps_are_named` both of what reports are counted for.
+    """
     study, hidden = study_of(effect, replay), HIDDEN[effect]
     assert effect in {cause.effect for cause in study.verdict.causes}, study.verdict.summary
     value = np.array([cause.value for cause in study.verdict.causes if cause.effect == effect])

@@ -54,11 +54,12 @@ def test_published_cube_gives_friction_and_the_scale_of_its_measurement():
 @pytest.mark.parametrize(
     ("hidden", "scale", "effect", "value", "tolerance"),
     [
-        ({"friction": 0.15}, 1.0, "table_friction", 0.15, 0.02),
+        pytest.param({"friction": 0.15}, 1.0, "table_friction", 0.15, 0.02, marks=pytest.mark.scale),
         ({}, 0.97, "tracking_scale", -0.03, 0.006),
     ],
 )
 def test_hidden_cause_is_named(hidden, scale, effect, value, tolerance):
+    """`test_published_cube_gives_friction_and_the_scale_of_its_measurement` names a friction without scale."""
     study = _study(toss_spec(), tosses(toss_spec(**hidden), 12, 11, scale=scale), {}, 11)
     assert study.causes[0].effect == effect
     if len(study.causes) > 1:  # twelve tosses may not be enough to tell it from its rivals, which then stand beside it

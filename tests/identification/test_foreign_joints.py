@@ -70,8 +70,12 @@ HIDDEN = {
 }
 
 
-@pytest.mark.parametrize("effect", HIDDEN)
+WITHOUT_SCALE = ("coulomb_friction", "link_mass", "encoder_offset")
+
+
+@pytest.mark.parametrize("effect", [pytest.param(e, marks=[pytest.mark.scale] * (e not in WITHOUT_SCALE)) for e in HIDDEN])
 def test_a_cause_at_the_elbow_is_named_with_its_value(effect):
+    """`test_a_cause_at_the_elbow_is_named_with_its_value` has a friction, a body and a sensor without scale."""
     how, parameter, value, error = HIDDEN[effect]
     verdict = verdict_of(**how)
     assert verdict.verdict is VerdictKind.NAMED
