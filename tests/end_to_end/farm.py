@@ -104,9 +104,6 @@ class Farm:
         self.run("watch", job)
         return self.json("report", job)
 
-    def running(self) -> list[dict]:
-        return [robot for robot in self.json("robots")["robots"] if robot["state"] == "running"]
-
     def robot_in_mid_trial(self, earliest_s: float = 1.0, latest_s: float = 12.0, within_s: float = 60.0) -> dict:
         """A robot far from both ends of its trial (simulated seconds); asked without the command line, to be quick."""
         settings = json.loads((self.folder / "home" / "settings.json").read_text())

@@ -58,10 +58,9 @@ class TwoRobots:
 def two_robots(tmp_path_factory) -> TwoRobots:
     folder = tmp_path_factory.mktemp("two")
     with Farm(folder, robots=2) as first:
-        job = first.submit(**SAME)
-        while not first.running():
-            time.sleep(0.05)
         pids = pids_of(first)
+        job = first.submit(**SAME)
+        first.robot_in_mid_trial(latest_s=6.0)
         stopped_after_s = first.stop()
         left_after_stop = left_of(pids, within_s=2)
     with Farm(folder, robots=2) as second:
