@@ -1,8 +1,9 @@
 """Replays recordings with an extended model as it lies on disk: how far does it go from where the robot went?
 
 Recordings are those of a study file, best ones that no study has seen. Each is simulated in the loop in which it was made:
-where it is known what turned position targets into torque that law acts on the simulated motion, otherwise the recorded torques
-do. The model is what any MuJoCo program would load: ``extended-model.xml``, stepped one by one with ``extended_laws.Laws``.
+where it is known what turned position targets into torque that law acts on the simulated motion, otherwise the torques that
+were sent do, or those that were measured where nobody knows what was sent. The model is what any MuJoCo program would load:
+``extended-model.xml``, stepped one by one with ``extended_laws.Laws``.
 """
 
 from collections.abc import Mapping, Sequence
@@ -49,17 +50,22 @@ class ReplayErrors:
     window_s: float
 
     def document(self) -> dict[str, Any]:
-        """As JSON: of each model the mean over recordings and joints with a 95 % interval over recordings, then all of them."""
+        """As JSON: of each model the mean over recordings and joints with a 95 % interval over recordings, then all of them.
+
+        Numbers are None where a simulation diverged.
+        """
         weights = np.array(self.windows, dtype=float)
         by_recording = self.error_rad.mean(axis=1)
         drawn = np.random.default_rng(0).integers(0, len(weights), (_RESAMPLED, len(weights)))
         together = np.einsum("rn,rnm->rm", weights[drawn], by_recording[drawn]) / weights[drawn].sum(axis=1)[:, None]
-        means, edges = weights @ by_recording / weights.sum(), np.quantile(together, [0.025, 0.975], axis=0)
+        means = weights @ by_recording / weights.sum()
+        with np.errstate(invalid="ignore"):
+            edges = np.quantile(together, [0.025, 0.975], axis=0)
         return {
             "metric": "mean absolute error of the position, rad",
             "window_s": self.window_s or None,
             "models": [
-                {"model": name, "error_rad": float(means[m]), "interval_95": [float(edge[m]) for edge in edges]}
+                {"model": name, "error_rad": _number(means[m]), "interval_95": [_number(edge[m]) for edge in edges]}
                 for m, name in enumerate(self.models)
             ],
             "recordings": [
@@ -67,7 +73,7 @@ class ReplayErrors:
                     "recording": name,
                     "windows": self.windows[r],
                     "error_rad": {
-                        model: dict(zip(self.joints, map(float, self.error_rad[r, :, m]), strict=True))
+                        model: dict(zip(self.joints, map(_number, self.error_rad[r, :, m]), strict=True))
                         for m, model in enumerate(self.models)
                     },
                 }
@@ -84,9 +90,18 @@ class ReplayErrors:
             for r, name in enumerate(self.recordings)
         ]
         said = self.document()["models"]
-        mean = f"{'mean of all':{width}}  " + "  ".join(f"{1e3 * each['error_rad']:12.4g}" for each in said)
-        edges = [f"{1e3 * low:.3g} to {1e3 * high:.3g}" for low, high in (each["interval_95"] for each in said)]
+        mean = f"{'mean of all':{width}}  " + "  ".join(
+            "    diverged" if each["error_rad"] is None else f"{1e3 * each['error_rad']:12.4g}" for each in said
+        )
+        edges = [
+            "none" if None in each["interval_95"] else " to ".join(f"{1e3 * edge:.3g}" for edge in each["interval_95"])
+            for each in said
+        ]
         return [head, *rows, mean, f"{'95 % interval':{width}}  " + "  ".join(f"{edge:>12}" for edge in edges)]
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 def replay(

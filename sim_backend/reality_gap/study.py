@@ -28,6 +28,7 @@ from sim_backend.reality_gap.recording import RecordingError
 from sim_backend.reality_gap.report.report import write_html
 from sim_backend.reality_gap.subjects.cube import subject as cube
 from sim_backend.reality_gap.subjects.joints import subject as joints
+from sim_backend.reality_gap.subjects.joints.plant import Plant
 from sim_backend.reality_gap.subjects.subject import Material, Progress, Sections, Subject, part
 from sim_backend.reality_gap.subjects.tosses import subject as tosses
 from sim_backend.reality_gap.success.prediction import Question, Trials, read_question, success_of
@@ -120,12 +121,12 @@ def _extended(verdict: Verdict, material: Material, out: Path) -> list[Path]:
     file = material.study_file
     if file is None:
         return write_models(verdict, material.title, material.files, out, model=None)
-    stated = [cause for key, value in file.nominal.items() for cause in _stated(key, value, file)]
+    stated = [cause for key, value in file.nominal.items() for cause in stated_causes(key, value, file)]
     return write_models(verdict, material.title, material.files, out, model=file.model, stated=stated)
 
 
-def _stated(key: str, value: NominalValue, file: StudyFile) -> list[Cause]:
-    """A value of a study file as causes, one for each place."""
+def stated_causes(key: str, value: NominalValue, file: StudyFile) -> list[Cause]:
+    """A value of a study file as causes, one for each place, added to what the model itself says of its joints."""
     parameter = PARAMETERS[key]
     if isinstance(value, Mapping):
         places = value
@@ -135,10 +136,12 @@ def _stated(key: str, value: NominalValue, file: StudyFile) -> list[Cause]:
         places = dict(zip("xyz", np.broadcast_to(np.asarray(value, dtype=float), 3), strict=True))
     else:
         places = {"platform": value}
+    own = Plant(file.compile_model(), tuple(places)).own_values if parameter.scope is Scope.JOINT else {}
+    found = np.array([float(each) for each in places.values()]) + own.get(key, 0.0)  # pyright: ignore[reportArgumentType]
     effect = key.partition(".")[0]
     return [
-        Cause(effect, parameter.name, where, float(each), parameter.unit, (float(each), float(each)))  # pyright: ignore[reportArgumentType]
-        for where, each in places.items()
+        Cause(effect, parameter.name, where, float(each), parameter.unit, (float(each), float(each)))
+        for where, each in zip(places, found, strict=True)
     ]
 
 

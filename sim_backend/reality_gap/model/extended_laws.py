@@ -45,10 +45,10 @@ _STAYS = "_cogging"
 
 
 class Laws:
-    """The laws of some joints, with what they remember of one simulation; make another for another ``MjData``.
+    """The laws of some joints, with what they remember of one simulation. Another simulation needs others, and its own model.
 
     Args:
-        model: compiled from ``extended-model.xml``. Its friction constraints are set in every step.
+        model: compiled from ``extended-model.xml`` for these laws alone: its friction constraints are set in every step.
         values: the file, or its content: by joint, by "effect.parameter".
         joints: more joints to drive, without any such law.
 

@@ -78,8 +78,8 @@ def absent_values() -> np.ndarray:
 
 
 def pushes(values: np.ndarray) -> bool:
-    """Whether friction of one joint would be less than none in one direction, at any speed without load."""
-    return bool(abs(values[_DIRECTION]) > values[_COULOMB] + min(0.0, values[_STRIBECK]))
+    """Whether friction of one joint, without load and fast, would be less than none in one direction."""
+    return bool(abs(values[_DIRECTION]) > values[_COULOMB])
 
 
 def needs_external(values: np.ndarray) -> bool:

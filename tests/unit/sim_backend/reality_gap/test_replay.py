@@ -8,6 +8,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from sim_backend.reality_gap.measured.foreign.study_file import load_study_file
+from sim_backend.reality_gap.replay import ReplayErrors
+from sim_backend.reality_gap.study import stated_causes
+
 ARM = """
 <mujoco><option timestep="0.001" integrator="implicitfast"/><worldbody>
  <body><joint name="hinge" axis="0 1 0" armature="0.001" {}/>
@@ -84,3 +88,22 @@ def test_what_cannot_be_replayed_is_refused_with_a_sentence(folder, model, more,
     (folder / "other.xml").write_text(ARM.format("").replace("hinge", "knee"))
     code, said = replay(folder / model, folder / "study.toml", *more)
     assert code == 2 and why in said
+
+
+def test_a_model_that_diverges_is_said_to_and_leaves_valid_json():
+    found = ReplayErrors(("nominal", "extended"), ("run",), (1,), ("hinge",), np.array([[[0.01, np.inf]]]), 0.0)
+    said = json.loads(json.dumps(found.document(), allow_nan=False))
+    assert [each["error_rad"] for each in said["models"]] == [0.01, None]
+    assert "diverged" in found.lines()[-2]
+
+
+def test_what_a_study_file_states_is_added_to_what_the_model_says(folder):
+    study = (folder / "study.toml").read_text().replace("arm.xml", "right.xml")
+    stated = '[nominal]\n"coulomb_friction.torque_nm" = 0.02\n"action_delay.delay_s" = 0.004\n'
+    (folder / "stated.toml").write_text(study + stated)
+    file = load_study_file(folder / "stated.toml")
+    causes = [cause for key, value in file.nominal.items() for cause in stated_causes(key, value, file)]
+    assert {(cause.effect, cause.where): cause.value for cause in causes} == {
+        ("coulomb_friction", "hinge"): pytest.approx(0.12),
+        ("action_delay", "hinge"): 0.004,
+    }
