@@ -52,7 +52,7 @@ def compile_robot(physics: Physics, *, shape: Shape = CUBE, physics_step_s: floa
         name="report",
         type=mujoco.mjtSensor.mjSENS_USER,
         dim=record.REPORT_SIZE,
-        needstage=mujoco.mjtStage.mjSTAGE_VEL,  # cleared before the control callback writes it, not after
+        needstage=mujoco.mjtStage.mjSTAGE_POS,  # cleared before the control callback writes it; a later stage sums up subtrees
     )
     if moves_bounds(physics):
         friction.reserve_bounds(spec)
