@@ -102,9 +102,10 @@ class _Bound:
     @staticmethod
     def of(session: Any) -> "_Bound | None":
         """None of a session that is not the runtime's, or of a graph whose arrays have no size or type that is known before."""
-        described = [getattr(session, ask, list)() for ask in ("get_inputs", "get_outputs")]
-        known = all(each.type == "tensor(float)" and all(isinstance(size, int) for size in each.shape) for each in sum(described, []))
-        if not hasattr(session, "run_with_iobinding") or not known:
+        if not hasattr(session, "run_with_iobinding"):
+            return None
+        described = session.get_inputs(), session.get_outputs()
+        if not all(each.type == "tensor(float)" and _has_size(each.shape) for side in described for each in side):
             return None
         inputs, outputs = ({each.name: np.zeros(each.shape, np.float32) for each in side} for side in described)
         if outputs.keys() != {ACTION, *(NEXT + name for name in inputs if name != OBSERVATION)} or OBSERVATION not in inputs:
@@ -127,3 +128,7 @@ class _Bound:
         for state, following in self._states:
             state[:] = following
         return self._action.copy()
+
+
+def _has_size(shape: Sequence[object]) -> bool:
+    return all(isinstance(extent, int) for extent in shape)

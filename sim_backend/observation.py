@@ -1,10 +1,11 @@
 """From what a robot measures to the vector a policy sees, field by field as its manifest names them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from api_schemas.policy import OBSERVATION_SIZES
 from sim_backend.driver.driver import Measurement
 from sim_backend.driver.tracker import TrackedPose
 from sim_backend.tasks.keypoints import cube_keypoints_world_m
@@ -59,22 +60,34 @@ class ObservationBuilder:
         unknown = [name for name in names if name not in FIELDS]
         if unknown:
             raise ValueError(f"unknown observation fields {unknown}; choose from {', '.join(FIELDS)}")
-        self._names = tuple(names)
-        self._changing = frozenset(self._names) - CONSTANT_IN_A_TRIAL - CHANGES_WITH_TRACKER
-        self._parts: dict[str, np.ndarray] = {}
+        ends = np.cumsum([OBSERVATION_SIZES[name] for name in names]).tolist()
+        places = dict(zip(names, map(slice, [0, *ends[:-1]], ends), strict=True))
+        self._size = ends[-1]
+        of_tracker, constant = (_of(places, some) for some in (CHANGES_WITH_TRACKER, CONSTANT_IN_A_TRIAL))
+        self._of_tracker, self._constant = of_tracker, constant
+        self._changing = _of(places, places.keys() - CHANGES_WITH_TRACKER - CONSTANT_IN_A_TRIAL)
+        self._built = np.empty((0, self._size))
         self._tracked: TrackedPose | None = None
         self._goal: Goal | None = None
 
     def build(self, sight: Sight) -> np.ndarray:
         """The observation, shape (n, size), float64."""
-        stale = self._changing
+        if len(self._built) != len(sight.previous_action):
+            self._built = np.empty((len(sight.previous_action), self._size))
+            self._tracked = self._goal = None
+        built = self._built
+        for field, place in self._changing:
+            built[:, place] = field(sight)
         if sight.tracked is not self._tracked:
-            stale = stale | CHANGES_WITH_TRACKER
+            for field, place in self._of_tracker:
+                built[:, place] = field(sight)
         if sight.goal is not self._goal:
-            stale = stale | CONSTANT_IN_A_TRIAL
-        parts = self._parts
-        for name in self._names:
-            if name in stale or name not in parts:
-                parts[name] = FIELDS[name](sight)
+            for field, place in self._constant:
+                built[:, place] = field(sight)
         self._tracked, self._goal = sight.tracked, sight.goal
-        return np.concatenate([parts[name] for name in self._names], axis=1)
+        return built.copy()
+
+
+def _of(places: dict[str, slice], names: Collection[str]) -> list[tuple[Callable[[Sight], np.ndarray], slice]]:
+    """Those of the fields that have these names, each with its place in the vector."""
+    return [(FIELDS[name], place) for name, place in places.items() if name in names]

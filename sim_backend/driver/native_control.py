@@ -119,17 +119,16 @@ def _wall_watch() -> Callable[..., None]:
     def watch(model: np.ndarray, data: np.ndarray, first: int) -> None:
         count, of_model = model[ngeom], _pointers(model)  # pyright: ignore[reportCallIssue]
         step_s = carray(_untyped(model), (step_word + 1,), np.float64)[step_word]  # pyright: ignore[reportCallIssue]
-        radii_m, velocity = carray(of_model[radii], (count,), np.float64), carray(data[qvel], (15,), np.float64)
         bits = np.empty(WALL_PARTS, np.int32)
         wall_watch.look(
             first,
             carray(of_model[kinds], (count,), np.int32),
             carray(of_model[geom_contype], (count,), np.int32),
             carray(of_model[sizes], (count, 3), np.float64),
-            radii_m,
+            carray(of_model[radii], (count,), np.float64),
             carray(data[xpos], (count, 3), np.float64),
             carray(data[xmat], (count, 9), np.float64),
-            wall_watch.reach_m(velocity, radii_m[count - 1], step_s),
+            wall_watch.reach_m(carray(data[qvel], (15,), np.float64), step_s),
             bits,
         )
         wall_contype = carray(of_model[body_contype], (WALL_PARTS + 1,), np.int32)

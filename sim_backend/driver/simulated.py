@@ -212,9 +212,8 @@ class SimulatedDriver:
         Raises:
             PhysicsDivergedError: a simulation became unstable.
         """
-        if all(command.position_target_rad is None for command, _ in schedule):
-            steps = sum(steps for _, steps in schedule)
-            torque_nm, row = np.empty((self._robots, steps, 9)), 0
+        if all([command.position_target_rad is None for command, _ in schedule]):
+            torque_nm, row = np.empty((self._robots, sum([steps for _, steps in schedule]), 9)), 0
             for command, steps in schedule:
                 torque_nm[:, row : row + steps] = command.desired_torque_nm[:, None]
                 row += steps

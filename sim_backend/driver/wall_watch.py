@@ -39,10 +39,12 @@ _SIDES = np.stack(
 """Outward normals of the two sides of each part's sector, shape (parts, 4)."""
 _REACH_M = 0.45
 """No point of a finger is farther from an axis of its joints."""
+_OBJECT_REACH_M = 0.15
+"""Nor any of an object from its centre."""
 
 
 @numba.njit
-def reach_m(velocity: np.ndarray, radius_m: float, step_s: float) -> float:
+def reach_m(velocity: np.ndarray, step_s: float) -> float:
     """How far anything may come in a step, with speeds twice as large as they are; generalised velocities of shape (15,)."""
     fastest = 0.0
     for finger in range(3):
@@ -50,7 +52,7 @@ def reach_m(velocity: np.ndarray, radius_m: float, step_s: float) -> float:
         fastest = max(fastest, turning * _REACH_M)
     along = math.sqrt(velocity[9] ** 2 + velocity[10] ** 2 + velocity[11] ** 2)
     around = math.sqrt(velocity[12] ** 2 + velocity[13] ** 2 + velocity[14] ** 2)
-    return NEAR_M + 2.0 * step_s * max(fastest, along + around * radius_m)
+    return NEAR_M + 2.0 * step_s * max(fastest, along + around * _OBJECT_REACH_M)
 
 
 @numba.njit
@@ -70,7 +72,7 @@ def clearance_m(kind: int, size: np.ndarray, radius_m: float, position: np.ndarr
     """
     away = math.hypot(position[0], position[1])
     outside = max(_RADIUS_M - away, (_RADIUS_M + _WIDENING * (position[2] - _EDGE_M) - away) * _COSINE) - radius_m
-    if outside > within_m or (kind != _CAPSULE and kind != _BOX):
+    if outside > within_m or kind not in (_CAPSULE, _BOX):
         return outside
     ring, cone = math.inf, math.inf
     a, b = (0.0, 0.0) if kind == _CAPSULE else (size[0], size[1])

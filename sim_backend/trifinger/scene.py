@@ -47,6 +47,14 @@ def build_scene(*, physics_step_s: float = c.PHYSICS_STEP_S, shape: Shape = CUBE
     return spec
 
 
+def discard_what_shows(spec: MjSpec) -> MjSpec:
+    """The specification itself, without what only shows: in every step it would be moved along."""
+    spec.compiler.discardvisual = True
+    for unseen in (*spec.cameras, *spec.lights):
+        spec.delete(unseen)
+    return spec
+
+
 def compile_scene(*, physics_step_s: float = c.PHYSICS_STEP_S, shape: Shape = CUBE) -> MjModel:
     """The compiled model of :func:`build_scene`."""
     return build_scene(physics_step_s=physics_step_s, shape=shape).compile()
