@@ -77,7 +77,7 @@ def encode_motors(values: list[float]) -> bytes:
 
 
 def encode_policy_steps(observation: np.ndarray, action: np.ndarray, inference_time_ns: np.ndarray) -> np.ndarray:
-    """Messages of a policy, as ``room_for`` gives them: observations (n, size; float32 in the file), actions (n, 9), times (n,)."""
+    """Messages of a policy, as ``room_for`` gives them: observations (n, size), as float32, actions (n, 9) and times (n,)."""
     parts, n = (observation.astype("<f4"), action.astype("<f8"), inference_time_ns.astype("<u8")[:, None]), len(action)
     begins = (*(packed(number, part[0].tobytes())[: -part[0].nbytes] for number, part in enumerate(parts[:2], start=1)), b"\x19")
     rows = room_for(n, sum(len(begin) + part[0].nbytes for begin, part in zip(begins, parts, strict=True)))
