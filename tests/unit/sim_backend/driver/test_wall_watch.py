@@ -35,8 +35,15 @@ def starts(seed: int) -> list[tuple[Start, np.ndarray]]:
 
 
 def of_two(start: Start) -> Start:
-    rows = {name: None if value is None else np.repeat(value, 2, axis=0) for name, value in vars(start).items()}
-    return Start(**rows)
+    return Start(*(np.repeat(value, 2, axis=0) for value in _poses(start)), cube_velocity=_twice(start.cube_velocity))
+
+
+def _poses(start: Start) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return start.joint_position_rad, start.cube_position_world_m, start.cube_quat_wxyz
+
+
+def _twice(values: np.ndarray | None) -> np.ndarray | None:
+    return None if values is None else np.repeat(values, 2, axis=0)
 
 
 @pytest.mark.parametrize(("object_name", "physics"), [*((name, "nominal") for name in OBJECT_NAMES), ("cube", "real")])
@@ -91,12 +98,12 @@ def test_what_is_left_out_is_out_of_reach():
 def test_nothing_is_looked_at_where_nothing_is_near():
     driver = SimulatedDriver()
     assert driver._models is not None
-    start, _ = starts(5)[0]
-    driver.reset(start)
+    upright = np.array([[1.0, 0.0, 0.0, 0.0]])
+    driver.reset(Start(c.START_JOINT_POSITION_RAD[None], np.array([[0.16, 0.0, 0.0325]]), upright))
     walls = driver._models[0].body_contype[1 : 1 + WALL_PARTS]
     driver.advance_torques(np.zeros((1, 1, 9)))
     assert 0 < np.count_nonzero(walls == ARENA_BITS) < WALL_PARTS
-    middle = Start(c.START_JOINT_POSITION_RAD[None], np.array([[0.0, 0.0, 0.0325]]), np.array([[1.0, 0.0, 0.0, 0.0]]))
+    middle = Start(c.START_JOINT_POSITION_RAD[None], np.array([[0.0, 0.0, 0.0325]]), upright)
     driver.reset(middle)
     assert (walls == ARENA_BITS).all(), "the last trial's end says nothing about this one's begin"
     driver.advance_torques(np.zeros((1, 1, 9)))
