@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from api_schemas.policy import canonical_json
 from tests.end_to_end import recurrent
 from tests.end_to_end.farm import Farm
+from tests.end_to_end.reaching import reaching
 from tests.graphs import endless, endless_in_time, linear, memory_hog, no_number_in_time
 from trial_logs.reader import read_log
 
@@ -50,14 +50,6 @@ def reference_job(farm) -> str:
 def on_four_robots(farm, reference_job) -> list:
     """The numbers of ``SAME`` on four robots."""
     return numbers(farm.report(reference_job))[: SAME["trials"]]
-
-
-@pytest.fixture(scope="module")
-def reaching(tmp_path_factory) -> Path:
-    """A policy for the shortest task."""
-    path = linear(tmp_path_factory.mktemp("reach") / "reaching.onnx", inputs=recurrent.MANIFEST.observation_size)
-    path.with_suffix(".json").write_text(canonical_json(recurrent.MANIFEST))
-    return path
 
 
 @dataclass(frozen=True)
@@ -218,13 +210,13 @@ def test_a_recurrent_policy_keeps_its_memory_in_a_trial_and_forgets_it_between(o
     ],
     ids=["nan", "endless"],
 )
-def test_bad_policies_are_the_policys_fault_and_robots_go_on(farm, reaching, tmp_path, make, kind):
+def test_bad_policies_are_the_policys_fault_and_robots_go_on(farm, tmp_path, make, kind):
     job = farm.submit(make(tmp_path / "bad.onnx"), trials=2, seed=1)
     report = farm.report(job)
     assert report["policy_faults"] == 2
     assert report["successes"] == 0 == report["platform_faults"]
     assert {row["outcome"]["kind"] for row in report["per_trial"]} == {kind}
-    after = farm.report(farm.submit(reaching, task="reach", trials=8, seed=2))
+    after = farm.report(farm.submit(reaching(tmp_path), task="reach", trials=8, seed=2))
     assert after["trials"] == 8
     assert after["platform_faults"] == 0 == after["policy_faults"]
 
