@@ -21,7 +21,7 @@ def jobs(looked):
         "<!DOCTYPE html><html lang=en><title>Joints of robot-0</title><h1>Joints</h1><script>alert(4)</script>"
     )
     ranked = looked.submit(digest, looked.user, trials=2, seed=None)
-    running = looked.submit(digest, looked.user, trials=200, seed=4)
+    running = looked.submit(digest, looked.user, trials=200, seed=4, task="lift")
     yield {
         "ended": ended,
         "again": again,
@@ -92,11 +92,11 @@ def test_changes_are_seen_within_a_second(operator, looked, jobs):
 def test_an_operator_drains_a_robot_and_takes_it_back(operator):
     page = operator.page
     page.goto("/")
-    card = page.locator("#robot-robot-1")
-    card.get_by_role("button", name="Drain robot-1").click()
-    said = "document.querySelector('#robot-robot-1')?.textContent"  # the card is gone for a moment while the page is renewed
+    card = page.locator("#robot-robot-0")
+    card.get_by_role("button", name="Drain robot-0").click()
+    said = "document.querySelector('#robot-robot-0')?.textContent"  # the card is gone for a moment while the page is renewed
     page.wait_for_function(f"() => {said}?.includes('draining')", timeout=5000)
-    card.get_by_role("button", name="Resume robot-1").click()
+    card.get_by_role("button", name="Resume robot-0").click()
     page.wait_for_function(f"() => {said} && !{said}.includes('draining')", timeout=30_000)
 
 
@@ -113,7 +113,7 @@ def test_a_running_trial_is_watched_as_it_happens(browser, looked, jobs, axe):
                 seen = page.evaluate("() => ({...document.querySelector('#watch').dataset})")
             except Error:
                 continue  # it ended before the page was there
-        assert 0 < float(seen["time"]) <= 15
+        assert 0 < float(seen["time"]) <= 30
 
 
 def test_the_page_of_a_running_trial_is_accessible(browser, looked, jobs, axe):

@@ -208,13 +208,13 @@ def test_other_objects_go_the_same_way(farm, kind):
     assert report["object"] == kind and report["policy_faults"] == 0 and len(report["per_trial"]) == 1
 
 
-BRIEF = ("hold_poses", "joint_limits", "slide_cube")
+BRIEF = ("hold_poses", "slide_cube")
 EVERY = (*BRIEF, "slow_ramps", "fast_sweeps", "chirps", "oscillations", "standard")
 
 
 @pytest.mark.parametrize("asked", [BRIEF, pytest.param((), marks=pytest.mark.scale)], ids=["brief", "all"])
 def test_identification_brings_a_log_of_every_excitation(farm, asked, tmp_path):
-    """`test_identification_brings_a_log_of_every_excitation` asks for three of them without scale."""
+    """`test_identification_brings_a_log_of_every_excitation` asks for two of them without scale."""
     named = [word for name in asked for word in ("--excitation", name)]
     assert farm.json("identify", "--robot", "any", *named, "--to", str(tmp_path), "--wait")
     found = [read_log(log).metadata["excitation"] for log in tmp_path.glob("*.mcap")]
