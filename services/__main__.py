@@ -17,6 +17,7 @@ import structlog
 
 from jail.level import JailLevel
 from services.settings import Settings
+from trial_logs.disk import lose_words_rather_than_end
 
 PRIVATE = 0o077
 PR_SET_PDEATHSIG = 1
@@ -56,6 +57,7 @@ def parsed(arguments: list[str]) -> tuple[str, Settings]:
 def main() -> None:
     """Runs until told to stop."""
     command, settings = parsed(sys.argv[1:])
+    lose_words_rather_than_end()
     os.umask(PRIVATE)  # database, policies, logs and the truth are for this user alone
     _end_with_parent()
     return_freed_memory()

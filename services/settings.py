@@ -67,6 +67,9 @@ class Settings(BaseSettings):
     body_stall_s: float = Field(default=30.0, gt=0, description="a request of whose body nothing comes for so long is refused")
     trusted_proxies: str | None = Field(default=None, description="addresses whose X-Forwarded-For is believed, by commas")
     max_log_bytes: int = Field(default=1024**3, gt=0)
+    disk_reserve_bytes: int = Field(
+        default=8 * 1024**2, ge=0, description="with less free in the data folder nothing new is accepted, what runs is finished"
+    )
     conversion_deadline_s: float = Field(default=60.0, gt=0)
     verification_deadline_s: float = Field(default=120.0, gt=0)
     verification_upload_s: float = Field(default=120.0, gt=0, description="how long a log to be verified may take to arrive")

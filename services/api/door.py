@@ -68,7 +68,8 @@ class Door:
             scope["state"]["caller"] = known
             await _refuse(scope, receive, passage, draw, buckets)
             return
-        watch = _Watch(self._tokens, scope, receive, self._body_stall_s)
+        is_known = known is not None or scope["method"] in WATCHED or await self._is_good(scope)
+        watch = _Watch(self._tokens, scope, Incoming(scope, receive, self._body_stall_s, known=is_known), receive)
         await watch.over(self._app, passage)
         caller: Caller | None = scope["state"].get("caller")
         if passage.status == UNAUTHORISED:
@@ -78,6 +79,19 @@ class Door:
             self._good[key] = caller
             if len(self._good) > MOST_BUCKETS:
                 self._good.popitem(last=False)
+
+    async def _is_good(self, scope: Asgi) -> bool:
+        """Whether a token that is not known here is good, asked before its sender's body is taken in."""
+        kind, _, bearer = Request(scope).headers.get("authorization", "").partition(" ")
+        if kind.lower() != "bearer" or not bearer:
+            return False
+        try:
+            await self._tokens.caller(bearer)
+        except Unauthorised:
+            return False
+        except AWAY:
+            return True  # the route will say so
+        return True
 
 
 class _Passage:
@@ -110,9 +124,9 @@ class _Passage:
 class _Watch:
     """Looks again and again whether the token of a request still holds, for as long as the request lasts."""
 
-    def __init__(self, tokens: Tokens, scope: Asgi, receive: Receive, body_stall_s: float) -> None:
+    def __init__(self, tokens: Tokens, scope: Asgi, incoming: Incoming, receive: Receive) -> None:
         self._tokens, self._scope, self._receive = tokens, scope, receive
-        self._incoming = Incoming(scope, receive, body_stall_s)
+        self._incoming = incoming
         self._looked_s = time.monotonic()
 
     async def over(self, app: ASGIApp, passage: _Passage) -> None:
