@@ -48,6 +48,8 @@ def stop_by_signal() -> threading.Event:
 
 def live(robot_name: str, settings: Settings, stop: threading.Event) -> int:
     """Be one robot until told to stop; gives the exit code."""
+    import zenoh
+
     from robot_farm.link.api_link import NotAdmittedError
     from robot_farm.robot import Robot
 
@@ -61,6 +63,9 @@ def live(robot_name: str, settings: Settings, stop: threading.Event) -> int:
     say(f"{robot_name}: ready (pid {os.getpid()})")
     try:
         robot.live_until(stop)
+    except zenoh.ZError as error:
+        say(f"{robot_name}: cannot come onto the bus, and tries again from its beginning: {str(error).partition(' at /')[0]}")
+        return 1
     except NotAdmittedError as error:
         say(f"{robot_name}: the farm does not take it: {error}")
         return NOT_TAKEN

@@ -32,6 +32,7 @@ from services.errors import NotReady, ServiceError
 from services.files.homes import open_home
 from services.files.store import FileStore
 from services.folder_lock import held
+from services.hosts import Hosts, allowed_hosts
 from services.jobs import lease, robots
 from services.jobs.clock import FarmClock
 from services.jobs.fleet import Fleet
@@ -116,7 +117,7 @@ async def serve(settings: Settings) -> None:
         app = create_app(farm)
         mount(app, farm)
         config = uvicorn.Config(
-            app,
+            Hosts(app, allowed_hosts(settings)),
             host=settings.host,
             port=settings.port,
             http=connection(settings.head_within_s),
@@ -129,6 +130,11 @@ async def serve(settings: Settings) -> None:
             ssl_keyfile=settings.tls_key,
             timeout_graceful_shutdown=REQUESTS_END_WITHIN_S,
         )
+        try:
+            config.load()
+        except OSError as error:  # which ssl.SSLError is
+            files = f"{settings.tls_certificate} and {settings.tls_key}"
+            raise NotReady(f"TRIFARM_TLS_CERTIFICATE and TRIFARM_TLS_KEY name {files}, which cannot be used: {error}") from error
         server = Server(config, settings.head_within_s)
         watching = asyncio.create_task(_stop_when_told(server, farm.signals))
         log.info("jail", level=farm.jail.level, layers=farm.jail.layers, asked_for=settings.jail_level)

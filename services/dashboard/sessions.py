@@ -8,6 +8,7 @@ import time
 from collections import OrderedDict
 from dataclasses import dataclass, field
 from typing import Annotated
+from urllib.parse import urlsplit
 
 from cryptography.fernet import Fernet, InvalidToken
 from fastapi import Depends, Form, Request, Response
@@ -144,10 +145,13 @@ def refuse_foreign(request: Request) -> None:
     """Refuses a form that another site has sent.
 
     Raises:
-        Forbidden: the browser says that it was one.
+        Forbidden: the browser says that it was one, by where it fetches or by the form's origin.
     """
     if request.headers.get("sec-fetch-site", "same-origin") not in {"same-origin", "none"}:
         raise Forbidden("form-not-ours", "This form was sent by another site; open this farm's own page.")
+    origin, host = request.headers.get("origin"), request.headers.get("host")
+    if origin is not None and urlsplit(origin).netloc.lower() != (host or "").lower():
+        raise Forbidden("form-not-ours", "This form was sent by another site's page; open this farm's own.")
 
 
 Changing = Annotated[Session, Depends(_changing)]

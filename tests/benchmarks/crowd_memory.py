@@ -34,18 +34,18 @@ Visit = Callable[[Any, int, Counter[str]], Awaitable[None]]
 async def large_heads(farm: Any, number: int, said: Counter[str]) -> None:
     """A request whose head has 60 kB, in one header or, every other time, in thousands."""
     lines = [f"X: {'x' * HEAD_BYTES}"] if number % 2 else [f"a{each}:" for each in range(HEAD_BYTES // 8)]
-    await _request(farm, said, "\r\n".join(("GET /healthz HTTP/1.1", "Host: farm", *lines, "", "")).encode())
+    await _request(farm, said, "\r\n".join(("GET /healthz HTTP/1.1", "Host: localhost", *lines, "", "")).encode())
 
 
 async def half_heads(farm: Any, _number: int, said: Counter[str]) -> None:
     """A head of 15 kB that does not end."""
-    await _request(farm, said, b"GET /healthz HTTP/1.1\r\nHost: farm\r\nX: " + b"x" * BODY_BYTES)
+    await _request(farm, said, b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nX: " + b"x" * BODY_BYTES)
 
 
 async def slow_bodies(farm: Any, number: int, said: Counter[str]) -> None:
     """A body of 15 kB whose end does not come, or one of megabytes."""
     size = BODY_BYTES + 1 if number % 4 else 1 << 20
-    head = f"POST /v1/jobs HTTP/1.1\r\nHost: farm\r\n{JSON_TYPE}\r\nContent-Length: {size}\r\n\r\n"
+    head = f"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\n{JSON_TYPE}\r\nContent-Length: {size}\r\n\r\n"
     await _request(farm, said, head.encode() + b"x" * (size - 1))
 
 
@@ -58,7 +58,7 @@ async def streams(farm: Any, number: int, said: Counter[str]) -> None:
     """An event stream of a job that waits."""
     owner = number // STREAMS_OF_OWNER
     token, job_id = farm.owners[owner % len(farm.owners)]
-    head = f"GET /v1/jobs/{job_id}/events HTTP/1.1\r\nHost: farm\r\nAuthorization: Bearer {token}\r\n\r\n"
+    head = f"GET /v1/jobs/{job_id}/events HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {token}\r\n\r\n"
     await _request(farm, said, head.encode())
 
 

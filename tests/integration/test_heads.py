@@ -13,7 +13,7 @@ from tests.integration.test_idle_connections import ended
 from tests.integration.test_tls import self_signed
 
 HEAD_S = 1.0
-LINE = b"GET /healthz HTTP/1.1\r\nHost: farm\r\n"
+LINE = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n"
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,7 @@ def test_a_head_that_is_large_enough_for_everybody_is_taken(farm):
 
 
 def test_requests_that_wait_on_one_connection_are_few(farm):
-    wanted = b"GET /v1/status HTTP/1.1\r\nHost: farm\r\n\r\n"
+    wanted = b"GET /v1/status HTTP/1.1\r\nHost: localhost\r\n\r\n"
     with connected(farm) as connection:
         connection.sendall(wanted * (1 + MOST_PIPELINED))
         assert [answer_of(connection)[0] for _ in range(1)] == [401]
