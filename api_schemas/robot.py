@@ -23,6 +23,9 @@ Fence = Annotated[int, Field(ge=1, le=MAX_FENCE)]
 """Number of a trial's attempt, as every database can keep it."""
 
 
+RobotName = Annotated[str, Field(pattern=r"^[a-z0-9-]{1,40}$")]
+
+
 class RobotState(StrEnum):
     """What a robot is doing."""
 
@@ -122,7 +125,7 @@ class OfferReply(Schema):
 class Renewal(Schema):
     """Body of POST /v1/leases/{trial_id}/renew."""
 
-    robot: str
+    robot: RobotName
     fence: Fence
 
 
@@ -136,7 +139,7 @@ class RenewalReply(Schema):
 class OutcomeReport(Schema):
     """Body of POST /v1/leases/{trial_id}/outcome; truth, if there is any, and log were uploaded before, under the same fence."""
 
-    robot: str
+    robot: RobotName
     fence: Fence
     outcome: Outcome
     log_sha256: str | None = Field(default=None, pattern=r"^[0-9a-f]{64}$")

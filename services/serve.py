@@ -21,8 +21,10 @@ from api_schemas.token import Scope, TokenRequest
 from jail.detection import detect
 from services.api.app import create_app
 from services.api.farm import Farm
+from services.api.rate_limits import Limits
 from services.connection import TLS_BUFFER_BYTES, connection
 from services.dashboard.mount import mount
+from services.dashboard.sessions import EndedSessions
 from services.database.database import Database, address, migrate
 from services.database.sqlite import is_full_sqlite
 from services.disk import Disk
@@ -41,6 +43,7 @@ from services.joining.session import session_config
 from services.policies.keeping import Policies
 from services.router import told_to_stop
 from services.settings import Settings
+from services.sharing import add_asked, all_signed_out, forget_old
 from services.signing import FarmKey
 from services.tokens import Tokens, new_bearer
 from services.upkeep import retention
@@ -54,6 +57,7 @@ ROBOT = TokenRequest(owner="farm", scopes=(Scope.ROBOT,))
 TOKENS_FILE = "tokens.json"
 REQUESTS_END_WITHIN_S = 2
 TIDY_EVERY_S = 3600.0
+SHARE_EVERY_S = 0.5
 FOLLOW_EVERY_S = 10.0
 """How often the clock of a shared database is read again: clocks of two machines part by less than 1 ms in that time."""
 SILENT_AT_MOST_S = 12
@@ -116,6 +120,7 @@ async def serve(settings: Settings) -> None:
     async with open_farm(settings) as farm, dispatching(farm):
         app = create_app(farm)
         mount(app, farm)
+        sharing = asyncio.create_task(_share(farm, app.state.dashboard_seal.ended, app.state.limits))
         config = uvicorn.Config(
             Hosts(app, allowed_hosts(settings)),
             host=settings.host,
@@ -144,6 +149,41 @@ async def serve(settings: Settings) -> None:
             await server.serve()
         finally:
             watching.cancel()
+            sharing.cancel()
+
+
+async def _share(farm: Farm, ended: EndedSessions, limits: Limits) -> None:
+    """Learns who has signed out, once where nobody else serves this farm, and tells how often who asks where somebody does."""
+    told_away = False
+    while True:
+        try:
+            await _exchange(farm, ended, limits)
+            told_away = False
+        except Exception as error:
+            if not told_away:
+                log.warning("nothing is shared with other processes for now", reason=str(error))
+            told_away = True
+        if not farm.database.is_shared and not told_away:
+            return
+        await asyncio.sleep(SHARE_EVERY_S)
+
+
+async def _exchange(farm: Farm, ended: EndedSessions, limits: Limits) -> None:
+    async with farm.database.read() as connection:
+        for mark, until_s in await all_signed_out(connection, time.time()):
+            ended.add(mark, until_s)
+    if not farm.database.is_shared:
+        return
+    told = {f"{kind} {name}": count for kind, buckets in limits.by_kind().items() for name, count in buckets.tell().items()}
+    if not told:
+        return
+    async with farm.database.write(lasting=False) as tx:
+        totals = await add_asked(tx, told, farm.clock.now_s())
+    for kind, buckets in limits.by_kind().items():
+        own, everywhere = (
+            {name[len(kind) + 1 :]: each[name] for name in each if name.startswith(f"{kind} ")} for each in (told, totals)
+        )
+        buckets.hear(own, everywhere, time.monotonic())
 
 
 async def dispatch(settings: Settings) -> None:
@@ -273,6 +313,8 @@ async def _follow_clock(farm: Farm) -> None:
 
 async def _tidy(farm: Farm) -> None:
     rules = Rules(farm.settings.keep_logs_days, farm.settings.keep_logs_bytes)
+    async with farm.database.write(lasting=False) as tx:
+        await forget_old(tx, time.time())
     removed = await retention.tidy(farm.database, farm.files, rules, time.time())
     if removed.files:
         log.info("old logs removed", files=removed.files, bytes=removed.bytes)

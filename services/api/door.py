@@ -16,7 +16,7 @@ from starlette.types import Scope as Asgi
 
 from services.api import audit, problems
 from services.api.bodies import Incoming
-from services.api.rate_limits import MOST_BUCKETS, Buckets, Draw, network
+from services.api.rate_limits import MOST_BUCKETS, Buckets, Draw, Limits, network
 from services.database.database import AWAY
 from services.errors import Unauthorised
 from services.settings import Settings
@@ -33,14 +33,12 @@ REVOKED = "The token became invalid while its request was answered; ask for a ne
 
 
 class Door:
-    """The outermost part of the application; owns the buckets and remembers which tokens were good."""
+    """The outermost part of the application; draws from the buckets and remembers which tokens were good."""
 
-    def __init__(self, app: ASGIApp, settings: Settings, tokens: Tokens) -> None:
+    def __init__(self, app: ASGIApp, settings: Settings, tokens: Tokens, limits: Limits) -> None:
         self._app, self._tokens = app, tokens
         self._body_stall_s = settings.body_stall_s
-        self._anonymous = Buckets(settings.anonymous_requests_per_s)
-        self._users = Buckets(settings.requests_per_s)
-        self._robots = Buckets(settings.robot_requests_per_s)
+        self._limits = limits
         self._good: OrderedDict[str, Caller] = OrderedDict()
 
     async def __call__(self, scope: Asgi, receive: Receive, send: Send) -> None:
@@ -60,7 +58,8 @@ class Door:
     async def _serve(self, scope: Asgi, receive: Receive, passage: "_Passage") -> None:
         key, address = _key(scope), network((scope.get("client") or ("unknown",))[0])
         known = self._good.get(key)
-        buckets = self._anonymous if known is None else self._robots if known.robot else self._users
+        limits = self._limits
+        buckets = limits.anonymous if known is None else limits.robots if known.robot else limits.users
         name = address if known is None else known.token_id
         draw = buckets.draw(name, time.monotonic())
         passage.limit(buckets, draw)

@@ -33,6 +33,8 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(DBAPIError, database_error)
+    app.add_exception_handler(UnicodeEncodeError, _unfit)  # half of a surrogate pair, which JSON can name and UTF-8 cannot
+    app.add_exception_handler(OverflowError, _unfit)  # a number beyond 64 bits, of which SQLite's driver says so
     app.add_exception_handler(OSError, _system_error)
     app.add_exception_handler(Exception, _unexpected)
 
@@ -81,15 +83,19 @@ async def database_error(request: Request, error: Exception) -> JSONResponse:
     """The answer to a request whose statement failed: it is at fault where it named a value that no database keeps."""
     assert isinstance(error, DBAPIError)
     if _is_of_value(error):
-        log.warning("value refused by the database", route=_route(request), kind=type(error.orig).__name__)
-        detail = "The database cannot store a value of this request, such as a NUL character in a text; leave it out."
-        return answer(request, 422, "value-unfit", "Content refused", detail)
+        return await _unfit(request, error.orig if isinstance(error.orig, Exception) else error)
     error.hide_parameters = True  # hashes of tokens, keys and manifests of users are among them
     log.error("database error", route=_route(request), exc_info=error)
     if _is_of_full_disk(error):
         return answer(request, 503, "disk-full", "Not available now", DISK_FULL, headers={"Retry-After": "2"})
     detail = "The database did not answer; nothing was changed by this request. Try again in a moment."
     return answer(request, 503, "database-unavailable", "Not available now", detail, headers={"Retry-After": "2"})
+
+
+async def _unfit(request: Request, error: Exception) -> JSONResponse:
+    log.warning("value refused by the database", route=_route(request), kind=type(error).__name__)
+    detail = "The database cannot store a value of this request, such as a NUL character in a text; leave it out."
+    return answer(request, 422, "value-unfit", "Content refused", detail)
 
 
 def _is_of_value(error: DBAPIError) -> bool:

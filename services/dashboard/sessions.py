@@ -30,7 +30,7 @@ MOST_ENDED = 10_000
 
 @dataclass
 class EndedSessions:
-    """Hashes of cookies that were signed out, until they are too old anyhow; known to this process only, and until it ends."""
+    """Hashes of cookies that were signed out, until they are too old anyhow; what the database has of them, and a copy of it."""
 
     _until_s: OrderedDict[bytes, float] = field(default_factory=OrderedDict)
 
@@ -72,9 +72,11 @@ class Seal:
             return None
         return None if _mark(cookie) in self.ended else bearer
 
-    def end(self, cookie: str) -> None:
-        """From now on this cookie, one of ours, opens no more."""
-        self.ended.add(_mark(cookie), self._fernet.extract_timestamp(cookie.encode()) + LASTS_S)
+    def end(self, cookie: str) -> tuple[bytes, float]:
+        """From now on this cookie, one of ours, opens no more; gives its mark, and when it is too old anyhow."""
+        ended = _mark(cookie), self._fernet.extract_timestamp(cookie.encode()) + LASTS_S
+        self.ended.add(*ended)
+        return ended
 
     def word(self, cookie: str) -> str:
         """What the forms of this session carry."""
@@ -105,9 +107,9 @@ class Session:
         """Whether it was not signed out and is not too old; its token can have ended all the same."""
         return self.seal.open(self.cookie) is not None
 
-    def end(self) -> None:
-        """Signs out."""
-        self.seal.end(self.cookie)
+    def end(self) -> tuple[bytes, float]:
+        """Signs out here; gives what other processes are to be told of it."""
+        return self.seal.end(self.cookie)
 
 
 def _seal(request: Request) -> Seal:

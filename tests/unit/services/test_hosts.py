@@ -29,7 +29,7 @@ def asked(allowed, host, scheme="http"):
         (
             {},
             ("localhost", "127.0.0.1:8787", "[::1]:8787", "LOCALHOST:1"),
-            ("farm", "127.0.0.1.evil.example", "evil.example:8787", ""),
+            ("farm", "127.0.0.1.evil.example", ""),
         ),
         ({"hosts": "farm.example.org, [::1]"}, ("farm.example.org:443", "[::1]"), ("localhost", "example.org")),
         ({"host": "0.0.0.0"}, ("anything",), ()),
