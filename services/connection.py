@@ -124,7 +124,8 @@ class Connection(HttpToolsProtocol):
 
 def _too_large() -> bytes:
     detail = f"A head may have {MOST_HEAD_BYTES} bytes in {MOST_HEADERS} headers, and {MOST_PIPELINED} requests may wait on one."
-    said = {"type": "/problems/head-too-large", "title": "Head too large", "status": 431, "detail": detail}
+    slug = "head-too-large"
+    said = {"type": f"/problems/{slug}", "title": "Head too large", "status": 431, "detail": detail}
     body = json.dumps(said).encode()
     lines = (
         b"HTTP/1.1 431 Request Header Fields Too Large",
