@@ -151,7 +151,9 @@ def measure(name: str, lasts_s: float, folder: Path) -> dict[str, Any]:
         for _ in range(WARM_REQUESTS // 3):
             for path in ("/v1/status", f"/v1/jobs/{job_id}", "/v1/robots"):
                 assert farm.admin.get(path).status_code == 200
-        farm.owners = [_owner(farm, f"owner-{number}") for number in range(count // STREAMS_OF_OWNER)] if visit is streams else []
+        crowded: Any = farm
+        owners = [f"owner-{number}" for number in range(count // STREAMS_OF_OWNER)] if visit is streams else []
+        crowded.owners = [_owner(farm, each) for each in owners]
         return {"crowd": name} | asyncio.run(crowd(farm, visit, count, lasts_s))
 
 
