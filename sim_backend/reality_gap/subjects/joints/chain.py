@@ -61,7 +61,8 @@ class Drives:
 
     Attributes:
         sent_nm: shape (w, s, k).
-        feedback: target, stiffness, damping, limit, back-EMF and desired torque, shape (6, w, s, k); (6, 1, 1, k) if none is known.
+        feedback: target, stiffness, damping, limit, back-EMF and desired torque, shape (6, w, s, k), or (6, 1, 1, k) if none is
+            known.
         is_known: joints that the controller drives, shape (k,).
         sample_s: between samples.
     """
@@ -111,22 +112,15 @@ class Chain:
 
         Args:
             drives: of all windows.
-            begin_rad, begin_rad_s: where and how fast each simulation begins, as reported, shape (n, k).
+            begin_rad: where each simulation begins, as reported, shape (n, k).
+            begin_rad_s: how fast it moves there, shape (n, k).
             models: to simulate with.
             window: of each simulation, shape (n,).
             which: model of each simulation, shape (n,).
         """
         o = self._order
-        of_joints = (
-            models.armature,
-            models.damping,
-            models.stiffness,
-            models.rest_rad,
-            models.offset_rad,
-            models.delay_s,
-            models.late_s,
-        )
-        joints, sent = np.stack(of_joints), drives.sent_nm[:, :, o]
+        m, sent = models, drives.sent_nm[:, :, o]
+        joints = np.stack([m.armature, m.damping, m.stiffness, m.rest_rad, m.offset_rad, m.delay_s, m.late_s])
         arrays = (
             *(np.ascontiguousarray(x) for x in (sent, _sums(sent), drives.feedback[..., o], drives.is_known[o])),
             self._inertias(models.bodies),

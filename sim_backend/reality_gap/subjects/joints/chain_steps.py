@@ -274,7 +274,7 @@ def _until(at: float, sums: np.ndarray, held: np.ndarray, joint: int) -> float:
     return sums[sample, joint] + (at - sample) * held[sample, joint]
 
 
-def _simulate(
+def _simulate(  # noqa: PLR0912, PLR0915  # one loop over time: compiled functions that it called would copy the state
     sent: np.ndarray,
     sums: np.ndarray,
     feedback: np.ndarray,
@@ -332,7 +332,7 @@ def _simulate(
                     reported = q[j] + own[_OFFSET, j]
                     asked = law[_GAIN] * (law[_TARGET] - reported) - law[_BRAKE] * v[j] + law[_DESIRED]
                     made = min(max(asked, -law[_LIMIT]), law[_LIMIT]) - law[_BACK_EMF] * v[j]
-                    line[now % late, j] = made if made == made else 0.0
+                    line[now % late, j] = 0.0 if np.isnan(made) else made
                     steps = own[_DELAY, j] / step_s
                     back = int(np.floor(steps + 1e-9))
                     newer, older = line[max(0, now - back) % late, j], line[max(0, now - back - 1) % late, j]

@@ -22,7 +22,7 @@ from sim_backend.reality_gap.subjects.joints.motor_law import in_simulations
 from sim_backend.reality_gap.subjects.joints.plant import Plant
 from sim_backend.reality_gap.subjects.joints.state import CLOCK, LINK_CENTRES, LINK_INERTIA, JointState
 
-_LONGEST_STEP_S = 0.002
+_LONGEST_STEP_S = 0.0025
 _HELD_KG_M2 = 1e6
 """Armature of joints that were not recorded: they rest."""
 _MOST_SIMULATIONS = 6000

@@ -24,7 +24,8 @@ ARM = """<mujoco><option gravity="0.4 -0.3 -9.7" {option}/><worldbody>
       <geom type="capsule" size="0.02 0.1" mass="0.5" pos="0.05 0 0.1" euler="0 30 0"/>
       <body pos="0.1 0 0.1"><geom type="sphere" size="0.03" mass="0.2" pos="0 0.02 0"/>
         <body pos="0 0 0.1"><joint name="unseen" axis="0 1 0"/><geom type="sphere" size="0.02" mass="0.1" pos="0.03 0 0"/>
-          <body pos="0.05 0 0"><joint name="wrist" axis="1 0 0"/><geom type="box" size="0.02 0.04 0.01" mass="0.2" pos="0 0.03 0"/>
+          <body pos="0.05 0 0"><joint name="wrist" axis="1 0 0"/>
+            <geom type="box" size="0.02 0.04 0.01" mass="0.2" pos="0 0.03 0"/>
     </body></body></body></body></body>
   <body pos="0.5 0 0"><joint name="other" axis="0 1 0"/><geom type="capsule" size="0.02 0.1" mass="0.3" pos="0 0 -0.1"/></body>
 </worldbody>{more}</mujoco>"""
