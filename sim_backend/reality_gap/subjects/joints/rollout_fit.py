@@ -166,7 +166,7 @@ class RolloutProblem:
         """
         rows = np.linspace(0, len(self.windows) - 1, min(_LEAST_WINDOWS, len(self.windows))).astype(int)
         w, (n, k) = self.windows.some(rows), (len(rows), self.windows.begin_rad.shape[1])
-        loose = self.loose_terms(())
+        loose = [(term, scale) for term, scale in self.loose_terms(()) if term.key != CLOCK]
         terms, scales = [term for term, _ in loose], np.array([scale for _, scale in loose])
         off = scales * np.clip(rng.standard_normal((draws, len(loose))), -_TOLERATED, _TOLERATED)
         drawn = [self.start, *(_moved(self.start, terms, change) for change in off)]
@@ -237,8 +237,9 @@ class RolloutProblem:
         return self._descended(state, terms, loose, begin, _QUICK_ITERATIONS if quickly else _ITERATIONS)
 
     def begun(self, state: JointState) -> RolloutFit:
-        """A model as it is, with windows that begin where they fit best."""
-        return self._descended(state, (), (), self.begin(), _STARTS_ALONE)
+        """A model as it is, with windows that begin where they fit best, and torques that act when they do."""
+        when = [(term, scale) for term, scale in self._loose if term.key == CLOCK]
+        return self._descended(state, (), when, self.begin(), _STARTS_ALONE)
 
     def _descended(
         self,

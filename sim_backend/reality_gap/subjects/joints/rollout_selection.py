@@ -175,8 +175,8 @@ def _fitted_wholly(
 ) -> _Tried:
     """The better of two fits, which may end apart: from where a model is, and with what it had before at nominal values.
 
-    Where both fit about as well the one counts that foretells recordings better that it has not seen: the other owes a part of what
-    it gains to a few windows.
+    Where both fit about as well the one counts that foretells recordings better that it has not seen: the other owes a part of
+    what it gains to a few windows.
     """
     begun, terms = (new.state, _as_nominal(problem, new.state, own)), [*own, *plain]
     found = [problem.fitted(state, terms, new.begin) for state in begun]
