@@ -5,6 +5,7 @@ from enum import StrEnum
 from pydantic import Field
 
 from api_schemas.excitation import ExcitationName
+from api_schemas.goal import OwnGoal
 from api_schemas.jail_report import JailReport
 from api_schemas.scene_form import form_or_first
 from api_schemas.schema import Schema
@@ -16,6 +17,7 @@ MAX_REASON = 2000
 class TrialState(StrEnum):
     """``queued -> leased -> running -> done``, and back to ``queued`` after a fault of the platform."""
 
+    HELD = "held"  # not in the queue yet: the goals before it may answer the job's question
     QUEUED = "queued"
     LEASED = "leased"
     RUNNING = "running"
@@ -143,6 +145,7 @@ class Trial(Schema):
     attempts: tuple[Attempt, ...]
     excitation: ExcitationName | None = None  # of an identification's trial
     has_truth: bool = False
+    own_goal: OwnGoal | None = None  # that the job's user brought
 
 
 class TrialPage(Schema):

@@ -48,6 +48,9 @@ def style_source() -> str:
     return f"'sha256-{b64encode(hashlib.sha256(STYLE.encode()).digest()).decode()}'"
 
 
+SEQUENCE = "of the rate: a confidence sequence, holding at every look, since a question may have ended the job; of robots: Wilson"
+
+
 @dataclass(frozen=True)
 class _Words:
     """The sentences that differ from one maker to the next."""
@@ -133,6 +136,10 @@ def _result(report: Report, words: _Words) -> Iterator[str]:
         f"<p>{report.successes} of {report.trials} trials succeeded · 80 % interval <b>{_percent(low)}–{_percent(high)} %</b> · "
         f"95 % interval {_percent(lower)}–{_percent(upper)} %</p>"
     )
+    if report.question is not None:
+        yield f"<p><b>{_text(report.question.sentence)}</b></p>"
+    if report.own_goals:
+        yield '<p class="soft">The job\'s user brought its goals; leaderboards do not take them.</p>'
     yield _bar(report.success_rate, report.interval_80, 'viewBox="0 0 100 6" preserveAspectRatio="none" height="18"', 6)
     ever = f"Reached at any time in {report.success_ever}"
     yield f'<p class="soft">{ever} · {words.errors(report)}</p>'
@@ -225,7 +232,7 @@ def _methods(report: Report, words: _Words) -> Iterator[str]:
     angle = f" and {math.degrees(ANGLE_TOLERANCE_RAD):.0f}° of its orientation" if turned else ""
     yield "<h2>Methods</h2><dl>"
     yield from _row("success", f"at the trial's end within {1e3 * POSITION_TOLERANCE_M:.0f} mm of the goal{angle}")
-    yield from _row("intervals", words.intervals)
+    yield from _row("intervals", words.intervals if report.intervals == "wilson" else SEQUENCE)
     yield from _row("robots", f"{len(report.per_robot)}, drawn for each trial by the job's seed")
     yield from _row("seed", str(report.seed))
     yield from _row("policy", f"<code>{_text(report.policy)}</code> (SHA-256)")

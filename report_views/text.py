@@ -1,5 +1,6 @@
 """A report as plain text for people, at most 100 columns wide."""
 
+import textwrap
 from collections.abc import Iterator
 
 from api_schemas.physics import ObjectName
@@ -23,7 +24,9 @@ def _lines(report: Report) -> Iterator[str]:
     yield from _object(report)
     yield ""
     yield f"success rate   {report.successes} of {report.trials} = {report.success_rate:.3f}"
-    yield f"  80 % interval {_interval(report.interval_80)}   95 % interval {_interval(report.interval_95)}   (Wilson)"
+    kind = "Wilson" if report.intervals == "wilson" else "confidence sequence, holds at every look"
+    yield f"  80 % interval {_interval(report.interval_80)}   95 % interval {_interval(report.interval_95)}   ({kind})"
+    yield from _question(report)
     yield f"  reached at any time {report.success_ever} of {report.trials}{_means(report)}"
     policy_faults = f"policy {report.policy_faults} (counted as failures)"
     yield f"errors         {policy_faults}, platform {report.platform_faults} (retried, not counted)"
@@ -44,6 +47,17 @@ def _lines(report: Report) -> Iterator[str]:
     yield from _faults(report.platform_fault_attempts)
     yield from _departures(report.per_trial)
     yield from _made(report)
+
+
+def _question(report: Report) -> Iterator[str]:
+    if report.own_goals:
+        yield "goals          brought by the user; leaderboards do not take them"
+    if (asked := report.question) is None:
+        return
+    for number, part in enumerate(textwrap.wrap(asked.sentence, WIDTH - 15)):
+        yield f"{'' if number else 'question':<15}{part}"
+    if report.uncounted:
+        yield f"               {report.uncounted} more trials had ended by then and do not count"
 
 
 def _identification(report: IdentificationReport) -> Iterator[str]:

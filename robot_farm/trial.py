@@ -251,6 +251,7 @@ def _trial_record(lease: Lease, physics: str) -> dict[str, Any]:
         "object_scale": lease.object_scale,
         "physics": physics,
         "form": scene_form(),
+        **({} if lease.own_goal is None else {"own_goal": lease.own_goal.model_dump(mode="json", exclude_defaults=True)}),
         "policy": lease.policy or "",
         "graph_sha256": lease.graph_sha256 or "",
         "versions": {

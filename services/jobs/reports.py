@@ -9,10 +9,12 @@ from typing import Any
 from sqlalchemy import insert, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from api_schemas.anytime import rate_sequence
 from api_schemas.excitation import ExcitationName
 from api_schemas.jail_report import weakest
 from api_schemas.job import TaskName
 from api_schemas.physics import ObjectName
+from api_schemas.question import Question
 from api_schemas.report import (
     BetweenRobots,
     ExcitationRow,
@@ -31,7 +33,7 @@ from services.database.database import Database
 from services.database.rows import AnyRow
 from services.database.tables import attempt, report, trial
 from services.errors import Conflict
-from services.jobs import views
+from services.jobs import questions, views
 from services.jobs.fleet import Fleet
 from services.jobs.variance_share import variance_share
 from services.signing import FarmKey
@@ -68,23 +70,39 @@ def sign(body: dict[str, Any], key: FarmKey) -> Signature:
 
 async def write(tx: AsyncConnection, job: AnyRow) -> None:
     """Composes the report of a job whose trials are all done, and stores its bytes."""
-    trials = (await tx.execute(select(trial).where(trial.c.job_number == job.number).order_by(trial.c.ordinal))).all()
+    counted = job.trials if job.counted_trials is None else job.counted_trials
+    own = select(trial).where(trial.c.job_number == job.number, trial.c.ordinal < counted)
+    trials = (await tx.execute(own.order_by(trial.c.ordinal))).all()
     wanted = (
         select(attempt, trial.c.ordinal)
         .join(trial, trial.c.trial_id == attempt.c.trial_id)
-        .where(attempt.c.job_number == job.number, attempt.c.state != AttemptState.DECLINED)
+        .where(attempt.c.job_number == job.number, attempt.c.state != AttemptState.DECLINED, trial.c.ordinal < counted)
         .order_by(trial.c.ordinal, attempt.c.fence)
     )
     attempts = (await tx.execute(wanted)).all()
-    composer = compose_identification if job.task == TaskName.IDENTIFY else compose
-    composed = composer(job, trials, attempts, {"trifarm": version("trifarm")})
+    versions = {"trifarm": version("trifarm")}
+    if job.task == TaskName.IDENTIFY:
+        composed = compose_identification(job, trials, attempts, versions)
+    else:
+        composed = compose(job, trials, attempts, versions, await questions.of_job(tx, job))
     body = json.dumps(composed.model_dump(mode="json"), sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
     sha256 = hashlib.sha256(body).hexdigest()
     await tx.execute(insert(report).values(job_number=job.number, body=body, sha256=sha256, created_at=job.ended_at))
 
 
-def compose(job: AnyRow, trials: Sequence[AnyRow], attempts: Sequence[AnyRow], versions: dict[str, str]) -> Report:
-    """The report from a job's rows; ``attempts`` carry their trial's ordinal."""
+def compose(
+    job: AnyRow,
+    trials: Sequence[AnyRow],
+    attempts: Sequence[AnyRow],
+    versions: dict[str, str],
+    question: Question | None = None,
+) -> Report:
+    """The report from a job's rows; ``attempts`` carry their trial's ordinal.
+
+    The intervals of a job that a question may have ended are of its confidence sequence: an end that depends on what was seen
+    makes others too narrow.
+    """
+    interval = rate_sequence if job.judged else wilson
     rows = tuple(_trial_row(row, attempts) for row in trials)
     outcomes = [row.outcome for row in rows]
     measures = [outcome.measures for outcome in outcomes if outcome.measures is not None]
@@ -101,8 +119,12 @@ def compose(job: AnyRow, trials: Sequence[AnyRow], attempts: Sequence[AnyRow], v
         trials=len(rows),
         successes=successes,
         success_rate=successes / len(rows),
-        interval_80=wilson(successes, len(rows), 0.80),
-        interval_95=wilson(successes, len(rows), 0.95),
+        interval_80=interval(successes, len(rows), 0.80),
+        interval_95=interval(successes, len(rows), 0.95),
+        intervals="sequence" if job.judged else "wilson",
+        question=question,
+        uncounted=max(0, job.trials_done - len(rows)),
+        own_goals=job.own_goals,
         success_ever=sum(measure.success_ever for measure in measures),
         mean_success_fraction=_mean([measure.success_fraction for measure in measures]),
         mean_return=_mean([measure.episode_return for measure in measures]),

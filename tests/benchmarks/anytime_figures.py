@@ -3,8 +3,8 @@
     python -m tests.benchmarks.anytime_figures --out results/anytime.json
 
 Null pairs are two policies of one success rate that try the same goals independently. The table has exact means of the
-sequential test beside McNemar's exact test of a fixed size, both with the same power. Ten equal policies are compared pair by pair after each
-goal, with the chance of an error shared by all pairs.
+sequential test beside McNemar's exact test of a fixed size, both with the same power; null is what would need more goals than
+were tried. Ten equal policies are compared pair by pair after each goal, with the chance of an error shared by all pairs.
 """
 
 import argparse

@@ -50,8 +50,8 @@ def test_a_sequence_of_differences_excludes_none_exactly_when_it_is_decided(gain
 
 def test_true_differences_lie_within_the_sequence_at_every_look():
     rng, outside = np.random.default_rng(240), 0
-    for _ in range(60):
+    for _ in range(30):
         draws = rng.choice([1, -1, 0], size=40, p=[0.3, 0.1, 0.6])
-        counts = ((int((draws[:n] == 1).sum()), int((draws[:n] == -1).sum()), n) for n in range(4, 41, 4))
+        counts = ((int((draws[:n] == 1).sum()), int((draws[:n] == -1).sum()), n) for n in range(8, 41, 8))
         outside += any(not low <= 0.2 <= high for low, high in (difference_sequence(*each, 0.80) for each in counts))
-    assert outside <= 20  # 12 expected at most; more than 20 has a chance below 1 %
+    assert outside <= 13  # 6 expected at most; more than 13 has a chance below 1 %
