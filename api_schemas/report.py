@@ -45,6 +45,14 @@ class FaultRow(Schema):
     reason: str
 
 
+class FailureRow(Schema):
+    """Trials that failed for one kind of reason, as measured numbers tell it; the sentence is that of the first."""
+
+    kind: str
+    trials: tuple[int, ...]
+    sentence: str
+
+
 class TimingRow(Schema):
     """Would the policy keep its rate on hardware? Over all trials of the job."""
 
@@ -101,6 +109,7 @@ class Report(Schema):
     timing: TimingRow | None
     between_robots: BetweenRobots | None = None
     jail: JailReport | None = Field(default=None, description="the most open one that the policy ran in")
+    failures: tuple[FailureRow, ...] = Field(default=(), description="by kind, the most frequent first")
     per_robot: tuple[RobotRow, ...]
     per_trial: tuple[TrialRow, ...]
     platform_fault_attempts: tuple[FaultRow, ...]

@@ -88,6 +88,15 @@ class PolicyTiming(Schema):
     missed: int  # actions that took longer than allowed
 
 
+class FailureCause(Schema):
+    """Why a goal was missed, in one sentence told from measured numbers; ``kind`` groups such trials."""
+
+    kind: str = Field(max_length=40)
+    sentence: str = Field(max_length=MAX_REASON)
+    at_s: float | None = None
+    finger: str | None = Field(default=None, max_length=40)
+
+
 class Outcome(Schema):
     """How an attempt ended, whose fault it was, and what was measured until then."""
 
@@ -99,6 +108,8 @@ class Outcome(Schema):
     wall_s: float = 0.0
     jail: JailReport | None = None  # of the policy's process; none where it never started or there was no policy
     form: str | None = Field(default=None, max_length=40, description="of the scene; null from robots of 0.1.0")
+    # Left out where there is none, so that services that do not know it take outcomes of newer robots.
+    failure: FailureCause | None = Field(default=None, exclude_if=lambda cause: cause is None)
 
 
 class AttemptState(StrEnum):

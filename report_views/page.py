@@ -207,6 +207,12 @@ def _trials(report: Report, words: _Words) -> Iterator[str]:
     yield '<th class="n">error mm</th><th class="n">angle °</th><th class="n">tries</th><th>why</th></tr>'
     yield from (_trial(row) for row in report.per_trial)
     yield "</table></div>"
+    if report.failures:
+        yield '<h2>Why trials failed</h2><table><tr><th>kind</th><th class="n">trials</th><th>the first of them</th></tr>'
+        for group in report.failures:
+            kind = _text(group.kind.replace("_", " "))
+            yield f'<tr><td>{kind}</td><td class="n">{len(group.trials)}</td><td>{_text(group.sentence)}</td></tr>'
+        yield "</table>"
     if report.platform_fault_attempts:
         yield f"<h2>{words.attempts}</h2><ul>"
         for fault in report.platform_fault_attempts:
@@ -221,7 +227,8 @@ def _trial(row: TrialRow) -> str:
     angle = "–" if turned is None else f"{math.degrees(turned):.1f}"
     succeeded = row.outcome.kind == OutcomeKind.SUCCEEDED
     whose = "" if row.outcome.fault == Fault.NONE else f" ({row.outcome.fault}'s fault)"
-    why = "" if succeeded else _text(row.outcome.reason)
+    told = row.outcome.reason if row.outcome.failure is None else row.outcome.failure.sentence
+    why = "" if succeeded else _text(told)
     ended = f"<td>{_text(row.robot)}</td><td>{_text(row.outcome.kind)}{whose}</td>"
     numbers = f'<td class="n">{error}</td><td class="n">{angle}</td><td class="n">{row.attempts}</td>'
     return f'<tr><td class="n">{row.trial}</td>{ended}{numbers}<td>{why}</td></tr>'

@@ -18,6 +18,7 @@ from api_schemas.question import Question
 from api_schemas.report import (
     BetweenRobots,
     ExcitationRow,
+    FailureRow,
     FaultRow,
     IdentificationReport,
     Report,
@@ -134,6 +135,7 @@ def compose(
         timing=_timing(outcomes),
         between_robots=_between_robots(rows),
         jail=weakest(outcome.jail for outcome in outcomes),
+        failures=_failures(rows),
         per_robot=_robot_rows(rows, faults),
         per_trial=rows,
         platform_fault_attempts=faults,
@@ -200,6 +202,20 @@ def _trial_row(row: AnyRow, attempts: Sequence[AnyRow]) -> TrialRow:
         outcome=Outcome.model_validate_json(row.outcome),
         departure=own[-1].departure,
         log_sha256=row.log_sha256,
+    )
+
+
+def _failures(rows: Sequence[TrialRow]) -> tuple[FailureRow, ...]:
+    """Failed trials by kind. Policy errors are kinds of their own: they say what was wrong themselves."""
+    of_kind: dict[str, list[tuple[int, str]]] = {}
+    for row in rows:
+        if row.outcome.failure is not None:
+            of_kind.setdefault(row.outcome.failure.kind, []).append((row.trial, row.outcome.failure.sentence))
+        elif row.outcome.fault == Fault.POLICY:
+            of_kind.setdefault(row.outcome.kind, []).append((row.trial, row.outcome.reason))
+    ordered = sorted(of_kind.items(), key=lambda each: (-len(each[1]), each[0]))
+    return tuple(
+        FailureRow(kind=kind, trials=tuple(number for number, _ in found), sentence=found[0][1]) for kind, found in ordered
     )
 
 
