@@ -13,6 +13,16 @@ def pair_chance(policies: int) -> float:
     return CHANCE / max(1, policies * (policies - 1) // 2)
 
 
+def holm(chances: Sequence[float]) -> list[bool]:
+    """Which hypotheses are refuted by their p, with ``CHANCE`` of any false one (Holm, Scand. J. Stat. 6 (1979) 65)."""
+    refuted, left = [False] * len(chances), len(chances)
+    for index in sorted(range(len(chances)), key=lambda each: chances[each]):
+        if chances[index] > CHANCE / left:
+            break
+        refuted[index], left = True, left - 1
+    return refuted
+
+
 def compact_letters(apart: Sequence[Sequence[bool]]) -> tuple[str, ...]:
     """Letters for policies in their order, best first: two that share one cannot be told apart.
 

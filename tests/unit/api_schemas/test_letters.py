@@ -3,7 +3,7 @@ import itertools
 import numpy as np
 import pytest
 
-from api_schemas.letters import compact_letters, pair_chance
+from api_schemas.letters import compact_letters, holm, pair_chance
 
 
 def test_the_chance_is_shared_by_all_pairs():
@@ -23,3 +23,9 @@ def test_two_policies_share_a_letter_exactly_if_they_cannot_be_told_apart(seed):
 def test_letters_go_down_with_the_order():
     apart = [[False, False, True], [False, False, True], [True, True, False]]
     assert compact_letters(apart) == ("a", "a", "b")
+
+
+def test_holms_rule_stops_at_the_first_that_is_not_refuted():
+    assert holm([0.04, 0.001, 0.02]) == [True, True, True]
+    assert holm([0.04, 0.001, 0.03]) == [False, True, False]
+    assert holm([]) == []
