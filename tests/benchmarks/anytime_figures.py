@@ -120,6 +120,7 @@ def main():
     parser.add_argument("--runs", type=int, default=10_000)
     parser.add_argument("--goals", type=int, default=1000)
     parser.add_argument("--families", type=int, default=2000)
+    parser.add_argument("--rows", type=int, default=len(SHARES), help="of the table")
     parser.add_argument("--seed", type=int, default=24)
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
@@ -134,7 +135,7 @@ def main():
         }
         for rate in RATES
     ]
-    table = [row(*shares) for shares in SHARES]
+    table = [row(*shares) for shares in SHARES[: given.rows]]
     asked = {"runs": given.runs, "goals": given.goals, "families": given.families, "seed": given.seed, "chance": CHANCE}
     found = {"asked": asked, "power": POWER, "rates": rates, "table": table}
     text = json.dumps(found, indent=1) + "\n"

@@ -2,18 +2,22 @@
 
     python -m tests.benchmarks.questions_on_farm B.safetensors A.safetensors --task push --seeds 10 --out FILE
 
-It asks the farm that ``TRIFARM_URL`` names, one question at a time, and adds a line to the file for each that is answered: run it
+It starts a farm of `real` robots, asks one question at a time, and adds a line to the file for each that is answered: run it
 again and it goes on. The summary of all lines is printed at the end.
 """
 
 import argparse
 import json
 import statistics
+import tempfile
+import time
 from pathlib import Path
 
-from trifarm import Farm
+from api_schemas.report import read_report
+from tests.end_to_end import farm as of_farm
 
 FIRST_SEED = 24_000
+POLL_S = 5.0
 
 
 def answered(out):
@@ -21,9 +25,11 @@ def answered(out):
 
 
 def ask(farm, given, seed):
-    asked = {"task": given.task, "seed": seed, "until_known": True, "max_trials": given.max, "against": given.other}
-    job = farm.submit(given.policy, **asked)
-    report = job.wait()
+    asked = ("--task", given.task, "--seed", str(seed), "--until-known", "--max", str(given.max), "--against", given.other)
+    job = farm.run("submit", given.policy, *asked).split()[0]
+    while not (body := farm.run("report", job, "--json", code=None)).startswith('{"attempts"'):
+        time.sleep(POLL_S)
+    report = read_report(body.encode())
     found = report.question
     return {
         "policy": found.policy_name,
@@ -51,10 +57,14 @@ def main():
     parser.add_argument("--task", default="push")
     parser.add_argument("--max", type=int, default=200)
     parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--robots", type=int, default=2)
+    parser.add_argument("--farm-seed", default="7001")
     parser.add_argument("--out", type=Path, required=True)
     given = parser.parse_args()
     done = {row["seed"] for row in answered(given.out)}
-    with Farm() as farm:
+    of_farm.READY_WITHIN_S = 900  # other work may have the cores
+    more = ("--physics", "real", "--farm-seed", given.farm_seed)
+    with tempfile.TemporaryDirectory() as folder, of_farm.Farm(Path(folder), robots=given.robots, more=more) as farm:
         for seed in range(FIRST_SEED, FIRST_SEED + given.seeds):
             if seed not in done:
                 row = ask(farm, given, seed)
