@@ -78,7 +78,7 @@ def _why(
     judged_error_m: float | None,
 ) -> Why:
     state_t_s, position_rad, velocity_rad_s, applied_nm = states
-    capture_s, poses, confidence = reports
+    capture_s, poses, confidence = np.maximum(reports[0], 0.0), *reports[1:]
     order = np.argsort(capture_s, kind="stable")
     tips_m = fingertip_position_world_m(position_rad).reshape(-1, 3, 3)
     nearest = np.clip(np.searchsorted(state_t_s, capture_s[order]), 0, len(state_t_s) - 1)

@@ -29,6 +29,7 @@ SATURATED, SATURATED_SHARE = 0.98, 0.5
 REVERSALS_HZ, REVERSALS_RAD_S = 8.0, 1.0
 """A joint that turns about so often, at such speeds, thrashes."""
 HEIGHT_M = 0.015
+BEGAN_S = 0.2
 
 
 @dataclass(frozen=True)
@@ -161,7 +162,8 @@ def _left(e: Evidence) -> Why | None:
     first, last = reached[0].t_s, reached[-1].t_s
     slips = [each for each in _slips(e) if last - 1.5 <= each.t_s <= last + 0.2]
     slipped = f" as {slips[-1].text}" if slips else ""
-    return Why("left", f"the object reached its goal at {first:.1f} s and left it at {last:.1f} s{slipped}: {_ended(e)}", last)
+    came = "began at its goal" if first < BEGAN_S else f"reached its goal at {first:.1f} s"
+    return Why("left", f"the object {came} and left it at {last:.1f} s{slipped}: {_ended(e)}", last)
 
 
 def _misjudged(e: Evidence) -> Why | None:

@@ -27,7 +27,7 @@ def answered(out):
 def ask(farm, given, seed):
     asked = ("--task", given.task, "--seed", str(seed), "--until-known", "--max", str(given.max), "--against", given.other)
     job = farm.run("submit", given.policy, *asked).split()[0]
-    while not (body := farm.run("report", job, "--json", code=None)).startswith('{"attempts"'):
+    while '"per_trial"' not in (body := farm.run("report", job, "--json", code=None)):
         time.sleep(POLL_S)
     report = read_report(body.encode())
     found = report.question
