@@ -9,7 +9,7 @@ from client_cli.connection.patience import pause_s
 from client_cli.terminal.errors import Interrupted, Refused, ServerAway
 from client_cli.terminal.exit_codes import ExitCode
 from client_cli.terminal.output import counted
-from client_cli.views.progress import JobProgress, advance, progress_of, waiting_sentence
+from client_cli.views.progress import JobProgress, advance, progress_of, question_sentence, waiting_sentence
 from client_cli.views.progress_view import ProgressView, progress_view
 
 GIVE_UP_AFTER_S = 60.0
@@ -85,7 +85,7 @@ def _with_question(client: ApiClient, progress: JobProgress, event: JobEvent) ->
     if progress.question is None or event.kind != "trial_done":
         return progress
     question = client.job(event.job_id).question
-    return progress if question is None else replace(progress, question=question.sentence)
+    return progress if question is None else replace(progress, question=question_sentence(question))
 
 
 def ending(job: Job) -> str:

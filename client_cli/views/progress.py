@@ -5,6 +5,7 @@ from datetime import datetime
 
 from api_schemas.anytime import rate_sequence
 from api_schemas.job import Job, JobEvent, TaskName
+from api_schemas.question import Question
 from client_cli.terminal.output import duration
 
 LEVEL = 0.95
@@ -42,7 +43,7 @@ def progress_of(job: Job) -> JobProgress:
         successes=job.successes,
         waiting_because=waiting_sentence(job),
         has_goals=job.task is not TaskName.IDENTIFY,
-        question=None if job.question is None else job.question.sentence,
+        question=None if job.question is None else question_sentence(job.question),
     )
 
 
@@ -95,7 +96,15 @@ def rate_sentence(progress: JobProgress) -> str | None:
     if not (trials and progress.has_goals):
         return None
     low, high = (100 * bound for bound in rate_sequence(successes, trials, LEVEL))
-    return f"rate {low:.0f}–{high:.0f} % ({100 * LEVEL:.0f} %, at every look)"
+    return f"rate {low:.0f}–{high:.0f} %"
+
+
+def question_sentence(question: Question) -> str:
+    """How a question stands, short enough for a bar; the interval is its confidence sequence."""
+    low, high = (100 * bound for bound in question.sequence_95)
+    if question.gained is None:
+        return f"rate {low:.0f}–{high:.0f} %"
+    return f"{question.gained} gained, {question.lost} lost, {low:+.0f} to {high:+.0f} points"
 
 
 def estimate_s(progress: JobProgress) -> float | None:
