@@ -8,6 +8,8 @@ from typing import Literal
 
 from pydantic import Field
 
+from api_schemas.anytime import difference_sequence, is_decided, log_evidence, rate_sequence
+from api_schemas.letters import compact_letters, holm, pair_chance
 from api_schemas.report import Report
 from api_schemas.scene_form import form_or_first, told_forms
 from api_schemas.schema import Schema
@@ -29,6 +31,7 @@ class ComparedJob(Schema):
     successes: int
     success_rate: float
     interval_80: tuple[float, float]
+    letters: str | None = Field(default=None, description="of three jobs or more: two that share one cannot be told apart")
 
 
 class Difference(Schema):
@@ -45,6 +48,9 @@ class Difference(Schema):
     interval_80: tuple[float, float]
     interval_95: tuple[float, float]
     p: float
+    at_every_look: bool = Field(
+        default=False, description="a question may have ended one of the jobs: intervals and p hold at every look"
+    )
 
     @property
     def is_worse(self) -> bool:
@@ -126,18 +132,48 @@ def _task(reports: Sequence[Report]) -> TaskComparison:
         )
         for seed in common
     )
+    letters = _letters(reports, goals)
     return TaskComparison(
         task=first.task,
         object=first.object,
         object_scale=first.object_scale,
         goals=len(goals),
-        jobs=tuple(_job(report, goals, index) for index, report in enumerate(reports)),
+        jobs=tuple(_job(report, goals, index, told) for (index, report), told in zip(enumerate(reports), letters, strict=True)),
         differences=tuple(_difference(reports, goals, index) for index in range(1, len(reports))),
         per_goal=goals,
     )
 
 
-def _job(report: Report, goals: Sequence[GoalRow], index: int) -> ComparedJob:
+def _letters(reports: Sequence[Report], goals: Sequence[GoalRow]) -> Sequence[str | None]:
+    """Letters of three jobs or more, best first, with the chance of any false pair kept to ``CHANCE``.
+
+    Pairs are told apart by McNemar's exact p and Holm's rule; where a question may have ended one of the jobs, by evidence that
+    holds at every look, with Bonferroni's share of the chance.
+    """
+    count = len(reports)
+    if count < 3:
+        return [None] * count
+    order = sorted(range(count), key=lambda index: -sum(goal.succeeded[index] for goal in goals))
+    pairs = [(one, other) for one in range(count) for other in range(one)]
+    counts = [_changed(goals, order[one], order[other]) for one, other in pairs]
+    if any(report.intervals == "sequence" for report in reports):
+        differ = [is_decided(gained, lost, pair_chance(count)) for gained, lost in counts]
+    else:
+        differ = holm([mcnemar(gained, lost) for gained, lost in counts])
+    apart = [[False] * count for _ in range(count)]
+    for (one, other), is_apart in zip(pairs, differ, strict=True):
+        apart[one][other] = apart[other][one] = is_apart
+    by_rank = compact_letters(apart)
+    return [by_rank[order.index(index)] for index in range(count)]
+
+
+def _changed(goals: Sequence[GoalRow], one: int, other: int) -> tuple[int, int]:
+    """How many goals only the other reached, and how many only the one."""
+    pairs = [(goal.succeeded[one], goal.succeeded[other]) for goal in goals]
+    return pairs.count((False, True)), pairs.count((True, False))
+
+
+def _job(report: Report, goals: Sequence[GoalRow], index: int, letters: str | None) -> ComparedJob:
     successes = sum(goal.succeeded[index] for goal in goals)
     return ComparedJob(
         job_id=report.job_id,
@@ -146,13 +182,16 @@ def _job(report: Report, goals: Sequence[GoalRow], index: int) -> ComparedJob:
         trials=len(goals),
         successes=successes,
         success_rate=successes / len(goals),
-        interval_80=wilson(successes, len(goals), 0.80),
+        interval_80=(wilson if report.intervals == "wilson" else rate_sequence)(successes, len(goals), 0.80),
+        letters=letters,
     )
 
 
 def _difference(reports: Sequence[Report], goals: Sequence[GoalRow], index: int) -> Difference:
     pairs = [(goal.succeeded[0], goal.succeeded[index]) for goal in goals]
     gained, lost = pairs.count((False, True)), pairs.count((True, False))
+    at_every_look = any(reports[each].intervals == "sequence" for each in (0, index))
+    interval = difference_sequence if at_every_look else paired_interval
     return Difference(
         first=reports[0].job_id,
         other=reports[index].job_id,
@@ -162,9 +201,10 @@ def _difference(reports: Sequence[Report], goals: Sequence[GoalRow], index: int)
         gained=gained,
         lost=lost,
         difference=(gained - lost) / len(goals),
-        interval_80=paired_interval(gained, lost, len(goals), 0.80),
-        interval_95=paired_interval(gained, lost, len(goals), 0.95),
-        p=mcnemar(gained, lost),
+        interval_80=interval(gained, lost, len(goals), 0.80),
+        interval_95=interval(gained, lost, len(goals), 0.95),
+        p=math.exp(min(0.0, -log_evidence(gained, lost))) if at_every_look else mcnemar(gained, lost),
+        at_every_look=at_every_look,
     )
 
 

@@ -1,12 +1,14 @@
 """A job: one policy, one task, n trials; the unit a user queues. An identification has excitations instead of a policy."""
 
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Any, Self
 from urllib.parse import urlsplit
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
+from api_schemas.goal import OwnGoal, why_unfit
 from api_schemas.physics import ObjectName, ObjectScale
+from api_schemas.question import Question, QuestionRequest
 from api_schemas.schema import Schema
 
 MAX_URL = 500
@@ -60,6 +62,7 @@ def _for_a_policy(task: TaskName) -> TaskName:
 
 
 PolicyTask = Annotated[TaskName, AfterValidator(_for_a_policy)]
+JobId = Annotated[str, Field(pattern=r"^j[a-z2-7]{12}$", description="a job")]
 PolicyDigest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", description="digest of an uploaded policy")]
 
 
@@ -95,6 +98,41 @@ class JobRequest(Schema):
     object_scale: ObjectScale = 1.0
     priority: JobPriority = JobPriority.NORMAL
     webhook: WebhookUrl | None = Field(default=None, description="called at the job's end, where the farm allows webhooks")
+    goals: Annotated[tuple[OwnGoal, ...], Field(min_length=1, max_length=MAX_TRIALS)] | None = Field(
+        default=None, description="of one's own, one for each trial"
+    )
+    like: JobId | None = Field(default=None, description="a job of the same task whose goals and orders of robots are taken")
+    question: QuestionRequest | None = Field(
+        default=None, description="what ends the job; then ``trials`` is the most that may be tried"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _as_many_trials_as_goals(cls, asked: Any) -> Any:
+        if isinstance(asked, dict) and "trials" not in asked and isinstance(asked.get("goals"), list | tuple):
+            return {**asked, "trials": len(asked["goals"])}
+        return asked
+
+    @model_validator(mode="after")
+    def _goals_of_one_source(self) -> Self:
+        like = self.goals_of
+        if self.question is not None and self.like is not None:
+            raise ValueError("a question against a job takes its goals already; leave like out")
+        if like is not None and (self.seed is not None or self.goals is not None):
+            raise ValueError(f"the goals are those of job {like}; leave seed and goals out")
+        if self.goals is None:
+            return self
+        if self.trials != len(self.goals):
+            raise ValueError(f"{len(self.goals)} goals are for as many trials, not {self.trials}; leave trials out")
+        for number, goal in enumerate(self.goals):
+            if (unfit := why_unfit(goal, self.task)) is not None:
+                raise ValueError(f"goal {number}: {unfit}")
+        return self
+
+    @property
+    def goals_of(self) -> str | None:
+        """The job whose goals are taken, if any."""
+        return self.question.against if self.question is not None and self.question.names_job else self.like
 
 
 class Job(Schema):
@@ -130,6 +168,8 @@ class Job(Schema):
     reason: str | None = None
     queue_position: int | None = None
     estimated_wait_s: float | None = None
+    own_goals: bool = False
+    question: Question | None = Field(default=None, description="what ends the job, and how it stands; null in lists")
 
 
 class JobPage(Schema):

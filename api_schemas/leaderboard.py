@@ -1,5 +1,7 @@
 """The leaderboard of a farm: the policies that were tried at a task, by the lower bound of their success rate's interval."""
 
+from typing import Literal
+
 from pydantic import Field
 
 from api_schemas.job import TaskName
@@ -19,6 +21,9 @@ class BoardRow(Schema):
     successes: int
     success_rate: float
     interval_80: tuple[float, float]
+    intervals: Literal["wilson", "sequence"] = Field(
+        default="wilson", description="a confidence sequence where a question may have ended a job of the policy"
+    )
     last_at: str = Field(description="when the newest of its jobs was queued")
 
 

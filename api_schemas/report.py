@@ -7,6 +7,7 @@ from pydantic import Field, TypeAdapter
 from api_schemas.excitation import ExcitationName
 from api_schemas.jail_report import JailReport
 from api_schemas.physics import ObjectName
+from api_schemas.question import Question
 from api_schemas.schema import Schema
 from api_schemas.trial import Outcome
 
@@ -44,6 +45,14 @@ class FaultRow(Schema):
     reason: str
 
 
+class FailureRow(Schema):
+    """Trials that failed for one kind of reason, as measured numbers tell it; the sentence is that of the first."""
+
+    kind: str
+    trials: tuple[int, ...]
+    sentence: str
+
+
 class TimingRow(Schema):
     """Would the policy keep its rate on hardware? Over all trials of the job."""
 
@@ -67,7 +76,10 @@ class BetweenRobots(Schema):
 
 
 class Report(Schema):
-    """What a job achieved: its success rate, robots, trials and errors. Intervals of rates are Wilson's, as fractions."""
+    """What a job achieved: its success rate, robots, trials and errors. Intervals of rates are Wilson's, as fractions.
+
+    Those of the whole job are a confidence sequence where ``intervals`` says so.
+    """
 
     format: Literal["trifarm-report/1"] = "trifarm-report/1"
     job_id: str
@@ -82,6 +94,12 @@ class Report(Schema):
     success_rate: float
     interval_80: tuple[float, float]
     interval_95: tuple[float, float]
+    intervals: Literal["wilson", "sequence"] = Field(
+        default="wilson", description="of the job's rate; those of a question's job are a confidence sequence"
+    )
+    question: Question | None = Field(default=None, description="what the job was to find out, and what was found")
+    uncounted: int = Field(default=0, description="trials that had ended when the question was answered by those before them")
+    own_goals: bool = Field(default=False, description="whether the job's user brought its goals")
     success_ever: int
     mean_success_fraction: float | None
     mean_return: float | None
@@ -91,6 +109,7 @@ class Report(Schema):
     timing: TimingRow | None
     between_robots: BetweenRobots | None = None
     jail: JailReport | None = Field(default=None, description="the most open one that the policy ran in")
+    failures: tuple[FailureRow, ...] = Field(default=(), description="by kind, the most frequent first")
     per_robot: tuple[RobotRow, ...]
     per_trial: tuple[TrialRow, ...]
     platform_fault_attempts: tuple[FaultRow, ...]

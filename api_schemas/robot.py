@@ -6,6 +6,7 @@ from typing import Annotated
 from pydantic import ConfigDict, Field, model_validator
 
 from api_schemas.excitation import ExcitationName
+from api_schemas.goal import OwnGoal
 from api_schemas.job import TaskName
 from api_schemas.physics import ObjectName, ObjectScale
 from api_schemas.policy import PolicyManifest
@@ -102,6 +103,8 @@ class Lease(Schema):
     seed: int
     object: ObjectName = ObjectName.CUBE
     object_scale: ObjectScale = 1.0
+    # Left out where there is none, so that older robots, which do not know it, take all other leases.
+    own_goal: OwnGoal | None = Field(default=None, exclude_if=lambda goal: goal is None)
     lease_s: float = LEASE_S
 
     @model_validator(mode="after")

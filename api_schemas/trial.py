@@ -5,6 +5,7 @@ from enum import StrEnum
 from pydantic import Field
 
 from api_schemas.excitation import ExcitationName
+from api_schemas.goal import OwnGoal
 from api_schemas.jail_report import JailReport
 from api_schemas.scene_form import form_or_first
 from api_schemas.schema import Schema
@@ -16,6 +17,7 @@ MAX_REASON = 2000
 class TrialState(StrEnum):
     """``queued -> leased -> running -> done``, and back to ``queued`` after a fault of the platform."""
 
+    HELD = "held"  # not in the queue yet: the goals before it may answer the job's question
     QUEUED = "queued"
     LEASED = "leased"
     RUNNING = "running"
@@ -88,6 +90,15 @@ class PolicyTiming(Schema):
     missed: int  # actions that took longer than allowed
 
 
+class FailureCause(Schema):
+    """Why a goal was missed, in one sentence told from measured numbers; ``kind`` groups such trials."""
+
+    kind: str = Field(max_length=40)
+    sentence: str = Field(max_length=MAX_REASON)
+    at_s: float | None = None
+    finger: str | None = Field(default=None, max_length=40)
+
+
 class Outcome(Schema):
     """How an attempt ended, whose fault it was, and what was measured until then."""
 
@@ -99,6 +110,8 @@ class Outcome(Schema):
     wall_s: float = 0.0
     jail: JailReport | None = None  # of the policy's process; none where it never started or there was no policy
     form: str | None = Field(default=None, max_length=40, description="of the scene; null from robots of 0.1.0")
+    # Left out where there is none, so that services that do not know it take outcomes of newer robots.
+    failure: FailureCause | None = Field(default=None, exclude_if=lambda cause: cause is None)
 
 
 class AttemptState(StrEnum):
@@ -145,6 +158,7 @@ class Trial(Schema):
     attempts: tuple[Attempt, ...]
     excitation: ExcitationName | None = None  # of an identification's trial
     has_truth: bool = False
+    own_goal: OwnGoal | None = None  # that the job's user brought
 
 
 class TrialPage(Schema):

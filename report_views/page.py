@@ -49,6 +49,9 @@ def style_source() -> str:
     return f"'sha256-{b64encode(hashlib.sha256(STYLE.encode()).digest()).decode()}'"
 
 
+SEQUENCE = "of the rate: a confidence sequence, holding at every look, since a question may have ended the job; of robots: Wilson"
+
+
 @dataclass(frozen=True)
 class _Words:
     """The sentences that differ from one maker to the next."""
@@ -134,6 +137,10 @@ def _result(report: Report, words: _Words) -> Iterator[str]:
         f"<p>{report.successes} of {report.trials} trials succeeded · 80 % interval <b>{_percent(low)}–{_percent(high)} %</b> · "
         f"95 % interval {_percent(lower)}–{_percent(upper)} %</p>"
     )
+    if report.question is not None:
+        yield f"<p><b>{_text(report.question.sentence)}</b></p>"
+    if report.own_goals:
+        yield '<p class="soft">The job\'s user brought its goals; leaderboards do not take them.</p>'
     yield _bar(report.success_rate, report.interval_80, 'viewBox="0 0 100 6" preserveAspectRatio="none" height="18"', 6)
     ever = f"Reached at any time in {report.success_ever}"
     yield f'<p class="soft">{ever} · {words.errors(report)}</p>'
@@ -201,6 +208,12 @@ def _trials(report: Report, words: _Words) -> Iterator[str]:
     yield '<th class="n">error mm</th><th class="n">angle °</th><th class="n">tries</th><th>why</th></tr>'
     yield from (_trial(row) for row in report.per_trial)
     yield "</table></div>"
+    if report.failures:
+        yield '<h2>Why trials failed</h2><table><tr><th>kind</th><th class="n">trials</th><th>the first of them</th></tr>'
+        for group in report.failures:
+            kind = _text(group.kind.replace("_", " "))
+            yield f'<tr><td>{kind}</td><td class="n">{len(group.trials)}</td><td>{_text(group.sentence)}</td></tr>'
+        yield "</table>"
     if report.platform_fault_attempts:
         yield f"<h2>{words.attempts}</h2><ul>"
         for fault in report.platform_fault_attempts:
@@ -215,7 +228,8 @@ def _trial(row: TrialRow) -> str:
     angle = "–" if turned is None else f"{math.degrees(turned):.1f}"
     succeeded = row.outcome.kind == OutcomeKind.SUCCEEDED
     whose = "" if row.outcome.fault == Fault.NONE else f" ({row.outcome.fault}'s fault)"
-    why = "" if succeeded else _text(row.outcome.reason)
+    told = row.outcome.reason if row.outcome.failure is None else row.outcome.failure.sentence
+    why = "" if succeeded else _text(told)
     ended = f"<td>{_text(row.robot)}</td><td>{_text(row.outcome.kind)}{whose}</td>"
     numbers = f'<td class="n">{error}</td><td class="n">{angle}</td><td class="n">{row.attempts}</td>'
     return f'<tr><td class="n">{row.trial}</td>{ended}{numbers}<td>{why}</td></tr>'
@@ -226,7 +240,7 @@ def _methods(report: Report, words: _Words) -> Iterator[str]:
     angle = f" and {math.degrees(ANGLE_TOLERANCE_RAD):.0f}° of its orientation" if turned else ""
     yield "<h2>Methods</h2><dl>"
     yield from _row("success", f"at the trial's end within {1e3 * POSITION_TOLERANCE_M:.0f} mm of the goal{angle}")
-    yield from _row("intervals", words.intervals)
+    yield from _row("intervals", words.intervals if report.intervals == "wilson" else SEQUENCE)
     yield from _row("robots", f"{len(report.per_robot)}, drawn for each trial by the job's seed")
     yield from _row("seed", str(report.seed))
     yield from _row("policy", f"<code>{_text(report.policy)}</code> (SHA-256)")

@@ -1,11 +1,12 @@
 """A report as plain text for people, at most 100 columns wide."""
 
+import textwrap
 from collections.abc import Iterator
 
 from api_schemas.physics import ObjectName
 from api_schemas.report import BetweenRobots, ExcitationRow, FaultRow, IdentificationReport, Report, TimingRow, TrialRow
 from api_schemas.scene_form import told_forms
-from api_schemas.trial import Fault, OutcomeKind
+from api_schemas.trial import Fault, Outcome, OutcomeKind
 from api_schemas.visible import visible
 
 WIDTH = 100
@@ -24,7 +25,9 @@ def _lines(report: Report) -> Iterator[str]:
     yield from _object(report)
     yield ""
     yield f"success rate   {report.successes} of {report.trials} = {report.success_rate:.3f}"
-    yield f"  80 % interval {_interval(report.interval_80)}   95 % interval {_interval(report.interval_95)}   (Wilson)"
+    kind = "Wilson" if report.intervals == "wilson" else "confidence sequence, holds at every look"
+    yield f"  80 % interval {_interval(report.interval_80)}   95 % interval {_interval(report.interval_95)}   ({kind})"
+    yield from _question(report)
     yield f"  reached at any time {report.success_ever} of {report.trials}{_means(report)}"
     policy_faults = f"policy {report.policy_faults} (counted as failures)"
     yield f"errors         {policy_faults}, platform {report.platform_faults} (retried, not counted)"
@@ -42,9 +45,21 @@ def _lines(report: Report) -> Iterator[str]:
     yield f"{'trial':>5} {'robot':<16} {'outcome':<20} {'error mm':>8} {'deg':>6} {'tries':>5}  reason"
     for row in report.per_trial:
         yield _trial(row)
+    yield from _failures(report)
     yield from _faults(report.platform_fault_attempts)
     yield from _departures(report.per_trial)
     yield from _made(report)
+
+
+def _question(report: Report) -> Iterator[str]:
+    if report.own_goals:
+        yield "goals          brought by the user; leaderboards do not take them"
+    if (asked := report.question) is None:
+        return
+    for number, part in enumerate(textwrap.wrap(asked.sentence, WIDTH - 15)):
+        yield f"{'' if number else 'question':<15}{part}"
+    if report.uncounted:
+        yield f"               {report.uncounted} more trials had ended by then and do not count"
 
 
 def _identification(report: IdentificationReport) -> Iterator[str]:
@@ -116,9 +131,26 @@ def _trial(row: TrialRow) -> str:
     angle = "-"
     if measures is not None and measures.final_angle_error_rad is not None:
         angle = f"{measures.final_angle_error_rad * 57.29577951308232:.1f}"
-    reason = "" if outcome.kind == OutcomeKind.SUCCEEDED else _cut(_one_line(outcome.reason), REASON_WIDTH - 12)
+    reason = "" if outcome.kind == OutcomeKind.SUCCEEDED else _cut(_one_line(_why(outcome)), REASON_WIDTH - 12)
     kind = f"{outcome.kind}" if outcome.fault == Fault.NONE else f"{outcome.kind} !"
     return f"{row.trial:>5} {_cut(row.robot, 16):<16} {_cut(kind, 20):<20} {error:>8} {angle:>6} {row.attempts:>5}  {reason}"
+
+
+def _why(outcome: Outcome) -> str:
+    return outcome.reason if outcome.failure is None else outcome.failure.sentence
+
+
+def _failures(report: Report) -> Iterator[str]:
+    if not report.failures:
+        return
+    yield ""
+    yield "why trials failed, as measured:"
+    for row in report.failures:
+        yield f"  {len(row.trials):>4} x {row.kind:<22} trials {_cut(', '.join(map(str, row.trials)), WIDTH - 40)}"
+    yield ""
+    for trial in report.per_trial:
+        if trial.outcome.failure is not None:
+            yield from textwrap.wrap(f"  {trial.trial:>5}  {trial.outcome.failure.sentence}", WIDTH, subsequent_indent=" " * 9)
 
 
 def _faults(rows: tuple[FaultRow, ...]) -> Iterator[str]:

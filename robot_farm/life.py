@@ -104,7 +104,8 @@ class Life:
         self._trust(arena.settle(), "the way back", arena, drawn.rng, events)
         if self.reset is Reset.SWEEP and not arena.is_placed:
             self._trust(arena.bring_back(drawn.rng, events), "the sweep", arena, drawn.rng, events)
-        if self.reset is Reset.PLACEMENT or arena.is_placed:
+        own_start = lease.own_goal is not None and lease.own_goal.start is not None
+        if self.reset is Reset.PLACEMENT or arena.is_placed or own_start:
             arena.place(placed)
             events.append("the object was placed")
         self._trials += 1

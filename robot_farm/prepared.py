@@ -12,6 +12,7 @@ from robot_farm.truth import TruthFile
 from sim_backend.driver.driver import Start
 from sim_backend.driver.tracker import Tracker
 from sim_backend.effects.physics import Physics
+from sim_backend.tasks.own import with_own
 from sim_backend.tasks.task import Goal, Task, draw_trial
 from sim_backend.trifinger.objects import CUBE, Shape, resting_height_m, shape_of
 
@@ -62,8 +63,12 @@ def shape_of_lease(lease: Lease) -> Shape:
 
 
 def draw_start_and_goal(lease: Lease, tasks: dict[str, Task], shape: Shape) -> tuple[Start, Goal]:
-    """What the lease's seed stands for, with the object on the table; an excitation's goal is any task's and means nothing."""
+    """What the lease's seed stands for, or its user brought, with the object on the table.
+
+    An excitation's goal is any task's and means nothing.
+    """
     start, goal = draw_trial(tasks.get(lease.task.value) or next(iter(tasks.values())), lease.seed)
+    start, goal = with_own(start, goal, lease.own_goal)
     if shape == CUBE:
         return start, goal
     position_m = start.cube_position_world_m.copy()

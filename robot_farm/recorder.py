@@ -8,6 +8,7 @@ from robot_farm.faults import CAMERA_NAMES
 from sim_backend.driver.driver import Command, Segment
 from sim_backend.driver.tracker import TrackedPose
 from sim_backend.episode import Period
+from sim_backend.evidence import Witness
 from sim_backend.tasks.task import Goal, Task
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger import viewer_scene
@@ -38,6 +39,7 @@ class Recorder:
         self._steps = 0
         self._tracked: TrackedPose | None = None
         self._temperature_rise_k: np.ndarray | None = None
+        self.witness = Witness()
 
     def __enter__(self) -> "Recorder":
         return self
@@ -107,9 +109,11 @@ class Recorder:
         return np.concatenate([getattr(segment, name)[0] for segment in self._segments])
 
     def _write_measured(self, first: int) -> None:
-        measured = (self._joined(name) for name in ("joint_position_rad", "joint_velocity_rad_s", "measured_torque_nm"))
-        self._writer.joint_states(first, *measured)
-        self._writer.torque(first, self._joined("desired_torque_nm"), self._joined("applied_torque_nm"))
+        names = ("joint_position_rad", "joint_velocity_rad_s", "measured_torque_nm", "applied_torque_nm")
+        position_rad, velocity_rad_s, torque_nm, applied_nm = (self._joined(name) for name in names)
+        self._writer.joint_states(first, position_rad, velocity_rad_s, torque_nm)
+        self._writer.torque(first, self._joined("desired_torque_nm"), applied_nm)
+        self.witness.take(first, position_rad, velocity_rad_s, applied_nm)
 
     def _write_truth(self, truth: TrialLogWriter, first: int) -> None:
         rows = _rows_at(first, self._steps, TRUTH_EVERY_STEPS)
@@ -139,6 +143,7 @@ class Recorder:
 
     def _write_tracked(self, tracked: TrackedPose) -> None:
         self._tracked = tracked
+        self.witness.take_report(tracked)
         faces = {name: _FACES[seen].tolist() for name, seen in zip(CAMERA_NAMES, tracked.visible_faces[0], strict=True)}
         self._writer.tracked_pose(
             int(tracked.capture_step[0]),

@@ -14,7 +14,7 @@ import numpy as np
 from api_schemas.jail_report import JailReport
 from api_schemas.policy import PolicyManifest, canonical_json
 from api_schemas.robot import Lease
-from api_schemas.trial import FAULT_OF, MAX_REASON, Fault, Measures, Outcome, OutcomeKind, PolicyTiming
+from api_schemas.trial import FAULT_OF, MAX_REASON, FailureCause, Fault, Measures, Outcome, OutcomeKind, PolicyTiming
 from robot_farm.excitation_run import run_excitation
 from robot_farm.link.lease_keeper import TrialStoppedError
 from robot_farm.policy.jail import JailedPolicy, PolicyFailedError
@@ -25,6 +25,7 @@ from robot_farm.truth import rounded, write_physics
 from sim_backend.driver.driver import Measurement
 from sim_backend.driver.simulated import PhysicsDivergedError, SimulatedDriver
 from sim_backend.episode import Episode
+from sim_backend.evidence import Witness
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.scoring import score
 from sim_backend.tasks.task import Goal, Task
@@ -96,7 +97,10 @@ def run_trial(
             failure = _closed(ready, step, failure)
         exact = _measured(run, failure)
         measures = exact if truth is None or exact is None else rounded(exact)
-        outcome = _outcome(run, failure, measures, time.monotonic() - started_s).model_copy(update={"jail": _jail(policy)})
+        ended = _outcome(run, failure, measures, time.monotonic() - started_s)
+        outcome = ended.model_copy(update={"jail": _jail(policy), "failure": _failure(run, recorder.witness, ended)})
+        if outcome.failure is not None:
+            writer.event(step, outcome.failure.sentence, error=True)
         writer.event(step, outcome.reason, error=failure is not None)
         writer.metadata(trial_log.OUTCOME_METADATA, outcome.model_dump(mode="json"))
         if truth is not None:
@@ -105,6 +109,17 @@ def run_trial(
             truth.metadata(trial_log.OUTCOME_METADATA, as_it_was.model_dump(mode="json"))
             write_physics(truth, ready.physics, ready.start, run.changed)
     return outcome
+
+
+def _failure(run: Run, witness: Witness, ended: Outcome) -> FailureCause | None:
+    """Why the goal was missed, told from what was measured; faults tell of themselves."""
+    task = run.ready.task
+    if ended.kind is not OutcomeKind.FAILED or task is None or ended.measures is None:
+        return None
+    why = witness.why(task, run.ready.goal, run.driver.shape, ended.measures.final_position_error_m)
+    if why is None:
+        return None
+    return FailureCause(kind=why.kind, sentence=why.sentence[:MAX_REASON], at_s=why.at_s, finger=why.finger)
 
 
 def _jail(policy: JailedPolicy | None) -> JailReport | None:
@@ -251,6 +266,7 @@ def _trial_record(lease: Lease, physics: str) -> dict[str, Any]:
         "object_scale": lease.object_scale,
         "physics": physics,
         "form": scene_form(),
+        **({} if lease.own_goal is None else {"own_goal": lease.own_goal.model_dump(mode="json", exclude_defaults=True)}),
         "policy": lease.policy or "",
         "graph_sha256": lease.graph_sha256 or "",
         "versions": {

@@ -14,8 +14,10 @@ from api_schemas.job import POLICY_TASKS, Job, JobPriority, JobRequest, JobState
 from api_schemas.physics import ObjectName
 from api_schemas.report import Report, read_report
 from api_schemas.trial import OutcomeKind, Trial
+from client_cli.commands.asking import Asking, wish_of
+from client_cli.commands.builtins import builtin_named
 from client_cli.commands.report import write_page, write_print
-from client_cli.commands.submit import builtin_named, checked
+from client_cli.commands.submit import checked
 from client_cli.connection.api_client import ApiClient, log_of
 from client_cli.connection.log_download import download, log_name
 from client_cli.connection.settings import load_connection
@@ -66,8 +68,8 @@ class Farm:
         self,
         weights: Path | str,
         *,
-        task: TaskName | str,
-        trials: int = 40,
+        task: TaskName | str | None = None,
+        trials: int | None = None,
         seed: int | None = None,
         layout: str | None = None,
         manifest: Path | str | None = None,
@@ -75,13 +77,20 @@ class Farm:
         object_scale: float = 1.0,
         priority: JobPriority | str = JobPriority.NORMAL,
         webhook: str | None = None,
+        against: str | None = None,
+        bar: float | None = None,
+        until_known: bool = False,
+        max_trials: int | None = None,
+        at_least: float | None = None,
+        like: str | None = None,
+        goals: Path | str | None = None,
     ) -> "FarmJob":
         """Uploads a policy and queues a job of it.
 
         Args:
             weights: a .safetensors, .onnx or stable-baselines3 .zip file; for operators also builtin:grasp or builtin:grasp-turn.
-            task: what is asked of the robots.
-            trials: how many goals are tried.
+            task: what is asked of the robots; a job like another has that one's.
+            trials: how many goals are tried, 40 by default.
             seed: draws the goals and each trial's order of robots, so that jobs of one seed compare; drawn by the farm if absent.
             layout: a ready-made manifest by its name.
             manifest: the manifest's file; without it and a layout, the one beside the weights.
@@ -89,17 +98,25 @@ class Farm:
             object_scale: times the object's usual size.
             priority: low waits behind the rest; high goes before it, for operators alone.
             webhook: an https address that the farm calls at the job's end, where it may.
+            against: with ``until_known``, a job, or a policy (its file, its digest, or builtin:NAME) to compare with.
+            bar: with ``until_known``, a success rate to compare with.
+            until_known: end the job when it is known whether it is better, or at the budget.
+            max_trials: the most goals that may be tried until then, 200 by default.
+            at_least: the smallest difference that matters.
+            like: a job whose task, goals and orders of robots are taken.
+            goals: a file of goals of one's own, a JSON list.
 
         Raises:
             ClientError: the policy cannot be used, or the farm refused it; the text says why.
         """
-        if task not in POLICY_TASKS:
+        if task is not None and task not in POLICY_TASKS:
             raise UsageProblem(f"there is no task {str(task)!r} for a policy; choose from {', '.join(POLICY_TASKS)}")
-        asked = {"task": task, "trials": trials, "seed": seed, "object": object, "object_scale": object_scale}
-        asked |= {"priority": priority, "webhook": webhook}
+        common = {"task": task, "seed": seed, "object": object, "object_scale": object_scale, "priority": priority}
+        asking = Asking(against, bar, until_known, max_trials, at_least, like, None if goals is None else Path(goals))
         with files_checked():
             builtin = builtin_named(Path(weights))
             policy = None if builtin else read_policy(Path(weights), None if manifest is None else Path(manifest), layout)
+            asked = wish_of(self._client, asking, common, trials=trials, layout=layout) | {"webhook": webhook}
             wish = checked(JobRequest, asked | {"policy": builtin_digest(builtin) if policy is None else policy.digest})
             if policy is None:
                 self._client.take_builtin(builtin)

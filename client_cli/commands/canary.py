@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from api_schemas.builtin_policies import builtin_digest
 from api_schemas.canary import MAX_CANARY_TRIALS, Canary, CanaryRequest
-from client_cli.commands.submit import builtin_named
+from client_cli.commands.builtins import builtin_named
 from client_cli.connection.api_client import ApiClient
 from client_cli.connection.settings import load_connection
 from client_cli.policies.policy_files import read_policy

@@ -70,7 +70,10 @@ def _lines(found: Comparison) -> Iterator[str]:
         for job in task.jobs:
             low, high = job.interval_80
             rate = f"{job.successes} of {job.trials}"
-            yield f"  {job.job_id:<16} {rate:>12} {job.success_rate:>6.3f}  {low:.3f}–{high:.3f}    {job.policy_name}"
+            letters = "" if job.letters is None else f"  [{job.letters}]"
+            yield f"  {job.job_id:<16} {rate:>12} {job.success_rate:>6.3f}  {low:.3f}–{high:.3f}    {job.policy_name}{letters}"
+        if len(task.jobs) > 2:
+            yield "  jobs that share a letter cannot be told apart; any false difference among all of them has a chance of 5 %"
         for position, difference in enumerate(task.differences, start=1):
             yield from _difference(task, difference, position)
 
@@ -80,7 +83,8 @@ def _difference(task: TaskComparison, found: Difference, position: int) -> Itera
     yield ""
     interval = f"95 % interval {100 * low:+.1f} to {100 * high:+.1f}"
     yield f"  {found.other} against {found.first}: {100 * found.difference:+.1f} points, {interval}"
-    yield f"    McNemar's exact p {_p(found.p)}: {_verdict(found)}"
+    kind = "p at every look" if found.at_every_look else "McNemar's exact p"
+    yield f"    {kind} {_p(found.p)}: {_verdict(found)}"
     yield f"    both {found.both}, neither {found.neither}, gained {found.gained}, lost {found.lost}"
     changed = list(changed_sides(task, position))
     for goal in changed[:MOST_GOALS_SHOWN]:

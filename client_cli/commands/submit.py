@@ -4,15 +4,28 @@ import os
 import uuid
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import typer
 from pydantic import ValidationError
 
-from api_schemas.builtin_policies import BUILTIN, PREFIX, builtin_digest
+from api_schemas.builtin_policies import builtin_digest
 from api_schemas.job import MAX_SEED, MAX_TRIALS, Job, JobPriority, JobRequest
 from api_schemas.ladder import LadderRequest
 from api_schemas.physics import ObjectName
+from client_cli.commands.asking import (
+    USUAL_TRIALS,
+    AgainstOption,
+    Asking,
+    AtLeastOption,
+    BarOption,
+    GoalsOption,
+    LikeOption,
+    MaxOption,
+    UntilKnownOption,
+    wish_of,
+)
+from client_cli.commands.builtins import builtin_named
 from client_cli.commands.ladder import follow_ladder, ladder_exit_code, read_checkpoints, rungs_of, submit_ladder
 from client_cli.connection.api_client import ApiClient
 from client_cli.connection.settings import load_connection
@@ -23,11 +36,11 @@ from client_cli.terminal.options import (
     IdempotencyKeyOption,
     JsonOption,
     LayoutOption,
+    LikeTaskOption,
     ManifestOption,
     ObjectOption,
     ObjectScaleOption,
     PriorityOption,
-    TaskOption,
     WaitOption,
     WebhookOption,
 )
@@ -46,11 +59,14 @@ def submit(
             help="Weights (.safetensors, .onnx, stable-baselines3 .zip), a folder of checkpoints, or builtin:grasp[-turn].",
         ),
     ],
-    task: TaskOption,
+    task: LikeTaskOption = None,
     *,
     manifest: ManifestOption = None,
     layout: LayoutOption = None,
-    trials: Annotated[int, typer.Option("--trials", min=1, max=MAX_TRIALS, help="Number of trials, one goal each.")] = 40,
+    trials: Annotated[
+        int | None,
+        typer.Option("--trials", min=1, max=MAX_TRIALS, help="Number of trials, one goal each; 40 by default."),
+    ] = None,
     seed: Annotated[
         int | None,
         typer.Option(
@@ -63,17 +79,28 @@ def submit(
     thing: ObjectOption = ObjectName.CUBE,
     scale: ObjectScaleOption = 1.0,
     priority: PriorityOption = JobPriority.NORMAL,
+    against: AgainstOption = None,
+    bar: BarOption = None,
+    until_known: UntilKnownOption = False,
+    most: MaxOption = None,
+    at_least: AtLeastOption = None,
+    like: LikeOption = None,
+    goals: GoalsOption = None,
     webhook: WebhookOption = None,
     wait: WaitOption = False,
     idempotency_key: IdempotencyKeyOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Upload a policy, queue a job and print its id; for a folder, queue a job for each checkpoint."""
-    common: dict[str, object] = {"task": task, "trials": trials, "seed": seed, "object": thing, "object_scale": scale}
-    common["priority"] = priority
+    common: dict[str, Any] = {"task": task, "seed": seed, "object": thing, "object_scale": scale, "priority": priority}
+    asking = Asking(against, bar, until_known, most, at_least, like, goals)
     if file.is_dir():
-        if webhook is not None:
-            raise UsageProblem("--webhook is of one job; a folder makes several, which 'trifarm ladder' shows")
+        if webhook is not None or asking != Asking() or task is None:
+            raise UsageProblem(
+                "a folder makes several jobs, which 'trifarm ladder' shows; it takes --task, and no --webhook, --until-known, "
+                "--like or --goals"
+            )
+        common["trials"] = trials or USUAL_TRIALS
         policies = read_checkpoints(find_checkpoints(file), manifest, layout)
         named = {"name": file.resolve().name[:100] or "checkpoints", "rungs": rungs_of(policies)}
         _submit_folder(policies, checked(LadderRequest, common | named), idempotency_key, wait=wait, as_json=as_json)
@@ -81,8 +108,9 @@ def submit(
     builtin = builtin_named(file)
     policy = None if builtin else read_policy(file, manifest, layout)
     digest = builtin_digest(builtin) if policy is None else policy.digest
-    wish = checked(JobRequest, common | {"policy": digest, "webhook": webhook})
     with ApiClient(load_connection(os.environ)) as client:
+        wanted = wish_of(client, asking, common, trials=trials, layout=layout)
+        wish = checked(JobRequest, wanted | {"policy": digest, "webhook": webhook})
         if policy is None:
             client.take_builtin(builtin)
             job = client.create_job(wish, idempotency_key or uuid.uuid4().hex)
@@ -90,6 +118,8 @@ def submit(
             job = submit_policy(client, policy, wish, idempotency_key)
         if not as_json:
             print_line(job.job_id)
+        if job.question is not None:
+            note(job.question.findable)
         if wait:
             job = follow_to_end(client, job.job_id)
             note(ending(job))
@@ -97,20 +127,6 @@ def submit(
             print_document(job)
     if wait:
         raise typer.Exit(exit_code_of(job))
-
-
-def builtin_named(file: Path) -> str:
-    """The name in ``builtin:NAME``; empty if a file is meant.
-
-    Raises:
-        UsageProblem: no policy of this name comes with the farm.
-    """
-    text = str(file)
-    if not text.startswith(PREFIX):
-        return ""
-    if (name := text.removeprefix(PREFIX)) not in BUILTIN:
-        raise UsageProblem(f"no built-in policy {name!r}; choose from {', '.join(PREFIX + each for each in BUILTIN)}")
-    return name
 
 
 def checked(schema: type[Wish], asked: Mapping[str, object]) -> Wish:

@@ -34,6 +34,10 @@ AskedTask = Literal[
 ]
 """The tasks that a policy can be asked to do, which leaves out ``identify``."""
 TaskOption = Annotated[AskedTask, typer.Option("--task", metavar="|".join(POLICY_TASKS), help="Task of the robot.")]
+LikeTaskOption = Annotated[
+    AskedTask | None,
+    typer.Option("--task", metavar="|".join(POLICY_TASKS), help="Task of the robot; a job like another takes that one's."),
+]
 ObjectOption = Annotated[ObjectName, typer.Option("--object", help="Object between the fingers; goals stay those of the cube.")]
 ObjectScaleOption = Annotated[
     float,

@@ -3,13 +3,13 @@
 import time
 from dataclasses import dataclass, replace
 
-from api_schemas.job import FINAL_JOB_STATES, Job, JobState, TaskName
+from api_schemas.job import FINAL_JOB_STATES, Job, JobEvent, JobState, TaskName
 from client_cli.connection.api_client import ApiClient
 from client_cli.connection.patience import pause_s
 from client_cli.terminal.errors import Interrupted, Refused, ServerAway
 from client_cli.terminal.exit_codes import ExitCode
 from client_cli.terminal.output import counted
-from client_cli.views.progress import JobProgress, advance, progress_of, waiting_sentence
+from client_cli.views.progress import JobProgress, advance, progress_of, question_sentence, waiting_sentence
 from client_cli.views.progress_view import ProgressView, progress_view
 
 GIVE_UP_AFTER_S = 60.0
@@ -72,7 +72,7 @@ def _read_events(client: ApiClient, job_id: str, followed: Followed, view: Progr
             sentence = waiting_sentence(client.job(job_id))
             followed.progress = replace(followed.progress, waiting_because=sentence)
         else:
-            followed.progress = advance(followed.progress, event)
+            followed.progress = _with_question(client, advance(followed.progress, event), event)
             followed.last_event = event.id
             followed.ended = event.kind == "job_ended"  # final states are also in the past of a job that was queued again
         view.show(followed.progress)
@@ -80,11 +80,21 @@ def _read_events(client: ApiClient, job_id: str, followed: Followed, view: Progr
             return
 
 
+def _with_question(client: ApiClient, progress: JobProgress, event: JobEvent) -> JobProgress:
+    """The progress with its question as it stands after a trial."""
+    if progress.question is None or event.kind != "trial_done":
+        return progress
+    question = client.job(event.job_id).question
+    return progress if question is None else replace(progress, question=question_sentence(question))
+
+
 def ending(job: Job) -> str:
     """How a job ended, in one line that names the next command."""
     if job.state is JobState.SUCCEEDED and job.task is TaskName.IDENTIFY:
         recorded = f"{counted(job.trials, 'excitation')} recorded on {job.robot}"
         return f"job {job.job_id}: {recorded}; 'trifarm fetch {job.job_id} --to DIR' brings them"
+    if job.state is JobState.SUCCEEDED and job.question is not None:
+        return f"job {job.job_id}: {job.question.sentence}; 'trifarm report {job.job_id}' shows the trials"
     if job.state is JobState.SUCCEEDED:
         return f"job {job.job_id}: {job.successes} of {job.trials} trials succeeded; 'trifarm report {job.job_id}' shows them"
     done = f"{job.trials_done} of {job.trials} trials done"

@@ -3,8 +3,12 @@
 from dataclasses import dataclass, replace
 from datetime import datetime
 
+from api_schemas.anytime import rate_sequence
 from api_schemas.job import Job, JobEvent, TaskName
+from api_schemas.question import Question
 from client_cli.terminal.output import duration
+
+LEVEL = 0.95
 
 
 @dataclass(frozen=True)
@@ -23,6 +27,10 @@ class JobProgress:
     waiting_because: str | None = None
     has_goals: bool = True
     of_robots: tuple[tuple[str, int, int], ...] = ()
+    ended: tuple[tuple[int, bool], ...] = ()
+    """The ordinal of each trial that is done, and whether it succeeded."""
+    question: str | None = None
+    """How the question stands that ends the job."""
     told_successes: int = 0
     """By the last event; what the next one has more is its robot's."""
 
@@ -35,6 +43,7 @@ def progress_of(job: Job) -> JobProgress:
         successes=job.successes,
         waiting_because=waiting_sentence(job),
         has_goals=job.task is not TaskName.IDENTIFY,
+        question=None if job.question is None else question_sentence(job.question),
     )
 
 
@@ -53,6 +62,9 @@ def advance(progress: JobProgress, event: JobEvent) -> JobProgress:
             robots.pop(event.trial_ordinal, None)
     done = event.kind == "trial_done"
     of_robots = {robot: (trials, successes) for robot, trials, successes in progress.of_robots}
+    ended = progress.ended
+    if done and event.trial_ordinal is not None:
+        ended = (*ended, (event.trial_ordinal, event.successes > progress.told_successes))
     if done and event.robot:
         trials, successes = of_robots.get(event.robot, (0, 0))
         of_robots[event.robot] = (trials + 1, successes + event.successes - progress.told_successes)
@@ -63,10 +75,36 @@ def advance(progress: JobProgress, event: JobEvent) -> JobProgress:
         running=tuple(robots.items()),
         of_robots=tuple((robot, *counts) for robot, counts in sorted(of_robots.items())),
         told_successes=event.successes,
+        ended=ended,
         started_at=progress.started_at or (event.at if robots or done else None),
         last_done_at=event.at if done else progress.last_done_at,
         waiting_because=None if robots else progress.waiting_because,
     )
+
+
+def counted(progress: JobProgress) -> tuple[int, int]:
+    """Successes and number of the first trials that are all done: which ones end first may depend on how they end."""
+    ended, trials = dict(progress.ended), 0
+    while trials in ended:
+        trials += 1
+    return sum(ended[ordinal] for ordinal in range(trials)), trials
+
+
+def rate_sentence(progress: JobProgress) -> str | None:
+    """The success rate so far with an interval that holds however often one looks; None before the first trial."""
+    successes, trials = counted(progress)
+    if not (trials and progress.has_goals):
+        return None
+    low, high = (100 * bound for bound in rate_sequence(successes, trials, LEVEL))
+    return f"rate {low:.0f}–{high:.0f} %"
+
+
+def question_sentence(question: Question) -> str:
+    """How a question stands, short enough for a bar; the interval is its confidence sequence."""
+    low, high = (100 * bound for bound in question.sequence_95)
+    if question.gained is None:
+        return f"rate {low:.0f}–{high:.0f} %"
+    return f"{question.gained} gained, {question.lost} lost, {low:+.0f} to {high:+.0f} points"
 
 
 def estimate_s(progress: JobProgress) -> float | None:
@@ -80,6 +118,8 @@ def estimate_s(progress: JobProgress) -> float | None:
 def sentence(progress: JobProgress) -> str:
     """Everything but the bar, such as "11 succeeded, 4 running (robot-0 robot-1), about 12 s left"."""
     parts = [f"{progress.successes} succeeded" if progress.has_goals else f"{progress.done} recorded"]
+    if (told := progress.question or rate_sentence(progress)) is not None:
+        parts.append(told)
     if progress.running:
         names = sorted({robot for _, robot in progress.running})
         shown = " ".join(names[:4]) + (" …" if len(names) > 4 else "")

@@ -5,6 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Header, Path, Request, Response
 from fastapi.responses import PlainTextResponse
 
+from api_schemas.goal import JobGoals
 from api_schemas.job import Job, JobPage, JobPriority, JobRequest, JobState
 from api_schemas.report import AnyReport, read_report
 from api_schemas.token import Scope
@@ -15,9 +16,9 @@ from services.api.document import refusals
 from services.api.farm import Farm, TheFarm
 from services.api.paging import encode, numbered
 from services.database.pages import Asked
-from services.errors import Forbidden, Refused
-from services.jobs import cancellation, reports, requeue, submission, views
-from services.jobs.lists import JobFilter, job_page
+from services.errors import Conflict, Forbidden, Refused
+from services.jobs import cancellation, drawn, reports, requeue, submission, views
+from services.jobs.lists import JobFilter, job_page, trials_of
 from services.tokens import Caller
 from services.webhooks import delivery
 
@@ -70,6 +71,17 @@ async def cancel_job(job_id: JobId, caller: User, farm: TheFarm) -> Job:
     farm.signals.job_changed(job_id)
     farm.signals.wake_dispatcher(urgent=True)
     return await _show(job_id, caller, farm)
+
+
+@router.get("/{job_id}/goals", responses=refusals(409))
+async def get_goals(job_id: JobId, caller: User, farm: TheFarm) -> JobGoals:
+    """The goals of all trials of a job, and where its object begins."""
+    async with farm.database.read() as connection:
+        row = await views.job_row(connection, job_id, caller.sees_only)
+        if row.policy is None:
+            raise Conflict("no-goals", f"Job {job_id} is an identification, whose excitations have no goals.")
+        trials = await trials_of(connection, row.number)
+    return await drawn.goals_of(row, trials)
 
 
 @router.get("/{job_id}/webhook")
@@ -141,4 +153,4 @@ async def _show(job_id: str, caller: Caller, farm: Farm) -> Job:
     async with farm.database.read() as connection:
         row = await views.job_row(connection, job_id, caller.sees_only)
         (shown,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s(), farm.settings.user_trials_at_once)
-    return shown
+        return await views.show_question(connection, row, shown)

@@ -3,10 +3,13 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from api_schemas.anytime import rate_sequence
 from api_schemas.success_rate import wilson
 from report_views import error_axis
 
 LEVEL = 0.80
+MOST_POINTS = 200
+"""Of a curve; of more trials some are left out."""
 
 
 @dataclass(frozen=True)
@@ -29,9 +32,9 @@ class Bar:
     high: float
 
     @classmethod
-    def of(cls, name: str, successes: int, trials: int) -> "Bar":
-        """The bar of some trials."""
-        low, high = wilson(successes, trials, LEVEL)
+    def of(cls, name: str, successes: int, trials: int, *, at_every_look: bool = False) -> "Bar":
+        """The bar of some trials; that of a number that is still growing has an interval that holds at every look."""
+        low, high = (rate_sequence if at_every_look else wilson)(successes, trials, LEVEL)
         return cls(name, successes, trials, 100 * successes / trials if trials else 0.0, 100 * low, 100 * high)
 
 
@@ -45,13 +48,15 @@ class Dot:
 
 
 def narrowing(steps: Sequence[tuple[int, int]], trials: int) -> Curve:
-    """The rate after each trial that ended.
+    """The rate after each trial with its confidence sequence, which holds at all of them together.
 
     Args:
         steps: trials done and successes, in their order.
         trials: of the whole job, which is the width.
     """
-    at = [(100 * done / trials, wilson(successes, done, LEVEL), successes / done) for done, successes in steps if done]
+    every = max(1, len(steps) // MOST_POINTS)
+    shown = [step for index, step in enumerate(steps, 1) if step[0] and (index % every == 0 or index == len(steps))]
+    at = [(100 * done / trials, rate_sequence(successes, done, LEVEL), successes / done) for done, successes in shown]
     lower = [f"{x:.2f},{100 - 100 * bounds[0]:.2f}" for x, bounds, _ in at]
     upper = [f"{x:.2f},{100 - 100 * bounds[1]:.2f}" for x, bounds, _ in at]
     return Curve(" ".join(upper + lower[::-1]), " ".join(f"{x:.2f},{100 - 100 * rate:.2f}" for x, _, rate in at))

@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Depends, Query, Response
@@ -24,7 +25,6 @@ from services.database.rows import AnyRow
 from services.errors import NotFound
 from services.jobs import views
 from services.jobs.lists import trials_of
-from services.jobs.recent import successes_over_time
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 ON_A_PAGE = 100
@@ -50,7 +50,7 @@ class TrialLine:
     @property
     def waits(self) -> bool:
         """Whether nothing has happened to it yet."""
-        return self.row.state == TrialState.QUEUED and self.row.fence == 0
+        return self.row.state in {TrialState.QUEUED, TrialState.HELD} and self.row.fence == 0
 
     @property
     def error_m(self) -> float:
@@ -84,13 +84,18 @@ async def parts(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> di
         row = await views.job_row(connection, job_id, session.caller.sees_only)
         (job,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s(), farm.settings.user_trials_at_once)
         trials = [_line(each) for each in await trials_of(connection, row.number)]
-        steps = await successes_over_time(connection, row.number)
+        job = await views.show_question(connection, row, job)
+        steps = in_order(trials)
     judged = job.task is not TaskName.IDENTIFY
+    ended, (counted, succeeded) = job.state in FINAL_JOB_STATES, steps[-1] if steps else (0, 0)
+    if ended and not row.judged:
+        counted, succeeded = job.trials_done, job.successes
+    elif row.counted_trials is not None:
+        counted, succeeded = row.counted_trials, row.counted_successes
+    bar = figures.Bar.of("all", succeeded, counted, at_every_look=row.judged or not ended)
     head = {"csrf": session.csrf, "ended": job.state in FINAL_JOB_STATES, "operates": session.caller.may(Scope.OPERATE)}
     made = {"head": part("job/head.html", job=job, **head)}
-    made["progress"] = part(
-        "job/progress.html", job=job, bar=figures.Bar.of("all", job.successes, job.trials_done), judged=judged
-    )
+    made["progress"] = part("job/progress.html", job=job, bar=bar, judged=judged, at_every_look=row.judged or not ended)
     if judged:
         made |= _figures(job, trials, steps)
     lines = _ordered(trials, wanted.order)
@@ -117,6 +122,15 @@ def _figures(job: Job, trials: Sequence[TrialLine], steps: Sequence[tuple[int, i
         "robots": part("job/robots.html", bars=bars),
         "errors": part("job/errors.html", dots=figures.dots(errors), ticks=figures.ticks()),
     }
+
+
+def in_order(trials: Sequence[TrialLine]) -> list[tuple[int, int]]:
+    """Trials and successes after each of the first trials that are all done; which end first may depend on how they end."""
+    steps, successes = [], 0
+    for number, line in enumerate(takewhile(lambda line: line.row.state == TrialState.DONE, trials), start=1):
+        successes += line.outcome is not None and line.outcome.kind == OutcomeKind.SUCCEEDED
+        steps.append((number, successes))
+    return steps
 
 
 def _line(row: AnyRow) -> TrialLine:

@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from services.dashboard.moments import Moment, Seen, holds_of_fingers, turns, way_of_object
+from api_schemas.tolerance import POSITION_TOLERANCE_M
+from trial_logs.moments import Moment, Seen, holds_of_fingers, turns, way_of_object
 
 OBJECT = "cube_tracked"
 TIP = "_tip"
@@ -17,7 +18,7 @@ def moments_of(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> list[di
     t_s, pose = arrays["tracked_t_s"], arrays["tracked_pose"]
     goal_m = np.array(header["goal"][0][:3]) if header["goal"] else None
     found = [Moment(event["t_s"], event["text"], "now") for event in header["events"] if event["t_s"] > 0]
-    found += way_of_object(t_s, pose, goal_m)
+    found += way_of_object(t_s, pose, goal_m, POSITION_TOLERANCE_M)
     seen = _seen(header, arrays)
     found += [] if seen is None else holds_of_fingers(seen)
     return [vars(moment) for moment in sorted(found, key=lambda each: each.t_s)]

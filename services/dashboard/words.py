@@ -12,6 +12,7 @@ STATES = {
     "out_of_service": "out of service",
     "lost": "lost",
     "queued": "queued",
+    "held": "held back",
     "succeeded": "succeeded",
     "failed": "failed",
     "cancelled": "cancelled",

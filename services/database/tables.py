@@ -50,6 +50,7 @@ class Words(TypeDecorator[str]):
 NUMBER = BigInteger().with_variant(Integer, "sqlite")
 LEASED = "state IN ('leased', 'running')"
 UNDRAWN = "state = 'queued' AND first_choice IS NULL"
+OPEN = "verdict IS NULL"
 NORMAL_RANK = 1
 PINNED = "robot IS NOT NULL AND state IN ('queued', 'running')"
 
@@ -115,6 +116,12 @@ job = Table(
     Column("physics_mixed", Boolean, nullable=False, default=False),
     # Of a canary's job: where the band of a sound robot's success rate began when it was queued.
     Column("canary_at_least", Float),
+    # Whether a question ends it; then its report counts the first trials alone, so many of them with success.
+    Column("judged", Boolean, nullable=False, default=False),
+    Column("counted_trials", Integer),
+    Column("counted_successes", Integer),
+    # Whether its user brought the goals.
+    Column("own_goals", Boolean, nullable=False, default=False),
     # The one robot that runs all trials of the job; where any will do, it is drawn with the first lease.
     Column("robot", String(40)),
     Column("any_robot", Boolean, nullable=False, default=False),
@@ -167,6 +174,22 @@ rung = Table(
     Column("job_number", NUMBER, ForeignKey("job.number"), nullable=False),
 )
 
+question = Table(
+    "question",
+    metadata,
+    # The job that is run to answer it.
+    Column("job_number", NUMBER, ForeignKey("job.number"), primary_key=True, autoincrement=False),
+    # The job that it is compared with, and whether that one was queued for the question and ends with it.
+    Column("against_number", NUMBER, ForeignKey("job.number"), index=True),
+    Column("is_twin", Boolean, nullable=False, default=False),
+    # A success rate, and the smallest difference that matters.
+    Column("bar", Float),
+    Column("at_least", Float),
+    Column("findable", Words, nullable=False),
+    Column("verdict", String(16)),
+    Index("ix_question_open", "job_number", sqlite_where=text(OPEN), postgresql_where=text(OPEN)),
+)
+
 webhook = Table(
     "webhook",
     metadata,
@@ -190,6 +213,8 @@ trial = Table(
     Column("state", String(16), nullable=False),
     Column("seed", BigInteger, nullable=False),
     Column("excitation", String(32)),
+    # JSON of a goal that the user brought.
+    Column("own_goal", Text),
     Column("robot_order", Text, nullable=False, default="[]"),
     Column("first_choice", String(40)),
     Column("departure", Words),

@@ -10,6 +10,7 @@ from prometheus_client import CollectorRegistry, Counter, Histogram
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.excitation import ExcitationName
+from api_schemas.goal import OwnGoal
 from api_schemas.job import TaskName
 from api_schemas.physics import ObjectName
 from api_schemas.policy import PolicyManifest
@@ -26,6 +27,7 @@ from services.dispatcher.canaries import Canaries
 from services.dispatcher.commands import Commands
 from services.dispatcher.finding import Found, find_passed_over, find_trial, pass_over, why_unfit
 from services.dispatcher.hearing import Hearing
+from services.dispatcher.judge import Judge
 from services.dispatcher.overdue import LeaseEnder
 from services.dispatcher.steps import Steps
 from services.jobs import lease, robots
@@ -81,6 +83,7 @@ class Dispatcher:
         self._hearing = Hearing(self.database, self.clock, self.fleet, self.signals, self._steps, self._ender)
         gone_s = self.settings.pinned_robot_gone_s
         self._abandoner = Abandoner(self.database, self.clock, self.fleet, self.signals, gone_s)
+        self._judge = Judge(self.database, self.clock, self.signals, self._alone)
         self._canaries = Canaries(self.database, self.clock, self.signals)
         self._commands = Commands(self.bus, self.clock, self.fleet, self._steps, self.settings.offer_timeout_s)
 
@@ -128,6 +131,7 @@ class Dispatcher:
             return
         if look_at_active:
             await self._abandoner.look()
+        await self._judge.look(self.fleet.healthy(self.clock.now_s()))
         await self._point_away_from_unfit(also_unknown=look_at_active)
         shortage = self.disk.shortage()
         self.fleet.held_back = None if shortage is None else f"no trial is given out, since {shortage}"
@@ -250,6 +254,7 @@ class Dispatcher:
             seed=row.seed,
             object=ObjectName(row.object),
             object_scale=row.object_scale,
+            own_goal=None if row.own_goal is None else OwnGoal.model_validate_json(row.own_goal),
             lease_s=self.settings.lease_s,
         )
 

@@ -1,5 +1,6 @@
 """How attempts and jobs end: outcomes are accepted exactly once, platform faults send the trial back to the queue."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -189,7 +190,7 @@ async def _done(tx: AsyncConnection, now_s: float, claim: Claim, report: Outcome
 async def _end_if_complete(tx: AsyncConnection, now_s: float, now: AnyRow) -> bool:
     if now.state not in UNENDED:
         return False
-    if now.trials_done < now.trials:
+    if now.trials_done < now.trials or now.judged:  # the end of a question's job is its judge's
         return now.cancel_requested and await end_cancelled(tx, now_s, now)
     identified = now.task == TaskName.IDENTIFY
     did = f"excitations recorded: {now.trials}" if identified else f"{now.successes} of {now.trials} trials reached their goal"
@@ -237,19 +238,37 @@ async def _taken_before(tx: AsyncConnection, claim: Claim, outcome: Outcome) -> 
     raise await stale(tx, claim.trial_id, claim.fence, claim.robot)
 
 
+async def end_judged(tx: AsyncConnection, now_s: float, number: int, successes: Sequence[bool], text: str) -> str:
+    """Ends a job whose question is answered: its report counts the first trials, which ended so; gives the job's id.
+
+    What is queued is taken out of the queue, and robots stop what still runs, as after any end of a job.
+    """
+    counted = {"counted_trials": len(successes), "counted_successes": sum(successes)}
+    await tx.execute(update(job).where(job.c.number == number).values(counted))
+    await cancel_queued(tx, number)
+    ended = await _end(tx, now_s, number, JobState.SUCCEEDED, f"job succeeded: {text}")
+    await reports.write(tx, ended)
+    return ended.job_id
+
+
 async def abandon(tx: AsyncConnection, now_s: float, job_number: int, reason: str) -> bool:
     """Fails a job none of whose trials can run any more; false when it has ended, ends already or still runs one."""
     now = (await tx.execute(select(job).where(job.c.number == job_number).with_for_update())).one()
     if now.state not in UNENDED or now.cancel_requested or now.trials_active > 0:
         return False
+    await give_up(tx, now_s, job_number, reason)
+    return True
+
+
+async def give_up(tx: AsyncConnection, now_s: float, job_number: int, reason: str) -> None:
+    """Fails a job that has not ended."""
     await cancel_queued(tx, job_number)
     await _end(tx, now_s, job_number, JobState.FAILED, f"job failed: {reason}", set_reason=reason)
-    return True
 
 
 async def cancel_queued(tx: AsyncConnection, job_number: int) -> None:
     """Takes the job's queued trials out of the queue."""
-    queued = update(trial).where(trial.c.job_number == job_number, trial.c.state == TrialState.QUEUED)
+    queued = update(trial).where(trial.c.job_number == job_number, trial.c.state.in_((TrialState.QUEUED, TrialState.HELD)))
     await tx.execute(queued.values(state=TrialState.CANCELLED))
 
 

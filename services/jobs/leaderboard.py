@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from sqlalchemy import case, distinct, func, or_, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from api_schemas.anytime import rate_sequence
 from api_schemas.job import JobState, TaskName
 from api_schemas.leaderboard import BoardPhysics, BoardRow, Contest
 from api_schemas.physics import ObjectName
@@ -18,11 +19,13 @@ from services.jobs.physics import NOW
 LEVEL = 0.80
 MOST_ROWS = 200
 CANCELLED = job.c.state == JobState.CANCELLED
-TRIALS = case((CANCELLED, job.c.trials), else_=job.c.trials_done)
+TRIALS = case((CANCELLED, job.c.trials), else_=func.coalesce(job.c.counted_trials, job.c.trials_done))
+SUCCESSES = func.coalesce(job.c.counted_successes, job.c.successes)
 """A seed that was drawn may be seen before the first trial, and what it stands for may be tried at home: whoever cancels a job
-has all of its trials counted, those that were not done as not succeeded."""
+has all of its trials counted, those that were not done as not succeeded. A question counts the trials up to its answer."""
 COUNTED = (
     job.c.seed_drawn_by_server.is_(True),
+    job.c.own_goals.is_(False),
     job.c.policy.is_not(None),
     or_(job.c.trials_done > 0, CANCELLED),
     job.c.number.not_in(select(rung.c.job_number)),  # looked up in a list that is made once, not searched for each job
@@ -74,8 +77,9 @@ async def contests(connection: AsyncConnection) -> tuple[Contest, ...]:
 async def board(connection: AsyncConnection, wanted: Wanted, sees_only: str | None) -> Board:
     """The best policies of a task on one physics; ``sees_only`` is the owner whose policies alone are named.
 
-    They are ordered by the lower bound of Wilson's 80 % interval, so that luck in a few trials does not lead. The counts are
-    those that each job keeps of itself: no trial is read, and one row a policy comes back.
+    They are ordered by the lower bound of Wilson's 80 % interval, so that luck in a few trials does not lead; by that of the
+    confidence sequence where a question may have ended one of their jobs, since it ends when the rate looks as wanted. The
+    counts are those that each job keeps of itself: no trial is read, and one row a policy comes back.
 
     Raises:
         NotFound: the farm never had a physics of this number.
@@ -92,19 +96,24 @@ async def board(connection: AsyncConnection, wanted: Wanted, sees_only: str | No
         job.c.object_scale == wanted.object_scale,
         job.c.physics == (None if shown_physics is None else shown_physics.number),
     )
-    sums = func.count().label("jobs"), func.sum(TRIALS).label("trials"), func.sum(job.c.successes).label("successes")
+    sums = func.count().label("jobs"), func.sum(TRIALS).label("trials"), func.sum(SUCCESSES).label("successes")
+    judged = func.max(case((job.c.judged, 1), else_=0)).label("judged")
     names = (
         func.min(job.c.policy_name).label("name"),
         func.min(job.c.owner).label("owner"),
         func.max(job.c.created_at).label("last"),
     )
-    pooled = select(job.c.policy, *sums, *names).where(*COUNTED, *of_task).group_by(job.c.policy)
+    pooled = select(job.c.policy, *sums, judged, *names).where(*COUNTED, *of_task).group_by(job.c.policy)
     rows = (await connection.execute(pooled)).all()
-    ranked = sorted(rows, key=lambda row: (-wilson(row.successes, row.trials, LEVEL)[0], -row.trials, row.policy))
+    ranked = sorted(rows, key=lambda row: (-_interval(row)[0], -row.trials, row.policy))
     shown = ranked[:MOST_ROWS]
     own = await _own(connection, shown, sees_only)
     on = None if shown_physics is None else _physics(shown_physics)
     return Board(on, len(rows), tuple(_row(place, row, own) for place, row in enumerate(shown, start=1)))
+
+
+def _interval(row: AnyRow) -> tuple[float, float]:
+    return (rate_sequence if row.judged else wilson)(row.successes, row.trials, LEVEL)
 
 
 def _physics(row: AnyRow) -> BoardPhysics:
@@ -132,6 +141,7 @@ def _row(rank: int, row: AnyRow, own: dict[str, str] | None) -> BoardRow:
         trials=row.trials,
         successes=row.successes,
         success_rate=row.successes / row.trials,
-        interval_80=wilson(row.successes, row.trials, LEVEL),
+        interval_80=_interval(row),
+        intervals="sequence" if row.judged else "wilson",
         last_at=row.last,
     )

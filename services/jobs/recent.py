@@ -9,7 +9,7 @@ from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.trial import AttemptState, OutcomeKind
-from services.database.tables import attempt, event, job
+from services.database.tables import attempt, job
 
 RECENT_JOBS = 300
 RECENT_ATTEMPTS = 2000
@@ -56,13 +56,6 @@ async def recently_given(connection: AsyncConnection, since: str) -> Sequence[st
         attempt.c.job_number.in_(newest), attempt.c.started_at >= since, attempt.c.state != AttemptState.DECLINED
     )
     return (await connection.execute(wanted)).scalars().all()
-
-
-async def successes_over_time(connection: AsyncConnection, number: int) -> list[tuple[int, int]]:
-    """After each trial that ended: trials done and successes."""
-    wanted = select(event.c.trials_done, event.c.successes).where(event.c.job_number == number, event.c.kind == "trial_done")
-    rows = (await connection.execute(wanted.order_by(event.c.id))).all()
-    return [(row[0], row[1]) for row in rows]
 
 
 def by_robot(ended: Sequence[Ended], last: int) -> dict[str, tuple[int, int]]:

@@ -9,13 +9,16 @@ from typing import Any
 from sqlalchemy import insert, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from api_schemas.anytime import rate_sequence
 from api_schemas.excitation import ExcitationName
 from api_schemas.jail_report import weakest
 from api_schemas.job import TaskName
 from api_schemas.physics import ObjectName
+from api_schemas.question import Question
 from api_schemas.report import (
     BetweenRobots,
     ExcitationRow,
+    FailureRow,
     FaultRow,
     IdentificationReport,
     Report,
@@ -31,7 +34,7 @@ from services.database.database import Database
 from services.database.rows import AnyRow
 from services.database.tables import attempt, report, trial
 from services.errors import Conflict
-from services.jobs import views
+from services.jobs import questions, views
 from services.jobs.fleet import Fleet
 from services.jobs.variance_share import variance_share
 from services.signing import FarmKey
@@ -68,23 +71,39 @@ def sign(body: dict[str, Any], key: FarmKey) -> Signature:
 
 async def write(tx: AsyncConnection, job: AnyRow) -> None:
     """Composes the report of a job whose trials are all done, and stores its bytes."""
-    trials = (await tx.execute(select(trial).where(trial.c.job_number == job.number).order_by(trial.c.ordinal))).all()
+    counted = job.trials if job.counted_trials is None else job.counted_trials
+    own = select(trial).where(trial.c.job_number == job.number, trial.c.ordinal < counted)
+    trials = (await tx.execute(own.order_by(trial.c.ordinal))).all()
     wanted = (
         select(attempt, trial.c.ordinal)
         .join(trial, trial.c.trial_id == attempt.c.trial_id)
-        .where(attempt.c.job_number == job.number, attempt.c.state != AttemptState.DECLINED)
+        .where(attempt.c.job_number == job.number, attempt.c.state != AttemptState.DECLINED, trial.c.ordinal < counted)
         .order_by(trial.c.ordinal, attempt.c.fence)
     )
     attempts = (await tx.execute(wanted)).all()
-    composer = compose_identification if job.task == TaskName.IDENTIFY else compose
-    composed = composer(job, trials, attempts, {"trifarm": version("trifarm")})
+    versions = {"trifarm": version("trifarm")}
+    if job.task == TaskName.IDENTIFY:
+        composed = compose_identification(job, trials, attempts, versions)
+    else:
+        composed = compose(job, trials, attempts, versions, await questions.of_job(tx, job))
     body = json.dumps(composed.model_dump(mode="json"), sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
     sha256 = hashlib.sha256(body).hexdigest()
     await tx.execute(insert(report).values(job_number=job.number, body=body, sha256=sha256, created_at=job.ended_at))
 
 
-def compose(job: AnyRow, trials: Sequence[AnyRow], attempts: Sequence[AnyRow], versions: dict[str, str]) -> Report:
-    """The report from a job's rows; ``attempts`` carry their trial's ordinal."""
+def compose(
+    job: AnyRow,
+    trials: Sequence[AnyRow],
+    attempts: Sequence[AnyRow],
+    versions: dict[str, str],
+    question: Question | None = None,
+) -> Report:
+    """The report from a job's rows; ``attempts`` carry their trial's ordinal.
+
+    The intervals of a job that a question may have ended are of its confidence sequence: an end that depends on what was seen
+    makes others too narrow.
+    """
+    interval = rate_sequence if job.judged else wilson
     rows = tuple(_trial_row(row, attempts) for row in trials)
     outcomes = [row.outcome for row in rows]
     measures = [outcome.measures for outcome in outcomes if outcome.measures is not None]
@@ -101,8 +120,12 @@ def compose(job: AnyRow, trials: Sequence[AnyRow], attempts: Sequence[AnyRow], v
         trials=len(rows),
         successes=successes,
         success_rate=successes / len(rows),
-        interval_80=wilson(successes, len(rows), 0.80),
-        interval_95=wilson(successes, len(rows), 0.95),
+        interval_80=interval(successes, len(rows), 0.80),
+        interval_95=interval(successes, len(rows), 0.95),
+        intervals="sequence" if job.judged else "wilson",
+        question=question,
+        uncounted=max(0, job.trials_done - len(rows)),
+        own_goals=job.own_goals,
         success_ever=sum(measure.success_ever for measure in measures),
         mean_success_fraction=_mean([measure.success_fraction for measure in measures]),
         mean_return=_mean([measure.episode_return for measure in measures]),
@@ -112,6 +135,7 @@ def compose(job: AnyRow, trials: Sequence[AnyRow], attempts: Sequence[AnyRow], v
         timing=_timing(outcomes),
         between_robots=_between_robots(rows),
         jail=weakest(outcome.jail for outcome in outcomes),
+        failures=_failures(rows),
         per_robot=_robot_rows(rows, faults),
         per_trial=rows,
         platform_fault_attempts=faults,
@@ -178,6 +202,20 @@ def _trial_row(row: AnyRow, attempts: Sequence[AnyRow]) -> TrialRow:
         outcome=Outcome.model_validate_json(row.outcome),
         departure=own[-1].departure,
         log_sha256=row.log_sha256,
+    )
+
+
+def _failures(rows: Sequence[TrialRow]) -> tuple[FailureRow, ...]:
+    """Failed trials by kind. Policy errors are kinds of their own: they say what was wrong themselves."""
+    of_kind: dict[str, list[tuple[int, str]]] = {}
+    for row in rows:
+        if row.outcome.failure is not None:
+            of_kind.setdefault(row.outcome.failure.kind, []).append((row.trial, row.outcome.failure.sentence))
+        elif row.outcome.fault == Fault.POLICY:
+            of_kind.setdefault(row.outcome.kind, []).append((row.trial, row.outcome.reason))
+    ordered = sorted(of_kind.items(), key=lambda each: (-len(each[1]), each[0]))
+    return tuple(
+        FailureRow(kind=kind, trials=tuple(number for number, _ in found), sentence=found[0][1]) for kind, found in ordered
     )
 
 

@@ -45,6 +45,9 @@ async def requeue(tx: AsyncConnection, now_s: float, job_number: int) -> None:
         raise Conflict(
             "job-not-failed", f"Job {row.job_id} is {row.state}; only a failed job can be queued again.", state=row.state
         )
+    if row.judged:
+        detail = f"Job {row.job_id} was run for a question that is closed; ask it anew with a new job."
+        raise Conflict("question-closed", detail)
     if row.trials_active:
         detail = f"Robots are still stopping trials of job {row.job_id}; ask again in a moment."
         raise Conflict("job-stopping", detail, trials_active=row.trials_active)

@@ -5,7 +5,7 @@ import hashlib
 import json
 import secrets
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pydantic import BaseModel
@@ -13,21 +13,21 @@ from sqlalchemy import JSON, Column, ColumnElement, TableValuedAlias, Text, cast
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from api_schemas.excitation import ANY_ROBOT, ExcitationName, IdentificationRequest
+from api_schemas.excitation import ANY_ROBOT, IdentificationRequest
 from api_schemas.job import MAX_SEED, JobRequest, JobState, TaskName
 from api_schemas.trial import TrialState
 from services.database import postgres
 from services.database.rows import AnyRow
 from services.database.tables import NORMAL_RANK, job, robot, trial
-from services.errors import Conflict, NotFound, TooMany
-from services.jobs import events, physics
+from services.errors import Conflict, NotFound, Refused, TooMany
+from services.jobs import events, goals, physics, questions
 from services.jobs.clock import iso
+from services.jobs.goals import TrialDraw
 from services.jobs.lease import UNENDED
-from services.jobs.order import trial_seed
 from services.jobs.priority import RANKS
 from services.policies import owners
 
-LATER_FIELDS = frozenset({"object", "object_scale", "webhook", "priority"})
+LATER_FIELDS = frozenset({"object", "object_scale", "webhook", "priority", "goals", "like", "question"})
 """Fields of a job that came after its first form; a job sent before they came and again afterwards is one job."""
 
 LOOK_AGAIN_S = 30
@@ -49,10 +49,10 @@ class Sender:
 
 @dataclass(frozen=True)
 class _NewJob:
-    """What is asked for: ``values`` of the job's row, the excitation of each trial (None with a policy), and its sentence."""
+    """What is asked for: ``values`` of the job's row, its trials, and its sentence."""
 
     values: dict[str, Any]
-    excitations: Sequence[ExcitationName | None]
+    trials: Sequence[TrialDraw]
     seed: int | None
     text: str
     drawn_seed: int | None = None
@@ -66,15 +66,17 @@ async def submit(
     *,
     drawn_seed: int | None = None,
     pinned: Mapping[str, object] | None = None,
+    judged: bool = False,
 ) -> tuple[str, bool]:
     """Inserts a job of a policy; gives its id and whether it is new.
 
     ``drawn_seed`` is what the server has drawn for several jobs; it serves where none is asked for. ``pinned`` are values of the
-    row of a job that one robot runs, its name among them.
+    row of a job that one robot runs, its name among them. ``judged`` is a job that the question of another ends.
 
     Raises:
         NotFound: the policy was not uploaded, or by others only.
         Conflict: the idempotency key was used for another request.
+        Refused: the job whose goals are wanted is of another task, or the question is about one policy.
         TooMany: the sender has reached the limit of unended jobs.
     """
     digest = digest_of(request)
@@ -83,6 +85,12 @@ async def submit(
     kept = await owners.find(tx, request.policy, sender.sees_only)
     if kept is None:
         raise NotFound("policy-not-found", f"No policy has the digest {request.policy}; upload it first with POST /v1/policies.")
+    source = None if request.goals_of is None else await goals.source(tx, request, sender.sees_only)
+    twin = None
+    if request.question is not None and request.question.against is not None and source is None:
+        seed = request.seed if request.seed is not None else drawn_seed if drawn_seed is not None else draw_seed()
+        drawn_seed, twin = seed, await _submit_twin(tx, now_s, request, sender, seed)
+    draws = await goals.draws(tx, request, source)
     values: dict[str, Any] = {
         "policy": request.policy,
         "policy_name": kept.name,
@@ -90,11 +98,30 @@ async def submit(
         "object": request.object,
         "object_scale": request.object_scale,
         "priority": RANKS[request.priority],
+        "judged": request.question is not None or judged,
+        "own_goals": any(each.own_goal is not None for each in draws),
         **(pinned or {}),
     }
-    text = f"job queued: {request.trials} trials of {request.task} with policy {kept.name}"
-    asked = _NewJob(values, [None] * request.trials, request.seed, text, drawn_seed)
-    return await _insert(tx, now_s, asked, sender, digest), True
+    most = "" if request.question is None else "at most "
+    text = f"job queued: {most}{len(draws)} trials of {request.task} with policy {kept.name}"
+    seed = request.seed if source is None else source.seed
+    job_id = await _insert(tx, now_s, _NewJob(values, draws, seed, text, drawn_seed), sender, digest)
+    if request.question is not None:
+        number = (await tx.execute(select(job.c.number).where(job.c.job_id == job_id))).scalar_one()
+        other = twin if source is None else source.number
+        await questions.ask(tx, number, request.question, len(draws), other, is_twin=twin is not None)
+    return job_id, True
+
+
+async def _submit_twin(tx: AsyncConnection, now_s: float, request: JobRequest, sender: Sender, seed: int) -> int:
+    """Inserts the job of the other policy, which ends with the question; gives its number."""
+    assert request.question is not None and request.question.against is not None, "it is asked against a policy"
+    if request.question.against == request.policy:
+        raise Refused("same-policy", "A policy is not better than itself; name another one, or a bar.")
+    wish = request.model_copy(update={"policy": request.question.against, "question": None, "webhook": None})
+    of_twin = replace(sender, idempotency_key=None)
+    job_id, _ = await submit(tx, now_s, wish, of_twin, drawn_seed=seed, judged=True)
+    return (await tx.execute(select(job.c.number).where(job.c.job_id == job_id))).scalar_one()
 
 
 async def identify(tx: AsyncConnection, now_s: float, request: IdentificationRequest, sender: Sender) -> tuple[str, bool]:
@@ -114,7 +141,8 @@ async def identify(tx: AsyncConnection, now_s: float, request: IdentificationReq
         raise NotFound("robot-not-found", detail)
     courses = request.courses()
     text = f"job queued, excitations: {len(courses)}, on {named or 'one robot, the first that is idle'}"
-    asked = _NewJob({"task": TaskName.IDENTIFY, "robot": named, "any_robot": named is None}, courses, request.seed, text)
+    draws = [TrialDraw(excitation=course) for course in courses]
+    asked = _NewJob({"task": TaskName.IDENTIFY, "robot": named, "any_robot": named is None}, draws, request.seed, text)
     return await _insert(tx, now_s, asked, sender, digest), True
 
 
@@ -173,7 +201,7 @@ async def _insert(tx: AsyncConnection, now_s: float, asked: _NewJob, sender: Sen
         job_id=job_id,
         state=JobState.QUEUED,
         physics=physics.NOW,
-        trials=len(asked.excitations),
+        trials=len(asked.trials),
         seed=seed,
         seed_drawn_by_server=asked.seed is None,
         owner=sender.owner,
@@ -200,22 +228,25 @@ async def _insert_trials(tx: AsyncConnection, job_id: str, number: int, seed: in
     What differs from trial to trial goes to the database as one text. With a row of values for each, preparing these would take
     most of the time in which nobody else can write to SQLite.
     """
+    named = asked.values.get("robot")
+    state = TrialState.HELD if asked.values.get("judged") else TrialState.QUEUED
+    pinned_order = json.dumps([named] if named else [])
     each = [
-        (f"{job_id}-{ordinal:03d}", ordinal, trial_seed(seed, ordinal), excitation)
-        for ordinal, excitation in enumerate(asked.excitations)
+        (f"{job_id}-{at:03d}", at, draw.seed_of(seed, at), draw.excitation, draw.own_goal, draw.order or pinned_order)
+        for at, draw in enumerate(asked.trials)
     ]
     rows, part = _unpacked(json.dumps(each), in_postgres=postgres.is_postgres(tx))
-    named = asked.values.get("robot")
     values: dict[str, ColumnElement[Any]] = {
         "trial_id": part(0, trial.c.trial_id),
         "job_number": literal(number, trial.c.job_number.type),
         "owner": literal(sender.owner, trial.c.owner.type),
         "priority": literal(asked.values.get("priority", NORMAL_RANK), trial.c.priority.type),
         "ordinal": part(1, trial.c.ordinal),
-        "state": literal(TrialState.QUEUED, trial.c.state.type),
+        "state": literal(state, trial.c.state.type),
         "seed": part(2, trial.c.seed),
         "excitation": part(3, trial.c.excitation),
-        "robot_order": literal(json.dumps([named] if named else []), trial.c.robot_order.type),
+        "own_goal": part(4, trial.c.own_goal),
+        "robot_order": part(5, trial.c.robot_order),
         "first_choice": literal(named, trial.c.first_choice.type),
     }
     typed = [cast(value, trial.c[name].type).label(name) for name, value in values.items()]

@@ -7,6 +7,7 @@ from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.excitation import ExcitationName
+from api_schemas.goal import OwnGoal
 from api_schemas.job import Job, JobState, TaskName
 from api_schemas.physics import ObjectName
 from api_schemas.robot import Robot, RobotState
@@ -14,6 +15,7 @@ from api_schemas.trial import Attempt, AttemptState, Outcome, Trial, TrialState
 from services.database.rows import AnyRow
 from services.database.tables import attempt, job, trial
 from services.errors import NotFound
+from services.jobs import questions
 from services.jobs.clock import iso
 from services.jobs.fleet import Fleet, Member
 from services.jobs.lease import UNENDED
@@ -69,7 +71,14 @@ def _job(row: AnyRow, ahead: Ahead | None, fleet: Fleet, now_s: float, limit: in
         policy_faults=row.policy_faults,
         platform_faults=row.platform_faults,
         reason=row.reason,
+        own_goals=row.own_goals,
     )
+
+
+async def show_question(connection: AsyncConnection, row: AnyRow, shown: Job) -> Job:
+    """The job with the question that ends it, if there is one."""
+    question = await questions.of_job(connection, row)
+    return shown if question is None else shown.model_copy(update={"question": question})
 
 
 async def show_trials(
@@ -106,6 +115,7 @@ def _trial(row: AnyRow, owner_job: AnyRow, attempts: tuple[Attempt, ...], waitin
         attempts=attempts,
         excitation=None if row.excitation is None else ExcitationName(row.excitation),
         has_truth=row.truth_sha256 is not None,
+        own_goal=None if row.own_goal is None else OwnGoal.model_validate_json(row.own_goal),
     )
 
 

@@ -10,7 +10,9 @@ from services.jobs.fleet import Fleet, Member
 from services.jobs.position import Ahead
 
 
-def job_waits(row: AnyRow, ahead: Ahead, fleet: Fleet, now_s: float, limit: int | None = None) -> str | None:
+def job_waits(  # noqa: PLR0911  one sentence each
+    row: AnyRow, ahead: Ahead, fleet: Fleet, now_s: float, limit: int | None = None
+) -> str | None:
     """The sentence for a job; None when it is over."""
     if row.state in FINAL_JOB_STATES:
         return None
@@ -19,6 +21,8 @@ def job_waits(row: AnyRow, ahead: Ahead, fleet: Fleet, now_s: float, limit: int 
     left = row.trials - row.trials_done - row.trials_active
     if row.trials_active:
         return _running(row.trials_active, left)
+    if left == 0:
+        return "all trials done; the other job of its question has trials left"
     if begun := min(_begun(row.job_id, fleet, now_s), left):  # since the row was read
         return _running(begun, left - begun)
     if (nobody := _nobody_for(row.robot, _count(left, "trial"), fleet, now_s)) is not None:
@@ -56,7 +60,8 @@ def trial_waits(row: AnyRow, job: AnyRow, fleet: Fleet, now_s: float, before: in
     if row.state == TrialState.LEASED:
         return f"leased to {row.robot}, waiting for its answer"
     if row.state != TrialState.QUEUED:
-        return None
+        held = f"the goals before it may answer the question of job {job.job_id}; it is queued when they have not"
+        return held if row.state == TrialState.HELD else None
     if (nobody := _nobody_for(job.robot, "it", fleet, now_s)) is not None:
         return nobody
     if row.first_choice is None:

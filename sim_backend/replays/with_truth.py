@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from api_schemas.goal import OwnGoal
 from api_schemas.policy import PolicyManifest
 from sim_backend.driver.driver import Command, Segment, Start
 from sim_backend.driver.simulated import PhysicsDivergedError, SimulatedDriver
@@ -22,6 +23,7 @@ from sim_backend.replays.comparison import (
 )
 from sim_backend.replays.with_original import compare_with_original
 from sim_backend.tasks import TASKS
+from sim_backend.tasks.own import with_own
 from sim_backend.tasks.task import draw_trial
 from trial_logs.reader import LogUnreadableError, TrialLog, TruthLog
 
@@ -89,7 +91,9 @@ def _simulate(log: TrialLog, truth: TruthLog) -> _Simulated:
 def _controlled(log: TrialLog, driver: SimulatedDriver, tracker: Tracker, start: Start, changes: list) -> _Simulated:
     """The logged actions of a policy, one control period after the other."""
     assert log.manifest is not None, "a trial of a policy has a manifest"
-    _, goal = draw_trial(TASKS[log.metadata["task"]], int(log.metadata["seed"]))
+    own = log.metadata.get("own_goal")
+    drawn = draw_trial(TASKS[log.metadata["task"]], int(log.metadata["seed"]))
+    _, goal = with_own(*drawn, None if own is None else OwnGoal.model_validate_json(own))
     episode = Episode(driver, tracker, PolicyManifest.model_validate_json(log.manifest))
     simulated = _Simulated(reports=[episode.begin(start, goal)])
     for action in log.action:

@@ -14,7 +14,9 @@ from tests.browser.conftest import CHROMIUM
 PROGRAMS = ROOT / "tests/benchmarks"
 EXPERTS = ROOT.parent / "shared/data/policies"
 PUSH = "sim_backend/training/reference_policies/push.safetensors"
+SCRATCH = "sim_backend/training/reference_policies/push-scratch.safetensors"
 QUICK = {
+    "anytime_figures": ["--runs 1000 --goals 40 --families 100 --rows 1 --out {to}/anytime.json"],
     "bench": ["--quick --parts bare --out {to}/figures.json"],
     "claim_cost": ["--many 1000 --claims 5 --out {to}/cost.json"],
     "dashboard_pages": ["--jobs 100 --seconds 0.1 --out {to}/pages.json"],
@@ -38,6 +40,7 @@ LARGER = {
     "learning_rate": ["--robots 16 --threads 1 --blocks 1 --periods 10 --iterations 1 --recipes push --out {to}/rates.json"],
     "peer": ["--experts {experts} --episodes 1 --tasks push --steps 50 --out {to}/peer.json"],
     "published_experts": ["band --experts {experts} --trials 1 --out {to}/band.json"],
+    "questions_on_farm": [f"{PUSH} {SCRATCH} --seeds 1 --max 2 --robots 1 --out {{to}}/questions.jsonl"],
     "replay_opening": ["--out {to}/opening.json"],
     "same_bits": [
         f"record --checkout {ROOT} --to {{to}}/farm --trials 1 --physics nominal",

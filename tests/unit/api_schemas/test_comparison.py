@@ -108,3 +108,19 @@ def test_jobs_of_two_forms_of_the_scene_are_not_compared():
     with pytest.raises(NotComparableError, match="their rate is of none"):
         compare([first, mixed])
     assert compare([of_now, of_now.model_copy(update={"job_id": "c"})]).tasks[0].goals == 2
+
+
+def test_three_jobs_or_more_have_letters_for_all_of_them_together():
+    good, poor = [True] * 40, [False] * 40
+    (task,) = compare([job("ja", poor), job("jb", good), job("jc", [*good[:39], False])]).tasks
+    assert [each.letters for each in task.jobs] == ["b", "a", "a"]
+    (two,) = compare([job("ja", poor), job("jb", good)]).tasks
+    assert [each.letters for each in two.jobs] == [None, None]
+
+
+def test_a_job_that_a_question_ended_is_compared_with_what_holds_at_every_look():
+    stopped = job("jb", [True] * 8).model_copy(update={"intervals": "sequence"})
+    (task,) = compare([job("ja", [False] * 8), stopped]).tasks
+    (difference,) = task.differences
+    assert difference.at_every_look and mcnemar(8, 0) < difference.p < 0.05
+    assert 0 < difference.interval_95[0] < paired_interval(8, 0, 8, 0.95)[0]

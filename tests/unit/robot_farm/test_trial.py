@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
+from api_schemas.goal import OwnGoal
 from api_schemas.trial import Fault, OutcomeKind
 from robot_farm import trial
 from robot_farm.policy.jail import JailedPolicy
 from robot_farm.trial import Progress, TrialStoppedError, log_channels, run_trial
 from sim_backend.driver.simulated import SimulatedDriver
+from sim_backend.evidence import why_of_log
 from sim_backend.tasks import TASKS
 from sim_backend.trifinger.objects import shape_of
 from tests.graphs import linear, long_error
@@ -133,3 +135,15 @@ def test_models_of_other_sizes_are_forgotten():
     for scale in np.linspace(0.6, 1.2, 2 * trial.KEPT_MODELS):
         trial._model_xml(shape_of("cube", float(scale)))
     assert trial._model_xml.cache_info().currsize <= trial.KEPT_MODELS
+
+
+@pytest.mark.usefixtures("one_second")
+def test_a_failed_trial_says_why_and_its_log_says_the_same(policy, tmp_path):
+    given = lease(task="push").model_copy(update={"own_goal": OwnGoal(position_m=(0.1, 0.05, 0.0325))})
+    outcome = run_trial(given, policy, SimulatedDriver(), log_channels(), tmp_path / "t.mcap", stop_reason=lambda: None)
+    log = read_log(tmp_path / "t.mcap")
+    why = why_of_log(log)
+    assert outcome.kind is OutcomeKind.FAILED and outcome.failure is not None
+    assert (why.kind, why.sentence) == (outcome.failure.kind, outcome.failure.sentence)
+    assert log.goal[0].ravel().tolist() == [0.1, 0.05, 0.0325]
+    assert json.loads(log.metadata["own_goal"]) == {"position_m": [0.1, 0.05, 0.0325]}

@@ -1,9 +1,10 @@
+from dataclasses import replace
 from functools import reduce
 
 import pytest
 
 from client_cli.terminal.output import duration
-from client_cli.views.progress import JobProgress, advance, estimate_s, sentence
+from client_cli.views.progress import JobProgress, advance, counted, estimate_s, sentence
 from client_cli.views.progress_view import ProgressBar, ProgressLines
 from tests.unit.client_cli.farm_server import event
 
@@ -31,7 +32,17 @@ def test_the_estimate_follows_the_servers_clock():
 
 def test_the_sentence_names_successes_robots_and_estimate():
     progress = reduce(advance, EVENTS[:5], JobProgress(trials=3))
-    assert sentence(progress) == "1 succeeded, 1 running (robot-1), about 8 s left"
+    told = "1 succeeded, rate 2–100 %, 1 running (robot-1), about 8 s left"
+    assert sentence(progress) == told  # one success of one trial says hardly anything
+
+
+def test_the_rate_is_of_the_first_trials_that_are_all_done():
+    """The third trial has ended before the second, and does not count before it."""
+    ended = JobProgress(trials=4, done=2, successes=1, ended=((0, True), (2, False)))
+    assert counted(ended) == (1, 1)
+    assert counted(replace(ended, ended=(*ended.ended, (1, True)))) == (2, 3)
+    asked = replace(ended, question="open after 1 goals of at most 4")
+    assert "open after 1 goals" in sentence(asked) and "rate" not in sentence(asked)
 
 
 def test_each_robot_has_its_own_trials_and_successes():

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from api_schemas.tolerance import POSITION_TOLERANCE_M
-
 LIFTED_M = 0.015
 TOUCH_M = 0.008
 LEFT_M = 0.016
@@ -60,13 +58,13 @@ class Seen:
     fingers: Sequence[str]
 
 
-def way_of_object(t_s: np.ndarray, pose: np.ndarray, goal_m: np.ndarray | None) -> list[Moment]:
-    """When the object came to its goal or left it, and was lifted, put down or dropped."""
+def way_of_object(t_s: np.ndarray, pose: np.ndarray, goal_m: np.ndarray | None, within_m: float) -> list[Moment]:
+    """When the object came within so much of its goal or left it, and was lifted, put down or dropped."""
     found, height = [], pose[:, 2]
     rest = float(np.median(height[:5])) if len(height) else 0.0
     if goal_m is not None:
         away = np.linalg.norm(pose[:, :3] - goal_m, axis=1)
-        for k, is_there in changes(len(t_s), lambda k, _: bool(away[k] < POSITION_TOLERANCE_M)):
+        for k, is_there in changes(len(t_s), lambda k, _: bool(away[k] < within_m)):
             found.append(Moment(float(t_s[k]), "at the goal" if is_there else "left the goal", "ok" if is_there else "not"))
     for k, is_up in changes(len(t_s), lambda k, up: bool(height[k] - rest > (0.4 if up else 1.0) * LIFTED_M)):
         fell = not is_up and height[max(0, k - 3)] - height[k] > LIFTED_M

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from services.dashboard.moments import Seen, changes, holds_of_fingers, in_object, turns, way_of_object
+from trial_logs.moments import Seen, changes, holds_of_fingers, in_object, turns, way_of_object
 
 HALF_M = np.full(3, 0.0325)
 RADIUS_M = 0.008
@@ -80,7 +80,7 @@ def test_the_way_of_the_object_has_its_turning_points(falls_within_s, words):
     t_s = np.arange(80) / 10
     height = 0.0325 + 0.05 * (np.clip(t_s - 1.0, 0, 1) - np.clip((t_s - 4.0) / falls_within_s, 0, 1))
     pose = np.stack([0 * t_s, 0 * t_s, height, 1 + 0 * t_s, *(0 * t_s,) * 3], axis=1)
-    found = way_of_object(t_s, pose, np.array([0.0, 0.0, 0.0825]))
+    found = way_of_object(t_s, pose, np.array([0.0, 0.0, 0.0825]), 0.02)
     assert [moment.text for moment in sorted(found, key=lambda each: each.t_s)] in (
         ["lifted", "at the goal", "left the goal", words],
         ["lifted", "at the goal", words, "left the goal"],
@@ -100,4 +100,4 @@ def test_points_are_turned_into_the_objects_frame():
 def test_too_little_says_nothing():
     t_s, true, places, rng = held(np.random.default_rng(0), reports=4)
     assert holds_of_fingers(seen(t_s, true, places, rng)) == []
-    assert way_of_object(t_s[:0], true[:0], None) == []
+    assert way_of_object(t_s[:0], true[:0], None, 0.02) == []

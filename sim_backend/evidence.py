@@ -1,0 +1,106 @@
+"""What explains a failed trial, gathered from measured numbers alone: while it runs, or from its log; both give the same."""
+
+import json
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from api_schemas.tolerance import ANGLE_TOLERANCE_RAD, POSITION_TOLERANCE_M
+from sim_backend.driver.tracker import TrackedPose
+from sim_backend.replays.comparison import shape_of_log
+from sim_backend.tasks import TASKS
+from sim_backend.tasks.task import Goal, Task
+from sim_backend.trifinger import constants as c
+from sim_backend.trifinger.kinematics import fingertip_position_world_m
+from sim_backend.trifinger.objects import Kind, Shape
+from trial_logs.failing import Evidence, Why, why_failed
+from trial_logs.moments import Seen
+from trial_logs.reader import TrialLog
+
+EVERY_STEPS = 10
+FINGERS = tuple(f"finger {name.removeprefix('finger')}" for name in c.FINGER_NAMES)
+
+
+@dataclass
+class Witness:
+    """Keeps of a running trial (n = 1) what explains its end: every tenth millisecond, and all reports of the tracker."""
+
+    _states: list[tuple[np.ndarray, ...]] = field(default_factory=list)
+    _reports: list[tuple[float, np.ndarray, float]] = field(default_factory=list)
+
+    def take(self, first_step: int, position_rad: np.ndarray, velocity_rad_s: np.ndarray, applied_nm: np.ndarray) -> None:
+        """Steps from ``first_step`` on, each of shape (steps, 9)."""
+        rows = np.arange(-first_step % EVERY_STEPS, len(position_rad), EVERY_STEPS)
+        times = (first_step + rows) * c.PHYSICS_STEP_S
+        self._states.append((times, position_rad[rows], velocity_rad_s[rows], applied_nm[rows]))
+
+    def take_report(self, tracked: TrackedPose) -> None:
+        """A report as it came."""
+        pose = np.concatenate([tracked.cube_position_world_m[0], tracked.cube_quat_wxyz[0]])
+        self._reports.append((int(tracked.capture_step[0]) * c.PHYSICS_STEP_S, pose, float(tracked.confidence[0])))
+
+    def why(self, task: Task, goal: Goal, shape: Shape, judged_error_m: float | None) -> Why | None:
+        """Why the trial failed; None where there is too little to tell from."""
+        if not self._states or not self._reports:
+            return None
+        states = tuple(np.concatenate(each) for each in zip(*self._states, strict=True))
+        capture_s, poses, confidence = (np.array(each) for each in zip(*self._reports, strict=True))
+        return _why(task, goal, shape, states, (capture_s, poses, confidence), judged_error_m)
+
+
+def why_of_log(log: TrialLog) -> Why | None:
+    """Why the trial of a log failed; None if it did not, or has no goal."""
+    task = TASKS.get(log.metadata.get("task", ""))
+    measures = json.loads(log.outcome.get("measures", "null"))
+    if task is None or measures is None or measures["success_at_end"]:
+        return None
+    rows = np.flatnonzero(log.joint_steps % EVERY_STEPS == 0)
+    states = (log.joint_position_rad[rows], log.joint_velocity_rad_s[rows], log.applied_torque_nm[rows])
+    reports = (log.capture_s, np.concatenate([log.tracked_position_world_m, log.tracked_quat_wxyz], axis=1), log.confidence)
+    goal, shape = _goal_of(log), shape_of_log(log)
+    times = log.joint_steps[rows] * c.PHYSICS_STEP_S
+    return None if goal is None else _why(task, goal, shape, (times, *states), reports, measures["final_position_error_m"])
+
+
+def _goal_of(log: TrialLog) -> Goal | None:
+    if log.goal is None:
+        return None
+    position_m, quat_wxyz = log.goal
+    return Goal(np.atleast_2d(position_m), np.atleast_2d(quat_wxyz), np.zeros((1, 9)))
+
+
+def _why(
+    task: Task,
+    goal: Goal,
+    shape: Shape,
+    states: tuple[np.ndarray, ...],
+    reports: tuple[np.ndarray, np.ndarray, np.ndarray],
+    judged_error_m: float | None,
+) -> Why:
+    state_t_s, position_rad, velocity_rad_s, applied_nm = states
+    capture_s, poses, confidence = np.maximum(reports[0], 0.0), *reports[1:]
+    order = np.argsort(capture_s, kind="stable")
+    tips_m = fingertip_position_world_m(position_rad).reshape(-1, 3, 3)
+    nearest = np.clip(np.searchsorted(state_t_s, capture_s[order]), 0, len(state_t_s) - 1)
+    half_m = np.array(shape.size_m) / 2
+    seen = Seen(capture_s[order], poses[order], tips_m[nearest], half_m, shape.kind is Kind.SPHERE, c.TIP_RADIUS_M, FINGERS)
+    return why_failed(
+        Evidence(
+            seen=seen,
+            confidence=confidence[order],
+            duration_s=float(state_t_s[-1]) + EVERY_STEPS * c.PHYSICS_STEP_S,
+            goal_m=goal.cube_position_world_m[0] if task.moves_cube else None,
+            goal_quat_wxyz=goal.cube_quat_wxyz[0] if task.orientation_counts else None,
+            goal_tips_m=None if task.moves_cube else goal.fingertip_position_world_m[0].reshape(3, 3),
+            state_t_s=state_t_s,
+            velocity_rad_s=velocity_rad_s,
+            applied_nm=applied_nm,
+            tips_m=tips_m,
+            joints=c.JOINT_NAMES,
+            max_torque_nm=c.MAX_TORQUE_NM,
+            wall_m=c.ARENA_RADIUS_M,
+            within_m=POSITION_TOLERANCE_M,
+            within_rad=ANGLE_TOLERANCE_RAD,
+            judged_error_m=judged_error_m,
+        )
+    )
