@@ -109,7 +109,7 @@ class TorchOriginal:
             values = outputs.reshape(ACTION_SIZE, bins).argmax(1) * 2 / (bins - 1) - 1
         if recipe.squash or wanted.output_scaling.squash:
             values = np.tanh(values)
-        clip = recipe.clip or (None if recipe.squash else wanted.output_scaling.clip)
+        clip = recipe.clip or (None if recipe.squash or not recipe.clips else wanted.output_scaling.clip)
         values = values if clip is None else np.clip(values, -clip, clip)
         values = values if recipe.factor is None else values * recipe.factor
         values = values if recipe.shift is None else values + recipe.shift

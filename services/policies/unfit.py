@@ -2,7 +2,8 @@
 
 import shlex
 
-from api_schemas.policy import ACTION_SIZE, LAYOUTS, OBSERVATION_SIZES, PolicyManifest
+from api_schemas.observation import OBSERVATION_SIZES, sizes_of
+from api_schemas.policy import ACTION_SIZE, LAYOUTS, PolicyManifest
 from api_schemas.policy_network import ActionHead
 from services.errors import Refused
 
@@ -119,15 +120,14 @@ def side_by_side(manifest: PolicyManifest, layout: str, network_inputs: int) -> 
 def _rows(manifest: PolicyManifest) -> list[str]:
     """One row for each field, such as "0-8 joint_position_rad 9", and the sum."""
     rows, at = [], 0
-    for name in manifest.observation:
-        size = OBSERVATION_SIZES[name]
+    for name, size in zip(manifest.observation, sizes_of(manifest.observation), strict=True):
         rows.append(f"{at}-{at + size - 1} {name} {size}" if size > 1 else f"{at} {name} {size}")
         at += size
     return [*rows, f"sum {at}"]
 
 
 def _fields(manifest: PolicyManifest) -> str:
-    return ", ".join(f"{name} {OBSERVATION_SIZES[name]}" for name in manifest.observation)
+    return ", ".join(f"{name} {size}" for name, size in zip(manifest.observation, sizes_of(manifest.observation), strict=True))
 
 
 def _all_fields() -> str:
