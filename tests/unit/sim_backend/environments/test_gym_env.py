@@ -9,7 +9,7 @@ gymnasium = pytest.importorskip("gymnasium", reason="the extra 'learning' is not
 
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
-from api_schemas.policy import LAYOUTS
+from api_schemas.policy import LAYOUTS  # noqa: E402
 from sim_backend.environments import gym_env  # noqa: E402
 from sim_backend.environments.action_space import ActionMode  # noqa: E402
 from sim_backend.environments.observation_space import FIELDS, observation_space  # noqa: E402
