@@ -124,7 +124,7 @@ def _pack_one(
 
     packed = pack_to(out, files, stated, tolerance=tolerance)
     warnings = () if task is None else tried(packed.weights, read_manifest(packed.manifest), task)
-    for text in () if as_json else packed.notes:
+    for text in packed.notes:
         note(f"note: {text}")
     for text in warnings:
         note(f"warning: {text}")

@@ -104,8 +104,9 @@ def compare(original: Original, graph: bytes, given: Array, tolerance: float | N
             got.append(packed.act(row[None])[0])
     singly = np.stack(wanted)
     rounding = _own_rounding(original, given.reshape(-1, given.shape[-1]), singly)
-    allowed = max(LIMIT, ROUNDING_TIMES * rounding) if tolerance is None else tolerance
-    return Compared(float(np.abs(singly - np.stack(got)).max()), float(np.abs(singly).max()), rounding, allowed)
+    largest = float(np.abs(singly).max())
+    allowed = max(LIMIT, min(ROUNDING_TIMES * rounding, COARSE * largest)) if tolerance is None else tolerance
+    return Compared(float(np.abs(singly - np.stack(got)).max()), largest, rounding, allowed)
 
 
 def _own_rounding(original: Original, rows: Array, singly: Array) -> float:

@@ -19,7 +19,7 @@ def misfit(file: str, takes: Sequence[int], manifest: PolicyManifest) -> UsagePr
         takes: the numbers of inputs that it can be run on; several where it cuts what it takes from a longer observation.
         manifest: what was stated.
     """
-    fitting = [name for each in takes for name in layouts_of_width(each)]
+    fitting = layouts_of_width(min(takes))
     width = f"{min(takes)} numbers" if len(takes) == 1 else f"{min(takes)} numbers or more"
     said = f"{file} takes {width}, {manifest.name} gives {manifest.network_inputs}"
     if fitting:

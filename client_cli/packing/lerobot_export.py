@@ -118,6 +118,7 @@ def main():
     folder, out = Path(sys.argv[1]), Path(sys.argv[2])
     from lerobot.policies.act.modeling_act import ACTPolicy  # pyright: ignore[reportMissingImports]
 
+    torch.set_num_threads(1)
     policy = ACTPolicy.from_pretrained(folder).to("cpu").eval()
     policy.config.device = "cpu"
     if policy.config.image_features:

@@ -82,6 +82,7 @@ def pack_files(files: list[Path], stated: Statement) -> Packing:
     path = others[0]
     form = kinds.kind_of(path) if stated.form == "auto" else stated.form
     kinds.check_is(path, form)
+    _compute_in_one_thread()
     if pickles and form != "sb3":
         raise UsageProblem(f"a VecNormalize pickle belongs to a stable-baselines3 archive, and {path.name} is {form}")
     if form not in (kinds.CHECKPOINT, PLAIN, "sb2", "hugging-face"):
@@ -95,6 +96,13 @@ def pack_files(files: list[Path], stated: Statement) -> Packing:
             f"{path.name} cannot be read as {form} ({first_sentence(error)}); if it is another kind of file, export the network "
             "with torch.jit.script(network).save('policy.pt') and pack that"
         ) from error
+
+
+def _compute_in_one_thread() -> None:
+    """Small networks are slower in several threads, and much slower on a machine that has other things to do."""
+    import torch
+
+    torch.set_num_threads(1)
 
 
 def suffix_of(path: Path, stated: Statement) -> str:
