@@ -9,7 +9,7 @@ from pathlib import Path
 from api_schemas.job import TaskName
 from api_schemas.observation import fields_of
 from api_schemas.policy import PolicyManifest, canonical_json
-from client_cli.embedded.child_process import module_command
+from client_cli.embedded.child_process import child_environment, module_command
 from client_cli.terminal.child_answer import answer_of
 
 SIMULATION = "sim_backend.trying"
@@ -40,7 +40,8 @@ def tried(weights: Path, manifest: PolicyManifest, task: str) -> tuple[str, ...]
         given, expected, graph = folder / f"weights{weights.suffix}", folder / "manifest.json", folder / "graph.onnx"
         given.write_bytes(weights.read_bytes())
         expected.write_text(canonical_json(manifest))
-        answer_of(module_command(CONVERSION, str(given), str(expected), str(graph), ANY_JAIL), subprocess.DEVNULL)
+        converting = module_command(CONVERSION, str(given), str(expected), str(graph), ANY_JAIL)
+        subprocess.run(converting, capture_output=True, check=False, cwd=folder, env=child_environment())
         if not graph.exists():
             return ()
         ended = answer_of(module_command(SIMULATION, str(graph), str(expected), "--task", task), subprocess.DEVNULL)

@@ -15,6 +15,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import warnings
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -361,7 +362,8 @@ def main(arguments: list[str] | None = None) -> int:
     for kind in asked.kinds:
         if any(row["kind"] == kind and "skipped" not in row for row in rows):
             continue
-        with tempfile.TemporaryDirectory(prefix="trifarm-foreign-") as folder:
+        with tempfile.TemporaryDirectory(prefix="trifarm-foreign-") as folder, warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what libraries say of each other's versions
             row = row_of(kind, Path(folder), farm=asked.farm)
         rows = [each for each in rows if each["kind"] != kind] + [row]
         asked.out.write_text(json.dumps({"manifest": MANIFEST.name, "scale": SCALE, "rows": rows}, indent=1) + "\n")

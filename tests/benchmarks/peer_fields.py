@@ -13,6 +13,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -91,10 +92,10 @@ def pressed(torque_nm: tuple[float, ...]) -> np.ndarray:
     return force[0]
 
 
-def compared(task: str) -> dict[str, dict[str, float]]:
+def compared(task: str, seeds: Sequence[int]) -> dict[str, dict[str, float]]:
     """The largest differences of each field over all seeds, and the largest value, without the first 0.2 s."""
     rows: dict[str, dict[str, float]] = {}
-    for seed in SEEDS:
+    for seed in seeds:
         found = theirs(task, seed, STEPS)
         late = found["times"] >= 200  # before, the published tracker has no image from before its start
         wanted, got = (parts(task, each[late]) for each in (found["flat"], ours(task, found)))
@@ -111,16 +112,19 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.peer_fields", description=__doc__)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("--out", type=Path, help="also write what was found as JSON")
+    parser.add_argument("--tasks", nargs="+", choices=("push", "lift"), default=("push", "lift"))
+    parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS)
+    parser.add_argument("--presses", type=int, default=len(PRESSES_NM), help="how many presses are compared")
     asked = parser.parse_args(arguments)
     if (reason := missing(ROOT)) is not None:
         print(f"skipped: {reason}")
         return 0
-    document: dict = {"seeds": SEEDS, "periods": STEPS, "given": GIVEN, "fields": {}, "presses": []}
-    for task in ("push", "lift"):
-        document["fields"][task] = compared(task)
+    document: dict = {"seeds": list(asked.seeds), "periods": STEPS, "given": GIVEN, "fields": {}, "presses": []}
+    for task in asked.tasks:
+        document["fields"][task] = compared(task, asked.seeds)
         for name, row in document["fields"][task].items():
             print(f"{task} {name:36} differs by {row['largest_difference']:.2g}, moves by {row['moves_by']:.2g}", flush=True)
-    for torque_nm in PRESSES_NM:
+    for torque_nm in PRESSES_NM[: asked.presses]:
         found = theirs("push", SEEDS[0], PRESS_STEPS, torque_nm)
         their = parts("push", found["flat"])["8 fingertip_force"][-5:].mean(axis=0)
         row = {"torque_nm": torque_nm, "theirs": their.round(3).tolist(), "ours": pressed(torque_nm).round(3).tolist()}

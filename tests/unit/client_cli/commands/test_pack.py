@@ -231,6 +231,7 @@ def test_the_activation_that_was_taken_is_said(tmp_path, trifarm, manifest):
     ]
 
 
+@DEPRECATED
 def test_a_layout_that_does_not_fit_is_answered_with_the_one_that_does(tmp_path, trifarm):
     path = tmp_path / "push.pt"
     torch.jit.script(mlp(97, 16, 9)).save(path)
@@ -242,6 +243,7 @@ def test_a_layout_that_does_not_fit_is_answered_with_the_one_that_does(tmp_path,
     assert (tmp_path / "push.onnx").is_file(), "beside the checkpoint where nobody says where"
 
 
+@DEPRECATED
 def test_a_whole_module_is_packed_as_it_is(tmp_path, trifarm, manifest):
     module, path, out = mlp(SIZE, 16, 9), tmp_path / "module.pt", tmp_path / "p.onnx"
     torch.save(module, path)
@@ -265,6 +267,7 @@ def test_a_normaliser_of_actions_is_never_left_out_unsaid(tmp_path, trifarm, man
     assert_same(out, lambda x: module.net(x) * module.action_std + module.action_mean, scale=1.0)
 
 
+@DEPRECATED
 def test_onnx_in_two_files_becomes_one(tmp_path, trifarm, manifest):
     torch.manual_seed(0)
     module, path, out = mlp(SIZE, 16, 9), tmp_path / "policy.onnx", tmp_path / "p.onnx"
@@ -299,6 +302,7 @@ def test_an_archive_of_stable_baselines2_is_packed(tmp_path, trifarm):
     np.testing.assert_allclose(packed_actions(out, observation[None, None])[0, 0], wanted, atol=1e-5)
 
 
+@DEPRECATED
 def test_a_folder_is_packed_in_one_go(tmp_path, trifarm, manifest):
     for epoch in (2, 10):
         torch.jit.script(mlp(SIZE, 8, 9)).save(tmp_path / f"ep_{epoch}.pt")
