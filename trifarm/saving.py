@@ -83,11 +83,11 @@ def _layers(env: Any) -> Iterator[Any]:
         seen.append(id(env))
         yield env
         own = vars(env) if hasattr(env, "__dict__") else {}
-        inner = next((own[name] for name in _INSIDE if name in own), None)
+        inner = env.manifest if isinstance(getattr(type(env), "manifest", None), property) else None
+        if inner is None:
+            inner = next((own[name] for name in _INSIDE if name in own), None)
         if inner is None and own.get("envs"):
             inner = own["envs"][0]
-        if inner is None and isinstance(getattr(type(env), "manifest", None), property):
-            inner = env.manifest
         if inner is None and "remotes" in own:
             inner = env.get_attr("manifest")[0]
         env = inner
