@@ -127,15 +127,13 @@ def outside_range(graph: bytes, manifest: PolicyManifest, observations: np.ndarr
 
 def _columns_of(given: "_Feed", seen: np.ndarray, index: int) -> np.ndarray:
     """Which numbers that enter the network follow from one number of the observation, found by shifting it."""
-    moved, base = seen.copy(), np.zeros_like(seen)
-    middle = given.near_middle(seen)
-    moved[:], base[:] = middle, middle
+    moved = seen.copy()
     moved[index] += 1e-2
-    return np.flatnonzero(given(moved) != given(base))
+    return np.flatnonzero(given(moved) != given(seen))
 
 
 class _Feed:
-    """The numbers that enter the first matrix of a network."""
+    """The numbers that enter the first matrix of a network, before they are clipped."""
 
     def __init__(self, session: policy_graph.Session, name: str) -> None:
         self._session, self._name = session, name
@@ -146,18 +144,6 @@ class _Feed:
         """For one observation (size,)."""
         return np.asarray(self._session.run([self._name], {OBSERVATION: row[None], **self._others})[0]).ravel()
 
-    def near_middle(self, row: np.ndarray) -> np.ndarray:
-        """An observation at which no clip acts: where the normaliser gives 0, as far as steps towards it find it."""
-        found, step = row.astype(np.float32).copy(), 1e-3
-        for _ in range(3):
-            value = self(found)
-            if value.size != found.size:
-                return found
-            slope = (self(found + np.float32(step)) - value) / step
-            moves = np.abs(slope) > 1e-6
-            found[moves] -= (value[moves] / slope[moves]).astype(np.float32)
-        return found
-
 
 def _before_first_matrix(graph: bytes) -> tuple[policy_graph.Session, str] | None:
     """A session that gives what enters the first matrix of a graph, and its name; None where nothing stands before it."""
@@ -166,13 +152,22 @@ def _before_first_matrix(graph: bytes) -> tuple[policy_graph.Session, str] | Non
     for node in model.graph.node:
         if node.op_type in ("Gemm", "MatMul") and "whitening" not in node.input:
             name = next((each for each in node.input if each not in constants), "")
-            if not name or name == OBSERVATION:
+            name = _before_clips(model, name)
+            if name in ("", OBSERVATION):
                 return None
             model.graph.output.append(onnx.helper.make_empty_tensor_value_info(name))
             return policy_graph.session(model.SerializeToString()), name
         if node.op_type in ("LSTM", "GRU", "Conv"):
             return None
     return None
+
+
+def _before_clips(model: onnx.ModelProto, name: str) -> str:
+    """What was clipped to give the value of a name; the name itself if it is no clip's."""
+    makers = {output: node for node in model.graph.node for output in node.output}
+    while name in makers and makers[name].op_type in ("Min", "Max", "Clip"):
+        name = makers[name].input[0]
+    return name
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -129,7 +129,7 @@ def _pack_one(
     for text in warnings:
         note(f"warning: {text}")
     if as_json:
-        print_document(document(packed) | {"warnings": list(warnings)})
+        print_document(document(packed, warnings))
         return
     print_line(f"packed {files[0].name} ({packed.source}) as {packed.weights} and {packed.manifest.name}")
     print_line(
@@ -164,7 +164,7 @@ def _pack_many(folder: Path, out: Path | None, stated: "Statement", tolerance: f
         raise typer.Exit(ExitCode.OTHER)
 
 
-def document(packed: "Packed") -> dict[str, object]:
+def document(packed: "Packed", warnings: tuple[str, ...] = ()) -> dict[str, object]:
     """What ``--json`` prints."""
     return {
         "weights": str(packed.weights),
@@ -175,6 +175,7 @@ def document(packed: "Packed") -> dict[str, object]:
         "unit": packed.unit,
         "notes": list(packed.notes),
         "unused": list(packed.unused),
+        "warnings": list(warnings),
     }
 
 
