@@ -44,7 +44,7 @@ def check_exists(path: Path) -> None:
 def check_is_file(weights: Path) -> None:
     """Raise UsageProblem where there is no such file."""
     if weights.is_dir():
-        raise UsageProblem(f"{weights} is a folder; name one file in it")
+        raise UsageProblem(f"{weights} is a folder; name one file in it, or 'trifarm pack {weights}' packs it")
     if not weights.is_file():
         raise UsageProblem(f"there is no file {weights}")
 
