@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import ConfigDict, Field
 
 from api_schemas.jail_report import JailReport
-from api_schemas.robot import RobotHealth, RobotState
+from api_schemas.robot import Fence, RobotHealth, RobotState
 from api_schemas.scene_form import FIRST_FORM
 from api_schemas.schema import Schema
 
@@ -73,14 +73,15 @@ class Heartbeat(RobotsWord):
 
     robot: str = Field(pattern=r"^[a-z0-9-]{1,40}$")
     instance: str
-    pid: int
+    pid: int = Field(ge=0, le=2**31 - 1)
     host: str
     state: RobotState
     trial_id: str | None = None
-    fence: int | None = None
+    fence: Fence | None = None
     cut_off_trial_id: str | None = None
-    cut_off_fence: int | None = None
+    cut_off_fence: Fence | None = None
     api_away: bool = False  # which is why it is out of service
+    disk_full: bool = False  # likewise; it resumes by itself, too
     reason: str | None = None
     physics: str = "nominal"
     physics_digest: str = Field(
@@ -107,7 +108,7 @@ class LiveState(RobotsWord):
 
     robot: str
     trial_id: str
-    fence: int
+    fence: Fence
     simulated_s: float
     duration_s: float
     joint_position_rad: tuple[float, ...] = Field(max_length=9)
@@ -129,7 +130,7 @@ class Command(Schema):
 
     kind: CommandKind
     trial_id: str | None = None
-    fence: int | None = None
+    fence: Fence | None = None
 
 
 @dataclass(frozen=True)

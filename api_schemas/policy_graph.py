@@ -57,7 +57,11 @@ class Session(Protocol):
 
 
 class GraphRunner:
-    """One policy in one trial; owner of the trial's memory. Several may share a session."""
+    """One policy in one trial; owner of the trial's memory. Several may share a session.
+
+    A session of the runtime gets the arrays that it reads and fills once and for all: handing them over in each call costs as
+    much as a small network.
+    """
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -65,13 +69,66 @@ class GraphRunner:
         self._blank = {each.name: np.zeros(each.shape, np.float32) for each in states}
         self._outputs = [ACTION, *(NEXT + name for name in self._blank)]
         self._memory = self._blank
+        self._bound = _Bound.of(session)
 
     def forget(self) -> None:
         """Begin a new trial."""
         self._memory = self._blank
+        if self._bound is not None:
+            self._bound.forget()
 
     def act(self, observation: np.ndarray) -> np.ndarray:
         """The action for one observation, float32 of shape (1, n)."""
+        if self._bound is not None and self._bound.takes(observation):
+            return self._bound.act(observation)
         action, *states = self._session.run(self._outputs, {OBSERVATION: observation, **self._memory})
         self._memory = dict(zip(self._blank, states, strict=True))
         return np.asarray(action, np.float32)
+
+
+class _Bound:
+    """A session's inputs and outputs as arrays that stay where they are; owner of the trial's memory."""
+
+    def __init__(self, session: Any, inputs: dict[str, np.ndarray], outputs: dict[str, np.ndarray]) -> None:
+        self._run, self._binding = session.run_with_iobinding, session.io_binding()
+        value = runtime().OrtValue.ortvalue_from_numpy
+        for name, array in inputs.items():
+            self._binding.bind_ortvalue_input(name, value(array))
+        for name, array in outputs.items():
+            self._binding.bind_ortvalue_output(name, value(array))
+        self._observation, self._action = inputs[OBSERVATION], outputs[ACTION]
+        self._states = [(array, outputs[NEXT + name]) for name, array in inputs.items() if name != OBSERVATION]
+
+    @staticmethod
+    def of(session: Any) -> "_Bound | None":
+        """None of a session that is not the runtime's, or of a graph whose arrays have no size or type that is known before."""
+        if not hasattr(session, "run_with_iobinding"):
+            return None
+        described = session.get_inputs(), session.get_outputs()
+        if not all(each.type == "tensor(float)" and _has_size(each.shape) for side in described for each in side):
+            return None
+        inputs, outputs = ({each.name: np.zeros(each.shape, np.float32) for each in side} for side in described)
+        if outputs.keys() != {ACTION, *(NEXT + name for name in inputs if name != OBSERVATION)} or OBSERVATION not in inputs:
+            return None
+        return _Bound(session, inputs, outputs)
+
+    def takes(self, observation: np.ndarray) -> bool:
+        """Whether it has the shape that the graph asks for; the session itself says what is wrong with another one."""
+        return observation.shape == self._observation.shape
+
+    def forget(self) -> None:
+        """Begin a new trial."""
+        for state, _ in self._states:
+            state[:] = 0.0
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        """See :meth:`GraphRunner.act`."""
+        self._observation[:] = observation
+        self._run(self._binding)
+        for state, following in self._states:
+            state[:] = following
+        return self._action.copy()
+
+
+def _has_size(shape: Sequence[object]) -> bool:
+    return all(isinstance(extent, int) for extent in shape)

@@ -23,6 +23,7 @@ BROKEN = 3  # the runtime itself could not be loaded
 JAILED = 4
 
 MAX_TEXT_BYTES = 1500
+_USUAL_REQUEST_BYTES = 4096
 
 
 class LinkClosedError(Exception):
@@ -56,9 +57,38 @@ def read_exactly(fd: int, size: int) -> bytes:
     return data
 
 
-def read_reply(fd: int) -> tuple[int, bytes, int]:
-    """Status, payload and inference time in ns of the next reply."""
-    status, size, inference_time_ns = REPLY.unpack(read_exactly(fd, REPLY.size))
+def read_request(fd: int) -> tuple[int, bytes]:
+    """Kind and observation of the next request; one comes only after the last reply, so that whatever there is belongs to it.
+
+    Raises:
+        LinkClosedError: the pipe ended.
+    """
+    data = os.read(fd, _USUAL_REQUEST_BYTES)
+    if len(data) < REQUEST.size:
+        data += read_exactly(fd, REQUEST.size - len(data))
+    kind, count = REQUEST.unpack_from(data)
+    if (missing := REQUEST.size + 4 * count - len(data)) > 0:
+        data += read_exactly(fd, missing)
+    return kind, data[REQUEST.size :]
+
+
+def read_reply(fd: int, expected_bytes: int = 0) -> tuple[int, bytes, int]:
+    """Status, payload and inference time in ns of the next reply.
+
+    Args:
+        fd: to read from.
+        expected_bytes: of the payload; a reply of this size is read at once.
+
+    Raises:
+        LinkClosedError: the pipe ended before, or what comes is no single reply.
+    """
+    data = read_exactly(fd, REPLY.size) if expected_bytes == 0 else os.read(fd, REPLY.size + expected_bytes)
+    if len(data) < REPLY.size:
+        data += read_exactly(fd, REPLY.size - len(data))
+    status, size, inference_time_ns = REPLY.unpack_from(data)
     if size > MAX_TEXT_BYTES:
         raise LinkClosedError(f"the reply announces {size} bytes; at most {MAX_TEXT_BYTES} are allowed")
-    return status, read_exactly(fd, size) if size else b"", inference_time_ns
+    missing = REPLY.size + size - len(data)
+    if missing < 0:
+        raise LinkClosedError(f"the reply announces {size} bytes, and {-missing} more follow")
+    return status, data[REPLY.size :] + (read_exactly(fd, missing) if missing else b""), inference_time_ns

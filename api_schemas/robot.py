@@ -1,6 +1,7 @@
 """Robots as the API shows them, and the messages between a robot and the API."""
 
 from enum import StrEnum
+from typing import Annotated
 
 from pydantic import ConfigDict, Field, model_validator
 
@@ -15,6 +16,14 @@ LEASE_S = 15.0
 """How long a lease lives without renewal."""
 RENEW_EVERY_S = 3.0
 """How often a robot renews its lease."""
+
+
+MAX_FENCE = 2**31 - 1
+Fence = Annotated[int, Field(ge=1, le=MAX_FENCE)]
+"""Number of a trial's attempt, as every database can keep it."""
+
+
+RobotName = Annotated[str, Field(pattern=r"^[a-z0-9-]{1,40}$")]
 
 
 class RobotState(StrEnum):
@@ -83,7 +92,7 @@ class Lease(Schema):
     trial_id: str
     job_id: str
     ordinal: int
-    fence: int = Field(ge=1)
+    fence: Fence
     robot: str
     policy: str | None = None
     manifest: PolicyManifest | None = None
@@ -116,8 +125,8 @@ class OfferReply(Schema):
 class Renewal(Schema):
     """Body of POST /v1/leases/{trial_id}/renew."""
 
-    robot: str
-    fence: int
+    robot: RobotName
+    fence: Fence
 
 
 class RenewalReply(Schema):
@@ -130,8 +139,8 @@ class RenewalReply(Schema):
 class OutcomeReport(Schema):
     """Body of POST /v1/leases/{trial_id}/outcome; truth, if there is any, and log were uploaded before, under the same fence."""
 
-    robot: str
-    fence: int
+    robot: RobotName
+    fence: Fence
     outcome: Outcome
     log_sha256: str | None = Field(default=None, pattern=r"^[0-9a-f]{64}$")
     truth_sha256: str | None = Field(default=None, pattern=r"^[0-9a-f]{64}$")

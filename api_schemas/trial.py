@@ -43,6 +43,7 @@ class OutcomeKind(StrEnum):
     POLICY_ERROR = "policy_error"  # the network raised an error
     PLATFORM_ERROR = "platform_error"
     LEASE_LOST = "lease_lost"
+    OUT_OF_SPACE = "out_of_space"  # the robot's disk was full; it counts neither for the trial nor for the robot
     CANCELLED = "cancelled"
 
 
@@ -56,6 +57,7 @@ FAULT_OF: dict[OutcomeKind, Fault] = {
     OutcomeKind.POLICY_ERROR: Fault.POLICY,
     OutcomeKind.PLATFORM_ERROR: Fault.PLATFORM,
     OutcomeKind.LEASE_LOST: Fault.PLATFORM,
+    OutcomeKind.OUT_OF_SPACE: Fault.PLATFORM,
     OutcomeKind.CANCELLED: Fault.NONE,
 }
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import secrets
+import shutil
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,6 +24,8 @@ READY_WITHIN_S = 180.0
 IN_SERVICE = frozenset({"idle", "leased", "running"})
 HOST = "127.0.0.1"
 OWNERS = 5
+WORDS = "logs"
+"""Folder of what the processes write, on the farm's disk, as everything else of it."""
 MOVE_NOTHING = "rrc2022-push"
 
 
@@ -49,7 +52,7 @@ class FarmSettings:
 
 @dataclass
 class Farm:
-    """A farm on loopback. Owner of its processes; ``disk`` holds all that it keeps, ``evidence`` the histories."""
+    """A farm on loopback. Owner of its processes; ``disk`` holds all that it keeps and says, ``evidence`` the histories."""
 
     settings: FarmSettings
     disk: Path
@@ -68,6 +71,8 @@ class Farm:
     def __post_init__(self) -> None:
         self.history = History(self.evidence, "faults")
         self.orders = Orders(self.evidence)
+        self.words = self.disk / WORDS
+        self.words.mkdir(parents=True, exist_ok=True)
         self.url = f"http://{HOST}:{self.port}"
         self.http = httpx.Client(
             base_url=self.url, headers={"Authorization": f"Bearer {self.admin}"}, timeout=20, trust_env=False
@@ -92,9 +97,8 @@ class Farm:
 
     def start(self) -> None:
         """Starts all processes and uploads a policy; the farm is ready when this returns."""
-        logs = self.evidence / "logs"
         if self.settings.home != EMBEDDED:
-            self.home = scale_home(self.disk, logs, self.processes)
+            self.home = scale_home(self.disk, self.words, self.processes)
             self.home.start()
         listen = "0.0.0.0" if self.wire is not None else HOST  # noqa: S104  in a network namespace of the run's own
         self._add("router", [*module("services"), "router", "--bus", f"tcp/{listen}:{self.bus_port}"], {})
@@ -195,13 +199,14 @@ class Farm:
         return made["secret"]
 
     def close(self) -> None:
-        """Closes what this process holds open of it."""
+        """Closes what this process holds open of it, and keeps what its processes said."""
+        shutil.copytree(self.words, self.evidence / WORDS, dirs_exist_ok=True)
         self.http.close()
         self.history.close()
 
     def _add(self, name: str, command: list[str], environment: dict[str, str]) -> None:
         where = self.wire.on_the_other_side if self.wire is not None and name in self.robots else ()
-        self.processes[name] = Process(name, [*where, *command], environment, self.evidence / "logs" / f"{name}.log")
+        self.processes[name] = Process(name, [*where, *command], environment, self.words / f"{name}.log")
 
     def _told(self, name: str) -> dict[str, str]:
         told = {
@@ -222,7 +227,7 @@ class Farm:
     def _robot(self, name: str) -> list[str]:
         api, bus = (HOST, HOST) if self.wire is None else (self.wire.api_host, self.wire.bus_host)
         where = ["--api", f"http://{api}:{self.port}", "--bus", f"tcp/{bus}:{self.bus_port}"]
-        own = ["--evidence", str(self.evidence), "--trial-s", str(self.settings.trial_s)]
+        own = ["--evidence", str(self.evidence), "--trial-s", str(self.settings.trial_s), "--folder", str(self.disk / name)]
         return [*module("chaos"), "robot", name, *where, *own]
 
     def _answers(self) -> bool:

@@ -19,10 +19,14 @@ from robot_farm.link.api_link import ApiLink, ApiUnreachableError, LeaseRefusedE
 from robot_farm.link.bus_access import Access
 from robot_farm.link.bus_link import Accepted, BusLink
 from robot_farm.link.lease_keeper import LeaseKeeper
+from robot_farm.link.outage import Standing
+from robot_farm.reserve import Reserve
+from trial_logs.disk import is_full
 
 CONTROL_PERIOD_S = 0.02
 JOIN_AGAIN_S = 0.3
 JUDGED = frozenset({OutcomeKind.SUCCEEDED, OutcomeKind.FAILED})
+RESERVE_BYTES = 1 << 18
 LATE_LEASES = 2.0
 """A robot that was ordered to be late brings its outcome after so many times its lease."""
 
@@ -42,6 +46,7 @@ class RobotSettings:
     farm: str
     token: str
     evidence: Path
+    folder: Path
     trial_s: float
     log_bytes: int
 
@@ -111,12 +116,23 @@ def live(settings: RobotSettings, stop: threading.Event) -> None:
                 keeper.cancel()
 
         access = Access((settings.bus,), settings.farm)
-        link = BusLink(access, settings.name, "nominal", live=lambda: None, on_cancel=cancel, stopping=stop.is_set)
+        settings.folder.mkdir(parents=True, exist_ok=True)
+        reserve = Reserve(settings.folder, RESERVE_BYTES, lambda text: history("reserve", text=text))
+        reserve.take()
+
+        def standing() -> Standing:
+            lacks = reserve.lacks
+            return Standing() if lacks is None else Standing(lacks, takes_offers=False, disk_full=True)
+
+        link = BusLink(
+            access, settings.name, "nominal", live=lambda: None, on_cancel=cancel, stopping=stop.is_set, standing=standing
+        )
         bus = stack.enter_context(link)
         orders = Orders(settings.evidence)
         while not stop.is_set():
             if (accepted := bus.next_lease(0.5)) is not None:
-                _serve(accepted, settings, api, bus, history, orders, keepers)
+                _serve(accepted, settings, api, bus, history, orders, keepers, reserve)
+            reserve.take()
 
 
 def _serve(
@@ -127,13 +143,14 @@ def _serve(
     history: Writes,
     orders: Orders,
     keepers: dict[tuple[str, int], LeaseKeeper],
+    reserve: Reserve,
 ) -> None:
     """One lease, from acceptance to outcome."""
     lease = accepted.lease
     about = {"trial": lease.trial_id, "fence": lease.fence}
     late_s = time.monotonic() - accepted.at_s
     history("accepted", lease_s=lease.lease_s - late_s, **about)
-    log = settings.evidence / f"{settings.name}.log"
+    log = settings.folder / "trial.log"
     try:
         with contextlib.ExitStack() as held:
             keeper = held.enter_context(LeaseKeeper(api, lease, accepted.at_s))
@@ -145,8 +162,11 @@ def _serve(
                 if keeper.cancelled:
                     api.bring(lease, _outcome(OutcomeKind.CANCELLED), None)
                 return
+            reserve.shrink_to(0)
             log.write_bytes(lease.seed.to_bytes(8) + lease.trial_id.encode() + bytes(settings.log_bytes))
             digest = api.upload_log(lease, log)
+            log.unlink()
+            reserve.take()
             if orders.take("late", settings.name):
                 history("late", **about)
                 held.close()  # nobody renews the lease any more
@@ -157,9 +177,20 @@ def _serve(
                 api.bring(lease, outcome, digest)
     except (LeaseRefusedError, ApiUnreachableError, RuntimeError) as error:
         history("gave-up", because=str(error)[:300], **about)
+    except OSError as error:
+        if not is_full(error):
+            raise
+        history("gave-up", because=str(error), **about)
+        _give_back(api, lease)
     finally:
         keepers.clear()
         bus.free(lease)
+
+
+def _give_back(api: WatchedLink, lease: Lease) -> None:
+    """The robot's disk is full: nobody is to be blamed for that."""
+    with contextlib.suppress(LeaseRefusedError, ApiUnreachableError, RuntimeError):
+        api.bring(lease, _outcome(OutcomeKind.OUT_OF_SPACE), None)
 
 
 def _act(lease: Lease, trial_s: float, keeper: LeaseKeeper, history: Writes) -> str | None:

@@ -8,7 +8,7 @@ from experiments.agreement import training_of
 from experiments.design import Experiment, Training
 
 QUICK_PPO = {"robots": 64, "steps": 16, "minibatch": 512}
-QUICK_SAMPLES = 4096
+QUICK_SAMPLES = 2048
 
 
 def quick_form(experiment: Experiment) -> Experiment:
@@ -51,7 +51,7 @@ def _quick_training(training: Training | None) -> Training | None:
 def _quick_recipe(full: Mapping[str, Any]) -> dict[str, Any]:
     recipe = dict(full) | {
         "samples": QUICK_SAMPLES,
-        "evaluation": {"every_samples": QUICK_SAMPLES // 2, "trials": 4, "physics": ["nominal"], "final_trials": 2},
+        "evaluation": {"every_samples": QUICK_SAMPLES, "trials": 2, "physics": ["nominal"], "final_trials": 1},
     }
     if "imitation" in recipe:
         return recipe | {"imitation": dict(recipe["imitation"]) | {"robots": 32, "updates": 2, "batch": 256, "least_memory": 512}}

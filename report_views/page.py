@@ -18,6 +18,7 @@ from api_schemas.scene_form import told_forms
 from api_schemas.signature import Signature
 from api_schemas.tolerance import ANGLE_TOLERANCE_RAD, POSITION_TOLERANCE_M
 from api_schemas.trial import Fault, OutcomeKind
+from api_schemas.visible import visible
 from report_views import error_axis
 
 MAKER = "trifarm report page 2"
@@ -264,4 +265,4 @@ def _percent(fraction: float) -> str:
 
 
 def _text(value: object) -> str:
-    return escape(str(value), quote=True)
+    return escape(visible(str(value)), quote=True)

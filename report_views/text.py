@@ -6,6 +6,7 @@ from api_schemas.physics import ObjectName
 from api_schemas.report import BetweenRobots, ExcitationRow, FaultRow, IdentificationReport, Report, TimingRow, TrialRow
 from api_schemas.scene_form import told_forms
 from api_schemas.trial import Fault, OutcomeKind
+from api_schemas.visible import visible
 
 WIDTH = 100
 REASON_WIDTH = 44
@@ -14,7 +15,7 @@ REASON_WIDTH = 44
 def render(report: Report | IdentificationReport) -> str:
     """The whole report: rate and intervals first, then robots, trials, and apart from them the platform's faults."""
     lines = _lines(report) if isinstance(report, Report) else _identification(report)
-    return "\n".join(line[:WIDTH].rstrip() for line in lines) + "\n"
+    return "\n".join(visible(line)[:WIDTH].rstrip() for line in lines) + "\n"
 
 
 def _lines(report: Report) -> Iterator[str]:

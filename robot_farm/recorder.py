@@ -33,6 +33,7 @@ class Recorder:
     def __init__(self, writer: TrialLogWriter, truth: TrialLogWriter | None = None, shape: Shape = CUBE) -> None:
         self._writer, self._truth, self._shape = writer, truth, shape
         self._segments: list[Segment] = []
+        self._asked: list[tuple[int, np.ndarray, np.ndarray, int]] = []
         self._reports: list[TrackedPose] = []
         self._steps = 0
         self._tracked: TrackedPose | None = None
@@ -62,7 +63,7 @@ class Recorder:
     def record(self, period: Period, inference_time_ns: int, temperature_rise_k: np.ndarray | None = None) -> None:
         """One control period of a policy, and the temperature of the motors after it, shape (9,), K."""
         self._make_room(period.segment)
-        self._writer.policy_step(period.segment.first_step, period.observation[0], period.action[0], inference_time_ns)
+        self._asked.append((period.segment.first_step, period.observation[0], period.action[0], inference_time_ns))
         self._add(period.segment, period.tracked, temperature_rise_k)
 
     def record_command(
@@ -79,6 +80,8 @@ class Recorder:
         if not self._segments:
             return
         first = self._segments[0].first_step
+        if self._asked:
+            self._writer.policy_steps(*map(np.array, zip(*self._asked, strict=True)))
         self._write_measured(first)
         for tracked in self._reports:
             self._write_tracked(tracked)
@@ -86,7 +89,7 @@ class Recorder:
         self._write_cube(first)
         if self._truth is not None:
             self._write_truth(self._truth, first)
-        self._segments, self._reports, self._steps = [], [], 0
+        self._segments, self._asked, self._reports, self._steps = [], [], [], 0
         self._writer.flush()
 
     def _make_room(self, segment: Segment) -> None:

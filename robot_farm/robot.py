@@ -4,6 +4,7 @@ import contextlib
 import functools
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from api_schemas.builtin_policies import BUILTIN_NAMES
@@ -19,17 +20,27 @@ from robot_farm.hidden_physics import HiddenPhysics, farm_secret
 from robot_farm.ideal_life import IdealLife
 from robot_farm.life import Life, OutOfServiceError
 from robot_farm.link.admission import asked_until_answered, renewed
-from robot_farm.link.api_link import ApiLink, ApiUnreachableError, LeaseRefusedError, Patience, TokenEndedError, own_token
+from robot_farm.link.api_link import (
+    PART_BYTES,
+    ApiLink,
+    ApiUnreachableError,
+    LeaseRefusedError,
+    Patience,
+    TokenEndedError,
+    own_token,
+)
 from robot_farm.link.bus_access import Access, ask_access
 from robot_farm.link.bus_link import Accepted, BusLink
 from robot_farm.link.lease_keeper import CANCELLED, LeaseKeeper, TrialStoppedError
-from robot_farm.link.outage import Outage
+from robot_farm.link.outage import Outage, Standing
 from robot_farm.policy.jail import BUILTIN_PROCESS, POLICY_PROCESS, JailedPolicy
+from robot_farm.reserve import Reserve
 from robot_farm.run import Progress, live_state
 from robot_farm.settings import Settings
 from robot_farm.trial import run_trial
 from robot_farm.truth import TruthFile, truth_channels
 from sim_backend.trifinger.form import scene_form
+from trial_logs.disk import is_full
 
 IDLE_WAIT_S = 5.0
 """Between two looks at what happens seldom: certificates that end, an API that is back."""
@@ -60,6 +71,7 @@ class Robot:
         self._lease: Lease | None = None
         self._keeper: LeaseKeeper | None = None
         self._outage = Outage(say)
+        self._reserve = Reserve(self._folder, settings.reserve_bytes, say)
         self._progress = Progress()
         self._watched = WatchedHealth(lambda: self._progress, self._life)
 
@@ -71,6 +83,7 @@ class Robot:
         """
         with contextlib.ExitStack() as stack:
             self._test(stop)
+            self._reserve.take()
             token = asked_until_answered(self._own_token, stop, self._say)
             if token is None:
                 return
@@ -95,7 +108,7 @@ class Robot:
                     stopping=stop.is_set,
                     jail=JailReport.of(self._jail),
                     health=self._watched.health,
-                    standing=self._outage.standing,
+                    standing=self._standing,
                     alive_file=self._settings.alive_file,
                 )
             )
@@ -108,6 +121,7 @@ class Robot:
                 elif bus.resume_asked():
                     self._test(stop)
                     bus.out_of_service(self._unfit)
+                self._reserve.take()
                 self._outage.look(lambda: api.try_out(self._name))
                 access = renewed(access, ask, bus, self._say)
 
@@ -133,8 +147,7 @@ class Robot:
                     raise keeper.token_ended
                 if outcome is not None:  # files first, outcome last
                     patience = self._outage.patience(keeper, stop)
-                    truth_digest = api.upload_truth(lease, truth, patience) if truth.exists() else None
-                    digest = api.upload_log(lease, log, patience) if log.exists() else None
+                    truth_digest, digest = self._bring_files(lease, api, truth, log, patience)
                     bus.finishing()
                     api.report_outcome(lease, outcome, digest, truth_digest, patience)
                     self._outage.came_home()
@@ -149,13 +162,39 @@ class Robot:
         except Exception as error:
             self._say(f"trial {lease.trial_id}, attempt {lease.fence}: {type(error).__name__}: {error}")
             reason = f"{self._name} could not deliver its outcome: {type(error).__name__}: {error}"
-            self._report(lease, api, OutcomeKind.PLATFORM_ERROR, reason)
+            self._report(lease, api, _kind_of(error), reason)
         finally:
             self._outage.ended()
             self._lease = self._keeper = None
             for file in (log, truth):
                 file.unlink(missing_ok=True)
+            self._reserve.take()
             bus.free(lease)
+
+    def _bring_files(
+        self, lease: Lease, api: ApiLink, truth: Path, log: Path, patience: Patience
+    ) -> tuple[str | None, str | None]:
+        """Truth and log come home, and the robot takes its reserve anew: from the outcome on the next offer may come."""
+
+        def gives_way(error: ApiUnreachableError | None) -> bool:
+            self._reserve.give_way(PART_BYTES)  # of what is sent, services on this disk write as much
+            return patience(error)
+
+        digests = (
+            api.upload_truth(lease, truth, gives_way) if truth.exists() else None,
+            api.upload_log(lease, log, gives_way) if log.exists() else None,
+        )
+        for file in (log, truth):
+            file.unlink(missing_ok=True)
+        self._reserve.take()
+        return digests
+
+    def _standing(self) -> Standing:
+        """How the robot stands with the API and with its disk."""
+        standing, lacks = self._outage.standing(), self._reserve.lacks
+        if lacks is None or not standing.takes_offers:
+            return standing
+        return replace(standing, reason=lacks, takes_offers=False, disk_full=True)
 
     def _attempt(
         self, lease: Lease, api: ApiLink, keeper: LeaseKeeper, log: Path, truth: TruthFile, stop: threading.Event
@@ -163,6 +202,7 @@ class Robot:
         """The outcome to report, or None when the lease is lost and nobody would listen."""
 
         def stop_reason() -> str | None:
+            self._reserve.follow(log, truth.path)
             return "the robot is being stopped" if stop.is_set() else keeper.stop_reason()
 
         try:
@@ -195,7 +235,7 @@ class Robot:
             self._end_policy()
             self._life.forget()
             self._say(f"trial {lease.trial_id}, attempt {lease.fence}: {type(error).__name__}: {error}")
-            return _ended(OutcomeKind.PLATFORM_ERROR, f"{type(error).__name__}: {error}")
+            return _ended(_kind_of(error), f"{type(error).__name__}: {error}")
         if FAULT_OF[outcome.kind] is not Fault.NONE:
             self._end_policy()  # never trusted with another trial in the same process
         return outcome
@@ -280,6 +320,11 @@ def _wake_at(stop: threading.Event, bus: BusLink) -> None:
     """Has a robot that waits for a lease notice at once that it is to stop; for a thread of its own."""
     stop.wait()
     bus.wake()
+
+
+def _kind_of(error: Exception) -> OutcomeKind:
+    """What an attempt that failed by this error ends with: a full disk is no fault of the robot's."""
+    return OutcomeKind.OUT_OF_SPACE if is_full(error) else OutcomeKind.PLATFORM_ERROR
 
 
 def _ended(kind: OutcomeKind, reason: str) -> Outcome:

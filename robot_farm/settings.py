@@ -10,6 +10,7 @@ from api_schemas.physics import NOMINAL, physics_name
 from jail.level import JailLevel
 from robot_farm.checking import check_robots
 from robot_farm.faults import FORM, Fault, parse_fault
+from robot_farm.reserve import TRIAL_BYTES
 from sim_backend.effects.ranges import load_ranges
 
 FARM_SEED_VARIABLE = "TRIFARM_FARM_SEED"
@@ -17,7 +18,10 @@ FARM_SEED_VARIABLE = "TRIFARM_FARM_SEED"
 TOKEN_VARIABLE = "TRIFARM_ROBOT_TOKEN"  # noqa: S105 - the name of a variable, not a secret
 NOT_TAKEN = 77
 """Exit code of a robot that the farm does not take (``EX_NOPERM`` of ``sysexits.h``)."""
+NO_ROOM = 73
+"""Exit code of a robot that could not begin on a full disk (``EX_CANTCREAT``)."""
 CA_VARIABLE = "TRIFARM_CA"
+RESERVE_VARIABLE = "TRIFARM_ROBOT_RESERVE_BYTES"
 ALIVE_VARIABLE = "TRIFARM_ALIVE_FILE"
 JAIL_LEVEL_VARIABLE = "TRIFARM_JAIL_LEVEL"
 DATA = "robot-data"
@@ -59,6 +63,8 @@ class Settings:
     """A robot whose policies cannot be shut in as closely as this is out of service."""
     alive_file: Path | None = None
     """Touched with each heartbeat, for the health check of a container."""
+    reserve_bytes: int = TRIAL_BYTES
+    """What a robot keeps free on its disk for its next trial."""
 
     def robot_folder(self, robot: str) -> Path:
         """Where a robot keeps the policies it fetched and the log it is writing."""
@@ -129,6 +135,7 @@ def parse(arguments: list[str]) -> Settings:
         jail_level=JailLevel(options.jail_level),
         ca=options.ca,
         alive_file=Path(alive) if (alive := os.environ.get(ALIVE_VARIABLE)) else None,
+        reserve_bytes=options.reserve_bytes,
     )
     if settings.robot is None and settings.first is not None:  # a single robot is told everybody's faults
         try:
@@ -176,6 +183,9 @@ def _parser() -> argparse.ArgumentParser:
     jail = f"serve only where the jail of policies reaches this level (default: {JAIL_LEVEL_VARIABLE}, or {JailLevel.LIMITS})"
     levels, usual = [level.value for level in JailLevel], os.environ.get(JAIL_LEVEL_VARIABLE, JailLevel.LIMITS.value)
     parser.add_argument("--jail-level", choices=levels, default=usual, help=jail)
+    reserve = f"what each robot keeps free on its disk for a trial; 0: nothing (default: {RESERVE_VARIABLE}, or {TRIAL_BYTES})"
+    kept = os.environ.get(RESERVE_VARIABLE, str(TRIAL_BYTES))
+    parser.add_argument("--reserve-bytes", type=_count, default=kept, metavar="BYTES", help=reserve)
     every = f"trials from one self-test to the next (default {SELF_TEST_EVERY})"
     parser.add_argument("--self-test-every", type=int, default=SELF_TEST_EVERY, help=every)
     return parser
@@ -186,6 +196,12 @@ def _first(text: str) -> int | None:
         return None
     if not (text.isascii() and text.isdigit()):
         raise argparse.ArgumentTypeError(f"{text!r} is neither a whole number of 0 or more nor {FREE!r}")
+    return int(text)
+
+
+def _count(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) <= 15):
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number of bytes of 0 or more")
     return int(text)
 
 

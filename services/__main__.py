@@ -14,9 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import structlog
+from pydantic import ValidationError
 
 from jail.level import JailLevel
 from services.settings import Settings
+from trial_logs.disk import lose_words_rather_than_end
 
 PRIVATE = 0o077
 PR_SET_PDEATHSIG = 1
@@ -50,12 +52,28 @@ def parsed(arguments: list[str]) -> tuple[str, Settings]:
     bus_key.add_argument("--data", type=Path, help="folder with the farm's key, where TRIFARM_FARM_KEY is not set")
     given = {name: value for name, value in vars(parser.parse_args(arguments)).items() if value is not None}
     command = given.pop("command")
-    return command, Settings(**given)
+    if command == "bus-key":  # it goes on no bus, whatever this shell says of one
+        given |= {"bus_connect": None, "bus_addresses": None}
+    try:
+        return command, Settings(**given)
+    except ValidationError as error:
+        parser.error(_wrong(error))
+
+
+def _wrong(error: ValidationError) -> str:
+    """What cannot be used, by the names of the variables; their values may be secret."""
+    found = []
+    for each in error.errors(include_url=False, include_context=False, include_input=False):
+        name = "_".join(str(part) for part in each["loc"])
+        said = each["msg"].removeprefix("Value error, ")
+        found.append(f"TRIFARM_{name.upper()}: {said[:1].lower()}{said[1:]}" if name else said)
+    return "; ".join(found)
 
 
 def main() -> None:
     """Runs until told to stop."""
     command, settings = parsed(sys.argv[1:])
+    lose_words_rather_than_end()
     os.umask(PRIVATE)  # database, policies, logs and the truth are for this user alone
     _end_with_parent()
     return_freed_memory()

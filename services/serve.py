@@ -1,10 +1,12 @@
 """The composition: opens everything one services process needs, serves until told to stop, closes it all again."""
 
 import asyncio
+import functools
 import json
 import os
 import socket
 import time
+from asyncio import sslproto
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from importlib.metadata import version
@@ -19,15 +21,20 @@ from api_schemas.token import Scope, TokenRequest
 from jail.detection import detect
 from services.api.app import create_app
 from services.api.farm import Farm
-from services.connection import connection
+from services.api.rate_limits import Limits
+from services.connection import TLS_BUFFER_BYTES, connection
 from services.dashboard.mount import mount
+from services.dashboard.sessions import EndedSessions
 from services.database.database import Database, address, migrate
+from services.database.sqlite import is_full_sqlite
+from services.disk import Disk
 from services.dispatcher.bus import Bus
 from services.dispatcher.dispatcher import Dispatcher, Metrics
 from services.errors import NotReady, ServiceError
 from services.files.homes import open_home
 from services.files.store import FileStore
 from services.folder_lock import held
+from services.hosts import Hosts, allowed_hosts
 from services.jobs import lease, robots
 from services.jobs.clock import FarmClock
 from services.jobs.fleet import Fleet
@@ -36,11 +43,13 @@ from services.joining.session import session_config
 from services.policies.keeping import Policies
 from services.router import told_to_stop
 from services.settings import Settings
+from services.sharing import add_asked, all_signed_out, forget_old
 from services.signing import FarmKey
 from services.tokens import Tokens, new_bearer
 from services.upkeep import retention
 from services.upkeep.retention import Rules
 from services.webhooks.delivery import LOOK_EVERY_S, Deliverer
+from trial_logs.disk import is_full
 
 log = structlog.get_logger()
 ADMIN = TokenRequest(owner="operator", scopes=(Scope.ADMIN,))
@@ -48,6 +57,7 @@ ROBOT = TokenRequest(owner="farm", scopes=(Scope.ROBOT,))
 TOKENS_FILE = "tokens.json"
 REQUESTS_END_WITHIN_S = 2
 TIDY_EVERY_S = 3600.0
+SHARE_EVERY_S = 0.5
 FOLLOW_EVERY_S = 10.0
 """How often the clock of a shared database is read again: clocks of two machines part by less than 1 ms in that time."""
 SILENT_AT_MOST_S = 12
@@ -63,15 +73,41 @@ VANISHED = (
 
 
 class Server(uvicorn.Server):
-    """uvicorn without its signal handlers: this process has its own order of ending."""
+    """uvicorn without its signal handlers: this process has its own order of ending.
+
+    Args:
+        config: uvicorn's.
+        handshake_within_s: a connection over TLS that has not shaken hands by then is closed.
+    """
+
+    def __init__(self, config: uvicorn.Config, handshake_within_s: float) -> None:
+        super().__init__(config)
+        self._handshake_within_s = handshake_within_s
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Listens so that a connection whose other side is gone without a word ends, and with it a stream that waits."""
-        await super().startup(sockets)
+        with self._bounded_tls():
+            await super().startup(sockets)
         for listening in (each for server in getattr(self, "servers", ()) for each in server.sockets):
             for level, name, value in VANISHED:
                 if hasattr(socket, name):
                     listening.setsockopt(level, getattr(socket, name), value)  # those that it accepts have them from it
+
+    @contextmanager
+    def _bounded_tls(self) -> Iterator[None]:
+        """Uvicorn hands neither the time of a handshake (asyncio waits a minute) nor the size of a buffer on."""
+        if not self.config.is_ssl:
+            yield
+            return
+        sslproto.SSLProtocol.max_size = TLS_BUFFER_BYTES
+        loop = asyncio.get_running_loop()
+        create = loop.create_server
+        bounded = functools.partial(create, ssl_handshake_timeout=self._handshake_within_s)
+        loop.create_server = bounded  # pyright: ignore[reportAttributeAccessIssue]
+        try:
+            yield
+        finally:
+            loop.create_server = create  # pyright: ignore[reportAttributeAccessIssue]
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -84,8 +120,9 @@ async def serve(settings: Settings) -> None:
     async with open_farm(settings) as farm, dispatching(farm):
         app = create_app(farm)
         mount(app, farm)
+        sharing = asyncio.create_task(_share(farm, app.state.dashboard_seal.ended, app.state.limits))
         config = uvicorn.Config(
-            app,
+            Hosts(app, allowed_hosts(settings)),
             host=settings.host,
             port=settings.port,
             http=connection(settings.head_within_s),
@@ -98,7 +135,12 @@ async def serve(settings: Settings) -> None:
             ssl_keyfile=settings.tls_key,
             timeout_graceful_shutdown=REQUESTS_END_WITHIN_S,
         )
-        server = Server(config)
+        try:
+            config.load()
+        except OSError as error:  # which ssl.SSLError is
+            files = f"{settings.tls_certificate} and {settings.tls_key}"
+            raise NotReady(f"TRIFARM_TLS_CERTIFICATE and TRIFARM_TLS_KEY name {files}, which cannot be used: {error}") from error
+        server = Server(config, settings.head_within_s)
         watching = asyncio.create_task(_stop_when_told(server, farm.signals))
         log.info("jail", level=farm.jail.level, layers=farm.jail.layers, asked_for=settings.jail_level)
         where = {"host": settings.host, "port": settings.port, "bus": settings.bus, "data": str(settings.data)}
@@ -107,13 +149,48 @@ async def serve(settings: Settings) -> None:
             await server.serve()
         finally:
             watching.cancel()
+            sharing.cancel()
+
+
+async def _share(farm: Farm, ended: EndedSessions, limits: Limits) -> None:
+    """Learns who has signed out, once where nobody else serves this farm, and tells how often who asks where somebody does."""
+    told_away = False
+    while True:
+        try:
+            await _exchange(farm, ended, limits)
+            told_away = False
+        except Exception as error:
+            if not told_away:
+                log.warning("nothing is shared with other processes for now", reason=str(error))
+            told_away = True
+        if not farm.database.is_shared and not told_away:
+            return
+        await asyncio.sleep(SHARE_EVERY_S)
+
+
+async def _exchange(farm: Farm, ended: EndedSessions, limits: Limits) -> None:
+    async with farm.database.read() as connection:
+        for mark, until_s in await all_signed_out(connection, time.time()):
+            ended.add(mark, until_s)
+    if not farm.database.is_shared:
+        return
+    told = {f"{kind} {name}": count for kind, buckets in limits.by_kind().items() for name, count in buckets.tell().items()}
+    if not told:
+        return
+    async with farm.database.write(lasting=False) as tx:
+        totals = await add_asked(tx, told, farm.clock.now_s())
+    for kind, buckets in limits.by_kind().items():
+        own, everywhere = (
+            {name[len(kind) + 1 :]: each[name] for name in each if name.startswith(f"{kind} ")} for each in (told, totals)
+        )
+        buckets.hear(own, everywhere, time.monotonic())
 
 
 async def dispatch(settings: Settings) -> None:
     """Gives leases until told to stop, beside processes that answer requests; they share a database on PostgreSQL."""
     if settings.database_url is None or settings.bus_connect is None:
         raise NotReady("a dispatcher alone shares a database and a bus; set TRIFARM_DATABASE_URL and --bus-connect")
-    async with open_farm(settings) as farm, dispatching(farm):
+    async with open_farm(settings) as farm, dispatching(farm, serves=False):
         log.info("dispatching", bus=settings.bus_connect)
         log.info("stopping", reason=await told_to_stop())
 
@@ -132,11 +209,23 @@ async def open_farm(settings: Settings) -> AsyncIterator[Farm]:
     Raises:
         NotReady: the folder or the database cannot be used.
     """
-    settings.data.mkdir(parents=True, exist_ok=True)
-    url = address(settings.truth_url)
-    with held(settings.data):
-        async with _opened(settings, url) as farm:
-            yield farm
+    with _named_if_full(settings.data):
+        settings.data.mkdir(parents=True, exist_ok=True)
+        url = address(settings.truth_url)
+        with held(settings.data):
+            async with _opened(settings, url) as farm:
+                yield farm
+
+
+@contextmanager
+def _named_if_full(folder: Path) -> Iterator[None]:
+    """Says of a start that a full disk ended which disk it is."""
+    try:
+        yield
+    except (OSError, SQLAlchemyError) as error:
+        if not (is_full(error) or is_full_sqlite(error)):
+            raise
+        raise NotReady(f"the disk of {folder.absolute()} is full; make room there, nothing of the farm is lost") from error
 
 
 @asynccontextmanager
@@ -163,6 +252,7 @@ async def _opened(settings: Settings, url: str) -> AsyncIterator[Farm]:
         verifications=asyncio.Semaphore(settings.verification_at_once),
         jail=await asyncio.to_thread(detect),
         key=FarmKey.of(settings.data, None if settings.farm_key is None else settings.farm_key.get_secret_value()),
+        disk=Disk(settings.data, settings.disk_reserve_bytes),
     )
     try:
         await _first_tokens(settings, farm.tokens)
@@ -223,18 +313,22 @@ async def _follow_clock(farm: Farm) -> None:
 
 async def _tidy(farm: Farm) -> None:
     rules = Rules(farm.settings.keep_logs_days, farm.settings.keep_logs_bytes)
+    async with farm.database.write(lasting=False) as tx:
+        await forget_old(tx, time.time())
     removed = await retention.tidy(farm.database, farm.files, rules, time.time())
     if removed.files:
         log.info("old logs removed", files=removed.files, bytes=removed.bytes)
 
 
 @asynccontextmanager
-async def dispatching(farm: Farm) -> AsyncIterator[Dispatcher]:
-    """Opens the bus and runs the dispatcher beside whatever the block does."""
+async def dispatching(farm: Farm, *, serves: bool = True) -> AsyncIterator[Dispatcher]:
+    """Opens the bus and runs the dispatcher beside whatever the block does; ``serves`` says whether that takes in files."""
     settings = farm.settings
     bus = await Bus.open(session_config(settings, farm.key), settings.farm)
     metrics = Metrics.register(farm.registry)
-    dispatcher = Dispatcher(settings, farm.database, bus, farm.clock, farm.fleet, farm.signals, metrics)
+    # A dispatcher alone keeps nothing in its folder.
+    disk = Disk(settings.data, settings.disk_reserve_bytes if serves else 0)
+    dispatcher = Dispatcher(settings, farm.database, bus, farm.clock, farm.fleet, farm.signals, metrics, disk)
     running = asyncio.create_task(dispatcher.run())
     try:
         yield dispatcher

@@ -65,8 +65,14 @@ class Settings(BaseSettings):
     anonymous_requests_per_s: float = Field(default=10.0, ge=0, description="of one address without a token that is known good")
     head_within_s: float = Field(default=10.0, gt=0, description="a connection on which no head of a request comes is closed")
     body_stall_s: float = Field(default=30.0, gt=0, description="a request of whose body nothing comes for so long is refused")
+    hosts: str | None = Field(
+        default=None, description="names under which the services may be asked, by commas; usual: on loopback its names, else any"
+    )
     trusted_proxies: str | None = Field(default=None, description="addresses whose X-Forwarded-For is believed, by commas")
     max_log_bytes: int = Field(default=1024**3, gt=0)
+    disk_reserve_bytes: int = Field(
+        default=8 * 1024**2, ge=0, description="with less free in the data folder nothing new is accepted, what runs is finished"
+    )
     conversion_deadline_s: float = Field(default=60.0, gt=0)
     verification_deadline_s: float = Field(default=120.0, gt=0)
     verification_upload_s: float = Field(default=120.0, gt=0, description="how long a log to be verified may take to arrive")

@@ -1,11 +1,11 @@
 """From what a robot measures to the vector a policy sees, field by field as its manifest names them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from api_schemas.observation import Term, fields_of, term_of
+from api_schemas.observation import Term, fields_of, sizes_of, term_of
 from sim_backend.driver.driver import Measurement
 from sim_backend.driver.tracker import TrackedPose
 from sim_backend.tasks.keypoints import cube_keypoints_world_m
@@ -82,14 +82,19 @@ class ObservationBuilder:
     """
 
     def __init__(self, names: Sequence[str]) -> None:
-        self._terms = [term_of(name) for name in names]
+        terms = [term_of(name) for name in names]
         self._fields = fields_of(names)
-        self._changing = frozenset(self._fields) - CONSTANT_IN_A_TRIAL - CHANGES_WITH_TRACKER
-        self._parts: dict[str, np.ndarray] = {}
+        late = [(term.field, max(term.periods_ago)) for term in terms if term.field is not None and max(term.periods_ago)]
+        self._past = {name: Past(max(ago for other, ago in late if other == name)) for name, _ in late}
+        ends = np.cumsum(sizes_of(names)).tolist()
+        places = list(zip(terms, map(slice, [0, *ends[:-1]], ends), strict=True))
+        self._size = ends[-1]
+        self._of_tracker = self._of(places, CHANGES_WITH_TRACKER)
+        self._constant = self._of(places, CONSTANT_IN_A_TRIAL | {None})
+        self._changing = self._of(places, frozenset(FIELDS) - CHANGES_WITH_TRACKER - CONSTANT_IN_A_TRIAL)
+        self._built = np.empty((0, self._size))
         self._tracked: TrackedPose | None = None
         self._goal: Goal | None = None
-        late = [(term.field, max(term.periods_ago)) for term in self._terms if term.field is not None and max(term.periods_ago)]
-        self._past = {name: Past(max(ago for other, ago in late if other == name)) for name, _ in late}
 
     @property
     def feels(self) -> bool:
@@ -98,30 +103,39 @@ class ObservationBuilder:
 
     def build(self, sight: Sight) -> np.ndarray:
         """The observation, shape (n, size), float64."""
-        stale = self._changing
-        if sight.tracked is not self._tracked:
-            stale = stale | CHANGES_WITH_TRACKER
-        if sight.goal is not self._goal:
-            stale = stale | CONSTANT_IN_A_TRIAL
-        parts = self._parts
-        for name in self._fields:
-            if name in stale or name not in parts:
-                parts[name] = FIELDS[name](sight)
-        self._tracked, self._goal = sight.tracked, sight.goal
+        if len(self._built) != len(sight.previous_action):
+            self._built = np.empty((len(sight.previous_action), self._size))
+            self._tracked = self._goal = None
+        built = self._built
         for name, past in self._past.items():
-            past.keep(parts[name], sight.step)
-        return np.concatenate([self._shown(term, len(sight.step)) for term in self._terms], axis=1)
+            past.keep(FIELDS[name](sight), sight.step)
+        for value, place in self._changing:
+            built[:, place] = value(sight)
+        if sight.tracked is not self._tracked or self._past:
+            for value, place in self._of_tracker:
+                built[:, place] = value(sight)
+        if sight.goal is not self._goal or self._past:
+            for value, place in self._constant:
+                built[:, place] = value(sight)
+        self._tracked, self._goal = sight.tracked, sight.goal
+        return built.copy()
 
-    def _shown(self, term: Term, robots: int) -> np.ndarray:
+    def _of(
+        self, places: list[tuple[Term, slice]], fields: Collection[str | None]
+    ) -> list[tuple[Callable[[Sight], np.ndarray], slice]]:
+        """Those of the terms that show these fields, each as a function with its place in the vector."""
+        return [(self._shown(term), place) for term, place in places if term.field in fields]
+
+    def _shown(self, term: Term) -> Callable[[Sight], np.ndarray]:
         if term.field is None:
-            return np.tile(term.constant, (robots, 1))
+            return lambda _: np.array(term.constant)
+        field, columns = FIELDS[term.field], slice(term.numbers.start, term.numbers.stop)
         if term.is_whole:
-            return self._parts[term.field]
-        columns = slice(term.numbers.start, term.numbers.stop)
-        if term.field not in self._past:
-            return self._parts[term.field][:, columns]
-        values = self._past[term.field].values
-        return np.concatenate([values[:, ago, columns] for ago in term.periods_ago], axis=1)
+            return field
+        if max(term.periods_ago) == 0:
+            return lambda sight: np.concatenate([field(sight)[:, columns] for _ in term.periods_ago], axis=1)
+        past = self._past[term.field]
+        return lambda _: np.concatenate([past.values[:, ago, columns] for ago in term.periods_ago], axis=1)
 
 
 class Past:

@@ -45,7 +45,7 @@ class FixedMessage:
         encoded = encode(markers)
         self._template = np.frombuffer(encoded, np.uint8)
         places = [_only_place(encoded, np.float64(value).tobytes()) for value in markers]
-        self._double_bytes = np.array([HEADER_BYTES + place + byte for place in places for byte in range(8)], dtype=np.intp)
+        self._doubles, self._runs = doubles, _runs([HEADER_BYTES + place for place in places])
         stamp = b"\x08" + _varint(MARKER_SECONDS) + b"\x10" + _varint(MARKER_NANOS)
         self._stamps = [HEADER_BYTES + place for place in _all_places(encoded, stamp)]
 
@@ -65,9 +65,10 @@ class FixedMessage:
         """
         rows = room_for(len(values), len(self._template))
         rows[:, HEADER_BYTES:] = self._template
-        rows[:, self._double_bytes] = (
-            np.ascontiguousarray(values, dtype=np.float64).view(np.uint8).reshape(len(values), len(self._double_bytes))
-        )
+        given = np.asarray(values, dtype=np.float64).reshape(len(values), self._doubles)
+        for first, count, place, pitch in self._runs if len(values) else ():
+            shape, strides = (len(values), count), (rows.strides[0], pitch)
+            np.ndarray(shape, "<f8", rows, place, strides)[:] = given[:, first : first + count]
         if self._stamps:
             stamp = _stamp_bytes(time_ns)
             for place in self._stamps:
@@ -84,6 +85,17 @@ def _stamp_bytes(time_ns: np.ndarray) -> np.ndarray:
     out[:, 0], out[:, 1], out[:, 2] = 0x08, seconds, 0x10
     out[:, 3:] = nanos[:, None] >> _SHIFTS & 0x7F | _CONTINUES
     return out
+
+
+def _runs(places: list[int]) -> list[tuple[int, int, int, int]]:
+    """Doubles that follow each other at one distance, to be written at once: first of them, count, place and distance."""
+    runs, first = [], 0
+    for index in range(1, len(places) + 1):
+        pitch = places[first + 1] - places[first] if first + 1 < len(places) else 8
+        if index == len(places) or places[index] - places[index - 1] != pitch:
+            runs.append((first, index - first, places[first], pitch))
+            first = index
+    return runs
 
 
 def _only_place(encoded: bytes, wanted: bytes) -> int:

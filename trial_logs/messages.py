@@ -8,6 +8,7 @@ import numpy as np
 from foxglove import messages as fm
 from google.protobuf import descriptor_pb2
 
+from trial_logs.block_writer import HEADER_BYTES, room_for
 from trial_logs.fixed_message import MARKER_NANOS, MARKER_SECONDS
 
 WORLD_FRAME = "world"
@@ -73,6 +74,19 @@ def encode_command(values: list[float]) -> bytes:
 def encode_motors(values: list[float]) -> bytes:
     """Temperatures of nine motors."""
     return packed(1, np.array(values).tobytes())
+
+
+def encode_policy_steps(observation: np.ndarray, action: np.ndarray, inference_time_ns: np.ndarray) -> np.ndarray:
+    """Messages of a policy, as ``room_for`` gives them: observations (n, size), as float32, actions (n, 9) and times (n,)."""
+    parts, n = (observation.astype("<f4"), action.astype("<f8"), inference_time_ns.astype("<u8")[:, None]), len(action)
+    begins = (*(packed(number, part[0].tobytes())[: -part[0].nbytes] for number, part in enumerate(parts[:2], start=1)), b"\x19")
+    rows = room_for(n, sum(len(begin) + part[0].nbytes for begin, part in zip(begins, parts, strict=True)))
+    place = HEADER_BYTES
+    for begin, part in zip(begins, parts, strict=True):
+        for content in (np.frombuffer(begin, np.uint8), part.view(np.uint8).reshape(n, -1)):
+            rows[:, place : place + content.shape[-1]] = content
+            place += content.shape[-1]
+    return rows
 
 
 def _marked_stamp() -> fm.Timestamp:

@@ -23,11 +23,11 @@ from trial_logs.messages import (
     encode_command,
     encode_joint_states,
     encode_motors,
+    encode_policy_steps,
     encode_pose,
     encode_torque,
     encode_transforms,
     motors_schema,
-    packed,
     policy_step_schema,
     torque_schema,
     tracker_schema,
@@ -187,15 +187,9 @@ class TrialLogWriter:
         values = np.concatenate([position_world_m, quat_wxyz])[None]
         self._rows(GOAL, values, np.zeros(1))
 
-    def policy_step(self, step: int, observation: np.ndarray, action: np.ndarray, inference_time_ns: int) -> None:
-        """What the policy saw, what it asked for and how long it took."""
-        encoded = (
-            packed(1, observation.astype(np.float32).tobytes())
-            + packed(2, action.astype(np.float64).tobytes())
-            + b"\x19"
-            + inference_time_ns.to_bytes(8, "little")
-        )
-        self._writer.message(POLICY, encoded, step * STEP_NS)
+    def policy_steps(self, steps: np.ndarray, observation: np.ndarray, action: np.ndarray, inference_time_ns: np.ndarray) -> None:
+        """What the policy saw, what it asked for and how long it took; shapes (n,), (n, size), (n, 9) and (n,)."""
+        self._writer.rows(POLICY, encode_policy_steps(observation, action, inference_time_ns), steps * STEP_NS)
 
     def message(self, topic: str, step: int, encoded: bytes) -> None:
         """One encoded message of a channel that is written rarely (scenes, fixed transforms)."""

@@ -10,6 +10,7 @@ import zenoh
 from api_schemas import bus
 from chaos.farm import HOST
 from chaos.faults.fault import Fault, Scene, needs_isolation, now_s
+from chaos.history import Line
 from chaos.processes import DidNotHappen
 
 FAKETIME = "faketime/libfaketimeMT.so.1"
@@ -19,15 +20,17 @@ BALLAST_BYTES = 1 << 20
 
 
 def full_disk(scene: Scene) -> str:
-    """The disk of database, files and logs has no byte left for a while."""
+    """The disk of database, files, robots and everybody's words has no byte left for a while."""
     farm, since_s = scene.farm, now_s()
     ballast = farm.disk / "ballast"
+    named: list[str] = []
     fill(ballast)
     try:
-        ends_s = now_s() + scene.lasting(30, 6)
+        ends_s = now_s() + scene.lasting(30, 8)
         while now_s() < ends_s:
             fill(ballast)
             time.sleep(0.5)
+            named += [said for said in (farm.ask("GET", "/v1/status") or {"problems": []})["problems"] if "disk" in said]
     finally:
         ballast.unlink()
     freed_s = now_s()
@@ -35,11 +38,23 @@ def full_disk(scene: Scene) -> str:
     ended = farm.start_the_ended()
     scene.whole_again()
     scene.wait_for_line(freed_s, lambda line: line.did == "took", 60, "an outcome to be taken again")
-    if not refused:
-        raise DidNotHappen("a request that was refused for the full disk")
+    resumed = [line.more["because"] or "" for line in scene.lines_since(since_s) if line.did == "resumed"]
+    blamed = [because for because in resumed if "disk" not in because]
+    _check_full(refused, [name for name in ended if name in (*farm.services, *farm.robots, "router")], blamed, named)
     problems = sorted({f"{line.more['status']} {line.more['problem']}" for line in refused})
     again = f" once {', '.join(ended)} had been started again" if ended else " by itself"
-    return f"{len(refused)} requests answered {', '.join(problems)}; freed, work went on{again}"
+    return f"{len(refused)} requests answered {', '.join(problems)}; status: {named[0]}; freed, work went on{again}"
+
+
+def _check_full(refused: list[Line], ended: list[str], blamed: list[str], named: list[str]) -> None:
+    if not refused:
+        raise DidNotHappen("a request that was refused for the full disk")
+    if ended:
+        raise DidNotHappen(f"{', '.join(ended)} to outlive a full disk")
+    if blamed:
+        raise DidNotHappen(f"that no robot is blamed for a full disk ({blamed[0]})")
+    if not named:
+        raise DidNotHappen("a status that names the full disk")
 
 
 def fill(ballast: Path) -> None:
@@ -148,7 +163,7 @@ def _needs_faketime(_scene: Scene) -> str | None:
 
 
 SURROUNDINGS = (
-    Fault("full-disk", "the disk of database, files and logs is full", full_disk, needs_isolation),
+    Fault("full-disk", "the disk of database, files, robots and logs is full", full_disk, needs_isolation),
     Fault("cut-bus", "the bus between services and robots is cut", cut_bus, needs_isolation),
     Fault("lossy-bus", "the bus between services and robots loses 30 % of its packets", lossy_bus, needs_isolation),
     Fault("nonsense-on-bus", "messages on the bus that are none", nonsense_on_bus),

@@ -28,6 +28,7 @@ class Method(StrEnum):
 
     NAMING = "naming"
     ROLLOUTS = "rollouts"
+    TORQUES = "torques"
     SIMOPT = "simopt"
     COORDINATE_DESCENT = "coordinate-descent"
 
@@ -42,7 +43,10 @@ def study(
     out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results; by default gap-NAME.")] = None,
     method: Annotated[
         Method,
-        typer.Option("--method", help="naming and rollouts name causes, by torques or by motions; the others only calibrate."),
+        typer.Option(
+            "--method",
+            help="naming asks torques and simulated motions, rollouts and torques one alone; the others only calibrate.",
+        ),
     ] = Method.NAMING,
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the study; by default 0.")] = None,
     trials: Annotated[

@@ -15,6 +15,7 @@ from rich.text import Text
 from api_schemas.job import Job, JobState
 from api_schemas.robot import Robot, RobotState
 from api_schemas.status import FarmStatus
+from api_schemas.visible import visible
 from client_cli.connection.api_client import ApiClient
 from client_cli.connection.settings import load_connection
 from client_cli.terminal.errors import ServerAway
@@ -93,7 +94,7 @@ def view(seen: Seen) -> RenderableType:
     )
     oldest = "" if status.oldest_queued_s is None else f", the oldest job waits for {duration(status.oldest_queued_s)}"
     queue = Text(f"{status.trials_running} trials running, {status.trials_queued} queued{oldest}")
-    problems = [Text(f"! {problem}", style="red") for problem in status.problems]
+    problems = [Text(visible(f"! {problem}"), style="red") for problem in status.problems]
     return Group(head, queue, *problems, Text(), _robots(seen.robots), Text(), _jobs(seen.jobs))
 
 
@@ -121,9 +122,9 @@ def _robots(robots: tuple[Robot, ...]) -> Table:
             "-" if rise_k is None else f"+{rise_k:.0f} K",
             "-" if confidence is None else f"{confidence:.2f}",
             "-" if tested is None else f"{'failed' if tested.wrong else 'passed'} {age(tested.at)} ago",
-            Text(robot.reason or ""),
+            Text(visible(robot.reason or "")),
         )
-        table.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in cells))
+        table.add_row(*(Text(visible(cell)) if isinstance(cell, str) else cell for cell in cells))
     return table
 
 
@@ -135,5 +136,5 @@ def _jobs(jobs: tuple[Job, ...]) -> RenderableType:
         done = f"{job.trials_done}/{job.trials}"
         why = job.waiting_because if not job.trials_running else None
         cells = (job.job_id, job.state.value, job.task.value, done, str(job.successes), str(job.trials_running))
-        table.add_row(*(Text(cell) for cell in (*cells, job.policy_name or "-", job.owner, why or "")))
+        table.add_row(*(Text(visible(cell)) for cell in (*cells, job.policy_name or "-", job.owner, why or "")))
     return table

@@ -25,7 +25,7 @@ from api_schemas.trial import Trial, TrialPage, Verification
 from client_cli.connection.paths import job_path, ladder_path, robot_path, token_path, trial_path
 from client_cli.connection.patience import patiently
 from client_cli.connection.settings import Connection
-from client_cli.terminal.errors import ClientError, Refused, ServerAway
+from client_cli.terminal.errors import ClientError, Refused, ServerAway, UsageProblem
 
 TIMEOUT = httpx.Timeout(30.0, connect=5.0)
 UPLOAD_TIMEOUT = httpx.Timeout(180.0, connect=5.0)
@@ -58,7 +58,8 @@ class ApiClient:
         headers = {"Authorization": f"Bearer {connection.token}"} if connection.token else {}
         # A proxy for the outside world must not stand between us and a farm on this very machine.
         is_local = httpx.URL(connection.url).host in {"127.0.0.1", "localhost", "::1"}
-        trusted = True if connection.ca is None else ssl.create_default_context(cafile=connection.ca)
+        self._ca = connection.ca
+        trusted = True if connection.ca is None else _trusted(connection.ca)
         self._http = httpx.Client(
             base_url=connection.url, headers=headers, timeout=TIMEOUT, trust_env=not is_local, verify=trusted
         )
@@ -272,7 +273,11 @@ class ApiClient:
             raise self._away(error) from error
 
     def _away(self, error: httpx.TransportError) -> ServerAway:
-        return ServerAway(self.url, str(error) or type(error).__name__)
+        said = str(error) or type(error).__name__
+        if "certificate" in said.lower():
+            trusts = "is not set" if self._ca is None else f"is {self._ca}"
+            said += f"; TRIFARM_CA names the PEM file with the certificates to trust, and {trusts}"
+        return ServerAway(self.url, said)
 
     def _answer(self, schema: type[Answer], response: httpx.Response) -> Answer:
         try:
@@ -282,6 +287,13 @@ class ApiClient:
                 f"{self.url} answered {response.request.method} {response.request.url.path} with something that is not a "
                 f"{schema.__name__} ({error.error_count()} differences): is it a trifarm server of the same version?"
             ) from error
+
+
+def _trusted(ca: str) -> ssl.SSLContext:
+    try:
+        return ssl.create_default_context(cafile=ca)
+    except (ssl.SSLError, OSError) as error:
+        raise UsageProblem(f"TRIFARM_CA names {ca}, which holds no certificate in PEM that can be read ({error})") from error
 
 
 def log_of(trial: Trial) -> StoredFile:

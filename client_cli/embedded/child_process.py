@@ -80,6 +80,10 @@ class ChildProcess:
         """
         if self.log.stat().st_size <= limit_bytes:
             return
+        with suppress(OSError):  # on a full disk it is tried again, and what is lost then are words
+            self._put_aside()
+
+    def _put_aside(self) -> None:
         aside = [self.log.with_name(f"{self.log.name}.{number}") for number in range(1, LOGS_KEPT + 1)]
         for newer, older in reversed(list(itertools.pairwise(aside))):
             if newer.exists():

@@ -14,6 +14,7 @@ from client_cli.connection.api_client import ApiClient
 from client_cli.connection.settings import Connection, save_connection
 from client_cli.embedded.child_process import ChildProcess, child_environment, module_command, start_child
 from client_cli.embedded.claims import held_folder, usable_port
+from client_cli.embedded.private_bus import private_bus
 from client_cli.embedded.record import FarmRecord, keep_physics, save_record
 from client_cli.embedded.robot_options import RobotOptions
 from client_cli.embedded.services_settings import given_settings, ignored_settings
@@ -71,17 +72,17 @@ def embedded_farm(options: FarmOptions) -> Iterator[EmbeddedFarm]:
     """Start a farm, give it when it is ready, and end it. SIGTERM and SIGHUP then act like Ctrl-C, until it has ended."""
     children: list[ChildProcess] = []
     options.data.mkdir(parents=True, exist_ok=True)
-    with held_folder(options.data), _signals_as_interrupt():
+    with held_folder(options.data), _signals_as_interrupt(), private_bus(options.data) as bus:
         try:
-            yield _start(options, children)
+            yield _start(options, bus, children)
         finally:
             _end(children)
 
 
-def _start(options: FarmOptions, children: list[ChildProcess]) -> EmbeddedFarm:
+def _start(options: FarmOptions, bus: str, children: list[ChildProcess]) -> EmbeddedFarm:
     deadline_s = time.monotonic() + START_DEADLINE_S
     port = usable_port(HOST, options.port)
-    url, bus = f"http://{HOST}:{port}", f"tcp/{HOST}:{usable_port(HOST, 0)}"
+    url = f"http://{HOST}:{port}"
     children.append(_start_services(options, port, bus))
     with ApiClient(Connection(url, None)) as client:
         while not client.is_up():

@@ -189,7 +189,9 @@ class ApiLink:
             with self._client.stream(method, url, **request) as answer:
                 content = b"".join(_noticed(answer.iter_bytes(), patience))
         except httpx.TransportError as error:
-            raise ApiUnreachableError(f"{method} {url}: {error or type(error).__name__}") from error
+            said = str(error) or type(error).__name__
+            hint = "; --ca or TRIFARM_CA names the certificates to trust" if "certificate" in said.lower() else ""
+            raise ApiUnreachableError(f"{method} {url}: {said}{hint}") from error
         response = httpx.Response(answer.status_code, content=content)
         if response.status_code in _RETRY_STATUS:
             kind = ApiFailedError if response.status_code == 500 else ApiUnreachableError

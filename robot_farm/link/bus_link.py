@@ -258,6 +258,7 @@ class BusLink:
                 cut_off_trial_id=cut_off_trial_id,
                 cut_off_fence=cut_off_fence,
                 api_away=standing.api_away and self._wrong is None,
+                disk_full=standing.disk_full and self._wrong is None,
                 reason=self._wrong or standing.reason,
                 physics=self._physics,
                 physics_digest=self._physics_digest,

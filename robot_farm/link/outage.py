@@ -26,12 +26,14 @@ class Standing:
         reason: what it waits for, None if for nothing.
         takes_offers: false while it could bring nothing home.
         api_away: whether that is because the API does not answer.
+        disk_full: whether that is because its disk has no room for a trial.
         cut_off: trial and fence of the attempt that the API does not answer, or did not when it ended.
     """
 
     reason: str | None = None
     takes_offers: bool = True
     api_away: bool = False
+    disk_full: bool = False
     cut_off: tuple[str, int] | None = None
 
 

@@ -8,9 +8,11 @@ What the process sends is a stranger's: the robot's ends of both pipes never blo
 enough to go through a pipe whole, and every number of a reply is looked at before it is used.
 """
 
+import math
 import os
 import select
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -32,7 +34,8 @@ _LOOK_EVERY_ACTIONS = 100
 START_CPU_S = 20.0
 START_WALL_S = 60.0
 _POLL_S = 0.05
-_ACTION_BYTES = 4 * ACTION_SIZE
+_NUMBERS = struct.Struct(f"<{ACTION_SIZE}f")
+_ACTION_BYTES = _NUMBERS.size
 _LONGEST_INFERENCE_NS = 86_400 * 10**9
 """A day: a machine may have slept in between, but what is longer than this is made up, and no log could hold it."""
 POLICY_PROCESS, BUILTIN_PROCESS = "robot_farm.policy.jailed_policy", "robot_farm.policy.builtin_policy"
@@ -134,15 +137,16 @@ class JailedPolicy:
         Raises:
             PolicyFailedError: as for :meth:`reset`, or the action is not finite or has another size.
         """
-        payload, inference_time_ns = self._ask(policy_link.pack_request(policy_link.ACT, observation))
+        request = policy_link.pack_request(policy_link.ACT, observation)
+        payload, inference_time_ns = self._ask(request, expected_bytes=_ACTION_BYTES)
         if len(payload) != _ACTION_BYTES:
             raise PolicyFailedError(
                 OutcomeKind.POLICY_ERROR, f"the action has {len(payload) / 4:g} numbers instead of {ACTION_SIZE}"
             )
-        action = np.frombuffer(payload, np.float32).astype(np.float64)
-        if not np.isfinite(action).all():
-            raise PolicyFailedError(OutcomeKind.NONFINITE_ACTION, f"the action is not finite: {action.tolist()}")
-        return action, inference_time_ns
+        numbers = _NUMBERS.unpack(payload)
+        if not all(map(math.isfinite, numbers)):
+            raise PolicyFailedError(OutcomeKind.NONFINITE_ACTION, f"the action is not finite: {list(numbers)}")
+        return np.array(numbers), inference_time_ns
 
     def close(self) -> None:
         """End the process and everything it started."""
@@ -158,7 +162,7 @@ class JailedPolicy:
             except OSError:
                 continue  # closed before
 
-    def _ask(self, request: bytes) -> tuple[bytes, int]:
+    def _ask(self, request: bytes, expected_bytes: int = 0) -> tuple[bytes, int]:
         self._asked += 1
         if self._asked % _LOOK_EVERY_ACTIONS == 0:
             self._check_trial(self._cpu_s())
@@ -169,7 +173,7 @@ class JailedPolicy:
         except BlockingIOError:
             raise PolicyFailedError(OutcomeKind.POLICY_ERROR, "the policy process answers before it reads the request") from None
         self._wait(ACTION_CPU_S, ACTION_WALL_S, "one action")
-        status, payload, inference_time_ns = self._reply()
+        status, payload, inference_time_ns = self._reply(expected_bytes)
         if status != policy_link.OK:
             raise PolicyFailedError(OutcomeKind.POLICY_ERROR, f"the network raised an error: {_text(payload)}")
         return payload, inference_time_ns
@@ -204,9 +208,9 @@ class JailedPolicy:
         except OSError:
             raise self._ended() from None
 
-    def _reply(self) -> tuple[int, bytes, int]:
+    def _reply(self, expected_bytes: int = 0) -> tuple[int, bytes, int]:
         try:
-            status, payload, inference_time_ns = policy_link.read_reply(self._read_fd)
+            status, payload, inference_time_ns = policy_link.read_reply(self._read_fd, expected_bytes)
         except policy_link.LinkClosedError:
             raise self._ended() from None
         except BlockingIOError:

@@ -89,15 +89,13 @@ def _load(graph: bytes, np, _onnxruntime) -> Network:
 
 def _answer(act: Act, read_fd: int, write_fd: int) -> None:
     """Answer one request: an action that may depend on all observations since the last reset, or a reset."""
-    kind, count = policy_link.REQUEST.unpack(policy_link.read_exactly(read_fd, policy_link.REQUEST.size))
+    kind, observation = policy_link.read_request(read_fd)
     if kind == policy_link.RESET:
         getattr(act, "forget", _nothing_to_forget)()
         os.write(write_fd, policy_link.pack_reply(policy_link.OK))
         return
     try:
-        action, inference_time_ns = act(policy_link.read_exactly(read_fd, 4 * count))
-    except policy_link.LinkClosedError:
-        raise
+        action, inference_time_ns = act(observation)
     except Exception as error:
         _reply_text(write_fd, error)
         return

@@ -28,6 +28,7 @@ from services.api import (
 )
 from services.api.door import Door
 from services.api.farm import Farm
+from services.api.rate_limits import Limits
 
 
 def create_app(farm: Farm) -> FastAPI:
@@ -47,7 +48,8 @@ def create_app(farm: Farm) -> FastAPI:
     app.state.uploads, app.state.verified = Counter(), Counter()
     problems.install(app)
     document.install(app)
-    app.add_middleware(Door, settings=farm.settings, tokens=farm.tokens)
+    app.state.limits = Limits.of(farm.settings)
+    app.add_middleware(Door, settings=farm.settings, tokens=farm.tokens, limits=app.state.limits)
     users = (overview, metrics, policies, jobs, ladders, leaderboards, signatures, identifications, history, trials, links, truth)
     for module in (*users, leases, robots, canary, joining, token_routes):
         app.include_router(module.router)

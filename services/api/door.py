@@ -16,7 +16,7 @@ from starlette.types import Scope as Asgi
 
 from services.api import audit, problems
 from services.api.bodies import Incoming
-from services.api.rate_limits import MOST_BUCKETS, Buckets, Draw, network
+from services.api.rate_limits import MOST_BUCKETS, Buckets, Draw, Limits, network
 from services.database.database import AWAY
 from services.errors import Unauthorised
 from services.settings import Settings
@@ -33,14 +33,12 @@ REVOKED = "The token became invalid while its request was answered; ask for a ne
 
 
 class Door:
-    """The outermost part of the application; owns the buckets and remembers which tokens were good."""
+    """The outermost part of the application; draws from the buckets and remembers which tokens were good."""
 
-    def __init__(self, app: ASGIApp, settings: Settings, tokens: Tokens) -> None:
+    def __init__(self, app: ASGIApp, settings: Settings, tokens: Tokens, limits: Limits) -> None:
         self._app, self._tokens = app, tokens
         self._body_stall_s = settings.body_stall_s
-        self._anonymous = Buckets(settings.anonymous_requests_per_s)
-        self._users = Buckets(settings.requests_per_s)
-        self._robots = Buckets(settings.robot_requests_per_s)
+        self._limits = limits
         self._good: OrderedDict[str, Caller] = OrderedDict()
 
     async def __call__(self, scope: Asgi, receive: Receive, send: Send) -> None:
@@ -60,7 +58,8 @@ class Door:
     async def _serve(self, scope: Asgi, receive: Receive, passage: "_Passage") -> None:
         key, address = _key(scope), network((scope.get("client") or ("unknown",))[0])
         known = self._good.get(key)
-        buckets = self._anonymous if known is None else self._robots if known.robot else self._users
+        limits = self._limits
+        buckets = limits.anonymous if known is None else limits.robots if known.robot else limits.users
         name = address if known is None else known.token_id
         draw = buckets.draw(name, time.monotonic())
         passage.limit(buckets, draw)
@@ -68,7 +67,8 @@ class Door:
             scope["state"]["caller"] = known
             await _refuse(scope, receive, passage, draw, buckets)
             return
-        watch = _Watch(self._tokens, scope, receive, self._body_stall_s)
+        is_known = known is not None or scope["method"] in WATCHED or await self._is_good(scope)
+        watch = _Watch(self._tokens, scope, Incoming(scope, receive, self._body_stall_s, known=is_known), receive)
         await watch.over(self._app, passage)
         caller: Caller | None = scope["state"].get("caller")
         if passage.status == UNAUTHORISED:
@@ -78,6 +78,19 @@ class Door:
             self._good[key] = caller
             if len(self._good) > MOST_BUCKETS:
                 self._good.popitem(last=False)
+
+    async def _is_good(self, scope: Asgi) -> bool:
+        """Whether a token that is not known here is good, asked before its sender's body is taken in."""
+        kind, _, bearer = Request(scope).headers.get("authorization", "").partition(" ")
+        if kind.lower() != "bearer" or not bearer:
+            return False
+        try:
+            await self._tokens.caller(bearer)
+        except Unauthorised:
+            return False
+        except AWAY:
+            return True  # the route will say so
+        return True
 
 
 class _Passage:
@@ -110,9 +123,9 @@ class _Passage:
 class _Watch:
     """Looks again and again whether the token of a request still holds, for as long as the request lasts."""
 
-    def __init__(self, tokens: Tokens, scope: Asgi, receive: Receive, body_stall_s: float) -> None:
+    def __init__(self, tokens: Tokens, scope: Asgi, incoming: Incoming, receive: Receive) -> None:
         self._tokens, self._scope, self._receive = tokens, scope, receive
-        self._incoming = Incoming(scope, receive, body_stall_s)
+        self._incoming = incoming
         self._looked_s = time.monotonic()
 
     async def over(self, app: ASGIApp, passage: _Passage) -> None:

@@ -9,6 +9,7 @@ from prometheus_client import CollectorRegistry
 
 from jail.level import Jail
 from services.database.database import Database
+from services.disk import Disk
 from services.files.store import FileStore
 from services.jobs.clock import FarmClock
 from services.jobs.fleet import Fleet
@@ -36,6 +37,7 @@ class Farm:
     verifications: asyncio.Semaphore
     jail: Jail
     key: FarmKey
+    disk: Disk
 
 
 def _farm(request: Request) -> Farm:

@@ -18,6 +18,7 @@ async def create_identification(
     body: IdentificationRequest, response: Response, caller: Submitter, farm: TheFarm, idempotency_key: IdempotencyKey = None
 ) -> Job:
     """Queues an identification, which is a job of the task ``identify``; an Idempotency-Key works as for other jobs."""
+    farm.disk.check()
     async with farm.database.write() as tx:
         sender = sender_of(caller, farm, idempotency_key)
         job_id, new = await submission.identify(tx, farm.clock.now_s(), body, sender)

@@ -34,6 +34,7 @@ async def create_job(
     if body.webhook is not None and not farm.settings.webhooks:
         raise Refused("webhooks-off", "This farm calls no webhooks; its operator can allow them with TRIFARM_WEBHOOKS=true.")
     check_priority(caller, body.priority)
+    farm.disk.check()
     async with farm.database.write() as tx:
         now_s = farm.clock.now_s()
         job_id, new = await submission.submit(tx, now_s, body, sender_of(caller, farm, idempotency_key))

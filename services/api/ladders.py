@@ -24,6 +24,7 @@ async def create_ladder(
 ) -> Ladder:
     """Queues a job for each checkpoint, all on the same goals; with an Idempotency-Key the same request twice is one ladder."""
     check_priority(caller, body.priority)
+    farm.disk.check()
     async with farm.database.write() as tx:
         sender = sender_of(caller, farm, idempotency_key)
         ladder_id, new = await ladders.submit(tx, farm.clock.now_s(), body, sender)

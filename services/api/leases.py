@@ -5,7 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter, BackgroundTasks, Header, Path, Request
 from pydantic import BaseModel
 
-from api_schemas.robot import OutcomeReport, Renewal, RenewalReply
+from api_schemas.robot import MAX_FENCE, OutcomeReport, Renewal, RenewalReply
 from services.api.access import RobotCaller
 from services.api.document import BINARY, refusals
 from services.api.farm import Farm, TheFarm
@@ -17,7 +17,7 @@ from services.tokens import Caller
 
 router = APIRouter(prefix="/v1/leases", tags=["leases"])
 FILE = {"requestBody": {"required": True, "content": {"application/octet-stream": {"schema": BINARY}}}}
-Fence = Annotated[int, Path(ge=1, le=2**31 - 1)]
+Fence = Annotated[int, Path(ge=1, le=MAX_FENCE)]
 AnnouncedSha256 = Annotated[str | None, Header(alias="X-Content-SHA256", pattern=r"^[0-9a-f]{64}$")]
 
 

@@ -15,6 +15,8 @@ from services.jobs.totals import Work, work_of
 from services.jobs.waiting import nobody_in_service, robot_now
 
 router = APIRouter(tags=["farm"])
+NAMED = 8
+"""Of robots that have the same trouble."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,8 @@ async def status(_caller: AnyCaller, farm: TheFarm) -> FarmStatus:
     in_service = len(farm.fleet.healthy(farm.clock.now_s()))
     if (reason := too_open(farm.jail, farm.settings.jail_level)) is not None:
         problems = (*problems, f"no policy and no log is taken: {reason}")
+    if (shortage := farm.disk.shortage()) is not None:
+        problems = (f"nothing new is accepted and no trial is given out: {shortage}; make room there", *problems)
     if load.work.trials_queued and not in_service:
         problems = (f"{load.work.trials_queued} trials wait and {nobody_in_service(farm.fleet, farm.clock.now_s())}", *problems)
     return FarmStatus(
@@ -74,7 +78,19 @@ def _problems(farm: Farm) -> tuple[str, ...]:
     members = sorted(farm.fleet.members.values(), key=lambda member: member.robot)
     if not members:
         return ("no robot has joined the farm yet",)
-    return tuple(f"{m.robot} {robot_now(m, now_s)}" for m in members if m.state(now_s) in wrong)
+    said: dict[str, list[str]] = {}
+    for m in members:
+        if m.state(now_s) in wrong:
+            said.setdefault(robot_now(m, now_s), []).append(m.robot)
+    return tuple(_of_several(names, what) for what, names in said.items())
+
+
+def _of_several(robots: list[str], what: str) -> str:
+    """One sentence for one outage, however many robots it has."""
+    if len(robots) == 1:
+        return f"{robots[0]} {what}"
+    named = ", ".join(robots[:NAMED]) + (f" and {len(robots) - NAMED} more" if len(robots) > NAMED else "")
+    return f"{named}: each {what}"
 
 
 def _jails(farm: Farm) -> dict[str, int]:

@@ -72,6 +72,7 @@ async def post_policy(request: Request, response: Response, caller: Submitter, f
 
 
 async def _take(address: str | None, request: Request, response: Response, caller: Caller, farm: Farm) -> Policy:
+    farm.disk.check()
     detail = f"{caller.owner} has {MOST_UPLOADS} uploads under way, the limit for a user; wait for one to end."
     refusal = TooMany("too-many-uploads", detail, RETRY_AFTER_S)
     under_way = one_more(request.app.state.uploads, caller, MOST_UPLOADS, refusal)

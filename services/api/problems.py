@@ -1,7 +1,6 @@
 """Every error of the API as an RFC 9457 problem document."""
 
 from collections.abc import Mapping
-from sqlite3 import SQLITE_FULL
 from typing import Any
 
 import structlog
@@ -16,7 +15,9 @@ from starlette.routing import Match
 
 from api_schemas.error import MEDIA_TYPE, Problem
 from services.api.bodies import BodyRefused
+from services.database.sqlite import is_full_sqlite
 from services.errors import DISK_FULL, ServiceError, TooMany
+from trial_logs.disk import is_full
 
 log = structlog.get_logger()
 DATA_EXCEPTION = "22"
@@ -32,6 +33,9 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(DBAPIError, database_error)
+    app.add_exception_handler(UnicodeEncodeError, _unfit)  # half of a surrogate pair, which JSON can name and UTF-8 cannot
+    app.add_exception_handler(OverflowError, _unfit)  # a number beyond 64 bits, of which SQLite's driver says so
+    app.add_exception_handler(OSError, _system_error)
     app.add_exception_handler(Exception, _unexpected)
 
 
@@ -79,15 +83,19 @@ async def database_error(request: Request, error: Exception) -> JSONResponse:
     """The answer to a request whose statement failed: it is at fault where it named a value that no database keeps."""
     assert isinstance(error, DBAPIError)
     if _is_of_value(error):
-        log.warning("value refused by the database", route=_route(request), kind=type(error.orig).__name__)
-        detail = "The database cannot store a value of this request, such as a NUL character in a text; leave it out."
-        return answer(request, 422, "value-unfit", "Content refused", detail)
+        return await _unfit(request, error.orig if isinstance(error.orig, Exception) else error)
     error.hide_parameters = True  # hashes of tokens, keys and manifests of users are among them
     log.error("database error", route=_route(request), exc_info=error)
     if _is_of_full_disk(error):
         return answer(request, 503, "disk-full", "Not available now", DISK_FULL, headers={"Retry-After": "2"})
     detail = "The database did not answer; nothing was changed by this request. Try again in a moment."
     return answer(request, 503, "database-unavailable", "Not available now", detail, headers={"Retry-After": "2"})
+
+
+async def _unfit(request: Request, error: Exception) -> JSONResponse:
+    log.warning("value refused by the database", route=_route(request), kind=type(error).__name__)
+    detail = "The database cannot store a value of this request, such as a NUL character in a text; leave it out."
+    return answer(request, 422, "value-unfit", "Content refused", detail)
 
 
 def _is_of_value(error: DBAPIError) -> bool:
@@ -98,8 +106,7 @@ def _is_of_value(error: DBAPIError) -> bool:
 
 
 def _is_of_full_disk(error: DBAPIError) -> bool:
-    said = getattr(error.orig, "sqlite_errorcode", None), getattr(error.orig, "sqlstate", None)
-    return said[0] == SQLITE_FULL or said[1] == DISK_FULL_STATE
+    return is_full_sqlite(error) or getattr(error.orig, "sqlstate", None) == DISK_FULL_STATE
 
 
 async def _broken_off(request: Request, error: Exception) -> JSONResponse:
@@ -107,6 +114,14 @@ async def _broken_off(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, ClientDisconnect)
     log.info("request broken off by its sender", route=_route(request))
     return answer(request, 400, "broken-off", "Request broken off", "The body ended before it was whole; send it again.")
+
+
+async def _system_error(request: Request, error: Exception) -> JSONResponse:
+    """A full disk under whatever the request would have written, or an error that nobody expected."""
+    if not is_full(error):
+        return await _unexpected(request, error)
+    log.error("disk full", route=_route(request), reason=str(error))
+    return answer(request, 503, "disk-full", "Not available now", DISK_FULL, headers={"Retry-After": "2"})
 
 
 async def _unexpected(request: Request, error: Exception) -> JSONResponse:

@@ -14,6 +14,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from sqlalchemy.exc import DBAPIError
 
+from api_schemas.visible import visible
 from services.api import problems
 from services.dashboard import words
 from services.dashboard.sessions import COOKIE, Session
@@ -35,11 +36,17 @@ HEADERS = {
 }
 
 
+def _shown(value: Any) -> Any:
+    """What stands for a value on a page; what it holds of characters that nobody sees is shown."""
+    return visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+
+
 def _environment() -> Environment:
     made = Environment(
         loader=FileSystemLoader(FOLDER / "templates"),
         autoescape=True,
         undefined=StrictUndefined,
+        finalize=_shown,
         trim_blocks=True,
         lstrip_blocks=True,
     )

@@ -8,6 +8,7 @@ import time
 from collections import OrderedDict
 from dataclasses import dataclass, field
 from typing import Annotated
+from urllib.parse import urlsplit
 
 from cryptography.fernet import Fernet, InvalidToken
 from fastapi import Depends, Form, Request, Response
@@ -29,7 +30,7 @@ MOST_ENDED = 10_000
 
 @dataclass
 class EndedSessions:
-    """Hashes of cookies that were signed out, until they are too old anyhow; known to this process only, and until it ends."""
+    """Hashes of cookies that were signed out, until they are too old anyhow; what the database has of them, and a copy of it."""
 
     _until_s: OrderedDict[bytes, float] = field(default_factory=OrderedDict)
 
@@ -71,9 +72,11 @@ class Seal:
             return None
         return None if _mark(cookie) in self.ended else bearer
 
-    def end(self, cookie: str) -> None:
-        """From now on this cookie, one of ours, opens no more."""
-        self.ended.add(_mark(cookie), self._fernet.extract_timestamp(cookie.encode()) + LASTS_S)
+    def end(self, cookie: str) -> tuple[bytes, float]:
+        """From now on this cookie, one of ours, opens no more; gives its mark, and when it is too old anyhow."""
+        ended = _mark(cookie), self._fernet.extract_timestamp(cookie.encode()) + LASTS_S
+        self.ended.add(*ended)
+        return ended
 
     def word(self, cookie: str) -> str:
         """What the forms of this session carry."""
@@ -104,9 +107,9 @@ class Session:
         """Whether it was not signed out and is not too old; its token can have ended all the same."""
         return self.seal.open(self.cookie) is not None
 
-    def end(self) -> None:
-        """Signs out."""
-        self.seal.end(self.cookie)
+    def end(self) -> tuple[bytes, float]:
+        """Signs out here; gives what other processes are to be told of it."""
+        return self.seal.end(self.cookie)
 
 
 def _seal(request: Request) -> Seal:
@@ -144,10 +147,13 @@ def refuse_foreign(request: Request) -> None:
     """Refuses a form that another site has sent.
 
     Raises:
-        Forbidden: the browser says that it was one.
+        Forbidden: the browser says that it was one, by where it fetches or by the form's origin.
     """
     if request.headers.get("sec-fetch-site", "same-origin") not in {"same-origin", "none"}:
         raise Forbidden("form-not-ours", "This form was sent by another site; open this farm's own page.")
+    origin, host = request.headers.get("origin"), request.headers.get("host")
+    if origin is not None and urlsplit(origin).netloc.lower() != (host or "").lower():
+        raise Forbidden("form-not-ours", "This form was sent by another site's page; open this farm's own.")
 
 
 Changing = Annotated[Session, Depends(_changing)]

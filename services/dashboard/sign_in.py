@@ -11,6 +11,7 @@ from services.api.farm import TheFarm
 from services.dashboard.pages import HEADERS, PageRoute, page
 from services.dashboard.sessions import COOKIE, Changing, TheSeal, refuse_foreign, set_cookie
 from services.errors import Forbidden, Unauthorised
+from services.sharing import note_signed_out
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 OWN_PATH = re.compile(r"/(?![/\\])[\x21-\x7e]*")
@@ -47,9 +48,11 @@ async def sign_in(
 
 
 @router.post("/sign-out")
-async def sign_out(session: Changing) -> Response:
-    """Ends the session, for whoever else has its cookie too, and takes the cookie back."""
-    session.end()
+async def sign_out(session: Changing, farm: TheFarm) -> Response:
+    """Ends the session, for whoever else has its cookie too and at all processes of the farm, and takes the cookie back."""
+    mark, until_s = session.end()
+    async with farm.database.write() as tx:
+        await note_signed_out(tx, mark, until_s)
     answer = RedirectResponse("/sign-in", status_code=303, headers=HEADERS)
     answer.delete_cookie(COOKIE)
     return answer

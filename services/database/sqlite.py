@@ -63,6 +63,12 @@ def _prepare(engine: AsyncEngine, *, writes: bool) -> None:
             connection.exec_driver_sql("BEGIN IMMEDIATE")
 
 
+def is_full_sqlite(error: BaseException) -> bool:
+    """Whether SQLite, through whoever called it, says that its disk is full."""
+    said = getattr(error, "orig", error)
+    return getattr(said, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
+
+
 def integrity_check(path: Path) -> str:
     """SQLite's own verdict on a database file; ``ok`` when it is whole."""
     with sqlite3.connect(path) as connection:

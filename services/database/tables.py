@@ -313,3 +313,20 @@ token = Table(
     Column("robot", String(40)),
     Column("parent", String(20)),
 )
+
+# Sessions of the dashboard that were signed out: the hash of the cookie, and when it is too old anyhow.
+signed_out = Table(
+    "signed_out",
+    metadata,
+    Column("mark", String(64), primary_key=True),
+    Column("until_s", Float, nullable=False),
+)
+
+# How often a token or an address has asked, at all processes of the services together.
+asked = Table(
+    "asked",
+    metadata,
+    Column("name", String(120), primary_key=True),
+    Column("times", BigInteger, nullable=False),
+    Column("at_s", Float, nullable=False),
+)

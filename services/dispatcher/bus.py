@@ -2,6 +2,7 @@
 
 import asyncio
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -11,10 +12,12 @@ from pydantic import BaseModel, ValidationError
 
 from api_schemas import bus
 from api_schemas.robot import Lease, OfferReply
+from services.errors import NotReady
 from services.jobs.signals import Signals
 
 log = structlog.get_logger()
 CLOSE_WITHIN_S = 2.0
+ROUTER_WITHIN_S, ROUTER_AGAIN_S = 10.0, 0.5
 
 
 class Bus:
@@ -30,11 +33,24 @@ class Bus:
     async def open(cls, config: str, farm: str) -> "Bus":
         """Opens a session as ``services/joining/session.py`` describes it.
 
+        A router elsewhere that is not there yet is waited for a moment: all are started at the same time.
+
         Raises:
-            zenoh.ZError: the address cannot be listened on, or nobody listens there.
+            NotReady: the address cannot be listened on, or nobody answers there.
         """
-        session = await asyncio.to_thread(zenoh.open, zenoh.Config.from_json5(config))
-        return cls(session, farm, asyncio.get_running_loop())
+        gives_up_s, waits = time.monotonic() + ROUTER_WITHIN_S, '"mode": "client"' in config
+        while True:
+            try:
+                session = await asyncio.to_thread(zenoh.open, zenoh.Config.from_json5(config))
+            except zenoh.ZError as error:
+                if not waits:
+                    raise NotReady(f"the bus cannot listen: {_said(error)}; see --bus, TRIFARM_BUS") from error
+                if time.monotonic() > gives_up_s:
+                    hint = "start 'python -m services router' there first; a guarded one must have keys of the same farm"
+                    raise NotReady(f"nobody answered on the bus within {ROUTER_WITHIN_S:g} s ({_said(error)}); {hint}") from error
+                await asyncio.sleep(ROUTER_AGAIN_S)
+            else:
+                return cls(session, farm, asyncio.get_running_loop())
 
     def on_heartbeat(self, take: Callable[[bus.Heartbeat], None]) -> None:
         """Has every well-formed heartbeat given to ``take``, on the event loop."""
@@ -130,3 +146,8 @@ class Bus:
         # After the loop's end a late callback has nobody to tell.
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(lambda: call(*args, **more))
+
+
+def _said(error: zenoh.ZError) -> str:
+    """Zenoh's own words, without the place in its source."""
+    return str(error).partition(" at /")[0].strip()

@@ -15,9 +15,10 @@ from api_schemas.physics import ObjectName
 from api_schemas.policy import PolicyManifest
 from api_schemas.robot import Lease
 from api_schemas.trial import TrialState
-from services.database.database import Database
+from services.database.database import AWAY, Database
 from services.database.postgres import dispatch_alone
 from services.database.rows import AnyRow
+from services.disk import Disk
 from services.dispatcher import queue
 from services.dispatcher.abandoned import Abandoner
 from services.dispatcher.bus import Bus
@@ -69,8 +70,10 @@ class Dispatcher:
     fleet: Fleet
     signals: Signals
     metrics: Metrics
+    disk: Disk
     _manifests: dict[str, PolicyManifest] = field(default_factory=dict)
     _gives_from_s: float = 0.0
+    _is_away: bool = False
 
     def __post_init__(self) -> None:
         self._steps = Steps(self.signals)
@@ -95,11 +98,26 @@ class Dispatcher:
                     self.settings.alive_file.touch()
             try:
                 await self._look(look_at_active=look_at_active)
+                self._note_back()
+            except AWAY as error:
+                self._note_away(error)
+                await asyncio.sleep(self.settings.sweep_every_s)
             except Exception:
                 # The dispatcher must outlive any single failure; the next sweep tries again.
                 log.exception("dispatcher failed a pass")
                 await asyncio.sleep(self.settings.sweep_every_s)
         await self._steps.finish(self.settings.offer_timeout_s)
+
+    def _note_away(self, error: Exception) -> None:
+        """One line for each time that the database is away or full, however long."""
+        if not self._is_away:
+            log.error("no leases are given, the database does not do what it is asked", reason=str(error.__cause__ or error))
+        self._is_away = True
+
+    def _note_back(self) -> None:
+        if self._is_away:
+            log.info("the database answers again, leases are given")
+        self._is_away = False
 
     async def _look(self, *, look_at_active: bool) -> None:
         if look_at_active:
@@ -111,6 +129,10 @@ class Dispatcher:
         if look_at_active:
             await self._abandoner.look()
         await self._point_away_from_unfit(also_unknown=look_at_active)
+        shortage = self.disk.shortage()
+        self.fleet.held_back = None if shortage is None else f"no trial is given out, since {shortage}"
+        if shortage is not None:
+            return  # what runs is finished first
         ready = self.fleet.ready(self.clock.now_s())
         if not ready:
             return

@@ -1,7 +1,6 @@
 """The file store: write-once objects named by the SHA-256 of their content, in a local folder or on S3."""
 
 import asyncio
-import errno
 import hashlib
 import secrets
 from collections.abc import AsyncIterator, Iterator
@@ -16,6 +15,7 @@ from obstore.exceptions import GenericError, PermissionDeniedError, Unauthentica
 
 from services.errors import DISK_FULL, Refused, TooLarge, Unavailable
 from services.files.homes import FileHome, LocalHome
+from trial_logs.disk import is_full
 
 if TYPE_CHECKING:
     from obstore import ObjectMeta
@@ -27,7 +27,6 @@ SPOOL_BYTES = 1024 * 1024
 READ_BYTES = 256 * 1024
 INCOMING = "incoming"
 OBJECTS = "sha256"
-FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,7 @@ class FileStore:
                 new = await self._home.take(spool, _key(sha256))
             return Stored(sha256, size, new)
         except OSError as error:
-            if error.errno not in FULL:
+            if not is_full(error):
                 raise
             log.error("disk full", reason=str(error))
             raise Unavailable("disk-full", DISK_FULL) from error

@@ -49,7 +49,7 @@ _LEAVE = (
     .returning(trial.c.job_number, trial.c.ordinal, trial.c.faults)
 )
 OUTAGES = 20
-"""So many attempts of a trial may be cut off from the API without counting; one that has more may be what brings them about."""
+"""So many attempts of a trial may be cut off without counting; one that has more may be what brings them about."""
 _PLATFORM_FAULTS = select(func.count()).where(
     attempt.c.trial_id == bindparam("of_trial"), attempt.c.state == AttemptState.PLATFORM_FAULT
 )
@@ -73,7 +73,8 @@ async def accept(
     await lock_job_of(tx, trial_id)
     await check_report(tx, claim, report)
     if outcome.fault == Fault.PLATFORM:
-        ending = await fault(tx, now_s, claim, outcome.reason, max_attempts, report=report)
+        excused = outcome.kind == OutcomeKind.OUT_OF_SPACE
+        ending = await fault(tx, now_s, claim, outcome.reason, max_attempts, report=report, cut_off=excused)
     elif outcome.kind == OutcomeKind.CANCELLED:
         ending = await _stopped(tx, now_s, claim, report, max_attempts)
     else:
@@ -93,7 +94,8 @@ async def fault(
 ) -> Ending | None:
     """Ends an attempt by the platform's fault; the trial is queued again. None when the claim does not hold any more.
 
-    One whose robot was ``cut_off`` from the API counts neither for the trial nor for the robot, ``OUTAGES`` times.
+    One whose robot was ``cut_off``, from the API or by a full disk, counts neither for the trial nor for the robot,
+    ``OUTAGES`` times.
     """
     await lock_job_of(tx, claim.trial_id)
     counts = not (cut_off and await _may_be_an_outage(tx, claim.trial_id))

@@ -94,9 +94,10 @@ class Member:
         return (said.cut_off_trial_id, said.cut_off_fence) == (claim.trial_id, claim.fence)
 
     def is_gone(self, now_s: float) -> bool:
-        """Whether it may never serve again: lost, or out of service for another reason than that the API is away for it."""
-        state = self.state(now_s)
-        waits = self.heartbeat is not None and self.heartbeat.api_away and self.withdrawn is None and not self.is_doubled(now_s)
+        """Whether it may never serve again: lost, or out of service though neither is the API away for it nor its disk full."""
+        state, said = self.state(now_s), self.heartbeat
+        waits_itself = said is not None and (said.api_away or said.disk_full)
+        waits = waits_itself and self.withdrawn is None and not self.is_doubled(now_s)
         return state == RobotState.LOST or (state == RobotState.OUT_OF_SERVICE and not waits)
 
     def healthy(self, now_s: float) -> bool:
@@ -114,6 +115,8 @@ class Fleet:
     """All robots by name; owned by the event loop, told by the bus, the dispatcher and the lease routes."""
 
     members: dict[str, Member] = field(default_factory=dict)
+    held_back: str | None = None
+    """Why nobody is given a lease though robots are in service, as the end of a sentence."""
 
     def member(self, robot: str) -> Member:
         """The robot, known or new."""

@@ -68,6 +68,8 @@ def trial_waits(row: AnyRow, job: AnyRow, fleet: Fleet, now_s: float, before: in
 
 def _nobody_for(pinned: str | None, what: str, fleet: Fleet, now_s: float) -> str | None:
     """Why no robot can run ``what``, where only the ``pinned`` robot may if there is one; None when one is in service."""
+    if fleet.held_back is not None:
+        return fleet.held_back
     if pinned is None:
         return None if fleet.healthy(now_s) else nobody_in_service(fleet, now_s)
     member = fleet.snapshot(pinned)

@@ -22,11 +22,16 @@ _SETTINGS: Any = config
 """numba makes them when it is imported, which the type checker cannot see."""
 
 
-def compiled_once(compile_function: Callable[[bool], Compiled]) -> Compiled:
-    """The result of ``compile_function``, which is told whether to use the cache; without it where no folder can be written."""
+def compiled_once(compile_function: Callable[[bool], Compiled], *beside: str) -> Compiled:
+    """The result of ``compile_function``, which is told whether to use the cache; without it where no folder can be written.
+
+    Args:
+        compile_function: compiles.
+        beside: files of other packages whose functions are compiled into this one.
+    """
     before = _SETTINGS.CACHE_DIR
     try:
-        _SETTINGS.CACHE_DIR = str(_folder())
+        _SETTINGS.CACHE_DIR = str(_folder(*beside))
         with warnings.catch_warnings():
             warnings.simplefilter("error", numba.NumbaWarning)
             return compile_function(True)
@@ -37,11 +42,11 @@ def compiled_once(compile_function: Callable[[bool], Compiled]) -> Compiled:
 
 
 @functools.cache
-def _folder() -> Path:
+def _folder(*beside: str) -> Path:
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     digest = hashlib.sha256(f"{numba.__version__} {Path(__file__).parent}".encode())  # numba's own key holds the path, too
     folders = {Path(__file__).parent, *(Path(path) for package in (effects, trifinger) for path in package.__path__)}
-    for source in sorted(source for folder in folders for source in folder.glob("*.py")):
+    for source in [*sorted(source for folder in folders for source in folder.glob("*.py")), *map(Path, beside)]:
         digest.update(source.read_bytes())
     folder = home / "trifarm" / f"compiled-{digest.hexdigest()[:16]}"
     folder.mkdir(parents=True, exist_ok=True)

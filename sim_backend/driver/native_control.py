@@ -17,15 +17,17 @@ from typing import Any, cast
 import mujoco
 import numba
 import numpy as np
-from mujoco.introspect.ast_nodes import ArrayType, PointerType, StructFieldDecl, ValueType
+from mujoco.introspect.ast_nodes import AnonymousStructDecl, ArrayType, PointerType, StructFieldDecl, ValueType
 from mujoco.introspect.structs import STRUCTS
 from numba import carray, types  # pyright: ignore[reportPrivateImportUsage]
 from numba.extending import intrinsic
 
+from sim_backend.driver import wall_watch
 from sim_backend.driver.compilation import compiled_once
 from sim_backend.driver.control_step import protect_nominal, set_bounds, step_with_effects
 from sim_backend.driver.joint_reports import measure_joints
 from sim_backend.effects import record as r
+from sim_backend.trifinger.scene import ARENA_BITS, WALL_PARTS
 
 _SCALARS = {
     "int": ctypes.c_int,
@@ -41,7 +43,7 @@ _SCALARS = {
 }
 
 
-def _ctype(described: ValueType | ArrayType | PointerType) -> Any:
+def _ctype(described: object) -> Any:
     """The ctypes equivalent of a C type as MuJoCo describes it; what is neither scalar nor struct is an enum."""
     if isinstance(described, ArrayType):
         inner = _ctype(described.inner_type)
@@ -50,7 +52,9 @@ def _ctype(described: ValueType | ArrayType | PointerType) -> Any:
         return inner
     if isinstance(described, PointerType):
         return ctypes.c_void_p
-    name = described.name.rstrip("_")
+    if isinstance(described, AnonymousStructDecl):
+        return _of_fields("unnamed", cast(Sequence[StructFieldDecl], described.fields))
+    name = cast(ValueType, described).name.rstrip("_")
     if name in _SCALARS:
         return _SCALARS[name]
     return _struct(name) if name in STRUCTS else ctypes.c_int
@@ -61,6 +65,10 @@ def _struct(name: str, last_field: str | None = None) -> type[ctypes.Structure]:
     described = cast(Sequence[StructFieldDecl], STRUCTS[name].fields)  # those that are followed here have no unions
     if last_field is not None:
         described = described[: [field.name for field in described].index(last_field) + 1]
+    return _of_fields(name, described)
+
+
+def _of_fields(name: str, described: Sequence[StructFieldDecl]) -> type[ctypes.Structure]:
     return type(name, (ctypes.Structure,), {"_fields_": [(field.name, _ctype(field.type)) for field in described]})
 
 
@@ -87,9 +95,55 @@ def _untyped(_context: object, pointer: types.Type) -> tuple[Any, Callable[..., 
     return types.voidptr(pointer), generate
 
 
+@intrinsic
+def _pointers(_context: object, pointer: types.Type) -> tuple[Any, Callable[..., Any]]:
+    """A pointer to anything as a pointer to pointers, so that a struct can be looked at as an array of these."""
+
+    def generate(context: Any, builder: Any, _signature: object, arguments: Sequence[Any]) -> Any:
+        return builder.bitcast(arguments[0], context.get_value_type(types.CPointer(types.voidptr)))
+
+    return types.CPointer(types.voidptr)(pointer), generate
+
+
+def _wall_watch() -> Callable[..., None]:
+    """A function that switches the parts of the wall in a model off and on, for what is where in a simulation's data."""
+    ngeom, step_word = field_word("mjModel", "ngeom"), field_word("mjModel", "opt")
+    body_contype, body_conaffinity, geom_contype, kinds, sizes, radii = (
+        field_word("mjModel", name)
+        for name in ("body_contype", "body_conaffinity", "geom_contype", "geom_type", "geom_size", "geom_rbound")
+    )
+    xpos, xmat, qvel = (field_word("mjData", name) for name in ("geom_xpos", "geom_xmat", "qvel"))
+    assert field_offset("mjOption", "timestep") == 0
+
+    @numba.njit
+    def watch(model: np.ndarray, data: np.ndarray, first: int) -> None:
+        count, of_model = model[ngeom], _pointers(model)  # pyright: ignore[reportCallIssue]
+        step_s = carray(_untyped(model), (step_word + 1,), np.float64)[step_word]  # pyright: ignore[reportCallIssue]
+        bits = np.empty(WALL_PARTS, np.int32)
+        wall_watch.look(
+            first,
+            carray(of_model[kinds], (count,), np.int32),
+            carray(of_model[geom_contype], (count,), np.int32),
+            carray(of_model[sizes], (count, 3), np.float64),
+            carray(of_model[radii], (count,), np.float64),
+            carray(data[xpos], (count, 3), np.float64),
+            carray(data[xmat], (count, 9), np.float64),
+            wall_watch.reach_m(carray(data[qvel], (15,), np.float64), step_s),
+            bits,
+        )
+        wall_contype = carray(of_model[body_contype], (WALL_PARTS + 1,), np.int32)
+        wall_conaffinity = carray(of_model[body_conaffinity], (WALL_PARTS + 1,), np.int32)
+        for part in range(WALL_PARTS):
+            wall_contype[1 + part] = ARENA_BITS * bits[part]
+            wall_conaffinity[1 + part] = wall_watch.TOUCHING_BITS * bits[part]
+
+    return watch
+
+
 @functools.cache
 def _compiled() -> Any:
     """The callback, compiled once a process."""
+    watch = _wall_watch()
     nuserdata, nsensordata = (field_word("mjModel", name) for name in ("nuserdata", "nsensordata"))
     qpos, qvel, ctrl, userdata, sensordata, qfrc_applied, qfrc_bias = (
         field_word("mjData", name) for name in ("qpos", "qvel", "ctrl", "userdata", "sensordata", "qfrc_applied", "qfrc_bias")
@@ -106,6 +160,8 @@ def _compiled() -> Any:
         if size < r.CONTROL_SLOTS:
             return
         slots = carray(data[userdata], (size,), np.float64)
+        if slots[r.AFTER_WALL] > 0.0:
+            watch(model, data, int(slots[r.AFTER_WALL]))
         position, velocity = carray(data[qpos], (9,), np.float64), carray(data[qvel], (9,), np.float64)
         torque = carray(data[ctrl], (9,), np.float64)
         if slots[r.EFFECTS_ON] == 0.0 or size < r.SMALLEST or model[nsensordata] < r.REPORT_SIZE:

@@ -14,7 +14,7 @@ from sim_backend.effects.catalogue import CATALOGUE
 from sim_backend.effects.effect import Acts
 from sim_backend.effects.physics import Physics
 from sim_backend.trifinger.objects import CUBE, Shape
-from sim_backend.trifinger.scene import build_scene
+from sim_backend.trifinger.scene import build_scene, discard_what_shows
 
 
 def robot_spec(physics: Physics, *, shape: Shape = CUBE, physics_step_s: float) -> mujoco.MjSpec:
@@ -43,16 +43,13 @@ def compile_robot(physics: Physics, *, shape: Shape = CUBE, physics_step_s: floa
 
     It has nothing that only shows, so that no step is spent on it.
     """
-    spec = robot_spec(physics, shape=shape, physics_step_s=physics_step_s)
-    spec.compiler.discardvisual = True
-    for unseen in (*spec.cameras, *spec.lights):  # they would be moved along in every step
-        spec.delete(unseen)
+    spec = discard_what_shows(robot_spec(physics, shape=shape, physics_step_s=physics_step_s))
     spec.nuserdata = record.record_size(physics_step_s)
     spec.add_sensor(
         name="report",
         type=mujoco.mjtSensor.mjSENS_USER,
         dim=record.REPORT_SIZE,
-        needstage=mujoco.mjtStage.mjSTAGE_VEL,  # cleared before the control callback writes it, not after
+        needstage=mujoco.mjtStage.mjSTAGE_POS,  # cleared before the control callback writes it; a later stage sums up subtrees
     )
     if moves_bounds(physics):
         friction.reserve_bounds(spec)

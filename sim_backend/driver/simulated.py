@@ -1,5 +1,6 @@
 """The simulated driver: sole owner of the physics state of n TriFingers."""
 
+import copy
 from collections.abc import Sequence
 from dataclasses import fields
 
@@ -17,6 +18,7 @@ from sim_backend.effects.effect import Acts
 from sim_backend.effects.physics import Physics
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.objects import CUBE, Shape, resting_height_m
+from sim_backend.trifinger.scene import ARENA_BITS
 
 _RECORD, _RECORD_WITH_EFFECTS = ("qpos", "qvel", "ctrl"), ("qpos", "qvel", "ctrl", "sensordata")
 
@@ -60,7 +62,9 @@ class SimulatedDriver:
         self._slots, self._force = self._batch.bind("userdata"), self._batch.bind("qfrc_applied")
         self._torque_nm = np.zeros((robots, 9))
         self._step, self._divergence_ends = 0, divergence_ends
+        self._after_wall = 1 + max(geom for geom in range(self._model.ngeom) if self._model.geom_contype[geom] == ARENA_BITS)
         self._models: list[mujoco.MjModel] | None = None
+        self._watches_wall = robots == 1 and PhysicsBackend(backend) is PhysicsBackend.CPU
         self.set_physics(physics or Physics.nominal(robots))
 
     @property
@@ -121,9 +125,12 @@ class SimulatedDriver:
         self._write_parameters(physics, rows)
 
     def _compile_models(self, physics: Physics, rows: np.ndarray) -> None:
-        """Models of their own for the robots that need one; a nominal batch shares one model."""
+        """Models of their own for the robots that need one; a nominal batch shares one model.
+
+        A robot alone has always its own: the parts of its wall are switched off and on in it.
+        """
         if not needs_model(self._physics):
-            self._models = None
+            self._models = [copy.copy(self._model)] if self._watches_wall else None
         else:
             self._models = self._models or [self._model] * self._robots
             differs = needs_model(physics)
@@ -149,6 +156,7 @@ class SimulatedDriver:
         """
         rows = np.arange(self._robots) if robots is None else np.asarray(robots)
         self._batch.reset(ids=rows, stage=mujoco.mjtStage.mjSTAGE_NONE)
+        self._look_at_whole_wall()
         self._qpos[rows, :9] = start.joint_position_rad
         self._qpos[rows, 9:12] = start.cube_position_world_m
         self._qpos[rows, 12:16] = start.cube_quat_wxyz
@@ -159,6 +167,7 @@ class SimulatedDriver:
             self._qvel[rows, 9:15] = start.cube_velocity
         self._batch.forward(ids=rows)  # while the record is empty, so that the control callback rests
         self._slots[rows] = 0.0
+        self._slots[rows, r.AFTER_WALL] = self._after_wall if self._watches_wall else 0.0
         self._slots[rows, r.SAFETY_ON] = float(self._safety)
         self._slots[rows, r.STEP_S] = self._step_s
         self._slots[rows, r.EFFECTS_ON] = float(self._effects_on)
@@ -174,6 +183,12 @@ class SimulatedDriver:
         self._torque_nm[rows] = 0.0
         if robots is None:
             self._step = 0
+
+    def _look_at_whole_wall(self) -> None:
+        """Switch on what was switched off where the last trial ended."""
+        if self._watches_wall and self._models:
+            for name in ("body_contype", "body_conaffinity"):
+                getattr(self._models[0], name)[:] = getattr(self._model, name)
 
     def measure(self, *, feel: bool = False) -> Measurement:
         """The present state of all robots; copies, so that it may be kept.
@@ -206,9 +221,8 @@ class SimulatedDriver:
         Raises:
             PhysicsDivergedError: a simulation became unstable.
         """
-        if all(command.position_target_rad is None for command, _ in schedule):
-            steps = sum(steps for _, steps in schedule)
-            torque_nm, row = np.empty((self._robots, steps, 9)), 0
+        if all([command.position_target_rad is None for command, _ in schedule]):
+            torque_nm, row = np.empty((self._robots, sum([steps for _, steps in schedule]), 9)), 0
             for command, steps in schedule:
                 torque_nm[:, row : row + steps] = command.desired_torque_nm[:, None]
                 row += steps

@@ -135,11 +135,11 @@ class Tracker:
     def capture(self, segment: Segment) -> None:
         """Take the images that fall into a segment."""
         first, steps = segment.first_step, segment.cube_position_world_m.shape[1]
-        images = [
-            (step, group)
-            for group in self._groups
-            for step in range(first + (group.phase_steps - first) % group.period_steps, first + steps, group.period_steps)
-        ]
+        images = []
+        for group in self._groups:
+            begin = first + (group.phase_steps - first) % group.period_steps
+            if begin < first + steps:
+                images += [(step, group) for step in range(begin, first + steps, group.period_steps)]
         for step, group in sorted(images, key=lambda image: image[0]):
             row = step - first
             truth = (segment.true_joint_position_rad, segment.cube_position_world_m, segment.cube_quat_wxyz)

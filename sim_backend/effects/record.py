@@ -20,7 +20,9 @@ SEED = 3
 CLOCK = 4
 """Steps since the reset."""
 STEP_S = 5
-POSITION_TARGET = 6
+AFTER_WALL = 6
+"""The first geom after the wall's, where parts of the wall are switched off and on (``driver/wall_watch.py``); 0 elsewhere."""
+POSITION_TARGET = 7
 """First of nine position targets, rad, NaN for none."""
 CONTROL_SLOTS = POSITION_TARGET + 9
 """A simulation needs at least these for the safety pipeline."""

@@ -38,6 +38,34 @@ class Rival:
     separated_by: str
 
 
+class Told(StrEnum):
+    """What a study says of one effect of the catalogue."""
+
+    NAMED = "named"
+    CONFUSABLE = "confusable"
+    EXCLUDED = "excluded"
+    NOT_JUDGED = "not_judged"
+
+
+@dataclass(frozen=True)
+class EffectJudged:
+    """One effect of the catalogue, and what these data say of it.
+
+    Attributes:
+        effect: its name.
+        told: that it is there, that it may be, that it is not, or that nobody asked.
+        above: of an excluded one, the size of its first number that would have been seen at every joint; None otherwise.
+        unit: of that.
+        because: in words, why it is confusable or not judged.
+    """
+
+    effect: str
+    told: Told
+    above: float | None = None
+    unit: str = ""
+    because: str = ""
+
+
 @dataclass(frozen=True)
 class HeldOut:
     """Error on episodes or stretches that were not used to fit. ``reduction`` is a share of ``before``.
@@ -64,7 +92,9 @@ class Verdict:
     has more than the causes: what makes it go where the robot went without being told to be a cause. ``null_p`` is the share of
     healthy sessions whose largest gain is at least this one's, none where all causes were seen without a fit. ``held_out_there``
     are errors where such causes act, which ``held_out`` leaves out. ``rejected`` are the best other explanations of the named
-    causes, closest first, with what speaks against each; ``runner_up`` is the first of them.
+    causes, closest first, with what speaks against each; ``runner_up`` is the first of them. ``misreads`` is what the data agree
+    with if something in them is not as it is told. ``effects`` says of every effect of the catalogue what came of it, where a
+    subject answers for all of them.
     """
 
     verdict: VerdictKind
@@ -79,6 +109,8 @@ class Verdict:
     follows: tuple[str, ...] = ()
     cannot_tell: tuple[str, ...] = ()
     record_next: tuple[str, ...] = ()
+    misreads: str = ""
+    effects: tuple[EffectJudged, ...] = ()
 
     def document(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -109,6 +141,8 @@ def joined(verdicts: Sequence[Verdict]) -> Verdict:
         follows=tuple(x for v in verdicts for x in v.follows),
         cannot_tell=tuple(x for v in verdicts for x in v.cannot_tell),
         record_next=tuple(x for v in verdicts for x in v.record_next),
+        misreads=" ".join(v.misreads for v in verdicts if v.misreads),
+        effects=tuple(x for v in verdicts for x in v.effects),
     )
 
 

@@ -5,7 +5,7 @@ what a log carries. Links are primitive geoms: spheres for the tips, capsules fo
 """
 
 import numpy as np
-from mujoco import MjModel, MjsBody, MjSpec, mjtCone, mjtGeom, mjtIntegrator
+from mujoco import MjModel, MjsBody, MjSpec, mjtCone, mjtDisableBit, mjtGeom, mjtIntegrator
 
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.object_body import add_object
@@ -36,6 +36,7 @@ def build_scene(*, physics_step_s: float = c.PHYSICS_STEP_S, shape: Shape = CUBE
     spec.option.integrator = mjtIntegrator.mjINT_EULER
     spec.option.cone = mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10.0
+    spec.option.disableflags |= mjtDisableBit.mjDSBL_ISLAND  # one robot and one object: what joins them costs more than it saves
     spec.option.gravity = [0.0, 0.0, -c.GRAVITY_M_S2]
     _add_arena(spec)
     for finger, yaw_rad in zip(c.FINGER_NAMES, c.FINGER_YAW_RAD, strict=True):
@@ -43,6 +44,14 @@ def build_scene(*, physics_step_s: float = c.PHYSICS_STEP_S, shape: Shape = CUBE
     add_object(spec, shape, contact=_contact(CUBE_BITS, ARENA_BITS | FINGER_BITS | MIDDLE_BITS), visual=_visual())
     _add_finger_cube_pairs(spec)
     _add_cameras(spec)
+    return spec
+
+
+def discard_what_shows(spec: MjSpec) -> MjSpec:
+    """The specification itself, without what only shows: in every step it would be moved along."""
+    spec.compiler.discardvisual = True
+    for unseen in (*spec.cameras, *spec.lights):
+        spec.delete(unseen)
     return spec
 
 

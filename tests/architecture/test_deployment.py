@@ -206,3 +206,32 @@ def test_nobody_is_root_in_the_images():
     stages = re.split(r"^FROM ", (ROOT / "Dockerfile").read_text(), flags=re.MULTILINE)[1:]
     last = {re.search(r" AS (\S+)", stage)[1]: re.findall(r"^USER (\S+)", stage, re.MULTILINE)[-1:] for stage in stages}
     assert {name: last[name] for name in ("s3", "api", "robot")} == {"s3": ["10001"], "api": ["trifarm"], "robot": ["trifarm"]}
+
+
+UNITS = sorted((ROOT / "deploy/systemd").glob("*.service"))
+
+
+@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.name)
+def test_units_start_programs_with_what_they_take(unit, monkeypatch):
+    (command,) = re.findall(r"^ExecStart=(.*)$", unit.read_text(), re.MULTILINE)
+    _python, _alone, _module, program, *arguments = command.split()
+    if program == "services":
+        command, settings = parsed(arguments)
+        assert (
+            command == "serve"
+            and str(settings.data) == "/var/lib/trifarm"
+            and settings.bus.startswith("unixsock-stream//var/lib")
+        )
+    else:
+        monkeypatch.setenv(TOKEN_VARIABLE, "token")
+        assert program == "robot_farm" and parse(arguments).robot_names
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
+def test_units_are_of_the_form_that_systemd_reads(tmp_path):
+    for unit in UNITS:
+        # The program that they name is not installed on the machine of the tests.
+        (tmp_path / unit.name).write_text(re.sub(r"^ExecStart=\S+", "ExecStart=/bin/true", unit.read_text(), flags=re.MULTILINE))
+    command = ["systemd-analyze", "verify", *map(str, sorted(tmp_path.glob("*.service")))]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and "trifarm" not in done.stderr, done.stderr

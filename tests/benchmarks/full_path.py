@@ -34,6 +34,7 @@ from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import Ranges, load_ranges
 from sim_backend.tasks import TASKS
 from sim_backend.trifinger import constants as c
+from sim_backend.trifinger.scene import discard_what_shows
 from trial_logs.reader import TrialLog, read_log, read_truth
 
 ROOT = Path(__file__).parent.parent.parent
@@ -52,7 +53,7 @@ def convert(folder: Path) -> tuple[Path, PolicyManifest]:
 
 def bare_s(physics: Physics, log: TrialLog, cube_position_world_m: np.ndarray, cube_quat_wxyz: np.ndarray) -> float:
     """Wall time of ``mj_step`` over a recorded trial: the faster of a native loop and a Python loop."""
-    model = robot_spec(physics, physics_step_s=c.PHYSICS_STEP_S).compile()
+    model = discard_what_shows(robot_spec(physics, physics_step_s=c.PHYSICS_STEP_S)).compile()
     data = mujoco.MjData(model)
     data.qpos[:9], data.qpos[9:12] = log.joint_position_rad[0], cube_position_world_m
     data.qpos[12:16] = cube_quat_wxyz

@@ -59,13 +59,20 @@ def rolled_out(model: mujoco.MjModel, data: mujoco.MjData, torque_nm: np.ndarray
     return {name: median(each[name] for each in found) for name in found[0]}
 
 
+def as_driven(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """Without what only shows, where the checkout's robots step a model without it."""
+    from sim_backend.trifinger import scene
+
+    return getattr(scene, "discard_what_shows", lambda whole: whole)(spec)
+
+
 def held() -> dict[str, float]:
     """The nominal robot with the cube in the middle of the table and fingers held where trials begin."""
     from sim_backend.driver.robot_model import robot_spec
     from sim_backend.effects.physics import Physics
     from sim_backend.trifinger import constants as c
 
-    model = robot_spec(Physics.nominal(), physics_step_s=c.PHYSICS_STEP_S).compile()
+    model = as_driven(robot_spec(Physics.nominal(), physics_step_s=c.PHYSICS_STEP_S)).compile()
 
     def begun() -> mujoco.MjData:
         data = mujoco.MjData(model)
@@ -106,7 +113,7 @@ class Timed:
         return done
 
     def _bare(self, physics: Any, log: Any, cube_position_world_m: np.ndarray, cube_quat_wxyz: np.ndarray) -> float:
-        model = self._full_path.robot_spec(physics, physics_step_s=self._full_path.c.PHYSICS_STEP_S).compile()
+        model = as_driven(self._full_path.robot_spec(physics, physics_step_s=self._full_path.c.PHYSICS_STEP_S)).compile()
         data = mujoco.MjData(model)
         data.qpos[:9], data.qpos[9:12] = log.joint_position_rad[0], cube_position_world_m
         data.qpos[12:16] = cube_quat_wxyz

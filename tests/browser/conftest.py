@@ -59,8 +59,8 @@ class Looked:
     def token(self, owner: str) -> str:
         return self.api.post("/v1/tokens", json={"owner": owner, "scopes": ["submit"]}).json()["secret"]
 
-    def submit(self, policy: str, token: str, trials: int, seed: int | None = 1) -> str:
-        body = {"policy": policy, "task": "push", "trials": trials, "seed": seed}
+    def submit(self, policy: str, token: str, trials: int, seed: int | None = 1, task: str = "push") -> str:
+        body = {"policy": policy, "task": task, "trials": trials, "seed": seed}
         with self.client(token) as client:
             return client.post("/v1/jobs", json=body).raise_for_status().json()["job_id"]
 
@@ -97,7 +97,7 @@ def chromium():
 
 @pytest.fixture(scope="package")
 def looked(chromium, tmp_path_factory):
-    with Farm(tmp_path_factory.mktemp("browser"), robots=2) as farm:
+    with Farm(tmp_path_factory.mktemp("browser"), robots=1) as farm:
         looked = Looked(farm)
         yield looked
         looked.api.close()

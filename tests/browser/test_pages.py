@@ -21,7 +21,7 @@ def jobs(looked):
         "<!DOCTYPE html><html lang=en><title>Joints of robot-0</title><h1>Joints</h1><script>alert(4)</script>"
     )
     ranked = looked.submit(digest, looked.user, trials=2, seed=None)
-    running = looked.submit(digest, looked.user, trials=200, seed=4)
+    running = looked.submit(digest, looked.user, trials=200, seed=4, task="lift")
     yield {
         "ended": ended,
         "again": again,
@@ -74,7 +74,7 @@ def test_changes_are_seen_within_a_second(operator, looked, jobs):
     page.goto(f"/jobs/{jobs['running']}")
     late_s = []
     done = looked.api.get(f"/v1/jobs/{jobs['running']}").json()["trials_done"]
-    give_up_s = time.monotonic() + 60
+    give_up_s = time.monotonic() + 180
     while len(late_s) < 2 and time.monotonic() < give_up_s:
         now = looked.api.get(f"/v1/jobs/{jobs['running']}").json()["trials_done"]
         if now != done:
@@ -92,34 +92,12 @@ def test_changes_are_seen_within_a_second(operator, looked, jobs):
 def test_an_operator_drains_a_robot_and_takes_it_back(operator):
     page = operator.page
     page.goto("/")
-    card = page.locator("#robot-robot-1")
-    card.get_by_role("button", name="Drain robot-1").click()
-    said = "document.querySelector('#robot-robot-1')?.textContent"  # the card is gone for a moment while the page is renewed
+    card = page.locator("#robot-robot-0")
+    card.get_by_role("button", name="Drain robot-0").click()
+    said = "document.querySelector('#robot-robot-0')?.textContent"  # the card is gone for a moment while the page is renewed
     page.wait_for_function(f"() => {said}?.includes('draining')", timeout=5000)
-    card.get_by_role("button", name="Resume robot-1").click()
+    card.get_by_role("button", name="Resume robot-0").click()
     page.wait_for_function(f"() => {said} && !{said}.includes('draining')", timeout=30_000)
-
-
-def test_a_trial_replays_and_scrubs(operator, ended):
-    page = operator.page
-    page.goto(f"/jobs/{ended}?order=trial")
-    page.click("#trial-0")
-    page.wait_for_selector("#replay[data-ready=yes]", timeout=20_000)
-    assert page.locator("#wait").is_hidden(), page.inner_text("#wait")
-    assert page.locator(".time-plot canvas:visible").count() >= 5
-    first = page.locator("#scene").screenshot()
-    page.evaluate(
-        "() => { const slider = document.querySelector('#time'); slider.value = 9; slider.dispatchEvent(new Event('input')); }"
-    )
-    page.wait_for_function("() => document.querySelector('#replay').dataset.time === '9.000'")
-    assert page.locator("#scene").screenshot() != first
-    assert "9.00 s" in page.inner_text("#now")
-    page.select_option("#speed", "4")
-    page.click("#play")
-    page.wait_for_function("() => Number(document.querySelector('#replay').dataset.time) > 10", timeout=5000)
-    page.focus("#scene")
-    page.keyboard.press("ArrowLeft")
-    page.click("[data-view=top]")
 
 
 def test_a_running_trial_is_watched_as_it_happens(browser, looked, jobs, axe):
@@ -135,7 +113,7 @@ def test_a_running_trial_is_watched_as_it_happens(browser, looked, jobs, axe):
                 seen = page.evaluate("() => ({...document.querySelector('#watch').dataset})")
             except Error:
                 continue  # it ended before the page was there
-        assert 0 < float(seen["time"]) <= 15
+        assert 0 < float(seen["time"]) <= 30
 
 
 def test_the_page_of_a_running_trial_is_accessible(browser, looked, jobs, axe):
@@ -165,6 +143,40 @@ def gravest(page, axe):
     found = page.evaluate("async () => (await axe.run()).violations")
     worst = [each for each in found if each["impact"] in ("serious", "critical")]
     return [(each["id"], [node["html"][:120] for node in each["nodes"]]) for each in worst]
+
+
+def test_a_user_cancels_his_job(browser, looked, jobs):
+    with Visit(browser, looked, looked.user) as visit:
+        visit.page.goto(f"/jobs/{jobs['running']}")
+        visit.page.get_by_role("button", name="Cancel job").click()
+        visit.page.locator("h1", has_text="cancelled").wait_for(timeout=10_000)
+        visit.page.get_by_role("button", name="Sign out").click()
+        assert visit.page.url.endswith("/sign-in")
+        visit.page.goto("/jobs")
+        assert "/sign-in" in visit.page.url
+        assert visit.complaints == []  # and from here on robots compute nothing
+
+
+def test_a_trial_replays_and_scrubs(operator, ended):
+    page = operator.page
+    page.goto(f"/jobs/{ended}?order=trial")
+    page.click("#trial-0")
+    page.wait_for_selector("#replay[data-ready=yes]", timeout=20_000)
+    assert page.locator("#wait").is_hidden(), page.inner_text("#wait")
+    assert page.locator(".time-plot canvas:visible").count() >= 5
+    first = page.locator("#scene").screenshot()
+    page.evaluate(
+        "() => { const slider = document.querySelector('#time'); slider.value = 9; slider.dispatchEvent(new Event('input')); }"
+    )
+    page.wait_for_function("() => document.querySelector('#replay').dataset.time === '9.000'")
+    assert page.locator("#scene").screenshot() != first
+    assert "9.00 s" in page.inner_text("#now")
+    page.select_option("#speed", "4")
+    page.click("#play")
+    page.wait_for_function("() => Number(document.querySelector('#replay').dataset.time) > 10", timeout=5000)
+    page.focus("#scene")
+    page.keyboard.press("ArrowLeft")
+    page.click("[data-view=top]")
 
 
 def test_names_that_users_chose_are_only_text(operator, looked, jobs, ended):
@@ -199,18 +211,6 @@ def test_two_jobs_are_compared(operator, looked, jobs, ended):
     page.get_by_role("button", name="Compare").click()
     assert "N = 2" in page.inner_text("main")
     assert "The difference could be chance" in page.inner_text("main")
-
-
-def test_a_user_cancels_his_job(browser, looked, jobs):
-    with Visit(browser, looked, looked.user) as visit:
-        visit.page.goto(f"/jobs/{jobs['running']}")
-        visit.page.get_by_role("button", name="Cancel job").click()
-        visit.page.locator("h1", has_text="cancelled").wait_for(timeout=10_000)
-        visit.page.get_by_role("button", name="Sign out").click()
-        assert visit.page.url.endswith("/sign-in")
-        visit.page.goto("/jobs")
-        assert "/sign-in" in visit.page.url
-        assert visit.complaints == []
 
 
 def test_a_revoked_token_closes_the_pages_that_it_opened(browser, looked):

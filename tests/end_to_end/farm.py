@@ -11,6 +11,8 @@ from pathlib import Path
 
 import httpx
 
+from tests.end_to_end import commands
+
 TRIFARM = [sys.executable, "-m", "client_cli"]
 READY_WITHIN_S = 180  # the first farm of a checkout compiles, beside whatever else runs
 
@@ -76,7 +78,7 @@ class Farm:
 
     def run(self, *arguments: str, code: int | None = 0) -> str:
         """Standard output of a command; its exit code must be ``code``."""
-        done = subprocess.run([*TRIFARM, *arguments], env=self.env, capture_output=True, text=True, timeout=280, check=False)
+        done = commands.run(*arguments, env=self.env)
         assert code is None or done.returncode == code, f"{arguments}: exit {done.returncode}: {done.stdout}{done.stderr}"
         return done.stdout
 

@@ -19,15 +19,11 @@ from tests.end_to_end.farm import TRIFARM
 
 
 def experiment(*flags: str) -> dict:
-    """What a command that succeeds prints."""
-    return json.loads(ended(0, *flags).stdout)
-
-
-def ended(code: int, *flags: str) -> subprocess.CompletedProcess[str]:
+    """What the command prints, which succeeds."""
     command = [*TRIFARM, "experiment", "randomization", "--quick", "--json", *flags]
-    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=280)
-    assert done.returncode == code, done.stdout + done.stderr
-    return done
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=400)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return json.loads(done.stdout)
 
 
 def processes_of(folder: Path) -> list[str]:
@@ -80,8 +76,3 @@ def test_the_quick_form_trains_tries_on_a_farm_and_judges(tmp_path):
     assert (out / "randomization.svg").stat().st_size > 0 and (out / "randomization.png").stat().st_size > 0
     listed = experiment("--out", str(out), "--list")
     assert all(piece["done"] for piece in listed["pieces"]) and listed["hours_left"] == 0
-
-
-def test_a_cell_that_is_not_there_is_refused_with_those_that_are(tmp_path):
-    said = ended(2, "--out", str(tmp_path), "--only", "nothing").stderr
-    assert "choose from nominal, randomized" in said

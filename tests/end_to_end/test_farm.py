@@ -15,14 +15,16 @@ import pytest
 
 from tests.end_to_end import recurrent
 from tests.end_to_end.farm import Farm
+from tests.end_to_end.reaching import reaching
 from tests.graphs import endless, endless_in_time, linear, memory_hog, no_number_in_time
 from trial_logs.reader import read_log
 
 ROOT = Path(__file__).parent.parent.parent
 REFERENCE = ROOT / "sim_backend/training/reference_policies/push.safetensors"
 EXPERTS = ROOT.parent / "shared/data/policies"
-SAME = {"policy": REFERENCE, "trials": 4, "seed": 3}
-"""A job that farms of different sizes run."""
+TRIALS = 8
+SAME = {"policy": REFERENCE, "trials": 3, "seed": 11}
+"""A job that farms of different sizes run: the first trials of ``reference_job``."""
 
 
 @pytest.fixture(scope="module")
@@ -39,9 +41,15 @@ def one_robot(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def four_trials(farm) -> list:
+def reference_job(farm) -> str:
+    """A job of the shipped policy on four robots that has ended."""
+    return farm.submit(REFERENCE, trials=TRIALS, seed=SAME["seed"], wait=True)
+
+
+@pytest.fixture(scope="module")
+def on_four_robots(farm, reference_job) -> list:
     """The numbers of ``SAME`` on four robots."""
-    return numbers(farm.report(farm.submit(**SAME)))
+    return numbers(farm.report(reference_job))[: SAME["trials"]]
 
 
 @dataclass(frozen=True)
@@ -87,18 +95,17 @@ def numbers(report: dict) -> list:
     return [(row["trial"], row["seed"], row["outcome"]["kind"], row["outcome"]["measures"]) for row in report["per_trial"]]
 
 
-def test_reference_policy_from_submission_to_verified_logs(farm, tmp_path):
-    job = farm.submit(REFERENCE, trials=8, seed=11, wait=True)
-    report = farm.report(job)
-    assert report["trials"] == 8 == len(report["per_trial"])
+def test_reference_policy_from_submission_to_verified_logs(farm, reference_job, tmp_path):
+    report = farm.report(reference_job)
+    assert report["trials"] == TRIALS == len(report["per_trial"])
     assert report["platform_faults"] == 0 == report["policy_faults"]
     assert report["successes"] >= 6
     low, high = report["interval_80"]
     assert low < report["success_rate"] <= high
-    assert sum(row["trials"] for row in report["per_robot"]) == 8
-    farm.run("fetch", job, "--to", str(tmp_path / "logs"))
+    assert sum(row["trials"] for row in report["per_robot"]) == TRIALS
+    farm.run("fetch", reference_job, "--to", str(tmp_path / "logs"))
     logs = sorted((tmp_path / "logs").glob("*.mcap"))
-    assert [log.name for log in logs] == [f"trial-{k:03d}.mcap" for k in range(8)]
+    assert [log.name for log in logs] == [f"trial-{k:03d}.mcap" for k in range(TRIALS)]
     assert farm.json("replay", str(logs[0]), "--verify")["same"]
     summary = farm.json("replay", str(logs[1]))
     assert summary["joint_states"] == 15000
@@ -138,45 +145,45 @@ def test_the_walk_over_http_is_as_the_page_says(farm, tmp_path):
     assert read_log(tmp_path / "trial-000.mcap").metadata["task"] == "push"
 
 
-def test_the_controller_that_needs_no_weights_runs_as_any_policy_and_replays(farm, tmp_path):
-    job = farm.submit("builtin:grasp", task="move_cube_2", trials=3, seed=8)
+def test_the_controller_that_needs_no_weights_runs_as_any_policy_and_replays(farm, reference_job, tmp_path):
+    job = farm.submit("builtin:grasp", task="move_cube_2", trials=2, seed=8)
     report = farm.report(job)
-    assert report["successes"] >= 2
-    assert report["jail"] == farm.report(farm.submit(REFERENCE, trials=1, seed=8))["jail"]
+    assert report["successes"] >= 1
+    assert report["jail"] == farm.report(reference_job)["jail"]
     farm.run("fetch", job, "--to", str(tmp_path / "logs"))
     assert farm.json("replay", str(tmp_path / "logs/trial-000.mcap"), "--verify")["same"]
 
 
-def test_same_seed_same_numbers_on_one_and_four_robots(four_trials, one_robot):
-    assert numbers(one_robot.report(one_robot.submit(**SAME))) == four_trials
+def test_same_seed_same_numbers_on_one_and_four_robots(on_four_robots, one_robot):
+    assert numbers(one_robot.report(one_robot.submit(**SAME))) == on_four_robots
 
 
-def test_job_survives_a_restart_of_the_farm_with_the_numbers_of_one_that_was_not_stopped(four_trials, two_robots):
-    assert two_robots.numbers == four_trials
+def test_job_survives_a_restart_of_the_farm_with_the_numbers_of_one_that_was_not_stopped(on_four_robots, two_robots):
+    assert two_robots.numbers == on_four_robots
 
 
 def test_a_killed_robot_costs_one_attempt_and_nothing_else(farm):
-    job = farm.submit(REFERENCE, task="lift", trials=4, seed=5)
+    job = farm.submit(REFERENCE, task="lift", trials=2, seed=5)
     killed = farm.robot_in_mid_trial()
     os.kill(killed["pid"], signal.SIGKILL)
     report = farm.report(job)
-    assert len(report["per_trial"]) == 4 == len({row["trial_id"] for row in report["per_trial"]})
+    assert len(report["per_trial"]) == 2 == len({row["trial_id"] for row in report["per_trial"]})
     assert report["platform_faults"] == 1
-    assert report["attempts"] == 5
+    assert report["attempts"] == 3
     (fault,) = report["platform_fault_attempts"]
     assert fault["robot"] == killed["robot"]
-    assert numbers(report) == numbers(farm.report(farm.submit(REFERENCE, task="lift", trials=4, seed=5)))
+    assert numbers(report) == numbers(farm.report(farm.submit(REFERENCE, task="lift", trials=2, seed=5)))
     kept = list((farm.folder / "data/robots" / killed["robot"] / "unfinished").glob("*.mcap"))
     assert kept, "the log of the cut-off attempt is gone"
 
 
-def test_a_recurrent_policy_keeps_its_memory_in_a_trial_and_forgets_it_between(farm, tmp_path):
-    """Each robot runs two trials in one process; the logs hold what sb3-contrib's own policy would have done from no memory."""
+def test_a_recurrent_policy_keeps_its_memory_in_a_trial_and_forgets_it_between(one_robot, tmp_path):
+    """The robot runs both trials in one process; the logs hold what sb3-contrib's own policy would have done from no memory."""
     model = recurrent.trained()
-    job = farm.submit(recurrent.saved(model, tmp_path / "recurrent.zip"), task="reach", trials=8, seed=4)
-    report = farm.report(job)
+    job = one_robot.submit(recurrent.saved(model, tmp_path / "recurrent.zip"), task="reach", trials=2, seed=4)
+    report = one_robot.report(job)
     assert report["platform_faults"] == 0 == report["policy_faults"]
-    farm.run("fetch", job, "--to", str(tmp_path / "logs"))
+    one_robot.run("fetch", job, "--to", str(tmp_path / "logs"))
     left_over, differences, seconds = {}, [], 0
     for row in report["per_trial"]:
         log = read_log(tmp_path / "logs" / f"trial-{row['trial']:03d}.mcap")
@@ -209,9 +216,9 @@ def test_bad_policies_are_the_policys_fault_and_robots_go_on(farm, tmp_path, mak
     assert report["policy_faults"] == 2
     assert report["successes"] == 0 == report["platform_faults"]
     assert {row["outcome"]["kind"] for row in report["per_trial"]} == {kind}
-    after = farm.report(farm.submit(REFERENCE, trials=4, seed=2))
-    assert after["trials"] == 4
-    assert after["platform_faults"] == 0
+    after = farm.report(farm.submit(reaching(tmp_path), task="reach", trials=8, seed=2))
+    assert after["trials"] == 8
+    assert after["platform_faults"] == 0 == after["policy_faults"]
 
 
 @pytest.mark.parametrize(
@@ -230,7 +237,7 @@ def test_what_cannot_run_never_gets_into_the_queue(farm, tmp_path, make, problem
 
 
 def test_a_policy_whose_process_dies_is_named(farm):
-    job = farm.submit(REFERENCE, task="lift", trials=4, seed=1)
+    job = farm.submit(REFERENCE, task="lift", trials=2, seed=1)
     robot = farm.robot_in_mid_trial()
     os.kill(policy_processes(robot["pid"])[0], signal.SIGKILL)
     report = farm.report(job)

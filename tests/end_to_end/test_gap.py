@@ -1,13 +1,15 @@
 """The second half of the mission through the command line: a farm's logs in, cause, better model and report out."""
 
 import json
+import os
 import subprocess
 from pathlib import Path
 
 import pytest
 
 from sim_backend.trifinger.constants import JOINT_NAMES
-from tests.end_to_end.farm import TRIFARM, Farm
+from tests.end_to_end import commands
+from tests.end_to_end.farm import Farm
 
 JOINT, FRICTION_NM = 4, 0.03
 
@@ -24,7 +26,7 @@ def folder(tmp_path_factory) -> Path:
 
 
 def gap(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([*TRIFARM, "gap", "study", *arguments], capture_output=True, text=True, timeout=280, check=False)
+    return commands.run("gap", "study", *arguments, env=os.environ)
 
 
 @pytest.fixture(scope="module")

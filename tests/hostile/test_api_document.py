@@ -13,7 +13,7 @@ def farm(tmp_path_factory):
 
 
 def test_no_answer_is_a_5xx_or_contradicts_the_document(farm):
-    found = fuzz_api.passes(farm, farm.tokens["admin"], examples=5, seed=1, phases="fuzzing")
+    found = fuzz_api.passes(farm, farm.tokens["admin"], examples=3, seed=1, phases="fuzzing")
     operations = sum(len(path) for path in farm.admin.get("/openapi.json").json()["paths"].values())
     for name, run in found.items():
         assert (run["failures"], run["exit_code"]) == ({}, 0), (name, run)

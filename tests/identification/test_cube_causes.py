@@ -36,7 +36,7 @@ HIDDEN = {
     "table_friction": Hidden("table_friction.coefficient", 0.7, 0.08),
     "fingertip_friction": Hidden("fingertip_friction.coefficient", 0.6, 0.1),
 }
-AT_SCALE = ("tracking_dropout", "orientation_jumps", "tracking_offset", "cube_mass")
+AT_SCALE = ("tracking_dropout", "orientation_jumps", "tracking_offset", "cube_mass", "fingertip_friction")
 """Those of which another of the same kind is named without scale."""
 JOINTS = "coulomb_friction.torque_nm"
 

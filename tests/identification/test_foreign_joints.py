@@ -115,5 +115,7 @@ def test_nothing_is_wrong_with_an_arm_whose_masses_are_not_exact():
     assert verdict_of(arm(masses=(1.015, 0.692, 0.303))).verdict is VerdictKind.NOTHING_WRONG
 
 
+@pytest.mark.scale
 def test_nothing_is_wrong_with_the_nominal_arm():
+    """`test_nothing_is_wrong_with_an_arm_whose_masses_are_not_exact` asks it of a harder arm."""
     assert verdict_of(arm()).verdict is VerdictKind.NOTHING_WRONG

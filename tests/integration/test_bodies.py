@@ -36,7 +36,7 @@ def farm(tmp_path_factory):
 @contextmanager
 def begun(farm, route, *headers):
     with socket.create_connection(("127.0.0.1", farm.port), timeout=20) as connection:
-        lines = (f"{route} HTTP/1.1", "Host: farm", *headers, "", "")
+        lines = (f"{route} HTTP/1.1", "Host: localhost", *headers, "", "")
         connection.sendall("\r\n".join(lines).encode())
         yield connection
 

@@ -13,8 +13,8 @@ from tests.integration.test_bodies import answer_of
 HEAD_S = 1.0
 MANY, FEW_FILES = 400, 256
 FEW = ("sh", "-c", f'ulimit -Sn {FEW_FILES} && exec "$@"', "sh")
-WHOLE = b"GET /healthz HTTP/1.1\r\nHost: farm\r\n\r\n"
-LONG_BODY = b"POST /v1/jobs HTTP/1.1\r\nHost: farm\r\nContent-Type: application/json\r\nContent-Length: 5000000\r\n\r\n"
+WHOLE = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n"
+LONG_BODY = b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: 5000000\r\n\r\n"
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +103,7 @@ def test_streams_and_slow_bodies_and_used_connections_live_on(farm):
     with connected(farm) as used, connected(farm) as slow, farm.admin.stream("GET", f"/v1/jobs/{job_id}/events") as stream:
         lines = stream.iter_lines()
         assert "job_queued" in next(lines)
-        head = f"POST /v1/jobs HTTP/1.1\r\nHost: farm\r\nContent-Type: application/json\r\n{token}Content-Length: 9\r\n\r\n"
+        head = f"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n{token}Content-Length: 9\r\n\r\n"
         slow.sendall(head.encode())
         for byte in b'{"a": 1}\n':
             used.sendall(WHOLE)

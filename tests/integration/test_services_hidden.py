@@ -94,7 +94,7 @@ def test_only_the_owner_and_operators_may_have_a_log_verified(farm, done):
 
 def test_whoever_sends_a_log_slowly_holds_up_nobody_else(farm, done):
     path = f"/v1/jobs/{done[0]}/trials/0/verify"
-    head = f"POST {path} HTTP/1.1\r\nHost: farm\r\nAuthorization: Bearer {farm.tokens['admin']}\r\nContent-Length: 9\r\n\r\n"
+    head = f"POST {path} HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {farm.tokens['admin']}\r\nContent-Length: 9\r\n\r\n"
     with socket.create_connection(("127.0.0.1", farm.port)) as slow:
         slow.sendall(head.encode() + b"l")
         time.sleep(0.5)  # its body's first byte is there, and the others never come

@@ -1,13 +1,16 @@
 """Several processes of the services on one PostgreSQL database and one S3 server: whoever is asked, it is one farm."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
 from contextlib import contextmanager
 
+import httpx
 import pytest
 
+from services.api.door import SESSION_COOKIE as COOKIE
 from tests.homes import scale_settings
 from tests.integration.farm_process import ROOT, Services, services, until
 
@@ -108,3 +111,18 @@ def test_a_killed_process_loses_nothing_and_the_others_end_the_job(pair):
     assert len(report["per_trial"]) == 60
     assert report["attempts"] == 60 + report["platform_faults"]
     assert first.stop(signal.SIGTERM) == 0
+
+
+def test_who_signs_out_at_one_is_signed_out_at_the_other(pair):
+    first, second = pair
+    with httpx.Client(base_url=first.api, trust_env=False) as browser, httpx.Client(trust_env=False) as elsewhere:
+        assert browser.post("/sign-in", data={"token": first.tokens["admin"]}).status_code == 303
+        cookie = {"Cookie": f"{COOKIE}={browser.cookies[COOKIE]}", "Accept": "text/html"}
+
+        def at_the_other():
+            return elsewhere.get(f"{second.api}/jobs", headers=cookie).status_code
+
+        assert at_the_other() == 200
+        word = re.search(r'name="csrf" value="([0-9a-f]+)"', browser.get("/jobs", headers={"Accept": "text/html"}).text)
+        assert browser.post("/sign-out", data={"csrf": word[1]}).status_code == 303
+        until(lambda: at_the_other() == 303, 3, "the session to end at the other process")

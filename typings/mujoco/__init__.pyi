@@ -170,6 +170,8 @@ class MjModel:
     body_subtreemass: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     body_inertia: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     body_invweight0: _Attribute[numpy.typing.NDArray[numpy.float64], object]
+    body_contype: _Attribute[numpy.typing.NDArray[numpy.int32], object]
+    body_conaffinity: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     bvh_aabb: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     jnt_type: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     jnt_qposadr: _Attribute[numpy.typing.NDArray[numpy.int32], object]
@@ -189,6 +191,7 @@ class MjModel:
     dof_invweight0: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     dof_M0: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     dof_length: _Attribute[numpy.typing.NDArray[numpy.float64], object]
+    geom_type: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     geom_contype: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     geom_conaffinity: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     geom_bodyid: _Attribute[numpy.typing.NDArray[numpy.int32], object]
@@ -1325,7 +1328,7 @@ class mjtSleepPolicy(_Enum):
 
 class mjtStage(_Enum):
     mjSTAGE_NONE: typing.ClassVar[mjtStage]
-    mjSTAGE_VEL: typing.ClassVar[mjtStage]
+    mjSTAGE_POS: typing.ClassVar[mjtStage]
 
 class mjtState(_Enum):
     mjSTATE_QFRC_APPLIED: typing.ClassVar[mjtState]

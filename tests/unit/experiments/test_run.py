@@ -45,6 +45,11 @@ def test_a_list_is_of_what_is_asked_for(lists, tmp_path):
     assert 0 < part["hours_left"] < whole["hours_left"]
 
 
+def test_a_cell_that_is_not_there_is_refused_with_those_that_are(tmp_path, capsys):
+    assert main(["randomization", "--quick", "--json", "--out", str(tmp_path), "--only", "nothing"]) == 2
+    assert "choose from nominal, randomized" in capsys.readouterr().err
+
+
 def test_without_a_name_all_are_listed(lists, capsys, tmp_path):
     found, _ = lists("--out", str(tmp_path))
     assert [each["experiment"] for each in found["experiments"]] == list(CATALOGUE)

@@ -18,8 +18,8 @@ from sim_backend.reality_gap.subjects.joints.moves import moved
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 from sim_backend.reality_gap.verdict import Cause
 
-METHODS = ("naming", "rollouts", "simopt", "coordinate-descent")
-"""How joints are studied; the last two only calibrate."""
+METHODS = ("naming", "rollouts", "torques", "simopt", "coordinate-descent")
+"""How joints are studied: torques propose and rollouts decide, either alone, and two that only calibrate."""
 LEAST_GAIN = 0.001
 """Share of the error that a change must take away (Dactyl, arXiv 1808.00177)."""
 _SWEEPS = 30

@@ -2,11 +2,12 @@
 
 Many windows under many models run together, in the loop in which the data were made: where it is known what turned position
 targets into torque that law acts on the simulated motion, otherwise the recorded torques do. Laws between torque and joint are
-those of the equations (``motor_law``); dry friction is MuJoCo's own constraint, so that what sticks is decided by its solver.
+those of the equations (``motor_law``). Models of bodies, springs and dampers alone run in ``chain``, all others in MuJoCo, where
+dry friction is its own constraint; a test holds both to each other.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import mujoco
 import numpy as np
@@ -16,11 +17,12 @@ from sim_backend.driver.native_control import silence_warnings
 from sim_backend.effects.friction import make_stiff
 from sim_backend.reality_gap.feedback import Feedback
 from sim_backend.reality_gap.subjects.joints.body_law import gravity_of
+from sim_backend.reality_gap.subjects.joints.chain import Bodies, Chain, ChainModels, Drives, is_plain
 from sim_backend.reality_gap.subjects.joints.motor_law import in_simulations
 from sim_backend.reality_gap.subjects.joints.plant import Plant
 from sim_backend.reality_gap.subjects.joints.state import CLOCK, LINK_CENTRES, LINK_INERTIA, JointState
 
-_LONGEST_STEP_S = 0.002
+_LONGEST_STEP_S = 0.0025
 _HELD_KG_M2 = 1e6
 """Armature of joints that were not recorded: they rest."""
 _MOST_SIMULATIONS = 6000
@@ -73,6 +75,7 @@ class Forward:
         self._model.dof_armature[np.setdiff1d(np.arange(self._model.nv), plant.velocities)] = _HELD_KG_M2
         make_stiff(self._model, plant.velocities)
         silence_warnings()
+        self._chain = Chain(plant, float(self._model.opt.timestep), self._substeps) if is_plain(self._model) else None
 
     def positions(
         self, windows: Windows, begin_rad: np.ndarray, begin_rad_s: np.ndarray, states: Sequence[JointState], which: np.ndarray
@@ -86,6 +89,9 @@ class Forward:
             states: models.
             which: of the models each window is simulated with, shape (n,).
         """
+        if self._chain is not None:
+            begins, rows = (begin_rad, begin_rad_s), np.arange(len(windows))
+            return self._chain.positions(drives_of(windows), *begins, self.models(states), rows, which)
         found = [
             self._simulated(windows.some(rows), begin_rad[rows], begin_rad_s[rows], states, which[rows])
             for rows in np.array_split(np.arange(len(windows)), max(1, -(-len(windows) // _MOST_SIMULATIONS)))
@@ -129,6 +135,41 @@ class Forward:
         found[batch.warning.reshape(len(windows), -1).any(axis=1)] = np.nan
         return found
 
+    def models(self, states: Sequence[JointState]) -> ChainModels:
+        """What models make of bodies, joints and motors."""
+        plant = self._plant
+
+        def of(key: str) -> np.ndarray:
+            return np.array([state.value(key) for state in states])
+
+        own, rest = self._model.jnt_stiffness[plant.joint_ids], self._model.qpos_spring[plant.positions]
+        stiffness = own + of("joint_stiffness.stiffness_nm_rad")
+        force = own * rest + of("joint_stiffness.stiffness_nm_rad") * of("joint_stiffness.reference_rad")
+        delay_s = of("action_delay.delay_s")
+        return ChainModels(
+            self._bodies(*(of(key) for key in ("link_mass.factor", LINK_INERTIA, *LINK_CENTRES))),
+            np.array([gravity_of(state, plant.gravity_m_s2) for state in states]),
+            of("rotor_inertia.armature_kg_m2"),
+            of("viscous_friction.damping_nm_s_rad"),
+            stiffness,
+            force / np.where(stiffness == 0.0, 1.0, stiffness),
+            np.array([[state.motor(j) for j in range(plant.joints)] for state in states]),
+            of("encoder_offset.offset_rad"),
+            delay_s,
+            delay_s + of(CLOCK),
+        )
+
+    def _bodies(self, mass: np.ndarray, inertia: np.ndarray, *centres: np.ndarray) -> Bodies:
+        """Factors of masses, shares of inertias and moves of centres, shapes (m, k), as what they make of all bodies."""
+        plant, many = self._plant, (len(mass), 1)
+        masses = np.tile(self._model.body_mass, many)
+        inertias, places = (np.tile(x, (*many, 1)) for x in (self._model.body_inertia, self._model.body_ipos))
+        for j, bodies in enumerate(plant.links):
+            masses[:, bodies] *= mass[:, j, None]
+            inertias[:, bodies] *= (mass[:, j] * (1.0 + inertia[:, j]))[:, None, None]
+            places[:, plant.heaviest_of(j)] += plant.centre_share(j) * np.stack(centres, axis=2)[:, j]
+        return Bodies(masses, inertias, places)
+
     def _set_bodies(self, batch: Batch, states: Sequence[JointState], which: np.ndarray) -> None:
         """Give each simulation the masses, inertias, springs, dampers and gravity of its model."""
         plant = self._plant
@@ -146,15 +187,18 @@ class Forward:
             reference = of("joint_stiffness.reference_rad")
             batch.expand("qpos_spring")[:, plant.positions] = (own * rest + stiffness * reference) / np.maximum(together, 1e-12)
         batch.expand("opt.gravity")[:] = np.array([gravity_of(state, plant.gravity_m_s2) for state in states])[which]
-        mass, inertia = of("link_mass.factor"), 1.0 + of(LINK_INERTIA)
-        centres = np.stack([of(key) for key in LINK_CENTRES], axis=2)
-        if (mass != 1.0).any() or (inertia != 1.0).any() or centres.any():
-            masses, inertias, places = (batch.expand(f"body_{name}") for name in ("mass", "inertia", "ipos"))
-            for j, bodies in enumerate(plant.links):
-                masses[:, bodies] *= mass[:, j, None]
-                inertias[:, bodies] *= (mass[:, j] * inertia[:, j])[:, None, None]
-                places[:, plant.heaviest_of(j)] += plant.centre_share(j) * centres[:, j]
+        bodies = self._bodies(*(of(key) for key in ("link_mass.factor", LINK_INERTIA, *LINK_CENTRES)))
+        for name, values in (("mass", bodies.mass_kg), ("inertia", bodies.inertia_kg_m2), ("ipos", bodies.centre_m)):
+            batch.expand(f"body_{name}")[:] = values
         batch.set_const()
+
+
+def drives_of(windows: Windows) -> Drives:
+    """What drives some windows."""
+    law, k = windows.feedback, windows.sent_nm.shape[2]
+    none = np.zeros((len(fields(Feedback)), 1, 1, k))
+    feedback = none if law is None else np.stack([getattr(law, field.name) for field in fields(Feedback)])
+    return Drives(windows.sent_nm, feedback, np.zeros(k, bool) if law is None else law.is_known, windows.step_s)
 
 
 class _Recorded:

@@ -88,7 +88,7 @@ def needs_external(values: np.ndarray) -> bool:
 
 
 @numba.njit(inline="always")
-def _sent_to_joint(
+def sent_to_joint(
     sent: float,
     total: float,
     position: float,
@@ -135,7 +135,7 @@ def _law(
     for i in range(len(sent)):
         newer, older = sent[max(0, i - whole)], sent[max(0, i - whole - 1)]
         arrived, speed = newer + fraction * (older - newer), velocity[i]
-        current[i], value, bound = _sent_to_joint(arrived, total[i], position[i], speed, external[i], step_s, p, memory)
+        current[i], value, bound = sent_to_joint(arrived, total[i], position[i], speed, external[i], step_s, p, memory)
         play[i] = memory[2]
         net[i] = value - bound * np.tanh(speed / DIRECTION_RAD_S)
 
@@ -155,7 +155,7 @@ def _in_simulations(
     for i in range(arrived.shape[0]):
         total = np.abs(arrived[i]).sum()
         for j in range(arrived.shape[1]):
-            _, value[i, j], bound[i, j] = _sent_to_joint(
+            _, value[i, j], bound[i, j] = sent_to_joint(
                 arrived[i, j], total, position[i, j], velocity[i, j], external[i, j], step_s, p[i, j], memory[i, j]
             )
 

@@ -22,7 +22,8 @@ from sim_backend.reality_gap.subjects.joints.state import CLOCK, NO_EFFECTS, Joi
 
 LENGTHS_S = (1.0, 0.5, 0.25)
 """Of windows, the longest first: the first is taken in which a disturbed start does not grow."""
-MOST_WINDOWS = 60
+_MOST_WINDOWS, _LEAST_WINDOWS, _OF_JOINTS = 60, 20, 120
+"""So many windows, and fewer the more joints there are, whose simulations cost more and say more."""
 FOLDS = 3
 """Parts into which recordings of one regime are divided, each foretold by the others."""
 _GROWS = 2.0
@@ -33,6 +34,8 @@ _EDGE_S = 0.1
 _STARTS = (2e-3, 0.2)
 """Standard deviations of where windows begin, rad and rad/s, about the smoothed motion."""
 _PROBES = (1e-3, 1e-2)
+_USUAL = 0.95
+"""Share of robots that nothing is wrong with that are off by no more."""
 _SAMPLES_OF_WINDOW = 4.0
 """Independent numbers that a joint's errors in a window count as: they are as smooth as the motion."""
 _TAILS = 4.0
@@ -47,6 +50,8 @@ _FLOOR = 2.0
 """Times an encoder's noise: errors below it are as good as none."""
 FAR_OFF = 5.0
 """Times an encoder's noise: windows also begin and end where smoothing puts them."""
+_SHOWN = 0.7
+"""Of what a cause's number may be: windows that leave it more uncertain say nothing of it."""
 _CLOCK_SHARE = 0.25
 """Standard deviation of when a recorded torque acts, of a row: at most half a row earlier or later."""
 _SIMULATED = frozenset({*MOTOR_KEYS, *BODY_KEYS})
@@ -90,6 +95,19 @@ class RolloutFit:
     def by_joint_rad(self) -> np.ndarray:
         """Root mean square error of each joint, shape (k,)."""
         return np.sqrt(self.squares.mean(axis=0))
+
+
+@dataclass(frozen=True)
+class Told:
+    """How well windows tell an effect: the size of its number that would have been seen at each place where it was asked for.
+
+    Attributes:
+        hypothesis: effect and place, with its terms.
+        size: that gains what a cause must gain, in the unit of its first number; infinite where no window shows it.
+    """
+
+    hypothesis: Hypothesis
+    size: float
 
 
 class RolloutProblem:
@@ -139,6 +157,41 @@ class RolloutProblem:
             squares[unseen] = self.part(unseen).fitted(learned.state, (), other, quickly=True).squares  # pyright: ignore[reportArgumentType]
         return squares
 
+    def healthy_rad(self, rng: np.random.Generator, draws: int = 200) -> np.ndarray:
+        """What a usual window of a robot ends up off that differs from its model by no more than is tolerated, shape (k,).
+
+        Robots are drawn within the tolerances and simulated in these windows, with the noise of these encoders. Of each, as of
+        the recorded one, windows begin where they fit best, and the median of their errors counts; of all robots, the largest but
+        for 5 %.
+        """
+        rows = np.linspace(0, len(self.windows) - 1, min(_LEAST_WINDOWS, len(self.windows))).astype(int)
+        w, (n, k) = self.windows.some(rows), (len(rows), self.windows.begin_rad.shape[1])
+        loose = [(term, scale) for term, scale in self.loose_terms(()) if term.key != CLOCK]
+        terms, scales = [term for term, _ in loose], np.array([scale for _, scale in loose])
+        off = scales * np.clip(rng.standard_normal((draws, len(loose))), -_TOLERATED, _TOLERATED)
+        drawn = [self.start, *(_moved(self.start, terms, change) for change in off)]
+        begins = [np.tile(each, (1 + 2 * k, 1, 1)) for each in (w.begin_rad, w.begin_rad_s)]
+        for j in range(k):
+            begins[0][1 + j, :, j] += _PROBES[0]
+            begins[1][1 + k + j, :, j] += _PROBES[1]
+        probed = w.some(np.tile(np.arange(n), 1 + 2 * k))
+        apart = self._forward.positions(probed, *(b.reshape(-1, k) for b in begins), [self.start], np.zeros(len(probed), int))
+        apart = apart.reshape(1 + 2 * k, n, -1)
+        images = (apart[1:] - apart[0]).transpose(1, 2, 0)
+        many = w.some(np.tile(np.arange(n), 1 + draws))
+        went = self._forward.positions(many, many.begin_rad, many.begin_rad_s, drawn, np.repeat(np.arange(1 + draws), n))
+        error = (went.reshape(1 + draws, n, -1) - apart[0])[1:]
+        fine = np.isfinite(images).all(axis=(1, 2))
+        images, error = images[fine], np.nan_to_num(error[:, fine])
+        begun = np.linalg.pinv(images) @ error.transpose(1, 2, 0)
+        left = error.transpose(1, 2, 0) - images @ begun
+        squares = (left.reshape(len(images), -1, k, draws) ** 2).mean(axis=1)
+        return np.sqrt(np.quantile(np.median(squares, axis=0), _USUAL, axis=1) + self.noise_rad**2)
+
+    def foretold_rad(self, fit: RolloutFit, terms: Sequence[Term]) -> float:
+        """How far windows end up off, in the mean over all of them and joints, whose recordings the terms were not fitted to."""
+        return float(np.sqrt(self.foretold(fit, terms)).mean())
+
     def _growth(self) -> float:
         """How much further a disturbed start leads than it would without any force, in the median."""
         w = self.windows.some(np.linspace(0, len(self.windows) - 1, min(20, len(self.windows))).astype(int))
@@ -180,10 +233,13 @@ class RolloutProblem:
             quickly: leave all that is not in ``terms`` as it is, and stop early.
         """
         loose = [] if quickly else self.loose_terms(terms)
-        if begin is None:
-            found = self._descended(state, (), (), self.begin(), _STARTS_ALONE)
-            begin = found.begin
+        begin = self.begun(state).begin if begin is None else begin
         return self._descended(state, terms, loose, begin, _QUICK_ITERATIONS if quickly else _ITERATIONS)
+
+    def begun(self, state: JointState) -> RolloutFit:
+        """A model as it is, with windows that begin where they fit best, and torques that act when they do."""
+        when = [(term, scale) for term, scale in self._loose if term.key == CLOCK]
+        return self._descended(state, (), when, self.begin(), _STARTS_ALONE)
 
     def _descended(
         self,
@@ -315,6 +371,16 @@ class RolloutProblem:
             found.append((gain, h, values, scale * np.sqrt(np.maximum(np.diag(np.linalg.inv(a)), 0.0))))
         return sorted(found, key=lambda entry: -entry[0])
 
+    def told(self, fit: RolloutFit, hypotheses: Sequence[Hypothesis], gate: float) -> list[Told]:
+        """For each hypothesis the size that would have gained ``gate`` nats beside a model."""
+        found = []
+        for _, hypothesis, values, errors in self.gains(fit, hypotheses):
+            prior = np.array(hypothesis.scales)
+            is_shown = errors[0] < _SHOWN * prior[0]
+            size = float(np.sqrt(2.0 * gate) * errors[0] + abs(values[0])) if is_shown else np.inf
+            found.append(Told(hypothesis, size))
+        return found
+
     def _scale(self, term: Term) -> float:
         loose = {(t.key, t.index): s for t, s in self.loose_terms(())}
         return loose.get((term.key, term.index), 1e6)
@@ -334,6 +400,11 @@ class RolloutProblem:
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.log((before + floor) / (after + floor))
         return float(0.5 * _SAMPLES_OF_WINDOW * np.nan_to_num(ratio, posinf=5.0, neginf=-5.0).sum())
+
+
+def is_simulated(key: str) -> bool:
+    """Whether rollouts have a law of a number, "effect.parameter"."""
+    return key in _SIMULATED
 
 
 def _of_model(tolerance: Tolerance, catalogue: Catalogue, start: JointState) -> list[tuple[Term, float]]:
@@ -357,7 +428,8 @@ def _moved(state: JointState, terms: Sequence[Term], change: np.ndarray) -> Join
 
 
 def windows_of(episodes: Sequence[EpisodeEquations], length_s: float, step_s: float) -> Windows:
-    """Windows of a length, one after the other, in which everything was measured; at most ``MOST_WINDOWS``, evenly spread."""
+    """Windows of a length, one after the other, in which everything was measured; not too many, evenly spread."""
+    most = int(np.clip(_OF_JOINTS // episodes[0].plant.joints, _LEAST_WINDOWS, _MOST_WINDOWS))
     parts: list[tuple[int, int]] = []
     for owner, episode in enumerate(episodes):
         path = episode.path
@@ -366,7 +438,7 @@ def windows_of(episodes: Sequence[EpisodeEquations], length_s: float, step_s: fl
         unknown = np.concatenate([[0], np.cumsum(~known)])
         starts = np.arange(edge, path.joints.position_rad.shape[0] - rows - edge - 2, rows)
         parts += [(owner, int(first)) for first in starts if unknown[first + rows + 2] == unknown[first]]
-    chosen = sorted({int(i) for i in np.linspace(0, len(parts) - 1, min(MOST_WINDOWS, len(parts)))}) if parts else []
+    chosen = sorted({int(i) for i in np.linspace(0, len(parts) - 1, min(most, len(parts)))}) if parts else []
     return _windows(episodes, [parts[i] for i in chosen], round(length_s / step_s), step_s)
 
 

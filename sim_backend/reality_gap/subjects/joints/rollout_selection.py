@@ -23,6 +23,8 @@ _WHOLLY = 2
 """So many of those are fitted once more together with everything else."""
 _MENDS = 0.5
 """A cause that gains less than this share of the largest, leaving more than noise, may only mend what that one's law leaves."""
+_AS_GOOD = 0.25
+"""Share of a gain within which two fits are as good as each other."""
 _MOST, _MOST_MENDING = 6, 2
 _LEAST_REDUCTION = 0.03
 """Share of a joint's error that a cause must take away at one joint."""
@@ -44,7 +46,8 @@ class RolloutSelection:
 
     Attributes:
         problem: windows of recordings.
-        nominal: the model without any cause.
+        as_it_is: the model as it was given.
+        nominal: the model without any cause, within its tolerances.
         fit: the model with the causes that were taken.
         taken: those causes.
         extended: the model with what else makes it go where the robot went, whether it is the cause or mends another's law.
@@ -52,6 +55,7 @@ class RolloutSelection:
     """
 
     problem: RolloutProblem
+    as_it_is: RolloutFit
     nominal: RolloutFit
     fit: RolloutFit
     taken: tuple[Taken, ...]
@@ -64,6 +68,7 @@ def select_by_rollouts(
     catalogue: Catalogue,
     fits: Callable[[JointState], bool],
     progress: Callable[[str, float], None] = lambda *_: None,
+    proposed: frozenset[tuple[str, str]] = frozenset(),
 ) -> RolloutSelection:
     """Take the cause that gains most, fit everything anew, drop what is needed no more, until nothing gains.
 
@@ -72,15 +77,17 @@ def select_by_rollouts(
         catalogue: what may be wrong.
         fits: whether nothing measured rules a model out.
         progress: told what is done, and which share.
+        proposed: effects at places that are tried whatever their linear gains.
     """
-    nominal = problem.fitted(problem.start, ())
-    search = _Search(problem, catalogue, fits, progress)
+    as_it_is = problem.begun(problem.start)
+    nominal = problem.fitted(problem.start, (), as_it_is.begin)
+    search = _Search(problem, catalogue, fits, progress, proposed)
     fit, taken = search.extended(nominal, (), _MENDS, _MOST)
     taken = tuple(replace(cause, terms=_needed(problem, fit, cause)) for cause in taken)
     extended, all_taken = (
         replace(search, catalogue=_without_limits(catalogue)).extended(fit, taken, 0.0, _MOST_MENDING) if taken else (fit, taken)
     )
-    return RolloutSelection(problem, nominal, fit, taken, extended, all_taken[len(taken) :])
+    return RolloutSelection(problem, as_it_is, nominal, fit, taken, extended, all_taken[len(taken) :])
 
 
 def _without_limits(catalogue: Catalogue) -> Catalogue:
@@ -96,6 +103,7 @@ class _Search:
     catalogue: Catalogue
     fits: Callable[[JointState], bool]
     progress: Callable[[str, float], None]
+    proposed: frozenset[tuple[str, str]]
 
     def extended(
         self, fit: RolloutFit, first: tuple[Taken, ...], share: float, most: int
@@ -103,7 +111,7 @@ class _Search:
         """A model with at most so many more causes, each worth a share of the largest; those that it has stay."""
         taken = first
         while len(taken) < len(first) + most and not self.problem.is_near_noise(fit):
-            found = _best(self.problem, self.catalogue, fit, taken, self.fits, share)
+            found = _best(self, fit, taken, share)
             if found is None:
                 break
             fit, is_whole = found[0], bool(taken)
@@ -115,29 +123,23 @@ class _Search:
         return fit, taken
 
 
-def _best(
-    problem: RolloutProblem,
-    catalogue: Catalogue,
-    fit: RolloutFit,
-    taken: Sequence[Taken],
-    fits: Callable[[JointState], bool],
-    share: float,
-) -> tuple[RolloutFit, Taken] | None:
+def _best(search: _Search, fit: RolloutFit, taken: Sequence[Taken], share: float) -> tuple[RolloutFit, Taken] | None:
     """What gains most of those that are possible, and the model with it; ``share`` as of :func:`_least`."""
+    problem, catalogue = search.problem, search.catalogue
     own = [term for cause in taken for term in cause.terms]
     names, tried = {cause.hypothesis.name for cause in taken}, list[_Tried]()
     everywhere = {effect for effect, where in names if where == ALL_JOINTS}
     for linear, hypothesis, values in _distinct(problem.gains(fit, catalogue.hypotheses), names):
         if hypothesis.effect in everywhere:
             continue
-        if linear < _TRIED_FROM or len(tried) == _TRIED:
-            break
+        if (linear < _TRIED_FROM or len(tried) >= _TRIED) and hypothesis.name not in search.proposed:
+            continue
         terms = tuple(catalogue.terms[i] for i in hypothesis.terms)
         state, plain = _begun(problem.without_loose(fit.state, own), terms, values)
         new = problem.fitted(state, [*own, *plain], fit.begin, quickly=True)
         gain = problem.gained(fit.squares, new.squares) - OF_NUMBER * len(plain)
         with_it = [*taken, Taken(hypothesis, plain, gain, ())]
-        if fits(new.state) and _may_be(problem, new.state, with_it) and _is_worth_it(fit, new):
+        if search.fits(new.state) and _may_be(problem, new.state, with_it) and _is_worth_it(fit, new):
             tried.append((gain, new, hypothesis, plain))
     tried.sort(key=lambda entry: -entry[0])
     if taken:  # beside causes that are in the model also with all that a healthy robot may be off by, as the model had it
@@ -171,11 +173,17 @@ def _fitted_wholly(
     hypothesis: Hypothesis,
     plain: tuple[Term, ...],
 ) -> _Tried:
-    """The better of two fits, which may end apart: from where a model is, and with what it had before at nominal values."""
-    begun = (new.state, _as_nominal(problem, new.state, own))
-    found = [problem.fitted(state, [*own, *plain], new.begin) for state in begun]
+    """The better of two fits, which may end apart: from where a model is, and with what it had before at nominal values.
+
+    Where both fit about as well the one counts that foretells recordings better that it has not seen: the other owes a part of
+    what it gains to a few windows.
+    """
+    begun, terms = (new.state, _as_nominal(problem, new.state, own)), [*own, *plain]
+    found = [problem.fitted(state, terms, new.begin) for state in begun]
     gains = [problem.gained(fit.squares, each.squares) - OF_NUMBER * len(plain) for each in found]
     best = int(np.argmax(gains))
+    if abs(gains[0] - gains[1]) < _AS_GOOD * max(gains[best], 0.0):
+        best = int(np.argmin([problem.foretold_rad(each, terms) for each in found]))
     return gains[best], found[best], hypothesis, plain
 
 

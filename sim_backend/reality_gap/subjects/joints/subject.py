@@ -19,13 +19,14 @@ from sim_backend.reality_gap.subjects.joints.rollout_fit import LENGTHS_S, Rollo
 from sim_backend.reality_gap.subjects.joints.rollout_selection import select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.sections import joint_sections
 from sim_backend.reality_gap.subjects.joints.state import JointState
+from sim_backend.reality_gap.subjects.joints.torques_and_rollouts import in_both, proposed_by
 from sim_backend.reality_gap.subjects.joints.verdict import judge
 from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import verdict_of_rollouts
 from sim_backend.reality_gap.subjects.subject import CUBE_EXCITATION, Material, Progress, Sections, part
 from sim_backend.reality_gap.verdict import Verdict, VerdictKind
 from sim_backend.trifinger.scene import compile_scene
 
-NAMING, ROLLOUTS = METHODS[:2]
+NAMING, ROLLOUTS, TORQUES = METHODS[:3]
 
 
 def seen_in(material: Material) -> tuple[Recording, ...]:
@@ -36,8 +37,10 @@ def seen_in(material: Material) -> tuple[Recording, ...]:
 def study(material: Material, known: Robot, rng: np.random.Generator, progress: Progress) -> tuple[Verdict, Sections]:
     """As of any :class:`Subject`."""
     recordings = seen_in(material)
-    if material.method == ROLLOUTS and isinstance(known, KnownTriFinger):
-        raise RecordingError("--method rollouts is for recordings of a study.toml; logs of the farm are judged by naming")
+    if material.method in (ROLLOUTS, TORQUES) and isinstance(known, KnownTriFinger):
+        raise RecordingError(
+            f"--method {material.method} is for recordings of a study.toml; logs of the farm are judged by naming"
+        )
     model = compile_scene() if material.study_file is None else material.study_file.compile_model()
     try:
         found = study_joints(  # replay, residual, fit
@@ -46,40 +49,59 @@ def study(material: Material, known: Robot, rng: np.random.Generator, progress: 
             progress,
             robot=known,
             nominal=_nominal(material, recordings),
-            gate=None if material.method == NAMING else np.inf,
+            gate=None if material.method in (NAMING, ROLLOUTS, TORQUES) else np.inf,
         )
     except ShowsNothingError as error:
         return not_identifiable(error, known), {}
-    if material.method == ROLLOUTS:
-        return _by_rollouts(found, progress), {}
-    if material.method != NAMING:
+    if material.method not in (NAMING, ROLLOUTS, TORQUES):
         return _calibrated(found, material.method, rng), {}
     judged = judge(found)
     verdict = _with_gain(found, judged.verdict, rng)
+    if isinstance(known, UnknownRobot) and material.method != TORQUES:
+        verdict = _rolled_out(found, verdict, material.method, rng, progress)
     progress("drawing what is left", 0.9)
     return verdict, joint_sections(found, judged.patterns, rng)
 
 
-def _by_rollouts(found: JointStudy, progress: Progress) -> Verdict:
-    """What makes the model go where the robot went.
+def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random.Generator, progress: Progress) -> Verdict:
+    """What makes the model go where the robot went, alone or with what torques say beside it.
 
-    Raises:
-        RecordingError: no recording has a window in which everything was measured.
+    Args:
+        found: the study of the same recordings by torques.
+        torques: its verdict.
+        method: ``NAMING`` or ``ROLLOUTS``.
+        rng: draws healthy robots.
+        progress: told what is done, and which share.
     """
     catalogue = found.fit.first.catalogue
     assert isinstance(found.robot, UnknownRobot)
     problem = RolloutProblem(found.problem.episodes, found.start, catalogue, found.robot.tolerance)
     if not len(problem.windows):
-        raise RecordingError(
-            f"no recording has {LENGTHS_S[-1]:g} s in which positions and torques of all joints are known; "
-            "rollouts need several of them"
-        )
+        return _not_simulated(torques)
 
     def is_possible(state: JointState) -> bool:
         return not contradicts(found.problem, state)
 
-    told = part(progress, 0.2, 0.9)
-    return verdict_of_rollouts(found, select_by_rollouts(problem, catalogue, is_possible, told))
+    progress("simulating healthy robots", 0.2)
+    healthy_rad = problem.healthy_rad(rng)
+    proposed = proposed_by(torques, found) if method == NAMING else frozenset()
+    selection = select_by_rollouts(problem, catalogue, is_possible, part(progress, 0.2, 0.9), proposed)
+    rollouts = verdict_of_rollouts(found, selection, healthy_rad)
+    return in_both(torques, rollouts) if method == NAMING else rollouts
+
+
+def _not_simulated(torques: Verdict) -> Verdict:
+    """Recordings without any stretch that could be simulated: what torques would name nobody can confirm."""
+    why = f"no recording has {LENGTHS_S[-1]:g} s in which positions and torques of all joints are known"
+    if torques.verdict not in (VerdictKind.NAMED, VerdictKind.CONFUSABLE):
+        return replace(torques, cannot_tell=(f"whether simulated motions agree: {why}", *torques.cannot_tell))
+    return replace(
+        torques,
+        verdict=VerdictKind.NOT_IDENTIFIABLE,
+        summary=f"These data cannot tell anything for sure: {why}, so that no motion can be simulated.",
+        causes=(),
+        record_next=("several seconds at a stretch in which nothing is missing",),
+    )
 
 
 def _with_gain(found: JointStudy, verdict: Verdict, rng: np.random.Generator) -> Verdict:

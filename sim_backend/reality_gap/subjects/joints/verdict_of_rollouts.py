@@ -1,35 +1,40 @@
 """A verdict from rollouts alone: what was taken since with it a model goes where the robot went."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.effects.catalogue import CATALOGUE, PARAMETERS
 from sim_backend.effects.effect import Scope
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED, NOT_ASKED, Sign, effect_of
 from sim_backend.reality_gap.knowledge.separation import separated_by
 from sim_backend.reality_gap.quantiles import Z_90
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutFit
-from sim_backend.reality_gap.subjects.joints.rollout_selection import RolloutSelection, Taken
-from sim_backend.reality_gap.verdict import Cause, HeldOut, Rival, Verdict, VerdictKind
+from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, RolloutSelection, Taken
+from sim_backend.reality_gap.verdict import Cause, EffectJudged, HeldOut, Rival, Told, Verdict, VerdictKind
 
 CONFUSABLE_NATS = 5.0
 _SYSTEMATIC, _SYSTEMATIC_SHARE = 2.0, 0.1
 """Intervals are wider than the errors of windows alone make them, by a factor and by a share of the deviation."""
 _TRIFLE = 0.05
 """Of the largest number of a cause at all joints: a joint with less of it has none."""
-_NOT_WORTH = 0.01
-"""Share of a window's motion: a model that ends up less than this off is as good as right if no cause adds anything."""
 _EXPLAINED = 0.5
 """Share of a usual window's error that causes must take away at some joint to be named."""
 
 
-def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection) -> Verdict:
+def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection, healthy_rad: np.ndarray) -> Verdict:
     """Judge what a selection came to.
 
     Named is what takes away at least half of a usual window's error at some joint; what takes less is listed as a part of
-    something that is not explained.
+    something that is not explained. Where nothing is named, a model is as good as right if the robot is not further off than
+    healthy ones are that were drawn within the model's tolerances.
+
+    Args:
+        study: of the same recordings.
+        selection: causes and models.
+        healthy_rad: what usual windows of healthy robots end up off, shape (k,), rad.
     """
     problem, names = selection.problem, study.problem.names
     causes = [cause for taken in selection.taken for cause in causes_of(study, selection.fit, taken)]
@@ -40,13 +45,18 @@ def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection) -> Verdi
     left = f"a usual window of {problem.length_s:g} s ends up {1e3 * after[worst]:.2g} mrad off at {names[worst]}"
     said = f"{left}, {after[worst] / problem.noise_rad[worst]:.0f} times the noise of its encoder"
     kind, summary = VerdictKind.NAMED, f"The robot goes where a model goes that has {_listed(causes)}."
-    share = before / problem.motion_rad
-    if not causes and (problem.is_near_noise(selection.nominal) or (share < _NOT_WORTH).all()):
-        small = f"a usual window of {problem.length_s:g} s ends up at most {100.0 * share.max():.2g} % of its motion off"
-        kind, summary = VerdictKind.NOTHING_WRONG, f"The model goes where the robot went: {small}."
+    as_it_is = np.sqrt(np.median(selection.as_it_is.squares, axis=0))
+    is_healthy = problem.is_near_noise(selection.nominal) or bool((np.minimum(as_it_is, before) <= healthy_rad).all())
+    explains = bool((after < (1.0 - _EXPLAINED) * before).any())
+    if is_healthy and not (causes and explains):
+        worst = int(np.argmax(as_it_is / healthy_rad))
+        usual = f"up to {1e3 * healthy_rad[worst]:.2g} mrad are usual for a robot whose model is as exact as is tolerated"
+        off = f"{1e3 * as_it_is[worst]:.2g} mrad off at {names[worst]}"
+        kind, causes = VerdictKind.NOTHING_WRONG, []
+        summary = f"The model goes where the robot went: a window of {problem.length_s:g} s ends up {off}, and {usual}."
     elif not causes:
         kind, summary = VerdictKind.UNEXPLAINED, f"The model does not go where the robot went: {said}, and no cause explains it."
-    elif not (after < (1.0 - _EXPLAINED) * before).any():
+    elif not explains:
         kind, summary = VerdictKind.UNEXPLAINED, f"{_listed(causes)} explains a part of it; with it {said}."
     elif any(rival.behind < CONFUSABLE_NATS for rival in rivals):
         kind, summary = VerdictKind.CONFUSABLE, "Some cause explains where the robot went, but these data cannot tell which."
@@ -55,14 +65,69 @@ def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection) -> Verdi
         verdict=kind,
         summary=summary,
         causes=tuple(causes),
-        extended=tuple(extended),
+        extended=tuple(extended if causes else ()),
         held_out=_gained(selection),
         runner_up=min(rivals, key=lambda rival: rival.behind, default=None),
         rejected=tuple(sorted(rivals, key=lambda rival: rival.behind)),
         cannot_tell=(*([f"where the rest comes from: {said}"] if is_left else []), *_UNSEEN),
-        record_next=("each joint slowly and fast, unloaded and loaded",) if kind is not VerdictKind.NAMED else (),
+        record_next=("each joint slowly and fast, unloaded and loaded",) if kind in _OPEN else (),
+        effects=tuple(effects_judged(study, selection, kind, causes, rivals)),
     )
 
+
+_OPEN = frozenset({VerdictKind.UNEXPLAINED, VerdictKind.CONFUSABLE})
+
+
+def effects_judged(
+    study: JointStudy, selection: RolloutSelection, kind: VerdictKind, causes: Sequence[Cause], rivals: Sequence[Rival]
+) -> list[EffectJudged]:
+    """What is said of every effect of the catalogue: none is passed over in silence."""
+    named = {cause.effect for cause in causes} if kind in _SAYS else set[str]()
+    near = {rival.effect: rival for rival in rivals if rival.behind < CONFUSABLE_NATS}
+    size: dict[str, float] = {}
+    units: dict[str, str] = {}
+    for told in selection.problem.told(selection.fit, study.fit.first.catalogue.hypotheses, GATE):
+        effect = told.hypothesis.effect
+        if told.hypothesis.where != ALL_JOINTS:
+            size[effect] = max(size.get(effect, 0.0), told.size)
+            units[effect] = PARAMETERS[study.fit.first.catalogue.terms[told.hypothesis.terms[0]].key].unit
+    found = []
+    for effect in CATALOGUE:
+        if effect in named:
+            found.append(EffectJudged(effect, Told(kind.value)))
+        elif effect in near:
+            rival = near[effect]
+            found.append(EffectJudged(effect, Told.CONFUSABLE, because=f"at {rival.where}; what separates: {rival.separated_by}"))
+        elif kind is VerdictKind.UNEXPLAINED and effect in size:
+            found.append(EffectJudged(effect, Told.NOT_JUDGED, because="what is left unexplained may hide it"))
+        elif np.isfinite(size.get(effect, np.inf)):
+            found.append(EffectJudged(effect, Told.EXCLUDED, size[effect], units[effect]))
+        else:
+            found.append(EffectJudged(effect, Told.NOT_JUDGED, because=_why_not(effect, size)))
+    return found
+
+
+_SAYS = frozenset({VerdictKind.NAMED, VerdictKind.CONFUSABLE})
+
+
+def _why_not(effect: str, asked: Mapping[str, float]) -> str:
+    """Why an effect is not judged."""
+    if effect in asked:
+        return "at some joint these motions do not show it"
+    if effect in NOT_ASKED:
+        return NOT_ASKED[effect]
+    if effect in FITTED:
+        return (
+            "only a robot can have it whose driver is known"
+            if FITTED[effect].of_the_driver
+            else "simulated motions do not show it"
+        )
+    if effect in _OF_SENSORS:
+        return "said beside the verdict where sensors show it"
+    return "it is no effect of joints"
+
+
+_OF_SENSORS = frozenset(effect_of(sign) for sign in Sign)
 
 _UNSEEN = (
     "noise and filters of sensors, ends of joints: rollouts compare positions between them",

@@ -97,6 +97,7 @@ def reconsidered(study: JointStudy, verdict: Verdict) -> Verdict:
         return replace(
             _unexplained(verdict, f"The model agrees far better with the data if {said[0]}."),
             causes=(),  # whatever was fitted took over a part of it
+            misreads=said[0],
             follows=(said[0], *verdict.follows),
             record_next=(f"nothing yet: check {said[1]} in study.toml and in whatever wrote the data",),
         )

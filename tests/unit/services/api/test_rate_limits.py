@@ -1,3 +1,5 @@
+from collections import Counter
+
 import pytest
 
 from services.api import rate_limits
@@ -55,3 +57,27 @@ def test_the_memory_of_strangers_is_bounded(monkeypatch):
 )
 def test_an_owner_of_many_addresses_is_one(address, counts_as):
     assert network(address) == counts_as
+
+
+def test_two_processes_let_pass_together_what_one_would():
+    here, there, totals = Buckets(2.0, shared=True), Buckets(2.0, shared=True), Counter()
+    passed = 0
+    for half_seconds in range(40):
+        now_s = half_seconds / 2
+        passed += sum(each.draw("a", now_s).passes for each in (here, there) for _ in range(5))
+        for each in (here, there):
+            told = each.tell()
+            totals.update(told)
+            each.hear(told, {name: totals[name] for name in told}, now_s)
+    alone = 2.0 * (BURST_S + 20.0)
+    assert alone <= passed <= 1.4 * alone, "each of them would have let pass as many"
+
+
+def test_who_asks_seldom_is_not_told_of_and_one_process_counts_nothing():
+    shared, alone = Buckets(100.0, shared=True), Buckets(100.0)
+    for buckets in (shared, alone):
+        for name, times in (("often", 30), ("seldom", 2)):
+            for _ in range(times):
+                buckets.draw(name, 1.0)
+    assert (shared.tell(), alone.tell()) == ({"often": 30}, {})
+    assert shared.tell() == {}

@@ -8,6 +8,7 @@ from api_schemas.policy import LAYOUTS
 from api_schemas.robot import RobotState
 from api_schemas.trial import TrialState
 from services.database.tables import policy, trial
+from services.disk import Disk
 from services.dispatcher import dispatcher as dispatcher_module
 from services.dispatcher import queue
 from services.dispatcher.dispatcher import Dispatcher, Metrics
@@ -26,7 +27,9 @@ def dispatcher(database, tmp_path, fleet_of):
     clock = FarmClock.start()
     fleet = fleet_of("a", now_s=clock.now_s())
     fleet.member("a").paused_until_s = clock.now_s() + 60.0
-    return Dispatcher(Settings(data=tmp_path), database, None, clock, fleet, Signals(), Metrics.register(CollectorRegistry()))
+    metrics = Metrics.register(CollectorRegistry())
+    disk = Disk(tmp_path, reserve_bytes=0)
+    return Dispatcher(Settings(data=tmp_path), database, None, clock, fleet, Signals(), metrics, disk)
 
 
 async def test_a_trial_that_was_drawn_for_a_robot_that_nobody_knows_goes_to_another(database, dispatcher):

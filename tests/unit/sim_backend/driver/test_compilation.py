@@ -43,10 +43,8 @@ def test_what_was_compiled_is_kept_and_after_warming_up_a_robot_compiles_nothing
         assert done.returncode == 0, done.stderr
         return done.stdout
 
-    kept = "from sim_backend.driver.compilation import is_kept; print(is_kept())"
-    assert "False" in python(kept)
-    python("from sim_backend.warm_up import main; main()")
-    assert "True" in python(kept)
+    warm = "from sim_backend.driver.compilation import is_kept; from sim_backend.warm_up import main; "
+    assert python(warm + "print(is_kept()); main(); print(is_kept())").split() == ["False", "True"]
     written = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")}
-    python("from sim_backend.warm_up import main; main()")
+    assert python(warm + "print(is_kept()); main()").split() == ["True"]
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")} == written and len(written) >= 4

@@ -1,13 +1,12 @@
 """Recordings replayed with models as they lie on disk: the right one goes where the robot went, in and out of the loop."""
 
 import json
-import subprocess
-import sys
 
 import mujoco
 import numpy as np
 import pytest
 
+from sim_backend.reality_gap.__main__ import main
 from sim_backend.reality_gap.measured.foreign.study_file import load_study_file
 from sim_backend.reality_gap.replay import ReplayErrors
 from sim_backend.reality_gap.study import stated_causes
@@ -56,14 +55,20 @@ def folder(tmp_path_factory):
     return folder
 
 
-def replay(*arguments):
-    call = [sys.executable, "-m", "sim_backend.reality_gap", "replay", *map(str, arguments), "--json"]
-    ran = subprocess.run(call, capture_output=True, text=True, check=False)
-    return ran.returncode, ran.stdout + ran.stderr
+@pytest.fixture
+def replay(capsys):
+    """The command in this process, which has its libraries: its exit code, and what it said."""
+
+    def call(*arguments):
+        capsys.readouterr()
+        code = main(["replay", *map(str, arguments), "--json"])
+        return code, "".join(capsys.readouterr())
+
+    return call
 
 
 @pytest.mark.parametrize("window", [[], ["--window", "1.0"]])
-def test_the_right_model_goes_where_the_robot_went(folder, window):
+def test_the_right_model_goes_where_the_robot_went(folder, replay, window):
     code, said = replay(folder / "right.xml", folder / "study.toml", "--model", folder / "arm.xml", *window)
     assert code == 0, said
     found = json.loads(said[said.index("{") : said.rindex("}") + 1])
@@ -84,7 +89,7 @@ def test_the_right_model_goes_where_the_robot_went(folder, window):
         ("right.xml", ("--window", "-1"), "is a time in seconds"),
     ],
 )
-def test_what_cannot_be_replayed_is_refused_with_a_sentence(folder, model, more, why):
+def test_what_cannot_be_replayed_is_refused_with_a_sentence(folder, replay, model, more, why):
     (folder / "other.xml").write_text(ARM.format("").replace("hinge", "knee"))
     code, said = replay(folder / model, folder / "study.toml", *more)
     assert code == 2 and why in said

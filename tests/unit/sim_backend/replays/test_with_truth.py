@@ -106,8 +106,9 @@ def test_a_measured_log_is_no_truth(trial):
         read_truth(trial[0])
 
 
-@pytest.mark.parametrize("excitation", ["fast_sweeps", "slide_cube"])
+@pytest.mark.parametrize("excitation", [pytest.param("fast_sweeps", marks=pytest.mark.scale), "slide_cube"])
 def test_an_excitation_is_recorded_and_gives_the_same_numbers(excitation, tmp_path):
+    """`test_an_excitation_is_recorded_and_gives_the_same_numbers` has the one that looks at the cube without scale."""
     robot = Living(tmp_path)
     asked = Lease(
         trial_id="jtest-000", job_id="jtest", ordinal=0, fence=1, robot="robot-0", excitation=excitation, task="identify", seed=3

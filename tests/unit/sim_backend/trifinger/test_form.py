@@ -9,7 +9,7 @@ from sim_backend.trifinger import form, scene
 from sim_backend.trifinger.form import scene_form
 from sim_backend.trifinger.scene import compile_scene
 
-KNOWN = "0.2.0-f333e1b956cb"
+KNOWN = "0.2.1-de94df5d8d96"
 REACH_STEP_RAD = 0.06
 OVER_RAD = 0.3
 """As far as the effect ``joint_limits`` moves the ends of a joint's range."""

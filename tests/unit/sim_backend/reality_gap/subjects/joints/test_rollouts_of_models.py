@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from sim_backend.effects.catalogue import CATALOGUE
 from sim_backend.reality_gap.feedback import Feedback
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording
@@ -16,7 +17,7 @@ from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutProblem, 
 from sim_backend.reality_gap.subjects.joints.rollout_selection import select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.state import JointState
 from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import verdict_of_rollouts
-from sim_backend.reality_gap.verdict import VerdictKind
+from sim_backend.reality_gap.verdict import Told, VerdictKind
 
 PENDULUM = """
 <mujoco><option timestep="0.0005" integrator="implicitfast"/><worldbody>
@@ -108,7 +109,8 @@ def study_of(hidden: str, *, tolerance: Tolerance | None = None):
     robot = UnknownRobot(tolerance or Tolerance())
     study = study_joints(nominal, recordings, lambda *_: None, robot=robot, gate=np.inf)
     problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, robot.tolerance)
-    return verdict_of_rollouts(study, select_by_rollouts(problem, study.fit.first.catalogue, lambda _: True))
+    selection = select_by_rollouts(problem, study.fit.first.catalogue, lambda _: True)
+    return verdict_of_rollouts(study, selection, problem.healthy_rad(np.random.default_rng(0)))
 
 
 @pytest.mark.parametrize(
@@ -125,11 +127,31 @@ def test_a_hidden_loss_is_named_by_where_the_pendulum_goes(hidden, effect, value
     (cause,) = verdict.causes
     assert (cause.effect, cause.where) == (effect, "hinge")
     assert cause.interval_90[0] < value < cause.interval_90[1] and cause.value == pytest.approx(value, rel=0.1)
+    assert [e.told for e in verdict.effects if e.effect == effect] == [Told.NAMED]
 
 
-def test_nothing_is_named_where_nothing_is_hidden():
+def test_nothing_is_named_where_nothing_is_hidden_and_every_effect_is_answered_for():
     verdict = study_of("")
     assert verdict.verdict is VerdictKind.NOTHING_WRONG and not verdict.causes, verdict.summary
+    assert [each.effect for each in verdict.effects] == list(CATALOGUE)
+    for each in verdict.effects:
+        assert (each.told is Told.EXCLUDED) == (each.above is not None), each
+        assert each.told in {Told.EXCLUDED, Told.NOT_JUDGED} and (each.above or each.because), each
+    excluded = {each.effect: each.above for each in verdict.effects if each.told is Told.EXCLUDED}
+    assert 0.0 < excluded["coulomb_friction"] < 0.08, "the friction that the test beside this one finds would have been seen"
+
+
+def test_healthy_robots_are_further_off_where_more_is_tolerated():
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more='frictionloss="0.08"'))
+    study = study_joints(model, [recorded(model, targets(8.0, 3))], lambda *_: None, robot=UnknownRobot(), gate=np.inf)
+
+    def off(friction: float) -> float:
+        tolerance = Tolerance(mass=1e-4, inertia=1e-4, centre=1e-4, friction=friction)
+        problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, tolerance)
+        return float(problem.healthy_rad(np.random.default_rng(1))[0])
+
+    little, much = off(0.02), off(0.08)
+    assert much == pytest.approx(4.0 * little, rel=0.2)
 
 
 def test_windows_leave_out_what_was_not_measured():

@@ -1,0 +1,74 @@
+"""The disk that logs and words go to: how much room it has, and words that are lost, not fatal, where it has none."""
+
+import errno
+import io
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
+MB = 1e6
+STDOUT, STDERR = 1, 2
+
+
+@dataclass(frozen=True)
+class Room:
+    """What a file system has: bytes that this user may still write, and bytes in all."""
+
+    free_bytes: int
+    total_bytes: int
+
+
+def room(path: Path) -> Room:
+    """The room of the file system that ``path``, which must exist, is on."""
+    found = os.statvfs(path)
+    return Room(found.f_bavail * found.f_frsize, found.f_blocks * found.f_frsize)
+
+
+def is_full(error: BaseException | None) -> bool:
+    """Whether an error, or one that led to it, is that a disk or a user's share of it is full."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in FULL:
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def mb(size_bytes: float) -> str:
+    """A size as it is told to people."""
+    return f"{size_bytes / MB:.3g} MB" if size_bytes < 10 * MB else f"{size_bytes / MB:.0f} MB"
+
+
+class _Lenient(io.RawIOBase):
+    """Writes to a descriptor what it takes, and drops the rest: a log on a full disk must not end whom it is about."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+
+    def fileno(self) -> int:
+        return self._descriptor
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data) -> int:
+        rest = memoryview(data).cast("B")
+        size = rest.nbytes
+        try:
+            while rest:
+                rest = rest[os.write(self._descriptor, rest) :]
+        except OSError:
+            return size
+        return size
+
+
+def lose_words_rather_than_end() -> None:
+    """From now on, standard output and error of this process drop what the disk or pipe behind them does not take."""
+    sys.stdout = _words(STDOUT)
+    sys.stderr = _words(STDERR)
+
+
+def _words(descriptor: int) -> io.TextIOWrapper:
+    buffered = io.BufferedWriter(_Lenient(descriptor))
+    return io.TextIOWrapper(buffered, encoding="utf-8", errors="backslashreplace", line_buffering=True)
