@@ -8,28 +8,13 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, Field, model_validator
 
 from api_schemas.error import Problem
+from api_schemas.observation import sizes_of, term_of
 from api_schemas.policy_network import MOST_BINS, ActionHead, Cell, FrameStack, NetworkState
 from api_schemas.schema import Schema
 
-OBSERVATION_SIZES: dict[str, int] = {
-    "joint_position_rad": 9,
-    "joint_velocity_rad_s": 9,
-    "joint_torque_nm": 9,
-    "fingertip_position_world_m": 9,
-    "cube_position_world_m": 3,
-    "cube_quat_wxyz": 4,
-    "cube_keypoints_world_m": 24,
-    "tracker_confidence": 1,
-    "tracker_delay_s": 1,
-    "goal_position_world_m": 3,
-    "goal_quat_wxyz": 4,
-    "goal_keypoints_world_m": 24,
-    "goal_fingertip_position_world_m": 9,
-    "previous_action": 9,
-}
-"""Every observation field a manifest may name, and how many numbers it holds."""
-
 ACTION_SIZE = 9
+MOST_TERMS, MOST_NUMBERS = 128, 4096
+"""Entries of an observation, and numbers in all."""
 MAX_WEIGHTS_BYTES = 64 * 1024 * 1024
 PERIOD_MS_DIVISORS = "1000 must be a multiple of rate_hz, so that a control period is a whole number of 1 ms steps"
 
@@ -56,17 +41,18 @@ BUILTIN_FORMAT: Literal["builtin"] = "builtin"
 
 def _known_fields(names: tuple[str, ...]) -> tuple[str, ...]:
     for name in names:
-        if name not in OBSERVATION_SIZES:
-            raise ValueError(f"unknown observation field {name!r}; choose from {', '.join(sorted(OBSERVATION_SIZES))}")
+        term_of(name)
+    if sum(sizes_of(names)) > MOST_NUMBERS:
+        raise ValueError(f"the observation has {sum(sizes_of(names))} numbers; at most {MOST_NUMBERS} are taken")
     return names
 
 
 class InputScaling(Schema):
-    """How an observation becomes the network's input: bounds to [-1, 1], then running mean and variance, then a clip.
+    """How an observation becomes the network's input: bounds to [-1, 1], running mean and variance, a whitening matrix, a clip.
 
-    Each list has one number per observation element, or per element of the stack of observations. For safetensors the lists
-    may be left out and are then read from the tensors ``observation_low``, ``observation_high``, ``running_mean`` and
-    ``running_var``, if the file has them.
+    ``whitening`` has a row for each number that comes out, as many as go in. Each list has one number per observation element,
+    or per element of the stack of observations. For safetensors they may be left out and are then read from the tensors
+    ``observation_low``, ``observation_high``, ``running_mean``, ``running_var`` and ``whitening_matrix``, if the file has them.
     """
 
     low: tuple[float, ...] | None = None
@@ -75,6 +61,7 @@ class InputScaling(Schema):
     variance: tuple[float, ...] | None = None
     epsilon: float = Field(default=1e-5, gt=0)
     clip: float | None = Field(default=None, gt=0)
+    whitening: tuple[tuple[float, ...], ...] | None = None
 
 
 class OutputScaling(Schema):
@@ -98,7 +85,7 @@ class PolicyManifest(Schema):
 
     format: Literal["trifarm-policy/1"] = "trifarm-policy/1"
     name: str = Field(default="unnamed", min_length=1, max_length=100)
-    observation: Annotated[tuple[str, ...], AfterValidator(_known_fields)] = Field(min_length=1, max_length=32)
+    observation: Annotated[tuple[str, ...], AfterValidator(_known_fields)] = Field(min_length=1, max_length=MOST_TERMS)
     action_kind: ActionKind = ActionKind.TORQUE
     rate_hz: int = Field(default=50, ge=4, le=1000)
     action_delay_s: float = Field(default=0.0, ge=0, lt=1)
@@ -147,7 +134,7 @@ class PolicyManifest(Schema):
     @property
     def observation_size(self) -> int:
         """Number of elements of the observation vector."""
-        return sum(OBSERVATION_SIZES[name] for name in self.observation)
+        return sum(sizes_of(self.observation))
 
     @property
     def period_steps(self) -> int:
@@ -170,9 +157,22 @@ def _rrc2022(task_goal: str, action_delay_s: float, name: str) -> PolicyManifest
     )
 
 
+def _rrc2022_flat(achieved: str, task_goal: str, action_delay_s: float, name: str) -> PolicyManifest:
+    """All that ``trifinger_rl_datasets`` observes, flattened in the order of its sorted keys (TRD sim_env.py)."""
+    camera = ("tracker_confidence", "tracker_delay_s", "cube_keypoints_world_m", "cube_quat_xyzw", "cube_position_world_m")
+    tips = ("fingertip_force", "fingertip_position_world_m", "fingertip_velocity_world_m_s")
+    robot = (*tips, "joint_position_rad", "robot_id", "joint_torque_nm", "joint_velocity_rad_s")
+    observation = (achieved, "previous_action", *camera, task_goal, *robot)
+    return PolicyManifest(name=name, observation=observation, action_delay_s=action_delay_s)
+
+
+_ROBOT = ("joint_position_rad", "joint_velocity_rad_s", "fingertip_position_world_m")
+_CUBE = ("cube_keypoints_world_m", "tracker_delay_s")
 LAYOUTS: dict[str, PolicyManifest] = {
     "rrc2022-push": _rrc2022("goal_position_world_m", 0.010, "rrc2022-push"),
     "rrc2022-lift": _rrc2022("goal_keypoints_world_m", 0.002, "rrc2022-lift"),
+    "rrc2022-push-flat": _rrc2022_flat("cube_position_world_m", "goal_position_world_m", 0.010, "rrc2022-push-flat"),
+    "rrc2022-lift-flat": _rrc2022_flat("cube_keypoints_world_m", "goal_keypoints_world_m", 0.002, "rrc2022-lift-flat"),
     "keypoints": PolicyManifest(
         name="keypoints",
         observation=(
@@ -197,11 +197,55 @@ LAYOUTS: dict[str, PolicyManifest] = {
         ),
         output_scaling=OutputScaling(clip=1.0),
     ),
+    "reach": PolicyManifest(
+        name="reach",
+        observation=(
+            *_ROBOT,
+            "goal_fingertip_position_world_m",
+            "previous_action",
+        ),
+    ),
+    "push": PolicyManifest(
+        name="push",
+        observation=(
+            *_ROBOT,
+            *_CUBE,
+            "goal_position_world_m",
+            "previous_action",
+        ),
+    ),
+    "move": PolicyManifest(
+        name="move",
+        observation=(
+            *_ROBOT,
+            *_CUBE,
+            "goal_keypoints_world_m",
+            "previous_action",
+        ),
+    ),
+    "move-pose": PolicyManifest(
+        name="move-pose",
+        observation=(
+            *_ROBOT,
+            "cube_position_world_m",
+            "cube_quat_wxyz",
+            "tracker_delay_s",
+            "goal_position_world_m",
+            "goal_quat_wxyz",
+            "previous_action",
+        ),
+    ),
 }
-"""Ready-made manifests by name; ``rrc2022-*`` are those of the published experts (facts/trifinger.md, section 0)."""
+"""Ready-made manifests by name; ``rrc2022-*`` are those of the published experts (facts/trifinger.md, section 0).
+
+``rrc2022-*-flat`` show the whole observation of the published datasets; their actions are N m as they are. ``reach``, ``push``,
+``move`` and ``move-pose`` are what policies of the shipped recipes see, the fingertips, too: ``push`` is for goals without an
+orientation, ``move`` and ``move-pose`` for any pose, by corners and by quaternion.
+"""
 
 
 ADDED_LATER = ("frame_stack", "recurrent", "states", "head", "bins")
+ADDED_TO_INPUT_SCALING = ("whitening",)
 ADDED_TO_OUTPUT_SCALING = ("squash", "offset")
 """Fields that the first manifests did not have; left out where they say nothing, so that no digest has changed."""
 
@@ -210,6 +254,7 @@ def canonical_json(manifest: PolicyManifest) -> str:
     """The one spelling of a manifest that is hashed: sorted keys, no spaces, defaults written out but those added later."""
     content = manifest.model_dump(mode="json")
     _drop_defaults(content, manifest, ADDED_LATER)
+    _drop_defaults(content["input_scaling"], manifest.input_scaling, ADDED_TO_INPUT_SCALING)
     _drop_defaults(content["output_scaling"], manifest.output_scaling, ADDED_TO_OUTPUT_SCALING)
     return json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
 

@@ -20,6 +20,7 @@ GROUPS = {
     "Jobs and policies": {
         "demo": Entry("client_cli.commands.demo:demo", JOB_END),
         "check": Entry("client_cli.commands.check:check", (*OF_A_CHILD, ExitCode.REFUSED, ExitCode.INTERRUPTED)),
+        "layouts": Entry("client_cli.commands.layouts:layouts", OF_A_CHILD),
         "submit": Entry("client_cli.commands.submit:submit", JOB_END),
         "jobs": Entry("client_cli.commands.jobs:jobs", OF_EVERY_REQUEST),
         "watch": Entry("client_cli.commands.jobs:watch", JOB_END),

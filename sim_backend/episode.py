@@ -52,7 +52,7 @@ class Episode:
         self._driver.reset(start)
         self._goal = goal
         self._step, self._begun = 0, np.zeros(len(start.joint_position_rad), dtype=np.int64)
-        self._measurement = self._driver.measure()
+        self._measurement = self._measured()
         self._command = hold_command(self._measurement.joint_position_rad)
         self._previous_action = np.zeros((len(start.joint_position_rad), 9))
         return self._tracker.reset(self._measurement, start.noise_seed)
@@ -62,7 +62,7 @@ class Episode:
         self._driver.reset(start, robots)
         self._goal = self._goal.with_rows(robots, goal)
         self._begun[robots] = self._step
-        self._measurement = self._driver.measure()
+        self._measurement = self._measured()
         self._command = _held(self._command, robots, self._measurement.joint_position_rad[robots])
         self._previous_action = self._previous_action.copy()
         self._previous_action[robots] = 0.0
@@ -112,8 +112,12 @@ class Episode:
         self._step += self._period_steps
         self._command, self._previous_action = command, action
         self._tracker.capture(segment)
-        self._measurement = self._driver.measure()
+        self._measurement = self._measured()
         return Period(self._observation, action, segment, self._tracker.deliver(self._step), self._measurement)
+
+    def _measured(self) -> Measurement:
+        """What is measured now, with the fingertips' forces where the manifest names them."""
+        return self._driver.measure(feel=True) if self._builder.feels else self._driver.measure()
 
     @property
     def measurement(self) -> Measurement:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from trifarm.log import Log, read_log
     from trifarm.policies import Packed, check, pack
     from trifarm.reports import report
+    from trifarm.saving import save_policy
 
 __all__ = [
     "ClientError",
@@ -44,6 +45,7 @@ __all__ = [
     "practice_of",
     "read_log",
     "report",
+    "save_policy",
     "study",
 ]
 
@@ -67,6 +69,7 @@ _HOMES = {
     "practice_of": "sim_backend.environments.practice",
     "read_log": "trifarm.log",
     "report": "trifarm.reports",
+    "save_policy": "trifarm.saving",
     "study": "trifarm.gap",
 }
 _OF_AN_EXTRA = {"gymnasium", "stable_baselines3", "torch"}

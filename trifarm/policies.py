@@ -25,7 +25,7 @@ _ARGUMENTS = {"--format": "form", "--manifest": "expects", "--layout": "expects"
 
 def pack(
     files: Path | str | Sequence[Path | str],
-    out: Path | str,
+    out: Path | str | None = None,
     *,
     expects: str | Path | PolicyManifest,
     form: str = "auto",
@@ -34,6 +34,9 @@ def pack(
     scale: float | None = None,
     states: Sequence[tuple[int, ...]] = (),
     normaliser: str | None = None,
+    action_normaliser: str | None = None,
+    tolerance: float | None = None,
+    python: Path | str | None = None,
 ) -> Packed:
     """Packs a training library's checkpoint into weights and manifest, compared with the original on 1,000 observations.
 
@@ -41,7 +44,8 @@ def pack(
 
     Args:
         files: a checkpoint; of stable-baselines3 with its ``VecNormalize`` pickle beside it.
-        out: ``NAME.safetensors``, or ``NAME.onnx`` for TorchScript and ``torch.export`` programs; the manifest is ``NAME.json``.
+        out: ``NAME.safetensors``, or ``NAME.onnx`` for TorchScript and ``torch.export`` programs; beside the checkpoint if None.
+            The manifest is ``NAME.json``.
         expects: the observation that it was trained on: a ready-made layout by its name, a manifest's file, or a manifest.
         form: kind of the file, where it does not show: ``sb3``, ``rl-games``, ``rsl-rl``, ``skrl``, ``state-dict`` …
         architecture: the actor's modules in order, such as ``lstm,actor.0,actor.2``.
@@ -49,6 +53,10 @@ def pack(
         scale: what an action of 1 of the training is, N m or rad.
         states: shapes of the states of a TorchScript program.
         normaliser: of a plain state dict: ``MEAN,VARIANCE[,EPSILON[,CLIP]]`` by name, or ``none``.
+        action_normaliser: numbers of a plain state dict that make actions of outputs: ``mean-std:MEAN,STD``, ``min-max:MIN,MAX``,
+            ``scale-bias:SCALE,BIAS`` or ``tanh-scale-bias:SCALE,BIAS`` by name, or ``none``.
+        tolerance: the largest difference of an action that passes; by the original's own rounding if None.
+        python: the interpreter of an environment that has LeRobot, for its policies.
 
     Raises:
         ClientError: a file cannot be read or packed, or the packed policy acts otherwise than the original.
@@ -62,9 +70,19 @@ def pack(
         'N m'
     """
     given = [Path(files)] if isinstance(files, str | Path) else [Path(each) for each in files]
-    stated = Statement(_manifest(expects), form, architecture, activation, scale, tuple(states), normaliser)
+    stated = Statement(
+        _manifest(expects),
+        form=form,
+        architecture=architecture,
+        activation=activation,
+        scale=scale,
+        states=tuple(states),
+        normaliser=normaliser,
+        action_normaliser=action_normaliser,
+        python=None if python is None else Path(python),
+    )
     try:
-        return pack_to(Path(out), given, stated)
+        return pack_to(None if out is None else Path(out), given, stated, tolerance=tolerance)
     except ClientError as error:
         raise type(error)(_of_python(error.detail)) from error
 
@@ -111,4 +129,6 @@ def _manifest(expects: str | Path | PolicyManifest) -> PolicyManifest:
 
 def _of_python(detail: str) -> str:
     """A message of the command line with the names of arguments in place of options."""
-    return re.sub(r"--[a-z]+", lambda option: _ARGUMENTS.get(option[0], option[0].removeprefix("--")), detail)
+    return re.sub(
+        r"--[a-z][a-z-]*", lambda option: _ARGUMENTS.get(option[0], option[0].removeprefix("--").replace("-", "_")), detail
+    )

@@ -41,8 +41,8 @@ def ladder(ladder_id: LadderArgument, as_json: JsonOption = False) -> None:
 def read_checkpoints(
     checkpoints: Sequence[Checkpoint], manifest: Path | None, layout: str | None
 ) -> tuple[tuple[LocalPolicy, float], ...]:
-    """The policies and their steps; all are checked before the first is sent."""
-    return tuple((read_policy(each.file, manifest, layout), each.step) for each in checkpoints)
+    """The policies, named like their files, and their steps; all are checked before the first is sent."""
+    return tuple((read_policy(each.file, manifest, layout, name=each.file.stem[:100]), each.step) for each in checkpoints)
 
 
 def submit_ladder(

@@ -1,35 +1,44 @@
 """``trifarm pack``: what a training library wrote becomes a policy that can be submitted; on this machine, with no server."""
 
 import importlib.util
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from api_schemas.policy import LAYOUTS, PolicyManifest
-from client_cli.policies.policy_files import LAYOUT_NAMES, read_manifest
+from api_schemas.policy import PolicyManifest
+from client_cli.policies.policy_files import LAYOUT_NAMES, layout_named, manifest_beside, read_manifest
+from client_cli.policies.trying import task_of, tried
 from client_cli.terminal.errors import ClientError, UsageProblem
-from client_cli.terminal.options import JsonOption, LayoutOption
+from client_cli.terminal.exit_codes import ExitCode
+from client_cli.terminal.options import JsonOption, LayoutOption, TriedTaskOption, TryOption
 from client_cli.terminal.output import note, print_document, print_line
 
 if TYPE_CHECKING:
     from client_cli.packing.packed_files import Packed
+    from client_cli.packing.reading import Statement
 
-FORMATS = "auto, sb3, rl-games, rsl-rl, skrl, state-dict, torchscript, torch-export"
+FORMATS = "auto, sb3, sb2, rl-games, rsl-rl, skrl, state-dict, torchscript, torch-export, onnx, hugging-face"
 
 
 def pack(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE...", help="Checkpoint; for stable-baselines3 also its VecNormalize pickle (.pkl)."),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", metavar="NAME", help="Weights to write: NAME.safetensors, or NAME.onnx for TorchScript and torch.export."
+        typer.Argument(
+            metavar="FILE...",
+            help="Checkpoint; for stable-baselines3 also its VecNormalize pickle (.pkl); or a folder of checkpoints.",
         ),
     ],
     *,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="NAME",
+            help="Weights to write, or the folder for those of a folder; by default beside the checkpoint under its name.",
+        ),
+    ] = None,
     manifest: Annotated[
         Path | None,
         typer.Option(
@@ -58,6 +67,27 @@ def pack(
             "--normaliser", metavar="NAMES", help="Names in a plain state dict: MEAN,VARIANCE[,EPSILON[,CLIP]], or none."
         ),
     ] = None,
+    actions: Annotated[
+        str | None,
+        typer.Option(
+            "--action-normaliser",
+            metavar="KIND:NAMES",
+            help="Numbers in a plain state dict that make actions of outputs: mean-std:MEAN,STD, min-max:MIN,MAX, "
+            "scale-bias:SCALE,BIAS, tanh-scale-bias:SCALE,BIAS, or none.",
+        ),
+    ] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            "--tolerance", min=0.0, help="Largest difference of an action that passes, N m or rad; by default by rounding."
+        ),
+    ] = None,
+    python: Annotated[
+        Path | None,
+        typer.Option("--python", metavar="PATH", help="Interpreter of an environment that has LeRobot, for its policies."),
+    ] = None,
+    task: TriedTaskOption = None,
+    tries: TryOption = True,
     as_json: JsonOption = False,
 ) -> None:
     """Pack a checkpoint into weights and a manifest, and compare both with the original on 1,000 observations.
@@ -65,33 +95,87 @@ def pack(
     Reading a checkpoint runs the code in it: pack only files that you trust.
     """
     _need_torch()
-    from client_cli.packing.comparison import LIMIT, OBSERVATIONS
-    from client_cli.packing.packed_files import pack_to
+    from client_cli.packing.folder import is_many
     from client_cli.packing.reading import Statement
 
-    states = tuple(_shape(each) for each in state or ())
-    stated = Statement(_manifest(files[0], manifest, layout), form, architecture, activation, scale, states, normaliser)
-    packed = pack_to(out, files, stated)
+    stated = Statement(
+        manifest=stated_manifest(files[0], manifest, layout),
+        form=form,
+        architecture=architecture,
+        activation=activation,
+        scale=scale,
+        states=tuple(_shape(each) for each in state or ()),
+        normaliser=normaliser,
+        action_normaliser=actions,
+        python=python,
+    )
+    if len(files) == 1 and is_many(files[0]):
+        _pack_many(files[0], out, stated, tolerance, as_json=as_json)
+    else:
+        _pack_one(files, out, stated, tolerance, (task or task_of(stated.manifest)) if tries else None, as_json=as_json)
+
+
+def _pack_one(
+    files: list[Path], out: Path | None, stated: "Statement", tolerance: float | None, task: str | None, *, as_json: bool
+) -> None:
+    """``task`` is tried afterwards; None for no trials."""
+    from client_cli.packing.comparison import OBSERVATIONS
+    from client_cli.packing.packed_files import pack_to
+
+    packed = pack_to(out, files, stated, tolerance=tolerance)
+    warnings = () if task is None else tried(packed.weights, read_manifest(packed.manifest), task)
     for text in packed.notes:
         note(f"note: {text}")
+    for text in warnings:
+        note(f"warning: {text}")
     if as_json:
-        print_document(document(packed))
+        print_document(document(packed, warnings))
         return
     print_line(f"packed {files[0].name} ({packed.source}) as {packed.weights} and {packed.manifest.name}")
     print_line(
         f"largest difference from the original on {OBSERVATIONS} observations: "
-        f"{packed.largest_difference:.2g} {packed.unit} (allowed {LIMIT:g})"
+        f"{packed.largest_difference:.2g} {packed.unit} (allowed {packed.allowed:.2g})"
     )
+    print_line(f"next: trifarm submit {shlex.quote(str(packed.weights))} --task {task or 'TASK'}")
 
 
-def document(packed: "Packed") -> dict[str, object]:
+def _pack_many(folder: Path, out: Path | None, stated: "Statement", tolerance: float | None, *, as_json: bool) -> None:
+    from client_cli.packing.folder import PACKED, Tried, pack_folder
+
+    def tell(each: Tried) -> None:
+        if each.packed is None:
+            note(f"{each.file.name}: not packed: {(each.why_not or '').splitlines()[0][:300]}")
+        elif not as_json:
+            found = each.packed
+            print_line(f"{each.file.name}: {found.weights.name}, differs by {found.largest_difference:.2g} {found.unit}")
+
+    done = pack_folder(folder, out, stated, tell, tolerance=tolerance)
+    failed = [each for each in done if each.packed is None]
+    if as_json:
+        rows = [
+            {"file": each.file.name, "why_not": each.why_not} | ({} if each.packed is None else document(each.packed))
+            for each in done
+        ]
+        print_document({"packed": len(done) - len(failed), "not_packed": len(failed), "policies": rows})
+    else:
+        where = out or folder / PACKED
+        print_line(f"packed {len(done) - len(failed)} of {len(done)}; next: trifarm submit {shlex.quote(str(where))} --task TASK")
+    if failed:
+        raise typer.Exit(ExitCode.OTHER)
+
+
+def document(packed: "Packed", warnings: tuple[str, ...] = ()) -> dict[str, object]:
     """What ``--json`` prints."""
     return {
         "weights": str(packed.weights),
         "manifest": str(packed.manifest),
         "source": packed.source,
         "largest_difference": packed.largest_difference,
+        "allowed": packed.allowed,
         "unit": packed.unit,
+        "notes": list(packed.notes),
+        "unused": list(packed.unused),
+        "warnings": list(warnings),
     }
 
 
@@ -103,17 +187,22 @@ def _need_torch() -> None:
         )
 
 
-def _manifest(weights: Path, manifest: Path | None, layout: str | None) -> PolicyManifest:
+def stated_manifest(weights: Path, manifest: Path | None, layout: str | None) -> PolicyManifest:
+    """What a checkpoint expects, by a file or a layout's name, or by the manifest beside it.
+
+    Raises:
+        UsageProblem: nothing says it, or two things do.
+    """
+    if manifest is None and layout is None and (beside := manifest_beside(weights)) is not None:
+        return read_manifest(beside)
     if (manifest is None) == (layout is None):
         raise UsageProblem(
-            f"what does {weights.name} expect? Give --layout with one of {LAYOUT_NAMES}, or --manifest FILE with the "
-            "observation that it was trained on; not both"
+            f"what does {weights.name} expect? Give --layout with one of {LAYOUT_NAMES} ('trifarm layouts' shows them), or "
+            "--manifest FILE with the observation that it was trained on; not both"
         )
     if manifest is not None:
         return read_manifest(manifest)
-    if layout not in LAYOUTS:
-        raise UsageProblem(f"there is no layout {layout!r}; choose from {LAYOUT_NAMES}")
-    return LAYOUTS[layout]
+    return layout_named(layout or "")
 
 
 def _shape(text: str) -> tuple[int, ...]:

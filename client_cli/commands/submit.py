@@ -89,6 +89,15 @@ def submit(
     webhook: WebhookOption = None,
     wait: WaitOption = False,
     idempotency_key: IdempotencyKeyOption = None,
+    step_from: Annotated[
+        str | None,
+        typer.Option(
+            "--step-from",
+            metavar="WORD|PATTERN",
+            help="Number in the names of a folder's checkpoints by which they are ordered: the word before it, or a pattern "
+            "with a group, such as 'ep_(\\d+)'; by default the last that differs.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Upload a policy, queue a job and print its id; for a folder, queue a job for each checkpoint."""
@@ -101,7 +110,7 @@ def submit(
                 "--like or --goals"
             )
         common["trials"] = trials or USUAL_TRIALS
-        policies = read_checkpoints(find_checkpoints(file), manifest, layout)
+        policies = read_checkpoints(find_checkpoints(file, step_from), manifest, layout)
         named = {"name": file.resolve().name[:100] or "checkpoints", "rungs": rungs_of(policies)}
         _submit_folder(policies, checked(LadderRequest, common | named), idempotency_key, wait=wait, as_json=as_json)
         return

@@ -11,6 +11,7 @@ import numpy as np
 
 from api_schemas.policy import InputScaling, PolicyManifest
 from api_schemas.policy_network import ActionHead
+from client_cli.packing.fitting import misfit
 from client_cli.packing.recipe import TINY, Array, Normaliser, Part, Recipe, follows, part
 from client_cli.terminal.errors import UsageProblem
 
@@ -32,6 +33,29 @@ def arrays(state: State) -> dict[str, Array]:
     """
     tensors = {name.replace("_orig_mod.", ""): value.detach().cpu() for name, value in state.items() if hasattr(value, "detach")}
     return {name: (each.float() if "bfloat16" in str(each.dtype) else each).numpy() for name, each in tensors.items()}
+
+
+def all_tensors(content: State, prefix: str = "") -> dict[str, Array]:
+    """Every tensor of a file by its dotted name, whatever it lies in."""
+    found: dict[str, Array] = {}
+    for name, value in content.items():
+        if isinstance(value, Mapping):
+            found |= all_tensors(value, f"{prefix}{name}.")
+        elif isinstance(value, np.ndarray):
+            found[f"{prefix}{name}"] = value
+        elif hasattr(value, "detach"):
+            found |= {f"{prefix}{each}": values for each, values in arrays({str(name): value}).items()}
+    return found
+
+
+def check_width(parts: tuple[Part, ...], manifest: PolicyManifest, file: str) -> None:
+    """Raises where a network takes another number of inputs than the manifest gives, though its parts follow each other.
+
+    Raises:
+        UsageProblem: names both, and the layouts that fit.
+    """
+    if parts and parts[0].takes != manifest.network_inputs and follows(parts, parts[0].takes):
+        raise misfit(file, [parts[0].takes], manifest)
 
 
 def parts_of(tensors: Mapping[str, Array]) -> dict[str, Part]:
@@ -58,7 +82,9 @@ def stated(tensors: Mapping[str, Array], architecture: str) -> tuple[Part, ...]:
     return tuple(known[name] for name in names)
 
 
-def plain(state: State, architecture: str | None, manifest: PolicyManifest, normaliser: str | None = None) -> Recipe:
+def plain(
+    state: State, architecture: str | None, manifest: PolicyManifest, normaliser: str | None = None, file: str = "the network"
+) -> Recipe:
     """A bare state dict, whose architecture the user must state, and the normaliser too, if there is one.
 
     Raises:
@@ -76,8 +102,10 @@ def plain(state: State, architecture: str | None, manifest: PolicyManifest, norm
             "a plain state_dict does not say how its modules are applied: name the actor's in order with --architecture, "
             f"such as actor.0,actor.2,actor.4, and their --activation; the file has {_described(parts_of(tensors))}"
         )
-    parts = _checked(stated(tensors, architecture), manifest.network_inputs)
-    return Recipe("state_dict", parts, _stated_normaliser(tensors, manifest, normaliser))
+    parts = _checked(stated(tensors, architecture), manifest, file)
+    statistics = _stated_normaliser(tensors, manifest, normaliser)
+    uses = tuple(each.strip() for each in normaliser.split(",")[:2]) if statistics is not None and normaliser else ()
+    return Recipe("state_dict", parts, statistics, uses=uses)
 
 
 def _stated_normaliser(tensors: Mapping[str, Array], manifest: PolicyManifest, text: str | None) -> Normaliser | None:
@@ -134,7 +162,7 @@ def _last(name: str) -> str:
     return name.rpartition(".")[2].lower()
 
 
-def rl_games(content: State, architecture: str | None, takes: int) -> Recipe:
+def rl_games(content: State, architecture: str | None, manifest: PolicyManifest, file: str) -> Recipe:
     """A checkpoint of rl_games' a2c agents, continuous or multi-discrete."""
     tensors = arrays(content["model"])
     known = {name.removeprefix(RL_GAMES): each for name, each in parts_of(tensors).items()}
@@ -147,10 +175,11 @@ def rl_games(content: State, architecture: str | None, takes: int) -> Recipe:
     layers = [each for name, each in known.items() if name.startswith("actor_mlp.")]
     memory = [each for name, each in known.items() if each.kind in ("lstm", "gru") and not name.startswith("c_rnn")]
     memory += [each for name, each in known.items() if name in ("layer_norm", "a_layer_norm")]
-    parts = stated(tensors, architecture) if architecture else _either(layers, memory, last, takes)
+    parts = stated(tensors, architecture) if architecture else _either(layers, memory, last, manifest, file)
     bins = last.gives // len(logits) if logits else None
     head = ActionHead.BINS if logits else ActionHead.DIRECT
-    return Recipe("rl_games", parts, normaliser, head=head, bins=bins, clip=None if logits else 1.0)
+    uses = tuple(f"model.{name}" for name in tensors if name.startswith("running_mean_std."))
+    return Recipe("rl_games", parts, normaliser, head=head, bins=bins, clip=None if logits else 1.0, uses=uses)
 
 
 def _joined(logits: list[Part]) -> Part:
@@ -161,19 +190,19 @@ def _joined(logits: list[Part]) -> Part:
     return Part("logits", "linear", {name: np.concatenate([each.tensors[name] for each in logits]) for name in names})
 
 
-def _either(layers: list[Part], memory: list[Part], last: Part, takes: int) -> tuple[Part, ...]:
+def _either(layers: list[Part], memory: list[Part], last: Part, manifest: PolicyManifest, file: str) -> tuple[Part, ...]:
     """Layers before the memory or after it (``before_mlp``): the file does not say which, its shapes do."""
     orders = [[*layers, *memory, last], [*memory, *layers, last]] if memory and layers else [[*layers, *memory, last]]
-    fitting = [order for order in orders if follows(order, takes)]
+    fitting = [order for order in orders if follows(order, manifest.network_inputs)]
     if len(fitting) == 1:
         return tuple(fitting[0])
     if fitting:
         names = " or ".join(",".join(each.name for each in order) for order in fitting)
         raise UsageProblem(f"the shapes fit two orders; say which with --architecture: {names}")
-    return _checked(tuple(orders[0]), takes)
+    return _checked(tuple(orders[0]), manifest, file)
 
 
-def rsl_rl(content: State, architecture: str | None, takes: int) -> Recipe:
+def rsl_rl(content: State, architecture: str | None, manifest: PolicyManifest, file: str) -> Recipe:
     """A checkpoint of rsl_rl's runners, before and since its actor became a model of its own."""
     tensors = arrays(content.get("actor_state_dict") or content["model_state_dict"])
     before = arrays(content.get("obs_norm_state_dict") or {})
@@ -181,11 +210,13 @@ def rsl_rl(content: State, architecture: str | None, takes: int) -> Recipe:
     known = parts_of(tensors)
     normalisers = ("actor_obs_normalizer", "obs_normalizer")
     normaliser = next((made for name in normalisers if (made := _empirical(found, name)) is not None), None)
+    uses = tuple(name for name in all_tensors(content) if name.split(".")[-2:-1] == ["obs_normalizer"] or "obs_norm" in name)
+    uses = tuple(name for name in uses if "critic" not in name)
     if architecture:
-        return Recipe("rsl_rl", stated(tensors, architecture), normaliser)
+        return Recipe("rsl_rl", stated(tensors, architecture), normaliser, uses=uses)
     memory = [known[name] for name in ("memory_a.rnn", "rnn.rnn") if name in known]
     layers = [each for name, each in known.items() if name.split(".")[0] in ("actor", "mlp", "student")]
-    return Recipe("rsl_rl", _checked((*memory, *layers), takes), normaliser)
+    return Recipe("rsl_rl", _checked((*memory, *layers), manifest, file), normaliser, uses=uses)
 
 
 def _empirical(tensors: Mapping[str, Array], name: str) -> Normaliser | None:
@@ -195,7 +226,7 @@ def _empirical(tensors: Mapping[str, Array], name: str) -> Normaliser | None:
     return Normaliser(mean.ravel(), deviation.ravel().astype(np.float64) ** 2, RSL_RL_EPSILON, None, outside=True)
 
 
-def skrl(content: State, architecture: str | None, takes: int) -> Recipe:
+def skrl(content: State, architecture: str | None, manifest: PolicyManifest, file: str) -> Recipe:
     """A checkpoint of a skrl agent; what belongs to the value of a shared model is left out."""
     tensors = arrays(content["policy"])
     scalers = (content.get("observation_preprocessor"), content.get("state_preprocessor"))
@@ -204,15 +235,19 @@ def skrl(content: State, architecture: str | None, takes: int) -> Recipe:
     normaliser = None
     if mean is not None and variance is not None:
         normaliser = Normaliser(mean.ravel(), variance.ravel(), SKRL_EPSILON, CLIP, outside=True)
+    words = ("observation_preprocessor.", "state_preprocessor.")
+    uses = tuple(name for name in all_tensors(content) if name.startswith(words))
     if architecture:
-        return Recipe("skrl", stated(tensors, architecture), normaliser)
+        return Recipe("skrl", stated(tensors, architecture), normaliser, uses=uses)
     parts = [each for name, each in parts_of(tensors).items() if "value" not in name and "critic" not in name]
-    return Recipe("skrl", _checked(tuple(parts), takes), normaliser)
+    return Recipe("skrl", _checked(tuple(parts), manifest, file), normaliser, uses=uses)
 
 
-def _checked(parts: tuple[Part, ...], takes: int) -> tuple[Part, ...]:
+def _checked(parts: tuple[Part, ...], manifest: PolicyManifest, file: str) -> tuple[Part, ...]:
+    takes = manifest.network_inputs
     if parts and follows(parts, takes):
         return parts
+    check_width(parts, manifest, file)
     raise UsageProblem(
         f"the actor's modules do not follow each other from an observation of {takes} numbers: "
         f"{_described({each.name: each for each in parts})}; give the manifest of this network's observation, "
@@ -224,7 +259,7 @@ def _described(parts: Mapping[str, Part]) -> str:
     return ", ".join(f"{name} ({each.kind} {each.takes}->{each.gives})" for name, each in parts.items()) or "none"
 
 
-LIBRARIES: dict[str, Callable[[State, str | None, int], Recipe]] = {
+LIBRARIES: dict[str, Callable[[State, str | None, PolicyManifest, str], Recipe]] = {
     "rl-games": rl_games,
     "rsl-rl": rsl_rl,
     "skrl": skrl,

@@ -1,6 +1,6 @@
 """The network as torch computes it, to hold the packed one against: its own modules, its own memory, its own formulas."""
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -21,12 +21,26 @@ class Original(Protocol):
         ...
 
 
+@runtime_checkable
+class Batching(Protocol):
+    """An original that can be asked for many observations at once."""
+
+    def batch(self, observations: Array, /) -> Array | None:
+        """Actions (k, 9) for observations (k, n); None where each must come by itself."""
+        ...
+
+
 class Stack:
     """The last observations of a trial, as the manifest stacks them."""
 
     def __init__(self, manifest: PolicyManifest) -> None:
         self._stack = manifest.frame_stack
         self._frames: list[Array] = []
+
+    @property
+    def counts(self) -> bool:
+        """Whether observations are stacked at all."""
+        return self._stack is not None
 
     def begin(self) -> None:
         """Forget them."""
@@ -70,6 +84,15 @@ class TorchOriginal:
             outputs = self._network(torch.from_numpy((self._scaled(row) if whole else row).astype(np.float32))[None])
         return self._action(outputs[0].numpy().astype(np.float64))
 
+    def batch(self, observations: Array) -> Array | None:
+        """Actions (k, 9) for observations (k, n) in one call; None for a network with memory."""
+        if self._wanted.frame_stack is not None or any(each.kind in RECURRENT for each in self._recipe.parts):
+            return None
+        rows = np.stack([self._scaled(row) for row in observations]).astype(np.float32)
+        with self._torch.no_grad():
+            outputs = self._network(self._torch.from_numpy(rows))
+        return np.stack([self._action(row) for row in outputs.numpy().astype(np.float64)])
+
     def _scales_whole_stack(self) -> bool:
         given = self._wanted.input_scaling
         length = given.mean or given.low
@@ -109,7 +132,7 @@ class TorchOriginal:
             values = outputs.reshape(ACTION_SIZE, bins).argmax(1) * 2 / (bins - 1) - 1
         if recipe.squash or wanted.output_scaling.squash:
             values = np.tanh(values)
-        clip = recipe.clip or (None if recipe.squash else wanted.output_scaling.clip)
+        clip = recipe.clip or (None if recipe.squash or not recipe.clips else wanted.output_scaling.clip)
         values = values if clip is None else np.clip(values, -clip, clip)
         values = values if recipe.factor is None else values * recipe.factor
         values = values if recipe.shift is None else values + recipe.shift
@@ -137,4 +160,6 @@ def scaled_as_stated(values: Array, scaling: InputScaling) -> Array:
         x = 2 * (x - low) / (high - low) - 1
     if scaling.mean is not None and scaling.variance is not None:
         x = (x - np.array(scaling.mean)) / np.sqrt(np.array(scaling.variance) + scaling.epsilon)
+    if scaling.whitening is not None:
+        x = np.array(scaling.whitening) @ x
     return x if scaling.clip is None else np.clip(x, -scaling.clip, scaling.clip)

@@ -1,5 +1,6 @@
 """From a checkpoint to the two files that are submitted: read, pack, compare with the original, write."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,8 @@ class Packed:
         largest_difference: of an action, on ``comparison.OBSERVATIONS`` observations, in ``unit``.
         unit: N m or rad.
         notes: what was left out or assumed.
+        unused: names of the file's tensors that the policy does without.
+        allowed: the largest difference that would have passed.
     """
 
     weights: Path
@@ -31,10 +34,18 @@ class Packed:
     largest_difference: float
     unit: str
     notes: tuple[str, ...]
+    unused: tuple[str, ...] = ()
+    allowed: float = comparison.LIMIT
 
 
-def pack_to(out: Path, files: Sequence[Path], stated: reading.Statement) -> Packed:
+def pack_to(out: Path | None, files: Sequence[Path], stated: reading.Statement, *, tolerance: float | None = None) -> Packed:
     """Pack a checkpoint.
+
+    Args:
+        out: the weights to write; beside the checkpoint under its name if None.
+        files: the checkpoint, and what belongs to it.
+        stated: what the files do not say.
+        tolerance: the largest difference of an action that passes; by the original's own rounding if None.
 
     Raises:
         UsageProblem: a file, a name or the ending of ``out`` does not fit.
@@ -45,18 +56,45 @@ def pack_to(out: Path, files: Sequence[Path], stated: reading.Statement) -> Pack
     if stated.activation not in (None, *ACTIVATIONS):
         raise UsageProblem(f"--activation {stated.activation} is not known to the farm; choose from {', '.join(ACTIVATIONS)}")
     packed = reading.pack_files(list(files), stated)
+    out = beside(files[0], packed.suffix) if out is None else out
     if out.suffix != packed.suffix:
         raise UsageProblem(f"{packed.source} is packed as {packed.suffix}; give --out {out.with_suffix(packed.suffix)}")
     graph = comparison.converted(packed.weights, packed.suffix, packed.manifest)
-    unit = unit_of(packed.manifest)
-    compared = comparison.compare(packed.original, graph, comparison.observations(packed.manifest, packed.normaliser))
-    comparison.check(compared, unit)
+    unit, given = unit_of(packed.manifest), comparison.observations(packed.manifest, packed.normaliser)
+    compared = comparison.compare(packed.original, graph, given, tolerance)
+    comparison.check(compared, unit, packed.original, given)
     _write(out, packed.weights, packed.manifest)
-    return Packed(out, out.with_suffix(".json"), packed.source, compared.largest_difference, unit, tuple(packed.notes))
+    return Packed(
+        *(out, out.with_suffix(".json"), packed.source, compared.largest_difference, unit, tuple(packed.notes)),
+        unused=packed.unused,
+        allowed=compared.allowed,
+    )
+
+
+def beside(checkpoint: Path, suffix: str) -> Path:
+    """Where a policy is written of which nobody said it: beside its checkpoint, in place of one that was packed before.
+
+    Raises:
+        UsageProblem: a file of that name is there that is no packed policy.
+    """
+    out = checkpoint.with_suffix(suffix) if checkpoint.is_file() else checkpoint / f"{checkpoint.name}{suffix}"
+    if out == checkpoint:
+        out = checkpoint.with_name(f"{checkpoint.stem}-packed{suffix}")
+    if out.exists() and not _is_packed(out):
+        raise UsageProblem(f"{out} is there already; give --out NAME{suffix}")
+    return out
+
+
+def _is_packed(weights: Path) -> bool:
+    try:
+        return str(json.loads(weights.with_suffix(".json").read_text()).get("format", "")).startswith("trifarm-policy/")
+    except (OSError, ValueError, AttributeError):
+        return False
 
 
 def _write(out: Path, weights: bytes, manifest: PolicyManifest) -> None:
     try:
+        out.parent.mkdir(parents=True, exist_ok=True)
         out.write_bytes(weights)
         out.with_suffix(".json").write_text(canonical_json(manifest) + "\n")
     except OSError as error:

@@ -64,6 +64,10 @@ class Recipe:
     clip: float | None = None
     factor: Array | None = None
     shift: Array | None = None
+    clips: bool = True
+    """Whether the manifest's clip of outputs applies; not where outputs are in units of a normaliser of the file."""
+    uses: tuple[str, ...] = ()
+    """Tensors of the file that are used beside those of the parts."""
 
 
 def part(name: str, tensors: Mapping[str, Array]) -> Part | None:
@@ -165,7 +169,7 @@ def _output_scaling(recipe: Recipe, wanted: OutputScaling, scale: float | None) 
         unit = tuple(float(each) for each in by * (1.0 if recipe.factor is None else recipe.factor))
         shift = None if recipe.shift is None else tuple(float(each) for each in by * recipe.shift)
     return OutputScaling(
-        clip=wanted.clip if recipe.clip is None and recipe.squash is None else recipe.clip,
+        clip=wanted.clip if recipe.clip is None and recipe.squash is None and recipe.clips else recipe.clip,
         scale=unit,
         squash=recipe.squash or wanted.squash,
         offset=wanted.offset if shift is None else shift,

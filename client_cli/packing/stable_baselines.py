@@ -16,6 +16,7 @@ from api_schemas.policy import ACTION_SIZE, PolicyManifest
 from api_schemas.policy_network import ActionHead
 from client_cli.packing.checkpoints import arrays, parts_of
 from client_cli.packing.original import Stack, scaled_as_stated
+from client_cli.packing.quiet import first_sentence, quiet
 from client_cli.packing.recipe import Array, Normaliser, Part, Recipe
 from client_cli.terminal.errors import UsageProblem
 
@@ -50,9 +51,12 @@ def read(path: Path, pickled: Path | None, *, with_library: bool = True) -> Arch
     """
     import torch
 
-    with zipfile.ZipFile(path) as archive:
-        loaded = torch.load(io.BytesIO(archive.read("policy.pth")), map_location="cpu", weights_only=True)
-        data = json.loads(archive.read("data"))
+    try:
+        with zipfile.ZipFile(path) as archive:
+            loaded = torch.load(io.BytesIO(archive.read("policy.pth")), map_location="cpu", weights_only=True)
+            data = json.loads(archive.read("data"))
+    except Exception as error:
+        raise UsageProblem(f"{path.name} is a damaged archive of stable-baselines3: {first_sentence(error)}") from error
     policy, why_not = _rebuilt(path, loaded) if with_library else (None, "not asked for")
     return Archive(arrays(loaded), data, None if pickled is None else _unpickled(pickled), policy, why_not)
 
@@ -60,19 +64,24 @@ def read(path: Path, pickled: Path | None, *, with_library: bool = True) -> Arch
 def _rebuilt(path: Path, state: Any) -> tuple[Any, str | None]:
     """The library's own policy with these weights, or None and why not."""
     try:
-        from stable_baselines3.common.save_util import load_from_zip_file  # pyright: ignore[reportMissingImports]
-
-        data, _, _ = load_from_zip_file(path, device="cpu")
-        assert data is not None, "read without data"
-        kwargs = dict(data["policy_kwargs"])
-        if any(name.startswith("mlp_extractor") for name in state):
-            kwargs.setdefault("use_sde", data.get("use_sde", False))
-        policy = data["policy_class"](data["observation_space"], data["action_space"], lambda _: 0.0, **kwargs)
-        policy.load_state_dict(state)
-        policy.set_training_mode(False)
+        with quiet():
+            return _library_policy(path, state), None
     except Exception as error:  # no library, another version, a class of the user's that is not here
-        return None, f"{type(error).__name__}: {error}"[:300]
-    return policy, None
+        return None, first_sentence(error)
+
+
+def _library_policy(path: Path, state: Any) -> Any:
+    from stable_baselines3.common.save_util import load_from_zip_file  # pyright: ignore[reportMissingImports]
+
+    data, _, _ = load_from_zip_file(path, device="cpu")
+    assert data is not None, "read without data"
+    kwargs = dict(data["policy_kwargs"])
+    if any(name.startswith("mlp_extractor") for name in state):
+        kwargs.setdefault("use_sde", data.get("use_sde", False))
+    policy = data["policy_class"](data["observation_space"], data["action_space"], lambda _: 0.0, **kwargs)
+    policy.load_state_dict(state)
+    policy.set_training_mode(False)
+    return policy
 
 
 class _Anything:
@@ -156,6 +165,13 @@ def _with_actions(recipe: Recipe, archive: Archive, parts: tuple[Part, ...], on_
     return replace(recipe, squash="tanh", factor=(high - low) / 2, shift=(high + low) / 2 if (high + low).any() else None)
 
 
+def bounds_of(space: Any) -> tuple[Array, Array] | None:
+    """The bounds of a continuous action space as an archive's settings print it, None where they do not."""
+    if not isinstance(space, Mapping) or not {"low", "high"} <= set(space):
+        return None
+    return _numbers(space["low"]), _numbers(space["high"])
+
+
 def _numbers(text: Any) -> Array:
     """The numbers of a bound as the archive prints it, or of the bound itself."""
     found = re.findall(r"-?\d+\.?\d*(?:e[+-]?\d+)?", str(text))
@@ -172,6 +188,7 @@ class LibraryOriginal:
         self._archive, self._scaling = archive, wanted.input_scaling
         unit = wanted.output_scaling.scale if scale is None else scale
         self._scale = np.asarray(1.0 if unit is None else unit)
+        self._offset = np.asarray(wanted.output_scaling.offset or 0.0)
         self._stack = Stack(wanted)
         self._memory: Any = None
 
@@ -191,7 +208,19 @@ class LibraryOriginal:
             row = statistics.normalize_obs(self._stack(observation))
         # A recurrent policy begins with zeros where it is given nothing; the others hand back what they were given.
         action, self._memory = self._archive.policy.predict(row.astype(np.float32), self._memory, deterministic=True)
+        return self._finished(action)
+
+    def batch(self, observations: Array) -> Array | None:
+        """Actions (k, 9) for observations (k, n) in one call; None for a policy with memory or a stack of observations."""
+        if hasattr(self._archive.policy, "lstm_actor") or self._stack.counts:
+            return None
+        statistics = self._archive.statistics
+        rows = np.stack([scaled_as_stated(row, self._scaling) for row in observations])
+        rows = rows if _normaliser(statistics) is None else statistics.normalize_obs(rows)
+        return self._finished(self._archive.policy.predict(rows.astype(np.float32), deterministic=True)[0])
+
+    def _finished(self, action: Array) -> Array:
         space = self._archive.policy.action_space
         if hasattr(space, "nvec"):
             action = action * 2 / (space.nvec - 1) - 1
-        return action.astype(np.float64) * self._scale
+        return action.astype(np.float64) * self._scale + self._offset

@@ -1,7 +1,7 @@
 """A folder of checkpoints: which files are policies, and the number by which each differs from the others."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,8 +23,8 @@ class Checkpoint:
     step: float
 
 
-def find_checkpoints(folder: Path) -> tuple[Checkpoint, ...]:
-    """The policies of a folder by the number in their names.
+def find_checkpoints(folder: Path, step_from: str | None = None) -> tuple[Checkpoint, ...]:
+    """The policies of a folder by the number in their names: the one that ``step_from`` says, a word before it or a pattern.
 
     Where names have several numbers, it is the last one by which they differ: ``lift_2_final_100`` and ``lift_2_final_200``
     are 100 and 200, and so are ``seed1_step100_v2`` and ``seed1_step200_v2``.
@@ -37,13 +37,36 @@ def find_checkpoints(folder: Path) -> tuple[Checkpoint, ...]:
         raise UsageProblem(f"{folder} holds no policy: no file in it ends in {', '.join(SUFFIXES)}")
     if len(files) > MAX_RUNGS:
         raise UsageProblem(f"{folder} holds {len(files)} policies; a ladder has at most {MAX_RUNGS}, so leave some out")
+    if step_from is not None:
+        return _in_order(Checkpoint(path, _stated(path, step_from)) for path in files)
     numbers = [_numbers(path) for path in files]
     without = [path.name for path, found in zip(files, numbers, strict=True) if not found]
     if without:
         raise UsageProblem(f"{without[0]} has no number in its name to place it on the ladder; rename it, or take it out")
     at = _telling(numbers)
-    made = [Checkpoint(path, found[at]) for path, found in zip(files, numbers, strict=True)]
+    return _in_order(Checkpoint(path, found[at]) for path, found in zip(files, numbers, strict=True))
+
+
+def _in_order(made: Iterable[Checkpoint]) -> tuple[Checkpoint, ...]:
     return tuple(sorted(made, key=lambda each: (each.step, each.file.name)))
+
+
+def _stated(path: Path, step_from: str) -> float:
+    """The number of a name that a word stands before, or that a pattern's group holds.
+
+    Raises:
+        UsageProblem: the name has no such number, or the pattern is none.
+    """
+    pattern = step_from if "(" in step_from else rf"{re.escape(step_from)}[^0-9]{{0,3}}(\d+(?:\.\d+)?[kMG]?)"
+    try:
+        found = re.search(pattern, path.stem)
+        numbers = NUMBER.findall(found[1]) if found is not None else []
+    except (re.error, IndexError) as error:
+        raise UsageProblem(f"--step-from {step_from!r} is no pattern with one group, such as 'ep_(\\d+)': {error}") from error
+    if not numbers:
+        raise UsageProblem(f"--step-from {step_from!r}: {path.name} has no such number; rename it, or take it out")
+    number, unit = numbers[0]
+    return float(number) * FACTORS[unit or None]
 
 
 def _numbers(path: Path) -> list[float]:

@@ -12,6 +12,8 @@ from client_cli.terminal.errors import UsageProblem
 from client_cli.terminal.wrong_values import sentence
 
 LAYOUT_NAMES = ", ".join(LAYOUTS)
+MANIFEST_OF_FOLDER = "manifest.json"
+"""Stands for every checkpoint beside it that has none of its own."""
 
 
 @dataclass(frozen=True)
@@ -23,19 +25,26 @@ class LocalPolicy:
     digest: str
 
 
-def read_policy(weights: Path, manifest_file: Path | None, layout: str | None) -> LocalPolicy:
-    """Check and digest a policy; raises UsageProblem with the limit and the valid choices."""
+def read_policy(weights: Path, manifest_file: Path | None, layout: str | None, name: str | None = None) -> LocalPolicy:
+    """Check and digest a policy, under another name if one is given; raises UsageProblem with the limit and the valid choices."""
     _check_weights(weights)
     manifest = find_manifest(weights, manifest_file, layout)
+    manifest = manifest if name is None else manifest.model_copy(update={"name": name})
     with weights.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     return LocalPolicy(weights=weights, manifest=manifest, digest=policy_digest(sha256, manifest))
 
 
+def check_exists(path: Path) -> None:
+    """Raise UsageProblem where there is neither such a file nor such a folder."""
+    if not path.exists():
+        raise UsageProblem(f"there is no file {path}")
+
+
 def check_is_file(weights: Path) -> None:
     """Raise UsageProblem where there is no such file."""
     if weights.is_dir():
-        raise UsageProblem(f"{weights} is a folder; name one file in it")
+        raise UsageProblem(f"{weights} is a folder; name one file in it, or 'trifarm pack {weights}' packs it")
     if not weights.is_file():
         raise UsageProblem(f"there is no file {weights}")
 
@@ -46,7 +55,7 @@ def _check_weights(weights: Path) -> None:
     if weights.suffix not in suffixes:
         raise UsageProblem(
             f"{weights.name} ends in {weights.suffix or 'no suffix'!r}, but a policy's weights are one file that cannot "
-            f"carry code: {', '.join(suffixes)}; 'trifarm pack FILE' makes one of other formats"
+            f"carry code: {', '.join(suffixes)}; 'trifarm pack {weights.name}' makes one of other formats"
         )
     size = weights.stat().st_size
     if not 0 < size <= MAX_WEIGHTS_BYTES:
@@ -58,16 +67,28 @@ def find_manifest(weights: Path, manifest_file: Path | None, layout: str | None)
     if manifest_file and layout:
         raise UsageProblem("give --manifest or --layout, not both")
     if layout:
-        if layout not in LAYOUTS:
-            raise UsageProblem(f"there is no layout {layout!r}; choose from {LAYOUT_NAMES}")
-        return LAYOUTS[layout]
-    beside = weights.with_suffix(".json")
-    if manifest_file is None and not beside.is_file():
+        return layout_named(layout)
+    beside = manifest_beside(weights)
+    if manifest_file is None and beside is None:
         raise UsageProblem(
-            f"what does {weights.name} expect? There is no {beside.name} beside it: give --manifest FILE, or --layout with "
-            f"one of {LAYOUT_NAMES}"
+            f"what does {weights.name} expect? There is no {weights.with_suffix('.json').name} or {MANIFEST_OF_FOLDER} beside "
+            f"it: give --manifest FILE, or --layout with one of {LAYOUT_NAMES}"
         )
-    return read_manifest(manifest_file or beside)
+    return read_manifest(manifest_file or beside or weights)
+
+
+def layout_named(name: str) -> PolicyManifest:
+    """A ready-made manifest; raises UsageProblem with the choices."""
+    if name not in LAYOUTS:
+        raise UsageProblem(f"there is no layout {name!r}; choose from {LAYOUT_NAMES} ('trifarm layouts' shows their fields)")
+    return LAYOUTS[name]
+
+
+def manifest_beside(weights: Path) -> Path | None:
+    """The manifest of a file by its place: of the same name, or that of the whole folder; None if there is neither."""
+    folder = weights if weights.is_dir() else weights.parent
+    places = [] if weights.is_dir() else [weights.with_suffix(".json")]
+    return next((place for place in (*places, folder / MANIFEST_OF_FOLDER) if place.is_file()), None)
 
 
 def read_manifest(path: Path) -> PolicyManifest:

@@ -18,7 +18,7 @@ ManifestOption = Annotated[
 ]
 LayoutOption = Annotated[
     str | None,
-    typer.Option("--layout", metavar="NAME", help="A ready-made manifest: rrc2022-push, rrc2022-lift, keypoints or pose."),
+    typer.Option("--layout", metavar="NAME", help="A ready-made manifest by its name; 'trifarm layouts' lists them."),
 ]
 
 
@@ -33,6 +33,13 @@ AskedTask = Literal[
     TaskName.MOVE_CUBE_4,
 ]
 """The tasks that a policy can be asked to do, which leaves out ``identify``."""
+TriedTaskOption = Annotated[
+    AskedTask | None,
+    typer.Option("--task", metavar="NAME", help="Task of the short trials that follow; by default by the manifest's goal."),
+]
+TryOption = Annotated[
+    bool, typer.Option("--try/--no-try", help="Whether the policy is tried in 20 short trials in a small nominal simulation.")
+]
 TaskOption = Annotated[AskedTask, typer.Option("--task", metavar="|".join(POLICY_TASKS), help="Task of the robot.")]
 LikeTaskOption = Annotated[
     AskedTask | None,

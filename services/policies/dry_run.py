@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from api_schemas import policy_graph
+from api_schemas.observation import MOST_PERIODS_AGO
 from api_schemas.physics import MAX_TORQUE_NM, SOFT_LIMIT_LOWER_RAD, SOFT_LIMIT_UPPER_RAD
 from api_schemas.policy import ACTION_SIZE, ActionKind, PolicyManifest
 from api_schemas.policy_graph import GraphRunner, Session
@@ -77,9 +78,9 @@ def _through_trials(session: Session, manifest: PolicyManifest) -> DryRun:
 
 
 def _trial(policy: GraphRunner, trial: RecordedTrial, manifest: PolicyManifest) -> Iterator[tuple[np.ndarray, float]]:
-    previous = np.zeros(ACTION_SIZE, np.float32)
+    actions = [np.zeros(ACTION_SIZE, np.float32)]
     for step in range(trial.steps):
-        observation = trial.observation(step, manifest, previous)[None]
+        observation = trial.observation(step, manifest, np.stack(actions[-MOST_PERIODS_AGO - 1 :]))[None]
         began_s = time.process_time()
         try:
             action = policy.act(observation)
@@ -89,8 +90,8 @@ def _trial(policy: GraphRunner, trial: RecordedTrial, manifest: PolicyManifest) 
         cpu_s = time.process_time() - began_s
         if action.shape != (1, ACTION_SIZE):
             raise UnfitError(f"the network gives an array of shape {action.shape} instead of (1, {ACTION_SIZE})")
-        previous = action[0]
-        yield previous, cpu_s
+        actions.append(action[0])
+        yield action[0], cpu_s
 
 
 def check_finite(actions: np.ndarray) -> None:

@@ -86,6 +86,11 @@ def check_entries(names: Collection[str]) -> None:
     Raises:
         UnfitError: names the format and the entry.
     """
+    if "parameters" in names and "parameter_list" in names:
+        raise UnfitError(
+            "the archive is of stable-baselines2 (TensorFlow), not of stable-baselines3", part="entry parameter_list",
+            slug="archive-entry", pack=True,
+        )  # fmt: skip
     tails = {name.partition("/")[2] or name: name for name in names}
     for tail, what, slug in (
         ("constants.pkl", "TorchScript", "torchscript"),

@@ -63,7 +63,7 @@ WIRE = {
 """The wire types of values that are not plain bytes."""
 
 REFUSED: dict[tuple[str, int], tuple[str, str, str]] = {
-    ("Tensor", 13): ("a tensor keeps its numbers in another file", "external-data", "export it as one file"),
+    ("Tensor", 13): ("a tensor keeps its numbers in another file", "external-data", "`trifarm pack FILE` makes one file of both"),
     ("Model", 20): ("the file has instructions for training", "onnx-part", "export for inference"),
     ("Model", 25): ("the file brings its own functions", "onnx-operator", "export with functions inlined"),
     ("Graph", 15): ("sparse tensors are not taken", "onnx-part", "store them dense"),

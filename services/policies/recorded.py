@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import safetensors.numpy
 
-from api_schemas.policy import ACTION_SIZE, OBSERVATION_SIZES, PolicyManifest
+from api_schemas.observation import OBSERVATION_SIZES, term_of
+from api_schemas.policy import ACTION_SIZE, PolicyManifest
 
 RECORDING = Path(__file__).with_name("recorded_observations.safetensors")
 PREVIOUS_ACTION = "previous_action"
@@ -33,10 +34,25 @@ class RecordedTrial:
         """How many observations there are."""
         return len(next(iter(self.fields.values())))
 
-    def observation(self, step: int, manifest: PolicyManifest, previous_action: np.ndarray) -> np.ndarray:
-        """What a policy of this manifest sees at a step after an action of shape (9,); float32, shape (n,)."""
-        seen = [previous_action if name == PREVIOUS_ACTION else self.fields[name][step] for name in manifest.observation]
-        return np.concatenate(seen).astype(np.float32)
+    def observation(self, step: int, manifest: PolicyManifest, previous_actions: np.ndarray) -> np.ndarray:
+        """What a policy of this manifest sees at a step; float32, shape (n,).
+
+        Args:
+            step: counted from the trial's begin.
+            manifest: the policy's.
+            previous_actions: its action before the step, shape (9,), or all of the trial, the oldest first, shape (k, 9).
+        """
+        return np.concatenate([self._seen(name, step, previous_actions) for name in manifest.observation]).astype(np.float32)
+
+    def _seen(self, text: str, step: int, previous_actions: np.ndarray) -> np.ndarray:
+        term = term_of(text)
+        if term.field is None:
+            return np.array(term.constant)
+        rows, at = self.fields.get(term.field), step
+        if rows is None:
+            rows = np.atleast_2d(previous_actions)
+            at = len(rows) - 1
+        return np.concatenate([rows[max(0, at - ago)][list(term.numbers)] for ago in term.periods_ago])
 
 
 def recorded_trials(path: Path = RECORDING) -> tuple[RecordedTrial, ...]:

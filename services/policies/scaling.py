@@ -1,6 +1,6 @@
 """What surrounds a network: observations in physical units become its input, its output becomes an action.
 
-x = 2 (o - low) / (high - low) - 1;  y = clip((x - mean) / sqrt(variance + epsilon), ±clip);
+x = 2 (o - low) / (high - low) - 1;  y = clip(whitening · (x - mean) / sqrt(variance + epsilon), ±clip);
 action = clip(squash(network(y)), ±clip) · scale + offset.
 The steps stay apart in the graph, in float32, in this order: nothing is folded that would change the numbers.
 """
@@ -16,6 +16,7 @@ from api_schemas.policy import ACTION_SIZE, ActionKind, PolicyManifest
 from services.policies.unfit import UnfitError
 
 Array = np.ndarray
+WHITENING = "whitening_matrix"
 INPUT_TENSORS = ("observation_low", "observation_high", "running_mean", "running_var")
 
 
@@ -33,6 +34,7 @@ class Scaling:
     variance: Array | None
     epsilon: float
     input_clip: float | None
+    whitening: Array | None
     output_clip: float | None
     squash: bool
     output_scale: Array | None
@@ -60,6 +62,7 @@ def scaling_of(manifest: PolicyManifest, tensors: Mapping[str, Array]) -> Scalin
     after = manifest.output_scaling
     return Scaling(
         *(size, low, high, mean, variance, given.epsilon, given.clip),
+        _whitening(manifest, tensors, size),
         *(after.clip, after.squash == "tanh", _output_scale(manifest, tensors), _output_offset(manifest)),
     )
 
@@ -85,6 +88,20 @@ def _output_scale(manifest: PolicyManifest, tensors: Mapping[str, Array]) -> Arr
     if isinstance(scale, int | float):
         return np.full(ACTION_SIZE, scale)
     return _vector("torque_limit_nm", scale, tensors if manifest.action_kind == ActionKind.TORQUE else {}, ACTION_SIZE)
+
+
+def _whitening(manifest: PolicyManifest, tensors: Mapping[str, Array], size: int) -> Array | None:
+    given = manifest.input_scaling.whitening
+    if given is None and WHITENING not in tensors:
+        return None
+    if given is not None and len({len(row) for row in given}) != 1:
+        raise UnfitError("every row of the input scaling's whitening must have the same length")
+    matrix = np.asarray(tensors[WHITENING] if given is None else given, dtype=np.float64)
+    if matrix.shape != (size, size):
+        raise UnfitError(f"the whitening matrix must have the shape ({size}, {size}), not {matrix.shape}", part=WHITENING)
+    if not np.isfinite(matrix).all():
+        raise UnfitError("it holds numbers that are not finite", part=WHITENING)
+    return matrix
 
 
 def _vector(name: str, given: tuple[float, ...] | None, tensors: Mapping[str, Array], size: int) -> Array | None:
@@ -150,6 +167,9 @@ def before_network(scaling: Scaling, chain: Chain) -> None:
     if scaling.mean is not None and scaling.variance is not None:
         chain.step("Sub", scaling.mean)
         chain.step("Div", np.sqrt(scaling.variance + scaling.epsilon))
+    if scaling.whitening is not None:
+        chain.constant("whitening", scaling.whitening.T.astype(np.float32))
+        chain.at = chain.node("MatMul", [chain.at, "whitening"], "whitened")
     if scaling.input_clip is not None:
         chain.clip(scaling.input_clip, size)
 

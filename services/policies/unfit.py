@@ -2,11 +2,14 @@
 
 import shlex
 
-from api_schemas.policy import ACTION_SIZE, LAYOUTS, OBSERVATION_SIZES, PolicyManifest
+from api_schemas.observation import OBSERVATION_SIZES, sizes_of
+from api_schemas.policy import ACTION_SIZE, LAYOUTS, PolicyManifest
 from api_schemas.policy_network import ActionHead
 from services.errors import Refused
 
 NAME_LIMIT = 100
+MOST_ROWS = 11
+"""Of a comparison of two layouts: more fill a screen and say less."""
 
 
 class UnfitError(Exception):
@@ -93,8 +96,9 @@ def wrong_input(manifest: PolicyManifest, network_inputs: int) -> UnfitError:
     size = manifest.observation_size
     nearest = min(LAYOUTS, key=lambda name: abs(LAYOUTS[name].observation_size - network_inputs))
     near = LAYOUTS[nearest]
-    fits = manifest.frame_stack is None and near.observation_size == network_inputs
-    instead = f"--layout {nearest} fits" if fits else "name the fields that it was trained on"
+    fitting = [name for name, layout in LAYOUTS.items() if layout.observation_size == network_inputs]
+    fits = manifest.frame_stack is None and bool(fitting)
+    instead = f"--layout {' or '.join(fitting)} fits" if fits else "name the fields that it was trained on"
     return UnfitError(
         f"the manifest's observation has {size} numbers ({_fields(manifest)}){_stacked(manifest)}, "
         f"but the network takes {network_inputs}; "
@@ -112,22 +116,27 @@ def side_by_side(manifest: PolicyManifest, layout: str, network_inputs: int) -> 
     right = [f"layout {layout}", *_rows(LAYOUTS[layout])]
     height = max(len(left), len(right))
     pad = max(len(row) for row in left)
-    rows = zip(left + [""] * (height - len(left)), right + [""] * (height - len(right)), strict=True)
-    return "\n".join(f"  {one:<{pad}} | {other}".rstrip() for one, other in rows) + f"\n  the network takes {network_inputs}"
+    rows = list(zip(left + [""] * (height - len(left)), right + [""] * (height - len(right)), strict=True))
+    shown = [f"  {one:<{pad}} | {other}".rstrip() for one, other in rows]
+    if len(shown) > MOST_ROWS:
+        first = next((index for index, (one, other) in enumerate(rows[1:], 1) if one != other), 1)
+        begin = max(1, min(first - 1, len(shown) - MOST_ROWS))
+        cut = [f"  … {len(shown) - MOST_ROWS} more rows: 'trifarm layouts {layout}'"]
+        shown = [shown[0], *shown[begin : begin + MOST_ROWS - 2], *cut]
+    return "\n".join(shown) + f"\n  the network takes {network_inputs}"
 
 
 def _rows(manifest: PolicyManifest) -> list[str]:
     """One row for each field, such as "0-8 joint_position_rad 9", and the sum."""
     rows, at = [], 0
-    for name in manifest.observation:
-        size = OBSERVATION_SIZES[name]
+    for name, size in zip(manifest.observation, sizes_of(manifest.observation), strict=True):
         rows.append(f"{at}-{at + size - 1} {name} {size}" if size > 1 else f"{at} {name} {size}")
         at += size
     return [*rows, f"sum {at}"]
 
 
 def _fields(manifest: PolicyManifest) -> str:
-    return ", ".join(f"{name} {OBSERVATION_SIZES[name]}" for name in manifest.observation)
+    return ", ".join(f"{name} {size}" for name, size in zip(manifest.observation, sizes_of(manifest.observation), strict=True))
 
 
 def _all_fields() -> str:

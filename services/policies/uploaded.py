@@ -80,7 +80,7 @@ def _check_plain(model: ModelProto) -> int:
         if node.domain not in DEFAULT_DOMAINS:
             raise UnfitError(f"operator {node.op_type} is of domain {node.domain!r}; only the default domain is taken")
     if any(tensor.external_data or tensor.data_location == TensorProto.EXTERNAL for tensor in _tensors(model.graph)):
-        raise UnfitError("the file keeps tensors in other files; export it as one file")
+        raise UnfitError("the file keeps tensors in other files", pack=True)
     check_repeatable(list(_graphs(model.graph)))
     for tensor in _tensors(model.graph):
         _check_numbers(tensor)

@@ -66,6 +66,7 @@ class Measurement:
     """What n robots measure now. Shapes (n, 9) in rad, rad/s and N m.
 
     Known to a simulation only: true joint states (n, 9) and the cube's pose, (n, 3) in m and (n, 4) wxyz.
+    ``fingertip_force`` (n, 3) is what the push sensors in the tips show, 0 to 1 and no unit; None where nobody asked.
     """
 
     joint_position_rad: np.ndarray
@@ -75,6 +76,7 @@ class Measurement:
     true_joint_velocity_rad_s: np.ndarray
     cube_position_world_m: np.ndarray
     cube_quat_wxyz: np.ndarray
+    fingertip_force: np.ndarray | None = None
 
 
 class Driver(Protocol):
@@ -84,8 +86,8 @@ class Driver(Protocol):
         """Bring robots and cubes to their start: all of them, or those whose indices are given, one row each."""
         ...
 
-    def measure(self) -> Measurement:
-        """The present state."""
+    def measure(self, *, feel: bool = False) -> Measurement:
+        """The present state; with ``feel`` the fingertips' forces, too."""
         ...
 
     def advance(self, schedule: Sequence[tuple[Command, int]]) -> Segment:

@@ -9,6 +9,7 @@ import numpy as np
 
 from sim_backend.driver import native_control
 from sim_backend.driver.driver import Command, Measurement, Segment, Start
+from sim_backend.driver.fingertip_force import fingertip_force
 from sim_backend.driver.physics_backend import BackendError, PhysicsBackend, UnvariedFieldError, open_batch
 from sim_backend.driver.robot_model import compile_robot, moving_bounds, needs_model, parameter_slots
 from sim_backend.effects import record as r
@@ -189,8 +190,15 @@ class SimulatedDriver:
             for name in ("body_contype", "body_conaffinity"):
                 getattr(self._models[0], name)[:] = getattr(self._model, name)
 
-    def measure(self) -> Measurement:
-        """The present state of all robots; copies, so that it may be kept."""
+    def measure(self, *, feel: bool = False) -> Measurement:
+        """The present state of all robots; copies, so that it may be kept.
+
+        Args:
+            feel: whether the fingertips' forces are measured, too, which costs a forward pass for each robot.
+
+        Raises:
+            BackendError: forces cannot be had on this back end.
+        """
         position, velocity = self._qpos[:, :9].copy(), self._qvel[:, :9].copy()
         measured_position, measured_velocity = position, velocity
         if self._effects_on:
@@ -204,6 +212,7 @@ class SimulatedDriver:
             true_joint_velocity_rad_s=velocity,
             cube_position_world_m=self._qpos[:, 9:12].copy(),
             cube_quat_wxyz=self._qpos[:, 12:16].copy(),
+            fingertip_force=fingertip_force(self._batch, self._models or [self._model] * self._robots) if feel else None,
         )
 
     def advance(self, schedule: Sequence[tuple[Command, int]]) -> Segment:

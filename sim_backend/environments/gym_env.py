@@ -118,6 +118,11 @@ class TrifingerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.action_space = gym_action_space(practice.action_space)
 
     @property
+    def manifest(self) -> PolicyManifest:
+        """What a policy that is trained here is submitted with."""
+        return self._environment.practice.manifest
+
+    @property
     def environment(self) -> Environment:
         """The robot and its task."""
         return self._environment

@@ -7,6 +7,7 @@ import numpy as np
 from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv
 
+from api_schemas.policy import PolicyManifest
 from sim_backend.driver.physics_backend import PhysicsBackend
 from sim_backend.environments.environment import PRIVILEGED_SIZE, Ended, Environment
 from sim_backend.environments.observation_space import gym_action_space, observation_space
@@ -60,6 +61,11 @@ class TrifingerVecEnv(VecEnv):
         super().__init__(robots, space, gym_action_space(practice.action_space))
         self._nothing: list[dict[str, Any]] = [{}] * robots
         self.ended: Ended | None = None
+
+    @property
+    def manifest(self) -> PolicyManifest:
+        """What a policy that is trained here is submitted with."""
+        return self.environment.practice.manifest
 
     def reset(self):
         """Begin with all robots."""

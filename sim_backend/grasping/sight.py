@@ -4,7 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from api_schemas.policy import OBSERVATION_SIZES, PolicyManifest
+from api_schemas.observation import sizes_of
+from api_schemas.policy import PolicyManifest
 from sim_backend.grasping.choice import side_normals
 from sim_backend.grasping.turning import wrapped, yaw_between_rad
 from sim_backend.tasks.keypoints import rotation_matrix
@@ -29,7 +30,7 @@ class Sight:
     @classmethod
     def of(cls, observation: np.ndarray, manifest: PolicyManifest) -> "Sight":
         """From a row as a built-in policy's manifest has it."""
-        ends = np.cumsum([OBSERVATION_SIZES[name] for name in manifest.observation])[:-1]
+        ends = np.cumsum(sizes_of(manifest.observation))[:-1]
         joints, cube, quat, delay, *goal = np.split(np.asarray(observation, dtype=float), ends)
         return cls(joints, cube, quat, float(delay[0]), *goal)
 

@@ -11,7 +11,8 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
-from api_schemas.policy import OBSERVATION_SIZES, PolicyManifest
+from api_schemas.observation import sizes_of
+from api_schemas.policy import PolicyManifest
 from sim_backend.environments.vec_env import PRIVILEGED, SEEN
 
 CLIP, EPSILON = 5.0, 1e-5
@@ -82,9 +83,9 @@ def whole_of(observations) -> torch.Tensor:
 def difference_matrix(manifest: PolicyManifest) -> np.ndarray:
     """Differences between places in an observation, shape (k, size): of tips and cube, cube and goal, tips and their goals."""
     at, first = {}, 0
-    for name in manifest.observation:
+    for name, size in zip(manifest.observation, sizes_of(manifest.observation), strict=True):
         at[name] = first
-        first += OBSERVATION_SIZES[name]
+        first += size
     cube, goal = _centre(at, first, "cube"), _centre(at, first, "goal")
     rows = []
     if "fingertip_position_world_m" in at:

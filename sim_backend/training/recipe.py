@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
-from api_schemas.policy import PolicyManifest
+from api_schemas.policy import LAYOUTS, PolicyManifest
 from sim_backend.driver.physics_backend import PhysicsBackend
 from sim_backend.environments.action_space import ActionMode
-from sim_backend.layouts import TRAINING_LAYOUTS, layout_of
+from sim_backend.layouts import layout_of
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.reward import Reward, RewardKind
 
@@ -224,8 +224,8 @@ class Recipe(RecipeFile):
         for task in (self.task, *(level.task for level in self.curriculum)):
             if task not in TASKS:
                 raise ValueError(f"unknown task {task!r}; choose from {', '.join(TASKS)}")
-        if self.layout not in TRAINING_LAYOUTS:
-            raise ValueError(f"unknown layout {self.layout!r}; choose from {', '.join(TRAINING_LAYOUTS)}")
+        if self.layout not in LAYOUTS:
+            raise ValueError(f"unknown layout {self.layout!r}; choose from {', '.join(LAYOUTS)}")
         batch = self.ppo.robots * self.ppo.steps
         if batch % self.ppo.minibatch:
             raise ValueError(f"minibatch is {self.ppo.minibatch}; it must divide robots times steps, {batch}")

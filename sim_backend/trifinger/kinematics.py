@@ -19,6 +19,33 @@ def fingertip_position_world_m(joint_position_rad: np.ndarray) -> np.ndarray:
     return link_point_world_m(joint_position_rad, 2, c.LINKS[3].origin_m)
 
 
+def fingertip_velocity_world_m_s(joint_position_rad: np.ndarray, joint_velocity_rad_s: np.ndarray) -> np.ndarray:
+    """Velocities of the centres of the tip spheres.
+
+    Args:
+        joint_position_rad: shape (..., 9), rad.
+        joint_velocity_rad_s: shape (..., 9), rad/s.
+
+    Returns:
+        Shape (..., 9): x, y, z of finger0, finger120 and finger240 in the world frame, m/s.
+    """
+    joints, speeds = (np.asarray(each, dtype=float) for each in (joint_position_rad, joint_velocity_rad_s))
+    joints, speeds = (each.reshape(*each.shape[:-1], 3, 3) for each in (joints, speeds))
+    point = np.broadcast_to(np.array(c.LINKS[3].origin_m), joints.shape).copy()
+    velocity = np.zeros_like(point)
+    for index in range(2, -1, -1):
+        frame = c.LINKS[index]
+        if frame.joint_axis is not None:
+            first, second = plane = _AXES[frame.joint_axis]
+            point, velocity = (_rotate(each, plane, joints[..., index]) for each in (point, velocity))
+            velocity[..., first] -= speeds[..., index] * point[..., second]
+            velocity[..., second] += speeds[..., index] * point[..., first]
+        point = point + np.array(frame.origin_m)
+    yaw = np.broadcast_to(np.array(c.FINGER_YAW_RAD), velocity.shape[:-1])
+    velocity = _rotate(velocity, (0, 1), yaw)
+    return velocity.reshape(*velocity.shape[:-2], 9)
+
+
 def elbow_position_world_m(joint_position_rad: np.ndarray) -> np.ndarray:
     """Positions of the upper ends of the lower links, above the tips when a link is upright; shapes as for the tips."""
     return link_point_world_m(joint_position_rad, 2, (c.LINKS[3].origin_m[0], 0.0, 0.0))

@@ -94,7 +94,7 @@ def test_documented_joints_are_those_of_the_robot():
 
 
 def test_documented_fields_of_observations_are_all_there_are():
-    from api_schemas.policy import OBSERVATION_SIZES
+    from api_schemas.observation import OBSERVATION_SIZES
 
     rows = rows_of((ROOT / "docs/policies.md").read_text(), "field", "numbers")
     assert {name.strip("`"): int(size) for name, size, _ in rows} == OBSERVATION_SIZES

@@ -20,6 +20,7 @@ QUICK = {
     "bench": ["--quick --parts bare --out {to}/figures.json"],
     "claim_cost": ["--many 1000 --claims 5 --out {to}/cost.json"],
     "dashboard_pages": ["--jobs 100 --seconds 0.1 --out {to}/pages.json"],
+    "foreign_policies": ["--kinds 'ONNX in one file' --out {to}/foreign.json"],
     "form_outcomes": [
         f"run --checkout {ROOT} --experts {{experts}} --goals 2 --policies push-adr --to {{to}}/goals.jsonl",
         "compare --old {to}/goals.jsonl --new {to}/goals.jsonl --out {to}/outcomes.json",
@@ -38,6 +39,7 @@ LARGER = {
     "full_path": ["--trials 1"],
     "grasp_controller": ["--trials 1 --tasks move_cube_1 --out {to}/grasp.json"],
     "learning_rate": ["--robots 16 --threads 1 --blocks 1 --periods 10 --iterations 1 --recipes push --out {to}/rates.json"],
+    "peer_fields": ["--tasks push --seeds 5 --presses 0 --out {to}/fields.json"],
     "peer": ["--experts {experts} --episodes 1 --tasks push --steps 50 --out {to}/peer.json"],
     "published_experts": ["band --experts {experts} --trials 1 --out {to}/band.json"],
     "questions_on_farm": [f"{PUSH} {SCRATCH} --seeds 1 --max 2 --robots 1 --out {{to}}/questions.jsonl"],
@@ -50,13 +52,16 @@ LARGER = {
     "two_homes": ["--trials 1 --jobs 1 --out {to}/homes.json"],
     "two_hosts": ["--trials 1 --robots 1 --out {to}/hosts.json"],
     "watching_cost": ["--pairs 1 --out {to}/watching.json"],
+    "wrong_layouts": ["--experts {experts} --most 1 --out {to}/wrong.json"],
 }
 MAY_MISS = {"attacked_farm", "crowd", "shipped_policy", "verdict_times"}
 """Programs that end with 1 where a figure misses its limit, as it may in so short a run."""
 ELSEWHERE = {
     "attacking_robot_policy": "tests/benchmarks/attacked_farm.py",
     "in_checkout": "tests/benchmarks/against.py",
+    "lerobot_policies": "tests/benchmarks/foreign_policies.py, in the environment that --lerobot names",
     "peer_episode": "tests/benchmarks/peer.py",
+    "peer_fields_episode": "tests/benchmarks/peer_fields.py",
     "robots_of_a_host": "tests/unit/benchmarks/test_robots_of_a_host.py",
 }
 """Who starts the other programs."""
@@ -70,7 +75,7 @@ def why_not(name: str, lines: list[str]) -> str | None:
         return "torch is not installed"
     if name == "replay_opening" and not Path(CHROMIUM).exists():
         return f"there is no {CHROMIUM}"
-    if name == "peer":
+    if name in ("peer", "peer_fields"):
         from tests.benchmarks.peer import missing
 
         return missing(EXPERTS, make=False)

@@ -1,7 +1,7 @@
 """what several services processes of one farm share: signed-out sessions, and how often a token or an address asked
 
 Revision ID: 0012
-Revises: 0010
+Revises: 0011
 """
 
 import sqlalchemy as sa

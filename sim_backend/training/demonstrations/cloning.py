@@ -3,7 +3,8 @@
 import numpy as np
 import torch
 
-from api_schemas.policy import OBSERVATION_SIZES, PolicyManifest
+from api_schemas.observation import sizes_of
+from api_schemas.policy import PolicyManifest
 from sim_backend.environments.practice import Practice
 from sim_backend.training.demonstrations.recipe import ImitationTable
 from sim_backend.training.demonstrations.recording import Demonstrations, joined, read_demonstrations
@@ -67,7 +68,7 @@ def as_practised(found: Demonstrations, practice: Practice) -> tuple[np.ndarray,
 def _columns(manifest: PolicyManifest) -> dict[str, np.ndarray]:
     """Where each field lies in an observation."""
     columns, first = {}, 0
-    for name in manifest.observation:
-        columns[name] = np.arange(first, first + OBSERVATION_SIZES[name])
-        first += OBSERVATION_SIZES[name]
+    for name, size in zip(manifest.observation, sizes_of(manifest.observation), strict=True):
+        columns[name] = np.arange(first, first + size)
+        first += size
     return columns

@@ -4,10 +4,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from api_schemas.policy import PolicyManifest
+from api_schemas.policy import LAYOUTS, PolicyManifest
 from api_schemas.policy_network import Cell
 from sim_backend.environments.action_space import ActionMode
-from sim_backend.layouts import TRAINING_LAYOUTS, layout_of
+from sim_backend.layouts import layout_of
 from sim_backend.tasks import TASKS
 from sim_backend.training.recipe import Count, EvaluationTable, Layers, Positive, RecipeFile, Table, WarmStartTable
 
@@ -79,8 +79,8 @@ class ImitationRecipe(RecipeFile):
         if self.task not in TASKS:
             raise ValueError(f"unknown task {self.task!r}; choose from {', '.join(TASKS)}")
         for layout in (self.layout, *((self.teacher.layout,) if self.teacher and self.teacher.layout else ())):
-            if layout not in TRAINING_LAYOUTS:
-                raise ValueError(f"unknown layout {layout!r}; choose from {', '.join(TRAINING_LAYOUTS)}")
+            if layout not in LAYOUTS:
+                raise ValueError(f"unknown layout {layout!r}; choose from {', '.join(LAYOUTS)}")
         return self
 
     @model_validator(mode="after")

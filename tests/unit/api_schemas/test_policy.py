@@ -4,7 +4,8 @@ import json
 import pytest
 from pydantic import ValidationError
 
-from api_schemas.policy import LAYOUTS, OBSERVATION_SIZES, PolicyManifest, canonical_json, policy_digest
+from api_schemas.observation import OBSERVATION_SIZES
+from api_schemas.policy import LAYOUTS, PolicyManifest, canonical_json, policy_digest
 
 FIELDS = {"observation": ["joint_position_rad"]}
 

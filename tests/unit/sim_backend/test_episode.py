@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from api_schemas.policy import LAYOUTS, OBSERVATION_SIZES, ActionKind, PolicyManifest
+from api_schemas.observation import OBSERVATION_SIZES
+from api_schemas.policy import LAYOUTS, ActionKind, PolicyManifest
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.driver.tracker import Tracker
 from sim_backend.episode import Episode

@@ -81,3 +81,17 @@ def test_a_webhook_is_of_one_job_and_of_https(farm, trifarm, folder):
     assert not farm.uploads
     assert trifarm("submit", str(folder / "policy_2_3.onnx"), *flags, "https://a.example/").code == 0
     assert farm.submissions[0][0].webhook == "https://a.example/"
+
+
+@pytest.mark.parametrize(("step_from", "steps"), [("ep", [3, 12]), (r"seed(\d+)", [1, 2]), ("step", [5000, 20000])])
+def test_any_number_of_the_name_may_order_a_ladder(step_from, steps, tmp_path):
+    for name in ("seed1_ep12_step5k", "seed2_ep3_step20k"):
+        (tmp_path / f"{name}.onnx").touch()
+    assert [each.step for each in find_checkpoints(tmp_path, step_from)] == steps
+
+
+@pytest.mark.parametrize(("step_from", "words"), [("epoch", "has no such number"), ("(", "is no pattern with one group")])
+def test_a_number_that_is_not_there_is_said(step_from, words, tmp_path):
+    (tmp_path / "seed1_ep12.onnx").touch()
+    with pytest.raises(UsageProblem, match=words):
+        find_checkpoints(tmp_path, step_from)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from api_schemas.builtin_policies import BUILTIN, BUILTIN_NAMES, builtin_content, builtin_digest, builtin_manifest
-from api_schemas.policy import OBSERVATION_SIZES, PolicyManifest
+from api_schemas.observation import OBSERVATION_SIZES
+from api_schemas.policy import PolicyManifest
 from api_schemas.trial import OutcomeKind
 from robot_farm.policy.jail import BUILTIN_PROCESS, POLICY_PROCESS, JailedPolicy, PolicyFailedError
 from sim_backend.grasping.controller import GraspPolicy

@@ -5,7 +5,8 @@ import pytest
 from safetensors import safe_open
 
 from api_schemas import physics
-from api_schemas.policy import LAYOUTS, OBSERVATION_SIZES, PolicyManifest
+from api_schemas.observation import OBSERVATION_SIZES
+from api_schemas.policy import LAYOUTS, PolicyManifest
 from services.policies.recorded import RECORDING, observations, recorded_trials
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.keypoints import cube_keypoints_world_m

@@ -9,10 +9,11 @@ gymnasium = pytest.importorskip("gymnasium", reason="the extra 'learning' is not
 
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
+from api_schemas.policy import LAYOUTS  # noqa: E402
 from sim_backend.environments import gym_env  # noqa: E402
 from sim_backend.environments.action_space import ActionMode  # noqa: E402
 from sim_backend.environments.observation_space import FIELDS, observation_space  # noqa: E402
-from sim_backend.layouts import TRAINING_LAYOUTS, layout_of  # noqa: E402
+from sim_backend.layouts import layout_of  # noqa: E402
 from sim_backend.tasks import TASKS  # noqa: E402
 from sim_backend.tasks.task import draw_trial  # noqa: E402
 
@@ -78,5 +79,5 @@ def test_tables_of_the_docstring_are_those_of_the_code(layout):
 
 
 def test_every_layout_has_bounds_for_all_it_shows():
-    for manifest in TRAINING_LAYOUTS.values():
+    for manifest in LAYOUTS.values():
         assert observation_space(manifest).shape == (manifest.observation_size,)

@@ -1,0 +1,176 @@
+"""A policy trained in trifarm's environments, saved so that it is submitted as it lies: the environment writes the manifest."""
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from api_schemas.policy import PolicyManifest
+from api_schemas.policy_network import FrameStack
+from client_cli.packing.packed_files import Packed, pack_to
+from client_cli.packing.reading import Statement
+from client_cli.terminal.errors import UsageProblem
+
+__all__ = ["save_policy"]
+
+_INSIDE = ("manifest", "venv", "env", "_env", "_unwrapped", "unwrapped", "environment")
+"""Where wrappers of Gymnasium, stable-baselines3, skrl and rsl_rl keep what they wrap."""
+_HARMLESS = frozenset({"ClipAction", "FlattenObservation"})
+_ACTIVATIONS = {"ELU": "elu", "ReLU": "relu", "Tanh": "tanh"}
+
+
+def save_policy(model: Any, env: Any, path: Path | str) -> Packed:
+    """Saves a trained policy with the manifest of the environment that it was trained in, compared with the original.
+
+    Layout, meaning and size of actions, rate and delay are the environment's; layers and normalisation are the model's.
+    ``trifarm submit PATH --task TASK`` needs nothing more.
+
+    Args:
+        model: a model of stable-baselines3 or sb3-contrib, a runner of rsl_rl, an agent of skrl, or a torch module that takes
+            observations (1, n) and gives actions in the environment's units (1, 9).
+        env: the environment, however wrapped; ``VecNormalize`` and ``VecFrameStack`` are written into the manifest, too.
+        path: where; its suffix becomes that of what is written (``.safetensors``, or ``.onnx`` for a module).
+
+    Raises:
+        ClientError: it is none of trifarm's environments, a wrapper changes what is seen, or the model cannot be packed.
+
+    Example:
+        >>> import torch, trifarm
+        >>> env = trifarm.TrifingerEnv("push")
+        >>> actor = torch.nn.Sequential(torch.nn.Linear(75, 32), torch.nn.Tanh(), torch.nn.Linear(32, 9))
+        >>> trifarm.save_policy(actor, env, "mine").weights.name
+        'mine.onnx'
+    """
+    manifest, out = manifest_of(env), Path(path)
+    manifest = manifest.model_copy(update={"name": out.stem[:100] or "unnamed"})
+    with tempfile.TemporaryDirectory(prefix="trifarm-save-") as folder:
+        files, activation = _written(model, manifest, Path(folder))
+        suffix = ".onnx" if files[0].name == "module.pt" else ".safetensors"
+        target = out if out.suffix == suffix else out.with_name(out.name + suffix)
+        return pack_to(target, files, Statement(manifest, activation=activation))
+
+
+def manifest_of(env: Any) -> PolicyManifest:
+    """The manifest of an environment of trifarm, with the stack of observations that a wrapper makes.
+
+    Raises:
+        UsageProblem: there is none inside, or a wrapper changes what the policy sees or does.
+    """
+    found, stack = None, None
+    for each in _layers(env):
+        if isinstance(each, PolicyManifest):
+            found = each
+            break
+        name = type(each).__name__
+        if name == "VecFrameStack":
+            stack = FrameStack(count=each.stacked_obs.n_stack, fill="zeros")
+        elif name not in _HARMLESS and _changes(each):
+            raise UsageProblem(
+                f"the environment is wrapped by {name}, which changes what the policy sees or does and cannot be written into a "
+                "manifest: train without it, or with VecNormalize or VecFrameStack of stable-baselines3"
+            )
+    if found is None:
+        raise UsageProblem(
+            f"{type(env).__name__} is none of trifarm's environments, nor wraps one; 'trifarm pack' takes policies of others"
+        )
+    return found if stack is None else found.model_copy(update={"frame_stack": stack})
+
+
+def _layers(env: Any) -> Iterator[Any]:
+    """The environment and all that it wraps, from outside."""
+    seen: list[int] = []
+    while env is not None and id(env) not in seen:
+        seen.append(id(env))
+        yield env
+        own = vars(env) if hasattr(env, "__dict__") else {}
+        inner = env.manifest if isinstance(getattr(type(env), "manifest", None), property) else None
+        if inner is None:
+            inner = next((own[name] for name in _INSIDE if name in own), None)
+        if inner is None and own.get("envs"):
+            inner = own["envs"][0]
+        if inner is None and "remotes" in own:
+            inner = env.get_attr("manifest")[0]
+        env = inner
+
+
+def _changes(env: Any) -> bool:
+    import gymnasium
+
+    if isinstance(env, gymnasium.ObservationWrapper | gymnasium.ActionWrapper):
+        return True
+    return type(env).__name__ in ("NormalizeObservation", "FrameStackObservation", "TransformObservation", "RescaleAction")
+
+
+def _written(model: Any, manifest: PolicyManifest, folder: Path) -> tuple[list[Path], str | None]:
+    """The model as its library saves it, and the activation between its layers where it is one.
+
+    Raises:
+        UsageProblem: it is of no known library.
+    """
+    import torch
+
+    library = {each.__module__.partition(".")[0] for each in type(model).__mro__}
+    if library & {"stable_baselines3", "sb3_contrib"}:
+        return _archive(model, folder), None
+    if hasattr(model, "alg") and hasattr(model, "get_inference_policy"):
+        file = folder / "model_0.pt"
+        torch.save({"iter": 0, "infos": None} | _rsl_rl_state(model), file)
+        return [file], _activation_of(model.alg)
+    if "skrl" in library:
+        model.save(str(folder / "agent_0.pt"))
+        return [folder / "agent_0.pt"], _activation_of(model)
+    if isinstance(model, torch.nn.Module):
+        return [_module(model, manifest, folder / "module.pt")], None
+    raise UsageProblem(
+        f"a {type(model).__name__} is no model of stable-baselines3, runner of rsl_rl, agent of skrl or torch module; wrap its "
+        "actor in a torch module that takes observations (1, n) and gives actions (1, 9)"
+    )
+
+
+def _archive(model: Any, folder: Path) -> list[Path]:
+    model.save(folder / "model.zip")
+    statistics = model.get_vec_normalize_env()
+    if statistics is None:
+        return [folder / "model.zip"]
+    statistics.save(str(folder / "vec_normalize.pkl"))
+    return [folder / "model.zip", folder / "vec_normalize.pkl"]
+
+
+def _rsl_rl_state(runner: Any) -> dict[str, Any]:
+    """What rsl_rl's runner saves, of versions before and since its algorithm does so itself."""
+    if hasattr(runner.alg, "save"):
+        return dict(runner.alg.save())
+    policy = getattr(runner.alg, "policy", None) or runner.alg.actor_critic
+    state = {"model_state_dict": policy.state_dict()}
+    if hasattr(getattr(runner, "obs_normalizer", None), "_mean"):
+        state["obs_norm_state_dict"] = runner.obs_normalizer.state_dict()
+    return state
+
+
+def _activation_of(owner: Any) -> str | None:
+    """The one activation among the modules of an actor; None where there are several or none."""
+    import torch
+
+    places = ("actor", "policy", "actor_critic")
+    actor = next((found for name in places if isinstance(found := getattr(owner, name, None), torch.nn.Module)), None)
+    if actor is None:
+        return None
+    names = {type(each).__name__ for each in actor.modules()} & set(_ACTIVATIONS)
+    return _ACTIVATIONS[names.pop()] if len(names) == 1 else None
+
+
+def _module(model: Any, manifest: PolicyManifest, file: Path) -> Path:
+    import torch
+
+    was_training = model.training
+    model.eval()
+    try:
+        with torch.no_grad():
+            torch.jit.save(torch.jit.trace(model.cpu(), torch.zeros(1, manifest.network_inputs), check_trace=False), str(file))
+    except Exception as error:
+        raise UsageProblem(
+            f"the module cannot be run on one observation of shape (1, {manifest.network_inputs}): {str(error)[:200]}"
+        ) from error
+    finally:
+        model.train(was_training)
+    return file
