@@ -61,6 +61,8 @@ class MjData:
     plugin: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     xpos: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     xmat: _Attribute[numpy.typing.NDArray[numpy.float64], object]
+    ximat: _Attribute[numpy.typing.NDArray[numpy.float64], object]
+    xanchor: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     xaxis: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     geom_xpos: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     geom_xmat: _Attribute[numpy.typing.NDArray[numpy.float64], object]
@@ -100,6 +102,10 @@ class MjData:
     def site(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> _MjDataSiteViews: ...
     @typing.overload
     def site(self, name: str = ...) -> _MjDataSiteViews: ...
+    @typing.overload
+    def tendon(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> _MjDataTendonViews: ...
+    @typing.overload
+    def tendon(self, name: str = ...) -> _MjDataTendonViews: ...
     @typing.overload
     def camera(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> _MjDataCameraViews: ...
     @typing.overload
@@ -150,6 +156,7 @@ class MjModel:
     nbody: _Attribute[int, typing.Never]
     njnt: _Attribute[int, typing.Never]
     ngeom: _Attribute[int, typing.Never]
+    nflex: _Attribute[int, typing.Never]
     nmeshvert: _Attribute[int, typing.Never]
     njmax: _Attribute[int, typing.Never]
     nconmax: _Attribute[int, typing.Never]
@@ -170,6 +177,7 @@ class MjModel:
     body_subtreemass: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     body_inertia: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     body_invweight0: _Attribute[numpy.typing.NDArray[numpy.float64], object]
+    body_gravcomp: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     body_contype: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     body_conaffinity: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     bvh_aabb: _Attribute[numpy.typing.NDArray[numpy.float64], object]
@@ -181,6 +189,7 @@ class MjModel:
     jnt_pos: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     jnt_axis: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     jnt_stiffness: _Attribute[numpy.typing.NDArray[numpy.float64], object]
+    jnt_stiffnesspoly: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     jnt_range: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     dof_treeid: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     dof_solref: _Attribute[numpy.typing.NDArray[numpy.float64], object]
@@ -188,6 +197,7 @@ class MjModel:
     dof_frictionloss: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     dof_armature: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     dof_damping: _Attribute[numpy.typing.NDArray[numpy.float64], object]
+    dof_dampingpoly: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     dof_invweight0: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     dof_M0: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     dof_length: _Attribute[numpy.typing.NDArray[numpy.float64], object]
@@ -211,6 +221,9 @@ class MjModel:
     pair_geom2: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     pair_solref: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     pair_friction: _Attribute[numpy.typing.NDArray[numpy.float64], object]
+    tendon_stiffness: _Attribute[numpy.typing.NDArray[numpy.float64], object]
+    tendon_damping: _Attribute[numpy.typing.NDArray[numpy.float64], object]
+    tendon_armature: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     tendon_frictionloss: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     actuator_trnid: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     actuator_dynprm: _Attribute[numpy.typing.NDArray[numpy.float64], object]
@@ -262,6 +275,10 @@ class MjModel:
     @typing.overload
     def site(self, name: str = ...) -> _MjModelSiteViews: ...
     @typing.overload
+    def tendon(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> _MjModelTendonViews: ...
+    @typing.overload
+    def tendon(self, name: str = ...) -> _MjModelTendonViews: ...
+    @typing.overload
     def tuple(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> _MjModelTupleViews: ...
     @typing.overload
     def tuple(self, name: str = ...) -> _MjModelTupleViews: ...
@@ -291,6 +308,7 @@ class MjOption:
     tolerance: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
     gravity: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     density: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
+    viscosity: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
     integrator: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
     cone: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
     jacobian: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
@@ -415,6 +433,7 @@ class MjSpec:
     def mesh(self, arg0: str) -> MjsMesh: ...
     def material(self, arg0: str) -> MjsMaterial: ...
     def pair(self, arg0: str) -> MjsPair: ...
+    def tendon(self, arg0: str) -> MjsTendon: ...
     def actuator(self, arg0: str) -> MjsActuator: ...
     def sensor(self, arg0: str) -> MjsSensor: ...
     def text(self, arg0: str) -> MjsText: ...
@@ -604,6 +623,7 @@ class MjsDefault:
     mesh: _Attribute[MjsMesh, MjsMesh]
     material: _Attribute[MjsMaterial, MjsMaterial]
     pair: _Attribute[MjsPair, MjsPair]
+    tendon: _Attribute[MjsTendon, MjsTendon]
     actuator: _Attribute[MjsActuator, MjsActuator]
     name: _Attribute[str, str]
 
@@ -934,6 +954,7 @@ class MjsTuple:
 
 class MjsWrap:
     target: _Attribute[object, typing.Never]
+    coef: _Attribute[object, typing.Never]
     type: _Attribute[mjtWrap, typing.SupportsInt | typing.SupportsIndex]
     info: _Attribute[str, str]
 
@@ -970,6 +991,7 @@ class _MjDataActuatorViews:
 class _MjDataBodyViews:
     xpos: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     xmat: _Attribute[numpy.typing.NDArray[numpy.float64], object]
+    ximat: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     id: _Attribute[int, typing.Never]
     name: _Attribute[str, typing.Never]
 
@@ -991,6 +1013,7 @@ class _MjDataJointViews:
     qacc_warmstart: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     qfrc_applied: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     qacc: _Attribute[numpy.typing.NDArray[numpy.float64], object]
+    xanchor: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     xaxis: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     qfrc_bias: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     qfrc_actuator: _Attribute[numpy.typing.NDArray[numpy.float64], object]
@@ -1167,6 +1190,10 @@ class _MjModelSiteViews:
     id: _Attribute[int, typing.Never]
     name: _Attribute[str, typing.Never]
 
+class _MjModelTendonViews:
+    id: _Attribute[int, typing.Never]
+    name: _Attribute[str, typing.Never]
+
 class _MjModelTupleViews:
     adr: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     size: _Attribute[numpy.typing.NDArray[numpy.int32], object]
@@ -1198,6 +1225,7 @@ class _SpecMjOption:
     tolerance: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
     gravity: _Attribute[numpy.typing.NDArray[numpy.float64], numpy.typing.ArrayLike]
     density: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
+    viscosity: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
     integrator: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
     cone: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
     jacobian: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
@@ -1259,6 +1287,9 @@ class mjtDisableBit(_Enum):
     mjDSBL_CONSTRAINT: typing.ClassVar[mjtDisableBit]
     mjDSBL_FRICTIONLOSS: typing.ClassVar[mjtDisableBit]
     mjDSBL_CONTACT: typing.ClassVar[mjtDisableBit]
+    mjDSBL_SPRING: typing.ClassVar[mjtDisableBit]
+    mjDSBL_DAMPER: typing.ClassVar[mjtDisableBit]
+    mjDSBL_GRAVITY: typing.ClassVar[mjtDisableBit]
     mjDSBL_ACTUATION: typing.ClassVar[mjtDisableBit]
     mjDSBL_ISLAND: typing.ClassVar[mjtDisableBit]
 

@@ -175,7 +175,8 @@ class RolloutProblem:
             begins[0][1 + j, :, j] += _PROBES[0]
             begins[1][1 + k + j, :, j] += _PROBES[1]
         probed = w.some(np.tile(np.arange(n), 1 + 2 * k))
-        apart = self._forward.positions(probed, *(b.reshape(-1, k) for b in begins), [self.start], np.zeros(len(probed), int))
+        places, speeds = (b.reshape(-1, k) for b in begins)
+        apart = self._forward.positions(probed, places, speeds, [self.start], np.zeros(len(probed), int))
         apart = apart.reshape(1 + 2 * k, n, -1)
         images = (apart[1:] - apart[0]).transpose(1, 2, 0)
         many = w.some(np.tile(np.arange(n), 1 + draws))
