@@ -51,6 +51,8 @@ class Actor(nn.Module):
 class Hiding(nn.Module):
     """Keeps memory to itself."""
 
+    last: torch.Tensor
+
     def __init__(self) -> None:
         super().__init__()
         self.net = mlp(nn.ELU)
@@ -162,7 +164,7 @@ def whole_module(folder: Path) -> tuple[list[str], list[str]]:
 def graph(*, apart: bool) -> Callable[[Path], tuple[list[str], list[str]]]:
     def make(folder: Path) -> tuple[list[str], list[str]]:
         file = io.BytesIO()
-        torch.onnx.export(Actor().eval(), (torch.zeros(1, N),), file, dynamo=False, opset_version=17)
+        torch.onnx.export(Actor().eval(), (torch.zeros(1, N),), file, dynamo=False, opset_version=17)  # pyright: ignore[reportArgumentType]
         model = onnx.load_model_from_string(file.getvalue())
         options = {"save_as_external_data": True, "location": "weights.bin", "size_threshold": 0} if apart else {}
         onnx.save(model, folder / "policy.onnx", **options)

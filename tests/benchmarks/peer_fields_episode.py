@@ -55,7 +55,7 @@ def main() -> None:
         "poses": np.stack(poses),
         "sent": np.stack(sent),
     }
-    np.savez(out, **contents)
+    np.savez(out, allow_pickle=False, **contents)
 
 
 if __name__ == "__main__":

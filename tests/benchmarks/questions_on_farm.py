@@ -13,7 +13,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from api_schemas.report import read_report
+from api_schemas.report import Report, read_report
 from tests.end_to_end import farm as of_farm
 
 FIRST_SEED = 24_000
@@ -30,6 +30,7 @@ def ask(farm, given, seed):
     while '"per_trial"' not in (body := farm.run("report", job, "--json", code=None)):
         time.sleep(POLL_S)
     report = read_report(body.encode())
+    assert isinstance(report, Report) and report.question is not None, "it was asked by --until-known"
     found = report.question
     return {
         "policy": found.policy_name,
