@@ -22,7 +22,7 @@ def test_the_limits_are_those_of_the_arena():
     assert (REST_HEIGHT_M, MAX_HEIGHT_M) == (c.CUBE_REST_HEIGHT_M, c.MAX_GOAL_HEIGHT_M)
 
 
-@pytest.mark.parametrize("task", ON_THE_FLOOR | IN_THE_AIR)
+@pytest.mark.parametrize("task", sorted(ON_THE_FLOOR | IN_THE_AIR))
 def test_every_task_takes_the_goals_that_it_draws_itself(task):
     for seed in range(20):
         goal = draw_trial(TASKS[task], seed)[1]
