@@ -27,16 +27,20 @@ def rate_sequence(successes: int, trials: int, level: float) -> tuple[float, flo
     """
     if trials == 0:
         return (0.0, 1.0)
-    mixed = _log_beta(PRIOR + successes, PRIOR + trials - successes) - _log_beta(PRIOR, PRIOR)
-    most = -math.log(1 - level)
 
     def refuted(rate: float) -> bool:
-        return mixed - _log_likelihood(successes, trials, rate) >= most
+        return is_refuted(successes, trials, rate, 1 - level)
 
     rate = successes / trials
     low = 0.0 if successes == 0 else _edge(0.0, rate, refuted)
     high = 1.0 if successes == trials else _edge(1.0, rate, refuted)
     return (low, high)
+
+
+def is_refuted(successes: int, trials: int, rate: float, chance: float) -> bool:
+    """Whether a rate lies outside of the confidence sequence of level 1 - chance."""
+    mixed = _log_beta(PRIOR + successes, PRIOR + trials - successes) - _log_beta(PRIOR, PRIOR)
+    return mixed - _log_likelihood(successes, trials, rate) >= -math.log(chance)
 
 
 def log_evidence(gained: int, lost: int) -> float:

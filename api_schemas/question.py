@@ -7,7 +7,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from api_schemas.anytime import CHANCE, difference_sequence, is_decided, log_evidence, log_wealth, rate_sequence
+from api_schemas.anytime import CHANCE, difference_sequence, is_decided, is_refuted, log_evidence, log_wealth, rate_sequence
 from api_schemas.schema import Schema
 
 AGAINST = r"^(j[a-z2-7]{12}|[0-9a-f]{64})$"
@@ -115,10 +115,9 @@ def judge_rate(ended: Sequence[bool], most_goals: int, bar: float) -> tuple[int,
 
 def side_of(successes: int, trials: int, bar: float) -> Verdict | None:
     """The side of the bar that the rate is known to lie on."""
-    low, high = rate_sequence(successes, trials, 1 - CHANCE)
-    if low <= bar <= high:
+    if not is_refuted(successes, trials, bar, CHANCE):
         return None
-    return Verdict.ABOVE if low > bar else Verdict.BELOW
+    return Verdict.ABOVE if successes > bar * trials else Verdict.BELOW
 
 
 def _is_alike(gained: int, lost: int, goals: int, at_least: float) -> bool:

@@ -1,5 +1,6 @@
 """A policy trained in trifarm's environments, saved so that it is submitted as it lies: the environment writes the manifest."""
 
+import copy
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -162,15 +163,26 @@ def _activation_of(owner: Any) -> str | None:
 def _module(model: Any, manifest: PolicyManifest, file: Path) -> Path:
     import torch
 
-    was_training = model.training
-    model.eval()
     try:
+        own = copy.deepcopy(model).eval().cpu()
         with torch.no_grad():
-            torch.jit.save(torch.jit.trace(model.cpu(), torch.zeros(1, manifest.network_inputs), check_trace=False), str(file))
+            traced = torch.jit.trace(own, torch.zeros(1, manifest.network_inputs), check_trace=False)
+            alike = [torch.allclose(own(row), traced(row), rtol=1e-4, atol=1e-5) for row in _rows(manifest.network_inputs)]
     except Exception as error:
         raise UsageProblem(
             f"the module cannot be run on one observation of shape (1, {manifest.network_inputs}): {str(error)[:200]}"
         ) from error
-    finally:
-        model.train(was_training)
+    if not all(alike):
+        raise UsageProblem(
+            "the module branches or remembers, so that one pass through it is not what it does: save torch.jit.script(module), "
+            "and pack that with 'trifarm pack'"
+        )
+    torch.jit.save(traced, str(file))
     return file
+
+
+def _rows(inputs: int) -> Any:
+    """Observations by chance, shape (100, 1, inputs), the same each time."""
+    import torch
+
+    return 3.0 * torch.randn(100, 1, inputs, generator=torch.Generator().manual_seed(0))

@@ -12,8 +12,9 @@ from client_cli.terminal.errors import UsageProblem
 
 NONE = "none"
 ALIKE = re.compile(
-    r"unnormali[sz]e|denormali[sz]e|action_?(mean|std|var|scale|bias|offset|low|high|min|max|rms|norm)"
-    r"|(^|\.)act_?(mean|std|scale|rms|norm)|output_?(mean|std|scale|bias|norm)",
+    r"unnormali[sz]e|denormali[sz]e"
+    r"|(^|[._])act(ion)?s?[._]?(stats[._])?(mean|mu|std|sigma|var|scale|bias|offset|low|high|min|max|range|limits?|rms|norm)"
+    r"|(^|[._])(mean|std|max|min)_actions?$|output_?(mean|std|scale|bias|norm)",
     re.IGNORECASE,
 )
 """Names of what looks like a normaliser of actions."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from client_cli.packing.kinds import SUFFIXES, config_of
 from client_cli.packing.packed_files import Packed, pack_to
+from client_cli.packing.quiet import first_sentence
 from client_cli.packing.reading import PICKLES, Statement, suffix_of
 from client_cli.terminal.errors import ClientError, UsageProblem
 
@@ -61,6 +62,8 @@ def _tried(file: Path, pickles: Sequence[Path], out: Path, stated: Statement, to
         return Tried(file, pack_to(out / f"{file.stem}{suffix_of(file, stated)}", given, stated, tolerance=tolerance), None)
     except ClientError as error:
         return Tried(file, None, error.detail)
+    except Exception as error:  # whatever a stranger's program does: the others are packed all the same
+        return Tried(file, None, first_sentence(error))
 
 
 def _statistics_of(file: Path, pickles: Sequence[Path]) -> list[Path]:

@@ -77,7 +77,7 @@ def beside(checkpoint: Path, suffix: str) -> Path:
     Raises:
         UsageProblem: a file of that name is there that is no packed policy.
     """
-    out = checkpoint.with_suffix(suffix) if checkpoint.is_file() else checkpoint / f"{checkpoint.name}{suffix}"
+    out = checkpoint.with_suffix(suffix) if checkpoint.is_file() else checkpoint / f"{checkpoint.resolve().name}{suffix}"
     if out == checkpoint:
         out = checkpoint.with_name(f"{checkpoint.stem}-packed{suffix}")
     if out.exists() and not _is_packed(out):

@@ -62,7 +62,8 @@ def _first_page(figure: "Figure", report: Report, signature: Signature) -> None:
     say(0.918, f"{report.trials} trials of {report.task} · job {report.job_id} · seed {report.seed}", 9, SOFT)
     say(0.885, f"{100 * report.success_rate:.0f} %", 34, weight="bold")
     wide, wider = (f"{100 * low:.0f}–{100 * high:.0f} %" for low, high in (report.interval_80, report.interval_95))
-    say(0.832, f"{report.successes} of {report.trials} succeeded · 80 % interval {wide} · 95 % interval {wider} (Wilson)", 9.5)
+    kind = "Wilson" if report.intervals == "wilson" else "confidence sequence"
+    say(0.832, f"{report.successes} of {report.trials} succeeded · 80 % interval {wide} · 95 % interval {wider} ({kind})", 9.5)
     of_policy = f"{counted(report.policy_faults, 'policy error')} (counted as failures)"
     faults = f"{of_policy} · {counted(report.platform_faults, 'platform error')} (retried, not counted)"
     say(0.814, faults, 8, SOFT)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import structlog
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from services.database.database import Database
+from services.database.database import AWAY, Database
 from services.jobs import judging, questions
 from services.jobs.clock import FarmClock
 from services.jobs.signals import Signals
@@ -39,8 +39,14 @@ class Judge:
         for number, state in seen.items():
             if self._seen.get(number) == state:
                 continue
-            async with self.alone() as tx:
-                ended = await judging.move(tx, self.clock.now_s(), number, robots)
+            try:
+                async with self.alone() as tx:
+                    ended = await judging.move(tx, self.clock.now_s(), number, robots)
+            except AWAY:
+                raise
+            except Exception:  # one question must not keep the farm's leases
+                log.exception("a question could not be brought forward", job=number)
+                continue
             for job_id in ended:
                 log.info("question answered", job=job_id)
                 self.signals.job_changed(job_id)

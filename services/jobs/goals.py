@@ -42,7 +42,7 @@ async def source(tx: AsyncConnection, request: JobRequest, owner: str | None) ->
 
     Raises:
         NotFound: there is no such job of theirs.
-        Refused: it is of another task or object.
+        Refused: it is of another task or object, or a question is asked against goals in somebody's order.
         Conflict: it has ended without a trial, or was done with other physics than the robots have now.
     """
     row = (await tx.execute(select(job).where(job.c.job_id == request.goals_of))).one_or_none()
@@ -52,6 +52,9 @@ async def source(tx: AsyncConnection, request: JobRequest, owner: str | None) ->
     if has != (request.task, request.object, request.object_scale):
         wanted = f"task {row.task}, object {row.object}, object_scale {row.object_scale:g}"
         raise Refused("other-task", f"Job {row.job_id} has {wanted}; ask for the same.")
+    if request.question is not None and row.own_goals:
+        detail = f"Job {row.job_id} has goals of its own in an order of its own; ask against its policy with the same goals."
+        raise Refused("own-goals-in-order", detail)
     if request.question is not None:
         await _check_comparable(tx, row)
     return row

@@ -2,10 +2,12 @@
 
 import json
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 from sqlalchemy import bindparam, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from api_schemas.job import JobState
 from api_schemas.question import Verdict
 from api_schemas.trial import TrialState
 from services.database.rows import AnyRow
@@ -16,7 +18,7 @@ from services.jobs.lease import UNENDED
 from services.jobs.locking import lock_job
 from services.jobs.questions import Standing, standing
 
-NOTHING_TO_COMPARE = "the job that it is compared with has ended without a trial"
+NOTHING_TO_COMPARE = "the job that it is compared with has ended without its first trial"
 _RELEASE = (
     update(trial)
     .where(
@@ -102,7 +104,7 @@ async def _settle(tx: AsyncConnection, now_s: float, stands: Standing) -> Sequen
     verdict = stands.verdict if stands.is_of_one_physics else Verdict.UNDECIDED
     assert verdict is not None, "it is settled only with a verdict"
     await _decide(tx, stands, verdict)
-    text = stands.shown.sentence
+    text = replace(stands, verdict=verdict).shown.sentence
     ended = []
     for number, done in zip(_own(stands), (stands.this_ended, stands.other_ended), strict=False):
         successes = [each.succeeded for each in done[: stands.counted]]
@@ -116,6 +118,10 @@ async def _give_up(tx: AsyncConnection, now_s: float, stands: Standing) -> Seque
     twin = stands.other
     if twin is None or not stands.row.is_twin or twin.state not in UNENDED or twin.cancel_requested:
         return ()
+    if stands.job.state == JobState.FAILED:
+        reason = f"job {stands.job.job_id}, which it was queued for, has failed"
+        await completion.give_up(tx, now_s, twin.number, reason)
+        return (twin.job_id,)
     await completion.cancel_queued(tx, twin.number)
     text = f"cancelled with job {stands.job.job_id}, which it was queued for"
     now = await events.record(tx, iso(now_s), twin.number, "job_cancelling", text, cancel=True)

@@ -137,7 +137,9 @@ async def standing(connection: AsyncConnection, row: AnyRow) -> Standing:
         counted, verdict = judge_rate([each.succeeded for each in of_this], most, row.bar)
     else:
         ready = min(len(of_this), len(of_other))
-        counted, verdict = judge_pairs(_pairs(of_this[:ready], of_other[:ready]), most, row.at_least)
+        counted, verdict = judge_pairs(_pairs(of_this[:ready], of_other[:ready]), this.trials, row.at_least)
+        if verdict is None and ready >= most:  # the other job has ended early: what was tried counts
+            counted, verdict = ready, Verdict.UNDECIDED
     if row.verdict is not None:
         verdict = Verdict(row.verdict)
         counted = counted if this.counted_trials is None else this.counted_trials

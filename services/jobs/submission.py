@@ -86,9 +86,12 @@ async def submit(
     if kept is None:
         raise NotFound("policy-not-found", f"No policy has the digest {request.policy}; upload it first with POST /v1/policies.")
     source = None if request.goals_of is None else await goals.source(tx, request, sender.sees_only)
+    if request.question is not None and request.goals is not None:  # a test at every look needs goals in an order by chance
+        request = request.model_copy(update={"goals": secrets.SystemRandom().sample(request.goals, len(request.goals))})
     twin = None
     if request.question is not None and request.question.against is not None and source is None:
         seed = request.seed if request.seed is not None else drawn_seed if drawn_seed is not None else draw_seed()
+        await _check_share(tx, sender, of="a question against a policy is two jobs", jobs=2)
         drawn_seed, twin = seed, await _submit_twin(tx, now_s, request, sender, seed)
     draws = await goals.draws(tx, request, source)
     values: dict[str, Any] = {
@@ -119,7 +122,7 @@ async def _submit_twin(tx: AsyncConnection, now_s: float, request: JobRequest, s
     if request.question.against == request.policy:
         raise Refused("same-policy", "A policy is not better than itself; name another one, or a bar.")
     wish = request.model_copy(update={"policy": request.question.against, "question": None, "webhook": None})
-    of_twin = replace(sender, idempotency_key=None)
+    of_twin = replace(sender, idempotency_key=None, may_queue=None)  # both were asked for at once
     job_id, _ = await submit(tx, now_s, wish, of_twin, drawn_seed=seed, judged=True)
     return (await tx.execute(select(job.c.number).where(job.c.job_id == job_id))).scalar_one()
 
@@ -179,16 +182,18 @@ async def _earlier(tx: AsyncConnection, sender: Sender, digest: str) -> str | No
     return None if earlier is None else earlier.job_id
 
 
-async def _check_share(tx: AsyncConnection, sender: Sender) -> None:
+async def _check_share(tx: AsyncConnection, sender: Sender, *, of: str = "", jobs: int = 1) -> None:
+    """Whether the sender may have so many more jobs; ``of`` says why it is more than one."""
     if sender.may_queue is None:
         return
     await owners.hold(tx, sender.owner)
     unended = select(func.count()).select_from(job).where(job.c.owner == sender.owner, job.c.state.in_(UNENDED))
     count = (await tx.execute(unended)).scalar_one()
-    if count >= sender.may_queue:
+    if count + jobs > sender.may_queue:
+        more = f" ({of})" if of else ""
         detail = (
-            f"{sender.owner} has {count} jobs that have not ended and may have {sender.may_queue}. Wait until one has ended, "
-            "cancel one with POST /v1/jobs/<job>/cancel, or ask for more trials in one job."
+            f"{sender.owner} has {count} jobs that have not ended and may have {sender.may_queue}{more}. Wait until one has "
+            "ended, cancel one with POST /v1/jobs/<job>/cancel, or ask for more trials in one job."
         )
         raise TooMany("queued-jobs-quota", detail, LOOK_AGAIN_S, unended_jobs=count, limit=sender.may_queue)
 

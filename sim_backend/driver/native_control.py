@@ -105,45 +105,43 @@ def _pointers(_context: object, pointer: types.Type) -> tuple[Any, Callable[...,
     return types.CPointer(types.voidptr)(pointer), generate
 
 
-def _wall_watch() -> Callable[..., None]:
-    """A function that switches the parts of the wall in a model off and on, for what is where in a simulation's data."""
-    ngeom, step_word = field_word("mjModel", "ngeom"), field_word("mjModel", "opt")
-    body_contype, body_conaffinity, geom_contype, kinds, sizes, radii = (
-        field_word("mjModel", name)
-        for name in ("body_contype", "body_conaffinity", "geom_contype", "geom_type", "geom_size", "geom_rbound")
+@numba.njit
+def _watch(model: np.ndarray, data: np.ndarray, first: int, words: tuple[int, ...]) -> None:
+    """Switch the parts of the wall in a model off and on, for what is where in a simulation's data; words of :func:`_wall_words`."""
+    ngeom, step_word, body_contype, body_conaffinity, geom_contype, kinds, sizes, radii, xpos, xmat, qvel = words
+    count, of_model = model[ngeom], _pointers(model)  # pyright: ignore[reportCallIssue]
+    step_s = carray(_untyped(model), (step_word + 1,), np.float64)[step_word]  # pyright: ignore[reportCallIssue]
+    bits = np.empty(WALL_PARTS, np.int32)
+    wall_watch.look(
+        first,
+        carray(of_model[kinds], (count,), np.int32),
+        carray(of_model[geom_contype], (count,), np.int32),
+        carray(of_model[sizes], (count, 3), np.float64),
+        carray(of_model[radii], (count,), np.float64),
+        carray(data[xpos], (count, 3), np.float64),
+        carray(data[xmat], (count, 9), np.float64),
+        wall_watch.reach_m(carray(data[qvel], (15,), np.float64), step_s),
+        bits,
     )
-    xpos, xmat, qvel = (field_word("mjData", name) for name in ("geom_xpos", "geom_xmat", "qvel"))
+    wall_contype = carray(of_model[body_contype], (WALL_PARTS + 1,), np.int32)
+    wall_conaffinity = carray(of_model[body_conaffinity], (WALL_PARTS + 1,), np.int32)
+    for part in range(WALL_PARTS):
+        wall_contype[1 + part] = ARENA_BITS * bits[part]
+        wall_conaffinity[1 + part] = wall_watch.TOUCHING_BITS * bits[part]
+
+
+def _wall_words() -> tuple[int, ...]:
+    """Where :func:`_watch` finds the model's and the data's arrays: integers, since numba keeps no function that holds another."""
     assert field_offset("mjOption", "timestep") == 0
-
-    @numba.njit
-    def watch(model: np.ndarray, data: np.ndarray, first: int) -> None:
-        count, of_model = model[ngeom], _pointers(model)  # pyright: ignore[reportCallIssue]
-        step_s = carray(_untyped(model), (step_word + 1,), np.float64)[step_word]  # pyright: ignore[reportCallIssue]
-        bits = np.empty(WALL_PARTS, np.int32)
-        wall_watch.look(
-            first,
-            carray(of_model[kinds], (count,), np.int32),
-            carray(of_model[geom_contype], (count,), np.int32),
-            carray(of_model[sizes], (count, 3), np.float64),
-            carray(of_model[radii], (count,), np.float64),
-            carray(data[xpos], (count, 3), np.float64),
-            carray(data[xmat], (count, 9), np.float64),
-            wall_watch.reach_m(carray(data[qvel], (15,), np.float64), step_s),
-            bits,
-        )
-        wall_contype = carray(of_model[body_contype], (WALL_PARTS + 1,), np.int32)
-        wall_conaffinity = carray(of_model[body_conaffinity], (WALL_PARTS + 1,), np.int32)
-        for part in range(WALL_PARTS):
-            wall_contype[1 + part] = ARENA_BITS * bits[part]
-            wall_conaffinity[1 + part] = wall_watch.TOUCHING_BITS * bits[part]
-
-    return watch
+    of_model = ("ngeom", "opt", "body_contype", "body_conaffinity", "geom_contype", "geom_type", "geom_size", "geom_rbound")
+    of_data = ("geom_xpos", "geom_xmat", "qvel")
+    return (*(field_word("mjModel", name) for name in of_model), *(field_word("mjData", name) for name in of_data))
 
 
 @functools.cache
 def _compiled() -> Any:
     """The callback, compiled once a process."""
-    watch = _wall_watch()
+    words = _wall_words()
     nuserdata, nsensordata = (field_word("mjModel", name) for name in ("nuserdata", "nsensordata"))
     qpos, qvel, ctrl, userdata, sensordata, qfrc_applied, qfrc_bias = (
         field_word("mjData", name) for name in ("qpos", "qvel", "ctrl", "userdata", "sensordata", "qfrc_applied", "qfrc_bias")
@@ -161,7 +159,7 @@ def _compiled() -> Any:
             return
         slots = carray(data[userdata], (size,), np.float64)
         if slots[r.AFTER_WALL] > 0.0:
-            watch(model, data, int(slots[r.AFTER_WALL]))
+            _watch(model, data, int(slots[r.AFTER_WALL]), words)
         position, velocity = carray(data[qpos], (9,), np.float64), carray(data[qvel], (9,), np.float64)
         torque = carray(data[ctrl], (9,), np.float64)
         if slots[r.EFFECTS_ON] == 0.0 or size < r.SMALLEST or model[nsensordata] < r.REPORT_SIZE:
