@@ -17,6 +17,8 @@ LEFT_BYTES = 8 << 20
 """What a robot leaves to services and words when it takes its reserve: what services keep for finishing."""
 OF_LARGEST = 2.5
 """The reserve is at least so many times the largest trial that the robot has had."""
+MOST_OF_DISK = 4
+"""But for what a robot is told to keep, no reserve is more than this part of its disk: it would never come back."""
 STEP_BYTES = 1 << 18
 NAME = "reserve"
 
@@ -33,16 +35,21 @@ class Reserve:
 
     def __init__(self, folder: Path, trial_bytes: int, say: Callable[[str], None], *, left_bytes: int = LEFT_BYTES) -> None:
         self._path, self._trial_bytes, self._left_bytes, self._say = folder / NAME, trial_bytes, left_bytes, say
-        self._kept_bytes = 0
+        self._usual_bytes, self._kept_bytes = trial_bytes, 0
         self.lacks: str | None = None
         with suppress(OSError):
             self._path.unlink(missing_ok=True)  # of a process that was killed
 
     def take(self) -> None:
         """Have the whole reserve, or say what is lacking; to be called whenever no trial runs, again and again."""
-        if self._kept_bytes >= self._trial_bytes and not self._is_short():
-            return self._stands(None)
-        found = room(self._path.parent)
+        try:
+            if self._kept_bytes >= self._trial_bytes and not self._is_short():
+                return self._stands(None)
+            found = room(self._path.parent)
+        except OSError as error:
+            self.shrink_to(0)
+            return self._stands(f"its folder cannot be looked at: {error}")
+        self._trial_bytes = min(self._trial_bytes, max(self._usual_bytes, found.total_bytes // MOST_OF_DISK))
         if found.free_bytes + self._kept_bytes >= self._trial_bytes + self._left_bytes and self._grow():
             return self._stands(None)
         self.shrink_to(0)  # who cannot have all of it keeps nothing from others
@@ -74,14 +81,16 @@ class Reserve:
 
     def _is_short(self) -> bool:
         """Whether the robot, though it has its own, would take from others what they end by: its words and the database's."""
-        return self._trial_bytes > 0 and room(self._path.parent).free_bytes < self._left_bytes // 2
+        return self._trial_bytes > 0 and room(self._path.parent).free_bytes < self._left_bytes
 
     def _grow(self) -> bool:
         try:
             with self._path.open("ab") as file:
                 os.posix_fallocate(file.fileno(), 0, self._trial_bytes)
         except OSError as error:
-            self.shrink_to(0)
+            with suppress(OSError):  # some file systems keep what they had of it
+                self._path.unlink(missing_ok=True)
+            self._kept_bytes = 0
             if not is_full(error):
                 self._say(f"keeps no reserve on the disk: {error}")  # a file system that knows no such thing
                 self._trial_bytes = 0

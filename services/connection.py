@@ -44,14 +44,18 @@ class Connection(HttpToolsProtocol):
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Takes in what came; uvicorn has stopped its own timer by then, also for a byte that begins no request."""
+        """Takes in what came; uvicorn has stopped its own timer by then, also for a byte that begins no request.
+
+        The parser collects a header without end, be it of a head or after a body, and nobody sees it before it has one: what came
+        without being seen is counted.
+        """
         if self._refused:
             return
-        self._unparsed_bytes = self._unparsed_bytes + len(data) if self._in_head else 0
+        self._unparsed_bytes += len(data)
         super().data_received(data)
         if self._refused:
             return
-        if self._in_head and self._unparsed_bytes > MOST_HEAD_BYTES:  # a header without end, which is not seen before it has one
+        if self._unparsed_bytes > MOST_HEAD_BYTES:
             self._refuse()
             return
         is_asked = self.cycle is not None and not self.cycle.response_complete
@@ -72,6 +76,8 @@ class Connection(HttpToolsProtocol):
     def on_header(self, name: bytes, value: bytes) -> None:
         """Takes in a header."""
         self._count(len(name) + len(value) + len(b": \r\n"))
+        if not self._in_head:  # after a body, where nobody looks for any
+            return
         super().on_header(name, value)
         if len(self.headers) > MOST_HEADERS:
             self._refuse()
@@ -88,7 +94,7 @@ class Connection(HttpToolsProtocol):
 
     def on_message_complete(self) -> None:
         """What comes next is a head."""
-        self._in_head = True
+        self._in_head, self._unparsed_bytes = True, 0
         super().on_message_complete()
 
     def send_400_response(self, msg: str) -> None:
@@ -110,6 +116,7 @@ class Connection(HttpToolsProtocol):
 
     def on_body(self, body: bytes) -> None:
         """Takes in a part of a body."""
+        self._unparsed_bytes = 0
         self._wait_no_more()  # begins again with the end of ``data_received`` where the request was answered already
         super().on_body(body)
 

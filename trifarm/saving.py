@@ -166,7 +166,7 @@ def _module(model: Any, manifest: PolicyManifest, file: Path) -> Path:
     try:
         own = copy.deepcopy(model).eval().cpu()
         with torch.no_grad():
-            traced = torch.jit.trace(own, torch.zeros(1, manifest.network_inputs), check_trace=False)
+            traced: Any = torch.jit.trace(own, torch.zeros(1, manifest.network_inputs), check_trace=False)
             alike = [torch.allclose(own(row), traced(row), rtol=1e-4, atol=1e-5) for row in _rows(manifest.network_inputs)]
     except Exception as error:
         raise UsageProblem(

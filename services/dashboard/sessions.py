@@ -149,8 +149,11 @@ def refuse_foreign(request: Request) -> None:
     Raises:
         Forbidden: the browser says that it was one, by where it fetches or by the form's origin.
     """
-    if request.headers.get("sec-fetch-site", "same-origin") not in {"same-origin", "none"}:
-        raise Forbidden("form-not-ours", "This form was sent by another site; open this farm's own page.")
+    said = request.headers.get("sec-fetch-site")
+    if said is not None:  # what no page can forge, and no proxy before the farm changes
+        if said not in {"same-origin", "none"}:
+            raise Forbidden("form-not-ours", "This form was sent by another site; open this farm's own page.")
+        return
     origin, host = request.headers.get("origin"), request.headers.get("host")
     if origin is not None and urlsplit(origin).netloc.lower() != (host or "").lower():
         raise Forbidden("form-not-ours", "This form was sent by another site's page; open this farm's own.")

@@ -107,7 +107,7 @@ def _pointers(_context: object, pointer: types.Type) -> tuple[Any, Callable[...,
 
 @numba.njit
 def _watch(model: np.ndarray, data: np.ndarray, first: int, words: tuple[int, ...]) -> None:
-    """Switch the parts of the wall in a model off and on, for what is where in a simulation's data; words of :func:`_wall_words`."""
+    """Switch parts of the wall in a model off and on, for what is where in its data; words of :func:`_wall_words`."""
     ngeom, step_word, body_contype, body_conaffinity, geom_contype, kinds, sizes, radii, xpos, xmat, qvel = words
     count, of_model = model[ngeom], _pointers(model)  # pyright: ignore[reportCallIssue]
     step_s = carray(_untyped(model), (step_word + 1,), np.float64)[step_word]  # pyright: ignore[reportCallIssue]
@@ -131,7 +131,7 @@ def _watch(model: np.ndarray, data: np.ndarray, first: int, words: tuple[int, ..
 
 
 def _wall_words() -> tuple[int, ...]:
-    """Where :func:`_watch` finds the model's and the data's arrays: integers, since numba keeps no function that holds another."""
+    """Where :func:`_watch` finds arrays: integers, since numba finds no function again that another holds."""
     assert field_offset("mjOption", "timestep") == 0
     of_model = ("ngeom", "opt", "body_contype", "body_conaffinity", "geom_contype", "geom_type", "geom_size", "geom_rbound")
     of_data = ("geom_xpos", "geom_xmat", "qvel")

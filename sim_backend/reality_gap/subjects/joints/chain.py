@@ -137,8 +137,10 @@ class Chain:
         found = np.full((len(window), drives.sent_nm.shape[1], len(o)), np.nan)
         settings = (self._step_s, self._substeps, drives.sample_s)
 
+        steps = simulate()  # compiled before threads ask for it
+
         def run(rows: slice) -> None:
-            simulate()(*arrays, *settings, begins[rows], window[rows], which[rows], found[rows])
+            steps(*arrays, *settings, begins[rows], window[rows], which[rows], found[rows])
 
         parts = [slice(i, i + _AT_ONCE) for i in range(0, len(window), _AT_ONCE)]
         with ThreadPoolExecutor() as threads:

@@ -34,6 +34,8 @@ _EDGE_S = 0.1
 _STARTS = (2e-3, 0.2)
 """Standard deviations of where windows begin, rad and rad/s, about the smoothed motion."""
 _PROBES = (1e-3, 1e-2)
+_AT_ONCE = 20
+"""Healthy robots that are simulated together."""
 _USUAL = 0.95
 """Share of robots that nothing is wrong with that are off by no more."""
 _SAMPLES_OF_WINDOW = 4.0
@@ -169,7 +171,7 @@ class RolloutProblem:
         loose = [(term, scale) for term, scale in self.loose_terms(()) if term.key != CLOCK]
         terms, scales = [term for term, _ in loose], np.array([scale for _, scale in loose])
         off = scales * np.clip(rng.standard_normal((draws, len(loose))), -_TOLERATED, _TOLERATED)
-        drawn = [self.start, *(_moved(self.start, terms, change) for change in off)]
+        drawn = [_moved(self.start, terms, change) for change in off]
         begins = [np.tile(each, (1 + 2 * k, 1, 1)) for each in (w.begin_rad, w.begin_rad_s)]
         for j in range(k):
             begins[0][1 + j, :, j] += _PROBES[0]
@@ -179,15 +181,24 @@ class RolloutProblem:
         apart = self._forward.positions(probed, places, speeds, [self.start], np.zeros(len(probed), int))
         apart = apart.reshape(1 + 2 * k, n, -1)
         images = (apart[1:] - apart[0]).transpose(1, 2, 0)
-        many = w.some(np.tile(np.arange(n), 1 + draws))
-        went = self._forward.positions(many, many.begin_rad, many.begin_rad_s, drawn, np.repeat(np.arange(1 + draws), n))
-        error = (went.reshape(1 + draws, n, -1) - apart[0])[1:]
         fine = np.isfinite(images).all(axis=(1, 2))
-        images, error = images[fine], np.nan_to_num(error[:, fine])
+        if not fine.any():
+            return self.noise_rad
+        error = np.concatenate([self._apart(w, drawn[i : i + _AT_ONCE], apart[0]) for i in range(0, draws, _AT_ONCE)])
+        images, error = images[fine], error[:, fine]
+        error = np.nan_to_num(error, nan=np.nanmax(np.abs(error), initial=0.0))  # one that diverges is as far off as any
         begun = np.linalg.pinv(images) @ error.transpose(1, 2, 0)
         left = error.transpose(1, 2, 0) - images @ begun
         squares = (left.reshape(len(images), -1, k, draws) ** 2).mean(axis=1)
         return np.sqrt(np.quantile(np.median(squares, axis=0), _USUAL, axis=1) + self.noise_rad**2)
+
+    def _apart(self, windows: Windows, states: Sequence[JointState], from_rad: np.ndarray) -> np.ndarray:
+        """How far models go from where another one goes, shape (models, n, s * k), rad."""
+        n = len(windows)
+        many = windows.some(np.tile(np.arange(n), len(states)))
+        which = np.repeat(np.arange(len(states)), n)
+        went = self._forward.positions(many, many.begin_rad, many.begin_rad_s, states, which)
+        return went.reshape(len(states), n, -1) - from_rad
 
     def foretold_rad(self, fit: RolloutFit, terms: Sequence[Term]) -> float:
         """How far windows end up off, in the mean over all of them and joints, whose recordings the terms were not fitted to."""
@@ -377,8 +388,9 @@ class RolloutProblem:
         found = []
         for _, hypothesis, values, errors in self.gains(fit, hypotheses):
             prior = np.array(hypothesis.scales)
-            is_shown = errors[0] < _SHOWN * prior[0]
-            size = float(np.sqrt(2.0 * gate) * errors[0] + abs(values[0])) if is_shown else np.inf
+            is_shown, term = errors[0] < _SHOWN * prior[0], self._catalogue.terms[hypothesis.terms[0]]
+            off = float(values[0] + _apart(fit.state, self.start, [term])[0])
+            size = float(np.sqrt(2.0 * gate) * errors[0]) + abs(off) if is_shown else np.inf
             found.append(Told(hypothesis, size))
         return found
 

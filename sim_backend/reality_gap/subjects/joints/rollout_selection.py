@@ -144,10 +144,10 @@ def _best(search: _Search, fit: RolloutFit, taken: Sequence[Taken], share: float
     tried.sort(key=lambda entry: -entry[0])
     if taken:  # beside causes that are in the model also with all that a healthy robot may be off by, as the model had it
         tried = sorted((_fitted_wholly(problem, fit, own, *entry[1:]) for entry in tried[:_WHOLLY]), key=lambda entry: -entry[0])
-    tried = [entry for entry in tried if entry[0] >= _least(problem, entry[1], taken, share)]
-    if not tried:
+    enough = [entry for entry in tried if entry[0] >= _least(problem, entry[1], taken, share)]
+    if not enough:
         return None
-    gain, new, hypothesis, plain = _single_rather_than_all(tried)
+    gain, new, hypothesis, plain = _single_rather_than_all(enough)
     others = tuple((other.name, own_gain) for own_gain, _, other, _ in tried if other.name != hypothesis.name)
     return new, Taken(hypothesis, plain, gain, others)
 

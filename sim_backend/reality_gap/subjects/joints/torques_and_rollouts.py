@@ -10,7 +10,7 @@ from dataclasses import replace
 from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.rollout_fit import is_simulated
-from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
+from sim_backend.reality_gap.verdict import Cause, EffectJudged, Told, Verdict, VerdictKind
 
 _MOTION_FITS = frozenset({VerdictKind.NAMED, VerdictKind.NOTHING_WRONG})
 
@@ -28,25 +28,55 @@ def in_both(torques: Verdict, rollouts: Verdict) -> Verdict:
         torques: verdict by equations.
         rollouts: verdict by simulated motions of the same recordings.
     """
-    if torques.misreads or (torques.verdict is VerdictKind.NOT_IDENTIFIABLE and not rollouts.causes):
-        return replace(torques, effects=rollouts.effects)
-    seen = tuple(cause for cause in torques.causes if not _moves(cause))
-    doubted = _doubted(torques, rollouts)
+    is_open = rollouts.verdict is not VerdictKind.NOTHING_WRONG
+    if (torques.misreads and is_open) or (torques.verdict is VerdictKind.NOT_IDENTIFIABLE and not rollouts.causes):
+        return replace(torques, effects=_unjudged(rollouts, "it is not known what these data say"))
+    sensed = tuple(cause for cause in torques.causes if not _moves(cause))
+    seen = sensed if torques.verdict is VerdictKind.NAMED else ()
+    doubted = _doubted(torques, rollouts, () if seen else sensed)
     kind, summary = rollouts.verdict, rollouts.summary
     if seen and kind in _MOTION_FITS:
         places = ", ".join(dict.fromkeys(f"{cause.effect.replace('_', ' ')} ({cause.where})" for cause in seen))
         beside = f"{summary} Beside it there is" if rollouts.causes else "The robot goes where the model goes; there is"
         kind, summary = VerdictKind.NAMED, f"{beside} {places}."
-    cannot_tell = (*rollouts.cannot_tell, *doubted, *(said for said in torques.cannot_tell if said not in rollouts.cannot_tell))
+    cannot_tell = (*rollouts.cannot_tell, *_disagreement(torques, kind), *(said for said, _ in doubted), *torques.cannot_tell)
     return replace(
         rollouts,
         verdict=kind,
         summary=summary,
         causes=(*rollouts.causes, *seen),
-        follows=torques.follows if kind is VerdictKind.UNEXPLAINED else (),
+        follows=torques.follows if torques.verdict is VerdictKind.UNEXPLAINED else (),
         cannot_tell=tuple(dict.fromkeys(cannot_tell)),
         held_out_there=torques.held_out_there,
+        effects=_together(rollouts, {c.effect for c in seen}, {effect for _, effect in doubted}),
     )
+
+
+def _disagreement(torques: Verdict, kind: VerdictKind) -> list[str]:
+    """What torques find wrong that no simulated motion shows."""
+    if kind is not VerdictKind.NOTHING_WRONG:
+        return []
+    said = [f"whether {torques.misreads}: a smaller error speaks for it, but the model goes where the robot went"]
+    law = "whether something small is wrong that moves the robot no further than a healthy one may be off: along the motion "
+    of_law = [f"{law}torques say: {torques.summary}"] if torques.verdict is VerdictKind.UNEXPLAINED else []
+    return said if torques.misreads else of_law
+
+
+def _unjudged(rollouts: Verdict, because: str) -> tuple[EffectJudged, ...]:
+    return tuple(EffectJudged(each.effect, Told.NOT_JUDGED, because=because) for each in rollouts.effects)
+
+
+def _together(rollouts: Verdict, seen: set[str], doubted: set[str]) -> tuple[EffectJudged, ...]:
+    """What is said of each effect where sensors show some, and torques would name others."""
+
+    def told(each: EffectJudged) -> EffectJudged:
+        if each.effect in seen:
+            return EffectJudged(each.effect, Told.NAMED)
+        if each.effect in doubted and each.told is not Told.NAMED:
+            return EffectJudged(each.effect, Told.NOT_JUDGED, because="torques and simulated motions do not agree")
+        return each
+
+    return tuple(map(told, rollouts.effects))
 
 
 def _moves(cause: Cause) -> bool:
@@ -55,15 +85,12 @@ def _moves(cause: Cause) -> bool:
     return is_simulated(key) or any(is_simulated(number) for number in NUMBERS if number.startswith(f"{cause.effect}."))
 
 
-def _doubted(torques: Verdict, rollouts: Verdict) -> list[str]:
-    """Causes of motion that torques alone would name."""
+def _doubted(torques: Verdict, rollouts: Verdict, sensed: Sequence[Cause]) -> list[tuple[str, str]]:
+    """Causes that torques alone would name, each as a sentence and its effect."""
     named = {cause.effect for cause in rollouts.causes}
-    unsure = sorted({cause.effect.replace("_", " ") for cause in torques.causes if _moves(cause) and cause.effect not in named})
-    if torques.verdict not in (VerdictKind.NAMED, VerdictKind.CONFUSABLE) or not unsure:
-        return []
-    return [f"whether there is {listed(unsure)}: torques along the motion are nearer with it, simulated motions are not"]
-
-
-def listed(words: Sequence[str]) -> str:
-    """Words as a list in a sentence."""
-    return f"{', '.join(words[:-1])} or {words[-1]}" if len(words) > 1 else "".join(words)
+    would = torques.causes if torques.verdict in (VerdictKind.NAMED, VerdictKind.CONFUSABLE) else ()
+    moving = {cause.effect for cause in would if _moves(cause) and cause.effect not in named}
+    reading = {cause.effect for cause in sensed}
+    doubts = {effect: "torques along the motion are nearer with it, simulated motions are not" for effect in moving}
+    doubts |= {effect: "its sensors look so, where the torques are not explained" for effect in reading}
+    return [(f"whether there is {effect.replace('_', ' ')}: {why}", effect) for effect, why in sorted(doubts.items())]

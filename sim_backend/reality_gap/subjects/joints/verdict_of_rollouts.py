@@ -6,12 +6,12 @@ import numpy as np
 
 from sim_backend.effects.catalogue import CATALOGUE, PARAMETERS
 from sim_backend.effects.effect import Scope
-from sim_backend.reality_gap.knowledge.joint_effects import FITTED, NOT_ASKED, Sign, effect_of
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED, NOT_ASKED, SHAPES, Sign, effect_of
 from sim_backend.reality_gap.knowledge.separation import separated_by
 from sim_backend.reality_gap.quantiles import Z_90
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
-from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutFit
+from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, RolloutFit
 from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, RolloutSelection, Taken
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, HeldOut, Rival, Told, Verdict, VerdictKind
 
@@ -27,9 +27,10 @@ _EXPLAINED = 0.5
 def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection, healthy_rad: np.ndarray) -> Verdict:
     """Judge what a selection came to.
 
-    Named is what takes away at least half of a usual window's error at some joint; what takes less is listed as a part of
-    something that is not explained. Where nothing is named, a model is as good as right if the robot is not further off than
-    healthy ones are that were drawn within the model's tolerances.
+    Named is what takes away at least half of a usual window's error at some joint, and leaves no joint further off than healthy
+    robots are of whose error it took less; what does not is listed as a part of something that is not explained. Where nothing
+    is named, a model is as good as right if the robot is not further off than healthy ones are that were drawn within the
+    model's tolerances.
 
     Args:
         study: of the same recordings.
@@ -47,7 +48,8 @@ def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection, healthy_
     kind, summary = VerdictKind.NAMED, f"The robot goes where a model goes that has {_listed(causes)}."
     as_it_is = np.sqrt(np.median(selection.as_it_is.squares, axis=0))
     is_healthy = problem.is_near_noise(selection.nominal) or bool((np.minimum(as_it_is, before) <= healthy_rad).all())
-    explains = bool((after < (1.0 - _EXPLAINED) * before).any())
+    is_halved, usual_rad = after < (1.0 - _EXPLAINED) * before, np.maximum(FAR_OFF * problem.noise_rad, healthy_rad)
+    explains = bool(is_halved.any() and (is_halved | (after <= usual_rad)).all())
     if is_healthy and not (causes and explains):
         worst = int(np.argmax(as_it_is / healthy_rad))
         usual = f"up to {1e3 * healthy_rad[worst]:.2g} mrad are usual for a robot whose model is as exact as is tolerated"
@@ -95,7 +97,7 @@ def effects_judged(
     for effect in CATALOGUE:
         if effect in named:
             found.append(EffectJudged(effect, Told(kind.value)))
-        elif effect in near:
+        elif effect in near and kind in _OPEN | _SAYS:
             rival = near[effect]
             found.append(EffectJudged(effect, Told.CONFUSABLE, because=f"at {rival.where}; what separates: {rival.separated_by}"))
         elif kind is VerdictKind.UNEXPLAINED and effect in size:
@@ -144,24 +146,29 @@ def _extended(study: JointStudy, selection: RolloutSelection) -> list[Cause]:
 
 
 def causes_of(study: JointStudy, fit: RolloutFit, taken: Taken) -> list[Cause]:
-    """One cause for each number of a fit that is away from the nominal model beyond its interval."""
+    """One cause for each number of a fit that is away from the nominal model beyond its interval.
+
+    What only says how a number looks is told where that number is.
+    """
     errors = {(t.key, t.index): float(e) for t, e in zip(fit.terms, fit.errors, strict=True)}
-    found, sizes = [], []
-    for term in taken.terms:
+    found, sizes, clear = [], dict[int, float](), set[int]()
+    for term in sorted(taken.terms, key=lambda term: term.key in SHAPES):
         parameter, value = PARAMETERS[term.key], float(fit.state.value(term.key)[term.index])
         off = value - study.problem_start(term.key, term.index)
         half = float(np.hypot(Z_90 * _SYSTEMATIC * errors[term.key, term.index], _SYSTEMATIC_SHARE * off))
         where = taken.hypothesis.where
         if parameter.scope in (Scope.JOINT, Scope.VECTOR):
             where = study.problem.names[term.index] if parameter.scope is Scope.JOINT else "xyz"[term.index]
-        if abs(off) > half or term.key not in {t.key for t in taken.terms[:1]}:
+        if term.index in clear if term.key in SHAPES else abs(off) > half:
+            clear.add(term.index)
             interval = (value - half, value + half)
-            found.append(Cause(taken.hypothesis.effect, parameter.name, where, value, parameter.unit, interval))
-            sizes.append(abs(off))
+            found.append((term.index, Cause(taken.hypothesis.effect, parameter.name, where, value, parameter.unit, interval)))
+            if term.key == taken.terms[0].key:
+                sizes[term.index] = abs(off)
     if taken.hypothesis.where != ALL_JOINTS:
-        return found
-    largest = max(sizes, default=0.0)
-    return [cause for cause, size in zip(found, sizes, strict=True) if size > _TRIFLE * largest]
+        return [cause for _, cause in found]
+    least = _TRIFLE * max(sizes.values(), default=0.0)
+    return [cause for index, cause in found if sizes.get(index, np.inf) > least]
 
 
 def _rival(taken: Taken) -> Rival | None:
