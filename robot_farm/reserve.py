@@ -17,8 +17,8 @@ LEFT_BYTES = 8 << 20
 """What a robot leaves to services and words when it takes its reserve: what services keep for finishing."""
 OF_LARGEST = 2.5
 """The reserve is at least so many times the largest trial that the robot has had."""
-MOST_OF_DISK = 4
-"""But for what a robot is told to keep, no reserve is more than this part of its disk: it would never come back."""
+MOST_OF_DISK = 0.75
+"""But for what a robot is told to keep, no reserve is a larger share of its disk: it would never come back."""
 STEP_BYTES = 1 << 18
 NAME = "reserve"
 
@@ -49,7 +49,7 @@ class Reserve:
         except OSError as error:
             self.shrink_to(0)
             return self._stands(f"its folder cannot be looked at: {error}")
-        self._trial_bytes = min(self._trial_bytes, max(self._usual_bytes, found.total_bytes // MOST_OF_DISK))
+        self._trial_bytes = min(self._trial_bytes, max(self._usual_bytes, int(MOST_OF_DISK * found.total_bytes)))
         if found.free_bytes + self._kept_bytes >= self._trial_bytes + self._left_bytes and self._grow():
             return self._stands(None)
         self.shrink_to(0)  # who cannot have all of it keeps nothing from others
