@@ -36,6 +36,8 @@ LARGER = {
     "attacked_farm": ["--pairs 1 --attack 'spin for ever' --out {to}/attacked.json"],
     "bench": ["--quick --out {to}/figures.json"],
     "crowd": ["--jobs 40 --trials 1 --minutes 0.001 --out {to}/crowd.json"],
+    "crowd_memory": ["--seconds 1 --out {to}/memory.json"],
+    "full_disk": ["--mb 40 --physics nominal --out {to}/disk.json"],
     "full_path": ["--trials 1"],
     "grasp_controller": ["--trials 1 --tasks move_cube_1 --out {to}/grasp.json"],
     "learning_rate": ["--robots 16 --threads 1 --blocks 1 --periods 10 --iterations 1 --recipes push --out {to}/rates.json"],
@@ -54,12 +56,12 @@ LARGER = {
     "watching_cost": ["--pairs 1 --out {to}/watching.json"],
     "wrong_layouts": ["--experts {experts} --most 1 --out {to}/wrong.json"],
 }
-MAY_MISS = {"attacked_farm", "crowd", "shipped_policy", "verdict_times"}
+MAY_MISS = {"attacked_farm", "crowd", "crowd_memory", "shipped_policy", "verdict_times"}
 """Programs that end with 1 where a figure misses its limit, as it may in so short a run."""
 ELSEWHERE = {
     "attacking_robot_policy": "tests/benchmarks/attacked_farm.py",
     "in_checkout": "tests/benchmarks/against.py",
-    "lerobot_policies": "tests/benchmarks/foreign_policies.py, in the environment that --lerobot names",
+    "lerobot_policies": "tests/benchmarks/foreign_policies.py",
     "peer_episode": "tests/benchmarks/peer.py",
     "peer_fields_episode": "tests/benchmarks/peer_fields.py",
     "robots_of_a_host": "tests/unit/benchmarks/test_robots_of_a_host.py",

@@ -274,7 +274,36 @@ def _until(at: float, sums: np.ndarray, held: np.ndarray, joint: int) -> float:
     return sums[sample, joint] + (at - sample) * held[sample, joint]
 
 
-def _simulate(  # noqa: PLR0912, PLR0915  # one loop over time: compiled functions that it called would copy the state
+@numba.njit
+def _screws(axis: np.ndarray, anchor: np.ndarray, slides: np.ndarray) -> np.ndarray:
+    """Motions of the joints at unit speed, shape (k, 6)."""
+    screw = np.zeros((len(axis), 6))
+    for i in range(len(axis)):
+        if slides[i]:
+            screw[i, 3:] = axis[i]
+        else:
+            screw[i, :3] = axis[i]
+            _add_cross(anchor[i], axis[i], screw[i, 3:])
+    return screw
+
+
+@numba.njit
+def _made(law: np.ndarray, reported_rad: float, velocity_rad_s: float) -> float:
+    """Torque that a controller makes of what is reported; none where its law is not known."""
+    asked = law[_GAIN] * (law[_TARGET] - reported_rad) - law[_BRAKE] * velocity_rad_s + law[_DESIRED]
+    made = min(max(asked, -law[_LIMIT]), law[_LIMIT]) - law[_BACK_EMF] * velocity_rad_s
+    return 0.0 if np.isnan(made) else made
+
+
+@numba.njit
+def _delayed(line: np.ndarray, now: int, steps: float, joint: int) -> float:
+    """What was made some steps ago, of a line that goes round; between two of them by straight line."""
+    back = int(np.floor(steps + 1e-9))
+    newer, older = line[max(0, now - back) % len(line), joint], line[max(0, now - back - 1) % len(line), joint]
+    return newer + (steps - back) * (older - newer)
+
+
+def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that it called would copy the state
     sent: np.ndarray,
     sums: np.ndarray,
     feedback: np.ndarray,
@@ -297,22 +326,10 @@ def _simulate(  # noqa: PLR0912, PLR0915  # one loop over time: compiled functio
     found: np.ndarray,
 ) -> None:
     k, samples = found.shape[2], found.shape[1]
-    screw = np.zeros((k, 6))
-    for i in range(k):
-        if slides[i]:
-            screw[i, 3:] = axis[i]
-        else:
-            screw[i, :3] = axis[i]
-            _add_cross(anchor[i], axis[i], screw[i, 3:])
+    screw = _screws(axis, anchor, slides)
     turn, move, away = np.empty((k, 3, 3)), np.empty((k, 3)), np.empty(k)
-    room, whole, mass, lower, inverse = (
-        np.empty((5, k, 6)),
-        np.empty((k, 10)),
-        np.empty((k, k)),
-        np.zeros((k, k)),
-        np.empty((k, k)),
-    )
-    two = np.empty((2, 6))
+    room, two, whole = np.empty((5, k, 6)), np.empty((2, 6)), np.empty((k, 10))
+    mass, lower, inverse = np.empty((k, k)), np.zeros((k, k)), np.empty((k, k))
     load, arrived, value, bound, rest, impulse = np.empty(k), np.empty(k), np.empty(k), np.empty(k), np.empty(k), np.empty(k)
     late = int(np.ceil(joints[_DELAY].max() / step_s + 1e-9)) + 2
     line, before, memory = np.zeros((late, k)), np.empty(k), np.empty((k, 3))
@@ -328,15 +345,8 @@ def _simulate(  # noqa: PLR0912, PLR0915  # one loop over time: compiled functio
             sample = now // substeps
             for j in range(k):
                 if is_known[j]:
-                    law = feedback[:, w, sample, j]
-                    reported = q[j] + own[_OFFSET, j]
-                    asked = law[_GAIN] * (law[_TARGET] - reported) - law[_BRAKE] * v[j] + law[_DESIRED]
-                    made = min(max(asked, -law[_LIMIT]), law[_LIMIT]) - law[_BACK_EMF] * v[j]
-                    line[now % late, j] = 0.0 if np.isnan(made) else made
-                    steps = own[_DELAY, j] / step_s
-                    back = int(np.floor(steps + 1e-9))
-                    newer, older = line[max(0, now - back) % late, j], line[max(0, now - back - 1) % late, j]
-                    arrived[j] = newer + (steps - back) * (older - newer)
+                    line[now % late, j] = _made(feedback[:, w, sample, j], q[j] + own[_OFFSET, j], v[j])
+                    arrived[j] = _delayed(line, now, own[_DELAY, j] / step_s, j)
                 else:
                     at = ((now + 1) * step_s - own[_LATE, j] - 0.5 * step_s) / sample_s
                     until = _until(at, sums[w], sent[w], j)

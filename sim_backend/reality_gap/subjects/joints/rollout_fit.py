@@ -100,7 +100,7 @@ class RolloutFit:
 
 
 @dataclass(frozen=True)
-class Told:
+class Shown:
     """How well windows tell an effect: the size of its number that would have been seen at each place where it was asked for.
 
     Attributes:
@@ -383,7 +383,7 @@ class RolloutProblem:
             found.append((gain, h, values, scale * np.sqrt(np.maximum(np.diag(np.linalg.inv(a)), 0.0))))
         return sorted(found, key=lambda entry: -entry[0])
 
-    def told(self, fit: RolloutFit, hypotheses: Sequence[Hypothesis], gate: float) -> list[Told]:
+    def shown(self, fit: RolloutFit, hypotheses: Sequence[Hypothesis], gate: float) -> list[Shown]:
         """For each hypothesis the size that would have gained ``gate`` nats beside a model."""
         found = []
         for _, hypothesis, values, errors in self.gains(fit, hypotheses):
@@ -391,7 +391,7 @@ class RolloutProblem:
             is_shown, term = errors[0] < _SHOWN * prior[0], self._catalogue.terms[hypothesis.terms[0]]
             off = float(values[0] + _apart(fit.state, self.start, [term])[0])
             size = float(np.sqrt(2.0 * gate) * errors[0]) + abs(off) if is_shown else np.inf
-            found.append(Told(hypothesis, size))
+            found.append(Shown(hypothesis, size))
         return found
 
     def _scale(self, term: Term) -> float:

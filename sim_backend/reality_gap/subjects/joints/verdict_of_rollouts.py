@@ -88,11 +88,11 @@ def effects_judged(
     near = {rival.effect: rival for rival in rivals if rival.behind < CONFUSABLE_NATS}
     size: dict[str, float] = {}
     units: dict[str, str] = {}
-    for told in selection.problem.told(selection.fit, study.fit.first.catalogue.hypotheses, GATE):
-        effect = told.hypothesis.effect
-        if told.hypothesis.where != ALL_JOINTS:
-            size[effect] = max(size.get(effect, 0.0), told.size)
-            units[effect] = PARAMETERS[study.fit.first.catalogue.terms[told.hypothesis.terms[0]].key].unit
+    for shown in selection.problem.shown(selection.fit, study.fit.first.catalogue.hypotheses, GATE):
+        effect = shown.hypothesis.effect
+        if shown.hypothesis.where != ALL_JOINTS:
+            size[effect] = max(size.get(effect, 0.0), shown.size)
+            units[effect] = PARAMETERS[study.fit.first.catalogue.terms[shown.hypothesis.terms[0]].key].unit
     found = []
     for effect in CATALOGUE:
         if effect in named:

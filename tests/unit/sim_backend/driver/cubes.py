@@ -41,7 +41,7 @@ def segment(first, steps, n=1, joints=UPRIGHT, position=REST_M, quat=REST_WXYZ) 
 def start(part: Segment) -> Measurement:
     first = {field.name: getattr(part, field.name)[:, 0] for field in fields(Segment) if field.name != "first_step"}
     measured = {"joint_torque_nm": first["measured_torque_nm"], **first}
-    return Measurement(**{field.name: measured[field.name] for field in fields(Measurement)})
+    return Measurement(**{field.name: measured[field.name] for field in fields(Measurement) if field.name in measured})
 
 
 def reports(values=None, *, n=1, seconds=10.0, seed=7, block=20, physics=None, shape=None, **state) -> list[TrackedPose]:
