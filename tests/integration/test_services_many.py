@@ -2,6 +2,7 @@
 
 import os
 import re
+import secrets
 import signal
 import subprocess
 import sys
@@ -18,7 +19,8 @@ from tests.integration.farm_process import ROOT, Services, services, until
 @pytest.fixture(scope="module")
 def pair(postgres, s3, tmp_path_factory):
     """An API without dispatcher, an API with one, a dispatcher alone, and two robots at each API: (first, second)."""
-    folder, settings = tmp_path_factory.mktemp("many"), scale_settings(postgres, s3) | {"renew_every_s": 0.5}
+    shared = {"renew_every_s": 0.5, "farm_key": secrets.token_hex(32)}
+    folder, settings = tmp_path_factory.mktemp("many"), scale_settings(postgres, s3) | shared
     with services(folder / "first", dispatches="false", **settings) as first:
         second = Services(folder / "second", bus_connect=first.bus, **settings)
         second.tokens = first.tokens
@@ -98,21 +100,6 @@ def test_cancel_at_one_stops_what_the_other_leased(pair):
     assert first.wait_for_end(job_id, 10)["state"] == "cancelled"
 
 
-def test_a_killed_process_loses_nothing_and_the_others_end_the_job(pair):
-    first, second = pair
-    job_id = second.submit(second.policy(), trials=60).json()["job_id"]
-    until(lambda: first.job(job_id)["trials_done"] > 4, 20, "some trials to be done")
-    second.process.kill()
-    second.process.wait()
-    for number in (2, 3):
-        second.robots[f"robot-{number}"].kill()
-    assert first.wait_for_end(job_id, 60)["state"] == "succeeded"
-    report = first.admin.get(f"/v1/jobs/{job_id}/report").json()
-    assert len(report["per_trial"]) == 60
-    assert report["attempts"] == 60 + report["platform_faults"]
-    assert first.stop(signal.SIGTERM) == 0
-
-
 def test_who_signs_out_at_one_is_signed_out_at_the_other(pair):
     first, second = pair
     with httpx.Client(base_url=first.api, trust_env=False) as browser, httpx.Client(trust_env=False) as elsewhere:
@@ -126,3 +113,18 @@ def test_who_signs_out_at_one_is_signed_out_at_the_other(pair):
         word = re.search(r'name="csrf" value="([0-9a-f]+)"', browser.get("/jobs", headers={"Accept": "text/html"}).text)
         assert browser.post("/sign-out", data={"csrf": word[1]}).status_code == 303
         until(lambda: at_the_other() == 303, 3, "the session to end at the other process")
+
+
+def test_a_killed_process_loses_nothing_and_the_others_end_the_job(pair):
+    first, second = pair
+    job_id = second.submit(second.policy(), trials=60).json()["job_id"]
+    until(lambda: first.job(job_id)["trials_done"] > 4, 20, "some trials to be done")
+    second.process.kill()
+    second.process.wait()
+    for number in (2, 3):
+        second.robots[f"robot-{number}"].kill()
+    assert first.wait_for_end(job_id, 60)["state"] == "succeeded"
+    report = first.admin.get(f"/v1/jobs/{job_id}/report").json()
+    assert len(report["per_trial"]) == 60
+    assert report["attempts"] == 60 + report["platform_faults"]
+    assert first.stop(signal.SIGTERM) == 0

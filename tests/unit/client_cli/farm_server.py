@@ -331,4 +331,5 @@ def serving(farm: FarmState) -> Iterator[str]:
     finally:
         farm.hang_stream = False
         server.should_exit = True
-        thread.join()
+        thread.join(10)
+        assert not thread.is_alive(), "the server has not ended"

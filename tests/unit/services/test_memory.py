@@ -18,9 +18,11 @@ libc.malloc.restype, libc.malloc.argtypes, libc.free.argtypes = ctypes.c_void_p,
 if sys.argv[1] == "told":
     return_freed_memory()
 libc.free(libc.malloc(30_000_000))  # glibc now takes less than this from its heap, and keeps twice as much of it
-before, blocks = resident(), [libc.malloc(100_000) for _ in range(200)]
-for block in blocks:
-    ctypes.memset(block, 1, 100_000)
+blocks = (ctypes.c_void_p * 200)()  # a list would grow among the blocks, and keep all below it where it ends
+before = resident()
+for i in range(200):
+    blocks[i] = libc.malloc(100_000)
+    ctypes.memset(blocks[i], 1, 100_000)
 for block in blocks:
     libc.free(block)
 print(resident() - before)
