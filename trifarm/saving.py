@@ -9,6 +9,7 @@ from typing import Any
 from api_schemas.policy import PolicyManifest
 from api_schemas.policy_network import FrameStack
 from client_cli.packing.packed_files import Packed, pack_to
+from client_cli.packing.quiet import quiet
 from client_cli.packing.reading import Statement
 from client_cli.terminal.errors import UsageProblem
 
@@ -165,7 +166,7 @@ def _module(model: Any, manifest: PolicyManifest, file: Path) -> Path:
 
     try:
         own = copy.deepcopy(model).eval().cpu()
-        with torch.no_grad():
+        with quiet(), torch.no_grad():
             traced: Any = torch.jit.trace(own, torch.zeros(1, manifest.network_inputs), check_trace=False)
             alike = [torch.allclose(own(row), traced(row), rtol=1e-4, atol=1e-5) for row in _rows(manifest.network_inputs)]
     except Exception as error:
@@ -177,7 +178,8 @@ def _module(model: Any, manifest: PolicyManifest, file: Path) -> Path:
             "the module branches or remembers, so that one pass through it is not what it does: save torch.jit.script(module), "
             "and pack that with 'trifarm pack'"
         )
-    torch.jit.save(traced, str(file))
+    with quiet():
+        torch.jit.save(traced, str(file))
     return file
 
 

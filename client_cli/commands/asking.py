@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from api_schemas.builtin_policies import PREFIX, builtin_digest
-from api_schemas.job import MAX_TRIALS, Job
+from api_schemas.job import MAX_TRIALS, POLICY_TASKS, Job
 from client_cli.commands.builtins import builtin_named
 from client_cli.connection.api_client import ApiClient
 from client_cli.policies.policy_files import read_policy
@@ -99,7 +99,9 @@ def wish_of(
     if asking.goals_of is not None:
         wish |= _like(client.job(asking.goals_of), wish, is_fixed=trials is not None or asking.most is not None)
     if wish.get("task") is None:
-        raise UsageProblem("--task names what is asked of the robots; only a job like another takes it from there")
+        raise UsageProblem(
+            f"--task names what is asked of the robots ({', '.join(POLICY_TASKS)}); only a job like another takes it from there"
+        )
     if asking.like is not None:
         wish["like"] = asking.like
     if asking.until_known:

@@ -1,10 +1,12 @@
 """ONNX graphs whose tensors lie in other files become one file; graphs that are one already need no packing."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import onnx
 
+from api_schemas import policy_graph
 from api_schemas.policy import PolicyManifest
 from client_cli.packing.original import Stack, scaled_as_stated
 from client_cli.packing.quiet import first_sentence, quiet
@@ -23,7 +25,16 @@ def keeps_tensors_elsewhere(path: Path) -> bool:
         model = onnx.load(path, load_external_data=False)
     except Exception as error:
         raise UsageProblem(f"{path.name} cannot be read as ONNX: {first_sentence(error)}") from error
-    return any(tensor.data_location == onnx.TensorProto.EXTERNAL for tensor in model.graph.initializer)
+    return any(tensor.data_location == onnx.TensorProto.EXTERNAL for tensor in _tensors(model.graph))
+
+
+def _tensors(graph: onnx.GraphProto) -> Iterator[onnx.TensorProto]:
+    """All tensors of a graph, those of its constants and branches too."""
+    yield from graph.initializer
+    for attribute in (each for node in graph.node for each in node.attribute):
+        yield from (attribute.t, *attribute.tensors)
+        for inner in (attribute.g, *attribute.graphs):
+            yield from _tensors(inner)
 
 
 def as_one_file(path: Path) -> bytes:
@@ -46,11 +57,7 @@ class GraphOriginal:
     """The graph as it was given, run by onnxruntime, between the scaling that the manifest states."""
 
     def __init__(self, path: Path, manifest: PolicyManifest) -> None:
-        import onnxruntime
-
-        options = onnxruntime.SessionOptions()
-        options.log_severity_level = 4
-        self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+        self._session = policy_graph.session(path)
         self._manifest, self._stack = manifest, Stack(manifest)
         states = {state.input for state in manifest.states}
         self._input = next(each.name for each in self._session.get_inputs() if each.name not in states)

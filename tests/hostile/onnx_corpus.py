@@ -87,7 +87,10 @@ def onnx_files():
         "many nodes": (many, "onnx-too-large"),
         "texts": (texts, "onnx-part"),
     }
-    made = {name: Hostile("p.onnx", changed(change).content, slug) for name, (change, slug) in changes.items()}
+    made = {
+        name: Hostile("p.onnx", changed(change).content, slug, packs=slug == "external-data")
+        for name, (change, slug) in changes.items()
+    }
     nan = onnx_model()
     nan.graph.initializer[0].CopyFrom(numpy_helper.from_array(np.full((8, 54), np.nan, np.float32), "w"))
     two = onnx_file() + onnx_file(1)

@@ -75,7 +75,8 @@ def test_nothing_is_sent_of_a_folder_with_a_bad_policy(farm, trifarm, folder):
 
 def test_a_webhook_is_of_one_job_and_of_https(farm, trifarm, folder):
     flags = ("--layout", "pose", "--task", "lift", "--webhook")
-    assert "is of one job" in trifarm("submit", str(folder), *flags, "https://a.example/").err
+    several = trifarm("submit", str(folder), *flags, "https://a.example/")
+    assert several.code == 2 and "a folder makes several jobs" in several.err and "no --webhook" in several.err
     refused = trifarm("submit", str(folder / "policy_2_3.onnx"), *flags, "http://a.example/")
     assert refused.code == 2 and "begins with https://" in refused.err
     assert not farm.uploads

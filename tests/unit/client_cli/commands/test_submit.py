@@ -71,6 +71,7 @@ def test_a_bad_file_is_refused_before_anything_is_sent(farm, trifarm):
     assert not farm.uploads
 
 
-def test_layouts_in_the_help_are_those_that_exist(trifarm):
-    text = trifarm("submit", "--help").out
-    assert all(name in text for name in LAYOUTS)
+def test_the_help_names_the_command_that_lists_the_layouts(trifarm):
+    words = " ".join(trifarm("submit", "--help").out.replace("│", " ").split())
+    assert "its name; 'trifarm layouts' lists them" in words
+    assert all(name in trifarm("layouts").out for name in LAYOUTS)

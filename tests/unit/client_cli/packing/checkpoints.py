@@ -151,3 +151,60 @@ class TorchLstm(nn.Module):
     @torch.jit.unused
     def whole_trial(self, trial):
         return self.last(self.memory(trial)[0])
+
+
+class CleanRlPpo(nn.Module):
+    """The agent of CleanRL's ``ppo_continuous_action.py``."""
+
+    def __init__(self, size):
+        super().__init__()
+        self.critic = mlp(size, 16, 16, 1, activation=nn.Tanh)
+        self.actor_mean = mlp(size, 16, 16, 9, activation=nn.Tanh)
+        self.actor_logstd = nn.Parameter(torch.zeros(1, 9))
+
+
+class CleanRlSac(nn.Module):
+    """The actor of CleanRL's ``sac_continuous_action.py``."""
+
+    def __init__(self, size):
+        super().__init__()
+        self.fc1, self.fc2 = nn.Linear(size, 16), nn.Linear(16, 16)
+        self.fc_mean, self.fc_logstd = nn.Linear(16, 9), nn.Linear(16, 9)
+        self.register_buffer("action_scale", torch.full((9,), 0.8))
+        self.register_buffer("action_bias", torch.full((9,), 0.1))
+
+
+LEROBOT = '''
+"""Stands for LeRobot's ACT: a linear layer plans four actions."""
+
+import json
+from types import SimpleNamespace
+
+import safetensors.torch
+import torch
+
+
+class Plan(torch.nn.Linear):
+    def forward(self, seen):
+        return super().forward(seen["observation.state"]).reshape(-1, 4, 9), None
+
+
+class ACTPolicy(torch.nn.Module):
+    @classmethod
+    def from_pretrained(cls, folder):
+        policy = cls()
+        features = json.loads((folder / "config.json").read_text())["input_features"]
+        tensors = safetensors.torch.load_file(folder / "model.safetensors")
+        policy.model = Plan(*reversed(tensors["model.0.weight"].shape))
+        policy.model.load_state_dict({"weight": tensors["model.0.weight"], "bias": tensors["model.0.bias"]})
+        policy.config = SimpleNamespace(
+            normalization_mapping={"ACTION": "MEAN_STD"},
+            n_action_steps=3,
+            input_features={name: SimpleNamespace(**each) for name, each in features.items()},
+            output_features={"action": SimpleNamespace(shape=(9,))},
+            image_features={},
+            temporal_ensemble_coeff=None,
+        )
+        return policy
+'''
+"""What ``lerobot_export.py`` asks of LeRobot, which wants another torch and so is not installed beside trifarm."""

@@ -1,17 +1,20 @@
 """Every command of docs/bring-your-weights.md that packs is run as it stands, on a checkpoint of that library's layout."""
 
+import json
 import re
 import shlex
+import sys
 from pathlib import Path
 
 import pytest
+import safetensors.torch
 import torch
 from torch import nn
 
-from api_schemas.policy import PolicyManifest
+from api_schemas.policy import LAYOUTS, PolicyManifest
 from client_cli.policies.policy_files import read_policy
 from tests import ROOT
-from tests.unit.client_cli.packing.checkpoints import RlGames, RslRl, Skrl, TorchLstm, mlp
+from tests.unit.client_cli.packing.checkpoints import LEROBOT, CleanRlPpo, CleanRlSac, RlGames, RslRl, Skrl, TorchLstm, mlp
 
 PAGE = (ROOT / "docs" / "bring-your-weights.md").read_text()
 BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
@@ -45,12 +48,39 @@ def programs():
     exec(PYTHON, {"torch": torch, "network": mlp(SIZE, 16, 9)})
 
 
+def published():
+    torch.jit.script(mlp(LAYOUTS["rrc2022-push-flat"].observation_size, 16, 9)).save("push.pt")
+
+
+def lerobot():
+    """A folder as LeRobot writes it, and an interpreter with what our exporter asks of LeRobot."""
+    Path("FOLDER").mkdir()
+    features = {"observation.state": {"type": "STATE", "shape": [SIZE]}}
+    Path("FOLDER/config.json").write_text(json.dumps({"type": "act", "input_features": features}))
+    normaliser = {f"unnormalize_outputs.buffer_action.{each}": torch.rand(9) + 0.1 for each in ("mean", "std")}
+    actor = {f"model.{name}": value for name, value in mlp(SIZE, 36).state_dict().items()}
+    safetensors.torch.save_file(actor | normaliser, "FOLDER/model.safetensors")
+    package = Path("lerobot/lib/lerobot/policies/act")
+    package.mkdir(parents=True)
+    (package / "modeling_act.py").write_text(LEROBOT)
+    python = Path("lerobot/bin/python")
+    python.parent.mkdir()
+    python.write_text(f'#!/bin/sh\nPYTHONPATH={Path("lerobot/lib").resolve()} exec {sys.executable} "$@"\n')
+    python.chmod(0o755)
+
+
 MAKERS = {
+    "push.pt": published,
     "model.zip": stable_baselines,
     "last_cube_ep_500.pth": lambda: torch.save({"model": RlGames(SIZE, "lstm-after").state_dict()}, "last_cube_ep_500.pth"),
     "model_1500.pt": lambda: torch.save(RslRl(SIZE, "lstm").checkpoint(), "model_1500.pt"),
     "agent_36000.pt": lambda: torch.save(Skrl(SIZE, "mlp").checkpoint(), "agent_36000.pt"),
     "weights.pt": state_dict,
+    "ppo_continuous_action.cleanrl_model": lambda: torch.save(
+        CleanRlPpo(SIZE).state_dict(), "ppo_continuous_action.cleanrl_model"
+    ),
+    "actor.pt": lambda: torch.save(CleanRlSac(SIZE).state_dict(), "actor.pt"),
+    "FOLDER": lerobot,
     "network.pt2": programs,
     "network.pt": programs,
     "recurrent.pt": lambda: torch.jit.script(TorchLstm(SIZE)).save("recurrent.pt"),
@@ -58,8 +88,11 @@ MAKERS = {
 
 
 def test_an_action_of_one_is_the_same_with_and_without_packing():
-    stated = {float(words[words.index("--scale") + 1]) for words in map(shlex.split, COMMANDS)}
+    commands = [shlex.split(line) for line in COMMANDS]
+    stated = {float(words[words.index("--scale") + 1]) for words in commands if "--scale" in words}
     assert stated == {PolicyManifest.model_validate_json(ROBOT).output_scaling.scale}
+    unstated = {words[2] for words in commands if "--scale" not in words}
+    assert unstated == {"push.pt", "FOLDER"}, "a layout in N m, and a folder that brings its normaliser of actions"
 
 
 def test_every_example_has_a_checkpoint():
@@ -76,5 +109,6 @@ def test_the_example_packs(line, tmp_path, monkeypatch, trifarm):
     ended = trifarm(*words[1:], "--no-try")
     assert ended.code == 0, ended.err
     assert "largest difference" in ended.out
-    out = Path(words[words.index("--out") + 1])
-    assert read_policy(out, None, None).manifest.observation_size == SIZE, "ready for trifarm submit"
+    out = Path(words[words.index("--out") + 1] if "--out" in words else "push.onnx")
+    size = LAYOUTS[words[words.index("--layout") + 1]].observation_size if "--layout" in words else SIZE
+    assert read_policy(out, None, None).manifest.observation_size == size, "ready for trifarm submit"

@@ -68,7 +68,7 @@ def test_a_manifest_that_cannot_be_used_is_refused(weights, tmp_path, text, says
 
 
 def test_without_manifest_the_layouts_are_listed(weights):
-    with pytest.raises(UsageProblem, match="rrc2022-push, rrc2022-lift, keypoints, pose"):
+    with pytest.raises(UsageProblem, match=f"--layout with one of {', '.join(LAYOUTS)}$"):
         read_policy(weights, None, None)
 
 

@@ -38,11 +38,13 @@ def test_a_wrong_manifest():
     assert sentence(error.value, "it") == "observation is missing"
 
 
-def test_the_tasks_that_are_offered_are_those_of_policies(trifarm):
+def test_the_tasks_that_are_offered_are_those_of_policies(farm, trifarm, tmp_path):
     assert AskedTask.__args__ == POLICY_TASKS
-    missing = trifarm("submit", "x.onnx")
+    (tmp_path / "x.onnx").write_bytes(b"weights")
+    missing = trifarm("submit", str(tmp_path / "x.onnx"), "--layout", "pose")
     assert missing.code == 2
-    assert "move_cube_4" in missing.err
+    assert f"({', '.join(POLICY_TASKS)})" in missing.err
+    assert not farm.uploads
     assert TaskName.IDENTIFY not in missing.err
     wrong = trifarm("submit", "x.onnx", "--task", "identify")
     assert wrong.code == 2
