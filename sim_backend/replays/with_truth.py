@@ -1,8 +1,7 @@
 """Simulates a trial of a robot with physics of its own again, from what was asked of it and the truth about it."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -24,11 +23,13 @@ from sim_backend.replays.comparison import (
 from sim_backend.replays.with_original import compare_with_original
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.own import with_own
-from sim_backend.tasks.task import draw_trial
+from sim_backend.tasks.task import Goal, draw_trial
 from trial_logs.reader import LogUnreadableError, TrialLog, TruthLog
 
 BREAKS = (PhysicsDivergedError, LogUnreadableError, AssertionError, KeyError, IndexError, TypeError, ValueError)
 """What a simulation from unfit files, or one that goes astray, ends with."""
+Act = Callable[[np.ndarray], np.ndarray]
+"""A policy in the loop: the observation (size,) as float32 to the action (9,)."""
 
 
 @dataclass
@@ -38,13 +39,14 @@ class _Simulated:
     segments: list[Segment] = field(default_factory=list)
     reports: list[TrackedPose] = field(default_factory=list)
     observations: list[np.ndarray] = field(default_factory=list)
+    actions: list[np.ndarray] = field(default_factory=list)
 
     def joined(self, name: str) -> np.ndarray:
         """A field of all segments, shape (steps, ...)."""
         return np.concatenate([getattr(segment, name)[0] for segment in self.segments])
 
 
-def verify_with_truth(log: TrialLog, truth: TruthLog, original: TrialLog | None = None) -> Verification:
+def verify_with_truth(log: TrialLog, truth: TruthLog, original: TrialLog | None = None, act: Act | None = None) -> Verification:
     """Compare a log, and the truth about its trial, with a new simulation.
 
     Args:
@@ -52,6 +54,7 @@ def verify_with_truth(log: TrialLog, truth: TruthLog, original: TrialLog | None 
         truth: of its trial.
         original: the farm's own log of the trial. Whatever drives the simulation comes from it, so that a made-up log
             cannot ask the hidden robot a question; None takes the log itself.
+        act: the policy, in the loop again; its actions are then compared with the logged ones, which drive otherwise.
 
     Raises:
         LogUnreadableError: log and truth are not of one trial, or the log's numbers cannot be compared.
@@ -64,7 +67,7 @@ def verify_with_truth(log: TrialLog, truth: TruthLog, original: TrialLog | None 
     found, driving = Comparison(), log if original is None else original
     try:
         check_complete(driving)
-        simulated = _simulate(driving, truth)
+        simulated = _simulate(driving, truth, act)
         _compare_truth(found, truth, simulated)
     except BREAKS as error:
         raise NotRepeatableError(f"{type(error).__name__}: {error}") from error
@@ -77,28 +80,41 @@ def verify_with_truth(log: TrialLog, truth: TruthLog, original: TrialLog | None 
     return verification(log, driving, found)
 
 
-def _simulate(log: TrialLog, truth: TruthLog) -> _Simulated:
-    shape, start = shape_of_log(log), _start(truth.physics)
+def _simulate(log: TrialLog, truth: TruthLog, act: Act | None) -> _Simulated:
+    shape, start = shape_of_log(log), start_of(truth)
     physics = Physics.from_document(truth.physics["effects"])
     driver = SimulatedDriver(physics=physics, shape=shape)
     tracker = Tracker(physics=physics, shape=shape)
-    changes = [(int(change["step"]), Physics.from_document(change["effects"])) for change in truth.physics["changes"]]
+    changes = changes_of(truth)
     if log.manifest is None:
         return _excited(log, driver, tracker, start, changes)
-    return _controlled(log, driver, tracker, start, changes)
+    return _controlled(log, driver, tracker, start, changes, act)
 
 
-def _controlled(log: TrialLog, driver: SimulatedDriver, tracker: Tracker, start: Start, changes: list) -> _Simulated:
-    """The logged actions of a policy, one control period after the other."""
-    assert log.manifest is not None, "a trial of a policy has a manifest"
+def goal_of(log: TrialLog) -> Goal:
+    """The goal (n = 1) that the trial's seed draws, or its user brought."""
     own = log.metadata.get("own_goal")
     drawn = draw_trial(TASKS[log.metadata["task"]], int(log.metadata["seed"]))
-    _, goal = with_own(*drawn, None if own is None else OwnGoal.model_validate_json(own))
+    return with_own(*drawn, None if own is None else OwnGoal.model_validate_json(own))[1]
+
+
+def changes_of(truth: TruthLog) -> list[tuple[int, Physics]]:
+    """What the robot became within the trial, and before which step."""
+    return [(int(change["step"]), Physics.from_document(change["effects"])) for change in truth.physics["changes"]]
+
+
+def _controlled(
+    log: TrialLog, driver: SimulatedDriver, tracker: Tracker, start: Start, changes: list, act: Act | None
+) -> _Simulated:
+    """The logged actions of a policy, or the policy itself, one control period after the other."""
+    assert log.manifest is not None, "a trial of a policy has a manifest"
     episode = Episode(driver, tracker, PolicyManifest.model_validate_json(log.manifest))
-    simulated = _Simulated(reports=[episode.begin(start, goal)])
-    for action in log.action:
-        _change(changes, episode.step, driver, tracker)
+    simulated = _Simulated(reports=[episode.begin(start, goal_of(log))])
+    for logged in log.action:
+        change_physics(changes, episode.step, driver, tracker)
         simulated.observations.append(episode.observe()[0].astype(np.float32))
+        action = logged if act is None else act(simulated.observations[-1])
+        simulated.actions.append(action)
         period = episode.advance(action[None])
         simulated.segments.append(period.segment)
         simulated.reports += period.tracked
@@ -110,7 +126,7 @@ def _excited(log: TrialLog, driver: SimulatedDriver, tracker: Tracker, start: St
     driver.reset(start)
     simulated, step = _Simulated(reports=[tracker.reset(driver.measure(), start.noise_seed)]), 0
     for command, steps in _commands(log):
-        _change(changes, step, driver, tracker)
+        change_physics(changes, step, driver, tracker)
         segment = driver.advance([(command, steps)])
         step += steps
         tracker.capture(segment)
@@ -127,15 +143,17 @@ def _commands(log: TrialLog) -> Iterator[tuple[Command, int]]:
         yield command, int(end - begin)
 
 
-def _change(changes: list[tuple[int, Physics]], step: int, driver: SimulatedDriver, tracker: Tracker) -> None:
-    """The faults that came before this step."""
+def change_physics(changes: list[tuple[int, Physics]], step: int, driver: SimulatedDriver, tracker: Tracker) -> None:
+    """The faults that came before this step; they are taken off the list."""
     while changes and changes[0][0] <= step:
         _, physics = changes.pop(0)
         driver.set_physics(physics)
         tracker.set_physics(physics)
 
 
-def _start(physics: dict[str, Any]) -> Start:
+def start_of(truth: TruthLog) -> Start:
+    """Where the trial began (n = 1), with the seed of its noise and the temperatures of the motors."""
+    physics = truth.physics
     seed, rise_k = physics["noise_seed"], physics["motor_temperature_rise_k"]
     return Start(
         np.array([physics["joint_position_rad"]]),
@@ -153,6 +171,7 @@ def _compare_measured(found: Comparison, log: TrialLog, driving: TrialLog, simul
         found.compare(steps, getattr(log, name), simulated.joined(name))
     if driving.manifest is not None:
         found.compare(driving.policy_steps, log.observation, np.array(simulated.observations))
+        found.compare(driving.policy_steps, log.action, np.array(simulated.actions))
     delivery_step = np.concatenate([report.delivery_step for report in reports])
     at = np.maximum(delivery_step, 0)
     found.compare(at, log.tracked_position_world_m, np.concatenate([r.cube_position_world_m for r in reports]), "cube")
