@@ -28,6 +28,7 @@ GROUPS = {
         "report": Entry("client_cli.commands.report:report", OF_EVERY_REQUEST),
         "compare": Entry("client_cli.commands.compare:compare_jobs", (*OF_EVERY_REQUEST, ExitCode.WORSE)),
         "ladder": Entry("client_cli.commands.ladder:ladder", OF_EVERY_REQUEST),
+        "why": Entry("client_cli.commands.why:why", (*OF_EVERY_REQUEST, ExitCode.DIFFERS, ExitCode.OTHER_FORM)),
         "fetch": Entry("client_cli.commands.fetch:fetch", JOB_END),
         "policy": Entry("client_cli.commands.policy:commands"),
     },

@@ -35,7 +35,7 @@ from services.files.homes import open_home
 from services.files.store import FileStore
 from services.folder_lock import held
 from services.hosts import Hosts, allowed_hosts
-from services.jobs import lease, robots
+from services.jobs import explainer, lease, robots
 from services.jobs.clock import FarmClock
 from services.jobs.fleet import Fleet
 from services.jobs.signals import Signals
@@ -271,6 +271,7 @@ async def _beside(farm: Farm) -> AsyncIterator[None]:
     repeated = [_repeat("logs were not tidied", TIDY_EVERY_S, lambda: _tidy(farm))]
     if farm.database.is_shared:
         repeated.append(_repeat("the clock was not set", FOLLOW_EVERY_S, lambda: _follow_clock(farm)))
+    repeated.append(_repeat("why a trial failed was not computed", explainer.LOOK_EVERY_S, _explainer(farm).explain_due))
     if farm.settings.webhooks:
         calls = Deliverer(farm.settings.farm, farm.database, farm.clock, farm.fleet, farm.key)
         repeated.append(_call_webhooks(calls))
@@ -281,6 +282,11 @@ async def _beside(farm: Farm) -> AsyncIterator[None]:
         for each in running:
             each.cancel()
         await asyncio.wait(running)
+
+
+def _explainer(farm: Farm) -> explainer.Explainer:
+    settings = farm.settings
+    return explainer.Explainer(farm.database, farm.files, farm.clock, settings.jail_level, settings.why_deadline_s)
 
 
 async def _call_webhooks(calls: Deliverer) -> None:

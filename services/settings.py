@@ -77,6 +77,10 @@ class Settings(BaseSettings):
     verification_deadline_s: float = Field(default=120.0, gt=0)
     verification_upload_s: float = Field(default=120.0, gt=0, description="how long a log to be verified may take to arrive")
     verification_at_once: int = Field(default=1, ge=1, description="logs that may be simulated again at the same time")
+    whys_per_robot: int = Field(
+        default=20, ge=0, description="questions why a trial failed that a user may ask of one robot; 0: none"
+    )
+    why_deadline_s: float = Field(default=900.0, gt=0, description="for the replays that answer one such question")
     conversion_at_once: int = Field(default=1, ge=1, description="conversions that may run at the same time")
     jail_level: JailLevel = Field(
         default=JailLevel.LIMITS, description="no policy and no log is taken where the jail of children does not reach this level"

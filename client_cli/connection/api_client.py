@@ -22,6 +22,7 @@ from api_schemas.signature import Signature
 from api_schemas.status import FarmStatus
 from api_schemas.token import NewToken, Token, TokenPage, TokenRequest
 from api_schemas.trial import Trial, TrialPage, Verification
+from api_schemas.why import TrialWhy
 from client_cli.connection.paths import job_path, ladder_path, robot_path, token_path, trial_path
 from client_cli.connection.patience import patiently
 from client_cli.connection.settings import Connection
@@ -169,6 +170,14 @@ class ApiClient:
                 return self._send("POST", path, content=chunks, headers=headers, timeout=VERIFICATION_TIMEOUT)
 
         return self._answer(Verification, patiently(post))
+
+    def ask_why(self, trial_id: str) -> TrialWhy:
+        """Ask why a trial failed; the answer comes later, and :meth:`why` shows it."""
+        return self._answer(TrialWhy, self._send("POST", f"{trial_path(trial_id)}/why"))
+
+    def why(self, trial_id: str) -> TrialWhy:
+        """What is known of why a trial failed."""
+        return self._get(TrialWhy, f"{trial_path(trial_id)}/why")
 
     @contextmanager
     def file(self, path: str, offset: int) -> Iterator[tuple[int, Iterator[bytes]]]:

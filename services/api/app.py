@@ -25,6 +25,7 @@ from services.api import (
     token_routes,
     trials,
     truth,
+    whys,
 )
 from services.api.door import Door
 from services.api.farm import Farm
@@ -50,7 +51,10 @@ def create_app(farm: Farm) -> FastAPI:
     document.install(app)
     app.state.limits = Limits.of(farm.settings)
     app.add_middleware(Door, settings=farm.settings, tokens=farm.tokens, limits=app.state.limits)
-    users = (overview, metrics, policies, jobs, ladders, leaderboards, signatures, identifications, history, trials, links, truth)
+    users = (
+        *(overview, metrics, policies, jobs, ladders, leaderboards, signatures, identifications, history),
+        *(trials, links, truth, whys),
+    )
     for module in (*users, leases, robots, canary, joining, token_routes):
         app.include_router(module.router)
         app.state.operations += [route for route in module.router.routes if isinstance(route, APIRoute)]

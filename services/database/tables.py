@@ -339,6 +339,28 @@ token = Table(
     Column("parent", String(20)),
 )
 
+# Why a trial failed: asked once, answered once.
+why = Table(
+    "why",
+    metadata,
+    Column("trial_id", String(30), ForeignKey("trial.trial_id"), primary_key=True),
+    # Of the trial's job, and the trial's robot.
+    Column("owner", String(64), nullable=False),
+    Column("robot", String(40), nullable=False),
+    # Whether the owner asked, which uses up a question of theirs about the robot; operators ask as they like.
+    Column("counted", Boolean, nullable=False),
+    Column("state", String(16), nullable=False),
+    Column("asked_s", Float, nullable=False),
+    # When it may be taken, again if a process that had it is gone.
+    Column("due_s", Float, nullable=False),
+    Column("tries", Integer, nullable=False),
+    # JSON with effects and values: for operators.
+    Column("answer", Text),
+    Column("problem", Words),
+    Index("ix_why_open", "state", "due_s"),
+    Index("ix_why_budget", "owner", "robot"),
+)
+
 # Sessions of the dashboard that were signed out: the hash of the cookie, and when it is too old anyhow.
 signed_out = Table(
     "signed_out",

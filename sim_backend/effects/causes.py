@@ -12,12 +12,11 @@ from sim_backend.effects.physics import Physics
 
 @dataclass(frozen=True)
 class Cause:
-    """A group of effects: a name for tables, its words, its effects, and what training against it varies."""
+    """A group of effects: a name for tables, its words, and its effects."""
 
     name: str
     words: str
     effects: tuple[str, ...]
-    training: str
 
 
 CAUSES: tuple[Cause, ...] = (
@@ -25,9 +24,8 @@ CAUSES: tuple[Cause, ...] = (
         "joint_friction",
         "friction at the joints",
         ("coulomb_friction", "viscous_friction", "stribeck_friction", "load_friction", "directional_friction"),
-        "friction of each joint",
     ),
-    Cause("late_commands", "late commands", ("action_delay", "timing_jitter"), "the delay of actions"),
+    Cause("late_commands", "late commands", ("action_delay", "timing_jitter")),
     Cause(
         "motors",
         "motors that give another torque",
@@ -41,15 +39,13 @@ CAUSES: tuple[Cause, ...] = (
             "position_gain",
             "safety_damping",
         ),
-        "the torque of each motor",
     ),
     Cause(
         "links",
         "links, play and springs of the fingers",
         ("backlash", "link_mass", "rotor_inertia", "joint_stiffness", "joint_limits"),
-        "masses, play and stiffness of the fingers",
     ),
-    Cause("table", "a table that is not level", ("table_tilt", "gravity"), "the tilt of the table"),
+    Cause("table", "a table that is not level", ("table_tilt", "gravity")),
     Cause(
         "object",
         "grip, weight and size of the object",
@@ -62,32 +58,27 @@ CAUSES: tuple[Cause, ...] = (
             "contact_stiffness",
             "cube_pushes",
         ),
-        "friction, mass and size of the object",
     ),
     Cause(
         "encoders",
         "joints measured wrong",
         ("encoder_offset", "encoder_quantisation", "velocity_filter", "joint_noise", "joint_episode_noise"),
-        "offsets and noise of the encoders",
     ),
-    Cause("late_camera", "a late camera", ("tracking_rate", "tracking_latency", "tracking_jitter"), "the camera's delay"),
+    Cause("late_camera", "a late camera", ("tracking_rate", "tracking_latency", "tracking_jitter")),
     Cause(
         "blind_camera",
         "a camera that misses the object",
         ("tracking_dropout", "colour_segmentation", "occlusion_by_fingers", "foreign_occlusion", "orientation_jumps"),
-        "frames that are lost",
     ),
     Cause(
         "off_camera",
         "a camera that sees the object elsewhere",
         ("tracking_scale", "tracking_offset", "tracking_noise", "tracking_episode_noise", "observation_noise"),
-        "offset and noise of the seen pose",
     ),
     Cause(
         "fault",
         "a fault of the robot",
         ("stuck_joint", "encoder_jump", "controller_restart", "dead_camera"),
-        "nothing: the robot was broken",
     ),
 )
 
