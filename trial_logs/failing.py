@@ -114,19 +114,17 @@ def _untouched(e: Evidence) -> Why | None:
 
 def _dropped(e: Evidence) -> Why | None:
     way = way_of_object(e.seen.t_s, e.seen.pose, e.goal_m, e.within_m)
-    falls = [moment for moment in way if moment.text == "dropped"]
-    if not falls:
+    falls = [moment for moment in way if moment.text == "dropped" and not _put_at_goal(e, moment.t_s)]
+    if not falls or _is_up(e):
         return None
     fall = falls[-1]
     before = e.seen.pose[e.seen.t_s < fall.t_s - 0.05, 2]
     rest = float(np.median(e.seen.pose[:5, 2]))
     from_m = float(before[-5:].max() - rest) if len(before) else 0.0
-    again = any(moment.text == "lifted" and moment.t_s > fall.t_s for moment in way)
     slips = [each for each in _slips(e) if fall.t_s - 1.5 <= each.t_s <= fall.t_s]
     how = f"{slips[-1].text} at {slips[-1].t_s:.1f} s, and the object was dropped" if slips else "the object was dropped"
     times = f", {len(falls)} times in all" if len(falls) > 1 else ""
-    after = ", and lifted again" if again else ""
-    sentence = f"{how} at {fall.t_s:.1f} s from {1e3 * from_m:.0f} mm up{after}{times}: {_ended(e)}"
+    sentence = f"{how} at {fall.t_s:.1f} s from {1e3 * from_m:.0f} mm up{times}: {_ended(e)}"
     finger = next((name for name in e.seen.fingers if slips and slips[-1].text.startswith(name)), None)
     return Why("dropped", sentence, fall.t_s, finger)
 
@@ -147,7 +145,8 @@ def _not_lifted(e: Evidence) -> Why | None:
 
 
 def _wrong_angle(e: Evidence) -> Why | None:
-    if e.goal_quat_wxyz is None or _error_m(e)[-1] >= e.within_m:
+    away_m = float(_error_m(e)[-1]) if e.judged_error_m is None else e.judged_error_m
+    if e.goal_quat_wxyz is None or away_m >= e.within_m:
         return None
     angle = float(_angles(e)[-3:].mean())
     if angle < e.within_rad:
@@ -208,6 +207,8 @@ def _slipped(e: Evidence) -> Why | None:
     if not slips or e.goal_m[2] - float(np.median(e.seen.pose[:5, 2])) < HEIGHT_M:
         return None
     slip = slips[-1]
+    if any(moment.text == "lifted" and moment.t_s > slip.t_s for moment in way_of_object(e.seen.t_s, e.seen.pose, None, 0.0)):
+        return None
     finger = next((name for name in e.seen.fingers if slip.text.startswith(name)), None)
     return Why("slipped", f"{slip.text} at {slip.t_s:.1f} s: {_ended(e)}", slip.t_s, finger)
 
@@ -228,6 +229,8 @@ def _still(e: Evidence) -> Why | None:
     if since is None or since > e.duration_s - STILL_S:
         return None
     gap_m = float(_gaps_m(e)[-5:].min())
+    if _is_up(e):
+        return Why("held_off", f"the object is held still in the air since {since:.1f} s: {_ended(e)}", since)
     touch = "though a finger touches it" if gap_m < TOUCHED_M else f"and the nearest finger is {1e3 * gap_m:.0f} mm away"
     return Why("still", f"the object lies still since {since:.1f} s, {touch}: {_ended(e)}", since)
 
@@ -252,9 +255,9 @@ Rule = Callable[[Evidence], Why | None]
 OF_OBJECTS: tuple[Rule, ...] = (
     _tracker_lost,
     _untouched,
+    _wrong_angle,
     _dropped,
     _not_lifted,
-    _wrong_angle,
     _misjudged,
     _left,
     _at_wall,
@@ -266,6 +269,20 @@ OF_OBJECTS: tuple[Rule, ...] = (
     _missed,
 )
 OF_FINGERS: tuple[Rule, ...] = (_thrashing, _saturated, _finger_off)
+
+
+def _is_up(e: Evidence) -> bool:
+    """Whether the object is in the air at the end."""
+    return float(np.median(e.seen.pose[-5:, 2]) - np.median(e.seen.pose[:5, 2])) > HEIGHT_M
+
+
+def _put_at_goal(e: Evidence, t_s: float) -> bool:
+    """Whether an object whose goal is on the table came down at it: then it was put there, however fast."""
+    assert e.goal_m is not None, "objects have goals"
+    on_table = e.goal_m[2] - float(np.median(e.seen.pose[:5, 2])) < HEIGHT_M
+    landed = np.flatnonzero(e.seen.t_s >= t_s)[:5]
+    away_m = np.linalg.norm(e.seen.pose[landed, :2] - e.goal_m[:2], axis=1)
+    return on_table and len(landed) > 0 and float(np.median(away_m)) < e.within_m
 
 
 def _slips(e: Evidence) -> list[Moment]:

@@ -94,6 +94,26 @@ CASES = {
 }
 
 
+FALLS = line(AT_START, (3, 0, 0, REST_M), (5, 0.1, 0, 0.09), (8, 0.1, 0, 0.09), (8.3, 0.1, 0, REST_M), (15, 0.1, 0, REST_M))
+AGAIN = line(AT_START, (3, 0, 0, 0.08), (3.5, 0, 0, REST_M), (5, 0, 0, REST_M), (6, 0.05, 0, 0.08), (15, 0.05, 0, 0.08))
+AS_IT_IS = np.array([1.0, 0, 0, 0])
+ENDS = {
+    "put on its goal on the table": (trial(FALLS, judged_m=0.03), "tracker_off"),
+    "fallen away from its goal on the table": (trial(FALLS, goal=np.array([-0.05, 0, REST_M])), "dropped"),
+    "at its place and turned, whatever fell before": (
+        trial(FALLS, judged_m=0.005, turned_rad=1.5, goal_quat_wxyz=AS_IT_IS),
+        "wrong_angle",
+    ),
+    "fallen, and held still in the air since": (trial(AGAIN, goal=np.array([0.05, 0.05, 0.0825])), "held_off"),
+}
+
+
+@pytest.mark.parametrize("how", ENDS)
+def test_what_counts_is_how_it_ended(how):
+    evidence, kind = ENDS[how]
+    assert why_failed(evidence).kind == kind
+
+
 @pytest.mark.parametrize("kind", CASES)
 def test_the_sentence_names_what_was_wrong(kind):
     evidence, told = CASES[kind]
