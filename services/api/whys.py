@@ -3,6 +3,7 @@
 from fastapi import APIRouter
 
 from api_schemas.token import Scope
+from api_schemas.trial import Trial
 from api_schemas.why import TrialWhy
 from services.api.access import User
 from services.api.farm import Farm, TheFarm
@@ -32,6 +33,14 @@ async def get_why(job_id: JobId, ordinal: Ordinal, caller: User, farm: TheFarm) 
     row = await _trial(farm, job_id, ordinal, caller)
     async with farm.database.read() as connection:
         return await whys.show(connection, row, _budget(farm), as_operator=caller.may(Scope.OPERATE))
+
+
+async def sentence_of(shown: Trial, caller: Caller, farm: Farm) -> str | None:
+    """The answer about a trial in one line, as its page shows it; None while there is none that the caller may see."""
+    try:
+        return (await get_why(shown.job_id, shown.ordinal, caller, farm)).sentence
+    except NotFound:
+        return None
 
 
 def _budget(farm: Farm) -> whys.Budget:

@@ -8,7 +8,7 @@ from fastapi.responses import FileResponse, RedirectResponse
 
 from api_schemas.token import Scope
 from api_schemas.trial import Trial, TrialState
-from services.api import jobs, trials
+from services.api import jobs, trials, whys
 from services.api.farm import Farm, TheFarm
 from services.api.links import linked
 from services.api.trials import TrialId
@@ -35,6 +35,7 @@ async def show_trial(trial_id: TrialId, session: SignedIn, farm: TheFarm) -> Res
     neighbours = (shown.ordinal - 1 if shown.ordinal else None, shown.ordinal + 1 if shown.ordinal + 1 < job.trials else None)
     context = {"trial": shown, "job": job, "neighbours": neighbours, "sees_truth": _sees_truth(session, shown)}
     context["viewers"] = viewers(farm)
+    context["why"] = await whys.sentence_of(shown, session.caller, farm)
     context["runs"] = shown.state in {TrialState.LEASED, TrialState.RUNNING}
     return page("trial.html", session, title=title, here="jobs", **context)
 
