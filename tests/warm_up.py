@@ -1,4 +1,4 @@
-"""``python -m tests.warm_up``: compile what tests need of robots and of the reality gap, so that no two of them compile the same."""
+"""``python -m tests.warm_up``: compile what robots and the reality gap need, so that no two tests compile the same at once."""
 
 import sys
 
