@@ -1,5 +1,7 @@
 """What a library trained in trifarm's environment is saved with its manifest, and acts as the library's own policy does."""
 
+import functools
+
 import numpy as np
 import pytest
 import torch
@@ -37,6 +39,62 @@ def test_wrappers_that_change_what_is_seen_are_refused(tmp_path):
     env = gymnasium.wrappers.NormalizeObservation(trifarm.TrifingerEnv("push"))
     with pytest.raises(trifarm.ClientError, match="wrapped by NormalizeObservation"):
         trifarm.save_policy(torch.nn.Linear(75, 9), env, tmp_path / "p")
+
+
+def wrapped_push(*wrappers):
+    env = trifarm.TrifingerEnv("push")
+    for wrapper in wrappers:
+        env = wrapper(env)
+    return env
+
+
+@pytest.mark.parametrize("kind", ["SubprocVecEnv", "AsyncVectorEnv"])
+def test_wrappers_in_other_processes_are_seen(kind, tmp_path):
+    from gymnasium.wrappers import ClipAction, NormalizeObservation
+
+    actor = torch.nn.Linear(75, 9)
+    env = in_processes(kind, ClipAction)
+    try:
+        assert trifarm.save_policy(actor, env, tmp_path / "p").manifest.is_file(), "a clip is what the robot does anyway"
+    finally:
+        env.close()
+    env = in_processes(kind, NormalizeObservation, ClipAction)
+    try:
+        with pytest.raises(trifarm.ClientError, match=r"NormalizeObservation.* changes what the policy sees"):
+            trifarm.save_policy(actor, env, tmp_path / "q")
+    finally:
+        env.close()
+
+
+def in_processes(kind, *wrappers):
+    if kind == "SubprocVecEnv":
+        vec_env = pytest.importorskip("stable_baselines3.common.vec_env", reason="stable-baselines3 is not installed")
+        return vec_env.SubprocVecEnv([functools.partial(wrapped_push, *wrappers)], start_method="fork")
+    from gymnasium.vector import AsyncVectorEnv
+
+    return AsyncVectorEnv([functools.partial(wrapped_push, *wrappers)], context="fork")
+
+
+def test_vec_normalize_counts_for_a_model_that_does_not_know_it(tmp_path):
+    stable = pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed")
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    torch.manual_seed(0)
+    env = VecNormalize(trifarm.TrifingerVecEnv(trifarm.practice_of("push", episode_s=0.2), robots=2, threads=1))
+    size = env.observation_space.shape[0]
+    rng = np.random.default_rng(0)
+    env.obs_rms.mean, env.obs_rms.var = rng.normal(size=size), rng.uniform(0.5, 2.0, size)
+    rows = rng.normal(size=(1, 5, size)).astype(np.float32)
+    model = stable.PPO("MlpPolicy", env.venv, n_steps=8, batch_size=8, device="cpu")
+    actor = torch.nn.Sequential(torch.nn.Linear(size, 16), torch.nn.Tanh(), torch.nn.Linear(16, 9))
+    seen = env.normalize_obs(rows[0]).astype(np.float32)
+    wanted = {
+        "archive": np.clip(model.predict(seen, deterministic=True)[0], -1, 1),
+        "module": np.clip(actor(torch.from_numpy(seen)).detach().numpy(), -1, 1),
+    }
+    for name, trained in (("archive", model), ("module", actor)):
+        saved = trifarm.save_policy(trained, env, tmp_path / name)
+        np.testing.assert_allclose(packed_actions(saved.weights, rows)[0], wanted[name] * c.MAX_TORQUE_NM, atol=1e-5)
 
 
 def test_what_is_no_policy_or_no_environment_of_trifarm_is_said(tmp_path):
