@@ -137,9 +137,9 @@ def _changing_in_processes(env: Any) -> str | None:
     if not _is_in_processes(env):
         return None
     if hasattr(env, "env_is_wrapped"):
-        changing, text = env.env_is_wrapped(Changing)[0], env.env_method("__str__")[0]
-        return " and ".join(_names(text)) if changing else None
-    changing = [name for name in _names(env.call("__str__")[0]) if _is_named_changing(name)]
+        asked = zip(env.env_is_wrapped(Changing), env.env_method("__str__"), strict=True)
+        return next((" and ".join(_names(text)) for changing, text in asked if changing), None)
+    changing = [name for text in env.call("__str__") for name in _names(text) if _is_named_changing(name)]
     return changing[0] if changing else None
 
 

@@ -206,12 +206,15 @@ def _same(values: Any) -> tuple[int, int]:
 
 
 def _left_over_note(unused: tuple[str, ...]) -> str:
+    """Each by its name, or where they are many the modules that they belong to."""
+    if len(unused) <= NAMED_LEFT_OVERS:
+        return f"the policy does without {len(unused)} of the file's tensors: {', '.join(unused)}"
     modules = list(dict.fromkeys(name.rpartition(".")[0] or name for name in unused))
     if len(modules) > NAMED_LEFT_OVERS:
         modules = list(dict.fromkeys(name.partition(".")[0] for name in unused))
     more = f" and {len(modules) - NAMED_LEFT_OVERS} more" if len(modules) > NAMED_LEFT_OVERS else ""
     names = ", ".join(modules[:NAMED_LEFT_OVERS])
-    return f"the policy does without {len(unused)} of the file's tensors, of {names}{more} (--json names each)"
+    return f"the policy does without {len(unused)} of the file's tensors, some or all of {names}{more} (--json names each)"
 
 
 def _loaded(path: Path) -> Any:
