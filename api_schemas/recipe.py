@@ -7,6 +7,7 @@ their trials. Seeds that all ended alike would make it a point, so that it is ne
 
 import math
 from collections.abc import Sequence
+from statistics import NormalDist
 from typing import Annotated
 
 from pydantic import Field
@@ -43,7 +44,8 @@ def crossed_interval(one: Sequence[Sequence[bool]], other: Sequence[Sequence[boo
     """The interval of ``other``'s mean success rate minus ``one``'s, where all seeds of both tried the same goals.
 
     Seeds of both and goals are drawn; the variances of the three means add up (the seeds' also hold their trials' chance, so that
-    it is on the safe side), with the degrees of freedom of Welch and Satterthwaite, rounded down.
+    it is on the safe side), with the degrees of freedom of Welch and Satterthwaite, rounded down. Goals on which nothing differed
+    still leave what Tango's interval leaves of them.
 
     Args:
         one: for each seed how it ended on each goal; at least ``FEWEST_SEEDS``.
@@ -56,9 +58,9 @@ def crossed_interval(one: Sequence[Sequence[bool]], other: Sequence[Sequence[boo
     whole = sum(part for part, _ in parts)
     spread = sum(part**2 / freedom for part, freedom in parts)
     middle = _mean(rates[1]) - _mean(rates[0])
-    if spread == 0:
-        return middle, middle
-    half = t_quantile((1 + level) / 2, max(1, int(whole**2 / spread))) * math.sqrt(whole)
+    freedom = max(1, int(whole**2 / spread)) if spread else 1
+    square = NormalDist().inv_cdf((1 + level) / 2) ** 2
+    half = max(t_quantile((1 + level) / 2, freedom) * math.sqrt(whole), square / (len(goals) + square))
     return max(-1.0, middle - half), min(1.0, middle + half)
 
 

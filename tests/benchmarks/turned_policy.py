@@ -3,8 +3,8 @@
     python -m tests.benchmarks.turned_policy sim_backend/training/reference_policies/push-adr.safetensors --out turned.onnx
 
 The robot is the same after a third of a turn, with its fingers in another order, and starts and goals of ``push`` lie in every
-direction alike. So a policy behind such a turn has its original's rate on the nominal robot, exactly, and on robots that differ in
-the mean over all robots; on one goal the two differ. It makes pairs of equal policies for questions that must stay undecided.
+direction alike. So a policy behind such a turn has its original's rate on the nominal robot, exactly, and on robots that differ
+in the mean over all robots; on one goal the two differ. It makes pairs of equal policies for questions that must stay undecided.
 """
 
 import argparse
