@@ -13,7 +13,7 @@ from client_cli.terminal.options import AskedTask, JsonOption, ObjectOption, Obj
 from client_cli.terminal.output import counted, print_document, print_line, print_table
 
 COLUMNS = ("place", "policy", "letters", "rate", "80 % interval", "succeeded", "jobs", "user")
-TaskArgument = Annotated[AskedTask, typer.Argument(help="Task of the robot.")]
+TaskArgument = Annotated[AskedTask, typer.Argument(metavar="TASK", help="Task of the robot.")]
 PhysicsOption = Annotated[
     int | None, typer.Option("--physics", min=1, help="Number of an earlier physics of the farm; by default the one that it has.")
 ]
