@@ -29,6 +29,7 @@ GROUPS = {
         "compare": Entry("client_cli.commands.compare:compare_jobs", (*OF_EVERY_REQUEST, ExitCode.WORSE)),
         "ladder": Entry("client_cli.commands.ladder:ladder", OF_EVERY_REQUEST),
         "why": Entry("client_cli.commands.why:why", (*OF_EVERY_REQUEST, ExitCode.DIFFERS, ExitCode.OTHER_FORM)),
+        "leaderboard": Entry("client_cli.commands.leaderboard:leaderboard", OF_EVERY_REQUEST),
         "fetch": Entry("client_cli.commands.fetch:fetch", JOB_END),
         "policy": Entry("client_cli.commands.policy:commands"),
     },
