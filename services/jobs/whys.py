@@ -6,6 +6,7 @@ ran the trial: what many answers tell of one robot is bounded by how many there 
 
 import json
 from dataclasses import dataclass
+from typing import Any
 
 from sqlalchemy import Select, func, insert, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
@@ -125,7 +126,7 @@ async def any_due(connection: AsyncConnection, now_s: float) -> bool:
     return (await connection.execute(_due(now_s).limit(1))).first() is not None
 
 
-def _due(now_s: float) -> Select[tuple[str, int]]:
+def _due(now_s: float) -> Select[Any]:
     return select(why.c.trial_id, why.c.tries).where(why.c.due_s <= now_s, why.c.state.in_(_OPEN))
 
 

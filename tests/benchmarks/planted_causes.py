@@ -155,7 +155,7 @@ def one_case(kind: str, index: int, first_seed: int, graphs: dict[str, tuple[Pat
 def summary(path: Path) -> dict:
     """Counts over all cases that were kept."""
     cases = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-    found = {"cases": len(cases), "first replay bit-exact": sum(case["exact"] for case in cases)}
+    found: dict[str, object] = {"cases": len(cases), "first replay bit-exact": sum(case["exact"] for case in cases)}
     of = {kind: [case for case in cases if case["kind"] == kind and case["exact"]] for kind in ("planted", "hopeless")}
     first = [(case, case["answer"]["groups"][:1], (case["answer"]["effects"] or [])[:1]) for case in of["planted"]]
     found["planted"] = len(first)

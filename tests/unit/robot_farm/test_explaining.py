@@ -50,7 +50,8 @@ def test_a_policy_that_moves_at_random_fails_on_the_ideal_robot_too(failed, caps
 
 @pytest.mark.usefixtures("short")
 def test_another_policy_gives_other_numbers_and_no_answer(failed, capsys, tmp_path):
-    code, said = run(capsys, *failed[:2], linear(tmp_path / "other.onnx", seed=1))
+    log, truth, _ = failed
+    code, said = run(capsys, log, truth, linear(tmp_path / "other.onnx", seed=1))
     assert code == explaining.EXIT_DIFFERS
     assert "from step 0 on" in said["error"]
 
@@ -70,6 +71,7 @@ def test_a_truth_that_is_none_is_refused(failed, capsys, tmp_path):
 
 
 def test_a_trial_of_an_ideal_robot_has_no_effect_to_take_away(short_log, failed, capsys):
-    code, said = run(capsys, short_log, *failed[1:])
+    _, truth, graph = failed
+    code, said = run(capsys, short_log, truth, graph)
     assert code == explaining.EXIT_UNFIT
     assert "ideal robot" in said["error"]

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from typing import cast
 
 import pytest
 
@@ -9,6 +10,7 @@ from api_schemas.error import Problem
 from api_schemas.trial import FAULT_OF, Outcome, OutcomeKind, Trial, TrialState
 from api_schemas.why import TrialWhy, Why, WhyEffect, WhyGroup, WhyState, WhyVerdict
 from client_cli.commands import why as command
+from client_cli.connection.api_client import ApiClient
 from client_cli.terminal.errors import Refused
 
 GROUP = WhyGroup(name="late_camera", words="a late camera", explains=True, turned=True, successes=4, replays=4)
@@ -99,7 +101,7 @@ class Server:
 
 def test_a_job_is_a_table_of_groups_and_says_what_was_refused(monkeypatch, capsys):
     monkeypatch.setattr(command, "LOOK_EVERY_S", 0.0)
-    table = command._of_job(Server(), "j1", 20)
+    table = command._of_job(cast("ApiClient", Server()), "j1", 20)
     assert (table.failed, table.answered, [group.trials for group in table.groups]) == (3, 2, [2])
     err = capsys.readouterr().err
     assert "j1-003 is left out: asked 20 times" in err
