@@ -126,7 +126,7 @@ async def any_due(connection: AsyncConnection, now_s: float) -> bool:
     return (await connection.execute(_due(now_s).limit(1))).first() is not None
 
 
-def _due(now_s: float) -> Select[Any]:
+def _due(now_s: float) -> Select[Any, Any]:
     return select(why.c.trial_id, why.c.tries).where(why.c.due_s <= now_s, why.c.state.in_(_OPEN))
 
 
