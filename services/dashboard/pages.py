@@ -97,6 +97,11 @@ class PageRoute(APIRoute):
         return shown
 
 
+def takes_gzip(request: Request) -> bool:
+    """Whether whoever asks can unpack gzip; only what holds nobody's secrets beside others' words is packed."""
+    return "gzip" in request.headers.get("accept-encoding", "")
+
+
 def _reads_html(request: Request) -> bool:
     return "text/html" in request.headers.get("accept", "")
 
