@@ -39,7 +39,14 @@ async def show_comparison(
             problem = f"These jobs cannot be compared: {error}."
     async with farm.database.read() as connection:
         choices = await comparable_jobs(connection, session.caller.sees_only, named[0] if named else None)
-    context = {"named": named, "problem": problem, "choices": choices, "bars": _bars(found), "strips": _strips(found)}
+    context = {
+        "named": named,
+        "problem": problem,
+        "like": named[0] if problem else None,
+        "choices": choices,
+        "bars": _bars(found),
+        "strips": _strips(found),
+    }
     return page("compare.html", session, title="Compare", here="compare", found=found, **context)
 
 

@@ -11,7 +11,7 @@ from fastapi import APIRouter, Depends, Query, Response
 from fastapi.responses import HTMLResponse, JSONResponse, RedirectResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from api_schemas.job import FINAL_JOB_STATES, Job, TaskName
+from api_schemas.job import FINAL_JOB_STATES, Job, JobState, TaskName
 from api_schemas.report import Report, read_report
 from api_schemas.token import Scope
 from api_schemas.tolerance import ANGLE_TOLERANCE_RAD, POSITION_TOLERANCE_M
@@ -27,10 +27,11 @@ from services.database.rows import AnyRow
 from services.errors import NotFound
 from services.jobs import views
 from services.jobs.clock import iso
-from services.jobs.lists import trials_of
+from services.jobs.lists import platform_faults, trials_of
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 ON_A_PAGE = 100
+FAILED_BY_PLATFORM = "failed_by_platform"
 Order = Literal["failures", "trial", "robot", "error"]
 
 
@@ -45,7 +46,7 @@ class TrialLine:
     def rank(self) -> int:
         """Failures first, then what runs, then successes, then what waits."""
         if self.outcome is None:
-            return {"running": 2, "leased": 2, "queued": 4}.get(self.row.state, 5)
+            return {FAILED_BY_PLATFORM: 0, "running": 2, "leased": 2, "queued": 4}.get(self.shown, 5)
         if self.outcome.kind in {OutcomeKind.SUCCEEDED, OutcomeKind.RECORDED}:
             return 3
         return 0 if self.outcome.fault != "none" else 1
@@ -54,6 +55,13 @@ class TrialLine:
     def waits(self) -> bool:
         """Whether nothing has happened to it yet."""
         return self.row.state in {TrialState.QUEUED, TrialState.HELD} and self.row.fence == 0
+
+    @property
+    def shown(self) -> str:
+        """How it ended, or its state; a trial whose platform errors ended the job did so, though it came back to the queue."""
+        if self.outcome is not None:
+            return str(self.outcome.kind)
+        return FAILED_BY_PLATFORM if self.row.state == TrialState.CANCELLED and self.row.faults else self.row.state
 
     @property
     def error_m(self) -> float:
@@ -100,6 +108,7 @@ async def parts(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> di
         trials = [_line(each) for each in await trials_of(connection, row.number)]
         job = await views.show_question(connection, row, job)
         steps = in_order(trials)
+        faults = await platform_faults(connection, row.number) if job.state == JobState.FAILED else []
     judged = job.task is not TaskName.IDENTIFY
     ended, (counted, succeeded) = job.state in FINAL_JOB_STATES, steps[-1] if steps else (0, 0)
     if ended and not row.judged:
@@ -116,6 +125,8 @@ async def parts(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> di
     )
     if judged:
         made |= _figures(job, trials, steps)
+    if job.state == JobState.FAILED:
+        made["faults"] = part("job/faults.html", faults=faults)
     lines = _ordered(trials, wanted.order)
     waiting = 0
     if wanted.order == "failures":
@@ -149,16 +160,21 @@ def _figures(job: Job, trials: Sequence[TrialLine], steps: Sequence[tuple[int, i
     errors = [(line.error_m, line.outcome.kind == OutcomeKind.SUCCEEDED) for line in measured if line.outcome]
     turns = [(line.angle_error_rad, line.outcome.kind == OutcomeKind.SUCCEEDED) for line in measured if line.outcome]
     turns = [(angle, done) for angle, done in turns if angle is not None]
-    limits = {"limit": figures.error_x(POSITION_TOLERANCE_M), "turn_limit": figures.angle_x(ANGLE_TOLERANCE_RAD)}
-    ended = ended_of(trials)
+    limits = {
+        "ended": job.state in FINAL_JOB_STATES,
+        "limit": figures.error_x(POSITION_TOLERANCE_M),
+        "turn_limit": figures.angle_x(ANGLE_TOLERANCE_RAD),
+    }
+    done = ended_of(trials)
+    over = {"ended": job.state in FINAL_JOB_STATES}
     return {
-        "curve": part("job/curve.html", job=job, curve=figures.narrowing(steps, job.trials), any=bool(steps)),
-        "robots": part("job/robots.html", bars=bars),
+        "curve": part("job/curve.html", job=job, curve=figures.narrowing(steps, job.trials), any=bool(steps), **over),
+        "robots": part("job/robots.html", bars=bars, **over),
         "errors": part(
             "job/errors.html", dots=figures.dots(errors), ticks=figures.ticks(), turns=figures.turned(turns), **limits
         ),
-        "sheet": part("job/sheet.html", groups=sheet.grouped(ended)),
-        "map": part("job/map.html", spots=sheet.spots(ended), known=bool(ended)),
+        "sheet": part("job/sheet.html", groups=sheet.grouped(done), **over),
+        "map": part("job/map.html", spots=sheet.spots(done), known=bool(done), **over),
     }
 
 

@@ -23,7 +23,7 @@ from services.dashboard import (
     trial_page,
     watch_page,
 )
-from services.dashboard.pages import FOLDER, HEADERS, takes_gzip
+from services.dashboard.pages import FOLDER, HEADERS, not_found, takes_gzip
 from services.dashboard.sessions import Seal
 from services.errors import NotFound
 
@@ -50,6 +50,7 @@ def mount(app: FastAPI, farm: Farm) -> None:
         app.include_router(pages.router)
         app.state.operations += [route for route in pages.router.routes if isinstance(route, APIRoute)]
     app.include_router(router)
+    not_found(app)
 
 
 @router.get("/static/{name}")

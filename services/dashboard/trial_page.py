@@ -9,11 +9,12 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import FileResponse, RedirectResponse
 
 from api_schemas.token import Scope
-from api_schemas.trial import Trial, TrialState
+from api_schemas.trial import AttemptState, Trial, TrialState
 from services.api import jobs, trials
 from services.api.farm import Farm, TheFarm
 from services.api.links import linked
 from services.api.trials import TrialId
+from services.dashboard.job_page import FAILED_BY_PLATFORM
 from services.dashboard.pages import HEADERS, PageRoute, page, takes_gzip
 from services.dashboard.replays import Replays
 from services.dashboard.sessions import Session, SignedIn, refuse_foreign
@@ -43,6 +44,8 @@ async def show_trial(
     context["other"] = other if other is not None and other.log_sha256 is not None else None
     context["other_job"] = None if other is None else await jobs.get_job(other.job_id, session.caller, farm)
     context["viewers"] = viewers(farm)
+    faulted = shown.state is TrialState.CANCELLED and any(each.state is AttemptState.PLATFORM_FAULT for each in shown.attempts)
+    context["shown"] = shown.outcome.kind if shown.outcome else FAILED_BY_PLATFORM if faulted else shown.state
     context["runs"] = shown.state in {TrialState.LEASED, TrialState.RUNNING}
     return page("trial.html", session, title=title, here="jobs", **context)
 

@@ -19,6 +19,7 @@ STATES = {
     "failed": "failed",
     "cancelled": "cancelled",
     "done": "done",
+    "failed_by_platform": "failed by the platform",
 }
 
 
