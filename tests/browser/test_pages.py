@@ -179,6 +179,46 @@ def test_a_trial_replays_and_scrubs(operator, ended):
     page.click("[data-view=top]")
 
 
+def test_keys_step_and_a_link_leads_to_its_moment(operator, ended):
+    page = operator.page
+    page.goto(f"/trials/{ended}-000?t=2.7")
+    page.wait_for_selector("#replay[data-ready=yes]", timeout=20_000)
+    at = "() => document.querySelector('#replay').dataset.time"
+    assert page.evaluate(at) == "2.700"
+    page.locator("h1").click()
+    for key, moment in ((".", "2.720"), (",", "2.700"), (",", "2.680")):
+        page.keyboard.press(key)
+        page.wait_for_function(f"{at} === '{moment}'", timeout=5000)
+    assert page.get_attribute("#here", "href").endswith("?t=2.68")
+    page.keyboard.press("k")
+    page.wait_for_function("() => Number(document.querySelector('#replay').dataset.time) > 3", timeout=10_000)
+    page.keyboard.press("k")
+    page.locator(".u-over").first.hover(position={"x": 100, "y": 40})
+    page.wait_for_function(
+        "() => [...document.querySelectorAll('.u-cursor-x')].filter(e => e.offsetWidth || e.style.transform).length > 3"
+    )
+
+
+def test_two_trials_are_seen_in_one_time(operator, looked, jobs, ended):
+    looked.wait(jobs["again"])
+    page = operator.page
+    page.goto(f"/compare?jobs={ended},{jobs['again']}")
+    page.locator(".strip a").first.click()
+    page.wait_for_selector("#replay[data-ready=yes]", timeout=20_000)
+    assert page.locator("#scene").is_visible() and page.locator("#scene-other").is_visible()
+    assert page.locator(".whose").count() == 2
+
+
+def test_every_trial_has_a_small_picture_that_leads_to_its_replay(operator, ended):
+    page = operator.page
+    page.goto(f"/jobs/{ended}")
+    page.wait_for_selector("#sheet[data-drawn='2']", timeout=20_000)
+    drawn = "canvas => new Set(canvas.getContext('2d').getImageData(0, 0, 160, 120).data).size"
+    assert page.locator(".tile canvas").first.evaluate(drawn) > 20
+    page.locator(".tile").first.click()
+    page.wait_for_url("**/trials/**")
+
+
 def test_names_that_users_chose_are_only_text(operator, looked, jobs, ended):
     page = operator.page
     looked.wait(jobs["rung"])
@@ -239,6 +279,10 @@ def test_pages_are_light_and_quick(browser, looked, ended):
         entries = "performance.getEntriesByType('resource').concat(performance.getEntriesByType('navigation'))"
         sizes = visit.page.evaluate(f"{entries}.map(entry => entry.encodedBodySize)")
         assert 1_000 < sum(sizes) < 150_000
+        visit.page.goto(f"/trials/{ended}-000")
+        visit.page.wait_for_selector("#replay[data-ready=yes]", timeout=20_000)
+        assert 200_000 < sum(visit.page.evaluate(f"{entries}.map(entry => entry.encodedBodySize)")) < 500_000
+        assert visit.page.evaluate(f"new Set({entries}.map(entry => new URL(entry.name).host)).size") == 1, "nothing from others"
         cookies = {cookie["name"]: cookie["value"] for cookie in visit.context.cookies()}
     with httpx.Client(base_url=looked.url, cookies=cookies) as client:
         for path in ("/", "/jobs", f"/jobs/{ended}", f"/trials/{ended}-000", f"/compare?jobs={ended}"):
