@@ -3,8 +3,8 @@
 import doctest
 import gzip
 import inspect
-import json
 import itertools
+import json
 import os
 import shutil
 from pathlib import Path
