@@ -7,7 +7,9 @@ from pydantic import AfterValidator, Field
 
 from api_schemas.schema import Schema
 
-MAX_DISTANCE_M = 0.195 - 0.065 * math.sqrt(3) / 2
+ARENA_RADIUS_M = 0.195
+"""Of the arena's floor; compared with the robot's constants in a test."""
+MAX_DISTANCE_M = ARENA_RADIUS_M - 0.065 * math.sqrt(3) / 2
 """Of the object's middle from that of the arena, as far as drawn goals lie; compared with the robot's constants in a test."""
 REST_HEIGHT_M = 0.0325
 MAX_HEIGHT_M = 0.1

@@ -10,6 +10,8 @@ from api_schemas.jail_report import JailReport
 from api_schemas.scene_form import form_or_first
 from api_schemas.schema import Schema
 
+NineNumbers = tuple[float, float, float, float, float, float, float, float, float]
+Pose = tuple[float, float, float, float, float, float, float]
 MAX_REASON = 2000
 """Characters of a reason."""
 
@@ -99,6 +101,18 @@ class FailureCause(Schema):
     finger: str | None = Field(default=None, max_length=40)
 
 
+MAX_GLIMPSES = 16
+
+
+class Glimpse(Schema):
+    """A few measured poses of a trial, from which a small looping picture of it is drawn."""
+
+    t_s: tuple[float, ...] = Field(max_length=MAX_GLIMPSES)
+    joint_position_rad: tuple[NineNumbers, ...] = Field(max_length=MAX_GLIMPSES)
+    tracked_pose: tuple[Pose, ...] = Field(max_length=MAX_GLIMPSES, description="x, y, z in m and quaternion wxyz, each")
+    goal: Pose | NineNumbers | None = Field(description="pose of the object, or a point for each fingertip")
+
+
 class Outcome(Schema):
     """How an attempt ended, whose fault it was, and what was measured until then."""
 
@@ -112,6 +126,7 @@ class Outcome(Schema):
     form: str | None = Field(default=None, max_length=40, description="of the scene; null from robots of 0.1.0")
     # Left out where there is none, so that services that do not know it take outcomes of newer robots.
     failure: FailureCause | None = Field(default=None, exclude_if=lambda cause: cause is None)
+    glimpse: Glimpse | None = Field(default=None, exclude_if=lambda glimpse: glimpse is None)
 
 
 class AttemptState(StrEnum):

@@ -76,7 +76,7 @@ app = typer.Typer(
     name="trifarm",
     cls=Trifarm,
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     pretty_exceptions_enable=False,
     epilog=epilog(*MEANING),
 )

@@ -9,7 +9,7 @@ import json
 import math
 from base64 import b64encode
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from typing import Any
 
@@ -21,7 +21,7 @@ from api_schemas.trial import Fault, OutcomeKind
 from api_schemas.visible import visible
 from report_views import error_axis
 
-MAKER = "trifarm report page 2"
+MAKER = "trifarm report page 3"
 """The maker of new pages. Pages of an earlier one stay signed, so that they are drawn again in its own words."""
 DATA_ID = "trifarm-signed-report"
 STYLE = """
@@ -42,11 +42,18 @@ svg{display:block;width:100%}.b{fill:var(--bar)}.g{fill:var(--line)}.w{stroke:va
 dt{color:var(--soft)}dd{margin:0;overflow-wrap:anywhere}
 @media(max-width:560px){dl{grid-template-columns:1fr}dt{margin-top:6px}body{padding:24px 16px}.bar{width:110px}}
 """
+PHONE_STYLE = """.limit{stroke:var(--ink);stroke-dasharray:5 4;fill:none}
+@media(max-width:560px){.cards,.cards tbody,.cards tr,.cards td{display:block}.cards tr:first-child{display:none}
+.cards tr{border:1px solid var(--line);border-radius:10px;padding:8px 12px;margin-bottom:10px}
+.cards td{border:0;padding:2px 0;text-align:left;display:flex;gap:10px;overflow-wrap:anywhere}.cards td:empty{display:none}
+.cards td[data-is]::before{content:attr(data-is);color:var(--soft);flex:0 0 84px}}
+"""
+"""Tables as cards on a phone, and the limit beside errors: of pages of maker 3 and later."""
 
 
-def style_source() -> str:
-    """What a content security policy has to say for the page's own style."""
-    return f"'sha256-{b64encode(hashlib.sha256(STYLE.encode()).digest()).decode()}'"
+def style_source(maker: str = MAKER) -> str:
+    """What a content security policy has to say for the style of a maker's pages."""
+    return f"'sha256-{b64encode(hashlib.sha256(MAKERS[maker].style.encode()).digest()).decode()}'"
 
 
 SEQUENCE = "of the rate: a confidence sequence, holding at every look, since a question may have ended the job; of robots: Wilson"
@@ -59,6 +66,18 @@ class _Words:
     errors: Callable[[Report], str]
     attempts: str
     intervals: str
+    style: str = STYLE
+    cards: bool = False
+
+    def cell(self, name: str, *, is_number: bool = False) -> str:
+        """The beginning of a cell, with the name of its column where a phone shows no heads of tables."""
+        kind, named = ' class="n"' if is_number else "", f' data-is="{name}"' if self.cards else ""
+        return f"<td{kind}{named}>"
+
+    @property
+    def table(self) -> str:
+        """The beginning of a table."""
+        return '<table class="cards">' if self.cards else "<table>"
 
 
 def _errors_of_policy_and_platform(report: Report) -> str:
@@ -76,12 +95,13 @@ MAKERS: dict[str, _Words] = {
         "Attempts that failed by the platform's fault",
         "Wilson's score interval; every accepted trial counts, platform faults were tried again",
     ),
-    MAKER: _Words(
+    "trifarm report page 2": _Words(
         _errors_of_policy_and_platform,
         "Platform errors",
         "Wilson's score interval; every accepted trial counts, attempts with a platform error were retried",
     ),
 }
+MAKERS[MAKER] = replace(MAKERS["trifarm report page 2"], style=STYLE + PHONE_STYLE, cards=True)
 
 
 def render_page(report: Report, signature: Signature, maker: str = MAKER) -> str:
@@ -97,13 +117,13 @@ def _lines(report: Report, signature: Signature, maker: str) -> Iterator[str]:
     words = MAKERS[maker]
     yield "<!doctype html>"
     yield '<html lang="en"><head><meta charset="utf-8">'
-    yield f'<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; style-src {style_source()}">'
+    yield f'<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; style-src {style_source(maker)}">'
     yield f'<meta name="generator" content="{maker}"><meta name="viewport" content="width=device-width, initial-scale=1">'
     yield f"<title>{_text(report.policy_name)}: {report.task} · report of job {_text(report.job_id)}</title>"
-    yield f"<style>{STYLE}</style></head><body><main>"
+    yield f"<style>{words.style}</style></head><body><main>"
     yield from _section("result", _result(report, words))
-    yield from _section("robots", _robots(report))
-    yield from _section("errors", _errors(report))
+    yield from _section("robots", _robots(report, words))
+    yield from _section("errors", _errors(report, words))
     yield from _section("trials", _trials(report, words))
     yield from _section("methods", _methods(report, words))
     yield from _section("signature", _signature(report, signature))
@@ -151,10 +171,11 @@ def _object(report: Report) -> str:
     return "" if usual else f" with {_text(report.object)}, {report.object_scale:g} × its usual size"
 
 
-def _robots(report: Report) -> Iterator[str]:
-    yield '<h2>By robot</h2><div class="wrap"><table><tr><th>robot</th><th class="n">trials</th><th class="n">succeeded</th>'
+def _robots(report: Report, words: _Words) -> Iterator[str]:
+    heads = '<tr><th>robot</th><th class="n">trials</th><th class="n">succeeded</th>'
+    yield f'<h2>By robot</h2><div class="wrap">{words.table}{heads}'
     yield '<th class="n">rate</th><th>80 % interval</th><th></th></tr>'
-    yield from (_robot(row) for row in report.per_robot)
+    yield from (_robot(row, words) for row in report.per_robot)
     yield "</table></div>"
     if report.between_robots is not None:
         lower, upper = report.between_robots.interval_80
@@ -162,11 +183,13 @@ def _robots(report: Report) -> Iterator[str]:
         yield f'<p class="soft">{share} (80 % interval {_percent(lower)}–{_percent(upper)} %).</p>'
 
 
-def _robot(row: RobotRow) -> str:
+def _robot(row: RobotRow, words: _Words) -> str:
     low, high = row.interval_80
-    cells = f'<td class="n">{row.trials}</td><td class="n">{row.successes}</td><td class="n">{row.success_rate:.2f}</td>'
+    numbers = {"trials": f"{row.trials}", "succeeded": f"{row.successes}", "rate": f"{row.success_rate:.2f}"}
+    cells = "".join(f"{words.cell(name, is_number=True)}{number}</td>" for name, number in numbers.items())
     bar = _bar(row.success_rate, row.interval_80, 'class="bar" viewBox="0 0 100 6" preserveAspectRatio="none"', 6)
-    return f"<tr><td>{_text(row.robot)}</td>{cells}<td>{low:.2f}–{high:.2f}</td><td>{bar}</td></tr>"
+    interval = f"{words.cell('80 % interval')}{low:.2f}–{high:.2f}</td>"
+    return f"<tr>{words.cell('robot')}{_text(row.robot)}</td>{cells}{interval}<td>{bar}</td></tr>"
 
 
 def _bar(rate: float, interval: tuple[float, float], attributes: str, height: int) -> str:
@@ -180,7 +203,7 @@ def _bar(rate: float, interval: tuple[float, float], attributes: str, height: in
     )
 
 
-def _errors(report: Report) -> Iterator[str]:
+def _errors(report: Report, words: _Words) -> Iterator[str]:
     measured = [row for row in report.per_trial if row.outcome.measures is not None]
     yield "<h2>How far from the goal the trials ended</h2>"
     if not measured:
@@ -191,12 +214,17 @@ def _errors(report: Report) -> Iterator[str]:
     for tick in error_axis.TICKS_MM:
         x = _error_x(tick)
         yield f'<path stroke="#8886" d="M{x:.1f} 0V108"/><text x="{x:.1f}" y="124" text-anchor="middle">{tick} mm</text>'
+    if words.cards:
+        limit_mm = 1e3 * POSITION_TOLERANCE_M
+        yield f'<path class="limit" d="M{_error_x(limit_mm):.1f} 0V108"><title>the limit, {limit_mm:.0f} mm</title></path>'
     for index, row in enumerate(measured):
         assert row.outcome.measures is not None, "only measured rows are here"
         x, y = _error_x(1e3 * row.outcome.measures.final_position_error_m), 12 + 84 * error_axis.across(index)
         word = "ok" if row.outcome.kind == OutcomeKind.SUCCEEDED else "not"
         yield f'<circle class="{word}" cx="{x:.1f}" cy="{y:.1f}" r="4.5" opacity=".75"><title>trial {row.trial}</title></circle>'
     yield "</svg>"
+    if words.cards:
+        yield f'<p class="soft">Dashed: the limit of {1e3 * POSITION_TOLERANCE_M:.0f} mm.</p>'
 
 
 def _error_x(error_mm: float) -> float:
@@ -204,9 +232,9 @@ def _error_x(error_mm: float) -> float:
 
 
 def _trials(report: Report, words: _Words) -> Iterator[str]:
-    yield '<h2>Trials</h2><div class="wrap"><table><tr><th class="n">trial</th><th>robot</th><th>outcome</th>'
+    yield f'<h2>Trials</h2><div class="wrap">{words.table}<tr><th class="n">trial</th><th>robot</th><th>outcome</th>'
     yield '<th class="n">error mm</th><th class="n">angle °</th><th class="n">tries</th><th>why</th></tr>'
-    yield from (_trial(row) for row in report.per_trial)
+    yield from (_trial(row, words) for row in report.per_trial)
     yield "</table></div>"
     if report.failures:
         yield '<h2>Why trials failed</h2><table><tr><th>kind</th><th class="n">trials</th><th>the first of them</th></tr>'
@@ -221,7 +249,7 @@ def _trials(report: Report, words: _Words) -> Iterator[str]:
         yield "</ul>"
 
 
-def _trial(row: TrialRow) -> str:
+def _trial(row: TrialRow, words: _Words) -> str:
     measures = row.outcome.measures
     error = "–" if measures is None else f"{1e3 * measures.final_position_error_m:.1f}"
     turned = None if measures is None else measures.final_angle_error_rad
@@ -230,9 +258,10 @@ def _trial(row: TrialRow) -> str:
     whose = "" if row.outcome.fault == Fault.NONE else f" ({row.outcome.fault}'s fault)"
     told = row.outcome.reason if row.outcome.failure is None else row.outcome.failure.sentence
     why = "" if succeeded else _text(told)
-    ended = f"<td>{_text(row.robot)}</td><td>{_text(row.outcome.kind)}{whose}</td>"
-    numbers = f'<td class="n">{error}</td><td class="n">{angle}</td><td class="n">{row.attempts}</td>'
-    return f'<tr><td class="n">{row.trial}</td>{ended}{numbers}<td>{why}</td></tr>'
+    ended = f"{words.cell('robot')}{_text(row.robot)}</td>{words.cell('outcome')}{_text(row.outcome.kind)}{whose}</td>"
+    known = {"error mm": error, "angle °": angle, "tries": f"{row.attempts}"}
+    numbers = "".join(f"{words.cell(name, is_number=True)}{number}</td>" for name, number in known.items())
+    return f"<tr>{words.cell('trial', is_number=True)}{row.trial}</td>{ended}{numbers}{words.cell('why')}{why}</td></tr>"
 
 
 def _methods(report: Report, words: _Words) -> Iterator[str]:

@@ -14,7 +14,7 @@ import numpy as np
 from api_schemas.jail_report import JailReport
 from api_schemas.policy import PolicyManifest, canonical_json
 from api_schemas.robot import Lease
-from api_schemas.trial import FAULT_OF, MAX_REASON, FailureCause, Fault, Measures, Outcome, OutcomeKind, PolicyTiming
+from api_schemas.trial import FAULT_OF, MAX_REASON, FailureCause, Fault, Glimpse, Measures, Outcome, OutcomeKind, PolicyTiming
 from robot_farm.excitation_run import run_excitation
 from robot_farm.link.lease_keeper import TrialStoppedError
 from robot_farm.policy.jail import JailedPolicy, PolicyFailedError
@@ -37,6 +37,8 @@ from sim_backend.trifinger.scene import build_scene
 from trial_logs import trial_log
 from trial_logs.trial_log import LogChannels, TrialLogWriter
 
+GLIMPSE_DIGITS = 3
+"""Of radians and metres."""
 KEPT_MODELS = 8
 """Objects come in any scale, so that what is kept of them must end somewhere."""
 
@@ -108,7 +110,17 @@ def run_trial(
             as_it_was = outcome.model_copy(update={"measures": exact})
             truth.metadata(trial_log.OUTCOME_METADATA, as_it_was.model_dump(mode="json"))
             write_physics(truth, ready.physics, ready.start, run.changed)
-    return outcome
+    return outcome.model_copy(update={"glimpse": _glimpse(run, recorder.witness, outcome.failure)})
+
+
+def _glimpse(run: Run, witness: Witness, failure: FailureCause | None) -> Glimpse | None:
+    """What a small picture of the trial is drawn from; the log has it all, so it holds none of it."""
+    seen = witness.glimpses(None if failure is None else failure.at_s)
+    if seen is None:
+        return None
+    t_s, position_rad, poses = (np.round(each, GLIMPSE_DIGITS).tolist() for each in seen)
+    goal = None if run.progress.goal is None else tuple(round(each, GLIMPSE_DIGITS) for each in run.progress.goal)
+    return Glimpse.model_validate({"t_s": t_s, "joint_position_rad": position_rad, "tracked_pose": poses, "goal": goal})
 
 
 def _failure(run: Run, witness: Witness, ended: Outcome) -> FailureCause | None:

@@ -18,6 +18,8 @@ from trial_logs.moments import Seen
 from trial_logs.reader import TrialLog
 
 EVERY_STEPS = 10
+GLIMPSES = 10
+"""Poses of a trial that its small picture shows."""
 FINGERS = tuple(f"finger {name.removeprefix('finger')}" for name in c.FINGER_NAMES)
 
 
@@ -38,6 +40,22 @@ class Witness:
         """A report as it came."""
         pose = np.concatenate([tracked.cube_position_world_m[0], tracked.cube_quat_wxyz[0]])
         self._reports.append((int(tracked.capture_step[0]) * c.PHYSICS_STEP_S, pose, float(tracked.confidence[0])))
+
+    def glimpses(self, decided_s: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """A few moments, evenly over the trial and the deciding one: times, joint positions (n, 9), tracked poses (n, 7).
+
+        None where there is too little to show.
+        """
+        if not self._states or not self._reports:
+            return None
+        t_s, position_rad = (np.concatenate([each[at] for each in self._states]) for at in (0, 1))
+        wanted_s = np.linspace(t_s[0], t_s[-1], GLIMPSES)
+        if decided_s is not None:
+            wanted_s[np.argmin(np.abs(wanted_s - decided_s))] = np.clip(decided_s, t_s[0], t_s[-1])
+        capture_s, poses = (np.array([report[at] for report in self._reports]) for at in (0, 1))
+        rows = np.clip(np.searchsorted(t_s, wanted_s), 0, len(t_s) - 1)
+        reports = np.clip(np.searchsorted(capture_s, wanted_s, side="right") - 1, 0, len(capture_s) - 1)
+        return t_s[rows], position_rad[rows], poses[reports]
 
     def why(self, task: Task, goal: Goal, shape: Shape, judged_error_m: float | None) -> Why | None:
         """Why the trial failed; None where there is too little to tell from."""

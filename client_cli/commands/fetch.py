@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,11 +22,13 @@ from client_cli.terminal.exit_codes import ExitCode
 from client_cli.terminal.options import JobArgument, JsonOption
 from client_cli.terminal.output import counted, note, print_document, print_line
 from client_cli.views.following import ending
+from report_views.trial_table import COLUMNS, as_csv, row
 
 REPORT_NAME = "report.json"
 OWNER_NAME = "job_id.txt"
 """Says whose logs a folder holds for as long as it has no report."""
 ANY_LOG = "trial-*.mcap"
+TABLES = (".csv", ".parquet")
 FORBIDDEN = 403
 
 
@@ -44,13 +47,29 @@ class Fetched:
 
 def fetch(
     job_id: JobArgument,
-    to: Annotated[Path, typer.Option("--to", metavar="DIR", help="Folder for the logs; created if absent.")],
+    to: Annotated[
+        Path | None, typer.Option("--to", metavar="DIR", help="Folder for the logs; created if absent.", show_default=False)
+    ] = None,
+    table: Annotated[
+        Path | None,
+        typer.Option("--table", metavar="FILE", help="Trials as a table, FILE.csv or FILE.parquet.", show_default=False),
+    ] = None,
+    *,
     parallel: Annotated[int, typer.Option("--jobs", min=1, max=16, help="Number of parallel downloads.")] = 4,
     truth: Annotated[bool, typer.Option("--truth", help="Also fetch the truth of each trial (operators only).")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Download a job's logs (trial-000.mcap …), then report.json. A second run downloads only missing files."""
+    if to is None and table is None:
+        raise UsageProblem("say what to fetch: logs with --to DIR, the table of trials with --table FILE, or both")
+    if table is not None and table.suffix not in TABLES:
+        raise UsageProblem(f"{table.name} is none of {', '.join(TABLES)}; name the table so")
     with ApiClient(load_connection(os.environ)) as client:
+        if table is not None:
+            write_table(client.trials(job_id), table)
+            note(f"the trials of job {job_id} are in {table}")
+        if to is None:
+            return
         fetched = fetch_job(client, job_id, to, parallel, with_truth=truth)
     if as_json:
         print_document(document(fetched))
@@ -62,6 +81,19 @@ def fetch(
     if fetched.report is None:
         note(f"no {REPORT_NAME}: {ending(fetched.job)}")
         raise typer.Exit(ExitCode.JOB_WITHOUT_REPORT)
+
+
+def write_table(trials: Sequence[Trial], table: Path) -> None:
+    """Writes trials as a table, by the file's suffix."""
+    if table.suffix == ".csv":
+        _write_whole(as_csv(trials).encode(), table)
+    else:
+        import pyarrow
+        from pyarrow import parquet
+
+        rows, kept = [row(trial) for trial in trials], pyarrow.BufferOutputStream()
+        parquet.write_table(pyarrow.table({name: [each[name] for each in rows] for name in COLUMNS}), kept)
+        _write_whole(kept.getvalue().to_pybytes(), table)
 
 
 def document(fetched: Fetched) -> dict[str, object]:

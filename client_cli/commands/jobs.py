@@ -37,21 +37,36 @@ def jobs(
         note(f"more: trifarm jobs --cursor {page.next_cursor}")
 
 
+def state_word(state: JobState) -> str:
+    """The word for a job's state: one that has its report has ended, however few of its trials succeeded."""
+    return "ended" if state is JobState.SUCCEEDED else state.value
+
+
 def _row(job: Job) -> tuple[object, ...]:
     why = job.reason if job.state in FINAL_JOB_STATES else job.waiting_because
     done = f"{job.trials_done}/{job.trials}"
     successes = None if job.task is TaskName.IDENTIFY else job.successes
-    return job.job_id, job.state, job.task, done, successes, job.policy_name, job.owner, age(job.created_at), why or ""
+    return (
+        job.job_id,
+        state_word(job.state),
+        job.task,
+        done,
+        successes,
+        job.policy_name,
+        job.owner,
+        age(job.created_at),
+        why or "",
+    )
 
 
 def watch(job_id: JobArgument, as_json: JsonOption = False) -> None:
     """Follow a job with a live bar until it ends; Ctrl-C leaves the job running."""
     with ApiClient(load_connection(os.environ)) as client:
-        job = follow_to_end(client, job_id)
+        job, url = follow_to_end(client, job_id), client.url
     if as_json:
         print_document(job)
     else:
-        print_line(ending(job))
+        print_line(ending(job, url))
     raise typer.Exit(exit_code_of(job))
 
 

@@ -148,7 +148,7 @@ def submit(
             note(job.question.findable)
         if wait:
             job = follow_to_end(client, job.job_id)
-            note(ending(job))
+            note(ending(job, client.url))
         if as_json:
             print_document(job)
     if wait:

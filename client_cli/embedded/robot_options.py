@@ -13,6 +13,7 @@ from api_schemas.physics import NAMED_PHYSICS, physics_name
 from client_cli.embedded.child_process import child_environment, module_command
 from client_cli.terminal.errors import ClientError, UsageProblem
 from client_cli.terminal.exit_codes import ExitCode
+from client_cli.terminal.wrong_values import meant
 from jail.level import JailLevel
 
 DEFAULT_PHYSICS = "real"
@@ -125,7 +126,8 @@ def usable_physics(given: str) -> str:
         return given
     path = Path(given)
     if not path.is_file():
-        raise UsageProblem(f"there is no physics {given!r}: choose from {', '.join(NAMED_PHYSICS)}, or name a file of ranges")
+        choices = f"choose from {', '.join(NAMED_PHYSICS)}, or name a file of ranges"
+        raise UsageProblem(f"there is no physics {given!r}: {choices}{meant(given, NAMED_PHYSICS)}")
     try:
         tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from api_schemas.policy import LAYOUTS, MAX_WEIGHTS_BYTES, PolicyManifest, WeightsFormat, policy_digest
 from client_cli.terminal.errors import UsageProblem
-from client_cli.terminal.wrong_values import sentence
+from client_cli.terminal.wrong_values import meant, sentence
 
 LAYOUT_NAMES = ", ".join(LAYOUTS)
 MANIFEST_OF_FOLDER = "manifest.json"
@@ -80,7 +80,8 @@ def find_manifest(weights: Path, manifest_file: Path | None, layout: str | None)
 def layout_named(name: str) -> PolicyManifest:
     """A ready-made manifest; raises UsageProblem with the choices."""
     if name not in LAYOUTS:
-        raise UsageProblem(f"there is no layout {name!r}; choose from {LAYOUT_NAMES} ('trifarm layouts' shows their fields)")
+        choices = f"choose from {LAYOUT_NAMES} ('trifarm layouts' shows their fields)"
+        raise UsageProblem(f"there is no layout {name!r}; {choices}{meant(name, LAYOUTS)}")
     return LAYOUTS[name]
 
 

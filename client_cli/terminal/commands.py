@@ -14,6 +14,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command as built
 
 from client_cli.terminal.exit_codes import ExitCode, epilog
+from client_cli.terminal.wrong_values import with_meant
 
 GROUP = "commands"
 """What a module calls its group of commands; the function of its callback is called like the module."""
@@ -32,6 +33,7 @@ class Commands(TyperGroup):
             return super().invoke(ctx)
         except typer.BadParameter as error:
             error.message = error.message.removeprefix("Value error, ").replace("Input should", "it should", 1)
+            error.message = with_meant(error.message)
             raise
 
 

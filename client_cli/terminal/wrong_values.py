@@ -1,8 +1,29 @@
 """What a schema says of a wrong value, as a sentence about what the user wrote."""
 
+import re
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 from pydantic import ValidationError
 
 LONGEST_VALUE = 60
+LIKE = 0.5
+"""How like a name must be to what was written, from 0 to 1, to be what may have been meant."""
+_OF_CHOICES = re.compile(r"^'(?P<given>.*)' is not one of (?P<choices>.*?)\.?$", re.DOTALL)
+
+
+def meant(given: str, names: Iterable[str]) -> str:
+    """A question after the name that may have been meant, such as "; did you mean push?"; nothing when none is like it."""
+    near = get_close_matches(given.lower(), list(names), 1, LIKE)
+    return f"; did you mean {near[0]}?" if near else ""
+
+
+def with_meant(message: str) -> str:
+    """A message of the command line's library about a choice, with what may have been meant."""
+    found = _OF_CHOICES.match(message)
+    if found is None:
+        return message
+    return message.rstrip(".") + meant(found["given"], re.findall(r"'([^']*)'", found["choices"]))
 
 
 def sentence(error: ValidationError, whole: str) -> str:

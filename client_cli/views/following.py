@@ -4,6 +4,7 @@ import time
 from dataclasses import dataclass, replace
 
 from api_schemas.job import FINAL_JOB_STATES, Job, JobEvent, JobState, TaskName
+from api_schemas.success_rate import wilson
 from client_cli.connection.api_client import ApiClient
 from client_cli.connection.patience import pause_s
 from client_cli.terminal.errors import Interrupted, Refused, ServerAway
@@ -88,15 +89,25 @@ def _with_question(client: ApiClient, progress: JobProgress, event: JobEvent) ->
     return progress if question is None else replace(progress, question=question_sentence(question))
 
 
-def ending(job: Job) -> str:
-    """How a job ended, in one line that names the next command."""
+def ending(job: Job, url: str | None = None) -> str:
+    """How a job ended, in one line that names the next command, and its page where the farm at ``url`` has one."""
+    return _ending(job) + ("" if url is None else f"; {url}/jobs/{job.job_id}")
+
+
+def _rate(job: Job) -> str:
+    low, high = wilson(job.successes, job.trials, 0.80)
+    return f"{100 * job.successes / job.trials:.0f} %, 80 % interval {100 * low:.0f}–{100 * high:.0f} %"
+
+
+def _ending(job: Job) -> str:
     if job.state is JobState.SUCCEEDED and job.task is TaskName.IDENTIFY:
         recorded = f"{counted(job.trials, 'excitation')} recorded on {job.robot}"
         return f"job {job.job_id}: {recorded}; 'trifarm fetch {job.job_id} --to DIR' brings them"
     if job.state is JobState.SUCCEEDED and job.question is not None:
         return f"job {job.job_id}: {job.question.sentence}; 'trifarm report {job.job_id}' shows the trials"
     if job.state is JobState.SUCCEEDED:
-        return f"job {job.job_id}: {job.successes} of {job.trials} trials succeeded; 'trifarm report {job.job_id}' shows them"
+        told = f"{job.successes} of {job.trials} trials succeeded, {_rate(job)}"
+        return f"job {job.job_id}: {told}; 'trifarm report {job.job_id}' shows them"
     done = f"{job.trials_done} of {job.trials} trials done"
     return f"job {job.job_id} {job.state.value}: {job.reason or 'no reason given'} ({done})"
 

@@ -44,7 +44,12 @@ async def status(_caller: AnyCaller, farm: TheFarm) -> FarmStatus:
     if (shortage := farm.disk.shortage()) is not None:
         problems = (f"nothing new is accepted and no trial is given out: {shortage}; make room there", *problems)
     if load.work.trials_queued and not in_service:
-        problems = (f"{load.work.trials_queued} trials wait and {nobody_in_service(farm.fleet, farm.clock.now_s())}", *problems)
+        # It names each robot and what is wrong with it: the same outage is not told again.
+        told = {*_silent_robots(farm)}
+        problems = (
+            f"{load.work.trials_queued} trials wait and {nobody_in_service(farm.fleet, farm.clock.now_s())}",
+            *(each for each in problems if each not in told),
+        )
     return FarmStatus(
         healthy=not problems,
         summary=f"{in_service} of {len(farm.fleet.members)} robots in service, {load.work.trials_running} trials running, "
@@ -73,11 +78,13 @@ async def load_of(farm: Farm) -> Load:
 
 
 def _problems(farm: Farm) -> tuple[str, ...]:
+    return _silent_robots(farm) if farm.fleet.members else ("no robot has joined the farm yet",)
+
+
+def _silent_robots(farm: Farm) -> tuple[str, ...]:
     now_s = farm.clock.now_s()
     wrong = {RobotState.LOST, RobotState.OUT_OF_SERVICE}
     members = sorted(farm.fleet.members.values(), key=lambda member: member.robot)
-    if not members:
-        return ("no robot has joined the farm yet",)
     said: dict[str, list[str]] = {}
     for m in members:
         if m.state(now_s) in wrong:

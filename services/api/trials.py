@@ -3,10 +3,12 @@
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Path, Request, Response
+from fastapi.responses import PlainTextResponse
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.job import MAX_TRIALS
 from api_schemas.trial import Trial, TrialPage
+from report_views.trial_table import as_csv
 from services.api.access import User
 from services.api.document import files
 from services.api.farm import TheFarm
@@ -22,6 +24,7 @@ from services.tokens import Caller
 router = APIRouter(prefix="/v1", tags=["trials"])
 TrialId = Annotated[str, Path(pattern=r"^[a-z0-9]{1,20}-[0-9]{3,4}$")]
 MCAP = "application/vnd.mcap"
+CSV = "text/csv; charset=utf-8"
 ByNumber = numbered(usual=MAX_TRIALS, most=MAX_TRIALS, largest=MAX_TRIALS)
 
 
@@ -33,6 +36,17 @@ async def list_trials(job_id: JobId, caller: User, farm: TheFarm, asked: Annotat
         page = await lists.trial_page(connection, row.number, asked)
         shown = await views.show_trials(connection, row, page.entries, farm.fleet, farm.clock.now_s())
     return TrialPage(trials=shown, next_cursor=encode(page.following))
+
+
+@router.get("/jobs/{job_id}/trials.csv", response_class=PlainTextResponse)
+async def trials_as_csv(job_id: JobId, caller: User, farm: TheFarm) -> Response:
+    """A job's trials as a table, one row a trial."""
+    async with farm.database.read() as connection:
+        row = await views.job_row(connection, job_id, caller.sees_only)
+        rows = await lists.trials_of(connection, row.number)
+        shown = await views.show_trials(connection, row, rows, farm.fleet, farm.clock.now_s())
+    headers = {"Content-Disposition": f'attachment; filename="trials-{job_id}.csv"'}
+    return Response(as_csv(shown), media_type=CSV, headers=headers)
 
 
 @router.get("/trials/{trial_id}")

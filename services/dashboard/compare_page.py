@@ -1,5 +1,8 @@
 """The page that compares jobs on the same goals, and the list to choose them from."""
 
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
@@ -13,6 +16,7 @@ from services.dashboard.figures import Bar
 from services.dashboard.jobs_page import NO_NUL
 from services.dashboard.pages import PageRoute, page
 from services.dashboard.sessions import Session, SignedIn
+from services.database.rows import AnyRow
 from services.errors import NotFound, Refused
 from services.jobs.lists import comparable_jobs
 
@@ -39,8 +43,33 @@ async def show_comparison(
             problem = f"These jobs cannot be compared: {error}."
     async with farm.database.read() as connection:
         choices = await comparable_jobs(connection, session.caller.sees_only, named[0] if named else None)
-    context = {"named": named, "problem": problem, "choices": choices, "bars": _bars(found), "strips": _strips(found)}
+    context = {
+        "named": named,
+        "problem": problem,
+        "like": named[0] if problem else None,
+        "choices": grouped(choices),
+        "bars": _bars(found),
+        "strips": _strips(found),
+    }
     return page("compare.html", session, title="Compare", here="compare", found=found, **context)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Jobs to choose from: those that tried the same goals, or those that share theirs with no other."""
+
+    jobs: tuple[AnyRow, ...]
+    alike: bool
+
+
+def grouped(rows: Sequence[AnyRow]) -> list[Choice]:
+    """Jobs that can be compared with each other stand together, before those that cannot be compared with any."""
+    of: dict[tuple[str, str, float, int], list[AnyRow]] = defaultdict(list)
+    for row in rows:
+        of[row.task, row.object, row.object_scale, row.seed].append(row)
+    alike = [Choice(tuple(jobs), alike=True) for jobs in of.values() if len(jobs) > 1]
+    alone = tuple(jobs[0] for jobs in of.values() if len(jobs) == 1)
+    return [*alike, *([Choice(alone, alike=False)] if alone else [])]
 
 
 async def _report(job_id: str, session: Session, farm: Farm) -> Report:

@@ -1,5 +1,6 @@
 """Geometry of the pages' figures: numbers in, points of a square of 100 by 100 out, which the page stretches as it likes."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -70,6 +71,16 @@ def error_x(error_m: float) -> float:
 def dots(errors: Sequence[tuple[float, bool]]) -> list[Dot]:
     """Trials by their final error; neighbours are spread over the height so that none hides another."""
     return [Dot(error_x(error), 14 + 72 * error_axis.across(index), done) for index, (error, done) in enumerate(errors)]
+
+
+def turned(errors: Sequence[tuple[float, bool]]) -> list[Dot]:
+    """Trials by their final angle error in rad, on an axis from 0 to 180 degrees."""
+    return [Dot(angle_x(error), 14 + 72 * error_axis.across(index), done) for index, (error, done) in enumerate(errors)]
+
+
+def angle_x(error_rad: float) -> float:
+    """Where an angle error lies, in percent of the width."""
+    return 100 * min(error_rad, math.pi) / math.pi
 
 
 def ticks() -> list[tuple[float, str]]:

@@ -3,31 +3,35 @@
 from collections import defaultdict
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from itertools import takewhile
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Depends, Query, Response
-from fastapi.responses import HTMLResponse, RedirectResponse
+from fastapi.responses import HTMLResponse, JSONResponse, RedirectResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from api_schemas.job import FINAL_JOB_STATES, Job, TaskName
+from api_schemas.job import FINAL_JOB_STATES, Job, JobState, TaskName
 from api_schemas.report import Report, read_report
 from api_schemas.token import Scope
+from api_schemas.tolerance import ANGLE_TOLERANCE_RAD, POSITION_TOLERANCE_M
 from api_schemas.trial import Outcome, OutcomeKind, TrialState
 from report_views.page import render_page, style_source
 from services.api import jobs, signatures
 from services.api.farm import Farm, TheFarm
 from services.api.jobs import JobId, stored_report
-from services.dashboard import figures, live
+from services.dashboard import figures, live, sheet
 from services.dashboard.pages import HEADERS, PageRoute, page, part
 from services.dashboard.sessions import Changing, Operating, Session, SignedIn
 from services.database.rows import AnyRow
 from services.errors import NotFound
 from services.jobs import views
-from services.jobs.lists import trials_of
+from services.jobs.clock import iso
+from services.jobs.lists import platform_faults, trials_of
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 ON_A_PAGE = 100
+FAILED_BY_PLATFORM = "failed_by_platform"
 Order = Literal["failures", "trial", "robot", "error"]
 
 
@@ -42,7 +46,7 @@ class TrialLine:
     def rank(self) -> int:
         """Failures first, then what runs, then successes, then what waits."""
         if self.outcome is None:
-            return {"running": 2, "leased": 2, "queued": 4}.get(self.row.state, 5)
+            return {FAILED_BY_PLATFORM: 0, "running": 2, "leased": 2, "queued": 4}.get(self.shown, 5)
         if self.outcome.kind in {OutcomeKind.SUCCEEDED, OutcomeKind.RECORDED}:
             return 3
         return 0 if self.outcome.fault != "none" else 1
@@ -53,10 +57,28 @@ class TrialLine:
         return self.row.state in {TrialState.QUEUED, TrialState.HELD} and self.row.fence == 0
 
     @property
+    def shown(self) -> str:
+        """How it ended, or its state; a trial whose platform errors ended the job did so, though it came back to the queue."""
+        if self.outcome is not None:
+            return str(self.outcome.kind)
+        return FAILED_BY_PLATFORM if self.row.state == TrialState.CANCELLED and self.row.faults else self.row.state
+
+    @property
     def error_m(self) -> float:
         """How far from the goal it ended; infinitely far where that was not measured."""
         measures = None if self.outcome is None else self.outcome.measures
         return float("inf") if measures is None else measures.final_position_error_m
+
+    @property
+    def angle_error_rad(self) -> float | None:
+        """How far from the goal's orientation it ended; None where that was not measured or does not count."""
+        measures = None if self.outcome is None else self.outcome.measures
+        return None if measures is None else measures.final_angle_error_rad
+
+
+def ended_of(lines: Sequence[TrialLine]) -> list[tuple[AnyRow, Outcome]]:
+    """The trials that are done, in their order, with their outcomes."""
+    return [(line.row, line.outcome) for line in lines if line.row.state == TrialState.DONE and line.outcome is not None]
 
 
 @dataclass(frozen=True)
@@ -86,27 +108,46 @@ async def parts(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> di
         trials = [_line(each) for each in await trials_of(connection, row.number)]
         job = await views.show_question(connection, row, job)
         steps = in_order(trials)
+        faults = await platform_faults(connection, row.number) if job.state == JobState.FAILED else []
     judged = job.task is not TaskName.IDENTIFY
     ended, (counted, succeeded) = job.state in FINAL_JOB_STATES, steps[-1] if steps else (0, 0)
     if ended and not row.judged:
         counted, succeeded = job.trials_done, job.successes
     elif row.counted_trials is not None:
         counted, succeeded = row.counted_trials, row.counted_successes
+    left_s = None if ended or not job.started_at else time_left_s(job, lasted_s(job.started_at, iso(farm.clock.now_s())))
     bar = figures.Bar.of("all", succeeded, counted, at_every_look=row.judged or not ended)
     head = {"csrf": session.csrf, "ended": job.state in FINAL_JOB_STATES, "operates": session.caller.may(Scope.OPERATE)}
+    head["took_s"] = None if not (job.started_at and job.ended_at) else lasted_s(job.started_at, job.ended_at)
     made = {"head": part("job/head.html", job=job, **head)}
-    made["progress"] = part("job/progress.html", job=job, bar=bar, judged=judged, at_every_look=row.judged or not ended)
+    made["progress"] = part(
+        "job/progress.html", job=job, bar=bar, judged=judged, at_every_look=row.judged or not ended, left_s=left_s
+    )
     if judged:
         made |= _figures(job, trials, steps)
+    if job.state == JobState.FAILED:
+        made["faults"] = part("job/faults.html", faults=faults)
     lines = _ordered(trials, wanted.order)
     waiting = 0
     if wanted.order == "failures":
         waiting = sum(line.waits for line in lines)
         lines = [line for line in lines if not line.waits]
+    angles = any(line.angle_error_rad is not None for line in trials)
     shown = lines[wanted.first : wanted.first + ON_A_PAGE]
     more = wanted.first + ON_A_PAGE if wanted.first + ON_A_PAGE < len(lines) else None
-    made["trials"] = part("job/trials.html", job=job, lines=shown, wanted=wanted, more=more, waiting=waiting)
+    made["trials"] = part("job/trials.html", job=job, lines=shown, wanted=wanted, more=more, waiting=waiting, angles=angles)
     return made
+
+
+def lasted_s(start: str, end: str) -> float:
+    """Seconds between two moments."""
+    return (datetime.fromisoformat(end) - datetime.fromisoformat(start)).total_seconds()
+
+
+def time_left_s(job: Job, lasted_s: float) -> float | None:
+    """About how long a job goes on at the pace that it had so far; None before its first trials are done."""
+    left = job.trials - job.trials_done
+    return lasted_s * left / job.trials_done if job.trials_done and left else None
 
 
 def _figures(job: Job, trials: Sequence[TrialLine], steps: Sequence[tuple[int, int]]) -> dict[str, str]:
@@ -117,10 +158,23 @@ def _figures(job: Job, trials: Sequence[TrialLine], steps: Sequence[tuple[int, i
     bars = [figures.Bar.of(robot, sum(done), len(done)) for robot, done in sorted(of.items())]
     measured = [line for line in trials if line.outcome is not None and line.outcome.measures is not None]
     errors = [(line.error_m, line.outcome.kind == OutcomeKind.SUCCEEDED) for line in measured if line.outcome]
+    turns = [(line.angle_error_rad, line.outcome.kind == OutcomeKind.SUCCEEDED) for line in measured if line.outcome]
+    turns = [(angle, done) for angle, done in turns if angle is not None]
+    limits = {
+        "ended": job.state in FINAL_JOB_STATES,
+        "limit": figures.error_x(POSITION_TOLERANCE_M),
+        "turn_limit": figures.angle_x(ANGLE_TOLERANCE_RAD),
+    }
+    done = ended_of(trials)
+    over = {"ended": job.state in FINAL_JOB_STATES}
     return {
-        "curve": part("job/curve.html", job=job, curve=figures.narrowing(steps, job.trials), any=bool(steps)),
-        "robots": part("job/robots.html", bars=bars),
-        "errors": part("job/errors.html", dots=figures.dots(errors), ticks=figures.ticks()),
+        "curve": part("job/curve.html", job=job, curve=figures.narrowing(steps, job.trials), any=bool(steps), **over),
+        "robots": part("job/robots.html", bars=bars, **over),
+        "errors": part(
+            "job/errors.html", dots=figures.dots(errors), ticks=figures.ticks(), turns=figures.turned(turns), **limits
+        ),
+        "sheet": part("job/sheet.html", groups=sheet.grouped(done), **over),
+        "map": part("job/map.html", spots=sheet.spots(done), known=bool(done), **over),
     }
 
 
@@ -151,8 +205,28 @@ def _ordered(lines: Sequence[TrialLine], order: Order) -> list[TrialLine]:
 async def show_job(job_id: JobId, session: SignedIn, farm: TheFarm, wanted: TheWanted) -> Response:
     """The whole page."""
     made = await parts(session, farm, job_id, wanted)
+    job = await jobs.get_job(job_id, session.caller, farm)
     stream = f"/jobs/{job_id}/live?order={wanted.order}&first={wanted.first}"
-    return page("job.html", session, parts=made, title=f"Job {job_id}", here="jobs", job_id=job_id, live=stream)
+    return page(
+        "job.html",
+        session,
+        parts=made,
+        title=f"Job {job_id}",
+        here="jobs",
+        job_id=job_id,
+        live=stream,
+        thing=(job.object, job.object_scale),
+    )
+
+
+@router.get("/jobs/{job_id}/glimpses")
+async def show_glimpses(job_id: JobId, session: SignedIn, farm: TheFarm) -> Response:
+    """The few poses of each trial that its small picture is drawn from."""
+    async with farm.database.read() as connection:
+        row = await views.job_row(connection, job_id, session.caller.sees_only)
+        ended = ended_of([_line(each) for each in await trials_of(connection, row.number)])
+    found = {name: glimpse.model_dump(mode="json") for name, glimpse in sheet.glimpses(ended).items()}
+    return JSONResponse(found, headers=HEADERS)
 
 
 async def _seen_job(job_id: JobId, session: SignedIn, farm: TheFarm) -> Job:

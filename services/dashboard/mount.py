@@ -1,9 +1,11 @@
 """Puts the dashboard beside the API, on the same application."""
 
+import asyncio
+import functools
+import gzip
 from typing import Annotated
 
-from fastapi import APIRouter, FastAPI, Path, Response
-from fastapi.responses import FileResponse
+from fastapi import APIRouter, FastAPI, Path, Request, Response
 from fastapi.routing import APIRoute
 
 from services.api.farm import Farm
@@ -21,12 +23,19 @@ from services.dashboard import (
     trial_page,
     watch_page,
 )
-from services.dashboard.pages import FOLDER, HEADERS
+from services.dashboard.pages import FOLDER, HEADERS, not_found, takes_gzip
 from services.dashboard.sessions import Seal
 from services.errors import NotFound
 
 router = APIRouter(include_in_schema=False)
-MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript", ".json": "application/json", ".svg": "image/svg+xml"}
+Name = Annotated[str, Path(pattern=r"^[a-z_]{1,30}\.(css|js|json|svg|txt)$")]
+MEDIA_TYPES = {
+    ".css": "text/css",
+    ".js": "text/javascript",
+    ".json": "application/json",
+    ".svg": "image/svg+xml",
+    ".txt": "text/plain",
+}
 
 
 def mount(app: FastAPI, farm: Farm) -> None:
@@ -41,13 +50,26 @@ def mount(app: FastAPI, farm: Farm) -> None:
         app.include_router(pages.router)
         app.state.operations += [route for route in pages.router.routes if isinstance(route, APIRoute)]
     app.include_router(router)
+    not_found(app)
 
 
 @router.get("/static/{name}")
-async def static(name: Annotated[str, Path(pattern=r"^[a-z_]{1,30}\.(css|js|json|svg)$")]) -> Response:
-    """Our own styles and modules; browsers ask each time whether there is another, so that a new version is seen at once."""
+async def static(name: Name, request: Request) -> Response:
+    """Our own styles, modules and libraries; browsers ask each time whether there is a newer one."""
     path = FOLDER / "static" / name
     if not path.is_file():
         raise NotFound("file-not-found", f"There is no {name} here.")
-    headers = HEADERS | {"Cache-Control": "no-cache"}
-    return FileResponse(path, media_type=MEDIA_TYPES[path.suffix], headers=headers)
+    plain, small, tag = await asyncio.to_thread(_kept, name, path.stat().st_mtime_ns)
+    headers = HEADERS | {"Cache-Control": "no-cache", "ETag": tag, "Vary": "Accept-Encoding"}
+    if request.headers.get("if-none-match") == tag:
+        return Response(status_code=304, headers=headers)
+    if takes_gzip(request):
+        return Response(small, media_type=MEDIA_TYPES[path.suffix], headers=headers | {"Content-Encoding": "gzip"})
+    return Response(plain, media_type=MEDIA_TYPES[path.suffix], headers=headers)
+
+
+@functools.lru_cache(maxsize=32)
+def _kept(name: str, changed_ns: int) -> tuple[bytes, bytes, str]:
+    """A file of ours as it is and compressed, and a tag of its content; read again when it was changed."""
+    plain = (FOLDER / "static" / name).read_bytes()
+    return plain, gzip.compress(plain, compresslevel=9, mtime=0), f'"{changed_ns:x}-{len(plain):x}"'

@@ -2,17 +2,19 @@
 
 import json
 from collections.abc import Callable, Coroutine, Mapping
+from inspect import isawaitable
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from fastapi import Request, Response
+from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse, RedirectResponse
 from fastapi.routing import APIRoute
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from sqlalchemy.exc import DBAPIError
+from starlette.exceptions import HTTPException
 
 from api_schemas.visible import visible
 from services.api import problems
@@ -22,6 +24,7 @@ from services.errors import ServiceError, TooMany, Unauthorised, Unavailable
 
 FOLDER = Path(__file__).parent
 FOR_NOW = frozenset({TooMany.status, Unavailable.status})
+NOT_FOUND = 404
 AGAIN_AFTER_S = 5
 """A page that cannot be shown for now is loaded again by itself after so long: nobody need be there to do it."""
 NOTHING_FOREIGN = (
@@ -88,24 +91,50 @@ class PageRoute(APIRoute):
             except DBAPIError as error:
                 return _again(request, await problems.database_error(request, error), AGAIN_AFTER_S)
             except ServiceError as error:
-                answer = page("error.html", None, status=error.status, title=error.title, detail=error.detail)
+                answer = error_page(request, error.status, error.title, error.detail)
                 return _again(request, answer, AGAIN_AFTER_S)
             except RequestValidationError as error:
                 found = "; ".join(f"{'.'.join(str(at) for at in each['loc'])}: {each['msg']}" for each in error.errors())
-                return page("error.html", None, status=422, title="Not understood", detail=found)
+                return error_page(request, 422, "Not understood", found)
 
         return shown
 
 
-def _reads_html(request: Request) -> bool:
+def error_page(request: Request, status: int, title: str, detail: str) -> Response:
+    """An error as a page, from which whoever is signed in gets on."""
+    return page("error.html", None, status=status, title=title, detail=detail, navigates=COOKIE in request.cookies)
+
+
+def not_found(app: FastAPI) -> None:
+    """Makes addresses that lead nowhere answer browsers with a page; programs get the document that they always got."""
+    as_document = app.exception_handlers[HTTPException]
+
+    async def shown(request: Request, error: Exception) -> Response:
+        if isinstance(error, HTTPException) and error.status_code == NOT_FOUND and reads_html(request):
+            request.state.problem = "no-such-route"
+            detail = f"There is nothing at {request.url.path}; the address may be mistyped, or from another version."
+            return error_page(request, NOT_FOUND, "Not found", detail)
+        answer = as_document(request, error)
+        return await answer if isawaitable(answer) else answer
+
+    app.add_exception_handler(HTTPException, shown)
+
+
+def takes_gzip(request: Request) -> bool:
+    """Whether whoever asks can unpack gzip; only what holds nobody's secrets beside others' words is packed."""
+    return "gzip" in request.headers.get("accept-encoding", "")
+
+
+def reads_html(request: Request) -> bool:
+    """Whether a person's browser asks for a page."""
     return "text/html" in request.headers.get("accept", "")
 
 
 def _ask_later(request: Request, error: TooMany) -> Response:
     headers = HEADERS | {"Retry-After": str(error.retry_after_s)}
-    if not _reads_html(request):
+    if not reads_html(request):
         return problems.answer(request, error.status, error.slug, error.title, error.detail, headers=headers)
-    answer = page("error.html", None, status=error.status, title=error.title, detail=error.detail)
+    answer = error_page(request, error.status, error.title, error.detail)
     answer.headers.update(headers)
     return _again(request, answer, error.retry_after_s)
 
@@ -118,7 +147,7 @@ def _again(request: Request, answer: Response, after_s: int) -> Response:
 
 
 def _to_sign_in(request: Request, error: Unauthorised) -> Response:
-    if request.method != "GET" or not _reads_html(request):
+    if request.method != "GET" or not reads_html(request):
         return Response(json.dumps({"detail": error.detail}), status_code=401, media_type="application/json", headers=HEADERS)
     back = request.url.path + (f"?{request.url.query}" if request.url.query else "")
     answer = RedirectResponse(f"/sign-in?then={quote(back)}", status_code=303, headers=HEADERS)

@@ -18,7 +18,7 @@ from mcap.reader import McapReader, make_reader
 from mcap.summary import Summary
 from mcap_protobuf.decoder import DecoderFactory
 
-from api_schemas.tolerance import POSITION_TOLERANCE_M
+from api_schemas.tolerance import ANGLE_TOLERANCE_RAD, POSITION_TOLERANCE_M
 from jail.entering import enter
 from jail.needs import Needs
 from services.dashboard import partial
@@ -76,6 +76,7 @@ def reduce(log: Path, truth: Path | None) -> tuple[dict[str, Any], dict[str, np.
         "format": "trifarm-replay/1",
         "task": records.get(t.TRIAL_METADATA, {}).get("task", ""),
         "tolerance_mm": 1e3 * POSITION_TOLERANCE_M,
+        "tolerance_deg": round(math.degrees(ANGLE_TOLERANCE_RAD), 1),
         "parts": [shown, chunks],
         "fixed": [],
         "frames": [],

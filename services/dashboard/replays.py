@@ -1,6 +1,7 @@
 """Replays: logs reduced to what a browser draws, each made once, in a jail, and kept as a file."""
 
 import asyncio
+import gzip
 import os
 import stat
 import tempfile
@@ -16,7 +17,7 @@ from services.dashboard.bringing import UnreadableError, bring
 from services.dashboard.replay_limits import DEADLINE_S, LARGEST_REPLAY_BYTES
 from services.errors import Unavailable
 
-FORM = 3
+FORM = 4
 """Of what a replay holds; one of an earlier form is made again."""
 KEPT_BYTES = 1024**3
 """Of reduced logs; those that were not looked at for longest go first, and are made again from their logs."""
@@ -33,12 +34,12 @@ class Replays:
     _turn: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(AT_ONCE))
 
     async def reduced(self, farm: Farm, log: str, truth: str | None) -> Path:
-        """The replay of a log, with what a truth adds to it.
+        """The replay of a log, with what a truth adds to it, as gzip packs it.
 
         Raises:
             Unavailable: the log cannot be read, or not in time, or the farm's jail is too open to read any.
         """
-        path = self.folder / f"{log}{'' if truth is None else f'-{truth}'}-{FORM}.bin"
+        path = self.folder / f"{log}{'' if truth is None else f'-{truth}'}-{FORM}.gz"
         async with self._turn:
             if not path.exists():
                 await self._make(farm, path, [log] if truth is None else [log, truth])
@@ -56,7 +57,7 @@ class Replays:
             except UnreadableError as error:
                 raise _failed() from error
             made = await reduce_in(Path(name), *(file.name for file in files))
-        await asyncio.to_thread(self.keep, path, made)
+        await asyncio.to_thread(lambda: self.keep(path, gzip.compress(made, mtime=0)))
 
     def keep(self, path: Path, made: bytes) -> None:
         """Writes a replay, and makes room for it if need be."""

@@ -1,18 +1,21 @@
 """The page of one trial: replayed in three dimensions from its log, beside what was measured, with one time for all."""
 
+import asyncio
+import gzip
 from typing import Annotated, Literal
 from urllib.parse import quote
 
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import FileResponse, RedirectResponse
 
 from api_schemas.token import Scope
-from api_schemas.trial import Trial, TrialState
+from api_schemas.trial import AttemptState, Trial, TrialState
 from services.api import jobs, trials, whys
 from services.api.farm import Farm, TheFarm
 from services.api.links import linked
 from services.api.trials import TrialId
-from services.dashboard.pages import HEADERS, PageRoute, page
+from services.dashboard.job_page import FAILED_BY_PLATFORM
+from services.dashboard.pages import HEADERS, PageRoute, page, takes_gzip
 from services.dashboard.replays import Replays
 from services.dashboard.sessions import Session, SignedIn, refuse_foreign
 from services.errors import NotFound
@@ -20,6 +23,7 @@ from services.jobs.lists import trial_row
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 Viewer = Literal["foxglove", "lichtblick", "rerun"]
+BINARY = "application/octet-stream"
 
 
 def _replays(request: Request) -> Replays:
@@ -27,15 +31,22 @@ def _replays(request: Request) -> Replays:
 
 
 @router.get("/trials/{trial_id}")
-async def show_trial(trial_id: TrialId, session: SignedIn, farm: TheFarm) -> Response:
-    """The page; what is drawn comes after it."""
+async def show_trial(
+    trial_id: TrialId, session: SignedIn, farm: TheFarm, beside: Annotated[TrialId | None, Query(alias="with")] = None
+) -> Response:
+    """The page; what is drawn comes after it. ``with`` names another trial to be shown beside it, in the same time."""
     shown = await trials.get_trial(trial_id, session.caller, farm)
+    other = None if beside is None else await trials.get_trial(beside, session.caller, farm)
     job = await jobs.get_job(shown.job_id, session.caller, farm)
     title = f"Trial {shown.ordinal} of {job.policy_name or 'an identification'}"
     neighbours = (shown.ordinal - 1 if shown.ordinal else None, shown.ordinal + 1 if shown.ordinal + 1 < job.trials else None)
     context = {"trial": shown, "job": job, "neighbours": neighbours, "sees_truth": _sees_truth(session, shown)}
+    context["other"] = other if other is not None and other.log_sha256 is not None else None
+    context["other_job"] = None if other is None else await jobs.get_job(other.job_id, session.caller, farm)
     context["viewers"] = viewers(farm)
     context["why"] = await whys.sentence_of(shown, session.caller, farm)
+    faulted = shown.state is TrialState.CANCELLED and any(each.state is AttemptState.PLATFORM_FAULT for each in shown.attempts)
+    context["shown"] = shown.outcome.kind if shown.outcome else FAILED_BY_PLATFORM if faulted else shown.state
     context["runs"] = shown.state in {TrialState.LEASED, TrialState.RUNNING}
     return page("trial.html", session, title=title, here="jobs", **context)
 
@@ -46,7 +57,7 @@ def _sees_truth(session: Session, shown: Trial) -> bool:
 
 @router.get("/trials/{trial_id}/replay")
 async def get_replay(
-    trial_id: TrialId, session: SignedIn, farm: TheFarm, replays: Annotated[Replays, Depends(_replays)]
+    trial_id: TrialId, request: Request, session: SignedIn, farm: TheFarm, replays: Annotated[Replays, Depends(_replays)]
 ) -> Response:
     """What is drawn of a trial; its truth only for those who may see it."""
     shown = await trials.get_trial(trial_id, session.caller, farm)
@@ -58,7 +69,10 @@ async def get_replay(
             row = await trial_row(connection, trial_id)
         truth = None if row is None else row.truth_sha256
     path = await replays.reduced(farm, shown.log_sha256, truth)
-    return FileResponse(path, media_type="application/octet-stream", headers=HEADERS)
+    headers = HEADERS | {"Vary": "Accept-Encoding"}
+    if takes_gzip(request):
+        return FileResponse(path, media_type=BINARY, headers=headers | {"Content-Encoding": "gzip"})
+    return Response(await asyncio.to_thread(lambda: gzip.decompress(path.read_bytes())), media_type=BINARY, headers=headers)
 
 
 @router.get("/trials/{trial_id}/open/{viewer}")

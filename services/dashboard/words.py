@@ -4,6 +4,8 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Any
 
+from markupsafe import Markup
+
 STATES = {
     "idle": "idle",
     "leased": "starting",
@@ -17,6 +19,7 @@ STATES = {
     "failed": "failed",
     "cancelled": "cancelled",
     "done": "done",
+    "failed_by_platform": "failed by the platform",
 }
 
 
@@ -59,8 +62,10 @@ def ago(at: str | None) -> str:
 
 
 def moment(at: str | None) -> str:
-    """A moment to the second."""
-    return "–" if at is None else at[:19].replace("T", " ") + " UTC"
+    """A moment to the second; the reader's browser writes it in their own time zone."""
+    if at is None:
+        return "–"
+    return Markup('<time datetime="{}">{} UTC</time>').format(at, at[:19].replace("T", " "))
 
 
 def millimetres(metres: float | None) -> str:

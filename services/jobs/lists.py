@@ -7,10 +7,12 @@ from sqlalchemy import or_, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.job import JobState, TaskName
+from api_schemas.trial import AttemptState
 from services.database.pages import Asked, Page, read_page
 from services.database.rows import AnyRow
-from services.database.tables import job, trial
+from services.database.tables import attempt, job, trial
 
+MOST_FAULTS = 100
 TO_CHOOSE_FROM = 40
 """Jobs that a comparison offers."""
 
@@ -68,6 +70,17 @@ async def trials_of(connection: AsyncConnection, job_number: int) -> Sequence[An
     """Rows of all trials of a job, in their order."""
     wanted = select(trial).where(trial.c.job_number == job_number).order_by(trial.c.ordinal)
     return (await connection.execute(wanted)).all()
+
+
+async def platform_faults(connection: AsyncConnection, job_number: int) -> Sequence[AnyRow]:
+    """Attempts of a job's unfinished trials that the platform failed, with their trial's ordinal and how often it was tried."""
+    wanted = (
+        select(attempt, trial.c.ordinal)
+        .join(trial, trial.c.trial_id == attempt.c.trial_id)
+        .where(attempt.c.job_number == job_number, attempt.c.state == AttemptState.PLATFORM_FAULT, trial.c.outcome.is_(None))
+        .order_by(trial.c.faults.desc(), trial.c.ordinal, attempt.c.fence)
+    )
+    return (await connection.execute(wanted.limit(MOST_FAULTS))).all()
 
 
 async def trial_row(connection: AsyncConnection, trial_id: str) -> AnyRow | None:

@@ -15,7 +15,10 @@ LEFT = job.c.trials - job.c.trials_done - job.c.trials_active
 
 @dataclass(frozen=True)
 class Work:
-    """Jobs by state, and the trials of those that are not over; ``oldest_queued_s`` is the age of the oldest queued job."""
+    """Jobs by state, and the trials of those that are not over.
+
+    ``oldest_queued_s`` is the age of the oldest job of which a trial waits.
+    """
 
     jobs: dict[str, int]
     trials_queued: int
@@ -29,7 +32,8 @@ async def work_of(connection: AsyncConnection, now_s: float) -> Work:
     unended = select(func.sum(LEFT), func.sum(job.c.trials_active))
     unended = unended.where(job.c.state.in_(UNENDED), job.c.cancel_requested.is_(False))
     queued, running = (await connection.execute(unended)).one()
-    oldest = (await connection.execute(select(func.min(job.c.created_s)).where(job.c.state == JobState.QUEUED))).scalar()
+    waits = select(func.min(job.c.created_s)).where(job.c.state.in_(UNENDED), job.c.cancel_requested.is_(False), LEFT > 0)
+    oldest = (await connection.execute(waits)).scalar()
     counted = {row[0]: row[1] for row in jobs}
     return Work(
         jobs={str(state): counted.get(state, 0) for state in JobState},

@@ -95,7 +95,7 @@ def test_an_operator_drains_a_robot_and_takes_it_back(operator):
     card = page.locator("#robot-robot-0")
     card.get_by_role("button", name="Drain robot-0").click()
     said = "document.querySelector('#robot-robot-0')?.textContent"  # the card is gone for a moment while the page is renewed
-    page.wait_for_function(f"() => {said}?.includes('draining')", timeout=5000)
+    page.wait_for_function(f"() => {said}?.includes('draining')", timeout=20_000)
     card.get_by_role("button", name="Resume robot-0").click()
     page.wait_for_function(f"() => {said} && !{said}.includes('draining')", timeout=30_000)
 
@@ -149,7 +149,7 @@ def test_a_user_cancels_his_job(browser, looked, jobs):
     with Visit(browser, looked, looked.user) as visit:
         visit.page.goto(f"/jobs/{jobs['running']}")
         visit.page.get_by_role("button", name="Cancel job").click()
-        visit.page.locator("h1", has_text="cancelled").wait_for(timeout=10_000)
+        visit.page.locator("h1", has_text="cancelled").wait_for(timeout=30_000)
         visit.page.get_by_role("button", name="Sign out").click()
         assert visit.page.url.endswith("/sign-in")
         visit.page.goto("/jobs")
@@ -161,7 +161,7 @@ def test_a_trial_replays_and_scrubs(operator, ended):
     page = operator.page
     page.goto(f"/jobs/{ended}?order=trial")
     page.click("#trial-0")
-    page.wait_for_selector("#replay[data-ready=yes]", timeout=20_000)
+    page.wait_for_selector("#replay[data-ready=yes]", timeout=60_000)
     assert page.locator("#wait").is_hidden(), page.inner_text("#wait")
     assert page.locator(".time-plot canvas:visible").count() >= 5
     first = page.locator("#scene").screenshot()
@@ -173,10 +173,50 @@ def test_a_trial_replays_and_scrubs(operator, ended):
     assert "9.00 s" in page.inner_text("#now")
     page.select_option("#speed", "4")
     page.click("#play")
-    page.wait_for_function("() => Number(document.querySelector('#replay').dataset.time) > 10", timeout=5000)
+    page.wait_for_function("() => Number(document.querySelector('#replay').dataset.time) > 10", timeout=20_000)
     page.focus("#scene")
     page.keyboard.press("ArrowLeft")
     page.click("[data-view=top]")
+
+
+def test_keys_step_and_a_link_leads_to_its_moment(operator, ended):
+    page = operator.page
+    page.goto(f"/trials/{ended}-000?t=2.7")
+    page.wait_for_selector("#replay[data-ready=yes]", timeout=60_000)
+    at = "() => document.querySelector('#replay').dataset.time"
+    assert page.evaluate(at) == "2.700"
+    page.locator("h1").click()
+    for key, moment in ((".", "2.720"), (",", "2.700"), (",", "2.680")):
+        page.keyboard.press(key)
+        page.wait_for_function(f"{at} === '{moment}'", timeout=20_000)
+    assert page.get_attribute("#here", "href").endswith("?t=2.68")
+    page.keyboard.press("k")
+    page.wait_for_function("() => Number(document.querySelector('#replay').dataset.time) > 3", timeout=30_000)
+    page.keyboard.press("k")
+    page.locator(".u-over").first.hover(position={"x": 100, "y": 40})
+    page.wait_for_function(
+        "() => [...document.querySelectorAll('.u-cursor-x')].filter(e => e.offsetWidth || e.style.transform).length > 3"
+    )
+
+
+def test_two_trials_are_seen_in_one_time(operator, looked, jobs, ended):
+    looked.wait(jobs["again"])
+    page = operator.page
+    page.goto(f"/compare?jobs={ended},{jobs['again']}")
+    page.locator(".strip a").first.click()
+    page.wait_for_selector("#replay[data-ready=yes]", timeout=60_000)
+    assert page.locator("#scene").is_visible() and page.locator("#scene-other").is_visible()
+    assert page.locator(".whose").count() == 2
+
+
+def test_every_trial_has_a_small_picture_that_leads_to_its_replay(operator, ended):
+    page = operator.page
+    page.goto(f"/jobs/{ended}")
+    page.wait_for_selector("#sheet[data-drawn='2']", timeout=60_000)
+    drawn = "canvas => new Set(canvas.getContext('2d').getImageData(0, 0, 160, 120).data).size"
+    assert page.locator(".tile canvas").first.evaluate(drawn) > 20
+    page.locator(".tile").first.click()
+    page.wait_for_url("**/trials/**")
 
 
 def test_names_that_users_chose_are_only_text(operator, looked, jobs, ended):
@@ -216,9 +256,9 @@ def test_two_jobs_are_compared(operator, looked, jobs, ended):
 def test_a_revoked_token_closes_the_pages_that_it_opened(browser, looked):
     made = looked.api.post("/v1/tokens", json={"owner": "carl", "scopes": ["submit"]}).json()
     with Visit(browser, looked, made["secret"]) as visit:
-        visit.page.wait_for_selector("body[data-renewed]", timeout=10_000)
+        visit.page.wait_for_selector("body[data-renewed]", timeout=30_000)
         looked.api.delete(f"/v1/tokens/{made['token_id']}").raise_for_status()
-        visit.page.wait_for_url("**/sign-in**", timeout=20_000)
+        visit.page.wait_for_url("**/sign-in**", timeout=60_000)
 
 
 @pytest.mark.parametrize("dark, width", [(False, 1280), (True, 390)], ids=["light-wide", "dark-narrow"])
@@ -239,6 +279,10 @@ def test_pages_are_light_and_quick(browser, looked, ended):
         entries = "performance.getEntriesByType('resource').concat(performance.getEntriesByType('navigation'))"
         sizes = visit.page.evaluate(f"{entries}.map(entry => entry.encodedBodySize)")
         assert 1_000 < sum(sizes) < 150_000
+        visit.page.goto(f"/trials/{ended}-000")
+        visit.page.wait_for_selector("#replay[data-ready=yes]", timeout=60_000)
+        assert 200_000 < sum(visit.page.evaluate(f"{entries}.map(entry => entry.encodedBodySize)")) < 500_000
+        assert visit.page.evaluate(f"new Set({entries}.map(entry => new URL(entry.name).host)).size") == 1, "nothing from others"
         cookies = {cookie["name"]: cookie["value"] for cookie in visit.context.cookies()}
     with httpx.Client(base_url=looked.url, cookies=cookies) as client:
         for path in ("/", "/jobs", f"/jobs/{ended}", f"/trials/{ended}-000", f"/compare?jobs={ended}"):

@@ -4,6 +4,7 @@ import doctest
 import gzip
 import inspect
 import itertools
+import json
 import os
 import re
 import shutil
@@ -107,3 +108,15 @@ def test_a_log_is_arrays_and_tables(folder):
     np.testing.assert_array_equal(torque, log.applied_torque_nm[:, 0])
     with pytest.raises(ValueError, match="choose from joints"):
         log.columns("motors")  # pyright: ignore[reportArgumentType] - it is refused
+
+
+def test_the_notebook_runs(folder):
+    cells = json.loads((ROOT / "docs/examples/trials.ipynb").read_text())["cells"]
+    names: dict[str, object] = {}
+    for cell in cells:
+        if cell["cell_type"] == "code":
+            assert not cell["outputs"], "what a notebook printed once would age"
+            exec("".join(cell["source"]), names)
+    report, by_robot, seen = names["report"], names["by_robot"], names["seen"]
+    assert by_robot.trials.sum() == report.trials
+    assert len(seen) > 10 and seen.min() >= 0

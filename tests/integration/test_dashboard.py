@@ -65,6 +65,32 @@ def test_nothing_is_shown_without_a_session(farm, path):
     assert httpx.get(farm.api + path, cookies={"trifarm_session": "made-up"}).status_code == 401
 
 
+def test_an_address_that_leads_nowhere_leads_on(farm, operator):
+    browser = {"Accept": "text/html,application/xhtml+xml"}
+    found = operator.get("/nothing/<b>here", headers=browser)
+    assert found.status_code == 404 and "default-src 'none'" in found.headers["content-security-policy"]
+    assert 'href="/jobs"' in found.text and 'aria-label="Pages"' in found.text and "<b>here" not in found.text
+    stranger = httpx.get(f"{farm.api}/nothing", headers=browser)
+    assert stranger.status_code == 404 and 'aria-label="Pages"' not in stranger.text
+    assert operator.get("/nothing").json()["type"] == "/problems/no-such-route", "programs get what they always got"
+
+
+def test_what_does_not_change_is_sent_packed_and_once(operator):
+    packed = operator.get("/static/three.js")
+    assert packed.headers["content-encoding"] == "gzip" and int(packed.headers["content-length"]) < 150_000
+    plain = operator.get("/static/three.js", headers={"Accept-Encoding": "identity"})
+    assert "content-encoding" not in plain.headers and plain.text == packed.text
+    again = operator.get("/static/three.js", headers={"If-None-Match": packed.headers["etag"]})
+    assert (again.status_code, again.content) == (304, b"")
+
+
+def test_trials_are_a_table_for_whoever_may_see_them(farm, job):
+    with httpx.Client(headers={"Authorization": f"Bearer {user_token(farm, 'eve')['secret']}"}) as stranger:
+        assert stranger.get(f"{farm.api}/v1/jobs/{job}/trials.csv").status_code == 404
+    lines = farm.admin.get(f"/v1/jobs/{job}/trials.csv").text.splitlines()
+    assert lines[0].startswith("job_id,trial,trial_id,state,") and len(lines) == 9
+
+
 def test_every_page_forbids_what_is_foreign_and_shows_names_as_text(operator, job):
     for path in ("/", "/jobs", f"/jobs/{job}", f"/trials/{job}-000", f"/compare?jobs={job}", "/jobs/jnone", "/static/live.js"):
         answer = operator.get(path)

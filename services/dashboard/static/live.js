@@ -4,12 +4,24 @@ const REFUSED_PAUSE_MS = 1500;
 const address = document.body.dataset.live;
 const lost = document.querySelector(".link-lost");
 
+const ZONED = new Intl.DateTimeFormat("sv-SE", { year: "numeric", month: "2-digit", day: "2-digit", hour: "2-digit", minute: "2-digit", second: "2-digit", timeZoneName: "shortOffset" });
+
+// Moments in the reader's own time zone, with its offset.
+function localised(element) {
+  for (const time of element.querySelectorAll("time[datetime]")) {
+    const at = new Date(time.dateTime);
+    time.title = time.title || time.textContent;
+    if (!Number.isNaN(at.getTime())) time.textContent = ZONED.format(at).replace("GMT", "UTC");
+  }
+}
+
 function renew(name, html) {
   const element = document.getElementById(name);
   if (!element || element.dataset.part === undefined) return;
   // What looks the same is left alone: a screen reader need not say it again.
   const made = document.createElement(element.tagName);
   made.innerHTML = html;
+  localised(made);
   if (made.innerHTML === element.innerHTML) return;
   const focused = element.contains(document.activeElement) ? document.activeElement.id : "";
   const scrolled = element.querySelector(".scroll")?.scrollLeft ?? 0;
@@ -40,4 +52,5 @@ function follow() {
   addEventListener("pageshow", (event) => event.persisted && location.reload(), { once: true });
 }
 
+localised(document);
 if (address) follow();

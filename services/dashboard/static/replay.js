@@ -1,9 +1,11 @@
-// Replays a trial: reads what the server reduced its log to, keeps the time, and shows scene, plots and moments at it.
+// Replays one trial, or two in one time: reads what the server reduced their logs to, and shows scene, plots and moments.
 
-import { indexAt, Plot } from "./plots.js";
-import { Scene, steer, VIEWS, worldFrames } from "./scene.js";
-import { between } from "./vectors.js";
+import { entitiesOfLog, linksOfLog } from "./motion.js";
+import { Plot } from "./plots.js";
+import { FINGERS, Scene } from "./scene.js";
+import { Quaternion } from "./three.js";
 
+const STEP_S = 0.02;
 const element = (id) => document.getElementById(id);
 const root = element("replay");
 
@@ -19,161 +21,192 @@ async function fetched(address) {
   return { ...header, ...arrays };
 }
 
-const column = (rows, width, index, factor = 1) => {
-  const out = new Float32Array(rows.length / width);
-  for (let k = 0; k < out.length; k++) out[k] = factor * rows[k * width + index];
-  return out;
-};
+const column = (rows, width, index, factor = 1) => Float32Array.from({ length: rows.length / width }, (_, k) => factor * rows[k * width + index]);
+const overPoses = (poses, value) => Float32Array.from({ length: poses.length / 7 }, (_, k) => value(poses.subarray(7 * k, 7 * k + 7)));
+const distances = (poses, goal) => overPoses(poses, (pose) => 1e3 * Math.hypot(...[0, 1, 2].map((axis) => pose[axis] - goal[axis])));
 
-function distances(poses, goal) {
-  const out = new Float32Array(poses.length / 7);
-  for (let k = 0; k < out.length; k++) out[k] = 1e3 * Math.hypot(...[0, 1, 2].map((axis) => poses[7 * k + axis] - goal[axis]));
-  return out;
+function angles(poses, goal) {
+  const turn = ([, , , w, x, y, z]) => new Quaternion(x, y, z, w), wanted = turn(goal);
+  return overPoses(poses, (pose) => (wanted.angleTo(turn(pose)) * 180) / Math.PI);
 }
 
-function poseAt(times, rows, time, width = 1, offset = 0) {
-  const a = indexAt(times, time), b = Math.min(a + 1, times.length - 1);
-  const share = b > a ? Math.min(1, Math.max(0, (time - times[a]) / (times[b] - times[a]))) : 0;
-  return between(rows, 7 * (a * width + offset), 7 * (b * width + offset), share);
-}
-
-function framesAt(log, time) {
-  const links = new Map(log.fixed.map(({ child, parent, pose }) => [child, { parent, pose }]));
-  log.frames.forEach(([parent, child], index) =>
-    links.set(child, { parent, pose: poseAt(log.frame_t_s, log.frame_pose, time, log.frames.length, index) }));
-  if (log.tracked_t_s.length) {
-    // A tracked pose holds until the next report: nothing is known in between.
-    const k = 7 * indexAt(log.tracked_t_s, time);
-    links.set("cube_tracked", { parent: "world", pose: Array.from(log.tracked_pose.subarray(k, k + 7)) });
-  }
-  if (log.true_t_s.length) links.set("cube", { parent: "world", pose: poseAt(log.true_t_s, log.true_pose, time) });
-  return worldFrames(links);
-}
-
-// Where only the tracked pose is known, it is drawn as the object itself.
-function dressed(log) {
-  const known = log.true_t_s.length > 0;
-  return log.entities.map((entity) => {
-    if (entity.id === "cube_tracked" && !known) return { ...entity, sides: true, colour: [0.9, 0.9, 0.92, 1] };
-    return entity;
+// How far both trials are from their goals, as far as they are known: tracked, and true where that may be seen.
+function away(logs, measure) {
+  return logs.flatMap((log, index) => {
+    const [goal] = log.goal, whose = logs.length > 1 ? ` ${log.name}` : "";
+    return goal ? [
+      { t: log.tracked_t_s, values: measure(log.tracked_pose, goal), name: `tracked${whose}`, colour: index },
+      { t: log.true_t_s, values: measure(log.true_pose, goal), name: `true${whose}`, colour: index, dashed: true },
+    ] : [];
   });
 }
 
-function plotsOf(log) {
-  const finger = () => Number(element("finger").value);
-  const joints = (name, times, factor = 1, dashed = false) => [0, 1, 2].map((joint) => ({
-    t: log[times], values: column(log[name], 9, 3 * finger() + joint, factor), name: dashed ? "" : `joint ${joint}`, colour: joint, dashed,
+function plotsOf(logs) {
+  const [log] = logs, finger = () => Number(element("finger").value);
+  const joints = (name, times, word, dashed = false) => [0, 1, 2].map((joint) => ({
+    t: log[times], values: column(log[name], 9, 3 * finger() + joint), name: `joint ${joint}${word}`, colour: joint, dashed,
   }));
-  const axes = (poses, times, dashed) => ["x", "y", "z"].map((name, axis) => ({
-    t: log[times], values: column(log[poses], 7, axis, 1e3), name: dashed ? "" : name, colour: axis, dashed,
+  const axes = (poses, times, word, dashed) => ["x", "y", "z"].map((name, axis) => ({
+    t: log[times], values: column(log[poses], 7, axis, 1e3), name: name + word, colour: axis, dashed,
   }));
-  const [goal] = log.goal;
-  const away = goal && [
-    { t: log.tracked_t_s, values: distances(log.tracked_pose, goal), name: "tracked", colour: 0 },
-    { t: log.true_t_s, values: distances(log.true_pose, goal), name: "true", colour: 1 },
-  ];
+  const limits = { position: { value: log.tolerance_mm, name: `${log.tolerance_mm} mm` }, angle: { value: log.tolerance_deg, name: `${log.tolerance_deg}°` } };
   return [
-    ...(goal ? [{ title: "Distance to the goal", unit: "mm", series: () => away, band: log.tolerance_mm }] : []),
-    { title: "Object, tracked" + (log.true_t_s.length ? " and true (dashed)" : ""), unit: "mm",
-      series: () => [...axes("tracked_pose", "tracked_t_s", false), ...axes("true_pose", "true_t_s", true)] },
-    { title: "Joint position", unit: "rad", series: () => joints("joint_position_rad", "joint_t_s") },
+    { title: "Distance to the goal", unit: "mm", series: () => away(logs, distances), limit: limits.position },
+    ...(root.dataset.angle ? [{ title: "Angle to the goal", unit: "°", series: () => away(logs, angles), limit: limits.angle }] : []),
+    { title: "Object", unit: "mm", series: () => [...axes("tracked_pose", "tracked_t_s", "", false), ...axes("true_pose", "true_t_s", " true", true)] },
+    { title: "Joint position", unit: "rad", series: () => joints("joint_position_rad", "joint_t_s", "") },
     { title: "Torque applied, desired dashed", unit: "N m",
-      series: () => [...joints("applied_nm", "torque_t_s"), ...joints("desired_nm", "torque_t_s", 1, true)] },
+      series: () => [...joints("applied_nm", "torque_t_s", ""), ...joints("desired_nm", "torque_t_s", " desired", true)] },
     { title: "Policy's time for an action", unit: "ms", series: () => [{ t: log.policy_t_s, values: log.inference_ms, name: "took", colour: 0 }] },
-    { title: "Tracker's confidence", unit: "", series: () => [{ t: log.tracked_t_s, values: log.confidence, name: "is", colour: 0 }] },
+    { title: "Tracker's confidence", unit: "", series: () => [{ t: log.tracked_t_s, values: log.confidence, name: "confidence", colour: 0 }] },
   ];
 }
 
+// On the time line and, for whoever has no pointer, in a list.
 function showMoments(found, duration, seek) {
-  const svg = element("marks"), list = element("moments");
   for (const { t_s: at, text, kind } of found) {
-    const mark = document.createElementNS("http://www.w3.org/2000/svg", "rect");
-    for (const [name, value] of Object.entries({ x: (99.4 * at) / duration, y: 0, width: 0.6, height: 10, class: kind })) mark.setAttribute(name, value);
-    svg.append(mark);
-    const item = document.createElement("li"), button = document.createElement("button");
+    const mark = document.createElement("i"), item = document.createElement("li"), button = document.createElement("button");
+    mark.className = `mark-at ${kind}`;
+    mark.style.left = `${(100 * at) / duration}%`;
+    mark.title = `${at.toFixed(1)} s ${text}`;
+    mark.addEventListener("click", () => seek(at));
     button.type = "button";
     button.className = `quiet moment ${kind}`;
-    button.textContent = `${at.toFixed(1)} s ${text}`;
+    button.textContent = mark.title;
     button.addEventListener("click", () => seek(at));
+    element("marks").append(mark);
     item.append(button);
-    list.append(item);
+    element("moments").append(item);
   }
 }
 
-function legend(log, scene, redraw) {
+function legend(log, scenes, redraw) {
   const names = { cube: "true pose", cube_tracked: log.true_t_s.length ? "tracked pose" : "tracked object", goal: "goal" };
   for (const [name, word] of Object.entries(names)) {
     if (!log.entities.some((entity) => entity.id === name)) continue;
     const label = document.createElement("label"), box = document.createElement("input");
     box.type = "checkbox";
     box.checked = true;
-    box.addEventListener("change", () => { scene.hidden[box.checked ? "delete" : "add"](name); redraw(); });
+    box.addEventListener("change", () => { for (const scene of scenes) scene.hidden[box.checked ? "delete" : "add"](name); redraw(); });
     label.append(box, ` ${word}`);
     element("legend").append(label);
   }
 }
 
-async function main() {
-  const log = await fetched(root.dataset.source);
-  const clock = { time: 0, playing: false, last: 0 };
-  let scene = null, problem = "";
-  try {
-    scene = new Scene(element("scene"));
-    scene.load(dressed(log));
-  } catch (error) {
-    problem = error.message;
-  }
-  const slider = element("time");
-  slider.max = log.duration_s;
-  const seek = (time) => { clock.time = Math.min(log.duration_s, Math.max(0, time)); redraw(); };
-  const plots = plotsOf(log).map((plot) => new Plot(element("plots"), plot, log.duration_s, seek));
-  let asked = false;
-  const redraw = () => {
-    if (asked) return;
-    asked = true;
-    requestAnimationFrame(show);
+// The names of the fingers, each beside its knee.
+function labelled(canvas, scene) {
+  const names = Object.keys(FINGERS).map((finger) => {
+    const label = document.createElement("span");
+    label.className = `finger-name ${finger}`;
+    label.textContent = finger.replace("finger", "finger ");
+    canvas.parentElement.append(label);
+    return [label, `${finger}_lower`];
+  });
+  return () => {
+    for (const [label, frame] of names) {
+      const [x, y] = scene.seenAt(frame) ?? [];
+      label.hidden = x === undefined || x < 0 || y < 0 || x > canvas.clientWidth - 30 || y > canvas.clientHeight - 12;
+      if (!label.hidden) label.style.transform = `translate(${x + 12}px, ${y - 8}px)`;
+    }
   };
+}
+
+function stageOf(canvas, log, redraw) {
+  const scene = new Scene(canvas);
+  scene.load(entitiesOfLog(log));
+  scene.steer(redraw);
+  return { log, scene, label: labelled(canvas, scene) };
+}
+
+// Space plays, comma and point go a step, brackets a moment: anywhere but where keys are written or mean something else.
+function listenToKeys({ play, seek, clock, moments }) {
+  const before = () => moments.filter((each) => each.t_s < clock.time - 0.01).at(-1)?.t_s ?? 0;
+  const after = () => moments.find((each) => each.t_s > clock.time + 0.01)?.t_s ?? clock.time;
+  const keys = { " ": play, k: play, ",": () => seek(clock.time - STEP_S), ".": () => seek(clock.time + STEP_S), "[": () => seek(before()), "]": () => seek(after()) };
+  addEventListener("keydown", (event) => {
+    const busy = event.target.closest("input:not([type=range]), select, textarea, [contenteditable]") || (event.key === " " && event.target.closest("button, a, summary, .uplot"));
+    if (busy || event.ctrlKey || event.metaKey || event.altKey || !keys[event.key]) return;
+    event.preventDefault();
+    keys[event.key]();
+  });
+}
+
+function say(clock, time) {
+  const slider = element("time");
+  slider.value = time;
+  slider.setAttribute("aria-valuetext", `${time.toFixed(2)} seconds`);
+  element("now").textContent = `${time.toFixed(2)} s`;
+  element("play").textContent = clock.playing ? "Pause" : "Play";
+  element("play").setAttribute("aria-pressed", clock.playing);
+  root.dataset.time = time.toFixed(3);
+  const address = new URL(location);
+  address.searchParams.set("t", time.toFixed(2));
+  element("here").href = address.pathname + address.search;
+}
+
+async function main() {
+  const sources = [root.dataset.source, root.dataset.other].filter(Boolean);
+  const logs = await Promise.all(sources.map(fetched));
+  logs.forEach((log, index) => (log.name = index ? root.dataset.otherName : root.dataset.name));
+  const [log] = logs, duration = Math.max(...logs.map((each) => each.duration_s));
+  const clock = { time: 0, playing: false, last: 0, hovered: null };
+  let asked = false;
+  const redraw = () => { if (!asked) requestAnimationFrame(show); asked = true; };
+  const seek = (time) => { clock.time = Math.min(duration, Math.max(0, time)); redraw(); };
+  const hover = (time) => { if (time !== clock.hovered) { clock.hovered = time; redraw(); } };
+  let stages = [], problem = "";
+  try {
+    stages = logs.map((each, index) => stageOf(element(index ? "scene-other" : "scene"), each, redraw));
+  } catch (error) {
+    problem = `${error.message}; the plots are complete.`;
+  }
+  element("time").max = duration;
+  const plots = [];
+  const zoomed = (from, low, high) => { for (const plot of plots) if (plot !== from) plot.show(low, high); };
+  for (const plot of plotsOf(logs)) plots.push(new Plot(element("plots"), plot, { duration, seek, hover, zoomed }));
   const show = (now) => {
     asked = false;
     if (clock.playing) {
       clock.time += ((now - clock.last) / 1e3) * Number(element("speed").value);
-      if (clock.time >= log.duration_s) [clock.time, clock.playing] = [log.duration_s, false];
+      if (clock.time >= duration) [clock.time, clock.playing] = [duration, false];
       if (clock.playing) redraw();
     }
     clock.last = now;
-    scene?.draw(framesAt(log, clock.time));
-    for (const plot of plots) plot.draw(clock.time);
-    slider.value = clock.time;
-    slider.setAttribute("aria-valuetext", `${clock.time.toFixed(2)} seconds`);
-    element("now").textContent = `${clock.time.toFixed(2)} s`;
-    element("play").textContent = clock.playing ? "Pause" : "Play";
-    element("play").setAttribute("aria-pressed", clock.playing);
-    root.dataset.time = clock.time.toFixed(3);
+    const time = clock.playing ? clock.time : clock.hovered ?? clock.time;
+    for (const { log: its, scene, label } of stages) {
+      scene.place(linksOfLog(its, time));
+      scene.draw();
+      label();
+    }
+    for (const plot of plots) plot.at(clock.time);
+    say(clock, time);
   };
   const play = () => {
-    if (!clock.playing && clock.time >= log.duration_s) clock.time = 0;
-    [clock.playing, clock.last] = [!clock.playing, performance.now()];
+    if (!clock.playing && clock.time >= duration) clock.time = 0;
+    [clock.playing, clock.last, clock.hovered] = [!clock.playing, performance.now(), null];
     redraw();
   };
-  slider.addEventListener("input", () => seek(Number(slider.value)));
+  element("time").addEventListener("input", () => seek(Number(element("time").value)));
   element("play").addEventListener("click", play);
   element("finger").addEventListener("change", () => { for (const plot of plots) plot.renew(); redraw(); });
   for (const button of document.querySelectorAll("[data-view]"))
-    button.addEventListener("click", () => { if (scene) Object.assign(scene.camera, VIEWS[button.dataset.view]); redraw(); });
-  if (scene) {
-    steer(element("scene"), scene, redraw);
-    legend(log, scene, redraw);
-  }
+    button.addEventListener("click", () => { for (const { scene } of stages) scene.look(button.dataset.view); redraw(); });
+  element("here").addEventListener("click", (event) => {
+    event.preventDefault();
+    history.replaceState(null, "", element("here").href);
+    navigator.clipboard?.writeText(element("here").href).then(() => (element("here").textContent = "Link copied"), () => {});
+  });
+  listenToKeys({ play, seek, clock, moments: log.moments });
+  legend(log, stages.map(({ scene }) => scene), redraw);
   const [shown, all] = log.parts;
   element("parts").hidden = shown === all;
   element("parts").textContent = `A large log: ${shown} of its ${all} parts are shown, evenly over its time. The file itself has them all.`;
-  showMoments(log.moments, log.duration_s, seek);
-  const renew = () => { for (const plot of plots) plot.background = null; redraw(); };
-  new ResizeObserver(renew).observe(root);
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", renew);
+  showMoments(log.moments, duration, seek);
+  new ResizeObserver(() => { for (const plot of plots) plot.fit(); redraw(); }).observe(root);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { for (const plot of plots) plot.renew(); redraw(); });
   element("wait").textContent = problem;
   element("wait").hidden = !problem;
-  redraw();
+  seek(Number(new URLSearchParams(location.search).get("t")) || 0);
   requestAnimationFrame(() => requestAnimationFrame(() => { root.dataset.ready = "yes"; }));  // the picture is there
 }
 

@@ -1,207 +1,190 @@
-// Draws the scene of a log with WebGL: bodies in their frames, what is translucent last, shadows on the table.
+// The scene of a trial, drawn by three.js: bodies hang in frames, what is translucent comes last, and nothing hides the object.
 
-import { triangles } from "./shapes.js";
-import { after, lookAt, matrixOf, NO_TURN, perspective, shadowOnto, times } from "./vectors.js";
+import {
+  AmbientLight, BoxGeometry, BufferAttribute, BufferGeometry, CapsuleGeometry, Color, CylinderGeometry, DirectionalLight, Group,
+  HemisphereLight, mergeGeometries, Mesh, MeshLambertMaterial, NotEqualStencilFunc, OrbitControls, PCFShadowMap, PerspectiveCamera,
+  Raycaster, ReplaceStencilOp, Scene as World, SphereGeometry, SRGBColorSpace, Vector3, WebGLRenderer,
+} from "./three.js";
 
-const LIGHT = [0.35, -0.25, 0.9];
-const TABLE_TOP_M = 0.0006;
-const TARGET = [0, 0, 0.1];
-export const VIEWS = {
-  corner: { yaw: -0.9, pitch: 0.5, distance: 0.98 },
-  front: { yaw: -Math.PI / 2, pitch: 0.2, distance: 0.85 },
-  side: { yaw: 0, pitch: 0.2, distance: 0.85 },
-  top: { yaw: -Math.PI / 2, pitch: 1.55, distance: 0.8 },
+const TARGET = new Vector3(0, 0, 0.07);
+// The eye from the target, in m: the corner looks through the gap between two fingers.
+export const VIEWS = { corner: [0.09, -0.7, 0.62], front: [0, -0.85, 0.17], side: [0.85, 0, 0.17], top: [0, -0.02, 0.85] };
+// The sides of the cube: +x red, -x magenta, +y green, -y yellow, +z blue, -z cyan, in the order of three's box.
+const SIDES = [[0.83, 0.2, 0.2], [0.75, 0.25, 0.65], [0.2, 0.62, 0.3], [0.9, 0.78, 0.2], [0.2, 0.35, 0.8], [0.15, 0.68, 0.75]];
+export const FINGERS = { finger0: [0.16, 0.62, 0.58], finger120: [0.85, 0.45, 0.16], finger240: [0.48, 0.42, 0.86] };
+const OBJECTS = ["cube", "cube_tracked"];
+const FADED = 0.22;
+const BESIDE_M = 0.024;
+const TURN_RAD = 0.1;
+
+const lengthwise = (geometry) => geometry.rotateX(Math.PI / 2);
+const SHAPES = {
+  cubes: ({ size }) => new BoxGeometry(...size),
+  spheres: ({ size }) => new SphereGeometry(size[0] / 2, 32, 20),
+  cylinders: ({ size, frame }) => lengthwise(frame === "world"
+    ? new CylinderGeometry(size[0] / 2, size[0] / 2, size[2], 64) : new CapsuleGeometry(size[0] / 2, size[2], 8, 32)),
+  triangles: ({ points, indices }) => new BufferGeometry().setAttribute("position", new BufferAttribute(new Float32Array(points.flat()), 3)).setIndex(indices),
 };
 
-const VERTEX = `#version 300 es
-in vec3 at; in vec3 normal; in vec3 colour;
-uniform mat4 view; uniform mat4 model;
-out vec3 facing; out vec3 tint; out vec3 place;
-void main() {
-  vec4 world = model * vec4(at, 1.0);
-  place = world.xyz; facing = mat3(model) * normal; tint = colour;
-  gl_Position = view * world;
-}`;
-const FRAGMENT = `#version 300 es
-precision highp float;
-in vec3 facing; in vec3 tint; in vec3 place;
-uniform vec3 light; uniform vec3 eye; uniform float opacity; uniform float flat_; uniform vec3 shade;
-out vec4 shown;
-void main() {
-  if (flat_ > 0.5) { shown = vec4(shade, opacity); return; }
-  vec3 n = normalize(facing);
-  vec3 away = normalize(eye - place);
-  if (dot(n, away) < 0.0) n = -n;
-  float sun = max(dot(n, normalize(light)), 0.0);
-  float gloss = pow(max(dot(n, normalize(normalize(light) + away)), 0.0), 40.0);
-  float sky = 0.5 + 0.5 * n.z;
-  float rim = pow(1.0 - max(dot(n, away), 0.0), 3.0);
-  vec3 colour = tint * (0.34 + 0.26 * sky + 0.55 * sun) + 0.16 * gloss + 0.06 * rim;
-  shown = vec4(colour, opacity + (1.0 - opacity) * 0.25 * rim * step(opacity, 0.99));
-}`;
+// A primitive in its entity's frame, with a colour for each corner.
+function geometryOf(entity) {
+  let geometry = SHAPES[entity.kind](entity);
+  if (geometry.index) geometry = geometry.toNonIndexed();
+  if (!geometry.attributes.normal) geometry.computeVertexNormals();
+  geometry.deleteAttribute("uv");
+  const count = geometry.attributes.position.count, colours = new Float32Array(3 * count), colour = new Color();
+  for (let k = 0; k < count; k++)
+    colour.setRGB(...(entity.sides ? SIDES[Math.floor((6 * k) / count)] : entity.colour.slice(0, 3)), SRGBColorSpace).toArray(colours, 3 * k);
+  geometry.setAttribute("color", new BufferAttribute(colours, 3));
+  return geometry.applyMatrix4(posed(new Group(), entity.pose).matrix);
+}
 
-function compiled(gl) {
-  const program = gl.createProgram();
-  for (const [kind, source] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
-    const shader = gl.createShader(kind);
-    gl.shaderSource(shader, source);
-    gl.compileShader(shader);
-    if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
-    gl.attachShader(program, shader);
-  }
-  gl.linkProgram(program);
-  return program;
+function posed(group, [x, y, z, qw, qx, qy, qz]) {
+  group.position.set(x, y, z);
+  group.quaternion.set(qx, qy, qz, qw);
+  group.updateMatrix();
+  return group;
+}
+
+// Each place shows one layer of a translucent body, so that the seams of its parts do not show.
+function materialOf(opacity, layer) {
+  if (opacity >= 0.99) return new MeshLambertMaterial({ vertexColors: true });
+  const single = { stencilWrite: true, stencilRef: layer, stencilFunc: NotEqualStencilFunc, stencilZPass: ReplaceStencilOp };
+  return new MeshLambertMaterial({ vertexColors: true, transparent: true, opacity, depthWrite: false, ...single });
 }
 
 export class Scene {
-  constructor(canvas) {
-    const gl = canvas.getContext("webgl2", { antialias: true, stencil: true, alpha: true });
-    if (!gl) throw new Error("This browser shows no WebGL 2, which the replay needs; the plots are complete.");
+  constructor(canvas, { scale = Math.min(devicePixelRatio || 1, 2) } = {}) {
     this.canvas = canvas;
-    this.gl = gl;
-    this.program = compiled(gl);
-    this.where = Object.fromEntries(
-      ["view", "model", "light", "eye", "opacity", "flat_", "shade"].map((name) => [name, gl.getUniformLocation(this.program, name)]),
-    );
-    this.bodies = [];
+    this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, stencil: true });
+    this.renderer.setPixelRatio(scale);
+    Object.assign(this.renderer.shadowMap, { enabled: true, type: PCFShadowMap });
+    this.world = new World();
+    this.camera = new PerspectiveCamera(39, 1, 0.05, 5);
+    this.camera.up.set(0, 0, 1);
+    this.ray = new Raycaster();
     this.hidden = new Set();
-    this.camera = { ...VIEWS.corner };
-    gl.useProgram(this.program);
-    gl.enable(gl.DEPTH_TEST);
-    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    this.light();
+    this.look("corner");
+    this.load([]);
   }
 
-  // Entities of one frame, name and opacity become one body.
+  light() {
+    const sun = new DirectionalLight(0xffffff, 1.9);
+    sun.position.set(0.35, -0.25, 0.9);
+    sun.castShadow = true;
+    sun.shadow.mapSize.set(1024, 1024);
+    Object.assign(sun.shadow.camera, { left: -0.32, right: 0.32, top: 0.32, bottom: -0.32, near: 0.3, far: 1.6 });
+    sun.shadow.normalBias = 0.002;
+    this.world.add(sun, new AmbientLight(0xffffff, 0.75), new HemisphereLight(0xffffff, 0x555560, 1.1));
+  }
+
+  // Entities of one frame, name and opacity become one body; ``frames`` are placed anew afterwards.
   load(entities) {
+    for (const body of this.bodies ?? []) body.geometry.dispose();
+    for (const frame of this.frames?.values() ?? []) frame.removeFromParent();
+    this.frames = new Map([["world", new Group()]]);
+    this.world.add(this.frames.get("world"));
     const groups = new Map();
-    for (const entity of entities) {
-      const opacity = entity.colour[3];
-      const key = `${entity.frame} ${entity.id} ${opacity}`;
-      if (!groups.has(key)) groups.set(key, { frame: entity.frame, name: entity.id, opacity, rows: [] });
-      const { rows } = groups.get(key);
-      for (const value of triangles(entity, entity.colour.slice(0, 3))) rows.push(value);
+    for (const entity of entities.map(coloured)) {
+      const key = `${entity.frame} ${entity.id} ${entity.colour[3]}`;
+      groups.set(key, [...(groups.get(key) ?? []), entity]);
     }
-    this.bodies = [...groups.values()].map((group) => this.body(group)).sort((a, b) => b.opacity - a.opacity);
-  }
-
-  body({ frame, name, opacity, rows }) {
-    const { gl } = this;
-    const vertices = gl.createVertexArray();
-    gl.bindVertexArray(vertices);
-    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
-    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(rows), gl.STATIC_DRAW);
-    ["at", "normal", "colour"].forEach((attribute, index) => {
-      const location = gl.getAttribLocation(this.program, attribute);
-      gl.enableVertexAttribArray(location);
-      gl.vertexAttribPointer(location, 3, gl.FLOAT, false, 36, 12 * index);
+    this.bodies = [...groups.values()].map((members, index) => {
+      const [{ id, frame, colour }] = members;
+      const body = new Mesh(mergeGeometries(members.map(geometryOf)), materialOf(colour[3], index + 1));
+      Object.assign(body, { name: id, castShadow: colour[3] >= 0.99 && frame !== "world", receiveShadow: id === "arena" && colour[3] >= 0.99 });
+      this.frame(frame).add(body);
+      return body;
     });
-    return { frame, name, opacity, vertices, count: rows.length / 9 };
+    this.fingers = this.bodies.filter((body) => body.name.startsWith("finger"));
   }
 
-  eye() {
-    const { yaw, pitch, distance } = this.camera;
-    const flat = distance * Math.cos(pitch);
-    return [TARGET[0] + flat * Math.cos(yaw), TARGET[1] + flat * Math.sin(yaw), TARGET[2] + distance * Math.sin(pitch)];
+  frame(name) {
+    if (!this.frames.has(name)) this.frames.set(name, new Group());
+    return this.frames.get(name);
   }
 
-  // ``frames`` gives the pose of each frame in the world.
-  draw(frames) {
-    const { gl, canvas, where } = this;
-    const scale = Math.min(devicePixelRatio || 1, 2);
-    const [width, height] = [Math.round(canvas.clientWidth * scale), Math.round(canvas.clientHeight * scale)];
-    if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
-    gl.viewport(0, 0, width, height);
-    gl.clearColor(0, 0, 0, 0);
-    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
-    const eye = this.eye(), aspect = width / Math.max(1, height);
-    const lens = perspective(aspect < 1 ? 0.95 : 0.68, aspect, 0.05, 5);
-    gl.uniformMatrix4fv(where.view, false, times(lens, lookAt(eye, TARGET)));
-    gl.uniform3fv(where.light, LIGHT);
-    gl.uniform3fv(where.eye, eye);
-    const seen = this.bodies.filter((body) => !this.hidden.has(body.name) && frames(body.frame));
-    const solid = seen.filter((body) => body.opacity >= 0.99);
-    gl.disable(gl.BLEND);
-    gl.depthMask(true);
-    for (const body of solid) this.show(body, matrixOf(frames(body.frame)), 1);
-    this.shadows(solid.filter((body) => body.frame !== "world"), frames);
-    gl.enable(gl.BLEND);
-    gl.depthMask(false);
-    this.glass(seen.filter((body) => body.opacity < 0.99), frames);
-    gl.depthMask(true);
+  // ``links``: [child, parent, pose] for each frame that is to be somewhere.
+  place(links) {
+    for (const [child, parent, pose] of links) {
+      const group = posed(this.frame(child), pose);
+      if (group.parent !== this.frame(parent)) this.frame(parent).add(group);
+    }
   }
 
-  // Of each translucent body a place shows one layer only, so that the seams of its parts do not show.
-  glass(bodies, frames) {
-    const { gl } = this;
-    gl.clear(gl.STENCIL_BUFFER_BIT);
-    gl.enable(gl.STENCIL_TEST);
-    gl.stencilOp(gl.KEEP, gl.KEEP, gl.REPLACE);
-    bodies.forEach((body, index) => {
-      gl.stencilFunc(gl.NOTEQUAL, index + 1, 255);
-      this.show(body, matrixOf(frames(body.frame)), body.opacity);
+  look(view) {
+    this.camera.position.fromArray(VIEWS[view]).add(TARGET);
+    this.camera.lookAt(TARGET);
+    this.controls?.update();
+  }
+
+  draw() {
+    const { canvas, camera, renderer } = this, width = canvas.clientWidth || canvas.width, height = canvas.clientHeight || canvas.height;
+    const size = `${width} ${height}`;
+    if (this.size !== size) {
+      this.size = size;
+      renderer.setSize(width, height, false);
+      camera.aspect = width / Math.max(1, height);
+      camera.fov = camera.aspect < 1 ? 54 : 39;
+      camera.updateProjectionMatrix();
+    }
+    for (const body of this.bodies) body.visible = !this.hidden.has(body.name);
+    this.world.updateMatrixWorld();
+    this.clear();
+    renderer.render(this.world, camera);
+  }
+
+  // Makes translucent what stands between the eye and the object.
+  clear() {
+    const object = OBJECTS.map((name) => this.frames.get(name)).find((frame) => frame?.parent);
+    const blocking = new Set();
+    if (object) {
+      const { camera, ray } = this, middle = object.getWorldPosition(new Vector3());
+      const right = new Vector3().setFromMatrixColumn(camera.matrixWorld, 0), up = new Vector3().setFromMatrixColumn(camera.matrixWorld, 1);
+      for (const [across, along] of [[0, 0], [-1, 0], [1, 0], [0, -1], [0, 1]]) {
+        const to = middle.clone().addScaledVector(right, across * BESIDE_M).addScaledVector(up, along * BESIDE_M).sub(camera.position);
+        ray.far = to.length() - BESIDE_M;
+        ray.set(camera.position, to.normalize());
+        for (const { object: body } of ray.intersectObjects(this.fingers, false)) blocking.add(body);
+      }
+    }
+    for (const body of this.fingers)
+      Object.assign(body.material, blocking.has(body) ? { transparent: true, opacity: FADED } : { transparent: false, opacity: 1 });
+  }
+
+  // Where on the canvas a frame is, in CSS pixels.
+  seenAt(name) {
+    const at = this.frames.get(name)?.getWorldPosition(new Vector3()).project(this.camera);
+    return at && [((at.x + 1) / 2) * this.canvas.clientWidth, ((1 - at.y) / 2) * this.canvas.clientHeight];
+  }
+
+  // Pointer, wheel, and the arrow keys of the canvas turn the view.
+  steer(redraw) {
+    this.controls = new OrbitControls(this.camera, this.canvas);
+    Object.assign(this.controls, { enablePan: false, minDistance: 0.2, maxDistance: 2, maxPolarAngle: 1.55, rotateSpeed: 0.8 });
+    this.controls.target.copy(TARGET);
+    this.controls.update();
+    this.controls.addEventListener("change", redraw);
+    const keys = { ArrowLeft: [-1, 0, 1], ArrowRight: [1, 0, 1], ArrowUp: [0, 1, 1], ArrowDown: [0, -1, 1], "+": [0, 0, 0.9], "=": [0, 0, 0.9], "-": [0, 0, 1 / 0.9] };
+    this.canvas.addEventListener("keydown", (event) => {
+      if (!keys[event.key] || event.ctrlKey || event.metaKey) return;
+      event.preventDefault();
+      event.stopPropagation();
+      const [across, up, factor] = keys[event.key], from = this.camera.position.clone().sub(TARGET);
+      from.applyAxisAngle(this.camera.up, across * TURN_RAD).multiplyScalar(factor);
+      from.z = Math.max(0.01, from.z + up * TURN_RAD * from.length());
+      this.camera.position.copy(from.add(TARGET));
+      this.controls.update();
+      redraw();
     });
-    gl.disable(gl.STENCIL_TEST);
-  }
-
-  show(body, model, opacity, isFlat = 0) {
-    const { gl, where } = this;
-    gl.uniformMatrix4fv(where.model, false, model);
-    gl.uniform1f(where.opacity, opacity);
-    gl.uniform1f(where.flat_, isFlat);
-    gl.bindVertexArray(body.vertices);
-    gl.drawArrays(gl.TRIANGLES, 0, body.count);
-  }
-
-  // The stencil lets each place be darkened once, however many bodies shade it.
-  shadows(bodies, frames) {
-    const { gl, where } = this;
-    gl.enable(gl.BLEND);
-    gl.enable(gl.STENCIL_TEST);
-    gl.stencilFunc(gl.EQUAL, 0, 255);
-    gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
-    gl.depthMask(false);
-    gl.uniform3fv(where.shade, [0.02, 0.03, 0.03]);
-    const onto = shadowOnto(TABLE_TOP_M, LIGHT);
-    for (const body of bodies) this.show(body, times(onto, matrixOf(frames(body.frame))), 0.22, 1);
-    gl.disable(gl.STENCIL_TEST);
   }
 }
 
-// The poses of all frames in the world, from transforms between them.
-export function worldFrames(links) {
-  const known = new Map([["world", NO_TURN]]);
-  const find = (name) => {
-    if (!known.has(name)) {
-      const link = links.get(name);
-      const parent = link && find(link.parent);
-      known.set(name, parent ? after(parent, link.pose) : null);
-    }
-    return known.get(name);
-  };
-  return find;
-}
-
-export function steer(canvas, scene, redraw) {
-  const turn = (yaw, pitch) => {
-    scene.camera.yaw -= yaw;
-    scene.camera.pitch = Math.min(1.56, Math.max(0.02, scene.camera.pitch + pitch));
-    redraw();
-  };
-  const near = (factor) => {
-    scene.camera.distance = Math.min(2, Math.max(0.25, scene.camera.distance * factor));
-    redraw();
-  };
-  canvas.addEventListener("pointerdown", (event) => canvas.setPointerCapture(event.pointerId));
-  canvas.addEventListener("pointermove", (event) => {
-    if (canvas.hasPointerCapture(event.pointerId)) turn(event.movementX / 160, event.movementY / 160);
-  });
-  canvas.addEventListener("wheel", (event) => { event.preventDefault(); near(Math.exp(event.deltaY / 900)); }, { passive: false });
-  const keys = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1] };
-  canvas.addEventListener("keydown", (event) => {
-    if (keys[event.key]) turn(...keys[event.key]);
-    else if (event.key === "+" || event.key === "=") near(0.9);
-    else if (event.key === "-") near(1 / 0.9);
-    else return;
-    event.preventDefault();
-  });
+// Fingers are told apart by their colour.
+function coloured(entity) {
+  const tint = FINGERS[entity.id.split("_")[0]];
+  if (!tint) return entity;
+  const share = entity.id.endsWith("_tip") ? 1 : 0.72;
+  return { ...entity, colour: [...tint.map((value, k) => share * value + (1 - share) * entity.colour[k]), entity.colour[3]] };
 }

@@ -1,51 +1,32 @@
 // Shows a running trial: the robot of the kept model, moved by what the server sends on ten times a second.
 
-import { Scene, steer, VIEWS, worldFrames } from "./scene.js";
+import { entitiesOfModel, linksOfState } from "./motion.js";
+import { Scene } from "./scene.js";
 
 const element = (id) => document.getElementById(id);
 const root = element("watch");
-const GOAL = [0.2, 0.9, 0.3];
 const SHORTEST_STAY_MS = 1000;
-
-function entitiesOf(model) {
-  const thing = model.objects[root.dataset.object], scale = Number(root.dataset.scale);
-  const grown = thing.map((part) => ({ ...part, id: "cube_tracked", frame: "cube_tracked", colour: [0.9, 0.9, 0.92, 1], sides: part.kind === "cubes",
-    ...(part.size ? { size: part.size.map((length) => length * scale) } : { points: part.points.map((point) => point.map((at) => at * scale)) }) }));
-  return [...model.entities, ...grown];
-}
-
-// The goal is a cube, or a ball for each fingertip.
-function goalOf(goal, model) {
-  if (goal.length === 7) return [{ id: "goal", frame: "world", kind: "cubes", pose: goal, size: Array(3).fill(model.goal_width_m), colour: [...GOAL, 0.35] }];
-  return [0, 3, 6].map((at) => ({ id: "goal", frame: "world", kind: "spheres", pose: [...goal.slice(at, at + 3), 1, 0, 0, 0],
-    size: Array(3).fill(2 * model.tip_radius_m), colour: [...GOAL, 0.5] }));
-}
-
-function framesOf(state, model) {
-  const links = new Map(model.fixed.map(({ child, parent, pose }) => [child, { parent, pose }]));
-  model.joints.forEach(({ parent, child, origin_m, axis }, index) => {
-    const half = state.joints[index] / 2;
-    links.set(child, { parent, pose: [...origin_m, Math.cos(half), ...axis.map((along) => Math.sin(half) * along)] });
-  });
-  links.set("cube_tracked", { parent: "world", pose: state.tracked });
-  return worldFrames(links);
-}
 
 async function main() {
   const model = await (await fetch("/static/trifinger.json")).json();
-  const entities = entitiesOf(model);
-  let scene = null, state = null, goal = "";
+  const thing = { object: root.dataset.object, scale: Number(root.dataset.scale) };
+  let scene = null, state = null, goal = null;
+  const redraw = () => {
+    if (!state) return;
+    scene?.place(linksOfState(state, model));
+    scene?.draw();
+  };
   try {
     scene = new Scene(element("scene"));
-    scene.load(entities);
+    scene.load(entitiesOfModel(model, thing));
+    scene.steer(redraw);
   } catch (error) {
     element("wait").textContent = error.message;
   }
-  const redraw = () => { if (state) scene?.draw(framesOf(state, model)); };
   const show = () => {
-    if (state.goal && String(state.goal) !== goal) {
-      goal = String(state.goal);
-      scene?.load([...entities, ...goalOf(state.goal, model)]);
+    if (state.goal && String(state.goal) !== String(goal)) {
+      goal = state.goal;
+      scene?.load(entitiesOfModel(model, thing, goal));
     }
     redraw();
     const away = state.goal?.length === 7 ? `, ${(1e3 * Math.hypot(...[0, 1, 2].map((axis) => state.tracked[axis] - state.goal[axis]))).toFixed(0)} mm from the goal` : "";
@@ -66,8 +47,7 @@ async function main() {
   });
   addEventListener("pagehide", () => source.close(), { once: true });
   for (const button of document.querySelectorAll("[data-view]"))
-    button.addEventListener("click", () => { if (scene) Object.assign(scene.camera, VIEWS[button.dataset.view]); redraw(); });
-  if (scene) steer(element("scene"), scene, redraw);
+    button.addEventListener("click", () => { scene?.look(button.dataset.view); redraw(); });
   new ResizeObserver(redraw).observe(root);
 }
 

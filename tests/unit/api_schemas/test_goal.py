@@ -3,7 +3,7 @@ import math
 import pytest
 from pydantic import ValidationError
 
-from api_schemas.goal import IN_THE_AIR, MAX_DISTANCE_M, MAX_HEIGHT_M, ON_THE_FLOOR, REST_HEIGHT_M, OwnGoal
+from api_schemas.goal import ARENA_RADIUS_M, IN_THE_AIR, MAX_DISTANCE_M, MAX_HEIGHT_M, ON_THE_FLOOR, REST_HEIGHT_M, OwnGoal
 from api_schemas.job import POLICY_TASKS, JobRequest
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.own import with_own
@@ -19,6 +19,7 @@ def request(*goals, task="push", **more):
 
 def test_the_limits_are_those_of_the_arena():
     assert pytest.approx(c.MAX_CUBE_CENTRE_DISTANCE_M) == MAX_DISTANCE_M
+    assert c.ARENA_RADIUS_M == ARENA_RADIUS_M
     assert (REST_HEIGHT_M, MAX_HEIGHT_M) == (c.CUBE_REST_HEIGHT_M, c.MAX_GOAL_HEIGHT_M)
 
 

@@ -146,4 +146,16 @@ def test_a_failed_trial_says_why_and_its_log_says_the_same(policy, tmp_path):
     assert outcome.kind is OutcomeKind.FAILED and outcome.failure is not None
     assert (why.kind, why.sentence) == (outcome.failure.kind, outcome.failure.sentence)
     assert log.goal[0].ravel().tolist() == [0.1, 0.05, 0.0325]
+    _is_a_glimpse_of(outcome.glimpse, log)
+    assert outcome.glimpse.goal[:3] == pytest.approx((0.1, 0.05, 0.0325), abs=1e-3)
+    assert "glimpse" not in log.outcome, "the log has all poses anyway"
     assert json.loads(log.metadata["own_goal"]) == {"position_m": [0.1, 0.05, 0.0325]}
+
+
+def _is_a_glimpse_of(glimpse, log):
+    """Each of its poses was measured at its time, and the log ends with the last of them."""
+    rows = np.searchsorted(log.joint_steps, np.round(1e3 * np.array(glimpse.t_s)).astype(int))
+    np.testing.assert_allclose(glimpse.joint_position_rad, log.joint_position_rad[rows], atol=6e-4)
+    reports = np.searchsorted(log.capture_s, np.array(glimpse.t_s) + 1e-9, side="right") - 1
+    np.testing.assert_allclose(np.array(glimpse.tracked_pose)[:, :3], log.tracked_position_world_m[reports], atol=6e-4)
+    assert len(glimpse.t_s) == 10 and glimpse.t_s[-1] > 0.95

@@ -30,6 +30,24 @@ def test_fetch_writes_logs_and_the_report_byte_by_byte(farm, trifarm, folder):
     assert ended.document["report"] == str(folder / "report.json")
 
 
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_the_trials_are_fetched_as_a_table(farm, trifarm, tmp_path, suffix):
+    import pandas
+
+    table = tmp_path / f"trials.{suffix}"
+    assert trifarm("fetch", JOB_ID, "--table", str(table)).code == 0
+    read = pandas.read_csv(table) if suffix == "csv" else pandas.read_parquet(table)
+    assert read.trial.tolist() == sorted(read.trial) and len(read) > 0
+    assert [path.name for path in tmp_path.iterdir()] == [table.name], "no log was asked for"
+
+
+def test_a_table_of_no_known_kind_and_nothing_to_fetch_are_refused(farm, trifarm, tmp_path):
+    for arguments in (["--table", str(tmp_path / "x.xls")], []):
+        ended = trifarm("fetch", JOB_ID, *arguments)
+        assert ended.code == 2 and (".parquet" in ended.err or "--table FILE" in ended.err)
+    assert not list(tmp_path.iterdir())
+
+
 def test_operators_fetch_the_truth_too_and_it_is_checked(farm, trifarm, folder):
     farm.truths = {0: b"truth of 0", 2: b"truth of 2"}
     ended = trifarm("fetch", JOB_ID, "--to", str(folder), "--truth", "--json")

@@ -6,7 +6,7 @@ from pydantic import ValidationError
 from api_schemas.job import POLICY_TASKS, JobRequest, TaskName
 from api_schemas.policy import PolicyManifest
 from client_cli.terminal.options import AskedTask
-from client_cli.terminal.wrong_values import sentence
+from client_cli.terminal.wrong_values import meant, sentence, with_meant
 
 JOB = {"policy": "0" * 64, "task": "push"}
 MANIFEST = {"observation": ["joint_position_rad"]}
@@ -65,3 +65,22 @@ def test_what_is_wrong_with_a_token_is_what_is_blamed(trifarm, flags, named):
 def test_numbers_out_of_range_read_as_sentences(trifarm):
     err = trifarm("submit", "x.onnx", "--task", "push", "--trials", "9999").err
     assert "'--trials': it should be less than or equal to 1000" in err
+
+
+@pytest.mark.parametrize(
+    "given, names, told",
+    [
+        ("pusch", ("push", "lift"), "; did you mean push?"),
+        ("PUSH", ("push", "lift"), "; did you mean push?"),
+        ("rael", ("nominal", "mild", "real"), "; did you mean real?"),
+        ("xyzzy", ("push", "lift"), ""),
+    ],
+)
+def test_a_name_that_is_nearly_right_is_recognised(given, names, told):
+    assert meant(given, names) == told
+    listed = ", ".join(f"'{name}'" for name in names)
+    assert with_meant(f"'{given}' is not one of {listed}.") == f"'{given}' is not one of {listed}" + (told or "")
+
+
+def test_other_messages_stay_as_they_are():
+    assert with_meant("it should be greater than 0.") == "it should be greater than 0."

@@ -107,6 +107,46 @@ def test_durations_are_read_in_two_units(seconds, text):
     assert words.duration(seconds) == text
 
 
+def test_angle_errors_lie_on_an_axis_of_half_a_turn():
+    near, far = figures.turned([(0.0, True), (np.pi, False)])
+    assert (near.x, far.x, near.succeeded, far.succeeded) == (0.0, 100.0, True, False)
+    assert figures.angle_x(np.deg2rad(22.5)) == pytest.approx(12.5)
+
+
+def test_a_moment_is_for_the_readers_browser_to_write_in_its_own_zone():
+    assert words.moment("2026-01-02T03:04:05.678+00:00") == (
+        '<time datetime="2026-01-02T03:04:05.678+00:00">2026-01-02 03:04:05 UTC</time>'
+    )
+    assert words.moment(None) == "–"
+
+
+def test_jobs_that_tried_the_same_goals_stand_together():
+    from types import SimpleNamespace
+
+    from services.dashboard.compare_page import grouped
+
+    rows = [SimpleNamespace(job_id=name, task=task, object="cube", object_scale=1.0, seed=seed)
+            for name, task, seed in [("a", "push", 1), ("b", "push", 2), ("c", "push", 1), ("d", "lift", 1)]]  # fmt: skip
+    assert [([job.job_id for job in group.jobs], group.alike) for group in grouped(rows)] == [
+        (["a", "c"], True),
+        (["b", "d"], False),
+    ]
+
+
+def test_the_browsers_libraries_are_those_of_the_lock_file():
+    import json
+
+    from services.dashboard.pages import FOLDER
+
+    locked = json.loads((FOLDER / "browser" / "package-lock.json").read_text())["packages"]
+    licences = (FOLDER / "static" / "licences.txt").read_text()
+    for name in ("three", "uplot"):
+        version = locked[f"node_modules/{name}"]["version"]
+        assert (FOLDER / "static" / f"{name}.js").read_text().startswith(f"/* {name} {version}, MIT")
+        assert f"{name} {version}" in licences
+    assert licences.count("Permission is hereby granted") == 2
+
+
 def test_a_log_is_reduced_to_what_is_drawn(short_log, tmp_path):
     import json
     import struct

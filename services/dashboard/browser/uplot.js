@@ -1,0 +1,3 @@
+// What the pages use of uPlot.
+
+export { default as uPlot } from "uplot";
