@@ -1,0 +1,1 @@
+"""Cameras that see: calibration, rendered images as a robot's cameras would take them, and trackers that work on pixels."""
