@@ -97,6 +97,7 @@ class JobRequest(Schema):
     object: ObjectName = ObjectName.CUBE
     object_scale: ObjectScale = 1.0
     priority: JobPriority = JobPriority.NORMAL
+    images: bool = Field(default=False, description="whether logs keep what the robot's three cameras saw")
     webhook: WebhookUrl | None = Field(default=None, description="called at the job's end, where the farm allows webhooks")
     goals: Annotated[tuple[OwnGoal, ...], Field(min_length=1, max_length=MAX_TRIALS)] | None = Field(
         default=None, description="of one's own, one for each trial"
@@ -169,6 +170,7 @@ class Job(Schema):
     queue_position: int | None = None
     estimated_wait_s: float | None = None
     own_goals: bool = False
+    images: bool = False
     question: Question | None = Field(default=None, description="what ends the job, and how it stands; null in lists")
 
 

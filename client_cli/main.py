@@ -29,6 +29,8 @@ GROUPS = {
         "compare": Entry("client_cli.commands.compare:compare_jobs", (*OF_EVERY_REQUEST, ExitCode.WORSE)),
         "ladder": Entry("client_cli.commands.ladder:ladder", OF_EVERY_REQUEST),
         "fetch": Entry("client_cli.commands.fetch:fetch", JOB_END),
+        "look": Entry("client_cli.commands.pictures:look", OF_A_CHILD),
+        "video": Entry("client_cli.commands.pictures:video", OF_A_CHILD),
         "policy": Entry("client_cli.commands.policy:commands"),
     },
     "Running a farm": {

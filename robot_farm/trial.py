@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -36,6 +36,9 @@ from sim_backend.trifinger.objects import Shape
 from sim_backend.trifinger.scene import build_scene
 from trial_logs import trial_log
 from trial_logs.trial_log import LogChannels, TrialLogWriter
+
+if TYPE_CHECKING:
+    from robot_farm.photographer import Photographer
 
 KEPT_MODELS = 8
 """Objects come in any scale, so that what is kept of them must end somewhere."""
@@ -90,8 +93,9 @@ def run_trial(
         writer = stack.enter_context(TrialLogWriter(log_path, channels))
         truth = None if ready.truth is None else stack.enter_context(TrialLogWriter(ready.truth.path, ready.truth.channels))
         _describe(writer, lease, physics, ready)
-        run = Run(lease, ready, driver, stop_reason, progress or Progress(), truth)
-        with Recorder(writer, truth, driver.shape) as recorder:
+        photographer = stack.enter_context(_photographer(ready, driver.shape)) if lease.images else None
+        run = Run(lease, ready, driver, stop_reason, progress or Progress(), truth, photographer)
+        with Recorder(writer, truth, driver.shape, photographer) as recorder:
             failure, step = run_excitation(run, recorder) if policy is None else _control_loop(run, policy, recorder)
         if failure is None or FAULT_OF[failure[0]] is Fault.PLATFORM:
             failure = _closed(ready, step, failure)
@@ -109,6 +113,13 @@ def run_trial(
             truth.metadata(trial_log.OUTCOME_METADATA, as_it_was.model_dump(mode="json"))
             write_physics(truth, ready.physics, ready.start, run.changed)
     return outcome
+
+
+def _photographer(ready: Prepared, shape: Shape) -> "Photographer":
+    """Loaded where a job asked for images and nowhere else."""
+    from robot_farm.photographer import Photographer
+
+    return Photographer(ready, shape)
 
 
 def _failure(run: Run, witness: Witness, ended: Outcome) -> FailureCause | None:

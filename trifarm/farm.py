@@ -84,6 +84,7 @@ class Farm:
         at_least: float | None = None,
         like: str | None = None,
         goals: Path | str | None = None,
+        images: bool = False,
     ) -> "FarmJob":
         """Uploads a policy and queues a job of it.
 
@@ -105,6 +106,7 @@ class Farm:
             at_least: the smallest difference that matters.
             like: a job whose task, goals and orders of robots are taken.
             goals: a file of goals of one's own, a JSON list.
+            images: whether the logs keep what the robot's three cameras saw.
 
         Raises:
             ClientError: the policy cannot be used, or the farm refused it; the text says why.
@@ -116,7 +118,7 @@ class Farm:
         with files_checked():
             builtin = builtin_named(Path(weights))
             policy = None if builtin else read_policy(Path(weights), None if manifest is None else Path(manifest), layout)
-            asked = wish_of(self._client, asking, common, trials=trials, layout=layout) | {"webhook": webhook}
+            asked = wish_of(self._client, asking, common, trials=trials, layout=layout) | {"webhook": webhook, "images": images}
             wish = checked(JobRequest, asked | {"policy": builtin_digest(builtin) if policy is None else policy.digest})
             if policy is None:
                 self._client.take_builtin(builtin)

@@ -122,6 +122,8 @@ job = Table(
     Column("counted_successes", Integer),
     # Whether its user brought the goals.
     Column("own_goals", Boolean, nullable=False, default=False),
+    # Whether its logs keep the cameras' images.
+    Column("images", Boolean, nullable=False, default=False),
     # The one robot that runs all trials of the job; where any will do, it is drawn with the first lease.
     Column("robot", String(40)),
     Column("any_robot", Boolean, nullable=False, default=False),

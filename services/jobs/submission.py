@@ -27,7 +27,7 @@ from services.jobs.lease import UNENDED
 from services.jobs.priority import RANKS
 from services.policies import owners
 
-LATER_FIELDS = frozenset({"object", "object_scale", "webhook", "priority", "goals", "like", "question"})
+LATER_FIELDS = frozenset({"object", "object_scale", "webhook", "priority", "goals", "like", "question", "images"})
 """Fields of a job that came after its first form; a job sent before they came and again afterwards is one job."""
 
 LOOK_AGAIN_S = 30
@@ -101,6 +101,7 @@ async def submit(
         "object": request.object,
         "object_scale": request.object_scale,
         "priority": RANKS[request.priority],
+        "images": request.images,
         "judged": request.question is not None or judged,
         "own_goals": any(each.own_goal is not None for each in draws),
         **(pinned or {}),

@@ -97,9 +97,9 @@ class Effect:
     only say how it looks when it is there. ``apply`` is the function that applies it: for ``Acts.MODEL`` it takes the MjSpec
     and one robot's values by parameter name, for ``Acts.CONTROL`` it is a compiled function that the control callback
     calls by name (``sim_backend.driver.control_step``), most of them for each joint, for ``Acts.TRACKER`` a function over n
-    robots that the tracker calls. Those in ``LOOKS`` are called by ``sim_backend.vision``: for ``Acts.CALIBRATION`` with the
-    cameras' poses or lenses, for ``Acts.APPEARANCE`` with the MjSpec that is rendered, for ``Acts.IMAGE`` with images, always with
-    one robot's values by parameter name.
+    robots that the tracker calls. Those in ``LOOKS`` are called by ``sim_backend.vision`` with one robot's values by parameter
+    name: for ``Acts.CALIBRATION`` with a camera's pose or lens, for ``Acts.APPEARANCE`` with the MjSpec that is rendered, for
+    ``Acts.IMAGE`` with images.
     """
 
     name: str

@@ -38,8 +38,8 @@ def moved_camera(rotation: np.ndarray, translation_m: np.ndarray, values: Mappin
     those of its file.
     """
     turn = rotation_matrix(np.array([values["pitch_rad"], values["yaw_rad"], values["roll_rad"]]))
-    position_m = -rotation.T @ translation_m
-    position_m = position_m + rotation.T @ np.array([values["right_m"], values["down_m"], values["forward_m"]])
+    moved_m = np.array([values["right_m"], values["down_m"], values["forward_m"]])
+    position_m = rotation.T @ (moved_m - translation_m)
     turned = turn.T @ rotation
     return turned, -turned @ position_m
 
@@ -60,7 +60,8 @@ def lamp(spec: "MjSpec", values: Mapping[str, float]) -> None:
     for light in spec.lights:
         if light.name == LAMP:
             light.diffuse = np.asarray(light.diffuse) * (1.0 + float(values["strength"]))
-            light.dir = np.asarray(light.dir) + [np.tan(float(values["lean_x_rad"])), np.tan(float(values["lean_y_rad"])), 0.0]
+            lean = [np.tan(float(values["lean_x_rad"])), np.tan(float(values["lean_y_rad"])), 0.0]
+            light.dir = np.asarray(light.dir) + lean
 
 
 def surroundings(spec: "MjSpec", values: Mapping[str, float]) -> None:
@@ -133,9 +134,9 @@ def _convolved(image: np.ndarray, kernel: np.ndarray, axis: int) -> np.ndarray:
 def noisy_image(images: np.ndarray, values: Mapping[str, np.ndarray], rng: np.random.Generator) -> np.ndarray:
     """Images (3, height, width, 3) with the noise of light and reading: its variance grows with brightness."""
     share = images / np.float32(255.0)
-    variance = (np.square(values["reading"])[:, None, None, None] + np.square(values["light"])[:, None, None, None] * share).astype(
-        np.float32
-    )
+    variance = (
+        np.square(values["reading"])[:, None, None, None] + np.square(values["light"])[:, None, None, None] * share
+    ).astype(np.float32)
     return images + np.float32(255.0) * np.sqrt(np.maximum(variance, 0.0)) * rng.standard_normal(images.shape, dtype=np.float32)
 
 

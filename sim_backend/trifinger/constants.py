@@ -204,9 +204,9 @@ CAMERA_POSES = (
         (0.4701789145919274, -0.463122803047164, -0.751291777787446, 0.5244100800677238),
     ),
 )
-"""``tf_world_to_camera`` of each camera as its file has it, 3 x 4: rotation, then translation in m; the camera looks along +z with x
-to the right and y down (TS data/camera_params/camera*_cropped.yml). ``CAMERAS`` holds the same, rounded: every figure of the formula
-was made with those numbers."""
+"""``tf_world_to_camera`` of each camera as its file has it, 3 x 4: rotation, then translation in m; the camera looks along +z
+with x to the right and y down (TS data/camera_params/camera*_cropped.yml). ``CAMERAS`` holds the same, rounded: every figure of
+the formula was made with those numbers."""
 CAMERA_LENSES = (
     (
         (293.6491860743451, 295.7697633410819, 145.6428952811477, 138.72778249344682),

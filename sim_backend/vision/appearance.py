@@ -114,7 +114,9 @@ def revolved(profile_m: np.ndarray, segments: int = 72) -> tuple[np.ndarray, np.
     """
     angle = 2 * np.pi * np.arange(segments) / segments
     radius, height = profile_m[:, :1], profile_m[:, 1:]
-    vertices = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.broadcast_to(height, (len(radius), segments))], axis=2)
+    vertices = np.stack(
+        [radius * np.cos(angle), radius * np.sin(angle), np.broadcast_to(height, (len(radius), segments))], axis=2
+    )
     here = np.arange(segments)
     there = (here + 1) % segments
     triangles = []

@@ -50,7 +50,7 @@ class Calibration:
         return points_world_m @ self.rotation.T + self.translation_m
 
     def project(self, points_world_m: np.ndarray) -> np.ndarray:
-        """Where points of the world, shape (..., 3), land in the image, shape (..., 2), px; those behind the camera are NaN."""
+        """Where points of the world, shape (..., 3), land in the image, shape (..., 2), px; NaN for those behind the camera."""
         points = self.to_camera(np.asarray(points_world_m, dtype=float))
         depth = np.where(points[..., 2:] > 0.0, points[..., 2:], np.nan)
         return self.pixels(points[..., :2] / depth)
@@ -76,7 +76,7 @@ class Calibration:
 
 
 def distorted(normalised: np.ndarray, distortion: np.ndarray) -> np.ndarray:
-    """What the lens makes of directions x/z and y/z, both of shape (..., 2) (OpenCV, camera calibration and 3D reconstruction)."""
+    """What the lens makes of directions x/z and y/z, both of shape (..., 2) (OpenCV's five coefficients)."""
     k1, k2, p1, p2, k3 = distortion
     x, y = normalised[..., 0], normalised[..., 1]
     r2 = x * x + y * y

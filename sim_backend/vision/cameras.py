@@ -1,11 +1,10 @@
-"""A robot's three cameras: renders its scene as they take it, with their lenses, their calibration errors and their images' faults.
+"""A robot's three cameras: its scene as they take it, with their lenses, calibration errors and the faults of their images.
 
-MuJoCo's renderer paints an image without distortion that is wider than the camera's; a table made once says where in it each pixel
-of the camera's image lies. It needs EGL (in software where there is no GPU) and the extra ``vision``.
+MuJoCo's renderer paints an image without distortion that is wider than the camera's; a table made once says where in it each
+pixel of the camera's image lies. It needs EGL (in software where there is no GPU) and the extra ``vision``.
 """
 
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from types import TracebackType
 from typing import Any
@@ -15,16 +14,18 @@ import numpy as np
 
 from sim_backend.effects.catalogue import CATALOGUE
 from sim_backend.effects.effect import Acts
+from sim_backend.effects.looking import FACES
 from sim_backend.effects.physics import Physics
 from sim_backend.trifinger.objects import CUBE, Shape
 from sim_backend.vision.appearance import seen_spec
 from sim_backend.vision.calibration import Calibration, nominal_calibrations
+from sim_backend.vision.pictures import opencv
 
 SUPERSAMPLING = 2
 """Rendered pixels along each edge of an image's pixel; their mean is taken, as a sensor takes it."""
 _MARGIN = 1.01
 _CLIP_M = (0.05, 3.0)
-EXTRA = "'pip install trifarm[vision]' and EGL ('apt-get install libegl1 libgl1-mesa-dri' renders in software)"
+EXTRA = "pip install 'trifarm[vision]', and EGL (apt-get install libegl1 libgl1-mesa-dri renders in software)"
 
 
 class CamerasMissingError(RuntimeError):
@@ -98,10 +99,7 @@ class Cameras:
         Returns:
             Images, shape (3, height, width, 3), uint8, red first, in the order of ``constants.CAMERAS``.
         """
-        self._data.qpos[:9] = joint_position_rad
-        self._data.qpos[9:12], self._data.qpos[12:16] = cube_position_world_m, cube_quat_wxyz
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_camlight(self._model, self._data)
+        self._place(joint_position_rad, cube_position_world_m, cube_quat_wxyz)
         images = np.stack(
             [pinhole.seen(self._painter.paint(self._data, at, pinhole.size_px)) for at, pinhole in enumerate(self._pinholes)]
         )
@@ -110,6 +108,25 @@ class Cameras:
             for apply, values in self._image_effects:
                 images = apply(images, values, rng)
         return np.clip(np.rint(images), 0, 255).astype(np.uint8)
+
+    def labels(self, joint_position_rad: np.ndarray, cube_position_world_m: np.ndarray, cube_quat_wxyz: np.ndarray) -> np.ndarray:
+        """Which face of the object each pixel of :meth:`take` shows: 0 for none, else its place in ``CUBE_FACE_COLOURS`` plus 1.
+
+        Returns:
+            Shape (3, height, width), uint8.
+        """
+        self._place(joint_position_rad, cube_position_world_m, cube_quat_wxyz)
+        face_of = np.zeros(self._model.ngeom + 1, np.uint8)  # the last is of pixels without a geom
+        for number, face in enumerate(FACES, 1):
+            face_of[mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_GEOM, f"cube_face_{face}")] = number
+        painted = [self._painter.paint_geoms(self._data, at, each.size_px) for at, each in enumerate(self._pinholes)]
+        return np.stack([pinhole.nearest(face_of[geoms]) for pinhole, geoms in zip(self._pinholes, painted, strict=True)])
+
+    def _place(self, joint_position_rad: np.ndarray, cube_position_world_m: np.ndarray, cube_quat_wxyz: np.ndarray) -> None:
+        self._data.qpos[:9] = joint_position_rad
+        self._data.qpos[9:12], self._data.qpos[12:16] = cube_position_world_m, cube_quat_wxyz
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
 
 
 def as_it_stands(calibration: Calibration, physics: Physics, camera: int) -> Calibration:
@@ -149,10 +166,15 @@ class _Pinhole:
 
     def seen(self, painted: np.ndarray) -> np.ndarray:
         """The camera's image, shape (height, width, 3), float32, of the rendered one, shape (size, size, 3), uint8."""
-        cv2 = _opencv()
+        cv2 = opencv()
         fine = cv2.remap(painted, self._table[..., 0], self._table[..., 1], cv2.INTER_LINEAR)
         height, width = fine.shape[0] // SUPERSAMPLING, fine.shape[1] // SUPERSAMPLING
         return cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA).astype(np.float32)
+
+    def nearest(self, painted: np.ndarray) -> np.ndarray:
+        """Numbers of the camera's pixels, shape (height, width), of the rendered ones, shape (size, size), without a mixture."""
+        fine = opencv().remap(painted, self._table[..., 0], self._table[..., 1], opencv().INTER_NEAREST)
+        return fine[::SUPERSAMPLING, ::SUPERSAMPLING]
 
 
 class _Painter:
@@ -172,6 +194,25 @@ class _Painter:
 
     def paint(self, data: mujoco.MjData, camera: int, size_px: int) -> np.ndarray:
         """What a camera of the model sees, shape (size, size, 3), uint8, top row first."""
+        return self._painted(data, camera, size_px)
+
+    def paint_geoms(self, data: mujoco.MjData, camera: int, size_px: int) -> np.ndarray:
+        """Which geom of the model a camera sees, shape (size, size), top row first; -1 for none."""
+        flags = (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR)
+        for flag in flags:
+            self._scene.flags[flag] = 1
+        pixels = self._painted(data, camera, size_px).astype(np.int32)
+        for flag in flags:
+            self._scene.flags[flag] = 0
+        shown = pixels[..., 0] + 256 * pixels[..., 1] + 65536 * pixels[..., 2]  # 0 for none, else the place in the scene plus 1
+        geom_of = np.full(self._scene.ngeom + 1, -1)
+        for place in range(self._scene.ngeom):
+            each = self._scene.geoms[place]
+            if each.objtype == mujoco.mjtObj.mjOBJ_GEOM:
+                geom_of[each.segid + 1] = each.objid
+        return geom_of[shown]
+
+    def _painted(self, data: mujoco.MjData, camera: int, size_px: int) -> np.ndarray:
         self._context.make_current()
         self._camera.fixedcamid = camera
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
@@ -190,26 +231,15 @@ class _Painter:
 
 
 def _context(size_px: int) -> Any:
-    """A context of EGL, whatever ``MUJOCO_GL`` says: only there can a machine without a screen render."""
-    _opencv()
+    """A context of EGL, whatever ``MUJOCO_GL`` says: only there can a machine without a screen render.
+
+    Raises:
+        CamerasMissingError: the machine cannot.
+    """
     try:
-        make: Callable[[int, int], Any] = importlib_egl().GLContext
-        return make(size_px, size_px)
+        opencv()
+        import mujoco.egl
+
+        return mujoco.egl.GLContext(size_px, size_px)
     except (ImportError, AttributeError, RuntimeError) as error:
         raise CamerasMissingError(f"images cannot be rendered here ({error}); needed: {EXTRA}") from error
-
-
-def importlib_egl() -> Any:
-    """MuJoCo's module for EGL, imported when images are rendered and not before."""
-    import mujoco.egl
-
-    return mujoco.egl
-
-
-@functools.cache
-def _opencv() -> Any:
-    try:
-        import cv2
-    except ImportError as error:
-        raise CamerasMissingError(f"images cannot be rendered here ({error}); needed: {EXTRA}") from error
-    return cv2
