@@ -41,7 +41,8 @@ def test_pixels_cost_nothing_at_the_true_pose_and_more_elsewhere():
     rotation = Rotation.from_rotvec(TURN_RAD).as_matrix()
     rays = sampled(masks_of(POSITION_M, rotation), nominal_calibrations(), np.random.default_rng(1), 150)
     truth = np.concatenate([POSITION_M, TURN_RAD])
-    cost = cost_px(np.array([truth, truth + [0.02, 0, 0, 0, 0, 0], truth + [0, 0, 0, 0.3, 0, 0]]), rays, WIDTH_M)
+    beside, turned = np.array([0.02, 0, 0, 0, 0, 0]), np.array([0, 0, 0, 0.3, 0, 0])
+    cost = cost_px(np.array([truth, truth + beside, truth + turned]), rays, WIDTH_M)
     assert cost[0] < 0.4 and (cost[1:] > 5 * cost[0]).all()
     distance, looks = distances_px(rays[0], POSITION_M[None], rotation[None], WIDTH_M)
     assert looks.all() and distance.max() < 1.0
