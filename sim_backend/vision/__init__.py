@@ -1,1 +1,1 @@
-"""Cameras that see: calibration, rendered images as a robot's cameras would take them, and trackers that work on pixels."""
+"""Cameras that see: calibration, and rendered images as a robot's cameras would take them."""

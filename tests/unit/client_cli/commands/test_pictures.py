@@ -17,7 +17,9 @@ def rendering(monkeypatch, tmp_path):
     """Puts a program that notes its arguments in the renderer's place; it ends with the code that is given."""
 
     def use(code):
-        program = f"import sys; open({str(tmp_path / 'seen')!r}, 'w').write(' '.join(sys.argv[1:])); print('told'); sys.exit({code})"
+        program = (
+            f"import sys; open({str(tmp_path / 'seen')!r}, 'w').write(' '.join(sys.argv[1:])); print('told'); sys.exit({code})"
+        )
         command = lambda module, *rest: [sys.executable, "-c", program, module, *rest]  # noqa: E731
         monkeypatch.setattr("client_cli.commands.pictures.module_command", command)
 

@@ -88,6 +88,18 @@ def test_present_changes_the_images(effect, nominal_cameras):
         assert (cameras.take(*state, seed=5, frame=3) == again).all(), "the same seed and frame give the same bits"
 
 
+def test_labels_are_the_painted_cube_face_by_face(nominal_cameras):
+    state = (AWAY_RAD, np.array(PLACES_M[1]), ASIDE)
+    images, labels = nominal_cameras.take(*state), nominal_cameras.labels(*state)
+    for image, label, camera in zip(images, labels, nominal_calibrations(), strict=True):
+        centre, area = silhouette(camera, *state[1:])
+        rows, columns = np.nonzero(label)
+        assert np.abs([columns.mean() - centre[0], rows.mean() - centre[1]]).max() < 0.7 and 0.9 < len(rows) / area < 1.05
+        for face in set(label[label > 0].tolist()):
+            colours = image[label == face].reshape(-1, 3).astype(float)
+            assert (np.abs(colours - np.median(colours, axis=0)).max(axis=1) < 40).mean() > 0.7, "a face has one paint"
+
+
 def test_absent_effects_leave_every_bit(nominal_cameras):
     state = (c.START_JOINT_POSITION_RAD, np.array([0.0, 0.03, 0.0325]), ASIDE)
     absent = {effect.key(p): p.absent for effect in LOOKING for p in effect.all_parameters}
