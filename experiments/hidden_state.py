@@ -2,14 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from experiments.design import HiddenState
 from sim_backend.evaluation import begin_trials
 from sim_backend.tasks.task import Task
-from sim_backend.training.export import ExportedPolicy
-from sim_backend.training.trying import robots_of
+
+if TYPE_CHECKING:
+    from sim_backend.training.export import ExportedPolicy
 
 PENALTIES = (0.1, 1.0, 10.0, 100.0, 1000.0)
 FOLDS = 5
@@ -87,8 +89,10 @@ def _ridge(x: np.ndarray, target: np.ndarray, fitted: np.ndarray, wanted: np.nda
     return x[wanted] @ weights + mean
 
 
-def ask(policy: ExportedPolicy, task: Task, design: HiddenState, *, threads: int = 1) -> dict:
+def ask(policy: "ExportedPolicy", task: Task, design: HiddenState, *, threads: int = 1) -> dict:
     """Let a policy with a memory drive robots of ``real`` and ask its state what they are, as JSON has it."""
+    from sim_backend.training.trying import robots_of
+
     seeds = range(design.first_seed, design.first_seed + design.robots)
     robots = robots_of("real", design.robots, design.first_seed)
     episode, _ = begin_trials(policy.manifest, task, seeds, physics=robots, threads=threads, physics_step_s=0.004)

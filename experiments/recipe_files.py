@@ -12,7 +12,6 @@ from sim_backend.effects.ranges import __file__ as _ranges_file
 from sim_backend.effects.ranges import load_ranges
 from sim_backend.training.changes import changes
 from sim_backend.training.demonstrations.recipe import ImitationRecipe
-from sim_backend.training.demonstrations.recording import read_demonstrations, write_demonstrations
 from sim_backend.training.recipe import Recipe, RecipeError, load_recipe, schema_of
 
 REAL = Path(_ranges_file).parent / "presets" / "real.toml"
@@ -122,6 +121,8 @@ def cut(recorded: Path, count: int, out: Path) -> None:
     Raises:
         ValueError: there are not so many.
     """
+    from sim_backend.training.demonstrations.recording import read_demonstrations, write_demonstrations  # they load torch
+
     found = read_demonstrations(recorded)
     if len(found.first) < count:
         raise ValueError(f"{recorded.name} has {len(found.first)} successful trials, {count} are needed")

@@ -1,4 +1,7 @@
-"""One experiment from what is missing to its page; what is done is never done again."""
+"""One experiment from what is missing to its page; what is done is never done again.
+
+Torch and matplotlib are loaded by those who compute with them or draw: to list, train and submit nothing of them is needed.
+"""
 
 import json
 import shutil
@@ -7,7 +10,7 @@ from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from api_schemas.builtin_policies import builtin_manifest
 from experiments import catalogue
@@ -15,7 +18,6 @@ from experiments.agreement import asked_of_measurements
 from experiments.consecutive import task_of, try_many_goals
 from experiments.design import Cell, Experiment, Farm
 from experiments.farm_trials import own_farm, run_blocks, weights_of
-from experiments.figures import draw
 from experiments.findings import Findings, findings
 from experiments.hidden_state import ask
 from experiments.lock import taken
@@ -37,8 +39,9 @@ from experiments.provenance import made_by
 from experiments.store import MEASURED, Key, Store
 from experiments.trainer import manifest_of, train_all
 from sim_backend.grasping.controller import GraspPolicy
-from sim_backend.training.export import ExportedPolicy, read_policy
-from sim_backend.training.trying import robots_of
+
+if TYPE_CHECKING:
+    from sim_backend.training.export import ExportedPolicy
 
 FORMAT = "trifarm-experiment/1"
 
@@ -123,6 +126,9 @@ def _is_trained(piece: BlockPiece | MeasuringPiece, store: Store) -> bool:
 
 def measure(experiment: Experiment, piece: MeasuringPiece, store: Store, tell: Callable[[str], None]) -> None:
     """Measure in simulation and keep it."""
+    from sim_backend.training.export import ExportedPolicy
+    from sim_backend.training.trying import robots_of
+
     tell(piece.name)
     policy, key = _policy(piece.cell, piece.seed, store), Key(piece.cell.name, piece.seed, piece.physics)
     about = asked_of_measurements(experiment, piece.cell, piece.physics)
@@ -138,7 +144,9 @@ def measure(experiment: Experiment, piece: MeasuringPiece, store: Store, tell: C
         store.keep_measured(key, about | ask(policy, task_of(trials_task), hidden))
 
 
-def _policy(cell: Cell, seed: int, store: Store) -> ExportedPolicy | GraspPolicy:
+def _policy(cell: Cell, seed: int, store: Store) -> "ExportedPolicy | GraspPolicy":
+    from sim_backend.training.export import read_policy
+
     if (builtin := builtin_manifest(cell.policy or "")) is not None:
         return GraspPolicy(builtin)
     weights = weights_of(cell, seed, store)
@@ -148,6 +156,8 @@ def _policy(cell: Cell, seed: int, store: Store) -> ExportedPolicy | GraspPolicy
 
 def write(found: Findings, store: Store) -> list[Path]:
     """Figure, JSON and page of an experiment; what was written."""
+    from experiments.figures import draw
+
     store.page_folder.mkdir(parents=True, exist_ok=True)
     figures = draw(found, store.page_folder)
     text = json.dumps(document(found), indent=1) + "\n"

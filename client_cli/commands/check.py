@@ -45,6 +45,7 @@ def check(
     said = PolicyCheck.model_validate_json(ended.stdout)
     chosen = task or task_of(found)
     if said.accepted and tries and chosen is not None:
+        note(f"trying it in 20 short trials of {chosen}, for warnings only (--no-try leaves that out)")
         said = said.model_copy(update={"warnings": (*said.warnings, *tried(file, found, chosen))})
     for warning in said.warnings:
         note(f"warning: {warning}")

@@ -123,20 +123,28 @@ def _pack_one(
     from client_cli.packing.packed_files import pack_to
 
     packed = pack_to(out, files, stated, tolerance=tolerance)
-    warnings = () if task is None else tried(packed.weights, read_manifest(packed.manifest), task)
     for text in packed.notes:
         note(f"note: {text}")
-    for text in warnings:
-        note(f"warning: {text}")
+    if not as_json:
+        print_line(f"packed {files[0].name} ({packed.source}) as {packed.weights} and {packed.manifest.name}")
+        print_line(
+            f"largest difference from the original on {OBSERVATIONS} observations: "
+            f"{packed.largest_difference:.2g} {packed.unit} (allowed {packed.allowed:.2g})"
+        )
+    warnings = () if task is None else _tried(packed, task)
     if as_json:
         print_document(document(packed, warnings))
         return
-    print_line(f"packed {files[0].name} ({packed.source}) as {packed.weights} and {packed.manifest.name}")
-    print_line(
-        f"largest difference from the original on {OBSERVATIONS} observations: "
-        f"{packed.largest_difference:.2g} {packed.unit} (allowed {packed.allowed:.2g})"
-    )
     print_line(f"next: trifarm submit {shlex.quote(str(packed.weights))} --task {task or 'TASK'}")
+
+
+def _tried(packed: "Packed", task: str) -> tuple[str, ...]:
+    """Warnings of the short trials, told as they are found; they take a while on a busy machine, so that it is said before."""
+    note(f"trying it in 20 short trials of {task}, for warnings only (--no-try leaves that out)")
+    warnings = tried(packed.weights, read_manifest(packed.manifest), task)
+    for text in warnings:
+        note(f"warning: {text}")
+    return warnings
 
 
 def _pack_many(folder: Path, out: Path | None, stated: "Statement", tolerance: float | None, *, as_json: bool) -> None:

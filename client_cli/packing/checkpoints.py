@@ -146,10 +146,15 @@ def _numbers(text: str, given: list[str], scaling: InputScaling) -> tuple[float,
     return max(epsilon, TINY), clip
 
 
-def _check_has_none(tensors: Mapping[str, Array], sizes: Collection[int]) -> None:
+def statistics_alike(tensors: Mapping[str, Array], sizes: Collection[int]) -> tuple[list[str], list[str]]:
+    """Names of what looks like an observation's means and spreads."""
     alike = [name for name, each in tensors.items() if each.size in sizes and any(word in _last(name) for word in STATISTICS)]
     means = [name for name in alike if "mean" in _last(name)]
-    spreads = [name for name in alike if name not in means]
+    return means, [name for name in alike if name not in means]
+
+
+def _check_has_none(tensors: Mapping[str, Array], sizes: Collection[int]) -> None:
+    means, spreads = statistics_alike(tensors, sizes)
     if means and spreads:
         raise UsageProblem(
             f"{means[0]} and {spreads[0]} look like a normaliser of the observations, and a plain state_dict does not say how it "

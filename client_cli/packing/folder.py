@@ -1,7 +1,8 @@
 """A folder of checkpoints packed in one go: one process, one line for each, and what one cannot be never stops the others."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,7 +34,7 @@ def is_many(folder: Path) -> bool:
 def pack_folder(
     folder: Path, out: Path | None, stated: Statement, tell: Callable[[Tried], None], *, tolerance: float | None = None
 ) -> list[Tried]:
-    """Pack every checkpoint of a folder into another, each under its own name.
+    """Pack every checkpoint of a folder into another, each under its own name; no two are written over each other.
 
     Args:
         folder: where they are; folders within it are left alone.
@@ -43,23 +44,39 @@ def pack_folder(
         tolerance: as for :func:`packed_files.pack_to`.
 
     Raises:
-        UsageProblem: there is nothing to pack.
+        UsageProblem: there is nothing to pack, or it would be written over.
     """
+    if out is not None and out.resolve() == folder.resolve():
+        raise UsageProblem(f"--out {out} is the folder of the checkpoints, which would be written over; give another")
     files = sorted(path for path in folder.iterdir() if path.is_file() and path.suffix in SUFFIXES)
     if not files:
         raise UsageProblem(f"{folder} holds no checkpoint: no file in it ends in {', '.join(SUFFIXES)}")
     pickles = [path for path in sorted(folder.iterdir()) if path.suffix in PICKLES and STATISTICS.search(path.name)]
     tried = []
-    for file in files:
-        tried.append(_tried(file, pickles, out or folder / PACKED, stated, tolerance))
+    for file, name in names_of(files).items():
+        tried.append(_tried(file, pickles, (out or folder / PACKED) / name, stated, tolerance))
         tell(tried[-1])
     return tried
+
+
+def names_of(files: Sequence[Path]) -> dict[Path, str]:
+    """What each file's policy is called: its stem, or stem and ending where two files share the stem."""
+    stems = Counter(file.stem for file in files)
+    return {file: file.stem if stems[file.stem] == 1 else _told_apart(file, stems) for file in files}
+
+
+def _told_apart(file: Path, taken: Collection[str]) -> str:
+    name = f"{file.stem}-{file.suffix[1:]}"
+    while name in taken:
+        name += "-"
+    return name
 
 
 def _tried(file: Path, pickles: Sequence[Path], out: Path, stated: Statement, tolerance: float | None) -> Tried:
     try:
         given = [file, *_statistics_of(file, pickles)]
-        return Tried(file, pack_to(out / f"{file.stem}{suffix_of(file, stated)}", given, stated, tolerance=tolerance), None)
+        target = out.with_name(f"{out.name}{suffix_of(file, stated)}")
+        return Tried(file, pack_to(target, given, stated, tolerance=tolerance), None)
     except ClientError as error:
         return Tried(file, None, error.detail)
     except Exception as error:  # whatever a stranger's program does: the others are packed all the same

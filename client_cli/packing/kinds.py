@@ -16,7 +16,21 @@ PLAIN = "state-dict"
 CHECKPOINT = "checkpoint"
 """A file of ``torch.save``, of which library its keys say."""
 HDF5 = b"\x89HDF\r\n\x1a\n"
-SUFFIXES = (".pt", ".pth", ".ckpt", ".pt2", ".jit", ".ts", ".zip", ".onnx", ".safetensors", ".npz", ".bin", ".tar")
+SUFFIXES = (
+    ".pt",
+    ".pth",
+    ".ckpt",
+    ".pt2",
+    ".jit",
+    ".ts",
+    ".zip",
+    ".onnx",
+    ".safetensors",
+    ".npz",
+    ".bin",
+    ".tar",
+    ".cleanrl_model",
+)
 """What a folder of checkpoints is searched for."""
 FARM_TENSOR = re.compile(r"(layer|encoder)\d+\.(weight|bias)|recurrent(_norm)?\.\w+")
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import onnx
+import onnx.numpy_helper
 
 from api_schemas import policy_graph
 from api_schemas.policy import PolicyManifest
@@ -51,6 +52,25 @@ def as_one_file(path: Path) -> bytes:
             f"the tensors of {path.name} lie in another file that cannot be read ({first_sentence(error)}): put it beside "
             f"{path.name} under the name that it was exported with"
         ) from error
+
+
+def tensors_of(graph: bytes) -> dict[str, Array]:
+    """The named tensors of a graph in one file."""
+    return {each.name: onnx.numpy_helper.to_array(each) for each in onnx.load_model_from_string(graph).graph.initializer}
+
+
+def names_used(graph: bytes) -> set[str]:
+    """All names that a graph's nodes or outputs take."""
+    model = onnx.load_model_from_string(graph)
+    return _taken(model.graph) | {each.name for each in model.graph.output}
+
+
+def _taken(graph: onnx.GraphProto) -> set[str]:
+    found = {name for node in graph.node for name in node.input}
+    for attribute in (each for node in graph.node for each in node.attribute):
+        for inner in (attribute.g, *attribute.graphs):
+            found |= _taken(inner) | {each.name for each in inner.output}
+    return found
 
 
 class GraphOriginal:

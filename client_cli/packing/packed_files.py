@@ -56,6 +56,8 @@ def pack_to(out: Path | None, files: Sequence[Path], stated: reading.Statement, 
     if stated.activation not in (None, *ACTIVATIONS):
         raise UsageProblem(f"--activation {stated.activation} is not known to the farm; choose from {', '.join(ACTIVATIONS)}")
     packed = reading.pack_files(list(files), stated)
+    if out is not None and out.resolve() in [path.resolve() for path in files]:
+        raise UsageProblem(f"--out {out} is the checkpoint itself, which would be written over; give another name")
     out = beside(files[0], packed.suffix) if out is None else out
     if out.suffix != packed.suffix:
         raise UsageProblem(f"{packed.source} is packed as {packed.suffix}; give --out {out.with_suffix(packed.suffix)}")

@@ -1,7 +1,7 @@
 """From a file and what is said of it to packed weights, a manifest and the original to compare with."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from client_cli.packing import (
     hugging_face,
     kinds,
     onnx_files,
+    program_tensors,
     stable_baselines,
     stable_baselines2,
     whole,
@@ -88,7 +89,7 @@ def pack_files(files: list[Path], stated: Statement) -> Packing:
     if form not in (kinds.CHECKPOINT, PLAIN, "sb2", "hugging-face"):
         _check_brings_its_own(path, form, stated)
     try:
-        return _packed(path, pickles[0] if pickles else None, form, stated)
+        return _with_left_overs(_packed(path, pickles[0] if pickles else None, form, stated))
     except (ClientError, MemoryError):
         raise
     except Exception as error:
@@ -96,6 +97,10 @@ def pack_files(files: list[Path], stated: Statement) -> Packing:
             f"{path.name} cannot be read as {form} ({first_sentence(error)}); if it is another kind of file, export the network "
             "with torch.jit.script(network).save('policy.pt') and pack that"
         ) from error
+
+
+def _with_left_overs(packing: Packing) -> Packing:
+    return replace(packing, notes=(*packing.notes, _left_over_note(packing.unused))) if packing.unused else packing
 
 
 def _compute_in_one_thread() -> None:
@@ -138,7 +143,7 @@ def _wrong_files(files: list[Path]) -> str:
 
 def _check_brings_its_own(path: Path, form: str, stated: Statement) -> None:
     for given, name in ((stated.normaliser, "--normaliser"), (stated.action_normaliser, "--action-normaliser")):
-        if given is not None:
+        if given not in (None, checkpoints.NO_NORMALISER):
             raise UsageProblem(
                 f"{name} is for plain state dicts, and {path.name} is {form}: its own normaliser is packed with it"
             )
@@ -172,8 +177,6 @@ def _rebuilt(recipe: Recipe, tensors: Mapping[str, Any], stated: Statement, libr
     notes = () if stated.activation else (_taken(recipe, manifest),)
     if library == PLAIN and manifest.output_scaling.squash is None:
         notes = (*notes, NO_LAST_ACTIVATION)
-    if unused:
-        notes = (*notes, _left_over_note(unused))
     return Packing(recipe.source, weights, ".safetensors", manifest, original, recipe.normaliser, notes, unused)
 
 
@@ -203,12 +206,15 @@ def _same(values: Any) -> tuple[int, int]:
 
 
 def _left_over_note(unused: tuple[str, ...]) -> str:
+    """Each by its name, or where they are many the modules that they belong to."""
+    if len(unused) <= NAMED_LEFT_OVERS:
+        return f"the policy does without {len(unused)} of the file's tensors: {', '.join(unused)}"
     modules = list(dict.fromkeys(name.rpartition(".")[0] or name for name in unused))
     if len(modules) > NAMED_LEFT_OVERS:
         modules = list(dict.fromkeys(name.partition(".")[0] for name in unused))
     more = f" and {len(modules) - NAMED_LEFT_OVERS} more" if len(modules) > NAMED_LEFT_OVERS else ""
     names = ", ".join(modules[:NAMED_LEFT_OVERS])
-    return f"the policy does without {len(unused)} of the file's tensors, of {names}{more} (--json names each)"
+    return f"the policy does without {len(unused)} of the file's tensors, some or all of {names}{more} (--json names each)"
 
 
 def _loaded(path: Path) -> Any:
@@ -295,8 +301,19 @@ def _made(recipe: Recipe, stated: Statement) -> tuple[PolicyManifest, bytes]:
 def _program(program: whole.Program, file: str, form: str, stated: Statement) -> Packing:
     whole.check_runs(program, file, stated.manifest)
     manifest = whole.manifest_of(program, stated.manifest, stated.scale)
+    unused = program_tensors.unused(program, stated.manifest.network_inputs)
+    _check_normalisers(unused, program_tensors.arrays_of(program), stated)
     graph = whole.onnx_of(program, stated.manifest.network_inputs)
-    return Packing(form, graph, ".onnx", manifest, whole.ProgramOriginal(program, manifest))
+    return Packing(form, graph, ".onnx", manifest, whole.ProgramOriginal(program, manifest), unused=unused)
+
+
+def _check_normalisers(unused: tuple[str, ...], tensors: Mapping[str, Any], stated: Statement) -> None:
+    manifest = stated.manifest
+    program_tensors.check_normalisers(
+        *(unused, tensors, manifest),
+        says_actions=stated.action_normaliser is not None,
+        says_observations=stated.normaliser is not None or bool(manifest.input_scaling.mean or manifest.input_scaling.low),
+    )
 
 
 def _graph(path: Path, stated: Statement) -> Packing:
@@ -309,4 +326,9 @@ def _graph(path: Path, stated: Statement) -> Packing:
     if stated.scale is not None:
         after = after.model_copy(update={"scale": stated.scale})
     manifest = stated.manifest.model_copy(update={"output_scaling": after})
-    return Packing("onnx with external data", weights, ".onnx", manifest, onnx_files.GraphOriginal(path, manifest))
+    tensors = onnx_files.tensors_of(weights)
+    used = onnx_files.names_used(weights)
+    unused = tuple(name for name in tensors if name not in used)
+    _check_normalisers(unused, tensors, stated)
+    original = onnx_files.GraphOriginal(path, manifest)
+    return Packing("onnx with external data", weights, ".onnx", manifest, original, unused=unused)

@@ -1,7 +1,7 @@
 """A network as its parts in the order in which they are applied, and the safetensors and manifest that they become."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -91,6 +91,32 @@ def follows(parts: Iterable[Part], takes: int) -> bool:
             return False
         takes = each.gives
     return True
+
+
+def clipped_to(recipe: Recipe, low: Array, high: Array) -> Recipe:
+    """The recipe with its outputs clipped to the bounds of each joint, shape (9,) each.
+
+    Bounds that differ, between joints or in size, become a clip to ±1: the last layer is divided by them, a factor and a shift
+    multiply them again.
+
+    Raises:
+        UsageProblem: some of the bounds are infinite, or there is nothing between them.
+    """
+    if np.isinf(low).all() and np.isinf(high).all():
+        return replace(recipe, clips=False)
+    middle, half = (high + low) / 2, (high - low) / 2
+    if not (np.isfinite(middle).all() and (half > 0).all()):
+        raise UsageProblem(
+            f"the action space is clipped to {low} … {high}; a policy is packed with finite bounds, or none at all"
+        )
+    if not np.ptp(half) and not middle.any():
+        return replace(recipe, clip=float(half[0]))
+    last = recipe.parts[-1]
+    weight, bias = (last.tensors[name].astype(np.float64) for name in ("weight", "bias"))
+    tensors = {"weight": weight / half[:, None], "bias": (bias - middle) / half}
+    parts = (*recipe.parts[:-1], replace(last, tensors={name: each.astype(np.float32) for name, each in tensors.items()}))
+    uses = (*recipe.uses, f"{last.name}.weight", f"{last.name}.bias")
+    return replace(recipe, parts=parts, clip=1.0, factor=half, shift=middle if middle.any() else None, uses=uses)
 
 
 def tensors_of(recipe: Recipe) -> dict[str, Array]:

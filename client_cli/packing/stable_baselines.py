@@ -17,7 +17,7 @@ from api_schemas.policy_network import ActionHead
 from client_cli.packing.checkpoints import arrays, parts_of
 from client_cli.packing.original import Stack, scaled_as_stated
 from client_cli.packing.quiet import first_sentence, quiet
-from client_cli.packing.recipe import Array, Normaliser, Part, Recipe
+from client_cli.packing.recipe import Array, Normaliser, Part, Recipe, clipped_to
 from client_cli.terminal.errors import UsageProblem
 
 ACTORS = {
@@ -157,11 +157,7 @@ def _with_actions(recipe: Recipe, archive: Archive, parts: tuple[Part, ...], on_
         return replace(recipe, head=ActionHead.BINS, bins=parts[-1].gives // ACTION_SIZE)
     low, high = (_numbers(space[name]) for name in ("low", "high"))
     if on_policy:
-        if np.ptp(high) or np.ptp(low) or low[0] != -high[0]:
-            raise UsageProblem(
-                f"the action space is clipped to {low} … {high}; only the same ±bound for all joints can be packed"
-            )
-        return replace(recipe, clip=float(high[0]))
+        return clipped_to(recipe, low, high)
     return replace(recipe, squash="tanh", factor=(high - low) / 2, shift=(high + low) / 2 if (high + low).any() else None)
 
 
@@ -174,7 +170,7 @@ def bounds_of(space: Any) -> tuple[Array, Array] | None:
 
 def _numbers(text: Any) -> Array:
     """The numbers of a bound as the archive prints it, or of the bound itself."""
-    found = re.findall(r"-?\d+\.?\d*(?:e[+-]?\d+)?", str(text))
+    found = re.findall(r"-?(?:inf|\d+\.?\d*(?:e[+-]?\d+)?)", str(text))
     values = np.array([float(each) for each in found])
     if values.shape != (ACTION_SIZE,):
         raise UsageProblem(f"the action space has the bounds {text}; an action has {ACTION_SIZE} numbers")

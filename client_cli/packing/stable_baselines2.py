@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from client_cli.packing.checkpoints import parts_of
-from client_cli.packing.recipe import Array, Part, Recipe, follows
+from client_cli.packing.recipe import Array, Part, Recipe, clipped_to, follows
 from client_cli.packing.stable_baselines import bounds_of
 from client_cli.terminal.errors import UsageProblem
 
@@ -65,8 +65,8 @@ def recipe_of(tensors: dict[str, Array], data: Mapping[str, Any], activation: st
 
 def _on(parts: list[Part], data: Mapping[str, Any], activation: str | None) -> Recipe:
     bounds = bounds_of(data.get("action_space"))
-    clip = None if bounds is None else float(bounds[1][0])
-    return Recipe("stable-baselines2", tuple(parts), activation=activation or "tanh", clip=clip)
+    recipe = Recipe("stable-baselines2", tuple(parts), activation=activation or "tanh")
+    return recipe if bounds is None else clipped_to(recipe, *bounds)
 
 
 def _off(parts: list[Part], data: Mapping[str, Any], activation: str | None) -> Recipe:

@@ -1,10 +1,11 @@
 """Files that other libraries wrote × check, pack, submit: ``python -m tests.benchmarks.foreign_policies --out FILE [--farm]``.
 
 Each kind of file is made by the library that writes it (stable-baselines3, sb3-contrib, rl_games, rsl_rl, skrl, torch from
-this environment; LeRobot from one of its own, ``--lerobot PYTHON``; stable-baselines2 and Keras by hand) and goes
-through the command line as a user would type it, with and without ``--json``. A row says the words of each refusal, the largest
-difference from the original, how many lines came out at most, and with ``--farm`` what one trial on the farm that ``trifarm``
-finds came to. Rows are written as they come; a second run goes on where the first was stopped.
+this environment; LeRobot, which wants another torch, from one of its own that is made once in the user's cache, unless
+``--lerobot PYTHON`` names one; stable-baselines2 and Keras by hand). It goes through the command line as a user would type it,
+with and without ``--json``. A row says the words of each refusal, the largest difference from the original, how many lines came
+out at most, and with ``--farm`` what one trial on the farm that ``trifarm`` finds came to. Rows are written as they come; a
+second run goes on where the first was stopped.
 """
 
 import argparse
@@ -29,12 +30,14 @@ from torch import nn
 
 from api_schemas.policy import LAYOUTS, PolicyManifest
 from client_cli.main import run
+from tests.benchmarks import own_environment
 
 ROOT = Path(__file__).resolve().parents[2]
 SCALE = 0.396
 MANIFEST = LAYOUTS["pose"].model_copy(update={"name": "foreign"})
 N = MANIFEST.observation_size
 MOST_LINES = 15
+LEROBOT = ("lerobot==0.4.4",)
 
 
 class Actor(nn.Module):
@@ -190,8 +193,8 @@ def arrays(folder: Path) -> tuple[list[str], list[str]]:
     return ["weights.npz"], ["--architecture", "0,2,4", "--activation", "tanh"]
 
 
-def old_archive(folder: Path) -> tuple[list[str], list[str]]:
-    """What stable-baselines2's PPO2 with MlpPolicy saves, by hand."""
+def old_archive(folder: Path, low: np.ndarray = -np.ones(9), high: np.ndarray = np.ones(9)) -> tuple[list[str], list[str]]:
+    """What stable-baselines2's PPO2 with MlpPolicy saves, by hand, for an action space of these bounds."""
     rng, names, values = np.random.default_rng(0), [], {}
     for name, shape in (
         ("pi_fc0", (N, 24)),
@@ -209,7 +212,7 @@ def old_archive(folder: Path) -> tuple[list[str], list[str]]:
     packed = io.BytesIO()
     np.savez(packed, **values)
     with zipfile.ZipFile(folder / "ppo2.zip", "w") as archive:
-        space = {"low": str(-np.ones(9)), "high": str(np.ones(9)), ":serialized:": "AAAA"}
+        space = {"low": str(low), "high": str(high), ":serialized:": "AAAA"}
         archive.writestr("data", json.dumps({"gamma": 0.99, "action_space": space, "policy_kwargs": {}}))
         archive.writestr("parameters", packed.getvalue())
         archive.writestr("parameter_list", json.dumps(names))
@@ -229,10 +232,12 @@ def pickled(folder: Path) -> tuple[list[str], list[str]]:
 
 
 def lerobot(kind: str) -> Callable[[Path], tuple[list[str], list[str]]]:
-    """A policy that LeRobot wrote; raises KeyError where no interpreter with LeRobot is known."""
+    """A policy that LeRobot wrote; raises LookupError where there is no LeRobot."""
 
     def make(folder: Path) -> tuple[list[str], list[str]]:
-        python = os.environ["LEROBOT_PYTHON"]
+        python = os.environ.get("LEROBOT_PYTHON") or str(own_environment.python_of("lerobot"))
+        if "LEROBOT_PYTHON" not in os.environ and (why_not := own_environment.missing("lerobot", LEROBOT)) is not None:
+            raise LookupError(why_not)
         maker = str(Path(__file__).with_name("lerobot_policies.py"))
         subprocess.run([python, "-W", "ignore", maker, str(folder), "18", str(N - 18)], check=True, capture_output=True)
         return [kind], ["--python", python]
@@ -310,8 +315,8 @@ def row_of(kind: str, folder: Path, *, farm: bool) -> dict[str, Any]:
     """What became of one kind of file."""
     try:
         names, options = KINDS[kind](folder)
-    except KeyError as missing:
-        return {"kind": kind, "skipped": f"{missing} is not set"}
+    except LookupError as missing:
+        return {"kind": kind, "skipped": str(missing)}
     manifest = folder / "robot.json"
     manifest.write_text(PolicyManifest.model_dump_json(MANIFEST))
     files, stated = [str(folder / name) for name in names], ["--manifest", str(manifest)]
@@ -373,8 +378,9 @@ def main(arguments: list[str] | None = None) -> int:
     ends(rows)
     asked.out.write_text(json.dumps({"manifest": MANIFEST.name, "scale": SCALE, "rows": rows}, indent=1) + "\n")
     wrong = [row["kind"] for row in rows if row.get("lines", 0) > MOST_LINES or not row.get("json_is_one_document", True)]
-    print(f"{len(rows)} kinds; too long or more than one document: {', '.join(wrong) or 'none'}")
-    return int(bool(wrong))
+    skipped = [row["kind"] for row in rows if "skipped" in row]
+    print(f"{len(rows)} kinds, {len(skipped)} skipped; too long or more than one document: {', '.join(wrong) or 'none'}")
+    return int(bool(wrong or skipped))
 
 
 if __name__ == "__main__":

@@ -29,15 +29,13 @@ from robot_farm.prepared import prepare_plainly
 from robot_farm.trial import log_channels, run_trial
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.tasks import TASKS
-from tests.benchmarks import machine
+from tests.benchmarks import machine, own_environment
 from tests.benchmarks.in_checkout import Clocks
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 EXPERTS = ROOT.parent / "shared/data/policies"
-PLACE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "trifarm" / "peer"
 PACKAGES = ("trifinger-rl-datasets==1.0.3", "pybullet==3.2.7")
-PYTHON = PLACE / "bin" / "python"
-INSTALL_WITHIN_S = 1800
+PYTHON = own_environment.python_of("peer")
 WANTED = {"push": 16.0, "lift": 13.0}
 PERIOD_S = 0.02
 FIRST_SEED = 600
@@ -52,21 +50,9 @@ def missing(experts: Path, *, make: bool = True) -> str | None:
     """
     if not experts.is_dir():
         return f"the published experts are not in {experts}; give their folder by --experts"
-    ready = PLACE / "ready"
-    if ready.exists() and ready.read_text() == " ".join(PACKAGES):
-        return None
-    if not make:
+    if not make and own_environment.missing("peer", PACKAGES, make=False):
         return "the published simulation is not installed; 'python -m tests.benchmarks.peer' installs it"
-    pip = [str(PYTHON), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *PACKAGES]
-    try:
-        for command in ([sys.executable, "-m", "venv", "--clear", str(PLACE)], pip):
-            subprocess.run(command, check=True, capture_output=True, text=True, timeout=INSTALL_WITHIN_S)
-    except subprocess.TimeoutExpired:
-        return f"the published simulation could not be installed within {INSTALL_WITHIN_S} s"
-    except (OSError, subprocess.CalledProcessError) as error:
-        return f"the published simulation could not be installed: {str(getattr(error, 'stderr', error)).strip()[-500:]}"
-    ready.write_text(" ".join(PACKAGES))
-    return None
+    return own_environment.missing("peer", PACKAGES)
 
 
 def theirs(task: str, asked: argparse.Namespace, seed: int) -> dict:

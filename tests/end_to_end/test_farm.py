@@ -22,7 +22,7 @@ from trial_logs.reader import read_log
 ROOT = Path(__file__).parent.parent.parent
 REFERENCE = ROOT / "sim_backend/training/reference_policies/push.safetensors"
 EXPERTS = ROOT.parent / "shared/data/policies"
-TRIALS = 8
+TRIALS = 6
 SAME = {"policy": REFERENCE, "trials": 3, "seed": 11}
 """A job that farms of different sizes run: the first trials of ``reference_job``."""
 
@@ -99,7 +99,7 @@ def test_reference_policy_from_submission_to_verified_logs(farm, reference_job, 
     report = farm.report(reference_job)
     assert report["trials"] == TRIALS == len(report["per_trial"])
     assert report["platform_faults"] == 0 == report["policy_faults"]
-    assert report["successes"] >= 6
+    assert report["successes"] >= 4
     low, high = report["interval_80"]
     assert low < report["success_rate"] <= high
     assert sum(row["trials"] for row in report["per_robot"]) == TRIALS
@@ -162,8 +162,8 @@ def test_job_survives_a_restart_of_the_farm_with_the_numbers_of_one_that_was_not
     assert two_robots.numbers == on_four_robots
 
 
-def test_a_killed_robot_costs_one_attempt_and_nothing_else(farm):
-    job = farm.submit(REFERENCE, task="lift", trials=2, seed=5)
+def test_a_killed_robot_costs_one_attempt_and_nothing_else(farm, on_four_robots):
+    job = farm.submit(REFERENCE, trials=2, seed=SAME["seed"])
     killed = farm.robot_in_mid_trial()
     os.kill(killed["pid"], signal.SIGKILL)
     report = farm.report(job)
@@ -172,7 +172,7 @@ def test_a_killed_robot_costs_one_attempt_and_nothing_else(farm):
     assert report["attempts"] == 3
     (fault,) = report["platform_fault_attempts"]
     assert fault["robot"] == killed["robot"]
-    assert numbers(report) == numbers(farm.report(farm.submit(REFERENCE, task="lift", trials=2, seed=5)))
+    assert numbers(report) == on_four_robots[:2]
     kept = list((farm.folder / "data/robots" / killed["robot"] / "unfinished").glob("*.mcap"))
     assert kept, "the log of the cut-off attempt is gone"
 
@@ -210,14 +210,15 @@ def test_a_recurrent_policy_keeps_its_memory_in_a_trial_and_forgets_it_between(o
     ],
     ids=["nan", "endless"],
 )
-def test_bad_policies_are_the_policys_fault_and_robots_go_on(farm, tmp_path, make, kind):
-    job = farm.submit(make(tmp_path / "bad.onnx"), trials=2, seed=1)
-    report = farm.report(job)
+def test_bad_policies_are_the_policys_fault_and_robots_go_on(one_robot, tmp_path, make, kind):
+    """The farm has one robot, so that it is this one that goes on."""
+    job = one_robot.submit(make(tmp_path / "bad.onnx"), trials=2, seed=1)
+    report = one_robot.report(job)
     assert report["policy_faults"] == 2
     assert report["successes"] == 0 == report["platform_faults"]
     assert {row["outcome"]["kind"] for row in report["per_trial"]} == {kind}
-    after = farm.report(farm.submit(reaching(tmp_path), task="reach", trials=8, seed=2))
-    assert after["trials"] == 8
+    after = one_robot.report(one_robot.submit(reaching(tmp_path), task="reach", trials=2, seed=2))
+    assert after["trials"] == 2
     assert after["platform_faults"] == 0 == after["policy_faults"]
 
 
@@ -291,8 +292,8 @@ def test_an_endless_policy_ends_with_its_robot(one_robot, tmp_path):
 @pytest.mark.parametrize(
     "task, trials, floor",
     [
-        ("push", 12, 10),
-        ("lift", 8, 5),
+        ("push", 8, 6),
+        ("lift", 5, 3),
         pytest.param("push", 40, 34, marks=pytest.mark.scale),
         pytest.param("lift", 40, 28, marks=pytest.mark.scale),
     ],

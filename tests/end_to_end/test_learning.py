@@ -1,7 +1,7 @@
 """From a recipe to the farm's report: a small policy is trained for real, submitted, and better than one that was not."""
 
+import os
 import subprocess
-import sys
 
 import pytest
 
@@ -11,6 +11,7 @@ pytest.importorskip("stable_baselines3", reason="the extra 'learning' is not ins
 from sim_backend.training.export import write_policy
 from sim_backend.training.recipe import Recipe, load_recipe
 from sim_backend.training.train import Run
+from tests.end_to_end import commands
 from tests.end_to_end.farm import TRIFARM, Farm
 
 TRIALS = 16
@@ -25,7 +26,7 @@ def test_a_policy_trained_by_a_recipe_does_better_on_the_farm_than_an_untrained_
     command = [*TRIFARM, "train", "reach", "--out", str(tmp_path / "run"), "--threads", "1"]
     subprocess.run(command, check=True, capture_output=True, text=True, timeout=600)
     trained = tmp_path / "run" / "reach.safetensors"
-    checked = subprocess.run([sys.executable, *TRIFARM[1:], "check", str(trained)], check=False, capture_output=True, text=True)
+    checked = commands.run("check", str(trained), env=os.environ)
     assert checked.returncode == 0, checked.stdout + checked.stderr
     with Farm(tmp_path / "farm", robots=2) as farm:
         jobs = [farm.submit(file, task="reach", trials=TRIALS, seed=17) for file in (trained, untrained)]

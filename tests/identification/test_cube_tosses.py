@@ -55,11 +55,13 @@ def test_published_cube_gives_friction_and_the_scale_of_its_measurement():
     ("hidden", "scale", "effect", "value", "tolerance"),
     [
         pytest.param({"friction": 0.15}, 1.0, "table_friction", 0.15, 0.02, marks=pytest.mark.scale),
-        ({}, 0.97, "tracking_scale", -0.03, 0.006),
+        pytest.param({}, 0.97, "tracking_scale", -0.03, 0.006, marks=pytest.mark.scale),
     ],
 )
 def test_hidden_cause_is_named(hidden, scale, effect, value, tolerance):
-    """`test_published_cube_gives_friction_and_the_scale_of_its_measurement` names a friction without scale."""
+    """`test_published_cube_gives_friction_and_the_scale_of_its_measurement` names a friction and a
+    scale without scale, and `test_a_size_that_only_the_height_at_rest_shows_is_confusable_with_the_table_s_height` a hidden size.
+    """
     study = _study(toss_spec(), tosses(toss_spec(**hidden), 12, 11, scale=scale), {}, 11)
     assert study.causes[0].effect == effect
     if len(study.causes) > 1:  # twelve tosses may not be enough to tell it from its rivals, which then stand beside it

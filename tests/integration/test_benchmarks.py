@@ -61,6 +61,7 @@ MAY_MISS = {"attacked_farm", "crowd", "crowd_memory", "shipped_policy", "verdict
 ELSEWHERE = {
     "attacking_robot_policy": "tests/benchmarks/attacked_farm.py",
     "in_checkout": "tests/benchmarks/against.py",
+    "own_environment": "tests/benchmarks/peer.py",
     "lerobot_policies": "tests/benchmarks/foreign_policies.py",
     "peer_episode": "tests/benchmarks/peer.py",
     "peer_fields_episode": "tests/benchmarks/peer_fields.py",

@@ -1,24 +1,40 @@
 """Backup while the farm runs, restore elsewhere, the same reports; and a doctor who finds what was broken."""
 
 import json
+import os
 import subprocess
 import sys
 
 import pytest
 
+from services.upkeep.__main__ import PRIVATE
+from services.upkeep.backup import back_up, restore
+from services.upkeep.doctor import look_through
+from services.upkeep.folder import UpkeepError
 from tests.integration.farm_process import ROOT, services, until
 
-MANY = 400
-"""Trials of a job that lasts a minute: it has not ended when two backups have been made, however slow a machine is at them."""
+MANY = 240
+"""Trials of a job that lasts half a minute: it has not ended when two backups have been made, however slow a
+machine is at them."""
 
 
 def trifarm(*arguments, code=0):
+    """What a command says, which starts two processes; what it has them do is done by :func:`upkeep`, too."""
     ran = subprocess.run(
         [sys.executable, "-m", "client_cli", *map(str, arguments), "--json"],
         cwd=ROOT, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert ran.returncode == code, ran.stdout + ran.stderr
     return json.loads(ran.stdout)
+
+
+def upkeep(work, *folders, **how):
+    """What the services' program does when a command asks for it, here."""
+    before = os.umask(PRIVATE)
+    try:
+        return work(*folders, **how)
+    finally:
+        os.umask(before)
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +57,7 @@ def test_a_backup_of_a_running_farm_is_restored_elsewhere_with_the_same_reports_
     first = trifarm("backup", "--data", farm.data, "--to", tmp_path / "backup")
     already = farm.job(running)["trials_done"]
     until(lambda: farm.job(running)["trials_done"] > already + 10, 60, "more trials to be done")
-    second = trifarm("backup", "--data", farm.data, "--to", tmp_path / "backup")
+    second = upkeep(back_up, farm.data, tmp_path / "backup")
     farm.admin.post(f"/v1/jobs/{running}/cancel")
     assert (first["missing"], second["missing"]) == (0, 0)
     assert 0 < second["copied"] < second["files"]
@@ -63,46 +79,50 @@ def test_a_backup_of_a_running_farm_is_restored_elsewhere_with_the_same_reports_
 
 
 def test_folders_that_cannot_be_used_are_refused_with_a_sentence(farm, done, tmp_path):
-    def refused(*arguments):
-        return trifarm(*arguments, code=2)["error"]["detail"]
+    def refused(work, *folders):
+        with pytest.raises(UpkeepError) as refusal:
+            upkeep(work, *folders)
+        return str(refusal.value)
 
-    assert "there is no database" in refused("backup", "--data", tmp_path, "--to", tmp_path / "b")
-    assert "is not empty and no backup" in refused("backup", "--data", farm.data, "--to", farm.data)
+    said = trifarm("backup", "--data", tmp_path, "--to", tmp_path / "b", code=2)["error"]["detail"]
+    assert "there is no database" in said
+    assert "is not empty and no backup" in refused(back_up, farm.data, farm.data)
     (tmp_path / "half").mkdir()
-    assert "is no whole backup" in refused("restore", "--from", tmp_path / "half", "--data", tmp_path / "new")
-    trifarm("backup", "--data", farm.data, "--to", tmp_path / "whole")
-    assert "is not empty; restore to a new folder" in refused("restore", "--from", tmp_path / "whole", "--data", farm.data)
+    assert "is no whole backup" in refused(restore, tmp_path / "half", tmp_path / "new")
+    upkeep(back_up, farm.data, tmp_path / "whole")
+    assert "is not empty; restore to a new folder" in refused(restore, tmp_path / "whole", farm.data)
     log = next((tmp_path / "whole" / "files" / "sha256").glob("*/*"))
     log.write_bytes(log.read_bytes()[:-1] + b"?")
-    assert "is damaged" in refused("restore", "--from", tmp_path / "whole", "--data", tmp_path / "new")
+    assert "is damaged" in refused(restore, tmp_path / "whole", tmp_path / "new")
     assert not (tmp_path / "new").exists()
 
 
 def test_the_doctor_finds_what_was_broken(farm, done, tmp_path):
-    def problems(code, *flags):
-        found = trifarm("doctor", "--data", tmp_path / "sick", *flags, code=code)["findings"]
-        return {each["what"]: each["text"] for each in found if each["level"] == "problem"}
+    def problems(deep=False):
+        found = upkeep(look_through, tmp_path / "sick", deep=deep)["findings"]
+        return {each["what"] for each in found if each["level"] == "problem"}
 
-    trifarm("backup", "--data", farm.data, "--to", tmp_path / "backup")
-    trifarm("restore", "--from", tmp_path / "backup", "--data", tmp_path / "sick")
-    assert problems(0, "--deep") == {}
+    upkeep(back_up, farm.data, tmp_path / "backup")
+    upkeep(restore, tmp_path / "backup", tmp_path / "sick")
+    assert problems(deep=True) == set()
     trial = farm.admin.get(f"/v1/jobs/{done}/trials").json()["trials"][0]
     log = tmp_path / "sick" / "files" / "sha256" / trial["log_sha256"][:2] / trial["log_sha256"]
     log.write_bytes(b"x" * log.stat().st_size)
-    assert problems(0) == {}
-    assert set(problems(1, "--deep")) == {"content"}
+    assert problems() == set()
+    assert problems(deep=True) == {"content"}
     log.unlink()
     (tmp_path / "sick" / "tokens.json").chmod(0o644)
-    assert set(problems(1)) == {"files", "privacy"}
+    assert problems() == {"files", "privacy"}
     import sqlite3
 
     with sqlite3.connect(tmp_path / "sick" / "farm.sqlite") as connection:
         connection.execute("UPDATE report SET body = body || ' '")
         connection.execute("UPDATE alembic_version SET version_num = '9999'")
     connection.close()
-    assert set(problems(1)) == {"files", "privacy", "reports", "form"}
+    assert problems() == {"files", "privacy", "reports", "form"}
+    assert not trifarm("doctor", "--data", tmp_path / "sick", code=1)["healthy"]
 
 
 def test_the_doctor_sees_a_farm_that_services_serve(farm):
-    found = {each["what"]: each["text"] for each in trifarm("doctor", "--data", farm.data)["findings"]}
+    found = {each["what"]: each["text"] for each in upkeep(look_through, farm.data, deep=False)["findings"]}
     assert found["farm"] == "runs"

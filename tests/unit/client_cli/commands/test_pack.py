@@ -300,6 +300,53 @@ def test_an_archive_of_stable_baselines2_is_packed(tmp_path, trifarm):
     np.testing.assert_allclose(packed_actions(out, observation[None, None])[0, 0], wanted, atol=1e-5)
 
 
+def test_bounds_of_each_joint_are_kept(tmp_path, trifarm):
+    """A PPO2 of stable-baselines2 whose joints have bounds of their own, which no single clip says."""
+    from tests.benchmarks.foreign_policies import MANIFEST as EXPECTED
+    from tests.benchmarks.foreign_policies import old_archive
+
+    low, high = -np.linspace(0.1, 0.5, 9), np.linspace(0.2, 0.36, 9)
+    (path,), _ = old_archive(tmp_path, low, high)
+    expected, out = tmp_path / "robot.json", tmp_path / "p.safetensors"
+    expected.write_text(EXPECTED.model_dump_json())
+    words = ("--manifest", str(expected), "--out", str(out), "--no-try", "--json", "--scale", "2")
+    ended = trifarm("pack", str(tmp_path / path), *words)
+    assert ended.code == 0, ended.err
+    assert not any(name.startswith("model/pi.") for name in ended.document["unused"])
+    given = np.load(io.BytesIO(zipfile.ZipFile(tmp_path / path).read("parameters")))
+    x = observations = np.random.default_rng(0).normal(size=(40, EXPECTED.observation_size)).astype(np.float32)
+    for layer in ("pi_fc0", "pi_fc1"):
+        x = np.tanh(x @ given[f"model/{layer}/w:0"] + given[f"model/{layer}/b:0"])
+    outputs = x @ given["model/pi/w:0"] + given["model/pi/b:0"]
+    assert ((outputs < low).any(axis=0) | (outputs > high).any(axis=0)).all(), "every joint meets a bound"
+    wanted = 2 * np.clip(outputs, low, high)
+    np.testing.assert_allclose(packed_actions(out, observations[None])[0], wanted, atol=2e-5)
+
+
+def test_bounds_that_are_half_infinite_are_refused(tmp_path, trifarm):
+    from tests.benchmarks.foreign_policies import MANIFEST as EXPECTED
+    from tests.benchmarks.foreign_policies import old_archive
+
+    (path,), _ = old_archive(tmp_path, -np.ones(9), np.r_[np.inf, np.ones(8)])
+    (tmp_path / "robot.json").write_text(EXPECTED.model_dump_json())
+    ended = trifarm("pack", str(tmp_path / path), "--manifest", str(tmp_path / "robot.json"), "--no-try")
+    assert (ended.code, "finite bounds, or none at all" in ended.err) == (2, True)
+
+
+@DEPRECATED
+def test_two_files_of_one_stem_are_not_written_over_each_other(tmp_path, trifarm, manifest):
+    torch.manual_seed(0)
+    first, second = mlp(SIZE, 8, 9), mlp(SIZE, 8, 9)
+    torch.jit.script(first).save(tmp_path / "best.pt")
+    torch.jit.script(second).save(tmp_path / "best.jit")
+    words = ("pack", str(tmp_path), "--manifest", str(manifest()), "--scale", str(SCALE))
+    assert trifarm(*words).code == 0
+    assert_same(tmp_path / "packed" / "best-pt.onnx", first)
+    assert_same(tmp_path / "packed" / "best-jit.onnx", second)
+    ended = trifarm(*words, "--out", str(tmp_path))
+    assert (ended.code, "would be written over" in ended.err) == (2, True)
+
+
 @DEPRECATED
 def test_a_folder_is_packed_in_one_go(tmp_path, trifarm, manifest):
     for epoch in (2, 10):

@@ -19,7 +19,7 @@ from tests.unit.client_cli.packing.checkpoints import LEROBOT, CleanRlPpo, Clean
 PAGE = (ROOT / "docs" / "bring-your-weights.md").read_text()
 BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
 ROBOT = next(text for kind, text in BLOCKS if kind == "json")
-PYTHON = next(text for kind, text in BLOCKS if kind == "python")
+PYTHON, TURNED = [text for kind, text in BLOCKS if kind == "python"]
 COMMANDS = [line for kind, text in BLOCKS if not kind for line in text.splitlines() if " pack " in line]
 SIZE = PolicyManifest.model_validate_json(ROBOT).observation_size
 
@@ -52,6 +52,12 @@ def published():
     torch.jit.script(mlp(LAYOUTS["rrc2022-push-flat"].observation_size, 16, 9)).save("push.pt")
 
 
+def hub():
+    Path("hub").mkdir()
+    Path("hub/config.json").write_text('{"hidden": 16}')
+    safetensors.torch.save_file(mlp(SIZE, 16, 16, 9, activation=nn.Tanh).state_dict(), "hub/model.safetensors")
+
+
 def lerobot():
     """A folder as LeRobot writes it, and an interpreter with what our exporter asks of LeRobot."""
     Path("FOLDER").mkdir()
@@ -80,6 +86,7 @@ MAKERS = {
         CleanRlPpo(SIZE).state_dict(), "ppo_continuous_action.cleanrl_model"
     ),
     "actor.pt": lambda: torch.save(CleanRlSac(SIZE).state_dict(), "actor.pt"),
+    "hub": hub,
     "FOLDER": lerobot,
     "network.pt2": programs,
     "network.pt": programs,
@@ -97,6 +104,20 @@ def test_an_action_of_one_is_the_same_with_and_without_packing():
 
 def test_every_example_has_a_checkpoint():
     assert [shlex.split(line)[2] for line in COMMANDS] == list(MAKERS)
+
+
+def test_the_views_of_each_finger_are_what_the_page_says():
+    """Joints, cube and goal turned by 120° about the vertical: the finger that now stands there does what the first one did."""
+    names: dict = {"torch": torch}
+    exec(TURNED, names)
+    torch.manual_seed(0)
+    program = names["Turned"](mlp(9, 16, 3)).eval()
+    joints, places = torch.randn(3, 3), torch.randn(2, 3)
+    turn = torch.tensor([[-0.5, 0.75**0.5, 0.0], [-(0.75**0.5), -0.5, 0.0], [0.0, 0.0, 1.0]])
+    before = program(torch.cat([joints.ravel(), places.ravel()])[None]).reshape(3, 3)
+    after = program(torch.cat([joints.roll(1, 0).ravel(), (places @ turn.T).ravel()])[None]).reshape(3, 3)
+    assert before.std() > 1e-3
+    torch.testing.assert_close(after, before.roll(1, 0), atol=1e-4, rtol=0)
 
 
 @pytest.mark.parametrize("line", COMMANDS, ids=lambda line: shlex.split(line)[2])

@@ -88,6 +88,6 @@ def test_statistics_of_one_observation_of_a_stack_are_seen(tmp_path, trifarm, ma
 def test_a_normaliser_is_for_plain_state_dicts(tmp_path, trifarm, manifest):
     path, out = tmp_path / "rl_games.pth", tmp_path / "packed.safetensors"
     torch.save({"model": RlGames(SIZE, "mlp").state_dict()}, path)
-    ended = trifarm("pack", str(path), "--out", str(out), "--manifest", str(manifest()), "--normaliser", "none")
+    ended = trifarm("pack", str(path), "--out", str(out), "--manifest", str(manifest()), "--normaliser", "a,b")
     assert ended.code == 2
     assert "is rl-games" in ended.err

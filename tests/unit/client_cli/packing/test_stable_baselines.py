@@ -80,6 +80,26 @@ def test_stable_baselines(algorithm, tmp_path, trifarm, manifest):
     assert np.abs(np.stack([by_keys.act(row) for row in OBSERVATIONS[0]]) - wanted[0]).max() <= 1e-5
 
 
+def test_bounds_of_each_joint_are_those_of_the_library(tmp_path, trifarm, manifest):
+    stable = pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed")
+    import gymnasium
+
+    from tests.unit.client_cli.packing.toy_env import ToyEnv
+
+    torch.manual_seed(0)
+    env, path, out = ToyEnv(SIZE), tmp_path / "model.zip", tmp_path / "p.safetensors"
+    low, high = -np.linspace(0.01, 0.05, 9, dtype=np.float32), np.linspace(0.02, 0.03, 9, dtype=np.float32)
+    env.action_space = gymnasium.spaces.Box(low, high)
+    kwargs = {"ortho_init": False}  # else actions begin so small that no bound is met
+    model = stable.PPO("MlpPolicy", env, device="cpu", n_steps=16, batch_size=16, seed=0, policy_kwargs=kwargs)
+    model.save(path)
+    asked = pack(trifarm, path, out=out, manifest=manifest(), options=("--scale", str(SCALE)))
+    assert asked.output_scaling.clip == 1.0
+    wanted = model.predict(OBSERVATIONS.reshape(-1, SIZE), deterministic=True)[0]
+    assert ((wanted == low) | (wanted == high)).any(axis=0).all(), "every joint meets a bound"
+    assert np.abs(packed_actions(out).reshape(-1, 9) - wanted * SCALE).max() <= 1e-5
+
+
 def test_a_stack_of_stable_baselines_is_that_of_its_own_wrapper(tmp_path, trifarm, manifest):
     stable = pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed")
     from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize

@@ -1,6 +1,7 @@
 """Compiled code is kept between processes, and no process fails because it cannot be kept."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -30,21 +31,33 @@ def test_a_folder_that_cannot_be_written_is_no_obstacle(variable: str):
     assert "installed" in run(**{variable: "/proc/nowhere"})
 
 
-def test_what_was_compiled_is_kept_and_after_warming_up_a_robot_compiles_nothing(tmp_path: Path):
-    def python(code: str) -> str:
-        done = subprocess.run(
-            [sys.executable, "-c", code],
-            env=os.environ | {"XDG_CACHE_HOME": str(tmp_path)},
-            capture_output=True,
-            text=True,
-            timeout=200,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
-        return done.stdout
+WARM = "from sim_backend.driver.compilation import is_kept; from sim_backend.warm_up import main; "
 
-    warm = "from sim_backend.driver.compilation import is_kept; from sim_backend.warm_up import main; "
-    assert python(warm + "print(is_kept()); main(); print(is_kept())").split() == ["False", "True"]
+
+def python(code: str, cache: Path | None = None) -> list[str]:
+    """The words that a process prints; ``cache`` is its folder of compiled code where that is not the user's."""
+    env = os.environ | ({} if cache is None else {"XDG_CACHE_HOME": str(cache)})
+    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, timeout=200, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
+
+
+def test_what_was_compiled_is_kept_and_after_warming_up_a_robot_compiles_nothing(tmp_path: Path):
+    """In a copy of the user's folder, in which nobody else works; numba's own events tell what it compiles nevertheless."""
+    assert python(WARM + "main(); print(is_kept())") == ["True"]
+    kept = Path(python("from sim_backend.driver.compilation import _folder; print(_folder())")[0])
+    copied = shutil.copytree(kept, tmp_path / "trifarm" / kept.name)
+    written = {path: path.stat().st_mtime_ns for path in copied.rglob("*.nb*")}
+    asked = "from numba.core import event\nwith event.install_recorder('numba:compile') as compiled: main()\n"
+    assert python(f"{WARM}\n{asked}print(len(compiled.buffer))", cache=tmp_path) == ["0"]
+    assert {path: path.stat().st_mtime_ns for path in copied.rglob("*.nb*")} == written and len(written) >= 8
+    assert python(WARM + "print(is_kept())", cache=tmp_path / "empty") == ["False"]
+
+
+@pytest.mark.scale
+def test_an_empty_folder_is_filled_and_left_alone_from_then_on(tmp_path: Path):
+    """`test_what_was_compiled_is_kept_and_after_warming_up_a_robot_compiles_nothing` asks it of the folder that is there."""
+    assert python(WARM + "print(is_kept()); main(); print(is_kept())", cache=tmp_path) == ["False", "True"]
     written = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")}
-    assert python(warm + "print(is_kept()); main()").split() == ["True"]
+    assert python(WARM + "print(is_kept()); main()", cache=tmp_path) == ["True"]
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")} == written and len(written) >= 4

@@ -1,0 +1,24 @@
+"""``python -m tests.warm_up``: compile what robots and the reality gap need, so that no two tests compile the same at once."""
+
+import sys
+
+from sim_backend import warm_up
+from sim_backend.driver import native_control
+from sim_backend.reality_gap.subjects.joints import chain_steps, motor_law, play_law
+
+
+def main() -> int:
+    """Whatever is kept between processes."""
+    for compiled in (
+        native_control.measurer,
+        chain_steps.simulate,
+        motor_law.in_simulations,
+        motor_law._compiled,
+        play_law._compiled,
+    ):
+        compiled()
+    return warm_up.main()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
