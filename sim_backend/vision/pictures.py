@@ -8,8 +8,8 @@ import numpy as np
 from sim_backend.trifinger.objects import CUBE, Shape
 from sim_backend.vision.calibration import Calibration
 
-JPEG_QUALITY = 60
-"""Of images in logs: 4 to 6 kB for a view of 270 x 270 pixels, so that a log of 30 s stays below 15 MB."""
+JPEG_QUALITY = 50
+"""Of images in logs: 4 to 5.5 kB for a view of 270 x 270 pixels, so that a log of 30 s stays below 15 MB."""
 _EDGE_COLOUR = (255, 255, 255)
 
 
