@@ -10,6 +10,7 @@ from pydantic import Field
 
 from api_schemas.anytime import difference_sequence, is_decided, log_evidence, rate_sequence
 from api_schemas.letters import compact_letters, holm, pair_chance
+from api_schemas.recipe import FEWEST_SEEDS, crossed_interval
 from api_schemas.report import Report
 from api_schemas.scene_form import form_or_first, told_forms
 from api_schemas.schema import Schema
@@ -67,6 +68,22 @@ class GoalRow(Schema):
     succeeded: tuple[bool, ...]
 
 
+class ComparedRecipe(Schema):
+    """The jobs of one recipe, a policy of each training seed: the mean of the seeds' rates, with intervals over seeds and goals.
+
+    ``difference`` is what it did more than the first recipe; null for that one.
+    """
+
+    recipe: str
+    jobs: tuple[str, ...]
+    training_seeds: int
+    success_rate: float
+    interval_80: tuple[float, float]
+    difference: float | None = None
+    difference_80: tuple[float, float] | None = None
+    difference_95: tuple[float, float] | None = None
+
+
 class TaskComparison(Schema):
     """The jobs of one task; each is compared with the first."""
 
@@ -77,6 +94,7 @@ class TaskComparison(Schema):
     jobs: tuple[ComparedJob, ...]
     differences: tuple[Difference, ...]
     per_goal: tuple[GoalRow, ...]
+    recipes: tuple[ComparedRecipe, ...] = Field(default=(), description="of which at least two training seeds are compared")
 
 
 class Comparison(Schema):
@@ -141,6 +159,40 @@ def _task(reports: Sequence[Report]) -> TaskComparison:
         jobs=tuple(_job(report, goals, index, told) for (index, report), told in zip(enumerate(reports), letters, strict=True)),
         differences=tuple(_difference(reports, goals, index) for index in range(1, len(reports))),
         per_goal=goals,
+        recipes=_recipes(reports, goals),
+    )
+
+
+def _recipes(reports: Sequence[Report], goals: Sequence[GoalRow]) -> tuple[ComparedRecipe, ...]:
+    """The recipes that have several seeds among the jobs, in the order of their first jobs; of a seed its first job counts."""
+    places: dict[str, dict[int, int]] = {}
+    for place, report in enumerate(reports):
+        if report.recipe is not None and report.training_seed is not None:
+            places.setdefault(report.recipe, {}).setdefault(report.training_seed, place)
+    several = {recipe: list(seeds.values()) for recipe, seeds in places.items() if len(seeds) >= FEWEST_SEEDS}
+    ended = {recipe: [[goal.succeeded[at] for goal in goals] for at in seeds] for recipe, seeds in several.items()}
+    first = next(iter(ended.values()), [])
+    return tuple(
+        _recipe(recipe, [reports[at].job_id for at in several[recipe]], seeds, None if seeds is first else first)
+        for recipe, seeds in ended.items()
+    )
+
+
+def _recipe(
+    recipe: str, jobs: Sequence[str], seeds: Sequence[Sequence[bool]], first: Sequence[Sequence[bool]] | None
+) -> ComparedRecipe:
+    nothing = [[False] * len(seeds[0])] * FEWEST_SEEDS
+    rates = [sum(sum(ended) for ended in of_it) / len(of_it) / len(of_it[0]) for of_it in (seeds, first or seeds)]
+    low, high = crossed_interval(nothing, seeds, 0.80)
+    return ComparedRecipe(
+        recipe=recipe,
+        jobs=tuple(jobs),
+        training_seeds=len(seeds),
+        success_rate=rates[0],
+        interval_80=(max(0.0, low), min(1.0, high)),
+        difference=None if first is None else rates[0] - rates[1],
+        difference_80=None if first is None else crossed_interval(first, seeds, 0.80),
+        difference_95=None if first is None else crossed_interval(first, seeds, 0.95),
     )
 
 

@@ -9,6 +9,7 @@ from pydantic import AfterValidator, Field, model_validator
 from api_schemas.goal import OwnGoal, why_unfit
 from api_schemas.physics import ObjectName, ObjectScale
 from api_schemas.question import Question, QuestionRequest
+from api_schemas.recipe import RecipeName
 from api_schemas.schema import Schema
 
 MAX_URL = 500
@@ -98,6 +99,8 @@ class JobRequest(Schema):
     object_scale: ObjectScale = 1.0
     priority: JobPriority = JobPriority.NORMAL
     images: bool = Field(default=False, description="whether logs keep what the robot's three cameras saw")
+    recipe: RecipeName | None = Field(default=None, description="the training that the policy is one seed of")
+    training_seed: int | None = Field(default=None, ge=0, le=MAX_SEED, description="which seed of it")
     webhook: WebhookUrl | None = Field(default=None, description="called at the job's end, where the farm allows webhooks")
     goals: Annotated[tuple[OwnGoal, ...], Field(min_length=1, max_length=MAX_TRIALS)] | None = Field(
         default=None, description="of one's own, one for each trial"
@@ -113,6 +116,12 @@ class JobRequest(Schema):
         if isinstance(asked, dict) and "trials" not in asked and isinstance(asked.get("goals"), list | tuple):
             return {**asked, "trials": len(asked["goals"])}
         return asked
+
+    @model_validator(mode="after")
+    def _seeds_of_a_recipe(self) -> Self:
+        if (self.recipe is None) != (self.training_seed is None):
+            raise ValueError("a recipe and a training seed go together: which of its trainings is the policy of?")
+        return self
 
     @model_validator(mode="after")
     def _goals_of_one_source(self) -> Self:
@@ -171,6 +180,8 @@ class Job(Schema):
     estimated_wait_s: float | None = None
     own_goals: bool = False
     images: bool = False
+    recipe: str | None = None
+    training_seed: int | None = None
     question: Question | None = Field(default=None, description="what ends the job, and how it stands; null in lists")
 
 

@@ -1,9 +1,11 @@
 """A ladder: checkpoints of one training that try the same goals, so that success is seen against training step."""
 
+from enum import StrEnum
 from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
+from api_schemas.correlation import Correlation
 from api_schemas.job import MAX_SEED, MAX_TRIALS, JobPriority, JobState, PolicyDigest, PolicyTask, TaskName
 from api_schemas.physics import ObjectName, ObjectScale
 from api_schemas.schema import Schema
@@ -14,11 +16,23 @@ MAX_LADDER_TRIALS = 10_000
 """Of all rungs together; they are queued in one transaction, which others wait for."""
 
 
+class LadderEnds(StrEnum):
+    """By which rule rungs are given up before all goals were tried.
+
+    ``known``: when another one is known to be better, at 5 % for any false one; it ends when the best is known.
+    ``halving``: the worse half at each stage (successive halving), whatever the difference.
+    """
+
+    KNOWN = "known"
+    HALVING = "halving"
+
+
 class RungRequest(Schema):
     """One checkpoint; ``step`` is its training step, or whatever number the checkpoints differ by."""
 
     policy: PolicyDigest
     step: float = Field(ge=-MAX_STEP, le=MAX_STEP)
+    training_reward: float | None = Field(default=None, ge=-MAX_STEP, le=MAX_STEP, description="what the training said of it")
 
 
 class LadderRequest(Schema):
@@ -32,6 +46,7 @@ class LadderRequest(Schema):
     object: ObjectName = ObjectName.CUBE
     object_scale: ObjectScale = 1.0
     priority: JobPriority = JobPriority.NORMAL
+    ends: LadderEnds | None = Field(default=None, description="by which rule rungs are given up; ``trials`` is the most then")
 
     @model_validator(mode="after")
     def _not_too_many_trials(self) -> Self:
@@ -42,7 +57,10 @@ class LadderRequest(Schema):
 
 
 class Rung(Schema):
-    """One rung as the API shows it; rate and interval (Wilson's, 80 %) are of the trials done so far, null before the first."""
+    """One rung as the API shows it; rate and interval (80 %) are of the trials that count so far, null before the first.
+
+    The interval is Wilson's, and a confidence sequence where the ladder may give rungs up.
+    """
 
     step: float
     job_id: str
@@ -54,10 +72,17 @@ class Rung(Schema):
     successes: int
     success_rate: float | None
     interval_80: tuple[float, float] | None
+    training_reward: float | None = None
+    given_up: bool = Field(default=False, description="before all goals were tried, since others are better")
+    letters: str | None = Field(default=None, description="rungs that share one cannot be told apart")
 
 
 class Ladder(Schema):
-    """A ladder as the API shows it, its rungs by step."""
+    """A ladder as the API shows it, its rungs by step.
+
+    ``best`` is the job of the rung with the highest lower bound; letters say which others cannot be told from it. They
+    come of the goals that two rungs have both tried, on the same physics, with the chance of any false pair kept to 5 %.
+    """
 
     ladder_id: str
     name: str
@@ -70,6 +95,11 @@ class Ladder(Schema):
     seed: int
     seed_drawn_by_server: bool
     rungs: tuple[Rung, ...]
+    ends: LadderEnds | None = None
+    best: str | None = None
+    correlations: tuple[Correlation, ...] = Field(
+        default=(), description="of the rungs' success rates with step and training reward, where they can be told"
+    )
 
     @property
     def is_over(self) -> bool:

@@ -10,10 +10,14 @@ from api_schemas.schema import Schema
 
 
 class BoardRow(Schema):
-    """One policy: all its trials whose seed the server drew, pooled. Name and owner are null for who may not see them."""
+    """One policy: all its trials whose seed the server drew, pooled. Name and owner are null for who may not see them.
+
+    Or one recipe of at least two policies of its owner, with ``training_seeds`` and without ``policy``: its rate is the mean of
+    the seeds', and its interval one over the seeds. Their trials that were sent under the recipe count here alone.
+    """
 
     rank: int
-    policy: str
+    policy: str | None
     policy_name: str | None
     owner: str | None
     jobs: int
@@ -21,9 +25,13 @@ class BoardRow(Schema):
     successes: int
     success_rate: float
     interval_80: tuple[float, float]
-    intervals: Literal["wilson", "sequence"] = Field(
-        default="wilson", description="a confidence sequence where a question may have ended a job of the policy"
+    intervals: Literal["wilson", "sequence", "seeds"] = Field(
+        default="wilson",
+        description="a sequence where a question may have ended a job of the policy; of a recipe over its seeds",
     )
+    recipe: str | None = None
+    training_seeds: int | None = None
+    letters: str | None = Field(default=None, description="entries that share one cannot be told apart; null beyond the first")
     last_at: str = Field(description="when the newest of its jobs was queued")
 
 
@@ -42,6 +50,8 @@ class BoardPhysics(Schema):
 
 class Leaderboard(Schema):
     """The policies of one task and object on one physics of this farm, best lower bound first.
+
+    Letters hold at every look, with the chance of any false pair among all entries kept to 5 %.
 
     ``physics`` is null, and no row there, before any robot told what it has.
     """

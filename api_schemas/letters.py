@@ -1,6 +1,6 @@
 """Many policies at once: who can be told from whom, with the chance of any false pair kept, told by letters."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from api_schemas.anytime import CHANCE
 
@@ -50,3 +50,12 @@ def _without(group: frozenset[int], one: int, other: int) -> tuple[frozenset[int
 def _letter(index: int) -> str:
     """Of the alphabet, then once more with a dash."""
     return chr(ord("a") + index % 26) + "'" * (index // 26)
+
+
+def letters_where(count: int, differ: Callable[[int, int], bool]) -> tuple[str, ...]:
+    """Letters of so many policies in their order, best first; ``differ`` says of two of them whether they were told apart."""
+    apart = [[False] * count for _ in range(count)]
+    for one in range(count):
+        for other in range(one):
+            apart[one][other] = apart[other][one] = differ(one, other)
+    return compact_letters(apart)

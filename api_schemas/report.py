@@ -100,6 +100,8 @@ class Report(Schema):
     question: Question | None = Field(default=None, description="what the job was to find out, and what was found")
     uncounted: int = Field(default=0, description="trials that had ended when the question was answered by those before them")
     own_goals: bool = Field(default=False, description="whether the job's user brought its goals")
+    recipe: str | None = Field(default=None, description="the training that the policy is one seed of, in its user's words")
+    training_seed: int | None = None
     success_ever: int
     mean_success_fraction: float | None
     mean_return: float | None

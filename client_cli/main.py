@@ -28,6 +28,7 @@ GROUPS = {
         "report": Entry("client_cli.commands.report:report", OF_EVERY_REQUEST),
         "compare": Entry("client_cli.commands.compare:compare_jobs", (*OF_EVERY_REQUEST, ExitCode.WORSE)),
         "ladder": Entry("client_cli.commands.ladder:ladder", OF_EVERY_REQUEST),
+        "leaderboard": Entry("client_cli.commands.leaderboard:leaderboard", OF_EVERY_REQUEST),
         "fetch": Entry("client_cli.commands.fetch:fetch", JOB_END),
         "look": Entry("client_cli.commands.pictures:look", OF_A_CHILD),
         "video": Entry("client_cli.commands.pictures:video", OF_A_CHILD),

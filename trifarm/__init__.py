@@ -18,15 +18,20 @@ if TYPE_CHECKING:
     from sim_backend.reality_gap.recording import RecordingError
     from sim_backend.reality_gap.study import StudyResult
     from trial_logs.reader import LogUnreadableError
+    from trifarm.callbacks import evaluate_runner
+    from trifarm.evaluation import Evaluation, evaluate
     from trifarm.farm import Farm, FarmJob, FarmTrial
     from trifarm.gap import study
     from trifarm.log import Log, read_log
     from trifarm.policies import Packed, check, pack
     from trifarm.reports import report
     from trifarm.saving import save_policy
+    from trifarm.stable_baselines import EvaluateOnFarm
 
 __all__ = [
     "ClientError",
+    "EvaluateOnFarm",
+    "Evaluation",
     "Farm",
     "FarmJob",
     "FarmTrial",
@@ -41,6 +46,8 @@ __all__ = [
     "TrifingerEnv",
     "TrifingerVecEnv",
     "check",
+    "evaluate",
+    "evaluate_runner",
     "pack",
     "practice_of",
     "read_log",
@@ -51,6 +58,8 @@ __all__ = [
 
 _HOMES = {
     "ClientError": "client_cli.terminal.errors",
+    "EvaluateOnFarm": "trifarm.stable_baselines",
+    "Evaluation": "trifarm.evaluation",
     "Farm": "trifarm.farm",
     "FarmJob": "trifarm.farm",
     "FarmTrial": "trifarm.farm",
@@ -65,6 +74,8 @@ _HOMES = {
     "TrifingerEnv": "sim_backend.environments.gym_env",
     "TrifingerVecEnv": "sim_backend.environments.vec_env",
     "check": "trifarm.policies",
+    "evaluate": "trifarm.evaluation",
+    "evaluate_runner": "trifarm.callbacks",
     "pack": "trifarm.policies",
     "practice_of": "sim_backend.environments.practice",
     "read_log": "trifarm.log",

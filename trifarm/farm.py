@@ -85,6 +85,8 @@ class Farm:
         like: str | None = None,
         goals: Path | str | None = None,
         images: bool = False,
+        recipe: str | None = None,
+        training_seed: int | None = None,
     ) -> "FarmJob":
         """Uploads a policy and queues a job of it.
 
@@ -107,6 +109,8 @@ class Farm:
             like: a job whose task, goals and orders of robots are taken.
             goals: a file of goals of one's own, a JSON list.
             images: whether the logs keep what the robot's three cameras saw.
+            recipe: the training that the policy is one seed of; several seeds are one entry of boards and comparisons.
+            training_seed: which seed of it.
 
         Raises:
             ClientError: the policy cannot be used, or the farm refused it; the text says why.
@@ -114,6 +118,7 @@ class Farm:
         if task is not None and task not in POLICY_TASKS:
             raise UsageProblem(f"there is no task {str(task)!r} for a policy; choose from {', '.join(POLICY_TASKS)}")
         common = {"task": task, "seed": seed, "object": object, "object_scale": object_scale, "priority": priority}
+        common |= {"recipe": recipe, "training_seed": training_seed}
         asking = Asking(against, bar, until_known, max_trials, at_least, like, None if goals is None else Path(goals))
         with files_checked():
             builtin = builtin_named(Path(weights))

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from api_schemas.builtin_policies import PREFIX, builtin_digest
-from api_schemas.job import MAX_TRIALS, POLICY_TASKS, Job
+from api_schemas.job import MAX_SEED, MAX_TRIALS, POLICY_TASKS, Job
 from client_cli.commands.builtins import builtin_named
 from client_cli.connection.api_client import ApiClient
 from client_cli.policies.policy_files import read_policy
@@ -41,6 +41,22 @@ LikeOption = Annotated[
 ]
 GoalsOption = Annotated[
     Path | None, typer.Option("--goals", metavar="FILE", help="Goals of your own: a JSON list, one entry for each trial.")
+]
+RecipeOption = Annotated[
+    str | None,
+    typer.Option("--recipe", metavar="NAME", help="The training that the policy is one seed of; with --training-seed."),
+]
+TrainingSeedOption = Annotated[
+    int | None, typer.Option("--training-seed", min=0, max=MAX_SEED, help="Which seed of --recipe trained the policy.")
+]
+HalvingOption = Annotated[
+    bool, typer.Option("--halving", help="Of a folder: give up the worse half of the rungs at each stage (successive halving).")
+]
+RewardsOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--rewards", metavar="FILE", help="Of a folder: training rewards, a JSON object from step or file name to number."
+    ),
 ]
 
 

@@ -7,7 +7,16 @@ from typing import Annotated
 
 import typer
 
-from api_schemas.comparison import CHANCE, Comparison, Difference, NotComparableError, TaskComparison, changed_sides, compare
+from api_schemas.comparison import (
+    CHANCE,
+    ComparedRecipe,
+    Comparison,
+    Difference,
+    NotComparableError,
+    TaskComparison,
+    changed_sides,
+    compare,
+)
 from api_schemas.report import Report, read_report
 from client_cli.connection.api_client import ApiClient
 from client_cli.connection.settings import load_connection
@@ -74,8 +83,19 @@ def _lines(found: Comparison) -> Iterator[str]:
             yield f"  {job.job_id:<16} {rate:>12} {job.success_rate:>6.3f}  {low:.3f}–{high:.3f}    {job.policy_name}{letters}"
         if len(task.jobs) > 2:
             yield "  jobs that share a letter cannot be told apart; any false difference among all of them has a chance of 5 %"
+        for recipe in task.recipes:
+            yield from _recipe(recipe, task.recipes[0].recipe)
         for position, difference in enumerate(task.differences, start=1):
             yield from _difference(task, difference, position)
+
+
+def _recipe(found: ComparedRecipe, first: str) -> Iterator[str]:
+    low, high = found.interval_80
+    over = f"{found.training_seeds} training seeds"
+    yield f"  recipe {found.recipe}: rate {found.success_rate:.3f}, 80 % interval over {over} and goals {low:.3f}–{high:.3f}"
+    if found.difference is not None and found.difference_95 is not None:
+        low, high = found.difference_95
+        yield f"    against {first}: {100 * found.difference:+.1f} points, 95 % interval {100 * low:+.1f} to {100 * high:+.1f}"
 
 
 def _difference(task: TaskComparison, found: Difference, position: int) -> Iterator[str]:

@@ -14,19 +14,31 @@ from api_schemas.job import MAX_SEED, MAX_TRIALS, Job, JobPriority, JobRequest
 from api_schemas.ladder import LadderRequest
 from api_schemas.physics import ObjectName
 from client_cli.commands.asking import (
-    USUAL_TRIALS,
     AgainstOption,
     Asking,
     AtLeastOption,
     BarOption,
     GoalsOption,
+    HalvingOption,
     LikeOption,
     MaxOption,
+    RecipeOption,
+    RewardsOption,
+    TrainingSeedOption,
     UntilKnownOption,
     wish_of,
 )
 from client_cli.commands.builtins import builtin_named
-from client_cli.commands.ladder import follow_ladder, ladder_exit_code, read_checkpoints, rungs_of, submit_ladder
+from client_cli.commands.ladder import (
+    FOLDER,
+    ends_of,
+    follow_ladder,
+    ladder_exit_code,
+    read_checkpoints,
+    read_rewards,
+    rungs_of,
+    submit_ladder,
+)
 from client_cli.connection.api_client import ApiClient
 from client_cli.connection.settings import load_connection
 from client_cli.policies.checkpoints import find_checkpoints
@@ -88,6 +100,10 @@ def submit(
     like: LikeOption = None,
     goals: GoalsOption = None,
     images: ImagesOption = False,
+    recipe: RecipeOption = None,
+    training_seed: TrainingSeedOption = None,
+    halving: HalvingOption = False,
+    rewards: RewardsOption = None,
     webhook: WebhookOption = None,
     wait: WaitOption = False,
     idempotency_key: IdempotencyKeyOption = None,
@@ -106,16 +122,17 @@ def submit(
     common: dict[str, Any] = {"task": task, "seed": seed, "object": thing, "object_scale": scale, "priority": priority}
     asking = Asking(against, bar, until_known, most, at_least, like, goals)
     if file.is_dir():
-        if webhook is not None or asking != Asking() or task is None or images:
-            raise UsageProblem(
-                "a folder makes several jobs, which 'trifarm ladder' shows; it takes --task, and no --webhook, --until-known, "
-                "--like, --goals or --images"
-            )
-        common["trials"] = trials or USUAL_TRIALS
+        if webhook is not None or recipe is not None or training_seed is not None or task is None or images:
+            raise UsageProblem(FOLDER)
+        ends = ends_of(asking, halving=halving, trials=trials)
         policies = read_checkpoints(find_checkpoints(file, step_from), manifest, layout)
-        named = {"name": file.resolve().name[:100] or "checkpoints", "rungs": rungs_of(policies)}
+        told = {} if rewards is None else read_rewards(rewards)
+        named = {"name": file.resolve().name[:100] or "checkpoints", "rungs": rungs_of(policies, told), **ends}
         _submit_folder(policies, checked(LadderRequest, common | named), idempotency_key, wait=wait, as_json=as_json)
         return
+    if halving or rewards is not None:
+        raise UsageProblem("--halving and --rewards are for a folder of checkpoints, which makes a ladder")
+    common |= {"recipe": recipe, "training_seed": training_seed}
     builtin = builtin_named(file)
     policy = None if builtin else read_policy(file, manifest, layout)
     digest = builtin_digest(builtin) if policy is None else policy.digest

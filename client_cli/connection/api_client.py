@@ -16,6 +16,8 @@ from api_schemas.error import Problem
 from api_schemas.excitation import IdentificationRequest
 from api_schemas.job import Job, JobEvent, JobPage, JobRequest, JobState
 from api_schemas.ladder import Ladder, LadderRequest
+from api_schemas.leaderboard import Leaderboard
+from api_schemas.physics import ObjectName
 from api_schemas.policy import Policy, PolicyManifest, canonical_json
 from api_schemas.robot import Robot, RobotPage
 from api_schemas.signature import Signature
@@ -115,6 +117,11 @@ class ApiClient:
     def ladder(self, ladder_id: str) -> Ladder:
         """One ladder."""
         return self._get(Ladder, ladder_path(ladder_id))
+
+    def leaderboard(self, task: str, thing: ObjectName, scale: float, physics: int | None) -> Leaderboard:
+        """The board of a task."""
+        wanted = {"object": thing.value, "object_scale": scale, "physics": physics}
+        return self._get(Leaderboard, f"/v1/leaderboard/{task}", params={k: v for k, v in wanted.items() if v is not None})
 
     def _create(self, schema: type[Answer], path: str, request: BaseModel, idempotency_key: str) -> Answer:
         for left in reversed(range(POST_TRIES)):

@@ -1,7 +1,7 @@
 """What every route works with: the parts of the running services, handed in by the composition."""
 
 import asyncio
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated
 
 from fastapi import Depends, Request
@@ -12,6 +12,7 @@ from services.database.database import Database
 from services.disk import Disk
 from services.files.store import FileStore
 from services.jobs.clock import FarmClock
+from services.jobs.drawn import DrawnGoals
 from services.jobs.fleet import Fleet
 from services.jobs.signals import Signals
 from services.policies.keeping import Policies
@@ -38,6 +39,7 @@ class Farm:
     jail: Jail
     key: FarmKey
     disk: Disk
+    goals: DrawnGoals = field(default_factory=DrawnGoals)
 
 
 def _farm(request: Request) -> Farm:

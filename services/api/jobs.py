@@ -17,7 +17,7 @@ from services.api.farm import Farm, TheFarm
 from services.api.paging import encode, numbered
 from services.database.pages import Asked
 from services.errors import Conflict, Forbidden, Refused
-from services.jobs import cancellation, drawn, reports, requeue, submission, views
+from services.jobs import cancellation, reports, requeue, submission, views
 from services.jobs.lists import JobFilter, job_page, trials_of
 from services.tokens import Caller
 from services.webhooks import delivery
@@ -81,7 +81,7 @@ async def get_goals(job_id: JobId, caller: User, farm: TheFarm) -> JobGoals:
         if row.policy is None:
             raise Conflict("no-goals", f"Job {job_id} is an identification, whose excitations have no goals.")
         trials = await trials_of(connection, row.number)
-    return await drawn.goals_of(row, trials)
+    return await farm.goals.of_job(row, trials)
 
 
 @router.get("/{job_id}/webhook")

@@ -5,7 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response
 
 from api_schemas.job import TaskName
-from api_schemas.leaderboard import Contest
+from api_schemas.leaderboard import BoardRow, Contest
 from api_schemas.physics import LARGEST_SCALE, SMALLEST_SCALE, ObjectName
 from services.api.farm import TheFarm
 from services.api.leaderboards import PhysicsNumber, best
@@ -32,9 +32,14 @@ async def show_leaderboard(
         contests = await leaderboard.contests(connection)
     wanted = _wanted(contests) if task is None else Wanted(task, object, object_scale, physics)
     board = None if wanted is None else await best(wanted, session.caller, farm)
-    bars = [] if board is None else [Bar.of(row.policy[:12], row.successes, row.trials) for row in board.rows]
+    bars = [] if board is None else [_bar(row) for row in board.rows]
     context = {"contests": contests, "board": board, "bars": bars}
     return page("leaderboard.html", session, title="Leaderboard", here="leaderboard", **context)
+
+
+def _bar(row: BoardRow) -> Bar:
+    low, high = row.interval_80
+    return Bar((row.policy or "recipe")[:12], row.successes, row.trials, 100 * row.success_rate, 100 * low, 100 * high)
 
 
 def _wanted(contests: tuple[Contest, ...]) -> Wanted | None:

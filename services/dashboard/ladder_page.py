@@ -28,20 +28,27 @@ async def parts(session: Session, farm: Farm, ladder_id: str) -> dict[str, str]:
         NotFound: there is no such ladder, or it is another's.
     """
     ladder = await seen_ladder(ladder_id, session.caller, farm)
-    bars = [figures.Bar.of(rung.job_id, rung.successes, rung.trials_done) for rung in ladder.rungs]
+    at_every_look = ladder.ends is not None
+    bars = [figures.Bar.of(rung.job_id, rung.successes, rung.trials_done, at_every_look=at_every_look) for rung in ladder.rungs]
     steps = [rung.step for rung in ladder.rungs]
     chart = figures.climbing([(step, bar) for step, bar in zip(steps, bars, strict=True)])
     return {
-        "head": part("ladder/head.html", ladder=ladder, best=_best(ladder)),
+        "head": part("ladder/head.html", ladder=ladder, best=_best(ladder), alike=_alike(ladder)),
         "figure": part("ladder/figure.html", ladder=ladder, chart=chart),
         "rungs": part("ladder/rungs.html", ladder=ladder, bars=bars, comparable=_comparable(ladder)),
     }
 
 
 def _best(ladder: Ladder) -> int | None:
-    """The rung with the highest lower bound."""
-    bounds = [-1.0 if rung.interval_80 is None else rung.interval_80[0] for rung in ladder.rungs]
-    return None if max(bounds) < 0 else bounds.index(max(bounds))
+    """The place of the best rung."""
+    return next((at for at, rung in enumerate(ladder.rungs) if rung.job_id == ladder.best), None)
+
+
+def _alike(ladder: Ladder) -> list[str]:
+    """The steps of rungs that cannot be told from the best."""
+    at = _best(ladder)
+    best = set() if at is None else set(ladder.rungs[at].letters or "")
+    return [f"{rung.step:.10g}" for rung in ladder.rungs if rung.job_id != ladder.best and best & set(rung.letters or "")]
 
 
 def _comparable(ladder: Ladder) -> str | None:

@@ -124,6 +124,11 @@ job = Table(
     Column("own_goals", Boolean, nullable=False, default=False),
     # Whether its logs keep the cameras' images.
     Column("images", Boolean, nullable=False, default=False),
+    # Of an ended job of a policy: how its counted trials ended, in their order, 1 with success and 0 without.
+    Column("outcomes", Text),
+    # The training that its policy is one seed of, in the words of its user.
+    Column("recipe", Words),
+    Column("training_seed", BigInteger),
     # The one robot that runs all trials of the job; where any will do, it is drawn with the first lease.
     Column("robot", String(40)),
     Column("any_robot", Boolean, nullable=False, default=False),
@@ -163,7 +168,11 @@ ladder = Table(
     Column("created_at", String(40), nullable=False),
     Column("idempotency_key", String(200)),
     Column("request_sha256", String(64)),
+    # By which rule rungs are given up early, and whether that may still happen.
+    Column("ends", String(16)),
+    Column("is_racing", Boolean, nullable=False, default=False),
     UniqueConstraint("owner", "idempotency_key"),
+    Index("ix_ladder_racing", "number", sqlite_where=text("is_racing = 1"), postgresql_where=text("is_racing")),
 )
 
 rung = Table(
@@ -173,6 +182,10 @@ rung = Table(
     Column("ordinal", Integer, primary_key=True, autoincrement=False),
     # Training step, or whatever number the policies of the ladder differ by.
     Column("step", Float, nullable=False),
+    # What the training said of it.
+    Column("training_reward", Float),
+    # Before all of its goals were tried, since others are better.
+    Column("given_up", Boolean, nullable=False, default=False),
     Column("job_number", NUMBER, ForeignKey("job.number"), nullable=False),
 )
 

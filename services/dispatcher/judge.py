@@ -1,6 +1,6 @@
-"""Looks at open questions whenever one of their jobs has changed, before leases are given."""
+"""Looks at open questions, and ladders that give rungs up, whenever one of their jobs has changed, before leases are given."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Awaitable, Callable, Collection, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 
@@ -8,7 +8,7 @@ import structlog
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from services.database.database import AWAY, Database
-from services.jobs import judging, questions
+from services.jobs import judging, questions, racing
 from services.jobs.clock import FarmClock
 from services.jobs.signals import Signals
 
@@ -16,9 +16,13 @@ log = structlog.get_logger()
 Alone = Callable[[], AbstractAsyncContextManager[AsyncConnection]]
 
 
+Move = Callable[[AsyncConnection, float, int, Collection[str]], Awaitable[Sequence[str]]]
+MOVES: dict[str, Move] = {"question": judging.move, "ladder": racing.move}
+
+
 @dataclass
 class Judge:
-    """Brings questions forward; owns what it has seen of them, so that it reads their trials only after a change.
+    """Brings questions and ladders that give rungs up forward; owns what it has seen, so as to read trials after changes only.
 
     ``alone`` opens a transaction that no other dispatcher is in.
     """
@@ -27,28 +31,30 @@ class Judge:
     clock: FarmClock
     signals: Signals
     alone: Alone
-    _seen: dict[int, tuple[object, ...]] = field(default_factory=dict)
+    _seen: dict[tuple[str, int], tuple[object, ...]] = field(default_factory=dict)
 
     async def look(self, robots: Collection[str]) -> None:
-        """Puts the next goals of open questions into the queue for these robots, and ends what is answered."""
+        """Puts the next goals of open questions and ladders into the queue for these robots, and ends what is answered."""
         async with self.database.read() as connection:
             rows = await questions.open_ones(connection)
-        seen: dict[int, tuple[object, ...]] = {
-            row.job_number: (row.last_event, row.other_event, frozenset(robots)) for row in rows
+            ladders = await racing.open_ones(connection)
+        seen: dict[tuple[str, int], tuple[object, ...]] = {
+            ("question", row.job_number): (row.last_event, row.other_event, frozenset(robots)) for row in rows
         }
-        for number, state in seen.items():
-            if self._seen.get(number) == state:
+        seen |= {("ladder", number): (*events, frozenset(robots)) for number, events in ladders.items()}
+        for (kind, number), state in seen.items():
+            if self._seen.get((kind, number)) == state:
                 continue
             try:
                 async with self.alone() as tx:
-                    ended = await judging.move(tx, self.clock.now_s(), number, robots)
+                    ended = await MOVES[kind](tx, self.clock.now_s(), number, robots)
             except AWAY:
                 raise
             except Exception:  # one question must not keep the farm's leases
-                log.exception("a question could not be brought forward", job=number)
+                log.exception(f"a {kind} could not be brought forward", number=number)
                 continue
             for job_id in ended:
-                log.info("question answered", job=job_id)
+                log.info(f"{kind} answered", job=job_id)
                 self.signals.job_changed(job_id)
             if ended:
                 self.signals.wake_dispatcher(urgent=True)  # what still runs of them is stopped

@@ -13,7 +13,7 @@ from api_schemas.trial import FAULT_OF, AttemptState, Fault, Outcome, OutcomeKin
 from services.database.rows import AnyRow
 from services.database.tables import attempt, job, trial, webhook
 from services.errors import Refused
-from services.jobs import canary, events, physics, pinning, reports, robots
+from services.jobs import canary, events, outcomes, physics, pinning, reports, robots
 from services.jobs.claim import Claim
 from services.jobs.clock import iso
 from services.jobs.lease import ACTIVE, UNENDED, check_report, close_attempt, stale
@@ -284,4 +284,6 @@ async def end_cancelled(tx: AsyncConnection, now_s: float, now: AnyRow) -> bool:
 async def _end(tx: AsyncConnection, now_s: float, number: int, state: JobState, text: str, **more: Any) -> AnyRow:
     at = iso(now_s)
     await tx.execute(update(webhook).where(webhook.c.job_number == number).values(due_s=now_s))
-    return await events.record(tx, at, number, "job_ended", text, set_state=state, set_ended_at=at, **more)
+    ended = await events.record(tx, at, number, "job_ended", text, set_state=state, set_ended_at=at, **more)
+    await tx.execute(update(job).where(job.c.number == number).values(outcomes=await outcomes.of_job(tx, ended)))
+    return ended

@@ -1,9 +1,13 @@
 """What the seeds of a job's trials stand for, asked of a child process: services load no physics."""
 
+import asyncio
 import json
 import math
+from collections import OrderedDict
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from api_schemas.goal import JobGoals, OwnGoal, TrialGoal
 from services.child_process import ChildKilledError, run_module
@@ -14,22 +18,47 @@ DRAWING = "sim_backend.tasks.drawn"
 AT_ONCE = 300
 """Seeds of one child; what it says of more would be too long."""
 DEADLINE_S = 30.0
+KEPT = 64
+"""Jobs."""
+Drawn = list[list[Any]]
+"""For each seed the numbers of its goal and start, each a list or null."""
 
 
-async def goals_of(job: AnyRow, trials: Sequence[AnyRow]) -> JobGoals:
-    """All goals of a job of a policy.
+@dataclass
+class DrawnGoals:
+    """The goals of the jobs that were asked for last; owns what was drawn, so that the same seeds cost one child.
 
-    Raises:
-        Unavailable: the child did not answer.
+    One asks at a time: children that draw for many readers at once would take the services' cores.
     """
-    drawn = []
-    for first in range(0, len(trials), AT_ONCE):
-        drawn += await _drawn(job.task, [str(row.seed) for row in trials[first : first + AT_ONCE]])
-    goals = tuple(_shown(row, *values) for row, values in zip(trials, drawn, strict=True))
-    return JobGoals(job_id=job.job_id, task=job.task, goals=goals)
+
+    _kept: OrderedDict[tuple[str, ...], Drawn] = field(default_factory=OrderedDict)
+    _one: asyncio.Lock = field(default_factory=asyncio.Lock)
+
+    async def of_job(self, job: AnyRow, trials: Sequence[AnyRow]) -> JobGoals:
+        """All goals of a job of a policy.
+
+        Raises:
+            Unavailable: the child did not answer.
+        """
+        seeds = [str(row.seed) for row in trials]
+        async with self._one:
+            drawn = await self._drawn((job.task, *seeds))
+        goals = tuple(_shown(row, *values) for row, values in zip(trials, drawn, strict=True))
+        return JobGoals(job_id=job.job_id, task=job.task, goals=goals)
+
+    async def _drawn(self, asked: tuple[str, ...]) -> Drawn:
+        if asked not in self._kept:
+            task, seeds, drawn = asked[0], asked[1:], []
+            for first in range(0, len(seeds), AT_ONCE):
+                drawn += await _drawn(task, seeds[first : first + AT_ONCE])
+            self._kept[asked] = drawn
+            if len(self._kept) > KEPT:
+                self._kept.popitem(last=False)
+        self._kept.move_to_end(asked)
+        return self._kept[asked]
 
 
-async def _drawn(task: str, seeds: Sequence[str]) -> list[list[list[float] | None]]:
+async def _drawn(task: str, seeds: Sequence[str]) -> Drawn:
     try:
         ended = await run_module(DRAWING, task, *seeds, folder=Path("/"), deadline_s=DEADLINE_S)
         return json.loads(ended.said)

@@ -4,12 +4,14 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 
 from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.excitation import ExcitationName
 from api_schemas.job import FINAL_JOB_STATES, JobRequest
+from api_schemas.trial import TrialState
 from services.database.rows import AnyRow
 from services.database.tables import job, trial
 from services.errors import Conflict, NotFound, Refused
@@ -70,17 +72,27 @@ async def _check_comparable(tx: AsyncConnection, row: AnyRow) -> None:
 
 
 async def draws(tx: AsyncConnection, request: JobRequest, of: AnyRow | None) -> Sequence[TrialDraw]:
-    """What each trial begins with; of a job, as many as it has if more are asked for."""
+    """What each trial begins with; of a job, as many as it has, or has tried at its end, if more are asked for."""
     if of is None:
         if request.goals is None:
             return [TrialDraw()] * request.trials
         return [TrialDraw(own_goal=goal.model_dump_json(exclude_defaults=True)) for goal in request.goals]
-    columns = (trial.c.seed, trial.c.own_goal, trial.c.robot, trial.c.robot_order)
-    wanted = select(*columns).where(trial.c.job_number == of.number).order_by(trial.c.ordinal).limit(request.trials)
+    columns = (trial.c.seed, trial.c.own_goal, trial.c.robot, trial.c.robot_order, trial.c.state)
+    wanted = select(*columns).where(trial.c.job_number == of.number).order_by(trial.c.ordinal)
+    rows = (await tx.execute(wanted.limit(of.counted_trials))).all()
+    if of.state in FINAL_JOB_STATES:
+        rows = _tried(rows, in_order=request.question is not None) or rows
     return [
         TrialDraw(seed=row.seed, order=_order(row.robot, row.robot_order), own_goal=row.own_goal)
-        for row in (await tx.execute(wanted)).all()
+        for row in rows[: request.trials]
     ]
+
+
+def _tried(rows: Sequence[AnyRow], *, in_order: bool) -> Sequence[AnyRow]:
+    """Trials that were done; ``in_order`` only those before the first that was not, as questions count goals in order."""
+    if in_order:
+        return list(takewhile(lambda row: row.state == TrialState.DONE, rows))
+    return [row for row in rows if row.state == TrialState.DONE]
 
 
 def _order(robot: str | None, drawn: str) -> str:

@@ -69,9 +69,14 @@ async def _go_on(tx: AsyncConnection, stands: Standing, robots: Collection[str])
     """Puts the next goals into the queue of both jobs, each for one robot."""
     before = stands.ready + max(2, len(robots))
     for number in _own(stands):
-        await tx.execute(_RELEASE, {"of_job": number, "before": before})
+        await release(tx, number, before)
     if stands.other is not None:
         await _follow(tx, stands, before)
+
+
+async def release(tx: AsyncConnection, number: int, before: int) -> None:
+    """Lets the trials of a job's first goals into the queue."""
+    await tx.execute(_RELEASE, {"of_job": number, "before": before})
 
 
 async def _follow(tx: AsyncConnection, stands: Standing, before: int) -> None:

@@ -1,24 +1,32 @@
 """Ladders: jobs of several checkpoints that are queued together, try the same goals, and are shown together."""
 
+import hashlib
+from collections.abc import Sequence
+
 from sqlalchemy import func, insert, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from api_schemas.anytime import is_decided, rate_sequence
+from api_schemas.correlation import Correlation, rank_correlation
 from api_schemas.job import JobRequest, JobState, TaskName
-from api_schemas.ladder import Ladder, LadderLine, LadderRequest, Rung
+from api_schemas.ladder import Ladder, LadderEnds, LadderLine, LadderRequest, Rung
+from api_schemas.letters import letters_where, pair_chance
 from api_schemas.physics import ObjectName
 from api_schemas.success_rate import wilson
 from services.database.pages import Asked, Page, read_page
 from services.database.rows import AnyRow
 from services.database.tables import job, ladder, rung
 from services.errors import Conflict, NotFound
-from services.jobs import submission
+from services.jobs import outcomes, submission
 from services.jobs.clock import iso
 from services.jobs.submission import Sender
 
 LEVEL = 0.80
-_LATER_FIELDS = frozenset({"priority"})
-"""Fields of a ladder that came after its first form."""
+_LATER_FIELDS = frozenset({"priority", "ends"})
+"""Fields of a ladder that came after its first form; of its rungs, ``training_reward`` did."""
+MOST_COMPARED = 40
+"""With more rungs no pair could be told apart within the usual number of goals, and a page would compare thousands."""
 
 
 async def submit(tx: AsyncConnection, now_s: float, request: LadderRequest, sender: Sender) -> tuple[str, bool]:
@@ -29,7 +37,7 @@ async def submit(tx: AsyncConnection, now_s: float, request: LadderRequest, send
         Conflict: the idempotency key was used for another ladder.
         TooMany: with these jobs the sender would exceed the limit of unended ones.
     """
-    digest = submission.digest_of(request, _LATER_FIELDS)
+    digest = _digest_of(request)
     if (earlier := await _earlier(tx, sender, digest)) is not None:
         return earlier, False
     ladder_id = submission.new_id("l")
@@ -46,10 +54,24 @@ async def submit(tx: AsyncConnection, now_s: float, request: LadderRequest, send
             object_scale=request.object_scale,
             priority=request.priority,
         )
-        job_id, _ = await submission.submit(tx, now_s, wish, of_each, drawn_seed=seed)
+        job_id, _ = await submission.submit(tx, now_s, wish, of_each, drawn_seed=seed, judged=request.ends is not None)
         made = select(job.c.number).where(job.c.job_id == job_id).scalar_subquery()
-        await tx.execute(insert(rung).values(ladder_number=number, ordinal=ordinal, step=each.step, job_number=made))
+        said = {"step": each.step, "training_reward": each.training_reward}
+        await tx.execute(insert(rung).values(ladder_number=number, ordinal=ordinal, job_number=made, **said))
     return ladder_id, True
+
+
+def _digest_of(request: LadderRequest) -> str:
+    """Of all that was asked; a ladder without rewards is the one that it was before there were any."""
+    if any(each.training_reward is not None for each in request.rungs):
+        return submission.digest_of(request, _LATER_FIELDS)
+    body = request.model_dump_json(exclude={"rungs": {"__all__": {"training_reward"}}} | _unasked(request))
+    return hashlib.sha256(body.encode()).hexdigest()
+
+
+def _unasked(request: LadderRequest) -> dict[str, bool]:
+    fields = type(request).model_fields
+    return {name: True for name in _LATER_FIELDS if getattr(request, name) == fields[name].default}
 
 
 async def _earlier(tx: AsyncConnection, sender: Sender, digest: str) -> str | None:
@@ -73,6 +95,8 @@ async def _insert(tx: AsyncConnection, now_s: float, ladder_id: str, request: La
         created_at=iso(now_s),
         idempotency_key=sender.idempotency_key,
         request_sha256=digest,
+        ends=request.ends,
+        is_racing=request.ends is not None,
     )
     try:
         return (await tx.execute(row.returning(ladder.c.number))).scalar_one()
@@ -91,9 +115,11 @@ async def show(connection: AsyncConnection, ladder_id: str, owner: str | None) -
     row = (await connection.execute(select(ladder).where(ladder.c.ladder_id == ladder_id))).one_or_none()
     if row is None or owner not in (None, row.owner):
         raise NotFound("ladder-not-found", f"There is no ladder {ladder_id} of yours; GET /v1/ladders lists them.")
-    wanted = select(job, rung.c.step).join(rung, rung.c.job_number == job.c.number).where(rung.c.ladder_number == row.number)
+    columns = (rung.c.step, rung.c.training_reward, rung.c.given_up)
+    wanted = select(job, *columns).join(rung, rung.c.job_number == job.c.number).where(rung.c.ladder_number == row.number)
     jobs = (await connection.execute(wanted.order_by(rung.c.step, rung.c.ordinal))).all()
-    first = jobs[0]
+    first, letters = jobs[0], await _letters(connection, jobs)
+    rungs = tuple(_rung(each, told, row.ends is not None) for each, told in zip(jobs, letters, strict=True))
     return Ladder(
         ladder_id=row.ladder_id,
         name=row.name,
@@ -105,12 +131,17 @@ async def show(connection: AsyncConnection, ladder_id: str, owner: str | None) -
         trials=first.trials,
         seed=first.seed,
         seed_drawn_by_server=first.seed_drawn_by_server,
-        rungs=tuple(_rung(each) for each in jobs),
+        rungs=rungs,
+        ends=None if row.ends is None else LadderEnds(row.ends),
+        best=_best(rungs),
+        correlations=_correlations(rungs),
     )
 
 
-def _rung(row: AnyRow) -> Rung:
-    done = row.trials_done
+def _rung(row: AnyRow, letters: str | None, may_end: bool) -> Rung:
+    done = row.trials_done if row.counted_trials is None else row.counted_trials
+    successes = row.successes if row.counted_trials is None else row.counted_successes
+    interval = rate_sequence if may_end else wilson
     return Rung(
         step=row.step,
         job_id=row.job_id,
@@ -119,10 +150,58 @@ def _rung(row: AnyRow) -> Rung:
         policy_name=row.policy_name,
         trials=row.trials,
         trials_done=done,
-        successes=row.successes,
-        success_rate=row.successes / done if done else None,
-        interval_80=wilson(row.successes, done, LEVEL) if done else None,
+        successes=successes,
+        success_rate=successes / done if done else None,
+        interval_80=interval(successes, done, LEVEL) if done else None,
+        training_reward=row.training_reward,
+        given_up=row.given_up,
+        letters=letters,
     )
+
+
+def _best(rungs: Sequence[Rung]) -> str | None:
+    """The rung with the highest lower bound; of equals the later one."""
+    bounds = [(rung.interval_80[0], at) for at, rung in enumerate(rungs) if rung.interval_80 is not None]
+    return rungs[max(bounds)[1]].job_id if bounds else None
+
+
+def _correlations(rungs: Sequence[Rung]) -> tuple[Correlation, ...]:
+    tried = [rung for rung in rungs if rung.success_rate is not None]
+    rewarded = [rung for rung in tried if rung.training_reward is not None]
+    found = (
+        rank_correlation("step", [rung.step for rung in tried], [rung.success_rate or 0.0 for rung in tried]),
+        rank_correlation(
+            "training reward",
+            [rung.training_reward or 0.0 for rung in rewarded],
+            [rung.success_rate or 0.0 for rung in rewarded],
+        ),
+    )
+    return tuple(each for each in found if each is not None)
+
+
+async def _letters(connection: AsyncConnection, jobs: Sequence[AnyRow]) -> Sequence[str | None]:
+    """Letters of the rungs, from the goals that two have both tried; None of those that nothing is compared of.
+
+    A ladder is looked at while it runs, so that pairs are told apart by evidence that holds at every look, with Bonferroni's
+    share of the chance for each.
+    """
+    tried = await outcomes.in_order(connection, [row.number for row in jobs]) if 1 < len(jobs) <= MOST_COMPARED else {}
+    known = [row.physics for row in jobs if row.physics is not None]
+    usual = max(set(known), key=known.count, default=None)
+    ended = {
+        at: tried[row.number][: row.counted_trials]
+        for at, row in enumerate(jobs)
+        if tried.get(row.number) and row.physics == usual and not row.physics_mixed
+    }
+    best_first = sorted(ended, key=lambda at: (-sum(ended[at]) / len(ended[at]), -len(ended[at])))
+    chance = pair_chance(len(jobs))
+
+    def differ(one: int, other: int) -> bool:
+        pairs = list(zip(ended[best_first[one]], ended[best_first[other]], strict=False))
+        return is_decided(pairs.count((True, False)), pairs.count((False, True)), chance)
+
+    told = dict(zip(best_first, letters_where(len(best_first), differ), strict=True)) if len(best_first) > 1 else {}
+    return [told.get(at) for at in range(len(jobs))]
 
 
 async def lines(connection: AsyncConnection, owner: str | None, asked: Asked) -> Page[LadderLine]:

@@ -2,21 +2,22 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Literal
 
 from sqlalchemy import case, distinct, func, or_, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from api_schemas.anytime import rate_sequence
 from api_schemas.job import JobState, TaskName
 from api_schemas.leaderboard import BoardPhysics, BoardRow, Contest
 from api_schemas.physics import ObjectName
-from api_schemas.success_rate import wilson
 from services.database.rows import AnyRow
 from services.database.tables import job, physics, policy_owner, rung
 from services.errors import NotFound
 from services.jobs.physics import NOW
+from services.jobs.standings import MOST_COMPARED, Entry, Tried, entries, letters_of
 
 LEVEL = 0.80
+_RECIPE_OWNER = case((job.c.recipe.is_not(None), job.c.owner)).label("recipe_owner")
 MOST_ROWS = 200
 CANCELLED = job.c.state == JobState.CANCELLED
 TRIALS = case((CANCELLED, job.c.trials), else_=func.coalesce(job.c.counted_trials, job.c.trials_done))
@@ -103,17 +104,30 @@ async def board(connection: AsyncConnection, wanted: Wanted, sees_only: str | No
         func.min(job.c.owner).label("owner"),
         func.max(job.c.created_at).label("last"),
     )
-    pooled = select(job.c.policy, *sums, judged, *names).where(*COUNTED, *of_task).group_by(job.c.policy)
-    rows = (await connection.execute(pooled)).all()
-    ranked = sorted(rows, key=lambda row: (-_interval(row)[0], -row.trials, row.policy))
+    by = (job.c.policy, job.c.recipe, _RECIPE_OWNER)
+    rows = (await connection.execute(select(*by, *sums, judged, *names).where(*COUNTED, *of_task).group_by(*by))).all()
+    ranked = sorted(entries(rows), key=lambda each: (-each.interval(LEVEL)[0], -each.trials, each.rows[0].policy))
+    letters = letters_of(ranked, await _tried(connection, ranked[:MOST_COMPARED], of_task))
     shown = ranked[:MOST_ROWS]
-    own = await _own(connection, shown, sees_only)
+    own = await _own(connection, [row for each in shown for row in each.rows], sees_only)
     on = None if shown_physics is None else _physics(shown_physics)
-    return Board(on, len(rows), tuple(_row(place, row, own) for place, row in enumerate(shown, start=1)))
+    numbered = enumerate(zip(shown, letters, strict=False), start=1)
+    return Board(on, len({row.policy for row in rows}), tuple(_row(place, *each, own, sees_only) for place, each in numbered))
 
 
-def _interval(row: AnyRow) -> tuple[float, float]:
-    return (rate_sequence if row.judged else wilson)(row.successes, row.trials, LEVEL)
+async def _tried(connection: AsyncConnection, compared: Sequence[Entry], of_task: Sequence[Any]) -> dict[str, Tried]:
+    """How the trials of these entries' policies ended that count for the policy itself, from jobs that are over."""
+    policies = {each.rows[0].policy for each in compared if each.recipe is None}
+    grouped = {row.policy for each in compared if each.recipe is not None for row in each.rows}
+    if len(policies) < 2:
+        return {}
+    columns = (job.c.policy, job.c.seed, job.c.outcomes, job.c.recipe)
+    wanted = select(*columns).where(*COUNTED, *of_task, job.c.policy.in_(policies), job.c.outcomes.is_not(None))
+    found: dict[str, Tried] = {}
+    for row in await connection.execute(wanted.order_by(job.c.ended_at, job.c.number)):
+        if row.recipe is None or row.policy not in grouped:
+            found.setdefault(row.policy, Tried()).add(row.seed, row.outcomes)
+    return found
 
 
 def _physics(row: AnyRow) -> BoardPhysics:
@@ -130,18 +144,33 @@ async def _own(connection: AsyncConnection, rows: Sequence[AnyRow], sees_only: s
     return dict.fromkeys((await connection.execute(wanted)).scalars(), sees_only)
 
 
-def _row(rank: int, row: AnyRow, own: dict[str, str] | None) -> BoardRow:
-    owner = row.owner if own is None else own.get(row.policy)
+def _row(rank: int, entry: Entry, letters: str | None, own: dict[str, str] | None, sees_only: str | None) -> BoardRow:
+    row = entry.rows[0]
+    if entry.recipe is None:
+        owner = row.owner if own is None else own.get(row.policy)
+        name, policy = row.name, row.policy
+    else:  # a recipe is its owner's word, whoever else has brought the same policies
+        owner = row.recipe_owner if sees_only in (None, row.recipe_owner) else None
+        name, policy = None, None
     return BoardRow(
         rank=rank,
-        policy=row.policy,
-        policy_name=None if owner is None else row.name,
+        policy=policy,
+        policy_name=None if owner is None else name,
         owner=owner,
-        jobs=row.jobs,
-        trials=row.trials,
-        successes=row.successes,
-        success_rate=row.successes / row.trials,
-        interval_80=_interval(row),
-        intervals="sequence" if row.judged else "wilson",
-        last_at=row.last,
+        jobs=sum(each.jobs for each in entry.rows),
+        trials=entry.trials,
+        successes=entry.successes,
+        success_rate=entry.rate,
+        interval_80=entry.interval(LEVEL),
+        intervals=_kind(entry),
+        recipe=None if owner is None else entry.recipe,
+        training_seeds=None if entry.recipe is None else len(entry.rows),
+        letters=letters,
+        last_at=max(each.last for each in entry.rows),
     )
+
+
+def _kind(entry: Entry) -> Literal["wilson", "sequence", "seeds"]:
+    if entry.recipe is not None:
+        return "seeds"
+    return "sequence" if entry.judged else "wilson"

@@ -126,6 +126,8 @@ def compose(
         question=question,
         uncounted=max(0, job.trials_done - len(rows)),
         own_goals=job.own_goals,
+        recipe=job.recipe,
+        training_seed=job.training_seed,
         success_ever=sum(measure.success_ever for measure in measures),
         mean_success_fraction=_mean([measure.success_fraction for measure in measures]),
         mean_return=_mean([measure.episode_return for measure in measures]),

@@ -27,8 +27,13 @@ from services.jobs.lease import UNENDED
 from services.jobs.priority import RANKS
 from services.policies import owners
 
-LATER_FIELDS = frozenset({"object", "object_scale", "webhook", "priority", "goals", "like", "question", "images"})
+LATER_FIELDS = frozenset(
+    {"object", "object_scale", "webhook", "priority", "goals", "like", "question", "recipe", "training_seed", "images"}
+)
 """Fields of a job that came after its first form; a job sent before they came and again afterwards is one job."""
+
+_NOT_ITS = ("question", "webhook", "recipe", "training_seed")
+"""What is asked of a job and not of the other one that its question is about."""
 
 LOOK_AGAIN_S = 30
 """When a user whose share of the queue is used up may ask again at the earliest; how long jobs take nobody knows."""
@@ -103,6 +108,8 @@ async def submit(
         "priority": RANKS[request.priority],
         "images": request.images,
         "judged": request.question is not None or judged,
+        "recipe": request.recipe,
+        "training_seed": request.training_seed,
         "own_goals": any(each.own_goal is not None for each in draws),
         **(pinned or {}),
     }
@@ -122,7 +129,7 @@ async def _submit_twin(tx: AsyncConnection, now_s: float, request: JobRequest, s
     assert request.question is not None and request.question.against is not None, "it is asked against a policy"
     if request.question.against == request.policy:
         raise Refused("same-policy", "A policy is not better than itself; name another one, or a bar.")
-    wish = request.model_copy(update={"policy": request.question.against, "question": None, "webhook": None})
+    wish = request.model_copy(update={"policy": request.question.against, **dict.fromkeys(_NOT_ITS)})
     of_twin = replace(sender, idempotency_key=None, may_queue=None)  # both were asked for at once
     job_id, _ = await submit(tx, now_s, wish, of_twin, drawn_seed=seed, judged=True)
     return (await tx.execute(select(job.c.number).where(job.c.job_id == job_id))).scalar_one()

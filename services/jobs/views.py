@@ -73,6 +73,8 @@ def _job(row: AnyRow, ahead: Ahead | None, fleet: Fleet, now_s: float, limit: in
         reason=row.reason,
         own_goals=row.own_goals,
         images=row.images,
+        recipe=row.recipe,
+        training_seed=row.training_seed,
     )
 
 

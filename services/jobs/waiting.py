@@ -22,7 +22,7 @@ def job_waits(  # noqa: PLR0911  one sentence each
     if row.trials_active:
         return _running(row.trials_active, left)
     if left == 0:
-        return "all trials done; the other job of its question has trials left"
+        return "all trials done; other jobs of its question or ladder have trials left"
     if begun := min(_begun(row.job_id, fleet, now_s), left):  # since the row was read
         return _running(begun, left - begun)
     if (nobody := _nobody_for(row.robot, _count(left, "trial"), fleet, now_s)) is not None:
@@ -60,7 +60,7 @@ def trial_waits(row: AnyRow, job: AnyRow, fleet: Fleet, now_s: float, before: in
     if row.state == TrialState.LEASED:
         return f"leased to {row.robot}, waiting for its answer"
     if row.state != TrialState.QUEUED:
-        held = f"the goals before it may answer the question of job {job.job_id}; it is queued when they have not"
+        held = f"the goals before it may end job {job.job_id}; it is queued when they have not"
         return held if row.state == TrialState.HELD else None
     if (nobody := _nobody_for(job.robot, "it", fleet, now_s)) is not None:
         return nobody

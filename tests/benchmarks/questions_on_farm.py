@@ -2,6 +2,10 @@
 
     python -m tests.benchmarks.questions_on_farm B.safetensors A.safetensors --task push --seeds 10 --out FILE
 
+Of two policies of equal rate that differ (``tests/benchmarks/turned_policy.py`` makes the one of the other):
+
+    python -m tests.benchmarks.questions_on_farm turned.onnx push-adr.safetensors --seeds 20 --max 60 --out FILE
+
 It starts a farm of `real` robots, asks one question at a time, and adds a line to the file for each that is answered: run it
 again and it goes on. The summary of all lines is printed at the end.
 """

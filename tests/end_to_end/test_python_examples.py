@@ -5,6 +5,7 @@ import gzip
 import inspect
 import itertools
 import os
+import re
 import shutil
 from pathlib import Path
 
@@ -54,6 +55,15 @@ def run(name):
     for test in doctest.DocTestFinder(recurse=True).find(found, name, globs={}):
         runner.run(test)
     assert runner.summarize(verbose=False).failed == 0
+
+
+def test_the_page_of_training_loops_runs_as_written(folder, capsys):
+    pytest.importorskip("stable_baselines3")
+    given = {}
+    for code in re.findall(r"```python\n(.*?)```", (ROOT / "docs/training-loop.md").read_text(), re.DOTALL):
+        exec(compile(code, "docs/training-loop.md", "exec"), given)
+    assert "of 2 succeeded, 80 % interval" in capsys.readouterr().out
+    assert given["callback"].found[0].step == 128 and all(each.report for each in given["callback"].found)
 
 
 @pytest.mark.parametrize("name", [name for name in trifarm.__all__ if name not in (*FIRST, "study")])

@@ -66,6 +66,7 @@ ELSEWHERE = {
     "peer_episode": "tests/benchmarks/peer.py",
     "peer_fields_episode": "tests/benchmarks/peer_fields.py",
     "robots_of_a_host": "tests/unit/benchmarks/test_robots_of_a_host.py",
+    "turned_policy": "tests/unit/benchmarks/test_turned_policy.py",
 }
 """Who starts the other programs."""
 

@@ -65,12 +65,14 @@ class Drives:
             known.
         is_known: joints that the controller drives, shape (k,).
         sample_s: between samples.
+        is_held: whether the controller computes once a sample and holds its torque, not all the time.
     """
 
     sent_nm: np.ndarray
     feedback: np.ndarray
     is_known: np.ndarray
     sample_s: float
+    is_held: bool = False
 
 
 class Chain:
@@ -135,7 +137,7 @@ class Chain:
         )
         begins = np.ascontiguousarray(np.stack([begin_rad[:, o], begin_rad_s[:, o]], axis=1))
         found = np.full((len(window), drives.sent_nm.shape[1], len(o)), np.nan)
-        settings = (self._step_s, self._substeps, drives.sample_s)
+        settings = (self._step_s, self._substeps, drives.sample_s, drives.is_held)
 
         steps = simulate()  # compiled before threads ask for it
 

@@ -320,6 +320,7 @@ def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that i
     step_s: float,
     substeps: int,
     sample_s: float,
+    is_held: bool,
     begins: np.ndarray,
     window: np.ndarray,
     which: np.ndarray,
@@ -332,7 +333,7 @@ def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that i
     mass, lower, inverse = np.empty((k, k)), np.zeros((k, k)), np.empty((k, k))
     load, arrived, value, bound, rest, impulse = np.empty(k), np.empty(k), np.empty(k), np.empty(k), np.empty(k), np.empty(k)
     late = int(np.ceil(joints[_DELAY].max() / step_s + 1e-9)) + 2
-    line, before, memory = np.zeros((late, k)), np.empty(k), np.empty((k, 3))
+    line, made, before, memory = np.zeros((late, k)), np.zeros(k), np.empty(k), np.empty((k, 3))
     for n in range(len(window)):
         w, m = window[n], which[n]
         own, q, v = joints[:, m], begins[n, 0] - joints[_OFFSET, m], begins[n, 1].copy()
@@ -345,7 +346,9 @@ def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that i
             sample = now // substeps
             for j in range(k):
                 if is_known[j]:
-                    line[now % late, j] = _made(feedback[:, w, sample, j], q[j] + own[_OFFSET, j], v[j])
+                    if now % substeps == 0 or not is_held:
+                        made[j] = _made(feedback[:, w, sample, j], q[j] + own[_OFFSET, j], v[j])
+                    line[now % late, j] = made[j]
                     arrived[j] = _delayed(line, now, own[_DELAY, j] / step_s, j)
                 else:
                     at = ((now + 1) * step_s - own[_LATE, j] - 0.5 * step_s) / sample_s
@@ -389,12 +392,13 @@ def simulate() -> Callable[..., None]:
     sums (w, s + 1, k), a controller's law (6, w, s, k), which joints it drives (k,); inertias of the links (m, k, 10), gravity
     (m, 3), armature, damping, stiffness, rest, offset of the encoder, delay of the controller and lateness of what was recorded
     (7, m, k), the motor law's values (m, k, p); parents (k,), axes and anchors (k, 3), which joints slide, where joints are at
-    first (k,); the step, steps to a sample, the time between samples; begins (n, 2, k), windows and models (n,), and the
-    positions after each sample (n, s, k).
+    first (k,); the step, steps to a sample, the time between samples, whether a controller holds its torque for a sample; begins
+    (n, 2, k), windows and models (n,), and the positions after each sample (n, s, k).
     """
     f1, f2, f3, f4 = (types.float64[::1], types.float64[:, ::1], types.float64[:, :, ::1], types.float64[:, :, :, ::1])
     i1, b1 = types.int64[::1], types.boolean[::1]
     of_windows = (f3, f3, f4, b1)
     of_models = (f3, f2, f3, f3, i1, f2, f2, b1, f1)
-    signature = types.void(*of_windows, *of_models, types.float64, types.int64, types.float64, f3, i1, i1, f3)
+    of_time = (types.float64, types.int64, types.float64, types.boolean)
+    signature = types.void(*of_windows, *of_models, *of_time, f3, i1, i1, f3)
     return compiled_once(lambda cache: numba.njit(signature, cache=cache, nogil=True)(_simulate), motor_law.__file__)

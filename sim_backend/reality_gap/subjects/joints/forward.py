@@ -65,10 +65,11 @@ class Forward:
     Args:
         plant: whose model it is.
         step_s: between samples.
+        is_held: whether a controller computes once a sample and holds its torque, not all the time.
     """
 
-    def __init__(self, plant: Plant, step_s: float) -> None:
-        self._plant = plant
+    def __init__(self, plant: Plant, step_s: float, *, is_held: bool = False) -> None:
+        self._plant, self._is_held = plant, is_held
         self._substeps = int(np.ceil(step_s / _LONGEST_STEP_S - 1e-9))
         self._model = plant.forward_model()
         self._model.opt.timestep = step_s / self._substeps
@@ -91,7 +92,7 @@ class Forward:
         """
         if self._chain is not None:
             begins, rows = (begin_rad, begin_rad_s), np.arange(len(windows))
-            return self._chain.positions(drives_of(windows), *begins, self.models(states), rows, which)
+            return self._chain.positions(drives_of(windows, is_held=self._is_held), *begins, self.models(states), rows, which)
         found = [
             self._simulated(windows.some(rows), begin_rad[rows], begin_rad_s[rows], states, which[rows])
             for rows in np.array_split(np.arange(len(windows)), max(1, -(-len(windows) // _MOST_SIMULATIONS)))
@@ -117,6 +118,7 @@ class Forward:
         memory, at_joint, bound = np.zeros((*shape, 3)), np.empty(shape), np.empty(shape)
         memory[:, :, 1] = begin_rad_s
         found, step = np.empty((*shape[:1], windows.sent_nm.shape[1], shape[1])), in_simulations()
+        made = np.zeros(shape)
         with np.errstate(all="ignore"):
             for now in range(found.shape[1] * self._substeps):
                 sample = now // self._substeps
@@ -124,8 +126,9 @@ class Forward:
                 moves = np.ascontiguousarray(velocity[:, plant.velocities])
                 arrived = recorded.arriving_nm(now)
                 if feedback is not None:
-                    made = feedback.at((slice(None), sample)).torque_nm(is_at + offset, moves)
-                    arrived = np.where(feedback.is_known, line.after(np.nan_to_num(made)), arrived)
+                    if now % self._substeps == 0 or not self._is_held:
+                        made = np.nan_to_num(feedback.at((slice(None), sample)).torque_nm(is_at + offset, moves))
+                    arrived = np.where(feedback.is_known, line.after(made), arrived)
                 asked = np.ascontiguousarray(bias[:, plant.velocities])  # a step ago
                 step(arrived, is_at, moves, asked, step_s, values, memory, at_joint, bound)
                 applied[:, plant.velocities], bounds[:, plant.velocities] = at_joint, bound
@@ -193,12 +196,12 @@ class Forward:
         batch.set_const()
 
 
-def drives_of(windows: Windows) -> Drives:
+def drives_of(windows: Windows, *, is_held: bool = False) -> Drives:
     """What drives some windows."""
     law, k = windows.feedback, windows.sent_nm.shape[2]
     none = np.zeros((len(fields(Feedback)), 1, 1, k))
     feedback = none if law is None else np.stack([getattr(law, field.name) for field in fields(Feedback)])
-    return Drives(windows.sent_nm, feedback, np.zeros(k, bool) if law is None else law.is_known, windows.step_s)
+    return Drives(windows.sent_nm, feedback, np.zeros(k, bool) if law is None else law.is_known, windows.step_s, is_held)
 
 
 class _Recorded:

@@ -13,6 +13,7 @@ import numpy as np
 from sim_backend.reality_gap.feedback import Feedback
 from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance
+from sim_backend.reality_gap.measured.sensor_noise import white_noise
 from sim_backend.reality_gap.subjects.joints.body_law import KEYS as BODY_KEYS
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.subjects.joints.forward import Forward, Windows
@@ -22,7 +23,7 @@ from sim_backend.reality_gap.subjects.joints.state import CLOCK, NO_EFFECTS, Joi
 
 LENGTHS_S = (1.0, 0.5, 0.25)
 """Of windows, the longest first: the first is taken in which a disturbed start does not grow."""
-_MOST_WINDOWS, _LEAST_WINDOWS, _OF_JOINTS = 60, 20, 120
+_MOST_WINDOWS, LEAST_WINDOWS, _OF_JOINTS = 60, 20, 120
 """So many windows, and fewer the more joints there are, whose simulations cost more and say more."""
 FOLDS = 3
 """Parts into which recordings of one regime are divided, each foretold by the others."""
@@ -33,18 +34,14 @@ _EDGE_S = 0.1
 """Of a recording, at both ends, where its smoothed velocity is not as good."""
 _STARTS = (2e-3, 0.2)
 """Standard deviations of where windows begin, rad and rad/s, about the smoothed motion."""
-_PROBES = (1e-3, 1e-2)
-_AT_ONCE = 20
-"""Healthy robots that are simulated together."""
-_USUAL = 0.95
-"""Share of robots that nothing is wrong with that are off by no more."""
-_SAMPLES_OF_WINDOW = 4.0
+PROBES = (1e-3, 1e-2)
+SAMPLES_OF_WINDOW = 4.0
 """Independent numbers that a joint's errors in a window count as: they are as smooth as the motion."""
 _TAILS = 4.0
 """Squares of a window's error, over the usual, beyond which it counts less and less."""
 _ITERATIONS, _QUICK_ITERATIONS, _STARTS_ALONE = 6, 5, 3
 _ENOUGH, _DAMPING = 1e-3, 1e-3
-_TOLERATED = 2.0
+TOLERATED = 2.0
 """Standard deviations that a tolerance is."""
 _WIDE = 10.0
 """Standard deviations of what a cause's numbers may be, in their scales: what no window shows stays where it is."""
@@ -52,7 +49,7 @@ _FLOOR = 2.0
 """Times an encoder's noise: errors below it are as good as none."""
 FAR_OFF = 5.0
 """Times an encoder's noise: windows also begin and end where smoothing puts them."""
-_SHOWN = 0.7
+SHOWN = 0.7
 """Of what a cause's number may be: windows that leave it more uncertain say nothing of it."""
 _CLOCK_SHARE = 0.25
 """Standard deviation of when a recorded torque acts, of a row: at most half a row earlier or later."""
@@ -127,7 +124,7 @@ class RolloutProblem:
     ) -> None:
         step_s = max(_FINEST_S, float(np.median([e.path.step_s for e in episodes])))
         self.start, self._catalogue = start, catalogue
-        self._forward = Forward(episodes[0].plant, step_s)
+        self.forward = Forward(episodes[0].plant, step_s)
         self.gravity_m_s2 = episodes[0].plant.gravity_m_s2
         self.noise_rad = np.sqrt(np.mean([e.path.position_noise_rad**2 for e in episodes], axis=0))
         regimes = [e.path.recording.regime for e in episodes]
@@ -136,9 +133,22 @@ class RolloutProblem:
             self.windows, self.length_s = windows_of(episodes, length_s, step_s), length_s
             if len(self.windows) and self._growth() < _GROWS:
                 break
+        self.torque_noise_nm = torque_noise_nm(episodes, step_s)
+        reported = [v for e in episodes if (v := e.path.joints.velocity_rad_s) is not None]
+        self.velocity_noise_rad_s = np.sqrt(np.mean([white_noise(v) ** 2 for v in reported], axis=0)) if reported else 0.0
         row_s = float(np.median([e.path.step_s for e in episodes]))
         clock = (Term(CLOCK, 0, 0.1 * row_s), _CLOCK_SHARE * row_s)
         self._loose = [clock, *links_off(tolerance, episodes[0].plant.centre_distance_m), *_of_model(tolerance, catalogue, start)]
+        law = self.windows.feedback  # of a servo its motor's own voltage is a part, which never rests
+        if law is not None and len(self.windows) and not np.nan_to_num(law.back_emf_nm_s_rad).any():
+            self.forward = self._nearer(Forward(episodes[0].plant, step_s, is_held=True))
+
+    def _nearer(self, other: Forward) -> Forward:
+        """What goes nearer: a controller that computes all the time, or one that holds its torque for a row; none is recorded."""
+        own = self.forward
+        off = np.log(np.median(self.begun(self.start).squares, axis=0)).sum()
+        self.forward = other
+        return other if np.log(np.median(self.begun(self.start).squares, axis=0)).sum() < off else own
 
     def part(self, rows: np.ndarray) -> "RolloutProblem":
         """The same with some of its windows, by index."""
@@ -159,47 +169,6 @@ class RolloutProblem:
             squares[unseen] = self.part(unseen).fitted(learned.state, (), other, quickly=True).squares  # pyright: ignore[reportArgumentType]
         return squares
 
-    def healthy_rad(self, rng: np.random.Generator, draws: int = 200) -> np.ndarray:
-        """What a usual window of a robot ends up off that differs from its model by no more than is tolerated, shape (k,).
-
-        Robots are drawn within the tolerances and simulated in these windows, with the noise of these encoders. Of each, as of
-        the recorded one, windows begin where they fit best, and the median of their errors counts; of all robots, the largest but
-        for 5 %.
-        """
-        rows = np.linspace(0, len(self.windows) - 1, min(_LEAST_WINDOWS, len(self.windows))).astype(int)
-        w, (n, k) = self.windows.some(rows), (len(rows), self.windows.begin_rad.shape[1])
-        loose = [(term, scale) for term, scale in self.loose_terms(()) if term.key != CLOCK]
-        terms, scales = [term for term, _ in loose], np.array([scale for _, scale in loose])
-        off = scales * np.clip(rng.standard_normal((draws, len(loose))), -_TOLERATED, _TOLERATED)
-        drawn = [_moved(self.start, terms, change) for change in off]
-        begins = [np.tile(each, (1 + 2 * k, 1, 1)) for each in (w.begin_rad, w.begin_rad_s)]
-        for j in range(k):
-            begins[0][1 + j, :, j] += _PROBES[0]
-            begins[1][1 + k + j, :, j] += _PROBES[1]
-        probed = w.some(np.tile(np.arange(n), 1 + 2 * k))
-        places, speeds = (b.reshape(-1, k) for b in begins)
-        apart = self._forward.positions(probed, places, speeds, [self.start], np.zeros(len(probed), int))
-        apart = apart.reshape(1 + 2 * k, n, -1)
-        images = (apart[1:] - apart[0]).transpose(1, 2, 0)
-        fine = np.isfinite(images).all(axis=(1, 2))
-        if not fine.any():
-            return self.noise_rad
-        error = np.concatenate([self._apart(w, drawn[i : i + _AT_ONCE], apart[0]) for i in range(0, draws, _AT_ONCE)])
-        images, error = images[fine], error[:, fine]
-        error = np.nan_to_num(error, nan=np.nanmax(np.abs(error), initial=0.0))  # one that diverges is as far off as any
-        begun = np.linalg.pinv(images) @ error.transpose(1, 2, 0)
-        left = error.transpose(1, 2, 0) - images @ begun
-        squares = (left.reshape(len(images), -1, k, draws) ** 2).mean(axis=1)
-        return np.sqrt(np.quantile(np.median(squares, axis=0), _USUAL, axis=1) + self.noise_rad**2)
-
-    def _apart(self, windows: Windows, states: Sequence[JointState], from_rad: np.ndarray) -> np.ndarray:
-        """How far models go from where another one goes, shape (models, n, s * k), rad."""
-        n = len(windows)
-        many = windows.some(np.tile(np.arange(n), len(states)))
-        which = np.repeat(np.arange(len(states)), n)
-        went = self._forward.positions(many, many.begin_rad, many.begin_rad_s, states, which)
-        return went.reshape(len(states), n, -1) - from_rad
-
     def foretold_rad(self, fit: RolloutFit, terms: Sequence[Term]) -> float:
         """How far windows end up off, in the mean over all of them and joints, whose recordings the terms were not fitted to."""
         return float(np.sqrt(self.foretold(fit, terms)).mean())
@@ -208,9 +177,9 @@ class RolloutProblem:
         """How much further a disturbed start leads than it would without any force, in the median."""
         w = self.windows.some(np.linspace(0, len(self.windows) - 1, min(20, len(self.windows))).astype(int))
         nominal, none = [self.start], np.zeros(len(w), int)
-        one = self._forward.positions(w, w.begin_rad, w.begin_rad_s, nominal, none)
-        other = self._forward.positions(w, w.begin_rad, w.begin_rad_s + _PROBES[1], nominal, none)
-        return float(np.nanmedian(np.abs(other - one)[:, -1].max(axis=1)) / (_PROBES[1] * self.length_s))
+        one = self.forward.positions(w, w.begin_rad, w.begin_rad_s, nominal, none)
+        other = self.forward.positions(w, w.begin_rad, w.begin_rad_s + PROBES[1], nominal, none)
+        return float(np.nanmedian(np.abs(other - one)[:, -1].max(axis=1)) / (PROBES[1] * self.length_s))
 
     def loose_terms(self, without: Sequence[Term]) -> list[tuple[Term, float]]:
         """What a healthy robot may be off by, with standard deviations, beside terms that are fitted."""
@@ -220,7 +189,7 @@ class RolloutProblem:
     def squares_of(self, state: JointState, begin: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """Mean square error of each window and joint, infinite where a simulation diverges; shape (n, k)."""
         w = self.windows
-        went = self._forward.positions(w, *begin, [state], np.zeros(len(w), int))
+        went = self.forward.positions(w, *begin, [state], np.zeros(len(w), int))
         squares = ((w.position_rad - went) ** 2).mean(axis=1)
         return np.where(np.isfinite(squares), squares, np.inf)
 
@@ -275,7 +244,7 @@ class RolloutProblem:
             change = np.linalg.solve(precision + _DAMPING * np.diag(np.diag(precision)), pull)
             before, found = self._loss(squares, noise), None
             for share in (1.0, 0.5, 0.25, 0.1):
-                candidate = self._within_tolerance(_moved(state, every, share * change), loose)
+                candidate = self._within_tolerance(moved_by(state, every, share * change), loose)
                 begins = self._begins(begin, linear, _apart(candidate, state, every), share)
                 tried = self.squares_of(candidate, begins)
                 if self._loss(tried, noise) < before:
@@ -298,7 +267,7 @@ class RolloutProblem:
     def _within_tolerance(self, state: JointState, loose: Sequence[tuple[Term, float]]) -> JointState:
         for term, scale in loose:
             here, first = (float(each.value(term.key)[term.index]) for each in (state, self.start))
-            nearest = float(np.clip(here, first - _TOLERATED * scale, first + _TOLERATED * scale))
+            nearest = float(np.clip(here, first - TOLERATED * scale, first + TOLERATED * scale))
             state = state.moved(term, nearest - here, with_shape=False)
         return state
 
@@ -333,17 +302,17 @@ class RolloutProblem:
         m, total = len(terms), 1 + len(terms) + 2 * k
         places, speeds = (np.tile(each, (total, 1, 1)) for each in begin)
         for j in range(k):
-            places[1 + m + j, :, j] += _PROBES[0]
-            speeds[1 + m + k + j, :, j] += _PROBES[1]
+            places[1 + m + j, :, j] += PROBES[0]
+            speeds[1 + m + k + j, :, j] += PROBES[1]
         which = np.repeat([*range(1 + m), *[0] * (2 * k)], n)
         many = w.some(np.tile(np.arange(n), total))
-        went = self._forward.positions(many, places.reshape(-1, k), speeds.reshape(-1, k), models, which)
+        went = self.forward.positions(many, places.reshape(-1, k), speeds.reshape(-1, k), models, which)
         went = went.reshape(total, n, -1, k)
         error = w.position_rad - went[0]
-        steps = np.array([*(t.probe for t in terms), *[_PROBES[0]] * k, *[_PROBES[1]] * k])
+        steps = np.array([*(t.probe for t in terms), *[PROBES[0]] * k, *[PROBES[1]] * k])
         moves = (went[1:] - went[0]) / steps[:, None, None, None]
         fine = np.isfinite(error).all(axis=(1, 2)) & np.isfinite(moves).all(axis=(0, 2, 3))
-        counted = (np.sqrt(weights * _SAMPLES_OF_WINDOW / error.shape[1]) / noise)[:, None] * fine[:, None, None]
+        counted = (np.sqrt(weights * SAMPLES_OF_WINDOW / error.shape[1]) / noise)[:, None] * fine[:, None, None]
         left = np.nan_to_num(error * counted).reshape(n, -1)
         images = np.nan_to_num(moves * counted).reshape(total - 1, n, -1).transpose(1, 2, 0)
         own, at_start = images[:, :, :m], images[:, :, m:]
@@ -388,7 +357,7 @@ class RolloutProblem:
         found = []
         for _, hypothesis, values, errors in self.gains(fit, hypotheses):
             prior = np.array(hypothesis.scales)
-            is_shown, term = errors[0] < _SHOWN * prior[0], self._catalogue.terms[hypothesis.terms[0]]
+            is_shown, term = errors[0] < SHOWN * prior[0], self._catalogue.terms[hypothesis.terms[0]]
             off = float(values[0] + _apart(fit.state, self.start, [term])[0])
             size = float(np.sqrt(2.0 * gate) * errors[0]) + abs(off) if is_shown else np.inf
             found.append(Shown(hypothesis, size))
@@ -412,7 +381,7 @@ class RolloutProblem:
         floor = (_FLOOR * self.noise_rad) ** 2
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.log((before + floor) / (after + floor))
-        return float(0.5 * _SAMPLES_OF_WINDOW * np.nan_to_num(ratio, posinf=5.0, neginf=-5.0).sum())
+        return float(0.5 * SAMPLES_OF_WINDOW * np.nan_to_num(ratio, posinf=5.0, neginf=-5.0).sum())
 
 
 def is_simulated(key: str) -> bool:
@@ -431,7 +400,7 @@ def _apart(state: JointState, other: JointState, terms: Sequence[Term]) -> np.nd
     return np.array([float(state.value(t.key)[t.index] - other.value(t.key)[t.index]) for t in terms])
 
 
-def _moved(state: JointState, terms: Sequence[Term], change: np.ndarray) -> JointState:
+def moved_by(state: JointState, terms: Sequence[Term], change: np.ndarray) -> JointState:
     """Numbers changed one by one, cut off where the catalogue ends."""
     for term, by in zip(terms, change, strict=True):
         here = float(state.value(term.key)[term.index])
@@ -442,7 +411,7 @@ def _moved(state: JointState, terms: Sequence[Term], change: np.ndarray) -> Join
 
 def windows_of(episodes: Sequence[EpisodeEquations], length_s: float, step_s: float) -> Windows:
     """Windows of a length, one after the other, in which everything was measured; not too many, evenly spread."""
-    most = int(np.clip(_OF_JOINTS // episodes[0].plant.joints, _LEAST_WINDOWS, _MOST_WINDOWS))
+    most = int(np.clip(_OF_JOINTS // episodes[0].plant.joints, LEAST_WINDOWS, _MOST_WINDOWS))
     parts: list[tuple[int, int]] = []
     for owner, episode in enumerate(episodes):
         path = episode.path
@@ -491,3 +460,24 @@ def _mean_of_held(series: np.ndarray, step_s: float, edges_s: np.ndarray) -> np.
     sums = np.concatenate([np.zeros((1, series.shape[1])), np.cumsum(series, axis=0)]) * step_s
     at_edges = _between(sums, step_s, edges_s)
     return np.diff(at_edges, axis=0) / np.diff(edges_s)[:, None]
+
+
+_GAUSSIAN = 1.4826
+"""Standard deviation over the median of absolute deviations."""
+
+
+def torque_noise_nm(episodes: Sequence[EpisodeEquations], step_s: float) -> np.ndarray:
+    """Noise of the torques that drive windows of samples ``step_s`` apart, shape (k,); none where they were sent, not measured.
+
+    Noise is what a measured torque differs by from the line between those before and after it, in the median.
+    """
+    found = []
+    for episode in episodes:
+        measured = episode.path.joints.measured_torque_nm
+        if measured is None:
+            found.append(np.zeros(episode.plant.joints))
+            continue
+        bend = measured[1:-1] - 0.5 * (measured[2:] + measured[:-2])
+        row = _GAUSSIAN * np.nanmedian(np.abs(bend - np.nanmedian(bend, axis=0)), axis=0) / np.sqrt(1.5)
+        found.append(row / np.sqrt(max(1.0, step_s / episode.path.step_s)))
+    return np.nan_to_num(np.sqrt(np.mean(np.square(found), axis=0)))

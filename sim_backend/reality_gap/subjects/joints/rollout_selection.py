@@ -1,16 +1,16 @@
 """Which causes make a model go where the robot went: taken and dropped by what they gain in rollouts."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, plane_of, shape_of
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED, NUMBERS, plane_of, shape_of
 from sim_backend.reality_gap.subjects.joints.contradictions import is_gravity, pushes, runs_into_bounds
-from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS, Catalogue, Hypothesis
+from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS, PLATFORM, Catalogue, Hypothesis
 from sim_backend.reality_gap.subjects.joints.look import Accepted
 from sim_backend.reality_gap.subjects.joints.moves import moved
-from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutFit, RolloutProblem
+from sim_backend.reality_gap.subjects.joints.rollout_fit import SHOWN, RolloutFit, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 
 GATE = 12.0
@@ -30,14 +30,21 @@ _LEAST_REDUCTION = 0.03
 """Share of a joint's error that a cause must take away at one joint."""
 
 
+_Tried = tuple[float, RolloutFit, Hypothesis, tuple[Term, ...]]
+"""Gain, model, and what was tried with its terms."""
+
+
 @dataclass(frozen=True)
 class Taken:
-    """A cause in the model: an effect at a place with its terms, what it gained when it was taken, and the best other by then."""
+    """A cause in the model: an effect at a place with its terms, what it gained when it was taken, and what others would have.
+
+    Others are compared as if they had no more numbers: what fits as well with three numbers as another with one is as possible.
+    """
 
     hypothesis: Hypothesis
     terms: tuple[Term, ...]
     gain: float
-    others: tuple[tuple[tuple[str, str], float], ...]
+    others: tuple[_Tried, ...]
 
 
 @dataclass(frozen=True)
@@ -104,6 +111,8 @@ class _Search:
     fits: Callable[[JointState], bool]
     progress: Callable[[str, float], None]
     proposed: frozenset[tuple[str, str]]
+    tried: "dict[int, tuple[RolloutFit, list[_Tried]]]" = field(default_factory=dict)
+    """What was fitted beside a model, by its identity."""
 
     def extended(
         self, fit: RolloutFit, first: tuple[Taken, ...], share: float, most: int
@@ -125,31 +134,62 @@ class _Search:
 
 def _best(search: _Search, fit: RolloutFit, taken: Sequence[Taken], share: float) -> tuple[RolloutFit, Taken] | None:
     """What gains most of those that are possible, and the model with it; ``share`` as of :func:`_least`."""
+    if id(fit) not in search.tried:
+        search.tried[id(fit)] = fit, _tried_beside(search, fit, taken)
+    asked = {hypothesis.effect for hypothesis in search.catalogue.hypotheses}
+    tried = [each for each in search.tried[id(fit)][1] if each[2].effect in asked]
+    enough = [entry for entry in tried if entry[0] >= _least(search.problem, entry[1], taken, share)]
+    if not enough:
+        return None
+    gain, new, hypothesis, plain = _single_rather_than_all(enough)
+    others = [
+        (own_gain + OF_NUMBER * max(0, len(terms) - len(plain)), fit_of_it, other, terms)
+        for own_gain, fit_of_it, other, terms in tried
+        if other.name != hypothesis.name and FITTED[other.effect].contains != hypothesis.effect
+    ]
+    return new, Taken(hypothesis, plain, gain, tuple(sorted(others, key=lambda other: -other[0])))
+
+
+def _tried_beside(search: _Search, fit: RolloutFit, taken: Sequence[Taken]) -> list[_Tried]:
+    """What may be wrong beside what a model has, fitted, the best first."""
     problem, catalogue = search.problem, search.catalogue
     own = [term for cause in taken for term in cause.terms]
     names, tried = {cause.hypothesis.name for cause in taken}, list[_Tried]()
     everywhere = {effect for effect, where in names if where == ALL_JOINTS}
-    for linear, hypothesis, values in _distinct(problem.gains(fit, catalogue.hypotheses), names):
+    for linear, hypothesis, values, errors in _distinct(problem.gains(fit, catalogue.hypotheses), names):
         if hypothesis.effect in everywhere:
             continue
         if (linear < _TRIED_FROM or len(tried) >= _TRIED) and hypothesis.name not in search.proposed:
             continue
-        terms = tuple(catalogue.terms[i] for i in hypothesis.terms)
-        state, plain = _begun(problem.without_loose(fit.state, own), terms, values)
+        terms = [catalogue.terms[i] for i in hypothesis.terms]
+        state, plain = _begun(problem.without_loose(fit.state, own), *_that_show(terms, hypothesis, values, errors))
         new = problem.fitted(state, [*own, *plain], fit.begin, quickly=True)
         gain = problem.gained(fit.squares, new.squares) - OF_NUMBER * len(plain)
-        with_it = [*taken, Taken(hypothesis, plain, gain, ())]
-        if search.fits(new.state) and _may_be(problem, new.state, with_it) and _is_worth_it(fit, new):
+        if _is_possible(search, taken, gain, new, hypothesis, plain):
             tried.append((gain, new, hypothesis, plain))
-    tried.sort(key=lambda entry: -entry[0])
-    if taken:  # beside causes that are in the model also with all that a healthy robot may be off by, as the model had it
-        tried = sorted((_fitted_wholly(problem, fit, own, *entry[1:]) for entry in tried[:_WHOLLY]), key=lambda entry: -entry[0])
-    enough = [entry for entry in tried if entry[0] >= _least(problem, entry[1], taken, share)]
-    if not enough:
-        return None
-    gain, new, hypothesis, plain = _single_rather_than_all(enough)
-    others = tuple((other.name, own_gain) for own_gain, _, other, _ in tried if other.name != hypothesis.name)
-    return new, Taken(hypothesis, plain, gain, others)
+    best = sorted((entry for entry in tried if _is_worth_it(fit, entry[1])), key=lambda entry: -entry[0])[:_WHOLLY]
+    # with all that a healthy robot may be off by, as the model had it: also those that are seen only then, by their linear gains
+    best += [entry for entry in tried[:_WHOLLY] if not any(entry is other for other in best)]
+    whole = [_fitted_wholly(problem, fit, own, *entry[1:]) for entry in best]
+    whole.sort(key=lambda entry: -entry[0])
+    return [each for each in whole if _is_worth_it(fit, each[1]) and _is_possible(search, taken, *each)]
+
+
+def _that_show(
+    terms: Sequence[Term], hypothesis: Hypothesis, values: np.ndarray, errors: np.ndarray
+) -> tuple[tuple[Term, ...], np.ndarray]:
+    """Of what the whole robot stands on, the directions that windows show: along the others a fit would only wander."""
+    shown = errors < SHOWN * np.array(hypothesis.scales)
+    if hypothesis.where != PLATFORM or not shown.any():
+        return tuple(terms), values
+    return tuple(term for term, is_shown in zip(terms, shown, strict=True) if is_shown), values[shown]
+
+
+def _is_possible(
+    search: _Search, taken: Sequence[Taken], gain: float, new: RolloutFit, hypothesis: Hypothesis, plain: tuple[Term, ...]
+) -> bool:
+    """Whether a model is one that a robot may have, and contradicts nothing that was measured."""
+    return search.fits(new.state) and _may_be(search.problem, new.state, [*taken, Taken(hypothesis, plain, gain, ())])
 
 
 def _needed(problem: RolloutProblem, fit: RolloutFit, cause: Taken) -> tuple[Term, ...]:
@@ -159,10 +199,6 @@ def _needed(problem: RolloutProblem, fit: RolloutFit, cause: Taken) -> tuple[Ter
         without = problem.squares_of(_as_nominal(problem, fit.state, (term,)), fit.begin)
         gains.append(problem.gained(without, fit.squares))
     return tuple(t for t, gain in zip(cause.terms, gains, strict=True) if gain > OF_NUMBER) or cause.terms
-
-
-_Tried = tuple[float, RolloutFit, Hypothesis, tuple[Term, ...]]
-"""Gain, model, and what was tried with its terms."""
 
 
 def _fitted_wholly(
@@ -178,11 +214,11 @@ def _fitted_wholly(
     Where both fit about as well the one counts that foretells recordings better that it has not seen: the other owes a part of
     what it gains to a few windows.
     """
-    begun, terms = (new.state, _as_nominal(problem, new.state, own)), [*own, *plain]
+    begun, terms = [new.state, *([_as_nominal(problem, new.state, own)] if own else [])], [*own, *plain]
     found = [problem.fitted(state, terms, new.begin) for state in begun]
     gains = [problem.gained(fit.squares, each.squares) - OF_NUMBER * len(plain) for each in found]
     best = int(np.argmax(gains))
-    if abs(gains[0] - gains[1]) < _AS_GOOD * max(gains[best], 0.0):
+    if abs(gains[0] - gains[-1]) < _AS_GOOD * max(gains[best], 0.0) and len(found) > 1:
         best = int(np.argmin([problem.foretold_rad(each, terms) for each in found]))
     return gains[best], found[best], hypothesis, plain
 
@@ -204,12 +240,12 @@ def _least(problem: RolloutProblem, new: RolloutFit, taken: Sequence[Taken], sha
 
 def _distinct(
     found: Sequence[tuple[float, Hypothesis, np.ndarray, np.ndarray]], taken: set[tuple[str, str]]
-) -> list[tuple[float, Hypothesis, np.ndarray]]:
+) -> list[tuple[float, Hypothesis, np.ndarray, np.ndarray]]:
     """The best of each effect and place that is not taken."""
-    best: dict[tuple[str, str], tuple[float, Hypothesis, np.ndarray]] = {}
-    for gain, hypothesis, values, _ in found:
-        if hypothesis.name not in taken:
-            best.setdefault(hypothesis.name, (gain, hypothesis, values))
+    best: dict[tuple[str, str], tuple[float, Hypothesis, np.ndarray, np.ndarray]] = {}
+    for each in found:
+        if each[1].name not in taken:
+            best.setdefault(each[1].name, each)
     return list(best.values())
 
 

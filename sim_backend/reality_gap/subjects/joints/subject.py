@@ -10,8 +10,10 @@ from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot, UnknownRobot
 from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.subjects.joints.calibrating import METHODS, calibrate
+from sim_backend.reality_gap.subjects.joints.commanded_and_measured import causes_between
 from sim_backend.reality_gap.subjects.joints.contradictions import contradicts
 from sim_backend.reality_gap.subjects.joints.gain import held_out, held_out_of_hits
+from sim_backend.reality_gap.subjects.joints.healthy_robots import draw_healthy
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy, ShowsNothingError, study_joints
 from sim_backend.reality_gap.subjects.joints.judged import not_judged
 from sim_backend.reality_gap.subjects.joints.motor_law import LIMIT
@@ -83,11 +85,15 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
         return not contradicts(found.problem, state)
 
     progress("simulating healthy robots", 0.2)
-    healthy_rad = problem.healthy_rad(rng)
+    healthy = draw_healthy(problem, rng)
     proposed = proposed_by(torques, found) if method == NAMING else frozenset()
     selection = select_by_rollouts(problem, catalogue, is_possible, part(progress, 0.2, 0.9), proposed)
-    rollouts = verdict_of_rollouts(found, selection, healthy_rad)
-    return in_both(torques, rollouts) if method == NAMING else rollouts
+    rollouts = verdict_of_rollouts(found, selection, healthy)
+    if method != NAMING:
+        return rollouts
+    motors, open_ = causes_between(found.problem.episodes, found.problem.names)
+    both = in_both(torques, rollouts, motors)
+    return replace(both, cannot_tell=(*both.cannot_tell, *open_))
 
 
 def _not_simulated(torques: Verdict) -> Verdict:

@@ -9,59 +9,68 @@ from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.knowledge.joint_effects import FITTED, NOT_ASKED, SHAPES, Sign, effect_of
 from sim_backend.reality_gap.knowledge.separation import separated_by
 from sim_backend.reality_gap.quantiles import Z_90
+from sim_backend.reality_gap.subjects.joints.healthy_robots import Healthy
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, RolloutFit
 from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, RolloutSelection, Taken
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, HeldOut, Rival, Told, Verdict, VerdictKind
 
-CONFUSABLE_NATS = 5.0
+CONFUSABLE_NATS, _CONFUSABLE_SHARE = 5.0, 0.1
+"""A rival that lies less than this behind, or than this share of what the cause gained, cannot be told apart."""
 _SYSTEMATIC, _SYSTEMATIC_SHARE = 2.0, 0.1
 """Intervals are wider than the errors of windows alone make them, by a factor and by a share of the deviation."""
 _TRIFLE = 0.05
 """Of the largest number of a cause at all joints: a joint with less of it has none."""
+_MARGIN = 1.5
+"""Times what drawn healthy robots are off: a fit of the recorded one is not as exact as theirs."""
+_AS_GOOD_AS_RIGHT = 0.01
+"""Of a usual window's motion: bearings give way before they slip, and no integrator is exact."""
 _EXPLAINED = 0.5
 """Share of a usual window's error that causes must take away at some joint to be named."""
 
 
-def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection, healthy_rad: np.ndarray) -> Verdict:
+def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection, healthy: Healthy) -> Verdict:
     """Judge what a selection came to.
 
     Named is what takes away at least half of a usual window's error at some joint, and leaves no joint further off than healthy
     robots are of whose error it took less; what does not is listed as a part of something that is not explained. Where nothing
-    is named, a model is as good as right if the robot is not further off than healthy ones are that were drawn within the
-    model's tolerances.
+    is named, a model is as good as right if the robot, fitted within the model's tolerances, is not further off than healthy
+    ones are that were drawn within them.
 
     Args:
         study: of the same recordings.
         selection: causes and models.
-        healthy_rad: what usual windows of healthy robots end up off, shape (k,), rad.
+        healthy: what usual windows of healthy robots end up off.
     """
     problem, names = selection.problem, study.problem.names
     causes = [cause for taken in selection.taken for cause in causes_of(study, selection.fit, taken)]
-    rivals = [rival for taken in selection.taken if (rival := _rival(taken)) is not None]
+    beside = [(taken, *found) for taken in selection.taken if (found := _rival(taken)) is not None]
+    rivals, near = [rival for _, rival, _, _ in beside], [each for each in beside if _is_near(each[1], each[0])]
     extended = _extended(study, selection)
     before, after = (np.sqrt(np.median(fit.squares, axis=0)) for fit in (selection.nominal, selection.fit))
     worst = int(np.argmax(after / problem.noise_rad))
     left = f"a usual window of {problem.length_s:g} s ends up {1e3 * after[worst]:.2g} mrad off at {names[worst]}"
     said = f"{left}, {after[worst] / problem.noise_rad[worst]:.0f} times the noise of its encoder"
     kind, summary = VerdictKind.NAMED, f"The robot goes where a model goes that has {_listed(causes)}."
-    as_it_is = np.sqrt(np.median(selection.as_it_is.squares, axis=0))
-    is_healthy = problem.is_near_noise(selection.nominal) or bool((np.minimum(as_it_is, before) <= healthy_rad).all())
-    is_halved, usual_rad = after < (1.0 - _EXPLAINED) * before, np.maximum(FAR_OFF * problem.noise_rad, healthy_rad)
+    usual_rad = np.maximum.reduce(
+        [FAR_OFF * problem.noise_rad, _MARGIN * healthy.fitted_rad, _AS_GOOD_AS_RIGHT * problem.motion_rad]
+    )
+    is_healthy, is_halved = bool((before <= usual_rad).all()), after < (1.0 - _EXPLAINED) * before
     explains = bool(is_halved.any() and (is_halved | (after <= usual_rad)).all())
     if is_healthy and not (causes and explains):
-        worst = int(np.argmax(as_it_is / healthy_rad))
-        usual = f"up to {1e3 * healthy_rad[worst]:.2g} mrad are usual for a robot whose model is as exact as is tolerated"
-        off = f"{1e3 * as_it_is[worst]:.2g} mrad off at {names[worst]}"
+        worst = int(np.argmax(before / usual_rad))
+        usual = f"up to {1e3 * usual_rad[worst]:.2g} mrad are usual for a robot whose model is as exact as is tolerated"
+        off = f"{1e3 * before[worst]:.2g} mrad off at {names[worst]} (masses and friction fitted within their tolerances)"
         kind, causes = VerdictKind.NOTHING_WRONG, []
         summary = f"The model goes where the robot went: a window of {problem.length_s:g} s ends up {off}, and {usual}."
     elif not causes:
         kind, summary = VerdictKind.UNEXPLAINED, f"The model does not go where the robot went: {said}, and no cause explains it."
     elif not explains:
         kind, summary = VerdictKind.UNEXPLAINED, f"{_listed(causes)} explains a part of it; with it {said}."
-    elif any(rival.behind < CONFUSABLE_NATS for rival in rivals):
+    elif near:
         kind, summary = VerdictKind.CONFUSABLE, "Some cause explains where the robot went, but these data cannot tell which."
+        causes += [cause for _, _, other, fit in near for cause in causes_of(study, fit, other)]
     is_left = kind is VerdictKind.NAMED and not problem.is_near_noise(selection.fit)
     return Verdict(
         verdict=kind,
@@ -72,20 +81,27 @@ def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection, healthy_
         runner_up=min(rivals, key=lambda rival: rival.behind, default=None),
         rejected=tuple(sorted(rivals, key=lambda rival: rival.behind)),
         cannot_tell=(*([f"where the rest comes from: {said}"] if is_left else []), *_UNSEEN),
-        record_next=("each joint slowly and fast, unloaded and loaded",) if kind in _OPEN else (),
-        effects=tuple(effects_judged(study, selection, kind, causes, rivals)),
+        record_next=_next(kind, [rival for _, rival, _, _ in near]),
+        effects=tuple(effects_judged(study, selection, kind, causes, [rival for _, rival, _, _ in near])),
     )
 
 
 _OPEN = frozenset({VerdictKind.UNEXPLAINED, VerdictKind.CONFUSABLE})
 
 
+def _next(kind: VerdictKind, near: Sequence[Rival]) -> tuple[str, ...]:
+    """What to record where something is open."""
+    if kind is VerdictKind.CONFUSABLE:
+        return tuple(dict.fromkeys(rival.separated_by for rival in near))
+    return ("each joint slowly and fast, unloaded and loaded",) if kind is VerdictKind.UNEXPLAINED else ()
+
+
 def effects_judged(
     study: JointStudy, selection: RolloutSelection, kind: VerdictKind, causes: Sequence[Cause], rivals: Sequence[Rival]
 ) -> list[EffectJudged]:
-    """What is said of every effect of the catalogue: none is passed over in silence."""
+    """What is said of every effect of the catalogue: none is passed over in silence; ``rivals`` cannot be told apart."""
     named = {cause.effect for cause in causes} if kind in _SAYS else set[str]()
-    near = {rival.effect: rival for rival in rivals if rival.behind < CONFUSABLE_NATS}
+    near = {rival.effect: rival for rival in rivals}
     size: dict[str, float] = {}
     units: dict[str, str] = {}
     for shown in selection.problem.shown(selection.fit, study.fit.first.catalogue.hypotheses, GATE):
@@ -171,14 +187,20 @@ def causes_of(study: JointStudy, fit: RolloutFit, taken: Taken) -> list[Cause]:
     return [cause for index, cause in found if sizes.get(index, np.inf) > least]
 
 
-def _rival(taken: Taken) -> Rival | None:
-    """The best other cause by the time one was taken; not the same at more or fewer joints."""
+def _rival(taken: Taken) -> tuple[Rival, Taken, RolloutFit] | None:
+    """The best other cause by the time one was taken, with its model; not the same at more or fewer joints."""
     own = taken.hypothesis
-    for (effect, where), gain in taken.others:
-        if effect != own.effect:
-            separated = separated_by(effect, own.effect, "slow and fast motion, little and much load")
-            return Rival(effect, where, taken.gain - gain, separated)
+    for gain, fit, other, terms in taken.others:
+        if other.effect != own.effect:
+            separated = separated_by(other.effect, own.effect, "slow and fast motion, little and much load")
+            rival = Rival(other.effect, other.where, taken.gain - gain, separated)
+            return rival, Taken(other, terms, gain, ()), fit
     return None
+
+
+def _is_near(rival: Rival, taken: Taken) -> bool:
+    """Whether two causes explain the same: one that follows so closely may only have been fitted a little worse."""
+    return rival.behind < max(CONFUSABLE_NATS, _CONFUSABLE_SHARE * taken.gain)
 
 
 def _gained(selection: RolloutSelection) -> HeldOut:

@@ -76,9 +76,7 @@ def unknown_of(study: JointStudy) -> list[str]:
     row_ms = 1e3 * max(e.path.step_s for e in episodes)
     said.append(f"delays below a row ({row_ms:.3g} ms): nobody says when within its row a torque acted")
     if any(e.path.joints.measured_torque_nm is not None and e.path.joints.commanded_torque_nm is not None for e in episodes):
-        said.append(
-            "what motors make of the commanded torque (delay, limit, constant): the mechanics is compared with the measured"
-        )
+        said.append("the constant of motors, and delays of less than a row: the mechanics is compared with the measured torque")
     if resting := episodes[0].plant.resting:
         said.append(f"anything about {listed(resting)}: not recorded, and taken to rest where the model has it at first")
     return said

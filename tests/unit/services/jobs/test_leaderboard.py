@@ -153,7 +153,9 @@ async def test_a_view_reads_the_counts_of_jobs_and_no_trial_however_many_there_a
             shown = await board(database)
         reads.append(len(reading.asked))
         assert not any("trial" in re.findall(r"(?:FROM|JOIN) (\w+)", asked) for asked, _ in reading.asked)
-    assert reads == [2, 2], "whatever is there: which physics, and one row for each policy"
+    assert reads == [3, 3], (
+        "whatever is there: which physics, one row for each policy, how the trials of jobs that are over ended"
+    )
     assert [(row.jobs, row.trials) for row in shown.rows] == [(20, 20 * 50), (20, 20 * 50)]
 
 

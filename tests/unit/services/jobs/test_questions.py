@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from sqlalchemy import insert, select
+from sqlalchemy import insert, select, update
 
 from api_schemas.job import JobRequest, TaskName
 from api_schemas.question import QuestionRequest, Verdict
@@ -177,6 +177,45 @@ async def test_jobs_of_others_and_of_other_tasks_are_no_goals(database, fleet_of
         with pytest.raises(Refused, match="not better than itself"):
             wish = JobRequest(policy=B, task=PUSH, question=QuestionRequest(against=B))
             await submission.submit(tx, 1000.0, wish, Sender("ann"))
+
+
+async def test_a_job_like_one_that_was_stopped_has_the_goals_that_were_tried(database, fleet_of):
+    first = await submit(database, question=QuestionRequest(bar=0.5))
+    await both_robots(database, fleet_of, better)
+    (this,) = await rows(database)
+    await submit(database, A, like=first)
+    assert (await rows(database))[1].trials == this.counted_trials < this.trials_done + 2 < this.trials
+    stopped = await submit(database, A, trials=6)
+    await run(database, fleet_of, better)
+    third = [row for row in await rows(database, trial) if row.trial_id.startswith(stopped)]
+    async with database.write() as tx:  # as if its second and its last two had never come to an end
+        for each in third:
+            state = TrialState.CANCELLED if each.ordinal in (1, 4, 5) else TrialState.DONE
+            await tx.execute(update(trial).where(trial.c.trial_id == each.trial_id).values(state=state))
+        await tx.execute(update(job).where(job.c.job_id == stopped).values(state="cancelled"))
+    await submit(database, like=stopped)
+    await submit(database, question=QuestionRequest(against=stopped))
+    seeds = [[row.seed for row in await rows(database, trial) if row.job_number == number] for number in (3, 4, 5)]
+    assert seeds[1] == [seeds[0][at] for at in (0, 2, 3)], "those that were done"
+    assert seeds[2] == seeds[0][:1], "of a question those before the first that was not"
+
+
+async def test_no_board_takes_a_job_whose_goals_its_user_could_have_known(database, fleet_of):
+    own = await submit(database, A, goals=[{"position_m": [0.05, 0.0, 0.0325]}] * 8)
+    fair = await submit(database, A, trials=8)
+    await both_robots(database, fleet_of, better)
+    unfair = [await submit(database, like=own), await submit(database, like=fair), await submit(database, seed=7, trials=8)]
+    unfair.append(await submit(database, trials=8, question=QuestionRequest(against=fair)))
+    await both_robots(database, fleet_of, better)
+    assert {row.state for row in await rows(database)} == {"succeeded"} and len(unfair) == 4
+    async with database.read() as connection:
+        (row,) = (await leaderboard.board(connection, Wanted(PUSH), None)).rows
+    assert (row.policy, row.jobs, row.trials) == (A, 1, 8)
+    await submit(database, trials=40, question=QuestionRequest(against=A))  # the farm draws the goals of both
+    await both_robots(database, fleet_of, better)
+    async with database.read() as connection:
+        shown = (await leaderboard.board(connection, Wanted(PUSH), None)).rows
+    assert [(row.policy, row.jobs, row.letters) for row in shown] == [(B, 1, "a"), (A, 2, "b")]
 
 
 async def test_own_goals_go_with_the_trials_and_to_no_board(database, fleet_of):

@@ -11,6 +11,7 @@ from sim_backend.reality_gap.feedback import Feedback
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.forward import Forward, Windows
+from sim_backend.reality_gap.subjects.joints.healthy_robots import Healthy, draw_healthy
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.plant import Plant
 from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutProblem, windows_of
@@ -88,6 +89,30 @@ def test_in_the_loop_a_servo_stops_where_its_torque_and_gravity_are_even():
     assert asked == pytest.approx(0.6 * 9.81 * 0.15 * np.sin(rests), rel=1e-3)
 
 
+@pytest.mark.parametrize("is_held", [True, False])
+def test_in_the_loop_a_controller_holds_its_torque_for_a_row_or_computes_all_the_time(is_held):
+    """Rows 20 ms apart at which a damping of 0.4 N m s/rad shakes the joint, if torques are held, and only there."""
+    model, row_s, samples = mujoco.MjModel.from_xml_string(PENDULUM.format(more="")), 0.02, 40
+    data = mujoco.MjData(model)
+    went = np.empty(samples)
+    for i in range(samples):
+        for now in range(round(row_s / model.opt.timestep)):
+            if now == 0 or not is_held:
+                data.ctrl[0] = 6.0 * (0.3 - data.qpos[0]) - 0.4 * data.qvel[0]
+            mujoco.mj_step(model, data)
+        went[i] = data.qpos[0]
+    law = [np.full((1, samples, 1), value) for value in (0.3, 6.0, 0.4, np.inf, 0.0, 0.0)]
+    window = replace(one_window(np.zeros((1, samples, 1)), np.full((1, samples, 1), np.nan), Feedback(*law)), step_s=row_s)
+    plant, state = Plant(model, ["hinge"]), JointState(1, NO_LIMIT)
+
+    def off(*, as_held: bool) -> float:
+        forward = Forward(plant, row_s, is_held=as_held)
+        found = forward.positions(window, window.begin_rad, window.begin_rad_s, [state], np.zeros(1, int))
+        return float(np.abs(found[0, :, 0] - went).max())
+
+    assert off(as_held=is_held) < 0.5 * off(as_held=not is_held)
+
+
 def test_a_delayed_torque_comes_late():
     model = mujoco.MjModel.from_xml_string(PENDULUM.format(more=""))
     sent = np.zeros((2, 40, 1))
@@ -110,7 +135,7 @@ def study_of(hidden: str, *, tolerance: Tolerance | None = None):
     study = study_joints(nominal, recordings, lambda *_: None, robot=robot, gate=np.inf)
     problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, robot.tolerance)
     selection = select_by_rollouts(problem, study.fit.first.catalogue, lambda _: True)
-    return verdict_of_rollouts(study, selection, problem.healthy_rad(np.random.default_rng(0)))
+    return verdict_of_rollouts(study, selection, draw_healthy(problem, np.random.default_rng(0)))
 
 
 @pytest.mark.parametrize(
@@ -148,10 +173,31 @@ def test_healthy_robots_are_further_off_where_more_is_tolerated():
     def off(friction: float) -> float:
         tolerance = Tolerance(mass=1e-4, inertia=1e-4, centre=1e-4, friction=friction)
         problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, tolerance)
-        return float(problem.healthy_rad(np.random.default_rng(1))[0])
+        return float(draw_healthy(problem, np.random.default_rng(1)).as_it_is_rad[0])
 
     little, much = off(0.02), off(0.08)
     assert much == pytest.approx(4.0 * little, rel=0.2)
+
+
+def test_a_fitted_model_is_nearer_to_a_healthy_robot_unless_its_torques_are_noisy():
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more='frictionloss="0.02"'))
+    recording = recorded(model, targets(8.0, 3))
+    assert recording.joints is not None
+
+    def healthy(noise_nm: float) -> tuple[RolloutProblem, Healthy]:
+        joints = recording.joints
+        assert joints is not None and joints.commanded_torque_nm is not None
+        felt = joints.commanded_torque_nm + noise_nm * np.random.default_rng(5).standard_normal(joints.commanded_torque_nm.shape)
+        measured = replace(recording, joints=replace(joints, commanded_torque_nm=None, measured_torque_nm=felt))
+        study = study_joints(model, [measured], lambda *_: None, robot=UnknownRobot(), gate=np.inf)
+        problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, Tolerance())
+        return problem, draw_healthy(problem, np.random.default_rng(1), 100)
+
+    problem, noisy = healthy(0.05)
+    assert problem.torque_noise_nm[0] == pytest.approx(0.05, rel=0.15)
+    _, quiet = healthy(0.0)
+    assert 2.0 * quiet.fitted_rad[0] < quiet.as_it_is_rad[0]
+    assert noisy.fitted_rad[0] > 3.0 * quiet.fitted_rad[0]
 
 
 def test_windows_leave_out_what_was_not_measured():

@@ -1,0 +1,44 @@
+"""How the trials of jobs ended, in their order: one character each, so that policies are compared without reading a trial."""
+
+from collections.abc import Sequence
+from itertools import takewhile
+
+from sqlalchemy import func, select
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from api_schemas.job import JobState
+from api_schemas.trial import OutcomeKind, TrialState
+from services.database.rows import AnyRow
+from services.database.tables import trial
+
+SUCCEEDED, NOT = "1", "0"
+BEGINS = f'{{"kind":"{OutcomeKind.SUCCEEDED}"'
+"""The first field of an outcome as it is stored."""
+_DID = (func.substr(trial.c.outcome, 1, len(BEGINS)) == BEGINS).label("succeeded")
+
+
+async def of_job(tx: AsyncConnection, ended: AnyRow) -> str | None:
+    """The outcomes that count of a job that has ended; None of one that nothing counts of.
+
+    Of a cancelled job those that were not done are not succeeded; see ``leaderboard.TRIALS``.
+    """
+    if ended.policy is None:
+        return None
+    wanted = select(trial.c.state, _DID).where(trial.c.job_number == ended.number).order_by(trial.c.ordinal)
+    rows = (await tx.execute(wanted.limit(ended.counted_trials))).all()
+    if ended.state != JobState.CANCELLED:
+        rows = [row for row in rows if row.state == TrialState.DONE]
+    return "".join(SUCCEEDED if row.succeeded and row.state == TrialState.DONE else NOT for row in rows)
+
+
+async def in_order(connection: AsyncConnection, numbers: Sequence[int]) -> dict[int, list[bool]]:
+    """How the first trials of each job ended, up to one that is not done: which end first may depend on how they end."""
+    columns = (trial.c.job_number, trial.c.state, _DID)
+    wanted = select(*columns).where(trial.c.job_number.in_(numbers)).order_by(trial.c.job_number, trial.c.ordinal)
+    of_each: dict[int, list[AnyRow]] = {number: [] for number in numbers}
+    for row in await connection.execute(wanted):
+        of_each[row.job_number].append(row)
+    return {
+        number: [bool(row.succeeded) for row in takewhile(lambda row: row.state == TrialState.DONE, rows)]
+        for number, rows in of_each.items()
+    }

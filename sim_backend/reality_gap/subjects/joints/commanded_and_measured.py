@@ -1,0 +1,124 @@
+"""What motors make of a commanded torque where the measured one is recorded beside it: how late it comes, and where it ends.
+
+Both columns say it directly, without any model of the arm. A measured torque that comes a row later says nothing of the motor:
+many tables have in a row what was measured before its command.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_backend.reality_gap.quantiles import Z_90
+from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
+from sim_backend.reality_gap.verdict import Cause
+
+_LONGEST_S = 0.2
+"""Delays are looked for up to here."""
+_EXPLAINED = 0.5
+"""Share of what measured and commanded torque differ by that a delay or a limit must take away."""
+_ROWS_OF_TABLE = 1
+"""So many rows may lie between both because of how a table is written."""
+_BEYOND, _LEAST_BEYOND = 1.15, 20
+"""A limit is shown by so many rows whose command is so many times beyond it."""
+_LIMITS = np.linspace(0.3, 0.995, 40)
+"""Quantiles of the command's size at which a limit is looked for."""
+_LEVEL = 0.01
+"""A measured torque's own scale is not known better."""
+_LEAST_ROWS = 200
+
+
+@dataclass(frozen=True)
+class Between:
+    """One joint's commanded against its measured torque.
+
+    Attributes:
+        late_rows: rows by which the measured one follows best.
+        limit_nm: where it ends, infinite if nothing shows a limit; with the standard error of that.
+        limit_error_nm: 0 without a limit.
+    """
+
+    late_rows: int
+    limit_nm: float
+    limit_error_nm: float
+
+
+def between(sent: Sequence[np.ndarray], measured: Sequence[np.ndarray], most_rows: int) -> Between | None:
+    """Compare one joint's torques.
+
+    Args:
+        sent: of each recording, shape (s,), N m; NaN in gaps.
+        measured: of the same rows.
+        most_rows: of lateness.
+
+    Returns:
+        None where they cannot be compared: too few rows, or a command that does not change.
+    """
+    by_rows = [_paired(sent, measured, rows) for rows in range(most_rows + 1)]
+    if len(by_rows[-1][0]) < _LEAST_ROWS or np.std(by_rows[0][0]) <= 0.0:
+        return None
+    ends = [_end(asked, felt) for asked, felt in by_rows]
+    best = int(np.argmin([left for _, left in ends]))
+    late = best if ends[best][1] < _EXPLAINED**2 * ends[0][1] else 0
+    limit = ends[late][0]
+    asked, felt = by_rows[late]
+    if not np.isfinite(limit):
+        return Between(late, np.inf, 0.0)
+    at_limit = np.abs(felt[np.abs(asked) > _BEYOND * limit])
+    error = np.std(at_limit) / np.sqrt(len(at_limit)) + _LEVEL * np.median(at_limit)
+    return Between(late, float(np.median(at_limit)), float(error))
+
+
+def _paired(sent: Sequence[np.ndarray], measured: Sequence[np.ndarray], rows: int) -> tuple[np.ndarray, np.ndarray]:
+    """Commands and what was measured some rows after them, of all recordings."""
+    asked = np.concatenate([series[: len(series) - rows] for series in sent])
+    felt = np.concatenate([series[rows:] for series in measured])
+    fine = np.isfinite(asked) & np.isfinite(felt)
+    return asked[fine], felt[fine]
+
+
+def _share(asked: np.ndarray, felt: np.ndarray) -> float:
+    return float(asked @ felt / max(float(asked @ asked), 1e-30))
+
+
+def _end(asked: np.ndarray, felt: np.ndarray) -> tuple[float, float]:
+    """Command beyond which the measured torque stays where it is, infinite where nothing shows one, and the mean square left."""
+    left = float(np.mean((felt - _share(asked, felt) * asked) ** 2))
+    found, least = np.inf, _EXPLAINED**2 * left
+    for limit in np.quantile(np.abs(asked), _LIMITS):
+        cut = np.clip(asked, -limit, limit)
+        with_it = float(np.mean((felt - _share(cut, felt) * cut) ** 2))
+        if with_it < least and np.count_nonzero(np.abs(asked) > _BEYOND * limit) >= _LEAST_BEYOND:
+            found, least = float(limit), with_it
+    return found, least if np.isfinite(found) else left
+
+
+def causes_between(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -> tuple[list[Cause], list[str]]:
+    """Delays and limits between what was commanded and measured, and what both leave open.
+
+    Args:
+        episodes: of a study.
+        names: of its joints.
+    """
+    causes, open_ = list[Cause](), list[str]()
+    pairs = [(e.path.joints.commanded_torque_nm, e.path.joints.measured_torque_nm) for e in episodes]
+    both = [(sent, felt) for sent, felt in pairs if sent is not None and felt is not None]
+    if not both:
+        return causes, open_
+    row_s = float(np.median([e.path.step_s for e in episodes]))
+    for j, name in enumerate(names):
+        found = between([s[:, j] for s, _ in both], [m[:, j] for _, m in both], round(_LONGEST_S / row_s))
+        if found is None:
+            continue
+        if found.late_rows > _ROWS_OF_TABLE:
+            edges = (row_s * (found.late_rows - 1), row_s * found.late_rows)
+            causes.append(Cause("action_delay", "delay_s", name, float(np.mean(edges)), "s", edges))
+        elif found.late_rows:
+            open_.append(
+                f"whether {name} has an action delay of up to {1e3 * row_s:.3g} ms: its measured torque comes a row later"
+            )
+        if np.isfinite(found.limit_nm):
+            half = Z_90 * found.limit_error_nm
+            edges = (found.limit_nm - half, found.limit_nm + half)
+            causes.append(Cause("torque_saturation", "limit_nm", name, found.limit_nm, "N m", edges))
+    return causes, open_
