@@ -98,6 +98,7 @@ class JobRequest(Schema):
     object: ObjectName = ObjectName.CUBE
     object_scale: ObjectScale = 1.0
     priority: JobPriority = JobPriority.NORMAL
+    images: bool = Field(default=False, description="whether logs keep what the robot's three cameras saw")
     recipe: RecipeName | None = Field(default=None, description="the training that the policy is one seed of")
     training_seed: int | None = Field(default=None, ge=0, le=MAX_SEED, description="which seed of it")
     webhook: WebhookUrl | None = Field(default=None, description="called at the job's end, where the farm allows webhooks")
@@ -178,6 +179,7 @@ class Job(Schema):
     queue_position: int | None = None
     estimated_wait_s: float | None = None
     own_goals: bool = False
+    images: bool = False
     recipe: str | None = None
     training_seed: int | None = None
     question: Question | None = Field(default=None, description="what ends the job, and how it stands; null in lists")

@@ -105,6 +105,8 @@ class Lease(Schema):
     object_scale: ObjectScale = 1.0
     # Left out where there is none, so that older robots, which do not know it, take all other leases.
     own_goal: OwnGoal | None = Field(default=None, exclude_if=lambda goal: goal is None)
+    # Likewise; a robot that does not know it would refuse the lease, and so it should.
+    images: bool = Field(default=False, exclude_if=lambda wanted: not wanted)
     lease_s: float = LEASE_S
 
     @model_validator(mode="after")

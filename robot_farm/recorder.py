@@ -1,6 +1,7 @@
 """Records a trial as it happens: control periods in, log messages out, flushed at least every 250 ms of simulated time."""
 
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from sim_backend.trifinger.objects import CUBE, Shape
 from trial_logs import trial_log
 from trial_logs.trial_log import TrialLogWriter
 
+if TYPE_CHECKING:
+    from robot_farm.photographer import Photographer, Picture
+
 TRUTH_EVERY_STEPS = 10
 """Steps from one true state to the next; whoever needs every millisecond has it simulated again."""
 TRANSFORMS_EVERY_STEPS = 40
@@ -29,10 +33,18 @@ class Recorder:
         writer: of the log.
         truth: of the truth file; None where the truth goes into the log, too.
         shape: the object in the arena.
+        photographer: takes the images, where the job asked for them.
     """
 
-    def __init__(self, writer: TrialLogWriter, truth: TrialLogWriter | None = None, shape: Shape = CUBE) -> None:
-        self._writer, self._truth, self._shape = writer, truth, shape
+    def __init__(
+        self,
+        writer: TrialLogWriter,
+        truth: TrialLogWriter | None = None,
+        shape: Shape = CUBE,
+        photographer: "Photographer | None" = None,
+    ) -> None:
+        self._writer, self._truth, self._shape, self._photographer = writer, truth, shape, photographer
+        self._pictures: list[Picture] = []
         self._segments: list[Segment] = []
         self._asked: list[tuple[int, np.ndarray, np.ndarray, int]] = []
         self._reports: list[TrackedPose] = []
@@ -60,6 +72,8 @@ class Recorder:
             self._writer.metadata(trial_log.GOAL_METADATA, {"fingertip_position_world_m": tips.tolist()})
         (self._truth or self._writer).message(trial_log.TRUE_SCENE, 0, viewer_scene.true_scene(self._shape))
         self._writer.message(trial_log.MEASURED_TRANSFORMS, 0, viewer_scene.fixed_transforms())
+        if self._photographer is not None:
+            self._photographer.begin(self._writer)
         self._write_tracked(tracked)
 
     def record(self, period: Period, inference_time_ns: int, temperature_rise_k: np.ndarray | None = None) -> None:
@@ -87,11 +101,13 @@ class Recorder:
         self._write_measured(first)
         for tracked in self._reports:
             self._write_tracked(tracked)
+        for picture in self._pictures:
+            self._writer.image(picture.camera, picture.step, picture.jpeg)
         self._write_measured_transforms(first, self._joined("joint_position_rad"))
         self._write_cube(first)
         if self._truth is not None:
             self._write_truth(self._truth, first)
-        self._segments, self._asked, self._reports, self._steps = [], [], [], 0
+        self._segments, self._asked, self._reports, self._pictures, self._steps = [], [], [], [], 0
         self._writer.flush()
 
     def _make_room(self, segment: Segment) -> None:
@@ -100,6 +116,8 @@ class Recorder:
 
     def _add(self, segment: Segment, tracked: list[TrackedPose], temperature_rise_k: np.ndarray | None) -> None:
         self._segments.append(segment)
+        if self._photographer is not None:
+            self._pictures += self._photographer.take(segment)
         self._reports += tracked
         self._steps += segment.joint_position_rad.shape[1]
         self._temperature_rise_k = temperature_rise_k

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -36,6 +36,9 @@ from sim_backend.trifinger.objects import Shape
 from sim_backend.trifinger.scene import build_scene
 from trial_logs import trial_log
 from trial_logs.trial_log import LogChannels, TrialLogWriter
+
+if TYPE_CHECKING:
+    from robot_farm.photographer import Photographer
 
 GLIMPSE_DIGITS = 3
 """Of radians and metres."""
@@ -92,8 +95,9 @@ def run_trial(
         writer = stack.enter_context(TrialLogWriter(log_path, channels))
         truth = None if ready.truth is None else stack.enter_context(TrialLogWriter(ready.truth.path, ready.truth.channels))
         _describe(writer, lease, physics, ready)
-        run = Run(lease, ready, driver, stop_reason, progress or Progress(), truth)
-        with Recorder(writer, truth, driver.shape) as recorder:
+        photographer = stack.enter_context(_photographer(ready, driver.shape)) if lease.images else None
+        run = Run(lease, ready, driver, stop_reason, progress or Progress(), truth, photographer)
+        with Recorder(writer, truth, driver.shape, photographer) as recorder:
             failure, step = run_excitation(run, recorder) if policy is None else _control_loop(run, policy, recorder)
         if failure is None or FAULT_OF[failure[0]] is Fault.PLATFORM:
             failure = _closed(ready, step, failure)
@@ -121,6 +125,13 @@ def _glimpse(run: Run, witness: Witness, failure: FailureCause | None) -> Glimps
     t_s, position_rad, poses = (np.round(each, GLIMPSE_DIGITS).tolist() for each in seen)
     goal = None if run.progress.goal is None else tuple(round(each, GLIMPSE_DIGITS) for each in run.progress.goal)
     return Glimpse.model_validate({"t_s": t_s, "joint_position_rad": position_rad, "tracked_pose": poses, "goal": goal})
+
+
+def _photographer(ready: Prepared, shape: Shape) -> "Photographer":
+    """Loaded where a job asked for images and nowhere else."""
+    from robot_farm.photographer import Photographer
+
+    return Photographer(ready, shape)
 
 
 def _failure(run: Run, witness: Witness, ended: Outcome) -> FailureCause | None:

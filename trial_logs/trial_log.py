@@ -43,6 +43,13 @@ GOAL = "/measured/goal"  # foxglove.PoseInFrame, once; not for ``reach``, whose 
 MEASURED_TRANSFORMS = "/measured/tf"  # foxglove.FrameTransforms
 MEASURED_SCENE = "/measured/scene"  # foxglove.SceneUpdate, once
 EVENTS = "/measured/events"  # foxglove.Log
+CAMERA_NAMES = ("camera60", "camera180", "camera300")
+IMAGES = tuple(
+    f"/measured/{name}/image" for name in CAMERA_NAMES
+)  # foxglove.CompressedImage at 10 Hz, where images were asked for
+CALIBRATIONS = tuple(
+    f"/measured/{name}/calibration" for name in CAMERA_NAMES
+)  # foxglove.CameraCalibration, once; as its file has it
 CUBE_POSE = "/truth/cube_pose"  # foxglove.PoseInFrame at 100 Hz
 TRUE_TRANSFORMS = "/truth/tf"  # foxglove.FrameTransforms
 TRUE_SCENE = "/truth/scene"  # foxglove.SceneUpdate, once
@@ -64,6 +71,8 @@ MEASURED_TOPICS = (
     MEASURED_TRANSFORMS,
     MEASURED_SCENE,
     EVENTS,
+    *IMAGES,
+    *CALIBRATIONS,
 )
 
 TRIAL_METADATA = "trial"
@@ -195,11 +204,15 @@ class TrialLogWriter:
         """One encoded message of a channel that is written rarely (scenes, fixed transforms)."""
         self._writer.message(topic, encoded, step * STEP_NS)
 
+    def image(self, camera: int, step: int, jpeg: bytes) -> None:
+        """What a camera saw when it was exposed at a step, as a JPEG file."""
+        image = fm.CompressedImage(timestamp=_stamp(step), frame_id=CAMERA_NAMES[camera], data=jpeg, format="jpeg")
+        self._writer.message(IMAGES[camera], image.encode(), step * STEP_NS)
+
     def event(self, step: int, text: str, *, error: bool = False, topic: str = EVENTS) -> None:
         """A line of the trial's history."""
         level = fm.LogLevel.Error if error else fm.LogLevel.Info
-        stamp = fm.Timestamp(sec=step // 1000, nsec=step % 1000 * STEP_NS)
-        event = fm.Log(timestamp=stamp, level=level, message=text, name="trial")
+        event = fm.Log(timestamp=_stamp(step), level=level, message=text, name="trial")
         self._writer.message(topic, event.encode(), step * STEP_NS)
 
     def metadata(self, name: str, values: dict[str, Any]) -> None:
@@ -221,6 +234,10 @@ class TrialLogWriter:
         self._writer.rows(topic, self._fixed[topic].rows(values, times_ns), times_ns)
 
 
+def _stamp(step: int) -> fm.Timestamp:
+    return fm.Timestamp(sec=step // 1000, nsec=step % 1000 * STEP_NS)
+
+
 def _protobuf_schemas() -> dict[str, foxglove.Schema]:
     """The schema of every channel but the JSON one."""
     poses = {topic: fm.PoseInFrame.get_schema() for topic in (TRACKED_POSE, GOAL, CUBE_POSE)}
@@ -235,6 +252,8 @@ def _protobuf_schemas() -> dict[str, foxglove.Schema]:
         POLICY: policy_step_schema(),
         EVENTS: fm.Log.get_schema(),
         TRUE_EVENTS: fm.Log.get_schema(),
+        **dict.fromkeys(IMAGES, fm.CompressedImage.get_schema()),
+        **dict.fromkeys(CALIBRATIONS, fm.CameraCalibration.get_schema()),
         **poses,
         **transforms,
         **scenes,

@@ -84,6 +84,7 @@ class Farm:
         at_least: float | None = None,
         like: str | None = None,
         goals: Path | str | None = None,
+        images: bool = False,
         recipe: str | None = None,
         training_seed: int | None = None,
     ) -> "FarmJob":
@@ -107,6 +108,7 @@ class Farm:
             at_least: the smallest difference that matters.
             like: a job whose task, goals and orders of robots are taken.
             goals: a file of goals of one's own, a JSON list.
+            images: whether the logs keep what the robot's three cameras saw.
             recipe: the training that the policy is one seed of; several seeds are one entry of boards and comparisons.
             training_seed: which seed of it.
 
@@ -121,7 +123,7 @@ class Farm:
         with files_checked():
             builtin = builtin_named(Path(weights))
             policy = None if builtin else read_policy(Path(weights), None if manifest is None else Path(manifest), layout)
-            asked = wish_of(self._client, asking, common, trials=trials, layout=layout) | {"webhook": webhook}
+            asked = wish_of(self._client, asking, common, trials=trials, layout=layout) | {"webhook": webhook, "images": images}
             wish = checked(JobRequest, asked | {"policy": builtin_digest(builtin) if policy is None else policy.digest})
             if policy is None:
                 self._client.take_builtin(builtin)

@@ -18,7 +18,9 @@ def physics(
     data: Annotated[Path, typer.Option("--data", metavar="DIR", help="Data folder of the farm.")],
     told: Annotated[
         str | None,
-        typer.Option("--physics", metavar="nominal|mild|real|FILE", help="Physics of a farm that 'trifarm up' did not start."),
+        typer.Option(
+            "--physics", metavar="nominal|mild|real|real-images|FILE", help="Physics of a farm that 'trifarm up' did not start."
+        ),
     ] = None,
     farm_seed: FarmSeedOption = None,
     as_json: JsonOption = False,

@@ -46,6 +46,7 @@ from client_cli.policies.policy_files import LocalPolicy, read_policy
 from client_cli.terminal.errors import UsageProblem
 from client_cli.terminal.options import (
     IdempotencyKeyOption,
+    ImagesOption,
     JsonOption,
     LayoutOption,
     LikeTaskOption,
@@ -98,6 +99,7 @@ def submit(
     at_least: AtLeastOption = None,
     like: LikeOption = None,
     goals: GoalsOption = None,
+    images: ImagesOption = False,
     recipe: RecipeOption = None,
     training_seed: TrainingSeedOption = None,
     halving: HalvingOption = False,
@@ -120,7 +122,7 @@ def submit(
     common: dict[str, Any] = {"task": task, "seed": seed, "object": thing, "object_scale": scale, "priority": priority}
     asking = Asking(against, bar, until_known, most, at_least, like, goals)
     if file.is_dir():
-        if webhook is not None or recipe is not None or training_seed is not None or task is None:
+        if webhook is not None or recipe is not None or training_seed is not None or task is None or images:
             raise UsageProblem(FOLDER)
         ends = ends_of(asking, halving=halving, trials=trials)
         policies = read_checkpoints(find_checkpoints(file, step_from), manifest, layout)
@@ -136,7 +138,7 @@ def submit(
     digest = builtin_digest(builtin) if policy is None else policy.digest
     with ApiClient(load_connection(os.environ)) as client:
         wanted = wish_of(client, asking, common, trials=trials, layout=layout)
-        wish = checked(JobRequest, wanted | {"policy": digest, "webhook": webhook})
+        wish = checked(JobRequest, wanted | {"policy": digest, "webhook": webhook, "images": images})
         if policy is None:
             client.take_builtin(builtin)
             job = client.create_job(wish, idempotency_key or uuid.uuid4().hex)

@@ -32,7 +32,7 @@ PhysicsOption = Annotated[
     str,
     typer.Option(
         "--physics",
-        metavar="nominal|mild|real|FILE",
+        metavar="nominal|mild|real|real-images|FILE",
         help="Physics of the robots: nominal is ideal for all; the others differ by robot and are hidden.",
     ),
 ]

@@ -55,6 +55,9 @@ ObjectScaleOption = Annotated[
 PriorityOption = Annotated[
     JobPriority, typer.Option("--priority", help="low runs after all other jobs; high runs first (operators only).")
 ]
+ImagesOption = Annotated[
+    bool, typer.Option("--images", help="Keep in each log what the robot's three cameras saw; the farm's robots need to render.")
+]
 WaitOption = Annotated[bool, typer.Option("--wait", help="Follow the job to its end.")]
 IdempotencyKeyOption = Annotated[
     str | None,

@@ -122,6 +122,8 @@ job = Table(
     Column("counted_successes", Integer),
     # Whether its user brought the goals.
     Column("own_goals", Boolean, nullable=False, default=False),
+    # Whether its logs keep the cameras' images.
+    Column("images", Boolean, nullable=False, default=False),
     # Of an ended job of a policy: how its counted trials ended, in their order, 1 with success and 0 without.
     Column("outcomes", Text),
     # The training that its policy is one seed of, in the words of its user.

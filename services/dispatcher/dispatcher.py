@@ -255,6 +255,7 @@ class Dispatcher:
             object=ObjectName(row.object),
             object_scale=row.object_scale,
             own_goal=None if row.own_goal is None else OwnGoal.model_validate_json(row.own_goal),
+            images=row.images,
             lease_s=self.settings.lease_s,
         )
 

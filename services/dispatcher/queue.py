@@ -34,7 +34,7 @@ PASSED_OVER_AT_ONCE = 100
 def _with_job(trials: FromClause) -> Select[Any]:
     """Trials with what the dispatcher wants to know of their jobs, oldest first."""
     renamed = (job.c.seed.label("job_seed"), job.c.state.label("job_state"), job.c.robot.label("pinned_robot"))
-    columns = (job.c.job_id, job.c.task, job.c.policy, job.c.any_robot, job.c.object, job.c.object_scale)
+    columns = (job.c.job_id, job.c.task, job.c.policy, job.c.any_robot, job.c.object, job.c.object_scale, job.c.images)
     joined = select(trials, *columns, *renamed).join(job, job.c.number == trials.c.job_number)
     return joined.order_by(trials.c.job_number, trials.c.ordinal)
 

@@ -28,7 +28,7 @@ from services.jobs.priority import RANKS
 from services.policies import owners
 
 LATER_FIELDS = frozenset(
-    {"object", "object_scale", "webhook", "priority", "goals", "like", "question", "recipe", "training_seed"}
+    {"object", "object_scale", "webhook", "priority", "goals", "like", "question", "recipe", "training_seed", "images"}
 )
 """Fields of a job that came after its first form; a job sent before they came and again afterwards is one job."""
 
@@ -106,6 +106,7 @@ async def submit(
         "object": request.object,
         "object_scale": request.object_scale,
         "priority": RANKS[request.priority],
+        "images": request.images,
         "judged": request.question is not None or judged,
         "recipe": request.recipe,
         "training_seed": request.training_seed,

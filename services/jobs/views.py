@@ -72,6 +72,7 @@ def _job(row: AnyRow, ahead: Ahead | None, fleet: Fleet, now_s: float, limit: in
         platform_faults=row.platform_faults,
         reason=row.reason,
         own_goals=row.own_goals,
+        images=row.images,
         recipe=row.recipe,
         training_seed=row.training_seed,
     )

@@ -13,9 +13,10 @@ class Scope(StrEnum):
     JOINT = "joint"
     CAMERA = "camera"
     VECTOR = "vector"
+    FACE = "face"
 
 
-WIDTHS: dict[Scope, int] = {Scope.GLOBAL: 1, Scope.JOINT: 9, Scope.CAMERA: 3, Scope.VECTOR: 3}
+WIDTHS: dict[Scope, int] = {Scope.GLOBAL: 1, Scope.JOINT: 9, Scope.CAMERA: 3, Scope.VECTOR: 3, Scope.FACE: 6}
 
 
 class Group(StrEnum):
@@ -26,6 +27,7 @@ class Group(StrEnum):
     CONTACT = "contact"
     SENSING = "sensing"
     TRACKING = "tracking"
+    IMAGES = "images"
     FAULT = "fault"
 
 
@@ -35,6 +37,13 @@ class Acts(StrEnum):
     MODEL = "model"  # once, to the MjSpec before it is compiled: MuJoCo has it
     CONTROL = "control"  # every millisecond, in the compiled control callback
     TRACKER = "tracker"  # every camera frame
+    CALIBRATION = "calibration"  # where a camera stands and how it is made, once; only where images are rendered
+    APPEARANCE = "appearance"  # once, to the MjSpec that is rendered; only there
+    IMAGE = "image"  # every rendered image
+
+
+LOOKS = frozenset({Acts.CALIBRATION, Acts.APPEARANCE, Acts.IMAGE})
+"""Acts that change what images look like and nothing else: no motion and no pose of the formula."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +74,16 @@ def per_joint(name: str, unit: str, lower: float, upper: float, absent: float, a
     return Parameter(name, unit, lower, upper, absent, Scope.JOINT, about)
 
 
+def per_camera(name: str, unit: str, lower: float, upper: float, absent: float, about: str) -> Parameter:
+    """A parameter with a value for each camera."""
+    return Parameter(name, unit, lower, upper, absent, Scope.CAMERA, about)
+
+
+def per_face(name: str, unit: str, lower: float, upper: float, absent: float, about: str) -> Parameter:
+    """A parameter with a value for each face of the cube, in the order of ``constants.CUBE_FACE_COLOURS``."""
+    return Parameter(name, unit, lower, upper, absent, Scope.FACE, about)
+
+
 def per_axis(name: str, unit: str, lower: float, upper: float, absent: float, about: str) -> Parameter:
     """A parameter with a value for each axis of the world."""
     return Parameter(name, unit, lower, upper, absent, Scope.VECTOR, about)
@@ -78,7 +97,9 @@ class Effect:
     only say how it looks when it is there. ``apply`` is the function that applies it: for ``Acts.MODEL`` it takes the MjSpec
     and one robot's values by parameter name, for ``Acts.CONTROL`` it is a compiled function that the control callback
     calls by name (``sim_backend.driver.control_step``), most of them for each joint, for ``Acts.TRACKER`` a function over n
-    robots that the tracker calls.
+    robots that the tracker calls. Those in ``LOOKS`` are called by ``sim_backend.vision`` with one robot's values by parameter
+    name: for ``Acts.CALIBRATION`` with a camera's pose or lens, for ``Acts.APPEARANCE`` with the MjSpec that is rendered, for
+    ``Acts.IMAGE`` with images.
     """
 
     name: str

@@ -15,7 +15,7 @@ from sim_backend.effects.effect import Parameter
 from sim_backend.effects.estimate import Draw, Estimate, take_estimate
 from sim_backend.effects.physics import Physics
 
-PRESET_NAMES = ("nominal", "mild", "real", "dactyl", "allshire", "isaacgymenvs")
+PRESET_NAMES = ("nominal", "mild", "real", "dactyl", "allshire", "isaacgymenvs", "real-images")
 _PRESETS = Path(__file__).parent / "presets"
 _FIELDS = {"key", "distribution", "low", "high", "value", "per", "each", "source", "dated"}
 
@@ -125,6 +125,7 @@ def load_ranges(name_or_path: str | Path) -> Ranges:
     """A preset by its name, or a TOML file: a table of ranges, or the physics of one robot, which all robots then share.
 
     The file of an extended model (``reality_gap/model/model.py``) also says where its values come from and how sure they are.
+    A file that ``extends`` a preset has that one's rows before its own: the same robots, and what its own rows add.
 
     Raises:
         ValueError: neither a preset nor a readable file, or a row that does not hold; the message says which.
@@ -138,7 +139,10 @@ def load_ranges(name_or_path: str | Path) -> Ranges:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{path} is not a TOML file: {error}") from error
     about = document.pop("about", "")
-    rows = _rows(path, document.pop("range", []))
+    extended = document.pop("extends", None)
+    if extended is not None and extended not in PRESET_NAMES:
+        raise ValueError(f"{path} extends {extended!r}; choose from {', '.join(PRESET_NAMES)}")
+    rows = _rows(path, document.pop("range", []), () if extended is None else load_ranges(extended).rows)
     try:
         estimate = take_estimate(document)
         physics = Physics.from_document(document)
@@ -150,10 +154,10 @@ def load_ranges(name_or_path: str | Path) -> Ranges:
     return Ranges(path.stem, str(about), rows, physics, estimate)
 
 
-def _rows(path: Path, entries: Any) -> tuple[Range, ...]:
+def _rows(path: Path, entries: Any, before: tuple[Range, ...]) -> tuple[Range, ...]:
     if not isinstance(entries, Sequence) or not all(isinstance(entry, Mapping) for entry in entries):
         raise ValueError(f"{path}: 'range' must be a list of tables, each begun with [[range]]")
-    rows = tuple(_row(path, number, entry) for number, entry in enumerate(entries, 1))
+    rows = (*before, *(_row(path, number, entry) for number, entry in enumerate(entries, 1)))
     keys = [row.key for row in rows]
     twice = sorted({key for key in keys if keys.count(key) > 1})
     if twice:

@@ -24,10 +24,11 @@ def catalogue_table() -> str:
     return "\n".join(lines)
 
 
-def ranges_table(name: str) -> str:
-    """The rows of a preset with their sources."""
+def ranges_table(name: str, beyond: str = "nominal") -> str:
+    """The rows of a preset with their sources, without those that it has of another preset."""
+    others = load_ranges(beyond).rows
     lines = ["| parameter | range | unit | drawn | source or reason | date |", "|---|---|---|---|---|---|"]
-    for row in load_ranges(name).rows:
+    for row in (row for row in load_ranges(name).rows if row not in others):
         unit = row.parameter.unit or "–"
         lines.append(f"| `{row.key}` | {_span(row)} | {unit} | {_drawn(row, row.parameter)} | {row.source} | {row.dated} |")
     return "\n".join(lines)
@@ -50,6 +51,8 @@ def renewed(page: str) -> str:
 def _table(name: str) -> str:
     if name == "catalogue":
         return catalogue_table()
+    if name == "images":
+        return ranges_table("real-images", beyond="real")
     return presets_table() if name == "presets" else ranges_table(name)
 
 

@@ -10,6 +10,9 @@ from enum import StrEnum
 
 import numpy as np
 
+from sim_backend.effects.catalogue import CATALOGUE
+from sim_backend.effects.effect import LOOKS
+
 
 class Channel(StrEnum):
     """Which equation of a joint."""
@@ -253,5 +256,6 @@ NOT_ASKED: Mapping[str, str] = {
     "occlusion_by_fingers": "lost frames are counted wherever the fingers are",
     "foreign_occlusion": "lost frames are counted wherever the cube is",
     "dead_camera": "a tracker of two cameras reports as one of three does, with more noise",
+    **{effect.name: "it changes images and no number of a log" for effect in CATALOGUE.values() if effect.acts in LOOKS},
 }
 """Effects that no subject is asked for, and why."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from sim_backend.effects import body
 from sim_backend.effects.catalogue import CATALOGUE
-from sim_backend.effects.effect import Acts, Group
+from sim_backend.effects.effect import LOOKS, Acts, Group
 from sim_backend.effects.friction import set_bound
 from sim_backend.reality_gap.model import native_elements as elements
 
@@ -43,6 +43,8 @@ def reason(effect: str) -> str | None:
     """Why plain MJCF does not have an effect; None if it has."""
     if CATALOGUE[effect].group is Group.TRACKING or CATALOGUE[effect].acts is Acts.TRACKER:
         return "the tracker is not part of the model"
+    if CATALOGUE[effect].acts in LOOKS:
+        return "what images look like is not part of the model"
     return REASONS.get(effect)
 
 

@@ -29,7 +29,7 @@ async def send(database, **more):
         return await submit(tx, 1000.0, request, Sender("ann", "key"))
 
 
-@pytest.mark.parametrize("more", [{}, {"object": "cube"}, {"object_scale": 1}, {"priority": "normal"}])
+@pytest.mark.parametrize("more", [{}, {"object": "cube"}, {"object_scale": 1}, {"priority": "normal"}, {"images": False}])
 async def test_a_job_of_the_first_form_that_is_sent_again_is_the_same_job(database, more):
     job_id, new = await send(database, **more)
     assert new
@@ -39,7 +39,7 @@ async def test_a_job_of_the_first_form_that_is_sent_again_is_the_same_job(databa
     assert await send(database) == (job_id, False)
 
 
-@pytest.mark.parametrize("more", [{"object": "sphere"}, {"object_scale": 0.8}, {"priority": "low"}])
+@pytest.mark.parametrize("more", [{"object": "sphere"}, {"object_scale": 0.8}, {"priority": "low"}, {"images": True}])
 async def test_another_object_or_priority_is_another_job(database, more):
     await send(database)
     with pytest.raises(Conflict, match="with another body"):

@@ -17,7 +17,7 @@ from tests.unit.sim_backend.effects.rig import CATALOGUE, c, go_to, present, run
 
 STEP_S = 0.004
 PUSHING_RAD, LETTING_RAD = np.tile([0.0, 0.6, -1.9], 3), np.tile([0.1, 0.9, -1.6], 3)
-ON_JOINTS = [effect.name for effect in CATALOGUE.values() if effect.acts is not Acts.TRACKER]
+ON_JOINTS = [effect.name for effect in CATALOGUE.values() if effect.acts in (Acts.MODEL, Acts.CONTROL)]
 NEAR_LIMITS_RAD = np.tile([0.8, 1.4, -0.2], 3)
 FIELDS = {
     "true_joint_position_rad": 2e-3,

@@ -10,12 +10,12 @@ from sim_backend.driver.driver import Segment
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.effects.__main__ import main
 from sim_backend.effects.catalogue import CATALOGUE, PARAMETERS
-from sim_backend.effects.effect import Acts, Effect
+from sim_backend.effects.effect import LOOKS, Acts, Effect
 from sim_backend.effects.physics import Physics
 from tests.unit.sim_backend.effects.rig import c, go_to, present, run, start_of
 
 EVERY = list(CATALOGUE.values())
-ON_JOINTS = [effect for effect in EVERY if effect.acts is not Acts.TRACKER]
+ON_JOINTS = [effect for effect in EVERY if effect.acts is not Acts.TRACKER and effect.acts not in LOOKS]
 NAMED = {"argvalues": EVERY, "ids": [effect.name for effect in EVERY]}
 JOINTS_NAMED = {"argvalues": ON_JOINTS, "ids": [effect.name for effect in ON_JOINTS]}
 SUFFIXES = {
@@ -25,6 +25,7 @@ SUFFIXES = {
     "N": "_n",
     "K": "_k",
     "Hz": "_hz",
+    "px": "_px",
     "rad": "_rad",
     "rad/s": "_rad_s",
     "m/s^2": "_m_s2",
