@@ -16,7 +16,7 @@ ROOT = Path(__file__).parent.parent
 STUB = ROOT / "typings" / "mujoco" / "__init__.pyi"
 SPEAKERS = ("sim_backend", "robot_farm", "tests")
 """Who names MuJoCo."""
-MODULES = ("_callbacks", "_enums", "_functions", "_specs", "_structs")
+MODULES = ("_callbacks", "_enums", "_functions", "_render", "_specs", "_structs")
 OF_BOTH = ("MjOption", "MjStatistic", "MjVisual")
 RETURNED = {("MjSpec", "compile"): "MjModel"}
 """What the wheel calls an ``object`` and its documentation calls more."""

@@ -213,6 +213,7 @@ class _Painter:
         return geom_of[shown]
 
     def _painted(self, data: mujoco.MjData, camera: int, size_px: int) -> np.ndarray:
+        assert self._gpu is not None, "closed"
         self._context.make_current()
         self._camera.fixedcamid = camera
         everything = mujoco.mjtCatBit.mjCAT_ALL.value

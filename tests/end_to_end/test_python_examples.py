@@ -9,6 +9,7 @@ import os
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -112,7 +113,7 @@ def test_a_log_is_arrays_and_tables(folder):
 
 def test_the_notebook_runs(folder):
     cells = json.loads((ROOT / "docs/examples/trials.ipynb").read_text())["cells"]
-    names: dict[str, object] = {}
+    names: dict[str, Any] = {}
     for cell in cells:
         if cell["cell_type"] == "code":
             assert not cell["outputs"], "what a notebook printed once would age"

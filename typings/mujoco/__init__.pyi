@@ -148,6 +148,7 @@ class MjModel:
     def from_xml_path(filename: str, assets: collections.abc.Mapping[str, bytes] | None = ..., vfs: typing.Any | None = ...) -> MjModel: ...
     def __copy__(self) -> MjModel: ...
     opt: _Attribute[MjOption, MjOption]
+    vis: _Attribute[MjVisual, MjVisual]
     stat: _Attribute[typing.Any, typing.Any]
     nq: _Attribute[int, typing.Never]
     nv: _Attribute[int, typing.Never]
@@ -410,6 +411,7 @@ class MjSpec:
     skins: _Attribute[list, typing.Never]
     hfields: _Attribute[list, typing.Never]
     textures: _Attribute[list, typing.Never]
+    def add_material(self, default: MjsDefault | None = ..., name: str | None = ..., textures: collections.abc.Sequence[str] | None = ..., texuniform: typing.SupportsInt | typing.SupportsIndex | None = ..., texrepeat: numpy.typing.ArrayLike | None = ..., emission: typing.SupportsFloat | typing.SupportsIndex | None = ..., specular: typing.SupportsFloat | typing.SupportsIndex | None = ..., shininess: typing.SupportsFloat | typing.SupportsIndex | None = ..., reflectance: typing.SupportsFloat | typing.SupportsIndex | None = ..., metallic: typing.SupportsFloat | typing.SupportsIndex | None = ..., roughness: typing.SupportsFloat | typing.SupportsIndex | None = ..., rgba: numpy.typing.ArrayLike | None = ..., info: str | None = ...) -> MjsMaterial: ...
     def add_pair(self, default: MjsDefault | None = ..., name: str | None = ..., geomname1: str | None = ..., geomname2: str | None = ..., condim: typing.SupportsInt | typing.SupportsIndex | None = ..., solref: numpy.typing.ArrayLike | None = ..., solreffriction: numpy.typing.ArrayLike | None = ..., solimp: numpy.typing.ArrayLike | None = ..., margin: typing.SupportsFloat | typing.SupportsIndex | None = ..., gap: typing.SupportsFloat | typing.SupportsIndex | None = ..., adhesion: typing.SupportsFloat | typing.SupportsIndex | None = ..., friction: numpy.typing.ArrayLike | None = ..., info: str | None = ...) -> MjsPair: ...
     pairs: _Attribute[list, typing.Never]
     equalities: _Attribute[list, typing.Never]
@@ -460,15 +462,22 @@ class MjVisual:
     def __copy__(self) -> MjVisual: ...
     class Global:
         def __copy__(self) -> MjVisual.Global: ...
+        fovy: _Attribute[float, typing.Any]
         azimuth: _Attribute[float, typing.Any]
         linewidth: _Attribute[float, typing.Any]
+        realtime: _Attribute[float, typing.Any]
+        offwidth: _Attribute[int, typing.Any]
+        offheight: _Attribute[int, typing.Any]
     
     class Quality:
         def __copy__(self) -> MjVisual.Quality: ...
+        offsamples: _Attribute[int, typing.Any]
     
     class Headlight:
         def __copy__(self) -> MjVisual.Headlight: ...
         ambient: _Attribute[numpy.typing.NDArray[numpy.float32], object]
+        diffuse: _Attribute[numpy.typing.NDArray[numpy.float32], object]
+        specular: _Attribute[numpy.typing.NDArray[numpy.float32], object]
         active: _Attribute[int, typing.Any]
     
     class Map:
@@ -477,6 +486,8 @@ class MjVisual:
         force: _Attribute[float, typing.Any]
         torque: _Attribute[float, typing.Any]
         alpha: _Attribute[float, typing.Any]
+        znear: _Attribute[float, typing.Any]
+        zfar: _Attribute[float, typing.Any]
     
     class Scale:
         def __copy__(self) -> MjVisual.Scale: ...
@@ -498,9 +509,18 @@ class MjVisual:
         connect: _Attribute[numpy.typing.NDArray[numpy.float32], object]
         constraint: _Attribute[numpy.typing.NDArray[numpy.float32], object]
     
+    global_: _Attribute[MjVisual.Global, MjVisual.Global]
+    quality: _Attribute[MjVisual.Quality, MjVisual.Quality]
+    headlight: _Attribute[MjVisual.Headlight, MjVisual.Headlight]
     map: _Attribute[MjVisual.Map, MjVisual.Map]
     scale: _Attribute[MjVisual.Scale, MjVisual.Scale]
     rgba: _Attribute[MjVisual.Rgba, MjVisual.Rgba]
+
+class MjVisualHeadlight:
+    ambient: _Attribute[numpy.typing.NDArray[numpy.float32], numpy.typing.ArrayLike]
+    diffuse: _Attribute[numpy.typing.NDArray[numpy.float32], numpy.typing.ArrayLike]
+    specular: _Attribute[numpy.typing.NDArray[numpy.float32], numpy.typing.ArrayLike]
+    active: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
 
 class MjVisualRgba:
     force: _Attribute[numpy.typing.NDArray[numpy.float32], numpy.typing.ArrayLike]
@@ -517,6 +537,21 @@ class MjWarningStat:
     def __init__(self) -> None: ...
     def __copy__(self) -> MjWarningStat: ...
     number: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
+
+class MjrContext:
+    @typing.overload
+    def __init__(self) -> None: ...
+    @typing.overload
+    def __init__(self, arg0: MjModel, arg1: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def free(self) -> None: ...
+
+class MjrRect:
+    def __init__(self, left: typing.SupportsInt | typing.SupportsIndex, bottom: typing.SupportsInt | typing.SupportsIndex, width: typing.SupportsInt | typing.SupportsIndex, height: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __copy__(self) -> MjrRect: ...
+    left: _Attribute[int, typing.Any]
+    bottom: _Attribute[int, typing.Any]
+    width: _Attribute[int, typing.Any]
+    height: _Attribute[int, typing.Any]
 
 class MjsActuator:
     def set_to_motor(self) -> None: ...
@@ -578,6 +613,7 @@ class MjsBody:
     plugin: _Attribute[MjsPlugin, MjsPlugin]
     info: _Attribute[str, str]
     def add_body(self, default: MjsDefault | None = ..., name: str | None = ..., childclass: str | None = ..., pos: numpy.typing.ArrayLike | None = ..., quat: numpy.typing.ArrayLike | None = ..., axisangle: numpy.typing.ArrayLike | None = ..., xyaxes: numpy.typing.ArrayLike | None = ..., zaxis: numpy.typing.ArrayLike | None = ..., euler: numpy.typing.ArrayLike | None = ..., mass: typing.SupportsFloat | typing.SupportsIndex | None = ..., ipos: numpy.typing.ArrayLike | None = ..., iquat: numpy.typing.ArrayLike | None = ..., inertia: numpy.typing.ArrayLike | None = ..., iaxisangle: numpy.typing.ArrayLike | None = ..., ixyaxes: numpy.typing.ArrayLike | None = ..., izaxis: numpy.typing.ArrayLike | None = ..., ieuler: numpy.typing.ArrayLike | None = ..., fullinertia: numpy.typing.ArrayLike | None = ..., mocap: typing.SupportsInt | typing.SupportsIndex | None = ..., gravcomp: typing.SupportsFloat | typing.SupportsIndex | None = ..., sleep: typing.SupportsInt | typing.SupportsIndex | None = ..., simple: typing.SupportsInt | typing.SupportsIndex | None = ..., fuse: typing.SupportsInt | typing.SupportsIndex | None = ..., userdata: numpy.typing.ArrayLike | None = ..., explicitinertial: typing.SupportsInt | typing.SupportsIndex | None = ..., plugin: MjsPlugin | None = ..., info: str | None = ...) -> MjsBody: ...
+    def add_site(self, default: MjsDefault | None = ..., name: str | None = ..., pos: numpy.typing.ArrayLike | None = ..., quat: numpy.typing.ArrayLike | None = ..., axisangle: numpy.typing.ArrayLike | None = ..., xyaxes: numpy.typing.ArrayLike | None = ..., zaxis: numpy.typing.ArrayLike | None = ..., euler: numpy.typing.ArrayLike | None = ..., fromto: numpy.typing.ArrayLike | None = ..., size: object | None = ..., type: typing.SupportsInt | typing.SupportsIndex | None = ..., material: str | None = ..., group: typing.SupportsInt | typing.SupportsIndex | None = ..., rgba: numpy.typing.ArrayLike | None = ..., meshname: str | None = ..., userdata: numpy.typing.ArrayLike | None = ..., info: str | None = ...) -> MjsSite: ...
     def add_geom(self, default: MjsDefault | None = ..., name: str | None = ..., type: typing.SupportsInt | typing.SupportsIndex | None = ..., pos: numpy.typing.ArrayLike | None = ..., quat: numpy.typing.ArrayLike | None = ..., axisangle: numpy.typing.ArrayLike | None = ..., xyaxes: numpy.typing.ArrayLike | None = ..., zaxis: numpy.typing.ArrayLike | None = ..., euler: numpy.typing.ArrayLike | None = ..., fromto: numpy.typing.ArrayLike | None = ..., size: object | None = ..., contype: typing.SupportsInt | typing.SupportsIndex | None = ..., conaffinity: typing.SupportsInt | typing.SupportsIndex | None = ..., condim: typing.SupportsInt | typing.SupportsIndex | None = ..., priority: typing.SupportsInt | typing.SupportsIndex | None = ..., friction: numpy.typing.ArrayLike | None = ..., solmix: typing.SupportsFloat | typing.SupportsIndex | None = ..., solref: numpy.typing.ArrayLike | None = ..., solimp: numpy.typing.ArrayLike | None = ..., margin: typing.SupportsFloat | typing.SupportsIndex | None = ..., gap: typing.SupportsFloat | typing.SupportsIndex | None = ..., surfacevel: numpy.typing.ArrayLike | None = ..., adhesion: typing.SupportsFloat | typing.SupportsIndex | None = ..., mass: typing.SupportsFloat | typing.SupportsIndex | None = ..., density: typing.SupportsFloat | typing.SupportsIndex | None = ..., typeinertia: typing.SupportsInt | typing.SupportsIndex | None = ..., fluid_ellipsoid: typing.SupportsInt | typing.SupportsIndex | None = ..., fluid_coefs: numpy.typing.ArrayLike | None = ..., material: str | None = ..., rgba: numpy.typing.ArrayLike | None = ..., group: typing.SupportsInt | typing.SupportsIndex | None = ..., castshadow: typing.SupportsInt | typing.SupportsIndex | None = ..., hfieldname: str | None = ..., meshname: str | None = ..., fitscale: typing.SupportsFloat | typing.SupportsIndex | None = ..., userdata: numpy.typing.ArrayLike | None = ..., plugin: MjsPlugin | None = ..., info: str | None = ...) -> MjsGeom: ...
     def add_joint(self, default: MjsDefault | None = ..., name: str | None = ..., type: typing.SupportsInt | typing.SupportsIndex | None = ..., pos: numpy.typing.ArrayLike | None = ..., axis: numpy.typing.ArrayLike | None = ..., ref: typing.SupportsFloat | typing.SupportsIndex | None = ..., align: typing.SupportsInt | typing.SupportsIndex | None = ..., stiffness: object | None = ..., springref: typing.SupportsFloat | typing.SupportsIndex | None = ..., springyield: typing.SupportsFloat | typing.SupportsIndex | None = ..., springdamper: numpy.typing.ArrayLike | None = ..., limited: typing.SupportsInt | typing.SupportsIndex | None = ..., range: numpy.typing.ArrayLike | None = ..., margin: typing.SupportsFloat | typing.SupportsIndex | None = ..., solref_limit: numpy.typing.ArrayLike | None = ..., solimp_limit: numpy.typing.ArrayLike | None = ..., actfrclimited: typing.SupportsInt | typing.SupportsIndex | None = ..., actfrcrange: numpy.typing.ArrayLike | None = ..., armature: typing.SupportsFloat | typing.SupportsIndex | None = ..., damping: object | None = ..., frictionloss: typing.SupportsFloat | typing.SupportsIndex | None = ..., solref_friction: numpy.typing.ArrayLike | None = ..., solimp_friction: numpy.typing.ArrayLike | None = ..., group: typing.SupportsInt | typing.SupportsIndex | None = ..., actgravcomp: typing.SupportsInt | typing.SupportsIndex | None = ..., userdata: numpy.typing.ArrayLike | None = ..., info: str | None = ...) -> MjsJoint: ...
     def add_camera(self, default: MjsDefault | None = ..., name: str | None = ..., pos: numpy.typing.ArrayLike | None = ..., quat: numpy.typing.ArrayLike | None = ..., axisangle: numpy.typing.ArrayLike | None = ..., xyaxes: numpy.typing.ArrayLike | None = ..., zaxis: numpy.typing.ArrayLike | None = ..., euler: numpy.typing.ArrayLike | None = ..., mode: typing.SupportsInt | typing.SupportsIndex | None = ..., targetbody: str | None = ..., proj: typing.SupportsInt | typing.SupportsIndex | None = ..., resolution: numpy.typing.ArrayLike | None = ..., output: typing.SupportsInt | typing.SupportsIndex | None = ..., fovy: typing.SupportsFloat | typing.SupportsIndex | None = ..., ipd: typing.SupportsFloat | typing.SupportsIndex | None = ..., intrinsic: numpy.typing.ArrayLike | None = ..., sensor_size: numpy.typing.ArrayLike | None = ..., focal_length: numpy.typing.ArrayLike | None = ..., focal_pixel: numpy.typing.ArrayLike | None = ..., principal_length: numpy.typing.ArrayLike | None = ..., principal_pixel: numpy.typing.ArrayLike | None = ..., userdata: numpy.typing.ArrayLike | None = ..., info: str | None = ...) -> MjsCamera: ...
@@ -595,6 +631,7 @@ class MjsCamera:
     mode: _Attribute[mjtCamLight, typing.SupportsInt | typing.SupportsIndex]
     resolution: _Attribute[numpy.typing.NDArray[numpy.int32], numpy.typing.ArrayLike]
     output: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
+    fovy: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
     intrinsic: _Attribute[numpy.typing.NDArray[numpy.float32], numpy.typing.ArrayLike]
     sensor_size: _Attribute[numpy.typing.NDArray[numpy.float32], numpy.typing.ArrayLike]
     focal_pixel: _Attribute[numpy.typing.NDArray[numpy.float32], numpy.typing.ArrayLike]
@@ -682,6 +719,7 @@ class MjsFrame:
     scaling: _Attribute[mjtScaling, typing.SupportsInt | typing.SupportsIndex]
     info: _Attribute[str, str]
     def add_body(self, default: MjsDefault | None = ..., name: str | None = ..., childclass: str | None = ..., pos: numpy.typing.ArrayLike | None = ..., quat: numpy.typing.ArrayLike | None = ..., axisangle: numpy.typing.ArrayLike | None = ..., xyaxes: numpy.typing.ArrayLike | None = ..., zaxis: numpy.typing.ArrayLike | None = ..., euler: numpy.typing.ArrayLike | None = ..., mass: typing.SupportsFloat | typing.SupportsIndex | None = ..., ipos: numpy.typing.ArrayLike | None = ..., iquat: numpy.typing.ArrayLike | None = ..., inertia: numpy.typing.ArrayLike | None = ..., iaxisangle: numpy.typing.ArrayLike | None = ..., ixyaxes: numpy.typing.ArrayLike | None = ..., izaxis: numpy.typing.ArrayLike | None = ..., ieuler: numpy.typing.ArrayLike | None = ..., fullinertia: numpy.typing.ArrayLike | None = ..., mocap: typing.SupportsInt | typing.SupportsIndex | None = ..., gravcomp: typing.SupportsFloat | typing.SupportsIndex | None = ..., sleep: typing.SupportsInt | typing.SupportsIndex | None = ..., simple: typing.SupportsInt | typing.SupportsIndex | None = ..., fuse: typing.SupportsInt | typing.SupportsIndex | None = ..., userdata: numpy.typing.ArrayLike | None = ..., explicitinertial: typing.SupportsInt | typing.SupportsIndex | None = ..., plugin: MjsPlugin | None = ..., info: str | None = ...) -> MjsBody: ...
+    def add_site(self, default: MjsDefault | None = ..., name: str | None = ..., pos: numpy.typing.ArrayLike | None = ..., quat: numpy.typing.ArrayLike | None = ..., axisangle: numpy.typing.ArrayLike | None = ..., xyaxes: numpy.typing.ArrayLike | None = ..., zaxis: numpy.typing.ArrayLike | None = ..., euler: numpy.typing.ArrayLike | None = ..., fromto: numpy.typing.ArrayLike | None = ..., size: object | None = ..., type: typing.SupportsInt | typing.SupportsIndex | None = ..., material: str | None = ..., group: typing.SupportsInt | typing.SupportsIndex | None = ..., rgba: numpy.typing.ArrayLike | None = ..., meshname: str | None = ..., userdata: numpy.typing.ArrayLike | None = ..., info: str | None = ...) -> MjsSite: ...
     def add_geom(self, default: MjsDefault | None = ..., name: str | None = ..., type: typing.SupportsInt | typing.SupportsIndex | None = ..., pos: numpy.typing.ArrayLike | None = ..., quat: numpy.typing.ArrayLike | None = ..., axisangle: numpy.typing.ArrayLike | None = ..., xyaxes: numpy.typing.ArrayLike | None = ..., zaxis: numpy.typing.ArrayLike | None = ..., euler: numpy.typing.ArrayLike | None = ..., fromto: numpy.typing.ArrayLike | None = ..., size: object | None = ..., contype: typing.SupportsInt | typing.SupportsIndex | None = ..., conaffinity: typing.SupportsInt | typing.SupportsIndex | None = ..., condim: typing.SupportsInt | typing.SupportsIndex | None = ..., priority: typing.SupportsInt | typing.SupportsIndex | None = ..., friction: numpy.typing.ArrayLike | None = ..., solmix: typing.SupportsFloat | typing.SupportsIndex | None = ..., solref: numpy.typing.ArrayLike | None = ..., solimp: numpy.typing.ArrayLike | None = ..., margin: typing.SupportsFloat | typing.SupportsIndex | None = ..., gap: typing.SupportsFloat | typing.SupportsIndex | None = ..., surfacevel: numpy.typing.ArrayLike | None = ..., adhesion: typing.SupportsFloat | typing.SupportsIndex | None = ..., mass: typing.SupportsFloat | typing.SupportsIndex | None = ..., density: typing.SupportsFloat | typing.SupportsIndex | None = ..., typeinertia: typing.SupportsInt | typing.SupportsIndex | None = ..., fluid_ellipsoid: typing.SupportsInt | typing.SupportsIndex | None = ..., fluid_coefs: numpy.typing.ArrayLike | None = ..., material: str | None = ..., rgba: numpy.typing.ArrayLike | None = ..., group: typing.SupportsInt | typing.SupportsIndex | None = ..., castshadow: typing.SupportsInt | typing.SupportsIndex | None = ..., hfieldname: str | None = ..., meshname: str | None = ..., fitscale: typing.SupportsFloat | typing.SupportsIndex | None = ..., userdata: numpy.typing.ArrayLike | None = ..., plugin: MjsPlugin | None = ..., info: str | None = ...) -> MjsGeom: ...
     def add_joint(self, default: MjsDefault | None = ..., name: str | None = ..., type: typing.SupportsInt | typing.SupportsIndex | None = ..., pos: numpy.typing.ArrayLike | None = ..., axis: numpy.typing.ArrayLike | None = ..., ref: typing.SupportsFloat | typing.SupportsIndex | None = ..., align: typing.SupportsInt | typing.SupportsIndex | None = ..., stiffness: object | None = ..., springref: typing.SupportsFloat | typing.SupportsIndex | None = ..., springyield: typing.SupportsFloat | typing.SupportsIndex | None = ..., springdamper: numpy.typing.ArrayLike | None = ..., limited: typing.SupportsInt | typing.SupportsIndex | None = ..., range: numpy.typing.ArrayLike | None = ..., margin: typing.SupportsFloat | typing.SupportsIndex | None = ..., solref_limit: numpy.typing.ArrayLike | None = ..., solimp_limit: numpy.typing.ArrayLike | None = ..., actfrclimited: typing.SupportsInt | typing.SupportsIndex | None = ..., actfrcrange: numpy.typing.ArrayLike | None = ..., armature: typing.SupportsFloat | typing.SupportsIndex | None = ..., damping: object | None = ..., frictionloss: typing.SupportsFloat | typing.SupportsIndex | None = ..., solref_friction: numpy.typing.ArrayLike | None = ..., solimp_friction: numpy.typing.ArrayLike | None = ..., group: typing.SupportsInt | typing.SupportsIndex | None = ..., actgravcomp: typing.SupportsInt | typing.SupportsIndex | None = ..., userdata: numpy.typing.ArrayLike | None = ..., info: str | None = ...) -> MjsJoint: ...
     def add_camera(self, default: MjsDefault | None = ..., name: str | None = ..., pos: numpy.typing.ArrayLike | None = ..., quat: numpy.typing.ArrayLike | None = ..., axisangle: numpy.typing.ArrayLike | None = ..., xyaxes: numpy.typing.ArrayLike | None = ..., zaxis: numpy.typing.ArrayLike | None = ..., euler: numpy.typing.ArrayLike | None = ..., mode: typing.SupportsInt | typing.SupportsIndex | None = ..., targetbody: str | None = ..., proj: typing.SupportsInt | typing.SupportsIndex | None = ..., resolution: numpy.typing.ArrayLike | None = ..., output: typing.SupportsInt | typing.SupportsIndex | None = ..., fovy: typing.SupportsFloat | typing.SupportsIndex | None = ..., ipd: typing.SupportsFloat | typing.SupportsIndex | None = ..., intrinsic: numpy.typing.ArrayLike | None = ..., sensor_size: numpy.typing.ArrayLike | None = ..., focal_length: numpy.typing.ArrayLike | None = ..., focal_pixel: numpy.typing.ArrayLike | None = ..., principal_length: numpy.typing.ArrayLike | None = ..., principal_pixel: numpy.typing.ArrayLike | None = ..., userdata: numpy.typing.ArrayLike | None = ..., info: str | None = ...) -> MjsCamera: ...
@@ -712,6 +750,7 @@ class MjsGeom:
     material: _Attribute[str, str]
     rgba: _Attribute[numpy.typing.NDArray[numpy.float32], numpy.typing.ArrayLike]
     group: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
+    castshadow: _Attribute[bool, bool]
     meshname: _Attribute[str, str]
     userdata: _Attribute[MjDoubleVec, object]
     plugin: _Attribute[MjsPlugin, MjsPlugin]
@@ -777,10 +816,13 @@ class MjsLight:
     mode: _Attribute[mjtCamLight, typing.SupportsInt | typing.SupportsIndex]
     active: _Attribute[bool, bool]
     type: _Attribute[mjtLightType, typing.SupportsInt | typing.SupportsIndex]
+    castshadow: _Attribute[bool, bool]
     range: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
     cutoff: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
     exponent: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
     ambient: _Attribute[numpy.typing.NDArray[numpy.float32], numpy.typing.ArrayLike]
+    diffuse: _Attribute[numpy.typing.NDArray[numpy.float32], numpy.typing.ArrayLike]
+    specular: _Attribute[numpy.typing.NDArray[numpy.float32], numpy.typing.ArrayLike]
     info: _Attribute[str, str]
     signature: _Attribute[int, typing.Never]
     id: _Attribute[int, typing.Never]
@@ -789,6 +831,8 @@ class MjsLight:
 
 class MjsMaterial:
     textures: _Attribute[MjStringVec, object]
+    specular: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
+    shininess: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
     rgba: _Attribute[numpy.typing.NDArray[numpy.float32], numpy.typing.ArrayLike]
     info: _Attribute[str, str]
     signature: _Attribute[int, typing.Never]
@@ -801,6 +845,7 @@ class MjsMesh:
     scale: _Attribute[numpy.typing.NDArray[numpy.float64], numpy.typing.ArrayLike]
     inertia: _Attribute[mjtMeshInertia, typing.SupportsInt | typing.SupportsIndex]
     uservert: _Attribute[MjFloatVec, object]
+    userface: _Attribute[MjIntVec, object]
     plugin: _Attribute[MjsPlugin, MjsPlugin]
     material: _Attribute[str, str]
     info: _Attribute[str, str]
@@ -958,6 +1003,47 @@ class MjsWrap:
     type: _Attribute[mjtWrap, typing.SupportsInt | typing.SupportsIndex]
     info: _Attribute[str, str]
 
+class MjvCamera:
+    def __init__(self) -> None: ...
+    def __copy__(self) -> MjvCamera: ...
+    type: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
+    fixedcamid: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
+    distance: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
+    azimuth: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
+
+class MjvOption:
+    def __init__(self) -> None: ...
+    def __copy__(self) -> MjvOption: ...
+    label: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
+    frame: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
+    geomgroup: _Attribute[numpy.typing.NDArray[numpy.uint8], object]
+    flags: _Attribute[numpy.typing.NDArray[numpy.uint8], object]
+
+class MjvPerturb:
+    def __init__(self) -> None: ...
+    def __copy__(self) -> MjvPerturb: ...
+    select: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
+    active: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
+    scale: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
+
+class MjvScene:
+    @typing.overload
+    def __init__(self) -> None: ...
+    @typing.overload
+    def __init__(self, model: MjModel, maxgeom: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __copy__(self) -> MjvScene: ...
+    maxgeom: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
+    ngeom: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
+    nflex: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
+    scale: _Attribute[float, typing.SupportsFloat | typing.SupportsIndex]
+    status: _Attribute[int, typing.SupportsInt | typing.SupportsIndex]
+    geoms: _Attribute[tuple, typing.Never]
+    lights: _Attribute[tuple, typing.Never]
+    camera: _Attribute[tuple, typing.Never]
+    translate: _Attribute[numpy.typing.NDArray[numpy.float32], object]
+    rotate: _Attribute[numpy.typing.NDArray[numpy.float32], object]
+    flags: _Attribute[numpy.typing.NDArray[numpy.uint8], object]
+
 class _MjContactList:
     @typing.overload
     def __getitem__(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> MjContact: ...
@@ -1076,6 +1162,7 @@ class _MjModelCameraViews:
     mode: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     pos: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     quat: _Attribute[numpy.typing.NDArray[numpy.float64], object]
+    fovy: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     user: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     id: _Attribute[int, typing.Never]
     name: _Attribute[str, typing.Never]
@@ -1092,6 +1179,7 @@ class _MjModelGeomViews:
     condim: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     group: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     priority: _Attribute[numpy.typing.NDArray[numpy.int32], object]
+    castshadow: _Attribute[numpy.typing.NDArray[numpy.bool], object]
     solref: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     size: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     pos: _Attribute[numpy.typing.NDArray[numpy.float64], object]
@@ -1137,16 +1225,21 @@ class _MjModelKeyframeViews:
 class _MjModelLightViews:
     mode: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     type: _Attribute[numpy.typing.NDArray[numpy.int32], object]
+    castshadow: _Attribute[numpy.typing.NDArray[numpy.bool], object]
     active: _Attribute[numpy.typing.NDArray[numpy.bool], object]
     pos: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     dir: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     cutoff: _Attribute[numpy.typing.NDArray[numpy.float32], object]
     exponent: _Attribute[numpy.typing.NDArray[numpy.float32], object]
     ambient: _Attribute[numpy.typing.NDArray[numpy.float32], object]
+    diffuse: _Attribute[numpy.typing.NDArray[numpy.float32], object]
+    specular: _Attribute[numpy.typing.NDArray[numpy.float32], object]
     id: _Attribute[int, typing.Never]
     name: _Attribute[str, typing.Never]
 
 class _MjModelMaterialViews:
+    specular: _Attribute[numpy.typing.NDArray[numpy.float32], object]
+    shininess: _Attribute[numpy.typing.NDArray[numpy.float32], object]
     rgba: _Attribute[numpy.typing.NDArray[numpy.float32], object]
     id: _Attribute[int, typing.Never]
     name: _Attribute[str, typing.Never]
@@ -1171,6 +1264,7 @@ class _MjModelSensorViews:
     type: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     needstage: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     objtype: _Attribute[numpy.typing.NDArray[numpy.int32], object]
+    objid: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     dim: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     adr: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     cutoff: _Attribute[numpy.typing.NDArray[numpy.float64], object]
@@ -1198,6 +1292,7 @@ class _MjModelTupleViews:
     adr: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     size: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     objtype: _Attribute[numpy.typing.NDArray[numpy.int32], object]
+    objid: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     id: _Attribute[int, typing.Never]
     name: _Attribute[str, typing.Never]
 
@@ -1239,10 +1334,14 @@ class _SpecMjStatistic:
     center: _Attribute[numpy.typing.NDArray[numpy.float64], numpy.typing.ArrayLike]
 
 class _SpecMjVisual:
+    global_: _Attribute[MjVisual.Global, MjVisual.Global]
+    quality: _Attribute[MjVisual.Quality, MjVisual.Quality]
+    headlight: _Attribute[MjVisualHeadlight, MjVisualHeadlight]
     map: _Attribute[MjVisual.Map, MjVisual.Map]
     scale: _Attribute[MjVisual.Scale, MjVisual.Scale]
     rgba: _Attribute[MjVisualRgba, MjVisualRgba]
 
+def mj_camlight(m: MjModel, d: MjData) -> None: ...
 def mj_contactForce(m: MjModel, d: MjData, id: typing.SupportsInt | typing.SupportsIndex, result: numpy.typing.NDArray[numpy.float64]) -> None: ...
 def mj_forward(m: MjModel, d: MjData) -> None: ...
 def mj_fullM(m: MjModel, d: MjData, dst: numpy.typing.NDArray[numpy.float64]) -> None: ...
@@ -1258,6 +1357,9 @@ def mj_setConst(m: MjModel, d: MjData) -> None: ...
 def mj_stateSize(m: MjModel, sig: typing.SupportsInt | typing.SupportsIndex) -> int: ...
 def mj_step(m: MjModel, d: MjData, nstep: typing.SupportsInt | typing.SupportsIndex = ...) -> None: ...
 def mj_versionString() -> str: ...
+def mjr_readPixels(rgb: typing.Annotated[numpy.typing.ArrayLike, numpy.uint8] | None, depth: typing.Annotated[numpy.typing.ArrayLike, numpy.float32] | None, viewport: MjrRect, con: MjrContext) -> None: ...
+def mjr_render(viewport: MjrRect, scn: MjvScene, con: MjrContext) -> None: ...
+def mjr_setBuffer(framebuffer: typing.SupportsInt | typing.SupportsIndex, con: MjrContext) -> None: ...
 class mjtActuator(_Enum):
     ...
 
@@ -1273,6 +1375,12 @@ class mjtBuiltin(_Enum):
 
 class mjtCamLight(_Enum):
     ...
+
+class mjtCamera(_Enum):
+    mjCAMERA_FIXED: typing.ClassVar[mjtCamera]
+
+class mjtCatBit(_Enum):
+    mjCAT_ALL: typing.ClassVar[mjtCatBit]
 
 class mjtCone(_Enum):
     mjCONE_ELLIPTIC: typing.ClassVar[mjtCone]
@@ -1306,6 +1414,12 @@ class mjtEq(_Enum):
 class mjtFlexSection(_Enum):
     ...
 
+class mjtFontScale(_Enum):
+    mjFONTSCALE_100: typing.ClassVar[mjtFontScale]
+
+class mjtFramebuffer(_Enum):
+    mjFB_OFFSCREEN: typing.ClassVar[mjtFramebuffer]
+
 class mjtGain(_Enum):
     mjGAIN_FIXED: typing.ClassVar[mjtGain]
     mjGAIN_AFFINE: typing.ClassVar[mjtGain]
@@ -1330,7 +1444,7 @@ class mjtJoint(_Enum):
     mjJNT_HINGE: typing.ClassVar[mjtJoint]
 
 class mjtLightType(_Enum):
-    ...
+    mjLIGHT_DIRECTIONAL: typing.ClassVar[mjtLightType]
 
 class mjtLimited(_Enum):
     mjLIMITED_TRUE: typing.ClassVar[mjtLimited]
@@ -1339,19 +1453,28 @@ class mjtMark(_Enum):
     ...
 
 class mjtMeshInertia(_Enum):
-    ...
+    mjMESH_INERTIA_SHELL: typing.ClassVar[mjtMeshInertia]
 
 class mjtObj(_Enum):
     mjOBJ_BODY: typing.ClassVar[mjtObj]
     mjOBJ_JOINT: typing.ClassVar[mjtObj]
     mjOBJ_GEOM: typing.ClassVar[mjtObj]
+    mjOBJ_SITE: typing.ClassVar[mjtObj]
     mjOBJ_PAIR: typing.ClassVar[mjtObj]
     mjOBJ_ACTUATOR: typing.ClassVar[mjtObj]
+
+class mjtRndFlag(_Enum):
+    mjRND_SHADOW: typing.ClassVar[mjtRndFlag]
+    mjRND_REFLECTION: typing.ClassVar[mjtRndFlag]
+    mjRND_SKYBOX: typing.ClassVar[mjtRndFlag]
+    mjRND_SEGMENT: typing.ClassVar[mjtRndFlag]
+    mjRND_IDCOLOR: typing.ClassVar[mjtRndFlag]
 
 class mjtScaling(_Enum):
     ...
 
 class mjtSensor(_Enum):
+    mjSENS_TOUCH: typing.ClassVar[mjtSensor]
     mjSENS_USER: typing.ClassVar[mjtSensor]
 
 class mjtSleepPolicy(_Enum):
@@ -1378,9 +1501,11 @@ class mjtWarning(_Enum):
 class mjtWrap(_Enum):
     ...
 
+def mju_mat2Quat(quat: numpy.typing.NDArray[numpy.float64], mat: numpy.typing.ArrayLike) -> None: ...
 def mju_quat2Mat(res: numpy.typing.NDArray[numpy.float64], quat: numpy.typing.ArrayLike) -> None: ...
 def mju_quatIntegrate(quat: numpy.typing.NDArray[numpy.float64], vel: numpy.typing.ArrayLike, scale: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
 def mju_subQuat(res: numpy.typing.NDArray[numpy.float64], qa: numpy.typing.ArrayLike, qb: numpy.typing.ArrayLike) -> None: ...
+def mjv_updateScene(m: MjModel, d: MjData, opt: MjvOption, pert: MjvPerturb | None, cam: MjvCamera, catmask: typing.SupportsInt | typing.SupportsIndex, scn: MjvScene) -> None: ...
 def set_mjcb_control(arg0: object) -> None: ...
 def set_mjcb_time(arg0: object) -> None: ...
 def set_mju_user_warning(arg0: object) -> None: ...

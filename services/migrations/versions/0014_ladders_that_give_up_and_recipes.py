@@ -12,13 +12,13 @@ down_revision = "0013"
 branch_labels = None
 depends_on = None
 
-RACES = {"sqlite_where": sa.text("is_racing = 1"), "postgresql_where": sa.text("is_racing")}
+SQLITE_RACES, POSTGRESQL_RACES = sa.text("is_racing = 1"), sa.text("is_racing")
 
 
 def upgrade() -> None:
     op.add_column("ladder", sa.Column("ends", sa.String(16), nullable=True))
     op.add_column("ladder", sa.Column("is_racing", sa.Boolean(), nullable=False, server_default=sa.false()))
-    op.create_index("ix_ladder_racing", "ladder", ["number"], **RACES)
+    op.create_index("ix_ladder_racing", "ladder", ["number"], sqlite_where=SQLITE_RACES, postgresql_where=POSTGRESQL_RACES)
     op.add_column("rung", sa.Column("training_reward", sa.Float(), nullable=True))
     op.add_column("rung", sa.Column("given_up", sa.Boolean(), nullable=False, server_default=sa.false()))
     op.add_column("job", sa.Column("recipe", sa.Text(), nullable=True))
