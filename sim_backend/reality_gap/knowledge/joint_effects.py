@@ -204,6 +204,10 @@ def keys_of(channel: Channel) -> tuple[str, ...]:
     return tuple(number.key for entry in _ENTRIES if entry.channel is channel for number in entry.numbers)
 
 
+LATE_TORQUE, LIMITED_TORQUE = "action_delay.delay_s", "torque_saturation.limit_nm"
+"""What commanded and measured torque say of a motor without any model of what it moves."""
+
+
 class Sign(StrEnum):
     """What joints show without any fit, said without its cause."""
 

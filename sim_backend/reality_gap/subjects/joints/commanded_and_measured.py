@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.reality_gap.knowledge.joint_effects import LATE_TORQUE, LIMITED_TORQUE
 from sim_backend.reality_gap.quantiles import Z_90
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.verdict import Cause
@@ -112,7 +114,7 @@ def causes_between(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -
             continue
         if found.late_rows > _ROWS_OF_TABLE:
             edges = (row_s * (found.late_rows - 1), row_s * found.late_rows)
-            causes.append(Cause("action_delay", "delay_s", name, float(np.mean(edges)), "s", edges))
+            causes.append(_cause(LATE_TORQUE, name, float(np.mean(edges)), edges))
         elif found.late_rows:
             open_.append(
                 f"whether {name} has an action delay of up to {1e3 * row_s:.3g} ms: its measured torque comes a row later"
@@ -120,5 +122,10 @@ def causes_between(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -
         if np.isfinite(found.limit_nm):
             half = Z_90 * found.limit_error_nm
             edges = (found.limit_nm - half, found.limit_nm + half)
-            causes.append(Cause("torque_saturation", "limit_nm", name, found.limit_nm, "N m", edges))
+            causes.append(_cause(LIMITED_TORQUE, name, found.limit_nm, edges))
     return causes, open_
+
+
+def _cause(key: str, name: str, value: float, interval_90: tuple[float, float]) -> Cause:
+    parameter = PARAMETERS[key]
+    return Cause(key.partition(".")[0], parameter.name, name, value, parameter.unit, interval_90)
