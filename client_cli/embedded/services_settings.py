@@ -40,6 +40,8 @@ PASSED_ON = frozenset(
         "TRIFARM_VERIFICATION_DEADLINE_S",
         "TRIFARM_VERIFICATION_UPLOAD_S",
         "TRIFARM_WEBHOOKS",
+        "TRIFARM_WHYS_PER_ROBOT",
+        "TRIFARM_WHY_DEADLINE_S",
     }
 )
 """Settings of the services that an operator may choose for an embedded farm."""

@@ -3,8 +3,10 @@
 import re
 from collections.abc import Iterable
 from difflib import get_close_matches
+from typing import TYPE_CHECKING
 
-from pydantic import ValidationError
+if TYPE_CHECKING:
+    from pydantic import ValidationError  # which the help of a command does without
 
 LONGEST_VALUE = 60
 LIKE = 0.5
@@ -26,7 +28,7 @@ def with_meant(message: str) -> str:
     return message.rstrip(".") + meant(found["given"], re.findall(r"'([^']*)'", found["choices"]))
 
 
-def sentence(error: ValidationError, whole: str) -> str:
+def sentence(error: "ValidationError", whole: str) -> str:
     """The first thing that is wrong, such as "trials is -1 and should be greater than or equal to 1".
 
     Args:

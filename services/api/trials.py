@@ -3,14 +3,13 @@
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Path, Request, Response
-from fastapi.responses import PlainTextResponse
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.job import MAX_TRIALS
 from api_schemas.trial import Trial, TrialPage
 from report_views.trial_table import as_csv
 from services.api.access import User
-from services.api.document import files
+from services.api.document import Responses, files
 from services.api.farm import TheFarm
 from services.api.jobs import JobId
 from services.api.paging import encode, numbered
@@ -25,6 +24,7 @@ router = APIRouter(prefix="/v1", tags=["trials"])
 TrialId = Annotated[str, Path(pattern=r"^[a-z0-9]{1,20}-[0-9]{3,4}$")]
 MCAP = "application/vnd.mcap"
 CSV = "text/csv; charset=utf-8"
+TABLE: Responses = {200: {"content": {"text/csv": {"schema": {"type": "string"}}}}}
 ByNumber = numbered(usual=MAX_TRIALS, most=MAX_TRIALS, largest=MAX_TRIALS)
 
 
@@ -38,7 +38,7 @@ async def list_trials(job_id: JobId, caller: User, farm: TheFarm, asked: Annotat
     return TrialPage(trials=shown, next_cursor=encode(page.following))
 
 
-@router.get("/jobs/{job_id}/trials.csv", response_class=PlainTextResponse)
+@router.get("/jobs/{job_id}/trials.csv", response_class=Response, responses=TABLE)
 async def trials_as_csv(job_id: JobId, caller: User, farm: TheFarm) -> Response:
     """A job's trials as a table, one row a trial."""
     async with farm.database.read() as connection:

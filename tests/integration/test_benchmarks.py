@@ -43,6 +43,7 @@ LARGER = {
     "learning_rate": ["--robots 16 --threads 1 --blocks 1 --periods 10 --iterations 1 --recipes push --out {to}/rates.json"],
     "peer_fields": ["--tasks push --seeds 5 --presses 0 --out {to}/fields.json"],
     "peer": ["--experts {experts} --episodes 1 --tasks push --steps 50 --out {to}/peer.json"],
+    "planted_causes": ["--planted 1 --hopeless 0 --for-s 20 --out {to}/planted.jsonl"],
     "published_experts": ["band --experts {experts} --trials 1 --out {to}/band.json"],
     "questions_on_farm": [f"{PUSH} {SCRATCH} --seeds 1 --max 2 --robots 1 --out {{to}}/questions.jsonl"],
     "replay_opening": ["--out {to}/opening.json"],
@@ -61,7 +62,6 @@ MAY_MISS = {"attacked_farm", "crowd", "crowd_memory", "shipped_policy", "verdict
 ELSEWHERE = {
     "attacking_robot_policy": "tests/benchmarks/attacked_farm.py",
     "in_checkout": "tests/benchmarks/against.py",
-    "own_environment": "tests/benchmarks/peer.py",
     "lerobot_policies": "tests/benchmarks/foreign_policies.py",
     "peer_episode": "tests/benchmarks/peer.py",
     "peer_fields_episode": "tests/benchmarks/peer_fields.py",
