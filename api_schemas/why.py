@@ -17,6 +17,7 @@ TRAINING: dict[str, str] = {
     "table": "the tilt of the table",
     "object": "friction, mass and size of the object",
     "encoders": "offsets and noise of the encoders",
+    "images": "light, paint and noise of the images",
     "late_camera": "the camera's delay",
     "blind_camera": "lost frames of the camera",
     "off_camera": "offset and noise of the seen pose",

@@ -6,6 +6,7 @@ from api_schemas.token import Scope
 from api_schemas.trial import Trial
 from api_schemas.why import TrialWhy
 from services.api.access import User
+from services.api.document import refusals
 from services.api.farm import Farm, TheFarm
 from services.api.jobs import JobId
 from services.api.truth import Ordinal
@@ -18,7 +19,7 @@ from services.tokens import Caller
 router = APIRouter(prefix="/v1/jobs/{job_id}/trials/{ordinal}", tags=["trials"])
 
 
-@router.post("/why")
+@router.post("/why", responses=refusals(409))
 async def ask_why(job_id: JobId, ordinal: Ordinal, caller: User, farm: TheFarm) -> TrialWhy:
     """Asks why a trial failed. Replays without some of its robot's effects take a minute or so; GET shows the answer."""
     row = await _trial(farm, job_id, ordinal, caller)

@@ -76,6 +76,22 @@ CAUSES: tuple[Cause, ...] = (
         ("tracking_scale", "tracking_offset", "tracking_noise", "tracking_episode_noise", "observation_noise"),
     ),
     Cause(
+        "images",
+        "how the cameras' images look",
+        (
+            "camera_pose",
+            "camera_lens",
+            "lamp",
+            "surroundings",
+            "face_paint",
+            "gloss",
+            "exposure",
+            "white_balance",
+            "image_blur",
+            "image_noise",
+        ),
+    ),
+    Cause(
         "fault",
         "a fault of the robot",
         ("stuck_joint", "encoder_jump", "controller_restart", "dead_camera"),

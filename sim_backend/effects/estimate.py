@@ -17,9 +17,15 @@ PLACES: dict[Scope, tuple[str, ...]] = {
     Scope.JOINT: c.JOINT_NAMES,
     Scope.CAMERA: tuple(camera.name for camera in c.CAMERAS),
     Scope.VECTOR: ("x", "y", "z"),
+    Scope.FACE: tuple(c.CUBE_FACE_COLOURS),
 }
 """Names of a parameter's places, in the order of its values."""
-EVERYWHERE: dict[Scope, str] = {Scope.JOINT: "all joints", Scope.CAMERA: "camera", Scope.VECTOR: "all axes"}
+EVERYWHERE: dict[Scope, str] = {
+    Scope.JOINT: "all joints",
+    Scope.CAMERA: "camera",
+    Scope.VECTOR: "all axes",
+    Scope.FACE: "all faces",
+}
 """What stands for all of them: one number that they share."""
 _SHA256 = re.compile("[0-9a-f]{64}")
 

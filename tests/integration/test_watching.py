@@ -76,9 +76,14 @@ def test_robots_tell_how_they_are_and_temperatures_only_to_operators(farm):
         "self_test": {"at": "2026-01-01T00:00:00+00:00", "wrong": None},
     }
     assert for_users == for_operators | {"motor_temperature_rise_k": None}
+    assert "12 K" not in signed_in(farm, farm.tokens["admin"]).get("/").text, "what a lost robot said last is not how it is"
+    farm.start_robot("robot-long", trial_s=30.0, live=True)
+    until(lambda: "12 K" in signed_in(farm, farm.tokens["admin"]).get("/").text, 20, "the robot to be back")
     own, others = (signed_in(farm, token).get("/").text for token in (farm.tokens["admin"], user))
     assert "12 K" in own and "0.91" in own and "passed" in own
     assert "12 K" not in others and "0.91" in others
+    farm.robots["robot-long"].terminate()
+    farm.robots["robot-long"].wait(10)
 
 
 def test_an_operator_puts_a_failed_job_back(farm):

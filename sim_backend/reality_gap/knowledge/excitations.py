@@ -67,6 +67,16 @@ BY_HAND: dict[str, str] = {
     "torque_constant": "hang a known mass on the finger: from motion alone, torque constants and masses scale together",
     "joint_limits": "lead the joint to its end by hand and read its encoder there",
     "gravity": "turn the base to another orientation: the sensors' zeros stay, gravity does not",
+    "camera_pose": "calibrate the cameras again with a board: images of it show where each stands",
+    "camera_lens": "calibrate the cameras again with a board that fills each image up to its corners",
+    "lamp": "look at images of a grey card on the table, turned to each side",
+    "surroundings": "look at images of the empty arena beside a grey card",
+    "face_paint": "look at images of each face beside a grey card in the same light",
+    "gloss": "turn a face of the cube under the lamp: a reflection wanders, paint does not",
+    "exposure": "look at images of a white card: how bright it is says how much light a camera takes",
+    "white_balance": "look at images of a grey card: its red and blue are to be as its green",
+    "image_blur": "look at images of a sharp edge at rest",
+    "image_noise": "subtract two images of an arena at rest",
     "thermal_derating": "rest until the motors are cold, then record: only the way from cold to warm shows it",
 }
 """What nobody can do by running an excitation alone."""

@@ -7,6 +7,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
+import tests.unit.sim_backend.vision.before_rendering  # noqa: F401  # see there
 from robot_farm import trial
 from robot_farm.policy.jail import JailedPolicy
 from robot_farm.prepared import prepare_plainly

@@ -138,7 +138,7 @@ def test_nominal_has_no_effect():
 
 def test_real_covers_every_group_and_no_fault():
     given = {row.key.partition(".")[0] for row in load_ranges("real").rows}
-    assert {CATALOGUE[name].group for name in given} == set(Group) - {Group.FAULT}
+    assert {CATALOGUE[name].group for name in given} == set(Group) - {Group.FAULT, Group.IMAGES}
     assert all(row.per is Per.ROBOT for row in load_ranges("real").rows)
     assert load_ranges("real").draw(np.random.default_rng(0), 2).is_nominal is False
 

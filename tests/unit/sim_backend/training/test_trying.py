@@ -28,8 +28,8 @@ def test_robots_by_preset_or_by_values():
     assert trying.robots_of("nominal", 3, 0).is_nominal
     real = trying.robots_of("real", 3, 0)
     assert len(set(real.value("cube_mass.factor").tolist())) == 3
-    with pytest.raises(ValueError, match="unknown effect 'gloss'"):
-        trying.robots_of("gloss.factor=1", 3, 0)
+    with pytest.raises(ValueError, match="unknown effect 'sheen'"):
+        trying.robots_of("sheen.factor=1", 3, 0)
 
 
 def test_the_command_tries_two_policies_on_the_same_goals(tmp_path, capsys):

@@ -2,6 +2,7 @@
 
 import pytest
 
+import tests.unit.sim_backend.vision.before_rendering  # noqa: F401  # see there
 from sim_backend.vision.cameras import Cameras, CamerasMissingError
 
 

@@ -135,4 +135,4 @@ def test_what_only_a_known_robot_shows_is_never_named():
     verdict = judge(study_joints(model, [made], lambda *_: None, robot=UnknownRobot())).verdict
     assert names_of(verdict.causes) == {("coulomb_friction", "shoulder"), ("coulomb_friction", "elbow")}
     assert any("ends of joints and noise of torques" in sentence for sentence in verdict.cannot_tell)
-    assert any("commanded torque" in sentence for sentence in verdict.cannot_tell)
+    assert any("measured torque" in sentence for sentence in verdict.cannot_tell)
