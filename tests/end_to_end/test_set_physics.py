@@ -72,7 +72,7 @@ def test_noise_and_jumps_of_a_resting_cube(logs):
 
 def test_fingers_hide_faces_and_confidence_says_so(logs):
     confidence = np.concatenate([log.confidence for log in logs])
-    assert 0.6 < confidence.min() < 0.97 and confidence.max() <= 1.0
+    assert 0.2 < confidence.min() < 0.97 and confidence.max() <= 1.0  # goals are drawn: how much is hidden differs
 
 
 def test_encoders_count_in_steps(logs):
