@@ -462,22 +462,13 @@ def _mean_of_held(series: np.ndarray, step_s: float, edges_s: np.ndarray) -> np.
     return np.diff(at_edges, axis=0) / np.diff(edges_s)[:, None]
 
 
-_GAUSSIAN = 1.4826
-"""Standard deviation over the median of absolute deviations."""
-
-
 def torque_noise_nm(episodes: Sequence[EpisodeEquations], step_s: float) -> np.ndarray:
-    """Noise of the torques that drive windows of samples ``step_s`` apart, shape (k,); none where they were sent, not measured.
-
-    Noise is what a measured torque differs by from the line between those before and after it, in the median.
-    """
+    """Noise of torques that drive windows of samples ``step_s`` apart, shape (k,); none where they were sent, not measured."""
     found = []
     for episode in episodes:
         measured = episode.path.joints.measured_torque_nm
         if measured is None:
             found.append(np.zeros(episode.plant.joints))
             continue
-        bend = measured[1:-1] - 0.5 * (measured[2:] + measured[:-2])
-        row = _GAUSSIAN * np.nanmedian(np.abs(bend - np.nanmedian(bend, axis=0)), axis=0) / np.sqrt(1.5)
-        found.append(row / np.sqrt(max(1.0, step_s / episode.path.step_s)))
-    return np.nan_to_num(np.sqrt(np.mean(np.square(found), axis=0)))
+        found.append(white_noise(measured) / np.sqrt(max(1.0, step_s / episode.path.step_s)))
+    return np.sqrt(np.mean(np.square(found), axis=0))

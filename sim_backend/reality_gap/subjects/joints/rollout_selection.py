@@ -53,7 +53,6 @@ class RolloutSelection:
 
     Attributes:
         problem: windows of recordings.
-        as_it_is: the model as it was given.
         nominal: the model without any cause, within its tolerances.
         fit: the model with the causes that were taken.
         taken: those causes.
@@ -62,7 +61,6 @@ class RolloutSelection:
     """
 
     problem: RolloutProblem
-    as_it_is: RolloutFit
     nominal: RolloutFit
     fit: RolloutFit
     taken: tuple[Taken, ...]
@@ -86,15 +84,14 @@ def select_by_rollouts(
         progress: told what is done, and which share.
         proposed: effects at places that are tried whatever their linear gains.
     """
-    as_it_is = problem.begun(problem.start)
-    nominal = problem.fitted(problem.start, (), as_it_is.begin)
+    nominal = problem.fitted(problem.start, ())
     search = _Search(problem, catalogue, fits, progress, proposed)
     fit, taken = search.extended(nominal, (), _MENDS, _MOST)
     taken = tuple(replace(cause, terms=_needed(problem, fit, cause)) for cause in taken)
     extended, all_taken = (
         replace(search, catalogue=_without_limits(catalogue)).extended(fit, taken, 0.0, _MOST_MENDING) if taken else (fit, taken)
     )
-    return RolloutSelection(problem, as_it_is, nominal, fit, taken, extended, all_taken[len(taken) :])
+    return RolloutSelection(problem, nominal, fit, taken, extended, all_taken[len(taken) :])
 
 
 def _without_limits(catalogue: Catalogue) -> Catalogue:

@@ -52,7 +52,7 @@ def in_both(torques: Verdict, rollouts: Verdict, motors: Sequence[Cause] = ()) -
         follows=torques.follows if torques.verdict is VerdictKind.UNEXPLAINED else (),
         cannot_tell=tuple(dict.fromkeys(cannot_tell)),
         held_out_there=torques.held_out_there,
-        effects=_together(rollouts, {c.effect for c in seen}, {effect for _, effect in doubted}),
+        effects=_together(rollouts, kind, {c.effect for c in seen}, {effect for _, effect in doubted}),
     )
 
 
@@ -70,12 +70,14 @@ def _unjudged(rollouts: Verdict, because: str) -> tuple[EffectJudged, ...]:
     return tuple(EffectJudged(each.effect, Told.NOT_JUDGED, because=because) for each in rollouts.effects)
 
 
-def _together(rollouts: Verdict, seen: set[str], doubted: set[str]) -> tuple[EffectJudged, ...]:
-    """What is said of each effect where sensors show some, and torques would name others."""
+def _together(rollouts: Verdict, kind: VerdictKind, seen: set[str], doubted: set[str]) -> tuple[EffectJudged, ...]:
+    """What is said of each effect where sensors show some, and torques would name others; named is what the verdict names."""
 
     def told(each: EffectJudged) -> EffectJudged:
-        if each.effect in seen:
+        if each.effect in seen and kind is VerdictKind.NAMED:
             return EffectJudged(each.effect, Told.NAMED)
+        if each.effect in seen and each.told is not Told.CONFUSABLE:
+            return EffectJudged(each.effect, Told.NOT_JUDGED, because="readings show it, and where the robot went is open")
         if each.effect in doubted and each.told is not Told.NAMED:
             return EffectJudged(each.effect, Told.NOT_JUDGED, because="torques and simulated motions do not agree")
         return each

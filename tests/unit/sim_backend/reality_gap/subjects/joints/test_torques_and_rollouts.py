@@ -38,6 +38,14 @@ def test_what_sensors_show_does_not_explain_a_motion():
     assert found.verdict is VerdictKind.UNEXPLAINED and found.summary == "It is unexplained."
 
 
+def test_what_motors_show_is_named_only_where_the_motion_agrees():
+    judged = (EffectJudged(DELAY.effect, Told.EXCLUDED, 0.01, "s"),)
+    agrees = in_both(verdict(VerdictKind.NOTHING_WRONG), verdict(VerdictKind.NOTHING_WRONG, effects=judged), [DELAY])
+    assert agrees.verdict is VerdictKind.NAMED and agrees.causes == (DELAY,) and agrees.effects[0].told is Told.NAMED
+    does_not = in_both(verdict(VerdictKind.NOTHING_WRONG), verdict(VerdictKind.UNEXPLAINED, effects=judged), [DELAY])
+    assert does_not.verdict is VerdictKind.UNEXPLAINED and does_not.effects[0].told is Told.NOT_JUDGED
+
+
 def test_units_that_are_not_as_told_come_first():
     torques = replace(verdict(VerdictKind.UNEXPLAINED), misreads="the positions are in degrees")
     assert in_both(torques, verdict(VerdictKind.NAMED, FRICTION)).causes == ()
