@@ -4,6 +4,8 @@ PYTHON ?= python3
 PROCESSES ?= $(shell expr 2 \* $$(nproc))
 PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
+unexport PYTHONDONTWRITEBYTECODE  # hundreds of processes start; each would compile the project again
+
 .PHONY: setup demo test test-all check up bench image homes clean
 
 setup: .venv/full        ## install everything, learning and tests included (torch: several GB)

@@ -1,5 +1,6 @@
 """What holds for all tests: one thread each, signals mean what they mean at a terminal, and onnxruntime reports to nobody."""
 
+import gc
 import os
 import signal
 from pathlib import Path
@@ -18,6 +19,13 @@ def pytest_configure() -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     os.environ["ORT_DISABLE_TELEMETRY"] = "1"
+    gc.disable()  # what is imported stays: looking through it again and again is a fifth of the collection
+
+
+def pytest_collection_finish() -> None:
+    """From here on garbage is collected; what all tests share is not looked at again."""
+    gc.freeze()
+    gc.enable()
 
 
 _COMPUTE = ("architecture", "identification", "unit")

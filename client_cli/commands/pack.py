@@ -202,6 +202,7 @@ def stated_manifest(weights: Path, manifest: Path | None, layout: str | None) ->
         UsageProblem: nothing says it, or two things do.
     """
     if manifest is None and layout is None and (beside := manifest_beside(weights)) is not None:
+        note(f"note: its manifest is {beside.name}, which lies beside it (--layout or --manifest FILE say another)")
         return read_manifest(beside)
     if (manifest is None) == (layout is None):
         raise UsageProblem(

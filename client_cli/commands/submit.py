@@ -1,6 +1,7 @@
 """``trifarm submit``: a policy goes in, a job's id comes out; of a folder of checkpoints, a ladder's."""
 
 import os
+import sys
 import uuid
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -146,6 +147,8 @@ def submit(
             job = submit_policy(client, policy, wish, idempotency_key)
         if not as_json:
             print_line(job.job_id)
+            if sys.stdout.isatty() and not wait:
+                note(f"'trifarm watch {job.job_id}' follows it, 'trifarm report {job.job_id}' shows what came of it")
         if job.question is not None:
             note(job.question.findable)
         if wait:

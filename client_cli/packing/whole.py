@@ -10,7 +10,7 @@ import numpy as np
 
 from api_schemas.policy import ACTION_SIZE, LAYOUTS, PolicyManifest
 from api_schemas.policy_network import ActionHead, NetworkState
-from client_cli.packing.fitting import misfit
+from client_cli.packing.fitting import layouts_of_width, misfit
 from client_cli.packing.original import Stack, scaled_as_stated
 from client_cli.packing.quiet import first_sentence, quiet
 from client_cli.packing.recipe import Array
@@ -114,7 +114,8 @@ def check_runs(program: Program, file: str, manifest: PolicyManifest) -> None:
     """Runs the program once on an observation of the manifest's width, before anything is exported.
 
     Raises:
-        UsageProblem: it takes another width, which is named with the layouts that have it, or gives no action.
+        UsageProblem: it takes another width, which is named with the layouts that have it, reads only the begin of a ready-made
+            layout, as far as another one goes, or gives no action.
     """
     import torch
 
@@ -140,6 +141,25 @@ def check_runs(program: Program, file: str, manifest: PolicyManifest) -> None:
         )
         hint = '; nine means and nine deviations are "head": "gaussian" in the manifest' if action.numel() == 18 else ""
         raise UsageProblem(f"{file} gives {action.numel()} numbers, and {wanted}{hint}")
+    _check_reads_all(program, file, manifest)
+
+
+def _check_reads_all(program: Program, file: str, manifest: PolicyManifest) -> None:
+    """A program that picks its part of an observation runs on longer ones, too: a ready-made layout must not be such a one."""
+    import torch
+
+    if manifest.observation != getattr(LAYOUTS.get(manifest.name), "observation", None):
+        return
+    widths = _widths(program, manifest)
+    if not layouts_of_width(narrowest := min(widths, default=manifest.network_inputs)) or narrowest == manifest.network_inputs:
+        return
+    rows = torch.rand(8, 1, manifest.network_inputs, generator=torch.Generator().manual_seed(0))
+    with quiet():
+        same = all(
+            torch.equal(program.run(row, program.blank())[0], program.run(row[:, :narrowest], program.blank())[0]) for row in rows
+        )
+    if same:
+        raise misfit(file, widths, manifest)
 
 
 def _why_not(program: Program, file: str, manifest: PolicyManifest, error: Exception) -> UsageProblem:

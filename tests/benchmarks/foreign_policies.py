@@ -305,10 +305,10 @@ def is_one_document(text: str) -> bool:
     return True
 
 
-def said(code: int, out: str, err: str) -> str:
-    """A command's words: what it refused, or its first line."""
+def said(code: int, out: str, err: str, folder: Path | None = None) -> str:
+    """A command's words: what it refused, or its first line, with the files' names and not their folder's."""
     lines = [line for line in (err if code else out).splitlines() if line and not line.startswith(("note:", "warning:"))]
-    return (lines or ["nothing"])[0][:600]
+    return (lines or ["nothing"])[0].replace(f"{folder}/", "")[:600]
 
 
 def row_of(kind: str, folder: Path, *, farm: bool) -> dict[str, Any]:
@@ -326,8 +326,8 @@ def row_of(kind: str, folder: Path, *, farm: bool) -> dict[str, Any]:
     done = json.loads(pack_json[1]) if pack_json[0] == 0 else {}
     row = {
         "kind": kind,
-        "check": "accepted" if check[0] == 0 else said(*check),
-        "pack": f"packed as {Path(done['weights']).suffix}" if done else said(*pack),
+        "check": "accepted" if check[0] == 0 else said(*check, folder),
+        "pack": f"packed as {Path(done['weights']).suffix}" if done else said(*pack, folder),
         "largest_difference": done.get("largest_difference"),
         "unused": len(done.get("unused", ())),
         "lines": max(len((each[1] + each[2]).splitlines()) for each in (check, pack)),
@@ -337,7 +337,7 @@ def row_of(kind: str, folder: Path, *, farm: bool) -> dict[str, Any]:
         sent = [done["weights"]] if done else [files[0], *stated]
         submit = typed("submit", *sent, "--task", "push", "--trials", "1", "--json")
         row["json_is_one_document"] &= is_one_document(submit[1])
-        row["submit"] = json.loads(submit[1])["job_id"] if submit[0] == 0 else said(*submit)
+        row["submit"] = json.loads(submit[1])["job_id"] if submit[0] == 0 else said(*submit, folder)
     return row
 
 

@@ -375,3 +375,25 @@ def test_a_refusal_names_the_next_command(name, content, words, tmp_path, trifar
     assert (ended.code, ended.out) == (2, "")
     assert words in ended.err
     assert len(ended.err.splitlines()) <= 2
+
+
+class Picking(nn.Module):
+    """Takes what it wants from the begin of an observation, however long that is."""
+
+    def __init__(self, width):
+        super().__init__()
+        self.width, self.network = width, mlp(width, 16, 9)
+
+    def forward(self, seen):
+        return self.network(seen[:, : self.width])
+
+
+@DEPRECATED
+@pytest.mark.parametrize(("width", "code"), [(97, 2), (139, 0)])
+def test_a_program_that_reads_the_begin_of_a_longer_layout_is_told_the_one_it_is_of(width, code, tmp_path, trifarm):
+    path = tmp_path / "mine.pt"
+    torch.jit.script(Picking(width)).save(path)
+    ended = trifarm("pack", str(path), "--layout", "rrc2022-lift-flat", "--no-try")
+    assert ended.code == code, ended.err
+    assert ("give --layout rrc2022-push-flat" in ended.err) == (width == 97)
+    assert path.with_suffix(".onnx").exists() == (code == 0)
