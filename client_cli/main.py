@@ -31,6 +31,7 @@ GROUPS = {
         "why": Entry("client_cli.commands.why:why", (*OF_EVERY_REQUEST, ExitCode.DIFFERS, ExitCode.OTHER_FORM)),
         "leaderboard": Entry("client_cli.commands.leaderboard:leaderboard", OF_EVERY_REQUEST),
         "fetch": Entry("client_cli.commands.fetch:fetch", JOB_END),
+        "share": Entry("client_cli.commands.share:commands"),
         "look": Entry("client_cli.commands.pictures:look", OF_A_CHILD),
         "video": Entry("client_cli.commands.pictures:video", OF_A_CHILD),
         "policy": Entry("client_cli.commands.policy:commands"),

@@ -20,12 +20,13 @@ from api_schemas.leaderboard import Leaderboard
 from api_schemas.physics import ObjectName
 from api_schemas.policy import Policy, PolicyManifest, canonical_json
 from api_schemas.robot import Robot, RobotPage
+from api_schemas.share import NewShare, Share, SharePage, ShareRequest
 from api_schemas.signature import Signature
 from api_schemas.status import FarmStatus
 from api_schemas.token import NewToken, Token, TokenPage, TokenRequest
 from api_schemas.trial import Trial, TrialPage, Verification
 from api_schemas.why import TrialWhy
-from client_cli.connection.paths import job_path, ladder_path, robot_path, token_path, trial_path
+from client_cli.connection.paths import job_path, ladder_path, robot_path, share_path, token_path, trial_path
 from client_cli.connection.patience import patiently
 from client_cli.connection.settings import Connection
 from client_cli.terminal.errors import ClientError, Refused, ServerAway, UsageProblem
@@ -41,7 +42,7 @@ VERIFICATION_TIMEOUT = httpx.Timeout(600.0, connect=5.0)
 """A verification answers only when the log has been simulated again, and may wait for others before."""
 
 Answer = TypeVar("Answer", bound=BaseModel)
-ListPage = TypeVar("ListPage", TrialPage, RobotPage, TokenPage)
+ListPage = TypeVar("ListPage", TrialPage, RobotPage, TokenPage, SharePage)
 
 
 @dataclass(frozen=True)
@@ -250,6 +251,18 @@ class ApiClient:
     def revoke_token(self, token_id: str) -> None:
         """End a token's life."""
         self._send("DELETE", token_path(token_id))
+
+    def share(self, request: ShareRequest) -> NewShare:
+        """Share a report or a trial; the link is in this answer and nowhere else."""
+        return self._answer(NewShare, self._send("POST", "/v1/shares", json=request.model_dump(mode="json")))
+
+    def shares(self) -> tuple[Share, ...]:
+        """All shares of one's own and of one's jobs, newest first."""
+        return tuple(share for page in self._pages(SharePage, "/v1/shares") for share in page.shares)
+
+    def revoke_share(self, share_id: str) -> None:
+        """End a share."""
+        self._send("DELETE", share_path(share_id))
 
     def _pages(self, schema: type[ListPage], path: str) -> Iterator[ListPage]:
         cursor: str | None = None

@@ -28,6 +28,7 @@ from services.errors import NotFound
 from services.jobs import views
 from services.jobs.clock import iso
 from services.jobs.lists import platform_faults, trials_of
+from services.tokens import Caller
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 ON_A_PAGE = 100
@@ -118,6 +119,7 @@ async def parts(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> di
     left_s = None if ended or not job.started_at else time_left_s(job, lasted_s(job.started_at, iso(farm.clock.now_s())))
     bar = figures.Bar.of("all", succeeded, counted, at_every_look=row.judged or not ended)
     head = {"csrf": session.csrf, "ended": job.state in FINAL_JOB_STATES, "operates": session.caller.may(Scope.OPERATE)}
+    head["shares"] = farm.settings.shares
     head["took_s"] = None if not (job.started_at and job.ended_at) else lasted_s(job.started_at, job.ended_at)
     made = {"head": part("job/head.html", job=job, **head)}
     made["progress"] = part(
@@ -263,7 +265,16 @@ def _when_changed(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> 
 @router.get("/jobs/{job_id}/report")
 async def show_report(job_id: JobId, session: SignedIn, farm: TheFarm, save: bool = False) -> Response:
     """The signed report: the very page that ``trifarm report --html`` writes."""
-    body, _ = await stored_report(job_id, session.caller, farm)
+    return await report_page(job_id, session.caller, farm, save=save)
+
+
+async def report_page(job_id: str, caller: Caller, farm: Farm, *, save: bool = False) -> Response:
+    """The page of a report that the caller may see, with the style that it brings; ``save`` has browsers keep it as a file.
+
+    Raises:
+        NotFound: there is no such job, or it has no report of a policy.
+    """
+    body, _ = await stored_report(job_id, caller, farm)
     report = read_report(body)
     if not isinstance(report, Report):
         raise NotFound("report-not-a-page", f"Job {job_id} is an identification; its report has no page.")

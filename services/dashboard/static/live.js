@@ -52,5 +52,11 @@ function follow() {
   addEventListener("pageshow", (event) => event.persisted && location.reload(), { once: true });
 }
 
+for (const button of document.querySelectorAll("[data-copies]"))
+  button.addEventListener("click", () => {
+    const source = document.getElementById(button.dataset.copies);
+    source.select?.();
+    navigator.clipboard?.writeText(source.value ?? source.textContent).then(() => (button.textContent = "Copied"), () => {});
+  });
 localised(document);
 if (address) follow();

@@ -142,6 +142,7 @@ function say(clock, time) {
   const address = new URL(location);
   address.searchParams.set("t", time.toFixed(2));
   element("here").href = address.pathname + address.search;
+  if (element("share-at")) element("share-at").value = time.toFixed(2);
 }
 
 async function main() {
@@ -206,7 +207,7 @@ async function main() {
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { for (const plot of plots) plot.renew(); redraw(); });
   element("wait").textContent = problem;
   element("wait").hidden = !problem;
-  seek(Number(new URLSearchParams(location.search).get("t")) || 0);
+  seek(Number(new URLSearchParams(location.search).get("t") ?? root.dataset.at) || 0);
   requestAnimationFrame(() => requestAnimationFrame(() => { root.dataset.ready = "yes"; }));  // the picture is there
 }
 

@@ -20,6 +20,7 @@ from api_schemas.job import Job, JobEvent, JobPage, JobRequest, JobState, TaskNa
 from api_schemas.ladder import Ladder, LadderRequest, Rung
 from api_schemas.policy import LAYOUTS, Policy, PolicyManifest, WeightsFormat, policy_digest
 from api_schemas.robot import Robot, RobotPage, RobotState
+from api_schemas.share import NewShare, Share, SharePage, ShareRequest
 from api_schemas.status import FarmStatus
 from api_schemas.token import NewToken, Token, TokenPage, TokenRequest
 from api_schemas.trial import Trial, TrialPage, TrialState, Verification
@@ -118,6 +119,17 @@ STATUS = FarmStatus(
     jobs_by_state={"queued": 2, "failed": 0}, trials_queued=80, trials_running=3, oldest_queued_s=300.0, version="0.1.0",
     farm="farm", physics="nominal",
 )  # fmt: skip
+SHARE = Share(
+    share_id="s1",
+    job_id=JOB_ID,
+    trial_id=None,
+    at_s=None,
+    owner="ann",
+    created_at=AT,
+    expires_at=AT,
+    revoked_at=None,
+    is_open=True,
+)
 TOKEN_ROW = Token(
     token_id="t1", owner="ann", scopes=("submit",), created_at=AT, expires_at=None, last_used_at=None, revoked_at=None
 )
@@ -290,6 +302,20 @@ def build_app(farm: FarmState) -> FastAPI:
     @app.delete("/v1/tokens/{token_id}")
     async def revoke(token_id: str):
         farm.commands.append(f"revoke {token_id}")
+        return JSONResponse({})
+
+    @app.get("/v1/shares")
+    async def shares():
+        return SharePage(shares=(SHARE,))
+
+    @app.post("/v1/shares")
+    async def share(request: ShareRequest):
+        named = {"trial_id": request.trial, "at_s": request.at_s}
+        return NewShare(**SHARE.model_dump() | named, url="http://farm/shared/hush")
+
+    @app.delete("/v1/shares/{share_id}")
+    async def revoke_share(share_id: str):
+        farm.commands.append(f"revoke {share_id}")
         return JSONResponse({})
 
     return app
