@@ -24,6 +24,7 @@ GROUPS = {
         "submit": Entry("client_cli.commands.submit:submit", JOB_END),
         "jobs": Entry("client_cli.commands.jobs:jobs", OF_EVERY_REQUEST),
         "watch": Entry("client_cli.commands.jobs:watch", JOB_END),
+        "label": Entry("client_cli.commands.label:label", OF_EVERY_REQUEST),
         "cancel": Entry("client_cli.commands.jobs:cancel", OF_EVERY_REQUEST),
         "report": Entry("client_cli.commands.report:report", OF_EVERY_REQUEST),
         "compare": Entry("client_cli.commands.compare:compare_jobs", (*OF_EVERY_REQUEST, ExitCode.WORSE)),

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 from api_schemas.canary import Canary, CanaryRequest
 from api_schemas.error import Problem
 from api_schemas.excitation import IdentificationRequest
-from api_schemas.job import Job, JobEvent, JobPage, JobRequest, JobState
+from api_schemas.job import Job, JobEvent, JobLabels, JobPage, JobRequest, JobState
 from api_schemas.ladder import Ladder, LadderRequest
 from api_schemas.leaderboard import Leaderboard
 from api_schemas.physics import ObjectName
@@ -137,14 +137,18 @@ class ApiClient:
                 time.sleep(0.5)
         raise AssertionError("the last try returns or raises")
 
-    def jobs(self, *, limit: int, state: JobState | None = None, cursor: str | None = None) -> JobPage:
-        """One page of jobs, newest first."""
-        query = {"limit": limit, "state": state and state.value, "cursor": cursor}
+    def jobs(self, *, limit: int, state: JobState | None = None, cursor: str | None = None, text: str | None = None) -> JobPage:
+        """One page of jobs, newest first, with a text in a name, a note or an id."""
+        query = {"limit": limit, "state": state and state.value, "cursor": cursor, "q": text}
         return self._get(JobPage, "/v1/jobs", params={key: value for key, value in query.items() if value is not None})
 
     def job(self, job_id: str) -> Job:
         """One job."""
         return self._get(Job, job_path(job_id))
+
+    def label(self, job_id: str, labels: JobLabels) -> Job:
+        """Set a job's name and note, those that are given."""
+        return self._answer(Job, self._send("PATCH", job_path(job_id), json=labels.model_dump(mode="json", exclude_unset=True)))
 
     def cancel(self, job_id: str) -> Job:
         """Cancel a job; running trials are stopped."""

@@ -7,11 +7,21 @@ from datetime import datetime
 from itertools import takewhile
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Depends, Query, Response
+from fastapi import APIRouter, Depends, Form, Query, Response
 from fastapi.responses import HTMLResponse, JSONResponse, RedirectResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from api_schemas.job import FINAL_JOB_STATES, Job, JobState, TaskName
+from api_schemas.job import (
+    FINAL_JOB_STATES,
+    LONGEST_NAME,
+    LONGEST_NOTE,
+    Job,
+    JobLabels,
+    JobState,
+    JobWebhook,
+    TaskName,
+    WebhookUrl,
+)
 from api_schemas.report import Report, read_report
 from api_schemas.token import Scope
 from api_schemas.tolerance import ANGLE_TOLERANCE_RAD, POSITION_TOLERANCE_M
@@ -29,6 +39,7 @@ from services.jobs import views
 from services.jobs.clock import iso
 from services.jobs.lists import platform_faults, trials_of
 from services.tokens import Caller
+from services.webhooks import delivery
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 ON_A_PAGE = 100
@@ -110,6 +121,7 @@ async def parts(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> di
         job = await views.show_question(connection, row, job)
         steps = in_order(trials)
         faults = await platform_faults(connection, row.number) if job.state == JobState.FAILED else []
+        told = await delivery.known(connection, row)
     judged = job.task is not TaskName.IDENTIFY
     ended, (counted, succeeded) = job.state in FINAL_JOB_STATES, steps[-1] if steps else (0, 0)
     if ended and not row.judged:
@@ -129,6 +141,8 @@ async def parts(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> di
         made |= _figures(job, trials, steps)
     if job.state == JobState.FAILED:
         made["faults"] = part("job/faults.html", faults=faults)
+    notice = {"webhook": told, "allowed": farm.settings.webhooks, "csrf": session.csrf, "ended": head["ended"]}
+    made["notice"] = part("job/notice.html", job=job, **notice)
     lines = _ordered(trials, wanted.order)
     waiting = 0
     if wanted.order == "failures":
@@ -218,6 +232,7 @@ async def show_job(job_id: JobId, session: SignedIn, farm: TheFarm, wanted: TheW
         job_id=job_id,
         live=stream,
         thing=(job.object, job.object_scale),
+        labels=(job.name, job.note),
     )
 
 
@@ -282,6 +297,27 @@ async def report_page(job_id: str, caller: Caller, farm: Farm, *, save: bool = F
     if save:
         headers["Content-Disposition"] = f'attachment; filename="report-{job_id}.html"'
     return HTMLResponse(render_page(report, signatures.sign(body, farm)), headers=headers)
+
+
+@router.post("/jobs/{job_id}/label")
+async def label(
+    job_id: JobId,
+    session: Changing,
+    farm: TheFarm,
+    name: Annotated[str, Form(max_length=LONGEST_NAME)] = "",
+    note: Annotated[str, Form(max_length=2 * LONGEST_NOTE)] = "",
+) -> Response:
+    """Name and note as they are written in the form; an empty field takes one away."""
+    kept = JobLabels(name=name, note=note.replace("\r\n", "\n")[:LONGEST_NOTE])  # a browser counts an end of line as one
+    await jobs.label_job(job_id, kept, session.caller, farm)
+    return RedirectResponse(f"/jobs/{job_id}", status_code=303, headers=HEADERS)
+
+
+@router.post("/jobs/{job_id}/webhook")
+async def set_webhook(job_id: JobId, session: Changing, farm: TheFarm, url: Annotated[WebhookUrl, Form()]) -> Response:
+    """The wish to have an address called at the job's end."""
+    await jobs.set_webhook(job_id, JobWebhook(url=url), session.caller, farm)
+    return RedirectResponse(f"/jobs/{job_id}#notice", status_code=303, headers=HEADERS)
 
 
 @router.post("/jobs/{job_id}/cancel")

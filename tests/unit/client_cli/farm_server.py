@@ -16,7 +16,7 @@ from api_schemas.builtin_policies import builtin_digest
 from api_schemas.canary import Canary, CanaryRequest
 from api_schemas.error import MEDIA_TYPE, Problem
 from api_schemas.excitation import IdentificationRequest
-from api_schemas.job import Job, JobEvent, JobPage, JobRequest, JobState, TaskName
+from api_schemas.job import Job, JobEvent, JobLabels, JobPage, JobRequest, JobState, TaskName
 from api_schemas.ladder import Ladder, LadderRequest, Rung
 from api_schemas.policy import LAYOUTS, Policy, PolicyManifest, WeightsFormat, policy_digest
 from api_schemas.robot import Robot, RobotPage, RobotState
@@ -222,12 +222,17 @@ def build_app(farm: FarmState) -> FastAPI:
         return busy(farm, "verifications") or farm.verdict
 
     @app.get("/v1/jobs")
-    async def list_jobs(state: str | None = None):
-        return JobPage(jobs=(job(farm),) if state in {None, farm.state.value} else (), next_cursor="more")
+    async def list_jobs(state: str | None = None, q: str | None = None):
+        found = state in {None, farm.state.value} and q in {None, "reward"}
+        return JobPage(jobs=(job(farm),) if found else (), next_cursor="more")
 
     @app.get("/v1/jobs/{job_id}")
     async def get_job(job_id: str):
         return job(farm)
+
+    @app.patch("/v1/jobs/{job_id}")
+    async def label(job_id: str, labels: JobLabels):
+        return job(farm, **labels.model_dump(exclude_unset=True))
 
     @app.post("/v1/jobs/{job_id}/cancel")
     async def cancel(job_id: str):
