@@ -78,13 +78,14 @@ def reduce(log: Path, truth: Path | None, *, with_truth: bool = True) -> tuple[d
     header = {
         "format": "trifarm-replay/1",
         "task": records.get(t.TRIAL_METADATA, {}).get("task", ""),
+        "began_at": records.get(t.TRIAL_METADATA, {}).get("began_at", ""),
         "tolerance_mm": 1e3 * POSITION_TOLERANCE_M,
         "tolerance_deg": round(math.degrees(ANGLE_TOLERANCE_RAD), 1),
         "parts": [shown, chunks],
         "fixed": [],
         "frames": [],
         "entities": [*_entities(found[t.MEASURED_SCENE]), *_entities(found[t.TRUE_SCENE])],
-        "events": [{"t_s": at_s, "text": message.message} for at_s, message in found[t.EVENTS]],
+        "events": [{"t_s": at_s, "text": message.message} for at_s, message in found[t.EVENTS] if message.name != t.MOMENT_EVENT],
         "goal": [_pose(message.pose) for _, message in found[t.GOAL]][:1],
     }
     arrays = _arrays(found)

@@ -23,7 +23,7 @@ from services.dashboard.replay_limits import DEADLINE_S, LARGEST_REPLAY_BYTES
 from services.errors import Unavailable
 
 BINARY = "application/octet-stream"
-FORM = 4
+FORM = 5
 """Of what a replay holds; one of an earlier form is made again."""
 KEPT_BYTES = 1024**3
 """Of reduced logs; those that were not looked at for longest go first, and are made again from their logs."""
