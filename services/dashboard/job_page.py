@@ -30,6 +30,7 @@ from report_views.page import render_page, style_source
 from services.api import jobs, signatures
 from services.api.farm import Farm, TheFarm
 from services.api.jobs import JobId, stored_report
+from services.api.trials import trials_as_csv
 from services.dashboard import figures, live, sheet
 from services.dashboard.pages import HEADERS, PageRoute, page, part
 from services.dashboard.sessions import Changing, Operating, Session, SignedIn
@@ -275,6 +276,14 @@ def _when_changed(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> 
         return made
 
     return make
+
+
+@router.get("/jobs/{job_id}/trials.csv")
+async def show_table(job_id: JobId, session: SignedIn, farm: TheFarm) -> Response:
+    """The trials as a table, as the API gives it, but not for whoever uses this browser next."""
+    answer = await trials_as_csv(job_id, session.caller, farm)
+    answer.headers.update(HEADERS)
+    return answer
 
 
 @router.get("/jobs/{job_id}/report")

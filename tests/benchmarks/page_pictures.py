@@ -16,6 +16,7 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, sync_playwright
 
+from tests.benchmarks import ten_questions
 from tests.browser.conftest import CHROMIUM, FLAGS, REFERENCE, Looked, Visit
 from tests.end_to_end.farm import Farm
 
@@ -106,6 +107,14 @@ def build(looked: Looked) -> dict[str, str]:
     }
 
 
+def questions(look: Look, pages: Mapping[str, str]) -> list[dict]:
+    """What a researcher's ten questions took."""
+    ended, again = pages["compare"].partition("=")[2].split(",")
+    running, failed = (pages[name].partition("?")[0].rpartition("/")[2] for name in ("running", "trial"))
+    with Visit(look.browser, look.looked, look.looked.user) as visit:
+        return ten_questions.measured(visit.page, ten_questions.asked(ended, again, running, failed))
+
+
 def live(look: Look) -> list[dict]:
     """Pictures of a trial as it happens: each of whichever runs then."""
     found = []
@@ -177,10 +186,11 @@ def main() -> None:
             known.write_text(json.dumps(pages))
             found += live(look)
             found += look.at(pages, look.looked.user)
+            answers = questions(look, pages)
             found += troubles(look)
             look.looked.api.close()
             browser.close()
-    text = json.dumps({"pages": found}, indent=1)
+    text = json.dumps({"questions": answers, "pages": found}, indent=1)
     print(text)
     if given.out:
         given.out.write_text(text + "\n")

@@ -56,6 +56,13 @@ def test_names_and_notes_are_kept_found_and_changed(ann, jobs):
     assert ann.patch(f"/v1/jobs/{second}", json={"note": "x" * 2001}).status_code == 422
 
 
+def test_all_trials_are_a_table_a_click_away(page, jobs):
+    first, _ = jobs
+    assert f'href="/jobs/{first}/trials.csv"' in page.get(f"/jobs/{first}").text
+    table = page.get(f"/jobs/{first}/trials.csv")
+    assert len(table.text.splitlines()) == 5 and table.headers["cache-control"] == "no-store"
+
+
 def test_only_a_jobs_people_name_it(farm, jobs):
     bob = farm.client(user_token(farm, "bob")["secret"])
     assert bob.patch(f"/v1/jobs/{jobs[0]}", json={"name": "mine"}).status_code == 404
