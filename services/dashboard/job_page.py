@@ -66,8 +66,8 @@ class TrialLine:
 
     @property
     def waits(self) -> bool:
-        """Whether nothing has happened to it yet."""
-        return self.row.state in {TrialState.QUEUED, TrialState.HELD} and self.row.fence == 0
+        """Whether nothing has happened to it yet, and never will where its job is over."""
+        return self.row.state in {TrialState.QUEUED, TrialState.HELD, TrialState.CANCELLED} and self.row.fence == 0
 
     @property
     def shown(self) -> str:
