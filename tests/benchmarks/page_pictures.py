@@ -68,7 +68,7 @@ class Look:
 
 
 def build(looked: Looked) -> dict[str, str]:
-    """Runs what there is to look at; gives the path of each page. The study is that of the tests, which nothing was computed for."""
+    """Runs what there is to look at; gives the path of each page. The study is one of the tests."""
     study = looked.farm.folder / "data" / "studies" / "joints"
     study.mkdir(parents=True)
     (study / "report.html").write_text(html_page(study_documents.full_document()))
