@@ -84,7 +84,7 @@ def build(looked: Looked) -> dict[str, str]:
         ladder = ann.post("/v1/ladders", json=body).raise_for_status().json()
     for job in (ended, again, *ranked, *(rung["job_id"] for rung in ladder["rungs"])):
         looked.wait(job, WITHIN_S)
-    running = looked.submit(digests["push"], looked.user, trials=200, seed=4, task="lift")
+    running = looked.submit(digests["push"], looked.user, trials=600, seed=4, task="lift")
     with looked.client(looked.user) as ann:
         trials = ann.get(f"/v1/jobs/{ended}/trials").json()["trials"]
         failed = next((each for each in trials if each["outcome"]["kind"] != "succeeded"), trials[0])
@@ -190,9 +190,9 @@ def main() -> None:
             known = (given.data or Path(folder)) / "pages.json"
             pages = json.loads(known.read_text()) if known.exists() else build(look.looked)
             known.write_text(json.dumps(pages))
+            answers = questions(look, pages)
             found += live(look)
             found += look.at(pages, look.looked.user)
-            answers = questions(look, pages)
             found += troubles(look)
             look.looked.api.close()
             browser.close()
