@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser, Error, sync_playwright
 
 from sim_backend.reality_gap.report.report import html_page
 from tests.benchmarks import ten_questions
@@ -22,11 +22,15 @@ from tests.browser.conftest import CHROMIUM, FLAGS, REFERENCE, Looked, Visit
 from tests.end_to_end.farm import Farm
 from tests.unit.sim_backend.reality_gap.report import study_documents
 
-ROBOTS, TRIALS, RANKED, RUNG = 2, 24, 4, 3
+ROBOTS, TRIALS, RANKED, RUNG, LONG = 2, 24, 4, 3, 600
 POLICIES = ("push-scratch", "push-adr", "push")
 SIZES = {"wide": (1440, 900), "narrow": (400, 860)}
 SETTLED_MS, SHOT_MS = 1200, 120_000
 WITHIN_S = 3000
+DRAWN = "() => !document.querySelector('.tile') || document.querySelector('#sheet').dataset.drawn !== undefined"
+"""The small pictures are there; of a job that runs more come."""
+WITHOUT_SCRIPTS = ("study",)
+"""In whose page nothing can be run, so that axe cannot read it either."""
 GRAVE = ("serious", "critical")
 WAIT_FOR = {"trial": "#replay[data-ready=yes]", "shared": "#replay[data-ready=yes]", "beside": "#replay[data-ready=yes]"}
 
@@ -51,12 +55,15 @@ class Look:
                         if name in WAIT_FOR:
                             visit.page.wait_for_selector(WAIT_FOR[name], timeout=60_000)
                         visit.page.wait_for_timeout(SETTLED_MS)
+                        if name not in WITHOUT_SCRIPTS:
+                            visit.page.wait_for_function(DRAWN, timeout=60_000)
                         named = f"{name}-{'dark' if dark else 'light'}-{size}"
                         visit.page.screenshot(path=self.out / f"{named}.png", full_page=whole, timeout=SHOT_MS)
-                        found.append({"page": named, **self._wrong(visit)})
+                        found.append({"page": named, **({} if name in WITHOUT_SCRIPTS else self.wrong(visit))})
         return found
 
-    def _wrong(self, visit: Visit) -> dict:
+    def wrong(self, visit: Visit) -> dict:
+        """What axe says of a page, and by how much it is wider than its window."""
         page = visit.page
         wide = page.evaluate("document.documentElement.scrollWidth - innerWidth")
         if self.axe is None:
@@ -84,7 +91,6 @@ def build(looked: Looked) -> dict[str, str]:
         ladder = ann.post("/v1/ladders", json=body).raise_for_status().json()
     for job in (ended, again, *ranked, *(rung["job_id"] for rung in ladder["rungs"])):
         looked.wait(job, WITHIN_S)
-    running = looked.submit(digests["push"], looked.user, trials=600, seed=4, task="lift")
     with looked.client(looked.user) as ann:
         trials = ann.get(f"/v1/jobs/{ended}/trials").json()["trials"]
         failed = next((each for each in trials if each["outcome"]["kind"] != "succeeded"), trials[0])
@@ -96,7 +102,6 @@ def build(looked: Looked) -> dict[str, str]:
         "farm": "/",
         "jobs": "/jobs",
         "job": f"/jobs/{ended}",
-        "running": f"/jobs/{running}",
         "trial": f"{trial}?t={at_s}",
         "beside": f"{trial}?with={other}",
         "shared": link.removeprefix(looked.url),
@@ -127,20 +132,26 @@ def live(look: Look) -> list[dict]:
     for dark in (False, True):
         for size, (width, height) in SIZES.items():
             with Visit(look.browser, look.looked, look.looked.operator, dark=dark, width=width, height=height) as visit:
-                for _ in range(20):
-                    robots = look.looked.api.get("/v1/robots").json()["robots"]
-                    running = [each["trial"] for each in robots if each["state"] == "running"]
-                    if not running:
-                        time.sleep(0.5)
-                        continue
-                    visit.page.goto(f"/trials/{running[0]}")
-                    visit.page.wait_for_timeout(SETTLED_MS)
-                    if visit.page.locator("#watch").count():
-                        break
                 named = f"live-{'dark' if dark else 'light'}-{size}"
-                visit.page.screenshot(path=look.out / f"{named}.png", timeout=SHOT_MS)  # it is drawn ten times a second
-                found.append({"page": named, **look._wrong(visit)})
+                while (seen := _watched(look, visit, named)) is None:
+                    time.sleep(0.5)
+                found.append(seen)
     return found
+
+
+def _watched(look: Look, visit: Visit, named: str) -> dict | None:
+    """What was wrong with the page of a trial that runs; None if none ran for long enough to be looked at."""
+    robots = look.looked.api.get("/v1/robots").json()["robots"]
+    running = [each["trial"] for each in robots if each["state"] == "running"]
+    if not running:
+        return None
+    try:
+        visit.page.goto(f"/trials/{running[0]}")
+        visit.page.wait_for_function("() => Number(document.querySelector('#watch')?.dataset.seen) >= 3", timeout=5000)
+        visit.page.screenshot(path=look.out / f"{named}.png", timeout=SHOT_MS)
+        return {"page": named, **look.wrong(visit)}
+    except Error:  # it ended, and its page went on to the replay
+        return None
 
 
 def troubles(look: Look) -> list[dict]:
@@ -190,7 +201,10 @@ def main() -> None:
             known = (given.data or Path(folder)) / "pages.json"
             pages = json.loads(known.read_text()) if known.exists() else build(look.looked)
             known.write_text(json.dumps(pages))
+            policy = look.looked.api.get(f"/v1{pages['job']}").json()["policy"]
+            pages["running"] = f"/jobs/{look.looked.submit(policy, look.looked.user, trials=LONG, seed=4, task='lift')}"
             answers = questions(look, pages)
+            print(json.dumps(answers), flush=True)
             found += live(look)
             found += look.at(pages, look.looked.user)
             found += troubles(look)
