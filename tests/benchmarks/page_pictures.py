@@ -27,8 +27,8 @@ POLICIES = ("push-scratch", "push-adr", "push")
 SIZES = {"wide": (1440, 900), "narrow": (400, 860)}
 SETTLED_MS, SHOT_MS = 1200, 120_000
 WITHIN_S = 3000
-DRAWN = "() => !document.querySelector('.tile') || document.querySelector('#sheet').dataset.drawn !== undefined"
-"""The small pictures are there; of a job that runs more come."""
+DRAWN = "() => document.querySelector('#sheet').dataset.drawn !== undefined"
+"""All small pictures are there."""
 WITHOUT_SCRIPTS = ("study",)
 """In whose page nothing can be run, so that axe cannot read it either."""
 GRAVE = ("serious", "critical")
@@ -55,10 +55,11 @@ class Look:
                         if name in WAIT_FOR:
                             visit.page.wait_for_selector(WAIT_FOR[name], timeout=60_000)
                         visit.page.wait_for_timeout(SETTLED_MS)
-                        if name not in WITHOUT_SCRIPTS:
+                        if name == "job":
                             visit.page.wait_for_function(DRAWN, timeout=60_000)
                         named = f"{name}-{'dark' if dark else 'light'}-{size}"
                         visit.page.screenshot(path=self.out / f"{named}.png", full_page=whole, timeout=SHOT_MS)
+                        print(named, flush=True)
                         found.append({"page": named, **({} if name in WITHOUT_SCRIPTS else self.wrong(visit))})
         return found
 
@@ -201,12 +202,13 @@ def main() -> None:
             known = (given.data or Path(folder)) / "pages.json"
             pages = json.loads(known.read_text()) if known.exists() else build(look.looked)
             known.write_text(json.dumps(pages))
+            found += look.at(pages, look.looked.user)
             policy = look.looked.api.get(f"/v1{pages['job']}").json()["policy"]
             pages["running"] = f"/jobs/{look.looked.submit(policy, look.looked.user, trials=LONG, seed=4, task='lift')}"
             answers = questions(look, pages)
             print(json.dumps(answers), flush=True)
             found += live(look)
-            found += look.at(pages, look.looked.user)
+            found += look.at({"running": pages["running"]}, look.looked.user)
             found += troubles(look)
             look.looked.api.close()
             browser.close()
