@@ -161,10 +161,11 @@ def troubles(look: Look) -> list[dict]:
     running = [each for each in looked.api.get("/v1/robots").json()["robots"] if each["state"] == "running"]
     for each in running:
         os.kill(each["pid"], signal.SIGSTOP)
+    earlier = {each["job_id"] for each in looked.api.get("/v1/jobs", params={"state": "failed"}).json()["jobs"]}
     until_s, failed = time.monotonic() + 120, None
     while failed is None and time.monotonic() < until_s:
         jobs = looked.api.get("/v1/jobs", params={"state": "failed"}).json()["jobs"]
-        failed = jobs[0]["job_id"] if jobs else None
+        failed = next((each["job_id"] for each in jobs if each["job_id"] not in earlier), None)
         time.sleep(0.5)
     for each in running:
         os.kill(each["pid"], signal.SIGKILL)
