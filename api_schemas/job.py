@@ -34,6 +34,7 @@ WebhookUrl = Annotated[str, Field(max_length=MAX_URL), AfterValidator(_https)]
 
 
 MAX_TRIALS = 1000
+LONGEST_NAME, LONGEST_NOTE = 100, 2000
 MAX_SEED = 2**63 - 1
 
 
@@ -101,6 +102,8 @@ class JobRequest(Schema):
     images: bool = Field(default=False, description="whether logs keep what the robot's three cameras saw")
     recipe: RecipeName | None = Field(default=None, description="the training that the policy is one seed of")
     training_seed: int | None = Field(default=None, ge=0, le=MAX_SEED, description="which seed of it")
+    name: str | None = Field(default=None, max_length=LONGEST_NAME, description="what its people call it")
+    note: str | None = Field(default=None, max_length=LONGEST_NOTE, description="what they want to remember of it")
     webhook: WebhookUrl | None = Field(default=None, description="called at the job's end, where the farm allows webhooks")
     goals: Annotated[tuple[OwnGoal, ...], Field(min_length=1, max_length=MAX_TRIALS)] | None = Field(
         default=None, description="of one's own, one for each trial"
@@ -145,6 +148,19 @@ class JobRequest(Schema):
         return self.question.against if self.question is not None and self.question.names_job else self.like
 
 
+class JobLabels(Schema):
+    """Body of PATCH /v1/jobs/ID: what is given is set, an empty text or null takes it away."""
+
+    name: str | None = Field(default=None, max_length=LONGEST_NAME)
+    note: str | None = Field(default=None, max_length=LONGEST_NOTE)
+
+
+class JobWebhook(Schema):
+    """Body of PUT /v1/jobs/ID/webhook."""
+
+    url: WebhookUrl
+
+
 class Job(Schema):
     """A job as the API shows it. Counts of trials are by accepted outcome.
 
@@ -182,6 +198,8 @@ class Job(Schema):
     images: bool = False
     recipe: str | None = None
     training_seed: int | None = None
+    name: str | None = None
+    note: str | None = None
     question: Question | None = Field(default=None, description="what ends the job, and how it stands; null in lists")
 
 

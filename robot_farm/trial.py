@@ -5,6 +5,7 @@ import functools
 import platform
 import time
 from collections.abc import Callable
+from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -89,12 +90,12 @@ def run_trial(
     Raises:
         TrialStoppedError: ``stop_reason`` gave a reason.
     """
-    started_s = time.monotonic()
+    started_s, began_at = time.monotonic(), datetime.now(UTC).isoformat(timespec="milliseconds")
     ready = prepared or prepare_plainly(lease, TASKS)
     with contextlib.ExitStack() as stack:
         writer = stack.enter_context(TrialLogWriter(log_path, channels))
         truth = None if ready.truth is None else stack.enter_context(TrialLogWriter(ready.truth.path, ready.truth.channels))
-        _describe(writer, lease, physics, ready)
+        _describe(writer, lease, physics, ready, began_at)
         photographer = stack.enter_context(_photographer(ready, driver.shape)) if lease.images else None
         run = Run(lease, ready, driver, stop_reason, progress or Progress(), truth, photographer)
         with Recorder(writer, truth, driver.shape, photographer) as recorder:
@@ -105,16 +106,26 @@ def run_trial(
         measures = exact if truth is None or exact is None else rounded(exact)
         ended = _outcome(run, failure, measures, time.monotonic() - started_s)
         outcome = ended.model_copy(update={"jail": _jail(policy), "failure": _failure(run, recorder.witness, ended)})
-        if outcome.failure is not None:
-            writer.event(step, outcome.failure.sentence, error=True)
-        writer.event(step, outcome.reason, error=failure is not None)
+        _tell(writer, run, recorder.witness, outcome, step)
         writer.metadata(trial_log.OUTCOME_METADATA, outcome.model_dump(mode="json"))
         if truth is not None:
-            truth.metadata(trial_log.TRIAL_METADATA, _trial_record(lease, physics))
+            truth.metadata(trial_log.TRIAL_METADATA, _trial_record(lease, physics, began_at))
             as_it_was = outcome.model_copy(update={"measures": exact})
             truth.metadata(trial_log.OUTCOME_METADATA, as_it_was.model_dump(mode="json"))
             write_physics(truth, ready.physics, ready.start, run.changed)
     return outcome.model_copy(update={"glimpse": _glimpse(run, recorder.witness, outcome.failure)})
+
+
+def _tell(writer: TrialLogWriter, run: Run, witness: Witness, outcome: Outcome, step: int) -> None:
+    """The moments that can be told from what was measured, and how the trial ended and why."""
+    goal = run.ready.goal if run.ready.task is not None and run.ready.task.moves_cube else None
+    for moment in witness.moments(goal, run.driver.shape):
+        level: trial_log.Level = "warning" if moment.kind == "not" else "info"
+        writer.event(round(moment.t_s / c.PHYSICS_STEP_S), moment.text, level=level, name=trial_log.MOMENT_EVENT)
+    if outcome.failure is not None:
+        writer.event(step, outcome.failure.sentence, level="warning")
+    faulted, missed = outcome.fault is not Fault.NONE, outcome.kind is OutcomeKind.FAILED
+    writer.event(step, outcome.reason, level="error" if faulted else "warning" if missed else "info")
 
 
 def _glimpse(run: Run, witness: Witness, failure: FailureCause | None) -> Glimpse | None:
@@ -263,9 +274,9 @@ def _sentence(task: Task, measures: Measures) -> str:
     return f"goal {verdict}: {measures.final_position_error_m * 1000:.0f} mm{turned} away at the end of {task.duration_s:g} s"
 
 
-def _describe(writer: TrialLogWriter, lease: Lease, physics: str, ready: Prepared) -> None:
+def _describe(writer: TrialLogWriter, lease: Lease, physics: str, ready: Prepared, began_at: str) -> None:
     """Everything that is known before the first step, so that a log explains itself."""
-    writer.metadata(trial_log.TRIAL_METADATA, _trial_record(lease, physics))
+    writer.metadata(trial_log.TRIAL_METADATA, _trial_record(lease, physics, began_at))
     if lease.manifest is not None:
         writer.attach(trial_log.MANIFEST_ATTACHMENT, "application/json", canonical_json(lease.manifest).encode())
     writer.attach(trial_log.MODEL_ATTACHMENT, "application/xml", _model_xml(shape_of_lease(lease)))
@@ -275,7 +286,8 @@ def _describe(writer: TrialLogWriter, lease: Lease, physics: str, ready: Prepare
         writer.event(0, text)
 
 
-def _trial_record(lease: Lease, physics: str) -> dict[str, Any]:
+def _trial_record(lease: Lease, physics: str, began_at: str) -> dict[str, Any]:
+    """``began_at`` is the only wall clock's time in a log: all others count from the trial's start."""
     return {
         "job_id": lease.job_id,
         "trial_id": lease.trial_id,
@@ -289,6 +301,7 @@ def _trial_record(lease: Lease, physics: str) -> dict[str, Any]:
         "object_scale": lease.object_scale,
         "physics": physics,
         "form": scene_form(),
+        "began_at": began_at,
         **({} if lease.own_goal is None else {"own_goal": lease.own_goal.model_dump(mode="json", exclude_defaults=True)}),
         "policy": lease.policy or "",
         "graph_sha256": lease.graph_sha256 or "",

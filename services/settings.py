@@ -91,6 +91,10 @@ class Settings(BaseSettings):
     foxglove_url: str | None = Field(default=None, description="such as https://app.foxglove.dev/~/view?ds=remote-file&ds.url=")
     lichtblick_url: str | None = Field(default=None, description="such as https://lichtblick.host/?ds=remote-file&ds.url=")
     rerun_url: str | None = Field(default=None, description="such as https://rerun.io/viewer?url=")
+    shares: bool = Field(default=False, description="whether users may share a report or a trial by a link that needs no token")
+    public_leaderboard: bool = Field(
+        default=False, description="whether the page of leaderboards is shown without a token, policies by digest"
+    )
     webhooks: bool = Field(default=False, description="whether jobs may name an address that is called at their end")
     studies: Path | None = Field(default=None, description="folder of the reality gap's reports; without it, in the data folder")
 

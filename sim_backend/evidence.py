@@ -14,7 +14,7 @@ from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.kinematics import fingertip_position_world_m
 from sim_backend.trifinger.objects import Kind, Shape
 from trial_logs.failing import Evidence, Why, why_failed
-from trial_logs.moments import Seen
+from trial_logs.moments import Moment, Seen, holds_of_fingers, way_of_object
 from trial_logs.reader import TrialLog
 
 EVERY_STEPS = 10
@@ -57,6 +57,18 @@ class Witness:
         reports = np.clip(np.searchsorted(capture_s, wanted_s, side="right") - 1, 0, len(capture_s) - 1)
         return t_s[rows], position_rad[rows], poses[reports]
 
+    def moments(self, goal: Goal | None, shape: Shape) -> list[Moment]:
+        """What happened and when, by time, as far as joints and reports tell; ``goal`` is one of the object's."""
+        if not self._states or not self._reports:
+            return []
+        t_s, position_rad = (np.concatenate([each[at] for each in self._states]) for at in (0, 1))
+        capture_s, poses = (np.array([report[at] for report in self._reports]) for at in (0, 1))
+        tips_m = fingertip_position_world_m(position_rad).reshape(-1, 3, 3)
+        seen = _seen(np.maximum(capture_s, 0.0), poses, t_s, tips_m, shape)
+        goal_m = None if goal is None else goal.cube_position_world_m[0]
+        found = [*way_of_object(seen.t_s, seen.pose, goal_m, POSITION_TOLERANCE_M), *holds_of_fingers(seen)]
+        return sorted(found, key=lambda moment: moment.t_s)
+
     def why(self, task: Task, goal: Goal, shape: Shape, judged_error_m: float | None) -> Why | None:
         """Why the trial failed; None where there is too little to tell from."""
         if not self._states or not self._reports:
@@ -97,15 +109,11 @@ def _why(
 ) -> Why:
     state_t_s, position_rad, velocity_rad_s, applied_nm = states
     capture_s, poses, confidence = np.maximum(reports[0], 0.0), *reports[1:]
-    order = np.argsort(capture_s, kind="stable")
     tips_m = fingertip_position_world_m(position_rad).reshape(-1, 3, 3)
-    nearest = np.clip(np.searchsorted(state_t_s, capture_s[order]), 0, len(state_t_s) - 1)
-    half_m = np.array(shape.size_m) / 2
-    seen = Seen(capture_s[order], poses[order], tips_m[nearest], half_m, shape.kind is Kind.SPHERE, c.TIP_RADIUS_M, FINGERS)
     return why_failed(
         Evidence(
-            seen=seen,
-            confidence=confidence[order],
+            seen=_seen(capture_s, poses, state_t_s, tips_m, shape),
+            confidence=confidence[np.argsort(capture_s, kind="stable")],
             duration_s=float(state_t_s[-1]) + EVERY_STEPS * c.PHYSICS_STEP_S,
             goal_m=goal.cube_position_world_m[0] if task.moves_cube else None,
             goal_quat_wxyz=goal.cube_quat_wxyz[0] if task.orientation_counts else None,
@@ -122,3 +130,11 @@ def _why(
             judged_error_m=judged_error_m,
         )
     )
+
+
+def _seen(capture_s: np.ndarray, poses: np.ndarray, state_t_s: np.ndarray, tips_m: np.ndarray, shape: Shape) -> Seen:
+    """The object by the time at which it was seen, and where the fingertips were then."""
+    order = np.argsort(capture_s, kind="stable")
+    nearest = np.clip(np.searchsorted(state_t_s, capture_s[order]), 0, len(state_t_s) - 1)
+    half_m = np.array(shape.size_m) / 2
+    return Seen(capture_s[order], poses[order], tips_m[nearest], half_m, shape.kind is Kind.SPHERE, c.TIP_RADIUS_M, FINGERS)

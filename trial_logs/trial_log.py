@@ -9,7 +9,7 @@ taken. Messages are those of Foxglove where it has one, so that Foxglove and Lic
 import json
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Literal
 
 import foxglove
 import numpy as np
@@ -75,6 +75,11 @@ MEASURED_TOPICS = (
     *CALIBRATIONS,
 )
 
+TRIAL_EVENT, MOMENT_EVENT = "trial", "moment"
+"""The names of events: lines of the trial's life, and moments that its robot found in what it had measured."""
+Level = Literal["info", "warning", "error"]
+"""A missed goal and what went wrong on the way are warnings, faults are errors."""
+LEVELS: dict[Level, fm.LogLevel] = {"info": fm.LogLevel.Info, "warning": fm.LogLevel.Warning, "error": fm.LogLevel.Error}
 TRIAL_METADATA = "trial"
 OUTCOME_METADATA = "outcome"
 GOAL_METADATA = "goal"
@@ -209,10 +214,9 @@ class TrialLogWriter:
         image = fm.CompressedImage(timestamp=_stamp(step), frame_id=CAMERA_NAMES[camera], data=jpeg, format="jpeg")
         self._writer.message(IMAGES[camera], image.encode(), step * STEP_NS)
 
-    def event(self, step: int, text: str, *, error: bool = False, topic: str = EVENTS) -> None:
-        """A line of the trial's history."""
-        level = fm.LogLevel.Error if error else fm.LogLevel.Info
-        event = fm.Log(timestamp=_stamp(step), level=level, message=text, name="trial")
+    def event(self, step: int, text: str, *, level: Level = "info", topic: str = EVENTS, name: str = TRIAL_EVENT) -> None:
+        """A line of the trial's history; ``name`` tells lines of its life from moments that were found in what was measured."""
+        event = fm.Log(timestamp=_stamp(step), level=LEVELS[level], message=text, name=name)
         self._writer.message(topic, event.encode(), step * STEP_NS)
 
     def metadata(self, name: str, values: dict[str, Any]) -> None:

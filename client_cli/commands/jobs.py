@@ -1,6 +1,7 @@
 """``trifarm jobs``, ``watch`` and ``cancel``: which jobs there are, how one goes on, and its end."""
 
 import os
+import shlex
 from typing import Annotated
 
 import typer
@@ -18,6 +19,9 @@ COLUMNS = ("job", "state", "task", "done", "succeeded", "policy", "owner", "age"
 def jobs(
     state: Annotated[JobState | None, typer.Option("--state", help="Only jobs in this state.")] = None,
     limit: Annotated[int, typer.Option("--limit", min=1, max=200, help="Maximum number of jobs.")] = 20,
+    text: Annotated[
+        str | None, typer.Option("--search", metavar="TEXT", help="Only jobs with this text in a name, a note or an id.")
+    ] = None,
     cursor: Annotated[
         str | None, typer.Option("--cursor", metavar="TEXT", help="Cursor printed with the last page; continue there.")
     ] = None,
@@ -25,16 +29,22 @@ def jobs(
 ) -> None:
     """List your jobs, newest first."""
     with ApiClient(load_connection(os.environ)) as client:
-        page = client.jobs(limit=limit, state=state, cursor=cursor)
+        page = client.jobs(limit=limit, state=state, cursor=cursor, text=text)
     if as_json:
         print_document(page)
         return
     if not page.jobs:
-        note(f"no job is {state.value}" if state else "no jobs; 'trifarm submit FILE --layout NAME --task TASK' makes one")
+        if text:
+            note("no job matches")
+        elif state:
+            note(f"no job is {state.value}")
+        else:
+            note("no jobs; 'trifarm submit FILE --layout NAME --task TASK' makes one")
         return
     print_table(COLUMNS, (_row(job) for job in page.jobs))
     if page.next_cursor:
-        note(f"more: trifarm jobs --cursor {page.next_cursor}")
+        searched = "" if text is None else f" --search {shlex.quote(text)}"
+        note(f"more: trifarm jobs{searched} --cursor {page.next_cursor}")
 
 
 def state_word(state: JobState) -> str:
@@ -52,7 +62,7 @@ def _row(job: Job) -> tuple[object, ...]:
         job.task,
         done,
         successes,
-        job.policy_name,
+        job.policy_name if job.name is None else f"{job.name}: {job.policy_name}",
         job.owner,
         age(job.created_at),
         why or "",

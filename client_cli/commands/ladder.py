@@ -30,7 +30,7 @@ LOOK_EVERY_S = 1.0
 COLUMNS = ("step", "job", "state", "done", "succeeded", "rate", "80 % interval", "letters", "policy")
 FOLDER = (
     "a folder makes several jobs, which 'trifarm ladder' shows; it takes --task, --until-known with --max, --halving, "
-    "--rewards, and no --webhook, --against, --bar, --at-least, --like, --goals, --recipe or --images"
+    "--rewards, and no --name, --note, --webhook, --against, --bar, --at-least, --like, --goals, --recipe or --images"
 )
 LadderArgument = Annotated[str, typer.Argument(metavar="ID", help="Ladder id, as printed by submit.")]
 

@@ -30,6 +30,7 @@ from client_cli.commands.asking import (
     wish_of,
 )
 from client_cli.commands.builtins import builtin_named
+from client_cli.commands.label import labels_of
 from client_cli.commands.ladder import (
     FOLDER,
     ends_of,
@@ -52,6 +53,8 @@ from client_cli.terminal.options import (
     LayoutOption,
     LikeTaskOption,
     ManifestOption,
+    NameOption,
+    NoteOption,
     ObjectOption,
     ObjectScaleOption,
     PriorityOption,
@@ -105,6 +108,8 @@ def submit(
     training_seed: TrainingSeedOption = None,
     halving: HalvingOption = False,
     rewards: RewardsOption = None,
+    name: NameOption = None,
+    note_text: NoteOption = None,
     webhook: WebhookOption = None,
     wait: WaitOption = False,
     idempotency_key: IdempotencyKeyOption = None,
@@ -123,7 +128,8 @@ def submit(
     common: dict[str, Any] = {"task": task, "seed": seed, "object": thing, "object_scale": scale, "priority": priority}
     asking = Asking(against, bar, until_known, most, at_least, like, goals)
     if file.is_dir():
-        if webhook is not None or recipe is not None or training_seed is not None or task is None or images:
+        of_one_job = (webhook, name, note_text, recipe, training_seed)
+        if any(each is not None for each in of_one_job) or task is None or images:
             raise UsageProblem(FOLDER)
         ends = ends_of(asking, halving=halving, trials=trials)
         policies = read_checkpoints(find_checkpoints(file, step_from), manifest, layout)
@@ -133,7 +139,8 @@ def submit(
         return
     if halving or rewards is not None:
         raise UsageProblem("--halving and --rewards are for a folder of checkpoints, which makes a ladder")
-    common |= {"recipe": recipe, "training_seed": training_seed}
+    labels = labels_of({key: text for key, text in (("name", name), ("note", note_text)) if text is not None})
+    common |= labels.model_dump(exclude_unset=True) | {"recipe": recipe, "training_seed": training_seed}
     builtin = builtin_named(file)
     policy = None if builtin else read_policy(file, manifest, layout)
     digest = builtin_digest(builtin) if policy is None else policy.digest

@@ -14,18 +14,19 @@ from pydantic import BaseModel, ValidationError
 from api_schemas.canary import Canary, CanaryRequest
 from api_schemas.error import Problem
 from api_schemas.excitation import IdentificationRequest
-from api_schemas.job import Job, JobEvent, JobPage, JobRequest, JobState
+from api_schemas.job import Job, JobEvent, JobLabels, JobPage, JobRequest, JobState
 from api_schemas.ladder import Ladder, LadderRequest
 from api_schemas.leaderboard import Leaderboard
 from api_schemas.physics import ObjectName
 from api_schemas.policy import Policy, PolicyManifest, canonical_json
 from api_schemas.robot import Robot, RobotPage
+from api_schemas.share import NewShare, Share, SharePage, ShareRequest
 from api_schemas.signature import Signature
 from api_schemas.status import FarmStatus
 from api_schemas.token import NewToken, Token, TokenPage, TokenRequest
 from api_schemas.trial import Trial, TrialPage, Verification
 from api_schemas.why import TrialWhy
-from client_cli.connection.paths import job_path, ladder_path, robot_path, token_path, trial_path
+from client_cli.connection.paths import job_path, ladder_path, robot_path, share_path, token_path, trial_path
 from client_cli.connection.patience import patiently
 from client_cli.connection.settings import Connection
 from client_cli.terminal.errors import ClientError, Refused, ServerAway, UsageProblem
@@ -41,7 +42,7 @@ VERIFICATION_TIMEOUT = httpx.Timeout(600.0, connect=5.0)
 """A verification answers only when the log has been simulated again, and may wait for others before."""
 
 Answer = TypeVar("Answer", bound=BaseModel)
-ListPage = TypeVar("ListPage", TrialPage, RobotPage, TokenPage)
+ListPage = TypeVar("ListPage", TrialPage, RobotPage, TokenPage, SharePage)
 
 
 @dataclass(frozen=True)
@@ -136,14 +137,18 @@ class ApiClient:
                 time.sleep(0.5)
         raise AssertionError("the last try returns or raises")
 
-    def jobs(self, *, limit: int, state: JobState | None = None, cursor: str | None = None) -> JobPage:
-        """One page of jobs, newest first."""
-        query = {"limit": limit, "state": state and state.value, "cursor": cursor}
+    def jobs(self, *, limit: int, state: JobState | None = None, cursor: str | None = None, text: str | None = None) -> JobPage:
+        """One page of jobs, newest first, with a text in a name, a note or an id."""
+        query = {"limit": limit, "state": state and state.value, "cursor": cursor, "q": text}
         return self._get(JobPage, "/v1/jobs", params={key: value for key, value in query.items() if value is not None})
 
     def job(self, job_id: str) -> Job:
         """One job."""
         return self._get(Job, job_path(job_id))
+
+    def label(self, job_id: str, labels: JobLabels) -> Job:
+        """Set a job's name and note, those that are given."""
+        return self._answer(Job, self._send("PATCH", job_path(job_id), json=labels.model_dump(mode="json", exclude_unset=True)))
 
     def cancel(self, job_id: str) -> Job:
         """Cancel a job; running trials are stopped."""
@@ -250,6 +255,18 @@ class ApiClient:
     def revoke_token(self, token_id: str) -> None:
         """End a token's life."""
         self._send("DELETE", token_path(token_id))
+
+    def share(self, request: ShareRequest) -> NewShare:
+        """Share a report or a trial; the link is in this answer and nowhere else."""
+        return self._answer(NewShare, self._send("POST", "/v1/shares", json=request.model_dump(mode="json")))
+
+    def shares(self) -> tuple[Share, ...]:
+        """All shares of one's own and of one's jobs, newest first."""
+        return tuple(share for page in self._pages(SharePage, "/v1/shares") for share in page.shares)
+
+    def revoke_share(self, share_id: str) -> None:
+        """End a share."""
+        self._send("DELETE", share_path(share_id))
 
     def _pages(self, schema: type[ListPage], path: str) -> Iterator[ListPage]:
         cursor: str | None = None

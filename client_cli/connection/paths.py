@@ -22,6 +22,11 @@ def robot_path(robot: str) -> str:
     return f"/v1/robots/{_checked(robot, 'robot', 'robot-0', 'trifarm robots')}"
 
 
+def share_path(share_id: str) -> str:
+    """Of a share; one reads like sabcdefghijkl."""
+    return f"/v1/shares/{_checked(share_id, 'share', 'sabcdefghijkl', 'trifarm share list')}"
+
+
 def token_path(token_id: str) -> str:
     """Of a token, by its id, which is not the token itself."""
     return f"/v1/tokens/{_checked(token_id, 'token', 'abcdefghijkl', 'trifarm token list')}"

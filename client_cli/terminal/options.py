@@ -67,4 +67,6 @@ WebhookOption = Annotated[
     str | None,
     typer.Option("--webhook", metavar="URL", help="https address that the farm calls when the job ends; not for a folder."),
 ]
+NameOption = Annotated[str | None, typer.Option("--name", metavar="TEXT", help="What the job is called, in lists and on pages.")]
+NoteOption = Annotated[str | None, typer.Option("--note", metavar="TEXT", help="What is to be remembered of the job.")]
 RobotsOption = Annotated[int, typer.Option("--robots", min=1, max=64, help="Number of simulated robots.")]

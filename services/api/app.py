@@ -21,6 +21,7 @@ from services.api import (
     policies,
     problems,
     robots,
+    shares,
     signatures,
     token_routes,
     trials,
@@ -53,7 +54,7 @@ def create_app(farm: Farm) -> FastAPI:
     app.add_middleware(Door, settings=farm.settings, tokens=farm.tokens, limits=app.state.limits)
     users = (
         *(overview, metrics, policies, jobs, ladders, leaderboards, signatures, identifications, history),
-        *(trials, links, truth, whys),
+        *(trials, links, shares, truth, whys),
     )
     for module in (*users, leases, robots, canary, joining, token_routes):
         app.include_router(module.router)

@@ -2,11 +2,11 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Header, Path, Request, Response
+from fastapi import APIRouter, Depends, Header, Path, Query, Request, Response
 from fastapi.responses import PlainTextResponse
 
 from api_schemas.goal import JobGoals
-from api_schemas.job import Job, JobPage, JobPriority, JobRequest, JobState
+from api_schemas.job import Job, JobLabels, JobPage, JobPriority, JobRequest, JobState, JobWebhook
 from api_schemas.report import AnyReport, read_report
 from api_schemas.token import Scope
 from api_schemas.webhook import Webhook
@@ -17,13 +17,16 @@ from services.api.farm import Farm, TheFarm
 from services.api.paging import encode, numbered
 from services.database.pages import Asked
 from services.errors import Conflict, Forbidden, Refused
-from services.jobs import cancellation, reports, requeue, submission, views
+from services.jobs import cancellation, labels, reports, requeue, submission, views
 from services.jobs.lists import JobFilter, job_page, trials_of
 from services.tokens import Caller
 from services.webhooks import delivery
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
 JobId = Annotated[str, Path(pattern=r"^[a-z0-9]{1,20}$")]
+NO_NUL = r"^[^\x00]*$"
+"""A text without the character that PostgreSQL does not take."""
+Search = Annotated[str, Query(max_length=100, pattern=NO_NUL)]
 IdempotencyKey = Annotated[str | None, Header(alias="Idempotency-Key", min_length=1, max_length=200)]
 
 
@@ -33,7 +36,7 @@ async def create_job(
 ) -> Job:
     """Queues a job; with an Idempotency-Key the same request twice is one job."""
     if body.webhook is not None and not farm.settings.webhooks:
-        raise Refused("webhooks-off", "This farm calls no webhooks; its operator can allow them with TRIFARM_WEBHOOKS=true.")
+        raise _webhooks_off()
     check_priority(caller, body.priority)
     farm.disk.check()
     async with farm.database.write() as tx:
@@ -46,11 +49,15 @@ async def create_job(
 
 @router.get("")
 async def list_jobs(
-    caller: User, farm: TheFarm, asked: Annotated[Asked, Depends(numbered(usual=50, most=200))], state: JobState | None = None
+    caller: User,
+    farm: TheFarm,
+    asked: Annotated[Asked, Depends(numbered(usual=50, most=200))],
+    state: JobState | None = None,
+    q: Search = "",
 ) -> JobPage:
-    """Jobs, newest first; users see their own, operators all."""
+    """Jobs, newest first, with the text ``q`` in a name, a note or an id; users see their own, operators all."""
     async with farm.database.read() as connection:
-        page = await job_page(connection, JobFilter(caller.sees_only, state), asked)
+        page = await job_page(connection, JobFilter(caller.sees_only, state, q.strip()), asked)
         limit = farm.settings.user_trials_at_once
         shown = await views.show_jobs(connection, page.entries, farm.fleet, farm.clock.now_s(), limit)
     return JobPage(jobs=shown, next_cursor=encode(page.following))
@@ -73,6 +80,15 @@ async def cancel_job(job_id: JobId, caller: User, farm: TheFarm) -> Job:
     return await _show(job_id, caller, farm)
 
 
+@router.patch("/{job_id}")
+async def label_job(job_id: JobId, body: JobLabels, caller: User, farm: TheFarm) -> Job:
+    """Names the job, or notes something about it; what is not given stays."""
+    async with farm.database.write() as tx:
+        row = await views.job_row(tx, job_id, caller.sees_only)
+        await labels.label(tx, row.number, body.model_dump(include=body.model_fields_set))
+    return await _show(job_id, caller, farm)
+
+
 @router.get("/{job_id}/goals", responses=refusals(409))
 async def get_goals(job_id: JobId, caller: User, farm: TheFarm) -> JobGoals:
     """The goals of all trials of a job, and where its object begins."""
@@ -89,6 +105,21 @@ async def get_webhook(job_id: JobId, caller: User, farm: TheFarm) -> Webhook:
     """The job's webhook, and what came of calling it."""
     async with farm.database.read() as connection:
         return await delivery.show(connection, await views.job_row(connection, job_id, caller.sees_only))
+
+
+@router.put("/{job_id}/webhook", responses=refusals(404, 409))
+async def set_webhook(job_id: JobId, body: JobWebhook, caller: User, farm: TheFarm) -> Webhook:
+    """Has an address called when the job ends, where the farm allows it and none is called yet."""
+    if not farm.settings.webhooks:
+        raise _webhooks_off()
+    async with farm.database.write() as tx:
+        row = await views.job_row(tx, job_id, caller.sees_only)
+        await delivery.add(tx, row, body.url)
+        return await delivery.show(tx, row)
+
+
+def _webhooks_off() -> Refused:
+    return Refused("webhooks-off", "This farm calls no webhooks; its operator can allow them with TRIFARM_WEBHOOKS=true.")
 
 
 @router.post("/{job_id}/requeue", responses=refusals(409))

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Depends, Query, Request, Response
 
 from api_schemas.job import TaskName
 from api_schemas.leaderboard import BoardRow, Contest
@@ -11,16 +11,33 @@ from services.api.farm import TheFarm
 from services.api.leaderboards import PhysicsNumber, best
 from services.dashboard.figures import Bar
 from services.dashboard.pages import PageRoute, page
-from services.dashboard.sessions import SignedIn
+from services.dashboard.sessions import Session, TheSeal, session_of
+from services.errors import Unauthorised
 from services.jobs import leaderboard
 from services.jobs.leaderboard import Wanted
+from services.tokens import Caller
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
+NOBODY = Caller("", "", frozenset())
+"""An owner of nothing: every policy is another's."""
+
+
+async def _looking(request: Request, farm: TheFarm, seal: TheSeal) -> Session | None:
+    """Who looks; None without a session, where the operator shows the boards to everybody."""
+    try:
+        return await session_of(request, farm, seal)
+    except Unauthorised:
+        if not farm.settings.public_leaderboard:
+            raise
+        return None
+
+
+SignedInOrPublic = Annotated[Session | None, Depends(_looking)]
 
 
 @router.get("/leaderboard")
 async def show_leaderboard(
-    session: SignedIn,
+    session: SignedInOrPublic,
     farm: TheFarm,
     task: TaskName | None = None,
     object: ObjectName = ObjectName.CUBE,
@@ -31,7 +48,7 @@ async def show_leaderboard(
     async with farm.database.read() as connection:
         contests = await leaderboard.contests(connection)
     wanted = _wanted(contests) if task is None else Wanted(task, object, object_scale, physics)
-    board = None if wanted is None else await best(wanted, session.caller, farm)
+    board = None if wanted is None else await best(wanted, NOBODY if session is None else session.caller, farm)
     bars = [] if board is None else [_bar(row) for row in board.rows]
     context = {"contests": contests, "board": board, "bars": bars}
     return page("leaderboard.html", session, title="Leaderboard", here="leaderboard", **context)

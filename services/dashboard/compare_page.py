@@ -5,23 +5,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Form, Query, Response
+from fastapi.responses import RedirectResponse
 from pydantic import Field
 
 from api_schemas.comparison import Comparison, NotComparableError, TaskComparison, compare
+from api_schemas.job import Job, JobRequest
 from api_schemas.report import Report, read_report
+from api_schemas.token import Scope
 from services.api.farm import Farm, TheFarm
-from services.api.jobs import stored_report
+from services.api.jobs import NO_NUL, create_job, get_job, stored_report
 from services.dashboard.figures import Bar
-from services.dashboard.jobs_page import NO_NUL
-from services.dashboard.pages import PageRoute, page
-from services.dashboard.sessions import Session, SignedIn
+from services.dashboard.pages import HEADERS, PageRoute, page
+from services.dashboard.sessions import Changing, Session, SignedIn
 from services.database.rows import AnyRow
-from services.errors import NotFound, Refused
+from services.errors import Forbidden, NotFound, Refused
 from services.jobs.lists import comparable_jobs
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 MOST_JOBS = 12
+JOB = r"^[a-z0-9]{1,20}$"
 
 
 @router.get("/compare")
@@ -47,11 +50,35 @@ async def show_comparison(
         "named": named,
         "problem": problem,
         "like": named[0] if problem else None,
+        "again": await _alike(named, session, farm) if problem and session.caller.may(Scope.SUBMIT) else [],
         "choices": grouped(choices),
         "bars": _bars(found),
         "strips": _strips(found),
     }
     return page("compare.html", session, title="Compare", here="compare", found=found, **context)
+
+
+async def _alike(named: Sequence[str], session: Session, farm: Farm) -> list[Job]:
+    """The jobs but the first whose policies can be tried on its goals: those of its task and object."""
+    first, *others = [await get_job(name, session.caller, farm) for name in named]
+    asked = (first.task, first.object, first.object_scale)
+    same = [each for each in others if (each.task, each.object, each.object_scale) == asked and each.policy is not None]
+    return [each for each in same if each.seed != first.seed]
+
+
+@router.post("/compare/again")
+async def try_alike(
+    like: Annotated[str, Form(pattern=JOB)], of: Annotated[str, Form(pattern=JOB)], session: Changing, farm: TheFarm
+) -> Response:
+    """Queues a job of the policy of ``of`` with the goals of ``like``, as ``trifarm submit --like`` does."""
+    if not session.caller.may(Scope.SUBMIT):
+        raise Forbidden("scope-missing", f"This needs the scope submit; the token of {session.caller.owner} does not have it.")
+    first, other = [await get_job(name, session.caller, farm) for name in (like, of)]
+    if other.policy is None:
+        raise Refused("other-task", f"Job {of} is an identification, which has no policy.")
+    asked = {"task": first.task, "object": first.object, "object_scale": first.object_scale, "trials": first.trials}
+    made = await create_job(JobRequest(policy=other.policy, like=like, **asked), Response(), session.caller, farm)
+    return RedirectResponse(f"/jobs/{made.job_id}", status_code=303, headers=HEADERS)
 
 
 @dataclass(frozen=True)

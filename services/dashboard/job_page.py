@@ -7,11 +7,21 @@ from datetime import datetime
 from itertools import takewhile
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Depends, Query, Response
+from fastapi import APIRouter, Depends, Form, Query, Response
 from fastapi.responses import HTMLResponse, JSONResponse, RedirectResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from api_schemas.job import FINAL_JOB_STATES, Job, JobState, TaskName
+from api_schemas.job import (
+    FINAL_JOB_STATES,
+    LONGEST_NAME,
+    LONGEST_NOTE,
+    Job,
+    JobLabels,
+    JobState,
+    JobWebhook,
+    TaskName,
+    WebhookUrl,
+)
 from api_schemas.report import Report, read_report
 from api_schemas.token import Scope
 from api_schemas.tolerance import ANGLE_TOLERANCE_RAD, POSITION_TOLERANCE_M
@@ -20,6 +30,7 @@ from report_views.page import render_page, style_source
 from services.api import jobs, signatures
 from services.api.farm import Farm, TheFarm
 from services.api.jobs import JobId, stored_report
+from services.api.trials import trials_as_csv
 from services.dashboard import figures, live, sheet
 from services.dashboard.pages import HEADERS, PageRoute, page, part
 from services.dashboard.sessions import Changing, Operating, Session, SignedIn
@@ -28,6 +39,8 @@ from services.errors import NotFound
 from services.jobs import views
 from services.jobs.clock import iso
 from services.jobs.lists import platform_faults, trials_of
+from services.tokens import Caller
+from services.webhooks import delivery
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 ON_A_PAGE = 100
@@ -53,8 +66,8 @@ class TrialLine:
 
     @property
     def waits(self) -> bool:
-        """Whether nothing has happened to it yet."""
-        return self.row.state in {TrialState.QUEUED, TrialState.HELD} and self.row.fence == 0
+        """Whether nothing has happened to it yet, and never will where its job is over."""
+        return self.row.state in {TrialState.QUEUED, TrialState.HELD, TrialState.CANCELLED} and self.row.fence == 0
 
     @property
     def shown(self) -> str:
@@ -109,6 +122,7 @@ async def parts(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> di
         job = await views.show_question(connection, row, job)
         steps = in_order(trials)
         faults = await platform_faults(connection, row.number) if job.state == JobState.FAILED else []
+        told = await delivery.known(connection, row)
     judged = job.task is not TaskName.IDENTIFY
     ended, (counted, succeeded) = job.state in FINAL_JOB_STATES, steps[-1] if steps else (0, 0)
     if ended and not row.judged:
@@ -118,6 +132,7 @@ async def parts(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> di
     left_s = None if ended or not job.started_at else time_left_s(job, lasted_s(job.started_at, iso(farm.clock.now_s())))
     bar = figures.Bar.of("all", succeeded, counted, at_every_look=row.judged or not ended)
     head = {"csrf": session.csrf, "ended": job.state in FINAL_JOB_STATES, "operates": session.caller.may(Scope.OPERATE)}
+    head["shares"] = farm.settings.shares
     head["took_s"] = None if not (job.started_at and job.ended_at) else lasted_s(job.started_at, job.ended_at)
     made = {"head": part("job/head.html", job=job, **head)}
     made["progress"] = part(
@@ -127,6 +142,8 @@ async def parts(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> di
         made |= _figures(job, trials, steps)
     if job.state == JobState.FAILED:
         made["faults"] = part("job/faults.html", faults=faults)
+    notice = {"webhook": told, "allowed": farm.settings.webhooks, "csrf": session.csrf, "ended": head["ended"]}
+    made["notice"] = part("job/notice.html", job=job, **notice)
     lines = _ordered(trials, wanted.order)
     waiting = 0
     if wanted.order == "failures":
@@ -216,6 +233,7 @@ async def show_job(job_id: JobId, session: SignedIn, farm: TheFarm, wanted: TheW
         job_id=job_id,
         live=stream,
         thing=(job.object, job.object_scale),
+        labels=(job.name, job.note),
     )
 
 
@@ -260,10 +278,27 @@ def _when_changed(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> 
     return make
 
 
+@router.get("/jobs/{job_id}/trials.csv")
+async def show_table(job_id: JobId, session: SignedIn, farm: TheFarm) -> Response:
+    """The trials as a table, as the API gives it, but not for whoever uses this browser next."""
+    answer = await trials_as_csv(job_id, session.caller, farm)
+    answer.headers.update(HEADERS)
+    return answer
+
+
 @router.get("/jobs/{job_id}/report")
 async def show_report(job_id: JobId, session: SignedIn, farm: TheFarm, save: bool = False) -> Response:
     """The signed report: the very page that ``trifarm report --html`` writes."""
-    body, _ = await stored_report(job_id, session.caller, farm)
+    return await report_page(job_id, session.caller, farm, save=save)
+
+
+async def report_page(job_id: str, caller: Caller, farm: Farm, *, save: bool = False) -> Response:
+    """The page of a report that the caller may see, with the style that it brings; ``save`` has browsers keep it as a file.
+
+    Raises:
+        NotFound: there is no such job, or it has no report of a policy.
+    """
+    body, _ = await stored_report(job_id, caller, farm)
     report = read_report(body)
     if not isinstance(report, Report):
         raise NotFound("report-not-a-page", f"Job {job_id} is an identification; its report has no page.")
@@ -271,6 +306,27 @@ async def show_report(job_id: JobId, session: SignedIn, farm: TheFarm, save: boo
     if save:
         headers["Content-Disposition"] = f'attachment; filename="report-{job_id}.html"'
     return HTMLResponse(render_page(report, signatures.sign(body, farm)), headers=headers)
+
+
+@router.post("/jobs/{job_id}/label")
+async def label(
+    job_id: JobId,
+    session: Changing,
+    farm: TheFarm,
+    name: Annotated[str, Form(max_length=LONGEST_NAME)] = "",
+    note: Annotated[str, Form(max_length=2 * LONGEST_NOTE)] = "",
+) -> Response:
+    """Name and note as they are written in the form; an empty field takes one away."""
+    kept = JobLabels(name=name, note=note.replace("\r\n", "\n")[:LONGEST_NOTE])  # a browser counts an end of line as one
+    await jobs.label_job(job_id, kept, session.caller, farm)
+    return RedirectResponse(f"/jobs/{job_id}", status_code=303, headers=HEADERS)
+
+
+@router.post("/jobs/{job_id}/webhook")
+async def set_webhook(job_id: JobId, session: Changing, farm: TheFarm, url: Annotated[WebhookUrl, Form()]) -> Response:
+    """The wish to have an address called at the job's end."""
+    await jobs.set_webhook(job_id, JobWebhook(url=url), session.caller, farm)
+    return RedirectResponse(f"/jobs/{job_id}#notice", status_code=303, headers=HEADERS)
 
 
 @router.post("/jobs/{job_id}/cancel")

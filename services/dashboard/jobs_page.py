@@ -10,6 +10,7 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from api_schemas.job import Job, JobState
 from services.api.farm import Farm, TheFarm
+from services.api.jobs import Search
 from services.api.paging import decode_number, encode
 from services.dashboard import live
 from services.dashboard.figures import Bar
@@ -21,8 +22,6 @@ from services.jobs.lists import JobFilter, job_page
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 ON_A_PAGE = 25
-NO_NUL = r"^[^\x00]*$"
-"""A text without the character that PostgreSQL does not take."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ class Wanted:
 
 def _wanted(
     state: Literal["", "queued", "running", "succeeded", "failed", "cancelled"] = "",
-    q: Annotated[str, Query(max_length=100, pattern=NO_NUL)] = "",
+    q: Search = "",
     cursor: Annotated[str | None, Query(max_length=40)] = None,
 ) -> Wanted:
     return Wanted(JobState(state) if state else None, q.strip(), cursor or None)

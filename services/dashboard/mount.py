@@ -18,6 +18,7 @@ from services.dashboard import (
     ladder_page,
     live,
     replays,
+    shared_page,
     sign_in,
     studies_page,
     trial_page,
@@ -44,11 +45,13 @@ def mount(app: FastAPI, farm: Farm) -> None:
     app.state.dashboard_watcher = farm_page.Watcher()
     app.state.dashboard_streams = live.Streams()
     app.state.dashboard_watching = watch_page.Watching()
+    app.state.dashboard_openings = shared_page.openings()
     app.state.dashboard_replays = replays.Replays(farm.settings.data / "replays")
     lists = (farm_page, jobs_page, compare_page, ladder_page, board_page, studies_page)
-    for pages in (sign_in, *lists, job_page, trial_page, watch_page):
-        app.include_router(pages.router)
-        app.state.operations += [route for route in pages.router.routes if isinstance(route, APIRoute)]
+    routers = [pages.router for pages in (sign_in, *lists, job_page, trial_page, watch_page, shared_page)]
+    for each in (*routers, shared_page.anybody):
+        app.include_router(each)
+        app.state.operations += [route for route in each.routes if isinstance(route, APIRoute)]
     app.include_router(router)
     not_found(app)
 

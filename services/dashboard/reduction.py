@@ -48,25 +48,28 @@ def confined(arguments: list[str]) -> None:
 def main(arguments: list[str]) -> None:
     """``LOG OUT [TRUTH]``: reduces the log, with what the truth adds to it, to the file OUT.
 
-    ``--plan LOG OUT`` writes the byte ranges that the reduction of a large log will read beyond its summary.
+    ``--measured LOG OUT`` leaves out the truth that a log of an ideal robot has. ``--plan LOG OUT`` writes the byte ranges that
+    the reduction of a large log will read beyond its summary.
     """
     if arguments[0] == "--plan":
         log, out = (Path(argument) for argument in arguments[1:])
         with log.open("rb") as stream:
             out.write_text(json.dumps(partial.plan(_summary(make_reader(stream)), log.stat().st_size)))
         return
-    log, out, *truth = (Path(argument) for argument in arguments)
-    header, arrays = reduce(log, truth[0] if truth else None)
+    is_measured = arguments[0] == "--measured"
+    log, out, *truth = (Path(argument) for argument in arguments[is_measured:])
+    header, arrays = reduce(log, truth[0] if truth else None, with_truth=not is_measured)
     out.write_bytes(packed(header, arrays))
 
 
-def reduce(log: Path, truth: Path | None) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def reduce(log: Path, truth: Path | None, *, with_truth: bool = True) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """What is drawn of a trial: a header of scene and words, and arrays over time in seconds, metres, radians and N m."""
     found: dict[str, list[tuple[float, Any]]] = {topic: [] for topic in (*OFTEN, *RARE)}
     with log.open("rb") as stream:
         reader = make_reader(stream)
         records = {record.name: record.metadata for record in reader.iter_metadata()}
-        shown, chunks = _collect(stream, reader, (*OFTEN, *RARE), found)
+        wanted = tuple(topic for topic in found if with_truth or topic not in t.SHARED_TRUTH_TOPICS)
+        shown, chunks = _collect(stream, reader, wanted, found)
     if truth is not None:
         known = (t.CUBE_POSE, t.TRUE_SCENE)
         found |= {topic: [] for topic in known}
@@ -75,13 +78,14 @@ def reduce(log: Path, truth: Path | None) -> tuple[dict[str, Any], dict[str, np.
     header = {
         "format": "trifarm-replay/1",
         "task": records.get(t.TRIAL_METADATA, {}).get("task", ""),
+        "began_at": records.get(t.TRIAL_METADATA, {}).get("began_at", ""),
         "tolerance_mm": 1e3 * POSITION_TOLERANCE_M,
         "tolerance_deg": round(math.degrees(ANGLE_TOLERANCE_RAD), 1),
         "parts": [shown, chunks],
         "fixed": [],
         "frames": [],
         "entities": [*_entities(found[t.MEASURED_SCENE]), *_entities(found[t.TRUE_SCENE])],
-        "events": [{"t_s": at_s, "text": message.message} for at_s, message in found[t.EVENTS]],
+        "events": [{"t_s": at_s, "text": message.message} for at_s, message in found[t.EVENTS] if message.name != t.MOMENT_EVENT],
         "goal": [_pose(message.pose) for _, message in found[t.GOAL]][:1],
     }
     arrays = _arrays(found)

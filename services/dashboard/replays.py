@@ -8,22 +8,29 @@ import tempfile
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
+
+from fastapi import Depends, Request, Response
+from fastapi.responses import FileResponse
 
 from jail.level import too_open
 from services.api.farm import Farm
 from services.api.serving import stored_size
 from services.child_process import ChildKilledError, run_module
 from services.dashboard.bringing import UnreadableError, bring
+from services.dashboard.pages import HEADERS, takes_gzip
 from services.dashboard.replay_limits import DEADLINE_S, LARGEST_REPLAY_BYTES
 from services.errors import Unavailable
 
-FORM = 4
+BINARY = "application/octet-stream"
+FORM = 5
 """Of what a replay holds; one of an earlier form is made again."""
 KEPT_BYTES = 1024**3
 """Of reduced logs; those that were not looked at for longest go first, and are made again from their logs."""
 COUNTED_BYTES = 64 * 1024
 """What a kept file counts at least, so that small ones do not become too many."""
 AT_ONCE = 1
+MEASURED = "measured"
 
 
 @dataclass
@@ -40,13 +47,24 @@ class Replays:
             Unavailable: the log cannot be read, or not in time, or the farm's jail is too open to read any.
         """
         path = self.folder / f"{log}{'' if truth is None else f'-{truth}'}-{FORM}.gz"
+        return await self._kept(farm, path, [log] if truth is None else [log, truth])
+
+    async def measured(self, farm: Farm, log: str) -> Path:
+        """The replay of what a log's robot measured, without the truth that logs of ideal robots have beside it.
+
+        Raises:
+            Unavailable: as ``reduced``.
+        """
+        return await self._kept(farm, self.folder / f"{log}-{MEASURED}-{FORM}.gz", [log], MEASURED)
+
+    async def _kept(self, farm: Farm, path: Path, sources: list[str], *how: str) -> Path:
         async with self._turn:
-            if not path.exists():
-                await self._make(farm, path, [log] if truth is None else [log, truth])
+            if not await asyncio.to_thread(path.exists):
+                await self._make(farm, path, sources, *how)
             await asyncio.to_thread(path.touch)
         return path
 
-    async def _make(self, farm: Farm, path: Path, sources: list[str]) -> None:
+    async def _make(self, farm: Farm, path: Path, sources: list[str], *how: str) -> None:
         if (reason := too_open(farm.jail, farm.settings.jail_level)) is not None:
             raise Unavailable("jail-too-open", f"The farm reads no logs now: {reason}. Its operator can change that.")
         with tempfile.TemporaryDirectory(prefix="trifarm-replay-") as name:
@@ -56,7 +74,7 @@ class Replays:
                     await bring(farm.files, sha256, await stored_size(farm.files, sha256), file, plan_in)
             except UnreadableError as error:
                 raise _failed() from error
-            made = await reduce_in(Path(name), *(file.name for file in files))
+            made = await reduce_in(Path(name), *(file.name for file in files), how=how)
         await asyncio.to_thread(lambda: self.keep(path, gzip.compress(made, mtime=0)))
 
     def keep(self, path: Path, made: bytes) -> None:
@@ -82,13 +100,14 @@ def _looked_at(folder: Path) -> list[tuple[float, int, Path]]:
     return found
 
 
-async def reduce_in(folder: Path, log: str, truth: str | None = None) -> bytes:
-    """The reduced log; both are names of files in ``folder``, which the jailed process comes to own.
+async def reduce_in(folder: Path, log: str, truth: str | None = None, how: tuple[str, ...] = ()) -> bytes:
+    """The reduced log; both are names of files in ``folder``, which the jailed process comes to own; ``how`` may leave out truth.
 
     Raises:
         Unavailable: the log cannot be read, or not within the limits.
     """
-    return await _made(folder, "replay.bin", [log, "replay.bin", *([] if truth is None else [truth])])
+    options = [f"--{each}" for each in how]
+    return await _made(folder, "replay.bin", [*options, log, "replay.bin", *([] if truth is None else [truth])])
 
 
 async def plan_in(log: Path) -> bytes:
@@ -119,6 +138,21 @@ def _read(path: Path) -> bytes | None:
         if not stat.S_ISREG(known.st_mode) or known.st_size > LARGEST_REPLAY_BYTES:
             return None
         return file.read(LARGEST_REPLAY_BYTES)
+
+
+def _replays(request: Request) -> Replays:
+    return request.app.state.dashboard_replays
+
+
+TheReplays = Annotated[Replays, Depends(_replays)]
+
+
+async def sent(path: Path, request: Request) -> Response:
+    """A replay as the answer, packed for whoever can unpack it."""
+    headers = HEADERS | {"Vary": "Accept-Encoding"}
+    if takes_gzip(request):
+        return FileResponse(path, media_type=BINARY, headers=headers | {"Content-Encoding": "gzip"})
+    return Response(await asyncio.to_thread(lambda: gzip.decompress(path.read_bytes())), media_type=BINARY, headers=headers)
 
 
 def _failed() -> Unavailable:

@@ -119,7 +119,13 @@ def _seal(request: Request) -> Seal:
 TheSeal = Annotated[Seal, Depends(_seal)]
 
 
-async def _session(request: Request, farm: TheFarm, seal: TheSeal) -> Session:
+async def session_of(request: Request, farm: TheFarm, seal: TheSeal) -> Session:
+    """The session of a request.
+
+    Raises:
+        Unauthorised: it has none, or its token is over.
+        Forbidden: its token may neither submit nor operate.
+    """
     cookie = request.cookies.get(COOKIE)
     bearer = None if cookie is None else seal.open(cookie)
     if cookie is None or bearer is None:
@@ -132,7 +138,7 @@ async def _session(request: Request, farm: TheFarm, seal: TheSeal) -> Session:
     return Session(caller, seal.word(cookie), bearer, cookie, seal)
 
 
-SignedIn = Annotated[Session, Depends(_session)]
+SignedIn = Annotated[Session, Depends(session_of)]
 
 
 async def _changing(request: Request, session: SignedIn, csrf: Annotated[str, Form(max_length=100)] = "") -> Session:

@@ -11,6 +11,20 @@ from services.database.rows import AnyRow
 MOST_TILES = 120
 POSE_NUMBERS = 7
 SUCCEEDED = "succeeded"
+WORDS = {
+    "at_wall": "at the wall",
+    "finger_off": "a finger away from its goal",
+    "held_off": "held beside the goal",
+    "late": "on its way at the end",
+    "left": "left its goal",
+    "saturated": "at the torque limit",
+    "still": "lies still",
+    "tracker_lost": "tracker lost it",
+    "tracker_off": "tracker was off",
+    "untouched": "not touched",
+    "wrong_angle": "turned away",
+}
+"""What a kind of failure is called where its word alone would not be understood."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +77,8 @@ def _word(outcome: Outcome) -> str:
         return SUCCEEDED
     if outcome.fault == Fault.POLICY:
         return f"policy error: {outcome.kind.replace('_', ' ')}"
-    return outcome.kind.replace("_", " ") if outcome.failure is None else outcome.failure.kind.replace("_", " ")
+    kind = str(outcome.kind if outcome.failure is None else outcome.failure.kind)
+    return WORDS.get(kind, kind.replace("_", " "))
 
 
 def _tile(row: AnyRow, outcome: Outcome) -> Tile:

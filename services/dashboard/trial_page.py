@@ -1,12 +1,10 @@
 """The page of one trial: replayed in three dimensions from its log, beside what was measured, with one time for all."""
 
-import asyncio
-import gzip
 from typing import Annotated, Literal
 from urllib.parse import quote
 
-from fastapi import APIRouter, Depends, Query, Request, Response
-from fastapi.responses import FileResponse, RedirectResponse
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.responses import RedirectResponse
 
 from api_schemas.token import Scope
 from api_schemas.trial import AttemptState, Trial, TrialState
@@ -15,19 +13,14 @@ from services.api.farm import Farm, TheFarm
 from services.api.links import linked
 from services.api.trials import TrialId
 from services.dashboard.job_page import FAILED_BY_PLATFORM
-from services.dashboard.pages import HEADERS, PageRoute, page, takes_gzip
-from services.dashboard.replays import Replays
+from services.dashboard.pages import HEADERS, PageRoute, page
+from services.dashboard.replays import TheReplays, sent
 from services.dashboard.sessions import Session, SignedIn, refuse_foreign
 from services.errors import NotFound
 from services.jobs.lists import trial_row
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 Viewer = Literal["foxglove", "lichtblick", "rerun"]
-BINARY = "application/octet-stream"
-
-
-def _replays(request: Request) -> Replays:
-    return request.app.state.dashboard_replays
 
 
 @router.get("/trials/{trial_id}")
@@ -44,6 +37,7 @@ async def show_trial(
     context["other"] = other if other is not None and other.log_sha256 is not None else None
     context["other_job"] = None if other is None else await jobs.get_job(other.job_id, session.caller, farm)
     context["viewers"] = viewers(farm)
+    context["shares"] = farm.settings.shares
     context["why"] = await whys.sentence_of(shown, session.caller, farm)
     faulted = shown.state is TrialState.CANCELLED and any(each.state is AttemptState.PLATFORM_FAULT for each in shown.attempts)
     context["shown"] = shown.outcome.kind if shown.outcome else FAILED_BY_PLATFORM if faulted else shown.state
@@ -56,9 +50,7 @@ def _sees_truth(session: Session, shown: Trial) -> bool:
 
 
 @router.get("/trials/{trial_id}/replay")
-async def get_replay(
-    trial_id: TrialId, request: Request, session: SignedIn, farm: TheFarm, replays: Annotated[Replays, Depends(_replays)]
-) -> Response:
+async def get_replay(trial_id: TrialId, request: Request, session: SignedIn, farm: TheFarm, replays: TheReplays) -> Response:
     """What is drawn of a trial; its truth only for those who may see it."""
     shown = await trials.get_trial(trial_id, session.caller, farm)
     if shown.log_sha256 is None:
@@ -68,11 +60,7 @@ async def get_replay(
         async with farm.database.read() as connection:
             row = await trial_row(connection, trial_id)
         truth = None if row is None else row.truth_sha256
-    path = await replays.reduced(farm, shown.log_sha256, truth)
-    headers = HEADERS | {"Vary": "Accept-Encoding"}
-    if takes_gzip(request):
-        return FileResponse(path, media_type=BINARY, headers=headers | {"Content-Encoding": "gzip"})
-    return Response(await asyncio.to_thread(lambda: gzip.decompress(path.read_bytes())), media_type=BINARY, headers=headers)
+    return await sent(await replays.reduced(farm, shown.log_sha256, truth), request)
 
 
 @router.get("/trials/{trial_id}/open/{viewer}")

@@ -1,4 +1,5 @@
-"""The tables: policies, their owners, physics, jobs, ladders, webhooks, trials, attempts, events, reports, robots, turns, tokens.
+"""The tables: policies, their owners, physics, jobs, ladders, webhooks, trials, attempts, events, reports, robots, turns, tokens,
+shares.
 
 States are stored as the words of ``api_schemas``; times for people as ISO 8601 text in UTC, times that are compared as
 seconds of the farm's clock. Every statement that uses these tables runs on SQLite and on PostgreSQL.
@@ -129,6 +130,9 @@ job = Table(
     # The training that its policy is one seed of, in the words of its user.
     Column("recipe", Words),
     Column("training_seed", BigInteger),
+    # What people call it and remember of it.
+    Column("name", Words),
+    Column("note", Words),
     # The one robot that runs all trials of the job; where any will do, it is drawn with the first lease.
     Column("robot", String(40)),
     Column("any_robot", Boolean, nullable=False, default=False),
@@ -374,6 +378,26 @@ why = Table(
     Column("problem", Words),
     Index("ix_why_open", "state", "due_s"),
     Index("ix_why_budget", "owner", "robot"),
+)
+
+# A report, or a trial, that may be seen by whoever has its link.
+share = Table(
+    "share",
+    metadata,
+    Column("number", NUMBER, primary_key=True, autoincrement=True),
+    Column("share_id", String(20), nullable=False, unique=True),
+    # Of what the link ends with, which stands nowhere.
+    Column("secret_sha256", String(64), nullable=False, unique=True),
+    Column("job_number", NUMBER, ForeignKey("job.number"), nullable=False),
+    # The trial and its moment; null for the report.
+    Column("trial_id", String(30), ForeignKey("trial.trial_id")),
+    Column("at_s", Float),
+    # Who made it, with which token: it ends with that.
+    Column("owner", String(64), nullable=False, index=True),
+    Column("token_id", String(20), nullable=False),
+    Column("created_at", String(40), nullable=False),
+    Column("expires_s", Float, nullable=False),
+    Column("revoked_at", String(40)),
 )
 
 # Sessions of the dashboard that were signed out: the hash of the cookie, and when it is too old anyhow.

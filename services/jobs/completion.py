@@ -157,7 +157,8 @@ async def _after_fault(
     if moved.faults < max_attempts:
         return False
     last = f"the last time on {claim.robot}: {reason}"
-    text = f"trial {moved.ordinal} had {moved.faults} platform errors, {last}"
+    errors = "1 platform error" if moved.faults == 1 else f"{moved.faults} platform errors"
+    text = f"trial {moved.ordinal} had {errors}, {last}"
     await cancel_queued(tx, now.number)
     await _end(tx, now_s, now.number, JobState.FAILED, f"job failed: {text}", set_reason=text)
     return True

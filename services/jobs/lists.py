@@ -19,7 +19,7 @@ TO_CHOOSE_FROM = 40
 
 @dataclass(frozen=True)
 class JobFilter:
-    """The jobs of a list: of one owner, in one state, with a text in a name or an id; None and no text take all."""
+    """The jobs of a list: of one owner, in one state, with a text in a name, a note or an id; None and no text take all."""
 
     owner: str | None = None
     state: JobState | None = None
@@ -34,7 +34,7 @@ async def job_page(connection: AsyncConnection, chosen: JobFilter, asked: Asked)
     if chosen.state is not None:
         wanted = wanted.where(job.c.state == chosen.state)
     if chosen.text:
-        columns = (job.c.job_id, job.c.policy_name, job.c.owner, job.c.task, job.c.policy)
+        columns = (job.c.job_id, job.c.policy_name, job.c.owner, job.c.task, job.c.policy, job.c.name, job.c.note)
         wanted = wanted.where(or_(*(column.icontains(chosen.text, autoescape=True) for column in columns)))
     return await read_page(connection, wanted, job.c.number, asked)
 

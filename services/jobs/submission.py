@@ -28,11 +28,14 @@ from services.jobs.priority import RANKS
 from services.policies import owners
 
 LATER_FIELDS = frozenset(
-    {"object", "object_scale", "webhook", "priority", "goals", "like", "question", "recipe", "training_seed", "images"}
+    {
+        *("object", "object_scale", "webhook", "priority", "goals", "like", "question", "recipe", "training_seed"),
+        *("images", "name", "note"),
+    }
 )
 """Fields of a job that came after its first form; a job sent before they came and again afterwards is one job."""
 
-_NOT_ITS = ("question", "webhook", "recipe", "training_seed")
+_NOT_ITS = ("question", "webhook", "recipe", "training_seed", "name", "note")
 """What is asked of a job and not of the other one that its question is about."""
 
 LOOK_AGAIN_S = 30
@@ -110,6 +113,8 @@ async def submit(
         "judged": request.question is not None or judged,
         "recipe": request.recipe,
         "training_seed": request.training_seed,
+        "name": (request.name or "").strip() or None,
+        "note": (request.note or "").strip() or None,
         "own_goals": any(each.own_goal is not None for each in draws),
         **(pinned or {}),
     }

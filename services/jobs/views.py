@@ -75,6 +75,8 @@ def _job(row: AnyRow, ahead: Ahead | None, fleet: Fleet, now_s: float, limit: in
         images=row.images,
         recipe=row.recipe,
         training_seed=row.training_seed,
+        name=row.name,
+        note=row.note,
     )
 
 

@@ -17,7 +17,7 @@ from api_schemas.webhook import SIGNATURE_HEADER, TIMESTAMP_HEADER, Webhook, Web
 from services.database.database import AWAY, Database
 from services.database.rows import AnyRow
 from services.database.tables import job, webhook
-from services.errors import NotFound, TooMany
+from services.errors import Conflict, NotFound, TooMany
 from services.jobs import views
 from services.jobs.clock import FarmClock
 from services.jobs.fleet import Fleet
@@ -57,15 +57,37 @@ async def register(tx: AsyncConnection, job_id: str, url: str) -> None:
     await tx.execute(insert(webhook).values(job_number=row.number, url=url, tries=0, due_s=0.0))
 
 
+async def add(tx: AsyncConnection, row: AnyRow, url: str) -> None:
+    """Notes an address for a job that is there already.
+
+    Raises:
+        Conflict: the job is over, or has one.
+        TooMany: as ``register``.
+    """
+    if row.state in FINAL_JOB_STATES:
+        raise Conflict("job-ended", f"Job {row.job_id} has {row.state}: nothing more is told of it.", state=row.state)
+    if (await tx.execute(select(webhook.c.url).where(webhook.c.job_number == row.number))).first() is not None:
+        raise Conflict("webhook-set", f"Job {row.job_id} has its webhook already; a job has one.")
+    await register(tx, row.job_id, url)
+
+
 async def show(connection: AsyncConnection, row: AnyRow) -> Webhook:
     """The webhook of a job.
 
     Raises:
         NotFound: it has none.
     """
+    found = await known(connection, row)
+    if found is None:
+        raise NotFound("webhook-not-found", f"Job {row.job_id} has no webhook; one is named when a job is sent, or later.")
+    return found
+
+
+async def known(connection: AsyncConnection, row: AnyRow) -> Webhook | None:
+    """The webhook of a job; None if it has none."""
     found = (await connection.execute(select(webhook).where(webhook.c.job_number == row.number))).one_or_none()
     if found is None:
-        raise NotFound("webhook-not-found", f"Job {row.job_id} has no webhook; one is named when a job is sent.")
+        return None
     return Webhook(job_id=row.job_id, url=found.url, tries=found.tries, is_open=found.due_s is not None, said=found.said)
 
 

@@ -22,7 +22,13 @@ MEASURED_FRAMES = (
 )
 """(parent, child) of the transforms that move, in the order of :func:`measured_transforms`."""
 
-_GREY, _BLACK = fm.Color(r=0.4, g=0.4, b=0.45, a=1.0), fm.Color(r=0.1, g=0.1, b=0.1, a=1.0)
+_BLACK = fm.Color(r=0.1, g=0.1, b=0.1, a=1.0)
+_COLOURS = {
+    name: fm.Color(r=red, g=green, b=blue, a=1.0)
+    for name, (red, green, blue) in zip(c.FINGER_NAMES, ((0.16, 0.62, 0.58), (0.85, 0.45, 0.16), (0.48, 0.42, 0.86)), strict=True)
+}
+"""By which fingers are told apart, the same as on the pages."""
+_LABEL_PX = 14.0
 
 
 def measured_transforms(joint_position_rad: np.ndarray, position_world_m: np.ndarray, quat_wxyz: np.ndarray) -> np.ndarray:
@@ -65,6 +71,7 @@ def measured_scene(
 ) -> bytes:
     """An encoded scene of arena, fingers, tracked object and, translucent, the goal: a cube or, for ``reach``, fingertips."""
     entities = [_arena(), *(_link(finger, link.name) for finger in c.FINGER_NAMES for link in c.LINKS)]
+    entities += [_label(finger) for finger in c.FINGER_NAMES]
     ghost = fm.Color(r=1.0, g=1.0, b=1.0, a=0.25)
     entities.append(_entity(TRACKED_CUBE, TRACKED_CUBE, **_object(shape, 1.01, ghost)))
     if goal_position_world_m is not None and goal_quat_wxyz is not None:
@@ -130,11 +137,24 @@ def _link(finger: str, name: str) -> fm.SceneEntity:
         sphere = fm.SpherePrimitive(pose=_pose((0.0, 0.0, 0.0)), size=_vector([2 * c.TIP_RADIUS_M] * 3), color=_BLACK)
         return _entity(frame, frame, spheres=[sphere])
     if name == "upper":
-        return _entity(frame, frame, cylinders=[_cylinder((0.0, 0.1, 0.0), "y", 0.16, 0.025)])
+        return _entity(frame, frame, cylinders=[_cylinder((0.0, 0.1, 0.0), "y", 0.16, 0.025, _COLOURS[finger])])
     radius = c.MIDDLE_CAPSULE_RADIUS_M if name == "middle" else c.TIP_STEM_RADIUS_M
     x = c.MIDDLE_CAPSULE_X_M if name == "middle" else c.LINKS[3].origin_m[0]
     length = -c.LINKS[2 if name == "middle" else 3].origin_m[2]
-    return _entity(frame, frame, cylinders=[_cylinder((x, 0.0, -length / 2), "z", length, radius)])
+    return _entity(frame, frame, cylinders=[_cylinder((x, 0.0, -length / 2), "z", length, radius, _COLOURS[finger])])
+
+
+def _label(finger: str) -> fm.SceneEntity:
+    """A finger's name beside its knee, of the same size from wherever one looks."""
+    text = fm.TextPrimitive(
+        pose=_pose((0.0, 0.0, 0.0)),
+        billboard=True,
+        font_size=_LABEL_PX,
+        scale_invariant=True,
+        color=_COLOURS[finger],
+        text=finger.replace("finger", "finger "),
+    )
+    return _entity(f"{finger}_label", f"{finger}_lower", texts=[text])
 
 
 @functools.cache
@@ -168,7 +188,7 @@ def _entity(name: str, frame: str, **primitives) -> fm.SceneEntity:
     return fm.SceneEntity(timestamp=stamp, frame_id=frame, id=name, frame_locked=True, **primitives)
 
 
-def _cylinder(centre, axis: str, length_m: float, radius_m: float) -> fm.CylinderPrimitive:
+def _cylinder(centre, axis: str, length_m: float, radius_m: float, colour: fm.Color) -> fm.CylinderPrimitive:
     quarter = float(np.sqrt(0.5))
     orientation = fm.Quaternion(w=quarter, x=quarter, y=0.0, z=0.0) if axis == "y" else _IDENTITY
     return fm.CylinderPrimitive(
@@ -176,7 +196,7 @@ def _cylinder(centre, axis: str, length_m: float, radius_m: float) -> fm.Cylinde
         size=_vector([2 * radius_m, 2 * radius_m, length_m]),
         bottom_scale=1.0,
         top_scale=1.0,
-        color=_GREY,
+        color=colour,
     )
 
 

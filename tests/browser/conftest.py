@@ -97,7 +97,9 @@ def chromium():
 
 @pytest.fixture(scope="package")
 def looked(chromium, tmp_path_factory):
-    with Farm(tmp_path_factory.mktemp("browser"), robots=1) as farm:
+    farm = Farm(tmp_path_factory.mktemp("browser"), robots=1)
+    farm.env["TRIFARM_SHARES"] = "true"
+    with farm:
         looked = Looked(farm)
         yield looked
         looked.api.close()
@@ -111,6 +113,14 @@ def browser(chromium):
         started = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
         yield started
         started.close()
+
+
+def gravest(page, axe):
+    """What axe finds serious or critical on the page."""
+    page.evaluate(axe)
+    found = page.evaluate("async () => (await axe.run()).violations")
+    worst = [each for each in found if each["impact"] in ("serious", "critical")]
+    return [(each["id"], [node["html"][:120] for node in each["nodes"]]) for each in worst]
 
 
 @pytest.fixture(scope="package")

@@ -6,7 +6,7 @@ import time
 import httpx
 import pytest
 
-from tests.browser.conftest import HOSTILE, Visit
+from tests.browser.conftest import HOSTILE, Visit, gravest
 
 
 @pytest.fixture(scope="module")
@@ -137,14 +137,6 @@ def running_trial(looked):
     raise AssertionError("no robot runs a trial")
 
 
-def gravest(page, axe):
-    """What axe finds serious or critical on the page."""
-    page.evaluate(axe)
-    found = page.evaluate("async () => (await axe.run()).violations")
-    worst = [each for each in found if each["impact"] in ("serious", "critical")]
-    return [(each["id"], [node["html"][:120] for node in each["nodes"]]) for each in worst]
-
-
 def test_a_user_cancels_his_job(browser, looked, jobs):
     with Visit(browser, looked, looked.user) as visit:
         visit.page.goto(f"/jobs/{jobs['running']}")
@@ -197,6 +189,59 @@ def test_keys_step_and_a_link_leads_to_its_moment(operator, ended):
     page.wait_for_function(
         "() => [...document.querySelectorAll('.u-cursor-x')].filter(e => e.offsetWidth || e.style.transform).length > 3"
     )
+
+
+def test_a_moment_is_reached_by_keys_alone_from_the_sign_in_on(browser, looked, ended):
+    context = browser.new_context(base_url=looked.url, viewport={"width": 1280, "height": 860})
+    page = context.new_page()
+    page.goto("/sign-in")
+    keys = page.keyboard
+
+    def tab_to(selector, most=60):
+        for _ in range(most):
+            if page.evaluate("wanted => document.activeElement.matches(wanted)", selector):
+                return
+            keys.press("Tab")
+        raise AssertionError(f"no key leads to {selector}")
+
+    tab_to("#token")
+    keys.type(looked.user)
+    keys.press("Enter")
+    page.wait_for_url(f"{looked.url}/")
+    for selector, leads_to in (("nav a[href='/jobs']", "/jobs"), (f"#to-{ended}", f"/jobs/{ended}"), ("a.tile", "/trials/*")):
+        tab_to(selector)
+        keys.press("Enter")
+        page.wait_for_url(f"{looked.url}{leads_to}*")
+    page.wait_for_selector("#replay[data-ready=yes]", timeout=60_000)
+    at = "() => Number(document.querySelector('#replay').dataset.time)"
+    keys.press("Home")
+    tab_to("#moments button.moment")
+    moment_s = float(page.evaluate("document.activeElement.textContent").split(" s ")[0])
+    keys.press("Enter")
+    page.wait_for_function(f"{at} > 0 || {moment_s} === 0", timeout=20_000)
+    assert page.evaluate(at) == pytest.approx(moment_s, abs=0.06)
+    context.close()
+
+
+def test_a_shared_moment_is_seen_by_whoever_has_its_link(browser, looked, ended):
+    with Visit(browser, looked, looked.user) as visit:
+        page = visit.page
+        page.goto(f"/trials/{ended}-000?t=2.7")
+        page.wait_for_selector("#replay[data-ready=yes]", timeout=60_000)
+        page.locator("#share summary").click()
+        page.get_by_role("button", name="Make a link").click()
+        link = page.input_value("#link")
+        context = browser.new_context()
+        other = context.new_page()
+        other.goto(link)
+        other.wait_for_selector("#replay[data-ready=yes]", timeout=60_000)
+        assert other.evaluate("document.querySelector('#replay').dataset.time") == "2.700"
+        assert other.locator("#legend").inner_text().strip() == "tracked object\ngoal", "the truth of an ideal robot is not shown"
+        page.get_by_role("button", name="Revoke").first.click()
+        other.reload()
+        assert "leads nowhere" in other.inner_text("main")
+        context.close()
+        assert visit.complaints == []
 
 
 def test_two_trials_are_seen_in_one_time(operator, looked, jobs, ended):
@@ -266,7 +311,16 @@ def test_everybody_can_use_every_page(browser, looked, jobs, ended, axe, dark, w
     with Visit(browser, looked, looked.operator, dark=dark, width=width) as visit:
         page = visit.page
         own = ("/sign-in", "/", "/jobs", f"/jobs/{ended}", f"/trials/{ended}-000", f"/compare?jobs={ended}")
-        for path in (*own, f"/ladders/{jobs['ladder']}", "/ladders", "/leaderboard", "/studies"):
+        beside = f"/trials/{ended}-000?with={jobs['again']}-000"
+        more = (
+            beside,
+            f"/jobs/{ended}/report",
+            f"/compare?jobs={ended},{jobs['again']}",
+            f"/compare?jobs={ended},{jobs['ranked']}",
+        )
+        shared = looked.api.post("/v1/shares", json={"trial": f"{ended}-000", "at_s": 2.7}).json()["url"]
+        lists = (f"/ladders/{jobs['ladder']}", "/ladders", "/leaderboard", "/studies", "/shares", "/nothing/here")
+        for path in (*own, *more, *lists, shared):
             page.goto(path)
             page.wait_for_timeout(300)
             grave = gravest(page, axe)

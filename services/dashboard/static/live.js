@@ -4,7 +4,7 @@ const REFUSED_PAUSE_MS = 1500;
 const address = document.body.dataset.live;
 const lost = document.querySelector(".link-lost");
 
-const ZONED = new Intl.DateTimeFormat("sv-SE", { year: "numeric", month: "2-digit", day: "2-digit", hour: "2-digit", minute: "2-digit", second: "2-digit", timeZoneName: "shortOffset" });
+export const ZONED = new Intl.DateTimeFormat("sv-SE", { year: "numeric", month: "2-digit", day: "2-digit", hour: "2-digit", minute: "2-digit", second: "2-digit", timeZoneName: "shortOffset" });
 
 // Moments in the reader's own time zone, with its offset.
 function localised(element) {
@@ -52,5 +52,11 @@ function follow() {
   addEventListener("pageshow", (event) => event.persisted && location.reload(), { once: true });
 }
 
+for (const button of document.querySelectorAll("[data-copies]"))
+  button.addEventListener("click", () => {
+    const source = document.getElementById(button.dataset.copies);
+    source.select?.();
+    navigator.clipboard?.writeText(source.value ?? source.textContent).then(() => (button.textContent = "Copied"), () => {});
+  });
 localised(document);
 if (address) follow();

@@ -1,5 +1,6 @@
 // Replays one trial, or two in one time: reads what the server reduced their logs to, and shows scene, plots and moments.
 
+import { ZONED } from "./live.js";
 import { entitiesOfLog, linksOfLog } from "./motion.js";
 import { Plot } from "./plots.js";
 import { FINGERS, Scene } from "./scene.js";
@@ -142,6 +143,7 @@ function say(clock, time) {
   const address = new URL(location);
   address.searchParams.set("t", time.toFixed(2));
   element("here").href = address.pathname + address.search;
+  if (element("share-at")) element("share-at").value = time.toFixed(2);
 }
 
 async function main() {
@@ -201,12 +203,13 @@ async function main() {
   const [shown, all] = log.parts;
   element("parts").hidden = shown === all;
   element("parts").textContent = `A large log: ${shown} of its ${all} parts are shown, evenly over its time. The file itself has them all.`;
+  element("began").textContent = log.began_at ? `Began ${ZONED.format(new Date(log.began_at)).replace("GMT", "UTC")} by the robot's clock; times count from there.` : "";
   showMoments(log.moments, duration, seek);
   new ResizeObserver(() => { for (const plot of plots) plot.fit(); redraw(); }).observe(root);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { for (const plot of plots) plot.renew(); redraw(); });
   element("wait").textContent = problem;
   element("wait").hidden = !problem;
-  seek(Number(new URLSearchParams(location.search).get("t")) || 0);
+  seek(Number(new URLSearchParams(location.search).get("t") ?? root.dataset.at) || 0);
   requestAnimationFrame(() => requestAnimationFrame(() => { root.dataset.ready = "yes"; }));  // the picture is there
 }
 

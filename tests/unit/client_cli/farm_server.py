@@ -16,10 +16,11 @@ from api_schemas.builtin_policies import builtin_digest
 from api_schemas.canary import Canary, CanaryRequest
 from api_schemas.error import MEDIA_TYPE, Problem
 from api_schemas.excitation import IdentificationRequest
-from api_schemas.job import Job, JobEvent, JobPage, JobRequest, JobState, TaskName
+from api_schemas.job import Job, JobEvent, JobLabels, JobPage, JobRequest, JobState, TaskName
 from api_schemas.ladder import Ladder, LadderRequest, Rung
 from api_schemas.policy import LAYOUTS, Policy, PolicyManifest, WeightsFormat, policy_digest
 from api_schemas.robot import Robot, RobotPage, RobotState
+from api_schemas.share import NewShare, Share, SharePage, ShareRequest
 from api_schemas.status import FarmStatus
 from api_schemas.token import NewToken, Token, TokenPage, TokenRequest
 from api_schemas.trial import Trial, TrialPage, TrialState, Verification
@@ -118,6 +119,17 @@ STATUS = FarmStatus(
     jobs_by_state={"queued": 2, "failed": 0}, trials_queued=80, trials_running=3, oldest_queued_s=300.0, version="0.1.0",
     farm="farm", physics="nominal",
 )  # fmt: skip
+SHARE = Share(
+    share_id="s1",
+    job_id=JOB_ID,
+    trial_id=None,
+    at_s=None,
+    owner="ann",
+    created_at=AT,
+    expires_at=AT,
+    revoked_at=None,
+    is_open=True,
+)
 TOKEN_ROW = Token(
     token_id="t1", owner="ann", scopes=("submit",), created_at=AT, expires_at=None, last_used_at=None, revoked_at=None
 )
@@ -210,12 +222,17 @@ def build_app(farm: FarmState) -> FastAPI:
         return busy(farm, "verifications") or farm.verdict
 
     @app.get("/v1/jobs")
-    async def list_jobs(state: str | None = None):
-        return JobPage(jobs=(job(farm),) if state in {None, farm.state.value} else (), next_cursor="more")
+    async def list_jobs(state: str | None = None, q: str | None = None):
+        found = state in {None, farm.state.value} and q in {None, "reward"}
+        return JobPage(jobs=(job(farm),) if found else (), next_cursor="more")
 
     @app.get("/v1/jobs/{job_id}")
     async def get_job(job_id: str):
         return job(farm)
+
+    @app.patch("/v1/jobs/{job_id}")
+    async def label(job_id: str, labels: JobLabels):
+        return job(farm, **labels.model_dump(exclude_unset=True))
 
     @app.post("/v1/jobs/{job_id}/cancel")
     async def cancel(job_id: str):
@@ -290,6 +307,20 @@ def build_app(farm: FarmState) -> FastAPI:
     @app.delete("/v1/tokens/{token_id}")
     async def revoke(token_id: str):
         farm.commands.append(f"revoke {token_id}")
+        return JSONResponse({})
+
+    @app.get("/v1/shares")
+    async def shares():
+        return SharePage(shares=(SHARE,))
+
+    @app.post("/v1/shares")
+    async def share(request: ShareRequest):
+        named = {"trial_id": request.trial, "at_s": request.at_s}
+        return NewShare(**SHARE.model_dump() | named, url="http://farm/shared/hush")
+
+    @app.delete("/v1/shares/{share_id}")
+    async def revoke_share(share_id: str):
+        farm.commands.append(f"revoke {share_id}")
         return JSONResponse({})
 
     return app

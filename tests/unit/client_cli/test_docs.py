@@ -13,6 +13,7 @@ from api_schemas.ladder import Ladder
 from api_schemas.policy import PolicyCheck
 from api_schemas.report import IdentificationReport, Report
 from api_schemas.robot import Robot
+from api_schemas.share import NewShare
 from api_schemas.signature import Signature
 from api_schemas.status import FarmStatus
 from api_schemas.token import NewToken
@@ -52,6 +53,9 @@ JSON_KEYS = {
     "status": FarmStatus.model_fields,
     "top": top.document(top.Seen(STATUS, (), ())),
     "chaos": run.document(check(NO_EVIDENCE, bool), [], run.About("", "", 0, False, False, True, None, 0.0, 0.0)),
+    "share create JOB|TRIAL": NewShare.model_fields,
+    "share list": {"shares": ()},
+    "share revoke SHARE": {"share_id": "", "revoked": True},
     "token create": NewToken.model_fields,
     "token list": {"tokens": ()},
     "token revoke TOKEN": {"token_id": "", "revoked": True},

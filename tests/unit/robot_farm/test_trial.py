@@ -3,10 +3,13 @@
 import dataclasses
 import json
 from collections import Counter
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
+from foxglove import messages as fm
 from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
 
 from api_schemas.goal import OwnGoal
 from api_schemas.trial import Fault, OutcomeKind
@@ -14,9 +17,10 @@ from robot_farm import trial
 from robot_farm.policy.jail import JailedPolicy
 from robot_farm.trial import Progress, TrialStoppedError, log_channels, run_trial
 from sim_backend.driver.simulated import SimulatedDriver
-from sim_backend.evidence import why_of_log
+from sim_backend.evidence import Witness, why_of_log
 from sim_backend.tasks import TASKS
-from sim_backend.trifinger.objects import shape_of
+from sim_backend.tasks.task import Goal
+from sim_backend.trifinger.objects import CUBE, shape_of
 from tests.graphs import linear, long_error
 from tests.unit.conftest import lease
 from trial_logs import trial_log
@@ -159,3 +163,38 @@ def _is_a_glimpse_of(glimpse, log):
     reports = np.searchsorted(log.capture_s, np.array(glimpse.t_s) + 1e-9, side="right") - 1
     np.testing.assert_allclose(np.array(glimpse.tracked_pose)[:, :3], log.tracked_position_world_m[reports], atol=6e-4)
     assert len(glimpse.t_s) == 10 and glimpse.t_s[-1] > 0.95
+
+
+def messages_of(log, topic):
+    with log.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        return [decoded for _, _, _, decoded in reader.iter_decoded_messages(topics=[topic])]
+
+
+def test_a_log_says_when_it_began_by_the_wall_and_warns_of_what_went_wrong(short_log):
+    began = datetime.fromisoformat(read_log(short_log).metadata["began_at"])
+    assert timedelta(0) < datetime.now(UTC) - began < timedelta(hours=1) and began.utcoffset() == timedelta(0)
+    events = messages_of(short_log, trial_log.EVENTS)
+    said = {event.message: (event.level, event.name) for event in events}
+    missed = next(text for text in said if text.startswith("goal missed"))
+    assert said[missed] == (fm.LogLevel.Warning.value, trial_log.TRIAL_EVENT)
+    assert {event.level for event in events} <= {fm.LogLevel.Info.value, fm.LogLevel.Warning.value}, "nothing was at fault"
+
+
+def test_moments_are_events_at_their_own_times():
+    witness = Witness()
+    witness.take(0, np.zeros((3000, 9)), np.zeros((3000, 9)), np.zeros((3000, 9)))
+    heights_m = np.where(np.arange(30) < 10, 0.0325, np.where(np.arange(30) < 20, 0.08, 0.0325))
+    for index, height_m in enumerate(heights_m):
+        witness._reports.append((index / 10, np.array([0.0, 0.0, height_m, 1, 0, 0, 0]), 1.0))
+    goal = Goal(np.array([[0.0, 0.0, 0.08]]), np.array([[1.0, 0, 0, 0]]), np.zeros((1, 9)))
+    found = [(moment.t_s, moment.text, moment.kind) for moment in witness.moments(goal, CUBE)]
+    assert found == [(1.0, "at the goal", "ok"), (1.0, "lifted", "now"), (2.0, "left the goal", "not"), (2.0, "dropped", "not")]
+
+
+def test_fingers_have_names_and_colours_in_the_scene(short_log):
+    (scene,) = messages_of(short_log, trial_log.MEASURED_SCENE)
+    texts = {text.text: entity.frame_id for entity in scene.entities for text in entity.texts}
+    assert texts == {f"finger {name}": f"finger{name}_lower" for name in (0, 120, 240)}
+    colours = {str(each.cylinders[0].color) for each in scene.entities if each.id.endswith("_middle")}
+    assert len(colours) == 3

@@ -1,7 +1,9 @@
 """Replays are made in a jail: a log that anyone may have made takes no more than its share, and the folder stays small."""
 
+import json
 import os
 import shutil
+import struct
 import sys
 
 import pytest
@@ -45,6 +47,20 @@ async def test_a_log_becomes_the_same_in_the_jail(short_log, tmp_path):
     shutil.copy(short_log, folder / "log.mcap")
     reduction.main([str(short_log), str(tmp_path / "free.bin")])
     assert await replays.reduce_in(folder, "log.mcap") == (tmp_path / "free.bin").read_bytes()
+
+
+async def test_truth_that_a_log_holds_can_be_left_out(short_log, tmp_path):
+    header, arrays = reduction.reduce(short_log, None)
+    assert len(arrays["true_pose"]) and {"cube"} <= {each["id"] for each in header["entities"]}
+    folder = tmp_path / "jail"
+    folder.mkdir()
+    shutil.copy(short_log, folder / "log.mcap")
+    made = await replays.reduce_in(folder, "log.mcap", how=("measured",))
+    (length,) = struct.unpack_from("<I", made)
+    measured = json.loads(made[4 : 4 + length])
+    assert measured["arrays"]["true_pose"]["shape"] == [0, 7] and measured["arrays"]["true_t_s"]["shape"] == [0]
+    assert "cube" not in {each["id"] for each in measured["entities"]}
+    assert measured["arrays"]["tracked_pose"]["shape"] == list(arrays["tracked_pose"].shape)
 
 
 async def test_a_log_that_unfolds_without_end_is_refused(bomb):

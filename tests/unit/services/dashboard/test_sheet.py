@@ -34,8 +34,8 @@ def test_failures_come_first_and_the_most_frequent_of_them_before_the_others():
     groups = sheet.grouped(ENDED)
     told = [(group.word, [tile.ordinal for tile in group.tiles]) for group in groups]
     assert told == [
-        ("left", [1, 3]),
-        ("at wall", [2]),
+        ("left its goal", [1, 3]),
+        ("at the wall", [2]),
         ("policy error: nonfinite action", [4]),
         ("succeeded", [0]),
     ]
