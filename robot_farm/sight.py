@@ -30,10 +30,11 @@ class Sight:
         """
         self.close()
         if self._wanted is TrackerName.IMAGES:
+            from sim_backend.vision.cameras import Cameras
             from sim_backend.vision.image_detector import ImageDetector, tracked_by_images
 
             if tracked_by_images(shape):
-                self.detector = ImageDetector(physics, shape)
+                self.detector = ImageDetector(Cameras(physics, shape=shape), shape)
                 return Tracker(physics=physics, shape=shape, detector=self.detector)
         return Tracker(physics=physics, shape=shape)
 

@@ -9,7 +9,6 @@ import numpy as np
 from sim_backend.driver import detection
 from sim_backend.driver.detection import Detected, Values
 from sim_backend.effects import tracking
-from sim_backend.effects.physics import Physics
 from sim_backend.trifinger.objects import CUBE, Kind, Shape
 from sim_backend.vision.calibration import nominal_calibrations
 from sim_backend.vision.cameras import Cameras
@@ -22,25 +21,21 @@ def tracked_by_images(shape: Shape) -> bool:
 
 
 class ImageDetector:
-    """Detects the object of one robot (n = 1) in its cameras' images; a ``Detector`` of the driver. Owner of the renderer.
+    """Detects the object of one robot (n = 1) in its cameras' images; a ``Detector`` of the driver. Owner of the cameras.
 
     Args:
-        physics: of the robot, with its effects on images.
+        cameras: of the robot, with its effects on images.
         shape: the object in the arena.
-
-    Raises:
-        CamerasMissingError: the machine cannot render.
     """
 
-    def __init__(self, physics: Physics | None = None, shape: Shape = CUBE) -> None:
-        self.cameras = Cameras(physics, shape=shape)
-        self._tracker = ImageTracker(nominal_calibrations(), shape.size_m)
+    def __init__(self, cameras: Cameras, shape: Shape = CUBE) -> None:
+        self._cameras, self._tracker = cameras, ImageTracker(nominal_calibrations(), shape.size_m)
         self._last_frame = 0
         self._kept: tuple[np.ndarray, np.ndarray] | None = None
 
     def close(self) -> None:
         """Give the renderer back."""
-        self.cameras.close()
+        self._cameras.close()
 
     def __call__(
         self,
@@ -69,6 +64,6 @@ class ImageDetector:
         """The images of a frame, shape (3, height, width, 3), uint8; asked for again, the last ones are not rendered again."""
         state = np.concatenate([joint_position_rad, position_m, quat_wxyz, [seed, frame]])
         if self._kept is None or not np.array_equal(self._kept[0], state):
-            taken = self.cameras.take(joint_position_rad, position_m, quat_wxyz, seed=seed, frame=frame)
+            taken = self._cameras.take(joint_position_rad, position_m, quat_wxyz, seed=seed, frame=frame)
             self._kept = (state, taken)
         return self._kept[1]

@@ -11,6 +11,7 @@ import numpy as np
 
 from sim_backend.trifinger.objects import CUBE
 from sim_backend.vision.calibration import Calibration
+from sim_backend.vision.face_fit import sharpened
 from sim_backend.vision.pose_fit import Fit, fitted, rays_of
 from sim_backend.vision.rotations import quat_of_matrix
 from sim_backend.vision.seen_pixels import FACES, SeenPixels, outputs_of, pixels_of
@@ -19,8 +20,13 @@ FEWEST_PIXELS = 12
 """Of all images together, at the network's resolution, below which nothing is fitted."""
 FACE_PIXELS = 6
 """A camera sees a face from so many pixels at the network's resolution on."""
-CORRELATED_PIXELS = 60.0
-"""Errors of neighbouring pixels go together: so many count as one."""
+CORRELATED_PIXELS = 10.0
+"""Errors of neighbouring pixels go together: so many count as one, by renders of 8 robots that are
+neither learnt from nor judged by."""
+MISFIT_PX, SCARCE_PIXELS = 5.0, 12.0
+"""Of the confidence: outlines that miss by so much, or so few pixels, leave little of it."""
+SURE = 0.75
+"""Confidence from which on the driver's filter takes a pose, and the next frame begins with it."""
 CALIBRATION_M, CALIBRATION_RAD = 0.001, 0.005
 """What no pixel can tell: errors of the cameras' calibration, as standard deviations of the pose."""
 FARTHEST_M, HIGHEST_M = 0.25, 0.4
@@ -36,8 +42,7 @@ class SeenPose:
         rotation: shape (3, 3).
         quat_wxyz: shape (4,).
         covariance: of position in m and of the rotation vector in the world's frame in rad, shape (6, 6).
-        confidence: probability that the pose is right to 15 mm and 20 degrees; 0 where nothing was seen, and the rest means
-            nothing then.
+        confidence: how well it explains what is seen, from 0 to 1; 0 where nothing was seen, and the rest means nothing then.
         visible_faces: which of ``CUBE_FACE_COLOURS`` each camera sees, shape (cameras, 6).
     """
 
@@ -59,7 +64,7 @@ class ImageTracker:
 
     def __init__(self, calibrations: Sequence[Calibration], size_m: tuple[float, float, float] = CUBE.size_m) -> None:
         self._calibrations, self._half_m = tuple(calibrations), np.array(size_m) / 2
-        self._last: Fit | None = None
+        self._last: tuple[np.ndarray, np.ndarray] | None = None
 
     def forget(self) -> None:
         """The next images have nothing to do with those before."""
@@ -83,15 +88,17 @@ class ImageTracker:
             faces[camera] = np.bincount(pixels.face, minlength=len(FACES)) >= FACE_PIXELS
         if sum(len(pixels.face) for pixels in seen) < FEWEST_PIXELS:
             return self._nothing(faces)
-        rays = rays_of(seen, [self._calibrations[camera] for camera in cameras], self._half_m)
-        starts = [] if self._last is None else [(self._last.position_m, self._last.rotation)]
-        fits = fitted(rays, np.random.default_rng(len(rays.error_m)), starts)
-        best = fits[0]
-        confidence = confidence_of(best, fits[1].cost if len(fits) > 1 else np.inf, len(rays.error_m))
-        if not _possible(best):
+        calibrations, rng = [self._calibrations[camera] for camera in cameras], np.random.default_rng(0)
+        fit = fitted(rays_of(seen, calibrations, self._half_m), rng)[0]
+        starts = [(fit.position_m, fit.rotation), *([] if self._last is None else [self._last])]
+        width_m = 2 * float(self._half_m.mean())
+        found = [sharpened(*start, seen, calibrations, width_m, np.random.default_rng(0)) for start in starts]
+        position_m, rotation, outline_px = min(found, key=lambda each: each[2])
+        confidence = confidence_of(outline_px, sum(len(pixels.face) for pixels in seen))
+        if not _possible(position_m):
             return self._nothing(faces)
-        self._last = best if confidence >= 0.5 else None
-        return SeenPose(best.position_m, best.rotation, quat_of_matrix(best.rotation), covariance_of(best), confidence, faces)
+        self._last = (position_m, rotation) if confidence >= SURE else None
+        return SeenPose(position_m, rotation, quat_of_matrix(rotation), covariance_of(fit), confidence, faces)
 
     def _nothing(self, faces: np.ndarray) -> SeenPose:
         self._last = None
@@ -104,23 +111,11 @@ def covariance_of(fit: Fit) -> np.ndarray:
     return CORRELATED_PIXELS * fit.covariance + np.diag(floor)
 
 
-def confidence_of(fit: Fit, next_cost: float, pixels: int) -> float:
-    """Probability that a pose is right to 15 mm and 20 degrees, from what its fit shows; see ``CONFIDENCE_WEIGHTS``."""
-    return float(1.0 / (1.0 + np.exp(-features_of(fit, next_cost, pixels) @ CONFIDENCE_WEIGHTS)))
+def confidence_of(outline_px: float, pixels: int) -> float:
+    """How well a pose explains what is seen, from 0 to 1: by the misfit of outlines, px, and by how many pixels there are."""
+    return float(np.exp(-outline_px / MISFIT_PX) * pixels / (pixels + SCARCE_PIXELS))
 
 
-def features_of(fit: Fit, next_cost: float, pixels: int) -> np.ndarray:
-    """What the confidence is computed from, shape (6,): one, logarithms of pixels, of the pose's deviations and of its cost."""
-    deviation = np.sqrt(np.maximum(np.linalg.eigvalsh(fit.covariance[:3, :3]).max(), 1e-12))
-    turn = np.sqrt(np.maximum(np.linalg.eigvalsh(fit.covariance[3:, 3:]).max(), 1e-12))
-    apart = min(np.log(next_cost / max(fit.cost, 1e-3)), 2.0)
-    return np.array([1.0, np.log(pixels / 300.0), np.log(deviation / 1e-3), np.log(turn / 0.02), fit.explained, apart])
-
-
-CONFIDENCE_WEIGHTS = np.array([0.0, 0.5, -0.5, -0.5, 4.0, 0.5])
-"""Of :func:`features_of`, by logistic regression on renders of robots that are neither learnt from nor judged by."""
-
-
-def _possible(fit: Fit) -> bool:
-    x, y, z = fit.position_m
+def _possible(position_m: np.ndarray) -> bool:
+    x, y, z = position_m
     return bool(np.hypot(x, y) < FARTHEST_M and -0.02 < z < HIGHEST_M)

@@ -22,8 +22,14 @@ def changed(
     """
     image = _repainted(image, face, place, rng)
     image = _other_background(image, face, rng)
-    image, face = _something_before(image, face, rng)
+    if _likely(rng, 0.7):
+        image, face = _something_before(image, face, rng)
     return _taken(image, rng).clamp(0.0, 1.0), face
+
+
+def _likely(rng: torch.Generator, chance: float) -> bool:
+    """Whether something happens to a whole batch: what is left out for all of it costs nothing."""
+    return torch.rand((), generator=rng).item() < chance
 
 
 def _normal(rng: torch.Generator, *shape: int) -> torch.Tensor:
@@ -61,11 +67,11 @@ def _texture(rng: torch.Generator, n: int, height: int, width: int) -> torch.Ten
 def _other_background(image: torch.Tensor, face: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
     """Another brightness and tint of all that is not the cube, and sometimes other things in it."""
     n, _, height, width = image.shape
-    tint = torch.exp(0.3 * _normal(rng, n, 1, 1, 1) + 0.06 * _normal(rng, n, 3, 1, 1))
-    blend = _uniform(rng, 0.0, 0.8, n, 1, 1, 1) * (torch.rand(n, 1, 1, 1, generator=rng) < 0.35)
-    spots = functional.interpolate(torch.rand(n, 1, 5, 5, generator=rng), size=(height, width), mode="bilinear") > 0.6
-    other = image * tint
-    other = torch.where(spots, other + blend * (_texture(rng, n, height, width) - other), other)
+    other = image * torch.exp(0.3 * _normal(rng, n, 1, 1, 1) + 0.06 * _normal(rng, n, 3, 1, 1))
+    if _likely(rng, 0.5):
+        blend = _uniform(rng, 0.0, 0.8, n, 1, 1, 1) * (torch.rand(n, 1, 1, 1, generator=rng) < 0.7)
+        spots = functional.interpolate(torch.rand(n, 1, 5, 5, generator=rng), size=(height, width), mode="bilinear") > 0.6
+        other = torch.where(spots, other + blend * (_texture(rng, n, height, width) - other), other)
     return torch.where((face == 0)[:, None], other, image)
 
 
@@ -73,14 +79,14 @@ def _something_before(image: torch.Tensor, face: torch.Tensor, rng: torch.Genera
     """Bars and discs before everything, most of them without colour, as links, cables and hands are."""
     n, _, height, width = image.shape
     rows, columns = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
-    for _ in range(2):
+    for _ in range(1 + _likely(rng, 0.5)):
         at = _uniform(rng, 20.0, width - 20.0, n, 2, 1, 1)
         angle, reach = _uniform(rng, 0.0, 3.1416, n, 1, 1), _uniform(rng, 0.0, 50.0, n, 1, 1)
         along = (columns - at[:, 0]) * torch.cos(angle) + (rows - at[:, 1]) * torch.sin(angle)
         across = (rows - at[:, 1]) * torch.cos(angle) - (columns - at[:, 0]) * torch.sin(angle)
         beyond = (along.abs() - reach).clamp(min=0.0)
         inside = beyond**2 + across**2 < _uniform(rng, 2.0, 11.0, n, 1, 1) ** 2
-        inside &= torch.rand(n, 1, 1, generator=rng) < 0.3
+        inside &= torch.rand(n, 1, 1, generator=rng) < 0.4
         grey = torch.rand(n, 1, 1, 1, generator=rng)
         colour = grey + _uniform(rng, 0.0, 0.25, n, 1, 1, 1) * _normal(rng, n, 3, 1, 1)
         image = torch.where(inside[:, None], colour.expand_as(image), image)
@@ -95,6 +101,9 @@ def _taken(image: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
     image = (image * gain).clamp(1e-3, 1.0) ** torch.exp(0.15 * _normal(rng, n, 1, 1, 1))
     grey = image.mean(dim=1, keepdim=True)
     image = grey + _uniform(rng, 0.7, 1.3, n, 1, 1, 1) * (image - grey) + _uniform(rng, -0.03, 0.05, n, 1, 1, 1)
-    softer = functional.avg_pool2d(functional.pad(image, (1, 1, 1, 1), mode="replicate"), 3, 1)
-    image = image + _uniform(rng, -0.4, 1.0, n, 1, 1, 1) * (softer - image)
-    return image + _uniform(rng, 0.0, 0.035, n, 1, 1, 1) * _normal(rng, *image.shape)
+    if _likely(rng, 0.7):
+        softer = functional.avg_pool2d(functional.pad(image, (1, 1, 1, 1), mode="replicate"), 3, 1)
+        image = image + _uniform(rng, -0.4, 1.0, n, 1, 1, 1) * (softer - image)
+    if _likely(rng, 0.7):
+        image = image + _uniform(rng, 0.0, 0.04, n, 1, 1, 1) * _normal(rng, *image.shape)
+    return image

@@ -6,6 +6,7 @@ robot whose file is there is not rendered again. Images alone of this project's 
 
 import argparse
 import os
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +16,7 @@ import numpy as np
 from sim_backend.effects.ranges import load_ranges
 from sim_backend.trifinger import constants as c
 from sim_backend.vision.calibration import Calibration
-from sim_backend.vision.cameras import Cameras
+from sim_backend.vision.cameras import Cameras, CamerasMissingError
 from sim_backend.vision.rotations import matrix_of_quat
 from sim_backend.vision.scenes import Scene, drawn_scene
 
@@ -42,7 +43,7 @@ def render_robot(seed: int, scenes: int = SCENES_OF_A_ROBOT) -> dict[str, np.nda
     physics, kept = load_ranges(PRESET).draw(rng, 1), []
     half_m = c.CUBE_WIDTH_M / 2 * float(physics.value("cube_size.factor")[0])
     with Cameras(physics) as cameras:
-        views = [_directions(each) for each in cameras.true_calibrations]
+        views = [directions(each) for each in cameras.true_calibrations]
         for number in range(scenes):
             scene = drawn_scene(rng)
             state = scene.joint_position_rad, scene.position_world_m, scene.quat_wxyz
@@ -58,7 +59,7 @@ def render_robot(seed: int, scenes: int = SCENES_OF_A_ROBOT) -> dict[str, np.nda
     return {"image": image, "face": face, "place": place}
 
 
-def _directions(calibration: Calibration) -> np.ndarray:
+def directions(calibration: Calibration) -> np.ndarray:
     """Where each pixel looks in the world, shape (height, width, 3)."""
     columns, rows = np.meshgrid(*(np.arange(size) for size in calibration.size_px))
     flat = calibration.normalised(np.stack([columns, rows], axis=-1))
@@ -117,7 +118,10 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=1000)
     parser.add_argument("--robots", type=int, default=150)
     options = parser.parse_args()
-    render(options.out, range(options.first, options.first + options.robots))
+    try:
+        render(options.out, range(options.first, options.first + options.robots))
+    except CamerasMissingError as error:
+        sys.exit(f"error: {error}")
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from sim_backend.vision.lesson_changes import changed
 from sim_backend.vision.seen_pixels import STRIDE
 from sim_backend.vision.tracker_network import TrackerNetwork, loss_of
 
-BATCH, RATE, SHOWN_PX = 32, 4e-3, 112
+BATCH, RATE, SHOWN_PX = 32, 4e-3, 96
 
 
 class Training:
@@ -22,7 +22,7 @@ class Training:
         files: of crops to learn from (``lessons.py``).
         held_out: of crops that only tell how well it does.
         checkpoint: where it is kept after each epoch.
-        epochs: how many there will be; the learning rate falls to nothing over them.
+        epochs: how many there will be; the learning rate falls to nothing over them, or over what is left of another number.
         seed: of the weights and of all chance.
     """
 
@@ -31,15 +31,16 @@ class Training:
         self._crops, self._held_out, self._checkpoint, self._epochs = crops_of(files), crops_of(held_out), checkpoint, epochs
         self.network = TrackerNetwork().to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
         self._optimiser = torch.optim.AdamW(self.network.parameters(), lr=RATE, weight_decay=1e-4)
-        steps = epochs * (len(self._crops["face"]) // BATCH)
-        self._schedule = torch.optim.lr_scheduler.OneCycleLR(self._optimiser, RATE, total_steps=steps + 1, pct_start=0.15)
         self.epoch, self.told, self._seed = 0, list[dict[str, float]](), seed
-        if checkpoint.exists():
-            kept: dict[str, Any] = torch.load(checkpoint, weights_only=False)
+        kept: dict[str, Any] | None = torch.load(checkpoint, weights_only=False) if checkpoint.exists() else None
+        if kept is not None:
             self.network.load_state_dict(kept["network"])
+            self.epoch, self.told = kept["epoch"], kept["told"]
+        steps = max(epochs - self.epoch, 1) * (len(self._crops["face"]) // BATCH)
+        self._schedule = torch.optim.lr_scheduler.OneCycleLR(self._optimiser, RATE, total_steps=steps + 1, pct_start=0.15)
+        if kept is not None and kept["epochs"] == epochs:
             self._optimiser.load_state_dict(kept["optimiser"])
             self._schedule.load_state_dict(kept["schedule"])
-            self.epoch, self.told = kept["epoch"], kept["told"]
 
     def learn(self) -> dict[str, float]:
         """One epoch; returns how well it does on crops of robots that it does not learn from."""
@@ -57,12 +58,12 @@ class Training:
             torch.nn.utils.clip_grad_norm_(self.network.parameters(), 5.0)
             self._optimiser.step()
             self._schedule.step()
-            total += float(loss)
+            total += loss.item()
         self.epoch += 1
         told = {"epoch": self.epoch, "loss": round(total / len(batches), 4), **self.judged()}
         self.told.append(told)
         kept = {"network": self.network.state_dict(), "optimiser": self._optimiser.state_dict()}
-        kept |= {"schedule": self._schedule.state_dict(), "epoch": self.epoch, "told": self.told}
+        kept |= {"schedule": self._schedule.state_dict(), "epoch": self.epoch, "epochs": self._epochs, "told": self.told}
         torch.save(kept, self._checkpoint)
         return told
 

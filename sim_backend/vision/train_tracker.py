@@ -12,10 +12,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-OK, OTHER, USAGE = 0, 1, 2
+OK, OTHER, USAGE, INTERRUPTED = 0, 1, 2, 130
 FIRST_SEED, ROBOTS, HELD_OUT = 1000, 174, 6
 """Robots that it learns from by their seeds, and how many more only tell how well it does."""
-EPOCHS = 12
+EPOCHS = 5
 CHECKPOINT, NETWORK = "checkpoint.pt", "tracker.onnx"
 
 
@@ -24,6 +24,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     folder = options.out
+    folder.mkdir(parents=True, exist_ok=True)
     if (folder / CHECKPOINT).exists() and not options.resume:
         return _problem(f"{folder} has the checkpoint of a run; give --resume to go on with it, or another --out", USAGE)
     lessons = folder / "lessons"
@@ -43,8 +44,11 @@ def main(arguments: list[str] | None = None) -> int:
         torch.set_num_threads(options.threads)
     files = [lessons / f"robot-{FIRST_SEED + k}.npz" for k in range(every)]
     training = Training(files[: options.robots], files[options.robots :], folder / CHECKPOINT, epochs=options.epochs)
-    while training.epoch < options.epochs:
-        print(json.dumps(training.learn()), file=sys.stderr, flush=True)
+    try:
+        while training.epoch < options.epochs:
+            print(json.dumps(training.learn()), file=sys.stderr, flush=True)
+    except KeyboardInterrupt:
+        return _problem("stopped; with --resume it goes on from its checkpoint", INTERRUPTED)
     training.export(folder / NETWORK)
     said = {"network": str(folder / NETWORK), "bytes": (folder / NETWORK).stat().st_size, **training.told[-1]}
     print(json.dumps(said) if options.json else f"{said['network']}: {said['bytes']} bytes, held out: {training.told[-1]}")

@@ -25,7 +25,7 @@ from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.objects import CUBE
 from sim_backend.vision.calibration import Calibration, nominal_calibrations
 from sim_backend.vision.cameras import Cameras
-from sim_backend.vision.image_tracker import ImageTracker, SeenPose
+from sim_backend.vision.image_tracker import SURE, ImageTracker, SeenPose
 from sim_backend.vision.pose_search import face_corners_m
 from sim_backend.vision.reference_tracker import track_by_colours
 from sim_backend.vision.rotations import angle_between_rad, matrix_of_quat
@@ -33,8 +33,6 @@ from sim_backend.vision.scenes import Scene, drawn_scene
 
 PRESET, FIRST_ROBOT = "real-images", 500_000
 """Robots are drawn from these seeds on; training and the choice of every threshold end far below."""
-SURE = 0.75
-"""Confidence from which on the driver's filter takes a pose."""
 HIDDEN_BOUNDS = (0.0, 0.1, 0.3, 0.5, 0.7, 1.01)
 _EDGE_PX = 2
 
