@@ -89,8 +89,8 @@ def fitted(masks: Sequence[np.ndarray], calibrations: Sequence[Calibration], up:
         position, rotation = on_floor(values, up)
         return _cost(position, rotation, rays)
 
-    grid = [(x, y, yaw) for x in STARTS_M for y in STARTS_M for yaw in np.arange(YAWS) * np.pi / 2 + 0.4]
-    start = np.array(min(grid, key=cost))
+    grid = [np.array([x, y, yaw]) for x in STARTS_M for y in STARTS_M for yaw in np.arange(YAWS) * np.pi / 2 + 0.4]
+    start = min(grid, key=cost)
     found = minimize(cost, start, method="Nelder-Mead", options={"xatol": 1e-6, "fatol": 1e-7, "maxiter": 600})
     return float(found.fun), found.x
 
