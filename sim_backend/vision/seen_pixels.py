@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from api_schemas.policy_graph import session
 from sim_backend.trifinger import constants as c
 
 FACES = tuple(c.CUBE_FACE_COLOURS)
@@ -46,12 +47,7 @@ class SeenPixels:
 @functools.cache
 def network(path: Path = NETWORK_FILE) -> Any:
     """The network on one core, loaded once a process."""
-    import onnxruntime
-
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-    return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    return session(path)
 
 
 def outputs_of(images: np.ndarray | Sequence[np.ndarray], path: Path = NETWORK_FILE) -> np.ndarray:
