@@ -120,6 +120,9 @@ class Report(Schema):
     ended_at: str
     versions: dict[str, str]
     forms: tuple[str, ...] = Field(default=(), description="of the scene, one for all trials; empty in reports of 0.1.0")
+    trackers: tuple[str, ...] = Field(
+        default=(), exclude_if=lambda trackers: not trackers, description="what found the object; left out where all is of pose"
+    )
 
 
 class ExcitationRow(Schema):

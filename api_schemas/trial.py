@@ -9,6 +9,7 @@ from api_schemas.goal import OwnGoal
 from api_schemas.jail_report import JailReport
 from api_schemas.scene_form import form_or_first
 from api_schemas.schema import Schema
+from api_schemas.tracker import TrackerName
 
 NineNumbers = tuple[float, float, float, float, float, float, float, float, float]
 Pose = tuple[float, float, float, float, float, float, float]
@@ -127,6 +128,7 @@ class Outcome(Schema):
     # Left out where there is none, so that services that do not know it take outcomes of newer robots.
     failure: FailureCause | None = Field(default=None, exclude_if=lambda cause: cause is None)
     glimpse: Glimpse | None = Field(default=None, exclude_if=lambda glimpse: glimpse is None)
+    tracker: TrackerName = Field(default=TrackerName.POSE, exclude_if=lambda tracker: tracker is TrackerName.POSE)
 
 
 class AttemptState(StrEnum):

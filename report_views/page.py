@@ -17,6 +17,7 @@ from api_schemas.report import Report, RobotRow, TrialRow
 from api_schemas.scene_form import told_forms
 from api_schemas.signature import Signature
 from api_schemas.tolerance import ANGLE_TOLERANCE_RAD, POSITION_TOLERANCE_M
+from api_schemas.tracker import told_trackers
 from api_schemas.trial import Fault, OutcomeKind
 from api_schemas.visible import visible
 from report_views import error_axis
@@ -284,6 +285,8 @@ def _methods(report: Report, words: _Words) -> Iterator[str]:
     )
     if report.forms:  # reports of 0.1.0 tell none, and their pages stay as they were signed
         yield from _row("form of the scene", _text(told_forms(report.forms)))
+    if report.trackers:
+        yield from _row("tracker", _text(told_trackers(report.trackers)))
     yield from _row("versions", _text(", ".join(f"{name} {value}" for name, value in sorted(report.versions.items()))))
     yield "</dl>"
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from api_schemas.physics import ObjectName
 from api_schemas.report import BetweenRobots, ExcitationRow, FaultRow, IdentificationReport, Report, TimingRow, TrialRow
 from api_schemas.scene_form import told_forms
+from api_schemas.tracker import told_trackers
 from api_schemas.trial import Fault, Outcome, OutcomeKind
 from api_schemas.visible import visible
 
@@ -104,6 +105,8 @@ def _made(report: Report | IdentificationReport) -> Iterator[str]:
     yield f"queued {report.created_at}, started {report.started_at}, ended {report.ended_at}"
     yield ", ".join(f"{name} {version}" for name, version in sorted(report.versions.items()))
     yield f"form of the scene: {told_forms(report.forms)}"
+    if isinstance(report, Report) and report.trackers:
+        yield f"tracker: {told_trackers(report.trackers)}"
 
 
 def _means(report: Report) -> str:

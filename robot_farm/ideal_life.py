@@ -6,6 +6,7 @@ from api_schemas.robot import Lease
 from robot_farm import trial
 from robot_farm.life import StopReason
 from robot_farm.prepared import Prepared, prepare_plainly, shape_of_lease
+from robot_farm.sight import Sight
 from robot_farm.truth import TruthFile
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.tasks import TASKS
@@ -16,6 +17,9 @@ class IdealLife:
     """A life (``robot_farm/life.py``) of a robot that is like all others. Owner of its driver.
 
     It hides nothing, so that its logs hold the truth; it is never unfit, and takes no turn on its core to find out.
+
+    Args:
+        sight: what finds the object for it; the formula if None.
     """
 
     physics_digest = ""
@@ -23,7 +27,8 @@ class IdealLife:
     tests_ended = 0
     temperature_rise_k: float | None = None
 
-    def __init__(self) -> None:
+    def __init__(self, sight: Sight | None = None) -> None:
+        self._sight = Sight() if sight is None else sight
         self._driver: SimulatedDriver | None = None
 
     def log_channels(self) -> LogChannels:
@@ -41,7 +46,7 @@ class IdealLife:
         shape = shape_of_lease(lease)
         if self._driver is None or self._driver.shape != shape:
             self._driver = SimulatedDriver(shape=shape)
-        return prepare_plainly(lease, TASKS)
+        return prepare_plainly(lease, TASKS, self._sight)
 
     def test_in_turn(self, turn: AbstractContextManager[None], stop_reason: StopReason) -> str | None:  # noqa: ARG002 - as every life
         """There is nothing to test, and nothing to say of it."""

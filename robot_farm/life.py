@@ -22,6 +22,7 @@ from robot_farm.faults import RESTART_S, Change, Fault, draw_fault, timeline
 from robot_farm.link.lease_keeper import TrialStoppedError
 from robot_farm.prepared import Prepared, TrialPhysics, draw_start_and_goal, shape_of_lease
 from robot_farm.settings import Reset
+from robot_farm.sight import Sight
 from robot_farm.trial import measured_channels
 from robot_farm.truth import TruthFile
 from sim_backend.driver.driver import Start
@@ -52,6 +53,7 @@ class Life:
         fault_rate: probability of a fault by chance in each trial.
         self_test_every: trials from one self-test to the next.
         physics_digest: of what its farm's physics are, as others are told.
+        sight: what finds the object for it.
     """
 
     robot: str
@@ -61,6 +63,7 @@ class Life:
     fault_rate: float = 0.0
     self_test_every: int = 5
     physics_digest: str = ""
+    sight: Sight = field(default_factory=Sight)
     wrong: str | None = None
     """Why the robot is out of service, None while it serves."""
     _arena: Arena | None = None
@@ -123,6 +126,7 @@ class Life:
             events=tuple(events),
             truth=truth,
             alarm=alarm,
+            detector=self.sight.detector,
             close=lambda step, failed: self._close(
                 arena, alarm.jump, physics_at(physics, changes, step), drawn.rng, failed=failed
             ),
@@ -195,7 +199,7 @@ class Life:
         """
         rise_k = self._rise_k if self._arena is None else self._arena.driver.motor_temperature_rise_k[0]
         if self._arena is None or self._arena.driver.shape != shape:
-            self._arena = Arena.new(shape, physics, placed)
+            self._arena = Arena.new(shape, physics, placed, self.sight)
         return self._arena, self._arena.wake(physics, noise_seed, rise_k, stop_reason)
 
     def _cool(self, arena: Arena, physics: Physics, events: list[str]) -> None:

@@ -29,7 +29,7 @@ class Picture:
 
 
 class Photographer:
-    """Renders a robot's cameras in one trial; a context manager. Owner of the renderer.
+    """Renders a robot's cameras in one trial; a context manager. Owner of the renderer, unless the tracker has one.
 
     Exposures come at the steps of the tracker's frames. A camera that is dead gives none.
 
@@ -38,7 +38,8 @@ class Photographer:
     """
 
     def __init__(self, ready: Prepared, shape: Shape) -> None:
-        self._cameras = Cameras(ready.physics, shape=shape)
+        self._detector = ready.detector
+        self._cameras = Cameras(ready.physics, shape=shape) if self._detector is None else None
         seed = ready.start.noise_seed
         self._seed = 0 if seed is None else int(seed[0])
         self.set_physics(ready.physics)
@@ -47,7 +48,8 @@ class Photographer:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._cameras.close()
+        if self._cameras is not None:
+            self._cameras.close()
 
     def set_physics(self, physics: Physics) -> None:
         """A fault came or went: which cameras work, and how often they look. How images look stays as it was."""
@@ -68,9 +70,16 @@ class Photographer:
         pictures = []
         for row in range(-first % self._period_steps, count, self._period_steps):
             frame = (first + row) // self._period_steps
-            images = self._cameras.take(*_state(segment, row), seed=self._seed, frame=frame)
+            images = self._images(*_state(segment, row), frame)
             pictures += [Picture(k, first + row, as_jpeg(images[k])) for k in np.flatnonzero(self._works).tolist()]
         return pictures
+
+    def _images(self, joints: np.ndarray, position_m: np.ndarray, quat_wxyz: np.ndarray, frame: int) -> np.ndarray:
+        """Those that the tracker looked at, where it looks at any."""
+        if self._detector is not None:
+            return self._detector.images(joints, position_m, quat_wxyz, seed=self._seed, frame=frame)
+        assert self._cameras is not None, "without a detector it has cameras of its own"
+        return self._cameras.take(joints, position_m, quat_wxyz, seed=self._seed, frame=frame)
 
 
 def _state(segment: Segment, row: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from api_schemas.robot import Lease
 from robot_farm.alarm import Alarm
 from robot_farm.faults import Change
+from robot_farm.sight import Sight
 from robot_farm.truth import TruthFile
 from sim_backend.driver.driver import Start
 from sim_backend.driver.tracker import Tracker
@@ -15,6 +17,9 @@ from sim_backend.effects.physics import Physics
 from sim_backend.tasks.own import with_own
 from sim_backend.tasks.task import Goal, Task, draw_trial
 from sim_backend.trifinger.objects import CUBE, Shape, resting_height_m, shape_of
+
+if TYPE_CHECKING:
+    from sim_backend.vision.image_detector import ImageDetector
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,7 @@ class Prepared:
     The rest is for robots that are not ideal: ``changes`` are faults that come within the trial, ``events`` say what was
     done to get ready, ``truth`` is where the truth is written (None: into the log), ``alarm`` watches the robot, and ``close``
     ends the trial on the robot's side: it is told at which step and whether the robot failed, and says what is wrong with it.
+    ``detector`` is what looks at images where the tracker has any.
     """
 
     start: Start
@@ -47,14 +53,23 @@ class Prepared:
     events: tuple[str, ...] = ()
     truth: TruthFile | None = None
     alarm: Alarm | None = None
+    detector: "ImageDetector | None" = None
     close: Callable[[int, bool], str | None] = lambda _step, _failed: None
 
 
-def prepare_plainly(lease: Lease, tasks: dict[str, Task]) -> Prepared:
-    """Everything from the lease alone, as robots that are all alike begin: the object is placed where the seed says."""
+def prepare_plainly(lease: Lease, tasks: dict[str, Task], sight: Sight | None = None) -> Prepared:
+    """Everything from the lease alone, as robots that are all alike begin: the object is placed where the seed says.
+
+    Args:
+        lease: what is to be tried.
+        tasks: by name.
+        sight: what finds the object; the formula if None.
+    """
+    sight = Sight() if sight is None else sight
     shape = shape_of_lease(lease)
     start, goal = draw_start_and_goal(lease, tasks, shape)
-    return Prepared(start, goal, Tracker(shape=shape), tasks.get(lease.task.value))
+    tracker = sight.tracker(shape=shape)
+    return Prepared(start, goal, tracker, tasks.get(lease.task.value), detector=sight.detector)
 
 
 def shape_of_lease(lease: Lease) -> Shape:

@@ -37,6 +37,7 @@ from robot_farm.policy.jail import BUILTIN_PROCESS, POLICY_PROCESS, JailedPolicy
 from robot_farm.reserve import Reserve
 from robot_farm.run import Progress, live_state
 from robot_farm.settings import Settings
+from robot_farm.sight import Sight
 from robot_farm.trial import run_trial
 from robot_farm.truth import TruthFile, truth_channels
 from sim_backend.trifinger.form import scene_form
@@ -303,7 +304,7 @@ class Robot:
 def _life(name: str, settings: Settings) -> Life | IdealLife:
     """What the robot is between its trials; an ideal robot's life is one without effects."""
     if settings.is_plain:
-        return IdealLife()
+        return IdealLife(Sight(settings.tracker))
     hidden = HiddenPhysics(farm_secret(settings.robots_folder, settings.farm_seed), name, settings.physics)
     return Life(
         robot=name,
@@ -313,6 +314,7 @@ def _life(name: str, settings: Settings) -> Life | IdealLife:
         fault_rate=settings.fault_rate,
         self_test_every=settings.self_test_every,
         physics_digest=hidden.digest(),
+        sight=Sight(settings.tracker),
     )
 
 

@@ -7,6 +7,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from api_schemas.physics import NOMINAL, physics_name
+from api_schemas.tracker import TrackerName
 from jail.level import JailLevel
 from robot_farm.checking import check_robots
 from robot_farm.faults import FORM, Fault, parse_fault
@@ -63,6 +64,7 @@ class Settings:
     """A robot whose policies cannot be shut in as closely as this is out of service."""
     alive_file: Path | None = None
     """Touched with each heartbeat, for the health check of a container."""
+    tracker: TrackerName = TrackerName.POSE
     reserve_bytes: int = TRIAL_BYTES
     """What a robot keeps free on its disk for its next trial."""
 
@@ -136,6 +138,7 @@ def parse(arguments: list[str]) -> Settings:
         ca=options.ca,
         alive_file=Path(alive) if (alive := os.environ.get(ALIVE_VARIABLE)) else None,
         reserve_bytes=options.reserve_bytes,
+        tracker=TrackerName(options.tracker),
     )
     if settings.robot is None and settings.first is not None:  # a single robot is told everybody's faults
         try:
@@ -175,6 +178,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--farm-seed", type=int, help=seed)
     reset = "how the arena is made ready: sweep or placement (default: sweep; placement with nominal physics)"
     parser.add_argument("--reset", choices=[reset.value for reset in Reset], help=reset)
+    kinds, sees = [kind.value for kind in TrackerName], "what finds the object: a formula, or a tracker on images (default pose)"
+    parser.add_argument("--tracker", choices=kinds, default=TrackerName.POSE.value, help=sees)
     parser.add_argument("--fault", type=_fault, action="append", default=[], metavar="SPEC", help=f"a fault: {FORM}")
     parser.add_argument("--fault-rate", type=float, default=0.0, help="probability of a drawn fault in each trial (default 0)")
     named = os.environ.get(CA_VARIABLE)

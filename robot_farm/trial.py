@@ -15,6 +15,7 @@ import numpy as np
 from api_schemas.jail_report import JailReport
 from api_schemas.policy import PolicyManifest, canonical_json
 from api_schemas.robot import Lease
+from api_schemas.tracker import TrackerName
 from api_schemas.trial import FAULT_OF, MAX_REASON, FailureCause, Fault, Glimpse, Measures, Outcome, OutcomeKind, PolicyTiming
 from robot_farm.excitation_run import run_excitation
 from robot_farm.link.lease_keeper import TrialStoppedError
@@ -230,6 +231,7 @@ def _outcome(run: Run, failure: Failure | None, measures: Measures | None, wall_
         policy_timing=timing,
         wall_s=wall_s,
         form=scene_form(),
+        tracker=TrackerName.POSE if run.ready.detector is None else TrackerName.IMAGES,
     )
 
 

@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from api_schemas.job import MAX_SEED, MAX_TRIALS, Job, JobRequest, TaskName
+from api_schemas.tracker import TrackerName
 from client_cli.commands.fetch import fetch_job
 from client_cli.commands.submit import submit_policy
 from client_cli.connection.api_client import ApiClient
@@ -25,6 +26,7 @@ from client_cli.embedded.robot_options import (
     PhysicsOption,
     ResetOption,
     RobotOptions,
+    TrackerOption,
 )
 from client_cli.policies.policy_files import read_policy
 from client_cli.terminal.errors import Interrupted, UsageProblem
@@ -64,6 +66,7 @@ def demo(
     farm_seed: FarmSeedOption = None,
     reset: ResetOption = None,
     fault: FaultOption = None,
+    tracker: TrackerOption = TrackerName.POSE,
     jail_level: JailOption = None,
     folder: Annotated[Path, typer.Option("--dir", metavar="DIR", help="Folder for everything that the demo writes.")] = Path(
         "demo-farm"
@@ -72,7 +75,7 @@ def demo(
 ) -> None:
     """Start a farm, run a policy, print the report, fetch the logs and stop the farm."""
     local = read_policy(policy or _shipped(task), manifest, layout)
-    home, told = folder.absolute(), RobotOptions.of(robots, physics, farm_seed, reset, fault)
+    home, told = folder.absolute(), RobotOptions.of(robots, physics, farm_seed, reset, fault, tracker)
     with _farm(FarmOptions(data=home, home=home / "home", port=0, robots=told, jail_level=jail_level)) as client:
         note(f"uploading {local.weights.name} and queueing {counted(trials, f'{task.value} trial')}")
         wish = JobRequest(policy=local.digest, task=task, trials=trials, seed=seed)

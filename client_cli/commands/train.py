@@ -12,21 +12,24 @@ from client_cli.terminal.foreground import how_it_ended, run_to_end
 from client_cli.terminal.options import JsonOption
 
 TRAINING = "sim_backend.training"
+TRACKER, TRACKER_TRAINING = "tracker", "sim_backend.vision.train_tracker"
+"""What is trained in a recipe's place: the network of the tracker on images."""
 ENDS = (ExitCode.OK, ExitCode.OTHER, ExitCode.USAGE, ExitCode.INTERRUPTED)
 
 
 def train(
-    recipe: Annotated[str, typer.Argument(metavar="RECIPE", help="Name of a shipped recipe, or a TOML file.")],
+    recipe: Annotated[str, typer.Argument(metavar="RECIPE", help="Name of a shipped recipe, a TOML file, or 'tracker'.")],
     *,
     out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder of the run; by default train-RECIPE.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue from the checkpoint in the folder.")] = False,
     threads: Annotated[int | None, typer.Option("--threads", metavar="N", min=1, help="Number of cores; by default all.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Train a policy from a recipe in many parallel simulations and write a file for submit."""
+    """Train a policy from a recipe in many parallel simulations, or the network of the tracker on images."""
     flags = [*(["--out", str(out)] if out else []), *(["--resume"] if resume else [])]
     flags += ["--threads", str(threads)] if threads else []
-    command = module_command(TRAINING, recipe, *flags, *(["--json"] if as_json else []))
+    flags += ["--json"] if as_json else []
+    command = module_command(TRACKER_TRAINING, *flags) if recipe == TRACKER else module_command(TRAINING, recipe, *flags)
     code = run_to_end(command, "'train' has been stopped; with --resume it goes on from its checkpoint")
     if code not in ENDS:
         raise ClientError(f"'train' {how_it_ended(code)}")

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from api_schemas.tracker import TrackerName
 from client_cli.connection.settings import DEFAULT_PORT, default_data_folder, home_folder
 from client_cli.embedded.claims import private_files
 from client_cli.embedded.farm import EmbeddedFarm, FarmOptions, embedded_farm
@@ -18,6 +19,7 @@ from client_cli.embedded.robot_options import (
     PhysicsOption,
     ResetOption,
     RobotOptions,
+    TrackerOption,
 )
 from client_cli.embedded.settings_loan import former_entry, put_back
 from client_cli.terminal.errors import ClientError
@@ -38,12 +40,13 @@ def up(
     farm_seed: FarmSeedOption = None,
     reset: ResetOption = None,
     fault: FaultOption = None,
+    tracker: TrackerOption = TrackerName.POSE,
     jail_level: JailOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Start a farm with API, dispatcher and robots, and keep it running until Ctrl-C."""
     folder = (data or default_data_folder(os.environ)).absolute()
-    told = RobotOptions.of(robots, physics, farm_seed, reset, fault)
+    told = RobotOptions.of(robots, physics, farm_seed, reset, fault, tracker)
     options = FarmOptions(data=folder, home=home_folder(os.environ), port=port, robots=told, jail_level=jail_level)
     try:
         note(f"starting {counted(robots, 'robot')}; data in {folder}")

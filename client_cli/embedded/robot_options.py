@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from api_schemas.physics import NAMED_PHYSICS, physics_name
+from api_schemas.tracker import TrackerName
 from client_cli.embedded.child_process import child_environment, module_command
 from client_cli.terminal.errors import ClientError, UsageProblem
 from client_cli.terminal.exit_codes import ExitCode
@@ -48,6 +49,13 @@ ResetOption = Annotated[
         "--reset", help="Reset of the arena between trials; by default sweep, on nominal farms placement.", show_default=False
     ),
 ]
+TrackerOption = Annotated[
+    TrackerName,
+    typer.Option(
+        "--tracker",
+        help="Source of the object's pose: a formula, or a network on rendered images of three cameras (slower; extra 'vision').",
+    ),
+]
 FaultOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -76,22 +84,31 @@ class RobotOptions:
     farm_seed: int | None = None
     reset: Reset | None = None
     faults: tuple[str, ...] = ()
+    tracker: TrackerName = TrackerName.POSE
 
     @classmethod
-    def of(cls, count: int, physics: str, farm_seed: int | None, reset: Reset | None, faults: list[str] | None) -> "RobotOptions":
+    def of(
+        cls,
+        count: int,
+        physics: str,
+        farm_seed: int | None,
+        reset: Reset | None,
+        faults: list[str] | None,
+        tracker: TrackerName = TrackerName.POSE,
+    ) -> "RobotOptions":
         """The options as given on the command line, checked before anything starts.
 
         Raises:
-            UsageProblem: there is no such physics or fault.
+            UsageProblem: there is no such physics or fault, or this machine cannot render what the tracker needs.
         """
-        told = cls(count, usable_physics(physics), farm_seed, reset, tuple(faults or ()))
-        if told.faults or told.physics not in NAMED_PHYSICS:
+        told = cls(count, usable_physics(physics), farm_seed, reset, tuple(faults or ()), tracker)
+        if told.faults or told.physics not in NAMED_PHYSICS or tracker is not TrackerName.POSE:
             told._check()
         return told
 
     def _check(self) -> None:
         """Ask the robots' own program, which alone knows files of ranges and kinds of faults."""
-        flags = [part for fault in self.faults for part in ("--fault", fault)]
+        flags = [*self._tracker_flags(), *(part for fault in self.faults for part in ("--fault", fault))]
         command = module_command("robot_farm.checking", "--robots", str(self.count), "--physics", self.physics, *flags)
         ended = subprocess.run(command, env=child_environment(), capture_output=True, text=True, check=False)
         if ended.returncode == ExitCode.USAGE and ended.stdout:
@@ -113,7 +130,11 @@ class RobotOptions:
         flags = ["--robots", str(self.count), "--physics", self.physics]
         if self.reset is not None:
             flags += ["--reset", self.reset.value]
+        flags += self._tracker_flags()
         return flags + [part for fault in self.faults for part in ("--fault", fault)]
+
+    def _tracker_flags(self) -> list[str]:
+        return [] if self.tracker is TrackerName.POSE else ["--tracker", self.tracker.value]
 
 
 def usable_physics(given: str) -> str:

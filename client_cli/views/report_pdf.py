@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from api_schemas.report import Report
 from api_schemas.scene_form import told_forms
 from api_schemas.signature import Signature
+from api_schemas.tracker import told_trackers
 from api_schemas.trial import OutcomeKind
 from client_cli.terminal.output import counted
 from report_views import error_axis
@@ -119,6 +120,8 @@ def _methods(report: Report, signature: Signature) -> Iterator[tuple[str, str]]:
         yield "jail", f"{report.jail.level} ({len(report.jail.layers)} layers)"
     yield "ended", report.ended_at
     yield "form of the scene", told_forms(report.forms)
+    if report.trackers:
+        yield "tracker", told_trackers(report.trackers)
     yield "versions", ", ".join(f"{name} {value}" for name, value in sorted(report.versions.items()))
     yield "report", f"{signature.report_sha256} (SHA-256)"
     yield "farm's key", signature.key

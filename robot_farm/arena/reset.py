@@ -8,9 +8,9 @@ import numpy as np
 from robot_farm.alarm import jumped
 from robot_farm.arena.motion import Motion
 from robot_farm.arena.sweep import DRAWN_TO_M, REACH_M, plan_sweep, retreat, sweep
+from robot_farm.sight import Sight
 from sim_backend.driver.driver import Start
 from sim_backend.driver.simulated import SimulatedDriver
-from sim_backend.driver.tracker import Tracker
 from sim_backend.effects.physics import Physics
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.objects import Shape
@@ -30,17 +30,17 @@ class Arena:
     start pose.
     """
 
-    def __init__(self, driver: SimulatedDriver, start: Start) -> None:
-        self.driver, self._start = driver, start
+    def __init__(self, driver: SimulatedDriver, start: Start, sight: Sight) -> None:
+        self.driver, self._start, self._sight = driver, start, sight
         self.is_placed, self.is_settled = True, True
 
     @classmethod
-    def new(cls, shape: Shape, physics: Physics, start: Start) -> "Arena":
+    def new(cls, shape: Shape, physics: Physics, start: Start, sight: Sight | None = None) -> "Arena":
         """An arena with another object, placed."""
         driver = SimulatedDriver(physics=physics, shape=shape)
         start = by_encoders(driver, start)
         driver.reset(start)
-        return cls(driver, start)
+        return cls(driver, start, Sight() if sight is None else sight)
 
     def wake(self, physics: Physics, noise_seed: int, rise_k: np.ndarray, stop_reason: Callable[[], str | None]) -> str | None:
         """After a pause in which everything came to rest: the physics of the next trial, and cameras that have seen nothing.
@@ -50,7 +50,7 @@ class Arena:
         """
         before_rad = self.driver.measure().joint_position_rad
         self.driver.set_physics(physics)
-        self.tracker = Tracker(physics=physics, shape=self.driver.shape)
+        self.tracker = self._sight.tracker(physics, self.driver.shape)
         self.motion = Motion(self.driver, self.tracker, stop_reason)
         here = self._here()
         seed = np.array([noise_seed])

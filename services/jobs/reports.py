@@ -29,6 +29,7 @@ from api_schemas.report import (
 from api_schemas.scene_form import form_or_first
 from api_schemas.signature import Signature, unsigned
 from api_schemas.success_rate import wilson
+from api_schemas.tracker import TrackerName
 from api_schemas.trial import AttemptState, Fault, Outcome, OutcomeKind
 from services.database.database import Database
 from services.database.rows import AnyRow
@@ -146,6 +147,7 @@ def compose(
         ended_at=job.ended_at,
         versions=versions,
         forms=_forms(outcomes),
+        trackers=_trackers(outcomes),
     )
 
 
@@ -178,6 +180,12 @@ def compose_identification(
 def _forms(outcomes: Iterable[Outcome]) -> tuple[str, ...]:
     """The forms of the scene that the trials were done with; one, unless robots were exchanged meanwhile."""
     return tuple(sorted({form_or_first(outcome.form) for outcome in outcomes}))
+
+
+def _trackers(outcomes: Iterable[Outcome]) -> tuple[str, ...]:
+    """What found the object in the trials; nothing where it was the formula in all of them."""
+    found = {outcome.tracker.value for outcome in outcomes}
+    return () if found <= {TrackerName.POSE.value} else tuple(sorted(found))
 
 
 def _excitation_row(row: AnyRow, attempts: Sequence[AnyRow]) -> ExcitationRow:

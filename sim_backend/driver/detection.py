@@ -7,7 +7,7 @@ batch gets the same ones as a robot alone.
 
 import functools
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numba
 import numpy as np
@@ -250,6 +250,22 @@ def detect(
     """
     arrays = (np.ascontiguousarray(array) for array in (joint_position_rad, position_m, quat_wxyz))
     return _compiled()[0](values, seed, frame, *arrays)
+
+
+class Detector(Protocol):
+    """What finds the objects of n robots in a frame: :func:`detect`, the formula, or something that looks at images."""
+
+    def __call__(
+        self,
+        values: Values,
+        seed: np.ndarray,
+        frame: np.ndarray,
+        joint_position_rad: np.ndarray,
+        position_m: np.ndarray,
+        quat_wxyz: np.ndarray,
+    ) -> Detected:
+        """As :func:`detect`."""
+        ...
 
 
 def read(values: Values, seed: np.ndarray, step: int | np.ndarray, position_m: np.ndarray, quat_wxyz: np.ndarray) -> Pose:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from sim_backend.driver.detection import Values, detect, read, values_of
+from sim_backend.driver.detection import Detector, Values, detect, read, values_of
 from sim_backend.driver.driver import Measurement, Segment
 from sim_backend.effects.physics import Physics
 from sim_backend.effects.tracking import frame_period_s
@@ -72,10 +72,23 @@ class Tracker:
 
     Each robot's clock begins with its own trial: frames and times in its reports count from there. Steps of segments and of
     :meth:`deliver` are the driver's.
+
+    Args:
+        physics_step_s: of the driver, s.
+        physics: the robots' effects; nominal if None.
+        shape: the object in the arena.
+        detector: what finds the object in a frame; the formula by default.
     """
 
-    def __init__(self, *, physics_step_s: float = c.PHYSICS_STEP_S, physics: Physics | None = None, shape: Shape = CUBE) -> None:
-        self._physics_step_s, self._shape = physics_step_s, shape
+    def __init__(
+        self,
+        *,
+        physics_step_s: float = c.PHYSICS_STEP_S,
+        physics: Physics | None = None,
+        shape: Shape = CUBE,
+        detector: Detector = detect,
+    ) -> None:
+        self._physics_step_s, self._shape, self._detect = physics_step_s, shape, detector
         self._physics, self._groups = physics, list[_Group]()
         self._under_way: list[_UnderWay] = []
         self._latest: TrackedPose | None = None
@@ -219,7 +232,7 @@ class Tracker:
         capture_step = step - _rows_of(self._begun, rows)
         frame = capture_step // group.period_steps
         seed, *truth_of_rows = (_rows_of(array, rows) for array in (self._seed, *truth))
-        visible, confidence, position_m, quat_wxyz, delay_s, lost = detect(values, seed, frame, *truth_of_rows)
+        visible, confidence, position_m, quat_wxyz, delay_s, lost = self._detect(values, seed, frame, *truth_of_rows)
         delivery_step = capture_step + np.rint(delay_s / self._physics_step_s).astype(np.int64)
         if oldest is not None:
             lost, delivery_step = lost & ~oldest, np.where(oldest, np.minimum(delivery_step, 0), delivery_step)

@@ -115,6 +115,7 @@ WALL_THICKNESS_M = 0.006  # MEAS 5 to 6 mm
 # --- cube v2 (TS cube_v2.urdf; TOT cube_model.hpp) --------------------------------------------------------------------
 
 CUBE_WIDTH_M = 0.065
+TRACKED_CUBE_WIDTH_M = 0.0652  # TOT cube_model.hpp: the real cube as its tracker knows it
 CUBE_MASS_KG = 0.094
 CUBE_INERTIA_KG_M2 = 6.619e-5  # on each axis
 CUBE_FACE_COLOURS = {
