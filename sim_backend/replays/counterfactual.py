@@ -125,13 +125,13 @@ def ends(trials: Sequence[Again], policy: InLoop) -> list[End]:
 
 def _simulated(trials: Sequence[Again], policy: InLoop) -> list[End]:
     one, now = trials[0], [trial.physics for trial in trials]
-    physics, goal = Physics.stack(now), _goal(trials)
+    physics, goal = Physics.stack(now), goals(trials)
     driver = SimulatedDriver(robots=len(trials), physics=physics, shape=one.shape, divergence_ends=False)
     tracker = Tracker(physics=physics, shape=one.shape)
     episode = Episode(driver, tracker, one.manifest)
     changes = sorted(((step, row, each) for row, trial in enumerate(trials) for step, each in trial.changes), key=lambda c: c[:2])
     policy.begin(len(trials))
-    episode.begin(_start(trials), goal)
+    episode.begin(starts(trials), goal)
     for _ in range(one.task.steps // one.manifest.period_steps):
         if changes and changes[0][0] <= episode.step:
             while changes and changes[0][0] <= episode.step:
@@ -148,7 +148,7 @@ def _simulated(trials: Sequence[Again], policy: InLoop) -> list[End]:
     return [End(False, math.inf) if is_lost else End(success, error_m) for success, error_m, is_lost in found]
 
 
-def _start(trials: Sequence[Again]) -> Start:
+def starts(trials: Sequence[Again]) -> Start:
     """The starts of all; noise of seed 0, and cold motors, where nothing else is said."""
     starts = [trial.start for trial in trials]
     seeds = [np.zeros(1, dtype=np.int64) if each.noise_seed is None else each.noise_seed for each in starts]
@@ -162,7 +162,8 @@ def _start(trials: Sequence[Again]) -> Start:
     )
 
 
-def _goal(trials: Sequence[Again]) -> Goal:
+def goals(trials: Sequence[Again]) -> Goal:
+    """The goals of all."""
     names = [field.name for field in fields(Goal)]
     return Goal(**{name: np.concatenate([getattr(trial.goal, name) for trial in trials]) for name in names})
 
