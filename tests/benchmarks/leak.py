@@ -6,9 +6,10 @@
 Robots are drawn from `real`; each tries goals with two policies, and the first failures of each are asked about, one of every
 robot in turn. An answer is what ``trifarm why`` tells a user: the verdict and the names of groups, no counts. The attacker knows
 the truth of all robots but one, learns from it, and predicts that one's effects. Of the logs they have some hundred numbers that
-say much about effects: noise, speeds, torques, friction at rest, lateness, gaps and spread of the tracker's reports, and rates of
-success; of the answers the shares of all verdicts and groups. The prediction is ridge regression, its penalty chosen within the
-robots that are known. What is compared is the error of each effect as a share of its variance, in the mean over the effects.
+say much about effects: noise, speeds, torques, friction at rest, lateness, gaps and spread of the tracker's reports, and how
+often it failed; of the answers the shares of all verdicts and groups. The prediction is ridge regression, averaged over
+penalties; penalties and the weight of the answers are judged by how likely they make the robots that are known. What is compared
+is the error of each effect as a share of its variance, in the mean over the effects.
 
 Whether such an attacker would notice a leak is tried with answers that have one: each robot's shares of groups are moved by its
 true values.
@@ -40,8 +41,10 @@ from tests.benchmarks.planted_causes import begun
 
 TRIALS = {"push-adr": 16, "push-scratch": 24}
 """Of each robot with each policy."""
-PENALTIES = np.logspace(0, 5, 11)
-BOOTSTRAPS = 10_000
+PENALTIES = np.logspace(-1, 3, 7)
+WEIGHTS = (0.0, 0.1, 0.3, 1.0, 3.0)
+"""Of the answers beside the logs; the attacker without answers has the first."""
+BOOTSTRAPS, SHUFFLES = 10_000, 50
 PLANTED_SHARE = 1.0
 """Standard deviations of an answer's share that one of the truth moves it by, where a leak is made."""
 STILL_RAD_S, PERIODS_APART = 0.02, 3
@@ -198,45 +201,67 @@ def answer_of(first_seed: int, line: dict, place: int, graphs: dict[str, tuple[P
     return {"robot": line["robot"], "place": place, "policy": name} | told | {"cpu_s": round(time.process_time() - began_s, 1)}
 
 
-def predicted(known: np.ndarray, truth: np.ndarray, asked: np.ndarray) -> np.ndarray:
-    """Ridge regression of all parameters, shape (parameters,); numbers have mean 0 and variance 1 over the known robots.
+def kernels(logs: np.ndarray, answers: np.ndarray, known: np.ndarray) -> list[np.ndarray]:
+    """Products of robots' numbers, shape (robots, robots), for each weight of the answers beside the logs.
 
-    The penalty of each parameter is the one with the least error when known robots are left out one by one.
+    Numbers have mean 0 and variance 1 over the known robots; logs as a whole weigh as much as answers as a whole.
     """
-    mean, spread = known.mean(axis=0), known.std(axis=0) + 1e-12
-    x, at = (known - mean) / spread, (asked - mean) / spread
-    values, vectors = np.linalg.eigh(x @ x.T)
-    centre = truth.mean(axis=0)
-    y, best = truth - centre, np.full(truth.shape[1], np.inf)
-    out = np.zeros(truth.shape[1])
+    products = []
+    for numbers in (logs, answers):
+        spread = numbers[known].std(axis=0)
+        scaled = (numbers - numbers[known].mean(axis=0)) / np.where(spread > 0, spread, np.inf)
+        products.append(scaled @ scaled.T / max(numbers.shape[1], 1))
+    return [products[0] + weight * products[1] for weight in WEIGHTS]
+
+
+def predicted(choices: list[np.ndarray], truth: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """The parameters of the robot that is not known, shape (parameters,), with the weight of the answers that is likeliest."""
+    return max((_of_one_weight(choice, truth, known) for choice in choices), key=lambda each: each[0])[1]
+
+
+def _of_one_weight(choice: np.ndarray, truth: np.ndarray, known: np.ndarray) -> tuple[float, np.ndarray]:
+    """The logarithm of how likely the known robots' parameters are, and the guesses, averaged over penalties by the same.
+
+    A parameter is normal with covariance proportional to ``choice`` and a penalty on its diagonal; of all scales the likeliest.
+    """
+    centre = truth[known].mean(axis=0)
+    values, vectors = np.linalg.eigh(choice[np.ix_(known, known)])
+    along, to_unknown = vectors.T @ (truth[known] - centre), choice[np.ix_(~known, known)] @ vectors
+    likely, guesses = [], []
     for penalty in PENALTIES:
-        inverse = vectors @ np.diag(1 / (values + penalty)) @ vectors.T
-        weights = inverse @ y
-        left_out = weights / np.diag(inverse)[:, None]
-        error = (left_out**2).mean(axis=0)
-        out = np.where(error < best, centre + (at @ x.T) @ weights, out)
-        best = np.minimum(error, best)
-    return out
+        spread = values.clip(0) + penalty
+        scale = (along**2 / spread[:, None]).mean(axis=0)
+        likely.append(-0.5 * len(values) * np.log(scale) - 0.5 * np.log(spread).sum())
+        guesses.append((to_unknown @ (along / spread[:, None]))[0])
+    logs = np.array(likely)
+    weights = np.exp(logs - logs.max(axis=0))
+    return float((np.log(weights.mean(axis=0)) + logs.max(axis=0)).sum()), centre + np.average(guesses, axis=0, weights=weights)
 
 
-def errors(numbers: np.ndarray, truth: np.ndarray) -> np.ndarray:
+def errors(logs: np.ndarray, answers: np.ndarray, truth: np.ndarray, choices: slice) -> np.ndarray:
     """Squared error of each robot's parameters when it is left out, as a share of their variance, shape (robots, parameters)."""
     rows = [np.arange(len(truth)) != robot for robot in range(len(truth))]
-    guesses = np.array([predicted(numbers[known], truth[known], numbers[~known][0]) for known in rows])
+    guesses = np.array([predicted(kernels(logs, answers, known)[choices], truth, known) for known in rows])
     return (guesses - truth) ** 2 / truth.var(axis=0)
 
 
 def compared(logs: np.ndarray, answers: np.ndarray, truth: np.ndarray) -> dict:
-    """Mean errors without and with answers, and the 95 % interval of their difference over the robots."""
-    without, together = errors(logs, truth), errors(np.hstack([logs, answers]), truth)
-    gained = (without - together).mean(axis=1)
-    rng = np.random.default_rng(24)
+    """Mean errors without and with answers, and the 95 % interval of their difference over the robots.
+
+    ``of_shuffled``: how often answers of other robots, dealt out by chance, gain as much.
+    """
+    without, together = (errors(logs, answers, truth, choices).mean(axis=1) for choices in (slice(1), slice(None)))
+    gained, rng = without - together, np.random.default_rng(24)
     means = gained[rng.integers(len(gained), size=(BOOTSTRAPS, len(gained)))].mean(axis=1)
+    shuffled = [
+        (without - errors(logs, rng.permutation(answers), truth, slice(None)).mean(axis=1)).mean() for _ in range(SHUFFLES)
+    ]
     return {
         "error_logs_alone": round(float(without.mean()), 4),
         "error_logs_and_answers": round(float(together.mean()), 4),
         "gained_by_answers": round(float(gained.mean()), 4),
         "interval_95": [round(float(each), 4) for each in np.quantile(means, (0.025, 0.975))],
+        "of_shuffled": round(float(1 + sum(each >= gained.mean() for each in shuffled)) / (1 + SHUFFLES), 3),
     }
 
 
@@ -255,10 +280,9 @@ def summary(lines: list[dict]) -> dict:
     numbers = np.array([list(line["logs"].values()) for line in logs.values()])
     answers = np.array([shares(told[robot]) for robot in logs])
     scaled = (truth - truth.mean(axis=0)) / truth.std(axis=0)
-    moved = np.random.default_rng(24).normal(size=(truth.shape[1], answers.shape[1]))
-    leaking = answers + PLANTED_SHARE * answers.std(axis=0) * (scaled @ moved) / np.sqrt(len(moved))
-    leaking[:, answers.std(axis=0) == 0] = 0.0
-    without = errors(numbers, truth).mean(axis=0)
+    told_of = [3 * place % truth.shape[1] for place in range(answers.shape[1])]
+    leaking = answers + PLANTED_SHARE * answers.std(axis=0) * scaled[:, told_of]
+    without = errors(numbers, answers, truth, slice(1)).mean(axis=0)
     best = np.argsort(without)[:8]
     keys = list(next(iter(logs.values()))["truth"])
     verdicts = [line["verdict"] for line in lines if "verdict" in line]
@@ -270,7 +294,7 @@ def summary(lines: list[dict]) -> dict:
         "numbers_of_logs": numbers.shape[1],
         "numbers_of_answers": answers.shape[1],
         **compared(numbers, answers, truth),
-        "answers_alone": compared(np.zeros((len(logs), 1)), answers, truth),
+        "without_any_logs": compared(np.zeros((len(logs), 1)), answers, truth),
         "with_a_leak_made": compared(numbers, leaking, truth),
         "best_known_from_logs": {keys[at]: round(float(without[at]), 3) for at in best},
     }
@@ -284,6 +308,7 @@ def main() -> int:
     parser.add_argument("--answers", type=int, default=500)
     parser.add_argument("--first-seed", type=int, default=82_000)
     parser.add_argument("--for-s", type=float, default=float("inf"), help="begin nothing more after so long")
+    parser.add_argument("--share", default="0/1", help="K/N: only each N-th of what is missing, for N processes and one file")
     parser.add_argument("--summary", type=Path)
     asked = parser.parse_args()
     lines = [json.loads(line) for line in asked.lines.read_text().splitlines()] if asked.lines.exists() else []
@@ -292,18 +317,19 @@ def main() -> int:
         asked.summary.write_text(json.dumps(found, indent=1) + "\n")
         print(json.dumps(found, indent=1))
         return 0
-    until_s = time.monotonic() + asked.for_s
+    until_s, (mine, shares_of) = time.monotonic() + asked.for_s, map(int, asked.share.split("/"))
     with tempfile.TemporaryDirectory() as folder:
         graphs = {name: graph_of(name, Path(folder)) for name in TRIALS}
         logs = {line["robot"]: line for line in lines if "logs" in line}
         done = {(line["robot"], line["place"]) for line in lines if "verdict" in line}
-        for robot in range(asked.robots):
+        for robot in range(mine, asked.robots, shares_of):
             if robot not in logs and time.monotonic() < until_s:
                 logs[robot] = logs_of(asked.first_seed, robot, graphs)
                 _keep(asked.lines, logs[robot])
         most = max(len(line["failed"]) for line in logs.values())
-        wanted = [(robot, place) for place in range(most) for robot in sorted(logs) if place < len(logs[robot]["failed"])]
-        for robot, place in wanted[: asked.answers]:
+        robots = range(mine, asked.robots, shares_of)
+        wanted = [(robot, place) for place in range(most) for robot in robots if place < len(logs[robot]["failed"])]
+        for robot, place in wanted[: asked.answers // shares_of]:
             if (robot, place) not in done and time.monotonic() < until_s:
                 _keep(asked.lines, answer_of(asked.first_seed, logs[robot], place, graphs))
     return 0
