@@ -13,6 +13,7 @@ seen"]}``, into one list. Pictures and videos of the folder's logs (``trifarm lo
 
 import argparse
 import json
+import math
 import time
 from pathlib import Path
 
@@ -83,8 +84,8 @@ def run(asked: argparse.Namespace) -> None:
     with of_farm.Farm(asked.folder, robots=asked.robots, more=more) as farm:
         sent = []
         for place, (policy, task, trials) in enumerate(JOBS):
-            seed = asked.first_seed + place
-            sent.append((farm.submit(named(policy), task=task, trials=trials, seed=seed), policy, task, seed))
+            seed, count = asked.first_seed + place, math.ceil(asked.share * trials)
+            sent.append((farm.submit(named(policy), task=task, trials=count, seed=seed), policy, task, seed))
         for job, policy, task, seed in sent:
             while '"per_trial"' not in farm.run("report", job, "--json", code=None):
                 time.sleep(5.0)
@@ -140,6 +141,7 @@ def main() -> None:
     parser.add_argument("--farm-seed", default="2405")
     parser.add_argument("--first-seed", type=int, default=201)
     parser.add_argument("--robots", type=int, default=2)
+    parser.add_argument("--share", type=float, default=1.0, help="of each job's trials")
     parser.add_argument("--folder", type=Path)
     parser.add_argument("--out", type=Path)
     asked = parser.parse_args()
