@@ -35,7 +35,10 @@ ROUND = 4
 """Replays with other noise at a time; a second round follows where the first leaves it open."""
 ROUNDS = 2
 SURE = 0.95
-"""So likely must it be that the trial succeeds more often without the effect than with it."""
+"""So likely must it be that the trial succeeds more often without the effect than with it, where one choice is tried again.
+
+Of k choices that are tried again each has its share of what is left to chance: 1 - (1 - SURE) / k.
+"""
 OPEN = 0.6
 OFTEN = 0.5
 """A cause makes the trial succeed at least so often; a trial whose control succeeds so often failed by chance."""
@@ -173,7 +176,7 @@ class Tried:
     """What came of replays without ``away``: ``turned`` under the trial's own noise, then so many of so many successes.
 
     ``error_m`` is the mean distance from the goal at the end, ``sure`` the probability that it succeeds more often than the
-    control.
+    control, and ``needed`` how large that must be.
     """
 
     name: str
@@ -183,6 +186,7 @@ class Tried:
     replays: int
     error_m: float
     sure: float
+    needed: float = SURE
 
     @property
     def chance(self) -> float:
@@ -192,7 +196,7 @@ class Tried:
     @property
     def explains(self) -> bool:
         """Whether it is blamed."""
-        return self.turned and self.replays > 0 and self.sure >= SURE and self.chance >= OFTEN
+        return self.turned and self.replays > 0 and self.sure >= self.needed and self.chance >= OFTEN
 
 
 @dataclass(frozen=True)
@@ -227,7 +231,8 @@ def explain(
     search = _Search(trial, policy, told)
     everything = tuple(name for cause in trial.causes for name in cause.effects)
     ideal, *groups = search.tried([("no effect at all", everything), *((cause.name, cause.effects) for cause in trial.causes)])
-    groups = search.again(groups)
+    may_blame = ideal.turned or (any(each.turned for each in groups) and search.succeeds_often(everything))
+    groups = search.again(groups) if may_blame else tuple(sorted(groups, key=_order))
     blamed = [name for each in groups if each.explains for name in each.away]
     singles: tuple[Tried, ...] = ()
     if effects and blamed:
@@ -235,17 +240,16 @@ def explain(
         several = search.again(search.tried([(name, (name,)) for name in blamed if name not in alone]))
         singles = tuple(sorted((*several, *alone.values()), key=_order))
     successes, replays = search.control
-    end = End(ideal.turned, ideal.error_m)
-    verdict = _verdict(any(each.explains for each in groups), successes, replays, end)
-    return Explanation(verdict, successes, replays, end, groups, singles, search.done)
+    verdict = _verdict(any(each.explains for each in groups), successes, replays, may_blame)
+    return Explanation(verdict, successes, replays, End(ideal.turned, ideal.error_m), groups, singles, search.done)
 
 
-def _verdict(is_explained: bool, successes: int, replays: int, ideal: End) -> Verdict:
+def _verdict(is_explained: bool, successes: int, replays: int, ideal_succeeds: bool) -> Verdict:
     if is_explained:
         return Verdict.CAUSE
     if replays and successes / replays >= OFTEN:
         return Verdict.CHANCE
-    return Verdict.TOGETHER if ideal.success else Verdict.POLICY
+    return Verdict.TOGETHER if ideal_succeeds else Verdict.POLICY
 
 
 class _Search:
@@ -273,14 +277,19 @@ class _Search:
 
     def again(self, tried: Sequence[Tried]) -> tuple[Tried, ...]:
         """Those that turned the trial again under other noise, beside the control; the likeliest cause first."""
-        known = list(tried)
+        needed = 1 - (1 - SURE) / max(sum(each.turned for each in tried), 1)
+        known = [replace(each, needed=needed) for each in tried]
         for first in range(0, ROUND * ROUNDS, ROUND):
-            left = [at for at, each in enumerate(known) if each.turned and (not first or OPEN < each.sure < SURE)]
+            left = [at for at, each in enumerate(known) if each.turned and (not first or OPEN < each.sure < needed)]
             if not left:
                 break
             for at, found in zip(left, self._round([known[at] for at in left], first), strict=True):
                 known[at] = found
         return tuple(sorted(known, key=_order))
+
+    def succeeds_often(self, away: tuple[str, ...]) -> bool:
+        """Whether a choice that did not turn the trial succeeds under other noise; what fails without any effect blames none."""
+        return self._round([Tried("no effect at all", away, False, 0, 0, 0.0, 0.0)], 0)[0].chance >= OFTEN
 
     def _round(self, tried: Sequence[Tried], first: int) -> list[Tried]:
         """One more round of replays under other noise of each choice, and of the control unless it has them."""

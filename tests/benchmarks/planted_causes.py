@@ -68,7 +68,7 @@ STRONG: dict[str, tuple[float, float]] = {
 PLANTS_PER_ROBOT = 4
 OTHER_SEEDS = 2
 MOST_DRAWS = 60
-DRAWN_TOGETHER, TRIED_TOGETHER = 3, 3
+DRAWN_TOGETHER, TRIED_TOGETHER, IDEAL_TOGETHER = 3, 3, 16
 
 
 def begun(physics: Physics, seed: int, noise_seed: int, manifest: PolicyManifest) -> Again:
@@ -126,11 +126,11 @@ def _causes(
 def hopeless(rng: np.random.Generator, policy: PolicyInLoop, manifest: PolicyManifest) -> tuple[Again, int, str]:
     """A failure of a `real` robot that is one of the ideal robot, too."""
     while True:
-        robots = [drawn(rng, manifest) for _ in range(DRAWN_TOGETHER)]
-        rows = [row for trial, _ in robots for row in (trial, trial.without(_everything(trial)))]
-        found = [end.success for end in ends(rows, policy)]
-        for at, (trial, seed) in enumerate(robots):
-            if not any(found[2 * at : 2 * at + 2]):
+        robots = [drawn(rng, manifest) for _ in range(IDEAL_TOGETHER)]
+        ideal = ends([trial.without(_everything(trial)) for trial, _ in robots], policy)
+        left = [robot for robot, end in zip(robots, ideal, strict=True) if not end.success]
+        for (trial, seed), end in zip(left, ends([trial for trial, _ in left], policy), strict=True):
+            if not end.success:
                 return trial, seed, ""
 
 

@@ -143,6 +143,24 @@ def test_without_any_turn_it_is_the_policy_or_several_together(monkeypatch):
     assert answers(monkeypatch, lambda away, _seed: len(away) == 4).verdict is Verdict.TOGETHER
 
 
+def test_a_trial_that_fails_without_any_effect_blames_none(monkeypatch):
+    """However often it succeeds without one of them: of a chaotic policy some replay always does."""
+    found = answers(monkeypatch, lambda away, _seed: away == {"coulomb_friction"})
+    assert (found.verdict, found.blamed, found.replays) == (Verdict.POLICY, (), 1 + len(found.groups) + 8)
+    unlucky = answers(monkeypatch, lambda away, seed: len(away) == 1 if seed is None else "coulomb_friction" in away)
+    assert [each.name for each in unlucky.blamed] == ["joint_friction"], "under other noise the ideal robot succeeds"
+
+
+def test_of_many_groups_that_turn_a_trial_each_must_be_surer(monkeypatch):
+    """4 of 4 beside 2 of 4 of the control is enough for one group, and not where four turn the trial."""
+    alone = answers(monkeypatch, lambda away, _seed: "coulomb_friction" in away)
+    assert [each.name for each in alone.blamed] == ["joint_friction"]
+    assert alone.blamed[0].needed == 0.95
+    several = answers(monkeypatch, lambda away, _seed: bool(away))
+    assert {each.needed for each in several.groups} == {1 - 0.05 / len(several.groups)}
+    assert alone.blamed[0].needed < surely_more(4, 4, 2, 4) < several.groups[0].needed
+
+
 @pytest.mark.parametrize(("won", "control", "low", "high"), [(4, 0, 0.99, 1.0), (2, 2, 0.49, 0.51), (0, 4, 0.0, 0.01)])
 def test_the_probability_that_one_chance_is_larger(won, control, low, high):
     rng = np.random.default_rng(1)
