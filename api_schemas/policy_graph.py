@@ -77,6 +77,10 @@ class GraphRunner:
         if self._bound is not None:
             self._bound.forget()
 
+    def another(self) -> "GraphRunner":
+        """The same policy for another trial."""
+        return GraphRunner(self._session)
+
     def act(self, observation: np.ndarray) -> np.ndarray:
         """The action for one observation, float32 of shape (1, n)."""
         if self._bound is not None and self._bound.takes(observation):

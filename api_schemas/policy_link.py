@@ -1,8 +1,9 @@
 """Frames between a robot and its policy process: fixed headers, float32 numbers, nothing that could be code.
 
-Request: kind, count of numbers, then the observation (float32). Reply: status, count, inference time in ns, then nine
-float32 numbers or a text of ``count`` bytes: an error, or the layers of the jail that the process has closed around itself,
-which it tells once and before it reads the network.
+Request: kind, count of numbers, then the observation (float32), or those of all trials that are under way, one after the
+other; a reset may say how many trials begin. Reply: status, count, inference time in ns, then nine float32 numbers for each
+trial or a text of ``count`` bytes: an error, or the layers of the jail that the process has closed around itself, which it tells
+once and before it reads the network.
 """
 
 import os
@@ -31,7 +32,7 @@ class LinkClosedError(Exception):
 
 
 def pack_request(kind: int, observation: np.ndarray | None = None) -> bytes:
-    """A request; ``observation`` is one float32 vector."""
+    """A request; ``observation`` is a float32 vector, or one for each trial, shape (trials, size)."""
     if observation is None:
         return REQUEST.pack(kind, 0)
     return REQUEST.pack(kind, observation.size) + observation.astype(np.float32, copy=False).tobytes()
@@ -70,6 +71,11 @@ def read_request(fd: int) -> tuple[int, bytes]:
     if (missing := REQUEST.size + 4 * count - len(data)) > 0:
         data += read_exactly(fd, missing)
     return kind, data[REQUEST.size :]
+
+
+def trials_of(data: bytes) -> int:
+    """How many trials begin with a reset that carries these bytes: one unless it says a number."""
+    return int(np.frombuffer(data, np.float32)[0]) if data else 1
 
 
 def read_reply(fd: int, expected_bytes: int = 0) -> tuple[int, bytes, int]:

@@ -21,7 +21,7 @@ from api_schemas.why import Why, WhyEffect, WhyGroup, WhyVerdict
 from jail.entering import enter
 from jail.level import JailLevel
 from jail.needs import Needs
-from robot_farm.policy.jail import BUILTIN_PROCESS, POLICY_PROCESS, JailedPolicy, PolicyFailedError
+from robot_farm.policy.jail import BUILTIN_PROCESS, POLICY_PROCESS, JailedPolicy, PolicyFailedError, most_trials
 from sim_backend import warm_up
 from sim_backend.effects.causes import CAUSES
 from sim_backend.replays.comparison import NotRepeatableError, Verification
@@ -57,12 +57,20 @@ class PolicyInLoop:
     def __init__(self, policy: JailedPolicy) -> None:
         self._policy = policy
 
-    def begin(self) -> None:
-        """Forget the trial before."""
-        self._policy.reset()
+    def most(self, observation_size: int) -> int:
+        """So many trials may be under way together."""
+        return most_trials(observation_size)
+
+    def begin(self, trials: int = 1) -> None:
+        """Forget all trials before; so many begin."""
+        self._policy.reset(trials)
 
     def act(self, observation: np.ndarray) -> np.ndarray:
-        """The action (9,) of an observation (size,), float32."""
+        """The actions (trials, 9) of observations (trials, size), float32."""
+        return self._policy.act_each(observation)
+
+    def act_alone(self, observation: np.ndarray) -> np.ndarray:
+        """The action (9,) of the observation (size,) of the only trial, float32."""
         return self._policy.act(observation)[0]
 
 
@@ -78,7 +86,7 @@ def why(log: TrialLog, truth: TruthLog, policy: PolicyInLoop, *, effects: bool =
     _check(log)
     _say("the trial as it was", 0)
     policy.begin()
-    found = verify_with_truth(log, truth, act=policy.act)
+    found = verify_with_truth(log, truth, act=policy.act_alone)
     if not found.same:
         raise OtherNumbersError(_differs(found), other_form=found.form != found.simulated_form)
     return answer(
@@ -130,7 +138,7 @@ def _differs(found: Verification) -> str:
 
 
 def _say(what: str, done: int) -> None:
-    print(f"replay {done + 1}: {what}", file=sys.stderr, flush=True)
+    print(f"after {done} replays: {what}", file=sys.stderr, flush=True)
 
 
 def main(arguments: list[str] | None = None) -> int:

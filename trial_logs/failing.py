@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trial_logs.moments import Moment, Seen, holds_of_fingers, in_object, surface_distance, turns, way_of_object
+from trial_logs.moments import Moment, Seen, holds_of_fingers, in_object, smoothed, surface_distance, turns, way_of_object
 
 BLIND_S = 2.0
 """So long without a report of the tracker is lost."""
@@ -28,8 +28,18 @@ SATURATED, SATURATED_SHARE = 0.98, 0.5
 """Share of the limit, and of the time, that a joint works at."""
 REVERSALS_HZ, REVERSALS_RAD_S = 8.0, 1.0
 """A joint that turns about so often, at such speeds, thrashes."""
+COMING_M = 0.006
+"""And has come nearer by so much within them."""
+IN_A_ROW = 4
+"""So many reports of the tracker are believed."""
 HEIGHT_M = 0.015
 BEGAN_S = 0.2
+PASSED_S = 1.0
+"""An object that was at its goal for less than this in all has passed it; what came then is told."""
+WAVERED = 3
+"""Who comes to the goal so often wavers about its edge."""
+STAYS_M, STAYS_S = 0.010, 5.0
+"""A distance that changes by no more than this, for so long, is one at which the object stays."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +123,7 @@ def _untouched(e: Evidence) -> Why | None:
 
 
 def _dropped(e: Evidence) -> Why | None:
-    way = way_of_object(e.seen.t_s, e.seen.pose, e.goal_m, e.within_m)
+    way = way_of_object(e.seen.t_s, e.seen.pose, None, 0.0)
     falls = [moment for moment in way if moment.text == "dropped" and not _put_at_goal(e, moment.t_s)]
     if not falls or _is_up(e):
         return None
@@ -155,14 +165,21 @@ def _wrong_angle(e: Evidence) -> Why | None:
 
 
 def _left(e: Evidence) -> Why | None:
-    reached = [m for m in way_of_object(e.seen.t_s, e.seen.pose, e.goal_m, e.within_m) if "goal" in m.text]
-    if not reached or reached[-1].text != "left the goal":
+    visits = _visits(e)
+    if not visits or visits[-1][1] is None or _has_passed(e, visits):
         return None
-    first, last = reached[0].t_s, reached[-1].t_s
-    slips = [each for each in _slips(e) if last - 1.5 <= each.t_s <= last + 0.2]
+    first, last = visits[0][0], visits[-1][1]
+    slips = [each for each in _slips(e) if last - 1.5 <= each.t_s <= last + 0.2] if _is_up(e, last) else []
     slipped = f" as {slips[-1].text}" if slips else ""
     came = "began at its goal" if first < BEGAN_S else f"reached its goal at {first:.1f} s"
-    return Why("left", f"the object {came} and left it at {last:.1f} s{slipped}: {_ended(e)}", last)
+    within = f"within {1e3 * e.within_m:.0f} mm for {sum(_stays_s(e, visits)):.1f} s in all"
+    if len(visits) >= WAVERED:
+        told = f"the object {came} and wavered about its edge, {within} and for the last time at {last:.1f} s{slipped}"
+    elif len(visits) > 1:
+        told = f"the object {came} and left it at {last:.1f} s for the last time, {within}{slipped}"
+    else:
+        told = f"the object {came} and left it at {last:.1f} s{slipped}"
+    return Why("left", f"{told}: {_ended(e)}", last)
 
 
 def _misjudged(e: Evidence) -> Why | None:
@@ -179,7 +196,7 @@ def _at_wall(e: Evidence) -> Why | None:
     reach_m = float((np.linalg.norm(_corners(e), axis=1)).max())
     if since is None or reach_m < e.wall_m - WALL_M:
         return None
-    return Why("at_wall", f"the object stands at the wall since {since:.1f} s: {_ended(e)}", since)
+    return Why("at_wall", f"the object {_passed(e)}stands at the wall since {since:.1f} s: {_ended(e)}", since)
 
 
 def _thrashing(e: Evidence) -> Why | None:
@@ -197,8 +214,11 @@ def _saturated(e: Evidence) -> Why | None:
     worst = int(share.argmax())
     if share[worst] < SATURATED_SHARE:
         return None
-    told = f"{_joint(e, worst)} worked at its torque limit for {100 * share[worst]:.0f} % of the time: {_ended(e)}"
-    return Why("saturated", told)
+    gap_m = 0.0 if e.goal_m is None else _last_gap_m(e)
+    touch = "" if gap_m < TOUCHED_M else f", and the nearest finger is {1e3 * gap_m:.0f} mm away from the object"
+    before = _passed(e).removesuffix(" and ") if e.goal_m is not None else ""
+    worked = f"{_joint(e, worst)} worked at its torque limit for {100 * share[worst]:.0f} % of the time{touch}"
+    return Why("saturated", f"{f'the object {before}; ' if before else ''}{worked}: {_ended(e)}")
 
 
 def _slipped(e: Evidence) -> Why | None:
@@ -219,7 +239,9 @@ def _late(e: Evidence) -> Why | None:
     if last.sum() < 5:
         return None
     slope = float(np.polyfit(t_s[last], error_m[last], 1)[0])
-    if -slope < COMING_M_S:
+    quarter = max(int(last.sum()) // 4, 1)
+    nearer_m = float(np.median(error_m[last][:quarter]) - np.median(error_m[-quarter:]))
+    if -slope < COMING_M_S or nearer_m < COMING_M:
         return None
     return Why("late", f"the object was on its way to the goal, {-1e3 * slope:.0f} mm/s, when time was over: {_ended(e)}")
 
@@ -228,18 +250,21 @@ def _still(e: Evidence) -> Why | None:
     since = _still_since(e)
     if since is None or since > e.duration_s - STILL_S:
         return None
-    gap_m = float(_gaps_m(e)[-5:].min())
     if _is_up(e):
         return Why("held_off", f"the object is held still in the air since {since:.1f} s: {_ended(e)}", since)
-    touch = "though a finger touches it" if gap_m < TOUCHED_M else f"and the nearest finger is {1e3 * gap_m:.0f} mm away"
-    return Why("still", f"the object lies still since {since:.1f} s, {touch}: {_ended(e)}", since)
+    return Why("still", f"the object {_passed(e)}lies still since {since:.1f} s, {_touch(e)}: {_ended(e)}", since)
 
 
 def _missed(e: Evidence) -> Why | None:
     error_m = _error_m(e)
+    since = _last_s(e, np.abs(error_m - np.median(error_m[-10:])) > STAYS_M)
+    if e.duration_s - since >= STAYS_S:
+        low, high = 1e3 * np.quantile(error_m[e.seen.t_s > since], (0.1, 0.9))
+        stays = f"stays {low:.0f} to {high:.0f} mm from its goal since {since:.1f} s, {_touch(e)}"
+        return Why("missed", f"the object {_passed(e)}{stays}: {_ended(e)}", since)
     nearest = int(error_m.argmin())
     came = f"came to {1e3 * error_m[nearest]:.0f} mm from its goal at {e.seen.t_s[nearest]:.1f} s"
-    return Why("missed", f"the object {came}: {_ended(e)}")
+    return Why("missed", f"the object {_passed(e).removesuffix(' and ') or came}: {_ended(e)}")
 
 
 def _finger_off(e: Evidence) -> Why | None:
@@ -271,9 +296,47 @@ OF_OBJECTS: tuple[Rule, ...] = (
 OF_FINGERS: tuple[Rule, ...] = (_thrashing, _saturated, _finger_off)
 
 
-def _is_up(e: Evidence) -> bool:
-    """Whether the object is in the air at the end."""
-    return float(np.median(e.seen.pose[-5:, 2]) - np.median(e.seen.pose[:5, 2])) > HEIGHT_M
+def _is_up(e: Evidence, t_s: float | None = None) -> bool:
+    """Whether the object is in the air at a time, or at the end."""
+    height_m, last = e.seen.pose[:, 2], len(e.seen.t_s) if t_s is None else max(int(np.searchsorted(e.seen.t_s, t_s)), 1)
+    return float(np.median(height_m[max(0, last - 5) : last]) - np.median(height_m[:5])) > HEIGHT_M
+
+
+def _visits(e: Evidence) -> list[tuple[float, float | None]]:
+    """From when until when the object was at its goal by the tracker; None where it still is."""
+    visits: list[tuple[float, float | None]] = []
+    for moment in way_of_object(e.seen.t_s, smoothed(e.seen.pose), e.goal_m, e.within_m):
+        if moment.text == "at the goal":
+            visits.append((moment.t_s, None))
+        elif moment.text == "left the goal":
+            visits[-1] = (visits[-1][0], moment.t_s)
+    return visits
+
+
+def _stays_s(e: Evidence, visits: Sequence[tuple[float, float | None]]) -> list[float]:
+    """How long each visit was."""
+    return [(e.duration_s if until is None else until) - since for since, until in visits]
+
+
+def _has_passed(e: Evidence, visits: Sequence[tuple[float, float | None]]) -> bool:
+    """Whether all visits were too short, and too few, to say that the object was at its goal."""
+    return len(visits) < WAVERED and max(_stays_s(e, visits)) < PASSED_S
+
+
+def _passed(e: Evidence) -> str:
+    """What comes before the end of an object that was at its goal for moments only."""
+    visits = _visits(e)
+    return f"passed its goal at {visits[-1][0]:.1f} s and " if visits and _has_passed(e, visits) else ""
+
+
+def _touch(e: Evidence) -> str:
+    gap_m = _last_gap_m(e)
+    return "though a finger touches it" if gap_m < TOUCHED_M else f"and the nearest finger is {1e3 * gap_m:.0f} mm away"
+
+
+def _last_gap_m(e: Evidence) -> float:
+    """Of the nearest finger at the end."""
+    return float(np.median(_gaps_m(e)[-10:], axis=0).min())
 
 
 def _put_at_goal(e: Evidence, t_s: float) -> bool:
@@ -290,8 +353,10 @@ def _slips(e: Evidence) -> list[Moment]:
 
 
 def _error_m(e: Evidence) -> np.ndarray:
-    """Distance of the object from its goal by the tracker, shape (n,)."""
-    return np.linalg.norm(e.seen.pose[:, :3] - e.goal_m, axis=1)
+    """Distance of the object from its goal by the tracker, the middle one of five reports, shape (n,)."""
+    error_m = np.linalg.norm(e.seen.pose[:, :3] - e.goal_m, axis=1)
+    padded = np.pad(error_m, 2, mode="edge")
+    return np.median([padded[at : at + len(error_m)] for at in range(5)], axis=0)
 
 
 def _angles(e: Evidence) -> np.ndarray:
@@ -315,10 +380,17 @@ def _corners(e: Evidence) -> np.ndarray:
 
 def _still_since(e: Evidence) -> float | None:
     """Since when the object has not moved, if for ``STILL_S`` at least."""
-    away_m = np.linalg.norm(e.seen.pose[:, :3] - np.median(e.seen.pose[-5:, :3], axis=0), axis=1)
-    moving = np.flatnonzero(away_m > STILL_M)
-    since = float(e.seen.t_s[moving[-1]]) if len(moving) else 0.0
+    position_m = smoothed(e.seen.pose)[:, :3]
+    away_m = np.linalg.norm(position_m - np.median(position_m[-5:], axis=0), axis=1)
+    since = _last_s(e, away_m > STILL_M)
     return since if e.duration_s - since >= STILL_S else None
+
+
+def _last_s(e: Evidence, holds: np.ndarray) -> float:
+    """When so many reports in a row have shown something for the last time, so that no jump of the tracker counts; 0 if never."""
+    runs = np.convolve(holds, np.ones(IN_A_ROW), "valid") == IN_A_ROW if len(holds) >= IN_A_ROW else np.zeros(0, bool)
+    ends = np.flatnonzero(runs) + IN_A_ROW - 1
+    return float(e.seen.t_s[ends[-1]]) if len(ends) else 0.0
 
 
 def _joint(e: Evidence, index: int) -> str:

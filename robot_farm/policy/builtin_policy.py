@@ -21,6 +21,7 @@ class Grasp:
     """The structured controller as a policy process has it."""
 
     def __init__(self, manifest: PolicyManifest) -> None:
+        self._manifest = manifest
         self._policy = GraspPolicy(manifest)
 
     def __call__(self, data: bytes) -> tuple[Any, int]:
@@ -33,6 +34,10 @@ class Grasp:
     def forget(self) -> None:
         """Begin a new trial."""
         self._policy.begin(1)
+
+    def another(self) -> "Grasp":
+        """The same controller for another trial."""
+        return Grasp(self._manifest)
 
 
 def _try_out() -> None:

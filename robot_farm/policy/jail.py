@@ -34,6 +34,8 @@ _LOOK_EVERY_ACTIONS = 100
 START_CPU_S = 20.0
 START_WALL_S = 60.0
 _POLL_S = 0.05
+MOST_TRIALS, _MOST_REQUEST_BYTES = 16, 32 * 1024
+"""Of trials that are under way together; their requests must go through a pipe whole."""
 _NUMBERS = struct.Struct(f"<{ACTION_SIZE}f")
 _ACTION_BYTES = _NUMBERS.size
 _LONGEST_INFERENCE_NS = 86_400 * 10**9
@@ -47,6 +49,11 @@ class PolicyFailedError(Exception):
     def __init__(self, kind: OutcomeKind, reason: str) -> None:
         super().__init__(reason)
         self.kind = kind
+
+
+def most_trials(observation_size: int) -> int:
+    """How many trials with observations of this size may be under way together in one process."""
+    return max(1, min(MOST_TRIALS, _MOST_REQUEST_BYTES // (4 * observation_size)))
 
 
 class JailedPolicy:
@@ -85,7 +92,7 @@ class JailedPolicy:
         self._poll = select.poll()
         self._poll.register(self._read_fd, select.POLLIN)
         self._ready = False
-        self._asked, self._trial_from_cpu_s = 0, 0.0
+        self._asked, self._trial_from_cpu_s, self._trials = 0, 0.0, 1
 
     def __enter__(self) -> "JailedPolicy":
         return self
@@ -98,16 +105,19 @@ class JailedPolicy:
         """Process id of the policy process."""
         return self._process.pid
 
-    def reset(self) -> None:
+    def reset(self, trials: int = 1) -> None:
         """Forget the last trial; waits until the network is loaded when it is the first.
+
+        Args:
+            trials: that begin, side by side (:meth:`act_each`); a robot has one at a time.
 
         Raises:
             PolicyFailedError: the process ended, failed to load, is not jailed enough or missed its deadline.
         """
         if not self._ready:
             self._start()
-        self._trial_from_cpu_s = self._cpu_s()
-        self._ask(policy_link.pack_request(policy_link.RESET))
+        self._trial_from_cpu_s, self._trials = self._cpu_s(), trials
+        self._ask(policy_link.pack_request(policy_link.RESET, None if trials == 1 else np.array([trials], np.float32)))
 
     def _start(self) -> None:
         self._wait(START_CPU_S, START_WALL_S, "starting the policy process")
@@ -137,16 +147,35 @@ class JailedPolicy:
         Raises:
             PolicyFailedError: as for :meth:`reset`, or the action is not finite or has another size.
         """
+        numbers, inference_time_ns = self._actions(observation, 1)
+        return np.array(numbers), inference_time_ns
+
+    def act_each(self, observation: np.ndarray) -> np.ndarray:
+        """Ask for an action in each of the trials that are under way.
+
+        Args:
+            observation: float32, shape (trials, size).
+
+        Returns:
+            The actions, shape (trials, 9), float64.
+
+        Raises:
+            PolicyFailedError: as for :meth:`act`.
+        """
+        assert len(observation) == self._trials, "each trial that is under way has an observation"
+        return np.array(self._actions(observation, self._trials)[0]).reshape(self._trials, ACTION_SIZE)
+
+    def _actions(self, observation: np.ndarray, trials: int) -> tuple[tuple[float, ...], int]:
         request = policy_link.pack_request(policy_link.ACT, observation)
-        payload, inference_time_ns = self._ask(request, expected_bytes=_ACTION_BYTES)
-        if len(payload) != _ACTION_BYTES:
+        payload, inference_time_ns = self._ask(request, expected_bytes=trials * _ACTION_BYTES)
+        if len(payload) != trials * _ACTION_BYTES:
             raise PolicyFailedError(
-                OutcomeKind.POLICY_ERROR, f"the action has {len(payload) / 4:g} numbers instead of {ACTION_SIZE}"
+                OutcomeKind.POLICY_ERROR, f"the action has {len(payload) / 4 / trials:g} numbers instead of {ACTION_SIZE}"
             )
-        numbers = _NUMBERS.unpack(payload)
+        numbers = _NUMBERS.unpack(payload) if trials == 1 else struct.unpack(f"<{trials * ACTION_SIZE}f", payload)
         if not all(map(math.isfinite, numbers)):
             raise PolicyFailedError(OutcomeKind.NONFINITE_ACTION, f"the action is not finite: {list(numbers)}")
-        return np.array(numbers), inference_time_ns
+        return numbers, inference_time_ns
 
     def close(self) -> None:
         """End the process and everything it started."""
@@ -172,7 +201,7 @@ class JailedPolicy:
             raise self._ended() from None
         except BlockingIOError:
             raise PolicyFailedError(OutcomeKind.POLICY_ERROR, "the policy process answers before it reads the request") from None
-        self._wait(ACTION_CPU_S, ACTION_WALL_S, "one action")
+        self._wait(self._trials * ACTION_CPU_S, self._trials * ACTION_WALL_S, "one action")
         status, payload, inference_time_ns = self._reply(expected_bytes)
         if status != policy_link.OK:
             raise PolicyFailedError(OutcomeKind.POLICY_ERROR, f"the network raised an error: {_text(payload)}")
@@ -197,7 +226,7 @@ class JailedPolicy:
                 )
 
     def _check_trial(self, cpu_s: float) -> None:
-        if self._ready and cpu_s - self._trial_from_cpu_s > TRIAL_CPU_S:
+        if self._ready and cpu_s - self._trial_from_cpu_s > self._trials * TRIAL_CPU_S:
             reason = f"the actions of one trial took more than {TRIAL_CPU_S:g} s of the policy's CPU time"
             raise PolicyFailedError(OutcomeKind.ACTION_DEADLINE, reason)
 

@@ -23,7 +23,10 @@ NEEDS = Needs(memory_bytes=4 * 1024**3)
 
 MOST_NAMED_BYTES = 100
 Act = Callable[[bytes], tuple[Any, int]]
-"""From an observation's bytes to an action (float32 array) and its inference time in ns; one that remembers can ``forget``."""
+"""From an observation's bytes to an action (float32 array) and its inference time in ns.
+
+One that remembers can ``forget``, and gives ``another`` of its kind for a trial beside its own.
+"""
 
 
 class UnknownHereError(Exception):
@@ -53,9 +56,10 @@ def main(load: Callable[..., Act] | None = None) -> int:
         _reply_text(write_fd, error)
         return 1
     os.write(write_fd, policy_link.pack_reply(policy_link.READY))
+    acts = [act]
     try:
         while True:
-            _answer(act, read_fd, write_fd)
+            acts = _answer(acts, read_fd, write_fd)
     except (policy_link.LinkClosedError, BrokenPipeError):
         return 0
 
@@ -78,6 +82,10 @@ class Network:
         """Begin a new trial."""
         self._runner.forget()
 
+    def another(self) -> "Network":
+        """The same network for another trial, with a memory of its own."""
+        return Network(self._runner.another(), self._np)
+
 
 def _load(graph: bytes, np, _onnxruntime) -> Network:
     """The network as a function from observation bytes to an action array and its inference time in ns."""
@@ -87,19 +95,47 @@ def _load(graph: bytes, np, _onnxruntime) -> Network:
     return Network(GraphRunner(policy_graph.session(graph)), np)
 
 
-def _answer(act: Act, read_fd: int, write_fd: int) -> None:
-    """Answer one request: an action that may depend on all observations since the last reset, or a reset."""
-    kind, observation = policy_link.read_request(read_fd)
-    if kind == policy_link.RESET:
-        getattr(act, "forget", _nothing_to_forget)()
-        os.write(write_fd, policy_link.pack_reply(policy_link.OK))
-        return
+def _answer(acts: list[Act], read_fd: int, write_fd: int) -> list[Act]:
+    """Answer one request: actions that may depend on all observations since the last reset, or a reset.
+
+    Gives one ``act`` for each trial that is under way.
+    """
+    kind, data = policy_link.read_request(read_fd)
     try:
-        action, inference_time_ns = act(observation)
+        if kind == policy_link.RESET:
+            acts = _begun(acts, data)
+            os.write(write_fd, policy_link.pack_reply(policy_link.OK))
+            return acts
+        if len(acts) == 1:
+            action, inference_time_ns = acts[0](data)
+            payload = action.tobytes()
+        else:
+            payload, inference_time_ns = _actions(acts, data)
     except Exception as error:
         _reply_text(write_fd, error)
-        return
-    os.write(write_fd, policy_link.pack_reply(policy_link.OK, action.tobytes(), inference_time_ns))
+        return acts
+    os.write(write_fd, policy_link.pack_reply(policy_link.OK, payload, inference_time_ns))
+    return acts
+
+
+def _begun(acts: list[Act], data: bytes) -> list[Act]:
+    """As many as trials begin: one unless the request says how many."""
+    trials = policy_link.trials_of(data)
+    if trials > len(acts):
+        another = getattr(acts[0], "another", None)
+        assert another is not None, "what is made of the graph gives others of its kind"
+        acts = [*acts, *(another() for _ in range(len(acts), trials))]
+    acts = acts[:trials]
+    for act in acts:
+        getattr(act, "forget", _nothing_to_forget)()
+    return acts
+
+
+def _actions(acts: list[Act], data: bytes) -> tuple[bytes, int]:
+    """The actions of all trials, one after the other, and their inference time in ns."""
+    size = len(data) // len(acts)
+    found = [act(data[size * at : size * (at + 1)]) for at, act in enumerate(acts)]
+    return b"".join(action.tobytes() for action, _ in found), sum(time_ns for _, time_ns in found)
 
 
 def _nothing_to_forget() -> None:

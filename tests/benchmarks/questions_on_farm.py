@@ -64,12 +64,16 @@ def main():
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--robots", type=int, default=2)
     parser.add_argument("--farm-seed", default="7001")
+    parser.add_argument("--keep", type=Path, help="the farm's folder (default: a temporary one)")
     parser.add_argument("--out", type=Path, required=True)
     given = parser.parse_args()
     done = {row["seed"] for row in answered(given.out)}
     of_farm.READY_WITHIN_S = 900  # other work may have the cores
     more = ("--physics", "real", "--farm-seed", given.farm_seed)
-    with tempfile.TemporaryDirectory() as folder, of_farm.Farm(Path(folder), robots=given.robots, more=more) as farm:
+    with (
+        tempfile.TemporaryDirectory() as temporary,
+        of_farm.Farm(given.keep or Path(temporary), robots=given.robots, more=more) as farm,
+    ):
         for seed in range(FIRST_SEED, FIRST_SEED + given.seeds):
             if seed not in done:
                 row = ask(farm, given, seed)

@@ -1,5 +1,6 @@
 """Robots that differ, as the services see them: identifications, truth that is not for everybody, robots out of service."""
 
+import itertools
 import socket
 import time
 
@@ -17,7 +18,8 @@ REASON = "joint 4 does not follow its path by 0.31 rad"
 
 @pytest.fixture(scope="module")
 def farm(tmp_path_factory):
-    with services(tmp_path_factory.mktemp("hidden") / "farm", physics="/secret/place/stiff.toml") as running:
+    folder = tmp_path_factory.mktemp("hidden") / "farm"
+    with services(folder, physics="/secret/place/stiff.toml", whys_per_robot="1") as running:
         running.start_robots(3, trial_s=0.02, truth=True)
         yield running
 
@@ -230,3 +232,24 @@ def test_a_robot_out_of_service_costs_the_policy_nothing_and_comes_back_when_res
         farm.admin.post("/v1/robots/robot-0/resume")
         assert farm.wait_for_end(pinned["job_id"])["state"] == "succeeded"
         assert farm.admin.get("/v1/robots/robot-0").json()["reason"] is None
+
+
+def test_beyond_the_questions_of_a_robot_a_user_is_refused_and_told_why(farm):
+    _, ann = user(farm, "asks", "submit")
+    job = farm.submit(farm.policy(ann), client=ann, trials=40).json()["job_id"]
+    farm.wait_for_end(job)
+    trials = ann.get(f"/v1/jobs/{job}/trials").json()["trials"]
+    failed = [trial for trial in trials if trial["outcome"]["kind"] == "failed"]
+    first, again = next(pair for pair in itertools.combinations(failed, 2) if pair[0]["robot"] == pair[1]["robot"])
+    path, beyond = (f"/v1/jobs/{job}/trials/{trial['ordinal']}/why" for trial in (first, again))
+    assert ann.post(path).json()["questions_left"] == 0
+    refused = ann.post(beyond)
+    problem = refused.json()
+    assert (refused.status_code, problem["type"], problem["limit"]) == (429, "/problems/why-budget-used", 1)
+    assert first["robot"] in problem["detail"]
+    assert "hidden physics" in problem["detail"]
+    assert int(refused.headers["retry-after"]) > 86_400
+    assert ann.get(beyond).json()["type"] == "/problems/why-not-asked"
+    assert ann.post(path).status_code == 200, "what was asked is not asked again"
+    assert farm.admin.post(beyond).status_code == 200
+    assert ann.post(beyond).status_code == 429, "what an operator had answered costs a question, too"

@@ -57,6 +57,21 @@ def test_memory_is_kept_within_a_trial_and_forgotten_between_trials(remembering)
     assert np.abs(first[5] - fifth_alone).max() > 0.01, "the fifth action depends on the four observations before it"
 
 
+def test_trials_side_by_side_have_memories_of_their_own(remembering):
+    path, _ = remembering
+    with JailedPolicy("remembers", path) as policy:
+        alone = trial_of(policy)
+        policy.reset(3)
+        later = np.stack([OBSERVATIONS[0], *OBSERVATIONS[:-1]])  # of a trial that looks twice at its first
+        together = [policy.act_each(np.stack(rows)) for rows in zip(OBSERVATIONS, later, OBSERVATIONS, strict=True)]
+        again = trial_of(policy)
+    first, second, third = np.stack(together, axis=1)
+    np.testing.assert_array_equal(first, alone)
+    np.testing.assert_array_equal(third, alone)
+    np.testing.assert_array_equal(again, alone)
+    assert np.abs(second[1:] - alone[:-1]).max() > 1e-6, "its memory is that of one observation more"
+
+
 def test_a_stack_begins_anew_with_each_trial(tmp_path):
     asked = PUSH.model_copy(update={"frame_stack": FrameStack(count=3), "output_scaling": OutputScaling(scale=0.1)})
     weights = {"layer0.weight": np.random.default_rng(0).normal(size=(9, 162)), "layer0.bias": np.zeros(9)}

@@ -35,6 +35,9 @@ def test_it_acts_as_the_controller_and_forgets_between_trials(name, tmp_path):
         for _ in range(2):
             policy.reset()
             np.testing.assert_array_equal([policy.act(seen)[0] for _ in range(30)], expected)
+        policy.reset(2)
+        both = [policy.act_each(np.stack([seen, seen])) for _ in range(30)]
+        np.testing.assert_array_equal(both, np.stack([expected, expected], axis=1))
         assert policy.jail is not None
 
 
