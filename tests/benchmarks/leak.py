@@ -57,7 +57,7 @@ class NetworkInLoop:
         self._first = policy_graph.GraphRunner(policy_graph.session(graph))
         self._runners = [self._first]
 
-    def most(self, observation_size: int) -> int:  # noqa: ARG002  all take as much
+    def most(self, observation_size: int) -> int:
         """So many trials may be under way together."""
         return 16
 
