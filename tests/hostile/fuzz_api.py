@@ -32,7 +32,13 @@ CHECKS = (
 REVOKING = "/v1/tokens/{token_id}"
 """schemathesis asks for ids that it was shown, its own token's among them: this path has a run and a token of its own."""
 REPORTED, MOST_SAID = 10, 1500
-SETTINGS = {"requests_per_s": 0, "anonymous_requests_per_s": 0, "robot_requests_per_s": 0, "max_log_bytes": 100_000}
+SETTINGS = {
+    "shares": "true",
+    "requests_per_s": 0,
+    "anonymous_requests_per_s": 0,
+    "robot_requests_per_s": 0,
+    "max_log_bytes": 100_000,
+}
 """How often one may ask is not what is tried here."""
 
 
@@ -52,6 +58,7 @@ def things(farm):
     ladder = farm.admin.post("/v1/ladders", json={"name": "l", "task": "push", "trials": 1, "rungs": rungs}).json()
     farm.admin.post(f"/v1/jobs/{ladder['rungs'][0]['job_id']}/cancel")
     made = [farm.admin.post("/v1/tokens", json={"owner": "ann", "scopes": ["submit"]}).json() for _ in range(3)]
+    shares = [farm.admin.post("/v1/shares", json={"job": done}).json() for _ in range(3)]
     jobs = [done, identified, cancelled]
     return {
         "job_id": jobs,
@@ -60,6 +67,7 @@ def things(farm):
         "task": ["push"],
         "digest": [policy],
         "token_id": [token["token_id"] for token in made],
+        "share_id": [share["share_id"] for share in shares],
         "robot": sorted(farm.robots),
         "ordinal": [0, 1],
         "fence": [1, 2],

@@ -13,6 +13,7 @@ from tests.browser.conftest import CHROMIUM
 
 PROGRAMS = ROOT / "tests/benchmarks"
 EXPERTS = ROOT.parent / "shared/data/policies"
+PHOTOGRAPHS = ROOT.parent / "shared/data/trifinger_photos"
 PUSH = "sim_backend/training/reference_policies/push.safetensors"
 SCRATCH = "sim_backend/training/reference_policies/push-scratch.safetensors"
 QUICK = {
@@ -37,12 +38,22 @@ LARGER = {
     "bench": ["--quick --out {to}/figures.json"],
     "crowd": ["--jobs 40 --trials 1 --minutes 0.001 --out {to}/crowd.json"],
     "crowd_memory": ["--seconds 1 --out {to}/memory.json"],
+    "failure_sentences": [
+        "run --robots 1 --farm-seed 1 --first-seed 1 --share 0.01 --folder {to}/logs --out {to}/failed.jsonl",
+    ],
     "full_disk": ["--mb 40 --physics nominal --out {to}/disk.json"],
     "full_path": ["--trials 1"],
     "grasp_controller": ["--trials 1 --tasks move_cube_1 --out {to}/grasp.json"],
+    "image_trackers": [
+        "renders --rows {to}/rows.jsonl --robots 1 --scenes 1 --reference-every 10",
+        "tables --rows {to}/rows.jsonl --out {to}/tables.json",
+    ],
+    "leak": ["--lines {to}/leak.jsonl --robots 2 --answers 2 --for-s 20"],
     "learning_rate": ["--robots 16 --threads 1 --blocks 1 --periods 10 --iterations 1 --recipes push --out {to}/rates.json"],
+    "page_pictures": ["--pictures {to}/pictures --out {to}/pages.json"],
     "peer_fields": ["--tasks push --seeds 5 --presses 0 --out {to}/fields.json"],
     "peer": ["--experts {experts} --episodes 1 --tasks push --steps 50 --out {to}/peer.json"],
+    "photograph_trackers": ["{photos} --out {to}/photographs.json"],
     "planted_causes": ["--planted 1 --hopeless 0 --for-s 20 --out {to}/planted.jsonl"],
     "published_experts": ["band --experts {experts} --trials 1 --out {to}/band.json"],
     "questions_on_farm": [f"{PUSH} {SCRATCH} --seeds 1 --max 2 --robots 1 --out {{to}}/questions.jsonl"],
@@ -51,6 +62,7 @@ LARGER = {
         f"record --checkout {ROOT} --to {{to}}/farm --trials 1 --physics nominal",
         "compare {to}/farm/results {to}/farm/results",
     ],
+    "sheet_cost": ["--trials 1 --out {to}/sheet.json"],
     "success_gain_oracle": ["--experts {experts} --trials 2 --out {to}/gain.json"],
     "two_homes": ["--trials 1 --jobs 1 --out {to}/homes.json"],
     "two_hosts": ["--trials 1 --robots 1 --out {to}/hosts.json"],
@@ -75,9 +87,11 @@ def why_not(name: str, lines: list[str]) -> str | None:
     """What a program needs and this machine lacks."""
     if any("{experts}" in line for line in lines) and not EXPERTS.is_dir():
         return "the published experts are not beside this checkout (../shared/data/policies)"
+    if any("{photos}" in line for line in lines) and not PHOTOGRAPHS.is_dir():
+        return "the photographs are not beside this checkout (../shared/data/trifinger_photos)"
     if name == "learning_rate" and importlib.util.find_spec("torch") is None:
         return "torch is not installed"
-    if name == "replay_opening" and not Path(CHROMIUM).exists():
+    if name in ("replay_opening", "page_pictures") and not Path(CHROMIUM).exists():
         return f"there is no {CHROMIUM}"
     if name in ("peer", "peer_fields"):
         from tests.benchmarks.peer import missing
@@ -106,7 +120,7 @@ def try_program(name, lines, folder, monkeypatch, capsys):
     document.write_text('{"paths": {}, "components": {"schemas": {}}}')
     monkeypatch.chdir(ROOT)
     for line in lines:
-        words = shlex.split(line.format(to=folder, experts=EXPERTS, document=document))
+        words = shlex.split(line.format(to=folder, experts=EXPERTS, photos=PHOTOGRAPHS, document=document))
         assert started(name, words, monkeypatch) in ({0, 1} if name in MAY_MISS else {0})
         assert capsys.readouterr().out.strip(), f"{name} said nothing"
         written = [Path(word) for word in words if word.startswith(str(folder)) and Path(word).suffix]

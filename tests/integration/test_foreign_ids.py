@@ -19,6 +19,7 @@ NOTHING = {
     "digest": "0" * 64,
     "robot": "robot-9",
     "token_id": "0" * 8,
+    "share_id": "saaaaaaaaaaaa",
     "ordinal": "0",
     "fence": "1",
     "name": "grasp",
@@ -31,7 +32,7 @@ OPEN_TO_ALL = {("GET", "/v1/robots/{robot}"), ("GET", "/v1/leaderboard/{task}")}
 
 @pytest.fixture(scope="module")
 def farm(tmp_path_factory):
-    with services(tmp_path_factory.mktemp("foreign") / "farm") as running:
+    with services(tmp_path_factory.mktemp("foreign") / "farm", shares="true", webhooks="true") as running:
         running.start_robots(2, trial_s=0.02, truth=True)
         yield running
 
@@ -61,6 +62,7 @@ def anns(farm):
         "/v1/ladders", json={"name": "anns-secret-policy", "task": "push", "trials": 1, "seed": 1, "rungs": rungs}
     ).json()
     trial = ann.get(f"/v1/trials/{done}-000").json()
+    share = ann.post("/v1/shares", json={"job": done}).json()
     secrets = [
         digest,
         done,
@@ -68,6 +70,8 @@ def anns(farm):
         waiting,
         token_id,
         ladder["ladder_id"],
+        share["share_id"],
+        share["url"].rpartition("/")[2],
         trial["log_sha256"],
         "anns-secret-policy",
         '"ann"',
@@ -80,6 +84,7 @@ def anns(farm):
         "task": ["push"],
         "digest": [digest],
         "token_id": [token_id],
+        "share_id": [share["share_id"]],
         "robot": sorted(farm.robots),
         "ordinal": ["0", "1"],
         "fence": ["1", "2"],
@@ -95,13 +100,20 @@ def routes(farm):
     return [(method.upper(), path) for path, each in paths.items() for method in each if method in methods and "{" in path]
 
 
+BODIES = {
+    "renew": {"robot": "robot-7", "fence": 1},
+    "outcome": {"robot": "robot-7", "fence": 1, "outcome": OUTCOME},
+    "bus": {"signing_request": "none", "version": version("trifarm")},
+    "webhook": {"url": "https://198.51.100.7/another"},
+}
+"""Of the routes that end so."""
+
+
 def body(method, path, ids):
-    if path.endswith("/renew"):
-        return {"json": {"robot": "robot-7", "fence": 1}}
-    if path.endswith("/outcome"):
-        return {"json": {"robot": "robot-7", "fence": 1, "outcome": OUTCOME}}
-    if path.endswith("/bus"):
-        return {"json": {"signing_request": "none", "version": version("trifarm")}}
+    if (given := BODIES.get(path.rpartition("/")[2])) is not None and method in ("PUT", "POST"):
+        return {"json": given}
+    if method == "PATCH":
+        return {"json": {"note": "of another"}}
     if method == "PUT" and "digest" in ids:
         return {"files": {"weights": ("w.safetensors", b"x" * 100)}, "data": {"manifest": small_policy()[1].model_dump_json()}}
     return {"content": b"some bytes"} if method in ("PUT", "POST") else {}

@@ -156,7 +156,7 @@ def test_every_list_comes_in_pages(farm, policy, done):
             page = farm.admin.get(address, params={"limit": 2} | ({"cursor": cursor} if cursor else {})).json()
             seen, cursor, pages = seen + page[name], page["next_cursor"], pages + 1
         assert [identity(each) for each in seen] == [identity(each) for each in whole[name]], path
-        assert pages == -(-len(seen) // 2), path
+        assert pages == max(1, -(-len(seen) // 2)), path
         for wrong in ({"cursor": "bi0x"}, {"cursor": "x"}, {"limit": 0}, {"limit": 10**6}):
             assert farm.admin.get(address, params=wrong).status_code == 422, (path, wrong)
 

@@ -239,7 +239,7 @@ def log_lines(farm):
 def test_every_route_that_can_change_something_leaves_one_line_also_when_it_refuses(farm):
     ida, ida_id = user(farm, "ida")
     ids = {"job_id": "jaaaaaaaaaaaa", "trial_id": "jaaaaaaaaaaaa-000", "ladder_id": "l0", "digest": "0" * 64, "robot": "robot-9"}
-    ids |= {"token_id": "nobody", "ordinal": "0", "fence": "1", "name": "grasp"}
+    ids |= {"token_id": "nobody", "share_id": "s0", "ordinal": "0", "fence": "1", "name": "grasp"}
     paths = farm.admin.get("/openapi.json").json()["paths"]
     changing = [(method.upper(), path) for path, each in paths.items() for method in each if method not in ("get", "head")]
     assert len(changing) >= 14
