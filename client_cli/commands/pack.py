@@ -135,7 +135,8 @@ def _pack_one(
     if as_json:
         print_document(document(packed, warnings))
         return
-    print_line(f"next: trifarm submit {shlex.quote(str(packed.weights))} --task {task or 'TASK'}")
+    task = task or task_of(read_manifest(packed.manifest))
+    print_line(f"next: trifarm submit {shlex.quote(str(packed.weights))} --task {task or 'TASK'} --wait")
 
 
 def _tried(packed: "Packed", task: str) -> tuple[str, ...]:
@@ -144,6 +145,8 @@ def _tried(packed: "Packed", task: str) -> tuple[str, ...]:
     warnings = tried(packed.weights, read_manifest(packed.manifest), task)
     for text in warnings:
         note(f"warning: {text}")
+    if not warnings:
+        note("the short trials showed nothing strange")
     return warnings
 
 

@@ -23,9 +23,25 @@ def misfit(file: str, takes: Sequence[int], manifest: PolicyManifest) -> UsagePr
     width = f"{min(takes)} numbers" if len(takes) == 1 else f"{min(takes)} numbers or more"
     said = f"{file} takes {width}, {manifest.name} gives {manifest.network_inputs}"
     if fitting:
-        fits = "; ".join(f"{name} gives {LAYOUTS[name].network_inputs}" for name in fitting)
-        return UsageProblem(f"{said}; {fits}: give --layout {fitting[0]}" + (", or another of them" if fitting[1:] else ""))
+        return UsageProblem(f"{said}; {_advice(fitting)}")
     return UsageProblem(
         f"{said}; no ready-made layout fits ('trifarm layouts' lists them with their fields): write the fields that it was "
         "trained on into a manifest, in their order, and give --manifest FILE"
     )
+
+
+def reads_begin(file: str, reads: int, manifest: PolicyManifest) -> UsageProblem:
+    """The error for a network that runs on what the manifest gives, and reads no more of it than another ready-made layout has.
+
+    Args:
+        file: what holds the network.
+        reads: how many numbers it reads, the width of a ready-made layout.
+        manifest: what was stated.
+    """
+    said = f"{file} reads only the first {reads} of the {manifest.network_inputs} numbers of {manifest.name}"
+    return UsageProblem(f"{said}; {_advice(layouts_of_width(reads))}")
+
+
+def _advice(fitting: Sequence[str]) -> str:
+    fits = "; ".join(f"{name} gives {LAYOUTS[name].network_inputs}" for name in fitting)
+    return f"{fits}: give --layout {fitting[0]}" + (", or another of them" if fitting[1:] else "")

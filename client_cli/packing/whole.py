@@ -10,7 +10,7 @@ import numpy as np
 
 from api_schemas.policy import ACTION_SIZE, LAYOUTS, PolicyManifest
 from api_schemas.policy_network import ActionHead, NetworkState
-from client_cli.packing.fitting import layouts_of_width, misfit
+from client_cli.packing.fitting import layouts_of_width, misfit, reads_begin
 from client_cli.packing.original import Stack, scaled_as_stated
 from client_cli.packing.quiet import first_sentence, quiet
 from client_cli.packing.recipe import Array
@@ -159,7 +159,7 @@ def _check_reads_all(program: Program, file: str, manifest: PolicyManifest) -> N
             torch.equal(program.run(row, program.blank())[0], program.run(row[:, :narrowest], program.blank())[0]) for row in rows
         )
     if same:
-        raise misfit(file, widths, manifest)
+        raise reads_begin(file, narrowest, manifest)
 
 
 def _why_not(program: Program, file: str, manifest: PolicyManifest, error: Exception) -> UsageProblem:
