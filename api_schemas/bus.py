@@ -82,6 +82,7 @@ class Heartbeat(RobotsWord):
     cut_off_fence: Fence | None = None
     api_away: bool = False  # which is why it is out of service
     disk_full: bool = False  # likewise; it resumes by itself, too
+    leaving: bool = False  # it was asked to end, and goes when what it has in hand is done
     reason: str | None = None
     physics: str = "nominal"
     physics_digest: str = Field(

@@ -32,6 +32,7 @@ class ComparedJob(Schema):
     successes: int
     success_rate: float
     interval_80: tuple[float, float]
+    interval_95: tuple[float, float]
     letters: str | None = Field(default=None, description="of three jobs or more: two that share one cannot be told apart")
 
 
@@ -79,6 +80,7 @@ class ComparedRecipe(Schema):
     training_seeds: int
     success_rate: float
     interval_80: tuple[float, float]
+    interval_95: tuple[float, float]
     difference: float | None = None
     difference_80: tuple[float, float] | None = None
     difference_95: tuple[float, float] | None = None
@@ -183,13 +185,18 @@ def _recipe(
 ) -> ComparedRecipe:
     nothing = [[False] * len(seeds[0])] * FEWEST_SEEDS
     rates = [sum(sum(ended) for ended in of_it) / len(of_it) / len(of_it[0]) for of_it in (seeds, first or seeds)]
-    low, high = crossed_interval(nothing, seeds, 0.80)
+
+    def interval(level: float) -> tuple[float, float]:
+        low, high = crossed_interval(nothing, seeds, level)
+        return max(0.0, low), min(1.0, high)
+
     return ComparedRecipe(
         recipe=recipe,
         jobs=tuple(jobs),
         training_seeds=len(seeds),
         success_rate=rates[0],
-        interval_80=(max(0.0, low), min(1.0, high)),
+        interval_80=interval(0.80),
+        interval_95=interval(0.95),
         difference=None if first is None else rates[0] - rates[1],
         difference_80=None if first is None else crossed_interval(first, seeds, 0.80),
         difference_95=None if first is None else crossed_interval(first, seeds, 0.95),
@@ -227,6 +234,7 @@ def _changed(goals: Sequence[GoalRow], one: int, other: int) -> tuple[int, int]:
 
 def _job(report: Report, goals: Sequence[GoalRow], index: int, letters: str | None) -> ComparedJob:
     successes = sum(goal.succeeded[index] for goal in goals)
+    interval = wilson if report.intervals == "wilson" else rate_sequence
     return ComparedJob(
         job_id=report.job_id,
         policy=report.policy,
@@ -234,7 +242,8 @@ def _job(report: Report, goals: Sequence[GoalRow], index: int, letters: str | No
         trials=len(goals),
         successes=successes,
         success_rate=successes / len(goals),
-        interval_80=(wilson if report.intervals == "wilson" else rate_sequence)(successes, len(goals), 0.80),
+        interval_80=interval(successes, len(goals), 0.80),
+        interval_95=interval(successes, len(goals), 0.95),
         letters=letters,
     )
 

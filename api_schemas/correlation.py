@@ -11,12 +11,13 @@ FEWEST = 4
 
 
 class Correlation(Schema):
-    """Spearman's rank correlation of the rungs' success rates with ``of``, and its 80 % interval over rungs."""
+    """Spearman's rank correlation of the rungs' success rates with ``of``, and its 80 and 95 % intervals over rungs."""
 
     of: str
     rungs: int
     estimate: float
     interval_80: tuple[float, float]
+    interval_95: tuple[float, float]
 
 
 def rank_correlation(of: str, values: Sequence[float], rates: Sequence[float]) -> Correlation | None:
@@ -33,15 +34,25 @@ def rank_correlation(of: str, values: Sequence[float], rates: Sequence[float]) -
         sum((a - middle) * (b - middle) for a, b in zip(x, y, strict=True)) for x, y in ((one, other), (one, one), (other, other))
     )
     estimate = max(-1.0, min(1.0, cross / math.sqrt(first * second)))
-    if abs(estimate) > 1 - 1e-12:  # Fisher's transform ends here; the nearest that so many ranks can have but for one exchange
-        nearest = math.copysign(1 - 6 * 2 / (len(values) * (len(values) ** 2 - 1)), estimate)
-        low, high = _fisher(nearest, len(values))
-        return Correlation(of=of, rungs=len(values), estimate=estimate, interval_80=(low, 1.0) if estimate > 0 else (-1.0, high))
-    return Correlation(of=of, rungs=len(values), estimate=estimate, interval_80=_fisher(estimate, len(values)))
+    return Correlation(
+        of=of,
+        rungs=len(values),
+        estimate=estimate,
+        interval_80=_interval(estimate, len(values), 0.80),
+        interval_95=_interval(estimate, len(values), 0.95),
+    )
 
 
-def _fisher(estimate: float, rungs: int) -> tuple[float, float]:
-    half = NormalDist().inv_cdf(0.90) * math.sqrt((1 + estimate**2 / 2) / (rungs - 3))
+def _interval(estimate: float, rungs: int, level: float) -> tuple[float, float]:
+    if abs(estimate) <= 1 - 1e-12:
+        return _fisher(estimate, rungs, level)
+    # Fisher's transform ends here; the nearest that so many ranks can have but for one exchange
+    low, high = _fisher(math.copysign(1 - 6 * 2 / (rungs * (rungs**2 - 1)), estimate), rungs, level)
+    return (low, 1.0) if estimate > 0 else (-1.0, high)
+
+
+def _fisher(estimate: float, rungs: int, level: float) -> tuple[float, float]:
+    half = NormalDist().inv_cdf((1 + level) / 2) * math.sqrt((1 + estimate**2 / 2) / (rungs - 3))
     return math.tanh(math.atanh(estimate) - half), math.tanh(math.atanh(estimate) + half)
 
 

@@ -57,9 +57,9 @@ class LadderRequest(Schema):
 
 
 class Rung(Schema):
-    """One rung as the API shows it; rate and interval (80 %) are of the trials that count so far, null before the first.
+    """One rung as the API shows it; rate and intervals are of the trials that count so far, null before the first.
 
-    The interval is Wilson's, and a confidence sequence where the ladder may give rungs up.
+    Intervals are Wilson's, and confidence sequences where the ladder may give rungs up.
     """
 
     step: float
@@ -72,6 +72,7 @@ class Rung(Schema):
     successes: int
     success_rate: float | None
     interval_80: tuple[float, float] | None
+    interval_95: tuple[float, float] | None
     training_reward: float | None = None
     given_up: bool = Field(default=False, description="before all goals were tried, since others are better")
     letters: str | None = Field(default=None, description="rungs that share one cannot be told apart")

@@ -25,6 +25,7 @@ class BoardRow(Schema):
     successes: int
     success_rate: float
     interval_80: tuple[float, float]
+    interval_95: tuple[float, float]
     intervals: Literal["wilson", "sequence", "seeds"] = Field(
         default="wilson",
         description="a sequence where a question may have ended a job of the policy; of a recipe over its seeds",

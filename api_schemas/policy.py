@@ -247,16 +247,22 @@ orientation, ``move`` and ``move-pose`` for any pose, by corners and by quaterni
 ADDED_LATER = ("frame_stack", "recurrent", "states", "head", "bins")
 ADDED_TO_INPUT_SCALING = ("whitening",)
 ADDED_TO_OUTPUT_SCALING = ("squash", "offset")
-"""Fields that the first manifests did not have; left out where they say nothing, so that no digest has changed."""
+"""Fields that the first manifests did not have; left out where they say nothing, so that no digest has changed, and older robots
+take what has nothing new in it."""
 
 
 def canonical_json(manifest: PolicyManifest) -> str:
     """The one spelling of a manifest that is hashed: sorted keys, no spaces, defaults written out but those added later."""
+    return json.dumps(first_form(manifest), sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def first_form(manifest: PolicyManifest) -> dict[str, Any]:
+    """A manifest as JSON for whoever may know its first form alone: without fields that came later and say nothing."""
     content = manifest.model_dump(mode="json")
     _drop_defaults(content, manifest, ADDED_LATER)
     _drop_defaults(content["input_scaling"], manifest.input_scaling, ADDED_TO_INPUT_SCALING)
     _drop_defaults(content["output_scaling"], manifest.output_scaling, ADDED_TO_OUTPUT_SCALING)
-    return json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return content
 
 
 def _drop_defaults(content: dict[str, Any], given: BaseModel, names: tuple[str, ...]) -> None:

@@ -1,15 +1,15 @@
 """Robots as the API shows them, and the messages between a robot and the API."""
 
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, field_serializer, model_validator
 
 from api_schemas.excitation import ExcitationName
 from api_schemas.goal import OwnGoal
 from api_schemas.job import TaskName
 from api_schemas.physics import ObjectName, ObjectScale
-from api_schemas.policy import PolicyManifest
+from api_schemas.policy import PolicyManifest, first_form
 from api_schemas.schema import Schema
 from api_schemas.trial import Outcome
 
@@ -108,6 +108,10 @@ class Lease(Schema):
     # Likewise; a robot that does not know it would refuse the lease, and so it should.
     images: bool = Field(default=False, exclude_if=lambda wanted: not wanted)
     lease_s: float = LEASE_S
+
+    @field_serializer("manifest")
+    def _known_to_older_robots(self, manifest: PolicyManifest | None) -> dict[str, Any] | None:
+        return None if manifest is None else first_form(manifest)
 
     @model_validator(mode="after")
     def _policy_or_excitation(self) -> "Lease":

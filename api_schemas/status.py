@@ -21,4 +21,5 @@ class FarmStatus(Schema):
     farm: str
     physics: str
     jail: JailReport | None = Field(default=None, description="what conversions and verifications are put into")
+    services_since: str | None = Field(default=None, description="when the services that answer started, in ISO 8601")
     robots_by_jail: dict[str, int] = Field(default={}, description="robots by the level of their policies' jail")

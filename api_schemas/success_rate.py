@@ -1,7 +1,15 @@
 """The interval of a success rate, the same wherever one is shown."""
 
 import math
+from functools import lru_cache
 from statistics import NormalDist
+
+SHOWN_LEVEL = 0.95
+"""Of the intervals that people are shown, on pages and in the terminal."""
+SHOWN = f"{100 * SHOWN_LEVEL:.0f} % interval"
+"""What these are called."""
+SHOWN_AT_EVERY_LOOK = f"{SHOWN} at every look"
+"""What those are called that are shown while trials go on: confidence sequences, which hold however often one looks."""
 
 
 def wilson(successes: int, trials: int, level: float) -> tuple[float, float]:
@@ -12,7 +20,7 @@ def wilson(successes: int, trials: int, level: float) -> tuple[float, float]:
     """
     if trials == 0:
         return (0.0, 1.0)
-    z = NormalDist().inv_cdf((1 + level) / 2)
+    z = _quantile(level)
     rate = successes / trials
     centre = rate + z * z / (2 * trials)
     half = z * math.sqrt(rate * (1 - rate) / trials + z * z / (4 * trials * trials))
@@ -20,3 +28,9 @@ def wilson(successes: int, trials: int, level: float) -> tuple[float, float]:
     low = 0.0 if successes == 0 else (centre - half) / scale
     high = 1.0 if successes == trials else (centre + half) / scale
     return (low, high)
+
+
+@lru_cache(maxsize=16)
+def _quantile(level: float) -> float:
+    """How many standard deviations to either side hold ``level`` of a normal law; boards ask hundreds of times."""
+    return NormalDist().inv_cdf((1 + level) / 2)

@@ -106,7 +106,7 @@ class Why(Schema):
             case WhyVerdict.CHANCE:
                 return f"it is chance: with other noise alone it often succeeds{self._control}"
             case WhyVerdict.TOGETHER:
-                return "it succeeds on an ideal robot, and without no single group alone: several together"
+                return "it is several effects together: it succeeds on an ideal robot, and no single group explains it"
             case WhyVerdict.POLICY:
                 return "it is the policy: the trial fails on an ideal robot, too"
 

@@ -23,8 +23,10 @@ from services.__main__ import main as services_main
 from services.api import jobs as job_routes
 from services.database.tables import attempt, trial
 from services.dispatcher.dispatcher import Dispatcher
+from services.dispatcher.giving import Giver
 from services.dispatcher.overdue import LeaseEnder
 from services.jobs import completion, lease, submission
+from services.jobs.holding import Holding
 
 EVIDENCE, NAME, WITHOUT = "TRIFARM_CHAOS_EVIDENCE", "TRIFARM_CHAOS_NAME", "TRIFARM_CHAOS_WITHOUT"
 DIES_AT = ("before-answer", "before-offer", "before-row")
@@ -45,24 +47,22 @@ def main() -> None:
 
 def keep_history(history: Writes) -> None:
     """Has the dispatcher's leases and every outcome that is taken written down."""
-    write_lease, accept, end = lease.write_lease, completion.accept, LeaseEnder.end
+    given, accept, end = Giver._given, Holding.accept, LeaseEnder.end
 
-    async def writing(tx: Any, now_s: float, queued: Any, robot: str, **more: Any) -> Any:
-        claim = await write_lease(tx, now_s, queued, robot, **more)
-        if claim is not None:
-            history("leased", trial=claim.trial_id, fence=claim.fence, robot=robot)
-        return claim
+    def giving(self: Giver, claim: Any, row: Any) -> None:
+        history("leased", trial=claim.trial_id, fence=claim.fence, robot=claim.robot)
+        given(self, claim, row)
 
-    async def accepting(tx: Any, now_s: float, trial_id: str, report: Any, **more: Any) -> Any:
-        ending = await accept(tx, now_s, trial_id, report, **more)
-        history("took", trial=trial_id, fence=report.fence, robot=report.robot, again=ending.job_id is None)
+    async def accepting(self: Holding, reported: Any) -> Any:
+        ending, report = await accept(self, reported), reported.report
+        history("took", trial=reported.trial_id, fence=report.fence, robot=report.robot, again=ending.job_id is None)
         return ending
 
     async def ending_it(self: LeaseEnder, claim: Any, reason: str) -> None:
         history("ended", trial=claim.trial_id, fence=claim.fence, robot=claim.robot, because=reason)
         await end(self, claim, reason)
 
-    lease.write_lease, completion.accept, LeaseEnder.end = writing, accepting, ending_it
+    Giver._given, Holding.accept, LeaseEnder.end = giving, accepting, ending_it
 
 
 def obey(orders: Orders) -> None:

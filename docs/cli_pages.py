@@ -1,7 +1,7 @@
 """Writes ``docs/cli``, a page a group of commands, from help texts and ``cli_notes.md``: ``python docs/cli_pages.py [DIR]``."""
 
+import argparse
 import re
-import sys
 from collections.abc import Iterator
 from enum import Enum
 from pathlib import Path
@@ -161,4 +161,6 @@ def write(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    write(Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER)
+    asked = argparse.ArgumentParser(description=__doc__)
+    asked.add_argument("folder", type=Path, nargs="?", default=FOLDER)
+    write(asked.parse_args().folder)

@@ -1,7 +1,7 @@
 """Writes ``docs/python.md`` from the docstrings of ``trifarm``: ``python docs/python_page.py [FILE]``."""
 
+import argparse
 import inspect
-import sys
 from enum import Enum
 from pathlib import Path
 
@@ -121,5 +121,6 @@ def _examples(found: object):
 
 
 if __name__ == "__main__":
-    out = Path(sys.argv[1]) if len(sys.argv) > 1 else PAGE
-    out.write_text(page(), encoding="utf-8")
+    asked = argparse.ArgumentParser(description=__doc__)
+    asked.add_argument("page", type=Path, nargs="?", default=PAGE)
+    asked.parse_args().page.write_text(page(), encoding="utf-8")

@@ -16,13 +16,14 @@ from typing import Any
 from api_schemas.report import Report, RobotRow, TrialRow
 from api_schemas.scene_form import told_forms
 from api_schemas.signature import Signature
+from api_schemas.success_rate import SHOWN, SHOWN_LEVEL, wilson
 from api_schemas.tolerance import ANGLE_TOLERANCE_RAD, POSITION_TOLERANCE_M
 from api_schemas.tracker import told_trackers
 from api_schemas.trial import Fault, OutcomeKind
 from api_schemas.visible import visible
 from report_views import error_axis
 
-MAKER = "trifarm report page 3"
+MAKER = "trifarm report page 4"
 """The maker of new pages. Pages of an earlier one stay signed, so that they are drawn again in its own words."""
 DATA_ID = "trifarm-signed-report"
 STYLE = """
@@ -69,6 +70,13 @@ class _Words:
     intervals: str
     style: str = STYLE
     cards: bool = False
+    both_levels: bool = True
+    """Whether rates have intervals of 80 % too, and robots those alone."""
+
+    @property
+    def of_robots(self) -> str:
+        """What the intervals of robots are called."""
+        return "80 % interval" if self.both_levels else SHOWN
 
     def cell(self, name: str, *, is_number: bool = False) -> str:
         """The beginning of a cell, with the name of its column where a phone shows no heads of tables."""
@@ -102,7 +110,8 @@ MAKERS: dict[str, _Words] = {
         "Wilson's score interval; every accepted trial counts, attempts with a platform error were retried",
     ),
 }
-MAKERS[MAKER] = replace(MAKERS["trifarm report page 2"], style=STYLE + PHONE_STYLE, cards=True)
+MAKERS["trifarm report page 3"] = replace(MAKERS["trifarm report page 2"], style=STYLE + PHONE_STYLE, cards=True)
+MAKERS[MAKER] = replace(MAKERS["trifarm report page 3"], both_levels=False)
 
 
 def render_page(report: Report, signature: Signature, maker: str = MAKER) -> str:
@@ -148,23 +157,27 @@ def _embedded(data: dict[str, Any]) -> str:
 
 
 def _result(report: Report, words: _Words) -> Iterator[str]:
-    low, high = report.interval_80
     yield f"<h1>{_text(report.policy_name)}</h1>"
     what = f"{report.trials} trials of {report.task}{_object(report)}"
     yield f'<p class="soft">{what} · job <code>{_text(report.job_id)}</code></p>'
     yield f'<p class="number">{100 * report.success_rate:.0f} %</p>'
-    lower, upper = report.interval_95
-    yield (
-        f"<p>{report.successes} of {report.trials} trials succeeded · 80 % interval <b>{_percent(low)}–{_percent(high)} %</b> · "
-        f"95 % interval {_percent(lower)}–{_percent(upper)} %</p>"
-    )
+    yield f"<p>{report.successes} of {report.trials} trials succeeded · {_intervals(report, words)}</p>"
     if report.question is not None:
         yield f"<p><b>{_text(report.question.sentence)}</b></p>"
     if report.own_goals:
         yield '<p class="soft">The job\'s user brought its goals; leaderboards do not take them.</p>'
-    yield _bar(report.success_rate, report.interval_80, 'viewBox="0 0 100 6" preserveAspectRatio="none" height="18"', 6)
+    shown = report.interval_80 if words.both_levels else report.interval_95
+    yield _bar(report.success_rate, shown, 'viewBox="0 0 100 6" preserveAspectRatio="none" height="18"', 6)
     ever = f"Reached at any time in {report.success_ever}"
     yield f'<p class="soft">{ever} · {words.errors(report)}</p>'
+
+
+def _intervals(report: Report, words: _Words) -> str:
+    low, high = (_percent(bound) for bound in report.interval_95)
+    if not words.both_levels:
+        return f"{SHOWN} <b>{low}–{high} %</b>"
+    lower, upper = (_percent(bound) for bound in report.interval_80)
+    return f"80 % interval <b>{lower}–{upper} %</b> · 95 % interval {low}–{high} %"
 
 
 def _object(report: Report) -> str:
@@ -175,7 +188,7 @@ def _object(report: Report) -> str:
 def _robots(report: Report, words: _Words) -> Iterator[str]:
     heads = '<tr><th>robot</th><th class="n">trials</th><th class="n">succeeded</th>'
     yield f'<h2>By robot</h2><div class="wrap">{words.table}{heads}'
-    yield '<th class="n">rate</th><th>80 % interval</th><th></th></tr>'
+    yield f'<th class="n">rate</th><th>{words.of_robots}</th><th></th></tr>'
     yield from (_robot(row, words) for row in report.per_robot)
     yield "</table></div>"
     if report.between_robots is not None:
@@ -185,11 +198,11 @@ def _robots(report: Report, words: _Words) -> Iterator[str]:
 
 
 def _robot(row: RobotRow, words: _Words) -> str:
-    low, high = row.interval_80
+    low, high = row.interval_80 if words.both_levels else wilson(row.successes, row.trials, SHOWN_LEVEL)
     numbers = {"trials": f"{row.trials}", "succeeded": f"{row.successes}", "rate": f"{row.success_rate:.2f}"}
     cells = "".join(f"{words.cell(name, is_number=True)}{number}</td>" for name, number in numbers.items())
-    bar = _bar(row.success_rate, row.interval_80, 'class="bar" viewBox="0 0 100 6" preserveAspectRatio="none"', 6)
-    interval = f"{words.cell('80 % interval')}{low:.2f}–{high:.2f}</td>"
+    bar = _bar(row.success_rate, (low, high), 'class="bar" viewBox="0 0 100 6" preserveAspectRatio="none"', 6)
+    interval = f"{words.cell(words.of_robots)}{low:.2f}–{high:.2f}</td>"
     return f"<tr>{words.cell('robot')}{_text(row.robot)}</td>{cells}{interval}<td>{bar}</td></tr>"
 
 

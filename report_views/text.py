@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from api_schemas.physics import ObjectName
 from api_schemas.report import BetweenRobots, ExcitationRow, FaultRow, IdentificationReport, Report, TimingRow, TrialRow
 from api_schemas.scene_form import told_forms
+from api_schemas.success_rate import SHOWN, SHOWN_LEVEL, wilson
 from api_schemas.tracker import told_trackers
 from api_schemas.trial import Fault, Outcome, OutcomeKind
 from api_schemas.visible import visible
@@ -27,7 +28,7 @@ def _lines(report: Report) -> Iterator[str]:
     yield ""
     yield f"success rate   {report.successes} of {report.trials} = {report.success_rate:.3f}"
     kind = "Wilson" if report.intervals == "wilson" else "confidence sequence, holds at every look"
-    yield f"  80 % interval {_interval(report.interval_80)}   95 % interval {_interval(report.interval_95)}   ({kind})"
+    yield f"  {SHOWN} {_interval(report.interval_95)}   ({kind})"
     yield from _question(report)
     yield f"  reached at any time {report.success_ever} of {report.trials}{_means(report)}"
     policy_faults = f"policy {report.policy_faults} (counted as failures)"
@@ -37,10 +38,10 @@ def _lines(report: Report) -> Iterator[str]:
     if report.jail is not None:
         yield f"jail           {report.jail.level} ({len(report.jail.layers)} layers)"
     yield ""
-    yield f"{'robot':<20} {'trials':>6} {'successes':>9} {'rate':>6}  {'80 % interval':<13}  {'platform faults':>15}"
+    yield f"{'robot':<20} {'trials':>6} {'successes':>9} {'rate':>6}  {SHOWN:<13}  {'platform faults':>15}"
     for row in report.per_robot:
         rate = f"{row.robot:<20} {row.trials:>6} {row.successes:>9} {row.success_rate:>6.3f}"
-        yield f"{rate}  {_interval(row.interval_80):<13}  {row.platform_faults:>15}"
+        yield f"{rate}  {_interval(wilson(row.successes, row.trials, SHOWN_LEVEL)):<13}  {row.platform_faults:>15}"
     yield from _between(report)
     yield ""
     yield f"{'trial':>5} {'robot':<16} {'outcome':<20} {'error mm':>8} {'deg':>6} {'tries':>5}  reason"

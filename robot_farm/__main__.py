@@ -11,20 +11,22 @@ def main() -> int:
     parent_pid = os.getppid()
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # before numpy is imported: many robots share few cores
-    from robot_farm.process import ends_with, keep_to_itself, live, say, stop_by_signal
+    from robot_farm.process import end_by_signal, ends_with, keep_to_itself, live, say
+
+    ending = end_by_signal()  # at once: a container's first process is not ended by a signal that it has not asked for
     from robot_farm.settings import FARM_SEED_VARIABLE, parse
 
     keep_to_itself()
     settings = parse(sys.argv[1:])
     if settings.farm_seed is not None:
         os.environ[FARM_SEED_VARIABLE] = str(settings.farm_seed)  # for the robots, whose command lines everybody can read
-    stop = stop_by_signal()
     ends_with(parent_pid)
     if settings.robot is not None:
-        return live(settings.robot, settings, stop)
+        return live(settings.robot, settings, ending)
     from robot_farm.farm import run_robots
 
-    run_robots(settings, _without_count(sys.argv[1:]), stop, say)
+    ending.drain_s = settings.drain_s
+    run_robots(settings, _without_count(sys.argv[1:]), ending, say)
     return 0
 
 

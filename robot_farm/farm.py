@@ -1,13 +1,13 @@
 """Several robots on one machine: has a process forked for each, starts those anew that die, ends all of them together."""
 
 import signal
-import threading
 import time
 from collections.abc import Callable
 
 from robot_farm.arena.places import held_names
 from robot_farm.forks import Forked, Forks, how
 from robot_farm.link.api_link import ApiUnreachableError, LeaseRefusedError, NotAdmittedError, own_token
+from robot_farm.process import Ending
 from robot_farm.settings import NOT_TAKEN, Settings
 
 LOOK_EVERY_S = 0.1
@@ -33,25 +33,25 @@ class _Place:
         self.start_at_s = 0.0
 
 
-def run_robots(settings: Settings, arguments: list[str], stop: threading.Event, say: Callable[[str], None]) -> None:
-    """Keep ``settings.robots`` robots running until told to stop.
+def run_robots(settings: Settings, arguments: list[str], ending: Ending, say: Callable[[str], None]) -> None:
+    """Keep ``settings.robots`` robots running until told to end.
 
     Args:
         settings: how many robots and from which number.
         arguments: the command line that each robot has besides its name.
-        stop: set from outside to end.
+        ending: begun from outside; robots are given its ``drain_s`` to finish their trials.
         say: takes a line for the log.
     """
     with held_names(settings) as names, Forks(arguments, say) as forks:
         places = [_Place(name) for name in names]
         try:
-            while not stop.is_set():
+            while not ending.leaving.is_set():
                 forks.look()
                 for place in places:
                     _look_after(place, settings, forks.robot, say)
-                stop.wait(LOOK_EVERY_S)
+                ending.leaving.wait(LOOK_EVERY_S)
         finally:
-            _end([place.process for place in places if place.process is not None], forks)
+            _end([place.process for place in places if place.process is not None], forks, ending)
 
 
 def _look_after(place: _Place, settings: Settings, start: Callable[[str, str], Forked], say: Callable[[str], None]) -> None:
@@ -92,13 +92,15 @@ def _own_token(place: _Place, settings: Settings, say: Callable[[str], None]) ->
     return None
 
 
-def _end(robots: list[Forked], forks: Forks) -> None:
-    """Ask all to end, then insist."""
-    for robot in robots:
-        robot.end(signal.SIGTERM)
-    give_up_s = time.monotonic() + END_WITHIN_S
-    while _alive(robots, forks) and time.monotonic() < give_up_s:
-        time.sleep(END_LOOK_EVERY_S)
+def _end(robots: list[Forked], forks: Forks, ending: Ending) -> None:
+    """Ask all to end, ask those again that finish something when that must end, too, then insist."""
+    patience_s = ending.drain_s if not ending.stop.is_set() else 0.0
+    for wait_s, is_over in ((patience_s, ending.stop.is_set), (END_WITHIN_S, lambda: False)):
+        for robot in robots:
+            robot.end(signal.SIGTERM)
+        give_up_s = time.monotonic() + wait_s
+        while _alive(robots, forks) and time.monotonic() < give_up_s and not is_over():
+            time.sleep(END_LOOK_EVERY_S)
     for robot in robots:
         robot.end(signal.SIGKILL)
     while _alive(robots, forks):

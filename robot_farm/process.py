@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 import threading
+from contextlib import suppress
 from datetime import UTC, datetime
 
 from robot_farm.settings import NO_ROOM, NOT_TAKEN, Settings
@@ -38,21 +39,45 @@ def ends_with(parent_pid: int) -> None:
         sys.exit(1)
 
 
-def stop_by_signal() -> threading.Event:
-    """Set by SIGTERM and by SIGINT from now on."""
-    stop = threading.Event()
+class Ending:
+    """When a process is to end: at a first signal it takes nothing new, and what is under way has ``drain_s`` to be finished.
+
+    A second signal, a ``drain_s`` of 0, or the death of the parent, who looks after it, ends that, too.
+    """
+
+    def __init__(self, drain_s: float = 0.0) -> None:
+        self.drain_s, self._parent_pid = drain_s, os.getppid()
+        self.leaving, self.stop = threading.Event(), threading.Event()
+
+    def begin(self) -> None:
+        """What each signal does."""
+        is_first = not self.leaving.is_set()
+        self.leaving.set()
+        if is_first and self.drain_s > 0.0 and os.getppid() == self._parent_pid:
+            patience = threading.Timer(self.drain_s, self.stop.set)
+            patience.daemon = True
+            with suppress(RuntimeError):  # no thread can be had: then at once
+                patience.start()
+                return
+        self.stop.set()
+
+
+def end_by_signal() -> Ending:
+    """Begun by SIGTERM and by SIGINT from now on."""
+    ending = Ending()
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
-    return stop
+        signal.signal(number, lambda *_: ending.begin())
+    return ending
 
 
-def live(robot_name: str, settings: Settings, stop: threading.Event) -> int:
-    """Be one robot until told to stop; gives the exit code."""
+def live(robot_name: str, settings: Settings, ending: Ending) -> int:
+    """Be one robot until told to end; gives the exit code."""
     import zenoh
 
     from robot_farm.link.api_link import NotAdmittedError
     from robot_farm.robot import Robot
 
+    ending.drain_s = settings.drain_s
     try:
         robot = Robot(robot_name, settings, lambda text: say(f"{robot_name}: {text}"))
     except OSError as error:
@@ -62,7 +87,7 @@ def live(robot_name: str, settings: Settings, stop: threading.Event) -> int:
         return NO_ROOM
     say(f"{robot_name}: ready (pid {os.getpid()})")
     try:
-        robot.live_until(stop)
+        robot.live_until(ending)
     except zenoh.ZError as error:
         say(f"{robot_name}: cannot come onto the bus, and tries again from its beginning: {str(error).partition(' at /')[0]}")
         return 1

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import zenoh
+
 from api_schemas.builtin_policies import BUILTIN_NAMES
 from api_schemas.bus import LiveState
 from api_schemas.jail_report import JailReport
@@ -34,6 +36,7 @@ from robot_farm.link.bus_link import Accepted, BusLink
 from robot_farm.link.lease_keeper import CANCELLED, LeaseKeeper, TrialStoppedError
 from robot_farm.link.outage import Outage, Standing
 from robot_farm.policy.jail import BUILTIN_PROCESS, POLICY_PROCESS, JailedPolicy
+from robot_farm.process import Ending
 from robot_farm.reserve import Reserve
 from robot_farm.run import Progress, live_state
 from robot_farm.settings import Settings
@@ -45,6 +48,8 @@ from trial_logs.disk import is_full
 
 IDLE_WAIT_S = 5.0
 """Between two looks at what happens seldom: certificates that end, an API that is back."""
+GOES_AFTER_S = 1.0
+"""So long a robot that goes still declines what is on its way to it, so that nobody waits for an answer."""
 UNFINISHED = "unfinished"
 UNFINISHED_KEPT = 5
 
@@ -76,16 +81,17 @@ class Robot:
         self._progress = Progress()
         self._watched = WatchedHealth(lambda: self._progress, self._life)
 
-    def live_until(self, stop: threading.Event) -> None:
-        """Take leases until told to stop; a running trial is given back as the platform's fault.
+    def live_until(self, ending: Ending) -> None:
+        """Take leases until told to end; a trial that cannot be finished any more is given back as the platform's fault.
 
         Raises:
             NotAdmittedError: the farm does not take the robot, or no longer.
         """
+        leaving = ending.leaving
         with contextlib.ExitStack() as stack:
-            self._test(stop)
+            self._test(leaving)
             self._reserve.take()
-            token = asked_until_answered(self._own_token, stop, self._say)
+            token = asked_until_answered(self._own_token, leaving, self._say)
             if token is None:
                 return
             api = stack.enter_context(ApiLink(self._settings.api, token, ca=self._settings.ca))
@@ -94,7 +100,7 @@ class Robot:
             def ask() -> Access:
                 return ask_access(api, self._name, self._settings)
 
-            access = asked_until_answered(ask, stop, self._say)
+            access = asked_until_answered(ask, leaving, self._say)
             if access is None:
                 return
             bus = stack.enter_context(
@@ -106,7 +112,7 @@ class Robot:
                     form=scene_form(),
                     live=self._live_state,
                     on_cancel=self._cancel,
-                    stopping=stop.is_set,
+                    stopping=leaving.is_set,
                     jail=JailReport.of(self._jail),
                     health=self._watched.health,
                     standing=self._standing,
@@ -114,17 +120,24 @@ class Robot:
                 )
             )
             bus.out_of_service(self._unfit)
-            threading.Thread(target=_wake_at, args=(stop, bus), daemon=True).start()
-            while not stop.is_set():
+            threading.Thread(target=_leave_at, args=(ending, bus), daemon=True).start()
+            while not leaving.is_set():
                 accepted = bus.next_lease(IDLE_WAIT_S)
                 if accepted is not None:
-                    self._serve(accepted, api, bus, stop)
+                    self._serve(accepted, api, bus, ending.stop)
+                    if leaving.is_set():
+                        break
                 elif bus.resume_asked():
-                    self._test(stop)
+                    self._test(leaving)
                     bus.out_of_service(self._unfit)
                 self._reserve.take()
                 self._outage.look(lambda: api.try_out(self._name))
                 access = renewed(access, ask, bus, self._say)
+            if ending.drain_s > 0.0:
+                bus.leave()
+                while not ending.stop.is_set() and (accepted := bus.accepted_already()) is not None:
+                    self._serve(accepted, api, bus, ending.stop)
+                ending.stop.wait(GOES_AFTER_S)
 
     def _own_token(self) -> str:
         return own_token(self._settings.api, self._settings.token, self._name, ca=self._settings.ca)
@@ -318,9 +331,12 @@ def _life(name: str, settings: Settings) -> Life | IdealLife:
     )
 
 
-def _wake_at(stop: threading.Event, bus: BusLink) -> None:
-    """Has a robot that waits for a lease notice at once that it is to stop; for a thread of its own."""
-    stop.wait()
+def _leave_at(ending: Ending, bus: BusLink) -> None:
+    """Has a robot say at once that it goes, and notice it while it waits for a lease; for a thread of its own."""
+    ending.leaving.wait()
+    if ending.drain_s > 0.0:
+        with contextlib.suppress(zenoh.ZError):  # it may be gone already
+            bus.leave()
     bus.wake()
 
 

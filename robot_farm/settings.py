@@ -1,6 +1,7 @@
 """What a robot process needs to know, from flags and from TRIFARM_ROBOT_TOKEN and TRIFARM_FARM_SEED."""
 
 import argparse
+import math
 import os
 from dataclasses import dataclass
 from enum import StrEnum
@@ -28,6 +29,7 @@ JAIL_LEVEL_VARIABLE = "TRIFARM_JAIL_LEVEL"
 DATA = "robot-data"
 FREE = "free"
 SELF_TEST_EVERY = 5
+LONGEST_DRAIN_S = 86_400.0
 
 
 class Reset(StrEnum):
@@ -67,6 +69,8 @@ class Settings:
     tracker: TrackerName = TrackerName.POSE
     reserve_bytes: int = TRIAL_BYTES
     """What a robot keeps free on its disk for its next trial."""
+    drain_s: float = 0.0
+    """So long a robot that was asked to end may take to finish its trial; a second signal ends it at once."""
 
     def robot_folder(self, robot: str) -> Path:
         """Where a robot keeps the policies it fetched and the log it is writing."""
@@ -139,6 +143,7 @@ def parse(arguments: list[str]) -> Settings:
         alive_file=Path(alive) if (alive := os.environ.get(ALIVE_VARIABLE)) else None,
         reserve_bytes=options.reserve_bytes,
         tracker=TrackerName(options.tracker),
+        drain_s=options.drain_s,
     )
     if settings.robot is None and settings.first is not None:  # a single robot is told everybody's faults
         try:
@@ -191,6 +196,8 @@ def _parser() -> argparse.ArgumentParser:
     reserve = f"what each robot keeps free on its disk for a trial; 0: nothing (default: {RESERVE_VARIABLE}, or {TRIAL_BYTES})"
     kept = os.environ.get(RESERVE_VARIABLE, str(TRIAL_BYTES))
     parser.add_argument("--reserve-bytes", type=_count, default=kept, metavar="BYTES", help=reserve)
+    drain = "after SIGTERM finish the trial, for so long at the most; a second signal ends it at once (default 0: give it back)"
+    parser.add_argument("--drain-s", type=_seconds, default=0.0, metavar="SECONDS", help=drain)
     every = f"trials from one self-test to the next (default {SELF_TEST_EVERY})"
     parser.add_argument("--self-test-every", type=int, default=SELF_TEST_EVERY, help=every)
     return parser
@@ -208,6 +215,16 @@ def _count(text: str) -> int:
     if not (text.isascii() and text.isdigit() and len(text) <= 15):
         raise argparse.ArgumentTypeError(f"{text!r} is no whole number of bytes of 0 or more")
     return int(text)
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not 0.0 <= seconds <= LONGEST_DRAIN_S:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of seconds from 0 to {LONGEST_DRAIN_S:.0f}")
+    return seconds
 
 
 def _fault(text: str) -> Fault:

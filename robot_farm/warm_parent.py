@@ -125,10 +125,10 @@ def _be_robot(link: socket.socket, farm_pid: int, title: tuple[int, int]) -> int
     """Tell the farm's process who it is, get the word, and live."""
     import numpy as np
 
-    from robot_farm.process import ends_with, live, stop_by_signal
+    from robot_farm.process import end_by_signal, ends_with, live
     from robot_farm.settings import TOKEN_VARIABLE, parse
 
-    stop = stop_by_signal()
+    ending = end_by_signal()
     ends_with(farm_pid)
     with link, suppress(ConnectionError):
         link.send(str(os.getpid()).encode())
@@ -140,7 +140,7 @@ def _be_robot(link: socket.socket, farm_pid: int, title: tuple[int, int]) -> int
     gc.enable()
     np.random.seed()  # the one state of numpy that forks share; Python's own is drawn anew by each fork
     os.environ[TOKEN_VARIABLE] = word.token
-    return live(word.robot, parse(list(word.arguments)), stop)
+    return live(word.robot, parse(list(word.arguments)), ending)
 
 
 def _title_place() -> tuple[int, int]:

@@ -17,8 +17,8 @@ import structlog
 from pydantic import ValidationError
 
 from jail.level import JailLevel
-from services.settings import Settings
-from trial_logs.disk import lose_words_rather_than_end
+from services.settings import AUDIT, Settings
+from trial_logs.disk import lose_words_rather_than_end, words_into
 
 PRIVATE = 0o077
 PR_SET_PDEATHSIG = 1
@@ -35,7 +35,9 @@ def parsed(arguments: list[str]) -> tuple[str, Settings]:
     dispatcher = commands.add_parser("dispatch", help="a dispatcher alone, beside others that share a PostgreSQL database")
     for each in (serve, dispatcher):
         each.add_argument("--data", type=Path, help="folder of database, files and tokens, as far as they have no other home")
-        each.add_argument("--bus-connect", help="zenoh endpoint of a router that runs elsewhere; then none runs here")
+        each.add_argument(
+            "--bus-connect", help="zenoh endpoint of a router that runs elsewhere, or several by commas; then none runs here"
+        )
         each.add_argument("--farm", help="the farm's name on the bus")
     serve.add_argument("--host")
     serve.add_argument("--port", type=int)
@@ -47,6 +49,7 @@ def parsed(arguments: list[str]) -> tuple[str, Settings]:
     serve.add_argument("--no-dispatch", dest="dispatches", action="store_const", const=False, help=no_dispatch)
     router = commands.add_parser("router", help="the bus alone")
     router.add_argument("--bus", help="zenoh endpoint to listen on, as tcp/0.0.0.0:7447 or, guarded, tls/0.0.0.0:7447")
+    router.add_argument("--bus-routers", help="the routers of the same bus, by commas; this one may be among them")
     router.add_argument("--farm", help="the farm's name on the bus, which the rules of a guarded one name")
     bus_key = commands.add_parser("bus-key", help="print what a guarded router needs of the farm's key, its TRIFARM_BUS_KEY")
     bus_key.add_argument("--data", type=Path, help="folder with the farm's key, where TRIFARM_FARM_KEY is not set")
@@ -78,10 +81,10 @@ def main() -> None:
     _end_with_parent()
     return_freed_memory()
     open_as_many_files_as_allowed()
-    _log_to_stderr()
     from services.errors import NotReady
 
     try:
+        _log(settings.audit_file)
         if command == "bus-key":
             from services.joining.session import bus_key
 
@@ -123,7 +126,16 @@ def open_as_many_files_as_allowed() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
 
 
-def _log_to_stderr() -> None:
+def _log(audit_file: Path | None) -> None:
+    """Lines go to standard error, those of the audit to a file of their own where one is named."""
+    from services.errors import NotReady
+
+    audit = sys.stderr
+    if audit_file is not None:
+        try:
+            audit = words_into(audit_file)
+        except OSError as error:
+            raise NotReady(f"TRIFARM_AUDIT_FILE names {audit_file}, which cannot be written to: {error}") from error
     logging.basicConfig(level=logging.WARNING, stream=sys.stderr, format="%(levelname)s %(name)s %(message)s")
     structlog.configure(
         processors=[
@@ -134,7 +146,7 @@ def _log_to_stderr() -> None:
             structlog.processors.JSONRenderer(),
         ],
         wrapper_class=structlog.make_filtering_bound_logger(logging.INFO),
-        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+        logger_factory=lambda *names: structlog.PrintLogger(audit if AUDIT in names else sys.stderr),
     )
 
 

@@ -1,6 +1,7 @@
 """The bus alone: a zenoh router for farms whose services and robots run in processes or containers of their own."""
 
 import asyncio
+import faulthandler
 import os
 import signal
 
@@ -13,6 +14,11 @@ from services.settings import Settings
 
 log = structlog.get_logger()
 PARENT_LOOK_S = 0.5
+END_WITHIN_S = 9.0
+"""Longer than an orderly end takes, whose parts wait some seconds at the most, unless one waits for a lock of the database. A
+container is killed after 10.
+"""
+STANDARD_ERROR = 2
 
 
 async def route(settings: Settings) -> None:
@@ -21,6 +27,7 @@ async def route(settings: Settings) -> None:
     log.info("routing", bus=settings.bus, guarded=is_guarded(settings.bus))
     try:
         await told_to_stop()
+        end_in_time()
     finally:
         await bus.close()
 
@@ -37,3 +44,12 @@ async def told_to_stop() -> str:
         except TimeoutError:
             continue
     return "told to" if told.is_set() else "the parent process has gone"
+
+
+def end_in_time() -> None:
+    """From now on the process has ``END_WITHIN_S`` to end by itself.
+
+    One that does not says in standard error where its threads stand, and is ended. Whatever was acknowledged is in the database,
+    and the rest is taken back there.
+    """
+    faulthandler.dump_traceback_later(END_WITHIN_S, file=STANDARD_ERROR, exit=True)

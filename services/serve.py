@@ -36,12 +36,13 @@ from services.files.store import FileStore
 from services.folder_lock import held
 from services.hosts import Hosts, allowed_hosts
 from services.jobs import explainer, lease, robots
-from services.jobs.clock import FarmClock
+from services.jobs.clock import FarmClock, iso
 from services.jobs.fleet import Fleet
+from services.jobs.holding import Holding
 from services.jobs.signals import Signals
 from services.joining.session import session_config
 from services.policies.keeping import Policies
-from services.router import told_to_stop
+from services.router import end_in_time, told_to_stop
 from services.settings import Settings
 from services.sharing import add_asked, all_signed_out, forget_old
 from services.signing import FarmKey
@@ -188,15 +189,17 @@ async def _exchange(farm: Farm, ended: EndedSessions, limits: Limits) -> None:
 
 async def dispatch(settings: Settings) -> None:
     """Gives leases until told to stop, beside processes that answer requests; they share a database on PostgreSQL."""
-    if settings.database_url is None or settings.bus_connect is None:
+    if settings.database_url is None or not settings.elsewhere:
         raise NotReady("a dispatcher alone shares a database and a bus; set TRIFARM_DATABASE_URL and --bus-connect")
     async with open_farm(settings) as farm, dispatching(farm, serves=False):
         log.info("dispatching", bus=settings.bus_connect)
         log.info("stopping", reason=await told_to_stop())
+        end_in_time()
 
 
 async def _stop_when_told(server: uvicorn.Server, signals: Signals) -> None:
     log.info("stopping", reason=await told_to_stop())
+    end_in_time()
     # Streams of events end first: the server waits for its connections.
     signals.close()
     server.should_exit = True
@@ -243,6 +246,7 @@ async def _opened(settings: Settings, url: str) -> AsyncIterator[Farm]:
         database=database,
         files=files,
         policies=Policies(settings, database, files),
+        holding=Holding(database, clock, settings.lease_s, settings.max_attempts),
         clock=clock,
         fleet=Fleet(),
         signals=Signals(),
@@ -253,6 +257,7 @@ async def _opened(settings: Settings, url: str) -> AsyncIterator[Farm]:
         jail=await asyncio.to_thread(detect),
         key=FarmKey.of(settings.data, None if settings.farm_key is None else settings.farm_key.get_secret_value()),
         disk=Disk(settings.data, settings.disk_reserve_bytes),
+        started_at=iso(clock.now_s()),
     )
     try:
         await _first_tokens(settings, farm.tokens)

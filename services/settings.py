@@ -11,17 +11,26 @@ from api_schemas.policy import MAX_WEIGHTS_BYTES
 from api_schemas.robot import LEASE_S, RENEW_EVERY_S
 from jail.level import JailLevel
 
+AUDIT = "audit"
+"""Name of the logger whose lines go into ``audit_file``."""
+
 
 class Settings(BaseSettings):
     """What one services process was told; read once at the start and passed on."""
 
     model_config = SettingsConfigDict(env_prefix="TRIFARM_", frozen=True, extra="ignore")
 
-    data: Path = Path("farm-data")
-    host: str = "127.0.0.1"
-    port: int = Field(default=8787, ge=0, le=65535)
-    bus: str = "tcp/127.0.0.1:7447"
-    bus_connect: str | None = Field(default=None, description="a router elsewhere; without it one listens on ``bus`` here")
+    data: Path = Field(default=Path("farm-data"), description="folder of database, files and tokens")
+    host: str = Field(default="127.0.0.1", description="address on which the API listens")
+    port: int = Field(default=8787, ge=0, le=65535, description="port on which it listens")
+    bus: str = Field(default="tcp/127.0.0.1:7447", description="where the bus listens, guarded where it begins with tls/")
+    bus_connect: str | None = Field(
+        default=None, description="a router elsewhere, or several by commas; without it one listens on ``bus`` here"
+    )
+    bus_routers: str | None = Field(
+        default=None,
+        description="for a router: all of the same bus, by commas; it keeps links to those that are not in ``bus_addresses``",
+    )
     bus_addresses: str | None = Field(
         default=None, description="what robots are told of the bus, by commas, as tls/farm.example.org:7447; usual: where it is"
     )
@@ -31,14 +40,14 @@ class Settings(BaseSettings):
         gt=0,
         description="how long a robot's certificate lasts; a revoked one leaves the bus with it",
     )
-    farm: str = Field(default="farm", pattern=r"^[a-z0-9-]{1,40}$")
+    farm: str = Field(default="farm", pattern=r"^[a-z0-9-]{1,40}$", description="the farm's name on the bus")
     physics: Annotated[str, AfterValidator(physics_name)] = Field(
         default="real", description="what the robots were told; only the name is kept"
     )
     tls_certificate: Path | None = Field(default=None, description="PEM file with the certificate and its chain: for https")
     tls_key: Path | None = Field(default=None, description="PEM file with the certificate's private key")
-    admin_token: SecretStr | None = None
-    robot_token: SecretStr | None = None
+    admin_token: SecretStr | None = Field(default=None, description="made valid with all scopes at the start")
+    robot_token: SecretStr | None = Field(default=None, description="made valid at the start, for robots to join with")
     farm_key: SecretStr | None = Field(
         default=None, description="32 bytes as hexadecimal digits; without it, one in the data folder"
     )
@@ -50,12 +59,14 @@ class Settings(BaseSettings):
     pinned_robot_gone_s: float = Field(
         default=600.0, gt=0, description="a job whose one robot is out of service or lost for so long fails"
     )
-    offer_timeout_s: float = Field(default=2.0, gt=0)
+    offer_timeout_s: float = Field(default=2.0, gt=0, description="how long a robot has to answer an offer")
     refused_pause_s: float = Field(default=1.0, ge=0, description="a robot that refused is not offered again for so long")
-    lease_s: float = Field(default=LEASE_S, gt=0)
-    renew_every_s: float = Field(default=RENEW_EVERY_S, gt=0)
+    lease_s: float = Field(default=LEASE_S, gt=0, description="how long a lease lives without renewal")
+    renew_every_s: float = Field(
+        default=RENEW_EVERY_S, gt=0, description="how often robots renew; one that was lost has so long and 1 s to come back"
+    )
     sweep_every_s: float = Field(default=0.5, gt=0, description="the safety net under the events that wake the dispatcher")
-    max_weights_bytes: int = Field(default=MAX_WEIGHTS_BYTES, gt=0)
+    max_weights_bytes: int = Field(default=MAX_WEIGHTS_BYTES, gt=0, description="of one policy's weights")
     max_queued_jobs_per_user: int = Field(default=200, ge=1, description="jobs of one user that have not ended")
     max_policy_bytes_per_user: int = Field(
         default=10 * 1024**3, gt=0, description="one user's policies together, weights and graphs"
@@ -69,12 +80,13 @@ class Settings(BaseSettings):
         default=None, description="names under which the services may be asked, by commas; usual: on loopback its names, else any"
     )
     trusted_proxies: str | None = Field(default=None, description="addresses whose X-Forwarded-For is believed, by commas")
-    max_log_bytes: int = Field(default=1024**3, gt=0)
+    max_log_bytes: int = Field(default=1024**3, gt=0, description="of one trial's log")
+    audit_file: Path | None = Field(default=None, description="where audit lines go; without it, to standard error")
     disk_reserve_bytes: int = Field(
         default=8 * 1024**2, ge=0, description="with less free in the data folder nothing new is accepted, what runs is finished"
     )
-    conversion_deadline_s: float = Field(default=60.0, gt=0)
-    verification_deadline_s: float = Field(default=120.0, gt=0)
+    conversion_deadline_s: float = Field(default=60.0, gt=0, description="for making a graph of uploaded weights")
+    verification_deadline_s: float = Field(default=120.0, gt=0, description="for simulating a log again")
     verification_upload_s: float = Field(default=120.0, gt=0, description="how long a log to be verified may take to arrive")
     verification_at_once: int = Field(default=1, ge=1, description="logs that may be simulated again at the same time")
     whys_per_robot: int = Field(
@@ -88,9 +100,11 @@ class Settings(BaseSettings):
 
     # Where "open in" of a trial leads; the address of a signed link to its log is put behind, so that the viewer's site comes
     # to know it. None: not offered.
-    foxglove_url: str | None = Field(default=None, description="such as https://app.foxglove.dev/~/view?ds=remote-file&ds.url=")
-    lichtblick_url: str | None = Field(default=None, description="such as https://lichtblick.host/?ds=remote-file&ds.url=")
-    rerun_url: str | None = Field(default=None, description="such as https://rerun.io/viewer?url=")
+    foxglove_url: str | None = Field(
+        default=None, description="'open in' of a trial leads there, as https://app.foxglove.dev/~/view?ds=remote-file&ds.url="
+    )
+    lichtblick_url: str | None = Field(default=None, description="likewise, as https://lichtblick.host/?ds=remote-file&ds.url=")
+    rerun_url: str | None = Field(default=None, description="likewise, as https://rerun.io/viewer?url=")
     shares: bool = Field(default=False, description="whether users may share a report or a trial by a link that needs no token")
     public_leaderboard: bool = Field(
         default=False, description="whether the page of leaderboards is shown without a token, policies by digest"
@@ -102,9 +116,9 @@ class Settings(BaseSettings):
     database_url: str | None = Field(default=None, repr=False, description="postgresql://user:password@host/name")
     files_url: str | None = Field(default=None, description="s3://bucket/prefix")
     s3_endpoint: str | None = Field(default=None, description="of an S3 server that is not Amazon's, as http://host:7070")
-    s3_region: str = "us-east-1"
+    s3_region: str = Field(default="us-east-1", description="of the bucket")
     s3_access_key_id: str | None = Field(default=None, description="without it, what AWS_* variables or the machine give")
-    s3_secret_access_key: SecretStr | None = None
+    s3_secret_access_key: SecretStr | None = Field(default=None, description="belongs to it")
     dispatches: bool = Field(default=True, description="false: this process answers requests and gives no leases")
     alive_file: Path | None = Field(
         default=None, description="touched while the dispatcher's loop goes round, for the health check of its container"
@@ -118,8 +132,9 @@ class Settings(BaseSettings):
 
     @model_validator(mode="after")
     def _bus_is_of_one_kind(self) -> Self:
-        if len({endpoint.startswith("tls/") for endpoint in (self.bus_connect or self.bus, *self.bus_endpoints)}) > 1:
-            here, told = self.bus_connect or self.bus, ", ".join(self.bus_endpoints)
+        own = self.elsewhere or (self.bus, *self.other_routers)
+        if len({endpoint.startswith("tls/") for endpoint in (*own, *self.bus_endpoints)}) > 1:
+            here, told = ", ".join(own), ", ".join(self.bus_endpoints)
             raise ValueError(f"the bus is {here} and robots would be told {told}; either all begin with tls/ or none")
         return self
 
@@ -133,8 +148,18 @@ class Settings(BaseSettings):
     @property
     def bus_endpoints(self) -> tuple[str, ...]:
         """What robots are told of the bus."""
-        told = self.bus_addresses or self.bus_connect or self.bus
-        return tuple(each.strip() for each in told.split(","))
+        return _endpoints(self.bus_addresses) or self.elsewhere or (self.bus,)
+
+    @property
+    def elsewhere(self) -> tuple[str, ...]:
+        """The routers that this process is a client of: of one at a time, and of the next where that is gone."""
+        return _endpoints(self.bus_connect)
+
+    @property
+    def other_routers(self) -> tuple[str, ...]:
+        """The routers that the one of this process keeps links to: those it is told of, but for itself."""
+        itself = {self.bus, *_endpoints(self.bus_addresses)}
+        return tuple(each for each in _endpoints(self.bus_routers) if each not in itself)
 
     @property
     def guarded_robots(self) -> tuple[str, ...]:
@@ -145,3 +170,7 @@ class Settings(BaseSettings):
     def truth_url(self) -> str:
         """Where truth is kept; without other word SQLite inside the data folder."""
         return self.database_url or f"sqlite:///{(self.data / 'farm.sqlite').absolute()}"
+
+
+def _endpoints(by_commas: str | None) -> tuple[str, ...]:
+    return tuple(each.strip() for each in (by_commas or "").split(",") if each.strip())

@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 import structlog
-from sqlalchemy import Insert, delete, insert, select, update
+from sqlalchemy import Insert, bindparam, delete, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from api_schemas.token import NewToken, Scope, Token, TokenRequest
@@ -31,6 +31,7 @@ _PARENT = token.alias("parent")
 _WITH_PARENT = select(
     token, _PARENT.c.revoked_at.label("parent_revoked_at"), _PARENT.c.expires_at.label("parent_expires_at")
 ).select_from(token.outerjoin(_PARENT, _PARENT.c.token_id == token.c.parent))
+_OF_ID = _WITH_PARENT.where(token.c.token_id == bindparam("of_id"))
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class Tokens:
         if self.clock.now_s() >= until_s:
             return False
         async with self.database.read() as connection:
-            row = (await connection.execute(_WITH_PARENT.where(token.c.token_id == token_id))).one_or_none()
+            row = (await connection.execute(_OF_ID, {"of_id": token_id})).one_or_none()
         try:
             self._check(row, "" if row is None else row.secret_sha256, self.clock.now_s())
         except Unauthorised:
@@ -95,7 +96,7 @@ class Tokens:
         if (known := self._remembered.get(hashed)) is not None and now_s < known[1] <= now_s + REMEMBERED_S:
             return known[0]
         async with self.database.read() as connection:
-            row = (await connection.execute(_WITH_PARENT.where(token.c.token_id == token_id))).one_or_none()
+            row = (await connection.execute(_OF_ID, {"of_id": token_id})).one_or_none()
         self._check(row, hashed, now_s)
         assert row is not None, "_check refuses a missing row"
         caller = Caller(row.token_id, row.owner, frozenset(Scope(scope) for scope in row.scopes.split()), row.robot, hashed)
@@ -147,20 +148,20 @@ class Tokens:
             )
         if caller.robot is None:
             bearer = derived(caller.token_id, bearer, robot)
-        await self._keep_derived(caller, bearer, robot)
-        await self.caller(bearer)
-        async with self.database.read() as connection:
-            row = (await connection.execute(select(token).where(token.c.token_id == _id(bearer)))).one()
+        row = await self._row_of(bearer)
+        if row is None:
+            request = TokenRequest(owner=caller.owner, scopes=(Scope.ROBOT,))
+            with suppress(IntegrityError):  # it asked twice at the same time
+                row = await self._insert(bearer, request, robot=robot, parent=caller.token_id)
+        if row is None or row.revoked_at is not None:
+            await self.caller(bearer)
+            row = await self._row_of(bearer)
+        assert row is not None, "a token that is good has a row"
         return NewToken(**_shown(row).model_dump(), secret=bearer)
 
-    async def _keep_derived(self, caller: Caller, bearer: str, robot: str) -> None:
+    async def _row_of(self, bearer: str) -> AnyRow | None:
         async with self.database.read() as connection:
-            known = (await connection.execute(select(token.c.token_id).where(token.c.token_id == _id(bearer)))).first()
-        if known is not None:
-            return
-        request = TokenRequest(owner=caller.owner, scopes=(Scope.ROBOT,))
-        with suppress(IntegrityError):  # it asked twice at the same time
-            await self._insert(bearer, request, robot=robot, parent=caller.token_id)
+            return (await connection.execute(select(token).where(token.c.token_id == _id(bearer)))).one_or_none()
 
     async def register(self, bearer: str, request: TokenRequest) -> None:
         """Makes a token that was given from outside valid, whatever is known under its id; again changes nothing.

@@ -6,14 +6,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from api_schemas.tolerance import ANGLE_TOLERANCE_RAD, POSITION_TOLERANCE_M
-from sim_backend.driver.tracker import TrackedPose
+from sim_backend.driver.tracker import CONFIDENCE_THRESHOLD, TrackedPose
 from sim_backend.replays.comparison import shape_of_log
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.task import Goal, Task
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.kinematics import fingertip_position_world_m
 from sim_backend.trifinger.objects import Kind, Shape
-from trial_logs.failing import Evidence, Why, why_failed
+from trial_logs.failing import Why, why_failed
+from trial_logs.measured import Evidence
 from trial_logs.moments import Moment, Seen, holds_of_fingers, way_of_object
 from trial_logs.reader import TrialLog
 
@@ -62,9 +63,9 @@ class Witness:
         if not self._states or not self._reports:
             return []
         t_s, position_rad = (np.concatenate([each[at] for each in self._states]) for at in (0, 1))
-        capture_s, poses = (np.array([report[at] for report in self._reports]) for at in (0, 1))
         tips_m = fingertip_position_world_m(position_rad).reshape(-1, 3, 3)
-        seen = _seen(np.maximum(capture_s, 0.0), poses, t_s, tips_m, shape)
+        capture_s, poses, confidence = (np.array(each) for each in zip(*self._reports, strict=True))
+        seen = _seen(capture_s, poses, confidence, t_s, tips_m, shape)
         goal_m = None if goal is None else goal.cube_position_world_m[0]
         found = [*way_of_object(seen.t_s, seen.pose, goal_m, POSITION_TOLERANCE_M), *holds_of_fingers(seen)]
         return sorted(found, key=lambda moment: moment.t_s)
@@ -108,12 +109,10 @@ def _why(
     judged_error_m: float | None,
 ) -> Why:
     state_t_s, position_rad, velocity_rad_s, applied_nm = states
-    capture_s, poses, confidence = np.maximum(reports[0], 0.0), *reports[1:]
     tips_m = fingertip_position_world_m(position_rad).reshape(-1, 3, 3)
     return why_failed(
         Evidence(
-            seen=_seen(capture_s, poses, state_t_s, tips_m, shape),
-            confidence=confidence[np.argsort(capture_s, kind="stable")],
+            seen=_seen(*reports, state_t_s, tips_m, shape),
             duration_s=float(state_t_s[-1]) + EVERY_STEPS * c.PHYSICS_STEP_S,
             goal_m=goal.cube_position_world_m[0] if task.moves_cube else None,
             goal_quat_wxyz=goal.cube_quat_wxyz[0] if task.orientation_counts else None,
@@ -132,9 +131,13 @@ def _why(
     )
 
 
-def _seen(capture_s: np.ndarray, poses: np.ndarray, state_t_s: np.ndarray, tips_m: np.ndarray, shape: Shape) -> Seen:
-    """The object by the time at which it was seen, and where the fingertips were then."""
+def _seen(
+    capture_s: np.ndarray, poses: np.ndarray, confidence: np.ndarray, state_t_s: np.ndarray, tips_m: np.ndarray, shape: Shape
+) -> Seen:
+    """The object by the time at which it was seen, where the tracker was sure, and where the fingertips were then."""
     order = np.argsort(capture_s, kind="stable")
-    nearest = np.clip(np.searchsorted(state_t_s, capture_s[order]), 0, len(state_t_s) - 1)
+    order = order[confidence[order] >= CONFIDENCE_THRESHOLD]  # below it the pose before is repeated
+    at_s = np.maximum(capture_s[order], 0.0)
+    nearest = np.clip(np.searchsorted(state_t_s, at_s), 0, len(state_t_s) - 1)
     half_m = np.array(shape.size_m) / 2
-    return Seen(capture_s[order], poses[order], tips_m[nearest], half_m, shape.kind is Kind.SPHERE, c.TIP_RADIUS_M, FINGERS)
+    return Seen(at_s, poses[order], tips_m[nearest], half_m, shape.kind is Kind.SPHERE, c.TIP_RADIUS_M, FINGERS)

@@ -69,6 +69,15 @@ def lose_words_rather_than_end() -> None:
     sys.stderr = _words(STDERR)
 
 
+def words_into(path: Path) -> io.TextIOWrapper:
+    """A file that lines are added to, also by others; what does not fit on its disk is dropped.
+
+    Raises:
+        OSError: it cannot be opened.
+    """
+    return _words(os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600))
+
+
 def _words(descriptor: int) -> io.TextIOWrapper:
     buffered = io.BufferedWriter(_Lenient(descriptor))
     return io.TextIOWrapper(buffered, encoding="utf-8", errors="backslashreplace", line_buffering=True)

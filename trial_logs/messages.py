@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from typing import Any
 
 import foxglove
 import numpy as np
@@ -127,7 +128,7 @@ def encode_transforms(frames: tuple[tuple[str, str], ...], values: list[float]) 
     return fm.FrameTransforms(transforms=transforms).encode()
 
 
-_TRACKER = {
+_TRACKER: dict[str, Any] = {
     "type": "object",
     "title": "trifarm.Tracker",
     "properties": {
@@ -137,11 +138,12 @@ _TRACKER = {
         "raw_confidence": {"type": "number"},
         "raw_position_world_m": {"type": "array", "items": {"type": "number"}},
         "raw_quat_wxyz": {"type": "array", "items": {"type": "number"}},
-        "visible_faces": {"type": "object"},
     },
 }
 
 
-def tracker_schema() -> foxglove.Schema:
-    """A report of the tracker, as JSON."""
-    return foxglove.Schema(name=str(_TRACKER["title"]), encoding="jsonschema", data=json.dumps(_TRACKER).encode())
+def tracker_schema(cameras: Sequence[str]) -> foxglove.Schema:
+    """A report of the tracker, as JSON; viewers want to know of every object which properties it has."""
+    faces = {"type": "object", "properties": {name: {"type": "array", "items": {"type": "string"}} for name in cameras}}
+    told = _TRACKER | {"properties": _TRACKER["properties"] | {"visible_faces": faces}}
+    return foxglove.Schema(name=_TRACKER["title"], encoding="jsonschema", data=json.dumps(told).encode())

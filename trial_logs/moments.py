@@ -1,7 +1,8 @@
 """What happened in a trial and when, found from what was measured: the way of the object, and how fingertips hold it.
 
-Fingertips are where the joints say, the object is where the tracker saw it, ten times a second and with errors of millimetres.
-So a fingertip counts as touching within ``TOUCH_M`` of the object's surface, and what one report alone says is not believed.
+Fingertips are where the joints say, the object is where the tracker saw it, ten times a second and with errors of millimetres;
+reports that it was not sure of repeat what was before, and are left out. So a fingertip counts as touching within ``TOUCH_M`` of
+the object's surface, and what one report alone says is not believed.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,6 +16,10 @@ LEFT_M = 0.016
 """A fingertip that touches does so until it is so far away."""
 SLIP_M = 0.012
 """How far the place of a touch must move over the object within ``WITHIN_REPORTS``: a tip that rolls moves it by less."""
+LASTING_M, LASTING_REPORTS = 0.008, 4
+"""And how far it must have moved from the middle one of so many reports before to that of those after: noise has not."""
+TURNED_M = 0.045
+"""Farther than this no tip slips in that time: the tracker took one face for another."""
 WITHIN_REPORTS = 3
 LONGEST_S = 0.6
 """That so many reports may take; where the tracker was blind for longer, nobody knows what happened."""
@@ -69,7 +74,8 @@ def way_of_object(t_s: np.ndarray, pose: np.ndarray, goal_m: np.ndarray | None, 
     for k, is_up in changes(len(t_s), lambda k, up: bool(height[k] - rest > (0.4 if up else 1.0) * LIFTED_M)):
         fell = not is_up and height[max(0, k - 3)] - height[k] > LIFTED_M
         text = "lifted" if is_up else "dropped" if fell else "put down"
-        found.append(Moment(float(t_s[k]), text, "not" if fell else "now"))
+        at_s = 0.5 * (t_s[k - 1] + t_s[k]) if fell else t_s[k]
+        found.append(Moment(float(at_s), text, "not" if fell else "now"))
     return found
 
 
@@ -93,7 +99,8 @@ def holds_of_fingers(seen: Seen) -> list[Moment]:
     held = touching.sum(axis=1) >= HOLDING
     found = []
     for finger, name in enumerate(seen.fingers):
-        found += _slips(seen.t_s, places[:, finger], touching[:, finger] & held, name)
+        holding = touching[:, finger] & held & (gap_m[:, finger] < TOUCH_M)
+        found += _slips(seen.t_s, places[:, finger], holding, name)
         found += _regrasps(seen.t_s, places[:, finger], touching[:, finger], name)
     return found
 
@@ -113,9 +120,14 @@ def _touching(gap_m: np.ndarray) -> np.ndarray:
 
 def _slips(t_s: np.ndarray, place_m: np.ndarray, holding: np.ndarray, name: str) -> list[Moment]:
     found, last_s = [], -np.inf
-    for k in range(WITHIN_REPORTS, len(t_s)):
+    for k in range(WITHIN_REPORTS, len(t_s) - 1):  # what the last report alone shows may be a jump of the tracker
         moved_m = float(np.linalg.norm(place_m[k] - place_m[k - WITHIN_REPORTS]))
-        if moved_m < SLIP_M or t_s[k] - t_s[k - WITHIN_REPORTS] > LONGEST_S or not holding[k - WITHIN_REPORTS : k + 1].all():
+        if not SLIP_M <= moved_m < TURNED_M or not holding[k - WITHIN_REPORTS : k + 1].all():
+            continue
+        first, last = np.searchsorted(t_s, (t_s[k - WITHIN_REPORTS] - LONGEST_S / 2, t_s[k] + LONGEST_S / 2))
+        before, after = place_m[first : k - WITHIN_REPORTS + 1][-LASTING_REPORTS:], place_m[k : last + 1][:WITHIN_REPORTS]
+        lasting_m = float(np.linalg.norm(np.median(after, axis=0) - np.median(before, axis=0)))
+        if lasting_m < LASTING_M or t_s[k] - t_s[k - WITHIN_REPORTS] > LONGEST_S:
             continue
         if t_s[k] - last_s > ONCE_WITHIN_S:
             found.append(Moment(float(t_s[k]), f"{name} slipped by {1e3 * moved_m:.0f} mm", "not"))

@@ -123,7 +123,7 @@ class LogChannels:
         schemas = {topic: schema for topic, schema in _protobuf_schemas().items() if topic in topics}
         self.topics = {topic: Topic("protobuf", schema) for topic, schema in schemas.items()}
         if TRACKER in topics:
-            self.topics[TRACKER] = Topic("json", tracker_schema())
+            self.topics[TRACKER] = Topic("json", tracker_schema(CAMERA_NAMES))
 
 
 class TrialLogWriter:

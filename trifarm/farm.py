@@ -13,10 +13,12 @@ from api_schemas.builtin_policies import builtin_digest
 from api_schemas.job import POLICY_TASKS, Job, JobPriority, JobRequest, JobState, TaskName
 from api_schemas.physics import ObjectName
 from api_schemas.report import Report, read_report
+from api_schemas.share import USUAL_DAYS, NewShare, Share
 from api_schemas.trial import OutcomeKind, Trial
 from client_cli.commands.asking import Asking, wish_of
 from client_cli.commands.builtins import builtin_named
 from client_cli.commands.report import write_page, write_print
+from client_cli.commands.share import wish_to_share
 from client_cli.commands.submit import checked
 from client_cli.connection.api_client import ApiClient, log_of
 from client_cli.connection.log_download import download, log_name
@@ -142,6 +144,43 @@ class Farm:
     def jobs(self, *, limit: int = 50, state: JobState | None = None) -> tuple["FarmJob", ...]:
         """The newest jobs."""
         return tuple(FarmJob(self._client, job) for job in self._client.jobs(limit=limit, state=state).jobs)
+
+    def share(self, what: "FarmJob | FarmTrial | str", *, at_s: float | None = None, days: float = USUAL_DAYS) -> NewShare:
+        """A link to the report of a job, or to the replay of a trial, for whoever has no token; ``url`` is told this once.
+
+        The farm must allow links (``TRIFARM_SHARES=true``). They show what robots measured, never truth.
+
+        Args:
+            what: the job or the trial, or the id of one.
+            at_s: the moment of a trial at which its replay opens.
+            days: after so many the link leads nowhere, at most 90.
+
+        Raises:
+            ClientError: the farm has no such thing or allows no links, or a value cannot be used; the text says which.
+
+        Example:
+            >>> import trifarm
+            >>> with trifarm.Farm() as farm:
+            ...     trial = next(farm.jobs(limit=1)[0].trials())
+            ...     shared = farm.share(trial, at_s=2.7, days=1)
+            ...     farm.revoke_share(shared)
+            ...     farm.shares()[0].is_open
+            False
+        """
+        named = what.id if isinstance(what, FarmJob) else what.trial.trial_id if isinstance(what, FarmTrial) else what
+        return self._client.share(wish_to_share(named, at_s=at_s, days=days))
+
+    def shares(self) -> tuple[Share, ...]:
+        """Links that one made and links to one's jobs, newest first, those that are over included; none tells its address."""
+        return self._client.shares()
+
+    def revoke_share(self, share: Share | str) -> None:
+        """Ends a link, or the one of this id: its address is answered 404 from then on.
+
+        Raises:
+            ClientError: there is none.
+        """
+        self._client.revoke_share(share if isinstance(share, str) else share.share_id)
 
 
 @dataclass

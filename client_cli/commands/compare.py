@@ -18,6 +18,7 @@ from api_schemas.comparison import (
     compare,
 )
 from api_schemas.report import Report, read_report
+from api_schemas.success_rate import SHOWN
 from client_cli.connection.api_client import ApiClient
 from client_cli.connection.settings import load_connection
 from client_cli.terminal.errors import UsageProblem
@@ -75,9 +76,9 @@ def _lines(found: Comparison) -> Iterator[str]:
         if index:
             yield ""
         yield f"{task.task}, {counted(task.goals, 'goal')} in common"
-        yield f"  {'job':<16} {'succeeded':>12} {'rate':>6}  {'80 % interval':<14} policy"
+        yield f"  {'job':<16} {'succeeded':>12} {'rate':>6}  {SHOWN:<14} policy"
         for job in task.jobs:
-            low, high = job.interval_80
+            low, high = job.interval_95
             rate = f"{job.successes} of {job.trials}"
             letters = "" if job.letters is None else f"  [{job.letters}]"
             yield f"  {job.job_id:<16} {rate:>12} {job.success_rate:>6.3f}  {low:.3f}–{high:.3f}    {job.policy_name}{letters}"
@@ -90,18 +91,18 @@ def _lines(found: Comparison) -> Iterator[str]:
 
 
 def _recipe(found: ComparedRecipe, first: str) -> Iterator[str]:
-    low, high = found.interval_80
+    low, high = found.interval_95
     over = f"{found.training_seeds} training seeds"
-    yield f"  recipe {found.recipe}: rate {found.success_rate:.3f}, 80 % interval over {over} and goals {low:.3f}–{high:.3f}"
+    yield f"  recipe {found.recipe}: rate {found.success_rate:.3f}, {SHOWN} over {over} and goals {low:.3f}–{high:.3f}"
     if found.difference is not None and found.difference_95 is not None:
         low, high = found.difference_95
-        yield f"    against {first}: {100 * found.difference:+.1f} points, 95 % interval {100 * low:+.1f} to {100 * high:+.1f}"
+        yield f"    against {first}: {100 * found.difference:+.1f} points, {SHOWN} {100 * low:+.1f} to {100 * high:+.1f}"
 
 
 def _difference(task: TaskComparison, found: Difference, position: int) -> Iterator[str]:
     low, high = found.interval_95
     yield ""
-    interval = f"95 % interval {100 * low:+.1f} to {100 * high:+.1f}"
+    interval = f"{SHOWN} {100 * low:+.1f} to {100 * high:+.1f}"
     yield f"  {found.other} against {found.first}: {100 * found.difference:+.1f} points, {interval}"
     kind = "p at every look" if found.at_every_look else "McNemar's exact p"
     yield f"    {kind} {_p(found.p)}: {_verdict(found)}"

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from api_schemas.excitation import MAX_EXCITATION_SEED, MAX_REPEATS, ExcitationName, IdentificationRequest
 from api_schemas.job import Job
 from client_cli.commands.fetch import Fetched, fetch_job, held_by
+from client_cli.commands.robots import robot_meant
 from client_cli.connection.api_client import ApiClient
 from client_cli.connection.settings import load_connection
 from client_cli.terminal.errors import UsageProblem
@@ -61,7 +62,8 @@ def identify(
     if to is not None and idempotency_key is None and (held := held_by(to)) is not None:
         raise UsageProblem(f"{to} holds the logs of job {held}; choose another folder")
     with ApiClient(load_connection(os.environ)) as client:
-        job = client.create_identification(request, idempotency_key or uuid.uuid4().hex)
+        with robot_meant(client, robot):
+            job = client.create_identification(request, idempotency_key or uuid.uuid4().hex)
         if not as_json:
             print_line(job.job_id)
         if wait or to is not None:

@@ -13,6 +13,7 @@ import typer
 
 from api_schemas.job import JobState
 from api_schemas.ladder import Ladder, LadderEnds, LadderRequest, Rung, RungRequest
+from api_schemas.success_rate import SHOWN
 from client_cli.commands.asking import USUAL_TRIALS, Asking
 from client_cli.connection.api_client import ApiClient
 from client_cli.connection.settings import load_connection
@@ -27,7 +28,7 @@ from client_cli.views.progress import JobProgress
 from client_cli.views.progress_view import progress_view
 
 LOOK_EVERY_S = 1.0
-COLUMNS = ("step", "job", "state", "done", "succeeded", "rate", "80 % interval", "letters", "policy")
+COLUMNS = ("step", "job", "state", "done", "succeeded", "rate", SHOWN, "letters", "policy")
 FOLDER = (
     "a folder makes several jobs, which 'trifarm ladder' shows; it takes --task, --until-known with --max, --halving, "
     "--rewards, and no --name, --note, --webhook, --against, --bar, --at-least, --like, --goals, --recipe or --images"
@@ -160,14 +161,14 @@ def said_of(shown: Ladder) -> Iterator[str]:
         yield f"best by lower bound: step {best.step:.10g}" + (f"; cannot be told from it: {others}" if others else "")
         yield "rungs that share a letter cannot be told apart, at every look; any false difference has a chance of 5 %"
     for found in shown.correlations:
-        low, high = found.interval_80
-        interval = f"80 % interval {low:+.2f} to {high:+.2f}, {found.rungs} rungs"
+        low, high = found.interval_95
+        interval = f"{SHOWN} {low:+.2f} to {high:+.2f}, {found.rungs} rungs"
         yield f"rank correlation with {found.of}: {found.estimate:+.2f}, {interval}"
 
 
 def _row(rung: Rung) -> tuple[object, ...]:
     rate = None if rung.success_rate is None else f"{100 * rung.success_rate:.0f} %"
-    interval = None if rung.interval_80 is None else f"{100 * rung.interval_80[0]:.0f}–{100 * rung.interval_80[1]:.0f} %"
+    interval = None if rung.interval_95 is None else f"{100 * rung.interval_95[0]:.0f}–{100 * rung.interval_95[1]:.0f} %"
     done = f"{rung.trials_done}/{rung.trials}"
     state = "given up" if rung.given_up else rung.state.value
     return f"{rung.step:.10g}", rung.job_id, state, done, rung.successes, rate, interval, rung.letters, rung.policy_name

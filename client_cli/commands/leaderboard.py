@@ -7,12 +7,13 @@ import typer
 
 from api_schemas.leaderboard import BoardRow, Leaderboard
 from api_schemas.physics import ObjectName
+from api_schemas.success_rate import SHOWN
 from client_cli.connection.api_client import ApiClient
 from client_cli.connection.settings import load_connection
 from client_cli.terminal.options import AskedTask, JsonOption, ObjectOption, ObjectScaleOption
 from client_cli.terminal.output import counted, print_document, print_line, print_table
 
-COLUMNS = ("place", "policy", "letters", "rate", "80 % interval", "succeeded", "jobs", "user")
+COLUMNS = ("place", "policy", "letters", "rate", SHOWN, "succeeded", "jobs", "user")
 TaskArgument = Annotated[AskedTask, typer.Argument(metavar="TASK", help="Task of the robot.")]
 PhysicsOption = Annotated[
     int | None, typer.Option("--physics", min=1, help="Number of an earlier physics of the farm; by default the one that it has.")
@@ -46,7 +47,7 @@ def _head(shown: Leaderboard) -> str:
 
 
 def _row(row: BoardRow) -> tuple[object, ...]:
-    low, high = row.interval_80
+    low, high = row.interval_95
     name = row.policy_name or (row.policy or "another user's recipe")[:21]
     if row.training_seeds is not None:
         name = f"{'recipe ' + row.recipe if row.recipe else name} ({counted(row.training_seeds, 'seed')})"

@@ -136,6 +136,8 @@ def _pack_one(
         print_document(document(packed, warnings))
         return
     task = task or task_of(read_manifest(packed.manifest))
+    if warnings:
+        note("if a warning names what is wrong, pack once more with that mended; if all is as it should be, go on")
     print_line(f"next: trifarm submit {shlex.quote(str(packed.weights))} --task {task or 'TASK'} --wait")
 
 

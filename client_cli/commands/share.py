@@ -13,6 +13,7 @@ from client_cli.terminal.errors import UsageProblem
 from client_cli.terminal.exit_codes import OF_EVERY_REQUEST, epilog
 from client_cli.terminal.options import JsonOption
 from client_cli.terminal.output import age, note, print_document, print_line, print_table
+from client_cli.terminal.wrong_values import sentence
 
 COLUMNS = ("share", "state", "shows", "owner", "age", "ends")
 
@@ -36,14 +37,7 @@ def create(
     as_json: JsonOption = False,
 ) -> None:
     """Share the report of a job, or a trial, and print the link once; the farm keeps only its hash."""
-    named = {"trial": what, "at_s": at} if "-" in what else {"job": what, "at_s": at}
-    try:
-        request = ShareRequest.model_validate(named | {"days": days})
-    except ValidationError as error:
-        if at is not None and "-" not in what:
-            raise UsageProblem("--at is a moment of a trial; a report has none") from error
-        examples = "a job reads like jabcdefghijkl, a trial like jabcdefghijkl-007"
-        raise UsageProblem(f"{what[:80]!r} is neither a job nor a trial; {examples}") from error
+    request = wish_to_share(what, at_s=at, days=days)
     with ApiClient(load_connection(os.environ)) as client:
         made = client.share(request)
     if as_json:
@@ -76,6 +70,24 @@ def revoke(
         print_document({"share_id": share_id, "revoked": True})
     else:
         print_line(f"share {share_id} is revoked")
+
+
+def wish_to_share(what: str, *, at_s: float | None, days: float) -> ShareRequest:
+    """What is sent to share the report of a job or the replay of a trial, ``what`` being the id of one or the other.
+
+    Raises:
+        UsageProblem: it is neither, a moment was named of a report, or a number is out of its bounds.
+    """
+    kind = "trial" if "-" in what else "job"
+    if at_s is not None and kind == "job":
+        raise UsageProblem("a moment is one of a trial; a report has none")
+    try:
+        return ShareRequest.model_validate({kind: what, "at_s": at_s, "days": days})
+    except ValidationError as error:
+        if error.errors()[0]["loc"] != (kind,):
+            raise UsageProblem(sentence(error, "the link")) from error
+        examples = "a job reads like jabcdefghijkl, a trial like jabcdefghijkl-007"
+        raise UsageProblem(f"{what[:80]!r} is neither a job nor a trial; {examples}") from error
 
 
 def _row(each: Share) -> tuple[object, ...]:

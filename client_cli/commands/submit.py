@@ -45,6 +45,7 @@ from client_cli.connection.api_client import ApiClient
 from client_cli.connection.settings import load_connection
 from client_cli.policies.checkpoints import find_checkpoints
 from client_cli.policies.policy_files import LocalPolicy, read_policy
+from client_cli.policies.trying import of_another_task
 from client_cli.terminal.errors import UsageProblem
 from client_cli.terminal.options import (
     IdempotencyKeyOption,
@@ -201,4 +202,6 @@ def submit_policy(client: ApiClient, policy: LocalPolicy, wish: JobRequest, idem
     uploaded = client.upload_policy(policy.digest, policy.weights, policy.manifest)
     for warning in uploaded.warnings:
         note(f"warning: {warning}")
+    if unlike := of_another_task(policy.manifest, wish.task):
+        note(f"warning: {unlike}")
     return client.create_job(wish, idempotency_key or uuid.uuid4().hex)

@@ -178,13 +178,13 @@ def _values(values: dict[str, float | tuple[float, ...]]) -> str:
 
 
 def _show_job(table: JobWhy) -> None:
-    print_line(f"job {table.job_id}: {table.answered} of {counted(table.failed, 'failed trial')} explained")
+    print_line(f"job {table.job_id}: {table.answered} of {counted(table.failed, 'failed trial')} answered")
     rows = [
         (each.words, each.trials, f"{each.share:.0%}", f"{each.interval_80[0]:.0%} to {each.interval_80[1]:.0%}")
         for each in table.groups
     ]
     if rows:
         print_table(("it succeeds without", "trials", "share", "80 % interval"), rows)
-    verdicts = {"cause": "by one group", "chance": "by chance", "together": "by several together", "policy": "by the policy"}
-    print_line(", ".join(f"{table.verdicts[verdict]} {verdicts[verdict]}" for verdict in table.verdicts))
+    causes = {"cause": "a group", "chance": "chance", "together": "several groups together", "policy": "the policy"}
+    print_line("the cause is " + ", ".join(f"{causes[verdict]} in {count}" for verdict, count in table.verdicts.items()))
     print_line(f"advice: {table.advice}")

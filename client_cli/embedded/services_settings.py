@@ -7,6 +7,7 @@ from client_cli.embedded.child_process import OWN_PREFIX
 PASSED_ON = frozenset(
     {
         "TRIFARM_ANONYMOUS_REQUESTS_PER_S",
+        "TRIFARM_AUDIT_FILE",
         "TRIFARM_BODY_STALL_S",
         "TRIFARM_CONVERSION_AT_ONCE",
         "TRIFARM_CONVERSION_DEADLINE_S",
@@ -57,6 +58,7 @@ DECIDED = frozenset(
         "TRIFARM_BUS_CONNECT",
         "TRIFARM_BUS_KEY",
         "TRIFARM_BUS_ROBOTS",
+        "TRIFARM_BUS_ROUTERS",
         "TRIFARM_DATA",
         "TRIFARM_DATABASE_URL",
         "TRIFARM_DISPATCHES",

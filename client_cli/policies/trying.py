@@ -8,7 +8,7 @@ from pathlib import Path
 
 from api_schemas.job import TaskName
 from api_schemas.observation import fields_of
-from api_schemas.policy import PolicyManifest, canonical_json
+from api_schemas.policy import LAYOUTS, PolicyManifest, canonical_json
 from client_cli.embedded.child_process import child_environment, module_command
 from client_cli.terminal.child_answer import answer_of
 
@@ -24,11 +24,27 @@ GOALS = (
 )
 """What a policy that sees such a goal was most likely trained for."""
 
+OWN_TASKS = {
+    "rrc2022-push": TaskName.PUSH,
+    "rrc2022-push-flat": TaskName.PUSH,
+    "rrc2022-lift-flat": TaskName.LIFT,
+}
+"""Layouts that belong to one task each; what rrc2022-lift has, keypoints has, too."""
+
 
 def task_of(manifest: PolicyManifest) -> str | None:
     """The task that a policy is tried on where nobody says which; None for one that sees no goal."""
     seen = fields_of(manifest.observation)
     return next((task.value for field, task in GOALS if field in seen), None)
+
+
+def of_another_task(manifest: PolicyManifest, task: TaskName) -> str | None:
+    """A sentence where a policy reads the whole layout of one task of 2022 and is sent to the other."""
+    for name, own in OWN_TASKS.items():
+        if task in OWN_TASKS.values() and task != own and manifest.observation == LAYOUTS[name].observation:
+            reads = f"the policy reads {name}, the layout of {own.value}"
+            return f"{reads}, and the job is {task.value}, whose goals are of another kind"
+    return None
 
 
 def tried(weights: Path, manifest: PolicyManifest, task: str) -> tuple[str, ...]:

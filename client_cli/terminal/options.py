@@ -7,6 +7,9 @@ import typer
 
 from api_schemas.job import POLICY_TASKS, JobPriority, TaskName
 from api_schemas.physics import LARGEST_SCALE, SMALLEST_SCALE, ObjectName
+from client_cli.embedded.robot_count import MOST, of_this_machine
+
+AUTO = "auto"
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout; progress goes to stderr.")]
 JobArgument = Annotated[str, typer.Argument(metavar="ID", help="Job id, as printed by submit.")]
@@ -69,4 +72,23 @@ WebhookOption = Annotated[
 ]
 NameOption = Annotated[str | None, typer.Option("--name", metavar="TEXT", help="What the job is called, in lists and on pages.")]
 NoteOption = Annotated[str | None, typer.Option("--note", metavar="TEXT", help="What is to be remembered of the job.")]
-RobotsOption = Annotated[int, typer.Option("--robots", min=1, max=64, help="Number of simulated robots.")]
+
+
+def _count_of_robots(said: str | int) -> int:
+    if said == AUTO:
+        return of_this_machine()
+    number = str(said)
+    if not (number.isascii() and number.isdigit() and 1 <= int(number) <= MOST):
+        raise typer.BadParameter(f"{said!r} is neither a number from 1 to {MOST} nor '{AUTO}'.")
+    return int(number)
+
+
+RobotsOption = Annotated[
+    int,
+    typer.Option(
+        "--robots",
+        parser=_count_of_robots,
+        metavar=f"N|{AUTO}",
+        help=f"Number of simulated robots, 1 to {MOST}; '{AUTO}' takes two a core, as far as memory goes.",
+    ),
+]

@@ -11,13 +11,22 @@ if TYPE_CHECKING:
 LONGEST_VALUE = 60
 LIKE = 0.5
 """How like a name must be to what was written, from 0 to 1, to be what may have been meant."""
+MOST_MEANT = 3
 _OF_CHOICES = re.compile(r"^'(?P<given>.*)' is not one of (?P<choices>.*?)\.?$", re.DOTALL)
 
 
 def meant(given: str, names: Iterable[str]) -> str:
-    """A question after the name that may have been meant, such as "; did you mean push?"; nothing when none is like it."""
-    near = get_close_matches(given.lower(), list(names), 1, LIKE)
-    return f"; did you mean {near[0]}?" if near else ""
+    """A question after the name that may have been meant, such as "; did you mean push?"; nothing when none is like it.
+
+    Names that have all words of what was written come before one that is only spelled like it.
+    """
+    words, known = _words(given), list(names)
+    near = [name for name in known if words <= _words(name)][:MOST_MEANT] or get_close_matches(given.lower(), known, 1, LIKE)
+    return f"; did you mean {' or '.join(near)}?" if near else ""
+
+
+def _words(name: str) -> set[str]:
+    return set(re.split(r"[-_.: ]+", name.lower()))
 
 
 def with_meant(message: str) -> str:

@@ -1,9 +1,10 @@
-"""The figure of a comparison: a bar for each job, grouped by task, with its 80 % interval."""
+"""The figure of a comparison: a bar for each job, grouped by task, and the differences, all with their 95 % intervals."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from api_schemas.comparison import Comparison
+from api_schemas.success_rate import SHOWN
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,10 +28,12 @@ def draw(found: Comparison, path: Path) -> None:
     from matplotlib.figure import Figure
 
     bars = sum(len(task.jobs) for task in found.tasks)
-    figure = Figure(figsize=(max(3.6, 1.6 + 0.55 * bars), 3.4), layout="constrained")
+    below = 0.55 + 0.3 * sum(len(task.differences) for task in found.tasks)
+    figure = Figure(figsize=(max(4.2, 1.6 + 0.55 * bars), 3.4 + below), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
+    axes, under = figure.subplots(2, 1, height_ratios=(3.4, below))
     _bars(axes, found)
+    _differences(under, found)
     axes.set_ylim(0, 100)
     axes.set_ylabel("success rate, %", fontsize=9)
     axes.tick_params(axis="both", labelsize=8)
@@ -40,7 +43,7 @@ def draw(found: Comparison, path: Path) -> None:
     axes.spines[["top", "right"]].set_visible(False)
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper left", fontsize=8, frameon=False, ncols=2 if len(labels) > 3 else 1)
-    axes.set_xlabel("whiskers: 80 % intervals (Wilson)", fontsize=7, color="#666666", loc="right")
+    axes.set_xlabel(f"whiskers: {SHOWN}s (Wilson)", fontsize=7, color="#666666", loc="right")
     figure.savefig(path, dpi=200, metadata={"Date": None} if path.suffix == ".svg" else None)
 
 
@@ -49,7 +52,7 @@ def _bars(axes: "Axes", found: Comparison) -> None:
     left, middles, named = 0.0, [], set()
     for task in found.tasks:
         for at, job in enumerate(task.jobs, start=1):
-            low, high = (100 * bound for bound in job.interval_80)
+            low, high = (100 * bound for bound in job.interval_95)
             rate, name = 100 * job.success_rate, job.policy_name
             errors = [[max(0.0, rate - low)], [max(0.0, high - rate)]]
             colour = COLOURS[names.index(name) % len(COLOURS)]
@@ -60,6 +63,26 @@ def _bars(axes: "Axes", found: Comparison) -> None:
         middles.append(left + (len(task.jobs) + 1) / 2)
         left += len(task.jobs) + GROUP_GAP
     axes.set_xticks(middles, [f"{task.task}\nN = {task.goals}" for task in found.tasks])
+
+
+def _differences(axes: "Axes", found: Comparison) -> None:
+    """What each job did more than the first of its task, in points."""
+    several = len(found.tasks) > 1
+    words = []
+    for task in found.tasks:
+        names = {job.job_id: _short(job.policy_name) for job in task.jobs}
+        for each in task.differences:
+            middle, (low, high) = 100 * each.difference, (100 * bound for bound in each.interval_95)
+            errors = [[max(0.0, middle - low)], [max(0.0, high - middle)]]
+            axes.errorbar(middle, len(words), xerr=errors, fmt="o", color="#222222", markersize=4, elinewidth=1.1, capsize=3)
+            words.append(f"{names[each.other]} − {names[each.first]}" + (f", {task.task}" if several else ""))
+    axes.axvline(0, color="#888888", linewidth=0.8)
+    axes.set_yticks(range(len(words)), words, fontsize=7)
+    axes.set_ylim(len(words) - 0.5, -0.5)
+    axes.tick_params(axis="x", labelsize=8)
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlabel(f"difference on the same goals, points; whiskers: {SHOWN}s", fontsize=7, color="#666666", loc="right")
+    axes.spines[["top", "right", "left"]].set_visible(False)
 
 
 def _short(name: str) -> str:

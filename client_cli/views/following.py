@@ -4,7 +4,7 @@ import time
 from dataclasses import dataclass, replace
 
 from api_schemas.job import FINAL_JOB_STATES, Job, JobEvent, JobState, TaskName
-from api_schemas.success_rate import wilson
+from api_schemas.success_rate import SHOWN, SHOWN_LEVEL, wilson
 from client_cli.connection.api_client import ApiClient
 from client_cli.connection.patience import pause_s
 from client_cli.terminal.errors import Interrupted, Refused, ServerAway
@@ -95,8 +95,8 @@ def ending(job: Job, url: str | None = None) -> str:
 
 
 def _rate(job: Job) -> str:
-    low, high = wilson(job.successes, job.trials, 0.80)
-    return f"{100 * job.successes / job.trials:.0f} %, 80 % interval {100 * low:.0f}–{100 * high:.0f} %"
+    low, high = wilson(job.successes, job.trials, SHOWN_LEVEL)
+    return f"{100 * job.successes / job.trials:.0f} %, {SHOWN} {100 * low:.0f}–{100 * high:.0f} %"
 
 
 def _ending(job: Job) -> str:

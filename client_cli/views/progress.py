@@ -6,9 +6,8 @@ from datetime import datetime
 from api_schemas.anytime import rate_sequence
 from api_schemas.job import Job, JobEvent, TaskName
 from api_schemas.question import Question
+from api_schemas.success_rate import SHOWN, SHOWN_LEVEL
 from client_cli.terminal.output import duration
-
-LEVEL = 0.95
 
 
 @dataclass(frozen=True)
@@ -95,16 +94,16 @@ def rate_sentence(progress: JobProgress) -> str | None:
     successes, trials = counted(progress)
     if not (trials and progress.has_goals):
         return None
-    low, high = (100 * bound for bound in rate_sequence(successes, trials, LEVEL))
-    return f"rate {low:.0f}–{high:.0f} %"
+    low, high = (100 * bound for bound in rate_sequence(successes, trials, SHOWN_LEVEL))
+    return f"{SHOWN} {low:.0f}–{high:.0f} %"
 
 
 def question_sentence(question: Question) -> str:
     """How a question stands, short enough for a bar; the interval is its confidence sequence."""
     low, high = (100 * bound for bound in question.sequence_95)
     if question.gained is None:
-        return f"rate {low:.0f}–{high:.0f} %"
-    return f"{question.gained} gained, {question.lost} lost, {low:+.0f} to {high:+.0f} points"
+        return f"{SHOWN} {low:.0f}–{high:.0f} %"
+    return f"better on {question.gained} goals, worse on {question.lost}: {SHOWN} {low:+.0f} to {high:+.0f} points"
 
 
 def estimate_s(progress: JobProgress) -> float | None:

@@ -4,10 +4,13 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Column
 
 from client_cli.terminal.output import note, stderr_console
 from client_cli.views.progress import JobProgress, sentence
 
+BAR_WIDTH, NUMBERS_WIDTH = 16, 7
+"""Also where the sentence beside them is long: that goes on in a second line."""
 MOST_ROBOTS = 16
 """That get a bar of their own."""
 LINE_EVERY = 0.05
@@ -35,10 +38,10 @@ class ProgressBar:
 
     def __init__(self) -> None:
         columns = (
-            BarColumn(30),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-            TextColumn("{task.description}", markup=False),
+            BarColumn(BAR_WIDTH, table_column=Column(min_width=BAR_WIDTH)),
+            MofNCompleteColumn(table_column=Column(min_width=NUMBERS_WIDTH)),
+            TimeElapsedColumn(table_column=Column(min_width=NUMBERS_WIDTH)),
+            TextColumn("{task.description}", markup=False, table_column=Column(no_wrap=False)),
         )
         self._bar = Progress(*columns, console=stderr_console(), refresh_per_second=4)
         self._row = self._bar.add_task("", total=None)

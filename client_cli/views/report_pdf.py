@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from api_schemas.report import Report
 from api_schemas.scene_form import told_forms
 from api_schemas.signature import Signature
+from api_schemas.success_rate import SHOWN, SHOWN_LEVEL, wilson
 from api_schemas.tracker import told_trackers
 from api_schemas.trial import OutcomeKind
 from client_cli.terminal.output import counted
@@ -62,13 +63,13 @@ def _first_page(figure: "Figure", report: Report, signature: Signature) -> None:
     say(0.945, _cut(report.policy_name, 48), 17, weight="bold")
     say(0.918, f"{report.trials} trials of {report.task} · job {report.job_id} · seed {report.seed}", 9, SOFT)
     say(0.885, f"{100 * report.success_rate:.0f} %", 34, weight="bold")
-    wide, wider = (f"{100 * low:.0f}–{100 * high:.0f} %" for low, high in (report.interval_80, report.interval_95))
+    low, high = (100 * bound for bound in report.interval_95)
     kind = "Wilson" if report.intervals == "wilson" else "confidence sequence"
-    say(0.832, f"{report.successes} of {report.trials} succeeded · 80 % interval {wide} · 95 % interval {wider} ({kind})", 9.5)
+    say(0.832, f"{report.successes} of {report.trials} succeeded · {SHOWN} {low:.0f}–{high:.0f} % ({kind})", 9.5)
     of_policy = f"{counted(report.policy_faults, 'policy error')} (counted as failures)"
     faults = f"{of_policy} · {counted(report.platform_faults, 'platform error')} (retried, not counted)"
     say(0.814, faults, 8, SOFT)
-    say(0.78, "By robot, with 80 % intervals", 10, weight="bold")
+    say(0.78, f"By robot, with {SHOWN}s", 10, weight="bold")
     height = 0.022 * (min(len(report.per_robot), MOST_ROBOTS) + 1)
     _robots(figure.add_axes((LEFT + 0.13, 0.76 - height, RIGHT - LEFT - 0.13, height)), report)
     below = 0.76 - height - 0.06
@@ -84,7 +85,7 @@ def _first_page(figure: "Figure", report: Report, signature: Signature) -> None:
 def _robots(axes: "Axes", report: Report) -> None:
     rows = report.per_robot[:MOST_ROBOTS]
     rates = [100 * row.success_rate for row in rows]
-    bounds = [[100 * bound for bound in row.interval_80] for row in rows]
+    bounds = [[100 * bound for bound in wilson(row.successes, row.trials, SHOWN_LEVEL)] for row in rows]
     errors = [[max(0.0, rate - low) for rate, (low, _) in zip(rates, bounds, strict=True)]]
     errors.append([max(0.0, high - rate) for rate, (_, high) in zip(rates, bounds, strict=True)])
     axes.barh(range(len(rows)), rates, color=BAR, xerr=errors, capsize=2, ecolor=INK, error_kw={"elinewidth": 0.9})

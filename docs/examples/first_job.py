@@ -15,7 +15,7 @@ weights, trials = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 10
 with Farm() as farm:
     job = farm.submit(weights, task="push", trials=trials, seed=1)
     report = job.wait()
-    print(f"{report.successes} of {report.trials} succeeded, 80 % interval {report.interval_80}")
+    print(f"{report.successes} of {report.trials} succeeded, 95 % interval {report.interval_95}")
     for each in job.trials():
         log = each.log()
         away_mm = 1e3 * np.linalg.norm(log.tracked_position_world_m - log.goal[0], axis=1)

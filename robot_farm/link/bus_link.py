@@ -89,7 +89,7 @@ class BusLink:
         self._instance, self._version = uuid.uuid4().hex, version("trifarm")  # which reads files
         self._lock, self._sending = threading.Lock(), threading.Lock()
         self._state, self._lease = RobotState.IDLE, None
-        self._draining, self._wrong = False, None
+        self._draining, self._leaving, self._wrong = False, False, None
         self._resume_asked = threading.Event()
         self._offers: queue.SimpleQueue[Accepted | None] = queue.SimpleQueue()
         self._running, self._closing = threading.Event(), threading.Event()
@@ -174,6 +174,23 @@ class BusLink:
                 self._state = self._idle_state()
         self._send_heartbeat()
 
+    def leave(self) -> None:
+        """Say that the robot goes when what it has in hand is done; from now on it declines all offers."""
+        with self._lock:
+            self._leaving = True
+            if self._lease is None:
+                self._state = self._idle_state()
+        self._send_heartbeat()
+
+    def accepted_already(self) -> Accepted | None:
+        """A lease that was accepted before the robot began to leave, if there is one."""
+        while True:
+            try:
+                if (accepted := self._offers.get_nowait()) is not None:
+                    return accepted
+            except queue.Empty:
+                return None
+
     def resume_asked(self) -> bool:
         """Whether an operator wants a robot that is out of service back; asks once for each such wish."""
         if not self._resume_asked.is_set():
@@ -184,7 +201,7 @@ class BusLink:
     def _idle_state(self) -> RobotState:
         if self._wrong is not None:
             return RobotState.OUT_OF_SERVICE
-        return RobotState.DRAINING if self._draining else RobotState.IDLE
+        return RobotState.DRAINING if self._draining or self._leaving else RobotState.IDLE
 
     def _become(self, state: RobotState) -> None:
         with self._lock:
@@ -230,6 +247,8 @@ class BusLink:
     def _obey(self, command: bus.Command) -> OfferReply:
         with self._lock:
             lease = self._lease
+            if command.kind is not bus.CommandKind.CANCEL and self._leaving:
+                return OfferReply(accepted=False, reason="about to end")
             if command.kind is not bus.CommandKind.CANCEL:
                 self._draining = command.kind is bus.CommandKind.DRAIN
                 if self._wrong is not None and not self._draining:
@@ -259,6 +278,7 @@ class BusLink:
                 cut_off_fence=cut_off_fence,
                 api_away=standing.api_away and self._wrong is None,
                 disk_full=standing.disk_full and self._wrong is None,
+                leaving=self._leaving,
                 reason=self._wrong or standing.reason,
                 physics=self._physics,
                 physics_digest=self._physics_digest,

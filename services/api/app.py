@@ -4,6 +4,7 @@ from collections import Counter
 
 from fastapi import FastAPI
 from fastapi.routing import APIRoute
+from prometheus_client import Counter as PromCounter
 
 from services.api import (
     canary,
@@ -51,12 +52,14 @@ def create_app(farm: Farm) -> FastAPI:
     problems.install(app)
     document.install(app)
     app.state.limits = Limits.of(farm.settings)
-    app.add_middleware(Door, settings=farm.settings, tokens=farm.tokens, limits=app.state.limits)
+    told = PromCounter("trifarm_problems", "Answers that are a problem, by its type", ["type"], registry=farm.registry)
+    app.add_middleware(Door, settings=farm.settings, tokens=farm.tokens, limits=app.state.limits, problems=told)
     users = (
         *(overview, metrics, policies, jobs, ladders, leaderboards, signatures, identifications, history),
         *(trials, links, shares, truth, whys),
     )
-    for module in (*users, leases, robots, canary, joining, token_routes):
+    # Routes are looked through in this order, and robots ask most often.
+    for module in (leases, *users, robots, canary, joining, token_routes):
         app.include_router(module.router)
         app.state.operations += [route for route in module.router.routes if isinstance(route, APIRoute)]
     return app

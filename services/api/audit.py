@@ -8,9 +8,10 @@ from fastapi.routing import APIRoute
 from starlette.routing import Match
 from starlette.types import Scope
 
+from services.settings import AUDIT
 from services.tokens import Caller
 
-log = structlog.get_logger()
+log = structlog.get_logger(AUDIT)
 CHANGES_NOTHING = frozenset({"GET", "HEAD", "OPTIONS"})
 NOWHERE = "(no such route)"
 
@@ -40,7 +41,7 @@ def write(scope: Scope, status: int, made: str | None) -> None:
     operation, state = operation_of(scope), scope["state"]
     caller: Caller | None = state.get("caller")
     log.info(
-        "audit",
+        AUDIT,
         action=f"{_method(scope)} {NOWHERE if operation is None else operation.path}",
         on={} if operation is None else _ids(operation, scope),
         owner=None if caller is None else caller.owner,
@@ -63,8 +64,9 @@ def outcome(status: int) -> str:
 
 
 def _method(scope: Scope) -> str:
-    known = {method for route in scope["app"].state.operations for method in route.methods}
-    return scope["method"] if scope["method"] in known | {"PATCH"} else "(other)"
+    method = scope["method"]
+    is_known = method == "PATCH" or any(method in route.methods for route in scope["app"].state.operations)
+    return method if is_known else "(other)"
 
 
 def _ids(operation: APIRoute, scope: Scope) -> dict[str, str]:

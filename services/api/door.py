@@ -9,6 +9,7 @@ from collections import OrderedDict
 from contextlib import suppress
 
 import structlog
+from prometheus_client import Counter
 from starlette.datastructures import MutableHeaders
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Send
@@ -35,8 +36,8 @@ REVOKED = "The token became invalid while its request was answered; ask for a ne
 class Door:
     """The outermost part of the application; draws from the buckets and remembers which tokens were good."""
 
-    def __init__(self, app: ASGIApp, settings: Settings, tokens: Tokens, limits: Limits) -> None:
-        self._app, self._tokens = app, tokens
+    def __init__(self, app: ASGIApp, settings: Settings, tokens: Tokens, limits: Limits, problems: Counter) -> None:
+        self._app, self._tokens, self._problems = app, tokens, problems
         self._body_stall_s = settings.body_stall_s
         self._limits = limits
         self._good: OrderedDict[str, Caller] = OrderedDict()
@@ -48,7 +49,7 @@ class Door:
             return
         state = scope["state"] = {**scope.get("state", {}), "request_id": secrets.token_hex(8)}
         structlog.contextvars.bind_contextvars(request_id=state["request_id"])
-        passage = _Passage(scope, send)
+        passage = _Passage(scope, send, self._problems)
         try:
             await self._serve(scope, receive, passage)
         finally:
@@ -96,8 +97,8 @@ class Door:
 class _Passage:
     """The way of an answer out: adds the headers of every answer, and writes the audit line when it is known."""
 
-    def __init__(self, scope: Asgi, send: Send) -> None:
-        self._send, self._scope = send, scope
+    def __init__(self, scope: Asgi, send: Send, problems: Counter) -> None:
+        self._send, self._scope, self._problems = send, scope, problems
         self._limits: dict[str, str] = {}
         self.status, self.ended, self.is_stream = 0, False, False
 
@@ -114,6 +115,8 @@ class _Passage:
             headers.update(self._limits)
             self.status = message["status"]
             self.is_stream = headers.get("content-type", "").startswith("text/event-stream")
+            if problem := self._scope["state"].get("problem"):
+                self._problems.labels(problem).inc()
             # Before the answer goes out: whoever has it finds its line.
             audit.write(self._scope, self.status, headers.get("location"))
         await self._send(message)

@@ -14,6 +14,7 @@ from services.files.store import FileStore
 from services.jobs.clock import FarmClock
 from services.jobs.drawn import DrawnGoals
 from services.jobs.fleet import Fleet
+from services.jobs.holding import Holding
 from services.jobs.signals import Signals
 from services.policies.keeping import Policies
 from services.settings import Settings
@@ -29,6 +30,7 @@ class Farm:
     database: Database
     files: FileStore
     policies: Policies
+    holding: Holding
     clock: FarmClock
     fleet: Fleet
     signals: Signals
@@ -39,10 +41,12 @@ class Farm:
     jail: Jail
     key: FarmKey
     disk: Disk
+    started_at: str
+    """This process, in ISO 8601."""
     goals: DrawnGoals = field(default_factory=DrawnGoals)
 
 
-def _farm(request: Request) -> Farm:
+async def _farm(request: Request) -> Farm:
     return request.app.state.farm
 
 

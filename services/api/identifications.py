@@ -19,7 +19,8 @@ async def create_identification(
 ) -> Job:
     """Queues an identification, which is a job of the task ``identify``; an Idempotency-Key works as for other jobs."""
     farm.disk.check()
+    present = [member.robot for member in farm.fleet.members.values() if member.heartbeat is not None]
     async with farm.database.write() as tx:
         sender = sender_of(caller, farm, idempotency_key)
-        job_id, new = await submission.identify(tx, farm.clock.now_s(), body, sender)
+        job_id, new = await submission.identify(tx, farm.clock.now_s(), body, sender, present)
     return await show_queued(job_id, new, response, caller, farm)

@@ -33,7 +33,7 @@ async def get_leaderboard(
     object_scale: Annotated[ObjectScale, Query()] = 1.0,
     physics: PhysicsNumber = None,
 ) -> Leaderboard:
-    """Policies by the lower bound of their 80 % interval, over all trials on one physics (now's if none is named)."""
+    """Policies by the lower bound of their 95 % interval, over all trials on one physics (now's if none is named)."""
     return await best(Wanted(task, object, object_scale, physics), caller, farm)
 
 

@@ -13,6 +13,7 @@ from services.api.trials import TrialId
 from services.errors import Forbidden, Refused
 from services.jobs import completion, lease
 from services.jobs.claim import Claim
+from services.jobs.holding import Reported, Uploaded
 from services.tokens import Caller
 
 router = APIRouter(prefix="/v1/leases", tags=["leases"])
@@ -39,11 +40,9 @@ class OutcomeReply(BaseModel):
 async def renew_lease(trial_id: TrialId, body: Renewal, caller: RobotCaller, farm: TheFarm) -> RenewalReply:
     """Prolongs a lease."""
     _check_robot(caller, body.robot)
-    now_s, lease_s = farm.clock.now_s(), farm.settings.lease_s
-    async with farm.database.write(lasting=False) as tx:
-        cancel = await lease.renew(tx, now_s, trial_id, body, lease_s)
-    farm.fleet.renewed(Claim(trial_id, body.fence, body.robot), now_s)
-    return RenewalReply(lease_s=lease_s, cancel=cancel)
+    cancel = await farm.holding.renew(trial_id, body)
+    farm.fleet.renewed(Claim(trial_id, body.fence, body.robot), farm.clock.now_s())
+    return RenewalReply(lease_s=farm.settings.lease_s, cancel=cancel)
 
 
 @router.put("/{trial_id}/{fence}/log", responses=refusals(409), openapi_extra=FILE)
@@ -87,9 +86,7 @@ async def _keep(
         await lease.check_lease(connection, trial_id, fence, caller.robot)
     limit_bytes = farm.settings.max_log_bytes
     stored = await farm.files.put(request.stream(), limit_bytes=limit_bytes, expected_sha256=announced)
-    # The file is on the disk; its row need not be, because the outcome that names it is committed after it and lasts.
-    async with farm.database.write(lasting=False) as tx:
-        await lease.keep_file(tx, trial_id, fence, kind, stored.sha256)
+    await farm.holding.keep_file(Uploaded(trial_id, fence, kind, stored.sha256))
     return StoredFile(sha256=stored.sha256, bytes=stored.size, new=stored.new)
 
 
@@ -102,9 +99,7 @@ async def post_outcome(
     log_bytes = None if body.log_sha256 is None else await farm.files.size(body.log_sha256)
     if body.log_sha256 is not None and log_bytes is None:
         raise Refused("log-missing", f"No log {body.log_sha256} was uploaded; PUT /v1/leases/{trial_id}/{body.fence}/log first.")
-    async with farm.database.write() as tx:
-        max_attempts = farm.settings.max_attempts
-        ending = await completion.accept(tx, farm.clock.now_s(), trial_id, body, log_bytes=log_bytes, max_attempts=max_attempts)
+    ending = await farm.holding.accept(Reported(trial_id, body, log_bytes))
     if ending.job_id is not None:
         farm.signals.job_changed(ending.job_id)
         # After the answer is sent, so that the robot has it before the next offer reaches it.

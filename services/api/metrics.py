@@ -11,7 +11,8 @@ from prometheus_client.core import CounterMetricFamily
 from api_schemas.trial import Fault, TrialState
 from services.api.farm import TheFarm
 from services.api.overview import load_of
-from services.jobs.totals import attempts_ended
+from services.jobs.totals import attempts_ended, robots_wished
+from trial_logs.disk import room
 
 router = APIRouter(tags=["farm"])
 
@@ -39,7 +40,13 @@ async def metrics(farm: TheFarm) -> Response:
     trials = {TrialState.QUEUED: load.work.trials_queued, TrialState.RUNNING: load.work.trials_running}
     _gauge(registry, "trifarm_trials", "Trials of unended jobs by state", {str(k): v for k, v in trials.items()}, "state")
     Gauge("trifarm_oldest_queued_seconds", "Age of the oldest queued job", registry=registry).set(load.work.oldest_queued_s or 0)
+    found = room(farm.settings.data)
+    Gauge("trifarm_disk_free_bytes", "Free on the disk of the data folder", registry=registry).set(found.free_bytes)
+    reserve = Gauge("trifarm_disk_reserve_bytes", "With less free, nothing new is accepted", registry=registry)
+    reserve.set(farm.settings.disk_reserve_bytes)
     async with farm.database.read() as connection:
+        could_run = Gauge("trifarm_robots_wished", "Trials that could run at once, with a robot for each", registry=registry)
+        could_run.set(await robots_wished(connection, farm.settings.user_trials_at_once))
         registry.register(Attempts(await attempts_ended(connection)))
     return Response(generate_latest(farm.registry) + generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
 

@@ -65,6 +65,7 @@ async def status(_caller: AnyCaller, farm: TheFarm) -> FarmStatus:
         physics=farm.settings.physics,
         jail=JailReport.of(farm.jail),
         robots_by_jail=_jails(farm),
+        services_since=farm.started_at,
     )
 
 
@@ -73,7 +74,7 @@ async def load_of(farm: Farm) -> Load:
     now_s = farm.clock.now_s()
     async with farm.database.read() as connection:
         work = await work_of(connection, now_s)
-    robots = Counter(member.state(now_s) for member in farm.fleet.members.values())
+    robots = Counter(member.state(now_s) for member in farm.fleet.members.values() if not member.has_left)
     return Load({str(state): robots[state] for state in RobotState}, work)
 
 
@@ -87,7 +88,7 @@ def _silent_robots(farm: Farm) -> tuple[str, ...]:
     members = sorted(farm.fleet.members.values(), key=lambda member: member.robot)
     said: dict[str, list[str]] = {}
     for m in members:
-        if m.state(now_s) in wrong:
+        if m.state(now_s) in wrong and not m.has_left:
             said.setdefault(robot_now(m, now_s), []).append(m.robot)
     return tuple(_of_several(names, what) for what, names in said.items())
 

@@ -2,7 +2,7 @@
 
 import base64
 import binascii
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Annotated
 
 from fastapi import Query
@@ -15,7 +15,7 @@ LONGEST_NAME = 40
 _NUMBER, _NAME = "n", "s"
 
 
-def numbered(*, usual: int, most: int, largest: int = LARGEST_NUMBER) -> Callable[..., Asked]:
+def numbered(*, usual: int, most: int, largest: int = LARGEST_NUMBER) -> Callable[..., Awaitable[Asked]]:
     """The parameters of a list that is ordered by a number, for ``Depends``.
 
     Args:
@@ -24,16 +24,16 @@ def numbered(*, usual: int, most: int, largest: int = LARGEST_NUMBER) -> Callabl
         largest: the largest number that an entry of this list can have.
     """
 
-    def asked(cursor: str | None = None, limit: Annotated[int, Query(ge=1, le=most)] = usual) -> Asked:
+    async def asked(cursor: str | None = None, limit: Annotated[int, Query(ge=1, le=most)] = usual) -> Asked:
         return Asked(limit, None if cursor is None else decode_number(cursor, largest))
 
     return asked
 
 
-def named(*, usual: int, most: int) -> Callable[..., Asked]:
+def named(*, usual: int, most: int) -> Callable[..., Awaitable[Asked]]:
     """The parameters of a list that is ordered by a name, for ``Depends``."""
 
-    def asked(cursor: str | None = None, limit: Annotated[int, Query(ge=1, le=most)] = usual) -> Asked:
+    async def asked(cursor: str | None = None, limit: Annotated[int, Query(ge=1, le=most)] = usual) -> Asked:
         return Asked(limit, None if cursor is None else decode_name(cursor))
 
     return asked

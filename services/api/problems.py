@@ -8,21 +8,18 @@ from fastapi import FastAPI, Request
 from fastapi.encoders import jsonable_encoder
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
-from sqlalchemy.exc import DataError, DBAPIError
+from sqlalchemy.exc import DBAPIError
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 from starlette.routing import Match
 
 from api_schemas.error import MEDIA_TYPE, Problem
 from services.api.bodies import BodyRefused
-from services.database.sqlite import is_full_sqlite
+from services.database.database import is_full_database, is_of_value
 from services.errors import DISK_FULL, ServiceError, TooMany
 from trial_logs.disk import is_full
 
 log = structlog.get_logger()
-DATA_EXCEPTION = "22"
-"""The class of SQLSTATE for values that do not fit (PostgreSQL, appendix A)."""
-DISK_FULL_STATE = "53100"
 
 
 def install(app: FastAPI) -> None:
@@ -82,11 +79,11 @@ def _methods(request: Request) -> set[str]:
 async def database_error(request: Request, error: Exception) -> JSONResponse:
     """The answer to a request whose statement failed: it is at fault where it named a value that no database keeps."""
     assert isinstance(error, DBAPIError)
-    if _is_of_value(error):
+    if is_of_value(error):
         return await _unfit(request, error.orig if isinstance(error.orig, Exception) else error)
     error.hide_parameters = True  # hashes of tokens, keys and manifests of users are among them
     log.error("database error", route=_route(request), exc_info=error)
-    if _is_of_full_disk(error):
+    if is_full_database(error):
         return answer(request, 503, "disk-full", "Not available now", DISK_FULL, headers={"Retry-After": "2"})
     detail = "The database did not answer; nothing was changed by this request. Try again in a moment."
     return answer(request, 503, "database-unavailable", "Not available now", detail, headers={"Retry-After": "2"})
@@ -96,17 +93,6 @@ async def _unfit(request: Request, error: Exception) -> JSONResponse:
     log.warning("value refused by the database", route=_route(request), kind=type(error).__name__)
     detail = "The database cannot store a value of this request, such as a NUL character in a text; leave it out."
     return answer(request, 422, "value-unfit", "Content refused", detail)
-
-
-def _is_of_value(error: DBAPIError) -> bool:
-    """Whether the database, or its driver before it was asked, refused a value; asking again would not help."""
-    sqlstate = getattr(error.orig, "sqlstate", None) or ""
-    by_driver = error.orig is not None and isinstance(error.orig.__cause__, ValueError)
-    return by_driver or isinstance(error, DataError) or sqlstate.startswith(DATA_EXCEPTION)
-
-
-def _is_of_full_disk(error: DBAPIError) -> bool:
-    return is_full_sqlite(error) or getattr(error.orig, "sqlstate", None) == DISK_FULL_STATE
 
 
 async def _broken_off(request: Request, error: Exception) -> JSONResponse:

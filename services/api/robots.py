@@ -71,6 +71,7 @@ async def _wish(robot: str, caller: Caller, farm: Farm, *, drain: bool) -> Robot
     async with farm.database.write() as tx:
         await robots.wish_drain(tx, robot, drain=drain)
     member = farm.fleet.member(robot)
+    farm.fleet.wishes += 1
     member.drain, member.test_wanted = drain, not drain
     member.withdrawn = member.withdrawn if drain else None
     farm.signals.tell_others(None)

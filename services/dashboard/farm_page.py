@@ -1,6 +1,7 @@
 """The page of the farm: is it well, what do its robots do, who waits, and what is wrong now."""
 
 import asyncio
+from collections import defaultdict
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -21,10 +22,13 @@ from services.dashboard.sessions import Operating, Session, SignedIn
 from services.jobs import recent, views
 from services.jobs.clock import iso
 from services.jobs.lists import owned
+from services.jobs.recent import Incident
 from services.jobs.totals import UserLoad, load_by_user
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
 LAST_TRIALS = 50
+INCIDENTS_SHOWN = 10
+"""Of each robot."""
 RATE_MINUTES = 30
 KEPT_S = 0.5
 """All who look share what was read within so long."""
@@ -49,6 +53,7 @@ class History:
     recent: dict[str, tuple[int, int]]
     per_minute: list[int]
     given_per_minute: list[int]
+    incidents: dict[str, list[Incident]]
 
 
 @dataclass
@@ -67,8 +72,9 @@ class Watcher:
                 async with farm.database.read() as connection:
                     ended = await recent.recently_ended(connection)
                     given = await recent.recently_given(connection, iso(now_s - 60 * RATE_MINUTES))
+                    failed = await recent.incidents(connection)
                 rates = _per_minute([each.ended_at for each in ended]), _per_minute(given)
-                self._history = (now_s, History(recent.by_robot(ended, LAST_TRIALS), *rates))
+                self._history = (now_s, History(recent.by_robot(ended, LAST_TRIALS), *rates, _of_robots(failed)))
             if self._seen is None or now_s - self._seen[0] > KEPT_S:
                 async with farm.database.read() as connection:
                     loads = await load_by_user(connection)
@@ -82,6 +88,15 @@ def _robots(farm: Farm, now_s: float) -> tuple[Robot, ...]:
     return tuple(views.show_robot(member, now_s) for member in members)
 
 
+def _of_robots(failed: Sequence[Incident]) -> dict[str, list[Incident]]:
+    """The last incidents of each robot, the newest first."""
+    of: dict[str, list[Incident]] = defaultdict(list)
+    for each in failed:
+        if len(of[each.robot]) < INCIDENTS_SHOWN:
+            of[each.robot].append(each)
+    return of
+
+
 def _per_minute(moments: Sequence[str]) -> list[int]:
     """How many of the moments fell into each of the last minutes, the present one last."""
     now, counts = datetime.now(UTC), [0] * RATE_MINUTES
@@ -92,7 +107,7 @@ def _per_minute(moments: Sequence[str]) -> list[int]:
     return counts
 
 
-def _watcher(request: Request) -> Watcher:
+async def _watcher(request: Request) -> Watcher:
     return request.app.state.dashboard_watcher
 
 
@@ -115,6 +130,7 @@ async def parts(session: Session, farm: Farm, watcher: Watcher) -> dict[str, str
         shown = robot if operates else robots.hidden_from_users(robot, is_own=not others)
         context = {"robot": shown, "others": others, "recent": history.recent.get(robot.robot)}
         context |= {"operates": operates, "csrf": session.csrf}
+        context["incidents"] = history.incidents.get(robot.robot, []) if operates else []
         made[f"robot-{robot.robot}"] = part("farm/robot.html", **context)
     return made
 

@@ -5,10 +5,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from api_schemas.anytime import rate_sequence
-from api_schemas.success_rate import wilson
+from api_schemas.success_rate import SHOWN_LEVEL, wilson
 from report_views import error_axis
 
-LEVEL = 0.80
 MOST_POINTS = 200
 """Of a curve; of more trials some are left out."""
 
@@ -35,7 +34,7 @@ class Bar:
     @classmethod
     def of(cls, name: str, successes: int, trials: int, *, at_every_look: bool = False) -> "Bar":
         """The bar of some trials; that of a number that is still growing has an interval that holds at every look."""
-        low, high = (rate_sequence if at_every_look else wilson)(successes, trials, LEVEL)
+        low, high = (rate_sequence if at_every_look else wilson)(successes, trials, SHOWN_LEVEL)
         return cls(name, successes, trials, 100 * successes / trials if trials else 0.0, 100 * low, 100 * high)
 
 
@@ -57,7 +56,7 @@ def narrowing(steps: Sequence[tuple[int, int]], trials: int) -> Curve:
     """
     every = max(1, len(steps) // MOST_POINTS)
     shown = [step for index, step in enumerate(steps, 1) if step[0] and (index % every == 0 or index == len(steps))]
-    at = [(100 * done / trials, rate_sequence(successes, done, LEVEL), successes / done) for done, successes in shown]
+    at = [(100 * done / trials, rate_sequence(successes, done, SHOWN_LEVEL), successes / done) for done, successes in shown]
     lower = [f"{x:.2f},{100 - 100 * bounds[0]:.2f}" for x, bounds, _ in at]
     upper = [f"{x:.2f},{100 - 100 * bounds[1]:.2f}" for x, bounds, _ in at]
     return Curve(" ".join(upper + lower[::-1]), " ".join(f"{x:.2f},{100 - 100 * rate:.2f}" for x, _, rate in at))

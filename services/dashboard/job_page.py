@@ -102,7 +102,7 @@ class Wanted:
     first: int
 
 
-def _wanted(order: Order = "failures", first: Annotated[int, Query(ge=0, le=10_000)] = 0) -> Wanted:
+async def _wanted(order: Order = "failures", first: Annotated[int, Query(ge=0, le=10_000)] = 0) -> Wanted:
     return Wanted(order, first)
 
 
@@ -152,7 +152,13 @@ async def parts(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> di
     angles = any(line.angle_error_rad is not None for line in trials)
     shown = lines[wanted.first : wanted.first + ON_A_PAGE]
     more = wanted.first + ON_A_PAGE if wanted.first + ON_A_PAGE < len(lines) else None
-    made["trials"] = part("job/trials.html", job=job, lines=shown, wanted=wanted, more=more, waiting=waiting, angles=angles)
+    last = {row.trial_id: row for row in faults}  # those of a trial stand in their order
+    told = {
+        "reasons": {name: row.reason for name, row in last.items()},
+        "tried_on": {name: row.robot for name, row in last.items()},
+    }
+    listed = {"lines": shown, "wanted": wanted, "more": more, "waiting": waiting, "angles": angles}
+    made["trials"] = part("job/trials.html", job=job, **listed, **told)
     return made
 
 
@@ -262,8 +268,8 @@ async def stream_job(
 
 
 def _when_changed(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> Callable[[], Awaitable[live.Parts]]:
-    """The parts of the page, made anew only when the job has another event or waits for something else."""
-    mark: tuple[int, str | None] | None = None
+    """The parts of the page, made anew only when the job has another event or label, or waits for something else."""
+    mark: tuple[int, str | None, str | None, str | None] | None = None
     made: live.Parts = {}
 
     async def make() -> live.Parts:
@@ -271,8 +277,9 @@ def _when_changed(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> 
         async with farm.database.read() as connection:
             row = await views.job_row(connection, job_id, session.caller.sees_only)
             (job,) = await views.show_jobs(connection, [row], farm.fleet, farm.clock.now_s())
-        if mark != (row.last_event, job.waiting_because):
-            mark, made = (row.last_event, job.waiting_because), await parts(session, farm, job_id, wanted)
+        now = (row.last_event, job.waiting_because, job.name, job.note)
+        if mark != now:
+            mark, made = now, await parts(session, farm, job_id, wanted)
         return made
 
     return make

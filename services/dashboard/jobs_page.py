@@ -39,7 +39,7 @@ class Wanted:
         return "/jobs" + (f"?{urlencode(given)}" if given else "")
 
 
-def _wanted(
+async def _wanted(
     state: Literal["", "queued", "running", "succeeded", "failed", "cancelled"] = "",
     q: Search = "",
     cursor: Annotated[str | None, Query(max_length=40)] = None,

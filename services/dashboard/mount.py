@@ -43,6 +43,7 @@ def mount(app: FastAPI, farm: Farm) -> None:
     """Adds the pages to the API's application; sessions are sealed with the farm's key."""
     app.state.dashboard_seal = Seal.of(farm.key)
     app.state.dashboard_watcher = farm_page.Watcher()
+    app.state.dashboard_boards = board_page.Boards()
     app.state.dashboard_streams = live.Streams()
     app.state.dashboard_watching = watch_page.Watching()
     app.state.dashboard_openings = shared_page.openings()

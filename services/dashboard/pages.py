@@ -16,6 +16,7 @@ from markupsafe import Markup
 from sqlalchemy.exc import DBAPIError
 from starlette.exceptions import HTTPException
 
+from api_schemas.success_rate import SHOWN, SHOWN_AT_EVERY_LOOK
 from api_schemas.visible import visible
 from services.api import problems
 from services.dashboard import words
@@ -54,6 +55,7 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     made.filters |= words.FILTERS
+    made.globals |= {"interval": SHOWN, "interval_at_every_look": SHOWN_AT_EVERY_LOOK}
     return made
 
 

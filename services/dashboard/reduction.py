@@ -28,6 +28,8 @@ from trial_logs import trial_log as t
 
 MOST_SAMPLES = 1500
 """Of each array over time; more than a screen has columns."""
+MOST_IMAGE_BYTES = 4 * 1024**2
+"""Of what the cameras of a trial saw; of more images some are left out, evenly over time."""
 NICENESS = 10
 """Robots run trials in real time beside this."""
 NS = 1e9
@@ -48,13 +50,17 @@ def confined(arguments: list[str]) -> None:
 def main(arguments: list[str]) -> None:
     """``LOG OUT [TRUTH]``: reduces the log, with what the truth adds to it, to the file OUT.
 
-    ``--measured LOG OUT`` leaves out the truth that a log of an ideal robot has. ``--plan LOG OUT`` writes the byte ranges that
-    the reduction of a large log will read beyond its summary.
+    ``--measured LOG OUT`` leaves out the truth that a log of an ideal robot has. ``--images LOG OUT`` writes what the cameras
+    saw. ``--plan LOG OUT`` writes the byte ranges that the reduction of a large log will read beyond its summary.
     """
     if arguments[0] == "--plan":
         log, out = (Path(argument) for argument in arguments[1:])
         with log.open("rb") as stream:
             out.write_text(json.dumps(partial.plan(_summary(make_reader(stream)), log.stat().st_size)))
+        return
+    if arguments[0] == "--images":
+        log, out = (Path(argument) for argument in arguments[1:])
+        out.write_bytes(images(log))
         return
     is_measured = arguments[0] == "--measured"
     log, out, *truth = (Path(argument) for argument in arguments[is_measured:])
@@ -70,6 +76,7 @@ def reduce(log: Path, truth: Path | None, *, with_truth: bool = True) -> tuple[d
         records = {record.name: record.metadata for record in reader.iter_metadata()}
         wanted = tuple(topic for topic in found if with_truth or topic not in t.SHARED_TRUTH_TOPICS)
         shown, chunks = _collect(stream, reader, wanted, found)
+        has_images = any(_counts(_summary(reader)).get(topic, 0) for topic in t.IMAGES)
     if truth is not None:
         known = (t.CUBE_POSE, t.TRUE_SCENE)
         found |= {topic: [] for topic in known}
@@ -82,6 +89,7 @@ def reduce(log: Path, truth: Path | None, *, with_truth: bool = True) -> tuple[d
         "tolerance_mm": 1e3 * POSITION_TOLERANCE_M,
         "tolerance_deg": round(math.degrees(ANGLE_TOLERANCE_RAD), 1),
         "parts": [shown, chunks],
+        "has_images": has_images,
         "fixed": [],
         "frames": [],
         "entities": [*_entities(found[t.MEASURED_SCENE]), *_entities(found[t.TRUE_SCENE])],
@@ -113,6 +121,33 @@ def packed(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> bytes:
     return struct.pack("<I", len(text)) + text + b"".join(parts)
 
 
+def images(log: Path) -> bytes:
+    """What the cameras saw: the length of a JSON header as four bytes, the header, and the JPEG files one after another.
+
+    The header has the ``cameras`` that the log has images of, and for each image its camera, its time in s, where it begins after
+    the header and how many bytes it has.
+    """
+    with log.open("rb") as stream:
+        summary = _summary(make_reader(stream))
+        chunks = partial.chosen(summary, os.fstat(stream.fileno()).st_size)
+        places = {name: at for at, name in enumerate(t.IMAGES)}
+        factory, decoders = DecoderFactory(), {}
+        seen: list[list[tuple[float, bytes]]] = [[] for _ in t.IMAGES]
+        for each in partial.messages(stream, summary, chunks, dict.fromkeys(t.IMAGES, 1)):
+            if each.channel.id not in decoders:
+                decoders[each.channel.id] = factory.decoder_for(each.channel.message_encoding, each.schema)
+            seen[places[each.channel.topic]].append((each.log_time / NS, bytes(decoders[each.channel.id](each.data).data)))
+    every = max(1, math.ceil(sum(len(jpeg) for of in seen for _, jpeg in of) / MOST_IMAGE_BYTES))
+    listed, parts, at = [], [], 0
+    for camera, of in enumerate(seen):
+        for at_s, jpeg in of[::every]:
+            listed.append([camera, at_s, at, len(jpeg)])
+            parts.append(jpeg)
+            at += len(jpeg)
+    text = json.dumps({"cameras": list(t.CAMERA_NAMES), "images": listed}, separators=(",", ":")).encode()
+    return struct.pack("<I", len(text)) + text + b"".join(parts)
+
+
 def _summary(reader: McapReader) -> Summary:
     summary = reader.get_summary()
     if summary is None or summary.statistics is None:
@@ -120,28 +155,29 @@ def _summary(reader: McapReader) -> Summary:
     return summary
 
 
+def _counts(summary: Summary) -> dict[str, int]:
+    """How many messages each topic has."""
+    counted = {} if summary.statistics is None else summary.statistics.channel_message_counts
+    return {channel.topic: counted.get(number, 0) for number, channel in summary.channels.items()}
+
+
 def _collect(
     stream: BinaryIO, reader: McapReader, topics: tuple[str, ...], found: dict[str, list[tuple[float, Any]]]
 ) -> tuple[int, int]:
     """Decodes of each frequent topic only as many messages as will be drawn, evenly over time; gives the parts read and all."""
     summary = _summary(reader)
-    counted = {} if summary.statistics is None else summary.statistics.channel_message_counts
-    counts = {channel.topic: counted.get(number, 0) for number, channel in summary.channels.items()}
+    counts = _counts(summary)
     chunks = partial.chosen(summary, os.fstat(stream.fileno()).st_size)
     share = len(chunks) / max(1, len(summary.chunk_indexes))
-    every = {topic: max(1, math.ceil(share * counts.get(topic, 0) / MOST_SAMPLES)) for topic in OFTEN}
-    seen = dict.fromkeys(topics, 0)
+    every = {topic: max(1, math.ceil(share * counts.get(topic, 0) / MOST_SAMPLES)) for topic in OFTEN if topic in topics}
     factory, decoders = DecoderFactory(), {}
     # In the order of the file, which is that of time within each topic: to merge all topics by time takes a third longer.
-    for schema, channel, message in partial.messages(stream, summary, chunks, frozenset(topics)):
-        topic = channel.topic
-        seen[topic] += 1
-        if (seen[topic] - 1) % every.get(topic, 1):
-            continue
+    for each in partial.messages(stream, summary, chunks, dict.fromkeys(topics, 1) | every):
+        channel = each.channel
         if channel.id not in decoders:
-            decoder = json.loads if channel.message_encoding == "json" else factory.decoder_for(channel.message_encoding, schema)
-            decoders[channel.id] = decoder
-        found[topic].append((message.log_time / NS, decoders[channel.id](message.data)))
+            is_json = channel.message_encoding == "json"
+            decoders[channel.id] = json.loads if is_json else factory.decoder_for(channel.message_encoding, each.schema)
+        found[channel.topic].append((each.log_time / NS, decoders[channel.id](each.data)))
     return len(chunks), len(summary.chunk_indexes)
 
 
@@ -185,13 +221,14 @@ def _transforms(messages: list[tuple[float, Any]]) -> tuple[list[dict], tuple[li
     """The transforms that never move, and the names, times and rows of those that do; shape (n, frames, 7)."""
     if not messages:
         return [], ([], np.zeros(0), np.zeros((0, 0, 7)))
-    (_, first), *rest = messages
-    fixed = [{"parent": f.parent_frame_id, "child": f.child_frame_id, "pose": _transform(f)} for f in first.transforms]
-    if not rest:
-        return fixed, ([], np.zeros(0), np.zeros((0, 0, 7)))
-    names = [[f.parent_frame_id, f.child_frame_id] for f in rest[0][1].transforms]
-    rows = np.array([[_transform(f) for f in message.transforms] for _, message in rest])
-    return fixed, (names, _times(rest), rows)
+    # Those that never move are told at the start: links, and where the log keeps images the cameras in a message of their own.
+    told = [[[f.parent_frame_id, f.child_frame_id] for f in message.transforms] for _, message in messages]
+    names = told[-1] if len(messages) > 1 else []
+    moving = [message for message, its in zip(messages, told, strict=True) if its == names]
+    still = [f for (_, message), its in zip(messages, told, strict=True) if its != names for f in message.transforms]
+    fixed = [{"parent": f.parent_frame_id, "child": f.child_frame_id, "pose": _transform(f)} for f in still]
+    rows = np.array([[_transform(f) for f in message.transforms] for _, message in moving]).reshape(len(moving), len(names), 7)
+    return fixed, (names, _times(moving), rows)
 
 
 def _transform(frame: Any) -> list[float]:

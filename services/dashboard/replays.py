@@ -23,14 +23,14 @@ from services.dashboard.replay_limits import DEADLINE_S, LARGEST_REPLAY_BYTES
 from services.errors import Unavailable
 
 BINARY = "application/octet-stream"
-FORM = 5
+FORM = 6
 """Of what a replay holds; one of an earlier form is made again."""
 KEPT_BYTES = 1024**3
 """Of reduced logs; those that were not looked at for longest go first, and are made again from their logs."""
 COUNTED_BYTES = 64 * 1024
 """What a kept file counts at least, so that small ones do not become too many."""
 AT_ONCE = 1
-MEASURED = "measured"
+MEASURED, IMAGES = "measured", "images"
 
 
 @dataclass
@@ -57,6 +57,14 @@ class Replays:
         """
         return await self._kept(farm, self.folder / f"{log}-{MEASURED}-{FORM}.gz", [log], MEASURED)
 
+    async def images(self, farm: Farm, log: str) -> Path:
+        """What the cameras of a log's trial saw.
+
+        Raises:
+            Unavailable: as ``reduced``.
+        """
+        return await self._kept(farm, self.folder / f"{log}-{IMAGES}-{FORM}.gz", [log], IMAGES)
+
     async def _kept(self, farm: Farm, path: Path, sources: list[str], *how: str) -> Path:
         async with self._turn:
             if not await asyncio.to_thread(path.exists):
@@ -75,7 +83,7 @@ class Replays:
             except UnreadableError as error:
                 raise _failed() from error
             made = await reduce_in(Path(name), *(file.name for file in files), how=how)
-        await asyncio.to_thread(lambda: self.keep(path, gzip.compress(made, mtime=0)))
+        await asyncio.to_thread(lambda: self.keep(path, gzip.compress(made, compresslevel=6, mtime=0)))
 
     def keep(self, path: Path, made: bytes) -> None:
         """Writes a replay, and makes room for it if need be."""
@@ -140,7 +148,7 @@ def _read(path: Path) -> bytes | None:
         return file.read(LARGEST_REPLAY_BYTES)
 
 
-def _replays(request: Request) -> Replays:
+async def _replays(request: Request) -> Replays:
     return request.app.state.dashboard_replays
 
 

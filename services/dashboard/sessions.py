@@ -112,7 +112,7 @@ class Session:
         return self.seal.end(self.cookie)
 
 
-def _seal(request: Request) -> Seal:
+async def _seal(request: Request) -> Seal:
     return request.app.state.dashboard_seal
 
 

@@ -63,6 +63,15 @@ async def get_replay(trial_id: TrialId, request: Request, session: SignedIn, far
     return await sent(await replays.reduced(farm, shown.log_sha256, truth), request)
 
 
+@router.get("/trials/{trial_id}/images")
+async def get_images(trial_id: TrialId, request: Request, session: SignedIn, farm: TheFarm, replays: TheReplays) -> Response:
+    """What the cameras of a trial saw, where its log has that."""
+    shown = await trials.get_trial(trial_id, session.caller, farm)
+    if shown.log_sha256 is None:
+        raise NotFound("log-not-found", f"Trial {trial_id} is {shown.state} and has no log; logs come with accepted outcomes.")
+    return await sent(await replays.images(farm, shown.log_sha256), request)
+
+
 @router.get("/trials/{trial_id}/open/{viewer}")
 async def open_in(trial_id: TrialId, viewer: Viewer, request: Request, session: SignedIn, farm: TheFarm) -> Response:
     """Leads to a viewer with a link to the log, which that site's pages can then read for ten minutes."""

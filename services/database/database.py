@@ -10,7 +10,7 @@ from alembic.config import Config
 from alembic.script import ScriptDirectory
 from sqlalchemy import inspect, select, text
 from sqlalchemy.engine import make_url
-from sqlalchemy.exc import ArgumentError, DBAPIError
+from sqlalchemy.exc import ArgumentError, DataError, DBAPIError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
 
 from services.database import postgres, sqlite
@@ -19,6 +19,9 @@ from services.errors import NotReady, Unavailable
 MIGRATIONS = Path(__file__).parent.parent / "migrations"
 AWAY = (DBAPIError, Unavailable)
 """What a statement may end with while the database is away: that broke in its midst, or found no way there."""
+DATA_EXCEPTION = "22"
+"""The class of SQLSTATE for values that do not fit (PostgreSQL, appendix A)."""
+DISK_FULL_STATE = "53100"
 ADDRESSES = "give postgresql://user:password@host/name, or none for SQLite in the data folder"
 
 
@@ -85,6 +88,25 @@ async def _reached(engine: AsyncEngine) -> AsyncIterator[AsyncConnection]:
         yield connection
     finally:
         await connection.close()
+
+
+def is_away(error: BaseException) -> bool:
+    """Whether the database does nothing for anybody now: it is away, or its disk is full. Else the error is one statement's."""
+    if isinstance(error, DBAPIError):
+        return error.connection_invalidated or is_full_database(error)
+    return isinstance(error, (Unavailable, OSError))
+
+
+def is_full_database(error: DBAPIError) -> bool:
+    """Whether the disk of the database is full."""
+    return sqlite.is_full_sqlite(error) or getattr(error.orig, "sqlstate", None) == DISK_FULL_STATE
+
+
+def is_of_value(error: DBAPIError) -> bool:
+    """Whether the database, or its driver before it was asked, refused a value; asking again would not help."""
+    sqlstate = getattr(error.orig, "sqlstate", None) or ""
+    by_driver = error.orig is not None and isinstance(error.orig.__cause__, ValueError)
+    return by_driver or isinstance(error, DataError) or sqlstate.startswith(DATA_EXCEPTION)
 
 
 def address(url: str) -> str:

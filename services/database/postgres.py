@@ -1,11 +1,12 @@
 """PostgreSQL as the home of truth: many writers, none of whom can hold the others up for long."""
 
+import time
 from collections.abc import Sequence
 from typing import Any
 
 import asyncpg
-from sqlalchemy import ColumnElement, func, select, text
-from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy import ColumnElement, event, func, select, text
+from sqlalchemy.exc import DisconnectionError, InvalidatePoolError, SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
 
 SCHEME = "postgresql+asyncpg"
@@ -32,6 +33,9 @@ AWAY = (OSError, SQLAlchemyError, asyncpg.PostgresError, asyncpg.InterfaceError)
 """What the way to a server that is stopped, starting, full or cut off may end with."""
 MIGRATING = 0x7472_6966_0001
 DISPATCHING = 0x7472_6966_0002
+RESTED_S = 1.0
+USED_S = "used_s"
+"""Under which a connection's record remembers when it was given back."""
 BRIEF = text("SET LOCAL synchronous_commit TO OFF")
 
 
@@ -41,14 +45,30 @@ def open_engines(url: str) -> tuple[AsyncEngine, AsyncEngine]:
 
 
 def _engine(url: str) -> AsyncEngine:
-    return create_async_engine(
-        url,
-        pool_size=CONNECTIONS,
-        max_overflow=CONNECTIONS,
-        # A connection that a restart of the server has cut is found out before it is used.
-        pool_pre_ping=True,
-        connect_args={"timeout": CONNECT_WITHIN_S, "command_timeout": STATEMENT_MS / 1000, "server_settings": SESSION},
-    )
+    how = {"timeout": CONNECT_WITHIN_S, "command_timeout": STATEMENT_MS / 1000, "server_settings": SESSION}
+    engine = create_async_engine(url, pool_size=CONNECTIONS, max_overflow=CONNECTIONS, connect_args=how)
+    event.listen(engine.sync_engine, "checkin", _note_use)
+    event.listen(engine.sync_engine, "checkout", _look_before_use)
+    return engine
+
+
+def _note_use(_connection: Any, record: Any) -> None:
+    record.info[USED_S] = time.monotonic()
+
+
+def _look_before_use(connection: Any, record: Any, _proxy: Any) -> None:
+    """A connection that a restart of the server has cut is found out before it is used.
+
+    The server says so when it ends. What says nothing, such as a cable, is asked after where nobody used the connection for a
+    moment: to ask each time, as the pool would, takes a transaction of its own, three ways to the server.
+    """
+    if connection.driver_connection.is_closed():
+        raise DisconnectionError
+    if time.monotonic() - record.info.get(USED_S, time.monotonic()) > RESTED_S:
+        try:
+            connection.ping()
+        except (*AWAY, connection.dbapi.Error) as error:
+            raise InvalidatePoolError from error  # the others will be as dead
 
 
 def too_old(version: Sequence[int | str] | None) -> str | None:

@@ -1,7 +1,8 @@
 """SQLite as the home of truth: one writer whose statements run on the event loop, and readers beside it."""
 
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,17 @@ from sqlalchemy.ext.asyncio import AsyncEngine, create_async_engine
 
 READERS = 4
 BUSY_TIMEOUT_MS = 10_000
+SYNCHRONOUS = "synchronous"
+"""Under which a connection remembers how it syncs."""
 
 
 def open_engines(url: str) -> tuple[AsyncEngine, AsyncEngine]:
     """The engine of the readers and that of the one writer."""
-    readers = create_async_engine(url, isolation_level="AUTOCOMMIT", pool_size=READERS, max_overflow=READERS)
-    writer = create_async_engine(url, pool_size=1, max_overflow=0, async_creator=lambda: _near_connection(url))
+    reading, writing = (partial(_connected, kind, url) for kind in (ReadingConnection, NearConnection))
+    many = {"pool_size": READERS, "max_overflow": READERS}
+    # What reads leaves nothing behind that would have to be taken back.
+    readers = create_async_engine(url, isolation_level="AUTOCOMMIT", async_creator=reading, pool_reset_on_return=None, **many)
+    writer = create_async_engine(url, pool_size=1, max_overflow=0, async_creator=writing)
     _prepare(readers, writes=False)
     _prepare(writer, writes=True)
     return readers, writer
@@ -36,10 +42,32 @@ class NearConnection(aiosqlite.Connection):
         return function(*args, **more)
 
 
-async def _near_connection(url: str) -> aiosqlite.Connection:
+class ReadingConnection(aiosqlite.Connection):
+    """A connection that goes to its thread once for a statement and its rows together; SQLAlchemy asks for these in four ways."""
+
+    _rows: Sequence[Any] = ()
+
+    async def _execute(self, function: Callable[..., Any], *args: Any, **more: Any) -> Any:
+        cursor = getattr(function, "__self__", None)
+        if self._connection is None or not isinstance(cursor, (sqlite3.Cursor, sqlite3.Connection)):
+            return await super()._execute(function, *args, **more)
+        if function.__name__ == "execute":
+            self._rows = await super()._execute(_read, cursor, *args)
+            return cursor
+        if function.__name__ == "fetchall":
+            return self._rows
+        is_quick = function.__name__ == "cursor" or (function.__name__ == "close" and isinstance(cursor, sqlite3.Cursor))
+        return function(*args, **more) if is_quick else await super()._execute(function, *args, **more)
+
+
+def _read(cursor: sqlite3.Cursor, *statement: Any) -> Sequence[Any]:
+    cursor.execute(*statement)
+    return cursor.fetchall() if cursor.description else ()
+
+
+async def _connected(kind: type[aiosqlite.Connection], url: str) -> aiosqlite.Connection:
     path = url.partition("///")[2]
-    connection = NearConnection(lambda: sqlite3.connect(path, check_same_thread=False), iter_chunk_size=64)
-    return await connection
+    return await kind(lambda: sqlite3.connect(path, check_same_thread=False), iter_chunk_size=64)
 
 
 def _prepare(engine: AsyncEngine, *, writes: bool) -> None:
@@ -58,8 +86,10 @@ def _prepare(engine: AsyncEngine, *, writes: bool) -> None:
         @event.listens_for(engine.sync_engine, "begin")
         def _begin(connection: Any) -> None:
             # FULL syncs the log at every commit: with NORMAL a power cut could take back an acknowledged submission.
-            lasting = connection.get_execution_options().get("lasting", True)
-            connection.exec_driver_sql(f"PRAGMA synchronous = {'FULL' if lasting else 'NORMAL'}")
+            wanted = "FULL" if connection.get_execution_options().get("lasting", True) else "NORMAL"
+            if connection.info.get(SYNCHRONOUS) != wanted:
+                connection.exec_driver_sql(f"PRAGMA synchronous = {wanted}")
+                connection.info[SYNCHRONOUS] = wanted
             connection.exec_driver_sql("BEGIN IMMEDIATE")
 
 

@@ -18,16 +18,20 @@ from services.jobs.signals import Signals
 log = structlog.get_logger()
 CLOSE_WITHIN_S = 2.0
 ROUTER_WITHIN_S, ROUTER_AGAIN_S = 10.0, 0.5
+HEARD_EVERY_S, AT_ONCE, MOST_WAITING = 0.05, 200, 20_000
+"""How often messages are taken in, how many of a kind before others of the loop come, and how many wait at most."""
 
 
 class Bus:
-    """One session; its callbacks come from zenoh's threads and hop onto the event loop."""
+    """One session; what robots say is taken in on the event loop, and other callbacks of zenoh's threads hop onto it."""
 
     def __init__(self, session: zenoh.Session, farm: str, loop: asyncio.AbstractEventLoop) -> None:
         self._session = session
         self._farm = farm
         self._loop = loop
         self._declared: list[Any] = []
+        self._looks: list[Callable[[], bool]] = []
+        self._listening: asyncio.Task[None] | None = None
 
     @classmethod
     async def open(cls, config: str, farm: str) -> "Bus":
@@ -99,6 +103,8 @@ class Bus:
 
     async def close(self) -> None:
         """Closes the session, at most ``CLOSE_WITHIN_S``: zenoh's own close can block for longer."""
+        if self._listening is not None:
+            self._listening.cancel()
         closing = threading.Thread(target=self._close, daemon=True)
         closing.start()
         await asyncio.to_thread(closing.join, CLOSE_WITHIN_S)
@@ -109,18 +115,28 @@ class Bus:
         self._session.close()
 
     def _hear(self, key: str, schema: type[Any], take: Callable[[Any], None]) -> None:
-        def hop(sample: zenoh.Sample) -> None:
-            try:
-                message = schema.model_validate_json(sample.payload.to_bytes())
-                named = bus.robot_of_key(str(sample.key_expr))
-                if message.robot != named:
-                    raise ValueError(f"robot {message.robot!r} spoke on the key of {named!r}")
-            except ValueError as error:
-                self._hop(log.warning, "message on the bus ignored", key=str(sample.key_expr), reason=str(error))
-            else:
-                self._hop(take, message)
+        """Has messages wait where zenoh keeps them, until the loop comes for them.
 
-        self._declared.append(self._session.declare_subscriber(key, hop))
+        A callback for each would have zenoh's threads wait for Python's lock, and the loop wake up, a thousand times a second.
+        """
+        subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(MOST_WAITING))
+        self._declared.append(subscriber)
+
+        def look() -> bool:
+            for _ in range(AT_ONCE):
+                if (sample := subscriber.try_recv()) is None:
+                    return False
+                _give(sample, schema, take)
+            return True
+
+        self._looks.append(look)
+        if self._listening is None:
+            self._listening = self._loop.create_task(self._listen())
+
+    async def _listen(self) -> None:
+        while True:
+            more = [look() for look in self._looks]
+            await asyncio.sleep(0.0 if any(more) else HEARD_EVERY_S)
 
     async def _ask(self, key: str, message: BaseModel, timeout_s: float) -> OfferReply | None:
         answer: asyncio.Future[bytes | None] = self._loop.create_future()
@@ -146,6 +162,22 @@ class Bus:
         # After the loop's end a late callback has nobody to tell.
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(lambda: call(*args, **more))
+
+
+def _give(sample: zenoh.Sample, schema: type[Any], take: Callable[[Any], None]) -> None:
+    """A well-formed message, of the robot whose key it came on, is taken; others leave a line in the log."""
+    key = str(sample.key_expr)
+    try:
+        message = schema.model_validate_json(sample.payload.to_bytes())
+        if message.robot != (named := bus.robot_of_key(key)):
+            raise ValueError(f"robot {message.robot!r} spoke on the key of {named!r}")
+    except ValueError as error:
+        log.warning("message on the bus ignored", key=key, reason=str(error))
+        return
+    try:
+        take(message)
+    except Exception:  # the next message must be heard
+        log.exception("message on the bus not taken", key=key)
 
 
 def _said(error: zenoh.ZError) -> str:

@@ -24,13 +24,17 @@ def choose(order: Sequence[str], healthy: Collection[str], faulted: Collection[s
         faulted: the robots on which an attempt of this trial failed by the platform's fault.
         why: says of a robot that is not in service what is wrong, as the end of a sentence that begins with its name.
     """
+    first = next((place for place, robot in enumerate(order) if robot in healthy and robot not in faulted), None)
+    if first is not None:  # as nearly always: a thousand others need not be put into an order
+        return Choice(tuple(order), order[first], _departure(order[:first], healthy, why))
     extended = (*order, *sorted(set(healthy) - set(order)))
     fit = [robot for robot in extended if robot in healthy]
     if not fit:
         return Choice(tuple(order), None, None)
     chosen = next((robot for robot in fit if robot not in faulted), fit[0])
-    kept = extended if chosen not in order else tuple(order)
-    return Choice(kept, chosen, _departure(extended[: extended.index(chosen)], healthy, why))
+    place = extended.index(chosen)
+    kept = extended[: max(len(order), place + 1)]
+    return Choice(kept, chosen, _departure(extended[:place], healthy, why))
 
 
 def _departure(skipped: Sequence[str], healthy: Collection[str], why: Callable[[str], str]) -> str | None:

@@ -37,7 +37,8 @@ class Commands:
         may keep it there.
         """
         for member in self.fleet.members.values():
-            said = None if member.heartbeat is None or member.lost_s is not None else member.heartbeat.state
+            is_there = member.heartbeat is not None and member.lost_s is None and not member.says_that_it_goes
+            said = member.heartbeat.state if is_there and member.heartbeat is not None else None
             if member.drain and said in TAKES_TRIALS:
                 self._tell(member.robot, CommandKind.DRAIN, None)
             elif (said == RobotState.DRAINING and not member.drain) or (said == RobotState.OUT_OF_SERVICE and member.test_wanted):

@@ -1,6 +1,7 @@
 """Gives leases: looks whenever something changed, writes the lease, commits, and only then offers it over the bus."""
 
 import asyncio
+import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
@@ -25,20 +26,23 @@ from services.dispatcher.abandoned import Abandoner
 from services.dispatcher.bus import Bus
 from services.dispatcher.canaries import Canaries
 from services.dispatcher.commands import Commands
-from services.dispatcher.finding import Found, find_passed_over, find_trial, pass_over, why_unfit
-from services.dispatcher.hearing import Hearing
+from services.dispatcher.confirming import Confirming
+from services.dispatcher.finding import why_unfit
+from services.dispatcher.giving import Giver
+from services.dispatcher.hearing import NAMED, Hearing
 from services.dispatcher.judge import Judge
 from services.dispatcher.overdue import LeaseEnder
 from services.dispatcher.steps import Steps
 from services.jobs import lease, robots
 from services.jobs.claim import Claim
 from services.jobs.clock import FarmClock
-from services.jobs.fleet import Fleet
+from services.jobs.fleet import Fleet, Seen
 from services.jobs.signals import Signals
 from services.settings import Settings
 
 log = structlog.get_logger()
 MANIFESTS_KEPT = 1000
+REST_AT_MOST_S = 0.1
 SETTLE_S = 2.0
 """A dispatcher that joins others gives no lease for so long: two heartbeats of every robot."""
 
@@ -50,6 +54,7 @@ class Metrics:
     leases: Counter
     refusals: Counter
     offer_s: Histogram
+    claim_s: Histogram
 
     @classmethod
     def register(cls, registry: CollectorRegistry) -> "Metrics":
@@ -58,6 +63,9 @@ class Metrics:
             leases=Counter("trifarm_leases", "Leases that robots accepted", registry=registry),
             refusals=Counter("trifarm_refused_offers", "Offers refused or not answered", registry=registry),
             offer_s=Histogram("trifarm_offer_seconds", "Time until a robot answered an offer", registry=registry),
+            claim_s=Histogram(
+                "trifarm_claim_seconds", "Time to find a robot's next trial and write its lease", registry=registry
+            ),
         )
 
 
@@ -74,6 +82,7 @@ class Dispatcher:
     metrics: Metrics
     disk: Disk
     _manifests: dict[str, PolicyManifest] = field(default_factory=dict)
+    _asking: dict[str, asyncio.Task[tuple[PolicyManifest, str]]] = field(default_factory=dict)
     _gives_from_s: float = 0.0
     _is_away: bool = False
 
@@ -86,6 +95,9 @@ class Dispatcher:
         self._judge = Judge(self.database, self.clock, self.signals, self._alone)
         self._canaries = Canaries(self.database, self.clock, self.signals)
         self._commands = Commands(self.bus, self.clock, self.fleet, self._steps, self.settings.offer_timeout_s)
+        self._confirming = Confirming(self.database, self.clock, self.signals)
+        parts = (self.settings, self.database, self.clock, self.fleet, self.signals)
+        self._giver = Giver(*parts, self._alone, self._begin_to_offer, self.metrics.claim_s)
 
     async def run(self) -> None:
         """Looks until the process stops."""
@@ -99,9 +111,12 @@ class Dispatcher:
             if self.settings.alive_file is not None:
                 with suppress(OSError):  # whoever looks at it finds it old
                     self.settings.alive_file.touch()
+            began_s = time.monotonic()
             try:
-                await self._look(look_at_active=look_at_active)
+                gave = await self._look(look_at_active=look_at_active)
                 self._note_back()
+                if not gave:  # then what happens meanwhile can be looked at together, and requests have the loop for as long
+                    await asyncio.sleep(min(time.monotonic() - began_s, REST_AT_MOST_S))
             except AWAY as error:
                 self._note_away(error)
                 await asyncio.sleep(self.settings.sweep_every_s)
@@ -122,29 +137,34 @@ class Dispatcher:
             log.info("the database answers again, leases are given")
         self._is_away = False
 
-    async def _look(self, *, look_at_active: bool) -> None:
+    async def _look(self, *, look_at_active: bool) -> bool:
+        """One pass; gives whether any robot got a lease."""
         if look_at_active:
             await self._look_at_active()
             await self._hearing.keep_unkept()
             self._commands.tell_wishes()
         if not self.settings.dispatches or self.clock.now_s() < self._gives_from_s:
-            return
+            return False
         if look_at_active:
+            await self._forget_who_left()
             await self._abandoner.look()
-        await self._judge.look(self.fleet.healthy(self.clock.now_s()))
-        await self._point_away_from_unfit(also_unknown=look_at_active)
+        seen = self.fleet.seen(self.clock.now_s())
+        await self._judge.look(seen.healthy)
+        await self._point_away_from_unfit(seen, also_unknown=look_at_active)
         shortage = self.disk.shortage()
         self.fleet.held_back = None if shortage is None else f"no trial is given out, since {shortage}"
-        if shortage is not None:
-            return  # what runs is finished first
-        ready = self.fleet.ready(self.clock.now_s())
-        if not ready:
-            return
-        if await self._anything_queued():
-            for robot in ready:
-                if (given := await self._give(robot)) is not None:
-                    self._steps.start(self._offer(*given))
-        await self._canaries.look(self.fleet.ready(self.clock.now_s()))
+        if shortage is not None or not seen.ready:
+            return False  # what runs is finished first
+        gave = await self._anything_queued() and await self._giver.give(seen)
+        await self._canaries.look([robot for robot in seen.ready if self.fleet.member(robot).lease is None])
+        return gave
+
+    async def _forget_who_left(self) -> None:
+        """Robots that went after they said so are on no list: where many come and go, they would hide the lost ones."""
+        if left := self.fleet.left_for_good(self.clock.now_s()):
+            async with self.database.write() as tx:
+                await robots.forget_those_without_a_lease(tx, left)
+            log.info("robots forgotten that went after they had said so", count=len(left), robots=left[:NAMED])
 
     async def _look_at_active(self) -> None:
         async with self.database.read() as connection:
@@ -153,6 +173,7 @@ class Dispatcher:
         now_s = self.clock.now_s()
         active = {Claim(row.trial_id, row.fence, row.robot): row for row in rows}
         self.fleet.hold_only(active)
+        accepted = []
         for claim, row in active.items():
             renewed_s = row.lease_until_s - self.settings.lease_s
             self.fleet.learn(claim, renewed_s, accepted=row.trial_state == TrialState.RUNNING)
@@ -162,14 +183,14 @@ class Dispatcher:
                 await self._ender.end(claim, reason)
                 continue
             if row.trial_state == TrialState.LEASED and self.fleet.member(claim.robot).said_claim() == claim:
-                await self._confirm(claim, row.job_id)  # it has the lease, and what it answered to the offer was not noted
+                accepted.append((claim, row.job_id))  # what it answered to the offer was not noted
             if row.cancel_requested or row.state not in lease.UNENDED:
                 self._commands.cancel(claim)
+        await asyncio.gather(*(self._confirm(*each) for each in accepted))
 
-    async def _point_away_from_unfit(self, *, also_unknown: bool) -> None:
+    async def _point_away_from_unfit(self, seen: Seen, *, also_unknown: bool) -> None:
         """Trials that were drawn for a robot that went go to the next of their orders; also if nobody here ever heard it."""
-        now_s = self.clock.now_s()
-        healthy = self.fleet.healthy(now_s)
+        healthy = seen.healthy
         unfit = set(self.fleet.members) - healthy
         if not healthy or not (unfit or also_unknown):
             return
@@ -180,35 +201,11 @@ class Dispatcher:
         if rows:
             async with self._alone() as tx:
                 for row in rows:
-                    await queue.choose_again(tx, row, healthy, why_unfit(self.fleet, now_s))
+                    await queue.choose_again(tx, row, healthy, why_unfit(self.fleet, seen.now_s))
 
     async def _anything_queued(self) -> bool:
         async with self.database.read() as connection:
             return await queue.anything_queued(connection)
-
-    async def _give(self, robot: str) -> tuple[Claim, AnyRow] | None:
-        """Writes a lease for the robot, if there is a trial for it."""
-        now_s, limit = self.clock.now_s(), self.settings.user_trials_at_once
-        async with self._alone() as tx:
-            found = await find_trial(tx, robot, self.fleet, now_s, limit)
-            given = None if found is None else await self._write_lease(tx, found, robot)
-        if found is None:
-            async with self._alone() as tx:
-                found = await find_passed_over(tx, robot, self.fleet, now_s, self.settings.pass_over_s, limit)
-                given = None if found is None else await self._write_lease(tx, found, robot)
-        if found is None:
-            async with self._alone(lasting=False) as tx:
-                await pass_over(tx, robot, self.fleet, now_s, limit)
-        if given is not None:
-            self.fleet.leased(given[0], now_s)
-            self.signals.tell_others(given[1].job_id)
-        return given
-
-    async def _write_lease(self, tx: AsyncConnection, found: Found, robot: str) -> tuple[Claim, AnyRow] | None:
-        row, departure = found
-        now_s, lease_s = self.clock.now_s(), self.settings.lease_s
-        claim = await lease.write_lease(tx, now_s, row, robot, departure=departure, lease_s=lease_s)
-        return None if claim is None else (claim, row)
 
     @asynccontextmanager
     async def _alone(self, *, lasting: bool = True) -> AsyncIterator[AsyncConnection]:
@@ -216,6 +213,9 @@ class Dispatcher:
         async with self.database.write(lasting=lasting) as tx:
             await dispatch_alone(tx)
             yield tx
+
+    def _begin_to_offer(self, claim: Claim, row: AnyRow) -> None:
+        self._steps.start(self._offer(claim, row))
 
     async def _offer(self, claim: Claim, row: AnyRow) -> None:
         with self.metrics.offer_s.time():
@@ -226,17 +226,16 @@ class Dispatcher:
             return
         self.metrics.refusals.inc()
         self.fleet.member(claim.robot).paused_until_s = self.clock.now_s() + self.settings.refused_pause_s
-        if reply is None:
+        if reply is None and self.fleet.member(claim.robot).says_that_it_goes:
+            await self._ender.decline(claim, f"{claim.robot} went while it was offered a trial")
+        elif reply is None:
             await self._ender.end(claim, f"{claim.robot} did not answer the offer")
         else:
             await self._ender.decline(claim, f"{claim.robot} refused the offer: {reply.reason or 'no reason given'}")
 
     async def _confirm(self, claim: Claim, job_id: str) -> None:
         self.fleet.accepted(claim)
-        async with self.database.write(lasting=False) as tx:
-            confirmed = await lease.confirm_lease(tx, self.clock.now_s(), claim)
-        if confirmed:
-            self.signals.job_changed(job_id)
+        await self._confirming.confirm(claim, job_id)
 
     async def _lease(self, claim: Claim, row: AnyRow) -> Lease:
         manifest, graph_sha256 = (None, None) if row.policy is None else await self._policy(row.policy)
@@ -260,6 +259,13 @@ class Dispatcher:
         )
 
     async def _policy(self, digest: str) -> tuple[PolicyManifest, str]:
+        """Manifest and graph; who asks while somebody does waits for the same answer."""
+        if digest not in self._asking:
+            asking = self._asking[digest] = asyncio.get_running_loop().create_task(self._ask_for_policy(digest))
+            asking.add_done_callback(lambda _: self._asking.pop(digest))
+        return await asyncio.shield(self._asking[digest])
+
+    async def _ask_for_policy(self, digest: str) -> tuple[PolicyManifest, str]:
         # The graph is not remembered: one that was gone comes back as whatever the present version makes of the weights.
         async with self.database.read() as connection:
             row = await queue.policy_of(connection, digest)

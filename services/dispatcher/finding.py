@@ -1,12 +1,13 @@
 """The next trial for an idle robot: its own first, then what is newly drawn, then what another let wait too long."""
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from services.database.rows import AnyRow
 from services.dispatcher import queue, turns
-from services.jobs.fleet import Fleet
+from services.jobs.fleet import Fleet, Seen
 from services.jobs.waiting import robot_now
 
 BLOCKS_AHEAD = 3
@@ -14,6 +15,21 @@ BLOCKS_AHEAD = 3
 
 Found = tuple[AnyRow, str | None]
 """A queued trial, and why the robot that gets it is not the first of the trial's order."""
+
+
+@dataclass
+class Waiting:
+    """What of the queue may still be for somebody in one pass; changes as orders are drawn.
+
+    ``drawn_for`` are robots that trials are drawn for; ``any_undrawn`` says whether others have no order yet.
+    """
+
+    drawn_for: set[str]
+    any_undrawn: bool = True
+
+    def may_be_for(self, robot: str) -> bool:
+        """Whether it is worth while to look for a trial for the robot."""
+        return self.any_undrawn or robot in self.drawn_for
 
 
 def why_unfit(fleet: Fleet, now_s: float) -> queue.Why:
@@ -26,80 +42,75 @@ def why_unfit(fleet: Fleet, now_s: float) -> queue.Why:
     return why
 
 
-async def find_trial(tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float, limit: int | None = None) -> Found | None:
+async def find_trial(
+    tx: AsyncConnection, robot: str, seen: Seen, limit: int | None = None, waiting: Waiting | None = None
+) -> Found | None:
     """The trial that is for an idle robot now; draws orders as far as is needed to find it.
 
     Args:
         tx: a transaction that no other dispatcher is in.
         robot: the idle robot.
-        fleet: as it is seen now.
-        now_s: now.
+        seen: the robots as they were a moment ago.
         limit: how many trials a user may have running; None is any number.
+        waiting: what the others of this pass know of the queue; it is told for whom trials are drawn, and that nothing is
+            left to draw.
     """
-    healthy = fleet.healthy(now_s)
-    if robot not in healthy:
+    if robot not in seen.healthy:
         return None  # it was lost since it was found idle
+    waiting = Waiting(set()) if waiting is None else waiting
     at_limit = await turns.at_limit(tx, limit)
     for rank in await turns.ranks(tx, robot):
-        if (found := await _find_of(tx, robot, rank, at_limit, healthy, fleet, now_s)) is not None:
+        if (found := await _find_of(tx, robot, rank, at_limit, seen, waiting)) is not None:
             return found
+    waiting.any_undrawn = await turns.any_undrawn(tx, at_limit)
+    waiting.drawn_for.discard(robot)
     return None
 
 
 async def _find_of(
-    tx: AsyncConnection,
-    robot: str,
-    rank: int,
-    at_limit: Sequence[str],
-    healthy: Collection[str],
-    fleet: Fleet,
-    now_s: float,
+    tx: AsyncConnection, robot: str, rank: int, at_limit: Sequence[str], seen: Seen, waiting: Waiting
 ) -> Found | None:
     """The same of one priority, within which users take turns.
 
-    Who is ``healthy`` is asked once before, and the robot is one of them: a trial that can go to nobody stays with its robot,
-    and if that one were lost meanwhile, it would be found again and again.
+    The robot is one of those who were seen in service: a trial that can go to nobody stays with its robot, and if that one were
+    asked for anew and were lost meanwhile, it would be found again and again.
     """
-    why = why_unfit(fleet, now_s)
+    why = why_unfit(seen.fleet, seen.now_s)
     blocks = 0
     while True:
-        drawn = await turns.next_with_drawn(tx, robot, rank, at_limit)
-        undrawn = await turns.next_with_undrawn(tx, rank, at_limit) if blocks < BLOCKS_AHEAD else None
+        drawn, undrawn = await turns.next_users(tx, robot, rank, at_limit)
         # Whoever was served longest ago comes next, also if nothing of theirs was drawn for this robot yet.
-        if undrawn is not None and (drawn is None or undrawn.served_s < drawn.served_s):
+        if undrawn is not None and blocks < BLOCKS_AHEAD and (drawn is None or undrawn.served_s < drawn.served_s):
             blocks += 1
-            await queue.draw(tx, rank, undrawn.owner, fleet.known(now_s), healthy, why)
+            waiting.drawn_for |= await queue.draw(tx, rank, undrawn.owner, seen.known, seen.healthy, why)
             continue
         row = None if drawn is None else await queue.oldest_of(tx, robot, rank, drawn.owner)
         if row is None or row.fence == 0:
             return None if row is None else (row, row.departure)
-        choice = await queue.choose_again(tx, row, healthy, why)
+        choice = await queue.choose_again(tx, row, seen.healthy, why)
         if choice.first_choice == robot:
             return row, choice.departure
+        if choice.first_choice is not None:
+            waiting.drawn_for.add(choice.first_choice)
         # It now waits for another robot, so that it is not found again here.
 
 
-async def find_passed_over(
-    tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float, pass_over_s: float, limit: int | None = None
-) -> Found | None:
-    """A trial that waited too long for its busy first choice, if the robot is the next idle one of the trial's order."""
-    if not (busy := _busy(robot, fleet, now_s)):
-        return None
-    idle = {robot, *fleet.ready(now_s)}
-    for row in await queue.passed_over(tx, busy, now_s - pass_over_s, await turns.at_limit(tx, limit)):
-        if await queue.next_of(tx, row, idle, why_unfit(fleet, now_s)) == robot:
-            return row, f"first choice {row.first_choice} was busy for {pass_over_s:g} s"
-    return None
+async def passed_over(
+    connection: AsyncConnection, idle: Collection[str], seen: Seen, pass_over_s: float, limit: int | None = None
+) -> dict[str, list[Found]]:
+    """Trials that waited too long for their busy first choice, by the idle robot that is next in their order, oldest first."""
+    found: dict[str, list[Found]] = {}
+    if not (seen.busy and idle):
+        return found
+    at_limit = await turns.at_limit(connection, limit)
+    for row in await queue.passed_over(connection, seen.busy, seen.now_s - pass_over_s, at_limit):
+        robot = await queue.next_of(connection, row, idle, why_unfit(seen.fleet, seen.now_s))
+        if robot is not None:
+            found.setdefault(robot, []).append((row, f"first choice {row.first_choice} was busy for {pass_over_s:g} s"))
+    return found
 
 
-async def pass_over(tx: AsyncConnection, robot: str, fleet: Fleet, now_s: float, limit: int | None = None) -> None:
-    """Notes that the robot found nothing while trials wait for busy ones; in a transaction that holds nothing else."""
-    if busy := _busy(robot, fleet, now_s):
-        await queue.pass_over(tx, busy, now_s, await turns.at_limit(tx, limit))
-
-
-def _busy(robot: str, fleet: Fleet, now_s: float) -> frozenset[str]:
-    """Who is in service and not idle: those who are idle take what is theirs in this same pass."""
-    if robot not in (healthy := fleet.healthy(now_s)):
-        return frozenset()
-    return healthy - {robot, *fleet.ready(now_s)}
+async def pass_over(tx: AsyncConnection, seen: Seen, limit: int | None = None) -> None:
+    """Notes that idle robots found nothing while trials wait for busy ones; in a transaction that holds nothing else."""
+    if seen.busy:
+        await queue.pass_over(tx, seen.busy, seen.now_s, await turns.at_limit(tx, limit))

@@ -1,11 +1,15 @@
 """What the bus says of robots, taken into the fleet; a database row is written only when a process is new."""
 
-from dataclasses import dataclass
+import asyncio
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import structlog
+from sqlalchemy.exc import DBAPIError
 
 from api_schemas.bus import Heartbeat, LiveState
-from services.database.database import AWAY, Database
+from services.database.database import AWAY, Database, is_of_value
 from services.dispatcher.bus import Bus
 from services.dispatcher.overdue import LeaseEnder
 from services.dispatcher.steps import Steps
@@ -16,11 +20,14 @@ from services.jobs.fleet import Fleet
 from services.jobs.signals import Signals
 
 log = structlog.get_logger()
+GATHER_S = 0.1
+"""Robots that come within so long are written down together, and those that come or go are told in one line."""
+NAMED = 8
 
 
 @dataclass
 class Hearing:
-    """Listens on the bus and wakes the dispatcher when something is new."""
+    """Listens on the bus and wakes the dispatcher when something is new; owns what it has not written down or told yet."""
 
     database: Database
     clock: FarmClock
@@ -28,6 +35,8 @@ class Hearing:
     signals: Signals
     steps: Steps
     leases: LeaseEnder
+    _arriving: dict[str, Heartbeat] = field(default_factory=dict)
+    _changed: defaultdict[bool, list[str]] = field(default_factory=lambda: defaultdict(list))
 
     def listen(self, bus: Bus) -> None:
         """Begins to listen; robots that are already there are heard too."""
@@ -36,8 +45,15 @@ class Hearing:
         bus.on_live_state(self._live)
 
     def _presence_changed(self, robot: str, present: bool) -> None:
-        log.info("robot came" if present else "robot went", robot=robot)
         self.fleet.token_changed(robot, present=present, now_s=self.clock.now_s())
+        if not any(self._changed.values()):
+            asyncio.get_running_loop().call_later(GATHER_S, self._tell_changed)
+        self._changed[present].append(robot)
+
+    def _tell_changed(self) -> None:
+        changed, self._changed = self._changed, defaultdict(list)
+        for present, names in changed.items():
+            log.info("robots came" if present else "robots went", count=len(names), robots=names[:NAMED])
         self.signals.wake_dispatcher(urgent=True)
 
     async def keep_unkept(self) -> None:
@@ -46,12 +62,12 @@ class Hearing:
         What their last processes held was not ended then; it runs out by itself.
         """
         beats = [member.heartbeat for member in self.fleet.members.values() if member.unkept and not member.arriving]
-        for beat in beats:
-            if beat is not None and beat.instance == self.fleet.member(beat.robot).unkept:
-                try:
-                    await self._keep(beat)
-                except AWAY as error:
-                    log.warning("robot not written down", robot=beat.robot, reason=str(error))
+        unkept = [beat for beat in beats if beat is not None and beat.instance == self.fleet.member(beat.robot).unkept]
+        if unkept:
+            try:
+                await self._keep(unkept)
+            except AWAY as error:
+                log.warning("robots not written down", robots=[beat.robot for beat in unkept][:NAMED], reason=str(error))
 
     def _heard(self, beat: Heartbeat) -> None:
         now_s = self.clock.now_s()
@@ -61,20 +77,26 @@ class Hearing:
         if new_process:
             member = self.fleet.member(beat.robot)
             member.unkept = member.arriving = beat.instance
-            self.steps.start(self._arrives(beat))
-        self.signals.wake_dispatcher(urgent=new_process)
+            if not self._arriving:
+                self.steps.start(self._arrive())
+            self._arriving[beat.robot] = beat
+        else:
+            self.signals.wake_dispatcher()
 
-    async def _arrives(self, beat: Heartbeat) -> None:
+    async def _arrive(self) -> None:
+        """Takes in all that came within a moment; what their last processes were doing has ended."""
+        await asyncio.sleep(GATHER_S)
+        arriving, self._arriving = list(self._arriving.values()), {}
         try:
-            await self._came_anew(beat)
+            for beat, is_new, held in await self._keep(arriving):
+                await self._end_last(beat, held, is_new=is_new)
         finally:
-            if (member := self.fleet.member(beat.robot)).arriving == beat.instance:
-                member.arriving = None
+            for beat in arriving:
+                if (member := self.fleet.member(beat.robot)).arriving == beat.instance:
+                    member.arriving = None
             self.signals.wake_dispatcher(urgent=True)
 
-    async def _came_anew(self, beat: Heartbeat) -> None:
-        """What the robot's last process was doing has ended."""
-        is_new, held = await self._keep(beat)
+    async def _end_last(self, beat: Heartbeat, held: Claim | None, *, is_new: bool) -> None:
         member, now_s = self.fleet.member(beat.robot), self.clock.now_s()
         # Where the services alone started anew, an offer may have been lost with the last ones. Of a lease that the same process
         # had accepted, and does not name any more, it is bringing the outcome.
@@ -84,14 +106,23 @@ class Hearing:
         elif held is not None and (is_new or offer_lost) and (beat.trial_id, beat.fence) != (held.trial_id, held.fence):
             await self.leases.end(held, f"{beat.robot} restarted while it held the lease")
 
-    async def _keep(self, beat: Heartbeat) -> tuple[bool, Claim | None]:
-        """Whether nobody had written the process down before, and the attempt that the robot has a lease for."""
-        async with self.database.write() as tx:
-            is_new = await robots.keep(tx, beat, self.clock.now_s())
-            held = await robots.held_by(tx, beat.robot)
-        if (member := self.fleet.member(beat.robot)).unkept == beat.instance:
-            member.unkept = None
-        return is_new, held
+    async def _keep(self, beats: Sequence[Heartbeat]) -> Sequence[tuple[Heartbeat, bool, Claim | None]]:
+        """Of each whether nobody had written the process down before, and the attempt that the robot has a lease for."""
+        try:
+            async with self.database.write() as tx:
+                new = await robots.keep(tx, beats, self.clock.now_s())
+                held = await robots.held_by(tx, [beat.robot for beat in beats])
+        except DBAPIError as error:
+            if not is_of_value(error):
+                raise
+            if len(beats) > 1:  # what one of them says cannot be kept
+                return [kept for beat in beats for kept in await self._keep([beat])]
+            log.warning("robot not written down", robot=beats[0].robot, reason=str(error.orig))
+            return []
+        for beat in beats:
+            if (member := self.fleet.member(beat.robot)).unkept == beat.instance:
+                member.unkept = None
+        return [(beat, beat.robot in new, held.get(beat.robot)) for beat in beats]
 
     def _live(self, live: LiveState) -> None:
         member = self.fleet.member(live.robot)

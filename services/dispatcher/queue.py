@@ -126,8 +126,11 @@ async def oldest_of(connection: AsyncConnection, robot: str, rank: int, owner: s
     return (await connection.execute(_OLDEST_OF, {"chosen": robot, "rank": rank, "of_owner": owner})).first()
 
 
-async def draw(tx: AsyncConnection, rank: int, owner: str, known: Sequence[str], healthy: Collection[str], why: Why) -> None:
-    """Draws the orders of the user's next trials of this priority that have none, one for each known robot."""
+async def draw(tx: AsyncConnection, rank: int, owner: str, known: Sequence[str], healthy: Collection[str], why: Why) -> set[str]:
+    """Draws the orders of the user's next trials of this priority that have none, one for each known robot.
+
+    Gives the robots that they are for.
+    """
     rows = (await tx.execute(_OLDEST_UNDRAWN, {"rank": rank, "of_owner": owner, "most": max(1, len(known))})).all()
     for number in sorted({row.job_number for row in rows}):
         await lock_job(tx, number)
@@ -137,6 +140,7 @@ async def draw(tx: AsyncConnection, rank: int, owner: str, known: Sequence[str],
         choices.append(_pointing(row, choose(order, healthy, await _faulted(tx, row), why)))
     if choices:
         await tx.execute(_POINT, choices)
+    return {choice["to_choice"] for choice in choices} - {None}
 
 
 async def choose_again(tx: AsyncConnection, row: AnyRow, healthy: Collection[str], why: Why) -> Choice:

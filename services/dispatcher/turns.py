@@ -7,7 +7,7 @@ follows the number of these users and not that of their trials.
 from collections.abc import Sequence
 from typing import Any
 
-from sqlalchemy import ColumnElement, Integer, Select, TextClause, and_, bindparam, func, literal, or_, select, text
+from sqlalchemy import ColumnElement, Integer, Select, TextClause, and_, bindparam, func, literal, or_, select, text, union_all
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.trial import TrialState
@@ -17,9 +17,9 @@ from services.jobs.lease import ACTIVE
 from services.jobs.priority import RANKS
 
 
-def _next_user(chosen: ColumnElement[bool] | TextClause) -> Select[Any, Any]:
+def _next_user(chosen: ColumnElement[bool] | TextClause, *, users_of: str) -> Select[Any, Any]:
     """Of the users with a trial that is ``chosen`` the one who was served longest ago; one never served comes first."""
-    users = select(select(func.min(trial.c.owner)).where(chosen).scalar_subquery().label("owner")).cte("users", recursive=True)
+    users = select(select(func.min(trial.c.owner)).where(chosen).scalar_subquery().label("owner")).cte(users_of, recursive=True)
     following = select(func.min(trial.c.owner)).where(chosen, trial.c.owner > users.c.owner).scalar_subquery()
     users = users.union_all(select(following).where(users.c.owner.is_not(None)))
     served_s = func.coalesce(turn.c.served_s, literal(-1.0))
@@ -37,8 +37,10 @@ def _any(chosen: ColumnElement[bool]) -> ColumnElement[bool]:
 
 
 _OF_RANK = trial.c.priority == bindparam("rank", type_=Integer)
-_DRAWN = _next_user(and_(trial.c.state == TrialState.QUEUED, trial.c.first_choice == bindparam("chosen"), _OF_RANK))
-_UNDRAWN = _next_user(and_(text(UNDRAWN), _OF_RANK))
+_IS_DRAWN = and_(trial.c.state == TrialState.QUEUED, trial.c.first_choice == bindparam("chosen"), _OF_RANK)
+_DRAWN = _next_user(_IS_DRAWN, users_of="users_of_drawn")
+_UNDRAWN = _next_user(and_(text(UNDRAWN), _OF_RANK), users_of="users_of_undrawn")
+_BOTH = union_all(*(select(literal(of).label("drawn"), *each.subquery().c) for of, each in ((True, _DRAWN), (False, _UNDRAWN))))
 _RANKS = select(
     *(
         or_(
@@ -58,14 +60,28 @@ async def ranks(connection: AsyncConnection, robot: str) -> Sequence[int]:
     return [rank for rank, exists in zip(sorted(RANKS.values()), found.one(), strict=True) if exists]
 
 
-async def next_with_drawn(connection: AsyncConnection, robot: str, rank: int, at_limit: Sequence[str]) -> AnyRow | None:
-    """Of the users with a trial of this rank drawn for the robot the one who comes next: ``owner`` and ``served_s``."""
-    return (await connection.execute(_DRAWN, {"chosen": robot, "rank": rank, "at_limit": at_limit})).one_or_none()
+async def next_users(
+    connection: AsyncConnection, robot: str, rank: int, at_limit: Sequence[str]
+) -> tuple[AnyRow | None, AnyRow | None]:
+    """Of the users with a trial of this rank drawn for the robot the one who comes next, and of those with trials that are not
+    drawn yet: ``owner`` and ``served_s``.
+    """
+    found = (await connection.execute(_BOTH, {"chosen": robot, "rank": rank, "at_limit": at_limit})).all()
+    of_drawn, of_undrawn = ([row for row in found if bool(row.drawn) == drawn] for drawn in (True, False))
+    return of_drawn[0] if of_drawn else None, of_undrawn[0] if of_undrawn else None
 
 
 async def next_with_undrawn(connection: AsyncConnection, rank: int, at_limit: Sequence[str]) -> AnyRow | None:
     """Of the users with trials of this rank that are not drawn yet the one who comes next: ``owner`` and ``served_s``."""
     return (await connection.execute(_UNDRAWN, {"rank": rank, "at_limit": at_limit})).one_or_none()
+
+
+async def any_undrawn(connection: AsyncConnection, at_limit: Sequence[str]) -> bool:
+    """Whether any user who may have more trials running has one that is not drawn yet."""
+    for rank in RANKS.values():
+        if await next_with_undrawn(connection, rank, at_limit) is not None:
+            return True
+    return False
 
 
 async def at_limit(connection: AsyncConnection, limit: int | None) -> Sequence[str]:

@@ -43,7 +43,7 @@ class FileHome(Protocol):
 
 
 class LocalHome:
-    """A folder; files are moved into it, so they must be on the same disk."""
+    """A folder; files get a second name in it, so they must be on the same disk."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
@@ -51,17 +51,20 @@ class LocalHome:
         self.objects: ObjectStore = LocalStore(root)
 
     async def take(self, file: Path, key: str) -> bool:
-        """Moves the file, and waits until the disk has it and its name; what a power cut left of it before is replaced."""
-        place, source = self._root / key, str(file.relative_to(self._root))
-        await asyncio.to_thread(_sync, file)
+        """Gives the file a second name, and waits until the disk has both; what a power cut damaged is replaced."""
+        return await asyncio.to_thread(self._take, file, self._root / key)
+
+    def _take(self, file: Path, place: Path) -> bool:
+        _sync(file)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        new = True
         try:
-            await obstore.rename_async(self.objects, source, key, overwrite=False)
-            new = True
-        except AlreadyExistsError:
-            if new := not await asyncio.to_thread(_renew, place):
-                log.warning("a damaged file is replaced", key=key)
-                await obstore.rename_async(self.objects, source, key, overwrite=True)
-        await asyncio.to_thread(self._sync_name, place)
+            place.hardlink_to(file)  # only where there is none; the one who called removes the other name
+        except FileExistsError:
+            if new := not _renew(place):
+                log.warning("a damaged file is replaced", key=str(place.relative_to(self._root)))
+                file.replace(place)
+        self._sync_name(place)
         return new
 
     def _sync_name(self, place: Path) -> None:

@@ -16,7 +16,7 @@ from services.errors import Refused
 from services.jobs import canary, events, outcomes, physics, pinning, reports, robots
 from services.jobs.claim import Claim
 from services.jobs.clock import iso
-from services.jobs.lease import ACTIVE, UNENDED, check_report, close_attempt, stale
+from services.jobs.lease import IS_HELD, UNENDED, check_report, close_attempt, stale
 from services.jobs.locking import lock_job_of
 
 
@@ -31,12 +31,7 @@ class Ending:
 
 _LEAVE = (
     update(trial)
-    .where(
-        trial.c.trial_id == bindparam("of_trial"),
-        trial.c.fence == bindparam("held_fence"),
-        trial.c.robot == bindparam("held_by"),
-        trial.c.state.in_(ACTIVE),
-    )
+    .where(IS_HELD)
     .values(
         state=bindparam("to_state"),
         robot=bindparam("to_robot"),

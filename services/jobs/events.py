@@ -1,5 +1,7 @@
 """A job's history: each change of a job writes one numbered event in the same transaction."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from sqlalchemy import Boolean, Integer, bindparam, func, insert, or_, select, update
@@ -23,12 +25,23 @@ def _change() -> ReturningUpdate[Any]:
     counts = {name: job.c[name] + bindparam(f"add_{name}", type_=Integer) for name in COUNTS}
     marks = {name: func.coalesce(bindparam(f"set_{name}", type_=job.c[name].type), job.c[name]) for name in MARKS}
     cancel = or_(job.c.cancel_requested, bindparam("cancel", type_=Boolean))
+    last_event = job.c.last_event + bindparam("more_events", type_=Integer)
     changed = update(job).where(job.c.number == bindparam("of_job"))
-    return changed.values(last_event=job.c.last_event + 1, cancel_requested=cancel, **counts, **marks).returning(*job.c)
+    return changed.values(last_event=last_event, cancel_requested=cancel, **counts, **marks).returning(*job.c)
 
 
 _CHANGE = _change()
 _WRITE = insert(event)
+
+
+@dataclass(frozen=True)
+class Line:
+    """One event of a job."""
+
+    kind: str
+    text: str
+    ordinal: int | None = None
+    robot: str | None = None
 
 
 async def record(
@@ -42,25 +55,24 @@ async def record(
     robot: str | None = None,
     **changes: Any,
 ) -> AnyRow:
-    """Changes the job's row and writes the event that says so; gives the job's row as it is now.
+    """Changes the job's row and writes the event that says so; gives the job's row as it is now. See ``record_all``."""
+    return await record_all(tx, at, job_number, [Line(kind, text, ordinal, robot)], **changes)
+
+
+async def record_all(tx: AsyncConnection, at: str, job_number: int, lines: Sequence[Line], **changes: Any) -> AnyRow:
+    """Changes the job's row and writes the events that say so, in their order; gives the job's row as it is now.
 
     ``changes`` are ``add_<count>`` for the names in ``COUNTS``, ``set_<mark>`` for those in ``MARKS``, and ``cancel``.
-    The event's number comes from the job's own row, so numbers follow the order of commits also where writers are many.
+    The events' numbers come from the job's own row, so they follow the order of commits also where writers are many.
     """
-    now = (await tx.execute(_CHANGE, _NO_CHANGE | changes | {"of_job": job_number})).one()
-    written = {
-        "job_number": job_number,
-        "id": now.last_event,
-        "at": at,
-        "kind": kind,
-        "trial_ordinal": ordinal,
-        "robot": robot,
-        "text": text,
-        "trials_done": now.trials_done,
-        "successes": now.successes,
-        "state": now.state,
-    }
-    await tx.execute(_WRITE, written)
+    now = (await tx.execute(_CHANGE, _NO_CHANGE | changes | {"of_job": job_number, "more_events": len(lines)})).one()
+    of_all = {"job_number": job_number, "at": at}
+    of_all |= {"trials_done": now.trials_done, "successes": now.successes, "state": now.state}
+    written = [
+        {"id": number, "kind": line.kind, "trial_ordinal": line.ordinal, "robot": line.robot, "text": line.text} | of_all
+        for number, line in enumerate(lines, now.last_event - len(lines) + 1)
+    ]
+    await tx.execute(_WRITE, written if len(written) > 1 else written[0])
     return now
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 
 from api_schemas.bus import Heartbeat, LiveState
 from api_schemas.robot import RobotState
@@ -13,6 +14,8 @@ RETURN_AFTER_S = 2.0
 """Heartbeats this long after the token went show that the robot is back; earlier ones may have been under way."""
 KNOWN_AFTER_LOSS_S = 60.0
 """A lost robot takes part in draws for so long, because most come back."""
+_SAID = attrgetter(*(name for name in Heartbeat.model_fields if name != "health"))
+"""What a heartbeat says but for what changes each time and concerns nobody who gives leases."""
 
 
 @dataclass
@@ -63,6 +66,16 @@ class Member:
             return RobotState.IDLE
         return said
 
+    @property
+    def has_left(self) -> bool:
+        """Whether the robot said that it goes, had nothing in hand, and went: nobody lost it."""
+        return self.says_that_it_goes and self.lost_s is not None and self.lease is None
+
+    @property
+    def says_that_it_goes(self) -> bool:
+        """Whether it said that it was asked to end, and takes nothing new."""
+        return self.heartbeat is not None and self.heartbeat.leaving
+
     def is_doubled(self, now_s: float) -> bool:
         """Whether two living processes call themselves by this name; nobody can tell which of them has the lease."""
         return self.doubled and sum(now_s - at_s <= SILENT_AFTER_S for at_s in self.instances_s.values()) > 1
@@ -110,6 +123,25 @@ class Member:
         return not waits and self.state(now_s) == RobotState.IDLE
 
 
+@dataclass(frozen=True)
+class Seen:
+    """All robots at one moment, for who asks about one after the other: each of a thousand is looked at once."""
+
+    fleet: "Fleet"
+    now_s: float
+    known: tuple[str, ...]
+    """Who takes part in a draw, sorted."""
+    healthy: frozenset[str]
+    """Who is in service."""
+    ready: tuple[str, ...]
+    """Who may be offered a lease, sorted."""
+
+    @property
+    def busy(self) -> frozenset[str]:
+        """Who is in service and not idle."""
+        return self.healthy - frozenset(self.ready)
+
+
 @dataclass
 class Fleet:
     """All robots by name; owned by the event loop, told by the bus, the dispatcher and the lease routes."""
@@ -117,10 +149,16 @@ class Fleet:
     members: dict[str, Member] = field(default_factory=dict)
     held_back: str | None = None
     """Why nobody is given a lease though robots are in service, as the end of a sentence."""
+    wishes: int = 0
+    """How often an operator has wished anything of a robot: what was read before may be older."""
 
     def member(self, robot: str) -> Member:
         """The robot, known or new."""
         return self.members.setdefault(robot, Member(robot))
+
+    def seen(self, now_s: float) -> Seen:
+        """The robots as they are now."""
+        return Seen(self, now_s, self.known(now_s), self.healthy(now_s), self.ready(now_s))
 
     def known(self, now_s: float) -> tuple[str, ...]:
         """The robots that take part in a draw now, sorted."""
@@ -133,6 +171,10 @@ class Fleet:
     def healthy(self, now_s: float) -> frozenset[str]:
         """The robots in service."""
         return frozenset(m.robot for m in self.members.values() if m.healthy(now_s))
+
+    def serves(self, now_s: float) -> bool:
+        """Whether any robot is in service."""
+        return any(m.healthy(now_s) for m in self.members.values())
 
     def came_anew(self, beat: Heartbeat, now_s: float) -> bool:
         """Whether a heartbeat that was not yet taken comes from another process than the last one.
@@ -154,7 +196,7 @@ class Fleet:
             member.simulated_s = member.live = None
         if member.present or (member.lost_s is not None and now_s - member.lost_s > RETURN_AFTER_S):
             member.lost_s = None
-        return _but_health(before) != _but_health(beat) or state_before != member.state(now_s)
+        return before is None or _SAID(before) != _SAID(beat) or state_before != member.state(now_s)
 
     def token_changed(self, robot: str, *, present: bool, now_s: float) -> None:
         """Takes the coming or going of a robot's liveliness token.
@@ -205,6 +247,11 @@ class Fleet:
             member.lease_accepted = member.lease_accepted or accepted
             member.renewed_s = max(member.renewed_s, renewed_s)
 
+    def left_for_good(self, now_s: float) -> list[str]:
+        """Robots that said that they go and did not come back, of whom nothing is to be remembered."""
+        gone = [each for each in self.members.values() if each.has_left and each.withdrawn is None and not each.drain]
+        return [each.robot for each in gone if now_s - (each.lost_s or 0.0) >= KNOWN_AFTER_LOSS_S]
+
     def went_back(self, now_s: float) -> None:
         """The clock went back: what was noted at later times counts as if it were of now."""
         for member in self.members.values():
@@ -223,11 +270,6 @@ class Fleet:
         """A copy of what is known of the robot; None when it was never seen."""
         member = self.members.get(robot)
         return None if member is None else replace(member)
-
-
-def _but_health(beat: Heartbeat | None) -> Heartbeat | None:
-    """A heartbeat without what changes each time and concerns nobody who gives leases."""
-    return None if beat is None else beat.model_copy(update={"health": None})
 
 
 def _takes_part(member: Member, now_s: float) -> bool:

@@ -13,7 +13,7 @@ from api_schemas.job import JobRequest, JobState, TaskName
 from api_schemas.ladder import Ladder, LadderEnds, LadderLine, LadderRequest, Rung
 from api_schemas.letters import letters_where, pair_chance
 from api_schemas.physics import ObjectName
-from api_schemas.success_rate import wilson
+from api_schemas.success_rate import SHOWN_LEVEL, wilson
 from services.database.pages import Asked, Page, read_page
 from services.database.rows import AnyRow
 from services.database.tables import job, ladder, rung
@@ -22,7 +22,6 @@ from services.jobs import outcomes, submission
 from services.jobs.clock import iso
 from services.jobs.submission import Sender
 
-LEVEL = 0.80
 _LATER_FIELDS = frozenset({"priority", "ends"})
 """Fields of a ladder that came after its first form; of its rungs, ``training_reward`` did."""
 MOST_COMPARED = 40
@@ -152,7 +151,8 @@ def _rung(row: AnyRow, letters: str | None, may_end: bool) -> Rung:
         trials_done=done,
         successes=successes,
         success_rate=successes / done if done else None,
-        interval_80=interval(successes, done, LEVEL) if done else None,
+        interval_80=interval(successes, done, 0.80) if done else None,
+        interval_95=interval(successes, done, SHOWN_LEVEL) if done else None,
         training_reward=row.training_reward,
         given_up=row.given_up,
         letters=letters,
@@ -161,7 +161,7 @@ def _rung(row: AnyRow, letters: str | None, may_end: bool) -> Rung:
 
 def _best(rungs: Sequence[Rung]) -> str | None:
     """The rung with the highest lower bound; of equals the later one."""
-    bounds = [(rung.interval_80[0], at) for at, rung in enumerate(rungs) if rung.interval_80 is not None]
+    bounds = [(rung.interval_95[0], at) for at, rung in enumerate(rungs) if rung.interval_95 is not None]
     return rungs[max(bounds)[1]].job_id if bounds else None
 
 

@@ -10,13 +10,13 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 from api_schemas.job import JobState, TaskName
 from api_schemas.leaderboard import BoardPhysics, BoardRow, Contest
 from api_schemas.physics import ObjectName
+from api_schemas.success_rate import SHOWN_LEVEL
 from services.database.rows import AnyRow
 from services.database.tables import job, physics, policy_owner, rung
 from services.errors import NotFound
 from services.jobs.physics import NOW
 from services.jobs.standings import MOST_COMPARED, Entry, Tried, entries, letters_of
 
-LEVEL = 0.80
 _RECIPE_OWNER = case((job.c.recipe.is_not(None), job.c.owner)).label("recipe_owner")
 MOST_ROWS = 200
 CANCELLED = job.c.state == JobState.CANCELLED
@@ -78,7 +78,7 @@ async def contests(connection: AsyncConnection) -> tuple[Contest, ...]:
 async def board(connection: AsyncConnection, wanted: Wanted, sees_only: str | None) -> Board:
     """The best policies of a task on one physics; ``sees_only`` is the owner whose policies alone are named.
 
-    They are ordered by the lower bound of Wilson's 80 % interval, so that luck in a few trials does not lead; by that of the
+    They are ordered by the lower bound of Wilson's 95 % interval, so that luck in a few trials does not lead; by that of the
     confidence sequence where a question may have ended one of their jobs, since it ends when the rate looks as wanted. The
     counts are those that each job keeps of itself: no trial is read, and one row a policy comes back.
 
@@ -106,7 +106,7 @@ async def board(connection: AsyncConnection, wanted: Wanted, sees_only: str | No
     )
     by = (job.c.policy, job.c.recipe, _RECIPE_OWNER)
     rows = (await connection.execute(select(*by, *sums, judged, *names).where(*COUNTED, *of_task).group_by(*by))).all()
-    ranked = sorted(entries(rows), key=lambda each: (-each.interval(LEVEL)[0], -each.trials, each.rows[0].policy))
+    ranked = sorted(entries(rows), key=lambda each: (-each.interval(SHOWN_LEVEL)[0], -each.trials, each.rows[0].policy))
     letters = letters_of(ranked, await _tried(connection, ranked[:MOST_COMPARED], of_task))
     shown = ranked[:MOST_ROWS]
     own = await _own(connection, [row for each in shown for row in each.rows], sees_only)
@@ -161,7 +161,8 @@ def _row(rank: int, entry: Entry, letters: str | None, own: dict[str, str] | Non
         trials=entry.trials,
         successes=entry.successes,
         success_rate=entry.rate,
-        interval_80=entry.interval(LEVEL),
+        interval_80=entry.interval(0.80),
+        interval_95=entry.interval(SHOWN_LEVEL),
         intervals=_kind(entry),
         recipe=None if owner is None else entry.recipe,
         training_seeds=None if entry.recipe is None else len(entry.rows),

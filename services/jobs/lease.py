@@ -1,8 +1,10 @@
 """Leases: the right of one trial to one robot. Each move is one UPDATE guarded by the state and fence that it leaves."""
 
-from typing import Literal
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
-from sqlalchemy import String, and_, bindparam, exists, func, insert, select, update
+from sqlalchemy import String, and_, bindparam, exists, func, insert, select, union_all, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.job import JobState
@@ -10,11 +12,12 @@ from api_schemas.robot import OutcomeReport, Renewal
 from api_schemas.trial import AttemptState, OutcomeKind, TrialState
 from services.database.rows import AnyRow
 from services.database.tables import attempt, job, trial, turn
+from services.database.tables import robot as robot_table
 from services.errors import Conflict, NotFound, Refused
 from services.jobs import events, pinning
 from services.jobs.claim import Claim
 from services.jobs.clock import iso
-from services.jobs.locking import lock_job, lock_job_of
+from services.jobs.locking import lock_job, lock_job_of_all
 
 ACTIVE = (TrialState.LEASED, TrialState.RUNNING)
 JUDGED = frozenset({OutcomeKind.SUCCEEDED, OutcomeKind.FAILED})
@@ -25,6 +28,12 @@ UNENDED = (JobState.QUEUED, JobState.RUNNING)
 
 _held = trial.alias("held")
 _IS_FREE = ~exists().where(_held.c.robot == bindparam("to_robot"), _held.c.state.in_(ACTIVE))
+_IS_DRAINED = exists().where(robot_table.c.robot == bindparam("to_robot"), robot_table.c.drain.is_(True))
+_NAMED = bindparam("robots", expanding=True)
+_CANNOT = union_all(
+    select(_held.c.robot).where(_held.c.robot.in_(_NAMED), _held.c.state.in_(ACTIVE)),
+    select(robot_table.c.robot).where(robot_table.c.robot.in_(_NAMED), robot_table.c.drain.is_(True)),
+)
 _LEASE = (
     update(trial)
     .where(
@@ -32,6 +41,7 @@ _LEASE = (
         trial.c.state == TrialState.QUEUED,
         trial.c.fence == bindparam("old_fence"),
         _IS_FREE,
+        ~_IS_DRAINED,
     )
     .values(
         state=TrialState.LEASED,
@@ -54,7 +64,17 @@ _CONFIRM = (
 _HELD = select(trial.c.trial_id).where(
     trial.c.trial_id == bindparam("of_trial"), trial.c.fence == bindparam("held_fence"), trial.c.state.in_(ACTIVE)
 )
+IS_HELD = and_(
+    trial.c.trial_id == bindparam("of_trial"),
+    trial.c.fence == bindparam("held_fence"),
+    trial.c.robot == bindparam("held_by"),
+    trial.c.state.in_(ACTIVE),
+)
+"""Whether the robot has the trial under this fence now."""
+_HELD_BY = select(trial.c.trial_id).where(IS_HELD)
 _EVER_HELD = select(attempt.c.fence).where(attempt.c.trial_id == bindparam("of_trial"), attempt.c.robot == bindparam("held_by"))
+_RENEW = update(trial).where(IS_HELD).values(lease_until_s=bindparam("until_s")).returning(trial.c.job_number)
+_STATE = select(job.c.cancel_requested, job.c.state).where(job.c.number == bindparam("of_job"))
 _OPEN_ATTEMPT = insert(attempt)
 _IS_OPEN = and_(
     attempt.c.trial_id == bindparam("of_trial"),
@@ -85,61 +105,90 @@ _CLOSE_ATTEMPT = (
 )
 
 
-async def write_lease(
-    tx: AsyncConnection, now_s: float, queued: AnyRow, robot: str, *, departure: str | None, lease_s: float
-) -> Claim | None:
-    """Gives the queued trial to the robot under the next fence.
+async def who_cannot(tx: AsyncConnection, robots: Sequence[str]) -> frozenset[str]:
+    """Those of the robots that have a lease or are drained, as others may have written since they were heard of."""
+    return frozenset((await tx.execute(_CANNOT, {"robots": list(robots)})).scalars())
 
-    None when the trial is no longer as it was read, or when the robot has got another one from somebody else.
+
+@dataclass
+class Leases:
+    """Leases that one transaction gives; ``finish`` writes what follows from them, once for each job.
+
+    Whose turn it was is the giver's to write (``end_turn``).
     """
-    await lock_job(tx, queued.job_number)
-    leased = {"of_trial": queued.trial_id, "old_fence": queued.fence, "to_robot": robot, "until_s": now_s + lease_s}
-    if (await tx.execute(_LEASE, leased)).rowcount != 1:
-        return None
-    claim = Claim(queued.trial_id, queued.fence + 1, robot)
-    opened = {
-        "trial_id": claim.trial_id,
-        "fence": claim.fence,
-        "job_number": queued.job_number,
-        "robot": robot,
-        "state": AttemptState.OPEN,
-        "departure": departure,
-        "started_at": iso(now_s),
-    }
-    await tx.execute(_OPEN_ATTEMPT, opened)
-    if queued.any_robot:
-        await pinning.pin(tx, queued.job_number, robot)
-    await _tell_leased(tx, now_s, queued, robot)
-    await _end_turn(tx, now_s, queued.owner)
-    return claim
+
+    tx: AsyncConnection
+    now_s: float
+    lease_s: float
+    _written: list[tuple[Claim, AnyRow, str | None]] = field(default_factory=list)
+
+    async def write(self, queued: AnyRow, robot: str, departure: str | None) -> Claim | None:
+        """Gives the queued trial to the robot under the next fence.
+
+        None when the trial is no longer as it was read, or when somebody else has given the robot another one or drained it.
+        """
+        await lock_job(self.tx, queued.job_number)
+        until_s = self.now_s + self.lease_s
+        leased = {"of_trial": queued.trial_id, "old_fence": queued.fence, "to_robot": robot, "until_s": until_s}
+        if (await self.tx.execute(_LEASE, leased)).rowcount != 1:
+            return None
+        claim = Claim(queued.trial_id, queued.fence + 1, robot)
+        if queued.any_robot:
+            await pinning.pin(self.tx, queued.job_number, robot)
+        self._written.append((claim, queued, departure))
+        return claim
+
+    async def finish(self) -> None:
+        """Opens the attempts, and tells the jobs' histories of them."""
+        at = iso(self.now_s)
+        opened = [
+            {
+                "trial_id": claim.trial_id,
+                "fence": claim.fence,
+                "job_number": queued.job_number,
+                "robot": claim.robot,
+                "state": AttemptState.OPEN,
+                "departure": departure,
+                "started_at": at,
+            }
+            for claim, queued, departure in self._written
+        ]
+        if opened:
+            await self.tx.execute(_OPEN_ATTEMPT, opened)
+        of_jobs: dict[int, list[events.Line]] = {}
+        waiting = {queued.job_number for _, queued, _ in self._written if queued.job_state == JobState.QUEUED}
+        for claim, queued, _ in self._written:
+            text = f"trial {queued.ordinal} leased to {claim.robot}"
+            of_jobs.setdefault(queued.job_number, []).append(events.Line("trial_leased", text, queued.ordinal, claim.robot))
+        for number, lines in of_jobs.items():
+            changes: dict[str, Any] = {"add_trials_active": len(lines)}
+            if number in waiting:
+                changes |= {"set_state": JobState.RUNNING, "set_started_at": at}
+                lines.insert(0, events.Line("job_running", "job running: first trial leased"))
+            await events.record_all(self.tx, at, number, lines, **changes)
+        self._written.clear()
 
 
-async def _end_turn(tx: AsyncConnection, now_s: float, owner: str) -> None:
+async def end_turn(tx: AsyncConnection, now_s: float, owner: str) -> None:
     """The user was served: now others come first."""
     if (await tx.execute(_END_TURN, {"of_owner": owner, "at_s": now_s})).rowcount == 0:
         await tx.execute(insert(turn).values(owner=owner, served_s=now_s))
 
 
-async def _tell_leased(tx: AsyncConnection, now_s: float, queued: AnyRow, robot: str) -> None:
-    at = iso(now_s)
-    if queued.job_state == JobState.QUEUED:
-        started = {"set_state": JobState.RUNNING, "set_started_at": at}
-        await events.record(tx, at, queued.job_number, "job_running", "job running: first trial leased", **started)
-    text = f"trial {queued.ordinal} leased to {robot}"
-    more = {"ordinal": queued.ordinal, "robot": robot, "add_trials_active": 1}
-    await events.record(tx, at, queued.job_number, "trial_leased", text, **more)
-
-
-async def confirm_lease(tx: AsyncConnection, now_s: float, claim: Claim) -> bool:
-    """The robot accepted the offer: the trial runs. False when the lease ended in the meantime."""
-    held = {"of_trial": claim.trial_id, "held_fence": claim.fence}
-    await lock_job_of(tx, claim.trial_id)
-    row = (await tx.execute(_CONFIRM, held)).one_or_none()
-    if row is None:
-        return False
-    text = f"trial {row.ordinal} running on {claim.robot}"
-    await events.record(tx, iso(now_s), row.job_number, "trial_running", text, ordinal=row.ordinal, robot=claim.robot)
-    return True
+async def confirm_leases(tx: AsyncConnection, now_s: float, claims: Collection[Claim]) -> Collection[Claim]:
+    """The robots accepted the offers of one job's trials: these run. Gives whose do; of others the lease ended meanwhile."""
+    await lock_job_of_all(tx, [claim.trial_id for claim in claims])
+    of_jobs: dict[int, list[events.Line]] = {}
+    confirmed = []
+    for claim in sorted(claims, key=lambda each: each.trial_id):
+        row = (await tx.execute(_CONFIRM, {"of_trial": claim.trial_id, "held_fence": claim.fence})).one_or_none()
+        if row is not None:
+            text = f"trial {row.ordinal} running on {claim.robot}"
+            of_jobs.setdefault(row.job_number, []).append(events.Line("trial_running", text, row.ordinal, claim.robot))
+            confirmed.append(claim)
+    for number, lines in of_jobs.items():
+        await events.record_all(tx, iso(now_s), number, lines)
+    return confirmed
 
 
 async def shorten(tx: AsyncConnection, until_s: float) -> None:
@@ -155,28 +204,18 @@ async def renew(tx: AsyncConnection, now_s: float, trial_id: str, renewal: Renew
         NotFound: there is no such trial.
         Conflict: the lease is not the robot's any more.
     """
-    prolonged = (
-        update(trial)
-        .where(
-            trial.c.trial_id == trial_id,
-            trial.c.fence == renewal.fence,
-            trial.c.robot == renewal.robot,
-            trial.c.state.in_(ACTIVE),
-        )
-        .values(lease_until_s=now_s + lease_s)
-        .returning(trial.c.job_number)
-    )
-    number = (await tx.execute(prolonged)).scalar_one_or_none()
+    held = {"of_trial": trial_id, "held_fence": renewal.fence, "held_by": renewal.robot, "until_s": now_s + lease_s}
+    number = (await tx.execute(_RENEW, held)).scalar_one_or_none()
     if number is None:
         raise await stale(tx, trial_id, renewal.fence, renewal.robot)
-    row = (await tx.execute(select(job.c.cancel_requested, job.c.state).where(job.c.number == number))).one()
+    row = (await tx.execute(_STATE, {"of_job": number})).one()
     return row.cancel_requested or row.state not in UNENDED
 
 
 async def check_lease(connection: AsyncConnection, trial_id: str, fence: int, robot: str | None) -> None:
     """Raises unless the trial is leased or running under this fence; with ``robot``, by it."""
-    held = _HELD if robot is None else _HELD.where(trial.c.robot == robot)
-    if (await connection.execute(held, {"of_trial": trial_id, "held_fence": fence})).one_or_none() is None:
+    named = {"of_trial": trial_id, "held_fence": fence} | ({} if robot is None else {"held_by": robot})
+    if (await connection.execute(_HELD if robot is None else _HELD_BY, named)).one_or_none() is None:
         raise await stale(connection, trial_id, fence, robot)
 
 

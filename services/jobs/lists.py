@@ -9,6 +9,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 from api_schemas.job import JobState, TaskName
 from api_schemas.trial import AttemptState
 from services.database.pages import Asked, Page, read_page
+from services.database.postgres import is_postgres
 from services.database.rows import AnyRow
 from services.database.tables import attempt, job, trial
 
@@ -35,13 +36,17 @@ async def job_page(connection: AsyncConnection, chosen: JobFilter, asked: Asked)
         wanted = wanted.where(job.c.state == chosen.state)
     if chosen.text:
         columns = (job.c.job_id, job.c.policy_name, job.c.owner, job.c.task, job.c.policy, job.c.name, job.c.note)
-        wanted = wanted.where(or_(*(column.icontains(chosen.text, autoescape=True) for column in columns)))
+        # SQLite's LIKE knows no case as it is, and takes a third of the time that lower() beside it takes.
+        contains = "icontains" if is_postgres(connection) else "contains"
+        wanted = wanted.where(or_(*(getattr(column, contains)(chosen.text, autoescape=True) for column in columns)))
     return await read_page(connection, wanted, job.c.number, asked)
 
 
 async def comparable_jobs(connection: AsyncConnection, owner: str | None, first: str | None) -> Sequence[AnyRow]:
     """The newest jobs with a report; with a first one chosen, those of its task, object and seed before the rest."""
-    ended = select(job).where(job.c.state == JobState.SUCCEEDED, job.c.task != TaskName.IDENTIFY)
+    told = (job.c.job_id, job.c.name, job.c.policy_name, job.c.seed, job.c.successes, job.c.trials, job.c.ended_at)
+    ended = select(job.c.number, job.c.task, job.c.object, job.c.object_scale, *told)
+    ended = ended.where(job.c.state == JobState.SUCCEEDED, job.c.task != TaskName.IDENTIFY)
     if owner is not None:
         ended = ended.where(job.c.owner == owner)
     rows = (await connection.execute(ended.order_by(job.c.number.desc()).limit(TO_CHOOSE_FROM))).all()

@@ -5,6 +5,9 @@ lock is had everything of the job is as its last mover left it; and since all ta
 another that waits for it. A transaction that moves several jobs is a dispatcher's, and dispatchers take turns.
 """
 
+from collections.abc import Sequence
+from weakref import WeakKeyDictionary
+
 from sqlalchemy import bindparam, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
@@ -18,15 +21,46 @@ _JOB_OF = (
     .where(trial.c.trial_id == bindparam("of_trial"))
     .with_for_update(of=job)
 )
+_JOBS_OF = (
+    select(job.c.number)
+    .where(
+        job.c.number.in_(
+            select(trial.c.job_number).where(trial.c.trial_id.in_(bindparam("of_trials", expanding=True))).scalar_subquery()
+        )
+    )
+    .order_by(job.c.number)
+    .with_for_update()
+)
+
+
+_known: WeakKeyDictionary[object, set[int | str]] = WeakKeyDictionary()
+"""Of each transaction that runs the locks that it has, by the job's number or the id of one of its trials.
+
+A row's lock lasts as long as its transaction, and to ask for it again is a way to the server for nothing. No savepoint, which may
+be taken back by itself, takes such a lock.
+"""
+
+
+def _holds(tx: AsyncConnection) -> set[int | str]:
+    return _known.setdefault(tx.sync_connection.get_transaction(), set()) if tx.sync_connection is not None else set()
 
 
 async def lock_job(tx: AsyncConnection, job_number: int) -> None:
     """Waits until nobody else moves the job; holds until the transaction ends."""
-    if is_postgres(tx):
+    if is_postgres(tx) and job_number not in (held := _holds(tx)):
         await tx.execute(_JOB, {"of_job": job_number})
+        held.add(job_number)
 
 
 async def lock_job_of(tx: AsyncConnection, trial_id: str) -> None:
     """The same for the job of a trial; nothing when there is no such trial."""
-    if is_postgres(tx):
+    if is_postgres(tx) and trial_id not in (held := _holds(tx)):
         await tx.execute(_JOB_OF, {"of_trial": trial_id})
+        held.add(trial_id)
+
+
+async def lock_job_of_all(tx: AsyncConnection, trial_ids: Sequence[str]) -> None:
+    """The same for trials that are all of one job."""
+    if is_postgres(tx):
+        await tx.execute(_JOBS_OF, {"of_trials": trial_ids})
+        _holds(tx).update(trial_ids)

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -12,11 +13,18 @@ def trial_seed(seed: int, ordinal: int) -> int:
     return int.from_bytes(digest[:8]) >> 1
 
 
+MOST_DRAWN = 20
+"""Robots of an order. A trial that so many cannot run goes to any other; a thousand names would be most of a trial's row."""
+
+BLOCKS_KEPT = 64
+"""Permutations that are kept, since all trials of a block share one and jobs are drawn from at the same time."""
+
+
 def drawn_order(seed: int, ordinal: int, robots: Sequence[str]) -> tuple[str, ...]:
     """The robots in the order in which a trial prefers them, by permuted blocks: random, balanced, reproducible.
 
     Each block of ``len(robots)`` trials shares one random permutation, rotated by one for each trial, so that every robot
-    is the first choice of exactly one trial of each block.
+    is the first choice of exactly one trial of each block. The first ``MOST_DRAWN`` of it are the order.
 
     Args:
         seed: the job's seed.
@@ -28,6 +36,11 @@ def drawn_order(seed: int, ordinal: int, robots: Sequence[str]) -> tuple[str, ..
     if count == 0:
         return ()
     block, turn = divmod(ordinal, count)
+    permutation = _permutation(seed, block, count)
+    return tuple(names[permutation[(turn + place) % count]] for place in range(min(count, MOST_DRAWN)))
+
+
+@lru_cache(BLOCKS_KEPT)
+def _permutation(seed: int, block: int, count: int) -> tuple[int, ...]:
     digest = hashlib.sha256(f"trifarm-order\n{seed}\n{block}\n{count}".encode()).digest()
-    permutation = np.random.default_rng(int.from_bytes(digest[:8])).permutation(count)
-    return tuple(names[index] for index in np.roll(permutation, -turn))
+    return tuple(np.random.default_rng(int.from_bytes(digest[:8])).permutation(count).tolist())

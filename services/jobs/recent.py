@@ -14,6 +14,8 @@ from services.database.tables import attempt, job
 RECENT_JOBS = 300
 RECENT_ATTEMPTS = 2000
 """What a robot did lately is looked for in the newest jobs, as far as these two reach."""
+INCIDENT_JOBS, RECENT_INCIDENTS = 1000, 500
+"""Incidents are looked for in so many of the newest jobs, those without any left out."""
 NOT_JUDGED = frozenset({OutcomeKind.RECORDED, OutcomeKind.CANCELLED})
 
 
@@ -47,6 +49,29 @@ async def recently_ended(connection: AsyncConnection) -> list[Ended]:
         if kind not in NOT_JUDGED:
             ended.append(Ended(row.robot, kind == OutcomeKind.SUCCEEDED, row.ended_at))
     return ended
+
+
+@dataclass(frozen=True)
+class Incident:
+    """One attempt that the platform failed: the robot was lost or restarted, or could not go on."""
+
+    robot: str
+    trial_id: str
+    ended_at: str
+    reason: str | None
+
+
+async def incidents(connection: AsyncConnection) -> list[Incident]:
+    """Attempts of the newest jobs that the platform failed, the last first."""
+    newest = select(job.c.number, job.c.platform_faults).order_by(job.c.number.desc()).limit(INCIDENT_JOBS).subquery()
+    hit = select(newest.c.number).where(newest.c.platform_faults > 0).limit(RECENT_JOBS)
+    wanted = (
+        select(attempt.c.robot, attempt.c.trial_id, attempt.c.ended_at, attempt.c.reason)
+        .where(attempt.c.job_number.in_(hit), attempt.c.state == AttemptState.PLATFORM_FAULT, attempt.c.ended_at.is_not(None))
+        .order_by(attempt.c.ended_at.desc())
+        .limit(RECENT_INCIDENTS)
+    )
+    return [Incident(row.robot, row.trial_id, row.ended_at, row.reason) for row in await connection.execute(wanted)]
 
 
 async def recently_given(connection: AsyncConnection, since: str) -> Sequence[str]:

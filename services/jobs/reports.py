@@ -2,7 +2,8 @@
 
 import hashlib
 import json
-from collections.abc import Iterable, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
@@ -105,7 +106,8 @@ def compose(
     makes others too narrow.
     """
     interval = rate_sequence if job.judged else wilson
-    rows = tuple(_trial_row(row, attempts) for row in trials)
+    of_trials = _of_trials(attempts)
+    rows = tuple(_trial_row(row, of_trials[row.trial_id]) for row in trials)
     outcomes = [row.outcome for row in rows]
     measures = [outcome.measures for outcome in outcomes if outcome.measures is not None]
     successes = sum(outcome.kind == OutcomeKind.SUCCEEDED for outcome in outcomes)
@@ -156,7 +158,8 @@ def compose_identification(
 ) -> IdentificationReport:
     """The report of an identification: what was recorded where."""
     faults = tuple(_fault_row(row) for row in attempts if row.state == AttemptState.PLATFORM_FAULT)
-    rows = tuple(_excitation_row(row, attempts) for row in trials)
+    of_trials = _of_trials(attempts)
+    rows = tuple(_excitation_row(row, len(of_trials[row.trial_id])) for row in trials)
     return IdentificationReport(
         job_id=job.job_id,
         task=job.task,
@@ -188,21 +191,28 @@ def _trackers(outcomes: Iterable[Outcome]) -> tuple[str, ...]:
     return () if found <= {TrackerName.POSE.value} else tuple(sorted(found))
 
 
-def _excitation_row(row: AnyRow, attempts: Sequence[AnyRow]) -> ExcitationRow:
+def _of_trials(attempts: Sequence[AnyRow]) -> Mapping[str, Sequence[AnyRow]]:
+    """The attempts of each trial, in their order."""
+    found = defaultdict[str, list[AnyRow]](list)
+    for each in attempts:
+        found[each.trial_id].append(each)
+    return found
+
+
+def _excitation_row(row: AnyRow, attempts: int) -> ExcitationRow:
     return ExcitationRow(
         trial=row.ordinal,
         trial_id=row.trial_id,
         excitation=ExcitationName(row.excitation),
         robot=row.robot,
         seed=row.seed,
-        attempts=sum(each.trial_id == row.trial_id for each in attempts),
+        attempts=attempts,
         outcome=Outcome.model_validate_json(row.outcome),
         log_sha256=row.log_sha256,
     )
 
 
-def _trial_row(row: AnyRow, attempts: Sequence[AnyRow]) -> TrialRow:
-    own = [each for each in attempts if each.trial_id == row.trial_id]
+def _trial_row(row: AnyRow, own: Sequence[AnyRow]) -> TrialRow:
     return TrialRow(
         trial=row.ordinal,
         trial_id=row.trial_id,

@@ -1,11 +1,15 @@
 """What the database keeps of robots: who ever joined, the operator's wish to drain, and the leases they hold."""
 
+from collections.abc import Sequence
+from typing import Any
+
 from sqlalchemy import bindparam, delete, insert, or_, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.bus import Heartbeat
 from api_schemas.trial import TrialState
+from services.database.postgres import dispatch_alone
 from services.database.tables import robot, trial
 from services.errors import Conflict, NotFound
 from services.jobs import physics
@@ -20,7 +24,14 @@ _OF_ROBOT = update(robot).where(robot.c.robot == bindparam("of_robot"))
 _COUNT_DONE = _OF_ROBOT.values(trials_done=robot.c.trials_done + 1, faults_in_a_row=0).returning(robot.c.physics)
 _COUNT_FAULT = _OF_ROBOT.values(faults_in_a_row=robot.c.faults_in_a_row + 1).returning(robot.c.faults_in_a_row)
 _WITHDRAW = _OF_ROBOT.where(robot.c.withdrawn.is_(None)).values(withdrawn=bindparam("because"))
-_ACTIVE_ON = select(trial.c.trial_id, trial.c.fence).where(trial.c.robot == bindparam("of_robot"), trial.c.state.in_(ACTIVE))
+_ACTIVE_ON = select(trial.c.trial_id, trial.c.fence, trial.c.robot).where(
+    trial.c.robot.in_(bindparam("of_robots", expanding=True)), trial.c.state.in_(ACTIVE)
+)
+_TOLD = ("instance", "pid", "host", "physics")
+_NAME = _OF_ROBOT.where(
+    or_(*(robot.c[name].is_distinct_from(bindparam(f"to_{name}")) for name in ("instance", "physics")))
+).values({name: bindparam(f"to_{name}") for name in _TOLD})
+_JOIN = insert(robot)
 
 
 async def load(tx: AsyncConnection, fleet: Fleet, now_s: float, lease_s: float, *, prolong: bool) -> None:
@@ -41,36 +52,52 @@ async def load(tx: AsyncConnection, fleet: Fleet, now_s: float, lease_s: float, 
 
 async def refresh(connection: AsyncConnection, fleet: Fleet) -> None:
     """Puts what the database keeps of the robots into the fleet: wishes of operators, counts, who was withdrawn or forgotten."""
-    columns = (robot.c.robot, robot.c.drain, robot.c.trials_done, robot.c.withdrawn)
+    columns, wishes = (robot.c.robot, robot.c.drain, robot.c.trials_done, robot.c.withdrawn), fleet.wishes
     rows = (await connection.execute(select(*columns))).all()
     fleet.keep_only({row.robot for row in rows})
     for row in rows:
         member = fleet.member(row.robot)
-        member.drain, member.trials_done, member.withdrawn = row.drain, row.trials_done, row.withdrawn
+        member.trials_done = row.trials_done
+        if fleet.wishes == wishes:  # else what was read may be older than a wish; the next look has it
+            member.drain, member.withdrawn = row.drain, row.withdrawn
 
 
-async def keep(tx: AsyncConnection, beat: Heartbeat, now_s: float) -> bool:
-    """Writes down a robot that joined or whose process started anew; false when somebody had done so before."""
-    told = await physics.told(tx, beat, now_s)
-    named = {"instance": beat.instance, "pid": beat.pid, "host": beat.host, "physics": told}
-    other = or_(robot.c.instance.is_distinct_from(beat.instance), robot.c.physics.is_distinct_from(told))
-    changed = await tx.execute(update(robot).where(robot.c.robot == beat.robot, other).values(**named))
-    if changed.rowcount:
-        return True
-    if (await tx.execute(select(robot.c.robot).where(robot.c.robot == beat.robot))).first() is not None:
-        return False
+async def keep(tx: AsyncConnection, beats: Sequence[Heartbeat], now_s: float) -> frozenset[str]:
+    """Writes down robots that joined or whose process started anew; gives those of whom nobody had done so before."""
+    known_of = select(robot.c.robot, robot.c.instance, robot.c.physics).where(robot.c.robot.in_([beat.robot for beat in beats]))
+    known = {row.robot: (row.instance, row.physics) for row in await tx.execute(known_of)}
+    told: dict[tuple[str, ...], int | None] = {}
+    joined: list[dict[str, Any]] = []
+    changed: list[dict[str, Any]] = []
+    for beat in beats:
+        if (what := (beat.physics, beat.physics_digest, beat.form)) not in told:
+            told[what] = await physics.told(tx, beat, now_s)
+        row = {"instance": beat.instance, "pid": beat.pid, "host": beat.host, "physics": told[what]}
+        if beat.robot not in known:
+            joined.append({"robot": beat.robot, "drain": False, "first_seen_at": iso(now_s)} | row)
+        elif known[beat.robot] != (beat.instance, told[what]):
+            changed.append({"of_robot": beat.robot} | {f"to_{name}": value for name, value in row.items()})
+    # Of several who hear the same, one changes the row.
+    anew = [row["of_robot"] for row in changed if (await tx.execute(_NAME, row)).rowcount]
+    return frozenset({*anew, *await _join(tx, joined)})
+
+
+async def _join(tx: AsyncConnection, rows: Sequence[dict[str, Any]]) -> Sequence[str]:
+    """Those of whom no other process of the services has heard at the same time."""
+    if not rows:
+        return ()
     try:
         async with tx.begin_nested():
-            await tx.execute(insert(robot).values(robot=beat.robot, drain=False, first_seen_at=iso(now_s), **named))
+            await tx.execute(_JOIN, rows)
     except IntegrityError:
-        return False  # another process of the services heard it too
-    return True
+        return () if len(rows) == 1 else [name for row in rows for name in await _join(tx, [row])]
+    return [row["robot"] for row in rows]
 
 
-async def held_by(connection: AsyncConnection, name: str) -> Claim | None:
-    """The attempt that the robot has a lease for."""
-    row = (await connection.execute(_ACTIVE_ON, {"of_robot": name})).first()
-    return None if row is None else Claim(row.trial_id, row.fence, name)
+async def held_by(connection: AsyncConnection, names: Sequence[str]) -> dict[str, Claim]:
+    """The attempts that these robots have leases for."""
+    rows = await connection.execute(_ACTIVE_ON, {"of_robots": names})
+    return {row.robot: Claim(row.trial_id, row.fence, row.robot) for row in rows}
 
 
 async def count_done(tx: AsyncConnection, name: str) -> int | None:
@@ -99,10 +126,16 @@ async def forget(tx: AsyncConnection, name: str) -> None:
         NotFound: no robot of this name ever joined.
         Conflict: it has a lease.
     """
-    if (held := await held_by(tx, name)) is not None:
+    if (held := (await held_by(tx, [name])).get(name)) is not None:
         raise Conflict("robot-present", f"{name} has a lease of trial {held.trial_id}; wait until that has ended.")
     if (await tx.execute(delete(robot).where(robot.c.robot == name))).rowcount == 0:
         raise _never_joined(name)
+
+
+async def forget_those_without_a_lease(tx: AsyncConnection, names: Sequence[str]) -> None:
+    """The same of several robots; who has a lease, or is forgotten already, is passed over."""
+    free = set(names) - (await held_by(tx, names)).keys()
+    await tx.execute(delete(robot).where(robot.c.robot.in_(free)))
 
 
 async def wish_drain(tx: AsyncConnection, name: str, *, drain: bool) -> None:
@@ -111,6 +144,7 @@ async def wish_drain(tx: AsyncConnection, name: str, *, drain: bool) -> None:
     Raises:
         NotFound: no robot of this name ever joined.
     """
+    await dispatch_alone(tx)  # leases that are being written are there when this returns, and later ones see the wish
     again = {} if drain else {"faults_in_a_row": 0, "withdrawn": None, "canary_s": None}
     changed = await tx.execute(update(robot).where(robot.c.robot == name).values(drain=drain, **again))
     if changed.rowcount == 0:

@@ -67,7 +67,8 @@ class Signals:
         """Another process has changed the job, or something else of the farm."""
         if job_id is not None:
             self._wake_readers(job_id)
-        self.wake_dispatcher(urgent=True)
+        # A job changes with each of its leases; what of them has to end is seen at the next look at those that run.
+        self.wake_dispatcher(urgent=job_id is None)
 
     def _wake_readers(self, job_id: str) -> None:
         if (waiting := self._history.pop(job_id, None)) is not None:

@@ -14,32 +14,24 @@ MOST_COMPARED = 26
 """Entries that get letters, the best ones."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Entry:
     """What has one place on a board: a policy, or a recipe with the pooled rows of its policies."""
 
     rows: Sequence[AnyRow]
     recipe: str | None = None
+    of_seeds: Sequence[Counts] = field(init=False)
+    """Successes and trials of each policy."""
+    successes: int = field(init=False)
+    trials: int = field(init=False)
+    judged: bool = field(init=False)
+    """Whether a question may have ended one of the jobs."""
 
-    @property
-    def of_seeds(self) -> Sequence[Counts]:
-        """Successes and trials of each policy."""
-        return [(row.successes, row.trials) for row in self.rows]
-
-    @property
-    def successes(self) -> int:
-        """Of all."""
-        return sum(row.successes for row in self.rows)
-
-    @property
-    def trials(self) -> int:
-        """Of all."""
-        return sum(row.trials for row in self.rows)
-
-    @property
-    def judged(self) -> bool:
-        """Whether a question may have ended one of the jobs."""
-        return any(row.judged for row in self.rows)
+    def __post_init__(self) -> None:
+        self.of_seeds = [(row.successes, row.trials) for row in self.rows]
+        self.successes = sum(successes for successes, _ in self.of_seeds)
+        self.trials = sum(trials for _, trials in self.of_seeds)
+        self.judged = any(row.judged for row in self.rows)
 
     @property
     def rate(self) -> float:

@@ -4,7 +4,7 @@ import base64
 import hashlib
 import json
 import secrets
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -140,8 +140,12 @@ async def _submit_twin(tx: AsyncConnection, now_s: float, request: JobRequest, s
     return (await tx.execute(select(job.c.number).where(job.c.job_id == job_id))).scalar_one()
 
 
-async def identify(tx: AsyncConnection, now_s: float, request: IdentificationRequest, sender: Sender) -> tuple[str, bool]:
+async def identify(
+    tx: AsyncConnection, now_s: float, request: IdentificationRequest, sender: Sender, present: Collection[str] = ()
+) -> tuple[str, bool]:
     """Inserts an identification; gives its job's id and whether it is new.
+
+    ``present``: robots that have come, the newest of which may not be written down yet.
 
     Raises:
         NotFound: no robot of this name ever joined.
@@ -152,7 +156,8 @@ async def identify(tx: AsyncConnection, now_s: float, request: IdentificationReq
     if (earlier := await _earlier(tx, sender, digest)) is not None:
         return earlier, False
     named = None if request.robot == ANY_ROBOT else request.robot
-    if named is not None and (await tx.execute(select(robot.c.robot).where(robot.c.robot == named))).first() is None:
+    is_known = named is None or named in present
+    if not is_known and (await tx.execute(select(robot.c.robot).where(robot.c.robot == named))).first() is None:
         detail = f"No robot named {named} ever joined this farm; GET /v1/robots lists them, '{ANY_ROBOT}' takes the first idle."
         raise NotFound("robot-not-found", detail)
     courses = request.courses()

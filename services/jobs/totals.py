@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 
-from sqlalchemy import func, select
+from sqlalchemy import and_, case, func, or_, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.job import JobState
-from api_schemas.trial import Fault
-from services.database.tables import job
+from api_schemas.trial import Fault, TrialState
+from services.database.tables import job, trial
 from services.jobs.lease import UNENDED
 
 LEFT = job.c.trials - job.c.trials_done - job.c.trials_active
@@ -41,6 +41,22 @@ async def work_of(connection: AsyncConnection, now_s: float) -> Work:
         trials_running=running or 0,
         oldest_queued_s=None if oldest is None else max(0.0, now_s - oldest),
     )
+
+
+async def robots_wished(connection: AsyncConnection, user_trials_at_once: int | None) -> int:
+    """How many trials could run at the same moment, had the farm a robot for each: what it is scaled by.
+
+    Trials that are held back until a question asks for them could not; of a job that stays on one robot one could.
+    """
+    held = select(trial.c.job_number, func.count().label("held")).where(trial.c.state == TrialState.HELD)
+    held = held.group_by(trial.c.job_number).subquery()
+    could_run = LEFT + job.c.trials_active - func.coalesce(held.c.held, 0)
+    on_one_robot = or_(job.c.robot.is_not(None), job.c.any_robot.is_(True))
+    of_job = case((and_(on_one_robot, could_run > 1), 1), else_=could_run)
+    wanted = select(func.sum(of_job)).select_from(job.outerjoin(held, held.c.job_number == job.c.number))
+    wanted = wanted.where(job.c.state.in_(UNENDED), job.c.cancel_requested.is_(False)).group_by(job.c.owner)
+    loads = [int(row[0]) for row in await connection.execute(wanted)]
+    return sum(each if user_trials_at_once is None else min(each, user_trials_at_once) for each in loads)
 
 
 async def attempts_ended(connection: AsyncConnection) -> dict[Fault, int]:

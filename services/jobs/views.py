@@ -1,9 +1,10 @@
 """What the API shows of jobs, trials and robots, read from the database and the fleet."""
 
 import json
+from collections import defaultdict
 from collections.abc import Sequence
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.excitation import ExcitationName
@@ -89,18 +90,27 @@ async def show_question(connection: AsyncConnection, row: AnyRow, shown: Job) ->
 async def show_trials(
     connection: AsyncConnection, owner_job: AnyRow, rows: Sequence[AnyRow], fleet: Fleet, now_s: float
 ) -> tuple[Trial, ...]:
-    """Trials of the job, with their attempts."""
+    """Trials of the job that follow each other in its order, with their attempts."""
     ids = [row.trial_id for row in rows]
     of_these = select(attempt).where(attempt.c.trial_id.in_(ids)).order_by(attempt.c.trial_id, attempt.c.fence)
     attempts = (await connection.execute(of_these)).all()
-    queued = select(trial.c.ordinal).where(trial.c.job_number == owner_job.number, trial.c.state == TrialState.QUEUED)
-    waiting = [] if owner_job.state not in UNENDED else list((await connection.execute(queued)).scalars())
-    shown = []
+    of_each: defaultdict[str, list[Attempt]] = defaultdict(list)
+    for each in attempts:
+        of_each[each.trial_id].append(_attempt(each))
+    before, shown = await _queued_before(connection, owner_job, rows), []
     for row in rows:
-        before = sum(ordinal < row.ordinal for ordinal in waiting) if row.first_choice is None else 0
-        own = tuple(_attempt(each) for each in attempts if each.trial_id == row.trial_id)
-        shown.append(_trial(row, owner_job, own, trial_waits(row, owner_job, fleet, now_s, before)))
+        waits = trial_waits(row, owner_job, fleet, now_s, before)
+        shown.append(_trial(row, owner_job, tuple(of_each[row.trial_id]), waits))
+        before += row.state == TrialState.QUEUED
     return tuple(shown)
+
+
+async def _queued_before(connection: AsyncConnection, owner_job: AnyRow, rows: Sequence[AnyRow]) -> int:
+    """How many of the job's trials are queued before the first of these, which follow each other."""
+    if owner_job.state not in UNENDED or not any(row.state == TrialState.QUEUED for row in rows):
+        return 0
+    before = select(func.count()).where(trial.c.job_number == owner_job.number, trial.c.ordinal < rows[0].ordinal)
+    return (await connection.execute(before.where(trial.c.state == TrialState.QUEUED))).scalar_one()
 
 
 def _trial(row: AnyRow, owner_job: AnyRow, attempts: tuple[Attempt, ...], waiting_because: str | None) -> Trial:

@@ -1,13 +1,15 @@
 """Why a job or a trial is not over yet, in plain words; nothing waits without a reason that can be read."""
 
-from collections.abc import Sequence
-
 from api_schemas.job import FINAL_JOB_STATES
 from api_schemas.robot import RobotState
 from api_schemas.trial import TrialState
 from services.database.rows import AnyRow
+from services.jobs.claim import Claim
 from services.jobs.fleet import Fleet, Member
 from services.jobs.position import Ahead
+
+NAMED = 8
+"""Robots that one sentence names."""
 
 
 def job_waits(  # noqa: PLR0911  one sentence each
@@ -27,8 +29,9 @@ def job_waits(  # noqa: PLR0911  one sentence each
         return _running(begun, left - begun)
     if (nobody := _nobody_for(row.robot, _count(left, "trial"), fleet, now_s)) is not None:
         return nobody
-    about = f"{_count(left, 'trial')} about to be leased: {robots_now(fleet, now_s, row.job_id)}"
-    return _others_first(row, ahead, limit) or about
+    if (others := _others_first(row, ahead, limit)) is not None:
+        return others
+    return f"{_count(left, 'trial')} about to be leased: {robots_now(fleet, now_s, row.job_id)}"
 
 
 def _running(running: int, left: int) -> str:
@@ -37,10 +40,12 @@ def _running(running: int, left: int) -> str:
 
 def _begun(job_id: str, fleet: Fleet, now_s: float) -> int:
     """How many robots have begun a trial of the job."""
-    busy = [
-        m.lease or m.said_claim() for m in fleet.members.values() if m.state(now_s) in {RobotState.LEASED, RobotState.RUNNING}
-    ]
-    return sum(claim is not None and claim.trial_id.rpartition("-")[0] == job_id for claim in busy)
+    of_job = (m for m in fleet.members.values() if (claim := m.lease or m.said_claim()) is not None and _job_of(claim) == job_id)
+    return sum(m.state(now_s) in {RobotState.LEASED, RobotState.RUNNING} for m in of_job)
+
+
+def _job_of(claim: Claim) -> str:
+    return claim.trial_id.rpartition("-")[0]
 
 
 def _others_first(row: AnyRow, ahead: Ahead, limit: int | None) -> str | None:
@@ -76,7 +81,7 @@ def _nobody_for(pinned: str | None, what: str, fleet: Fleet, now_s: float) -> st
     if fleet.held_back is not None:
         return fleet.held_back
     if pinned is None:
-        return None if fleet.healthy(now_s) else nobody_in_service(fleet, now_s)
+        return None if fleet.serves(now_s) else nobody_in_service(fleet, now_s)
     member = fleet.snapshot(pinned)
     if member is None:
         return f"{what} must run on {pinned}, which has not been seen since the services started"
@@ -91,9 +96,10 @@ def nobody_in_service(fleet: Fleet, now_s: float) -> str:
 
 
 def robots_now(fleet: Fleet, now_s: float, of_job: str | None = None) -> str:
-    """All robots and what they do, in one line."""
-    members: Sequence[Member] = sorted(fleet.members.values(), key=lambda member: member.robot)
-    return ", ".join(f"{member.robot} {robot_now(member, now_s, of_job)}" for member in members)
+    """Robots and what they do, in one line; of many the first by name."""
+    first = [fleet.members[robot] for robot in sorted(fleet.members)[:NAMED]]
+    said = ", ".join(f"{member.robot} {robot_now(member, now_s, of_job)}" for member in first)
+    return said if len(first) == len(fleet.members) else f"{said}, and {len(fleet.members) - len(first)} more"
 
 
 def robot_now(member: Member, now_s: float, of_job: str | None = None) -> str:

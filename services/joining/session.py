@@ -1,5 +1,7 @@
 """The zenoh session of a process of the services: a router here, or a client of one elsewhere; guarded or open."""
 
+from collections.abc import Sequence
+
 from api_schemas import bus
 from services.errors import NotReady
 from services.joining.authority import USE, Authority
@@ -20,15 +22,15 @@ def session_config(settings: Settings, key: FarmKey | None) -> str:
     Raises:
         NotReady: a guarded bus lacks the farm's key, or an address under which it is reached.
     """
-    endpoint = settings.bus_connect or settings.bus
-    if not bus.is_guarded(endpoint):
+    if not bus.is_guarded((*settings.elsewhere, settings.bus)[0]):
         return _plain(settings)
     authority = Authority.of(key) if key is not None else _authority(settings)
-    if settings.bus_connect is not None:
-        return bus.session_config_json(mode="client", connect=[endpoint], identity=authority.of_services())
+    if settings.elsewhere:
+        return bus.session_config_json(mode="client", connect=settings.elsewhere, identity=authority.of_services())
     identity = authority.of_services(_reached_as(settings))
     rules = access_rules(settings.farm, settings.guarded_robots)
-    return bus.session_config_json(mode="router", listen=[endpoint], identity=identity, access_rules=rules)
+    ends: dict[str, Sequence[str]] = {"listen": [settings.bus], "connect": settings.other_routers}
+    return bus.session_config_json(mode="router", **ends, identity=identity, access_rules=rules)
 
 
 def bus_key(settings: Settings) -> str:
@@ -41,9 +43,9 @@ def bus_key(settings: Settings) -> str:
 
 
 def _plain(settings: Settings) -> str:
-    if settings.bus_connect is not None:
-        return bus.session_config_json(mode="client", connect=[settings.bus_connect])
-    return bus.session_config_json(mode="router", listen=[settings.bus])
+    if settings.elsewhere:
+        return bus.session_config_json(mode="client", connect=settings.elsewhere)
+    return bus.session_config_json(mode="router", listen=[settings.bus], connect=settings.other_routers)
 
 
 def _authority(settings: Settings) -> Authority:

@@ -38,6 +38,7 @@ class JointSignals:
             and were bridged by straight lines, shape (k,); None where none is.
         outliers: samples of positions and torques that were left out.
         feedback: what turned position targets into torque, of joints of which it is known; None where it is of none.
+        not_recorded: joints without any torque of their own: commanded is what ``feedback`` makes of what they reported.
     """
 
     names: tuple[str, ...]
@@ -51,6 +52,7 @@ class JointSignals:
     position_step_s: np.ndarray | None = None
     outliers: tuple[Outlier, ...] = ()
     feedback: Feedback | None = None
+    not_recorded: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -116,7 +116,7 @@ def replay(
     """Simulate recordings with the model of their study file, with an extended model, and with others.
 
     Args:
-        extended: folder of a study's results, or an MJCF file.
+        extended: folder of a study's results or its ``extended-model.xml``, or another MJCF file.
         source: a study.toml with the recordings.
         data_root: where its data lie; what it says if None.
         others: more MJCF files, such as a published model.
@@ -133,7 +133,8 @@ def replay(
     names = recordings[0].joints.names if recordings[0].joints is not None else ()
     models = {"nominal": study_file.compile_model(), "extended": _model(extended)}
     models |= {path.stem: _model(path) for path in others}
-    laws = {"extended": extended / LAWS if extended.is_dir() and (extended / LAWS).is_file() else None}
+    laws_file = _folder(extended) / LAWS
+    laws = {"extended": laws_file if laws_file.is_file() else None}
     for name, model in models.items():
         missing = [joint for joint in names if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint) < 0]
         if missing:
@@ -149,6 +150,11 @@ def replay(
         errors.append(np.array(each).mean(axis=1).T)
         windows.append(len(parts))
     return ReplayErrors(tuple(models), tuple(r.name for r in recordings), tuple(windows), names, np.array(errors), window_s)
+
+
+def _folder(extended: Path) -> Path:
+    """Where a study's laws lie: also of its ``extended-model.xml``, which is half of the model without them."""
+    return extended.parent if extended.name == NATIVE else extended
 
 
 def _model(path: Path) -> mujoco.MjModel:
@@ -222,12 +228,13 @@ def simulated(
     data.qpos[at], data.qvel[dof] = begin_rad, begin_rad_s
     mujoco.mj_forward(model, data)
     sent, feedback = filled_gaps(_torques(joints))[part], None if joints.feedback is None else joints.feedback.at(part)
-    found = np.empty((len(sent), len(at)))
+    found, before = np.empty((len(sent), len(at))), np.array(begin_rad_s)
     for row in range(len(sent)):
         for _ in range(substeps):
             torque = sent[row]
             if feedback is not None:
-                made = feedback.at(row).torque_nm(data.qpos[at], data.qvel[dof])
+                now = data.qvel[dof] + 0.5 * (data.qvel[dof] - before)  # velocities are those of half a step ago
+                before, made = data.qvel[dof].copy(), feedback.at(row).torque_nm(data.qpos[at], now)
                 torque = np.where(np.isfinite(made), made, torque)
             acting.apply(model, data, dict(zip(joints.names, map(float, torque), strict=True)))
             mujoco.mj_step(model, data)

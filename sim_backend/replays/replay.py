@@ -13,8 +13,10 @@ nothing against it, 7 the truth is needed, 2 the log or its truth cannot be used
 import argparse
 import json
 import sys
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -76,13 +78,27 @@ def verify(log: TrialLog) -> Verification:
 
 def _summary(log: TrialLog) -> dict:
     return {
-        "trial": log.metadata,
-        "outcome": log.outcome,
+        "trial": _unfolded(log.metadata),
+        "outcome": _unfolded(log.outcome),
         "simulated_s": len(log.joint_steps) / 1000,
         "joint_states": len(log.joint_steps),
         "tracked_poses": len(log.capture_s),
         "messages": log.message_counts,
     }
+
+
+def _unfolded(record: Mapping[str, str]) -> dict[str, Any]:
+    """A metadata record, of which MCAP has texts alone, with the lists and objects that were written as JSON."""
+    return {name: _parsed(text) for name, text in record.items()}
+
+
+def _parsed(text: str) -> Any:
+    if not text.startswith(("{", "[")):
+        return text
+    try:
+        return json.loads(text)
+    except ValueError:  # a text that begins like one
+        return text
 
 
 def _verified(log: TrialLog, truth: Path | None, original: Path | None) -> Verification:

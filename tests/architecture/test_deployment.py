@@ -6,6 +6,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import jsonschema
 import kubernetes_validate
 import pytest
 import yaml
@@ -14,15 +15,18 @@ from robot_farm.policy.jailed_policy import NEEDS
 from robot_farm.settings import ALIVE_VARIABLE, TOKEN_VARIABLE, parse
 from services.__main__ import parsed
 from services.settings import Settings
+from services.verification.confined import MEMORY_LIMIT_BYTES
+from sim_backend.tasks import TASKS
 
 ROOT = Path(__file__).parents[2]
-KUBERNETES = ROOT / "deploy/kubernetes"
+KUBERNETES, SCALED = ROOT / "deploy/kubernetes", ROOT / "deploy/kubernetes-scaled"
+KEDA = "github.com/kedacore/keda/v2@v2.21.0"
 VERSION = "1.30"
 OF_FLAGS = {"data", "host", "port", "bus", "bus_connect", "dispatches"}
 """Settings that the commands of the compose file give."""
 OF_A_PROXY = {"tls_certificate", "tls_key"}
 """Robots and the health check of the compose file speak http with the API; before it stands a proxy, which does the rest."""
-OF_ROUTERS = {"bus_key"}
+OF_ROUTERS = {"bus_key", "bus_routers"}
 OF_ROBOTS = {"TRIFARM_ROBOT_TOKEN", "TRIFARM_FARM_SEED", ALIVE_VARIABLE}
 WITHOUT_HTTP = {"dispatcher", "robot"}
 
@@ -44,7 +48,8 @@ def rendered():
 @pytest.mark.parametrize("made", [resources, rendered])
 def test_all_of_it_is_of_the_form_that_kubernetes_has(made):
     found = made()
-    assert {"Namespace", "Deployment", "StatefulSet", "Service", "NetworkPolicy"} == {each["kind"] for each in found}
+    kinds = {"Namespace", "Deployment", "StatefulSet", "Service", "NetworkPolicy", "PodDisruptionBudget"}
+    assert kinds == {each["kind"] for each in found}
     for each in found:
         kubernetes_validate.validate(each, VERSION, strict=True)
 
@@ -54,6 +59,71 @@ def test_what_is_not_of_that_form_is_found():
     broken["spec"]["replica"] = broken["spec"].pop("replicas")
     with pytest.raises(kubernetes_validate.ValidationError):
         kubernetes_validate.validate(broken, VERSION, strict=True)
+
+
+def scaled_object():
+    return yaml.safe_load((SCALED / "scaledobject.yaml").read_text())
+
+
+def test_what_scales_robots_is_of_the_form_that_keda_publishes():
+    """Its schema comes with its source, where Go's cache has that: go mod download github.com/kedacore/keda/v2@v2.21.0."""
+    found = sorted(Path.home().glob(f"go/pkg/mod/{KEDA}/config/crd/bases/keda.sh_scaledobjects.yaml"))
+    if not found:
+        pytest.skip(f"{KEDA}, which has the schema, is not in the cache of Go's modules")
+    schema = closed(yaml.safe_load(found[0].read_text())["spec"]["versions"][0]["schema"]["openAPIV3Schema"])
+    schema["properties"]["metadata"] = {"type": "object"}
+    jsonschema.validate(scaled_object(), schema)
+    wrong = scaled_object()
+    wrong["spec"]["maxReplicas"] = wrong["spec"].pop("maxReplicaCount")
+    with pytest.raises(jsonschema.ValidationError, match="maxReplicas"):
+        jsonschema.validate(wrong, schema)
+
+
+def closed(schema):
+    """The schema, which as a cluster takes it lets no unknown field pass."""
+    if isinstance(schema, dict):
+        if "properties" in schema:
+            schema.setdefault("additionalProperties", False)
+        for each in schema.values():
+            closed(each)
+    return schema
+
+
+def test_robots_are_scaled_by_what_the_services_say_and_finish_their_trials():
+    spec = scaled_object()["spec"]
+    (robot,) = (each for each in resources() if (each["kind"], each["metadata"]["name"]) == ("StatefulSet", "robot"))
+    assert (spec["scaleTargetRef"]["kind"], spec["scaleTargetRef"]["name"]) == (robot["kind"], robot["metadata"]["name"])
+    (trigger,) = spec["triggers"]
+    (metric,) = re.findall(r"trifarm_\w+", trigger["metadata"]["query"])
+    assert f'"{metric}"' in (ROOT / "services/api/metrics.py").read_text()
+    pod = robot["spec"]["template"]["spec"]
+    arguments = pod["containers"][0]["args"]
+    drain_s = float(arguments[arguments.index("--drain-s") + 1])
+    assert max(task.duration_s for task in TASKS.values()) < drain_s < pod["terminationGracePeriodSeconds"]
+
+
+def test_the_number_of_scaled_robots_is_nobodys_but_the_autoscalers():
+    if shutil.which("kubectl") is None:
+        pytest.skip("kubectl, which renders the kustomization, is not installed")
+    done = subprocess.run(["kubectl", "kustomize", str(SCALED)], capture_output=True, text=True, check=True)
+    found = list(yaml.safe_load_all(done.stdout))
+    (robot,) = (each for each in found if (each["kind"], each["metadata"]["name"]) == ("StatefulSet", "robot"))
+    assert "replicas" not in robot["spec"] and "ScaledObject" in {each["kind"] for each in found}
+
+
+def test_what_users_send_meets_its_own_limit_of_memory_before_that_of_the_pod():
+    limits = {app: container["resources"]["limits"]["memory"] for app, container, _ in pods()}
+    assert int(limits["robot"].removesuffix("Gi")) << 30 > NEEDS.memory_bytes
+    assert int(limits["api"].removesuffix("Gi")) << 30 > MEMORY_LIMIT_BYTES
+
+
+def test_no_pod_takes_the_whole_node_or_speaks_to_the_cluster():
+    for each in resources():
+        if each["kind"] in {"Deployment", "StatefulSet"}:
+            pod = each["spec"]["template"]["spec"]
+            assert pod["automountServiceAccountToken"] is False, each["metadata"]["name"]
+            for container in pod["containers"]:
+                assert {"cpu", "memory"} <= set(container["resources"]["requests"]) and container["resources"]["limits"]["memory"]
 
 
 def composed():
@@ -175,6 +245,23 @@ def test_a_router_has_nothing_that_signs_reports_or_speaks_for_anybody():
         if arguments[0] == "router":
             assert {"TRIFARM_BUS_KEY", "TRIFARM_BUS_ROBOTS", "TRIFARM_FARM"} <= variables, where
             assert not variables & {"TRIFARM_FARM_KEY", "TRIFARM_ADMIN_TOKEN", "TRIFARM_ROBOT_TOKEN"}, where
+
+
+def test_on_kubernetes_two_routers_know_each_other_and_all_others_know_both():
+    (router,) = (each for each in resources() if each["kind"] == "StatefulSet" and each["metadata"]["name"] == "router")
+    told = {row["name"]: row.get("value") for row in router["spec"]["template"]["spec"]["containers"][0]["env"]}
+    names = [f"router-{number}" for number in range(router["spec"]["replicas"])]
+    all_of_them = tuple(f"tls/{name}.{router['spec']['serviceName']}:7447" for name in names)
+    for name, own in zip(names, all_of_them, strict=True):
+        addresses = told["TRIFARM_BUS_ADDRESSES"].replace("$(POD)", name)
+        settings = Settings(bus="tls/0.0.0.0:7447", bus_addresses=addresses, bus_routers=told["TRIFARM_BUS_ROUTERS"])
+        assert settings.bus_endpoints == (own,)
+        assert settings.other_routers == tuple(each for each in all_of_them if each != own)
+    for where, _, arguments, _ in containers():
+        if where in {"api", "dispatcher"}:
+            assert parsed(arguments)[1].elsewhere == parsed(arguments)[1].bus_endpoints == all_of_them
+    policy = next(each for each in resources() if each["kind"] == "NetworkPolicy" and each["metadata"]["name"] == "router")
+    assert {"podSelector": {"matchLabels": {"app": "router"}}} in [to for rule in policy["spec"]["egress"] for to in rule["to"]]
 
 
 def test_router_and_services_are_told_the_same_of_the_bus():

@@ -82,9 +82,12 @@ async def claim(database, robot, number):
     """Seconds until the robot's next lease is committed; its trial is over when this returns."""
     fleet, began = idle_fleet(), time.perf_counter()
     async with database.write(lasting=False) as tx:
-        found = await find_trial(tx, robot, fleet, 1.0, None)
+        found = await find_trial(tx, robot, fleet.seen(1.0))
         assert found is not None, "there are trials enough"
-        claimed = await lease.write_lease(tx, 1.0 + number, found[0], robot, departure=found[1], lease_s=15.0)
+        leases = lease.Leases(tx, 1.0 + number, 15.0)
+        await lease.end_turn(tx, 1.0 + number, found[0].owner)
+        claimed = await leases.write(found[0], robot, found[1])
+        await leases.finish()
     took_s = time.perf_counter() - began
     assert claimed is not None, "nobody else claims"
     async with database.write(lasting=False) as tx:

@@ -1,20 +1,21 @@
 """Sentences of failed trials beside what the truth shows, so that somebody can judge them one by one.
 
-    python -m tests.benchmarks.failure_sentences run --farm-seed 2405 --first-seed 201 --folder DIR --out FILE.jsonl
+    python -m tests.benchmarks.failure_sentences run --farm-seed 2407 --first-seed 701 --folder DIR --out FILE.jsonl
     python -m tests.benchmarks.failure_sentences show FILE.jsonl
-    python -m tests.benchmarks.failure_sentences again --folder DIR FILE.jsonl
-    python -m tests.benchmarks.failure_sentences keep FILE.jsonl JUDGED.json --out results/failure-sentences.json
+    python -m tests.benchmarks.failure_sentences again FILE.jsonl --folder DIR
+    python -m tests.benchmarks.failure_sentences keep FILE.jsonl JUDGED.json --farm-seed 2407 --out results/failure-sentences.json
 
 ``run`` starts a `real` farm, sends the jobs of ``JOBS`` and keeps of each failed trial its sentence and curves of the truth:
-error, height, gaps of the fingertips, the tracker's error and confidence, the largest torque. ``again`` tells the sentences of
-the same logs by the rules of now. ``keep`` puts sentences and judgements, ``{"POLICY TASK SEED TRIAL": [right, "what was
-seen"]}``, into one list. Pictures and videos of the folder's logs (``trifarm look``, ``trifarm video``) help where curves do not.
+error, height, gaps of the fingertips, the tracker's error and confidence, the largest torque. ``show`` prints the trials that are
+judged, the first of each job in turn until there are enough. ``again`` tells the sentences of the same logs by the rules of now.
+``keep`` puts sentences and judgements, ``{"POLICY TASK SEED TRIAL": [right, "what was seen"]}``, into the list as one more round.
+Pictures and videos of the folder's logs (``trifarm look``, ``trifarm video``) help where curves do not.
 """
 
 import argparse
 import json
 import math
-import time
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.kinematics import fingertip_position_world_m
 from sim_backend.trifinger.objects import CUBE
 from tests.benchmarks.graphs import SHIPPED
+from tests.benchmarks.questions_on_farm import wait_for
 from tests.end_to_end import farm as of_farm
 from trial_logs.moments import in_object, surface_distance
 from trial_logs.reader import read_log, read_truth
@@ -42,7 +44,7 @@ JOBS = (
     ("builtin:grasp-turn", "move_cube_4", 8),
 )
 """Policy, task and trials; each job has the seed after that of the one before."""
-MOST_OF_A_JOB = 9
+JUDGED = 60
 LOOKS = 16
 
 
@@ -87,11 +89,10 @@ def run(asked: argparse.Namespace) -> None:
             seed, count = asked.first_seed + place, math.ceil(asked.share * trials)
             sent.append((farm.submit(named(policy), task=task, trials=count, seed=seed), policy, task, seed))
         for job, policy, task, seed in sent:
-            while '"per_trial"' not in farm.run("report", job, "--json", code=None):
-                time.sleep(5.0)
+            wait_for(farm, job)
             to = asked.folder / f"{policy.replace(':', '-')}-{task}-{seed}"
             farm.run("fetch", job, "--to", str(to), "--truth")
-            lines = [line for line in of_job(to, policy, task, seed)][:MOST_OF_A_JOB]
+            lines = of_job(to, policy, task, seed)
             with asked.out.open("a") as file:
                 file.writelines(json.dumps(line) + "\n" for line in lines)
             print(policy, task, len(lines), flush=True)
@@ -110,6 +111,16 @@ def of_job(folder: Path, policy: str, task: str, seed: int) -> list[dict]:
         line |= {"robot": log.metadata["robot"], "kind": why.kind, "sentence": why.sentence, "told": told_by_robot(log.outcome)}
         found.append(line | {"curves": curves(path, truth)})
     return found
+
+
+def judged_of(lines: list[dict]) -> list[dict]:
+    """The trials that are judged: the first failure of each job, then the second of each, until there are enough."""
+    places, seen = [], Counter()
+    for line in lines:
+        places.append(seen[line["job_seed"]])
+        seen[line["job_seed"]] += 1
+    first = sorted(range(len(lines)), key=lambda at: (places[at], at))[:JUDGED]
+    return [lines[at] for at in sorted(first)]
 
 
 def told_by_robot(outcome: dict[str, str]) -> str:
@@ -138,17 +149,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("run", "show", "again", "keep"))
     parser.add_argument("files", type=Path, nargs="*")
-    parser.add_argument("--farm-seed", default="2405")
-    parser.add_argument("--first-seed", type=int, default=201)
+    parser.add_argument("--farm-seed", default="2407")
+    parser.add_argument("--first-seed", type=int, default=701)
     parser.add_argument("--robots", type=int, default=2)
     parser.add_argument("--share", type=float, default=1.0, help="of each job's trials")
     parser.add_argument("--folder", type=Path)
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--date", help="of the round, for keep")
+    parser.add_argument("--rules", help="which rules told the sentences, for keep")
     asked = parser.parse_args()
     if asked.what == "run":
         run(asked)
         return
-    lines = [json.loads(line) for line in asked.files[0].read_text().splitlines()]
+    lines = judged_of([json.loads(line) for line in asked.files[0].read_text().splitlines()])
     if asked.what == "again":
         for line in lines:
             to = asked.folder / f"{line['policy'].replace(':', '-')}-{line['task']}-{line['job_seed']}"
@@ -165,9 +178,10 @@ def main() -> None:
             {name: line[name] for name in names} | {"seen": judged[key_of(line)][1], "right": judged[key_of(line)][0]}
             for line in lines
         ]
-        before = json.loads(asked.out.read_text()) if asked.out.exists() else {}
-        kept = {"judged": len(trials), "right": sum(each["right"] for each in trials), "trials": trials}
-        asked.out.write_text(json.dumps(before | kept, indent=1) + "\n")
+        found = {"date": asked.date, "farm_seed": asked.farm_seed, "first_seed": min(line["job_seed"] for line in lines)}
+        found |= {"rules": asked.rules, "judged": len(trials), "right": sum(each["right"] for each in trials), "trials": trials}
+        before = json.loads(asked.out.read_text()) if asked.out.exists() else {"rounds": []}
+        asked.out.write_text(json.dumps(before | {"rounds": [*before["rounds"], found]}, indent=1, ensure_ascii=False) + "\n")
 
 
 if __name__ == "__main__":

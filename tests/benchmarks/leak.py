@@ -3,13 +3,14 @@
     python -m tests.benchmarks.leak --lines FILE.jsonl [--robots 30] [--answers 500] [--for-s 240] [--first-seed 82000]
     python -m tests.benchmarks.leak --lines FILE.jsonl --summary results/leak.json
 
-Robots are drawn from `real`; each tries goals with two policies, and the first failures of each are asked about, one of every
-robot in turn. An answer is what ``trifarm why`` tells a user: the verdict and the names of groups, no counts. The attacker knows
-the truth of all robots but one, learns from it, and predicts that one's effects. Of the logs they have some hundred numbers that
-say much about effects: noise, speeds, torques, friction at rest, lateness, gaps and spread of the tracker's reports, and how
-often it failed; of the answers the shares of all verdicts and groups. The prediction is ridge regression, averaged over
-penalties; penalties and the weight of the answers are judged by how likely they make the robots that are known. What is compared
-is the error of each effect as a share of its variance, in the mean over the effects.
+Robots are drawn from `real`; each tries goals with two policies, the one that fails often until there are enough failures, and
+these are asked about, one of every robot in turn and no more of one than a user may. An answer is what ``trifarm why`` tells a
+user: the verdict and the names of groups, no counts. The attacker knows the truth of all robots but one, learns from it, and
+predicts that one's effects. Of the logs they have some hundred numbers that say much about effects: noise, speeds, torques,
+friction at rest, lateness, gaps and spread of the tracker's reports, and how often it failed; of the answers the shares of all
+verdicts and groups. The prediction from logs is ridge regression, averaged over penalties by how likely they make the robots that
+are known; the answers move it by the one of their numbers that goes best with what the logs leave of a parameter, where so much
+is no luck. What is compared is the error of each effect as a share of its variance, in the mean over the effects.
 
 Whether such an attacker would notice a leak is tried with answers that have one: each robot's shares of groups are moved by its
 true values.
@@ -19,13 +20,16 @@ import argparse
 import json
 import tempfile
 import time
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from scipy import stats
 
 from api_schemas import policy_graph
 from api_schemas.policy import PolicyManifest
+from api_schemas.success_rate import wilson
 from api_schemas.why import WhyVerdict
 from robot_farm.explaining import answer
 from sim_backend.driver.simulated import SimulatedDriver
@@ -40,14 +44,20 @@ from tests.benchmarks.graphs import graph_of
 from tests.benchmarks.planted_causes import begun
 
 TRIALS = {"push-adr": 16, "push-scratch": 24}
-"""Of each robot with each policy."""
+"""Of each robot with each policy in a stretch; all trials of a stretch are simulated together."""
+STRETCHES = {"push-adr": 1, "push-scratch": 3}
+"""At the most; there is another one as long as fewer than ``ENOUGH`` trials of the robot have failed."""
+ENOUGH, QUESTIONS = 18, 20
+"""A user may ask so many questions about one robot (``services/settings.py``)."""
 PENALTIES = np.logspace(-1, 3, 7)
-WEIGHTS = (0.0, 0.1, 0.3, 1.0, 3.0)
-"""Of the answers beside the logs; the attacker without answers has the first."""
+LUCK = 0.05
+"""Chance with which some number of the answers goes so well with what is left of a parameter by luck."""
 BOOTSTRAPS, SHUFFLES = 10_000, 50
 PLANTED_SHARE = 1.0
 """Standard deviations of an answer's share that one of the truth moves it by, where a leak is made."""
-STILL_RAD_S, PERIODS_APART = 0.02, 3
+STILL_RAD_S = 0.02
+_KINDS = ("none", "one group", "two groups", "three groups or more")
+"""By how many groups a user is told; no more than three are."""
 
 
 class NetworkInLoop:
@@ -157,14 +167,14 @@ def _of_tracker(reports: list[TrackedPose], trials: list[Again], error_m: np.nda
     return {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
 
 
-def trials_of(first_seed: int, robot: int, manifests: dict[str, PolicyManifest]) -> tuple[Physics, dict[str, list[Again]]]:
-    """A robot, and its trials with each policy."""
+def trials_of(first_seed: int, robot: int, manifests: dict[str, PolicyManifest], stretches: int) -> tuple[Physics, dict]:
+    """A robot, and its trials with each policy, in so many stretches at the most."""
     rng, ranges = np.random.default_rng([first_seed, robot]), load_ranges("real")
     physics = ranges.draw(rng, 1)
     made = {
         name: [
             begun(ranges.draw_episode(rng, physics), int(rng.integers(2**31)), int(rng.integers(2**53)), manifests[name])
-            for _ in range(trials)
+            for _ in range(trials * min(stretches, STRETCHES[name]))
         ]
         for name, trials in TRIALS.items()
     }
@@ -177,85 +187,118 @@ def truth_of(physics: Physics) -> dict[str, float]:
     return {key: float(physics.value(key).mean()) for key in keys}
 
 
-def logs_of(first_seed: int, robot: int, graphs: dict[str, tuple[Path, PolicyManifest]]) -> dict:
-    """The line of one robot's logs."""
-    physics, made = trials_of(first_seed, robot, {name: manifest for name, (_, manifest) in graphs.items()})
-    line: dict = {"robot": robot, "truth": truth_of(physics), "logs": {}, "failed": []}
-    for name, trials in made.items():
-        policy = NetworkInLoop(graphs[name][0])
-        logged, error_m, success = run_together(trials, policy)
-        line["logs"] |= {f"{name}: {key}": value for key, value in features(logged, trials, error_m, success).items()}
-        line["failed"] += [[name, at] for at in np.flatnonzero(~success).tolist()]
+def logs_of(first_seed: int, robot: int, stretch: int, graphs: dict[str, tuple[Path, PolicyManifest]]) -> dict:
+    """The line of a stretch of one robot's logs."""
+    manifests = {name: manifest for name, (_, manifest) in graphs.items()}
+    physics, made = trials_of(first_seed, robot, manifests, stretch + 1)
+    line: dict = {"robot": robot, "stretch": stretch, "truth": truth_of(physics), "logs": {}, "failed": []}
+    for name, size in TRIALS.items():
+        if stretch < STRETCHES[name]:
+            trials, policy = made[name][stretch * size :], NetworkInLoop(graphs[name][0])
+            logged, error_m, success = run_together(trials, policy)
+            line["logs"] |= {f"{name}: {key}": value for key, value in features(logged, trials, error_m, success).items()}
+            line["failed"] += [[name, stretch * size + at] for at in np.flatnonzero(~success).tolist()]
     line["failed"].sort(key=lambda each: each[1] / TRIALS[each[0]])
     return line
 
 
-def answer_of(first_seed: int, line: dict, place: int, graphs: dict[str, tuple[Path, PolicyManifest]]) -> dict:
+def failed_of(lines: list[dict]) -> dict[int, list]:
+    """Of each robot the trials that may be asked about, policy and number."""
+    stretches = sorted((line for line in lines if "logs" in line), key=lambda line: line["stretch"])
+    robots = sorted({line["robot"] for line in stretches})
+    found = {robot: [each for line in stretches if line["robot"] == robot for each in line["failed"]] for robot in robots}
+    return {robot: failed[:QUESTIONS] for robot, failed in found.items()}
+
+
+def answer_of(first_seed: int, robot: int, name: str, at: int, graphs: dict[str, tuple[Path, PolicyManifest]]) -> dict:
     """The line of one answer: what a user is told."""
-    name, at = line["failed"][place]
-    _, made = trials_of(first_seed, line["robot"], {each: manifest for each, (_, manifest) in graphs.items()})
+    stretches = at // TRIALS[name] + 1
+    _, made = trials_of(first_seed, robot, {each: manifest for each, (_, manifest) in graphs.items()}, stretches)
     began_s = time.process_time()
     trial = made[name][at]
     found = answer("leak", trial, explain(trial, NetworkInLoop(graphs[name][0]), effects=False)).for_users()
     told = {"verdict": found.verdict.value, "named": [group.name for group in found.groups]}
-    return {"robot": line["robot"], "place": place, "policy": name} | told | {"cpu_s": round(time.process_time() - began_s, 1)}
+    return {"robot": robot, "policy": name, "trial": at} | told | {"cpu_s": round(time.process_time() - began_s, 1)}
 
 
-def kernels(logs: np.ndarray, answers: np.ndarray, known: np.ndarray) -> list[np.ndarray]:
-    """Products of robots' numbers, shape (robots, robots), for each weight of the answers beside the logs.
+def predicted(logs: np.ndarray, truth: np.ndarray, known: np.ndarray, of: int) -> np.ndarray:
+    """The parameters of one robot, shape (parameters,), from its logs and what is known of others.
 
-    Numbers have mean 0 and variance 1 over the known robots; logs as a whole weigh as much as answers as a whole.
+    A parameter is normal with covariance proportional to the products of robots' numbers and a penalty on the diagonal; of all
+    scales the likeliest, and averaged over penalties by how likely the known robots are.
     """
-    products = []
-    for numbers in (logs, answers):
-        spread = numbers[known].std(axis=0)
-        scaled = (numbers - numbers[known].mean(axis=0)) / np.where(spread > 0, spread, np.inf)
-        products.append(scaled @ scaled.T / max(numbers.shape[1], 1))
-    return [products[0] + weight * products[1] for weight in WEIGHTS]
-
-
-def predicted(choices: list[np.ndarray], truth: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """The parameters of the robot that is not known, shape (parameters,), with the weight of the answers that is likeliest."""
-    return max((_of_one_weight(choice, truth, known) for choice in choices), key=lambda each: each[0])[1]
-
-
-def _of_one_weight(choice: np.ndarray, truth: np.ndarray, known: np.ndarray) -> tuple[float, np.ndarray]:
-    """The logarithm of how likely the known robots' parameters are, and the guesses, averaged over penalties by the same.
-
-    A parameter is normal with covariance proportional to ``choice`` and a penalty on its diagonal; of all scales the likeliest.
-    """
-    centre = truth[known].mean(axis=0)
-    values, vectors = np.linalg.eigh(choice[np.ix_(known, known)])
-    along, to_unknown = vectors.T @ (truth[known] - centre), choice[np.ix_(~known, known)] @ vectors
+    spread = logs[known].std(axis=0)
+    scaled = (logs - logs[known].mean(axis=0)) / np.where(spread > 0, spread, np.inf)
+    products, centre = scaled @ scaled.T / max(logs.shape[1], 1), truth[known].mean(axis=0)
+    values, vectors = np.linalg.eigh(products[np.ix_(known, known)])
+    along, to_other = vectors.T @ (truth[known] - centre), products[of, known] @ vectors
     likely, guesses = [], []
     for penalty in PENALTIES:
         spread = values.clip(0) + penalty
         scale = (along**2 / spread[:, None]).mean(axis=0)
         likely.append(-0.5 * len(values) * np.log(scale) - 0.5 * np.log(spread).sum())
-        guesses.append((to_unknown @ (along / spread[:, None]))[0])
-    logs = np.array(likely)
-    weights = np.exp(logs - logs.max(axis=0))
-    return float((np.log(weights.mean(axis=0)) + logs.max(axis=0)).sum()), centre + np.average(guesses, axis=0, weights=weights)
+        guesses.append(to_other @ (along / spread[:, None]))
+    chances = np.array(likely)
+    return centre + np.average(guesses, axis=0, weights=np.exp(chances - chances.max(axis=0)))
 
 
-def errors(logs: np.ndarray, answers: np.ndarray, truth: np.ndarray, choices: slice) -> np.ndarray:
-    """Squared error of each robot's parameters when it is left out, as a share of their variance, shape (robots, parameters)."""
-    rows = [np.arange(len(truth)) != robot for robot in range(len(truth))]
-    guesses = np.array([predicted(kernels(logs, answers, known)[choices], truth, known) for known in rows])
-    return (guesses - truth) ** 2 / truth.var(axis=0)
+@dataclass(frozen=True)
+class FromLogs:
+    """What logs tell when one robot after the other is left out.
+
+    ``guesses`` are its parameters, shape (robots, parameters); ``left`` is how far those of each other robot are from what its
+    logs tell without both, shape (robots, robots, parameters).
+    """
+
+    guesses: np.ndarray
+    left: np.ndarray
+
+    @classmethod
+    def of(cls, logs: np.ndarray, truth: np.ndarray) -> "FromLogs":
+        """From numbers of logs, shape (robots, numbers)."""
+        robots = np.arange(len(truth))
+        guesses, left = np.zeros_like(truth), np.zeros((len(truth), *truth.shape))
+        for out in range(len(truth)):
+            guesses[out] = predicted(logs, truth, robots[robots != out], out)
+            for other in robots[robots != out].tolist():
+                known = robots[(robots != out) & (robots != other)]
+                left[out, other] = truth[other] - predicted(logs, truth, known, other)
+        return cls(guesses, left)
+
+    def with_answers(self, answers: np.ndarray) -> np.ndarray:
+        """The guesses, moved by the one number of the answers that goes best with what is left, where that is no luck."""
+        robots, guesses = np.arange(len(answers)), self.guesses.copy()
+        count = len(robots) - 1
+        least_t = stats.t.ppf(1 - LUCK / 2 / answers.shape[1], count - 2)
+        least = least_t / np.sqrt(count - 2 + least_t**2)
+        for out in robots:
+            known = robots != out
+            centre, spread = answers[known].mean(axis=0), answers[known].std(axis=0)
+            scaled = (answers - centre) / np.where(spread > 0, spread, np.inf)
+            left = self.left[out, known]
+            slopes = scaled[known].T @ (left - left.mean(axis=0)) / count
+            goes_with = slopes / left.std(axis=0)
+            best = np.abs(goes_with).argmax(axis=0)
+            each = np.arange(slopes.shape[1])
+            is_told = np.abs(goes_with[best, each]) > least
+            guesses[out] += np.where(is_told, slopes[best, each] * scaled[out, best], 0.0)
+        return guesses
 
 
-def compared(logs: np.ndarray, answers: np.ndarray, truth: np.ndarray) -> dict:
-    """Mean errors without and with answers, and the 95 % interval of their difference over the robots.
+def compared(logs: FromLogs, answers: np.ndarray, truth: np.ndarray) -> dict:
+    """Mean errors without and with answers, as shares of variances, and the 95 % interval of their difference over the robots.
 
     ``of_shuffled``: how often answers of other robots, dealt out by chance, gain as much.
     """
-    without, together = (errors(logs, answers, truth, choices).mean(axis=1) for choices in (slice(1), slice(None)))
-    gained, rng = without - together, np.random.default_rng(24)
+    rng = np.random.default_rng(24)
+
+    def error(guesses: np.ndarray) -> np.ndarray:
+        return ((guesses - truth) ** 2 / truth.var(axis=0)).mean(axis=1)
+
+    without, together = error(logs.guesses), error(logs.with_answers(answers))
+    gained = without - together
     means = gained[rng.integers(len(gained), size=(BOOTSTRAPS, len(gained)))].mean(axis=1)
-    shuffled = [
-        (without - errors(logs, rng.permutation(answers), truth, slice(None)).mean(axis=1)).mean() for _ in range(SHUFFLES)
-    ]
+    shuffled = [(without - error(logs.with_answers(rng.permutation(answers)))).mean() for _ in range(SHUFFLES)]
     return {
         "error_logs_alone": round(float(without.mean()), 4),
         "error_logs_and_answers": round(float(together.mean()), 4),
@@ -272,31 +315,61 @@ def shares(answers: list[dict]) -> np.ndarray:
     return np.array(verdicts + [sum(cause.name in each["named"] for each in answers) / count for cause in CAUSES])
 
 
+def numbers_of(stretches: list[dict]) -> list[float]:
+    """What the attacker read of one robot's logs, each number in the mean over the stretches."""
+    names = next(line["logs"] for line in stretches if line["stretch"] == 0)
+    return [float(np.mean([line["logs"][name] for line in stretches if name in line["logs"]])) for name in names]
+
+
+def table(answers: list[dict]) -> dict:
+    """How often what explains failed trials: count, share and its 95 % interval, of how many groups and of which."""
+    kinds = [_KINDS[len(each["named"])] if each["named"] else each["verdict"] for each in answers]
+    names = [*_KINDS[1:], *(verdict.value for verdict in WhyVerdict if verdict is not WhyVerdict.CAUSE)]
+    groups = Counter(name for each in answers for name in each["named"])
+    found = {"kinds": {kind: kinds.count(kind) for kind in names}, "groups": dict(groups.most_common())}
+    return {"trials": len(answers)} | {
+        name: {key: _share(count, len(answers)) for key, count in counts.items()} for name, counts in found.items()
+    }
+
+
+def _share(count: int, of: int) -> dict:
+    low, high = wilson(count, of, 0.95)
+    return {"trials": count, "share": round(count / max(of, 1), 3), "interval_95": [round(low, 3), round(high, 3)]}
+
+
 def summary(lines: list[dict]) -> dict:
     """The two attackers, and the one whose answers leak."""
-    logs = {line["robot"]: line for line in lines if "logs" in line}
+    logs = {line["robot"]: line for line in lines if "logs" in line and line["stretch"] == 0}
     told = {robot: [line for line in lines if line["robot"] == robot and "verdict" in line] for robot in logs}
     truth = np.array([list(line["truth"].values()) for line in logs.values()])
-    numbers = np.array([list(line["logs"].values()) for line in logs.values()])
+    varies = np.ptp(truth, axis=0) > 0  # two of `real` are the same on every robot
+    keys, truth = (
+        [key for key, is_told in zip(next(iter(logs.values()))["truth"], varies, strict=True) if is_told],
+        truth[:, varies],
+    )
+    numbers = np.array([numbers_of([line for line in lines if line["robot"] == robot and "logs" in line]) for robot in logs])
     answers = np.array([shares(told[robot]) for robot in logs])
     scaled = (truth - truth.mean(axis=0)) / truth.std(axis=0)
     told_of = [3 * place % truth.shape[1] for place in range(answers.shape[1])]
     leaking = answers + PLANTED_SHARE * answers.std(axis=0) * scaled[:, told_of]
-    without = errors(numbers, answers, truth, slice(1)).mean(axis=0)
+    of_logs, of_nothing = FromLogs.of(numbers, truth), FromLogs.of(np.zeros((len(logs), 1)), truth)
+    without = ((of_logs.guesses - truth) ** 2 / truth.var(axis=0)).mean(axis=0)
     best = np.argsort(without)[:8]
-    keys = list(next(iter(logs.values()))["truth"])
-    verdicts = [line["verdict"] for line in lines if "verdict" in line]
+    answered = [line for line in lines if "verdict" in line]
     return {
         "robots": len(logs),
-        "answers": len(verdicts),
-        "verdicts": {verdict: verdicts.count(verdict) for verdict in sorted(set(verdicts))},
+        "answers": len(answered),
         "parameters": len(keys),
         "numbers_of_logs": numbers.shape[1],
         "numbers_of_answers": answers.shape[1],
-        **compared(numbers, answers, truth),
-        "without_any_logs": compared(np.zeros((len(logs), 1)), answers, truth),
-        "with_a_leak_made": compared(numbers, leaking, truth),
+        **compared(of_logs, answers, truth),
+        "without_any_logs": compared(of_nothing, answers, truth),
+        "with_a_leak_made": compared(of_logs, leaking, truth),
         "best_known_from_logs": {keys[at]: round(float(without[at]), 3) for at in best},
+        "why_trials_failed": {
+            "all": table(answered),
+            **{name: table([line for line in answered if line["policy"] == name]) for name in TRIALS},
+        },
     }
 
 
@@ -320,18 +393,21 @@ def main() -> int:
     until_s, (mine, shares_of) = time.monotonic() + asked.for_s, map(int, asked.share.split("/"))
     with tempfile.TemporaryDirectory() as folder:
         graphs = {name: graph_of(name, Path(folder)) for name in TRIALS}
-        logs = {line["robot"]: line for line in lines if "logs" in line}
-        done = {(line["robot"], line["place"]) for line in lines if "verdict" in line}
-        for robot in range(mine, asked.robots, shares_of):
-            if robot not in logs and time.monotonic() < until_s:
-                logs[robot] = logs_of(asked.first_seed, robot, graphs)
-                _keep(asked.lines, logs[robot])
-        most = max(len(line["failed"]) for line in logs.values())
-        robots = range(mine, asked.robots, shares_of)
-        wanted = [(robot, place) for place in range(most) for robot in robots if place < len(logs[robot]["failed"])]
-        for robot, place in wanted[: asked.answers // shares_of]:
-            if (robot, place) not in done and time.monotonic() < until_s:
-                _keep(asked.lines, answer_of(asked.first_seed, logs[robot], place, graphs))
+        there = {(line["robot"], line["stretch"]) for line in lines if "logs" in line}
+        done = {(line["robot"], line["policy"], line["trial"]) for line in lines if "verdict" in line}
+        robots, most = range(mine, asked.robots, shares_of), max(STRETCHES.values())
+        for stretch in range(most):
+            for robot in robots:
+                enough = stretch > 0 and len(failed_of(lines)[robot]) >= ENOUGH
+                if (robot, stretch) not in there and not enough and time.monotonic() < until_s:
+                    lines.append(logs_of(asked.first_seed, robot, stretch, graphs))
+                    _keep(asked.lines, lines[-1])
+            failed, places = failed_of(lines), range(QUESTIONS * (stretch + 1) // most)
+            wanted = [(robot, *failed[robot][place]) for place in places for robot in robots if place < len(failed[robot])]
+            for robot, name, at in wanted[: asked.answers // shares_of]:
+                if (robot, name, at) not in done and time.monotonic() < until_s:
+                    _keep(asked.lines, answer_of(asked.first_seed, robot, name, at, graphs))
+                    done.add((robot, name, at))
     return 0
 
 

@@ -167,12 +167,34 @@ def troubles(look: Look) -> list[dict]:
         jobs = looked.api.get("/v1/jobs", params={"state": "failed"}).json()["jobs"]
         failed = next((each["job_id"] for each in jobs if each["job_id"] not in earlier), None)
         time.sleep(0.5)
-    for each in running:
-        os.kill(each["pid"], signal.SIGKILL)
     if failed is None:
         return [{"page": "failed", "problem": "no job failed"}]
     trial = next(each for each in looked.api.get(f"/v1/jobs/{failed}/trials").json()["trials"] if each["attempts"])
-    return look.at({"lost": "/", "failed": f"/jobs/{failed}", "faulted": f"/trials/{trial['trial_id']}"}, looked.operator)
+    found = look.at({"lost": "/", "failed": f"/jobs/{failed}", "faulted": f"/trials/{trial['trial_id']}"}, looked.operator)
+    for each in running:  # until then they are only stopped: those that ended would be started again
+        os.kill(each["pid"], signal.SIGKILL)
+    return found
+
+
+def troubles_alone(look: Look) -> list[dict]:
+    """The pictures of troubles, of a farm that does nothing else."""
+    looked = look.looked
+    looked.submit(looked.upload("push", looked.user, REFERENCE.with_stem("push")), looked.user, trials=LONG, seed=4, task="lift")
+    until_s = time.monotonic() + 120
+    while time.monotonic() < until_s and not any(
+        each["state"] == "running" for each in looked.api.get("/v1/robots").json()["robots"]
+    ):
+        time.sleep(0.2)
+    return troubles(look)
+
+
+def _keep(out: Path | None, found: list[dict]) -> None:
+    """Prints what was found, and puts it in the place of what a file says of the same pages."""
+    print(json.dumps(found, indent=1))
+    if out:
+        kept, names = json.loads(out.read_text()), {each["page"] for each in found}
+        kept["pages"] = [each for each in kept["pages"] if each["page"] not in names] + found
+        out.write_text(json.dumps(kept, indent=1) + "\n")
 
 
 def main() -> None:
@@ -181,6 +203,7 @@ def main() -> None:
     parser.add_argument("--pictures", type=Path, required=True)
     parser.add_argument("--axe", type=Path)
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--troubles", action="store_true", help="only of lost robots and of what failed; the rest of --out stays")
     parser.add_argument("--data", type=Path, help="keeps the farm's data there, so that a second run has its jobs")
     given = parser.parse_args()
     given.pictures.mkdir(parents=True, exist_ok=True)
@@ -193,6 +216,9 @@ def main() -> None:
         with farm, sync_playwright() as playwright:
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
             look = Look(browser, Looked(farm), given.pictures, axe)
+            if given.troubles:
+                _keep(given.out, troubles_alone(look))
+                return
             empty = {
                 "empty-jobs": "/jobs",
                 "empty-compare": "/compare",

@@ -17,23 +17,35 @@ import tempfile
 import time
 from pathlib import Path
 
+import httpx
+
 from api_schemas.report import Report, read_report
 from tests.end_to_end import farm as of_farm
 
 FIRST_SEED = 24_000
-POLL_S = 5.0
+MOST_S = 15.0
 
 
 def answered(out):
     return [json.loads(line) for line in out.read_text().splitlines()] if out.exists() else []
 
 
+def wait_for(farm, job):
+    """The report of a job once it is there; who waits longer asks less often."""
+    began_s, settings = time.monotonic(), json.loads((farm.folder / "home" / "settings.json").read_text())
+    headers = {"Authorization": f"Bearer {settings['token']}"}
+    while '"per_trial"' not in (body := farm.run("report", job, "--json", code=None)):
+        told = httpx.get(f"{settings['url']}/v1/jobs/{job}", headers=headers, timeout=60).json()
+        if told["state"] in ("failed", "cancelled"):
+            raise RuntimeError(f"job {job} has {told['state']}: {told['reason']}")
+        time.sleep(min(MOST_S, 1.0 + 0.2 * (time.monotonic() - began_s)))
+    return body
+
+
 def ask(farm, given, seed):
     asked = ("--task", given.task, "--seed", str(seed), "--until-known", "--max", str(given.max), "--against", given.other)
     job = farm.run("submit", given.policy, *asked).split()[0]
-    while '"per_trial"' not in (body := farm.run("report", job, "--json", code=None)):
-        time.sleep(POLL_S)
-    report = read_report(body.encode())
+    report = read_report(wait_for(farm, job).encode())
     assert isinstance(report, Report) and report.question is not None, "it was asked by --until-known"
     found = report.question
     return {

@@ -8,6 +8,15 @@ import pytest
 
 from tests.browser.conftest import HOSTILE, Visit, gravest
 
+LOOKS_ALIKE = """async () => {
+    const made = new DOMParser().parseFromString(await (await fetch(location)).text(), "text/html");
+    const head = document.querySelector("#head").cloneNode(true);
+    head.querySelector("details").removeAttribute("open");
+    for (const part of [made, head]) for (const time of part.querySelectorAll("time")) time.replaceWith("time");
+    return [head.innerHTML, made.querySelector("#head").innerHTML];
+}"""
+"""The head of a job's page as it has become, and as the server makes it; times are the reader's."""
+
 
 @pytest.fixture(scope="module")
 def jobs(looked):
@@ -242,6 +251,24 @@ def test_a_shared_moment_is_seen_by_whoever_has_its_link(browser, looked, ended)
         assert "leads nowhere" in other.inner_text("main")
         context.close()
         assert visit.complaints == []
+
+
+def test_what_its_reader_opened_and_chose_stays_when_a_page_renews_itself(operator, looked, ended):
+    """Also where more stands before it than did; what is renewed besides looks as the page does that is loaded anew."""
+    page = operator.page
+    page.goto(f"/jobs/{ended}")
+    page.locator("#share summary").click()
+    page.select_option("#share-days", "90")
+    page.focus("#share-days")
+    for name in ("night shift", ""):
+        looked.api.patch(f"/v1/jobs/{ended}", json={"name": name, "note": name}).raise_for_status()
+        page.wait_for_function(
+            "name => document.querySelector('h1').textContent.includes('night shift') === Boolean(name)", arg=name
+        )
+        assert page.locator("#share-days").is_visible(), "the menu is open"
+        assert (page.input_value("#share-days"), page.evaluate("document.activeElement.id")) == ("90", "share-days")
+        renewed = page.evaluate(LOOKS_ALIKE)
+        assert renewed[0] == renewed[1]
 
 
 def test_two_trials_are_seen_in_one_time(operator, looked, jobs, ended):

@@ -109,6 +109,7 @@ def test_reference_policy_from_submission_to_verified_logs(farm, reference_job, 
     assert farm.json("replay", str(logs[0]), "--verify")["same"]
     summary = farm.json("replay", str(logs[1]))
     assert summary["joint_states"] == 15000
+    assert summary["outcome"]["measures"]["control_steps"] == 750, "JSON, and no texts of JSON inside"
     assert abs(summary["tracked_poses"] - 150) <= 2
 
 

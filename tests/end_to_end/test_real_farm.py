@@ -209,7 +209,7 @@ def test_other_objects_go_the_same_way(farm, kind):
 
 
 BRIEF = ("hold_poses", "slide_cube")
-EVERY = (*BRIEF, "slow_ramps", "fast_sweeps", "chirps", "oscillations", "standard")
+EVERY = (*BRIEF, "slow_ramps", "fast_sweeps", "joint_limits", "chirps", "oscillations", "standard")
 
 
 @pytest.mark.parametrize("asked", [BRIEF, pytest.param((), marks=pytest.mark.scale)], ids=["brief", "all"])

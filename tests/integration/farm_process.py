@@ -111,7 +111,7 @@ class Services:
         environment = os.environ | {"TRIFARM_ROBOT_TOKEN": self.tokens["robot"]}
         if name in self.robots:
             self.robots[name].wait(10)
-        arguments = [name, "--api", self.api, "--bus", self.bus, *flags]
+        arguments = [name, "--api", self.api, *(["--bus", self.bus] if self.bus else []), *flags]
         self.robots[name] = Forked("tests.integration.scripted_robot", arguments, cwd=ROOT, env=environment)
         return self.robots[name]
 
@@ -155,8 +155,11 @@ class Services:
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def stop(self, number=signal.SIGTERM):
+        """It has to end by itself; one that is ended since it hung says where it stood."""
         self.process.send_signal(number)
-        return self.process.wait(10)
+        status = self.process.wait(30)
+        assert status == 0, f"the services ended with status {status}: {self.errors.read_text()[-5000:]}"
+        return status
 
     def close(self):
         for robot in self.robots.values():

@@ -40,6 +40,22 @@ def admitted(api, token, name, ca):
         return ask_access(link, name, told).session_config()
 
 
+def measured(kind):
+    """What a scripted robot says that it measured, and how long the policy took."""
+    measures = Measures(
+        success_at_end=kind == OutcomeKind.SUCCEEDED,
+        success_ever=True,
+        success_fraction=0.5,
+        final_position_error_m=0.01,
+        final_angle_error_rad=None,
+        episode_return=100.0,
+        control_steps=750,
+        simulated_s=15.0,
+    )
+    timing = PolicyTiming(mean_ms=0.1, p99_ms=0.2, max_ms=0.5, allowed_ms=11.0, missed=0)
+    return {"measures": measures, "policy_timing": timing}
+
+
 class ScriptedRobot:
     """One session, one HTTP client, one trial at a time."""
 
@@ -188,25 +204,11 @@ class ScriptedRobot:
     def post_outcome(self, lease, kind, log_sha256, truth_sha256):
         outcome = Outcome(kind=kind, fault=FAULT_OF[kind], reason=f"scripted {kind}")
         if lease.excitation is None:
-            outcome = outcome.model_copy(update=self.measured(kind))
+            outcome = outcome.model_copy(update=measured(kind))
         report = OutcomeReport(
             robot=self.name, fence=lease.fence, outcome=outcome, log_sha256=log_sha256, truth_sha256=truth_sha256
         )
         return self.send("POST", f"/v1/leases/{lease.trial_id}/outcome", content=report.model_dump_json())
-
-    def measured(self, kind):
-        measures = Measures(
-            success_at_end=kind == OutcomeKind.SUCCEEDED,
-            success_ever=True,
-            success_fraction=0.5,
-            final_position_error_m=0.01,
-            final_angle_error_rad=None,
-            episode_return=100.0,
-            control_steps=750,
-            simulated_s=15.0,
-        )
-        timing = PolicyTiming(mean_ms=0.1, p99_ms=0.2, max_ms=0.5, allowed_ms=11.0, missed=0)
-        return {"measures": measures, "policy_timing": timing}
 
     def send(self, method, path, **content):
         """A request that outlives a restart of the services."""

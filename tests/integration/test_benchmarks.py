@@ -20,6 +20,7 @@ QUICK = {
     "anytime_figures": ["--runs 1000 --goals 40 --families 100 --rows 1 --out {to}/anytime.json"],
     "bench": ["--quick --parts bare --out {to}/figures.json"],
     "claim_cost": ["--many 1000 --claims 5 --out {to}/cost.json"],
+    "dispatch_cost": ["--robots 10 --out {to}/dispatch.json"],
     "dashboard_pages": ["--jobs 100 --seconds 0.1 --out {to}/pages.json"],
     "foreign_policies": ["--kinds 'ONNX in one file' --out {to}/foreign.json"],
     "form_outcomes": [
@@ -55,6 +56,7 @@ LARGER = {
     "peer": ["--experts {experts} --episodes 1 --tasks push --steps 50 --out {to}/peer.json"],
     "photograph_trackers": ["{photos} --out {to}/photographs.json"],
     "planted_causes": ["--planted 1 --hopeless 0 --for-s 20 --out {to}/planted.jsonl"],
+    "pods": ["ends --trials 2 --out {to}/ends.json", "scaling --out {to}/scaling.json"],
     "published_experts": ["band --experts {experts} --trials 1 --out {to}/band.json"],
     "questions_on_farm": [f"{PUSH} {SCRATCH} --seeds 1 --max 2 --robots 1 --out {{to}}/questions.jsonl"],
     "replay_opening": ["--out {to}/opening.json"],
@@ -64,8 +66,10 @@ LARGER = {
     ],
     "sheet_cost": ["--trials 1 --out {to}/sheet.json"],
     "success_gain_oracle": ["--experts {experts} --trials 2 --out {to}/gain.json"],
+    "thousand_robots": ["--robots 5 --homes embedded --within-s 1 --rest-s 1 --work-s 1 --out {to}/robots.json"],
     "two_homes": ["--trials 1 --jobs 1 --out {to}/homes.json"],
     "two_hosts": ["--trials 1 --robots 1 --out {to}/hosts.json"],
+    "update_farm": [f"{ROOT} --python {sys.executable} --homes embedded --out {{to}}/update.json"],
     "watching_cost": ["--pairs 1 --out {to}/watching.json"],
     "wrong_layouts": ["--experts {experts} --most 1 --out {to}/wrong.json"],
 }
@@ -78,6 +82,7 @@ ELSEWHERE = {
     "peer_episode": "tests/benchmarks/peer.py",
     "peer_fields_episode": "tests/benchmarks/peer_fields.py",
     "robots_of_a_host": "tests/unit/benchmarks/test_robots_of_a_host.py",
+    "swarm": "tests/benchmarks/thousand_robots.py",
     "turned_policy": "tests/unit/benchmarks/test_turned_policy.py",
 }
 """Who starts the other programs."""

@@ -16,7 +16,8 @@ from robot_farm.link.bus_link import BusLink
 from robot_farm.settings import TOKEN_VARIABLE, parse
 from tests.integration.farm_process import services, until
 
-LASTS_S = 6.0
+LASTS_S = 10.0
+"""Half of it is left when a robot asks anew: so long may a busy machine take to answer."""
 QUIET = {"live": lambda: None, "on_cancel": lambda *_: None, "stopping": lambda: False}
 
 
@@ -123,7 +124,7 @@ def test_a_certificate_is_renewed_unnoticed_until_the_token_is_revoked(farm, tol
         access = ask_access(api, robot, told)
         with BusLink(access, robot, "nominal", **QUIET) as link:
             until(lambda: state(farm, robot) == "idle", 10, "the robot")
-            ends_s = time.monotonic() + 2 * LASTS_S
+            ends_s = time.monotonic() + 1.2 * LASTS_S
             while time.monotonic() < ends_s:
                 access = renewed(access, lambda: ask_access(api, robot, told), link, said.append)
                 seen.add(state(farm, robot))

@@ -5,6 +5,7 @@ import sqlite3
 import time
 
 from tests.integration.farm_process import services, until
+from tests.integration.test_dashboard import signed_in, user_token
 
 OUTCOME = {"kind": "failed", "fault": "none", "reason": "too late"}
 
@@ -44,6 +45,11 @@ def test_a_robot_that_comes_back_anew_frees_its_trial_at_once(tmp_path):
         farm.wait_for_end(job_id, 10)
         report = farm.admin.get(f"/v1/jobs/{job_id}/report").json()
         assert report["platform_fault_attempts"][0]["reason"] == "robot-0 restarted while it held the lease"
+        seen = signed_in(farm, farm.tokens["admin"]).get("/").text
+        for words in ("1 incident, the last just now", "robot-0 restarted while it held the lease", f"/trials/{job_id}-000"):
+            assert words in seen
+        by_bob = signed_in(farm, user_token(farm, "bob")["secret"]).get("/").text
+        assert "services up since" in by_bob and "incident" not in by_bob and job_id not in by_bob
 
 
 def test_a_stopped_robot_loses_its_lease_and_is_refused_when_it_wakes(tmp_path):

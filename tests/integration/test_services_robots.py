@@ -51,7 +51,7 @@ def test_all_trials_of_a_slow_robot_leave_after_one_waiting_time(tmp_path):
         began = [datetime.fromisoformat(each["started_at"]) for each in attempts]
         # One waiting time, the next look of the dispatcher, and room for a busy machine; one by one it takes 4.5 s and more.
         longest_s = max(datetime.fromisoformat(each["started_at"]) - min(began) for each in left).total_seconds()
-        assert 1.5 <= longest_s < 3.5
+        assert 1.5 <= longest_s < 4.4
 
 
 def test_two_processes_of_one_name_are_out_of_service_until_one_is_gone(tmp_path):

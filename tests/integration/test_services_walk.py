@@ -8,6 +8,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+import yaml
 
 from api_schemas.report import Report
 from tests.homes import scale_settings
@@ -196,14 +197,18 @@ def test_status_metrics_and_health(farm):
     assert f"{ended}{before + 3}" in httpx.get(f"{farm.api}/metrics").text
 
 
-def test_the_dashboard_of_grafana_asks_for_metrics_that_there_are(farm):
+def test_dashboard_and_alert_rules_ask_for_metrics_that_there_are(farm):
+    httpx.get(f"{farm.api}/v1/jobs/none")  # a problem, so that there is one to count
     metrics = httpx.get(f"{farm.api}/metrics").text
     known = set(re.findall(r"^([a-z_]+)[ {]", metrics, re.MULTILINE))
-    panels = json.loads((Path(__file__).parents[2] / "deploy/grafana/trifarm.json").read_text())["panels"]
+    deploy = Path(__file__).parents[2] / "deploy"
+    panels = json.loads((deploy / "grafana/trifarm.json").read_text())["panels"]
     questions = [each["expr"] for panel in panels for each in panel["targets"]]
-    asked = set(re.findall(r"(?:trifarm|process)_[a-z_]+", " ".join(questions)))
-    assert len(asked) >= 8
-    assert asked <= known
+    rules = yaml.safe_load((deploy / "prometheus/alerts.yaml").read_text())["groups"][0]["rules"]
+    for asked_by in (questions, [rule["expr"] for rule in rules]):
+        asked = set(re.findall(r"(?:trifarm|process)_[a-z_]+", " ".join(asked_by)))
+        assert len(asked) >= 8
+        assert asked <= known
 
 
 def test_physics_and_learning_are_never_loaded(farm):

@@ -151,10 +151,15 @@ def test_sessions_share_the_limit_of_their_token_and_no_other_header_gets_round_
     ):
         for browser in (one, other):
             assert browser.post("/sign-in", data={"token": made["secret"]}).status_code == 303
-        first = [one.get("/jobs").status_code for _ in range(10 * USER_PER_S)]
-        assert first[0] == 200
-        then = [other.get("/jobs").status_code for _ in range(10 * USER_PER_S)]
-        assert then.count(429) > 5 * USER_PER_S, "another session has no more"
+            assert browser.get("/jobs").status_code == 200  # from now on it is known whose session it is
+        asked = 0
+        while one.get("/healthz").status_code == 200 and asked < 2000:  # so cheap that a busy machine too answers 20 in a second
+            asked += 1
+        assert 10 * USER_PER_S - 2 <= asked < 2000
+        began_s = time.monotonic()
+        then = [other.get("/healthz").status_code for _ in range(5 * USER_PER_S)]
+        allowed = 1 + USER_PER_S * (time.monotonic() - began_s)
+        assert then.count(200) <= allowed, "another session has no more"
         made_up = [
             one.get("/jobs", headers={"Authorization": f"Bearer made-up-{n}"}).status_code
             for n in range(10 * ANONYMOUS_PER_S + 60)

@@ -15,20 +15,44 @@ function localised(element) {
   }
 }
 
+const alike = (old, made) => old?.nodeType === made.nodeType && old.nodeName === made.nodeName && old.id === made.id;
+
+function passed(node) {
+  const next = node.nextSibling;
+  node.remove();
+  return next;
+}
+
+// Makes an element like another, and leaves what its reader did: an open menu, typed words, the focus, how far it is scrolled.
+function become(old, made) {
+  if (old.isEqualNode(made)) return;
+  if (old.nodeType === Node.TEXT_NODE) old.data = made.data;
+  if (old.nodeType !== Node.ELEMENT_NODE) return;
+  for (const { name } of [...old.attributes]) if (name !== "open" && !made.hasAttribute(name)) old.removeAttribute(name);
+  for (const { name, value } of made.attributes) old.setAttribute(name, value);
+  let next = old.firstChild;
+  for (const child of [...made.childNodes]) {
+    const same = child.id ? [...old.children].find(({ id }) => id === child.id) : next;
+    if (!alike(same, child)) {
+      old.insertBefore(child, next);
+      continue;
+    }
+    while (next !== same) next = passed(next);
+    next = same.nextSibling;
+    become(same, child);
+  }
+  while (next) next = passed(next);
+}
+
 function renew(name, html) {
   const element = document.getElementById(name);
   if (!element || element.dataset.part === undefined) return;
-  // What looks the same is left alone: a screen reader need not say it again.
-  const made = document.createElement(element.tagName);
+  const made = element.cloneNode(false);
   made.innerHTML = html;
   localised(made);
-  if (made.innerHTML === element.innerHTML) return;
   const focused = element.contains(document.activeElement) ? document.activeElement.id : "";
-  const scrolled = element.querySelector(".scroll")?.scrollLeft ?? 0;
-  element.replaceChildren(...made.childNodes);
-  const scroll = element.querySelector(".scroll");
-  if (scroll) scroll.scrollLeft = scrolled;
-  if (focused) document.getElementById(focused)?.focus({ preventScroll: true });
+  become(element, made);
+  if (focused && document.activeElement.id !== focused) document.getElementById(focused)?.focus({ preventScroll: true });
 }
 
 function follow() {

@@ -1,5 +1,6 @@
 // Replays one trial, or two in one time: reads what the server reduced their logs to, and shows scene, plots and moments.
 
+import { camerasIn } from "./cameras.js";
 import { ZONED } from "./live.js";
 import { entitiesOfLog, linksOfLog } from "./motion.js";
 import { Plot } from "./plots.js";
@@ -166,6 +167,7 @@ async function main() {
   const plots = [];
   const zoomed = (from, low, high) => { for (const plot of plots) if (plot !== from) plot.show(low, high); };
   for (const plot of plotsOf(logs)) plots.push(new Plot(element("plots"), plot, { duration, seek, hover, zoomed }));
+  const cameras = log.has_images && element("cameras") ? camerasIn(element("cameras"), redraw) : null;
   const show = (now) => {
     asked = false;
     if (clock.playing) {
@@ -181,6 +183,7 @@ async function main() {
       label();
     }
     for (const plot of plots) plot.at(clock.time);
+    cameras?.at(time);
     say(clock, time);
   };
   const play = () => {

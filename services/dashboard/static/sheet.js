@@ -64,7 +64,7 @@ function renew() {
 if (root) {
   if (matchMedia("(prefers-reduced-motion: reduce)").matches) beat = 1e9 - (1e9 % 14) - 1;
   else setInterval(() => { if (!document.hidden) { beat += 1; step(wanted()); } }, FRAME_MS);
-  new MutationObserver(renew).observe(root, { childList: true });
+  new MutationObserver(renew).observe(root, { childList: true, subtree: true });
   // The page is there first.
   requestAnimationFrame(() => setTimeout(renew));
 }

@@ -91,7 +91,7 @@ def ladder(farm: FarmState) -> Ladder:
     rungs = tuple(
         Rung(
             step=rung.step, job_id=JOB_ID, state=state, policy=rung.policy, policy_name="expert", trials=request.trials,
-            trials_done=2, successes=1, success_rate=0.5, interval_80=(0.2, 0.8),
+            trials_done=2, successes=1, success_rate=0.5, interval_80=(0.2, 0.8), interval_95=(0.1, 0.9),
         )
         for rung in request.rungs
     )  # fmt: skip
@@ -276,6 +276,9 @@ def build_app(farm: FarmState) -> FastAPI:
 
     @app.post("/v1/robots/{robot}/{command}")
     async def command(robot: str, command: str):
+        if robot == "robot0":
+            problem = Problem(type="/problems/robot-not-found", title="Not found", status=404, detail="No robot named robot0.")
+            return Response(problem.model_dump_json(), 404, media_type=MEDIA_TYPE)
         farm.commands.append(f"{command} {robot}")
         return ROBOT.model_copy(update={"state": RobotState.DRAINING})
 

@@ -12,6 +12,7 @@ from tests.unit.report_views.test_text import report, trial
 SIGNED = {
     "trifarm report page 1": "1f27fd91b3dad84dee410117f5483170177478415be9ad6adb0c07998a9f0ebc",
     "trifarm report page 2": "11b6e931faa0e7954e715c21b4cb7d05086056729a908720b98ab93668639ab1",
+    "trifarm report page 3": "e29c0f988434eb98753bb062c840a3f2f151a67105cdc36815ae8aee06ad0693",
 }
 """SHA-256 of the page of one report, as each maker drew it while it was the newest, up to its signature and data."""
 

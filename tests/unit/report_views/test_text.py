@@ -80,7 +80,7 @@ def test_a_report_says_what_matters():
     text = render(report(trial(0), departed, faults=(fault,), timing=timing))
     for words in (
         "1 of 2 = 0.900",
-        "0.823–0.946",
+        "95 % interval 0.700–0.970",
         "keeps its rate: 3 of 30000 actions over 11 ms",
         "nonfinite_action !",
         "action 3 was NaN",

@@ -34,7 +34,7 @@ import random, sys, uuid
 import numpy as np
 from robot_farm import process
 
-def live(name, settings, stop):
+def live(name, settings, ending):
     print(name, uuid.uuid4().hex, random.getrandbits(64), np.random.randint(1 << 62), flush=True)
     return 7
 

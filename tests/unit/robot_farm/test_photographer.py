@@ -1,6 +1,8 @@
 """Images of a trial: the instants of the tracker's frames, the robot's own look, and the nominal calibration beside them."""
 
 import dataclasses
+import json
+import struct
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from robot_farm import trial
 from robot_farm.policy.jail import JailedPolicy
 from robot_farm.prepared import prepare_plainly
 from robot_farm.trial import log_channels, run_trial
+from services.dashboard import reduction
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.effects.physics import Physics
 from sim_backend.tasks import TASKS
@@ -98,6 +101,23 @@ def transforms(path):
 
 def test_a_dead_camera_gives_no_image(logs):
     assert {image.camera for image in read_images(logs["askew"])} == {0, 2}
+
+
+def test_the_page_of_a_trial_has_its_images_and_of_too_many_some(logs, monkeypatch):
+    kept = read_images(logs["with"])
+    assert of_page(logs["with"]) == sorted((image.camera, image.step / 1000, image.jpeg) for image in kept)
+    monkeypatch.setattr(reduction, "MOST_IMAGE_BYTES", int(sum(len(image.jpeg) for image in kept) / 2.5))
+    assert [(camera, at_s) for camera, at_s, _ in of_page(logs["with"])] == [(c, at) for c in range(3) for at in (0.0, 0.3)]
+    assert of_page(logs["without"]) == []
+    assert [reduction.reduce(logs[name], None)[0]["has_images"] for name in ("with", "without")] == [True, False]
+
+
+def of_page(log):
+    """Camera, time in s and JPEG file of each image."""
+    made = reduction.images(log)
+    (length,) = struct.unpack_from("<I", made)
+    listed = json.loads(made[4 : 4 + length])["images"]
+    return [(camera, at_s, made[4 + length + at : 4 + length + at + size]) for camera, at_s, at, size in listed]
 
 
 def test_images_change_nothing_else_of_a_log(logs):

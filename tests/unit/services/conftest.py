@@ -5,6 +5,7 @@ import pytest
 from api_schemas.bus import Heartbeat
 from api_schemas.robot import RobotState
 from services.database.database import Database, migrate
+from services.jobs import lease
 from services.jobs.fleet import Fleet
 
 
@@ -22,6 +23,16 @@ async def new_database(request, tmp_path):
 
 def beat(robot, state=RobotState.IDLE, reason=None):
     return Heartbeat(robot=robot, instance="one", pid=1, host="h", state=state, reason=reason)
+
+
+async def leased_to(tx, now_s, queued, robot, *, departure, lease_s):
+    """One lease as a dispatcher writes it: the claim, or None where it cannot be."""
+    leases = lease.Leases(tx, now_s, lease_s)
+    claim = await leases.write(queued, robot, departure)
+    await leases.finish()
+    if claim is not None:
+        await lease.end_turn(tx, now_s, queued.owner)
+    return claim
 
 
 @pytest.fixture

@@ -27,7 +27,7 @@ def full(*_):
 async def test_when_the_clock_goes_back_no_lease_and_no_pause_lasts_longer(new_database, tmp_path, monkeypatch, fleet_of):
     fleet, clock, settings = fleet_of("a", now_s=NOW_S), FarmClock.start(), Settings(data=tmp_path, lease_s=15.0)
     async with new_database.write() as tx:
-        await robots.keep(tx, beat("a"), NOW_S)
+        await robots.keep(tx, [beat("a")], NOW_S)
     await asked(new_database, "a")
     await take(new_database, "a", fleet)  # a lease until 15 s after NOW_S
     fleet.member("a").paused_until_s = NOW_S + 1.0

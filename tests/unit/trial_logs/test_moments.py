@@ -68,6 +68,13 @@ def test_a_finger_that_comes_back_to_its_place_says_nothing():
     assert holds_of_fingers(seen(t_s, true, places, rng)) == []
 
 
+def test_a_finger_that_hovers_before_the_object_does_not_slip():
+    t_s, true, places, rng = held(np.random.default_rng(5))
+    places[:, 1, :] *= 1 + 0.012 / np.linalg.norm(places[0, 1]) * np.clip((t_s - 3.5) / 0.2, 0, 1)[:, None]
+    places[:, 1, 2] += 0.03 * np.clip((t_s - 4.0) / 0.3, 0, 1)
+    assert holds_of_fingers(seen(t_s, true, places, rng)) == []
+
+
 def test_one_finger_that_pushes_slides_and_that_is_no_slip():
     t_s, true, places, rng = held(np.random.default_rng(4))
     places[:, 1:, :] += 0.1  # the others are away

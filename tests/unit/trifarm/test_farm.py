@@ -91,6 +91,34 @@ def test_a_report_that_cannot_be_written_is_a_client_error(farm, signed, path, s
         connection.job(JOB_ID).save_report(path)
 
 
+@pytest.mark.parametrize("named", [False, True])
+def test_reports_and_trials_are_shared_by_themselves_or_by_their_ids(farm, named):
+    with Farm() as connection:
+        job = connection.job(JOB_ID)
+        report = connection.share(job.id if named else job)
+        first = next(job.trials())
+        moment = connection.share(first.trial.trial_id if named else first, at_s=2.7, days=30)
+        assert [each.share_id for each in connection.shares()] == ["s1"]
+        connection.revoke_share("s1" if named else moment)
+    assert (report.trial_id, report.url) == (None, "http://farm/shared/hush")
+    assert (moment.trial_id, moment.at_s) == (first.trial.trial_id, 2.7)
+    assert farm.commands == ["revoke s1"]
+
+
+@pytest.mark.parametrize(
+    ("what", "more", "said"),
+    [
+        ("job", {}, "'job' is neither a job nor a trial; a job reads like"),
+        (JOB_ID, {"at_s": 1.0}, "a report has none"),
+        (JOB_ID, {"days": 91}, "days is 91 and should be less"),
+        (f"{JOB_ID}-007", {"at_s": -1.0}, "at_s is -1.0 and should be greater"),
+    ],
+)
+def test_what_cannot_be_shared_is_a_client_error(farm, what, more, said):
+    with Farm() as connection, pytest.raises(ClientError, match=said):
+        connection.share(what, **more)
+
+
 def test_the_example_says_how_it_is_used():
     ended = subprocess.run([sys.executable, EXAMPLE], stderr=subprocess.PIPE, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (1, "usage: python first_job.py WEIGHTS [TRIALS]\n")

@@ -51,11 +51,13 @@ def joint_signals(
 
     position_rad = together("position")
     assert position_rad is not None, "every joint has a position"
+    made = list[str]()
     if feedback is not None:
         sent = feedback.torque_nm(position_rad, _velocities(columns, grid.step_s))
-        for j, column in enumerate(columns):
+        for j, (joint, column) in enumerate(zip(joints, columns, strict=True)):
             if feedback.is_known[j] and not any(word in column for word in _TORQUES):
                 column["commanded_torque"] = sent[:, j]
+                made.append(joint.name)
     return JointSignals(
         names=tuple(joint.name for joint in joints),
         position_rad=position_rad,
@@ -68,6 +70,7 @@ def joint_signals(
         position_step_s=steps_s if (steps_s > _SLOWER * grid.step_s).any() else None,
         outliers=tuple(outliers),
         feedback=feedback,
+        not_recorded=tuple(made),
     )
 
 

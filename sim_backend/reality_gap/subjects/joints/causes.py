@@ -7,7 +7,7 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
-from sim_backend.reality_gap.knowledge.joint_effects import SCALES
+from sim_backend.reality_gap.knowledge.joint_effects import LIMITED_TORQUE, SCALES
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.knowledge.value_errors import is_telling, usual_error
 from sim_backend.reality_gap.quantiles import Z_90
@@ -30,9 +30,9 @@ def causes_of(study: JointStudy, accepted: Accepted) -> list[Cause]:
     errors, found = study.fit.errors[(accepted.effect, accepted.where)], []
     for fitted in fitted_values(study.start, study.fit.state, accepted.terms, errors):
         parameter = PARAMETERS[fitted.key]
-        value, deviation = fitted.value, fitted.value - study.problem_start(fitted.key, fitted.index)
-        share = 0.0 if fitted.error == 0.0 else _SYSTEMATIC_SHARE  # a number that goes with another one, and was not estimated
-        half = float(np.hypot(Z_90 * _SYSTEMATIC * fitted.error, share * deviation))
+        value, start = fitted.value, study.problem_start(fitted.key, fitted.index)
+        # a number that goes with another one was not estimated, and has no error
+        half = 0.0 if fitted.error == 0.0 else half_interval(fitted.key, value, start, fitted.error)
         where = place_of(study.problem.names, fitted, accepted.where)
         found.append(Cause(accepted.effect, parameter.name, where, value, parameter.unit, (value - half, value + half)))
     kept = _that_matter(study, accepted, found)
@@ -41,6 +41,15 @@ def causes_of(study: JointStudy, accepted: Accepted) -> list[Cause]:
     widened = [_widened(cause) for cause in kept]
     clear = {cause.where for cause in widened if f"{cause.effect}.{cause.parameter}" in SCALES and is_clear(study, cause)}
     return [cause for cause in widened if f"{cause.effect}.{cause.parameter}" in SCALES or cause.where in clear]
+
+
+def half_interval(key: str, value: float, start: float, error: float) -> float:
+    """Half of a value's 90 % interval: the ``error`` of the fit alone and a usual imperfection of the laws.
+
+    ``start`` is the nominal value, from which it is away by a cause; that of a limit is only some number far beyond.
+    """
+    off = value if key == LIMITED_TORQUE else value - start
+    return float(np.hypot(Z_90 * _SYSTEMATIC * error, _SYSTEMATIC_SHARE * off))
 
 
 def place_of(names: Sequence[str], fitted: FittedValue, where: str) -> str:

@@ -39,8 +39,8 @@ class ChainModels:
         armature, damping, stiffness, rest_rad: of each joint, shape (m, k).
         motors: values of the motor law, shape (m, k, p).
         offset_rad: what encoders report too much, shape (m, k).
-        delay_s: of what a controller sends, shape (m, k).
-        late_s: of what was recorded, shape (m, k).
+        late_s: of what was recorded, or what a controller sends, shape (m, k).
+        of_gain: share of its position gain that a controller has, shape (m, k).
     """
 
     bodies: Bodies
@@ -51,8 +51,8 @@ class ChainModels:
     rest_rad: np.ndarray
     motors: np.ndarray
     offset_rad: np.ndarray
-    delay_s: np.ndarray
     late_s: np.ndarray
+    of_gain: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -65,14 +65,14 @@ class Drives:
             known.
         is_known: joints that the controller drives, shape (k,).
         sample_s: between samples.
-        is_held: whether the controller computes once a sample and holds its torque, not all the time.
+        held_steps: steps for which a controller holds its torque; 0 where it computes all the time.
     """
 
     sent_nm: np.ndarray
     feedback: np.ndarray
     is_known: np.ndarray
     sample_s: float
-    is_held: bool = False
+    held_steps: int = 0
 
 
 class Chain:
@@ -122,7 +122,7 @@ class Chain:
         """
         o = self._order
         m, sent = models, drives.sent_nm[:, :, o]
-        joints = np.stack([m.armature, m.damping, m.stiffness, m.rest_rad, m.offset_rad, m.delay_s, m.late_s])
+        joints = np.stack([m.armature, m.damping, m.stiffness, m.rest_rad, m.offset_rad, m.late_s, m.of_gain])
         arrays = (
             *(np.ascontiguousarray(x) for x in (sent, _sums(sent), drives.feedback[..., o], drives.is_known[o])),
             self._inertias(models.bodies),
@@ -137,7 +137,7 @@ class Chain:
         )
         begins = np.ascontiguousarray(np.stack([begin_rad[:, o], begin_rad_s[:, o]], axis=1))
         found = np.full((len(window), drives.sent_nm.shape[1], len(o)), np.nan)
-        settings = (self._step_s, self._substeps, drives.sample_s, drives.is_held)
+        settings = (self._step_s, self._substeps, drives.sample_s, drives.held_steps)
 
         steps = simulate()  # compiled before threads ask for it
 

@@ -19,7 +19,7 @@ _SWEEPS, _SETTLED = 50, 1e-7
 """Of the impulses of friction at most, and the change, as a share of the largest bound, at which they have settled."""
 _DIVERGED = 1e4
 """Of a velocity, rad/s."""
-_ARMATURE, _DAMPING, _STIFFNESS, _REST, _OFFSET, _DELAY, _LATE = range(7)
+_ARMATURE, _DAMPING, _STIFFNESS, _REST, _OFFSET, _LATE, _OF_GAIN = range(7)
 _TARGET, _GAIN, _BRAKE, _LIMIT, _BACK_EMF, _DESIRED = range(6)
 
 
@@ -288,9 +288,11 @@ def _screws(axis: np.ndarray, anchor: np.ndarray, slides: np.ndarray) -> np.ndar
 
 
 @numba.njit
-def _made(law: np.ndarray, reported_rad: float, velocity_rad_s: float) -> float:
-    """Torque that a controller makes of what is reported; none where its law is not known."""
-    asked = law[_GAIN] * (law[_TARGET] - reported_rad) - law[_BRAKE] * velocity_rad_s + law[_DESIRED]
+def _made(law: np.ndarray, own: np.ndarray, position_rad: float, velocity_rad_s: float) -> float:
+    """Torque that a joint's controller makes of what is reported; none where its law is not known."""
+    asked = (
+        own[_OF_GAIN] * law[_GAIN] * (law[_TARGET] - position_rad - own[_OFFSET]) - law[_BRAKE] * velocity_rad_s + law[_DESIRED]
+    )
     made = min(max(asked, -law[_LIMIT]), law[_LIMIT]) - law[_BACK_EMF] * velocity_rad_s
     return 0.0 if np.isnan(made) else made
 
@@ -320,7 +322,7 @@ def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that i
     step_s: float,
     substeps: int,
     sample_s: float,
-    is_held: bool,
+    held_steps: int,
     begins: np.ndarray,
     window: np.ndarray,
     which: np.ndarray,
@@ -332,12 +334,13 @@ def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that i
     room, two, whole = np.empty((5, k, 6)), np.empty((2, 6)), np.empty((k, 10))
     mass, lower, inverse = np.empty((k, k)), np.zeros((k, k)), np.empty((k, k))
     load, arrived, value, bound, rest, impulse = np.empty(k), np.empty(k), np.empty(k), np.empty(k), np.empty(k), np.empty(k)
-    late = int(np.ceil(joints[_DELAY].max() / step_s + 1e-9)) + 2
+    late = int(np.ceil(max(0.0, joints[_LATE].max()) / step_s + 1e-9)) + 3
     line, made, before, memory = np.zeros((late, k)), np.zeros(k), np.empty(k), np.empty((k, 3))
+    gained = np.empty(k)  # by velocities in the last step: they are those of half a step ago
     for n in range(len(window)):
         w, m = window[n], which[n]
         own, q, v = joints[:, m], begins[n, 0] - joints[_OFFSET, m], begins[n, 1].copy()
-        impulse[:] = 0.0
+        impulse[:], gained[:] = 0.0, 0.0
         for j in range(k):
             memory[j, 0], memory[j, 1], memory[j, 2] = 0.0, v[j], 0.0
             before[j] = _until(-(own[_LATE, j] + 0.5 * step_s) / sample_s, sums[w], sent[w], j)
@@ -346,10 +349,11 @@ def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that i
             sample = now // substeps
             for j in range(k):
                 if is_known[j]:
-                    if now % substeps == 0 or not is_held:
-                        made[j] = _made(feedback[:, w, sample, j], q[j] + own[_OFFSET, j], v[j])
+                    if held_steps == 0 or now % held_steps == 0:
+                        made[j] = _made(feedback[:, w, sample, j], own[:, j], q[j], v[j] + 0.5 * gained[j])
                     line[now % late, j] = made[j]
-                    arrived[j] = _delayed(line, now, own[_DELAY, j] / step_s, j)
+                    # a step moves velocities by what acts half a step before and after its begin
+                    arrived[j] = _delayed(line, now, max(0.0, own[_LATE, j] / step_s + 0.5 * (held_steps > 0)), j)
                 else:
                     at = ((now + 1) * step_s - own[_LATE, j] - 0.5 * step_s) / sample_s
                     until = _until(at, sums[w], sent[w], j)
@@ -367,12 +371,14 @@ def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that i
                 mass[j, j] += own[_ARMATURE, j] + step_s * own[_DAMPING, j]
             _inverted(mass, lower, inverse)
             fastest = 0.0
+            gained[:] = v
             for i in range(k):
                 for j in range(k):
                     v[i] += inverse[i, j] * rest[j]
             _rub(inverse, bound, step_s, v, impulse)
             for j in range(k):
                 q[j] += step_s * v[j]
+                gained[j] = v[j] - gained[j]
                 fastest = max(fastest, abs(v[j]))
             if not fastest < _DIVERGED:
                 is_fine = False
@@ -390,15 +396,15 @@ def simulate() -> Callable[..., None]:
 
     Its arguments, of w windows, m models and k joints in the order of their tree: torques that were recorded (w, s, k) and their
     sums (w, s + 1, k), a controller's law (6, w, s, k), which joints it drives (k,); inertias of the links (m, k, 10), gravity
-    (m, 3), armature, damping, stiffness, rest, offset of the encoder, delay of the controller and lateness of what was recorded
+    (m, 3), armature, damping, stiffness, rest, offset of the encoder, lateness of what is sent and share of the controller's gain
     (7, m, k), the motor law's values (m, k, p); parents (k,), axes and anchors (k, 3), which joints slide, where joints are at
-    first (k,); the step, steps to a sample, the time between samples, whether a controller holds its torque for a sample; begins
-    (n, 2, k), windows and models (n,), and the positions after each sample (n, s, k).
+    first (k,); the step, steps to a sample, the time between samples, steps for which a controller holds its torque; begins (n,
+    2, k), windows and models (n,), and the positions after each sample (n, s, k).
     """
     f1, f2, f3, f4 = (types.float64[::1], types.float64[:, ::1], types.float64[:, :, ::1], types.float64[:, :, :, ::1])
     i1, b1 = types.int64[::1], types.boolean[::1]
     of_windows = (f3, f3, f4, b1)
     of_models = (f3, f2, f3, f3, i1, f2, f2, b1, f1)
-    of_time = (types.float64, types.int64, types.float64, types.boolean)
+    of_time = (types.float64, types.int64, types.float64, types.int64)
     signature = types.void(*of_windows, *of_models, *of_time, f3, i1, i1, f3)
     return compiled_once(lambda cache: numba.njit(signature, cache=cache, nogil=True)(_simulate), motor_law.__file__)

@@ -7,7 +7,7 @@ dry friction is its own constraint; a test holds both to each other.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import mujoco
 import numpy as np
@@ -16,13 +16,14 @@ from mujoco.batch import Batch
 from sim_backend.driver.native_control import silence_warnings
 from sim_backend.effects.friction import make_stiff
 from sim_backend.reality_gap.feedback import Feedback
+from sim_backend.reality_gap.knowledge.joint_effects import POSITION_GAIN
 from sim_backend.reality_gap.subjects.joints.body_law import gravity_of
 from sim_backend.reality_gap.subjects.joints.chain import Bodies, Chain, ChainModels, Drives, is_plain
 from sim_backend.reality_gap.subjects.joints.motor_law import in_simulations
 from sim_backend.reality_gap.subjects.joints.plant import Plant
 from sim_backend.reality_gap.subjects.joints.state import CLOCK, LINK_CENTRES, LINK_INERTIA, JointState
 
-_LONGEST_STEP_S = 0.0025
+LONGEST_STEP_S = 0.0025
 _HELD_KG_M2 = 1e6
 """Armature of joints that were not recorded: they rest."""
 _MOST_SIMULATIONS = 6000
@@ -65,14 +66,16 @@ class Forward:
     Args:
         plant: whose model it is.
         step_s: between samples.
-        is_held: whether a controller computes once a sample and holds its torque, not all the time.
+        held_s: for which a controller holds its torque; 0 where it computes all the time.
+        longest_step_s: of the simulation.
     """
 
-    def __init__(self, plant: Plant, step_s: float, *, is_held: bool = False) -> None:
-        self._plant, self._is_held = plant, is_held
-        self._substeps = int(np.ceil(step_s / _LONGEST_STEP_S - 1e-9))
+    def __init__(self, plant: Plant, step_s: float, *, held_s: float = 0.0, longest_step_s: float = LONGEST_STEP_S) -> None:
+        self._plant = plant
+        self._substeps = int(np.ceil(step_s / longest_step_s - 1e-9))
         self._model = plant.forward_model()
         self._model.opt.timestep = step_s / self._substeps
+        self._held_steps = max(1, round(held_s / self._model.opt.timestep)) if held_s > 0.0 else 0
         self._model.dof_armature[np.setdiff1d(np.arange(self._model.nv), plant.velocities)] = _HELD_KG_M2
         make_stiff(self._model, plant.velocities)
         silence_warnings()
@@ -92,7 +95,7 @@ class Forward:
         """
         if self._chain is not None:
             begins, rows = (begin_rad, begin_rad_s), np.arange(len(windows))
-            return self._chain.positions(drives_of(windows, is_held=self._is_held), *begins, self.models(states), rows, which)
+            return self._chain.positions(drives_of(windows, self._held_steps), *begins, self.models(states), rows, which)
         found = [
             self._simulated(windows.some(rows), begin_rad[rows], begin_rad_s[rows], states, which[rows])
             for rows in np.array_split(np.arange(len(windows)), max(1, -(-len(windows) // _MOST_SIMULATIONS)))
@@ -111,14 +114,15 @@ class Forward:
         offset = _by_window(states, which, "encoder_offset.offset_rad")
         batch.reset(stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         position[:, plant.positions], velocity[:, plant.velocities] = begin_rad - offset, begin_rad_s
-        delay_s = _by_window(states, which, "action_delay.delay_s")
-        recorded = _Recorded(windows, delay_s + _by_window(states, which, CLOCK), step_s)
-        line, feedback = _DelayLine(delay_s / step_s), windows.feedback
+        late_s = _by_window(states, which, "action_delay.delay_s") + _by_window(states, which, CLOCK)
+        recorded = _Recorded(windows, late_s, step_s)
+        of_gain = _by_window(states, which, POSITION_GAIN)
+        line, feedback = _DelayLine(np.maximum(0.0, late_s / step_s + (0.5 if self._held_steps else 0.0))), windows.feedback
         values = np.array([[state.motor(j) for j in range(plant.joints)] for state in states])[which]
         memory, at_joint, bound = np.zeros((*shape, 3)), np.empty(shape), np.empty(shape)
         memory[:, :, 1] = begin_rad_s
         found, step = np.empty((*shape[:1], windows.sent_nm.shape[1], shape[1])), in_simulations()
-        made = np.zeros(shape)
+        made, moved = np.zeros(shape), begin_rad_s
         with np.errstate(all="ignore"):
             for now in range(found.shape[1] * self._substeps):
                 sample = now // self._substeps
@@ -126,9 +130,13 @@ class Forward:
                 moves = np.ascontiguousarray(velocity[:, plant.velocities])
                 arrived = recorded.arriving_nm(now)
                 if feedback is not None:
-                    if now % self._substeps == 0 or not self._is_held:
-                        made = np.nan_to_num(feedback.at((slice(None), sample)).torque_nm(is_at + offset, moves))
+                    if self._held_steps == 0 or now % self._held_steps == 0:
+                        law = feedback.at((slice(None), sample))
+                        law = replace(law, stiffness_nm_rad=of_gain * law.stiffness_nm_rad)
+                        # velocities are those of half a step ago
+                        made = np.nan_to_num(law.torque_nm(is_at + offset, moves + 0.5 * (moves - moved)))
                     arrived = np.where(feedback.is_known, line.after(made), arrived)
+                moved = moves
                 asked = np.ascontiguousarray(bias[:, plant.velocities])  # a step ago
                 step(arrived, is_at, moves, asked, step_s, values, memory, at_joint, bound)
                 applied[:, plant.velocities], bounds[:, plant.velocities] = at_joint, bound
@@ -148,7 +156,6 @@ class Forward:
         own, rest = self._model.jnt_stiffness[plant.joint_ids], self._model.qpos_spring[plant.positions]
         stiffness = own + of("joint_stiffness.stiffness_nm_rad")
         force = own * rest + of("joint_stiffness.stiffness_nm_rad") * of("joint_stiffness.reference_rad")
-        delay_s = of("action_delay.delay_s")
         return ChainModels(
             self._bodies(*(of(key) for key in ("link_mass.factor", LINK_INERTIA, *LINK_CENTRES))),
             np.array([gravity_of(state, plant.gravity_m_s2) for state in states]),
@@ -158,8 +165,8 @@ class Forward:
             force / np.where(stiffness == 0.0, 1.0, stiffness),
             np.array([[state.motor(j) for j in range(plant.joints)] for state in states]),
             of("encoder_offset.offset_rad"),
-            delay_s,
-            delay_s + of(CLOCK),
+            of("action_delay.delay_s") + of(CLOCK),
+            of(POSITION_GAIN),
         )
 
     def _bodies(self, mass: np.ndarray, inertia: np.ndarray, *centres: np.ndarray) -> Bodies:
@@ -196,12 +203,12 @@ class Forward:
         batch.set_const()
 
 
-def drives_of(windows: Windows, *, is_held: bool = False) -> Drives:
+def drives_of(windows: Windows, held_steps: int = 0) -> Drives:
     """What drives some windows."""
     law, k = windows.feedback, windows.sent_nm.shape[2]
     none = np.zeros((len(fields(Feedback)), 1, 1, k))
     feedback = none if law is None else np.stack([getattr(law, field.name) for field in fields(Feedback)])
-    return Drives(windows.sent_nm, feedback, np.zeros(k, bool) if law is None else law.is_known, windows.step_s, is_held)
+    return Drives(windows.sent_nm, feedback, np.zeros(k, bool) if law is None else law.is_known, windows.step_s, held_steps)
 
 
 class _Recorded:

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_backend.reality_gap.subjects.joints.forward import Windows
+from sim_backend.reality_gap.subjects.joints.recorded_windows import LEAST_WINDOWS
 from sim_backend.reality_gap.subjects.joints.rollout_fit import (
-    LEAST_WINDOWS,
     PROBES,
     SAMPLES_OF_WINDOW,
     TOLERATED,

@@ -8,7 +8,15 @@ import numpy as np
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.knowledge.healthy import healthy_tolerances
-from sim_backend.reality_gap.knowledge.joint_effects import FITTED, NUMBERS, SCALES, JointEffect, Number, scales_everything
+from sim_backend.reality_gap.knowledge.joint_effects import (
+    FITTED,
+    NUMBERS,
+    POSITION_GAIN,
+    SCALES,
+    JointEffect,
+    Number,
+    scales_everything,
+)
 from sim_backend.reality_gap.knowledge.known_of_robot import Robot, Tolerance, UnknownRobot
 from sim_backend.reality_gap.subjects.joints.state import (
     CLOCK,
@@ -129,6 +137,20 @@ def joint_catalogue(
         for h in _hypotheses(names, families, scales)
     ]
     return Catalogue(tuple(terms), tolerance, tuple(found), scales)
+
+
+def with_controllers(catalogue: Catalogue, names: Sequence[str], driven: np.ndarray) -> Catalogue:
+    """The same with position gains of controllers that drive some joints, shape (k,), where nobody recorded what they sent.
+
+    Only simulated motions tell them: along the motion they are what the torques are made of.
+    """
+    joints, first, scale = np.flatnonzero(driven).tolist(), len(catalogue.terms), SCALES[POSITION_GAIN]
+    if not joints:
+        return catalogue
+    terms = (*catalogue.terms, *(Term(POSITION_GAIN, j, scale / 100) for j in joints))
+    found = _at_joints(FITTED[POSITION_GAIN.partition(".")[0]], names, {j: [(first + i,)] for i, j in enumerate(joints)}, scale)
+    tolerance = np.concatenate([catalogue.tolerance, np.zeros(len(joints))])
+    return Catalogue(terms, tolerance, (*catalogue.hypotheses, *found), catalogue.scales)
 
 
 def own_share(declared: Tolerance, key: str, index: int, start: JointState) -> float:

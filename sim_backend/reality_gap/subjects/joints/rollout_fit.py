@@ -6,35 +6,35 @@ much as the torque itself. A simulated window integrates it away, and its error 
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
-from sim_backend.reality_gap.feedback import Feedback
-from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS
+from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, POSITION_GAIN
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance
 from sim_backend.reality_gap.measured.sensor_noise import white_noise
 from sim_backend.reality_gap.subjects.joints.body_law import KEYS as BODY_KEYS
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
-from sim_backend.reality_gap.subjects.joints.forward import Forward, Windows
+from sim_backend.reality_gap.subjects.joints.forward import LONGEST_STEP_S, Forward
 from sim_backend.reality_gap.subjects.joints.hypotheses import Catalogue, Hypothesis, links_off, own_share
 from sim_backend.reality_gap.subjects.joints.motor_law import KEYS as MOTOR_KEYS
+from sim_backend.reality_gap.subjects.joints.recorded_windows import torque_noise_nm, windows_of
 from sim_backend.reality_gap.subjects.joints.state import CLOCK, NO_EFFECTS, JointState, Term
 
 LENGTHS_S = (1.0, 0.5, 0.25)
 """Of windows, the longest first: the first is taken in which a disturbed start does not grow."""
-_MOST_WINDOWS, LEAST_WINDOWS, _OF_JOINTS = 60, 20, 120
-"""So many windows, and fewer the more joints there are, whose simulations cost more and say more."""
 FOLDS = 3
 """Parts into which recordings of one regime are divided, each foretold by the others."""
 _GROWS = 2.0
 _FINEST_S = 0.002
 """Faster recordings are compared this far apart."""
-_EDGE_S = 0.1
-"""Of a recording, at both ends, where its smoothed velocity is not as good."""
+_LONGEST_IN_LOOP_S = 0.001
+"""Of a simulation's steps where a controller is in the loop: it sees a motion a step late."""
 _STARTS = (2e-3, 0.2)
 """Standard deviations of where windows begin, rad and rad/s, about the smoothed motion."""
 PROBES = (1e-3, 1e-2)
+FAR_SHARE = 0.9
+"""Of windows."""
 SAMPLES_OF_WINDOW = 4.0
 """Independent numbers that a joint's errors in a window count as: they are as smooth as the motion."""
 _TAILS = 4.0
@@ -53,7 +53,7 @@ SHOWN = 0.7
 """Of what a cause's number may be: windows that leave it more uncertain say nothing of it."""
 _CLOCK_SHARE = 0.25
 """Standard deviation of when a recorded torque acts, of a row: at most half a row earlier or later."""
-_SIMULATED = frozenset({*MOTOR_KEYS, *BODY_KEYS})
+_SIMULATED = frozenset({*MOTOR_KEYS, *BODY_KEYS, POSITION_GAIN})
 """Numbers that rollouts have."""
 
 
@@ -79,16 +79,30 @@ class RolloutFit:
 
     Attributes:
         state: the model.
-        terms: that were moved, and after them those that were held back by what a healthy robot may differ by.
+        terms: of the causes that were fitted, and after them those that were held back by what a healthy robot may differ by.
+        causes: number of the first ones.
+        scales: standard deviations of what each term may be, about the nominal model.
         errors: standard errors of ``terms``.
         squares: mean square error of each window and joint, shape (n, k), rad^2.
     """
 
     state: JointState
     terms: tuple[Term, ...]
+    causes: int
+    scales: np.ndarray
     errors: np.ndarray
     squares: np.ndarray
     begin: tuple[np.ndarray, np.ndarray]
+
+    @property
+    def usual_rad(self) -> np.ndarray:
+        """Error of each joint in a usual window, the median, shape (k,)."""
+        return np.sqrt(np.median(self.squares, axis=0))
+
+    @property
+    def far_rad(self) -> np.ndarray:
+        """Error of each joint that nine windows of ten stay below, shape (k,): what acts in some motions only shows there."""
+        return np.sqrt(np.quantile(self.squares, FAR_SHARE, axis=0))
 
     @property
     def by_joint_rad(self) -> np.ndarray:
@@ -123,8 +137,10 @@ class RolloutProblem:
         self, episodes: Sequence[EpisodeEquations], start: JointState, catalogue: Catalogue, tolerance: Tolerance
     ) -> None:
         step_s = max(_FINEST_S, float(np.median([e.path.step_s for e in episodes])))
-        self.start, self._catalogue = start, catalogue
-        self.forward = Forward(episodes[0].plant, step_s)
+        self.start, self.catalogue = start, catalogue
+        is_in_loop = any(e.path.joints.feedback is not None for e in episodes)
+        longest_s = _LONGEST_IN_LOOP_S if is_in_loop else LONGEST_STEP_S
+        self.forward = Forward(episodes[0].plant, step_s, longest_step_s=longest_s)
         self.gravity_m_s2 = episodes[0].plant.gravity_m_s2
         self.noise_rad = np.sqrt(np.mean([e.path.position_noise_rad**2 for e in episodes], axis=0))
         regimes = [e.path.recording.regime for e in episodes]
@@ -139,16 +155,26 @@ class RolloutProblem:
         row_s = float(np.median([e.path.step_s for e in episodes]))
         clock = (Term(CLOCK, 0, 0.1 * row_s), _CLOCK_SHARE * row_s)
         self._loose = [clock, *links_off(tolerance, episodes[0].plant.centre_distance_m), *_of_model(tolerance, catalogue, start)]
+        self._other: Forward | None = None
         law = self.windows.feedback  # of a servo its motor's own voltage is a part, which never rests
         if law is not None and len(self.windows) and not np.nan_to_num(law.back_emf_nm_s_rad).any():
-            self.forward = self._nearer(Forward(episodes[0].plant, step_s, is_held=True))
+            self._other = Forward(episodes[0].plant, step_s, held_s=row_s, longest_step_s=longest_s)
+            otherwise = self.otherwise()
+            assert otherwise is not None
+            if is_nearer(otherwise.begun(self.start), self.begun(self.start)):
+                self.forward, self._other = self._other, self.forward
 
-    def _nearer(self, other: Forward) -> Forward:
-        """What goes nearer: a controller that computes all the time, or one that holds its torque for a row; none is recorded."""
-        own = self.forward
-        off = np.log(np.median(self.begun(self.start).squares, axis=0)).sum()
-        self.forward = other
-        return other if np.log(np.median(self.begun(self.start).squares, axis=0)).sum() < off else own
+    def otherwise(self) -> "RolloutProblem | None":
+        """The same with a controller that holds its torque for a row instead of computing all the time, or the other way round.
+
+        Which of both it does is not recorded: what goes nearer with the nominal model is what a problem begins with. None where
+        no controller is known, or where it is a servo.
+        """
+        if self._other is None:
+            return None
+        found = copy.copy(self)
+        found.forward, found._other = self._other, self.forward
+        return found
 
     def part(self, rows: np.ndarray) -> "RolloutProblem":
         """The same with some of its windows, by index."""
@@ -232,7 +258,7 @@ class RolloutProblem:
     ) -> RolloutFit:
         """Steps of Gauss and Newton, each as far as errors fall."""
         every = (*terms, *(t for t, _ in loose))
-        scales = np.array([*(_WIDE * self._catalogue.scales.get(t.key, 1.0) for t in terms), *(s for _, s in loose)])
+        scales = np.array([*(_WIDE * self.catalogue.scales.get(t.key, 1.0) for t in terms), *(s for _, s in loose)])
         squares, errors = self.squares_of(state, begin), np.zeros(len(every))
         for _ in range(iterations):
             noise, weights = self.noise_of(squares)
@@ -245,17 +271,29 @@ class RolloutProblem:
             before, found = self._loss(squares, noise), None
             for share in (1.0, 0.5, 0.25, 0.1):
                 candidate = self._within_tolerance(moved_by(state, every, share * change), loose)
-                begins = self._begins(begin, linear, _apart(candidate, state, every), share)
-                tried = self.squares_of(candidate, begins)
-                if self._loss(tried, noise) < before:
-                    found = candidate, begins, tried
+                moved = self._begins(begin, linear, _apart(candidate, state, every), share)
+                # where a model bends, begins that follow its linearisation lead astray
+                tried = [(begins, self.squares_of(candidate, begins)) for begins in (moved, begin)]
+                begins, squares_there = min(tried, key=lambda each: self._loss(each[1], noise))
+                if self._loss(squares_there, noise) < before:
+                    found = candidate, begins, squares_there
                     break
             if found is None:
                 break
             state, begin, squares = found
             if self._loss(squares, noise) > before - _ENOUGH * abs(before):
                 break
-        return RolloutFit(state, every, errors, squares, begin)
+        return RolloutFit(state, every, len(terms), scales, errors, squares, begin)
+
+    def would_move_nats(self, fit: RolloutFit) -> float:
+        """What a model's causes would gain if they moved on as its linearisation says, nats; nothing where they have settled.
+
+        A model of another shape than the robot's may be stuck where no step brings it nearer, far from where each step points.
+        """
+        terms, scales = fit.terms[: fit.causes], fit.scales[: fit.causes]
+        linear = self.linearised(fit.state, terms, fit.begin, *self.noise_of(fit.squares))
+        pull = linear.pull - _apart(fit.state, self.start, terms) / scales**2
+        return float(0.5 * pull @ np.linalg.solve(linear.precision + np.diag(scales**-2.0), pull)) if terms else 0.0
 
     def without_loose(self, state: JointState, kept: Sequence[Term]) -> JointState:
         """A model with everything that a healthy robot may be off by as the nominal one has it, but for terms that are kept."""
@@ -329,11 +367,12 @@ class RolloutProblem:
 
     def gains(self, fit: RolloutFit, hypotheses: Sequence[Hypothesis]) -> list[tuple[float, Hypothesis, np.ndarray, np.ndarray]]:
         """What hypotheses would gain beside a model, nats, with values and standard errors of their terms, the best first."""
-        usable = [h for h in hypotheses if all(self._catalogue.terms[i].key in _SIMULATED for i in h.terms)]
+        usable = [h for h in hypotheses if all(self.catalogue.terms[i].key in _SIMULATED for i in h.terms)]
         own = sorted({i for h in usable for i in h.terms})
-        base = [*fit.terms, *(t for t, _ in self.loose_terms(fit.terms))]
-        scales = np.array([self._scale(t) for t in base])
-        every = [*base, *(self._catalogue.terms[i] for i in own)]
+        beside = self.loose_terms(fit.terms)
+        base = [*fit.terms, *(t for t, _ in beside)]
+        scales = np.array([*fit.scales, *(scale for _, scale in beside)])
+        every = [*base, *(self.catalogue.terms[i] for i in own)]
         noise, weights = self.noise_of(fit.squares)
         linear = self.linearised(fit.state, every, fit.begin, noise, weights)
         b = len(base)
@@ -357,15 +396,11 @@ class RolloutProblem:
         found = []
         for _, hypothesis, values, errors in self.gains(fit, hypotheses):
             prior = np.array(hypothesis.scales)
-            is_shown, term = errors[0] < SHOWN * prior[0], self._catalogue.terms[hypothesis.terms[0]]
+            is_shown, term = errors[0] < SHOWN * prior[0], self.catalogue.terms[hypothesis.terms[0]]
             off = float(values[0] + _apart(fit.state, self.start, [term])[0])
             size = float(np.sqrt(2.0 * gate) * errors[0]) + abs(off) if is_shown else np.inf
             found.append(Shown(hypothesis, size))
         return found
-
-    def _scale(self, term: Term) -> float:
-        loose = {(t.key, t.index): s for t, s in self.loose_terms(())}
-        return loose.get((term.key, term.index), 1e6)
 
     @property
     def motion_rad(self) -> np.ndarray:
@@ -382,6 +417,13 @@ class RolloutProblem:
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.log((before + floor) / (after + floor))
         return float(0.5 * SAMPLES_OF_WINDOW * np.nan_to_num(ratio, posinf=5.0, neginf=-5.0).sum())
+
+
+def is_nearer(fit: RolloutFit, other: RolloutFit) -> bool:
+    """Whether usual windows of all joints together end up less far off."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one, two = (np.log(np.median(each.squares, axis=0)).sum() for each in (fit, other))
+    return bool(one < two)
 
 
 def is_simulated(key: str) -> bool:
@@ -407,68 +449,3 @@ def moved_by(state: JointState, terms: Sequence[Term], change: np.ndarray) -> Jo
         lower, upper = (-np.inf, np.inf) if term.key in NO_EFFECTS else state.bounds(term.key)
         state = state.moved(term, float(np.clip(here + by, min(lower, here), max(upper, here))) - here, with_shape=False)
     return state
-
-
-def windows_of(episodes: Sequence[EpisodeEquations], length_s: float, step_s: float) -> Windows:
-    """Windows of a length, one after the other, in which everything was measured; not too many, evenly spread."""
-    most = int(np.clip(_OF_JOINTS // episodes[0].plant.joints, LEAST_WINDOWS, _MOST_WINDOWS))
-    parts: list[tuple[int, int]] = []
-    for owner, episode in enumerate(episodes):
-        path = episode.path
-        known = np.isfinite(np.hstack([path.joints.position_rad, episode.acting_nm.T])).all(axis=1)
-        edge, rows = round(_EDGE_S / path.step_s), round(length_s / path.step_s)
-        unknown = np.concatenate([[0], np.cumsum(~known)])
-        starts = np.arange(edge, path.joints.position_rad.shape[0] - rows - edge - 2, rows)
-        parts += [(owner, int(first)) for first in starts if unknown[first + rows + 2] == unknown[first]]
-    chosen = sorted({int(i) for i in np.linspace(0, len(parts) - 1, min(most, len(parts)))}) if parts else []
-    return _windows(episodes, [parts[i] for i in chosen], round(length_s / step_s), step_s)
-
-
-def _windows(episodes: Sequence[EpisodeEquations], parts: Sequence[tuple[int, int]], samples: int, step_s: float) -> Windows:
-    k = episodes[0].plant.joints
-    position, sent, begin, speed, laws = [], [], [], [], []
-    edges_s = step_s * np.arange(samples + 1)
-    for owner, first in parts:
-        episode, path = episodes[owner], episodes[owner].path
-        rows = slice(first, first + round(edges_s[-1] / path.step_s) + 2)
-        position.append(_between(path.joints.position_rad[rows], path.step_s, edges_s[1:]))
-        sent.append(_mean_of_held(episode.acting_nm.T[rows], path.step_s, edges_s))
-        begin.append(path.fast_position[first])
-        speed.append(path.fast_velocity[first])
-        if path.joints.feedback is not None:
-            law = path.joints.feedback.at(rows)
-            laws.append(Feedback(*(_mean_of_held(getattr(law, field.name), path.step_s, edges_s) for field in fields(law))))
-    return Windows(
-        step_s,
-        np.array(position).reshape(-1, samples, k),
-        np.array(begin).reshape(-1, k),
-        np.array(speed).reshape(-1, k),
-        np.array(sent).reshape(-1, samples, k),
-        Feedback.stacked(laws) if laws and len(laws) == len(parts) else None,
-        np.array([part[0] for part in parts], dtype=int),
-    )
-
-
-def _between(series: np.ndarray, step_s: float, times_s: np.ndarray) -> np.ndarray:
-    """Samples (s, k) that are ``step_s`` apart, at other times from the first one on."""
-    own_s = step_s * np.arange(len(series))
-    return np.stack([np.interp(times_s, own_s, column) for column in series.T], axis=1)
-
-
-def _mean_of_held(series: np.ndarray, step_s: float, edges_s: np.ndarray) -> np.ndarray:
-    """Means of values (s, k), each held for ``step_s``, between edges (t + 1,) from the first one on; shape (t, k)."""
-    sums = np.concatenate([np.zeros((1, series.shape[1])), np.cumsum(series, axis=0)]) * step_s
-    at_edges = _between(sums, step_s, edges_s)
-    return np.diff(at_edges, axis=0) / np.diff(edges_s)[:, None]
-
-
-def torque_noise_nm(episodes: Sequence[EpisodeEquations], step_s: float) -> np.ndarray:
-    """Noise of torques that drive windows of samples ``step_s`` apart, shape (k,); none where they were sent, not measured."""
-    found = []
-    for episode in episodes:
-        measured = episode.path.joints.measured_torque_nm
-        if measured is None:
-            found.append(np.zeros(episode.plant.joints))
-            continue
-        found.append(white_noise(measured) / np.sqrt(max(1.0, step_s / episode.path.step_s)))
-    return np.sqrt(np.mean(np.square(found), axis=0))

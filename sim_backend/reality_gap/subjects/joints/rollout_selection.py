@@ -10,7 +10,7 @@ from sim_backend.reality_gap.subjects.joints.contradictions import is_gravity, p
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS, PLATFORM, Catalogue, Hypothesis
 from sim_backend.reality_gap.subjects.joints.look import Accepted
 from sim_backend.reality_gap.subjects.joints.moves import moved
-from sim_backend.reality_gap.subjects.joints.rollout_fit import SHOWN, RolloutFit, RolloutProblem
+from sim_backend.reality_gap.subjects.joints.rollout_fit import SHOWN, RolloutFit, RolloutProblem, is_nearer
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 
 GATE = 12.0
@@ -77,6 +77,8 @@ def select_by_rollouts(
 ) -> RolloutSelection:
     """Take the cause that gains most, fit everything anew, drop what is needed no more, until nothing gains.
 
+    Where the causes end up nearer with a controller that computes in another way, it is all done anew with that one.
+
     Args:
         problem: windows of recordings.
         catalogue: what may be wrong.
@@ -84,6 +86,21 @@ def select_by_rollouts(
         progress: told what is done, and which share.
         proposed: effects at places that are tried whatever their linear gains.
     """
+    found = _selected(problem, catalogue, fits, progress, proposed)
+    otherwise, terms = problem.otherwise(), [term for cause in found.taken for term in cause.terms]
+    if otherwise is None or not terms or not is_nearer(otherwise.fitted(found.fit.state, terms, found.fit.begin), found.fit):
+        return found
+    again = _selected(otherwise, catalogue, fits, progress, proposed)
+    return again if is_nearer(again.fit, found.fit) else found
+
+
+def _selected(
+    problem: RolloutProblem,
+    catalogue: Catalogue,
+    fits: Callable[[JointState], bool],
+    progress: Callable[[str, float], None],
+    proposed: frozenset[tuple[str, str]],
+) -> RolloutSelection:
     nominal = problem.fitted(problem.start, ())
     search = _Search(problem, catalogue, fits, progress, proposed)
     fit, taken = search.extended(nominal, (), _MENDS, _MOST)
@@ -186,7 +203,7 @@ def _is_possible(
     search: _Search, taken: Sequence[Taken], gain: float, new: RolloutFit, hypothesis: Hypothesis, plain: tuple[Term, ...]
 ) -> bool:
     """Whether a model is one that a robot may have, and contradicts nothing that was measured."""
-    return search.fits(new.state) and _may_be(search.problem, new.state, [*taken, Taken(hypothesis, plain, gain, ())])
+    return search.fits(new.state) and _may_be(search.problem, new, [*taken, Taken(hypothesis, plain, gain, ())])
 
 
 def _needed(problem: RolloutProblem, fit: RolloutFit, cause: Taken) -> tuple[Term, ...]:
@@ -266,7 +283,7 @@ def _begun(state: JointState, terms: tuple[Term, ...], values: np.ndarray) -> tu
                 shaped = state.value(key).copy()
                 shaped[term.index if len(shaped) > 1 else 0] = value
                 state = replace(state, given={**state.given, key: shaped})
-        plain = {(t.key, t.index): replace(t, shape=()) for t in terms}
+        plain = {(t.key, t.index): replace(t, shape=(), probe=_probe(t, state)) for t in terms}
         beside = {(NUMBERS[key].beside, j): replace(t, key=NUMBERS[key].beside) for (key, j), t in plain.items()}
         return state, (*plain.values(), *(term for (key, _), term in beside.items() if key))
     state = moved(state, terms, values)
@@ -276,20 +293,32 @@ def _begun(state: JointState, terms: tuple[Term, ...], values: np.ndarray) -> tu
     return state, tuple(Term(key, j, by) for j in joints for key, by in ((terms[0].key, terms[0].probe), (shape.key, probe)))
 
 
+def _probe(term: Term, state: JointState) -> float:
+    """Change that a fit probes a number with: of a limit a little, where what proposed it went from none to a level at once."""
+    is_limit = NUMBERS[term.key].begins_at_load
+    return -_LIMIT_PROBE * abs(float(state.value(term.key)[term.index])) if is_limit else term.probe
+
+
+_LIMIT_PROBE = 0.01
+"""Of a limit."""
 _SHAPE_PROBE = 0.01
 """Of the distance between two shapes."""
 
 
-def _may_be(problem: RolloutProblem, state: JointState, taken: Sequence[Taken]) -> bool:
+def _may_be(problem: RolloutProblem, fit: RolloutFit, taken: Sequence[Taken]) -> bool:
+    """Whether a robot may be so. A gravity of another strength is one only where hardly anything is left with it."""
+    state = fit.state
     accepted = [Accepted(c.hypothesis.effect, c.hypothesis.where, c.terms, c.gain) for c in taken]
-    is_possible = is_gravity(problem.gravity_m_s2, state) and not pushes(state)
+    is_possible = (is_gravity(problem.gravity_m_s2, state) or problem.is_near_noise(fit)) and not pushes(state)
     return is_possible and not runs_into_bounds(state, problem.start, accepted)
 
 
 def _is_worth_it(before: RolloutFit, after: RolloutFit) -> bool:
+    """Whether windows of some joint end up less far off by a share, usual ones or the far ones."""
+    kept = 1.0 - _LEAST_REDUCTION
     with np.errstate(invalid="ignore"):
-        usual = [np.sqrt(np.median(fit.squares, axis=0)) for fit in (before, after)]
-    return bool((usual[1] < (1.0 - _LEAST_REDUCTION) * usual[0]).any())
+        found = [after.usual_rad < kept * before.usual_rad, after.far_rad < kept * before.far_rad]
+    return bool(np.any(found))
 
 
 def _without_needless(
@@ -301,8 +330,6 @@ def _without_needless(
         state = problem.without_loose(fit.state, [term for other in taken for term in other.terms])
         state = _as_nominal(problem, state, cause.terms)
         without = problem.fitted(state, [term for other in kept for term in other.terms], fit.begin, quickly=True)
-        if problem.gained(without.squares, fit.squares) - OF_NUMBER * len(cause.terms) < GATE and _may_be(
-            problem, without.state, kept
-        ):
+        if problem.gained(without.squares, fit.squares) - OF_NUMBER * len(cause.terms) < GATE and _may_be(problem, without, kept):
             return _without_needless(problem, without, kept, first)
     return fit, taken

@@ -14,6 +14,7 @@ from sim_backend.reality_gap.subjects.joints.commanded_and_measured import cause
 from sim_backend.reality_gap.subjects.joints.contradictions import contradicts
 from sim_backend.reality_gap.subjects.joints.gain import held_out, held_out_of_hits
 from sim_backend.reality_gap.subjects.joints.healthy_robots import draw_healthy
+from sim_backend.reality_gap.subjects.joints.hypotheses import with_controllers
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy, ShowsNothingError, study_joints
 from sim_backend.reality_gap.subjects.joints.judged import not_judged
 from sim_backend.reality_gap.subjects.joints.motor_law import LIMIT
@@ -75,8 +76,8 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
         rng: draws healthy robots.
         progress: told what is done, and which share.
     """
-    catalogue = found.fit.first.catalogue
     assert isinstance(found.robot, UnknownRobot)
+    catalogue = with_controllers(found.fit.first.catalogue, found.problem.names, _unrecorded_controllers(found))
     problem = RolloutProblem(found.problem.episodes, found.start, catalogue, found.robot.tolerance)
     if not len(problem.windows):
         return _not_simulated(torques)
@@ -94,6 +95,12 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     motors, open_ = causes_between(found.problem.episodes, found.problem.names)
     both = in_both(torques, rollouts, motors)
     return replace(both, cannot_tell=(*both.cannot_tell, *open_))
+
+
+def _unrecorded_controllers(found: JointStudy) -> np.ndarray:
+    """Joints that a stated controller drives while nobody recorded what it sent, shape (k,)."""
+    signals = [episode.path.joints for episode in found.problem.episodes]
+    return np.all([[name in each.not_recorded for name in each.names] for each in signals], axis=0)
 
 
 def _not_simulated(torques: Verdict) -> Verdict:

@@ -113,6 +113,8 @@ def test_in_a_pipe_each_row_is_one_line(farm, trifarm, monkeypatch):
 
 def test_drain_resume_and_forget_reach_the_robot(farm, trifarm):
     assert "robot-0 is draining" in trifarm("robots", "drain", "robot-0").out
+    refused = trifarm("robots", "drain", "robot0")
+    assert (refused.code, "No robot named robot0; did you mean robot-0?" in refused.err) == (5, True)
     assert trifarm("robots", "resume", "robot-0").out == "robot-0 will take trials again\n", "it answers before the robot does"
     assert trifarm("robots", "forget", "robot-0").out == "robot-0 is forgotten\n"
     assert farm.commands == ["drain robot-0", "resume robot-0", "forget robot-0"]

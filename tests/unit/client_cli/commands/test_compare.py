@@ -41,7 +41,7 @@ def test_two_tasks_are_drawn_in_one_figure(trifarm, tmp_path):
     ended = trifarm("compare", "jgood", "jbad", "jlift", "jlift2", *(f"--figure={file}" for file in files))
     assert ended.code == ExitCode.OK
     drawn = ElementTree.parse(files[0]).getroot().iter()
-    assert sum(each.get("id", "").startswith("LineCollection") for each in drawn) == 4, "one interval for each job"
+    assert sum(each.get("id", "").startswith("LineCollection") for each in drawn) == 6, "one interval for each job and difference"
     assert files[1].read_bytes().startswith(b"\x89PNG")
 
 

@@ -107,4 +107,5 @@ def test_a_job_is_a_table_of_groups_and_says_what_was_refused(monkeypatch, capsy
     assert "j1-003 is left out: asked 20 times" in err
     assert "2 of 2 trials" in err
     command._show_job(table)
-    assert "100%" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "100%" in out and "the cause is a group in 2, chance in 0" in out

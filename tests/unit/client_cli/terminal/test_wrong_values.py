@@ -74,6 +74,11 @@ def test_numbers_out_of_range_read_as_sentences(trifarm):
         ("PUSH", ("push", "lift"), "; did you mean push?"),
         ("rael", ("nominal", "mild", "real"), "; did you mean real?"),
         ("xyzzy", ("push", "lift"), ""),
+        (
+            "rrc2022-flat",
+            ("rrc2022-lift", "rrc2022-push-flat", "rrc2022-lift-flat"),
+            "; did you mean rrc2022-push-flat or rrc2022-lift-flat?",
+        ),
     ],
 )
 def test_a_name_that_is_nearly_right_is_recognised(given, names, told):

@@ -24,7 +24,7 @@ def test_watch_follows_to_the_report(farm, trifarm):
     ended = trifarm("watch", JOB_ID)
     assert ended.code == 0
     told, _, address = ended.out.strip().rpartition("; ")
-    assert told == f"job {JOB_ID}: 2 of 3 trials succeeded, 67 %, 80 % interval 32–89 %; 'trifarm report {JOB_ID}' shows them"
+    assert told == f"job {JOB_ID}: 2 of 3 trials succeeded, 67 %, 95 % interval 21–94 %; 'trifarm report {JOB_ID}' shows them"
     assert address.startswith("http") and address.endswith(f"/jobs/{JOB_ID}")
     assert "waiting: no robot is in service" in ended.err
     assert "1/3 done" in ended.err

@@ -3,8 +3,9 @@ from functools import reduce
 
 import pytest
 
+from api_schemas.question import Question
 from client_cli.terminal.output import duration
-from client_cli.views.progress import JobProgress, advance, counted, estimate_s, sentence
+from client_cli.views.progress import JobProgress, advance, counted, estimate_s, question_sentence, sentence
 from client_cli.views.progress_view import ProgressBar, ProgressLines
 from tests.unit.client_cli.farm_server import event
 
@@ -32,7 +33,7 @@ def test_the_estimate_follows_the_servers_clock():
 
 def test_the_sentence_names_successes_robots_and_estimate():
     progress = reduce(advance, EVENTS[:5], JobProgress(trials=3))
-    told = "1 succeeded, rate 2–100 %, 1 running (robot-1), about 8 s left"
+    told = "1 succeeded, 95 % interval 2–100 %, 1 running (robot-1), about 8 s left"
     assert sentence(progress) == told  # one success of one trial says hardly anything
 
 
@@ -81,3 +82,12 @@ def test_the_bar_shows_the_sentence(capsys):
 @pytest.mark.parametrize(("seconds", "text"), [(-1, "0 s"), (5, "5 s"), (600, "10 min"), (7200, "2 h"), (200_000, "2 d")])
 def test_durations_have_one_unit(seconds, text):
     assert duration(seconds) == text
+
+
+@pytest.mark.parametrize(
+    ("gained", "told"), [(3, "better on 3 goals, worse on 1: 95 % interval -5 to +30 points"), (None, "95 % interval 40–80 %")]
+)
+def test_a_question_is_told_in_words(gained, told):
+    sequence = (-0.05, 0.3) if gained else (0.4, 0.8)
+    question = Question.model_construct(gained=gained, lost=1, sequence_95=sequence)
+    assert question_sentence(question) == told

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from prometheus_client import CollectorRegistry
 from sqlalchemy import insert, update
 from structlog.testing import capture_logs
 
@@ -45,7 +46,7 @@ async def farm(tmp_path):
         await tx.execute(update(trial).values(log_sha256=stored.sha256))
     parts = {"settings": Settings(anonymous_requests_per_s=0), "database": database, "files": files, "clock": clock}
     parts |= {"tokens": tokens, "key": FarmKey(b"k" * 32), "version": "1"}
-    made = SimpleNamespace(**parts, trial_id=f"{job_id}-000", sha256=stored.sha256)
+    made = SimpleNamespace(**parts, registry=CollectorRegistry(), trial_id=f"{job_id}-000", sha256=stored.sha256)
     yield made
     await database.close()
 

@@ -17,7 +17,7 @@ async def test_a_robot_that_is_there_is_not_forgotten(new_database, fleet_of):
     fleet = fleet_of("a", now_s=clock.now_s())
     farm = SimpleNamespace(fleet=fleet, clock=clock, database=new_database, signals=Signals())
     async with new_database.write() as tx:
-        await robots.keep(tx, beat("a"), clock.now_s())
+        await robots.keep(tx, [beat("a")], clock.now_s())
     with pytest.raises(Conflict, match="a is there"):
         await forget_robot("a", None, farm)
     fleet.token_changed("a", present=False, now_s=clock.now_s())

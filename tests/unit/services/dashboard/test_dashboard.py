@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from api_schemas.anytime import rate_sequence
+from api_schemas.success_rate import SHOWN_LEVEL
 from services.dashboard import figures, words
 from services.dashboard.sessions import Seal
 from services.dashboard.sign_in import own_path
@@ -88,7 +89,7 @@ def test_the_curve_narrows_as_the_confidence_sequence_does():
     curve = figures.narrowing([(1, 1), (2, 1), (40, 30)], 40)
     points = np.array([[float(value) for value in point.split(",")] for point in curve.band.split()])
     assert points.shape == (6, 2)
-    low, high = rate_sequence(30, 40, figures.LEVEL)
+    low, high = rate_sequence(30, 40, SHOWN_LEVEL)
     assert points[2] == pytest.approx([100, 100 - 100 * high], abs=0.01)
     assert points[3] == pytest.approx([100, 100 - 100 * low], abs=0.01)
     assert figures.narrowing([], 40) == figures.Curve("", "")

@@ -40,6 +40,28 @@ def first(short_log):
     return found
 
 
+def test_no_frame_of_a_log_is_drawn_as_axes_longer_than_the_robot(short_log):
+    with short_log.open("rb") as stream:
+        sent = [
+            DecoderFactory().decoder_for("protobuf", schema)(message.data)
+            for schema, _, message in make_reader(stream).iter_messages(
+                [trial_log.MEASURED_TRANSFORMS, trial_log.TRUE_TRANSFORMS]
+            )
+        ]
+    frames = {name for each in sent for f in each.transforms for name in (f.parent_frame_id, f.child_frame_id)}
+    hidden = {f"frame:{name}" for name in frames | set(trial_log.CAMERA_NAMES)}
+    assert hidden <= {name for name, told in PANELS["3D!scene"]["transforms"].items() if told == {"visible": False}}
+
+
+def test_every_object_of_the_reports_schema_has_properties(short_log):
+    """Foxglove Studio shows nothing of a topic otherwise."""
+    with short_log.open("rb") as stream:
+        (schema,) = [each for each in make_reader(stream).get_summary().schemas.values() if each.encoding == "jsonschema"]
+    told = json.loads(schema.data)
+    assert all("properties" in each for each in (told, *told["properties"].values()) if each["type"] == "object")
+    assert set(told["properties"]["visible_faces"]["properties"]) == set(trial_log.CAMERA_NAMES)
+
+
 def test_every_line_of_a_plot_is_a_number_of_a_log(first):
     for path in PATHS:
         topic, *fields = re.findall(r"^/[^.]*|[^.\[\]]+", path)

@@ -4,10 +4,13 @@ import subprocess
 import sys
 import time
 
+import asyncpg
 import pytest
 from sqlalchemy import insert, select, text
+from sqlalchemy.dialects.postgresql.asyncpg import AsyncAdapt_asyncpg_connection
 from sqlalchemy.exc import IntegrityError
 
+from services.database import postgres as postgres_module
 from services.database.database import Database, migrate
 from services.database.postgres import server_clock_s
 from services.database.sqlite import integrity_check
@@ -212,12 +215,35 @@ async def test_a_server_that_was_restarted_is_used_again_and_one_that_is_away_is
 
         assert await ask() == [1, 1]
         server.stop()
+        await asyncio.sleep(0.1)  # the word that the server ended its connections has come
         for way in (database.read, database.write):
             with pytest.raises(Unavailable, match="nothing was changed"):
                 async with way():
                     pass
         await asyncio.to_thread(server.start)
         assert await ask() == [1, 1]
+        await database.close()
+
+
+async def test_a_connection_that_rested_and_does_not_answer_is_replaced_before_it_is_used(monkeypatch):
+    with postgres_server(*QUICK) as server:
+        database = Database(server.url("postgres"))
+        pid = text("SELECT pg_backend_pid()")
+
+        async def asked():
+            async with database.read() as connection:
+                return (await connection.execute(pid)).scalar()
+
+        first = await asked()
+        assert await asked() == first, "it is used again"
+
+        def silent(connection):
+            connection._handle_exception(asyncpg.ConnectionDoesNotExistError("the cable is cut"))
+
+        monkeypatch.setattr(postgres_module, "RESTED_S", 0.0)
+        with monkeypatch.context() as patched:
+            patched.setattr(AsyncAdapt_asyncpg_connection, "ping", silent)
+            assert await asked() != first
         await database.close()
 
 

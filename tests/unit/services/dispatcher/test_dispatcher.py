@@ -2,22 +2,21 @@
 
 import pytest
 from prometheus_client import CollectorRegistry
-from sqlalchemy import select, update
+from sqlalchemy import insert, select, update
 
 from api_schemas.policy import LAYOUTS
 from api_schemas.robot import RobotState
 from api_schemas.trial import TrialState
-from services.database.tables import policy, trial
+from services.database.tables import attempt, policy, robot, trial
 from services.disk import Disk
 from services.dispatcher import dispatcher as dispatcher_module
 from services.dispatcher import queue
 from services.dispatcher.dispatcher import Dispatcher, Metrics
 from services.dispatcher.finding import find_trial
-from services.jobs import lease
 from services.jobs.clock import FarmClock
 from services.jobs.signals import Signals
 from services.settings import Settings
-from tests.unit.services.conftest import beat
+from tests.unit.services.conftest import beat, leased_to
 from tests.unit.services.dispatcher.conftest import POLICY, add_trials
 
 
@@ -48,8 +47,8 @@ async def test_a_trial_whose_robot_says_that_it_runs_it_is_running_though_its_an
     await add_trials(database, [("a",)])
     now_s = dispatcher.clock.now_s()
     async with database.write() as tx:
-        row, _ = await find_trial(tx, "a", dispatcher.fleet, now_s)
-        claim = await lease.write_lease(tx, now_s, row, "a", departure=None, lease_s=15.0)
+        row, _ = await find_trial(tx, "a", dispatcher.fleet.seen(now_s))
+        claim = await leased_to(tx, now_s, row, "a", departure=None, lease_s=15.0)
     dispatcher.fleet.leased(claim, now_s)
 
     async def state_after_a_look():
@@ -62,6 +61,31 @@ async def test_a_trial_whose_robot_says_that_it_runs_it_is_running_though_its_an
     dispatcher.fleet.heard(running, now_s)
     assert await state_after_a_look() == TrialState.RUNNING
     assert dispatcher.fleet.member("a").state(now_s) == RobotState.RUNNING
+
+
+class Unanswered:
+    """A bus on which nobody answers."""
+
+    async def offer(self, _lease, _timeout_s):
+        """Nothing came."""
+
+
+@pytest.mark.parametrize(("leaving", "ends"), [(True, "declined"), (False, "platform_fault")])
+async def test_a_robot_that_goes_while_it_is_offered_a_trial_is_not_at_fault(database, dispatcher, leaving, ends):
+    await add_trials(database, [("a",)])
+    async with database.write() as tx:
+        await tx.execute(update(policy).values(manifest=LAYOUTS["pose"].model_dump_json()))
+    now_s, dispatcher.bus = dispatcher.clock.now_s(), Unanswered()
+    async with database.write() as tx:
+        row, _ = await find_trial(tx, "a", dispatcher.fleet.seen(now_s))
+        claim = await leased_to(tx, now_s, row, "a", departure=None, lease_s=15.0)
+    dispatcher.fleet.heard(beat("a", RobotState.DRAINING).model_copy(update={"leaving": leaving}), now_s)
+    await dispatcher._offer(claim, row)
+    async with database.read() as connection:
+        found = (
+            await connection.execute(select(attempt.c.state, trial.c.state).join(trial, attempt.c.trial_id == trial.c.trial_id))
+        ).one()
+    assert found == (ends, TrialState.QUEUED)
 
 
 async def test_only_so_many_manifests_are_kept_in_memory(database, dispatcher, monkeypatch):
@@ -78,3 +102,16 @@ async def test_a_graph_that_was_converted_again_is_in_the_next_lease(database, d
         async with database.write() as tx:
             await tx.execute(update(policy).values(manifest=LAYOUTS["pose"].model_dump_json(), graph_sha256=graph))
         assert await dispatcher._policy(POLICY["digest"]) == (LAYOUTS["pose"], graph)
+
+
+async def test_a_robot_that_left_is_on_no_list_after_a_minute(database, dispatcher):
+    async with database.write() as tx:
+        await tx.execute(insert(robot), [{"robot": name, "drain": False, "first_seen_at": "now"} for name in "ab"])
+    gone = beat("a", RobotState.DRAINING).model_copy(update={"leaving": True})
+    dispatcher.fleet.heard(gone, dispatcher.clock.now_s() - 100.0)
+    dispatcher.fleet.token_changed("a", present=False, now_s=dispatcher.clock.now_s() - 100.0)
+    await dispatcher._look(look_at_active=True)
+    await dispatcher._look(look_at_active=True)
+    async with database.read() as connection:
+        assert (await connection.execute(select(robot.c.robot))).scalars().all() == ["b"]
+    assert "a" not in dispatcher.fleet.members

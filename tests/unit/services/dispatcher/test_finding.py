@@ -8,7 +8,7 @@ from api_schemas.robot import RobotState
 from api_schemas.trial import AttemptState, TrialState
 from services.database.tables import attempt, trial
 from services.dispatcher import turns
-from services.dispatcher.finding import find_passed_over, find_trial, pass_over
+from services.dispatcher.finding import find_trial, pass_over, passed_over
 from services.dispatcher.queue import PASSED_OVER_AT_ONCE
 from services.jobs.claim import Claim
 from services.jobs.fleet import Fleet
@@ -37,14 +37,14 @@ def fleet_of(*robots, busy=()):
 async def found_by(database, robot, fleet, now_s=NOW_S, pass_over_s=0.5):
     """What the robot finds, in the transactions of a dispatcher."""
     async with asyncio.timeout(5):
+        seen = fleet.seen(now_s)
         async with database.write() as tx:
-            found = await find_trial(tx, robot, fleet, now_s)
+            if (found := await find_trial(tx, robot, seen)) is not None:
+                return found
+            (found, *_) = (await passed_over(tx, seen.ready, seen, pass_over_s)).get(robot, [None])
         if found is None:
             async with database.write() as tx:
-                found = await find_passed_over(tx, robot, fleet, now_s, pass_over_s)
-        if found is None:
-            async with database.write() as tx:
-                await pass_over(tx, robot, fleet, now_s)
+                await pass_over(tx, seen)
         return found
 
 

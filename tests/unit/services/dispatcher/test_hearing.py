@@ -10,7 +10,7 @@ from structlog.testing import capture_logs
 from api_schemas.bus import Heartbeat
 from api_schemas.robot import RobotState
 from services.database.tables import robot
-from services.dispatcher.hearing import Hearing
+from services.dispatcher.hearing import GATHER_S, NAMED, Hearing
 from services.dispatcher.overdue import LeaseEnder
 from services.dispatcher.steps import Steps
 from services.jobs import lease, robots
@@ -21,8 +21,8 @@ from services.settings import Settings
 from tests.unit.services.jobs.test_pinning import asked, end, take
 
 
-def beat(instance):
-    return Heartbeat(robot="robot-0", instance=instance, pid=1, host="h", state=RobotState.IDLE)
+def beat(instance, name="robot-0"):
+    return Heartbeat(robot=name, instance=instance, pid=1, host="h", state=RobotState.IDLE)
 
 
 class Heard:
@@ -72,6 +72,37 @@ async def test_a_new_process_waits_for_what_the_last_one_held(heard):
     assert heard.ready() == ("robot-0",)
 
 
+async def test_who_comes_at_the_same_time_is_written_down_together_and_told_in_one_line(heard, monkeypatch):
+    names, kept = [f"robot-{number}" for number in range(20)], []
+    keep = robots.keep
+
+    async def counted(tx, beats, now_s):
+        kept.append(len(beats))
+        return await keep(tx, beats, now_s)
+
+    monkeypatch.setattr(robots, "keep", counted)
+    with capture_logs() as lines:
+        for name in names:
+            heard.hearing._presence_changed(name, present=True)
+            heard.hearing._heard(beat("one", name))
+        await heard.all_done()
+        await asyncio.sleep(2 * GATHER_S)
+    assert kept == [20]
+    assert [(line["event"], line["count"], len(line["robots"])) for line in lines] == [("robots came", 20, NAMED)]
+    assert heard.ready() == tuple(sorted(names))
+
+
+@pytest.mark.parametrize("new_database", ["postgres"], indirect=True)  # SQLite takes texts of any length
+async def test_one_whose_words_cannot_be_kept_does_not_keep_others_out(heard):
+    heard.hearing._heard(beat("one", "robot-1"))
+    heard.hearing._heard(beat("i" * 1000, "robot-2"))
+    with capture_logs() as lines:
+        await heard.all_done()
+    assert [(line["event"], line["robot"]) for line in lines] == [("robot not written down", "robot-2")]
+    async with heard.database.read() as connection:
+        assert (await connection.execute(select(robot.c.robot))).scalars().all() == ["robot-1"]
+
+
 async def test_a_token_alone_gets_no_lease_that_the_next_heartbeat_would_end(heard):
     heard.says("one")
     await heard.all_done()
@@ -98,11 +129,11 @@ async def test_it_does_not_wait_for_ever_for_a_database_that_is_away_and_is_writ
 @pytest.mark.parametrize("new_database", ["sqlite"], indirect=True)  # those who share a database go on counting
 async def test_an_outcome_that_is_under_way_while_the_services_start_anew_is_taken(heard, fleet_of):
     async with heard.database.write() as tx:
-        await robots.keep(tx, beat("one"), 1.0)
+        await robots.keep(tx, [beat("one")], 1.0)
     await asked(heard.database, "robot-0")
     claim = await take(heard.database, "robot-0", fleet_of("robot-0"))
     async with heard.database.write() as tx:
-        await lease.confirm_lease(tx, 1000.0, claim)
+        await lease.confirm_leases(tx, 1000.0, [claim])
         await robots.load(tx, heard.fleet, heard.clock.now_s(), 15.0, prolong=True)
     heard.says("one")  # that it is idle, before its outcome goes out
     await heard.all_done()
@@ -112,7 +143,7 @@ async def test_an_outcome_that_is_under_way_while_the_services_start_anew_is_tak
 @pytest.mark.parametrize("new_database", ["sqlite"], indirect=True)
 async def test_a_lease_whose_offer_was_lost_with_the_last_services_ends_at_once(heard, fleet_of):
     async with heard.database.write() as tx:
-        await robots.keep(tx, beat("one"), 1.0)
+        await robots.keep(tx, [beat("one")], 1.0)
     await asked(heard.database, "robot-0")
     await take(heard.database, "robot-0", fleet_of("robot-0"))
     async with heard.database.write() as tx:
@@ -120,5 +151,5 @@ async def test_a_lease_whose_offer_was_lost_with_the_last_services_ends_at_once(
     heard.says("one")
     await heard.all_done()
     async with heard.database.read() as connection:
-        assert await robots.held_by(connection, "robot-0") is None
+        assert await robots.held_by(connection, ["robot-0"]) == {}
     assert heard.ready() == ("robot-0",)

@@ -59,7 +59,7 @@ class Lapses:
 @pytest.fixture
 async def lapses(new_database, fleet_of, tmp_path):
     async with new_database.write() as tx:
-        await robots.keep(tx, beat("b"), NOW_S)
+        await robots.keep(tx, [beat("b")], NOW_S)
         await identify(tx, NOW_S, ONE_TRIAL, Sender("ann"))
     return Lapses(new_database, fleet_of("b", now_s=NOW_S), tmp_path)
 

@@ -7,8 +7,8 @@ from api_schemas.trial import TrialState
 from services.database.tables import job, policy, trial
 from services.dispatcher import queue
 from services.dispatcher.finding import find_trial
-from services.jobs import lease
 from tests.benchmarks.claim_cost import JOB, POLICY, TRIAL
+from tests.unit.services.conftest import leased_to
 
 JOBS, TRIALS, CLAIMS = 100, 100, 24
 _SCANS = text("SELECT seq_scan FROM pg_stat_user_tables WHERE relname = 'trial'")
@@ -42,8 +42,8 @@ async def test_a_claim_reads_the_queue_through_its_indexes(new_database, fleet_o
         for member in fleet.members.values():
             member.seen_s = now_s
         async with new_database.write() as tx:
-            found = await find_trial(tx, robot, fleet, now_s)
-            claim = await lease.write_lease(tx, now_s, found[0], robot, departure=found[1], lease_s=15.0)
+            found = await find_trial(tx, robot, fleet.seen(now_s))
+            claim = await leased_to(tx, now_s, found[0], robot, departure=found[1], lease_s=15.0)
             assert await queue.drawn_robots(tx) <= {"a", "b"}
             done = update(trial).where(trial.c.trial_id == claim.trial_id)
             await tx.execute(done.values(state=TrialState.DONE))

@@ -9,10 +9,11 @@ from api_schemas.job import JobRequest
 from api_schemas.trial import TrialState
 from services.database.tables import job, policy, trial
 from services.dispatcher.finding import find_trial
-from services.jobs import lease
+from services.jobs import robots
 from services.jobs.position import User, mean_s, trials_ahead
 from services.jobs.submission import Sender, submit
 from services.jobs.views import show_jobs
+from tests.unit.services.conftest import beat, leased_to
 from tests.unit.services.dispatcher.conftest import POLICY
 
 ROBOTS = ("a", "b", "c", "d")
@@ -38,10 +39,10 @@ def farm(new_database, fleet_of):
         """The owner of the trial that the robot gets; the trial is over when this returns, unless ``ends`` is false."""
         now_s = float(next(clock))
         async with new_database.write() as tx:
-            found = await find_trial(tx, robot, fleet, now_s, limit)
+            found = await find_trial(tx, robot, fleet.seen(now_s), limit)
             if found is None:
                 return None
-            claim = await lease.write_lease(tx, now_s, found[0], robot, departure=found[1], lease_s=15.0)
+            claim = await leased_to(tx, now_s, found[0], robot, departure=found[1], lease_s=15.0)
             if ends:
                 done = update(trial).where(trial.c.trial_id == claim.trial_id)
                 await tx.execute(done.values(state=TrialState.DONE))
@@ -102,8 +103,22 @@ async def test_a_robot_has_one_lease_whoever_writes_it(farm, new_database, fleet
     assert await take("a", ends=False) == "ann"
     # Another dispatcher that has not heard of it finds the next trial for the robot and cannot write its lease.
     async with new_database.write() as tx:
-        found = await find_trial(tx, "a", fleet_of(*ROBOTS), 1000.0)
-        assert await lease.write_lease(tx, 1000.0, found[0], "a", departure=None, lease_s=15.0) is None
+        found = await find_trial(tx, "a", fleet_of(*ROBOTS).seen(1000.0))
+        assert await leased_to(tx, 1000.0, found[0], "a", departure=None, lease_s=15.0) is None
+
+
+async def test_a_robot_that_was_drained_elsewhere_gets_no_lease_from_who_has_not_heard_of_it(farm, new_database, fleet_of):
+    queue, _ = farm
+    await queue("ann", 40)
+    async with new_database.write() as tx:
+        await robots.keep(tx, [beat("a")], 1000.0)
+    for drain in (True, False):
+        async with new_database.write() as tx:
+            await robots.wish_drain(tx, "a", drain=drain)
+        async with new_database.write() as tx:
+            found = await find_trial(tx, "a", fleet_of(*ROBOTS).seen(1000.0))
+            claim = await leased_to(tx, 1000.0, found[0], "a", departure=None, lease_s=15.0)
+        assert (claim is None) == drain
 
 
 async def test_users_take_turns_within_a_priority_and_the_more_pressing_goes_first(farm):

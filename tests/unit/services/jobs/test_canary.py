@@ -14,9 +14,10 @@ from services.database.tables import attempt, job, policy, robot, trial
 from services.dispatcher.canaries import LOOK_EVERY_S, Canaries
 from services.dispatcher.finding import find_trial
 from services.errors import NotFound
-from services.jobs import canary, completion, lease, robots
+from services.jobs import canary, completion, robots
 from services.jobs.signals import Signals
 from services.jobs.views import show_robot
+from tests.unit.services.conftest import leased_to
 from tests.unit.services.dispatcher.conftest import POLICY
 
 NOW_S = 1000.0
@@ -44,10 +45,10 @@ async def run(database, fleet, name, successes):
     """Has the robot run the canary's job that was queued for it, with so many successes."""
     for number in itertools.count():
         async with database.write() as tx:
-            found = await find_trial(tx, name, fleet, NOW_S)
+            found = await find_trial(tx, name, fleet.seen(NOW_S))
             if found is None:
                 return
-            claim = await lease.write_lease(tx, NOW_S, found[0], name, departure=None, lease_s=15.0)
+            claim = await leased_to(tx, NOW_S, found[0], name, departure=None, lease_s=15.0)
             await tx.execute(update(attempt).values(log_sha256=SHA))
             kind = OutcomeKind.SUCCEEDED if number < successes else OutcomeKind.FAILED
             outcome = Outcome(kind=kind, fault=FAULT_OF[kind], reason="it ended")

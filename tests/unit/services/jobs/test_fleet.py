@@ -154,3 +154,31 @@ def test_a_process_that_wakes_after_a_long_sleep_is_found_out_as_soon_as_the_oth
     assert state(fleet, 150.0) == RobotState.IDLE
     fleet.heard(beat(instance="two"), 150.5)
     assert state(fleet, 150.5) == RobotState.OUT_OF_SERVICE
+
+
+def leaving(state=RobotState.DRAINING, claim=None):
+    return beat(state, claim).model_copy(update={"leaving": True})
+
+
+@pytest.mark.parametrize(("said", "has_left"), [(leaving(), True), (beat(RobotState.DRAINING), False), (beat(), False)])
+def test_a_robot_that_said_that_it_goes_is_not_missed_and_forgotten_after_a_minute(fleet, said, has_left):
+    fleet.heard(said, 101.0)
+    assert not fleet.member("robot-0").has_left
+    fleet.token_changed("robot-0", present=False, now_s=102.0)
+    assert (fleet.member("robot-0").has_left, state(fleet, 102.0)) == (has_left, RobotState.LOST)
+    assert fleet.left_for_good(102.0 + KNOWN_AFTER_LOSS_S - 1.0) == []
+    assert fleet.left_for_good(102.0 + KNOWN_AFTER_LOSS_S) == ["robot-0"] * has_left
+
+
+def test_a_robot_that_goes_in_the_middle_of_a_trial_is_missed(fleet):
+    fleet.leased(CLAIM, 100.0)
+    fleet.heard(leaving(RobotState.RUNNING, CLAIM), 101.0)
+    fleet.token_changed("robot-0", present=False, now_s=102.0)
+    assert not fleet.member("robot-0").has_left
+
+
+def test_a_withdrawn_robot_that_goes_is_remembered(fleet):
+    fleet.member("robot-0").withdrawn = "five faults in a row"
+    fleet.heard(leaving(), 101.0)
+    fleet.token_changed("robot-0", present=False, now_s=102.0)
+    assert fleet.left_for_good(1000.0) == []

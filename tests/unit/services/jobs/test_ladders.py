@@ -32,7 +32,7 @@ async def database(new_database):
         for digest, name, owner in ((A, "first", "ann"), (B, "second", "ann"), (C, "third", "bob")):
             await tx.execute(insert(policy).values(row | {"digest": digest, "name": name, "owner": owner, "created_at": "now"}))
             await tx.execute(insert(policy_owner).values(digest=digest, owner=owner, created_at="now"))
-        await robots.keep(tx, beat("robot-0"), 1000.0)
+        await robots.keep(tx, [beat("robot-0")], 1000.0)
     return new_database
 
 
@@ -55,7 +55,7 @@ async def test_all_rungs_try_the_same_goals_and_stand_by_step(database):
     assert [(rung.step, rung.policy) for rung in shown.rungs] == [(3, A), (20, B), (1e6, A)]
     assert {row.seed for row in jobs} == {shown.seed}
     assert all(row.seed_drawn_by_server and row.trials == 4 for row in jobs)
-    assert not shown.is_over and shown.rungs[0].interval_80 is None
+    assert not shown.is_over and shown.rungs[0].interval_80 is shown.rungs[0].interval_95 is None
 
 
 async def test_a_seed_that_was_asked_for_is_taken_and_said(database):
@@ -114,7 +114,8 @@ async def test_the_board_pools_every_trial_of_a_fair_seed_and_no_other(database)
     rows = shown.rows
     assert shown.policies == 3
     assert [(row.policy, row.trials, row.successes, row.jobs) for row in rows] == [(C, 40, 36, 1), (B, 3, 3, 1), (A, 80, 30, 2)]
-    assert rows[1].interval_80 == wilson(3, 3, 0.80), "three of three are less than 36 of 40"
+    assert rows[1].interval_80 == wilson(3, 3, 0.80)
+    assert rows[1].interval_95 == wilson(3, 3, 0.95), "three of three are less than 36 of 40"
     assert [(each.object, each.policies) for each in found] == [("cube", 3), ("sphere", 1)]
 
 

@@ -14,7 +14,7 @@ from services.errors import NotFound
 from services.jobs import completion, leaderboard, lease, robots, submission
 from services.jobs.leaderboard import Wanted
 from services.jobs.submission import Sender
-from tests.unit.services.conftest import beat
+from tests.unit.services.conftest import beat, leased_to
 from tests.unit.services.reading import Reading
 
 A, B = "a" * 64, "b" * 64
@@ -34,7 +34,7 @@ async def database(new_database):
 
 async def join(database, robot, told, now_s=1000.0, instance="one"):
     async with database.write() as tx:
-        return await robots.keep(tx, beat(robot).model_copy(update=told | {"instance": instance}), now_s)
+        return await robots.keep(tx, [beat(robot).model_copy(update=told | {"instance": instance})], now_s)
 
 
 async def queued(database, digest=A, trials=2):
@@ -46,8 +46,8 @@ async def queued(database, digest=A, trials=2):
 async def run(database, fleet_of, robot, kind=OutcomeKind.SUCCEEDED):
     """One trial on the robot, from its lease to its accepted outcome."""
     async with database.write() as tx:
-        row, departure = await find_trial(tx, robot, fleet_of(robot), 1000.0)
-        claim = await lease.write_lease(tx, 1000.0, row, robot, departure=departure, lease_s=15.0)
+        row, departure = await find_trial(tx, robot, fleet_of(robot).seen(1000.0))
+        claim = await leased_to(tx, 1000.0, row, robot, departure=departure, lease_s=15.0)
         await lease.keep_file(tx, claim.trial_id, claim.fence, "log", A)
         outcome = Outcome(kind=kind, fault=Fault.NONE, reason="r")
         report = OutcomeReport(robot=robot, fence=claim.fence, outcome=outcome, log_sha256=A)

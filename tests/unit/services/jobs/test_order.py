@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.jobs.order import drawn_order, trial_seed
+from services.jobs.order import MOST_DRAWN, drawn_order, trial_seed
 
 NAMES = st.lists(st.from_regex(r"[a-z0-9-]{1,10}", fullmatch=True), min_size=1, max_size=12, unique=True)
 SEEDS = st.integers(0, 2**63 - 1)
@@ -27,6 +27,13 @@ def test_each_block_gives_every_robot_one_first_choice(seed, block, robots):
 def test_the_orders_of_one_block_are_rotations_of_each_other():
     first, second = (drawn_order(5, ordinal, "abcd") for ordinal in (4, 5))
     assert second == (*first[1:], first[0])
+
+
+def test_of_many_robots_an_order_has_the_first_and_all_are_first_of_one_trial_of_a_block():
+    names = [f"robot-{number}" for number in range(3 * MOST_DRAWN)]
+    orders = [drawn_order(5, ordinal, names) for ordinal in range(len(names))]
+    assert {len(order) for order in orders} == {MOST_DRAWN}
+    assert sorted(order[0] for order in orders) == sorted(names)
 
 
 def test_no_robots_no_order():

@@ -14,7 +14,7 @@ from services.dispatcher.finding import find_trial
 from services.errors import Conflict, NotFound, Refused
 from services.jobs import completion, lease, lists, views
 from services.jobs.submission import Sender, identify
-from tests.unit.services.conftest import beat
+from tests.unit.services.conftest import beat, leased_to
 
 NOW_S = 1000.0
 ANN = Sender("ann")
@@ -33,13 +33,21 @@ async def asked(database, name="any", excitations=("chirps", "hold_poses"), send
         return await identify(tx, NOW_S, request, sender)
 
 
+async def test_a_robot_that_came_a_moment_ago_and_is_not_written_down_yet_can_be_asked_for(database):
+    request = IdentificationRequest(robot="new", excitations=("chirps",))
+    async with database.write() as tx:
+        with pytest.raises(NotFound):
+            await identify(tx, NOW_S, request, ANN, ["other"])
+        assert (await identify(tx, NOW_S, request, ANN, ["new"]))[1]
+
+
 async def take(database, name, fleet):
     """The claim of the trial that the robot gets, as the dispatcher gives it; None when there is none."""
     async with database.write() as tx:
-        found = await find_trial(tx, name, fleet, NOW_S)
+        found = await find_trial(tx, name, fleet.seen(NOW_S))
         if found is None:
             return None
-        claim = await lease.write_lease(tx, NOW_S, found[0], name, departure=found[1], lease_s=15.0)
+        claim = await leased_to(tx, NOW_S, found[0], name, departure=found[1], lease_s=15.0)
     fleet.leased(claim, NOW_S, accepted=True)
     return claim
 

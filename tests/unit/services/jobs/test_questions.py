@@ -16,7 +16,7 @@ from services.errors import Conflict, NotFound, Refused
 from services.jobs import cancellation, completion, goals, judging, leaderboard, lease, questions, requeue, robots, submission
 from services.jobs.leaderboard import Wanted
 from services.jobs.submission import Sender
-from tests.unit.services.conftest import beat
+from tests.unit.services.conftest import beat, leased_to
 
 A, B = "a" * 64, "b" * 64
 ROBOTS = ("r0", "r1")
@@ -30,7 +30,7 @@ async def database(new_database):
     async with new_database.write() as tx:
         await tx.execute(insert(policy), [kept | {"digest": digest, "name": digest[0]} for digest in (A, B)])
         for robot in ROBOTS:
-            await robots.keep(tx, beat(robot).model_copy(update={"physics": "real", "physics_digest": "1" * 32}), 1000.0)
+            await robots.keep(tx, [beat(robot).model_copy(update={"physics": "real", "physics_digest": "1" * 32})], 1000.0)
     return new_database
 
 
@@ -59,10 +59,10 @@ async def run(database, fleet_of, ends, robot="r0"):
     while True:
         await move(database)
         async with database.write() as tx:
-            found = await find_trial(tx, robot, fleet_of(*ROBOTS), 1000.0)
+            found = await find_trial(tx, robot, fleet_of(*ROBOTS).seen(1000.0))
             if found is None:
                 return done
-            claim = await lease.write_lease(tx, 1000.0, found[0], robot, departure=found[1], lease_s=15.0)
+            claim = await leased_to(tx, 1000.0, found[0], robot, departure=found[1], lease_s=15.0)
             await lease.keep_file(tx, claim.trial_id, claim.fence, "log", A)
             succeeded = ends(found[0].policy, found[0].ordinal)
             outcome = Outcome(kind=OutcomeKind.SUCCEEDED if succeeded else OutcomeKind.FAILED, fault=Fault.NONE, reason="r")

@@ -11,7 +11,7 @@ from services.database.tables import job, ladder, policy, report, trial
 from services.dispatcher.finding import find_trial
 from services.jobs import cancellation, completion, ladders, lease, racing, robots
 from services.jobs.submission import Sender
-from tests.unit.services.conftest import beat
+from tests.unit.services.conftest import beat, leased_to
 
 DIGESTS = tuple(letter * 64 for letter in "abcd")
 ROBOTS = ("r0", "r1")
@@ -24,7 +24,7 @@ async def database(new_database):
     async with new_database.write() as tx:
         await tx.execute(insert(policy), [kept | {"digest": digest, "name": digest[0]} for digest in DIGESTS])
         for robot in ROBOTS:
-            await robots.keep(tx, beat(robot).model_copy(update={"physics": "real", "physics_digest": "1" * 32}), 1000.0)
+            await robots.keep(tx, [beat(robot).model_copy(update={"physics": "real", "physics_digest": "1" * 32})], 1000.0)
     return new_database
 
 
@@ -57,10 +57,10 @@ async def run(database, fleet_of, ends):
         await move(database)
         async with database.write() as tx:
             robot = ROBOTS[done % 2]
-            found = await find_trial(tx, robot, fleet_of(robot), 1000.0)
+            found = await find_trial(tx, robot, fleet_of(robot).seen(1000.0))
             if found is None:
                 return done
-            claim = await lease.write_lease(tx, 1000.0, found[0], robot, departure=found[1], lease_s=15.0)
+            claim = await leased_to(tx, 1000.0, found[0], robot, departure=found[1], lease_s=15.0)
             await lease.keep_file(tx, claim.trial_id, claim.fence, "log", "a" * 64)
             succeeded = ends(found[0].policy[0], found[0].ordinal)
             outcome = Outcome(kind=OutcomeKind.SUCCEEDED if succeeded else OutcomeKind.FAILED, fault=Fault.NONE, reason="r")

@@ -38,6 +38,29 @@ async def shown(database, fleet):
     return show_robot(fleet.member("a"), NOW_S)
 
 
+class WishedMeanwhile:
+    """A connection; when it has read, an operator drains the robot before anything else is done."""
+
+    def __init__(self, connection, fleet):
+        self.connection, self.fleet = connection, fleet
+
+    async def execute(self, statement):
+        """What was there before."""
+        found = await self.connection.execute(statement)
+        self.fleet.wishes += 1
+        self.fleet.member("a").drain = True
+        return found
+
+
+async def test_a_wish_is_not_undone_by_what_was_read_before_it(database, fleet_of):
+    fleet = fleet_of("a", now_s=NOW_S)
+    async with database.read() as connection:
+        await robots.refresh(WishedMeanwhile(connection, fleet), fleet)
+        assert fleet.member("a").drain
+        await robots.refresh(connection, fleet)
+        assert not fleet.member("a").drain, "what was read after it counts"
+
+
 async def test_five_faults_in_a_row_take_a_robot_out_of_service_until_an_operator_resumes_it(database, fleet_of):
     fleet = fleet_of("a", now_s=NOW_S)
     await fail(database, FAULTS_IN_A_ROW - 1)
@@ -71,7 +94,7 @@ async def test_an_accepted_outcome_between_faults_counts_and_begins_anew(databas
 async def test_a_process_is_new_once_also_for_several_who_hear_it_at_the_same_time(new_database):
     async def hear(instance):
         async with new_database.write() as tx:
-            return await robots.keep(tx, beat("b").model_copy(update={"instance": instance}), NOW_S)
+            return bool(await robots.keep(tx, [beat("b").model_copy(update={"instance": instance})], NOW_S))
 
     assert sorted(await asyncio.gather(*(hear("one") for _ in range(4)))) == [False, False, False, True]
     assert sorted(await asyncio.gather(*(hear("two") for _ in range(4)))) == [False, False, False, True]
@@ -89,7 +112,7 @@ async def test_a_robot_that_was_forgotten_is_gone_everywhere_and_may_join_again(
         assert set(fleet.members) == {"b"}
         with pytest.raises(NotFound, match="No robot named a ever joined"):
             await robots.forget(tx, "a")
-        assert await robots.keep(tx, beat("a"), NOW_S)
+        assert await robots.keep(tx, [beat("a")], NOW_S)
 
 
 async def test_a_robot_with_a_lease_is_not_forgotten(database, fleet_of):

@@ -41,3 +41,9 @@ def test_a_trial_that_a_robot_has_begun_since_is_running(fleet):
 def test_a_trial_of_another_job_is_not(fleet):
     fleet.leased(Claim("jtheirs-001", 1, "robot-0"), NOW_S)
     assert said(fleet) == ("12 trials about to be leased: robot-0 is running a trial of another job, robot-1 is idle")
+
+
+def test_of_many_robots_the_sentence_names_the_first(fleet):
+    for number in range(2, 30):
+        fleet.heard(beat(robot=f"robot-{number}"), NOW_S)
+    assert said(fleet).endswith("robot-14 is idle, robot-15 is idle, and 22 more")

@@ -8,6 +8,7 @@ import pytest
 
 from sim_backend.reality_gap.__main__ import main
 from sim_backend.reality_gap.measured.foreign.study_file import load_study_file
+from sim_backend.reality_gap.model.files import LAWS, NATIVE
 from sim_backend.reality_gap.replay import ReplayErrors
 from sim_backend.reality_gap.study import stated_causes
 
@@ -76,6 +77,24 @@ def test_the_right_model_goes_where_the_robot_went(folder, replay, window):
     assert error["extended"] < 0.05 * error["nominal"] and error["arm"] == error["nominal"]
     assert [each["recording"] for each in found["recordings"]] == ["run1", "run2"]
     assert found["recordings"][0]["windows"] == (3 if window else 1)
+
+
+def test_the_model_of_a_study_comes_with_its_laws_whether_it_or_its_folder_is_named(folder, replay):
+    study = folder / "studied"
+    study.mkdir()
+    (study / NATIVE).write_text(ARM.format(""))
+    (study / LAWS).write_text(json.dumps({"joints": {"hinge": {"load_friction.coefficient": 0.2}}}))
+    named = [document(replay(each, folder / "study.toml")) for each in (study, study / NATIVE)]
+    assert named[0] == named[1]
+    (study / LAWS).unlink()
+    assert document(replay(study / NATIVE, folder / "study.toml")) != named[0]
+
+
+def document(came):
+    """What the command answered, without how long it thought that it would take."""
+    code, said = came
+    assert code == 0, said
+    return json.loads(said[said.index("{") : said.rindex("}") + 1])
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,8 @@ MODELS = {
         "viscous_friction.damping_nm_s_rad": 0.05,
         "rotor_inertia.armature_kg_m2": 0.01,
     },
-    "late, off and rippled": {
+    "late, off, weak and rippled": {
+        "position_gain.factor": 0.7,
         "action_delay.delay_s": 0.0051,
         "encoder_offset.offset_rad": 0.05,
         "torque_constant.error": -0.1,

@@ -12,11 +12,13 @@ from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownR
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.forward import Forward, Windows
 from sim_backend.reality_gap.subjects.joints.healthy_robots import Healthy, draw_healthy
+from sim_backend.reality_gap.subjects.joints.hypotheses import with_controllers
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.plant import Plant
-from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutProblem, windows_of
-from sim_backend.reality_gap.subjects.joints.rollout_selection import select_by_rollouts
-from sim_backend.reality_gap.subjects.joints.state import JointState
+from sim_backend.reality_gap.subjects.joints.recorded_windows import windows_of
+from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutProblem
+from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, select_by_rollouts
+from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import verdict_of_rollouts
 from sim_backend.reality_gap.verdict import Told, VerdictKind
 
@@ -28,17 +30,26 @@ PENDULUM = """
 """
 STEP_S = 0.005
 GAIN, DAMPING = 3.0, 0.1
+LIMIT_NM = 0.8
 NO_LIMIT = {"torque_saturation.limit_nm": np.array([1e9])}
 
 
-def recorded(model: mujoco.MjModel, target_rad: np.ndarray, *, seed: int = 0, noise_rad: float = 1e-4) -> Recording:
+def recorded(
+    model: mujoco.MjModel,
+    target_rad: np.ndarray,
+    *,
+    seed: int = 0,
+    noise_rad: float = 1e-4,
+    of_gain: float = 1.0,
+    limit_nm: float = np.inf,
+) -> Recording:
     """A PD controller follows targets at 200 Hz; positions have noise, which the controller sees."""
     data, rng = mujoco.MjData(model), np.random.default_rng(seed)
     found = np.empty((3, len(target_rad)))
     for i, target in enumerate(target_rad):
         position = data.qpos[0] + noise_rad * rng.standard_normal()
-        data.ctrl[0] = GAIN * (target - position) - DAMPING * data.qvel[0]
-        found[:, i] = position, data.qvel[0], data.ctrl[0]
+        sent_nm = of_gain * GAIN * (target - position) - DAMPING * data.qvel[0]
+        found[:, i], data.ctrl[0] = (position, data.qvel[0], sent_nm), np.clip(sent_nm, -limit_nm, limit_nm)
         for _ in range(round(STEP_S / model.opt.timestep)):
             mujoco.mj_step(model, data)
     position, velocity, torque = (row[:, None] for row in found)
@@ -106,9 +117,11 @@ def test_in_the_loop_a_controller_holds_its_torque_for_a_row_or_computes_all_the
     plant, state = Plant(model, ["hinge"]), JointState(1, NO_LIMIT)
 
     def off(*, as_held: bool) -> float:
-        forward = Forward(plant, row_s, is_held=as_held)
-        found = forward.positions(window, window.begin_rad, window.begin_rad_s, [state], np.zeros(1, int))
-        return float(np.abs(found[0, :, 0] - went).max())
+        """With the speed at the begin that fits best: steps of 2.5 ms know it half a step before."""
+        forward, speeds = Forward(plant, row_s, held_s=row_s if as_held else 0.0), np.linspace(-0.5, 0.5, 101)[:, None]
+        many = window.some(np.zeros(len(speeds), int))
+        found = forward.positions(many, many.begin_rad, speeds, [state], np.zeros(len(speeds), int))
+        return float(np.abs(found[:, :, 0] - went).max(axis=1).min())
 
     assert off(as_held=is_held) < 0.5 * off(as_held=not is_held)
 
@@ -126,11 +139,13 @@ def test_a_delayed_torque_comes_late():
     assert went[0] == pytest.approx(went[1], abs=1e-12) and np.abs(went).max() > 0.01
 
 
-def study_of(hidden: str, *, tolerance: Tolerance | None = None):
+def study_of(hidden: str, *, tolerance: Tolerance | None = None, limit_nm: float = np.inf):
     """Judge two recordings of a pendulum that has more than its model."""
     nominal = mujoco.MjModel.from_xml_string(PENDULUM.format(more=""))
     model = mujoco.MjModel.from_xml_string(PENDULUM.format(more=hidden))
-    recordings = [replace(recorded(model, targets(6.0, seed), seed=seed), name=f"swing {seed}") for seed in (1, 2)]
+    recordings = [
+        replace(recorded(model, targets(6.0, seed), seed=seed, limit_nm=limit_nm), name=f"swing {seed}") for seed in (1, 2)
+    ]
     robot = UnknownRobot(tolerance or Tolerance())
     study = study_joints(nominal, recordings, lambda *_: None, robot=robot, gate=np.inf)
     problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, robot.tolerance)
@@ -153,6 +168,52 @@ def test_a_hidden_loss_is_named_by_where_the_pendulum_goes(hidden, effect, value
     assert (cause.effect, cause.where) == (effect, "hinge")
     assert cause.interval_90[0] < value < cause.interval_90[1] and cause.value == pytest.approx(value, rel=0.1)
     assert [e.told for e in verdict.effects if e.effect == effect] == [Told.NAMED]
+
+
+def test_a_limit_that_few_windows_meet_is_named_and_not_called_healthy():
+    """Most windows are as right as can be, some end up far off."""
+    verdict = study_of("", limit_nm=LIMIT_NM)
+    assert verdict.verdict is VerdictKind.NAMED, verdict.summary
+    (cause,) = verdict.causes
+    assert cause.effect == "torque_saturation" and cause.value == pytest.approx(LIMIT_NM, rel=0.02)
+
+
+def only_targets(recording: Recording, target_rad: np.ndarray) -> Recording:
+    """The same where nobody recorded a torque, but what the controller is said to be."""
+    assert recording.joints is not None
+    law = [np.full((len(target_rad), 1), value) for value in (0.0, GAIN, DAMPING, np.inf, 0.0, 0.0)]
+    law[0][:, 0] = target_rad
+    feedback, joints = Feedback(*law), recording.joints
+    assert joints.velocity_rad_s is not None
+    believed_nm = feedback.torque_nm(joints.position_rad, joints.velocity_rad_s)
+    return replace(recording, joints=replace(joints, commanded_torque_nm=believed_nm, feedback=feedback, not_recorded=("hinge",)))
+
+
+@pytest.mark.parametrize("of_gain", [0.75, 1.0])
+def test_a_controller_with_less_gain_is_named_where_only_targets_are_known(of_gain):
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more=""))
+    recordings = [
+        replace(only_targets(recorded(model, target := targets(6.0, seed), seed=seed, of_gain=of_gain), target), name=f"{seed}")
+        for seed in (1, 2)
+    ]
+    robot = UnknownRobot(Tolerance())
+    study = study_joints(model, recordings, lambda *_: None, robot=robot, gate=np.inf)
+    catalogue = with_controllers(study.fit.first.catalogue, ("hinge",), np.array([True]))
+    problem = RolloutProblem(study.problem.episodes, study.start, catalogue, robot.tolerance)
+    selection = select_by_rollouts(problem, catalogue, lambda _: True)
+    verdict = verdict_of_rollouts(study, selection, draw_healthy(problem, np.random.default_rng(0)))
+    if of_gain == 1.0:
+        assert verdict.verdict is VerdictKind.NOTHING_WRONG, verdict.summary
+        (excluded,) = [each.above for each in verdict.effects if each.effect == "position_gain"]
+        assert excluded is not None and 0.0 < excluded < 0.1
+        return
+    assert verdict.verdict is VerdictKind.NAMED, verdict.summary
+    (cause,) = verdict.causes
+    assert cause.effect == "position_gain" and cause.value == pytest.approx(of_gain, abs=0.02)
+    assert selection.problem.would_move_nats(selection.fit) < 1.0
+    halfway = selection.problem.begun(study.start.moved(Term("position_gain.factor", 0, 0.003), -0.1, with_shape=False))
+    unsettled = replace(halfway, terms=selection.fit.terms[:1], causes=1, scales=selection.fit.scales[:1])
+    assert selection.problem.would_move_nats(unsettled) > GATE, "it would go on to where it fits best"
 
 
 def test_nothing_is_named_where_nothing_is_hidden_and_every_effect_is_answered_for():
