@@ -4,6 +4,7 @@ import json
 import re
 import sqlite3
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import httpx
 import pytest
@@ -129,8 +130,13 @@ def test_a_wish_names_one_thing(ann, job):
 
 def test_a_link_is_opened_so_often_and_no_more(ann, anybody, job):
     made = shared(ann, job=job)
-    codes = [anybody.get(made["url"]).status_code for _ in range(int(OPENINGS_PER_S * BURST_S) + 6)]
-    assert codes[:15] == [200] * 15 and codes[-1] == 429
+    started, codes = time.monotonic(), []
+    with ThreadPoolExecutor(8) as visitors:  # together: one after the other a slow machine might never be too quick
+        while 429 not in codes and len(codes) < 400:
+            codes += visitors.map(lambda _: anybody.get(made["url"], timeout=60).status_code, range(8))
+    assert set(codes) == {200, 429}
+    held = OPENINGS_PER_S * BURST_S
+    assert held <= codes.count(200) <= held + OPENINGS_PER_S * (time.monotonic() - started)
     assert anybody.get(shared(ann, job=job)["url"]).status_code == 200, "another link is not held up"
 
 
