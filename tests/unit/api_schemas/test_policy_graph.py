@@ -25,7 +25,7 @@ def threads(code: str) -> int:
     environment = {name: value for name, value in os.environ.items() if name != "ORT_DISABLE_TELEMETRY"}
     environment |= {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-c", f"{code}; {THREADS}"]
-    return int(subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=60).stdout)
+    return int(subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=120).stdout)
 
 
 def test_no_thread_is_started_that_reports():

@@ -81,5 +81,5 @@ def test_the_installed_command_begins_where_the_module_does():
 def _run(*arguments, stdout, path=None):
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(str(each) for each in (path, ROOT) if each)}
     return subprocess.run(
-        [*ENTRY, *arguments], env=environment, stdout=stdout, stderr=subprocess.PIPE, text=True, check=False, timeout=60
+        [*ENTRY, *arguments], env=environment, stdout=stdout, stderr=subprocess.PIPE, text=True, check=False, timeout=120
     )

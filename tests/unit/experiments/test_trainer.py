@@ -201,7 +201,7 @@ def test_a_start_that_another_experiment_trains_is_waited_for(trainings):
             time.sleep(0.01)
         assert f"process {os.getpid()}" in told[0] and "waiting for its end" in told[0]
         (folder / "record.json").write_text("{}")
-    waiting.join(10)
+    waiting.join(120)
     assert not waiting.is_alive() and trainings.begun == [], "it was trained once"
 
 

@@ -124,7 +124,7 @@ def test_the_filter_forbids_by_number(call):
 
 def _escape(secret: Path, folder: Path) -> dict:
     command = [sys.executable, "-P", "-m", "tests.unit.jail.jail_escape", str(secret)]
-    ran = subprocess.run(command, cwd=folder, env=jail_environment(), capture_output=True, text=True, timeout=60, check=False)
+    ran = subprocess.run(command, cwd=folder, env=jail_environment(), capture_output=True, text=True, timeout=120, check=False)
     assert ran.returncode == 0, ran.stderr
     return json.loads(ran.stdout)
 

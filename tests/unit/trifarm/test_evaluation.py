@@ -14,7 +14,7 @@ from tests.unit.report_views.test_text import report, trial
 from tests.unit.trifarm import trained
 from trifarm.callbacks import Evaluations
 
-WITHIN_S = 30.0
+WITHIN_S = 120.0
 REPORT = report(trial(0), trial(1)).model_dump_json().encode()
 
 
@@ -31,16 +31,15 @@ def test_it_returns_at_once_tells_how_far_it_is_and_gives_the_report(farm, polic
     monkeypatch.setattr("trifarm.evaluation.LOOK_EVERY_S", 0.02)
     farm.state, farm.report = JobState.RUNNING, REPORT
     told = Event()
-    begun_s = time.monotonic()
     handle = trifarm.evaluate(policy, "push", 3, seed=5, step=7, on_end=lambda ended: told.set())
-    assert time.monotonic() - begun_s < 0.5 and not handle.done
+    assert not handle.done, "it returned though the job has not ended, nor will before it is told to"
     with pytest.raises(TimeoutError, match="of 3 trials are done"):
         while handle.job is None:
             time.sleep(0.01)
         handle.result(0.05)
     assert handle.progress == (0, 3)
     farm.state = JobState.SUCCEEDED
-    assert isinstance(handle.result(WITHIN_S), Report) and handle.done and told.wait(1)
+    assert isinstance(handle.result(WITHIN_S), Report) and handle.done and told.wait(WITHIN_S)
     asked, _ = farm.submissions[-1]
     assert (asked.trials, asked.seed, asked.question, handle.step, handle.job.job_id) == (3, 5, None, 7, JOB_ID)
 

@@ -15,6 +15,8 @@ from tests import ROOT
 HEAVY = ("torch", "mujoco", "onnxruntime", "numpy", "pydantic", "httpx", "gymnasium")
 WITHIN_S = 0.3
 BEST_OF = 5
+MOST_TIMES = 6.0
+"""A Python process that does nothing, on a machine where that alone takes long."""
 DATA_ONLY = {
     "ClientError",
     "Evaluation",
@@ -36,7 +38,8 @@ def _cpu_s(code):
 
 
 def test_the_import_takes_less_than_0_3_s_of_cpu():
-    assert min(_cpu_s("import trifarm") for _ in range(BEST_OF)) < WITHIN_S
+    nothing_s = min(_cpu_s("pass") for _ in range(BEST_OF))
+    assert min(_cpu_s("import trifarm") for _ in range(BEST_OF)) < max(WITHIN_S, MOST_TIMES * nothing_s)
 
 
 def test_the_import_loads_nothing_else():

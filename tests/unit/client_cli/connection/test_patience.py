@@ -1,5 +1,7 @@
 """Only refusals that pass by themselves are waited for, and not for ever."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from api_schemas.error import Problem
@@ -36,8 +38,10 @@ def test_what_does_not_pass_soon_is_not_waited_for(refusal):
 
 
 def test_patience_ends(monkeypatch):
-    monkeypatch.setattr(patience, "PATIENCE_S", 0.2)
-    ask, asked = refusing(*[("too-many-uploads", 0.05)] * 100)
+    waited_s = []
+    clock = SimpleNamespace(monotonic=lambda: sum(waited_s), sleep=waited_s.append)
+    monkeypatch.setattr(patience, "time", clock)
+    ask, asked = refusing(*[("too-many-uploads", patience.PATIENCE_S / 4)] * 100)
     with pytest.raises(Refused, match="too-many-uploads"):
         patiently(ask)
-    assert 2 <= len(asked) <= 5
+    assert (len(asked), sum(waited_s)) == (5, patience.PATIENCE_S)

@@ -36,7 +36,7 @@ def fleet_of(*robots, busy=()):
 
 async def found_by(database, robot, fleet, now_s=NOW_S, pass_over_s=0.5):
     """What the robot finds, in the transactions of a dispatcher."""
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(60):
         seen = fleet.seen(now_s)
         async with database.write() as tx:
             if (found := await find_trial(tx, robot, seen)) is not None:

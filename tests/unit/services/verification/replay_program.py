@@ -22,7 +22,7 @@ def main(arguments: list[str]) -> int:
     if does == "same":
         answer |= {"first_difference_step": None, "largest_joint_difference_rad": 0.0, "largest_cube_difference_m": 0.0}
     if does == "hang":
-        time.sleep(60)
+        time.sleep(600)
     elif does == "crash":
         sys.exit(3)
     elif does == "garbage":

@@ -38,7 +38,7 @@ class Receiver:
             length = int(head.lower().partition(b"content-length: ")[2].partition(b"\r\n")[0])
             self.requests.append(head + await reader.readexactly(length))
             if self.answer is None:
-                await asyncio.sleep(30)
+                await asyncio.sleep(300)
             writer.write(self.answer or b"")
             await writer.drain()
         except (OSError, asyncio.IncompleteReadError, asyncio.CancelledError):
@@ -96,4 +96,4 @@ def here(certificate):
     async def resolve(_host, _port):
         return ["127.0.0.1"]
 
-    return Reach(resolve, lambda _: True, ssl.create_default_context(cafile=certificate), within_s=5.0)
+    return Reach(resolve, lambda _: True, ssl.create_default_context(cafile=certificate), within_s=120.0)
