@@ -21,9 +21,9 @@ def test_two_processes_take_turns(tmp_path):
     both = [context.Process(target=_hold, args=(tmp_path, 0, 0.5, began)) for _ in range(2)]
     for process in both:
         process.start()
-    first, second = began.get(timeout=20), began.get(timeout=20)
+    first, second = began.get(timeout=120), began.get(timeout=120)
     for process in both:
-        process.join(timeout=10)
+        process.join(timeout=120)
     began.close()
     began.join_thread()
     assert second[1] - first[1] >= 0.5
@@ -33,9 +33,9 @@ def test_two_processes_take_turns(tmp_path):
 def taken(tmp_path):
     context = get_context("spawn")
     began = context.Queue()
-    holder = context.Process(target=_hold, args=(tmp_path, 0, 60, began))
+    holder = context.Process(target=_hold, args=(tmp_path, 0, 600, began))
     holder.start()
-    began.get(timeout=20)
+    began.get(timeout=120)
     yield holder
     holder.kill()
     holder.join()
@@ -43,25 +43,26 @@ def taken(tmp_path):
     began.join_thread()
 
 
-def test_a_robot_that_must_stop_does_not_wait(taken, tmp_path):
-    started_s = time.monotonic()
+def test_a_robot_that_must_stop_does_not_wait(taken, tmp_path, monkeypatch):
+    monkeypatch.setattr(core, "TURN_WITHIN_S", 600.0)
     with core.turn(tmp_path, 0, stop_reason=lambda: "the robot is being stopped"):
-        assert time.monotonic() - started_s < 1
+        assert taken.is_alive(), "and has the turn"
 
 
 def test_a_holder_that_hangs_does_not_stop_others(taken, tmp_path, monkeypatch):
     monkeypatch.setattr(core, "TURN_WITHIN_S", 0.3)
     started_s = time.monotonic()
     with core.turn(tmp_path, 0, stop_reason=lambda: None):
-        assert 0.3 <= time.monotonic() - started_s < 2
+        assert time.monotonic() - started_s >= 0.3
+        assert taken.is_alive(), "and has the turn"
 
 
-def test_a_killed_holder_gives_its_turn_back(taken, tmp_path):
+def test_a_killed_holder_gives_its_turn_back(taken, tmp_path, monkeypatch):
     taken.kill()
     taken.join()
-    started_s = time.monotonic()
+    monkeypatch.setattr(core, "TURN_WITHIN_S", 600.0)
     with core.turn(tmp_path, 0, stop_reason=lambda: None):
-        assert time.monotonic() - started_s < 0.3
+        pass
 
 
 def test_the_core_follows_the_robots_number():

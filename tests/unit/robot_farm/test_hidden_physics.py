@@ -22,9 +22,9 @@ def test_robots_that_start_together_get_one_secret(tmp_path):
     robots = [context.Process(target=_ask, args=(tmp_path / "robots", answers)) for _ in range(3)]
     for robot in robots:
         robot.start()
-    secrets = {answers.get(timeout=60) for _ in robots}
+    secrets = {answers.get(timeout=120) for _ in robots}
     for robot in robots:
-        robot.join(timeout=60)
+        robot.join(timeout=120)
     answers.close()
     answers.join_thread()
     assert len(secrets) == 1

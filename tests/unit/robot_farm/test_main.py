@@ -15,7 +15,7 @@ import pytest
 from robot_farm.settings import FARM_SEED_VARIABLE, TOKEN_VARIABLE
 
 NEEDED = ["--api", "http://127.0.0.1:1", "--bus", "tcp/127.0.0.1:1"]
-WITHIN_S = 60.0
+WITHIN_S = 120.0
 _LOOK = """
 import ctypes, os, sys
 from robot_farm import __main__ as main, robot

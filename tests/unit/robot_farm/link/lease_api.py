@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 from api_schemas.robot import Lease
+from robot_farm.link import lease_keeper
 from robot_farm.link.api_link import ApiLink
 from robot_farm.link.bus_link import Accepted
 from robot_farm.link.lease_keeper import TrialStoppedError
@@ -47,7 +48,7 @@ def lease_api():
             api.asked.append((time.monotonic(), self.path))
             status = api.of_files if self.path.endswith(("/log", "/truth", "/graph")) else api.status
             if status == 0:
-                api.over.wait(60)
+                api.over.wait(300)
                 return
             if status == 200 and self.path.endswith("/outcome"):
                 api.outcomes.append(json.loads(body))
@@ -83,7 +84,7 @@ def excitation_lease(fence=1):
     )  # fmt: skip
 
 
-def wait_until(condition, within_s=20.0):
+def wait_until(condition, within_s=120.0):
     """Wait for something that another thread does."""
     give_up_s = time.monotonic() + within_s
     while not condition():
@@ -95,23 +96,23 @@ def wait_until(condition, within_s=20.0):
 def serving(robot, api, lease=None):
     """A robot that serves a lease in a thread of its own; waits for its end."""
     with ApiLink(api.url, "token") as link:
-        arguments = (Accepted(lease or excitation_lease(), time.monotonic()), link, SilentBus(), threading.Event())
+        arguments = (Accepted(lease or excitation_lease(), lease_keeper.time.monotonic()), link, SilentBus(), threading.Event())
         thread = threading.Thread(target=robot._serve, args=arguments)
         thread.start()
         try:
             yield thread
         finally:
-            thread.join(60)
+            thread.join(120)
             assert not thread.is_alive()
 
 
 def endless_trial(steps: list[float]):
-    """A trial that would go on for ever, asking in each step whether it may; ``steps`` gets when it did, in seconds."""
+    """A trial that would go on for ever, asking in each step whether it may; ``steps`` gets when it did, by the lease's clock."""
 
     def run(_lease, _policy, _driver, _channels, log, *, stop_reason, **_):
         log.write_bytes(b"half a log")
         while (reason := stop_reason()) is None:
-            steps.append(time.monotonic())
+            steps.append(lease_keeper.time.monotonic())
             time.sleep(0.01)
         raise TrialStoppedError(reason)
 

@@ -15,7 +15,7 @@ from robot_farm.link.bus_access import Access
 from robot_farm.link.bus_link import BusLink
 from tests.unit.conftest import lease
 
-WITHIN_S = 20.0
+WITHIN_S = 120.0
 
 
 @pytest.fixture

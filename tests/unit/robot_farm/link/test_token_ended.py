@@ -2,7 +2,6 @@
 
 import json
 import threading
-import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
@@ -49,7 +48,7 @@ def api():
     server.server_close()
 
 
-def test_a_token_that_ends_in_the_middle_of_a_trial_ends_trial_and_robot(api, tmp_path, monkeypatch):
+def test_a_token_that_ends_in_the_middle_of_a_trial_ends_trial_and_robot(api, clock, tmp_path, monkeypatch):
     url, asked, steps = api
     monkeypatch.setenv(TOKEN_VARIABLE, "token")
     settings = parse(["--api", url, "--data", str(tmp_path), "--physics", "nominal", "--robot", "robot-0"])
@@ -61,7 +60,7 @@ def test_a_token_that_ends_in_the_middle_of_a_trial_ends_trial_and_robot(api, tm
         lease_s=LEASE_S,
     )  # fmt: skip
     with ApiLink(url, "token") as link, pytest.raises(TokenEndedError, match="401"):
-        robot._serve(Accepted(lease, time.monotonic()), link, bus, threading.Event())
+        robot._serve(Accepted(lease, clock.monotonic()), link, bus, threading.Event())
     assert steps and steps[-1] - steps[0] < LEASE_S, "it stopped before its lease ran out"
     assert set(asked) == {"/v1/leases/j1-000/renew"}, "nothing was uploaded or reported"
     assert bus.said[-1] == "free" and not list(tmp_path.rglob("*.mcap"))

@@ -41,7 +41,7 @@ def test_a_log_waits_while_its_lease_lives(api, robot):
 def test_it_does_not_wait_for_an_api_that_fails_or_that_does_not_renew(api, robot, status, of_files):
     api.status, api.of_files = status, of_files
     with serving(robot, api) as thread:
-        thread.join(15)
+        thread.join(120)
         assert not thread.is_alive()
     assert not api.outcomes
 
@@ -51,7 +51,7 @@ def test_nor_for_ever(api, robot, monkeypatch):
     api.of_files = 503
     with serving(robot, api):
         pass
-    assert 1.0 < api.times("/log")[-1] - api.times("/log")[0] < 10.0
+    assert api_link.RETRY_FOR_S < api.times("/log")[-1] - api.times("/log")[0] < 200.0, "usually it waits for an hour"
     assert not api.outcomes
 
 

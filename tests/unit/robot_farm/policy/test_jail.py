@@ -2,7 +2,6 @@
 
 import os
 import signal
-import time
 
 import numpy as np
 import pytest
@@ -40,10 +39,9 @@ def test_nan_is_the_policys_fault(tmp_path):
     expect_failure(linear(tmp_path / "p.onnx", bias=float("nan")), OutcomeKind.NONFINITE_ACTION, "not finite")
 
 
-def test_endless_computation_is_ended_by_its_cpu_time(tmp_path):
-    started_s = time.monotonic()
+def test_endless_computation_is_ended_by_its_cpu_time(tmp_path, monkeypatch):
+    monkeypatch.setattr("robot_farm.policy.jail.ACTION_WALL_S", 240.0)  # a machine may stall: then it is the platform's fault
     expect_failure(endless(tmp_path / "p.onnx"), OutcomeKind.ACTION_DEADLINE, "CPU time")
-    assert time.monotonic() - started_s < 15
 
 
 def test_too_much_memory_is_the_policys_fault(tmp_path):

@@ -17,6 +17,7 @@ from jail.level import JailLevel
 from robot_farm.policy import jail
 from robot_farm.policy.jail import ACTION_CPU_S, ACTION_WALL_S, JailedPolicy, PolicyFailedError
 from tests.graphs import linear
+from tests.stalls import stalls
 from tests.unit.robot_farm.policy.attacking_policy import ATTACKS, LINK_ATTACKS, SYSTEM_CALLS
 
 ATTACKER = "tests.unit.robot_farm.policy.attacking_policy"
@@ -51,7 +52,7 @@ HARMLESS = (
 def test_the_same_attack_succeeds_outside(name):
     """So that a denial is the jail's doing."""
     said = f"from tests.unit.robot_farm.policy.attacking_policy import attack; attack({name!r})"
-    subprocess.run([sys.executable, "-c", said], check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", said], check=True, timeout=120)
 
 
 @pytest.fixture
@@ -94,11 +95,11 @@ def test_system_calls_nobody_needs_are_refused_by_number(attacker):
 @pytest.mark.parametrize("name", LINK_ATTACKS)
 def test_nothing_that_comes_through_the_pipe_stops_or_breaks_the_robot(name, attacker):
     policy, started_s = attacker(name), time.monotonic()
-    with pytest.raises(PolicyFailedError) as caught:
+    with stalls() as stalled, pytest.raises(PolicyFailedError) as caught:
         for _ in range(2000):
             policy.act(OBSERVATION)
     assert FAULT_OF[caught.value.kind] is Fault.POLICY
-    assert time.monotonic() - started_s < 2 * ACTION_WALL_S
+    assert time.monotonic() - started_s < 2 * ACTION_WALL_S + stalled.seconds
 
 
 def test_an_error_text_steers_no_terminal(tmp_path):
@@ -122,16 +123,18 @@ def test_a_thread_may_be_started(attacker):
     assert action.shape == (9,)
 
 
-def test_spinning_ends_within_twice_the_deadline(attacker):
+def test_spinning_ends_within_twice_the_deadline(attacker, monkeypatch):
+    monkeypatch.setattr(jail, "ACTION_WALL_S", 240.0)  # a machine may stall: then it is the platform's fault
     policy = attacker("spin for ever")
     pid, started_s = policy.pid, time.monotonic()
+    before_s = time.clock_gettime(~pid << 3 | 2)  # of its start
     with pytest.raises(PolicyFailedError, match="CPU time") as caught:
         policy.act(OBSERVATION)
-    used_s = time.clock_gettime(~pid << 3 | 2)
+    used_s = time.clock_gettime(~pid << 3 | 2) - before_s
     policy.close()
     print(f"ended after {used_s:.2f} s of CPU time, {time.monotonic() - started_s:.2f} s of wall time")
     assert caught.value.kind is OutcomeKind.ACTION_DEADLINE
-    assert used_s < 2 * ACTION_CPU_S + 0.5  # with the half second that its start took
+    assert used_s < 2 * ACTION_CPU_S
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
 
@@ -157,7 +160,7 @@ def test_it_ends_when_its_robot_is_killed(tmp_path):
     time.sleep(0.2)
     robot.kill()
     robot.wait()
-    until_s = time.monotonic() + 5
+    until_s = time.monotonic() + 120
     while _runs(pid) and time.monotonic() < until_s:
         time.sleep(0.02)
     assert not _runs(pid)
