@@ -1,5 +1,7 @@
-"""How long a machine stood still while something was measured: bounds of times are as much wider."""
+"""How long a machine stood still while something was measured, and how slow it is: bounds of times are as much wider."""
 
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -11,17 +13,21 @@ STALL_S = 0.1
 """A thread that wants to go on every ``LOOK_EVERY_S`` and does so only after as long has been kept from it."""
 
 
+BEGINS_WITHIN_S, BEGINS_WORTH = 0.03, 20.0
+"""A process of Python begins so soon on a quiet machine. What ends in seconds does as much as so many of them, at the most."""
+
+
 @dataclass
 class Stalls:
-    """``seconds`` in which this process would have run and did not."""
+    """``seconds`` in which this process would have run and did not, and by which what was measured takes longer here."""
 
     seconds: float = 0.0
 
 
 @contextmanager
 def stalls() -> Iterator[Stalls]:
-    """Counts the stalls until its end."""
-    found, over = Stalls(), threading.Event()
+    """Counts the stalls until its end, and sees how slow the machine is."""
+    found, over, begins_s = Stalls(), threading.Event(), _begins_s()
 
     def look() -> None:
         last_s = time.monotonic()
@@ -38,6 +44,14 @@ def stalls() -> Iterator[Stalls]:
     finally:
         over.set()
         looking.join()
+        found.seconds += BEGINS_WORTH * max(0.0, max(begins_s, _begins_s()) - BEGINS_WITHIN_S)
+
+
+def _begins_s() -> float:
+    """How long a process of Python takes that does nothing, in seconds."""
+    began_s = time.monotonic()
+    subprocess.run([sys.executable, "-I", "-S", "-c", ""], check=True)
+    return time.monotonic() - began_s
 
 
 class SteadyClock:
