@@ -8,10 +8,12 @@ from pathlib import Path
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # read when numpy is first imported, which the next line does
     os.environ.setdefault(name, "1")
 
+import httpx  # noqa: E402
 import pytest  # noqa: E402
 
 from tests import ROOT  # noqa: E402
 from tests.homes import postgres, s3  # noqa: E402, F401  fixtures of the whole run
+from tests.integration.farm_process import PATIENCE_S  # noqa: E402
 
 
 def pytest_configure() -> None:
@@ -19,6 +21,8 @@ def pytest_configure() -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     os.environ["ORT_DISABLE_TELEMETRY"] = "1"
+    for wait in ("connect", "read", "write", "pool"):  # else 5 s, which a machine that stalls takes
+        setattr(httpx._config.DEFAULT_TIMEOUT_CONFIG, wait, PATIENCE_S)
     gc.disable()  # what is imported stays: looking through it again and again is a fifth of the collection
 
 

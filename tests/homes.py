@@ -53,7 +53,7 @@ class Postgres:
     def stop(self):
         """Ends it at once, as a crash would."""
         self.process.send_signal(signal.SIGQUIT)
-        self.process.wait(10)
+        self.process.wait(60)
 
     def url(self, name):
         return f"postgresql+asyncpg://postgres@127.0.0.1:{self.port}/{name}"
@@ -167,7 +167,7 @@ class S3:
         return {"files_url": f"s3://{name}/files", "s3_endpoint": self.endpoint} | S3_KEYS
 
 
-def _wait(answers, process, log, within_s=20):
+def _wait(answers, process, log, within_s=120):
     ends = time.monotonic() + within_s
     while time.monotonic() < ends:
         assert process.poll() is None, log.read_text()

@@ -76,7 +76,7 @@ def die_at(scene: Scene, place: str) -> str:
         until(lambda: not farm.orders.stands(f"die-{place}"), 60, f"a process to come to '{place}'")
     finally:
         farm.orders.take(f"die-{place}")
-    until(lambda: any(not farm.processes[name].is_alive() for name in farm.services), 10, f"a death at '{place}'")
+    until(lambda: any(not farm.processes[name].is_alive() for name in farm.services), 60, f"a death at '{place}'")
     dead = [name for name in farm.services if not farm.processes[name].is_alive()]
     farm.history("killed", process=dead[0], place=place)
     ready_s = farm.restart(dead[0])

@@ -17,6 +17,8 @@ from tests.end_to_end.farm import Farm
 CHROMIUM = "/usr/bin/chromium"
 REFERENCE = Path(__file__).parent.parent.parent / "sim_backend/training/reference_policies/push.safetensors"
 HOSTILE = """<img src=x onerror=alert(1)>"'&{{7*7}}</script><script>alert(2)</script>"""
+PATIENCE_MS = 120_000
+"""A browser that draws in software on a busy machine; nothing of how soon a page is there."""
 FLAGS = ["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
 
 
@@ -27,6 +29,7 @@ class Visit:
         self.context = browser.new_context(
             viewport={"width": width, "height": height}, color_scheme="dark" if dark else "light", base_url=looked.url
         )
+        self.context.set_default_timeout(PATIENCE_MS)
         self.page = self.context.new_page()
         self.complaints = []
         self.page.on("console", lambda said: self.complaints.append(said.text) if said.type == "error" else None)
@@ -54,7 +57,7 @@ class Looked:
         self.stranger = self.token("bob")
 
     def client(self, token: str) -> httpx.Client:
-        return httpx.Client(base_url=self.url, headers={"Authorization": f"Bearer {token}"}, timeout=30)
+        return httpx.Client(base_url=self.url, headers={"Authorization": f"Bearer {token}"}, timeout=120)
 
     def token(self, owner: str) -> str:
         return self.api.post("/v1/tokens", json={"owner": owner, "scopes": ["submit"]}).json()["secret"]
@@ -81,7 +84,7 @@ class Looked:
             client.put(f"/v1/policies/{digest}", files=files, data=data).raise_for_status()
         return digest
 
-    def wait(self, job_id: str, within_s: float = 90) -> None:
+    def wait(self, job_id: str, within_s: float = 240) -> None:
         give_up_s = time.monotonic() + within_s
         while self.api.get(f"/v1/jobs/{job_id}").json()["state"] != "succeeded":
             assert time.monotonic() < give_up_s, f"job {job_id} has not ended"

@@ -5,7 +5,7 @@ import signal
 import pytest
 
 from tests.browser.conftest import Visit, gravest
-from tests.integration.farm_process import services, until
+from tests.integration.farm_process import PATIENCE_S, services, until
 
 
 class Troubled:
@@ -21,14 +21,14 @@ class Troubled:
 @pytest.fixture(scope="module")
 def troubled(chromium, tmp_path_factory):
     """A farm whose only robot died in the midst of a trial, which was the job's last attempt."""
-    with services(tmp_path_factory.mktemp("troubled") / "farm", max_attempts=1, lease_s=1, renew_every_s=0.3) as farm:
-        farm.start_robot("robot-0", trial_s=60, renew_s=0.3)
-        until(lambda: farm.robots_in("idle") == 1, 20, "a robot")
+    with services(tmp_path_factory.mktemp("troubled") / "farm", max_attempts=1, renew_every_s=0.3) as farm:
+        farm.start_robot("robot-0", trial_s=600)
+        until(lambda: farm.robots_in("idle") == 1, PATIENCE_S, "a robot")
         job = farm.submit(farm.policy(), trials=3).json()["job_id"]
-        until(lambda: farm.robots_in("running") == 1, 20, "its trial")
+        until(lambda: farm.robots_in("running") == 1, PATIENCE_S, "its trial")
         farm.robots["robot-0"].send_signal(signal.SIGKILL)
-        until(lambda: farm.job(job)["state"] == "failed", 30, "the job to fail")
-        until(lambda: farm.robots_in("lost") == 1, 30, "the robot to be lost")
+        until(lambda: farm.job(job)["state"] == "failed", PATIENCE_S, "the job to fail")
+        until(lambda: farm.robots_in("lost") == 1, PATIENCE_S, "the robot to be lost")
         yield Troubled(farm), job
 
 

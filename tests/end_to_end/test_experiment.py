@@ -48,7 +48,7 @@ def stop_when(number: signal.Signals, is_time: Callable[[], bool], out: Path, wo
             time.sleep(0.05)
         assert running.poll() is None and is_time()
         running.send_signal(number)
-        said = running.communicate(timeout=60)[1]
+        said = running.communicate(timeout=120)[1]
     assert running.returncode == 130, said
     return said
 

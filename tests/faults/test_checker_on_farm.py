@@ -21,7 +21,7 @@ from chaos.promises import check
 from chaos.robot import expected_success
 from chaos.services import WITHOUT
 
-pytestmark = pytest.mark.timeout(240)
+pytestmark = pytest.mark.timeout(300)
 
 
 @pytest.fixture(scope="module")
@@ -73,10 +73,10 @@ def late_outcome(farm, key):
         ended = {(line.who, line.more["fence"]) for line in lines if line.did in ("answered", "gave-up")}
         return was_late and was_late <= ended
 
-    until(answered, 60, "answers to all outcomes that came late")
+    until(answered, 120, "answers to all outcomes that came late")
     for name in farm.robots:
         farm.orders.take("late", name)
-    until(over(farm, job_id), 60, "the end of the job")
+    until(over(farm, job_id), 120, "the end of the job")
 
 
 QUICK_FAULTS = (
@@ -117,7 +117,7 @@ def test_without_the_key_a_submission_is_not_found_again(farm, tmp_path):
     start_without(farm, "key")
     before = broken(farm, tmp_path)[1]
     assert before.broken["lost"] == ()
-    until(over(farm, submit(farm, "key")), 60, "the end of the job")
+    until(over(farm, submit(farm, "key")), 120, "the end of the job")
     found, verdict = broken(farm, tmp_path)
     assert "lost" in found
     assert all("nothing is found under this key" in each for each in verdict.broken["lost"])
@@ -132,7 +132,7 @@ def test_without_the_end_of_leases_a_trial_is_stuck(farm, tmp_path):
     job_id = submit(farm, "expiry")
     until(
         lambda: any(line.did == "late" and line.more["trial"].startswith(job_id) for line in history.read(farm.evidence)),
-        60,
+        120,
         "it to run",
     )
     for name in farm.robots:

@@ -19,6 +19,10 @@ from api_schemas.policy import LAYOUTS, canonical_json, policy_digest
 from tests.integration.forked import Forked
 
 ROOT = Path(__file__).parents[2]
+PATIENCE_S = 120
+"""So long anything that has to come is waited for. It says nothing of how soon it comes: machines stall, and are slow."""
+OFFER_TIMEOUT_S = 30
+"""A robot on a machine that stalls has not failed; one whose process is gone is known to be at once, whatever this is."""
 
 
 def free_port():
@@ -60,6 +64,7 @@ class Services:
     def __init__(self, data, *, host="127.0.0.1", link="tcp", through=(), **settings):
         """``host`` and ``link``: where it listens, and whether the bus is guarded; ``through`` comes before the command."""
         self.data, self.host, self.through = Path(data), host, through
+        settings = {"offer_timeout_s": OFFER_TIMEOUT_S} | settings
         self.settings = {f"TRIFARM_{name.upper()}": str(value) for name, value in settings.items()}
         self.port, self.bus_port = free_ports(2)
         scheme = "https" if "tls_key" in settings else "http"
@@ -80,7 +85,7 @@ class Services:
                 self.process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=errors, stderr=errors)
         else:
             self.process = Forked("services.__main__", arguments, cwd=ROOT, env=environment, errors=self.errors)
-        until(self._healthy, 90, "the services to be healthy")
+        until(self._healthy, PATIENCE_S, "the services to be healthy")
         if not self.tokens:
             given = [self.settings.get(f"TRIFARM_{name}_TOKEN") for name in ("ADMIN", "ROBOT")]
             made = self.data / "tokens.json"
@@ -96,7 +101,8 @@ class Services:
             return False
 
     def client(self, token):
-        client = httpx.Client(base_url=self.api, headers={"Authorization": f"Bearer {token}"}, timeout=60, verify=self.verify)
+        told = {"headers": {"Authorization": f"Bearer {token}"}, "timeout": PATIENCE_S, "verify": self.verify}
+        client = httpx.Client(base_url=self.api, **told)
         self.clients.append(client)
         return client
 
@@ -110,7 +116,7 @@ class Services:
         flags = [part for key, value in options.items() for part in _flag(key, value)]
         environment = os.environ | {"TRIFARM_ROBOT_TOKEN": self.tokens["robot"]}
         if name in self.robots:
-            self.robots[name].wait(10)
+            self.robots[name].wait(PATIENCE_S)
         arguments = [name, "--api", self.api, *(["--bus", self.bus] if self.bus else []), *flags]
         self.robots[name] = Forked("tests.integration.scripted_robot", arguments, cwd=ROOT, env=environment)
         return self.robots[name]
@@ -118,7 +124,7 @@ class Services:
     def start_robots(self, count, **options):
         for number in range(count):
             self.start_robot(f"robot-{number}", **options)
-        until(lambda: self.robots_in("idle") == count, 20, f"{count} idle robots")
+        until(lambda: self.robots_in("idle") == count, PATIENCE_S, f"{count} idle robots")
 
     def robots_in(self, *states):
         return sum(robot["state"] in states for robot in self.admin.get("/v1/robots").json()["robots"])
@@ -146,7 +152,7 @@ class Services:
     def job(self, job_id):
         return self.admin.get(f"/v1/jobs/{job_id}").json()
 
-    def wait_for_end(self, job_id, seconds=60):
+    def wait_for_end(self, job_id, seconds=PATIENCE_S):
         until(lambda: self.job(job_id)["state"] in ("succeeded", "failed", "cancelled"), seconds, f"the end of {job_id}")
         return self.job(job_id)
 
@@ -157,7 +163,7 @@ class Services:
     def stop(self, number=signal.SIGTERM):
         """It has to end by itself; one that is ended since it hung says where it stood."""
         self.process.send_signal(number)
-        status = self.process.wait(30)
+        status = self.process.wait(PATIENCE_S)
         assert status == 0, f"the services ended with status {status}: {self.errors.read_text()[-5000:]}"
         return status
 
@@ -179,6 +185,11 @@ class Services:
 def _flag(key, value):
     flag = "--" + key.replace("_", "-")
     return [flag] if value is True else [flag, str(value)]
+
+
+def is_stopped(process):
+    """Whether a signal has made it stand still."""
+    return Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()[0] == "T"
 
 
 def until(condition, seconds, what):

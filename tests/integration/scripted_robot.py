@@ -61,11 +61,12 @@ class ScriptedRobot:
 
     def __init__(
         self, name, api, endpoint, token, *, trial_s=0.05, log_bytes=1000, farm="farm", renew_s=3.0, refuse=False, fail=False,
-        truth=False, breaks=None, live=False,
+        truth=False, breaks=None, live=False, falls_asleep=False,
     ):  # fmt: skip
         self.name, self.farm, self.trial_s, self.renew_s = name, farm, trial_s, renew_s
         self.refuse, self.fail, self.instance = refuse, fail, uuid.uuid4().hex
         self.truth, self.breaks, self.out_of_service, self.live = truth, breaks, None, live
+        self.falls_asleep = falls_asleep
         self.body = random.Random(name).randbytes(log_bytes)
         self.state, self.lease, self.draining = RobotState.IDLE, None, False
         self.work, self.cancel, self.stopping = queue.SimpleQueue(), threading.Event(), threading.Event()
@@ -155,6 +156,9 @@ class ScriptedRobot:
     def wait_out(self, lease):
         ends = time.monotonic() + self.trial_s
         renew_at = beat_at = time.monotonic() + min(self.renew_s, 1.0)
+        if self.falls_asleep:
+            self.falls_asleep = False
+            os.kill(os.getpid(), signal.SIGSTOP)
         while (left := ends - time.monotonic()) > 0:
             if self.cancel.wait(min(left, 0.1 if self.live else 0.2)):
                 return OutcomeKind.CANCELLED
@@ -239,6 +243,7 @@ def main():
     parser.add_argument("--fail", action="store_true")
     parser.add_argument("--truth", action="store_true", help="upload a truth beside each log: the lease itself")
     parser.add_argument("--live", action="store_true", help="show itself while a trial runs")
+    parser.add_argument("--falls-asleep", action="store_true", help="stop in the middle of the first trial, until it is woken")
     parser.add_argument("--breaks", help="go out of service for this reason in the first trial, until told to resume")
     given = parser.parse_args()
     robot = ScriptedRobot(
@@ -254,6 +259,7 @@ def main():
         truth=given.truth,
         breaks=given.breaks,
         live=given.live,
+        falls_asleep=given.falls_asleep,
     )
     signal.signal(signal.SIGTERM, lambda *_: robot.stop())
     try:

@@ -9,7 +9,7 @@ import pytest
 from services.api.history import MOST_READERS
 from services.api.policies import MOST_UPLOADS
 from services.api.truth import MCAP_MAGIC
-from tests.integration.farm_process import services, small_policy, until
+from tests.integration.farm_process import PATIENCE_S, services, small_policy, until
 from tests.integration.test_bodies import FORM, PART, answer_of, begun
 from tests.integration.test_services_access import user
 
@@ -24,7 +24,8 @@ def spool(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def farm(tmp_path_factory, spool):
-    with services(tmp_path_factory.mktemp("at-once") / "farm", anonymous_requests_per_s=0, requests_per_s=0) as running:
+    settings = {"anonymous_requests_per_s": 0, "requests_per_s": 0, "body_stall_s": 300}
+    with services(tmp_path_factory.mktemp("at-once") / "farm", **settings) as running:
         running.start_robots(1, trial_s=0.02, truth=True)
         yield running
 
@@ -59,13 +60,13 @@ def test_two_uploads_and_the_third_is_refused_before_its_body_comes(farm, ann, s
     with ExitStack() as sending:
         for route in (put, "POST /v1/policies")[:MOST_UPLOADS]:
             sending.enter_context(half_sent(farm, ann, route, PART, form))
-        until(lambda: len(list(spool.glob("trifarm-upload-*"))) == MOST_UPLOADS, 10, "both uploads to have begun")
+        until(lambda: len(list(spool.glob("trifarm-upload-*"))) == MOST_UPLOADS, PATIENCE_S, "both uploads to have begun")
         with half_sent(farm, also_ann, put, b"", form) as third:
             assert refused(answer_of(third), "too-many-uploads")
         assert refused(whole(farm.upload(*small_policy(), client=ann)), "too-many-uploads")
         for other in (bob, farm.admin):
             assert farm.upload(*small_policy(), client=other).is_success
-    until(lambda: farm.upload(*small_policy(), client=ann).is_success, 10, "what was broken off to be forgotten")
+    until(lambda: farm.upload(*small_policy(), client=ann).is_success, PATIENCE_S, "what was broken off to be forgotten")
 
 
 def test_one_log_is_verified_and_another_refused_before_it_comes(farm, ann, spool):
@@ -77,11 +78,11 @@ def test_one_log_is_verified_and_another_refused_before_it_comes(farm, ann, spoo
         return client.post(path, content=MCAP_MAGIC + b"log")
 
     with half_sent(farm, ann, f"POST {path}", MCAP_MAGIC):
-        until(lambda: list(spool.glob("trifarm-verify-*")), 10, "the first to have begun")
+        until(lambda: list(spool.glob("trifarm-verify-*")), PATIENCE_S, "the first to have begun")
         with half_sent(farm, ann, f"POST {path}", b"") as second:
             assert refused(answer_of(second), "too-many-verifications")
         assert verified(farm.admin).json()["type"] == "/problems/log-unfit"
-    until(lambda: verified(ann).json()["type"] == "/problems/log-unfit", 30, "what was broken off to be forgotten")
+    until(lambda: verified(ann).json()["type"] == "/problems/log-unfit", PATIENCE_S, "what was broken off to be forgotten")
 
 
 def test_so_many_streams_and_long_polls_of_events(farm, ann):
@@ -105,6 +106,6 @@ def test_so_many_streams_and_long_polls_of_events(farm, ann):
             with ann.stream("GET", path) as answer:
                 return answer.status_code == 200
 
-        until(may_again, 10, "closed streams to be forgotten")
+        until(may_again, PATIENCE_S, "closed streams to be forgotten")
     finally:
         farm.admin.post("/v1/robots/robot-0/resume")

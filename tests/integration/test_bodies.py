@@ -9,11 +9,12 @@ from pathlib import Path
 import httpx
 import pytest
 
-from services.api.bodies import MAX_BODY_BYTES
+from services.api.bodies import MAX_BODY_BYTES, WHOLE_WITHIN
 from services.api.paging import encode
-from tests.integration.farm_process import services, small_policy
+from tests.integration.farm_process import PATIENCE_S, services, small_policy
+from tests.integration.pace import kept_open
 
-STALL_S = 1.0
+STALL_S = 0.8
 HUGE = 300 * 1024**2
 FORM = "multipart/form-data; boundary=b"
 PART = b'--b\r\nContent-Disposition: form-data; name="token"; filename="t"\r\n\r\n'
@@ -28,14 +29,21 @@ DIGEST = "0" * 64
 
 @pytest.fixture(scope="module")
 def farm(tmp_path_factory):
+    with services(tmp_path_factory.mktemp("bodies") / "farm", anonymous_requests_per_s=0) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def impatient(tmp_path_factory):
+    """A farm that soon gives up on a body; no other test should send it one, since we may stall ourselves."""
     settings = {"body_stall_s": STALL_S, "anonymous_requests_per_s": 0}
-    with services(tmp_path_factory.mktemp("bodies") / "farm", **settings) as running:
+    with services(tmp_path_factory.mktemp("impatient") / "farm", **settings) as running:
         yield running
 
 
 @contextmanager
 def begun(farm, route, *headers):
-    with socket.create_connection(("127.0.0.1", farm.port), timeout=20) as connection:
+    with socket.create_connection(("127.0.0.1", farm.port), timeout=PATIENCE_S) as connection:
         lines = (f"{route} HTTP/1.1", "Host: localhost", *headers, "", "")
         connection.sendall("\r\n".join(lines).encode())
         yield connection
@@ -45,7 +53,9 @@ def answer_of(connection):
     """(status, headers, problem) of the answer, which comes although the body has not ended."""
     got = b""
     while b"\r\n\r\n" not in got:
-        got += connection.recv(65536)
+        got += (part := connection.recv(65536))
+        if not part:
+            raise EOFError(f"the connection was closed after {got!r}")
     head, _, body = got.partition(b"\r\n\r\n")
     status, *lines = head.decode().split("\r\n")
     headers = dict(line.lower().split(": ", 1) for line in lines)
@@ -85,28 +95,30 @@ def test_a_body_of_unknown_length_is_counted(farm, route):
 
 
 @pytest.mark.parametrize("route", ["POST /v1/jobs", "POST /sign-in", f"PUT /v1/policies/{DIGEST}", "POST /v1/policies"])
-def test_a_body_that_stops_coming_is_not_waited_for(farm, route):
+def test_a_body_that_stops_coming_is_not_waited_for(impatient, route):
     media_type, start = ROUTES.get(route, (FORM, PART))
-    token = f"Authorization: Bearer {farm.tokens['admin']}"
-    with begun(farm, route, f"Content-Type: {media_type}", token, "Content-Length: 1000") as connection:
+    token, began_s = f"Authorization: Bearer {impatient.tokens['admin']}", time.monotonic()
+    with begun(impatient, route, f"Content-Type: {media_type}", token, "Content-Length: 1000") as connection:
         connection.sendall(start)
-        sent_s = time.monotonic()
         status, headers, problem = answer_of(connection)
-        waited_s = time.monotonic() - sent_s
+        waited_s = time.monotonic() - began_s
         assert connection.recv(1) == b""
     assert (status, problem["type"], headers["connection"]) == (408, "/problems/body-too-slow", "close")
     assert waited_s > 0.9 * STALL_S
     assert f"{len(start)} bytes" in problem["detail"]
 
 
-def test_a_slow_body_that_goes_on_coming_is_taken(farm):
-    token = f"Authorization: Bearer {farm.tokens['admin']}"
-    with begun(farm, "POST /v1/jobs", "Content-Type: application/json", token, "Content-Length: 8") as connection:
-        for byte in b'{"a": 1}':
-            time.sleep(STALL_S / 5)
+def test_a_slow_body_that_goes_on_coming_is_taken(impatient):
+    token, body = f"Authorization: Bearer {impatient.tokens['admin']}", b'{"a": 1}'
+    head = ("POST /v1/jobs", "Content-Type: application/json", token, f"Content-Length: {len(body)}")
+    with begun(impatient, *head) as connection, kept_open(impatient, STALL_S, WHOLE_WITHIN * STALL_S) as pace:
+        for byte in body:
+            pace.rest(2 * STALL_S / len(body))
             connection.sendall(bytes([byte]))
         status, _, problem = answer_of(connection)
-    assert (status, problem["type"]) == (422, "/problems/invalid-request")
+        if status == 408:
+            raise EOFError(problem)
+        assert (status, problem["type"]) == (422, "/problems/invalid-request")
 
 
 def test_files_may_be_larger_but_only_under_a_token(farm):

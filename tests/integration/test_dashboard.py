@@ -9,7 +9,7 @@ import pytest
 
 from services.dashboard.farm_page import KEPT_S
 from services.dashboard.live import MOST_STREAMS
-from tests.integration.farm_process import services, small_policy, until
+from tests.integration.farm_process import PATIENCE_S, services, small_policy, until
 
 HOSTILE = "<b>\"'&{{7*7}}"
 
@@ -31,7 +31,7 @@ def job(farm):
 
 
 def signed_in(farm, token):
-    client = httpx.Client(base_url=farm.api, timeout=20)
+    client = httpx.Client(base_url=farm.api, timeout=PATIENCE_S)
     farm.clients.append(client)
     answer = client.post("/sign-in", data={"token": token, "then": "/jobs"})
     assert (answer.status_code, answer.headers.get("location")) == (303, "/jobs")
@@ -127,7 +127,7 @@ def test_only_our_own_forms_change_anything(farm, operator):
     assert operator.post(path, data=good).status_code == 303
     assert farm.robots_in("draining") == 1
     assert operator.post("/robots/robot-0/resume", data=good).status_code == 303
-    until(lambda: farm.robots_in("idle") == 2, 10, "both robots to be idle")
+    until(lambda: farm.robots_in("idle") == 2, PATIENCE_S, "both robots to be idle")
 
 
 def test_a_revoked_token_ends_its_pages_and_its_streams(farm):
@@ -145,8 +145,8 @@ def test_a_revoked_token_ends_its_pages_and_its_streams(farm):
 def test_each_viewer_sees_of_a_robot_what_is_his_whoever_looked_before(farm):
     secret = user_token(farm, "alice")["secret"]
     alice, bob = signed_in(farm, secret), signed_in(farm, user_token(farm, "bob")["secret"])
-    farm.start_robot("robot-long", trial_s=6.0)
-    until(lambda: farm.robots_in("idle") == 3, 20, "a third robot")
+    farm.start_robot("robot-long", trial_s=600)
+    until(lambda: farm.robots_in("idle") == 3, PATIENCE_S, "a third robot")
     client = farm.client(secret)
     asked = []  # who comes is written down a tenth of a second later, and nobody else can be asked for
 
@@ -154,9 +154,9 @@ def test_each_viewer_sees_of_a_robot_what_is_his_whoever_looked_before(farm):
         asked.append(farm.identify(client, robot="robot-long"))
         return asked[-1].is_success
 
-    until(is_asked, 5, "the robot to be written down")
+    until(is_asked, PATIENCE_S, "the robot to be written down")
     job_id = asked[-1].json()["job_id"]
-    until(lambda: farm.robots_in("running") == 1, 10, "the robot to run it")
+    until(lambda: farm.robots_in("running") == 1, PATIENCE_S, "the robot to run it")
 
     def pages(*viewers):
         time.sleep(2 * KEPT_S)
@@ -168,6 +168,8 @@ def test_each_viewer_sees_of_a_robot_what_is_his_whoever_looked_before(farm):
         assert f"{job_id}-0" in seen and "another user" not in seen
     for seen in (first_of_bob, second_of_bob):
         assert job_id not in seen and "another user's</dd>" in seen, "and not how far it is"
+    farm.admin.post(f"/v1/jobs/{job_id}/cancel")
+    farm.wait_for_end(job_id)
     farm.robots["robot-long"].terminate()
 
 
@@ -200,7 +202,7 @@ def test_an_owner_has_so_many_live_pages_and_no_more(farm):
         with client.stream("GET", "/live") as answer:
             return answer.status_code == 200
 
-    until(may_again, 5, "closed pages to be forgotten")
+    until(may_again, PATIENCE_S, "closed pages to be forgotten")
 
 
 def test_the_signed_report_is_the_same_for_all_who_ask(farm, operator, job):

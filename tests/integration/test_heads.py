@@ -7,7 +7,7 @@ import time
 import pytest
 
 from services.connection import MOST_HEAD_BYTES, MOST_HEADERS, MOST_PIPELINED
-from tests.integration.farm_process import services
+from tests.integration.farm_process import PATIENCE_S, services
 from tests.integration.test_bodies import answer_of
 from tests.integration.test_idle_connections import ended
 from tests.integration.test_tls import self_signed
@@ -28,7 +28,7 @@ def farm(tmp_path_factory):
 def connected(farm):
     trusting = ssl.create_default_context()
     trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
-    return trusting.wrap_socket(socket.create_connection(("127.0.0.1", farm.port), timeout=10))
+    return trusting.wrap_socket(socket.create_connection(("127.0.0.1", farm.port), timeout=PATIENCE_S))
 
 
 def of_size(size):
@@ -51,7 +51,7 @@ def test_a_head_that_is_too_large_is_refused_before_it_ends(farm, head):
     with connected(farm) as connection:
         connection.sendall(head)
         status, headers, problem = answer_of(connection)
-        assert ended(connection)[0] == b""
+        assert ended(connection) == b""
     assert (status, headers["connection"], problem["type"]) == (431, "close", "/problems/head-too-large")
 
 
@@ -69,12 +69,12 @@ def test_requests_that_wait_on_one_connection_are_few(farm):
         assert [answer_of(connection)[0] for _ in range(1)] == [401]
     with connected(farm) as connection:
         connection.sendall(wanted * 1000)
-        assert b"431" in ended(connection)[0]
+        assert b"431" in ended(connection)
 
 
 def test_a_connection_that_does_not_shake_hands_is_closed(farm):
-    with socket.create_connection(("127.0.0.1", farm.port), timeout=10) as silent:
-        began_s = time.monotonic()
+    began_s = time.monotonic()
+    with socket.create_connection(("127.0.0.1", farm.port), timeout=PATIENCE_S) as silent:
         ended(silent)
-        assert 0.7 * HEAD_S < time.monotonic() - began_s < 6 * HEAD_S
+    assert time.monotonic() - began_s > 0.9 * HEAD_S
     assert farm.admin.get("/v1/status").status_code == 200

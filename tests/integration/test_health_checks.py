@@ -7,7 +7,7 @@ import sys
 
 import yaml
 
-from tests.integration.farm_process import ROOT, services, until
+from tests.integration.farm_process import PATIENCE_S, ROOT, is_stopped, services, until
 
 
 def test_the_check_of_the_compose_file_sees_a_loop_that_stands_still(tmp_path):
@@ -20,16 +20,17 @@ def test_the_check_of_the_compose_file_sees_a_loop_that_stands_still(tmp_path):
 
     assert not passes(), "nothing runs yet"
     with services(tmp_path / "farm", alive_file=alive) as farm:
-        until(passes, 10, "a sign of life")
+        until(passes, PATIENCE_S, "a sign of life")
         farm.process.send_signal(signal.SIGSTOP)
+        until(lambda: is_stopped(farm.process), PATIENCE_S, "the services to stand still")
         os.utime(alive, (0, 0))  # as if it had stood still for long
         assert not passes()
         farm.process.send_signal(signal.SIGCONT)
-        until(passes, 10, "another sign of life")
+        until(passes, PATIENCE_S, "another sign of life")
 
 
 def test_a_sign_of_life_that_cannot_be_written_stops_nothing(tmp_path):
     with services(tmp_path / "farm", alive_file=tmp_path / "no such folder" / "alive") as farm:
         farm.start_robot("robot-0", trial_s=0.02)
         job_id = farm.submit(farm.policy(), trials=2).json()["job_id"]
-        assert farm.wait_for_end(job_id, 20)["state"] == "succeeded"
+        assert farm.wait_for_end(job_id)["state"] == "succeeded"

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.integration.farm_process import services, until
+from tests.integration.farm_process import PATIENCE_S, services, until
+from tests.integration.pace import kept_open
 from tests.integration.test_bodies import answer_of
 
 HEAD_S = 1.0
@@ -25,59 +26,57 @@ def farm(tmp_path_factory):
 
 
 def connected(farm):
-    return socket.create_connection(("127.0.0.1", farm.port), timeout=10)
+    return socket.create_connection(("127.0.0.1", farm.port), timeout=PATIENCE_S)
 
 
 def ended(connection):
-    """What is still said on a connection that the farm closes, and after how long it does."""
-    began_s, said = time.monotonic(), b""
+    """What is still said on a connection that the farm closes; that it does is waited for, however slow the machine."""
+    said = b""
     try:
         while part := connection.recv(65536):
             said += part
     except ConnectionResetError:  # something was sent that nobody read
         pass
-    return said, time.monotonic() - began_s
+    return said
 
 
 @pytest.mark.parametrize("sent", [b"", b"\r\n", b"G", WHOLE[:-2]])
 def test_a_connection_without_a_whole_head_is_closed(farm, sent):
+    began_s = time.monotonic()
     with connected(farm) as connection:
         connection.sendall(sent)
-        said, after_s = ended(connection)
-    assert said == b""
-    assert 0.7 * HEAD_S < after_s < 6 * HEAD_S
+        assert ended(connection) == b""
+    assert time.monotonic() - began_s > 0.9 * HEAD_S
 
 
 def test_a_head_that_comes_byte_by_byte_gains_no_time(farm):
-    began_s = time.monotonic()
+    """It goes on for longer than any machine stalls."""
     with connected(farm) as connection, pytest.raises(OSError, match=r"(?i)reset|broken pipe"):
-        for byte in WHOLE * 10:
+        for byte in WHOLE[:-2] + b"X: " + b"x" * 500:
             connection.sendall(bytes([byte]))
             time.sleep(0.1)
-    assert time.monotonic() - began_s < 8 * HEAD_S
 
 
 @pytest.mark.parametrize("then", [b"\r\n", b"G", WHOLE[:-2]])
 def test_a_connection_that_was_good_once_is_closed_too(farm, then):
+    began_s = time.monotonic()
     with connected(farm) as connection:
         connection.sendall(WHOLE)
         assert answer_of(connection)[0] == 200
         connection.sendall(then)  # ends uvicorn's own wait for the next request
-        said, after_s = ended(connection)
-    assert said == b""
-    assert 0.7 * HEAD_S < after_s < 6 * HEAD_S
+        assert ended(connection) == b""
+    assert time.monotonic() - began_s > 0.9 * HEAD_S
 
 
 def test_the_rest_of_a_body_that_was_answered_is_waited_for_only_while_it_comes(farm):
     with connected(farm) as connection:
         connection.sendall(LONG_BODY)
         assert answer_of(connection)[0] == 413
-        for _ in range(10):
-            connection.sendall(b"x" * 1000)
-            time.sleep(0.3 * HEAD_S)
-        said, after_s = ended(connection)
-    assert said == b""
-    assert after_s < 6 * HEAD_S
+        with kept_open(farm, HEAD_S) as pace:
+            for _ in range(10):
+                connection.sendall(b"x" * 1000)
+                pace.rest(0.3 * HEAD_S)
+        assert ended(connection) == b""
 
 
 def test_so_many_silent_connections_are_gone_and_the_farm_answers(farm):
@@ -90,7 +89,7 @@ def test_so_many_silent_connections_are_gone_and_the_farm_answers(farm):
         for _ in range(MANY):
             opened.enter_context(connected(farm))
         assert farm.admin.get("/v1/status").status_code == 200
-        until(lambda: len(list(folder.iterdir())) < before + 20, 20, "silent connections to be closed")
+        until(lambda: len(list(folder.iterdir())) < before + 20, PATIENCE_S, "silent connections to be closed")
 
 
 def limits(farm):
@@ -105,11 +104,12 @@ def test_streams_and_slow_bodies_and_used_connections_live_on(farm):
         assert "job_queued" in next(lines)
         head = f"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n{token}Content-Length: 9\r\n\r\n"
         slow.sendall(head.encode())
-        for byte in b'{"a": 1}\n':
-            used.sendall(WHOLE)
-            assert answer_of(used)[0] == 200
-            slow.sendall(bytes([byte]))
-            time.sleep(0.4 * HEAD_S)
-        assert answer_of(slow)[0] == 422
+        with kept_open(farm, HEAD_S) as pace:
+            for byte in b'{"a": 1}\n':
+                used.sendall(WHOLE)
+                assert answer_of(used)[0] == 200
+                slow.sendall(bytes([byte]))
+                pace.rest(0.4 * HEAD_S)
+            assert answer_of(slow)[0] == 422
         farm.admin.post(f"/v1/jobs/{job_id}/cancel")
         assert any("job_ended" in line for line in lines)

@@ -101,7 +101,7 @@ def test_a_policy_is_tried_on_the_goals_of_another_job_by_a_button(farm, page, j
 
 
 def test_a_job_that_is_there_is_given_its_webhook(farm, ann, page, policies):
-    job = farm.submit(policies[0], client=ann, trials=500).json()["job_id"]
+    job = farm.submit(policies[0], client=ann, trials=1000).json()["job_id"]
     assert "https address that the farm calls then" in page.get(f"/jobs/{job}").text
     form = {"csrf": word(page), "url": "https://hooks.example.org/<b>"}
     assert page.post(f"/jobs/{job}/webhook", data=form).status_code == 422

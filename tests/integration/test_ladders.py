@@ -14,8 +14,14 @@ SAME = ("success_rate", "interval_80", "interval_95")
 @pytest.fixture(scope="module")
 def farm(tmp_path_factory):
     with services(tmp_path_factory.mktemp("ladders") / "farm") as running:
-        running.start_robots(2, trial_s=0.3)
         yield running
+
+
+@pytest.fixture(scope="module")
+def robots(farm):
+    """Two robots, which begin with whatever waits for them."""
+    for number in range(2):
+        farm.start_robot(f"robot-{number}", trial_s=0.3)
 
 
 @pytest.fixture(scope="module")
@@ -32,13 +38,14 @@ def ladder(farm):
     return answer.json()
 
 
-def test_a_ladder_is_watched_until_all_of_it_is_done(farm, ladder):
+def test_a_ladder_is_watched_until_all_of_it_is_done(farm, ladder, request):
     seen, client = [], signed_in(farm, farm.tokens["admin"])
     with client.stream("GET", f"/ladders/{ladder['ladder_id']}/live") as answer:
         for line in answer.iter_lines():
             parts = json.loads(line.removeprefix("data: ")) if line.startswith("data: ") else {}
             if "head" in parts:
                 seen.append(int(parts["head"].split('class="why">')[1].split(" of ")[0]))
+                request.getfixturevalue("robots")  # now that somebody watches
             if seen and seen[-1] == 18:
                 break
     assert seen == sorted(seen) and len(seen) > 2
@@ -56,7 +63,7 @@ def test_a_ladder_is_watched_until_all_of_it_is_done(farm, ladder):
     assert "&lt;b&gt;" in client.get("/ladders").text
 
 
-def test_the_board_names_policies_to_their_owners_only(farm, ladder):
+def test_the_board_names_policies_to_their_owners_only(farm, ladder, robots):
     wishes = [{"policy": rung["policy"], "task": "push", "trials": 6} for rung in ladder["rungs"]]
     for job in [farm.admin.post("/v1/jobs", json=wish).json() for wish in wishes]:
         farm.wait_for_end(job["job_id"])

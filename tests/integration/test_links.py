@@ -6,7 +6,7 @@ import httpx
 import pytest
 
 from services.webhooks.calling import NO_ANSWER
-from tests.integration.farm_process import services, until
+from tests.integration.farm_process import PATIENCE_S, services, until
 from tests.integration.test_dashboard import signed_in, user_token
 
 SETTINGS = {
@@ -90,7 +90,7 @@ def test_a_farm_never_calls_its_own_network(farm):
     answer = farm.submit(farm.policy(), trials=1, webhook="https://127.0.0.1:8443/v1/status")
     job_id = answer.json()["job_id"]
     farm.wait_for_end(job_id)
-    until(lambda: farm.admin.get(f"/v1/jobs/{job_id}/webhook").json()["said"], 20, "the call to be tried")
+    until(lambda: farm.admin.get(f"/v1/jobs/{job_id}/webhook").json()["said"], PATIENCE_S, "the call to be tried")
     assert farm.admin.get(f"/v1/jobs/{job_id}/webhook").json()["said"] == f"try 1 failed: {NO_ANSWER}"
     assert farm.submit(farm.policy(), webhook=f"https://127.0.0.1:{farm.port}/v1/status").status_code == 422
     assert farm.submit(farm.policy(), webhook="http://a.example/").status_code == 422

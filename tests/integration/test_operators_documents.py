@@ -14,7 +14,7 @@ import pytest
 
 from robot_farm import settings as robot_settings
 from services.__main__ import parsed
-from tests.integration.farm_process import ROOT, free_ports, until
+from tests.integration.farm_process import PATIENCE_S, ROOT, free_ports, until
 
 PAGES = ("scale.md", "running-a-farm.md", "jail.md")
 PYTHON = "python -m "
@@ -84,7 +84,7 @@ class Shell:
 
     def ask(self, *arguments: str) -> subprocess.CompletedProcess:
         """Runs a command to its end."""
-        told = {"env": self.environment, "cwd": self.folder, "capture_output": True, "text": True, "timeout": 60}
+        told = {"env": self.environment, "cwd": self.folder, "capture_output": True, "text": True, "timeout": PATIENCE_S}
         return subprocess.run([sys.executable, *arguments], check=False, **told)
 
     def logs(self) -> str:
@@ -95,7 +95,7 @@ class Shell:
         """Ends what runs, the last first."""
         for process in reversed(self.running):
             process.terminate()
-            process.wait(20)
+            process.wait(PATIENCE_S)
 
 
 def test_robots_on_other_hosts_in_the_pages_own_order(tmp_path):
@@ -115,7 +115,7 @@ def test_robots_on_other_hosts_in_the_pages_own_order(tmp_path):
         shell.say(f"{services[3]} --host localhost --port {port}")
         own = {"Authorization": f"Bearer {token.replace('robot', 'admin')}"}
         with httpx.Client(base_url=f"http://localhost:{port}", headers=own, trust_env=False) as client:
-            until(lambda: _in_service(client) == ["robot-4"], 90, f"the robot to join: {shell.logs()}")
+            until(lambda: _in_service(client) == ["robot-4"], PATIENCE_S, f"the robot to join: {shell.logs()}")
     finally:
         shell.close()
     assert "Traceback" not in shell.logs(), shell.logs()

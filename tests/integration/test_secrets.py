@@ -81,6 +81,6 @@ def test_a_setting_that_is_wrong_is_told_without_the_tokens(tmp_path):
         command = [sys.executable, "-m", "services", "serve", "--data", str(tmp_path / "farm"), "--port", "0"]
         environment = {name: value for name, value in os.environ.items() if not name.startswith("TRIFARM_")} | settings | wrong
         command = command[:-2] if "TRIFARM_PORT" in wrong else command
-        ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+        ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
         assert ended.returncode != 0
         assert not any(secret in ended.stderr + ended.stdout for secret in ("4dm1n4dm1n", "r0b0tr0b0t")), ended.stderr

@@ -3,7 +3,7 @@
 import httpx
 import pytest
 
-from tests.integration.farm_process import services, small_policy
+from tests.integration.farm_process import PATIENCE_S, services, small_policy
 
 
 @pytest.fixture(scope="module")
@@ -161,7 +161,7 @@ def test_given_tokens_are_registered_and_no_file_is_written(tmp_path):
     (running.data / "tokens.json").write_text((tmp_path / "first" / "tokens.json").read_text())
     try:
         running.start()
-        until(lambda: running.admin.get("/v1/tokens").status_code == 200, 5, "the given token")
+        until(lambda: running.admin.get("/v1/tokens").status_code == 200, PATIENCE_S, "the given token")
         assert len(running.admin.get("/v1/tokens").json()["tokens"]) == 2
     finally:
         running.close()

@@ -10,7 +10,7 @@ from api_schemas.excitation import ExcitationName
 from api_schemas.report import BetweenRobots, IdentificationReport, Report
 from api_schemas.robot import Lease
 from services.api.truth import MCAP_MAGIC
-from tests.integration.farm_process import services, sha256, until
+from tests.integration.farm_process import PATIENCE_S, services, sha256, until
 from tests.integration.test_services_access import user
 
 REASON = "joint 4 does not follow its path by 0.31 rad"
@@ -129,8 +129,8 @@ def test_what_the_farm_keeps_is_for_its_user_alone(farm, done):
 def test_an_identification_ends_when_its_robot_stays_away(tmp_path):
     with services(tmp_path / "farm", pinned_robot_gone_s=1.0, renew_every_s=1.0) as farm:
         farm.start_robots(1, trial_s=0.3)
-        job_id = farm.identify().json()["job_id"]
-        until(lambda: farm.job(job_id)["trials_done"] >= 1, 20, "the first recording")
+        job_id = farm.identify(repeats=20).json()["job_id"]
+        until(lambda: farm.job(job_id)["trials_done"] >= 1, PATIENCE_S, "the first recording")
         farm.robots["robot-0"].terminate()
         job = farm.wait_for_end(job_id)
         assert (job["state"], job["robot"]) == ("failed", "robot-0")
@@ -139,10 +139,10 @@ def test_an_identification_ends_when_its_robot_stays_away(tmp_path):
 
 
 def test_an_outcome_can_name_no_other_truth_than_its_own(tmp_path):
-    with services(tmp_path / "farm") as farm:
-        farm.start_robots(1, trial_s=60, renew_s=60)
+    with services(tmp_path / "farm", lease_s=600) as farm:
+        farm.start_robots(1, trial_s=600, renew_s=600)
         job_id = farm.submit(farm.policy(), trials=1).json()["job_id"]
-        until(lambda: farm.job(job_id)["trials_running"] == 1, 10, "the trial to run")
+        until(lambda: farm.job(job_id)["trials_running"] == 1, PATIENCE_S, "the trial to run")
         robot, lease = farm.robot_client("robot-0"), f"/v1/leases/{job_id}-000/1"
         log = robot.put(f"{lease}/log", content=b"log").json()["sha256"]
         outcome = {"kind": "failed", "fault": "none", "reason": "missed"}
@@ -218,7 +218,7 @@ def test_a_robot_out_of_service_costs_the_policy_nothing_and_comes_back_when_res
     with services(tmp_path / "farm") as farm:
         farm.start_robot("robot-0", trial_s=0.02, breaks=REASON)
         farm.start_robot("robot-1", trial_s=0.02)
-        until(lambda: farm.robots_in("idle") == 2, 10, "both robots")
+        until(lambda: farm.robots_in("idle") == 2, PATIENCE_S, "both robots")
         job_id = farm.submit(farm.policy(), trials=6).json()["job_id"]
         assert farm.wait_for_end(job_id)["state"] == "succeeded"
         report = farm.admin.get(f"/v1/jobs/{job_id}/report").json()

@@ -13,7 +13,7 @@ import pytest
 
 from services.api.door import SESSION_COOKIE as COOKIE
 from tests.homes import scale_settings
-from tests.integration.farm_process import ROOT, Services, services, until
+from tests.integration.farm_process import PATIENCE_S, ROOT, Services, services, until
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def pair(postgres, s3, tmp_path_factory):
                     each.bus = first.bus
                     each.start_robot(f"robot-{number}", trial_s=0.1)
                 for each in (first, second):
-                    until(lambda farm=each: farm.robots_in("idle") == 4, 60, "four idle robots")
+                    until(lambda farm=each: farm.robots_in("idle") == 4, PATIENCE_S, "four idle robots")
                 yield first, second
         finally:
             second.close()
@@ -45,11 +45,11 @@ def dispatcher(data, settings):
     with said.open("wb") as errors:
         process = subprocess.Popen(command, cwd=ROOT, env=os.environ | settings, stderr=errors)
     try:
-        until(lambda: '"dispatching"' in said.read_text(), 30, "the dispatcher")
+        until(lambda: '"dispatching"' in said.read_text(), PATIENCE_S, "the dispatcher")
         yield
     finally:
         process.terminate()
-        assert process.wait(10) == 0, said.read_text()
+        assert process.wait(PATIENCE_S) == 0, said.read_text()
 
 
 def test_what_one_takes_the_other_shows_and_all_robots_work(pair):
@@ -68,20 +68,22 @@ def test_what_one_takes_the_other_shows_and_all_robots_work(pair):
     assert len(logs[0]) > 0
     assert logs[0] == logs[1]
     done = [{row["robot"]: row["trials_done"] for row in each.admin.get("/v1/robots").json()["robots"]} for each in pair]
-    until(lambda: [row["trials_done"] for row in second.admin.get("/v1/robots").json()["robots"]] == [10] * 4, 5, str(done))
+    until(
+        lambda: [row["trials_done"] for row in second.admin.get("/v1/robots").json()["robots"]] == [10] * 4, PATIENCE_S, str(done)
+    )
 
 
 def test_a_wish_at_one_is_kept_by_the_other(pair):
     first, second = pair
     second.admin.post("/v1/robots/robot-0/drain")
-    until(lambda: first.admin.get("/v1/robots/robot-0").json()["state"] == "draining", 5, "robot-0 to drain")
+    until(lambda: first.admin.get("/v1/robots/robot-0").json()["state"] == "draining", PATIENCE_S, "robot-0 to drain")
     job_id = first.submit(first.policy(), trials=12).json()["job_id"]
     first.wait_for_end(job_id)
     report = first.admin.get(f"/v1/jobs/{job_id}/report").json()
     assert {row["robot"] for row in report["per_robot"]} == {"robot-1", "robot-2", "robot-3"}
     second.admin.post("/v1/robots/robot-0/resume")
     for each in pair:
-        until(lambda farm=each: farm.robots_in("idle") == 4, 10, "robot-0 to be idle again")
+        until(lambda farm=each: farm.robots_in("idle") == 4, PATIENCE_S, "robot-0 to be idle again")
 
 
 def test_the_same_key_at_both_makes_one_job(pair):
@@ -95,9 +97,9 @@ def test_the_same_key_at_both_makes_one_job(pair):
 def test_cancel_at_one_stops_what_the_other_leased(pair):
     first, second = pair
     job_id = first.submit(first.policy(), trials=1000).json()["job_id"]
-    until(lambda: second.job(job_id)["trials_done"] > 4, 20, "some trials to be done")
+    until(lambda: second.job(job_id)["trials_done"] > 4, PATIENCE_S, "some trials to be done")
     second.admin.post(f"/v1/jobs/{job_id}/cancel")
-    assert first.wait_for_end(job_id, 10)["state"] == "cancelled"
+    assert first.wait_for_end(job_id)["state"] == "cancelled"
 
 
 def test_who_signs_out_at_one_is_signed_out_at_the_other(pair):
@@ -112,18 +114,18 @@ def test_who_signs_out_at_one_is_signed_out_at_the_other(pair):
         assert at_the_other() == 200
         word = re.search(r'name="csrf" value="([0-9a-f]+)"', browser.get("/jobs", headers={"Accept": "text/html"}).text)
         assert browser.post("/sign-out", data={"csrf": word[1]}).status_code == 303
-        until(lambda: at_the_other() == 303, 3, "the session to end at the other process")
+        until(lambda: at_the_other() == 303, PATIENCE_S, "the session to end at the other process")
 
 
 def test_a_killed_process_loses_nothing_and_the_others_end_the_job(pair):
     first, second = pair
     job_id = second.submit(second.policy(), trials=60).json()["job_id"]
-    until(lambda: first.job(job_id)["trials_done"] > 4, 20, "some trials to be done")
+    until(lambda: first.job(job_id)["trials_done"] > 4, PATIENCE_S, "some trials to be done")
     second.process.kill()
     second.process.wait()
     for number in (2, 3):
         second.robots[f"robot-{number}"].kill()
-    assert first.wait_for_end(job_id, 60)["state"] == "succeeded"
+    assert first.wait_for_end(job_id)["state"] == "succeeded"
     report = first.admin.get(f"/v1/jobs/{job_id}/report").json()
     assert len(report["per_trial"]) == 60
     assert report["attempts"] == 60 + report["platform_faults"]

@@ -12,7 +12,8 @@ import yaml
 
 from api_schemas.report import Report
 from tests.homes import scale_settings
-from tests.integration.farm_process import services, sha256, until
+from tests.integration.farm_process import PATIENCE_S, services, sha256, until
+from tests.stalls import stalls
 
 
 @pytest.fixture(scope="module", params=["embedded", "scale"])
@@ -104,12 +105,14 @@ def read_events(farm, job_id, after=None):
 
 
 def test_a_live_stream_ends_with_the_job(farm, policy):
-    job_id = farm.submit(policy, trials=8).json()["job_id"]
-    events = read_events(farm, job_id)
-    read_at = datetime.now(UTC)
+    with stalls() as stalled:
+        job_id = farm.submit(policy, trials=8).json()["job_id"]
+        events = read_events(farm, job_id)
+        read_at = datetime.now(UTC)
     assert events[-1]["event"] == "job_ended"
-    # Events are gathered for 0.1 s before they are sent; the rest is room for a busy machine.
-    assert read_at - datetime.fromisoformat(json.loads(events[-1]["data"])["at"]) < timedelta(seconds=1)
+    # Events are gathered for 0.1 s before they are sent; a stream that looked only now and then would be 2 s late.
+    late = read_at - datetime.fromisoformat(json.loads(events[-1]["data"])["at"])
+    assert late < timedelta(seconds=1 + stalled.seconds)
     assert len({event["id"] for event in events}) == len(events)
 
 
@@ -167,7 +170,7 @@ def identity(entry):
 
 
 def test_a_drained_robot_takes_no_trial_until_it_is_resumed(farm, policy):
-    until(lambda: farm.robots_in("idle") == 4, 10, "the robots to be done with the job before")
+    until(lambda: farm.robots_in("idle") == 4, PATIENCE_S, "the robots to be done with the job before")
     assert farm.admin.post("/v1/robots/robot-2/drain").json()["state"] == "draining"
     job_id = farm.submit(policy, trials=8, seed=3).json()["job_id"]
     farm.wait_for_end(job_id)
@@ -178,12 +181,12 @@ def test_a_drained_robot_takes_no_trial_until_it_is_resumed(farm, policy):
     assert all(why.startswith("robot-2 is draining") for why in departed), "it may still end the trial before"
     assert report["platform_faults"] == 0
     farm.admin.post("/v1/robots/robot-2/resume")
-    until(lambda: farm.robots_in("idle") == 4, 5, "robot-2 to be idle again")
+    until(lambda: farm.robots_in("idle") == 4, PATIENCE_S, "robot-2 to be idle again")
 
 
 def test_status_metrics_and_health(farm):
     farm.admin.post("/v1/robots/robot-2/resume")  # where the test before ended early
-    until(lambda: farm.robots_in("idle") == 4, 10, "all robots to be idle")
+    until(lambda: farm.robots_in("idle") == 4, PATIENCE_S, "all robots to be idle")
     status = farm.admin.get("/v1/status").json()
     assert status["healthy"], status
     assert status["robots_by_state"]["idle"] == 4
@@ -220,10 +223,11 @@ def test_physics_and_learning_are_never_loaded(farm):
 
 def test_sigterm_ends_everything_within_five_seconds(tmp_path):
     with services(tmp_path / "farm") as farm:
-        farm.start_robots(1, trial_s=30)
+        farm.start_robots(1, trial_s=600)
         job_id = farm.submit(farm.policy(), trials=2).json()["job_id"]
         with farm.admin.stream("GET", f"/v1/jobs/{job_id}/events"):
-            until(lambda: farm.job(job_id)["state"] == "running", 5, "the job to run")
+            until(lambda: farm.job(job_id)["state"] == "running", PATIENCE_S, "the job to run")
             began = time.monotonic()
-            assert farm.stop() == 0
-            assert time.monotonic() - began < 5
+            with stalls() as stalled:
+                assert farm.stop() == 0
+            assert time.monotonic() - began < 5 + stalled.seconds

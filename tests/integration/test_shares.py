@@ -1,5 +1,6 @@
 """How much one user may queue, keep and ask for, how soon a revoked token stops, and that every change leaves an audit line."""
 
+import itertools
 import json
 import re
 import threading
@@ -13,18 +14,35 @@ import pytest
 
 from services.api.policies import MOST_UPLOADS
 from tests.hostile.valid import MANIFEST, SB3_NAMES, SIZE, sb3_entries, torch_file, zipped
-from tests.integration.farm_process import Services, services, small_policy
+from tests.integration.farm_process import PATIENCE_S, Services, services, small_policy
+from tests.stalls import stalls
 
 QUEUED, KEPT_BYTES = 3, 30_000
-ANONYMOUS_PER_S, USER_PER_S = 5, 20
+ANONYMOUS_PER_S, USER_PER_S = 1, 2
+"""So few that any machine is quicker, however slow it is."""
 
 
 @pytest.fixture(scope="module")
 def farm(tmp_path_factory):
     settings = {"max_queued_jobs_per_user": QUEUED, "max_policy_bytes_per_user": KEPT_BYTES}
-    rates = {"requests_per_s": USER_PER_S, "anonymous_requests_per_s": ANONYMOUS_PER_S}
-    with services(tmp_path_factory.mktemp("shares") / "farm", **settings, **rates) as running:
+    with services(tmp_path_factory.mktemp("shares") / "farm", anonymous_requests_per_s=0, **settings) as running:
         yield running
+
+
+@pytest.fixture
+def strict(tmp_path):
+    """A farm where nobody may ask often."""
+    rates = {"requests_per_s": USER_PER_S, "anonymous_requests_per_s": ANONYMOUS_PER_S}
+    with services(tmp_path / "strict", **rates) as running:
+        yield running
+
+
+def drawn(ask, most=500):
+    """What is answered until somebody is asked to wait, and for how long that went on, in seconds."""
+    began_s, answers = time.monotonic(), [ask()]
+    while answers[-1].status_code != 429 and len(answers) < most:
+        answers.append(ask())
+    return answers, time.monotonic() - began_s
 
 
 def user(farm, owner, *scopes):
@@ -112,61 +130,57 @@ def test_what_was_sent_packed_counts_as_what_it_becomes(farm):
     assert farm.upload(packed, MANIFEST, client=carla, filename="p.zip").status_code == 403  # also where it is here already
 
 
-def test_a_token_is_asked_to_wait_and_others_are_not(farm):
-    (dora, _), (emil, _) = user(farm, "dora"), user(farm, "emil")
-    answers = [dora.get("/v1/jobs") for _ in range(1)]
-    while answers[-1].status_code == 200 and len(answers) < 2000:
-        answers.append(dora.get("/v1/jobs"))
+def test_a_token_is_asked_to_wait_and_others_are_not(strict):
+    (dora, _), (emil, _) = user(strict, "dora"), user(strict, "emil")
+    answers, lasted_s = drawn(lambda: dora.get("/v1/jobs"))
     last = answers[-1]
     assert (last.status_code, last.json()["type"]) == (429, "/problems/too-many-requests")
-    assert len(answers) > 10 * USER_PER_S
+    assert 10 * USER_PER_S <= len(answers) - 1 <= USER_PER_S * (10 + lasted_s)
     assert last.headers["ratelimit-policy"] == f'"requests";q={10 * USER_PER_S};w=10'
     assert emil.get("/v1/jobs").status_code == 200
     time.sleep(int(last.headers["retry-after"]))
     assert dora.get("/v1/jobs").status_code == 200
 
 
-def test_guessers_are_stopped_before_the_database_is_asked_and_good_tokens_are_not(farm):
-    frida, _ = user(farm, "frida")
+def test_guessers_are_stopped_before_the_database_is_asked_and_good_tokens_are_not(strict):
+    frida, _ = user(strict, "frida")
     assert frida.get("/v1/jobs").status_code == 200
-    statuses = []
-    with httpx.Client(base_url=farm.api) as guesser:
-        for number in range(10 * ANONYMOUS_PER_S + 60):
-            headers = {"Authorization": f"Bearer trifarm_{number:08x}_wrong", "X-Forwarded-For": f"10.0.0.{number}"}
-            statuses.append(guesser.get("/v1/jobs", headers=headers).status_code)
-        assert set(statuses) == {401, 429}
-        assert statuses[0] == 401
-        assert statuses[-1] == 429
-        assert guesser.get("/healthz").status_code == 429  # the same address
+    with httpx.Client(base_url=strict.api) as guesser:
+
+        def guess(number=itertools.count()):
+            at = next(number)
+            headers = {"Authorization": f"Bearer trifarm_{at:08x}_wrong", "X-Forwarded-For": f"10.0.0.{at % 256}"}
+            return guesser.get("/v1/jobs", headers=headers)
+
+        answers, _ = drawn(guess)
+        assert {answer.status_code for answer in answers} == {401, 429} and len(answers) > 1
+        same_address, _ = drawn(lambda: guesser.get("/healthz"))
+        assert same_address[-1].status_code == 429
     assert frida.get("/v1/jobs").status_code == 200
-    time.sleep(1.5)  # the other tests come from this address too
 
 
-def test_sessions_share_the_limit_of_their_token_and_no_other_header_gets_round_it(farm):
-    made = farm.admin.post("/v1/tokens", json={"owner": "gina", "scopes": ["submit"]}).json()
+def test_sessions_share_the_limit_of_their_token_and_no_other_header_gets_round_it(strict):
+    made = strict.admin.post("/v1/tokens", json={"owner": "gina", "scopes": ["submit"]}).json()
     with (
-        httpx.Client(base_url=farm.api) as one,
-        httpx.Client(base_url=farm.api) as other,
-        httpx.Client(base_url=farm.api) as bare,
+        httpx.Client(base_url=strict.api) as one,
+        httpx.Client(base_url=strict.api) as other,
+        httpx.Client(base_url=strict.api) as bare,
     ):
+        began_s = time.monotonic()
         for browser in (one, other):
             assert browser.post("/sign-in", data={"token": made["secret"]}).status_code == 303
             assert browser.get("/jobs").status_code == 200  # from now on it is known whose session it is
-        asked = 0
-        while one.get("/healthz").status_code == 200 and asked < 2000:  # so cheap that a busy machine too answers 20 in a second
-            asked += 1
-        assert 10 * USER_PER_S - 2 <= asked < 2000
+        asked = [answer.status_code for answer in drawn(lambda: one.get("/healthz"))[0]]
+        asked += [other.get("/healthz").status_code for _ in range(10 * USER_PER_S)]
+        allowed = USER_PER_S * (10 + time.monotonic() - began_s)
+        assert 10 * USER_PER_S - 2 <= asked.count(200) <= allowed, "another session has no more"
         began_s = time.monotonic()
-        then = [other.get("/healthz").status_code for _ in range(5 * USER_PER_S)]
-        allowed = 1 + USER_PER_S * (time.monotonic() - began_s)
-        assert then.count(200) <= allowed, "another session has no more"
         made_up = [
-            one.get("/jobs", headers={"Authorization": f"Bearer made-up-{n}"}).status_code
-            for n in range(10 * ANONYMOUS_PER_S + 60)
+            one.get("/jobs", headers={"Authorization": f"Bearer made-up-{n}"}).status_code for n in range(30 * ANONYMOUS_PER_S)
         ]
-        assert made_up.count(429) >= 30, "who shows a token that is not his counts as a stranger"
+        allowed = ANONYMOUS_PER_S * (10 + time.monotonic() - began_s)
+        assert made_up.count(429) >= len(made_up) - allowed, "who shows a token that is not his counts as a stranger"
         assert bare.get("/v1/jobs").headers["ratelimit-policy"].startswith(f'"requests";q={10 * ANONYMOUS_PER_S};')
-    time.sleep(1.5)  # the other tests come from this address too
 
 
 def test_a_revoked_token_stops_within_a_second_in_another_process_and_in_open_streams(farm):
@@ -181,7 +195,7 @@ def test_a_revoked_token_stops_within_a_second_in_another_process_and_in_open_st
         ended, opened = {}, threading.Barrier(4)
 
         def stream(name, client):
-            with client.stream("GET", f"/v1/jobs/{job_id}/events", timeout=30) as answer:
+            with client.stream("GET", f"/v1/jobs/{job_id}/events") as answer:
                 lines = answer.iter_lines()
                 next(lines)
                 opened.wait()
@@ -191,7 +205,7 @@ def test_a_revoked_token_stops_within_a_second_in_another_process_and_in_open_st
 
         def poll():
             opened.wait()
-            answer = gina.get(f"/v1/jobs/{job_id}/history", params={"after": 1}, timeout=30)
+            answer = gina.get(f"/v1/jobs/{job_id}/history", params={"after": 1})
             ended["long poll"] = time.monotonic() if answer.status_code == 401 else None
 
         threads = [threading.Thread(target=stream, args=each) for each in (("stream", gina), ("stream elsewhere", elsewhere))]
@@ -204,18 +218,19 @@ def test_a_revoked_token_stops_within_a_second_in_another_process_and_in_open_st
         assert ended == {}
         assert farm.admin.delete(f"/v1/tokens/{token_id}").status_code == 204
         revoked_s = time.monotonic()
-        assert gina.get("/v1/jobs").status_code == 401  # at once where it was revoked
-        while elsewhere.get("/v1/jobs").status_code == 200:
-            pass
-        ended["requests elsewhere"] = time.monotonic()
-        for thread in threads:
-            thread.join(10)
+        with stalls() as stalled:
+            assert gina.get("/v1/jobs").status_code == 401  # at once where it was revoked
+            while elsewhere.get("/v1/jobs").status_code == 200:
+                pass
+            ended["requests elsewhere"] = time.monotonic()
+            for thread in threads:
+                thread.join(PATIENCE_S)
     finally:
         other.close()
     took_s = {name: at_s - revoked_s for name, at_s in ended.items()}
     print({name: round(seconds, 2) for name, seconds in took_s.items()})
     assert set(took_s) == {"stream", "stream elsewhere", "long poll", "requests elsewhere"}
-    assert max(took_s.values()) < 1.0, took_s
+    assert max(took_s.values()) < 1.0 + stalled.seconds, took_s
 
 
 def test_an_upload_under_way_ends_with_its_token(farm):
@@ -224,7 +239,7 @@ def test_an_upload_under_way_ends_with_its_token(farm):
     def body():
         yield b"--b\r\n" + b'Content-Disposition: form-data; name="weights"; filename="w.onnx"\r\n\r\n'
         farm.admin.delete(f"/v1/tokens/{token_id}")
-        for _ in range(40):
+        for _ in range(1000):
             time.sleep(0.05)
             yield b"x" * 1000
 

@@ -35,7 +35,7 @@ def status(farm, **environment):
     told = {"TRIFARM_URL": farm.api, "TRIFARM_TOKEN": farm.tokens["admin"], "TRIFARM_HOME": str(farm.data.parent / "home")}
     command = [sys.executable, "-m", "client_cli", "status", "--json"]
     environment = clean | told | {"PYTHONPATH": str(ROOT)} | environment
-    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=60, check=False)
+    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=120, check=False)
 
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl, which makes the certificate of this test, is not installed")

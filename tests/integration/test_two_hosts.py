@@ -7,7 +7,7 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
-from tests.integration.farm_process import ROOT, services, until
+from tests.integration.farm_process import PATIENCE_S, ROOT, services, until
 from tests.integration.two_hosts import hosts, https_files  # noqa: F401  a fixture
 
 SCRIPTED = Path(__file__).parent / "scripted_robot.py"
@@ -44,7 +44,7 @@ def robots(farm, begin, ca, token, count):
         for each in running:
             each.terminate()
         for each in running:
-            each.communicate(timeout=20)
+            each.communicate(timeout=PATIENCE_S)
 
 
 def test_robots_of_another_host_do_a_job_and_strangers_get_nothing(hosts, tmp_path):  # noqa: F811
@@ -52,19 +52,19 @@ def test_robots_of_another_host_do_a_job_and_strangers_get_nothing(hosts, tmp_pa
     with services(tmp_path / "farm", host=hosts.address, link="tls", through=hosts.services, bus_robots=10, **https) as farm:
         ca = https["tls_certificate"]
         with robots(farm, hosts.robots, ca, "trifarm_x_wrong", 1) as (refused,):
-            assert refused.wait(60) != 0
+            assert refused.wait(PATIENCE_S) != 0
             assert b"401" in refused.stderr.read()
         assert farm.admin.get("/v1/robots").json()["robots"] == []
 
         own = farm.client(farm.tokens["robot"]).post("/v1/robots/robot-0/token").json()["secret"]
         attack = [*hosts.robots, sys.executable, "-c", ATTACK, farm.api, own, str(ca)]
         subprocess.run(attack, cwd=ROOT, check=True, timeout=120)
-        until(lambda: farm.robots_in("lost", "idle") > 0, 10, "what robot-0 said of itself to be heard")
+        until(lambda: farm.robots_in("lost", "idle") > 0, PATIENCE_S, "what robot-0 said of itself to be heard")
         assert [each["robot"] for each in farm.admin.get("/v1/robots").json()["robots"]] == ["robot-0"]
 
         with robots(farm, hosts.robots, ca, farm.tokens["robot"], 2):
-            until(lambda: farm.robots_in("idle") == 2, 60, "two robots")
-            ended = farm.wait_for_end(farm.submit(farm.policy(), trials=12).json()["job_id"], 90)
+            until(lambda: farm.robots_in("idle") == 2, PATIENCE_S, "two robots")
+            ended = farm.wait_for_end(farm.submit(farm.policy(), trials=12).json()["job_id"])
         assert ended["state"] == "succeeded"
         report = farm.admin.get(f"/v1/jobs/{ended['job_id']}/report").json()
         assert len(report["per_trial"]) == 12

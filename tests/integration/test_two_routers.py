@@ -11,7 +11,7 @@ import pytest
 from services.joining.session import bus_key
 from services.settings import Settings
 from tests.homes import scale_settings
-from tests.integration.farm_process import ROOT, Services, free_ports, until
+from tests.integration.farm_process import PATIENCE_S, ROOT, Services, free_ports, until
 
 
 @contextmanager
@@ -23,7 +23,7 @@ def router(said, own, other, key):
     with said.open("wb") as errors:
         process = subprocess.Popen(command, cwd=ROOT, env=environment, stderr=errors)
     try:
-        until(lambda: '"routing"' in said.read_text(), 30, "the router")
+        until(lambda: '"routing"' in said.read_text(), PATIENCE_S, "the router")
         yield process
     finally:
         process.kill()
@@ -53,10 +53,10 @@ def test_a_farm_outlives_one_of_its_routers(farm):
     running, first = farm
     running.start_robots(2, trial_s=0.3)
     job_id = running.submit(running.policy(), trials=40).json()["job_id"]
-    until(lambda: running.job(job_id)["trials_done"] > 4, 30, "some trials to be done")
+    until(lambda: running.job(job_id)["trials_done"] > 4, PATIENCE_S, "some trials to be done")
     first.kill()
     first.wait()
-    assert running.wait_for_end(job_id, 60)["state"] == "succeeded"
+    assert running.wait_for_end(job_id)["state"] == "succeeded"
     report = running.admin.get(f"/v1/jobs/{job_id}/report").json()
     assert [row["trials"] for row in report["per_robot"]] == [20, 20]
     assert report["attempts"] == 40 + report["platform_faults"]

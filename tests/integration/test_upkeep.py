@@ -11,10 +11,10 @@ from services.upkeep.__main__ import PRIVATE
 from services.upkeep.backup import back_up, restore
 from services.upkeep.doctor import look_through
 from services.upkeep.folder import UpkeepError
-from tests.integration.farm_process import ROOT, services, until
+from tests.integration.farm_process import PATIENCE_S, ROOT, services, until
 
-MANY = 240
-"""Trials of a job that lasts half a minute: it has not ended when two backups have been made, however slow a
+MANY = 160
+"""Trials of a job that lasts more than a minute: it has not ended when two backups have been made, however slow a
 machine is at them."""
 
 
@@ -40,23 +40,23 @@ def upkeep(work, *folders, **how):
 @pytest.fixture(scope="module")
 def farm(tmp_path_factory):
     with services(tmp_path_factory.mktemp("upkeep") / "farm") as running:
-        running.start_robots(2, trial_s=0.3, log_bytes=5000, truth=True)
+        running.start_robots(2, trial_s=1.0, log_bytes=5000, truth=True)
         yield running
 
 
 @pytest.fixture(scope="module")
 def done(farm):
-    job_id = farm.submit(farm.policy(), trials=6).json()["job_id"]
+    job_id = farm.submit(farm.policy(), trials=4).json()["job_id"]
     farm.wait_for_end(job_id)
     return job_id
 
 
 def test_a_backup_of_a_running_farm_is_restored_elsewhere_with_the_same_reports_and_goes_on(farm, done, tmp_path):
     running = farm.submit(farm.policy(), trials=MANY, seed=2).json()["job_id"]
-    until(lambda: farm.job(running)["trials_done"] > 10, 60, "some trials to be done")
+    until(lambda: farm.job(running)["trials_done"] > 2, PATIENCE_S, "some trials to be done")
     first = trifarm("backup", "--data", farm.data, "--to", tmp_path / "backup")
     already = farm.job(running)["trials_done"]
-    until(lambda: farm.job(running)["trials_done"] > already + 10, 60, "more trials to be done")
+    until(lambda: farm.job(running)["trials_done"] > already + 2, PATIENCE_S, "more trials to be done")
     second = upkeep(back_up, farm.data, tmp_path / "backup")
     farm.admin.post(f"/v1/jobs/{running}/cancel")
     assert (first["missing"], second["missing"]) == (0, 0)
@@ -74,8 +74,9 @@ def test_a_backup_of_a_running_farm_is_restored_elsewhere_with_the_same_reports_
         # What ran at the time of the backup runs on: its robots are gone, and others take their trials.
         kept = restored.job(running)["trials_done"]
         assert kept > already
-        restored.start_robots(4, trial_s=0.05)
-        assert restored.wait_for_end(running, 100)["trials_done"] == MANY
+        for number in range(4):
+            restored.start_robot(f"robot-{number}", trial_s=0.02)
+        assert restored.wait_for_end(running)["trials_done"] == MANY
 
 
 def test_folders_that_cannot_be_used_are_refused_with_a_sentence(farm, done, tmp_path):

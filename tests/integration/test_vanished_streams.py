@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.integration.farm_process import services, until
+from tests.integration.farm_process import PATIENCE_S, services, until
 from tests.integration.two_hosts import hosts  # noqa: F401  a fixture
 
 READERS = """
@@ -56,6 +56,6 @@ def test_streams_of_a_host_that_is_cut_off_are_closed_and_the_others_go_on(hosts
         with readers(hosts.services, *streams), readers(hosts.robots, *streams):
             assert open_now() >= before + 2 * half
             hosts.cut_off_robots()
-            until(lambda: open_now() <= before + half + A_FEW, LEFT_OPEN_AT_MOST_S, "half of them to be closed")
+            until(lambda: open_now() <= before + half + A_FEW, PATIENCE_S, "half of them to be closed")
             assert open_now() >= before + half, "those who still read were not cut off"
-        until(lambda: open_now() <= before + A_FEW, LEFT_OPEN_AT_MOST_S, "all to be closed")
+        until(lambda: open_now() <= before + A_FEW, PATIENCE_S, "all to be closed")

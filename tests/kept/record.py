@@ -18,7 +18,7 @@ import safetensors.numpy
 
 from tests.benchmarks.same_bits import farm
 from tests.hostile.valid import MANIFEST, onnx_file, sb3_file
-from tests.integration.farm_process import small_policy, until
+from tests.integration.farm_process import PATIENCE_S, small_policy, until
 
 REFERENCE = Path("sim_backend/training/reference_policies")
 SUCCEEDS = 912
@@ -158,7 +158,7 @@ def real(trifarm: Trifarm, made: dict[str, Path]) -> dict[str, str]:
         trifarm("robots", "drain", robot)
     cancelled = trifarm.submit(made["network"], "--task", "lift", "--trials", 5, "--seed", 14, "--priority", "low")
     trifarm("cancel", cancelled)
-    until(lambda: "cancelled" in trifarm("jobs"), 20, "the job to be cancelled")
+    until(lambda: "cancelled" in trifarm("jobs"), PATIENCE_S, "the job to be cancelled")
     kept = {
         name: trifarm.fetch(job_id) for name, job_id in (("push", push), ("reach", reach), ("identification", identification))
     }

@@ -117,7 +117,7 @@ def test_pages_show_them(farm):
     running, _, ids = farm
     jobs = [job_id for name, job_id in ids.items() if name != "ladder"]
     ladders = [f"/ladders/{ids['ladder']}"] if "ladder" in ids else []
-    with httpx.Client(base_url=running.api, timeout=20) as client:
+    with httpx.Client(base_url=running.api, timeout=120) as client:
         assert client.post("/sign-in", data={"token": running.tokens["admin"], "then": "/jobs"}).status_code == 303
         of_jobs = [path for job_id in jobs for path in (f"/jobs/{job_id}", f"/trials/{job_id}-000")]
         for path in ("/", "/jobs", "/ladders", "/leaderboard", "/studies", *of_jobs, *ladders):
