@@ -119,7 +119,7 @@ def test_a_running_trial_is_watched_as_it_happens(browser, looked, jobs, axe):
             assert time.monotonic() < give_up_s, "no trial was watched while it ran"
             try:
                 page.goto(f"/trials/{running_trial(looked)}")
-                page.wait_for_function("() => Number(document.querySelector('#watch')?.dataset.seen) >= 3", timeout=10_000)
+                page.wait_for_function("() => Number(document.querySelector('#watch')?.dataset.seen) >= 3", timeout=30_000)
                 seen = page.evaluate("() => ({...document.querySelector('#watch').dataset})")
             except Error:
                 continue  # it ended before the page was there

@@ -58,5 +58,6 @@ def test_a_farm_outlives_one_of_its_routers(farm):
     first.wait()
     assert running.wait_for_end(job_id)["state"] == "succeeded"
     report = running.admin.get(f"/v1/jobs/{job_id}/report").json()
-    assert [row["trials"] for row in report["per_robot"]] == [20, 20]
+    trials = [row["trials"] for row in report["per_robot"]]
+    assert sum(trials) == 40 and min(trials) >= 12, "both are heard; a trial may leave one that comes back late"
     assert report["attempts"] == 40 + report["platform_faults"]
