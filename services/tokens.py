@@ -62,6 +62,7 @@ class Tokens:
     clock: FarmClock
     _remembered: dict[str, tuple[Caller, float]] = field(default_factory=dict)
     _used_s: dict[str, float] = field(default_factory=dict)
+    _times_forgotten: int = 0
 
     async def caller(self, bearer: str) -> Caller:
         """Who this token stands for.
@@ -95,6 +96,7 @@ class Tokens:
         now_s = self.clock.now_s()
         if (known := self._remembered.get(hashed)) is not None and now_s < known[1] <= now_s + REMEMBERED_S:
             return known[0]
+        before = self._times_forgotten
         async with self.database.read() as connection:
             row = (await connection.execute(_OF_ID, {"of_id": token_id})).one_or_none()
         self._check(row, hashed, now_s)
@@ -102,8 +104,14 @@ class Tokens:
         caller = Caller(row.token_id, row.owner, frozenset(Scope(scope) for scope in row.scopes.split()), row.robot, hashed)
         await self._used(row.token_id, now_s)
         self._remembered = {each: kept for each, kept in self._remembered.items() if now_s < kept[1]}
-        self._remembered[hashed] = (caller, now_s + REMEMBERED_S)
+        if before == self._times_forgotten:  # else it may have been read before what was changed meanwhile
+            self._remembered[hashed] = (caller, now_s + REMEMBERED_S)
         return caller
+
+    def _forget(self) -> None:
+        """A token has changed: what is known of any, or is being read now, is not kept."""
+        self._remembered.clear()
+        self._times_forgotten += 1
 
     @staticmethod
     def _check(row: AnyRow | None, hashed: str, now_s: float) -> None:
@@ -194,7 +202,7 @@ class Tokens:
             async with self.database.write() as tx:
                 await tx.execute(update(token).where(token.c.token_id == known.token_id).values(**wanted))
                 await tx.execute(delete(token).where(token.c.parent == known.token_id))
-            self._remembered.clear()
+            self._forget()
             log.info("stored token replaced by the given one", token_id=known.token_id, changed=changed)
 
     async def keep(self, made: Mapping[str, TokenRequest]) -> None:
@@ -243,7 +251,7 @@ class Tokens:
             known = (await tx.execute(select(token.c.token_id).where(token.c.token_id == token_id))).first()
         if changed.rowcount == 0 and known is None:
             raise NotFound("token-not-found", f"There is no token {token_id}; GET /v1/tokens lists them.")
-        self._remembered.clear()
+        self._forget()
 
 
 def new_bearer() -> str:

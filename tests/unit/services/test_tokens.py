@@ -65,3 +65,19 @@ async def test_the_same_token_again_changes_nothing(tokens, capsys):
 async def test_what_is_no_token_is_refused(tokens):
     with pytest.raises(Refused, match="trifarm_<id>_<secret>"):
         await tokens.register("trifarm_admin", ADMIN)
+
+
+async def test_what_was_read_before_a_token_was_revoked_is_not_remembered_after_it(tokens, monkeypatch):
+    await tokens.register(OLD, ADMIN)
+    revoked = []
+
+    async def meanwhile(token_id, _now_s):
+        if not revoked:
+            revoked.append(token_id)
+            await tokens.revoke(token_id)
+
+    monkeypatch.setattr(tokens, "_used", meanwhile)
+    assert (await tokens.caller(OLD)).owner == "operator", "it was good when it was looked at"
+    assert revoked == ["admin"]
+    with pytest.raises(Unauthorised):
+        await tokens.caller(OLD)
