@@ -7,7 +7,7 @@ were sent do, or those that were measured where nobody knows what was sent. The 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +19,10 @@ from sim_backend.reality_gap.measured.foreign.study_file import load_study_file
 from sim_backend.reality_gap.model.extended_laws import Laws
 from sim_backend.reality_gap.model.files import LAWS, NATIVE
 from sim_backend.reality_gap.recording import JointSignals, Recording, RecordingError
+from sim_backend.reality_gap.subjects.joints.forward import LONGEST_IN_LOOP_S, LONGEST_STEP_S
 from sim_backend.reality_gap.subjects.joints.trajectory import Trajectory, filled_gaps, trajectory
 from sim_backend.reality_gap.subjects.subject import Progress
 
-_LONGEST_STEP_S = 0.002
 _EDGE_S = 0.1
 """Of a recording, at both ends, where windows neither begin nor end: its smoothed velocity is not as good there."""
 _RESAMPLED = 2000
@@ -218,7 +218,8 @@ def simulated(
     model = mujoco.MjModel.__copy__(model)
     for flag in _LEFT_OUT:
         model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
-    substeps = int(np.ceil(recording.step_s / _LONGEST_STEP_S - 1e-9))
+    longest_s = LONGEST_STEP_S if joints.feedback is None else LONGEST_IN_LOOP_S
+    substeps = int(np.ceil(recording.step_s / longest_s - 1e-9))
     model.opt.timestep = recording.step_s / substeps
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     acting = Laws(model, {} if laws is None else laws, joints.names)
@@ -228,6 +229,9 @@ def simulated(
     data.qpos[at], data.qvel[dof] = begin_rad, begin_rad_s
     mujoco.mj_forward(model, data)
     sent, feedback = filled_gaps(_torques(joints))[part], None if joints.feedback is None else joints.feedback.at(part)
+    if feedback is not None:
+        gains = np.array([acting.position_gain(name) for name in joints.names])
+        feedback = replace(feedback, stiffness_nm_rad=gains * feedback.stiffness_nm_rad)
     found, before = np.empty((len(sent), len(at))), np.array(begin_rad_s)
     for row in range(len(sent)):
         for _ in range(substeps):

@@ -21,7 +21,8 @@ from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.measured.farm_logs import FarmLogs, find_logs, read_farm_logs
 from sim_backend.reality_gap.measured.foreign.episodes import read_recordings
-from sim_backend.reality_gap.measured.foreign.study_file import NominalValue, StudyFile, load_study_file
+from sim_backend.reality_gap.measured.foreign.study_file import StudyFile, load_study_file
+from sim_backend.reality_gap.measured.foreign.study_model import NominalValue
 from sim_backend.reality_gap.model.files import write_models
 from sim_backend.reality_gap.model.model import load_extended_model, provenance_of
 from sim_backend.reality_gap.recording import RecordingError

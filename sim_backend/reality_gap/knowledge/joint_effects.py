@@ -208,6 +208,8 @@ def keys_of(channel: Channel) -> tuple[str, ...]:
 
 LATE_TORQUE, LIMITED_TORQUE = "action_delay.delay_s", "torque_saturation.limit_nm"
 """What commanded and measured torque say of a motor without any model of what it moves."""
+FILTERED_VELOCITY = "velocity_filter.time_constant_s"
+"""What positions and velocities say of a sensor."""
 
 
 class Sign(StrEnum):

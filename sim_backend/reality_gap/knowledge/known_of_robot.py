@@ -59,12 +59,14 @@ class Tolerance:
         inertia: of each link beside its mass, and of each rotor.
         centre: of mass, as a share of its distance from the link's joint.
         friction: of the friction and the damping that the model has.
+        zero: of recorded torques, of the largest of each joint: sensors and amplifiers have a zero of their own.
     """
 
     mass: float = 0.02
     inertia: float = 0.05
     centre: float = 0.02
     friction: float = 0.05
+    zero: float = 0.01
 
 
 @dataclass(frozen=True)

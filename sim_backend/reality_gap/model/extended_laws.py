@@ -14,6 +14,7 @@
 
 ``apply`` takes the place of the model's actuators at the joints that it knows: torques go to ``qfrc_applied``, and friction that
 depends on speed, direction or load moves the bound of MuJoCo's friction constraint, so that the solver decides what sticks.
+Whoever computes torques of a position controller multiplies its stiffness by ``laws.position_gain("shoulder")``.
 """
 
 import json
@@ -33,6 +34,7 @@ EFFECTS = (
     "load_friction",
     "stribeck_friction",
     "directional_friction",
+    "position_gain",
 )
 """That have a law here."""
 SOLREF, SOLIMP = (0.004, 1.0), (0.999, 0.9999, 0.001, 0.5, 2.0)
@@ -75,12 +77,17 @@ class Laws:
             data.qfrc_applied[dof] = torque
             model.dof_frictionloss[dof] = max(_LEAST_NM, bound)
 
+    def position_gain(self, joint: str) -> float:
+        """What the stiffness of a joint's position controller is to be multiplied by: 1 where it is as its owner says."""
+        return self._joints[joint].position_gain
+
 
 class _Joint:
     def __init__(self, model: Any, name: str, values: Mapping[str, float]) -> None:
         joint = model.joint(name)
         self.dof = int(joint.dofadr[0])
         self._v = dict(values)
+        self.position_gain = self._v.get("position_gain.factor", 1.0)
         self._constant_nm = float(model.dof_frictionloss[self.dof])
         model.dof_solref[self.dof], model.dof_solimp[self.dof] = SOLREF, SOLIMP
         model.dof_frictionloss[self.dof] = max(self._constant_nm, _LEAST_NM)

@@ -12,7 +12,8 @@ from sim_backend.reality_gap.measured.foreign.measurement_units import chosen_fa
 from sim_backend.reality_gap.measured.foreign.naming import listed, nearest
 from sim_backend.reality_gap.measured.foreign.objects import object_signals
 from sim_backend.reality_gap.measured.foreign.rows import Rows
-from sim_backend.reality_gap.measured.foreign.study_file import DataChannel, RecordingEntry, StudyFile
+from sim_backend.reality_gap.measured.foreign.study_channels import DataChannel
+from sim_backend.reality_gap.measured.foreign.study_file import RecordingEntry, StudyFile
 from sim_backend.reality_gap.recording import Recording, RecordingError
 
 MIN_DURATION_S = 0.2

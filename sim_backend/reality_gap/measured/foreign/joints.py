@@ -9,7 +9,8 @@ from sim_backend.reality_gap.measured.foreign import time_grid
 from sim_backend.reality_gap.measured.foreign.data_table import find
 from sim_backend.reality_gap.measured.foreign.measurement_units import chosen_factor
 from sim_backend.reality_gap.measured.foreign.rows import Rows
-from sim_backend.reality_gap.measured.foreign.study_file import Controller, JointEntry
+from sim_backend.reality_gap.measured.foreign.study_channels import JointEntry
+from sim_backend.reality_gap.measured.foreign.study_model import Controller
 from sim_backend.reality_gap.measured.outliers import position_outliers, torque_outliers
 from sim_backend.reality_gap.recording import JointSignals, Outlier
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sim_backend.reality_gap.measured.foreign.rows import Rows
-from sim_backend.reality_gap.measured.foreign.study_file import ObjectEntry
+from sim_backend.reality_gap.measured.foreign.study_channels import ObjectEntry
 from sim_backend.reality_gap.recording import ObjectSignals
 
 QUATERNION_TOLERANCE = 0.02

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sim_backend.reality_gap.measured.foreign.data_table import DataTable
-from sim_backend.reality_gap.measured.foreign.study_file import DataChannel
+from sim_backend.reality_gap.measured.foreign.study_channels import DataChannel
 from sim_backend.reality_gap.recording import RecordingError
 
 

@@ -1,18 +1,21 @@
 """What motors make of a commanded torque where the measured one is recorded beside it: how late it comes, and where it ends.
 
 Both columns say it directly, without any model of the arm. A measured torque that comes a row later says nothing of the motor:
-many tables have in a row what was measured before its command.
+many tables have in a row what was measured before its command. Nor is a torque that follows as through a filter one that comes
+late: currents rise through a motor's coils, and boards smooth what they measure.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.knowledge.joint_effects import LATE_TORQUE, LIMITED_TORQUE
-from sim_backend.reality_gap.quantiles import Z_90
+from sim_backend.reality_gap.subjects.joints.causes import half_interval
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
+from sim_backend.reality_gap.subjects.joints.trajectory import filled_gaps
 from sim_backend.reality_gap.verdict import Cause
 
 _LONGEST_S = 0.2
@@ -28,6 +31,10 @@ _LIMITS = np.linspace(0.3, 0.995, 40)
 _LEVEL = 0.01
 """A measured torque's own scale is not known better."""
 _LEAST_ROWS = 200
+_CLEARLY = 1.5
+"""Times what a filter leaves (mean squares), beyond which what follows is no delay; as far below it, it is no filter."""
+_TIME_CONSTANTS = np.geomspace(0.3, 1.0, 4)
+"""Of filters that are tried, relative to the delay that explains most."""
 
 
 @dataclass(frozen=True)
@@ -38,11 +45,15 @@ class Between:
         late_rows: rows by which the measured one follows best.
         limit_nm: where it ends, infinite if nothing shows a limit; with the standard error of that.
         limit_error_nm: 0 without a limit.
+        may_be_filter: whether a filter of first order explains about as much as the delay.
+        is_filter: whether it explains clearly more.
     """
 
     late_rows: int
     limit_nm: float
     limit_error_nm: float
+    may_be_filter: bool = False
+    is_filter: bool = False
 
 
 def between(sent: Sequence[np.ndarray], measured: Sequence[np.ndarray], most_rows: int) -> Between | None:
@@ -64,11 +75,13 @@ def between(sent: Sequence[np.ndarray], measured: Sequence[np.ndarray], most_row
     late = best if ends[best][1] < _EXPLAINED**2 * ends[0][1] else 0
     limit = ends[late][0]
     asked, felt = by_rows[late]
+    of_filter = _left_by_filter(sent, measured, late, limit) if late else np.inf
+    looks = (of_filter < _CLEARLY * ends[late][1], of_filter * _CLEARLY < ends[late][1])
     if not np.isfinite(limit):
-        return Between(late, np.inf, 0.0)
+        return Between(late, np.inf, 0.0, *looks)
     at_limit = np.abs(felt[np.abs(asked) > _BEYOND * limit])
     error = np.std(at_limit) / np.sqrt(len(at_limit)) + _LEVEL * np.median(at_limit)
-    return Between(late, float(np.median(at_limit)), float(error))
+    return Between(late, float(np.median(at_limit)), float(error), *looks)
 
 
 def _paired(sent: Sequence[np.ndarray], measured: Sequence[np.ndarray], rows: int) -> tuple[np.ndarray, np.ndarray]:
@@ -77,6 +90,18 @@ def _paired(sent: Sequence[np.ndarray], measured: Sequence[np.ndarray], rows: in
     felt = np.concatenate([series[rows:] for series in measured])
     fine = np.isfinite(asked) & np.isfinite(felt)
     return asked[fine], felt[fine]
+
+
+def _left_by_filter(sent: Sequence[np.ndarray], measured: Sequence[np.ndarray], late: int, limit: float) -> float:
+    """Mean square left by the best filter of first order about as slow as a delay of some rows."""
+    found = []
+    for rows in late * _TIME_CONSTANTS:
+        share = -np.expm1(-1.0 / rows)
+        cut = [np.clip(filled_gaps(series[:, None])[:, 0], -limit, limit) for series in sent]
+        through = [lfilter([share], [1.0, share - 1.0], x, zi=[x[0] * (1.0 - share)])[0] for x in cut]
+        asked, felt = _paired(through, measured, 0)
+        found.append(float(np.mean((felt - _share(asked, felt) * asked) ** 2)))
+    return min(found)
 
 
 def _share(asked: np.ndarray, felt: np.ndarray) -> float:
@@ -112,20 +137,21 @@ def causes_between(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -
         found = between([s[:, j] for s, _ in both], [m[:, j] for _, m in both], round(_LONGEST_S / row_s))
         if found is None:
             continue
-        if found.late_rows > _ROWS_OF_TABLE:
-            edges = (row_s * (found.late_rows - 1), row_s * found.late_rows)
-            causes.append(_cause(LATE_TORQUE, name, float(np.mean(edges)), edges))
+        if found.may_be_filter:
+            how = "as through a filter" if found.is_filter else "as late as by a filter"
+            lateness = f"up to {1e3 * row_s * found.late_rows:.3g} ms"
+            open_.append(f"whether torque of {name} is delayed by {lateness} or smoothed: what was measured follows {how}")
+        if found.late_rows > _ROWS_OF_TABLE and not found.is_filter:
+            causes.append(_cause(LATE_TORQUE, name, row_s * (found.late_rows - 0.5), 0.25 * row_s))
         elif found.late_rows:
             open_.append(
                 f"whether {name} has an action delay of up to {1e3 * row_s:.3g} ms: its measured torque comes a row later"
             )
         if np.isfinite(found.limit_nm):
-            half = Z_90 * found.limit_error_nm
-            edges = (found.limit_nm - half, found.limit_nm + half)
-            causes.append(_cause(LIMITED_TORQUE, name, found.limit_nm, edges))
+            causes.append(_cause(LIMITED_TORQUE, name, found.limit_nm, found.limit_error_nm))
     return causes, open_
 
 
-def _cause(key: str, name: str, value: float, interval_90: tuple[float, float]) -> Cause:
-    parameter = PARAMETERS[key]
-    return Cause(key.partition(".")[0], parameter.name, name, value, parameter.unit, interval_90)
+def _cause(key: str, name: str, value: float, error: float) -> Cause:
+    parameter, half = PARAMETERS[key], half_interval(key, value, PARAMETERS[key].absent, error)
+    return Cause(key.partition(".")[0], parameter.name, name, value, parameter.unit, (value - half, value + half))

@@ -23,7 +23,8 @@ from sim_backend.reality_gap.subjects.joints.motor_law import in_simulations
 from sim_backend.reality_gap.subjects.joints.plant import Plant
 from sim_backend.reality_gap.subjects.joints.state import CLOCK, LINK_CENTRES, LINK_INERTIA, JointState
 
-LONGEST_STEP_S = 0.0025
+LONGEST_STEP_S, LONGEST_IN_LOOP_S = 0.0025, 0.001
+"""Of a simulation; shorter where a controller is in the loop, which sees a motion a step late."""
 _HELD_KG_M2 = 1e6
 """Armature of joints that were not recorded: they rest."""
 _MOST_SIMULATIONS = 6000

@@ -19,6 +19,7 @@ from sim_backend.effects.actuation import (
 )
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.friction import directional_bound_nm, load_bound_nm, stribeck_bound_nm
+from sim_backend.reality_gap.knowledge.unnamed_laws import DRAG, ZERO
 from sim_backend.trifinger import constants as c
 
 KEYS = (
@@ -42,6 +43,8 @@ KEYS = (
     "directional_friction.difference_nm",
 )
 """Parameters of one joint's motor and gear, in the order of the law's vector."""
+VECTOR = (*KEYS, ZERO, DRAG)
+"""With laws that the catalogue lacks."""
 _DELAY = KEYS.index("action_delay.delay_s")
 _LIMIT = KEYS.index("torque_saturation.limit_nm")
 _SAG = KEYS.index("supply_sag.loss_per_nm")
@@ -60,6 +63,7 @@ _STRIBECK_SPEED = KEYS.index("stribeck_friction.speed_rad_s")
 _LOAD = KEYS.index("load_friction.coefficient")
 _OUTER_LOAD = KEYS.index("load_friction.external_coefficient")
 _DIRECTION = KEYS.index("directional_friction.difference_nm")
+_ZERO, _DRAG = VECTOR.index(ZERO), VECTOR.index(DRAG)
 LIMIT, COGGING, GAP = KEYS[_LIMIT], KEYS[_AMPLITUDE], KEYS[_GAP]
 """A motor's largest torque; the numbers whose images are not a difference of two torques."""
 ROTOR_INERTIA_KG_M2 = PARAMETERS[KEYS[_ROTOR]].absent
@@ -71,8 +75,8 @@ DIRECTION_RAD_S = 0.01
 
 
 def absent_values() -> np.ndarray:
-    """A motor and gear without effects, shape (len(KEYS),)."""
-    values = np.array([PARAMETERS[key].absent for key in KEYS])
+    """A motor and gear without effects, shape (len(VECTOR),)."""
+    values = np.array([PARAMETERS[key].absent if key in PARAMETERS else 0.0 for key in VECTOR])
     values[_LIMIT] = UNLIMITED_NM
     return values
 
@@ -109,6 +113,7 @@ def sent_to_joint(
         memory[0] = temperature_rise_k(memory[0], current, p[_RISE], p[_WARM_TIME], step_s)
     value = derated_torque_nm(scaled_torque_nm(current, p[_CONSTANT]), memory[0], p[_LOSS])
     value += cogging_torque_nm(p[_AMPLITUDE], p[_CYCLES], p[_PHASE], position)
+    value += p[_ZERO] - p[_DRAG] * velocity * abs(velocity)
     if p[_GAP] > 0.0:
         memory[2], memory[1], value = backlash(memory[2], memory[1], velocity, value, p[_GAP], p[_ROTOR], step_s)
     bound = p[_COULOMB] + stribeck_bound_nm(p[_STRIBECK], p[_STRIBECK_SPEED], velocity)
@@ -151,7 +156,7 @@ def _in_simulations(
     value: np.ndarray,
     bound: np.ndarray,
 ) -> None:
-    """One step of k joints in n simulations; shapes (n, k), of ``p`` (n, k, len(KEYS)) and of ``memory`` (n, k, 3)."""
+    """One step of k joints in n simulations; shapes (n, k), of ``p`` (n, k, len(VECTOR)) and of ``memory`` (n, k, 3)."""
     for i in range(arrived.shape[0]):
         total = np.abs(arrived[i]).sum()
         for j in range(arrived.shape[1]):
@@ -172,8 +177,8 @@ def in_simulations() -> Callable[..., None]:
     """One step of k joints in n simulations, compiled: torque after the gears and bounds of friction are filled in.
 
     Its arguments are those of ``_in_simulations``: torques that arrive at the motors, positions, velocities, and torques that
-    gravity and motion ask of the joints, shape (n, k), the step, values by ``KEYS``, shape (n, k, len(KEYS)), memory of motors
-    and gears, shape (n, k, 3), and the two results, (n, k).
+    gravity and motion ask of the joints, shape (n, k), the step, values by ``VECTOR``, shape (n, k, len(VECTOR)), memory of
+    motors and gears, shape (n, k, 3), and the two results, (n, k).
     """
     rows, cubes = types.float64[:, ::1], types.float64[:, :, ::1]
     signature = types.void(rows, rows, rows, rows, types.float64, cubes, cubes, rows, rows)
@@ -198,7 +203,7 @@ def along(
         velocity: shape (s,), rad/s.
         external_nm: what gravity and motion ask of the joint, shape (s,), N m; anything where :func:`needs_external` is false.
         step_s: length of a step.
-        values: by ``KEYS``.
+        values: by ``VECTOR``.
 
     Returns:
         Torque of the current (what a board measures), torque left at the joint after friction, and play, each (s,).

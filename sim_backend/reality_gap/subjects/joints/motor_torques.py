@@ -12,7 +12,7 @@ from sim_backend.reality_gap.subjects.joints.trajectory import Trajectory, fille
 
 BEFORE_CURRENT = frozenset(keys_of(Channel.CURRENT))
 """Parameters that change the current; all others act on what the current gives."""
-_IS_BEFORE = np.array([key in BEFORE_CURRENT for key in motor_law.KEYS])
+_IS_BEFORE = np.array([key in BEFORE_CURRENT for key in motor_law.VECTOR])
 
 
 class MotorTorques:

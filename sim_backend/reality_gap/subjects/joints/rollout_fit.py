@@ -12,11 +12,13 @@ import numpy as np
 
 from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, POSITION_GAIN
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance
+from sim_backend.reality_gap.knowledge.unnamed_laws import ZERO
 from sim_backend.reality_gap.measured.sensor_noise import white_noise
 from sim_backend.reality_gap.subjects.joints.body_law import KEYS as BODY_KEYS
+from sim_backend.reality_gap.subjects.joints.checks import encoder_step
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
-from sim_backend.reality_gap.subjects.joints.forward import LONGEST_STEP_S, Forward
-from sim_backend.reality_gap.subjects.joints.hypotheses import Catalogue, Hypothesis, links_off, own_share
+from sim_backend.reality_gap.subjects.joints.forward import LONGEST_IN_LOOP_S, LONGEST_STEP_S, Forward
+from sim_backend.reality_gap.subjects.joints.hypotheses import Catalogue, links_off, own_share
 from sim_backend.reality_gap.subjects.joints.motor_law import KEYS as MOTOR_KEYS
 from sim_backend.reality_gap.subjects.joints.recorded_windows import torque_noise_nm, windows_of
 from sim_backend.reality_gap.subjects.joints.state import CLOCK, NO_EFFECTS, JointState, Term
@@ -28,8 +30,6 @@ FOLDS = 3
 _GROWS = 2.0
 _FINEST_S = 0.002
 """Faster recordings are compared this far apart."""
-_LONGEST_IN_LOOP_S = 0.001
-"""Of a simulation's steps where a controller is in the loop: it sees a motion a step late."""
 _STARTS = (2e-3, 0.2)
 """Standard deviations of where windows begin, rad and rad/s, about the smoothed motion."""
 PROBES = (1e-3, 1e-2)
@@ -49,8 +49,6 @@ _FLOOR = 2.0
 """Times an encoder's noise: errors below it are as good as none."""
 FAR_OFF = 5.0
 """Times an encoder's noise: windows also begin and end where smoothing puts them."""
-SHOWN = 0.7
-"""Of what a cause's number may be: windows that leave it more uncertain say nothing of it."""
 _CLOCK_SHARE = 0.25
 """Standard deviation of when a recorded torque acts, of a row: at most half a row earlier or later."""
 _SIMULATED = frozenset({*MOTOR_KEYS, *BODY_KEYS, POSITION_GAIN})
@@ -110,19 +108,6 @@ class RolloutFit:
         return np.sqrt(self.squares.mean(axis=0))
 
 
-@dataclass(frozen=True)
-class Shown:
-    """How well windows tell an effect: the size of its number that would have been seen at each place where it was asked for.
-
-    Attributes:
-        hypothesis: effect and place, with its terms.
-        size: that gains what a cause must gain, in the unit of its first number; infinite where no window shows it.
-    """
-
-    hypothesis: Hypothesis
-    size: float
-
-
 class RolloutProblem:
     """Windows of all episodes of a study, to fit models to.
 
@@ -139,10 +124,10 @@ class RolloutProblem:
         step_s = max(_FINEST_S, float(np.median([e.path.step_s for e in episodes])))
         self.start, self.catalogue = start, catalogue
         is_in_loop = any(e.path.joints.feedback is not None for e in episodes)
-        longest_s = _LONGEST_IN_LOOP_S if is_in_loop else LONGEST_STEP_S
+        longest_s = LONGEST_IN_LOOP_S if is_in_loop else LONGEST_STEP_S
         self.forward = Forward(episodes[0].plant, step_s, longest_step_s=longest_s)
         self.gravity_m_s2 = episodes[0].plant.gravity_m_s2
-        self.noise_rad = np.sqrt(np.mean([e.path.position_noise_rad**2 for e in episodes], axis=0))
+        self.noise_rad = np.sqrt(np.mean([_noise_rad(e) ** 2 for e in episodes], axis=0))
         regimes = [e.path.recording.regime for e in episodes]
         self._fold_of = np.unique(regimes, return_inverse=True)[1] if len(set(regimes)) > 1 else np.arange(len(episodes)) % FOLDS
         for length_s in LENGTHS_S:
@@ -154,7 +139,8 @@ class RolloutProblem:
         self.velocity_noise_rad_s = np.sqrt(np.mean([white_noise(v) ** 2 for v in reported], axis=0)) if reported else 0.0
         row_s = float(np.median([e.path.step_s for e in episodes]))
         clock = (Term(CLOCK, 0, 0.1 * row_s), _CLOCK_SHARE * row_s)
-        self._loose = [clock, *links_off(tolerance, episodes[0].plant.centre_distance_m), *_of_model(tolerance, catalogue, start)]
+        links = links_off(tolerance, episodes[0].plant.centre_distance_m)
+        self._loose = [clock, *_zeros(episodes, tolerance), *links, *_of_model(tolerance, catalogue, start)]
         self._other: Forward | None = None
         law = self.windows.feedback  # of a servo its motor's own voltage is a part, which never rests
         if law is not None and len(self.windows) and not np.nan_to_num(law.back_emf_nm_s_rad).any():
@@ -182,22 +168,10 @@ class RolloutProblem:
         found.windows = self.windows.some(rows)
         return found
 
-    def foretold(self, fit: RolloutFit, terms: Sequence[Term]) -> np.ndarray:
-        """Mean square errors of windows, shape (n, k), with terms fitted to other recordings: of other regimes, if there are any.
-
-        Where there is one recording only they are those of the fit.
-        """
-        fold, squares = self._fold_of[self.windows.owner], fit.squares.copy()
-        for each in np.unique(fold) if len(np.unique(fold)) > 1 else ():
-            seen, unseen = np.flatnonzero(fold != each), np.flatnonzero(fold == each)
-            own, other = (tuple(b[rows] for b in fit.begin) for rows in (seen, unseen))
-            learned = self.part(seen).fitted(fit.state, terms, own, quickly=True)  # pyright: ignore[reportArgumentType]
-            squares[unseen] = self.part(unseen).fitted(learned.state, (), other, quickly=True).squares  # pyright: ignore[reportArgumentType]
-        return squares
-
-    def foretold_rad(self, fit: RolloutFit, terms: Sequence[Term]) -> float:
-        """How far windows end up off, in the mean over all of them and joints, whose recordings the terms were not fitted to."""
-        return float(np.sqrt(self.foretold(fit, terms)).mean())
+    @property
+    def folds(self) -> np.ndarray:
+        """Which part of the recordings each window is of, shape (n,): a regime, or of one regime a third of them."""
+        return self._fold_of[self.windows.owner]
 
     def _growth(self) -> float:
         """How much further a disturbed start leads than it would without any force, in the median."""
@@ -266,12 +240,12 @@ class RolloutProblem:
             prior = 1.0 / scales**2
             precision = linear.precision + np.diag(prior)
             errors = np.sqrt(np.diag(np.linalg.inv(precision)))
-            pull = linear.pull - prior * _apart(state, self.start, every)
+            pull = linear.pull - prior * apart(state, self.start, every)
             change = np.linalg.solve(precision + _DAMPING * np.diag(np.diag(precision)), pull)
             before, found = self._loss(squares, noise), None
             for share in (1.0, 0.5, 0.25, 0.1):
                 candidate = self._within_tolerance(moved_by(state, every, share * change), loose)
-                moved = self._begins(begin, linear, _apart(candidate, state, every), share)
+                moved = self._begins(begin, linear, apart(candidate, state, every), share)
                 # where a model bends, begins that follow its linearisation lead astray
                 tried = [(begins, self.squares_of(candidate, begins)) for begins in (moved, begin)]
                 begins, squares_there = min(tried, key=lambda each: self._loss(each[1], noise))
@@ -284,16 +258,6 @@ class RolloutProblem:
             if self._loss(squares, noise) > before - _ENOUGH * abs(before):
                 break
         return RolloutFit(state, every, len(terms), scales, errors, squares, begin)
-
-    def would_move_nats(self, fit: RolloutFit) -> float:
-        """What a model's causes would gain if they moved on as its linearisation says, nats; nothing where they have settled.
-
-        A model of another shape than the robot's may be stuck where no step brings it nearer, far from where each step points.
-        """
-        terms, scales = fit.terms[: fit.causes], fit.scales[: fit.causes]
-        linear = self.linearised(fit.state, terms, fit.begin, *self.noise_of(fit.squares))
-        pull = linear.pull - _apart(fit.state, self.start, terms) / scales**2
-        return float(0.5 * pull @ np.linalg.solve(linear.precision + np.diag(scales**-2.0), pull)) if terms else 0.0
 
     def without_loose(self, state: JointState, kept: Sequence[Term]) -> JointState:
         """A model with everything that a healthy robot may be off by as the nominal one has it, but for terms that are kept."""
@@ -365,43 +329,6 @@ class RolloutProblem:
         pull = np.einsum("nsm,ns->m", own, left) - np.einsum("nam,na->m", cross, free)
         return Linearised(error, precision, pull, (free, by_terms))
 
-    def gains(self, fit: RolloutFit, hypotheses: Sequence[Hypothesis]) -> list[tuple[float, Hypothesis, np.ndarray, np.ndarray]]:
-        """What hypotheses would gain beside a model, nats, with values and standard errors of their terms, the best first."""
-        usable = [h for h in hypotheses if all(self.catalogue.terms[i].key in _SIMULATED for i in h.terms)]
-        own = sorted({i for h in usable for i in h.terms})
-        beside = self.loose_terms(fit.terms)
-        base = [*fit.terms, *(t for t, _ in beside)]
-        scales = np.array([*fit.scales, *(scale for _, scale in beside)])
-        every = [*base, *(self.catalogue.terms[i] for i in own)]
-        noise, weights = self.noise_of(fit.squares)
-        linear = self.linearised(fit.state, every, fit.begin, noise, weights)
-        b = len(base)
-        inner = linear.precision[:b, :b] + np.diag(1.0 / scales**2)
-        through = np.linalg.solve(inner, linear.precision[:b, b:])
-        precision = linear.precision[b:, b:] - linear.precision[b:, :b] @ through
-        off = np.array([float(fit.state.value(t.key)[t.index] - self.start.value(t.key)[t.index]) for t in base])
-        pull = linear.pull[b:] - through.T @ (linear.pull[:b] - off / scales**2)
-        found = []
-        for h in usable:
-            index = [own.index(i) for i in h.terms]
-            scale = np.array(h.scales)
-            a = np.eye(len(index)) + scale[:, None] * precision[np.ix_(index, index)] * scale
-            values = scale * np.linalg.solve(a, scale * pull[index])
-            gain = float(0.5 * pull[index] @ values - 0.5 * np.linalg.slogdet(a)[1])
-            found.append((gain, h, values, scale * np.sqrt(np.maximum(np.diag(np.linalg.inv(a)), 0.0))))
-        return sorted(found, key=lambda entry: -entry[0])
-
-    def shown(self, fit: RolloutFit, hypotheses: Sequence[Hypothesis], gate: float) -> list[Shown]:
-        """For each hypothesis the size that would have gained ``gate`` nats beside a model."""
-        found = []
-        for _, hypothesis, values, errors in self.gains(fit, hypotheses):
-            prior = np.array(hypothesis.scales)
-            is_shown, term = errors[0] < SHOWN * prior[0], self.catalogue.terms[hypothesis.terms[0]]
-            off = float(values[0] + _apart(fit.state, self.start, [term])[0])
-            size = float(np.sqrt(2.0 * gate) * errors[0]) + abs(off) if is_shown else np.inf
-            found.append(Shown(hypothesis, size))
-        return found
-
     @property
     def motion_rad(self) -> np.ndarray:
         """How far joints are from their mean place in a usual window, root mean square, shape (k,)."""
@@ -417,6 +344,23 @@ class RolloutProblem:
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.log((before + floor) / (after + floor))
         return float(0.5 * SAMPLES_OF_WINDOW * np.nan_to_num(ratio, posinf=5.0, neginf=-5.0).sum())
+
+
+def _zeros(episodes: Sequence[EpisodeEquations], declared: Tolerance) -> list[tuple[Term, float]]:
+    """Zeros of torques that were recorded, each with its standard deviation; what a stated controller sends is known."""
+    recorded = [
+        [np.nan if name in e.path.joints.not_recorded else np.nanmax(np.abs(torque), initial=0.0) for name, torque in each]
+        for e in episodes
+        for each in [zip(e.path.joints.names, e.acting_nm, strict=True)]
+    ]
+    scales = 0.5 * declared.zero * np.nan_to_num(np.max(recorded, axis=0))
+    return [(Term(ZERO, j, max(float(scale), 1e-9)), float(scale)) for j, scale in enumerate(scales)]
+
+
+def _noise_rad(episode: EpisodeEquations) -> np.ndarray:
+    """Of encoders, shape (k,): rounding to coarse steps is noise, too, though positions then rest for most of the time."""
+    steps_rad = episode.path.by_own_samples(encoder_step, episode.path.joints.position_rad)
+    return np.maximum(episode.path.position_noise_rad, steps_rad / np.sqrt(12.0))
 
 
 def is_nearer(fit: RolloutFit, other: RolloutFit) -> bool:
@@ -437,7 +381,7 @@ def _of_model(tolerance: Tolerance, catalogue: Catalogue, start: JointState) -> 
     return [(term, own_share(tolerance, key, index, start)) for (key, index), term in first.items()]
 
 
-def _apart(state: JointState, other: JointState, terms: Sequence[Term]) -> np.ndarray:
+def apart(state: JointState, other: JointState, terms: Sequence[Term]) -> np.ndarray:
     """By how much numbers of two models differ, shape (m,)."""
     return np.array([float(state.value(t.key)[t.index] - other.value(t.key)[t.index]) for t in terms])
 

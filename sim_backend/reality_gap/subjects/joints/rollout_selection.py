@@ -10,7 +10,8 @@ from sim_backend.reality_gap.subjects.joints.contradictions import is_gravity, p
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS, PLATFORM, Catalogue, Hypothesis
 from sim_backend.reality_gap.subjects.joints.look import Accepted
 from sim_backend.reality_gap.subjects.joints.moves import moved
-from sim_backend.reality_gap.subjects.joints.rollout_fit import SHOWN, RolloutFit, RolloutProblem, is_nearer
+from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutFit, RolloutProblem, is_nearer
+from sim_backend.reality_gap.subjects.joints.rollout_questions import SHOWN, foretold_rad, gains
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 
 GATE = 12.0
@@ -170,7 +171,7 @@ def _tried_beside(search: _Search, fit: RolloutFit, taken: Sequence[Taken]) -> l
     own = [term for cause in taken for term in cause.terms]
     names, tried = {cause.hypothesis.name for cause in taken}, list[_Tried]()
     everywhere = {effect for effect, where in names if where == ALL_JOINTS}
-    for linear, hypothesis, values, errors in _distinct(problem.gains(fit, catalogue.hypotheses), names):
+    for linear, hypothesis, values, errors in _distinct(gains(problem, fit, catalogue.hypotheses), names):
         if hypothesis.effect in everywhere:
             continue
         if (linear < _TRIED_FROM or len(tried) >= _TRIED) and hypothesis.name not in search.proposed:
@@ -210,7 +211,7 @@ def _needed(problem: RolloutProblem, fit: RolloutFit, cause: Taken) -> tuple[Ter
     """Those of a cause's numbers without which windows end up further off, the others as they are."""
     gains = []
     for term in cause.terms:
-        without = problem.squares_of(_as_nominal(problem, fit.state, (term,)), fit.begin)
+        without = problem.squares_of(as_nominal(problem, fit.state, (term,)), fit.begin)
         gains.append(problem.gained(without, fit.squares))
     return tuple(t for t, gain in zip(cause.terms, gains, strict=True) if gain > OF_NUMBER) or cause.terms
 
@@ -228,16 +229,16 @@ def _fitted_wholly(
     Where both fit about as well the one counts that foretells recordings better that it has not seen: the other owes a part of
     what it gains to a few windows.
     """
-    begun, terms = [new.state, *([_as_nominal(problem, new.state, own)] if own else [])], [*own, *plain]
+    begun, terms = [new.state, *([as_nominal(problem, new.state, own)] if own else [])], [*own, *plain]
     found = [problem.fitted(state, terms, new.begin) for state in begun]
     gains = [problem.gained(fit.squares, each.squares) - OF_NUMBER * len(plain) for each in found]
     best = int(np.argmax(gains))
     if abs(gains[0] - gains[-1]) < _AS_GOOD * max(gains[best], 0.0) and len(found) > 1:
-        best = int(np.argmin([problem.foretold_rad(each, terms) for each in found]))
+        best = int(np.argmin([foretold_rad(problem, each, terms) for each in found]))
     return gains[best], found[best], hypothesis, plain
 
 
-def _as_nominal(problem: RolloutProblem, state: JointState, terms: Sequence[Term]) -> JointState:
+def as_nominal(problem: RolloutProblem, state: JointState, terms: Sequence[Term]) -> JointState:
     """A model with some numbers as the nominal one has them."""
     for term in terms:
         by = problem.start.value(term.key)[term.index] - state.value(term.key)[term.index]
@@ -328,7 +329,7 @@ def _without_needless(
     for cause in taken[len(first) : -1]:
         kept = tuple(other for other in taken if other is not cause)
         state = problem.without_loose(fit.state, [term for other in taken for term in other.terms])
-        state = _as_nominal(problem, state, cause.terms)
+        state = as_nominal(problem, state, cause.terms)
         without = problem.fitted(state, [term for other in kept for term in other.terms], fit.begin, quickly=True)
         if problem.gained(without.squares, fit.squares) - OF_NUMBER * len(cause.terms) < GATE and _may_be(problem, without, kept):
             return _without_needless(problem, without, kept, first)

@@ -7,17 +7,14 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
-from sim_backend.reality_gap.subjects.joints.motor_law import KEYS as MOTOR_KEYS
-from sim_backend.reality_gap.subjects.joints.motor_law import absent_values
+from sim_backend.reality_gap.knowledge.unnamed_laws import DRAG, LINK_CENTRES, LINK_INERTIA, ZERO
+from sim_backend.reality_gap.subjects.joints.motor_law import VECTOR, absent_values
 
 CLOCK = "clock.offset_s"
 """Not an effect but what nobody can know of a recording: when within a sample the torque acted that was written there."""
 SENSED = "sensed.share"
 """Nor is this: which share of the difference between measured and sent torque is noise of the sensor, for each joint."""
-LINK_INERTIA = "link.inertia_share"
-LINK_CENTRES = ("link.centre_x_m", "link.centre_y_m", "link.centre_z_m")
-"""Nor are these: by how much a model's links are off in inertia and in their centres of mass, for each joint."""
-NO_EFFECTS = frozenset({CLOCK, SENSED, LINK_INERTIA, *LINK_CENTRES})
+NO_EFFECTS = frozenset({CLOCK, SENSED, LINK_INERTIA, *LINK_CENTRES, ZERO, DRAG})
 
 
 def size_factor(key: str, size: float) -> float:
@@ -93,7 +90,7 @@ class JointState:
     def motor(self, joint: int) -> np.ndarray:
         """One joint's values for the motor law."""
         values = absent_values()
-        for i, key in enumerate(MOTOR_KEYS):
+        for i, key in enumerate(VECTOR):
             if key in self.given:
                 given = self.given[key]
                 values[i] = given[joint if len(given) > 1 else 0]

@@ -18,11 +18,13 @@ from sim_backend.reality_gap.subjects.joints.hypotheses import with_controllers
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy, ShowsNothingError, study_joints
 from sim_backend.reality_gap.subjects.joints.judged import not_judged
 from sim_backend.reality_gap.subjects.joints.motor_law import LIMIT
+from sim_backend.reality_gap.subjects.joints.position_and_velocity import causes_of_velocities
 from sim_backend.reality_gap.subjects.joints.rollout_fit import LENGTHS_S, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_selection import select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.sections import joint_sections
 from sim_backend.reality_gap.subjects.joints.state import JointState
 from sim_backend.reality_gap.subjects.joints.torques_and_rollouts import in_both, proposed_by
+from sim_backend.reality_gap.subjects.joints.unnamed_rivals import against_unnamed, with_share_of_all
 from sim_backend.reality_gap.subjects.joints.verdict import judge
 from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import verdict_of_rollouts
 from sim_backend.reality_gap.subjects.subject import CUBE_EXCITATION, Material, Progress, Sections, part
@@ -89,12 +91,13 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     healthy = draw_healthy(problem, rng)
     proposed = proposed_by(torques, found) if method == NAMING else frozenset()
     selection = select_by_rollouts(problem, catalogue, is_possible, part(progress, 0.2, 0.9), proposed)
-    rollouts = verdict_of_rollouts(found, selection, healthy)
+    rollouts = against_unnamed(verdict_of_rollouts(found, selection, healthy), selection)
+    rollouts = with_share_of_all(rollouts, found.problem.names)
     if method != NAMING:
         return rollouts
-    motors, open_ = causes_between(found.problem.episodes, found.problem.names)
-    both = in_both(torques, rollouts, motors)
-    return replace(both, cannot_tell=(*both.cannot_tell, *open_))
+    columns = [of(found.problem.episodes, found.problem.names) for of in (causes_between, causes_of_velocities)]
+    both = in_both(torques, rollouts, [cause for causes, _ in columns for cause in causes])
+    return replace(both, cannot_tell=(*both.cannot_tell, *(said for _, open_ in columns for said in open_)))
 
 
 def _unrecorded_controllers(found: JointStudy) -> np.ndarray:

@@ -7,7 +7,13 @@ where the robot went. Simulated motions are not, but they see no sensor. So a ca
 from collections.abc import Sequence
 from dataclasses import replace
 
-from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, SENSOR_NOISE, Sign, effect_of
+from sim_backend.reality_gap.knowledge.joint_effects import (
+    FILTERED_VELOCITY,
+    NUMBERS,
+    SENSOR_NOISE,
+    Sign,
+    effect_of,
+)
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.rollout_fit import is_simulated
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, Told, Verdict, VerdictKind
@@ -15,6 +21,8 @@ from sim_backend.reality_gap.verdict import Cause, EffectJudged, Told, Verdict, 
 _MOTION_FITS = frozenset({VerdictKind.NAMED, VerdictKind.NOTHING_WRONG})
 _READ_DIRECTLY = frozenset(effect_of(sign) for sign in (*SENSOR_NOISE, Sign.POSITION_STEPS))
 """Effects that readings show by themselves, whatever torques explain."""
+_OF_COLUMNS = frozenset({FILTERED_VELOCITY.partition(".")[0]})
+"""Effects that only the columns themselves are asked for."""
 
 
 def proposed_by(torques: Verdict, study: JointStudy) -> frozenset[tuple[str, str]]:
@@ -23,21 +31,21 @@ def proposed_by(torques: Verdict, study: JointStudy) -> frozenset[tuple[str, str
     return frozenset(taken | {(cause.effect, cause.where) for cause in torques.causes})
 
 
-def in_both(torques: Verdict, rollouts: Verdict, motors: Sequence[Cause] = ()) -> Verdict:
+def in_both(torques: Verdict, rollouts: Verdict, columns: Sequence[Cause] = ()) -> Verdict:
     """What rollouts say of the motion, with what torques say of sensors and of joints that do not move.
 
     Args:
         torques: verdict by equations.
         rollouts: verdict by simulated motions of the same recordings.
-        motors: what lies between commanded and measured torque, which both leave out.
+        columns: what two columns of one joint say of each other: commanded and measured torque, positions and velocities.
     """
     is_open = rollouts.verdict is not VerdictKind.NOTHING_WRONG
     if (torques.misreads and is_open) or (torques.verdict is VerdictKind.NOT_IDENTIFIABLE and not rollouts.causes):
         return replace(torques, effects=_unjudged(rollouts, "it is not known what these data say"))
-    sensed = tuple(cause for cause in torques.causes if not _moves(cause))
+    sensed = tuple(cause for cause in torques.causes if not _moves(cause) and cause.effect not in _OF_COLUMNS)
     plain = tuple(cause for cause in sensed if torques.verdict is VerdictKind.NAMED or cause.effect in _READ_DIRECTLY)
     doubted = _doubted(torques, rollouts, [cause for cause in sensed if cause not in plain])
-    seen = (*plain, *motors)
+    seen = (*plain, *columns)
     kind, summary = rollouts.verdict, rollouts.summary
     if seen and kind in _MOTION_FITS:
         places = ", ".join(dict.fromkeys(f"{cause.effect.replace('_', ' ')} ({cause.where})" for cause in seen))

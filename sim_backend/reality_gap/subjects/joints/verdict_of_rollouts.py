@@ -1,6 +1,7 @@
 """A verdict from rollouts alone: what was taken since with it a model goes where the robot went."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,10 +21,11 @@ from sim_backend.reality_gap.subjects.joints.healthy_robots import Healthy
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, RolloutFit
+from sim_backend.reality_gap.subjects.joints.rollout_questions import shown, would_move_nats
 from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, RolloutSelection, Taken
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, HeldOut, Rival, Told, Verdict, VerdictKind
 
-CONFUSABLE_NATS, _CONFUSABLE_SHARE = 5.0, 0.1
+CONFUSABLE_NATS, CONFUSABLE_SHARE = 5.0, 0.1
 """A rival that lies less than this behind, or than this share of what the cause gained, cannot be told apart."""
 _TRIFLE = 0.05
 """Of the largest number of a cause at all joints: a joint with less of it has none."""
@@ -56,6 +58,7 @@ def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection, healthy:
     beside = [(taken, *found) for taken in selection.taken if (found := _rival(taken)) is not None]
     rivals, near = [rival for _, rival, _, _ in beside], [each for each in beside if _is_near(each[1], each[0])]
     extended = _extended(study, selection)
+    causes = [_covering(cause, extended) for cause in causes]
     before, after = selection.nominal.usual_rad, selection.fit.usual_rad
     far_before, far_after = selection.nominal.far_rad, selection.fit.far_rad
     kind, summary = VerdictKind.NAMED, f"The robot goes where a model goes that has {_listed(causes)}."
@@ -69,7 +72,7 @@ def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection, healthy:
     is_healthy = bool((before <= usual_rad).all() and (far_before <= far_rad).all())
     is_gain = is_halved | (is_far_halved & (far_before > far_rad))
     explains = bool(is_gain.any() and (is_halved | (after <= usual_rad)).all() and (is_far_halved | (far_after <= far_rad)).all())
-    explains = explains and (problem.is_near_noise(selection.fit) or problem.would_move_nats(selection.fit) < GATE)
+    explains = explains and (problem.is_near_noise(selection.fit) or would_move_nats(problem, selection.fit) < GATE)
     if is_healthy and not (causes and explains):
         worst = int(np.argmax(before / usual_rad))
         usual = f"up to {1e3 * usual_rad[worst]:.2g} mrad are usual for a robot whose model is as exact as is tolerated"
@@ -126,11 +129,11 @@ def effects_judged(
     near = {rival.effect: rival for rival in rivals}
     size: dict[str, float] = {}
     units: dict[str, str] = {}
-    for shown in selection.problem.shown(selection.fit, selection.problem.catalogue.hypotheses, GATE):
-        effect = shown.hypothesis.effect
-        if shown.hypothesis.where != ALL_JOINTS:
-            size[effect] = max(size.get(effect, 0.0), shown.size)
-            units[effect] = PARAMETERS[selection.problem.catalogue.terms[shown.hypothesis.terms[0]].key].unit
+    for each in shown(selection.problem, selection.fit, selection.problem.catalogue.hypotheses, GATE):
+        effect = each.hypothesis.effect
+        if each.hypothesis.where != ALL_JOINTS:
+            size[effect] = max(size.get(effect, 0.0), each.size)
+            units[effect] = PARAMETERS[selection.problem.catalogue.terms[each.hypothesis.terms[0]].key].unit
     found = []
     for effect in CATALOGUE:
         if effect in named:
@@ -185,6 +188,13 @@ def _extended(study: JointStudy, selection: RolloutSelection) -> list[Cause]:
     return [cause for taken in every for cause in causes_of(study, selection.extended, taken)]
 
 
+def _covering(cause: Cause, extended: Sequence[Cause]) -> Cause:
+    """A cause whose interval holds what its number comes to beside what mends the rest: which of both is so nobody knows."""
+    same = [e.value for e in extended if (e.effect, e.parameter, e.where) == (cause.effect, cause.parameter, cause.where)]
+    edges = [*cause.interval_90, *same]
+    return replace(cause, interval_90=(min(edges), max(edges)))
+
+
 def causes_of(study: JointStudy, fit: RolloutFit, taken: Taken) -> list[Cause]:
     """One cause for each number of a fit that is away from the nominal model beyond its interval.
 
@@ -224,7 +234,7 @@ def _rival(taken: Taken) -> tuple[Rival, Taken, RolloutFit] | None:
 
 def _is_near(rival: Rival, taken: Taken) -> bool:
     """Whether two causes explain the same: one that follows so closely may only have been fitted a little worse."""
-    return rival.behind < max(CONFUSABLE_NATS, _CONFUSABLE_SHARE * taken.gain)
+    return rival.behind < max(CONFUSABLE_NATS, CONFUSABLE_SHARE * taken.gain)
 
 
 def _gained(selection: RolloutSelection) -> HeldOut:

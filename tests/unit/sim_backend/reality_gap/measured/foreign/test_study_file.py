@@ -197,15 +197,15 @@ def test_examples_find_the_data_beside_the_checkout_by_themselves(name):
 
 
 def test_the_reference_names_every_key_and_no_other(tmp_path):
-    from sim_backend.reality_gap.measured.foreign import study_file
+    from sim_backend.reality_gap.measured.foreign import study_channels, study_file
 
     page = (STUDIES / "README.md").read_text(encoding="utf-8")
     rows = [line.split("|") for line in page.splitlines() if line.startswith("|")][2:]
     documented = {key for row in rows for key in re.findall(r"`([a-z_]+)`", row[2])}
-    sources = Path(study_file.__file__).read_text(encoding="utf-8")
+    sources = "".join(path.read_text(encoding="utf-8") for path in Path(study_file.__file__).parent.glob("study_*.py"))
     assert {key for key in documented if f'"{key}"' not in sources} == set()
-    stated = {"title", "model", "data", *study_file._RECORDING_KEYS, *study_file.JOINT_CHANNELS}
-    stated |= {*study_file._OBJECT_CHANNELS, *study_file._UNIT_KEYS.values()}
+    stated = {"title", "model", "data", *study_file._RECORDING_KEYS, *study_channels.JOINT_CHANNELS}
+    stated |= {*study_channels._OBJECT_CHANNELS, *study_channels._UNIT_KEYS.values()}
     assert stated - documented == set()
 
 

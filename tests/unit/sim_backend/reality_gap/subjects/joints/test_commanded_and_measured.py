@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from sim_backend.reality_gap.subjects.joints.commanded_and_measured import between
 
@@ -23,7 +24,14 @@ def test_a_delay_is_counted_in_rows(rows):
     sent, rng = [commanded(1), commanded(2)], np.random.default_rng(0)
     measured = [late(each, rows) + 0.01 * rng.standard_normal(len(each)) for each in sent]
     found = between(sent, measured, MOST)
-    assert found is not None and found.late_rows == rows and not np.isfinite(found.limit_nm)
+    assert found is not None and found.late_rows == rows and not np.isfinite(found.limit_nm) and not found.may_be_filter
+
+
+def test_a_current_that_rises_through_a_coil_is_no_delay():
+    sent, rng = [commanded(1), commanded(2)], np.random.default_rng(0)
+    risen = [lfilter([0.2], [1.0, -0.8], each, zi=[0.8 * each[0]])[0] for each in sent]
+    found = between(sent, [each + 0.003 * rng.standard_normal(len(each)) for each in risen], MOST)
+    assert found is not None and found.late_rows > 1 and found.is_filter
 
 
 def test_a_limit_is_seen_where_commands_go_beyond_it_also_after_a_delay():

@@ -17,6 +17,7 @@ from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.plant import Plant
 from sim_backend.reality_gap.subjects.joints.recorded_windows import windows_of
 from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutProblem
+from sim_backend.reality_gap.subjects.joints.rollout_questions import would_move_nats
 from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import verdict_of_rollouts
@@ -210,10 +211,10 @@ def test_a_controller_with_less_gain_is_named_where_only_targets_are_known(of_ga
     assert verdict.verdict is VerdictKind.NAMED, verdict.summary
     (cause,) = verdict.causes
     assert cause.effect == "position_gain" and cause.value == pytest.approx(of_gain, abs=0.02)
-    assert selection.problem.would_move_nats(selection.fit) < 1.0
+    assert would_move_nats(selection.problem, selection.fit) < 1.0
     halfway = selection.problem.begun(study.start.moved(Term("position_gain.factor", 0, 0.003), -0.1, with_shape=False))
     unsettled = replace(halfway, terms=selection.fit.terms[:1], causes=1, scales=selection.fit.scales[:1])
-    assert selection.problem.would_move_nats(unsettled) > GATE, "it would go on to where it fits best"
+    assert would_move_nats(selection.problem, unsettled) > GATE, "it would go on to where it fits best"
 
 
 def test_nothing_is_named_where_nothing_is_hidden_and_every_effect_is_answered_for():
@@ -232,7 +233,7 @@ def test_healthy_robots_are_further_off_where_more_is_tolerated():
     study = study_joints(model, [recorded(model, targets(8.0, 3))], lambda *_: None, robot=UnknownRobot(), gate=np.inf)
 
     def off(friction: float) -> float:
-        tolerance = Tolerance(mass=1e-4, inertia=1e-4, centre=1e-4, friction=friction)
+        tolerance = Tolerance(mass=1e-4, inertia=1e-4, centre=1e-4, friction=friction, zero=0.0)
         problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, tolerance)
         return float(draw_healthy(problem, np.random.default_rng(1)).as_it_is_rad[0])
 

@@ -26,11 +26,17 @@ def test_a_cause_that_does_not_roll_out_is_not_named_but_told():
     assert not any("coulomb" in said for said in found.cannot_tell)
 
 
-@pytest.mark.parametrize("seen", [NOISE, FILTER])
-def test_what_sensors_show_is_named_beside_a_motion_that_agrees(seen):
-    found = in_both(verdict(VerdictKind.NAMED, seen), verdict(VerdictKind.NOTHING_WRONG))
+@pytest.mark.parametrize(("torques", "columns", "seen"), [((NOISE,), (), NOISE), ((FILTER,), (FILTER,), FILTER)])
+def test_what_sensors_show_is_named_beside_a_motion_that_agrees(torques, columns, seen):
+    found = in_both(verdict(VerdictKind.NAMED, *torques), verdict(VerdictKind.NOTHING_WRONG), columns)
     assert found.verdict is VerdictKind.NAMED and found.causes == (seen,)
     assert seen.effect.replace("_", " ") in found.summary
+
+
+def test_a_filter_is_what_both_columns_say_whatever_torques_do():
+    nothing = verdict(VerdictKind.NOTHING_WRONG)
+    assert in_both(verdict(VerdictKind.UNEXPLAINED), nothing, (FILTER,)).causes == (FILTER,)
+    assert in_both(verdict(VerdictKind.NAMED, FILTER), nothing).causes == ()
 
 
 def test_what_sensors_show_does_not_explain_a_motion():

@@ -1,0 +1,56 @@
+"""Laws that the catalogue lacks and that causes are mistaken for, and what two effects of all joints say alike; an entry each."""
+
+from dataclasses import dataclass
+
+ZERO, DRAG = "torque.zero_nm", "drag.nm_s2_rad2"
+"""Numbers of no effect: a torque that is always there, and drag by the square of speed."""
+LINK_INERTIA = "link.inertia_share"
+LINK_CENTRES = ("link.centre_x_m", "link.centre_y_m", "link.centre_z_m")
+"""By how much a model's links are off in inertia and in their centres of mass, for each joint."""
+MASS, CONSTANT = ("link_mass", "factor"), ("torque_constant", "error")
+"""Of all joints by one share they are the same motion."""
+
+
+@dataclass(frozen=True)
+class UnnamedLaw:
+    """A law without a name in the catalogue.
+
+    Attributes:
+        probes: of its numbers at one joint, each with what it is probed by: a number of the catalogue of which it is a hundredth
+            of the scale, or an amount.
+        said: what it is.
+        mistaken: effects that it may be mistaken for.
+        separated_by: what to record.
+    """
+
+    probes: tuple[tuple[str, str | float], ...]
+    said: str
+    mistaken: frozenset[str]
+    separated_by: str
+
+
+LAWS = (
+    UnnamedLaw(
+        ((DRAG, "viscous_friction.damping_nm_s_rad"),),
+        "drag that grows with the square of speed",
+        frozenset({"coulomb_friction", "viscous_friction", "stribeck_friction", "load_friction", "directional_friction"}),
+        "each joint slowly and as fast as it goes",
+    ),
+    UnnamedLaw(
+        ((ZERO, "coulomb_friction.torque_nm"),),
+        "a torque that is always there, such as where a sensor's zero is off",
+        frozenset(
+            {
+                *("directional_friction", "joint_stiffness", "encoder_offset", "table_tilt"),
+                *("gravity", "link_mass", "torque_constant"),
+            }
+        ),
+        "the torques of joints at rest, hanging and with their motors off",
+    ),
+    UnnamedLaw(
+        ((".".join(MASS), ".".join(MASS)), (LINK_INERTIA, 1.0), *((key, 1e-3) for key in LINK_CENTRES)),
+        "a link whose mass lies elsewhere, such as with a tool on it",
+        frozenset({"torque_constant", "rotor_inertia", "encoder_offset", "joint_stiffness"}),
+        "the links weighed, with their centres of mass, or the same motion without what is mounted on them",
+    ),
+)

@@ -1,0 +1,153 @@
+"""Laws that the catalogue lacks and that a cause may stand for: real measurements have them, and a cause must be better.
+
+A torque that is always there (the zero of a sensor, a cable) looks like gravity, a spring or a direction of friction; drag that
+grows with the square of speed looks like any friction. Torques that are all off by one share look like masses that all are.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.effects.effect import Scope
+from sim_backend.reality_gap.knowledge.unnamed_laws import CONSTANT, DRAG, LAWS, MASS, UnnamedLaw
+from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutFit
+from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, OF_NUMBER, RolloutSelection, Taken, as_nominal
+from sim_backend.reality_gap.subjects.joints.state import Term
+from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import CONFUSABLE_NATS, CONFUSABLE_SHARE, effects_judged
+from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
+
+_HALVED = 0.5
+_PROBE_SHARE = 0.01
+"""Of what a number of the same unit may be."""
+
+
+def against_unnamed(verdict: Verdict, selection: RolloutSelection) -> Verdict:
+    """A verdict of rollouts as it stands beside laws without a name.
+
+    What a law explains clearly better than a cause, or with which half of what is left goes, is not explained by the causes; what
+    a law explains as well cannot be told apart from it.
+
+    Args:
+        verdict: what rollouts came to.
+        selection: that it was drawn from.
+    """
+    if verdict.verdict not in (VerdictKind.NAMED, VerdictKind.CONFUSABLE) or not selection.taken:
+        return verdict
+    rivals = [(cause, law, _behind(selection, cause, law)) for cause in selection.taken for law in LAWS]
+    better = [f"{law.said} explains more than {_named(cause)}" for cause, law, behind in rivals if behind < -GATE]
+    if not better and (law := _beside(selection)) is not None:
+        better = [f"with {law.said} half of what they leave goes"]
+    if better:
+        effects = effects_judged(selection, VerdictKind.UNEXPLAINED, verdict.causes, ())
+        summary = f"What is found explains a part of it: {better[0]}, and no effect of the catalogue is that."
+        return replace(verdict, verdict=VerdictKind.UNEXPLAINED, summary=summary, effects=tuple(effects))
+    near = [(cause, law) for cause, law, behind in rivals if behind < max(CONFUSABLE_NATS, CONFUSABLE_SHARE * cause.gain)]
+    if not near:
+        return verdict
+    said = [f"whether it is {_named(cause)} or {law.said}: both explain it" for cause, law in near]
+    return replace(
+        verdict,
+        verdict=VerdictKind.CONFUSABLE,
+        summary=f"{verdict.summary} {near[0][1].said.capitalize()} explains it as well.",
+        cannot_tell=(*said, *verdict.cannot_tell),
+        record_next=tuple(dict.fromkeys([*verdict.record_next, *(law.separated_by for _, law in near)])),
+    )
+
+
+def with_share_of_all(verdict: Verdict, names: Sequence[str]) -> Verdict:
+    """A verdict that blames the masses of all links, or the torques of all motors, by one share: the other is as possible.
+
+    Args:
+        verdict: what rollouts came to.
+        names: of all joints.
+    """
+    if verdict.verdict is not VerdictKind.NAMED:
+        return verdict
+    for (effect, _), (other, parameter), turned in ((MASS, CONSTANT, _constant_of), (CONSTANT, MASS, _mass_of)):
+        own = {cause.where: cause for cause in verdict.causes if cause.effect == effect}
+        if set(own) != set(names) or len(names) < 2:
+            continue
+        low, high = max(c.interval_90[0] for c in own.values()), min(c.interval_90[1] for c in own.values())
+        if low > high:
+            continue
+        as_other = [
+            Cause(
+                other,
+                parameter,
+                name,
+                turned(own[name].value),
+                PARAMETERS[f"{other}.{parameter}"].unit,
+                (turned(own[name].interval_90[1]), turned(own[name].interval_90[0])),
+            )
+            for name in names
+        ]
+        return replace(
+            verdict,
+            verdict=VerdictKind.CONFUSABLE,
+            summary=f"{verdict.summary} Or all torques are off by one share: no motion tells that from all masses.",
+            causes=(*verdict.causes, *as_other),
+            record_next=("the same motion with a payload of known mass at the last link", *verdict.record_next),
+        )
+    return verdict
+
+
+def _constant_of(factor: float) -> float:
+    """Error of all motors' torques that looks like all masses with a factor."""
+    return 1.0 / max(factor, 1e-3) - 1.0
+
+
+def _mass_of(error: float) -> float:
+    return 1.0 / max(1.0 + error, 1e-3)
+
+
+def _named(cause: Taken) -> str:
+    return f"{cause.hypothesis.effect.replace('_', ' ')} ({cause.hypothesis.where})"
+
+
+def _terms(selection: RolloutSelection, law: UnnamedLaw, joints: Sequence[int]) -> list[Term]:
+    scales = selection.problem.catalogue.scales
+    taken = {(term.key, term.index) for cause in selection.taken for term in cause.terms}
+    every = [
+        Term(key, j, _PROBE_SHARE * scales[like] if isinstance(like, str) else like) for j in joints for key, like in law.probes
+    ]
+    return [term for term in every if (term.key, term.index) not in taken]
+
+
+def _is_possible(fit: RolloutFit) -> bool:
+    """Drag drives nothing."""
+    return bool((fit.state.value(DRAG) >= 0.0).all())
+
+
+def _behind(selection: RolloutSelection, cause: Taken, law: UnnamedLaw) -> float:
+    """Nats by which a law lies behind the cause that it takes the place of; infinite where it may not."""
+    if cause.hypothesis.effect not in law.mistaken:
+        return np.inf
+    problem, fit = selection.problem, selection.fit
+    every = range(fit.state.joints)
+    own = sorted({t.index for t in cause.terms if PARAMETERS[t.key].scope is Scope.JOINT})
+    terms = _terms(selection, law, own or every)
+    kept = [term for other in selection.taken if other is not cause for term in other.terms]
+    found = problem.fitted(as_nominal(problem, fit.state, cause.terms), [*kept, *terms], fit.begin)
+    if not _is_possible(found):
+        return np.inf
+    return problem.gained(found.squares, fit.squares) + OF_NUMBER * (len(terms) - len(cause.terms))
+
+
+def _beside(selection: RolloutSelection) -> UnnamedLaw | None:
+    """A law of motion with which windows of some joint end up half as far off as with the causes; None if that is noise already.
+
+    Not one of masses, which has so many numbers that it mends others' laws.
+    """
+    problem, fit = selection.problem, selection.fit
+    if problem.is_near_noise(fit):
+        return None
+    own = [term for cause in selection.taken for term in cause.terms]
+    for law in (law for law in LAWS if len(law.probes) == 1):
+        terms = _terms(selection, law, range(fit.state.joints))
+        found = problem.fitted(fit.state, [*own, *terms], fit.begin)
+        gain = problem.gained(fit.squares, found.squares) - OF_NUMBER * len(terms)
+        if gain > GATE and _is_possible(found) and bool((found.by_joint_rad < _HALVED * fit.by_joint_rad).any()):
+            return law
+    return None
