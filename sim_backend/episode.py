@@ -3,7 +3,9 @@
 A trial on the farm, a Gymnasium step and a vectorised training step are all this class with another number of robots.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -67,6 +69,26 @@ class Episode:
         self._previous_action = self._previous_action.copy()
         self._previous_action[robots] = 0.0
         self._tracker.restart(robots, self._measurement, start.noise_seed, self._step)
+
+    def state(self) -> dict[str, Any]:
+        """What :meth:`restore` needs, driver and tracker apart: numbers and arrays."""
+        return {
+            "step": self._step,
+            "begun": self._begun.copy(),
+            "goal": dict(vars(self._goal)),
+            "measurement": {name: value for name, value in vars(self._measurement).items() if value is not None},
+            "command": {name: value for name, value in vars(self._command).items() if value is not None},
+            "previous_action": self._previous_action,
+            "observation": self._observation,
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> np.ndarray:
+        """Go on from what :meth:`state` gave, driver and tracker being restored; returns the last observation."""
+        self._step, self._begun = int(state["step"]), state["begun"].copy()
+        self._goal, self._measurement = Goal(**state["goal"]), Measurement(**state["measurement"])
+        self._command, self._previous_action = Command(**state["command"]), state["previous_action"]
+        self._observation = state["observation"]
+        return self._observation
 
     def change_goals(self, robots: np.ndarray, goal: Goal) -> None:
         """Give some of the robots other goals, one row each, while their trials go on."""

@@ -1,8 +1,9 @@
 """The simulated driver: sole owner of the physics state of n TriFingers."""
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -20,6 +21,8 @@ from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.objects import CUBE, Shape, resting_height_m
 from sim_backend.trifinger.scene import ARENA_BITS
 
+_STATE = ("time", "qpos", "qvel", "act", "history", "qacc_warmstart", "ctrl", "qfrc_applied", "userdata")
+"""Fields of a simulation that its next step depends on."""
 _RECORD, _RECORD_WITH_EFFECTS = ("qpos", "qvel", "ctrl"), ("qpos", "qvel", "ctrl", "sensordata")
 
 
@@ -183,6 +186,20 @@ class SimulatedDriver:
         self._torque_nm[rows] = 0.0
         if robots is None:
             self._step = 0
+
+    def state(self) -> dict[str, Any]:
+        """What :meth:`restore` needs to go on from here: numbers and arrays, one row for each robot."""
+        fields_now = {name: self._batch.bind(name).copy() for name in _STATE}
+        return {"fields": fields_now, "physics": dict(self._physics.given), "torque_nm": self._torque_nm, "step": self._step}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from what :meth:`state` of a driver of as many robots gave, with the same bits."""
+        self.set_physics(Physics(self._robots, dict(state["physics"])))
+        self._batch.reset(ids=np.arange(self._robots), stage=mujoco.mjtStage.mjSTAGE_NONE)
+        self._look_at_whole_wall()
+        for name, values in state["fields"].items():
+            self._batch.bind(name)[:] = values
+        self._torque_nm, self._step = np.array(state["torque_nm"]), int(state["step"])
 
     def _look_at_whole_wall(self) -> None:
         """Switch on what was switched off where the last trial ended."""

@@ -5,7 +5,9 @@ series (TOT tricamera_object_tracking_driver.cpp). Reports therefore never overt
 those behind it. A frame that is lost leaves no report and does not touch the filter.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -188,6 +190,28 @@ class Tracker:
             return latest
         position_m, quat_wxyz = read(self._all_values, self._seed, step, latest.cube_position_world_m, latest.cube_quat_wxyz)
         return replace(latest, cube_position_world_m=position_m, cube_quat_wxyz=quat_wxyz)
+
+    def state(self) -> dict[str, Any]:
+        """What :meth:`restore` needs to go on from here: numbers and arrays."""
+        under_way = [{**vars(flight), "report": vars(flight.report)} for flight in self._under_way]
+        return {
+            "seed": self._seed,
+            "begun": self._begun,
+            "previous": vars(self._previous),
+            "latest": vars(self.latest),
+            "under_way": [{**flight, "waiting": flight["waiting"].copy()} for flight in under_way],
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from what :meth:`state` gave; robots have the effects that :meth:`set_physics` was given last."""
+        self._seed, self._begun = state["seed"], state["begun"]
+        self._previous, self._latest = TrackedPose(**state["previous"]), TrackedPose(**state["latest"])
+        self._under_way = [
+            _UnderWay(each["rows"], TrackedPose(**each["report"]), each["waiting"].copy(), each["next_step"])
+            for each in state["under_way"]
+        ]
+        self._groups = []
+        self._group()
 
     def _group(self) -> None:
         """Sort the robots by the steps at which their cameras take images."""

@@ -4,7 +4,9 @@ A step is the control period of the farm's trials (``episode.py``) with the same
 is what training needs: actions in [-1, 1], rewards, and new trials on newly drawn robots.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -98,6 +100,28 @@ class Environment:
             self._ends_at = share * self.practice.periods // COHORTS * self._period_steps
         self._look()
         return self._observe()
+
+    def state(self) -> dict[str, Any]:
+        """What :meth:`restore` needs to go on from here with the same bits: numbers and arrays, some 5 kB a robot."""
+        parts = {"driver": self._driver.state(), "tracker": self._tracker.state(), "episode": self._episode.state()}
+        return {**parts, "ends_at": self._ends_at.copy()}
+
+    def restore(self, state: Mapping[str, Any]) -> np.ndarray:
+        """Go on from what :meth:`state` of an environment of the same practice and as many robots gave.
+
+        Call :meth:`draw_by` before the next step. Returns what the robots see, shape (n, size), float32.
+        """
+        self._driver.restore(state["driver"])
+        self._tracker.set_physics(self._driver.physics)
+        self._tracker.restore(state["tracker"])
+        seen = self._episode.restore(state["episode"])
+        self._ends_at = state["ends_at"].copy()
+        self._look()
+        return _finite(seen)
+
+    def draw_by(self, rng: np.random.Generator) -> None:
+        """Draw robots, starts, goals and noise by this generator from now on."""
+        self._rng = rng
 
     def step(self, action: np.ndarray) -> Stepped:
         """Advance by one control period; robots whose trials end begin new ones.

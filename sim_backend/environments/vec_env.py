@@ -54,11 +54,7 @@ class TrifingerVecEnv(VecEnv):
         self.environment = Environment(practice, robots=robots, threads=threads, physics_backend=physics_backend)
         self._privileged = privileged
         self._rng = np.random.default_rng(seed)
-        space: spaces.Space = observation_space(practice.manifest)
-        if privileged:
-            bound = np.full(PRIVILEGED_SIZE, GREATEST_PRIVILEGED, dtype=np.float32)
-            space = spaces.Dict({SEEN: space, PRIVILEGED: spaces.Box(-bound, bound, dtype=np.float32)})
-        super().__init__(robots, space, gym_action_space(practice.action_space))
+        super().__init__(robots, seen_space(practice, privileged), gym_action_space(practice.action_space))
         self._nothing: list[dict[str, Any]] = [{}] * robots
         self.ended: Ended | None = None
 
@@ -128,3 +124,12 @@ class TrifingerVecEnv(VecEnv):
 
     def _chosen(self, indices) -> Sequence[int]:
         return list(self._get_indices(indices))
+
+
+def seen_space(practice: Practice, privileged: bool) -> spaces.Space:
+    """The space of observations, with the privileged part where there is one."""
+    space: spaces.Space = observation_space(practice.manifest)
+    if not privileged:
+        return space
+    bound = np.full(PRIVILEGED_SIZE, GREATEST_PRIVILEGED, dtype=np.float32)
+    return spaces.Dict({SEEN: space, PRIVILEGED: spaces.Box(-bound, bound, dtype=np.float32)})

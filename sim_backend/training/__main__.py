@@ -8,12 +8,16 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from sim_backend.workers.pool import WorkersError
+
 OK, OTHER, USAGE, INTERRUPTED = 0, 1, 2, 130
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Train as asked; returns the exit code."""
     options = _parser().parse_args(arguments)
+    if options.cluster is not None and options.workers is None:
+        options.workers = 1
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # torch's threads would wait by spinning on the cores of the physics
     try:
         from sim_backend.training.demonstrations.run import ImitationRun
@@ -40,7 +44,10 @@ def main(arguments: list[str] | None = None) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     try:
         make = {"name": name, "folder": folder, "threads": options.threads, "tell": _tell}
-        run = Run(recipe=recipe, **make) if isinstance(recipe, Recipe) else ImitationRun(recipe=recipe, **make)
+        spread = {"workers": options.workers, "cluster": options.cluster}
+        if not isinstance(recipe, Recipe) and options.workers is not None:
+            raise ValueError("it imitates, and --workers goes with PPO only")
+        run = Run(recipe=recipe, **make, **spread) if isinstance(recipe, Recipe) else ImitationRun(recipe=recipe, **make)
         if options.resume:
             run.go_on()
     except ValueError as error:
@@ -54,6 +61,8 @@ def _train(run, options: argparse.Namespace, tell: Callable[[str], None]) -> int
     before = signal.signal(signal.SIGINT, lambda *_: run.stop())  # an exception would break compiled code apart
     try:
         run.learn()
+    except WorkersError as error:
+        return _problem(str(error), OTHER)
     finally:
         signal.signal(signal.SIGINT, before)
     run.keep()
@@ -85,6 +94,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=Path, help="folder of the run; train-RECIPE if left out")
     parser.add_argument("--resume", action="store_true", help="go on from the folder's checkpoint")
     parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--workers", type=int, help="processes that roll out slices of the robots")
+    parser.add_argument("--cluster", help="Ray that has the workers: local, or HOST:PORT")
     parser.add_argument("--json", action="store_true")
     return parser
 

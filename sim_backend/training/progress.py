@@ -37,8 +37,22 @@ class Watch(BaseCallback):
         run = self._run
         if self._samples_before is None:
             self._samples_before = run.model.num_timesteps
-        elif not run.knows_inputs:
-            run.policy.features_extractor.learn_scaling(_seen(self._observations))
+        elif run.slices is None:
+            self._learn_scaling()
+
+    def _learn_scaling(self) -> None:
+        if not self._run.knows_inputs:
+            self._run.policy.features_extractor.learn_scaling(_seen(self._observations))
+
+    def updated(self) -> None:
+        """After the updates of an iteration of slices: whatever is kept now has no sample twice and none too few."""
+        self._learn_scaling()
+        self._keep(time.monotonic())
+
+    def count(self, success: list[bool], returns: list[float]) -> None:
+        """Trials that ended in slices."""
+        self._successes += success
+        self._returns += returns
 
     def _on_step(self) -> bool:
         ended, run = self._run.robots.ended, self._run
@@ -61,8 +75,12 @@ class Watch(BaseCallback):
         self._go_up()
         if now - self._told_s >= evaluating.TELL_EVERY_S or run.model.num_timesteps >= run.recipe.samples:
             self._tell(now)
-        if now - self._kept_s >= 60 * run.recipe.checkpoint_minutes:
-            run.keep()
+        if run.slices is None:
+            self._keep(now)
+
+    def _keep(self, now: float) -> None:
+        if now - self._kept_s >= 60 * self._run.recipe.checkpoint_minutes:
+            self._run.keep()
             self._kept_s = now
 
     def _evaluate(self) -> None:

@@ -79,6 +79,7 @@ class Ppo(Table):
     value: Positive = 0.5
     largest_gradient: Positive = 1.0
     first_deviation: Positive = 0.5  # of the actions, in units of the largest
+    slices: Count = 8  # of the robots, with seeds of their own, where workers roll them out; the same for any number of workers
     freeze_inputs_after: Count = 200  # iterations; the scaling of the inputs stays as it is from then on
 
 

@@ -1,11 +1,13 @@
 """Rewards as PPO gets them: scaled by the spread of returns, with the value of what would have come after a trial's end."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
-from stable_baselines3.common.vec_env import VecEnvWrapper
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
-from sim_backend.environments.vec_env import PRIVILEGED, SEEN, TrifingerVecEnv
+from sim_backend.environments.environment import Ended
+from sim_backend.environments.vec_env import PRIVILEGED, SEEN
 
 CLIP = 10.0
 
@@ -22,10 +24,11 @@ class NormalisedReturns(VecEnvWrapper):
         discount: of PPO.
     """
 
-    def __init__(self, robots: TrifingerVecEnv, discount: float) -> None:
+    def __init__(self, robots: VecEnv, discount: float) -> None:
         super().__init__(robots)
-        self._robots, self._discount = robots, discount
-        self._return = np.zeros(robots.num_envs)
+        self._robots: Any = robots
+        self._discount = discount
+        self.running = np.zeros(robots.num_envs)
         self.mean, self.variance, self.count = 0.0, 1.0, 1e-4
         self.value_of: Callable | None = None
 
@@ -36,18 +39,15 @@ class NormalisedReturns(VecEnvWrapper):
 
     def reset(self):
         """Begin with all robots."""
-        self._return[:] = 0.0
+        self.running[:] = 0.0
         return self.venv.reset()
 
     def step_wait(self):
         """One control period; where the reward has it already, ``info`` no longer says that time ended a trial."""
         observation, reward, done, infos = self.venv.step_wait()
-        self._return = self._return * self._discount + reward
-        self._learn(self._return)
-        reward = np.clip(reward / self.deviation, -CLIP, CLIP)
-        ended = self._robots.ended
+        reward = self.scaled(reward, done)
+        ended: Ended | None = self._robots.ended
         if ended is not None:
-            self._return[done] = 0.0
             goes_on = ~ended.diverged
             if self.value_of is not None and goes_on.any():
                 last = ended.observation[goes_on]
@@ -56,6 +56,13 @@ class NormalisedReturns(VecEnvWrapper):
             for robot in () if self.value_of is None else ended.robots:
                 infos[robot]["TimeLimit.truncated"] = False
         return observation, reward, done, infos
+
+    def scaled(self, reward: np.ndarray, done: np.ndarray) -> np.ndarray:
+        """The rewards of all robots in a control period as PPO gets them, once they have gone into the spread; shapes (n,)."""
+        self.running = self.running * self._discount + reward
+        self._learn(self.running)
+        self.running[done] = 0.0
+        return np.clip(reward / self.deviation, -CLIP, CLIP)
 
     def _learn(self, values: np.ndarray) -> None:
         n, mean, variance = len(values), float(values.mean()), float(values.var())

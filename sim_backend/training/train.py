@@ -5,6 +5,7 @@
 Everything goes into one folder: the policy and its manifest, ``record.json``, and a checkpoint from which it can go on.
 """
 
+import functools
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -16,24 +17,23 @@ import torch
 from sb3_contrib import RecurrentPPO
 from stable_baselines3 import PPO
 
-from sim_backend.environments.action_space import ActionSpace
-from sim_backend.environments.practice import Practice
 from sim_backend.environments.vec_env import TrifingerVecEnv
 from sim_backend.tasks import TASKS
-from sim_backend.tasks.reward import Reward
 from sim_backend.training import evaluating
-from sim_backend.training.actor_critic import ActorCritic, Inputs, hold_actor, whole_of
+from sim_backend.training.actor_critic import ActorCritic, hold_actor, whole_of
 from sim_backend.training.changes import MAY_CHANGE, changes
 from sim_backend.training.demonstrations.plain_policy import begin_with
 from sim_backend.training.demonstrations.residual import FrozenPolicy, ResidualRobots
 from sim_backend.training.demonstrations.term import DemonstrationTerm
 from sim_backend.training.evaluating import CHECKPOINT
 from sim_backend.training.export import ExportedPolicy, exported
+from sim_backend.training.from_recipe import network_arguments, practice_of_recipe
 from sim_backend.training.progress import Watch
 from sim_backend.training.randomization import Randomizer, randomizer_of
 from sim_backend.training.recipe import PpoWarmStartTable, Recipe, RecipeError
 from sim_backend.training.recurrent import RecurrentActorCritic
 from sim_backend.training.returns import NormalisedReturns
+from sim_backend.training.slices import SlicedPPO, SlicedRobots, Slices
 
 
 @dataclass
@@ -45,6 +45,8 @@ class Run:
     folder: Path
     threads: int = 2
     tell: Callable[[str], None] = print
+    workers: int | None = None  # that roll out slices of the robots; without, all robots are here
+    cluster: str | None = None
     seconds: float = 0.0  # before this start
     iterations: int = 0
     level: int = 0
@@ -62,9 +64,16 @@ class Run:
         settings: dict[str, Any] = {"robots": recipe.ppo.robots, "threads": self.threads, "seed": recipe.seed}
         settings |= {"privileged": recipe.networks.privileged, "physics_backend": recipe.physics_backend}
         self.frozen = FrozenPolicy(recipe.residual, practice) if recipe.residual else None
-        self.robots = ResidualRobots(self.frozen, practice, **settings) if self.frozen else TrifingerVecEnv(practice, **settings)
+        self.slices = None if self.workers is None else Slices(self, self.workers, self.cluster)
+        self.robots: TrifingerVecEnv | SlicedRobots
+        if self.slices is not None:
+            self.robots = SlicedRobots(practice, recipe.ppo.robots, privileged=recipe.networks.privileged)
+        elif self.frozen is not None:
+            self.robots = ResidualRobots(self.frozen, practice, **settings)
+        else:
+            self.robots = TrifingerVecEnv(practice, **settings)
         self.returns = NormalisedReturns(self.robots, recipe.ppo.discount)
-        self.model = _ppo(recipe, self.returns, self._rate)
+        self.model = _ppo(recipe, self.returns, self._rate, self.slices)
         self.policy: ActorCritic | RecurrentActorCritic = self.model.policy  # type: ignore[assignment]
         if recipe.networks.memory is None:
             self.returns.value_of = self._values
@@ -87,9 +96,16 @@ class Run:
 
     def learn(self) -> None:
         """Train until the samples or minutes of the recipe are over."""
+        if self.slices is not None:
+            with self.slices:
+                self._learn()
+        else:
+            self._learn()
+
+    def _learn(self) -> None:
         if self.model.num_timesteps == 0:
             if not self.knows_inputs:
-                self._look_around()
+                self._look_around() if self.slices is None else self.slices.look_around()
             if self.term is not None:
                 self.term.clone(self.tell)
                 evaluating.evaluate(self, 0)  # what the clone can do before it practises; the checkpoint has it from now on
@@ -127,6 +143,7 @@ class Run:
             "return_scaling": {"mean": self.returns.mean, "variance": self.returns.variance},
             "curve": self.curve,
             "evaluations": self.evaluations,
+            **({} if self.slices is None else {"workers": self.slices.document()}),
         }
 
     def keep(self) -> None:
@@ -140,6 +157,7 @@ class Run:
             "randomization": self.randomizer.state(),
             "run": [self.iterations, self.seconds, self.level, self.starts],
             "evaluations": json.dumps([self.evaluations, self.curve]),
+            **({} if self.slices is None else {"slices": self.slices.state()}),
         }
         fresh = self.folder / (CHECKPOINT + ".new")
         torch.save(state, fresh)
@@ -157,6 +175,8 @@ class Run:
                 f"{self.folder} was begun with another recipe: {'; '.join(found)}; go on with that one, of which only "
                 f"{', '.join(MAY_CHANGE)} may change, or give another --out to begin anew"
             )
+        if (self.slices is None) == ("slices" in state):
+            raise RecipeError(f"{self.folder} was begun {'without' if self.slices else 'with'} --workers; go on with it likewise")
         self.policy.load_state_dict(state["policy"])
         self.policy.optimizer.load_state_dict(state["optimizer"])
         self.returns.mean, self.returns.variance, self.returns.count = state["returns"]
@@ -168,6 +188,8 @@ class Run:
         self.robots.seed(self.recipe.seed + 1_000_003 * starts)
         torch.manual_seed(self.recipe.seed + 1_000_003 * starts)
         self.set_level(level)
+        if self.slices is not None:
+            self.slices.restore(state["slices"])
 
     def set_level(self, level: int) -> None:
         """Practise this level of the curriculum from now on, all robots beginning anew."""
@@ -239,25 +261,13 @@ class Run:
         return self.policy.predict_values(tensors).flatten().numpy()
 
 
-def practice_of_recipe(recipe: Recipe, randomizer: Randomizer) -> Practice:
-    """What the recipe lets robots practise."""
-    acts = ActionSpace(recipe.action, recipe.action_scale)
-    task = recipe.curriculum[0].task if recipe.curriculum else recipe.task
-    return Practice(
-        TASKS[task],
-        acts.manifest(recipe.manifest),
-        acts,
-        Reward(**recipe.reward.model_dump()),
-        randomizer.draw,
-        recipe.episode_s,
-        recipe.physics_step_s,
-    )
-
-
-def _ppo(recipe: Recipe, robots: NormalisedReturns, rate: Callable[[float], float]) -> PPO | RecurrentPPO:
-    ppo, networks = recipe.ppo, recipe.networks
-    method: Any
-    method, policy = (PPO, ActorCritic) if networks.memory is None else (RecurrentPPO, RecurrentActorCritic)
+def _ppo(recipe: Recipe, robots: NormalisedReturns, rate: Callable[[float], float], slices: Slices | None) -> PPO | RecurrentPPO:
+    ppo, policy = recipe.ppo, ActorCritic
+    method: Any = PPO
+    if slices is not None:
+        method = functools.partial(SlicedPPO, slices)
+    elif recipe.networks.memory is not None:
+        method, policy = RecurrentPPO, RecurrentActorCritic
     return method(
         policy,
         robots,
@@ -271,14 +281,7 @@ def _ppo(recipe: Recipe, robots: NormalisedReturns, rate: Callable[[float], floa
         ent_coef=ppo.entropy,
         vf_coef=ppo.value,
         max_grad_norm=ppo.largest_gradient,
-        policy_kwargs={
-            "actor": networks.actor,
-            "critic": networks.critic,
-            **({} if networks.memory is None else {"memory": networks.memory}),
-            "features_extractor_class": Inputs,
-            "features_extractor_kwargs": {"manifest": recipe.manifest},
-            "log_std_init": float(np.log(ppo.first_deviation)),
-        },
+        policy_kwargs=network_arguments(recipe),
         seed=recipe.seed,
         device="cpu",
     )

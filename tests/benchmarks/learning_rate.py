@@ -115,6 +115,7 @@ def summary_of_rates(blocks: list[dict]) -> dict:
 
 def ppo_shares(recipe: str, robots: int, threads: int, iterations: int) -> dict:
     """What the loop of PPO spends its time on, as shares of the clock, once all robots have begun."""
+    from sim_backend.environments.vec_env import TrifingerVecEnv
     from sim_backend.training.recipe import Recipe, load_recipe
     from sim_backend.training.train import Run
 
@@ -126,6 +127,7 @@ def ppo_shares(recipe: str, robots: int, threads: int, iterations: int) -> dict:
     watches = {name: Stopwatch() for name in ("begin", "physics", "environment", "act", "update")}
     with tempfile.TemporaryDirectory() as folder:
         run = Run(name, quick, Path(folder), threads=threads, tell=lambda _line: None)
+        assert isinstance(run.robots, TrifingerVecEnv)
         _watch(watches["physics"], run.robots.environment._driver, "advance_torques")
         _watch(watches["environment"], run.robots.environment, "step")
         for method in ("forward", "predict_values"):

@@ -191,3 +191,22 @@ def test_approaching_is_rewarded_and_haste_is_not():
     hasty = Environment(practice_of("push", reward=Reward(goal=0.0, approach=0.0), physics_step_s=STEP_S))
     hasty.reset(np.random.default_rng(0))
     assert hasty.step(np.full((1, 9), -0.5)).reward[0] < 0.0
+
+
+@pytest.mark.parametrize("layout", ["push", "rrc2022-push"])  # torques, and positions with a delay of the action
+@pytest.mark.parametrize("physics", ["nominal", "real"])
+def test_another_environment_goes_on_from_a_state_with_the_same_bits(physics, layout):
+    practice = practice_of("push", layout=layout, physics=physics, episode_s=TRIAL_S, physics_step_s=STEP_S)
+    first, second = (Environment(practice, robots=6, threads=1) for _ in range(2))
+    actions = np.random.default_rng(0).uniform(-1, 1, (2 * PERIODS, 6, 9))
+    first.reset(np.random.default_rng(3))
+    for action in actions[: PERIODS - 5]:
+        seen = first.step(action).observation
+    np.testing.assert_array_equal(second.restore(first.state()), seen)
+    for environment in (first, second):
+        environment.draw_by(np.random.default_rng(4))
+    for action in actions[PERIODS - 5 :]:  # beyond the end of all trials
+        one, other = (environment.step(action) for environment in (first, second))
+        np.testing.assert_array_equal(one.observation, other.observation)
+        np.testing.assert_array_equal(one.reward, other.reward)
+        np.testing.assert_array_equal(first.privileged(), second.privileged())

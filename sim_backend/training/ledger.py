@@ -1,0 +1,80 @@
+"""What became of every sample that was asked for: used once, or dropped, and why.
+
+A line of ``ledger.jsonl`` is appended for each start of a run, and for the samples of an iteration when they are asked for, when
+a worker that had some is lost, and when an update has used them. The file outlives the learner: iterations that a later start
+does again are those which no checkpoint had.
+"""
+
+import json
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+LEDGER = "ledger.jsonl"
+WORKER_LOST, LEARNER_ENDED = "worker lost", "learner ended before its checkpoint"
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """The file of a run; owner of its lines.
+
+    Args:
+        folder: of the run.
+        start: which start of the run this is, from 1.
+    """
+
+    folder: Path
+    start: int
+
+    def write(self, what: str, iteration: int, samples: int = 0, **more: Any) -> None:
+        """Append a line: ``started``, ``asked``, ``lost`` (and asked again) or ``used``."""
+        line = {"start": self.start, "what": what, "iteration": iteration, "samples": samples} | more
+        with (self.folder / LEDGER).open("a") as file:
+            file.write(json.dumps(line) + "\n")
+
+
+@dataclass(frozen=True)
+class Account:
+    """Sums over a ledger. ``used`` counts what is in the policy now; ``twice`` and ``missing`` name iterations, if any.
+
+    ``asked`` equals ``used`` and all of ``dropped`` together.
+    """
+
+    asked: int
+    used: int
+    dropped: dict[str, int]
+    twice: list[int]
+    missing: list[int]
+
+    @property
+    def adds_up(self) -> bool:
+        """Whether every sample has one end, and every iteration was used once."""
+        return self.asked == self.used + sum(self.dropped.values()) and not self.twice and not self.missing
+
+
+def account(folder: Path) -> Account:
+    """Add the ledger of a run up."""
+    lines = [json.loads(line) for line in (folder / LEDGER).read_text().splitlines()]
+    begins = {line["start"]: line["iteration"] for line in lines if line["what"] == "started"}
+    asked = sum(line["samples"] for line in lines if line["what"] in ("asked", "lost"))
+    lost = sum(line["samples"] for line in lines if line["what"] == "lost")
+    ends = {start: min([at for later, at in begins.items() if later > start], default=None) for start in begins}
+    kept = [
+        line
+        for line in lines
+        if line["what"] == "used" and (ends[line["start"]] is None or line["iteration"] < ends[line["start"]])
+    ]
+    times = Counter(line["iteration"] for line in kept)
+    used_at = {(line["start"], line["iteration"]) for line in kept}
+    undone = sum(
+        line["samples"] for line in lines if line["what"] == "asked" and (line["start"], line["iteration"]) not in used_at
+    )
+    dropped = {reason: samples for reason, samples in ((WORKER_LOST, lost), (LEARNER_ENDED, undone)) if samples}
+    return Account(
+        asked,
+        sum(line["samples"] for line in kept),
+        dropped,
+        [iteration for iteration, n in sorted(times.items()) if n > 1],
+        [iteration for iteration in range(max(times, default=-1) + 1) if iteration not in times],
+    )

@@ -1,0 +1,295 @@
+"""Synchronous PPO whose rollouts are spread over workers: the same bits for any number of them.
+
+The robots are divided into slices, each with seeds of its own (``rollouts.py``). In an iteration each slice is rolled out once by
+whichever worker is free; all are put together in the order of the slices before anything is summed. A checkpoint is written after
+an update and holds the state of every slice, so that a run that goes on from there is the run that was never ended.
+"""
+
+import functools
+import time
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.buffers import DictRolloutBuffer, RolloutBuffer
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecEnv
+
+from sim_backend.driver.physics_backend import PhysicsBackend
+from sim_backend.environments.observation_space import gym_action_space
+from sim_backend.environments.practice import Practice
+from sim_backend.environments.vec_env import PRIVILEGED, SEEN, seen_space
+from sim_backend.training.actor_critic import whole_of
+from sim_backend.training.ledger import Ledger, account
+from sim_backend.training.recipe import Recipe
+from sim_backend.training.rollouts import Order, Rollout, RolloutWorker, SharedColumns, layout_of_rollouts
+from sim_backend.workers.pool import Workers, open_workers
+
+if TYPE_CHECKING:
+    from sim_backend.training.progress import Watch
+    from sim_backend.training.train import Run
+
+
+class Slices(AbstractContextManager["Slices"]):
+    """Owner of the workers, of the slices' states between iterations, and of what the run used and did.
+
+    Args:
+        run: that learns.
+        workers: how many; 0 for the calling process.
+        cluster: as for ``open_workers``.
+
+    Raises:
+        ValueError: the recipe does not go with workers; the message says why.
+    """
+
+    def __init__(self, run: "Run", workers: int, cluster: str | None) -> None:
+        _check(run.recipe, workers)
+        self._run, self._count, self._cluster = run, workers, cluster
+        self._recipe, self._slices = run.recipe, run.recipe.ppo.slices
+        self._states: list[dict | None] = [None] * self._slices
+        self._return = np.zeros(run.recipe.ppo.robots)
+        self._seconds = {"waiting": 0.0, "learning": 0.0, "rolling out": 0.0}
+        self._moved_bytes = self._lost = self._samples = 0
+        self._shared: SharedColumns | None = None
+        self._workers: Workers | None = None
+        self.watch: Watch | None = None
+
+    def __enter__(self) -> "Slices":
+        """Begin the workers."""
+        layout = layout_of_rollouts(self._recipe, self._recipe.ppo.robots)
+        shared = self._shared = SharedColumns(layout) if self._cluster is None else None
+        threads = max(1, self._run.threads // max(1, self._count))
+        make = functools.partial(RolloutWorker, self._recipe, self._slices, threads, shared)
+        self._opened = open_workers(make, self._count, self._cluster)
+        self._workers = self._opened.__enter__()
+        self._columns = shared.arrays if shared else {name: np.zeros(shape, kind) for name, (shape, kind) in layout.items()}
+        self._ledger = Ledger(self._run.folder, self._run.starts)
+        self._ledger.write("started", self._run.iterations)
+        return self
+
+    def __exit__(self, *failed: Any) -> None:
+        """End the workers."""
+        self._workers = None
+        self._opened.__exit__(*failed)
+
+    def look_around(self) -> None:
+        """Learn the scaling of the inputs from actions by chance, before anything else; these samples are not learned from."""
+        self._roll_out(None)
+        seen = {name: torch.from_numpy(self._columns[name].reshape(-1, self._columns[name].shape[-1])) for name in self._parts}
+        self._run.policy.features_extractor.learn_scaling(whole_of(seen) if PRIVILEGED in seen else seen[SEEN])
+        self._states = [None] * self._slices
+
+    def collect(self, buffer: RolloutBuffer) -> None:
+        """Fill PPO's buffer with an iteration of all slices, whose observations stay where the workers wrote them."""
+        run, columns = self._run, self._columns
+        samples = self._recipe.ppo.robots * self._recipe.ppo.steps
+        self._ledger.write("asked", run.iterations, samples)
+        weights = {name: values.numpy() for name, values in run.policy.state_dict().items()}
+        rollouts = self._roll_out(weights)
+        rewards = np.empty_like(columns["rewards"])
+        for step, (reward, done) in enumerate(zip(columns["rewards"], columns["dones"], strict=True)):
+            rewards[step] = run.returns.scaled(reward, done)
+        rewards += np.float32(self._recipe.ppo.discount) * columns["bootstrap"]
+        buffer.reset()
+        seen = {name: columns[name] for name in self._parts}
+        if isinstance(buffer, DictRolloutBuffer):
+            buffer.observations = seen
+        else:
+            buffer.observations = seen[SEEN]
+        buffer.actions, buffer.rewards = columns["actions"], rewards
+        buffer.values, buffer.log_probs = columns["values"], columns["log_probs"]
+        buffer.episode_starts[1:] = columns["dones"][:-1]
+        buffer.pos, buffer.full = len(rewards), True
+        last_values = torch.from_numpy(np.concatenate([rollout.last_values for rollout in rollouts]))
+        buffer.compute_returns_and_advantage(last_values, columns["dones"][-1])
+        self._count_trials(rollouts)
+
+    def _roll_out(self, weights: dict[str, np.ndarray] | None) -> list[Rollout]:
+        assert self._workers is not None, "workers are there within the 'with' only"
+        begun_s, moved = time.perf_counter(), self._workers.moved_bytes
+        orders = [Order(part, self._run.iterations, state) for part, state in enumerate(self._states)]
+        robots, rollouts = self._recipe.ppo.robots // self._slices, []
+        for rollout in self._workers.map(orders, weights):
+            rollouts.append(rollout)
+            for name, values in (rollout.columns or {}).items():
+                self._columns[name][:, rollout.slice * robots : (rollout.slice + 1) * robots] = values
+                self._moved_bytes += values.nbytes
+        for place in self._workers.lost:
+            if weights is not None:
+                self._ledger.write("lost", self._run.iterations, robots * self._recipe.ppo.steps, slice=place)
+        self._lost += len(self._workers.lost)
+        self._states = [rollout.state for rollout in rollouts]
+        self._moved_bytes += self._workers.moved_bytes - moved
+        self._seconds["waiting"] += time.perf_counter() - begun_s
+        self._seconds["rolling out"] += sum(rollout.work_s for rollout in rollouts)
+        return rollouts
+
+    def _count_trials(self, rollouts: list[Rollout]) -> None:
+        robots, steps = self._recipe.ppo.robots // self._slices, self._recipe.ppo.steps
+        ends: dict[int, list[tuple[int, bool]]] = {step: [] for step in range(steps)}
+        for rollout in rollouts:
+            for step, robot, success in rollout.ended:
+                ends[step].append((rollout.slice * robots + robot, success))
+        for step, ended in ends.items():
+            self._return += self._columns["rewards"][step]
+            over = [robot for robot, _ in ended]
+            assert self.watch is not None
+            self.watch.count([success for _, success in ended], self._return[over].tolist())
+            self._return[over] = 0.0
+
+    def updated(self, learning_s: float) -> None:
+        """After the updates of an iteration: its samples are used, and what is kept from now on has them in it."""
+        samples = self._recipe.ppo.robots * self._recipe.ppo.steps
+        self._seconds["learning"] += learning_s
+        self._samples += samples
+        self._ledger.write("used", self._run.iterations - 1, samples)
+        assert self.watch is not None
+        self.watch.updated()
+
+    @property
+    def _parts(self) -> tuple[str, ...]:
+        return (SEEN, PRIVILEGED) if self._recipe.networks.privileged else (SEEN,)
+
+    def document(self) -> dict[str, Any]:
+        """What the run used and did: workers, samples, lag, idle share of the learner, bytes for each sample."""
+        waiting_s, learning_s = self._seconds["waiting"], self._seconds["learning"]
+        ledger = account(self._run.folder)
+        return {
+            "workers": self._count,
+            "cluster": self._cluster is not None,
+            "slices": self._slices,
+            "workers_lost": self._lost,
+            "asked": ledger.asked,
+            "used": ledger.used,
+            "dropped": ledger.dropped,
+            "lag_updates": 0,  # every sample is of the policy that learns from it
+            "learner_idle_share": round(waiting_s / max(waiting_s + learning_s, 1e-9), 4),
+            "seconds": {name: round(value, 2) for name, value in self._seconds.items()},
+            "moved_bytes_per_sample": round(self._moved_bytes / max(self._samples, 1), 1),
+            "shared_bytes_per_sample": round(self._shared.nbytes / self._shared.arrays["dones"].size, 1) if self._shared else 0.0,
+        }
+
+    def state(self) -> dict[str, Any]:
+        """For the checkpoint: tensors, numbers, lists and tables."""
+        own = [
+            self._states,
+            self._return,
+            self._run.returns.running,
+            self._seconds,
+            [self._moved_bytes, self._lost, self._samples],
+        ]
+        return {"slices": self._slices, "own": _tensors(own)}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from what :meth:`state` gave, with any number of workers."""
+        self._states, self._return, self._run.returns.running, self._seconds, counts = _arrays(state["own"])
+        self._moved_bytes, self._lost, self._samples = counts
+
+
+class SlicedPPO(PPO):
+    """PPO that has its rollouts from slices."""
+
+    def __init__(self, slices: Slices, *arguments: Any, **keywords: Any) -> None:
+        self._slices = slices
+        super().__init__(*arguments, **keywords)
+        self._last_obs = np.zeros(0)  # else stable-baselines3 resets the running returns, which a checkpoint may have brought
+
+    def collect_rollouts(self, env: VecEnv, callback: BaseCallback, rollout_buffer: RolloutBuffer, n_rollout_steps: int) -> bool:
+        """An iteration of all slices."""
+        self._slices.watch = callback  # type: ignore[assignment]
+        callback.on_rollout_start()
+        if not callback.on_step():
+            return False
+        self._slices.collect(rollout_buffer)
+        self.num_timesteps += env.num_envs * n_rollout_steps
+        callback.on_rollout_end()
+        return True
+
+    def train(self) -> None:
+        """The updates; minibatches are drawn by a seed of the iteration, so that they are the same after a checkpoint."""
+        begun_s = time.perf_counter()
+        run = self._slices._run
+        np.random.seed(np.random.SeedSequence([run.recipe.seed, run.iterations]).generate_state(4))
+        super().train()
+        self._slices.updated(time.perf_counter() - begun_s)
+
+
+class SlicedRobots(VecEnv):
+    """What PPO asks of its environment where the robots are elsewhere: spaces and numbers."""
+
+    ended = None
+
+    def __init__(self, practice: Practice, robots: int, *, privileged: bool) -> None:
+        self.environment = _Practised(practice)
+        super().__init__(robots, seen_space(practice, privileged), gym_action_space(practice.action_space))
+
+    def reset(self):
+        """Nothing that anybody looks at."""
+        return
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Slices step their own robots."""
+        raise NotImplementedError("the robots are with the workers")
+
+    def step_wait(self):
+        """Likewise."""
+        raise NotImplementedError("the robots are with the workers")
+
+    def close(self) -> None:
+        """Nothing is kept open."""
+
+    def get_attr(self, attr_name: str, indices=None) -> list[Any]:  # noqa: ARG002 - asked for by the base class
+        """No attribute is asked for but how it is rendered: not at all."""
+        return [None] * self.num_envs
+
+    def set_attr(self, attr_name: str, value: Any, indices=None) -> None:
+        """Nothing can be set."""
+
+    def env_method(self, method_name: str, *method_args, indices=None, **method_kwargs) -> list[Any]:
+        """No method can be called."""
+        raise NotImplementedError("the robots are with the workers")
+
+    def env_is_wrapped(self, wrapper_class, indices=None) -> list[bool]:  # noqa: ARG002 - asked for by the base class
+        """No robot has a wrapper of its own."""
+        return [False] * self.num_envs
+
+
+class _Practised:
+    def __init__(self, practice: Practice) -> None:
+        self.practice = practice
+
+
+def _check(recipe: Recipe, workers: int) -> None:
+    """Workers go with what is written for them so far."""
+    robots, slices = recipe.ppo.robots, recipe.ppo.slices
+    if robots % slices:
+        raise ValueError(f"ppo.slices is {slices}; it must divide ppo.robots, {robots}")
+    if workers > slices:
+        raise ValueError(f"{workers} workers cannot share {slices} slices; ask for {slices} at most, or set ppo.slices")
+    for what, there in (
+        (f"method {recipe.method!r}", recipe.method != "ppo"),
+        ("networks.memory", recipe.networks.memory is not None),
+        ("a [[curriculum]]", bool(recipe.curriculum)),
+        ("randomization.method 'adr'", recipe.randomization.method != "none"),
+        (f"physics_backend {recipe.physics_backend.value!r}", recipe.physics_backend is not PhysicsBackend.CPU),
+    ):
+        if there:
+            raise ValueError(f"{what} does not go with --workers; leave one of them out")
+
+
+def _tensors(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return torch.from_numpy(value.copy())
+    if isinstance(value, dict):
+        return {name: _tensors(each) for name, each in value.items()}
+    return [_tensors(each) for each in value] if isinstance(value, list) else value
+
+
+def _arrays(value: Any) -> Any:
+    if isinstance(value, torch.Tensor):
+        return value.numpy()
+    if isinstance(value, dict):
+        return {name: _arrays(each) for name, each in value.items()}
+    return [_arrays(each) for each in value] if isinstance(value, list) else value

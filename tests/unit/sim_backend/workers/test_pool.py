@@ -1,0 +1,59 @@
+"""The seam: the same results in this process, in processes of this machine and on Ray, also when workers are lost."""
+
+import functools
+import subprocess
+import sys
+
+import pytest
+
+from sim_backend.workers import pool
+from sim_backend.workers.cluster import connected, is_loopback
+from sim_backend.workers.pool import WorkersError, open_workers
+from tests.unit.sim_backend.workers.works import EndsOnce, Square
+
+
+@pytest.mark.parametrize("workers", [0, 1, 3])
+def test_results_are_in_the_order_of_the_items_whatever_the_number_of_workers(workers):
+    assert pool.map(Square, range(7), workers=workers) == [0, 1, 4, 9, 16, 25, 36]
+
+
+def test_what_is_shared_reaches_all_and_is_sent_anew_when_it_changes():
+    with open_workers(Square, 2) as workers:
+        assert list(workers.map([1, 2, 3], 10)) == [11, 14, 19]
+        before = workers.moved_bytes
+        assert list(workers.map([1, 2, 3], 20)) == [21, 24, 29]
+        assert workers.moved_bytes > before
+        assert list(workers.map([], 20)) == []
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_an_error_of_the_work_is_raised(workers):
+    with pytest.raises(ValueError, match="not a number"):
+        pool.map(Square, [1, "wrong"], workers=workers)
+
+
+def test_what_a_lost_worker_had_is_done_again(tmp_path):
+    with open_workers(functools.partial(EndsOnce, str(tmp_path)), 2) as workers:
+        assert list(workers.map(range(7))) == list(range(7))
+        assert sorted(workers.lost) == [0, 3, 6]
+        assert list(workers.map(range(7))) == list(range(7))
+        assert workers.lost == []
+
+
+def test_an_item_that_ends_every_worker_is_an_error(tmp_path):
+    with pytest.raises(WorkersError, match="item 1 ended 5 workers"):
+        pool.map(functools.partial(EndsOnce, str(tmp_path), always=True), [1, 3], workers=1)
+
+
+def test_other_machines_are_reached_with_a_token_only(monkeypatch):
+    monkeypatch.delenv("RAY_AUTH_MODE", raising=False)
+    with pytest.raises(WorkersError, match="RAY_AUTH_MODE=token"):
+        connected("192.0.2.7:6379")
+    own = ["local", "localhost:6379", "127.0.0.1:6379", "[::1]:6379"]
+    assert [is_loopback(each) for each in (*own, "192.0.2.7:6379", "farm.example:6379", "auto")] == [True] * 4 + [False] * 3
+
+
+def test_nothing_loads_ray_before_it_is_asked_for():
+    code = "import sys, sim_backend.workers.cluster, sim_backend.workers.processes; print('ray' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stdout.strip() == "False"

@@ -1,0 +1,28 @@
+"""What workers do in tests; they import it by its name."""
+
+import os
+import signal
+from pathlib import Path
+
+
+class Square:
+    """Squares a number, plus what all share."""
+
+    def __call__(self, item, shared=None):
+        if item == "wrong":
+            raise ValueError("not a number")
+        return item * item + (shared or 0)
+
+
+class EndsOnce:
+    """Kills its own process at some items, each time that no mark lies in the folder yet; else gives the item back."""
+
+    def __init__(self, folder: str, always: bool = False) -> None:
+        self._folder, self._always = Path(folder), always
+
+    def __call__(self, item, shared=None):
+        mark = self._folder / str(item)
+        if item % 3 == 0 and (self._always or not mark.exists()):
+            mark.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return item
