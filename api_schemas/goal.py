@@ -86,8 +86,9 @@ class TrialGoal(Schema):
 
 
 class JobGoals(Schema):
-    """Answer of GET /v1/jobs/{job}/goals: all goals of a job in the order of its trials."""
+    """Answer of GET /v1/jobs/{job}/goals: all or one page of a job's goals, in the order of its trials."""
 
     job_id: str
     task: str
     goals: tuple[TrialGoal, ...]
+    next_cursor: str | None = None

@@ -33,7 +33,9 @@ def _https(url: str) -> str:
 WebhookUrl = Annotated[str, Field(max_length=MAX_URL), AfterValidator(_https)]
 
 
-MAX_TRIALS = 1000
+MAX_TRIALS = 100_000
+MAX_CHOSEN = 1000
+"""Trials of a job whose goals are brought or taken from another job, or that a question may end: they are read at once."""
 LONGEST_NAME, LONGEST_NOTE = 100, 2000
 MAX_SEED = 2**63 - 1
 
@@ -105,7 +107,7 @@ class JobRequest(Schema):
     name: str | None = Field(default=None, max_length=LONGEST_NAME, description="what its people call it")
     note: str | None = Field(default=None, max_length=LONGEST_NOTE, description="what they want to remember of it")
     webhook: WebhookUrl | None = Field(default=None, description="called at the job's end, where the farm allows webhooks")
-    goals: Annotated[tuple[OwnGoal, ...], Field(min_length=1, max_length=MAX_TRIALS)] | None = Field(
+    goals: Annotated[tuple[OwnGoal, ...], Field(min_length=1, max_length=MAX_CHOSEN)] | None = Field(
         default=None, description="of one's own, one for each trial"
     )
     like: JobId | None = Field(default=None, description="a job of the same task whose goals and orders of robots are taken")
@@ -129,6 +131,8 @@ class JobRequest(Schema):
     @model_validator(mode="after")
     def _goals_of_one_source(self) -> Self:
         like = self.goals_of
+        if self.trials > MAX_CHOSEN and (like is not None or self.question is not None):
+            raise ValueError(f"goals of another job, and a question, are for {MAX_CHOSEN} trials at most, not {self.trials}")
         if self.question is not None and self.like is not None:
             raise ValueError("a question against a job takes its goals already; leave like out")
         if like is not None and (self.seed is not None or self.goals is not None):

@@ -6,7 +6,7 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from api_schemas.correlation import Correlation
-from api_schemas.job import MAX_SEED, MAX_TRIALS, JobPriority, JobState, PolicyDigest, PolicyTask, TaskName
+from api_schemas.job import MAX_CHOSEN, MAX_SEED, JobPriority, JobState, PolicyDigest, PolicyTask, TaskName
 from api_schemas.physics import ObjectName, ObjectScale
 from api_schemas.schema import Schema
 
@@ -41,7 +41,7 @@ class LadderRequest(Schema):
     name: str = Field(min_length=1, max_length=100)
     task: PolicyTask
     rungs: Annotated[tuple[RungRequest, ...], Field(min_length=1, max_length=MAX_RUNGS)]
-    trials: int = Field(default=40, ge=1, le=MAX_TRIALS, description="of each rung")
+    trials: int = Field(default=40, ge=1, le=MAX_CHOSEN, description="of each rung")
     seed: int | None = Field(default=None, ge=0, le=MAX_SEED)
     object: ObjectName = ObjectName.CUBE
     object_scale: ObjectScale = 1.0

@@ -11,6 +11,9 @@ from api_schemas.question import Question
 from api_schemas.schema import Schema
 from api_schemas.trial import Outcome
 
+LISTED = 1000
+"""Trials that a report lists one by one, the first of its job; its numbers are of all."""
+
 
 class RobotRow(Schema):
     """One robot's share of a job."""
@@ -113,7 +116,7 @@ class Report(Schema):
     jail: JailReport | None = Field(default=None, description="the most open one that the policy ran in")
     failures: tuple[FailureRow, ...] = Field(default=(), description="by kind, the most frequent first")
     per_robot: tuple[RobotRow, ...]
-    per_trial: tuple[TrialRow, ...]
+    per_trial: tuple[TrialRow, ...] = Field(description=f"the first {LISTED}; GET /v1/jobs/ID/trials has all")
     platform_fault_attempts: tuple[FaultRow, ...]
     created_at: str
     started_at: str | None

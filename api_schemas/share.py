@@ -10,7 +10,7 @@ from api_schemas.schema import Schema
 USUAL_DAYS, MOST_DAYS = 7.0, 90.0
 LATEST_S = 10_000.0
 """Later than the end of any trial."""
-TrialId = Annotated[str, Field(pattern=r"^j[a-z2-7]{12}-[0-9]{3,4}$", description="a trial")]
+TrialId = Annotated[str, Field(pattern=r"^j[a-z2-7]{12}-[0-9]{3,5}$", description="a trial")]
 
 
 class ShareRequest(Schema):

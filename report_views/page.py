@@ -250,6 +250,8 @@ def _trials(report: Report, words: _Words) -> Iterator[str]:
     yield '<th class="n">error mm</th><th class="n">angle °</th><th class="n">tries</th><th>why</th></tr>'
     yield from (_trial(row, words) for row in report.per_trial)
     yield "</table></div>"
+    if len(report.per_trial) < report.trials:
+        yield f'<p class="soft">The first {len(report.per_trial)} of {report.trials} trials.</p>'
     if report.failures:
         yield '<h2>Why trials failed</h2><table><tr><th>kind</th><th class="n">trials</th><th>the first of them</th></tr>'
         for group in report.failures:

@@ -47,6 +47,8 @@ def _lines(report: Report) -> Iterator[str]:
     yield f"{'trial':>5} {'robot':<16} {'outcome':<20} {'error mm':>8} {'deg':>6} {'tries':>5}  reason"
     for row in report.per_trial:
         yield _trial(row)
+    if len(report.per_trial) < report.trials:
+        yield f"the first {len(report.per_trial)} of {report.trials}; 'trifarm fetch {report.job_id} --table FILE' has all"
     yield from _failures(report)
     yield from _faults(report.platform_fault_attempts)
     yield from _departures(report.per_trial)

@@ -46,11 +46,12 @@ def row(trial: Trial) -> dict[str, Cell]:
     return {name: known.get(name) for name in COLUMNS}
 
 
-def as_csv(trials: Iterable[Trial]) -> str:
-    """The table as CSV with a line of names; no text in it is a formula to a spreadsheet."""
+def as_csv(trials: Iterable[Trial], *, with_names: bool = True) -> str:
+    """The table as CSV, ``with_names`` of its columns in the first line; no text in it is a formula to a spreadsheet."""
     written = io.StringIO()
     writer = csv.DictWriter(written, COLUMNS, lineterminator="\n")
-    writer.writeheader()
+    if with_names:
+        writer.writeheader()
     for trial in trials:
         writer.writerow({name: _harmless(cell) for name, cell in row(trial).items()})
     return written.getvalue()

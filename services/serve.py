@@ -28,8 +28,10 @@ from services.dashboard.sessions import EndedSessions
 from services.database.database import Database, address, migrate
 from services.database.sqlite import is_full_sqlite
 from services.disk import Disk
+from services.dispatcher import large_jobs
 from services.dispatcher.bus import Bus
 from services.dispatcher.dispatcher import Dispatcher, Metrics
+from services.dispatcher.large_jobs import LargeJobs
 from services.errors import NotReady, ServiceError
 from services.files.homes import open_home
 from services.files.store import FileStore
@@ -272,8 +274,11 @@ async def _opened(settings: Settings, url: str) -> AsyncIterator[Farm]:
 
 @asynccontextmanager
 async def _beside(farm: Farm) -> AsyncIterator[None]:
-    """Runs what goes on beside all requests: the clock follows the database's, and old logs go."""
+    """Runs what goes on beside all requests: the clock follows the database's, large jobs go on, and old logs go."""
     repeated = [_repeat("logs were not tidied", TIDY_EVERY_S, lambda: _tidy(farm))]
+    if farm.settings.dispatches:
+        large = LargeJobs(farm.database, farm.clock, farm.signals, farm.settings.trials_page)
+        repeated.append(_repeat("large jobs did not go on", large_jobs.LOOK_EVERY_S, large.look))
     if farm.database.is_shared:
         repeated.append(_repeat("the clock was not set", FOLLOW_EVERY_S, lambda: _follow_clock(farm)))
     repeated.append(_repeat("why a trial failed was not computed", explainer.LOOK_EVERY_S, _explainer(farm).explain_due))

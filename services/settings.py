@@ -6,11 +6,13 @@ from typing import Annotated, Self
 from pydantic import AfterValidator, Field, SecretStr, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from api_schemas.job import MAX_TRIALS
 from api_schemas.physics import physics_name
 from api_schemas.policy import MAX_WEIGHTS_BYTES
 from api_schemas.robot import LEASE_S, RENEW_EVERY_S
 from jail.level import JailLevel
 
+TRIALS_PAGE = 500
 AUDIT = "audit"
 """Name of the logger whose lines go into ``audit_file``."""
 
@@ -68,6 +70,18 @@ class Settings(BaseSettings):
     sweep_every_s: float = Field(default=0.5, gt=0, description="the safety net under the events that wake the dispatcher")
     max_weights_bytes: int = Field(default=MAX_WEIGHTS_BYTES, gt=0, description="of one policy's weights")
     max_queued_jobs_per_user: int = Field(default=200, ge=1, description="jobs of one user that have not ended")
+    max_trials_per_job: int = Field(
+        default=10_000, ge=1, le=MAX_TRIALS, description=f"of a job that a user asks for; operators may ask for {MAX_TRIALS}"
+    )
+    max_queued_trials_per_user: int = Field(
+        default=200_000, ge=1, description="trials that are not done of the jobs of one user that have not ended"
+    )
+    trials_page: int = Field(
+        default=TRIALS_PAGE,
+        ge=1,
+        le=TRIALS_PAGE,
+        description="of a job, made in one transaction; those of a larger job follow",
+    )
     max_policy_bytes_per_user: int = Field(
         default=10 * 1024**3, gt=0, description="one user's policies together, weights and graphs"
     )

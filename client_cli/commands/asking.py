@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from api_schemas.builtin_policies import PREFIX, builtin_digest
-from api_schemas.job import MAX_SEED, MAX_TRIALS, POLICY_TASKS, Job
+from api_schemas.job import MAX_CHOSEN, MAX_SEED, POLICY_TASKS, Job
 from client_cli.commands.builtins import builtin_named
 from client_cli.connection.api_client import ApiClient
 from client_cli.policies.policy_files import read_policy
@@ -30,7 +30,7 @@ UntilKnownOption = Annotated[
     bool, typer.Option("--until-known", help="End the job when it is known whether it is better, or at --max goals.")
 ]
 MaxOption = Annotated[
-    int | None, typer.Option("--max", min=1, max=MAX_TRIALS, help="Most goals that --until-known may try; 200 by default.")
+    int | None, typer.Option("--max", min=1, max=MAX_CHOSEN, help="Most goals that --until-known may try; 200 by default.")
 ]
 AtLeastOption = Annotated[
     float | None,

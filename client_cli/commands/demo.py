@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from api_schemas.job import MAX_SEED, MAX_TRIALS, Job, JobRequest, TaskName
+from api_schemas.job import MAX_CHOSEN, MAX_SEED, Job, JobRequest, TaskName
 from api_schemas.tracker import TrackerName
 from client_cli.commands.fetch import fetch_job
 from client_cli.commands.submit import submit_policy
@@ -57,7 +57,7 @@ def demo(
     manifest: ManifestOption = None,
     layout: LayoutOption = None,
     task: TaskOption = TaskName.PUSH,
-    trials: Annotated[int, typer.Option("--trials", min=1, max=MAX_TRIALS, help="Number of trials, one goal each.")] = 40,
+    trials: Annotated[int, typer.Option("--trials", min=1, max=MAX_CHOSEN, help="Number of trials, one goal each.")] = 40,
     seed: Annotated[
         int, typer.Option("--seed", min=0, max=MAX_SEED, help="Seed of goals and of each trial's order of robots.")
     ] = 1,

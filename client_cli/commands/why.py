@@ -27,7 +27,7 @@ from client_cli.terminal.options import JsonOption
 from client_cli.terminal.output import counted, note, print_document, print_line, print_table
 
 EXPLAINING, CONVERSION = "robot_farm.explaining", "services.policies.conversion"
-A_TRIAL = re.compile(r".*-[0-9]{3,4}")
+A_TRIAL = re.compile(r".*-[0-9]{3,5}")
 LOOK_EVERY_S = 1.0
 TOO_MANY = 429
 

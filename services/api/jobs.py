@@ -14,11 +14,11 @@ from report_views.text import render
 from services.api.access import Operator, Submitter, User
 from services.api.document import refusals
 from services.api.farm import Farm, TheFarm
-from services.api.paging import encode, numbered
+from services.api.paging import by_trial, encode, numbered
 from services.database.pages import Asked
 from services.errors import Conflict, Forbidden, Refused
 from services.jobs import cancellation, labels, reports, requeue, submission, views
-from services.jobs.lists import JobFilter, job_page, trials_of
+from services.jobs.lists import JobFilter, job_page, trial_page
 from services.tokens import Caller
 from services.webhooks import delivery
 
@@ -41,7 +41,9 @@ async def create_job(
     farm.disk.check()
     async with farm.database.write() as tx:
         now_s = farm.clock.now_s()
-        job_id, new = await submission.submit(tx, now_s, body, sender_of(caller, farm, idempotency_key))
+        job_id, new = await submission.submit(
+            tx, now_s, body, sender_of(caller, farm, idempotency_key), page=farm.settings.trials_page
+        )
         if new and body.webhook is not None:
             await delivery.register(tx, job_id, body.webhook)
     return await show_queued(job_id, new, response, caller, farm)
@@ -90,14 +92,15 @@ async def label_job(job_id: JobId, body: JobLabels, caller: User, farm: TheFarm)
 
 
 @router.get("/{job_id}/goals", responses=refusals(409))
-async def get_goals(job_id: JobId, caller: User, farm: TheFarm) -> JobGoals:
-    """The goals of all trials of a job, and where its object begins."""
+async def get_goals(job_id: JobId, caller: User, farm: TheFarm, asked: Annotated[Asked, Depends(by_trial)]) -> JobGoals:
+    """The goals of a job's trials, and where its object begins."""
     async with farm.database.read() as connection:
         row = await views.job_row(connection, job_id, caller.sees_only)
         if row.policy is None:
             raise Conflict("no-goals", f"Job {job_id} is an identification, whose excitations have no goals.")
-        trials = await trials_of(connection, row.number)
-    return await farm.goals.of_job(row, trials)
+        page = await trial_page(connection, row.number, asked)
+    goals = await farm.goals.of_job(row, page.entries)
+    return goals.model_copy(update={"next_cursor": encode(page.following)})
 
 
 @router.get("/{job_id}/webhook")
@@ -144,8 +147,11 @@ def check_priority(caller: Caller, asked: JobPriority) -> None:
 
 def sender_of(caller: Caller, farm: Farm, idempotency_key: str | None) -> submission.Sender:
     """Who sends a job: users with their own policies and within their share of the queue, operators with everything."""
-    may_queue = None if caller.sees_only is None else farm.settings.max_queued_jobs_per_user
-    return submission.Sender(caller.owner, idempotency_key, caller.sees_only, may_queue)
+    if caller.sees_only is None:
+        return submission.Sender(caller.owner, idempotency_key)
+    told = farm.settings
+    bounds = (told.max_queued_jobs_per_user, told.max_queued_trials_per_user, told.max_trials_per_job)
+    return submission.Sender(caller.owner, idempotency_key, caller.sees_only, *bounds)
 
 
 async def show_queued(job_id: str, new: bool, response: Response, caller: Caller, farm: Farm) -> Job:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 from fastapi import Query
 
+from api_schemas.job import MAX_TRIALS
 from services.database.pages import Asked, Key
 from services.errors import Refused
 
@@ -28,6 +29,11 @@ def numbered(*, usual: int, most: int, largest: int = LARGEST_NUMBER) -> Callabl
         return Asked(limit, None if cursor is None else decode_number(cursor, largest))
 
     return asked
+
+
+TRIALS_ON_A_PAGE = 1000
+by_trial = numbered(usual=TRIALS_ON_A_PAGE, most=TRIALS_ON_A_PAGE, largest=MAX_TRIALS)
+"""The parameters of a list of a job's trials."""
 
 
 def named(*, usual: int, most: int) -> Callable[..., Awaitable[Asked]]:

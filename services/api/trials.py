@@ -1,18 +1,20 @@
 """Routes of trials and their logs."""
 
+import asyncio
+from collections.abc import AsyncIterator
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Path, Request, Response
+from fastapi.responses import StreamingResponse
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from api_schemas.job import MAX_TRIALS
 from api_schemas.trial import Trial, TrialPage
 from report_views.trial_table import as_csv
 from services.api.access import User
 from services.api.document import Responses, files
-from services.api.farm import TheFarm
+from services.api.farm import Farm, TheFarm
 from services.api.jobs import JobId
-from services.api.paging import encode, numbered
+from services.api.paging import by_trial, encode
 from services.api.serving import stored_file
 from services.database.pages import Asked
 from services.database.rows import AnyRow
@@ -21,15 +23,15 @@ from services.jobs import lists, views
 from services.tokens import Caller
 
 router = APIRouter(prefix="/v1", tags=["trials"])
-TrialId = Annotated[str, Path(pattern=r"^[a-z0-9]{1,20}-[0-9]{3,4}$")]
+TrialId = Annotated[str, Path(pattern=r"^[a-z0-9]{1,20}-[0-9]{3,5}$")]
 MCAP = "application/vnd.mcap"
 CSV = "text/csv; charset=utf-8"
 TABLE: Responses = {200: {"content": {"text/csv": {"schema": {"type": "string"}}}}}
-ByNumber = numbered(usual=MAX_TRIALS, most=MAX_TRIALS, largest=MAX_TRIALS)
+CSV_AT_ONCE = 500
 
 
 @router.get("/jobs/{job_id}/trials")
-async def list_trials(job_id: JobId, caller: User, farm: TheFarm, asked: Annotated[Asked, Depends(ByNumber)]) -> TrialPage:
+async def list_trials(job_id: JobId, caller: User, farm: TheFarm, asked: Annotated[Asked, Depends(by_trial)]) -> TrialPage:
     """A job's trials in their order."""
     async with farm.database.read() as connection:
         row = await views.job_row(connection, job_id, caller.sees_only)
@@ -40,13 +42,23 @@ async def list_trials(job_id: JobId, caller: User, farm: TheFarm, asked: Annotat
 
 @router.get("/jobs/{job_id}/trials.csv", response_class=Response, responses=TABLE)
 async def trials_as_csv(job_id: JobId, caller: User, farm: TheFarm) -> Response:
-    """A job's trials as a table, one row a trial."""
+    """A job's trials as a table, one row a trial; a long one is sent while it is read."""
     async with farm.database.read() as connection:
         row = await views.job_row(connection, job_id, caller.sees_only)
-        rows = await lists.trials_of(connection, row.number)
-        shown = await views.show_trials(connection, row, rows, farm.fleet, farm.clock.now_s())
     headers = {"Content-Disposition": f'attachment; filename="trials-{job_id}.csv"'}
-    return Response(as_csv(shown), media_type=CSV, headers=headers)
+    return StreamingResponse(_lines_of(row, farm), media_type=CSV, headers=headers)
+
+
+async def _lines_of(row: AnyRow, farm: Farm) -> AsyncIterator[str]:
+    asked = Asked(CSV_AT_ONCE)
+    while True:
+        async with farm.database.read() as connection:
+            page = await lists.trial_page(connection, row.number, asked)
+            shown = await views.show_trials(connection, row, page.entries, farm.fleet, farm.clock.now_s())
+        yield await asyncio.to_thread(as_csv, shown, with_names=asked.after is None)
+        if page.following is None:
+            return
+        asked = Asked(CSV_AT_ONCE, page.following)
 
 
 @router.get("/trials/{trial_id}")

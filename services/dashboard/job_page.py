@@ -15,6 +15,8 @@ from api_schemas.job import (
     FINAL_JOB_STATES,
     LONGEST_NAME,
     LONGEST_NOTE,
+    MAX_CHOSEN,
+    MAX_TRIALS,
     Job,
     JobLabels,
     JobState,
@@ -38,7 +40,7 @@ from services.database.rows import AnyRow
 from services.errors import NotFound
 from services.jobs import views
 from services.jobs.clock import iso
-from services.jobs.lists import platform_faults, trials_of
+from services.jobs.lists import platform_faults, some_trials, trials_of
 from services.tokens import Caller
 from services.webhooks import delivery
 
@@ -102,7 +104,7 @@ class Wanted:
     first: int
 
 
-async def _wanted(order: Order = "failures", first: Annotated[int, Query(ge=0, le=10_000)] = 0) -> Wanted:
+async def _wanted(order: Order = "failures", first: Annotated[int, Query(ge=0, le=MAX_TRIALS)] = 0) -> Wanted:
     return Wanted(order, first)
 
 
@@ -121,6 +123,9 @@ async def parts(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> di
         trials = [_line(each) for each in await trials_of(connection, row.number)]
         job = await views.show_question(connection, row, job)
         steps = in_order(trials)
+        in_part = job.trials > MAX_CHOSEN
+        by_number = in_part and wanted.order == "trial"
+        page_of = await some_trials(connection, row.number, wanted.first - 1, ON_A_PAGE + 1) if by_number else []
         faults = await platform_faults(connection, row.number) if job.state == JobState.FAILED else []
         told = await delivery.known(connection, row)
     judged = job.task is not TaskName.IDENTIFY
@@ -134,9 +139,10 @@ async def parts(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> di
     head = {"csrf": session.csrf, "ended": job.state in FINAL_JOB_STATES, "operates": session.caller.may(Scope.OPERATE)}
     head["shares"] = farm.settings.shares
     head["took_s"] = None if not (job.started_at and job.ended_at) else lasted_s(job.started_at, job.ended_at)
+    part_of = {"looked_at": MAX_CHOSEN if in_part else None}
     made = {"head": part("job/head.html", job=job, **head)}
     made["progress"] = part(
-        "job/progress.html", job=job, bar=bar, judged=judged, at_every_look=row.judged or not ended, left_s=left_s
+        "job/progress.html", job=job, bar=bar, judged=judged, at_every_look=row.judged or not ended, left_s=left_s, **part_of
     )
     if judged:
         made |= _figures(job, trials, steps)
@@ -147,11 +153,15 @@ async def parts(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> di
     lines = _ordered(trials, wanted.order)
     waiting = 0
     if wanted.order == "failures":
-        waiting = sum(line.waits for line in lines)
+        waiting = 0 if in_part else sum(line.waits for line in lines)
         lines = [line for line in lines if not line.waits]
     angles = any(line.angle_error_rad is not None for line in trials)
-    shown = lines[wanted.first : wanted.first + ON_A_PAGE]
-    more = wanted.first + ON_A_PAGE if wanted.first + ON_A_PAGE < len(lines) else None
+    if by_number:
+        shown = [_line(each) for each in page_of[:ON_A_PAGE]]
+        more = wanted.first + ON_A_PAGE if len(page_of) > ON_A_PAGE else None
+    else:
+        shown = lines[wanted.first : wanted.first + ON_A_PAGE]
+        more = wanted.first + ON_A_PAGE if wanted.first + ON_A_PAGE < len(lines) else None
     last = {row.trial_id: row for row in faults}  # those of a trial stand in their order
     told = {
         "reasons": {name: row.reason for name, row in last.items()},
@@ -190,8 +200,9 @@ def _figures(job: Job, trials: Sequence[TrialLine], steps: Sequence[tuple[int, i
     }
     done = ended_of(trials)
     over = {"ended": job.state in FINAL_JOB_STATES}
+    most = min(job.trials, MAX_CHOSEN)
     return {
-        "curve": part("job/curve.html", job=job, curve=figures.narrowing(steps, job.trials), any=bool(steps), **over),
+        "curve": part("job/curve.html", job=job, curve=figures.narrowing(steps, most), most=most, any=bool(steps), **over),
         "robots": part("job/robots.html", bars=bars, **over),
         "errors": part(
             "job/errors.html", dots=figures.dots(errors), ticks=figures.ticks(), turns=figures.turned(turns), **limits

@@ -53,6 +53,7 @@ LEASED = "state IN ('leased', 'running')"
 UNDRAWN = "state = 'queued' AND first_choice IS NULL"
 OPEN = "verdict IS NULL"
 NORMAL_RANK = 1
+UNFINISHED = "trials_made IS NOT NULL AND (state IN ('queued', 'running') OR outcomes IS NULL)"
 PINNED = "robot IS NOT NULL AND state IN ('queued', 'running')"
 
 policy = Table(
@@ -137,6 +138,8 @@ job = Table(
     Column("robot", String(40)),
     Column("any_robot", Boolean, nullable=False, default=False),
     Column("trials", Integer, nullable=False),
+    # Of a large job: how many of its trials exist; null where all were made with it.
+    Column("trials_made", Integer),
     Column("seed", BigInteger, nullable=False),
     Column("seed_drawn_by_server", Boolean, nullable=False),
     Column("owner", String(64), nullable=False),
@@ -159,6 +162,7 @@ job = Table(
     Index("ix_job_owner_state", "owner", "state"),
     Index("ix_job_board", "task", "object", "object_scale", "physics", "policy"),
     # Identifications that wait for their robot; the dispatcher looks at them again and again.
+    Index("ix_job_unfinished", "number", sqlite_where=text(UNFINISHED), postgresql_where=text(UNFINISHED)),
     Index("ix_job_pinned", "state", "robot", sqlite_where=text(PINNED), postgresql_where=text(PINNED)),
 )
 

@@ -17,7 +17,7 @@ from services.jobs import canary, events, outcomes, physics, pinning, reports, r
 from services.jobs.claim import Claim
 from services.jobs.clock import iso
 from services.jobs.lease import IS_HELD, UNENDED, check_report, close_attempt, stale
-from services.jobs.locking import lock_job_of
+from services.jobs.locking import lock_job, lock_job_of
 
 
 @dataclass(frozen=True)
@@ -188,12 +188,31 @@ async def _end_if_complete(tx: AsyncConnection, now_s: float, now: AnyRow) -> bo
         return False
     if now.trials_done < now.trials or now.judged:  # the end of a question's job is its judge's
         return now.cancel_requested and await end_cancelled(tx, now_s, now)
-    identified = now.task == TaskName.IDENTIFY
-    did = f"excitations recorded: {now.trials}" if identified else f"{now.successes} of {now.trials} trials reached their goal"
-    text = f"job succeeded: {did}"
-    ended = await _end(tx, now_s, now.number, JobState.SUCCEEDED, text)
+    if now.trials_made is not None:  # its report is made first (services/dispatcher/large_jobs.py)
+        return now.cancel_requested and await end_cancelled(tx, now_s, now)
+    ended = await _end(tx, now_s, now.number, JobState.SUCCEEDED, f"job succeeded: {_did(now)}")
     await reports.write(tx, ended)
     await canary.judge(tx, ended)
+    return True
+
+
+def _did(now: AnyRow) -> str:
+    if now.task == TaskName.IDENTIFY:
+        return f"excitations recorded: {now.trials}"
+    return f"{now.successes} of {now.trials} trials reached their goal"
+
+
+async def end_large(tx: AsyncConnection, now_s: float, at: str, number: int, report: bytes, told: str) -> bool:
+    """Ends a large job all of whose trials are done, with its report and how they ended; false when it has ended otherwise.
+
+    ``at`` is when it ended, as the report says.
+    """
+    await lock_job(tx, number)
+    now = (await tx.execute(select(job).where(job.c.number == number))).one()
+    if now.state not in UNENDED or now.cancel_requested or now.trials_done < now.trials:
+        return False
+    await _end(tx, now_s, number, JobState.SUCCEEDED, f"job succeeded: {_did(now)}", at=at, told=told)
+    await reports.store(tx, number, report, at)
     return True
 
 
@@ -277,9 +296,22 @@ async def end_cancelled(tx: AsyncConnection, now_s: float, now: AnyRow) -> bool:
     return True
 
 
-async def _end(tx: AsyncConnection, now_s: float, number: int, state: JobState, text: str, **more: Any) -> AnyRow:
-    at = iso(now_s)
+async def _end(
+    tx: AsyncConnection,
+    now_s: float,
+    number: int,
+    state: JobState,
+    text: str,
+    *,
+    at: str | None = None,
+    told: str | None = None,
+    **more: Any,
+) -> AnyRow:
+    """``told`` says how the trials ended; of a large job it may follow."""
+    at = at or iso(now_s)
     await tx.execute(update(webhook).where(webhook.c.job_number == number).values(due_s=now_s))
     ended = await events.record(tx, at, number, "job_ended", text, set_state=state, set_ended_at=at, **more)
-    await tx.execute(update(job).where(job.c.number == number).values(outcomes=await outcomes.of_job(tx, ended)))
+    if told is None and ended.trials_made is None:
+        told = await outcomes.of_job(tx, ended)
+    await tx.execute(update(job).where(job.c.number == number).values(outcomes=told))
     return ended

@@ -35,7 +35,7 @@ class DrawnGoals:
     _one: asyncio.Lock = field(default_factory=asyncio.Lock)
 
     async def of_job(self, job: AnyRow, trials: Sequence[AnyRow]) -> JobGoals:
-        """All goals of a job of a policy.
+        """The goals of trials of a policy's job.
 
         Raises:
             Unavailable: the child did not answer.

@@ -10,7 +10,7 @@ from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.excitation import ExcitationName
-from api_schemas.job import FINAL_JOB_STATES, JobRequest
+from api_schemas.job import FINAL_JOB_STATES, MAX_CHOSEN, JobRequest
 from api_schemas.trial import TrialState
 from services.database.rows import AnyRow
 from services.database.tables import job, trial
@@ -72,20 +72,23 @@ async def _check_comparable(tx: AsyncConnection, row: AnyRow) -> None:
 
 
 async def draws(tx: AsyncConnection, request: JobRequest, of: AnyRow | None) -> Sequence[TrialDraw]:
-    """What each trial begins with; of a job, as many as it has, or has tried at its end, if more are asked for."""
+    """What each trial begins with; of a job, as many as it has, or has tried at its end, if more are asked for.
+
+    Of a large job its first ``MAX_CHOSEN`` are looked at.
+    """
     if of is None:
         if request.goals is None:
             return [TrialDraw()] * request.trials
         return [TrialDraw(own_goal=goal.model_dump_json(exclude_defaults=True)) for goal in request.goals]
     columns = (trial.c.seed, trial.c.own_goal, trial.c.robot, trial.c.robot_order, trial.c.state)
     wanted = select(*columns).where(trial.c.job_number == of.number).order_by(trial.c.ordinal)
-    rows = (await tx.execute(wanted.limit(of.counted_trials))).all()
+    rows = (await tx.execute(wanted.limit(MAX_CHOSEN if of.counted_trials is None else of.counted_trials))).all()
     if of.state in FINAL_JOB_STATES:
         rows = _tried(rows, in_order=request.question is not None) or rows
-    return [
-        TrialDraw(seed=row.seed, order=_order(row.robot, row.robot_order), own_goal=row.own_goal)
-        for row in rows[: request.trials]
-    ]
+    drawn = [TrialDraw(seed=row.seed, order=_order(row.robot, row.robot_order), own_goal=row.own_goal) for row in rows]
+    if of.trials_made is not None and of.state not in FINAL_JOB_STATES:  # of a large job others are yet to come
+        drawn += [TrialDraw(seed=trial_seed(of.seed, at)) for at in range(len(rows), min(of.trials, request.trials))]
+    return drawn[: request.trials]
 
 
 def _tried(rows: Sequence[AnyRow], *, in_order: bool) -> Sequence[AnyRow]:

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Sequence
+from dataclasses import replace
 
 from sqlalchemy import func, insert, select
 from sqlalchemy.exc import IntegrityError
@@ -42,7 +43,7 @@ async def submit(tx: AsyncConnection, now_s: float, request: LadderRequest, send
     ladder_id = submission.new_id("l")
     number = await _insert(tx, now_s, ladder_id, request, sender, digest)
     seed = submission.draw_seed() if request.seed is None else None
-    of_each = Sender(sender.owner, None, sender.sees_only, sender.may_queue)
+    of_each = replace(sender, idempotency_key=None)
     for ordinal, each in enumerate(request.rungs):
         wish = JobRequest(
             policy=each.policy,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from sqlalchemy import or_, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from api_schemas.job import JobState, TaskName
+from api_schemas.job import MAX_CHOSEN, JobState, TaskName
 from api_schemas.trial import AttemptState
 from services.database.pages import Asked, Page, read_page
 from services.database.postgres import is_postgres
@@ -72,9 +72,19 @@ async def trial_page(connection: AsyncConnection, job_number: int, asked: Asked)
 
 
 async def trials_of(connection: AsyncConnection, job_number: int) -> Sequence[AnyRow]:
-    """Rows of all trials of a job, in their order."""
-    wanted = select(trial).where(trial.c.job_number == job_number).order_by(trial.c.ordinal)
-    return (await connection.execute(wanted)).all()
+    """Rows of a job's first trials, in their order: of all, unless the job is a large one."""
+    return await some_trials(connection, job_number, -1, MAX_CHOSEN)
+
+
+async def some_trials(connection: AsyncConnection, job_number: int, after: int, most: int) -> Sequence[AnyRow]:
+    """Rows of a job's trials in their order, those numbered above ``after``."""
+    wanted = select(trial).where(trial.c.job_number == job_number, trial.c.ordinal > after)
+    return (await connection.execute(wanted.order_by(trial.c.ordinal).limit(most))).all()
+
+
+async def job_of(connection: AsyncConnection, job_number: int) -> AnyRow:
+    """The row of a job that is there."""
+    return (await connection.execute(select(job).where(job.c.number == job_number))).one()
 
 
 async def platform_faults(connection: AsyncConnection, job_number: int) -> Sequence[AnyRow]:

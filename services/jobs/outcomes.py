@@ -24,11 +24,25 @@ async def of_job(tx: AsyncConnection, ended: AnyRow) -> str | None:
     """
     if ended.policy is None:
         return None
-    wanted = select(trial.c.state, _DID).where(trial.c.job_number == ended.number).order_by(trial.c.ordinal)
-    rows = (await tx.execute(wanted.limit(ended.counted_trials))).all()
-    if ended.state != JobState.CANCELLED:
+    wanted = select(trial.c.state, trial.c.outcome).where(trial.c.job_number == ended.number).order_by(trial.c.ordinal)
+    return counted((await tx.execute(wanted.limit(ended.counted_trials))).all(), ended.state)
+
+
+def counted(rows: Sequence[AnyRow], state: str) -> str:
+    """What counts of some trials of a job that ended in this state."""
+    if state != JobState.CANCELLED:
         rows = [row for row in rows if row.state == TrialState.DONE]
-    return "".join(SUCCEEDED if row.succeeded and row.state == TrialState.DONE else NOT for row in rows)
+    return "".join(map(of_row, rows))
+
+
+def of_row(row: AnyRow) -> str:
+    """How one trial ended."""
+    return SUCCEEDED if row.state == TrialState.DONE and row.outcome.startswith(BEGINS) else NOT
+
+
+def unmade(row: AnyRow, made: int) -> str:
+    """The same of the trials of a large job that never came to be, beside those that were ``made``."""
+    return NOT * (row.trials - made) if row.state == JobState.CANCELLED else ""
 
 
 async def in_order(connection: AsyncConnection, numbers: Sequence[int]) -> dict[int, list[bool]]:

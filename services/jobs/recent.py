@@ -5,17 +5,21 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sqlalchemy import select
+from sqlalchemy import ColumnElement, or_, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.trial import AttemptState, OutcomeKind
-from services.database.tables import attempt, job
+from services.database.rows import AnyRow
+from services.database.tables import attempt, job, trial
 
 RECENT_JOBS = 300
 RECENT_ATTEMPTS = 2000
 """What a robot did lately is looked for in the newest jobs, as far as these two reach."""
 INCIDENT_JOBS, RECENT_INCIDENTS = 1000, 500
 """Incidents are looked for in so many of the newest jobs, those without any left out."""
+LATEST_OF_LARGE = 10_000
+"""Trials of a large job that are looked at, the last that exist; the robots are at these."""
+_JOBS = select(job.c.number, job.c.trials_done, job.c.trials_made, job.c.platform_faults).order_by(job.c.number.desc())
 NOT_JUDGED = frozenset({OutcomeKind.RECORDED, OutcomeKind.CANCELLED})
 
 
@@ -28,18 +32,29 @@ class Ended:
     ended_at: str
 
 
+def _latest_of(jobs: Sequence[AnyRow]) -> ColumnElement[bool]:
+    """Attempts of some jobs; of large ones those of their latest trials."""
+    of_all = attempt.c.job_number.in_([row.number for row in jobs if row.trials_made is None])
+    large = [row for row in jobs if row.trials_made is not None]
+    latest = (
+        select(trial.c.trial_id).where(trial.c.job_number == row.number, trial.c.ordinal >= row.trials_made - LATEST_OF_LARGE)
+        for row in large
+    )
+    return or_(of_all, *(attempt.c.trial_id.in_(each) for each in latest))
+
+
 async def recently_ended(connection: AsyncConnection) -> list[Ended]:
     """Trials that were judged, of the newest jobs, the last first."""
-    newest = select(job.c.number, job.c.trials_done).where(job.c.trials_done > 0).order_by(job.c.number.desc()).limit(RECENT_JOBS)
-    numbers, found = [], 0
+    newest = _JOBS.where(job.c.trials_done > 0).limit(RECENT_JOBS)
+    jobs, found = [], 0
     for row in await connection.execute(newest):
-        numbers.append(row.number)
+        jobs.append(row)
         found += row.trials_done
         if found >= RECENT_ATTEMPTS:
             break
     wanted = (
         select(attempt.c.robot, attempt.c.outcome, attempt.c.ended_at)
-        .where(attempt.c.job_number.in_(numbers), attempt.c.state == AttemptState.ACCEPTED)
+        .where(_latest_of(jobs), attempt.c.state == AttemptState.ACCEPTED)
         .order_by(attempt.c.ended_at.desc())
         .limit(RECENT_ATTEMPTS)
     )
@@ -63,11 +78,11 @@ class Incident:
 
 async def incidents(connection: AsyncConnection) -> list[Incident]:
     """Attempts of the newest jobs that the platform failed, the last first."""
-    newest = select(job.c.number, job.c.platform_faults).order_by(job.c.number.desc()).limit(INCIDENT_JOBS).subquery()
-    hit = select(newest.c.number).where(newest.c.platform_faults > 0).limit(RECENT_JOBS)
+    newest = (await connection.execute(_JOBS.limit(INCIDENT_JOBS))).all()
+    hit = [row for row in newest if row.platform_faults > 0][:RECENT_JOBS]
     wanted = (
         select(attempt.c.robot, attempt.c.trial_id, attempt.c.ended_at, attempt.c.reason)
-        .where(attempt.c.job_number.in_(hit), attempt.c.state == AttemptState.PLATFORM_FAULT, attempt.c.ended_at.is_not(None))
+        .where(_latest_of(hit), attempt.c.state == AttemptState.PLATFORM_FAULT, attempt.c.ended_at.is_not(None))
         .order_by(attempt.c.ended_at.desc())
         .limit(RECENT_INCIDENTS)
     )
@@ -76,9 +91,9 @@ async def incidents(connection: AsyncConnection) -> list[Incident]:
 
 async def recently_given(connection: AsyncConnection, since: str) -> Sequence[str]:
     """When leases were given that robots took, of the newest jobs, since a moment (ISO 8601)."""
-    newest = select(job.c.number).where(job.c.started_at.is_not(None)).order_by(job.c.number.desc()).limit(RECENT_JOBS)
+    newest = (await connection.execute(_JOBS.where(job.c.started_at.is_not(None)).limit(RECENT_JOBS))).all()
     wanted = select(attempt.c.started_at).where(
-        attempt.c.job_number.in_(newest), attempt.c.started_at >= since, attempt.c.state != AttemptState.DECLINED
+        _latest_of(newest), attempt.c.started_at >= since, attempt.c.state != AttemptState.DECLINED
     )
     return (await connection.execute(wanted)).scalars().all()
 

@@ -1,31 +1,30 @@
-"""A job comes in: the job and its n trials, in one transaction."""
+"""A job comes in: the job and its n trials, of a large job the first page of them, in one transaction."""
 
 import base64
 import hashlib
-import json
 import secrets
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from pydantic import BaseModel
-from sqlalchemy import JSON, Column, ColumnElement, TableValuedAlias, Text, cast, func, insert, literal, select
+from sqlalchemy import func, insert, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.excitation import ANY_ROBOT, IdentificationRequest
 from api_schemas.job import MAX_SEED, JobRequest, JobState, TaskName
 from api_schemas.trial import TrialState
-from services.database import postgres
 from services.database.rows import AnyRow
-from services.database.tables import NORMAL_RANK, job, robot, trial
+from services.database.tables import NORMAL_RANK, job, robot
 from services.errors import Conflict, NotFound, Refused, TooMany
-from services.jobs import events, goals, physics, questions
+from services.jobs import events, goals, making, physics, questions
 from services.jobs.clock import iso
 from services.jobs.goals import TrialDraw
 from services.jobs.lease import UNENDED
 from services.jobs.priority import RANKS
 from services.policies import owners
+from services.settings import TRIALS_PAGE
 
 LATER_FIELDS = frozenset(
     {
@@ -46,13 +45,16 @@ LOOK_AGAIN_S = 30
 class Sender:
     """Who sends a job, and the key under which it may be sent again.
 
-    ``sees_only`` is the owner whose policies alone may be used, ``may_queue`` the limit of unended jobs; None is all.
+    ``sees_only`` is the owner whose policies alone may be used, ``may_queue`` the limit of unended jobs,
+    ``may_queue_trials`` that of their trials that are not done, and ``may_ask`` that of one job's trials; None is all.
     """
 
     owner: str
     idempotency_key: str | None = None
     sees_only: str | None = None
     may_queue: int | None = None
+    may_queue_trials: int | None = None
+    may_ask: int | None = None
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,7 @@ class _NewJob:
     seed: int | None
     text: str
     drawn_seed: int | None = None
+    page: int | None = None
 
 
 async def submit(
@@ -75,21 +78,24 @@ async def submit(
     drawn_seed: int | None = None,
     pinned: Mapping[str, object] | None = None,
     judged: bool = False,
+    page: int = TRIALS_PAGE,
 ) -> tuple[str, bool]:
     """Inserts a job of a policy; gives its id and whether it is new.
 
     ``drawn_seed`` is what the server has drawn for several jobs; it serves where none is asked for. ``pinned`` are values of the
-    row of a job that one robot runs, its name among them. ``judged`` is a job that the question of another ends.
+    row of a job that one robot runs, its name among them. ``judged`` is a job that the question of another ends. Of a job whose
+    goals are told by its seed no more than ``page`` trials are made now; the others follow (``filling.py``).
 
     Raises:
         NotFound: the policy was not uploaded, or by others only.
         Conflict: the idempotency key was used for another request.
         Refused: the job whose goals are wanted is of another task, or the question is about one policy.
-        TooMany: the sender has reached the limit of unended jobs.
+        TooMany: the sender has reached the limit of unended jobs, or of their trials.
     """
     digest = digest_of(request)
     if (earlier := await _earlier(tx, sender, digest)) is not None:
         return earlier, False
+    _check_size(request.trials, sender)
     kept = await owners.find(tx, request.policy, sender.sees_only)
     if kept is None:
         raise NotFound("policy-not-found", f"No policy has the digest {request.policy}; upload it first with POST /v1/policies.")
@@ -99,7 +105,7 @@ async def submit(
     twin = None
     if request.question is not None and request.question.against is not None and source is None:
         seed = request.seed if request.seed is not None else drawn_seed if drawn_seed is not None else draw_seed()
-        await _check_share(tx, sender, of="a question against a policy is two jobs", jobs=2)
+        await _check_share(tx, sender, of="a question against a policy is two jobs", jobs=2, trials=2 * request.trials)
         drawn_seed, twin = seed, await _submit_twin(tx, now_s, request, sender, seed)
     draws = await goals.draws(tx, request, source)
     values: dict[str, Any] = {
@@ -121,7 +127,9 @@ async def submit(
     most = "" if request.question is None else "at most "
     text = f"job queued: {most}{len(draws)} trials of {request.task} with policy {kept.name}"
     seed = request.seed if source is None else source.seed
-    job_id = await _insert(tx, now_s, _NewJob(values, draws, seed, text, drawn_seed), sender, digest)
+    by_seeds = source is None and request.goals is None and not values["judged"] and pinned is None
+    asked = _NewJob(values, draws, seed, text, drawn_seed, page if by_seeds else None)
+    job_id = await _insert(tx, now_s, asked, sender, digest)
     if request.question is not None:
         number = (await tx.execute(select(job.c.number).where(job.c.job_id == job_id))).scalar_one()
         other = twin if source is None else source.number
@@ -135,7 +143,7 @@ async def _submit_twin(tx: AsyncConnection, now_s: float, request: JobRequest, s
     if request.question.against == request.policy:
         raise Refused("same-policy", "A policy is not better than itself; name another one, or a bar.")
     wish = request.model_copy(update={"policy": request.question.against, **dict.fromkeys(_NOT_ITS)})
-    of_twin = replace(sender, idempotency_key=None, may_queue=None)  # both were asked for at once
+    of_twin = replace(sender, idempotency_key=None, may_queue=None, may_queue_trials=None)  # both were asked for at once
     job_id, _ = await submit(tx, now_s, wish, of_twin, drawn_seed=seed, judged=True)
     return (await tx.execute(select(job.c.number).where(job.c.job_id == job_id))).scalar_one()
 
@@ -200,24 +208,41 @@ async def _earlier(tx: AsyncConnection, sender: Sender, digest: str) -> str | No
     return None if earlier is None else earlier.job_id
 
 
-async def _check_share(tx: AsyncConnection, sender: Sender, *, of: str = "", jobs: int = 1) -> None:
-    """Whether the sender may have so many more jobs; ``of`` says why it is more than one."""
-    if sender.may_queue is None:
+def _check_size(trials: int, sender: Sender) -> None:
+    if sender.may_ask is not None and trials > sender.may_ask:
+        detail = (
+            f"A job of this farm's users may have {sender.may_ask} trials, not {trials}. Ask for fewer in one job; the farm's "
+            "operator can ask for more, or raise TRIFARM_MAX_TRIALS_PER_JOB."
+        )
+        raise Refused("too-many-trials", detail, trials=trials, limit=sender.may_ask)
+
+
+async def _check_share(tx: AsyncConnection, sender: Sender, *, of: str = "", jobs: int = 1, trials: int = 0) -> None:
+    """Whether the sender may have so many more jobs and trials; ``of`` says why it is more than one."""
+    if sender.may_queue is None and sender.may_queue_trials is None:
         return
     await owners.hold(tx, sender.owner)
-    unended = select(func.count()).select_from(job).where(job.c.owner == sender.owner, job.c.state.in_(UNENDED))
-    count = (await tx.execute(unended)).scalar_one()
-    if count + jobs > sender.may_queue:
-        more = f" ({of})" if of else ""
+    unended = select(func.count(), func.coalesce(func.sum(job.c.trials - job.c.trials_done), 0))
+    unended = unended.where(job.c.owner == sender.owner, job.c.state.in_(UNENDED))
+    count, left = (await tx.execute(unended)).one()
+    more = f" ({of})" if of else ""
+    if sender.may_queue is not None and count + jobs > sender.may_queue:
         detail = (
             f"{sender.owner} has {count} jobs that have not ended and may have {sender.may_queue}{more}. Wait until one has "
             "ended, cancel one with POST /v1/jobs/<job>/cancel, or ask for more trials in one job."
         )
         raise TooMany("queued-jobs-quota", detail, LOOK_AGAIN_S, unended_jobs=count, limit=sender.may_queue)
+    if sender.may_queue_trials is not None and left + trials > sender.may_queue_trials:
+        detail = (
+            f"{sender.owner} has {left} trials that are not done and may have {sender.may_queue_trials}; {trials} more are too "
+            f"many{more}. Wait until some are done, cancel a job with POST /v1/jobs/<job>/cancel, or ask for fewer."
+        )
+        raise TooMany("queued-trials-quota", detail, LOOK_AGAIN_S, trials_left=left, limit=sender.may_queue_trials)
 
 
 async def _insert(tx: AsyncConnection, now_s: float, asked: _NewJob, sender: Sender, digest: str) -> str:
-    await _check_share(tx, sender)
+    await _check_share(tx, sender, trials=len(asked.trials))
+    made = asked.page if asked.page is not None and asked.page < len(asked.trials) else None
     given = asked.drawn_seed if asked.seed is None else asked.seed
     job_id, seed = new_id("j"), draw_seed() if given is None else given
     row = insert(job).values(
@@ -225,6 +250,7 @@ async def _insert(tx: AsyncConnection, now_s: float, asked: _NewJob, sender: Sen
         state=JobState.QUEUED,
         physics=physics.NOW,
         trials=len(asked.trials),
+        trials_made=made,
         seed=seed,
         seed_drawn_by_server=asked.seed is None,
         owner=sender.owner,
@@ -240,47 +266,8 @@ async def _insert(tx: AsyncConnection, now_s: float, asked: _NewJob, sender: Sen
         # On a database with several writers another request with this key may have come in between.
         key = sender.idempotency_key
         raise Conflict("idempotency-key-in-use", f"Idempotency-Key {key!r} is in use; ask again.") from error
-    await _insert_trials(tx, job_id, number, seed, asked, sender)
+    of = making.OfJob(job_id, number, seed, sender.owner, asked.values.get("priority", NORMAL_RANK))
+    state = TrialState.HELD if asked.values.get("judged") else TrialState.QUEUED
+    await making.make(tx, of, asked.trials if made is None else asked.trials[:made], state=state, named=asked.values.get("robot"))
     await events.record(tx, iso(now_s), number, "job_queued", asked.text)
     return job_id
-
-
-async def _insert_trials(tx: AsyncConnection, job_id: str, number: int, seed: int, asked: _NewJob, sender: Sender) -> None:
-    """Inserts the rows of a job's trials; those of a named robot wait for it from the start.
-
-    What differs from trial to trial goes to the database as one text. With a row of values for each, preparing these would take
-    most of the time in which nobody else can write to SQLite.
-    """
-    named = asked.values.get("robot")
-    state = TrialState.HELD if asked.values.get("judged") else TrialState.QUEUED
-    pinned_order = json.dumps([named] if named else [])
-    each = [
-        (f"{job_id}-{at:03d}", at, draw.seed_of(seed, at), draw.excitation, draw.own_goal, draw.order or pinned_order)
-        for at, draw in enumerate(asked.trials)
-    ]
-    rows, part = _unpacked(json.dumps(each), in_postgres=postgres.is_postgres(tx))
-    values: dict[str, ColumnElement[Any]] = {
-        "trial_id": part(0, trial.c.trial_id),
-        "job_number": literal(number, trial.c.job_number.type),
-        "owner": literal(sender.owner, trial.c.owner.type),
-        "priority": literal(asked.values.get("priority", NORMAL_RANK), trial.c.priority.type),
-        "ordinal": part(1, trial.c.ordinal),
-        "state": literal(state, trial.c.state.type),
-        "seed": part(2, trial.c.seed),
-        "excitation": part(3, trial.c.excitation),
-        "own_goal": part(4, trial.c.own_goal),
-        "robot_order": part(5, trial.c.robot_order),
-        "first_choice": literal(named, trial.c.first_choice.type),
-    }
-    typed = [cast(value, trial.c[name].type).label(name) for name, value in values.items()]
-    await tx.execute(insert(trial).from_select(list(values), select(*typed).select_from(rows)))
-
-
-def _unpacked(document: str, *, in_postgres: bool) -> tuple[TableValuedAlias, Callable[[int, Column[Any]], ColumnElement[Any]]]:
-    """A table with a row for each list within a list in JSON, and the part of a row by its place, null where it is null."""
-    text = literal(document, Text)
-    if in_postgres:
-        rows = func.json_array_elements(cast(text, JSON)).table_valued("value")
-        return rows, lambda place, column: cast(rows.c.value.op("->>")(place), column.type)
-    rows = func.json_each(text).table_valued("value")
-    return rows, lambda place, column: cast(func.json_extract(rows.c.value, f"$[{place}]"), column.type)

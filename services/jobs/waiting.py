@@ -23,6 +23,8 @@ def job_waits(  # noqa: PLR0911  one sentence each
     left = row.trials - row.trials_done - row.trials_active
     if row.trials_active:
         return _running(row.trials_active, left)
+    if left == 0 and row.trials_made is not None:
+        return "all trials done; its report is being made"
     if left == 0:
         return "all trials done; other jobs of its question or ladder have trials left"
     if begun := min(_begun(row.job_id, fleet, now_s), left):  # since the row was read

@@ -49,6 +49,7 @@ LARGER = {
         "renders --rows {to}/rows.jsonl --robots 1 --scenes 1 --reference-every 10",
         "tables --rows {to}/rows.jsonl --out {to}/tables.json",
     ],
+    "large_job": ["--homes embedded --trials 1200 --watch-s 0.5 --out {to}/large.json"],
     "leak": ["--lines {to}/leak.jsonl --robots 2 --answers 2 --for-s 20"],
     "learning_rate": ["--robots 16 --threads 1 --blocks 1 --periods 10 --iterations 1 --recipes push --out {to}/rates.json"],
     "page_pictures": ["--pictures {to}/pictures --out {to}/pages.json"],

@@ -9,6 +9,7 @@ from services.database.tables import policy, robot, trial
 from services.jobs import submission
 from services.jobs.order import trial_seed
 from services.jobs.submission import Sender
+from services.settings import TRIALS_PAGE
 
 A = "a" * 64
 
@@ -27,7 +28,7 @@ async def trials_of(database):
         return (await connection.execute(select(trial).order_by(trial.c.job_number, trial.c.ordinal))).all()
 
 
-async def test_a_thousand_trials_are_one_statement_and_each_has_its_seed(database):
+async def test_a_page_of_trials_is_one_statement_and_each_has_its_seed(database):
     asked = []
 
     def note(_connection, _cursor, statement, _parameters, _context, executemany):
@@ -36,11 +37,15 @@ async def test_a_thousand_trials_are_one_statement_and_each_has_its_seed(databas
 
     event.listen(database._writer.sync_engine, "before_cursor_execute", note)
     async with database.write() as tx:
-        wish = JobRequest.model_validate({"policy": A, "task": "push", "trials": 1000, "seed": MAX_SEED, "priority": "low"})
+        wish = JobRequest.model_validate(
+            {"policy": A, "task": "push", "trials": TRIALS_PAGE, "seed": MAX_SEED, "priority": "low"}
+        )
         job_id, _ = await submission.submit(tx, 1000.0, wish, Sender("ann"))
     rows = await trials_of(database)
     assert asked == [False]
-    assert [(row.trial_id, row.seed) for row in rows] == [(f"{job_id}-{n:03d}", trial_seed(MAX_SEED, n)) for n in range(1000)]
+    assert [(row.trial_id, row.seed) for row in rows] == [
+        (f"{job_id}-{n:03d}", trial_seed(MAX_SEED, n)) for n in range(TRIALS_PAGE)
+    ]
     assert {(row.owner, row.state, row.priority, row.robot_order, row.fence, row.faults) for row in rows} == {
         ("ann", "queued", submission.RANKS[wish.priority], "[]", 0, 0)
     }
