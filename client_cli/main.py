@@ -56,6 +56,7 @@ GROUPS = {
     },
     "Learning": {
         "train": Entry("client_cli.commands.train:train", (*OF_A_CHILD, ExitCode.INTERRUPTED)),
+        "cluster": Entry("client_cli.commands.cluster:commands"),
         "pack": Entry("client_cli.commands.pack:pack", OF_A_CHILD),
         "experiment": Entry("client_cli.commands.experiment:experiment", (*OF_A_CHILD, ExitCode.INTERRUPTED)),
     },

@@ -88,7 +88,7 @@ class SharedColumns:
         for name, (shape, kind) in layout.items():
             self.arrays[name] = np.ndarray(shape, kind, memory, at)
             at += _bytes(shape, kind)
-        self.nbytes = size
+        self.nbytes, self._close = size, os.close  # which may be gone when the program ends
 
     def __reduce__(self) -> tuple:
         """Pickled by where it is, not by what is in it."""
@@ -96,7 +96,7 @@ class SharedColumns:
 
     def __del__(self) -> None:
         """The arrays keep the memory; the file is no longer needed."""
-        os.close(self._file)
+        self._close(self._file)
 
 
 def _bytes(shape: tuple[int, ...], kind: str) -> int:

@@ -72,6 +72,7 @@ LARGER = {
     "two_hosts": ["--trials 1 --robots 1 --out {to}/hosts.json"],
     "update_farm": [f"{ROOT} --python {sys.executable} --homes embedded --out {{to}}/update.json"],
     "watching_cost": ["--pairs 1 --out {to}/watching.json"],
+    "workers_cost": ["--robots 16 --slices 2 --steps 2 --rounds 1 --without-ray --out {to}/workers.json"],
     "wrong_layouts": ["--experts {experts} --most 1 --out {to}/wrong.json"],
 }
 MAY_MISS = {"attacked_farm", "crowd", "crowd_memory", "shipped_policy", "verdict_times"}
@@ -95,7 +96,7 @@ def why_not(name: str, lines: list[str]) -> str | None:
         return "the published experts are not beside this checkout (../shared/data/policies)"
     if any("{photos}" in line for line in lines) and not PHOTOGRAPHS.is_dir():
         return "the photographs are not beside this checkout (../shared/data/trifinger_photos)"
-    if name == "learning_rate" and importlib.util.find_spec("torch") is None:
+    if name in ("learning_rate", "workers_cost") and importlib.util.find_spec("torch") is None:
         return "torch is not installed"
     if name in ("replay_opening", "page_pictures") and not Path(CHROMIUM).exists():
         return f"there is no {CHROMIUM}"
