@@ -63,8 +63,8 @@ def test_what_is_wrong_with_a_token_is_what_is_blamed(trifarm, flags, named):
 
 
 def test_numbers_out_of_range_read_as_sentences(trifarm):
-    err = trifarm("submit", "x.onnx", "--task", "push", "--trials", "9999").err
-    assert "'--trials': it should be less than or equal to 1000" in err
+    err = trifarm("submit", "x.onnx", "--task", "push", "--trials", "999999").err
+    assert "'--trials': it should be less than or equal to 100000" in err
 
 
 @pytest.mark.parametrize(
