@@ -42,6 +42,7 @@ def test_services_that_are_killed_while_trials_are_made_lose_none_and_make_none_
         for kill in range(1, KILLS + 1):
             wanted = kill * TRIALS // (KILLS + 2)
             until(lambda least=wanted: farm.job(job_id)["trials_done"] >= least, 120, f"{wanted} trials done")
+            assert farm.process is not None
             farm.process.send_signal(signal.SIGKILL)
             farm.process.wait(10)
             farm.start()
