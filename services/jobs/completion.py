@@ -186,9 +186,8 @@ async def _done(tx: AsyncConnection, now_s: float, claim: Claim, report: Outcome
 async def _end_if_complete(tx: AsyncConnection, now_s: float, now: AnyRow) -> bool:
     if now.state not in UNENDED:
         return False
-    if now.trials_done < now.trials or now.judged:  # the end of a question's job is its judge's
-        return now.cancel_requested and await end_cancelled(tx, now_s, now)
-    if now.trials_made is not None:  # its report is made first (services/dispatcher/large_jobs.py)
+    # The end of a question's job is its judge's; a large job's report is made first (services/dispatcher/large_jobs.py).
+    if now.trials_done < now.trials or now.judged or now.trials_made is not None:
         return now.cancel_requested and await end_cancelled(tx, now_s, now)
     ended = await _end(tx, now_s, now.number, JobState.SUCCEEDED, f"job succeeded: {_did(now)}")
     await reports.write(tx, ended)

@@ -14,14 +14,11 @@ import argparse
 import asyncio
 import json
 import os
-import statistics
 import tempfile
-import threading
 import time
-from contextlib import asynccontextmanager, contextmanager, nullcontext
+from contextlib import asynccontextmanager, nullcontext
 from pathlib import Path
 
-import httpx
 from sqlalchemy import delete, literal, text, update
 
 from api_schemas.trial import Outcome
@@ -32,13 +29,14 @@ from services.jobs import filling
 from services.jobs.clock import FarmClock
 from services.jobs.signals import Signals
 from services.settings import TRIALS_PAGE
+from tests.benchmarks.asking import Asking, client_of, spread_ms
 from tests.benchmarks.machine import kind
 from tests.homes import now, postgres_server
 from tests.integration.farm_process import Services, until
 
 NO_LIMITS = {"requests_per_s": 0, "anonymous_requests_per_s": 0, "robot_requests_per_s": 0}
 TOKENS = {"admin_token": "trifarm_large-admin_" + "a" * 40, "robot_token": "trifarm_large-robot_" + "r" * 40}
-ROBOTS, SUBMISSIONS, ASK_EVERY_S = 100, 5, 0.05
+ROBOTS, SUBMISSIONS, ASK_EVERY_S, STATUS = 100, 5, 0.05, "/v1/status"
 MEASURES = {"success_at_end": True, "success_ever": True, "success_fraction": 0.5, "final_position_error_m": 0.004}
 MEASURES |= {"final_angle_error_rad": None, "episode_return": -3.25, "control_steps": 500, "simulated_s": 10.0}
 TIMING = {"mean_ms": 0.4, "p99_ms": 0.9, "max_ms": 1.8, "allowed_ms": 11.0, "missed": 0}
@@ -53,50 +51,9 @@ TRIED = (
 )
 
 
-def spread_ms(took_s):
-    """Median, 95 % and the longest, in milliseconds."""
-    if not took_s:
-        return {"times": 0}
-    ordered = sorted(1e3 * each for each in took_s)
-    p95 = ordered[min(len(ordered) - 1, int(0.95 * len(ordered)))]
-    shown = {"median_ms": statistics.median(ordered), "p95_ms": p95, "longest_ms": ordered[-1]}
-    return {name: round(value, 1) for name, value in shown.items()} | {"times": len(ordered)}
-
-
-class Asking:
-    """Somebody who asks for the status, and for pages, again and again."""
-
-    def __init__(self, farm, *paths):
-        self.farm, self.took_s, self.closing = farm, {path: [] for path in ("/v1/status", *paths)}, threading.Event()
-
-    def __enter__(self):
-        self.thread = threading.Thread(target=self.ask, daemon=True)
-        self.thread.start()
-        return self
-
-    def __exit__(self, *_):
-        self.closing.set()
-        self.thread.join()
-
-    def ask(self):
-        with browser(self.farm) as client:
-            while not self.closing.wait(ASK_EVERY_S):
-                for path, took_s in self.took_s.items():
-                    began_s = time.monotonic()
-                    answer = client.get(path)
-                    took_s.append(time.monotonic() - began_s)
-                    assert answer.status_code == 200, (path, answer.text[:300])
-
-    def figures(self, *names):
-        return {name: spread_ms(took_s) for name, took_s in zip(("status", *names), self.took_s.values(), strict=True)}
-
-
-@contextmanager
-def browser(farm):
-    """A client with token and session."""
-    with httpx.Client(base_url=farm.api, headers=farm.admin.headers, follow_redirects=True, timeout=120) as client:
-        client.post("/sign-in", data={"token": farm.tokens["admin"]})
-        yield client
+def figures(asking, *names):
+    """What somebody who asked found, of the status and of pages by these names."""
+    return {name: spread_ms(took_s) for name, took_s in zip(("status", *names), asking.took_s.values(), strict=True)}
 
 
 class Timed(Database):
@@ -182,7 +139,7 @@ def pages(farm, job_id, trials):
         "jobs_page": "/jobs",
     }
     found = {}
-    with browser(farm) as client:
+    with client_of(farm) as client:
         for name, path in wanted.items():
             took_s = []
             for _ in range(5):
@@ -191,11 +148,11 @@ def pages(farm, job_id, trials):
                 took_s.append(time.monotonic() - began_s)
                 assert answer.status_code == 200, (path, answer.text[:300])
             found[name] = spread_ms(took_s)
-        with Asking(farm) as asking:
+        with Asking(farm, STATUS, every_s=ASK_EVERY_S) as asking:
             began_s = time.monotonic()
             table = client.get(f"/v1/jobs/{job_id}/trials.csv").text
         assert table.count("\n") == trials + 1
-        found["table"] = {"seconds": round(time.monotonic() - began_s, 1), "mb": round(len(table) / 1e6, 1), **asking.figures()}
+        found["table"] = {"seconds": round(time.monotonic() - began_s, 1), "mb": round(len(table) / 1e6, 1), **figures(asking)}
     return found
 
 
@@ -220,19 +177,19 @@ def measured(home, trials, watch_s, postgres):
                     began_s = time.monotonic()
                     farm.admin.post(f"/v1/jobs/{job_id}/cancel").raise_for_status()
                     cancelled_s.append(time.monotonic() - began_s)
-            with Asking(farm, f"/jobs/{job_id}") as asking:
-                until(lambda: len(asking.took_s["/v1/status"]) > 0, 60, "the first answer")
+            with Asking(farm, STATUS, f"/jobs/{job_id}", every_s=ASK_EVERY_S) as asking:
+                until(lambda: len(asking.took_s[STATUS]) > 0, 60, "the first answer")
                 time.sleep(watch_s)
-            found |= {"submit": spread_ms(took_s), "cancel": spread_ms(cancelled_s), "after_submit": asking.figures("job_page")}
+            found |= {"submit": spread_ms(took_s), "cancel": spread_ms(cancelled_s), "after_submit": figures(asking, "job_page")}
             farm.stop()
             number, found["filling"] = asyncio.run(filled(url, trials))
             found["end"] = asyncio.run(ended_here(url, number))
             farm.start()
-            with Asking(farm, f"/jobs/{job_id}") as asking:
+            with Asking(farm, STATUS, f"/jobs/{job_id}", every_s=ASK_EVERY_S) as asking:
                 began_s = time.monotonic()
                 until(lambda: farm.job(job_id)["state"] == "succeeded", 600, "the end of the job")
                 found["end_by_services"] = {"seconds": round(time.monotonic() - began_s, 1)}
-            found["end_by_services"] |= asking.figures("job_page")
+            found["end_by_services"] |= figures(asking, "job_page")
             found["pages"] = pages(farm, job_id, trials)
         finally:
             farm.close()

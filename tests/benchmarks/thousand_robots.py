@@ -16,20 +16,18 @@ import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path
-from statistics import median
 
-import httpx
 from prometheus_client.parser import text_string_to_metric_families
 
+from tests.benchmarks.asking import Asking, spread_ms
 from tests.benchmarks.machine import kind
 from tests.homes import now, postgres_server
 from tests.integration.farm_process import ROOT, Services, until
 
-SETTLE_S, ASK_EVERY_S = 5.0, 0.1
+SETTLE_S, ASK_EVERY_S, STATUS = 5.0, 0.1, "/v1/status"
 TRIALS_PER_S = 100
 """What the robots could do together if leases cost nothing."""
 JOB_TRIALS, JOBS = 1000, 12
@@ -69,33 +67,10 @@ def memory_mb(pids):
     return round(pages * os.sysconf("SC_PAGE_SIZE") / 1e6)
 
 
-class Asking:
-    """Somebody who asks for the status again and again; keeps how long each answer took."""
-
-    def __init__(self, farm):
-        self.services, self.took_s, self.closing = farm.services, [], threading.Event()
-
-    def __enter__(self):
-        self.thread = threading.Thread(target=self.ask, daemon=True)
-        self.thread.start()
-        return self
-
-    def __exit__(self, *_):
-        self.closing.set()
-        self.thread.join()
-
-    def ask(self):
-        with httpx.Client(base_url=self.services.api, headers=self.services.admin.headers, timeout=120) as client:
-            while not self.closing.wait(ASK_EVERY_S):
-                began_s = time.monotonic()
-                client.get("/v1/status").raise_for_status()
-                self.took_s.append(time.monotonic() - began_s)
-
-    def figures(self):
-        """Milliseconds of the answers."""
-        took_ms = sorted(1e3 * each for each in self.took_s)
-        p95 = took_ms[min(len(took_ms) - 1, int(0.95 * len(took_ms)))]
-        return {"status_ms": round(median(took_ms), 1), "status_p95_ms": round(p95, 1), "status_max_ms": round(took_ms[-1], 1)}
+def figures(asking):
+    """Milliseconds of the status's answers."""
+    found = spread_ms(asking.took_s[STATUS])
+    return {"status_ms": found["median_ms"], "status_p95_ms": found["p95_ms"], "status_max_ms": found["longest_ms"]}
 
 
 class Farm:
@@ -203,11 +178,11 @@ def measured(home, robots, within_s, rest_s, work_s, checkout, postgres):
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         farm = stack.enter_context(farm_of(home, Path(name), checkout, postgres))
         found["memory_mb_alone"], began_s = memory_mb(farm.pids()), time.monotonic()
-        with Asking(farm) as asking, farm.measured(coming := {}):
+        with Asking(farm.services, STATUS, every_s=ASK_EVERY_S) as asking, farm.measured(coming := {}):
             running = stack.enter_context(swarm(farm, robots, within_s))
             coming |= json.loads(said_by(running))
             until(lambda: status(farm)["robots_by_state"]["idle"] == robots, 300, f"{robots} idle robots")
-        found["coming"] = coming | asking.figures() | {"all_idle_after_s": round(time.monotonic() - began_s, 1)}
+        found["coming"] = coming | figures(asking) | {"all_idle_after_s": round(time.monotonic() - began_s, 1)}
         time.sleep(SETTLE_S)
         with farm.measured(rest := {}):
             time.sleep(rest_s)
@@ -227,7 +202,7 @@ def worked(farm, trial_s, work_s, *, stops):
         assert answer.status_code == 201, answer.text
     time.sleep(trial_s + SETTLE_S)
     killed = 0
-    with Asking(farm) as asking, farm.measured(work := {}):
+    with Asking(farm.services, STATUS, every_s=ASK_EVERY_S) as asking, farm.measured(work := {}):
         began_s, before = time.monotonic(), done(farm)
         while (passed_s := time.monotonic() - began_s) < work_s:
             time.sleep(0.5)
@@ -236,7 +211,7 @@ def worked(farm, trial_s, work_s, *, stops):
                 killed += 1
         outcomes = done(farm) - before
         passed_s = time.monotonic() - began_s
-    found = work | asking.figures() | {"trial_s": trial_s, "outcomes_per_s": round(outcomes / passed_s, 1)}
+    found = work | figures(asking) | {"trial_s": trial_s, "outcomes_per_s": round(outcomes / passed_s, 1)}
     return found | {"claim_ms": claim_ms(farm), "memory_mb": memory_mb(farm.pids())} | ({"killed": killed} if stops else {})
 
 
