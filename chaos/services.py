@@ -100,8 +100,8 @@ def without_key() -> None:
     """Makes a new job of every submission."""
     submit = submission.submit
 
-    async def submitting(tx: Any, now_s: float, request: Any, sender: Any) -> Any:
-        return await submit(tx, now_s, request, replace(sender, idempotency_key=None))
+    async def submitting(tx: Any, now_s: float, request: Any, sender: Any, **more: Any) -> Any:
+        return await submit(tx, now_s, request, replace(sender, idempotency_key=None), **more)
 
     submission.submit = submitting
 
