@@ -9,6 +9,7 @@ from typing import Annotated
 from fastapi import APIRouter, Request, Response
 from fastapi import Path as InPath
 
+from api_schemas.job import MAX_TRIALS
 from api_schemas.token import Scope
 from api_schemas.trial import Verification
 from jail.level import too_open
@@ -35,7 +36,7 @@ SPARE_BYTES = 1024**2
 MOST_VERIFIED = 1
 """Logs of one owner at the same time, from the first byte that comes in to the verdict."""
 RETRY_AFTER_S = 10
-Ordinal = Annotated[int, InPath(ge=0, le=9999)]
+Ordinal = Annotated[int, InPath(ge=0, lt=MAX_TRIALS)]
 
 
 @router.head("/truth", response_class=Response, responses=files(MCAP))
