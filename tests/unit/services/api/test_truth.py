@@ -37,8 +37,8 @@ def sent(*chunks):
 
 
 async def test_a_body_that_does_not_come_is_not_waited_for(tmp_path):
-    with pytest.raises(TooSlow, match=r"within 0\.05 s; 2 bytes"):
-        await _receive(tmp_path / "log.mcap", sent(b"a", b"b"), 1000, 0.05)
+    with pytest.raises(TooSlow, match=r"within 1 s; 2 bytes"):
+        await _receive(tmp_path / "log.mcap", sent(b"a", b"b"), 1000, 1.0)
 
 
 async def test_a_body_larger_than_such_a_log_can_be_is_refused(tmp_path):
