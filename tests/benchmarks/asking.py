@@ -2,6 +2,7 @@
 
 import threading
 import time
+from contextlib import contextmanager
 from statistics import median
 
 import httpx
@@ -16,11 +17,12 @@ def spread_ms(took_s):
     return {name: round(value, 1) for name, value in (found | {"longest_ms": ordered[-1]}).items()} | {"times": len(ordered)}
 
 
+@contextmanager
 def client_of(services):
     """A client as operator, who is signed in to the pages, too."""
-    client = httpx.Client(base_url=services.api, headers=services.admin.headers, follow_redirects=True, timeout=120)
-    client.post("/sign-in", data={"token": services.tokens["admin"]})
-    return client
+    with httpx.Client(base_url=services.api, headers=services.admin.headers, follow_redirects=True, timeout=120) as client:
+        client.post("/sign-in", data={"token": services.tokens["admin"]})
+        yield client
 
 
 class Asking:
