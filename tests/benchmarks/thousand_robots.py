@@ -142,11 +142,11 @@ def swarm(farm, robots, within_s):
     where = ["--api", farm.services.api, "--bus", farm.services.bus]
     how = ["--robots", str(robots), "--within-s", str(within_s), "--trial-s", str(robots / TRIALS_PER_S)]
     command = [sys.executable, "-m", "tests.benchmarks.swarm", *where, *how]
-    running = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
-    try:
-        yield running
-    finally:
-        ended(running)
+    with subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True) as running:
+        try:
+            yield running
+        finally:
+            ended(running)
 
 
 def status(farm):
