@@ -39,7 +39,9 @@ def parsed(arguments: list[str]) -> tuple[str, Settings]:
             "--bus-connect", help="zenoh endpoint of a router that runs elsewhere, or several by commas; then none runs here"
         )
         each.add_argument("--farm", help="the farm's name on the bus")
-    serve.add_argument("--host")
+    dispatcher.add_argument("--metrics-port", type=int, help="answer /metrics there, on --host; usual: nowhere")
+    for each in (serve, dispatcher):
+        each.add_argument("--host")
     serve.add_argument("--port", type=int)
     serve.add_argument("--bus", help="zenoh endpoint to listen on, as tcp/127.0.0.1:7447")
     serve.add_argument("--physics", help="what the robots were told; shown in the status")

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import structlog
 import uvicorn
-from prometheus_client import CollectorRegistry, ProcessCollector
+from prometheus_client import CollectorRegistry, ProcessCollector, start_http_server
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from api_schemas.token import Scope, TokenRequest
@@ -194,9 +194,28 @@ async def dispatch(settings: Settings) -> None:
     if settings.database_url is None or not settings.elsewhere:
         raise NotReady("a dispatcher alone shares a database and a bus; set TRIFARM_DATABASE_URL and --bus-connect")
     async with open_farm(settings) as farm, dispatching(farm, serves=False):
-        log.info("dispatching", bus=settings.bus_connect)
-        log.info("stopping", reason=await told_to_stop())
-        end_in_time()
+        with _metrics(settings, farm.registry):
+            log.info("dispatching", bus=settings.bus_connect, metrics_port=settings.metrics_port)
+            log.info("stopping", reason=await told_to_stop())
+            end_in_time()
+
+
+@contextmanager
+def _metrics(settings: Settings, registry: CollectorRegistry) -> Iterator[None]:
+    """Answers ``/metrics`` of a dispatcher alone, in a thread of its own, where a port was given for it."""
+    if settings.metrics_port is None:
+        yield
+        return
+    try:
+        server, thread = start_http_server(settings.metrics_port, settings.host, registry)
+    except OSError as error:
+        raise NotReady(f"nothing can listen on {settings.host}:{settings.metrics_port}, TRIFARM_METRICS_PORT: {error}") from error
+    try:
+        yield
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
 
 
 async def _stop_when_told(server: uvicorn.Server, signals: Signals) -> None:

@@ -134,6 +134,12 @@ class Settings(BaseSettings):
     s3_access_key_id: str | None = Field(default=None, description="without it, what AWS_* variables or the machine give")
     s3_secret_access_key: SecretStr | None = Field(default=None, description="belongs to it")
     dispatches: bool = Field(default=True, description="false: this process answers requests and gives no leases")
+    metrics_port: int | None = Field(
+        default=None,
+        ge=1,
+        le=65535,
+        description="where a dispatcher alone answers ``/metrics``, on ``host``; without it, nowhere",
+    )
     alive_file: Path | None = Field(
         default=None, description="touched while the dispatcher's loop goes round, for the health check of its container"
     )

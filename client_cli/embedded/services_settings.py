@@ -69,6 +69,7 @@ DECIDED = frozenset(
         "TRIFARM_FILES_URL",
         "TRIFARM_HOST",
         "TRIFARM_JAIL_LEVEL",
+        "TRIFARM_METRICS_PORT",
         "TRIFARM_PHYSICS",
         "TRIFARM_PORT",
         "TRIFARM_ROBOT_TOKEN",

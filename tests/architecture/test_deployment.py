@@ -213,7 +213,7 @@ def test_on_kubernetes_robots_speak_to_the_api_and_the_bus_alone():
     found = {each["metadata"]["name"]: each["spec"] for each in resources() if each["kind"] == "NetworkPolicy"}
     assert found["nobody"] == {"podSelector": {}, "policyTypes": ["Ingress"]}
     assert {name: spec["podSelector"]["matchLabels"]["app"] for name, spec in found.items() if name != "nobody"} == {
-        app: app for app in ("api", "router", "robot")
+        app: app for app in ("api", "router", "robot", "dispatcher")
     }
     assert {app for app, _, _ in pods()} == {"api", "router", "robot", "dispatcher"}
     ports = {app: container["ports"][0]["containerPort"] for app, container, _ in pods() if "ports" in container}
@@ -223,8 +223,23 @@ def test_on_kubernetes_robots_speak_to_the_api_and_the_bus_alone():
         reached[to.get("podSelector", {}).get("matchLabels", {}).get("app")] = [port["port"] for port in rule["ports"]]
     assert found["robot"]["policyTypes"] == ["Egress"]
     assert reached == {"api": [ports["api"]], "router": [ports["router"]], None: [53, 53]}
-    for app in ("api", "router"):
+    for app in ("api", "router", "dispatcher"):
         assert [port["port"] for rule in found[app]["ingress"] for port in rule["ports"]] == [ports[app]]
+
+
+def test_on_kubernetes_the_metrics_of_dispatchers_are_for_prometheus_alone():
+    (template,) = (
+        each["spec"]["template"]
+        for each in resources()
+        if each["metadata"]["name"] == "dispatcher" and "replicas" in each["spec"]
+    )
+    (container,) = template["spec"]["containers"]
+    told = parsed(container["args"])[1]
+    asked = int(template["metadata"]["annotations"]["prometheus.io/port"])
+    assert told.host == "0.0.0.0" and container["ports"][0]["containerPort"] == told.metrics_port == asked
+    (policy,) = (each for each in resources() if each["kind"] == "NetworkPolicy" and each["metadata"]["name"] == "dispatcher")
+    (rule,) = policy["spec"]["ingress"]
+    assert rule["from"] == [{"namespaceSelector": {"matchLabels": {"kubernetes.io/metadata.name": "monitoring"}}}]
 
 
 def test_the_services_are_told_the_physics_of_the_robots():

@@ -13,7 +13,10 @@ import pytest
 
 from services.api.door import SESSION_COOKIE as COOKIE
 from tests.homes import scale_settings
-from tests.integration.farm_process import PATIENCE_S, ROOT, Services, services, until
+from tests.integration.farm_process import PATIENCE_S, ROOT, Services, free_port, services, until
+
+METRICS_PORT = free_port()
+"""Of the dispatcher alone."""
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +43,7 @@ def pair(postgres, s3, tmp_path_factory):
 @contextmanager
 def dispatcher(data, settings):
     """A dispatcher alone; it ends in good order."""
-    command = [sys.executable, "-m", "services", "dispatch", "--data", str(data)]
+    command = [sys.executable, "-m", "services", "dispatch", "--data", str(data), "--metrics-port", str(METRICS_PORT)]
     said = data.parent / "third.txt"
     with said.open("wb") as errors:
         process = subprocess.Popen(command, cwd=ROOT, env=os.environ | settings, stderr=errors)
@@ -71,6 +74,27 @@ def test_what_one_takes_the_other_shows_and_all_robots_work(pair):
     until(
         lambda: [row["trials_done"] for row in second.admin.get("/v1/robots").json()["robots"]] == [10] * 4, PATIENCE_S, str(done)
     )
+
+
+def test_the_leases_of_all_are_counted_where_each_is_asked(pair):
+    def leases():
+        """Given so far by each process that gives any."""
+        asked = (f"{pair[1].api}/metrics", f"http://127.0.0.1:{METRICS_PORT}/metrics")
+        told = [httpx.get(address, trust_env=False).text for address in asked]
+        return [float(re.search(r"^trifarm_leases_total (.+)$", each, re.MULTILINE)[1]) for each in told]
+
+    before = leases()
+    job_id = pair[0].submit(pair[0].policy(), trials=40).json()["job_id"]
+    assert pair[0].wait_for_end(job_id)["state"] == "succeeded"
+    given = [now - then for now, then in zip(leases(), before, strict=True)]
+    assert sum(given) == 40 and min(given) > 0
+
+
+def test_a_dispatcher_says_which_port_it_cannot_have(pair, tmp_path):
+    command = [sys.executable, "-m", "services", "dispatch", "--data", str(tmp_path), "--metrics-port", str(METRICS_PORT)]
+    ended = subprocess.run(command, cwd=ROOT, env=os.environ | pair[1].settings, capture_output=True, text=True, check=False)
+    assert ended.returncode == 1
+    assert f"nothing can listen on 127.0.0.1:{METRICS_PORT}, TRIFARM_METRICS_PORT: " in ended.stderr.splitlines()[-1]
 
 
 def test_a_wish_at_one_is_kept_by_the_other(pair):
