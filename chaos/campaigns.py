@@ -15,6 +15,7 @@ from chaos.faults.kills import KILLS, SERVERS, Ready, kill
 from chaos.faults.leases import LEASES, pause
 from chaos.faults.requests import REQUESTS
 from chaos.faults.surroundings import SURROUNDINGS
+from chaos.homes import SCALE
 from chaos.processes import DidNotHappen
 
 log = structlog.get_logger()
@@ -31,6 +32,8 @@ class Campaign:
     load: Load
     harm: Callable[[Scene], Iterator[Injection]]
     at_least: int = 0
+    only_home: str | None = None
+    """Where alone it can be done: elsewhere there is nothing of the kind that it breaks."""
 
 
 def campaign(name: str, seed: int, *, quick: bool) -> Campaign:
@@ -52,6 +55,7 @@ def campaign(name: str, seed: int, *, quick: bool) -> Campaign:
                 farm,
                 Load(clients=10, jobs=NO_END, pace_s=1.0, seed=seed),
                 lambda scene: restart_database_often(scene, 60 if quick else 600),
+                only_home=SCALE,
             )
         case _:
             raise ValueError(f"there is no campaign {name!r}; choose from matrix, kills, pauses, outages")

@@ -52,6 +52,10 @@ class About:
     took_s: float
 
 
+class CannotBreak(RuntimeError):
+    """The farm would keep its promises for want of what was to be broken."""
+
+
 def main(arguments: list[str]) -> int:
     """Writes one JSON document; code 1 when a promise was broken, 2 when the run could not be made."""
     parser = argparse.ArgumentParser(prog="python -m chaos run")
@@ -66,7 +70,7 @@ def main(arguments: list[str]) -> int:
     _log_to_stderr()
     try:
         said = run(given.campaign, given.home, given.seed, isolated, quick=given.quick, keep=given.keep)
-    except (DidNotHappen, HomeMissing) as error:
+    except (CannotBreak, DidNotHappen, HomeMissing) as error:
         given.out.write_text(json.dumps({"error": str(error)}))
         return 2
     given.out.write_text(json.dumps(said))
@@ -74,8 +78,14 @@ def main(arguments: list[str]) -> int:
 
 
 def run(name: str, home: str, seed: int, isolated: Isolation, *, quick: bool, keep: Path | None = None) -> dict[str, Any]:
-    """One campaign against one farm; gives the document of the run."""
+    """One campaign against one farm; gives the document of the run.
+
+    Raises:
+        CannotBreak: such a home has nothing that the campaign breaks.
+    """
     began_s, planned = time.monotonic(), campaigns.campaign(name, seed, quick=quick)
+    if planned.only_home not in (None, home):
+        raise CannotBreak(f"the campaign {name} needs a home that 'embedded' has not: add --home {planned.only_home}")
     with ExitStack() as stack:
         processes = stack.enter_context(process_group())
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="trifarm-chaos-", ignore_cleanup_errors=True)))

@@ -49,6 +49,7 @@ LARGER = {
         "renders --rows {to}/rows.jsonl --robots 1 --scenes 1 --reference-every 10",
         "tables --rows {to}/rows.jsonl --out {to}/tables.json",
     ],
+    "killed_workers": ["--samples 100000 --kill-every-s 30 --checkpoint-minutes 0.01 --out {to}/killed.json"],
     "large_job": ["--homes embedded --trials 1200 --watch-s 0.5 --out {to}/large.json"],
     "leak": ["--lines {to}/leak.jsonl --robots 2 --answers 2 --for-s 20"],
     "learning_rate": ["--robots 16 --threads 1 --blocks 1 --periods 10 --iterations 1 --recipes push --out {to}/rates.json"],
@@ -98,6 +99,8 @@ def why_not(name: str, lines: list[str]) -> str | None:
         return "the photographs are not beside this checkout (../shared/data/trifinger_photos)"
     if name in ("learning_rate", "workers_cost") and importlib.util.find_spec("torch") is None:
         return "torch is not installed"
+    if name == "killed_workers" and importlib.util.find_spec("ray") is None:
+        return "Ray is not installed"
     if name in ("replay_opening", "page_pictures") and not Path(CHROMIUM).exists():
         return f"there is no {CHROMIUM}"
     if name in ("peer", "peer_fields"):

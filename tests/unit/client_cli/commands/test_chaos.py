@@ -76,3 +76,9 @@ def test_a_run_that_could_not_be_made_says_why(ran):
 
 def test_every_promise_of_the_checker_is_shown():
     assert set(check(Evidence((), {}, (), (), {}, {}, 0.0, 0.0), bool).broken) == set(chaos.PROMISES)
+
+
+def test_what_a_home_does_not_have_is_not_broken_on_it():
+    result = CliRunner().invoke(app, ["chaos", "--campaign", "outages", "--quick"])
+    assert result.exit_code != 0
+    assert str(result.exception) == "the campaign outages needs a home that 'embedded' has not: add --home scale"
