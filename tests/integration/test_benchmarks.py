@@ -91,16 +91,19 @@ ELSEWHERE = {
 """Who starts the other programs."""
 
 
+NEEDS = {"killed_workers": ("ray", "torch"), "learning_rate": ("torch",), "workers_cost": ("torch",)}
+"""Of the optional packages."""
+
+
 def why_not(name: str, lines: list[str]) -> str | None:
     """What a program needs and this machine lacks."""
     if any("{experts}" in line for line in lines) and not EXPERTS.is_dir():
         return "the published experts are not beside this checkout (../shared/data/policies)"
     if any("{photos}" in line for line in lines) and not PHOTOGRAPHS.is_dir():
         return "the photographs are not beside this checkout (../shared/data/trifinger_photos)"
-    if name in ("learning_rate", "workers_cost") and importlib.util.find_spec("torch") is None:
-        return "torch is not installed"
-    if name == "killed_workers" and importlib.util.find_spec("ray") is None:
-        return "Ray is not installed"
+    for needed in NEEDS.get(name, ()):
+        if importlib.util.find_spec(needed) is None:
+            return f"{needed} is not installed"
     if name in ("replay_opening", "page_pictures") and not Path(CHROMIUM).exists():
         return f"there is no {CHROMIUM}"
     if name in ("peer", "peer_fields"):
