@@ -248,7 +248,8 @@ def detect(
         Visible faces (n, 3 cameras, 6 faces); confidence (n,); position (n, 3), m, and orientation (n, 4) wxyz, at the origin
         where the confidence is 0; delay until the report (n,), s; and whether the frame is lost (n,).
     """
-    arrays = (np.ascontiguousarray(array) for array in (joint_position_rad, position_m, quat_wxyz))
+    # Copies: for arrays that may not be written to all of it would be compiled once more.
+    arrays = (np.array(array, order="C") for array in (joint_position_rad, position_m, quat_wxyz))
     return _compiled()[0](values, seed, frame, *arrays)
 
 

@@ -14,7 +14,7 @@ FRICTION_NM = (0.2, 0.1)
 
 def test_a_study_with_its_own_extended_model_finds_nothing_wrong(tmp_path):
     for seed in (0, 1):
-        write_csv(tmp_path / f"r{seed}.csv", *motion(seed, 8.0, friction_nm=FRICTION_NM))
+        write_csv(tmp_path / f"r{seed}.csv", *motion(seed, 5.0, friction_nm=FRICTION_NM))
     (tmp_path / "study.toml").write_text(STUDY)
     shutil.copy(MODEL, tmp_path / "model.xml")
     first = run_study(tmp_path / "study.toml", tmp_path / "first").verdict
