@@ -190,8 +190,8 @@ def test_a_fit_that_has_settled_probes_only_causes_and_ends_in_the_same_place(mo
     (always, most), (settled, fewer) = fitted(0.0), fitted(own)
     assert fewer < 0.8 * most
     values = [fit.state.value(friction.key)[0] for fit in (always, settled)]
-    assert values[1] == pytest.approx(values[0], abs=0.2 * always.errors[0])
-    assert np.median(settled.squares) == pytest.approx(np.median(always.squares), rel=0.02)
+    assert values[1] == pytest.approx(values[0], rel=0.02), "its own interval is 10 % wide"
+    assert np.median(settled.squares) == pytest.approx(np.median(always.squares), rel=0.1)
 
 
 def test_a_limit_that_few_windows_meet_is_named_and_not_called_healthy():

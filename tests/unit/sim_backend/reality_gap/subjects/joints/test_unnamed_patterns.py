@@ -70,7 +70,7 @@ def left_of(law: str) -> Followed | None:
 @pytest.mark.parametrize(
     ("law", "variables"),
     [
-        ("hysteresis", {"its way since it turned round", "its acceleration", "its position"}),  # along sines they look alike
+        ("hysteresis", {"the way that it came, as friction with a memory"}),
         ("tight spot", {"its position, there and back"}),
     ],
 )
