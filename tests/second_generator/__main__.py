@@ -61,7 +61,7 @@ def _parser():
     two.add_argument("folder", type=Path)
     two.add_argument("--out", type=Path, required=True, help="file that gets one line of JSON for each case")
     two.add_argument("--limit-s", type=float, default=3600.0, help="longest time for one study, s")
-    two.add_argument("--method", default="naming", help="of the study")
+    two.add_argument("--method", help="of the study; without it the tool's own, as users ask")
     three = commands.add_parser("score", help="count the answers")
     three.add_argument("results", type=Path)
     three.add_argument("truth", type=Path)

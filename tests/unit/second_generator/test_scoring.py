@@ -98,6 +98,15 @@ print(json.dumps({"verdict": "nothing_wrong", "causes": [], "summary": place, "f
 """
 
 
+@pytest.mark.parametrize(("method", "said"), [(None, []), ("rollouts", ["--method", "rollouts"])])
+def test_the_tool_is_asked_by_its_own_method_unless_another_is_wanted(tmp_path, method, said):
+    tool = tmp_path / "tool.py"
+    tool.write_text("import json, sys\nprint(json.dumps({'verdict': 'nothing_wrong', 'causes': [], 'summary': sys.argv[6:]}))")
+    answer = judging.ask(tmp_path / "robot-x", tmp_path / "answers", [sys.executable, str(tool)], 60.0, method)
+    assert answer["summary"] == ["--json", *said]
+    assert 0.0 <= answer["cpu_s"] < 60.0
+
+
 def test_each_case_is_asked_until_it_has_an_answer(tmp_path):
     tool = tmp_path / "tool.py"
     tool.write_text(TOOL)

@@ -41,6 +41,10 @@ _TAILS = 4.0
 """Squares of a window's error, over the usual, beyond which it counts less and less."""
 _ITERATIONS, _QUICK_ITERATIONS, _STARTS_ALONE = 6, 5, 3
 _ENOUGH, _DAMPING = 1e-3, 1e-3
+_SETTLES = 0.25
+"""After a step by which squares of windows fell by less, in the mean of their logarithms, a model bends no more: what tolerances
+and begins of windows change there is as it was.
+"""
 TOLERATED = 2.0
 """Standard deviations that a tolerance is."""
 _WIDE = 10.0
@@ -63,12 +67,14 @@ class Linearised:
         error: measured less simulated, shape (n, s, k), rad.
         precision, pull: sums of squares of the terms' changes and with the errors, in units of the noise, (m, m) and (m,).
         starts: for each window, what its start follows from a change of the terms: (change of start, by terms).
+        moves: what each term, and after them where windows begin, changes in positions, shape (m + 2 k, n, s, k).
     """
 
     error: np.ndarray
     precision: np.ndarray
     pull: np.ndarray
     starts: tuple[np.ndarray, np.ndarray]
+    moves: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -230,13 +236,13 @@ class RolloutProblem:
         begin: tuple[np.ndarray, np.ndarray],
         iterations: int,
     ) -> RolloutFit:
-        """Steps of Gauss and Newton, each as far as errors fall."""
+        """Steps of Gauss and Newton, each as far as errors fall; once they are small only the causes are probed anew."""
         every = (*terms, *(t for t, _ in loose))
         scales = np.array([*(_WIDE * self.catalogue.scales.get(t.key, 1.0) for t in terms), *(s for _, s in loose)])
-        squares, errors = self.squares_of(state, begin), np.zeros(len(every))
+        squares, errors, known = self.squares_of(state, begin), np.zeros(len(every)), None
         for _ in range(iterations):
             noise, weights = self.noise_of(squares)
-            linear = self.linearised(state, every, begin, noise, weights)
+            linear = self.linearised(state, every, begin, noise, weights, known)
             prior = 1.0 / scales**2
             precision = linear.precision + np.diag(prior)
             errors = np.sqrt(np.diag(np.linalg.inv(precision)))
@@ -255,8 +261,10 @@ class RolloutProblem:
             if found is None:
                 break
             state, begin, squares = found
-            if self._loss(squares, noise) > before - _ENOUGH * abs(before):
+            fell = before - self._loss(squares, noise)
+            if fell < _ENOUGH * abs(before):
                 break
+            known = linear.moves[len(terms) :] if fell < _SETTLES * squares.size else None
         return RolloutFit(state, every, len(terms), scales, errors, squares, begin)
 
     def without_loose(self, state: JointState, kept: Sequence[Term]) -> JointState:
@@ -297,26 +305,29 @@ class RolloutProblem:
         begin: tuple[np.ndarray, np.ndarray],
         noise: np.ndarray,
         weights: np.ndarray,
+        known: np.ndarray | None = None,
     ) -> Linearised:
-        """Errors at a model and what a change of each term does to them."""
-        w, (n, k) = self.windows, begin[0].shape
-        models = [state, *(state.moved(t, t.probe) for t in terms)]
-        m, total = len(terms), 1 + len(terms) + 2 * k
-        places, speeds = (np.tile(each, (total, 1, 1)) for each in begin)
-        for j in range(k):
-            places[1 + m + j, :, j] += PROBES[0]
-            speeds[1 + m + k + j, :, j] += PROBES[1]
-        which = np.repeat([*range(1 + m), *[0] * (2 * k)], n)
-        many = w.some(np.tile(np.arange(n), total))
-        went = self.forward.positions(many, places.reshape(-1, k), speeds.reshape(-1, k), models, which)
-        went = went.reshape(total, n, -1, k)
-        error = w.position_rad - went[0]
-        steps = np.array([*(t.probe for t in terms), *[PROBES[0]] * k, *[PROBES[1]] * k])
-        moves = (went[1:] - went[0]) / steps[:, None, None, None]
+        """Errors at a model and what a change of each term does to them.
+
+        Args:
+            state: the model.
+            terms: m of them.
+            begin: where windows begin.
+            noise: of each joint, shape (k,), rad.
+            weights: of each window and joint, shape (n, k).
+            known: what the last of the terms, and where windows begin, change, as :class:`Linearised` of a model nearby has them;
+                they are not probed then.
+        """
+        w, k = self.windows, begin[0].shape[1]
+        m = len(terms)
+        probed = m if known is None else m + 2 * k - len(known)
+        went, moves = self._probed(state, terms[:probed], begin, with_begins=known is None)
+        moves = moves if known is None else np.concatenate([moves, known])
+        error = w.position_rad - went
         fine = np.isfinite(error).all(axis=(1, 2)) & np.isfinite(moves).all(axis=(0, 2, 3))
         counted = (np.sqrt(weights * SAMPLES_OF_WINDOW / error.shape[1]) / noise)[:, None] * fine[:, None, None]
-        left = np.nan_to_num(error * counted).reshape(n, -1)
-        images = np.nan_to_num(moves * counted).reshape(total - 1, n, -1).transpose(1, 2, 0)
+        left = np.nan_to_num(error * counted).reshape(len(error), -1)
+        images = np.nan_to_num(moves * counted).reshape(m + 2 * k, len(error), -1).transpose(1, 2, 0)
         own, at_start = images[:, :, :m], images[:, :, m:]
         deviation = np.concatenate([w.begin_rad - begin[0], w.begin_rad_s - begin[1]], axis=1)
         held = np.repeat(1.0 / np.array(_STARTS) ** 2, k)
@@ -327,7 +338,26 @@ class RolloutProblem:
         by_terms = np.linalg.solve(block, cross)
         precision = np.einsum("nsm,nsl->ml", own, own) - np.einsum("nam,nal->ml", cross, by_terms)
         pull = np.einsum("nsm,ns->m", own, left) - np.einsum("nam,na->m", cross, free)
-        return Linearised(error, precision, pull, (free, by_terms))
+        return Linearised(error, precision, pull, (free, by_terms), moves)
+
+    def _probed(
+        self, state: JointState, terms: Sequence[Term], begin: tuple[np.ndarray, np.ndarray], *, with_begins: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Where a model goes, shape (n, s, k), and what terms and places and speeds of begins change in that, by their units."""
+        w, (n, k) = self.windows, begin[0].shape
+        models = [state, *(state.moved(t, t.probe) for t in terms)]
+        m, b = len(terms), k if with_begins else 0
+        total = 1 + m + 2 * b
+        places, speeds = (np.tile(each, (total, 1, 1)) for each in begin)
+        for j in range(b):
+            places[1 + m + j, :, j] += PROBES[0]
+            speeds[1 + m + k + j, :, j] += PROBES[1]
+        which = np.repeat([*range(1 + m), *[0] * (2 * b)], n)
+        many = w.some(np.tile(np.arange(n), total))
+        went = self.forward.positions(many, places.reshape(-1, k), speeds.reshape(-1, k), models, which)
+        went = went.reshape(total, n, -1, k)
+        steps = np.array([*(t.probe for t in terms), *[PROBES[0]] * b, *[PROBES[1]] * b])
+        return went[0], (went[1:] - went[0]) / steps[:, None, None, None]
 
     @property
     def motion_rad(self) -> np.ndarray:

@@ -24,9 +24,10 @@ from sim_backend.reality_gap.subjects.joints.rollout_selection import select_by_
 from sim_backend.reality_gap.subjects.joints.sections import joint_sections
 from sim_backend.reality_gap.subjects.joints.state import JointState
 from sim_backend.reality_gap.subjects.joints.torques_and_rollouts import in_both, proposed_by
-from sim_backend.reality_gap.subjects.joints.unnamed_rivals import against_unnamed, with_share_of_all
+from sim_backend.reality_gap.subjects.joints.unnamed_patterns import against_patterns
+from sim_backend.reality_gap.subjects.joints.unnamed_rivals import against_unnamed, with_late_columns, with_share_of_all
 from sim_backend.reality_gap.subjects.joints.verdict import judge
-from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import verdict_of_rollouts
+from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import usual_of_healthy_rad, verdict_of_rollouts
 from sim_backend.reality_gap.subjects.subject import CUBE_EXCITATION, Material, Progress, Sections, part
 from sim_backend.reality_gap.verdict import Verdict, VerdictKind
 from sim_backend.trifinger.scene import compile_scene
@@ -91,8 +92,10 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     healthy = draw_healthy(problem, rng)
     proposed = proposed_by(torques, found) if method == NAMING else frozenset()
     selection = select_by_rollouts(problem, catalogue, is_possible, part(progress, 0.2, 0.9), proposed)
-    rollouts = against_unnamed(verdict_of_rollouts(found, selection, healthy), selection)
-    rollouts = with_share_of_all(rollouts, found.problem.names)
+    rollouts = verdict_of_rollouts(found, selection, healthy)
+    rollouts = against_patterns(rollouts, found, selection, usual_of_healthy_rad(problem, healthy))
+    rollouts = against_unnamed(rollouts, selection)
+    rollouts = with_late_columns(with_share_of_all(rollouts, found.problem.names))
     if method != NAMING:
         return rollouts
     columns = [of(found.problem.episodes, found.problem.names) for of in (causes_between, causes_of_velocities)]

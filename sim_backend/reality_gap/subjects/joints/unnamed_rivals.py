@@ -11,12 +11,13 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
+from sim_backend.reality_gap.knowledge.joint_effects import LATE_TORQUE
 from sim_backend.reality_gap.knowledge.unnamed_laws import CONSTANT, DRAG, LAWS, MASS, UnnamedLaw
 from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutFit
 from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, OF_NUMBER, RolloutSelection, Taken, as_nominal
 from sim_backend.reality_gap.subjects.joints.state import Term
 from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import CONFUSABLE_NATS, CONFUSABLE_SHARE, effects_judged
-from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
+from sim_backend.reality_gap.verdict import Cause, Told, Verdict, VerdictKind
 
 _HALVED = 0.5
 _PROBE_SHARE = 0.01
@@ -91,6 +92,42 @@ def with_share_of_all(verdict: Verdict, names: Sequence[str]) -> Verdict:
             record_next=("the same motion with a payload of known mass at the last link", *verdict.record_next),
         )
     return verdict
+
+
+def with_late_columns(verdict: Verdict) -> Verdict:
+    """A verdict that blames a delay that motions alone tell: positions that are written as late are the same numbers.
+
+    A torque that acts late moves a joint late, and a joint whose position is written late seems to. Only a column that is on time
+    with one of both tells them apart.
+
+    Args:
+        verdict: what rollouts came to.
+    """
+    delays = [cause for cause in verdict.causes if f"{cause.effect}.{cause.parameter}" == LATE_TORQUE]
+    if verdict.verdict not in (VerdictKind.NAMED, VerdictKind.CONFUSABLE) or not delays:
+        return verdict
+    places = ", ".join(cause.where for cause in delays)
+    late_ms = f"{1e3 * min(cause.value for cause in delays):.2g}"
+    late_ms += "" if len(delays) == 1 else f" to {1e3 * max(cause.value for cause in delays):.2g}"
+    effects = [
+        replace(each, told=Told.CONFUSABLE, because=f"with positions that are written late; what separates: {_ON_TIME}")
+        if each.effect == delays[0].effect
+        else each
+        for each in verdict.effects
+    ]
+    return replace(
+        verdict,
+        verdict=VerdictKind.CONFUSABLE,
+        summary=f"{verdict.summary} Positions that are written {late_ms} ms late ({places}) look like the delay.",
+        cannot_tell=(f"whether torques act late or positions are written late ({places}): {_ON_TIME}", *verdict.cannot_tell),
+        record_next=tuple(dict.fromkeys([_ON_TIME, *verdict.record_next])),
+        effects=tuple(effects),
+    )
+
+
+_ON_TIME = (
+    "the current of the motors in the same table: behind a delay it comes after its command, beside late positions it does not"
+)
 
 
 def _constant_of(factor: float) -> float:

@@ -20,7 +20,7 @@ from sim_backend.reality_gap.subjects.joints.causes import half_interval
 from sim_backend.reality_gap.subjects.joints.healthy_robots import Healthy
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
-from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, RolloutFit
+from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, RolloutFit, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_questions import shown, would_move_nats
 from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, RolloutSelection, Taken
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, HeldOut, Rival, Told, Verdict, VerdictKind
@@ -62,9 +62,7 @@ def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection, healthy:
     before, after = selection.nominal.usual_rad, selection.fit.usual_rad
     far_before, far_after = selection.nominal.far_rad, selection.fit.far_rad
     kind, summary = VerdictKind.NAMED, f"The robot goes where a model goes that has {_listed(causes)}."
-    usual_rad = np.maximum.reduce(
-        [FAR_OFF * problem.noise_rad, _MARGIN * healthy.fitted_rad, _AS_GOOD_AS_RIGHT * problem.motion_rad]
-    )
+    usual_rad = usual_of_healthy_rad(problem, healthy)
     far_rad = _FAR * usual_rad
     is_halved, is_far_halved = after < (1.0 - _EXPLAINED) * before, far_after < (1.0 - _EXPLAINED) * far_before
     is_only_far = bool((after <= usual_rad).all() and (far_after > far_rad).any())
@@ -99,6 +97,11 @@ def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection, healthy:
         record_next=_next(kind, [rival for _, rival, _, _ in near]),
         effects=tuple(effects_judged(selection, kind, causes, [rival for _, rival, _, _ in near])),
     )
+
+
+def usual_of_healthy_rad(problem: RolloutProblem, healthy: Healthy) -> np.ndarray:
+    """What a usual window of a robot that nothing is wrong with may be off, shape (k,), rad."""
+    return np.maximum.reduce([FAR_OFF * problem.noise_rad, _MARGIN * healthy.fitted_rad, _AS_GOOD_AS_RIGHT * problem.motion_rad])
 
 
 _OPEN = frozenset({VerdictKind.UNEXPLAINED, VerdictKind.CONFUSABLE})

@@ -10,6 +10,7 @@ from sim_backend.effects.catalogue import CATALOGUE
 from sim_backend.reality_gap.feedback import Feedback
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording
+from sim_backend.reality_gap.subjects.joints import rollout_fit
 from sim_backend.reality_gap.subjects.joints.forward import Forward, Windows
 from sim_backend.reality_gap.subjects.joints.healthy_robots import Healthy, draw_healthy
 from sim_backend.reality_gap.subjects.joints.hypotheses import with_controllers
@@ -169,6 +170,28 @@ def test_a_hidden_loss_is_named_by_where_the_pendulum_goes(hidden, effect, value
     assert (cause.effect, cause.where) == (effect, "hinge")
     assert cause.interval_90[0] < value < cause.interval_90[1] and cause.value == pytest.approx(value, rel=0.1)
     assert [e.told for e in verdict.effects if e.effect == effect] == [Told.NAMED]
+
+
+def test_a_fit_that_has_settled_probes_only_causes_and_ends_in_the_same_place(monkeypatch):
+    nominal = mujoco.MjModel.from_xml_string(PENDULUM.format(more='damping="0.01"'))
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more='damping="0.0102" frictionloss="0.08"'))
+    study = study_joints(nominal, [recorded(model, targets(6.0, 1))], lambda *_: None, robot=UnknownRobot(), gate=np.inf)
+    problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, Tolerance())
+    friction, simulated = Term("coulomb_friction.torque_nm", 0, 5e-4), []
+    positions = problem.forward.positions
+    monkeypatch.setattr(problem.forward, "positions", lambda w, *rest: simulated.append(len(w)) or positions(w, *rest))
+
+    def fitted(settles: float):
+        monkeypatch.setattr(rollout_fit, "_SETTLES", settles)
+        simulated.clear()
+        return problem.fitted(study.start, [friction]), sum(simulated)
+
+    own = rollout_fit._SETTLES
+    (always, most), (settled, fewer) = fitted(0.0), fitted(own)
+    assert fewer < 0.8 * most
+    values = [fit.state.value(friction.key)[0] for fit in (always, settled)]
+    assert values[1] == pytest.approx(values[0], rel=0.02), "its own interval is 10 % wide"
+    assert np.median(settled.squares) == pytest.approx(np.median(always.squares), rel=0.1)
 
 
 def test_a_limit_that_few_windows_meet_is_named_and_not_called_healthy():

@@ -10,9 +10,9 @@ from sim_backend.reality_gap.subjects.joints.healthy_robots import draw_healthy
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_selection import select_by_rollouts
-from sim_backend.reality_gap.subjects.joints.unnamed_rivals import against_unnamed, with_share_of_all
+from sim_backend.reality_gap.subjects.joints.unnamed_rivals import against_unnamed, with_late_columns, with_share_of_all
 from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import verdict_of_rollouts
-from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
+from sim_backend.reality_gap.verdict import Cause, EffectJudged, Told, Verdict, VerdictKind
 
 PENDULUM = """
 <mujoco><option timestep="0.0005" integrator="implicitfast"/><worldbody>
@@ -64,3 +64,18 @@ def test_all_masses_by_one_share_may_be_all_torques():
 @pytest.mark.parametrize("factors", [(("upper", 0.75),), (("upper", 0.75), ("lower", 0.9))])
 def test_masses_that_are_off_each_by_its_own_are_named(factors):
     assert with_share_of_all(masses(*factors), ("upper", "lower")).verdict is VerdictKind.NAMED
+
+
+@pytest.mark.parametrize("joints", [("lower",), ("upper", "lower")])
+def test_a_delay_that_motions_alone_tell_may_be_late_positions(joints):
+    delays = [Cause("action_delay", "delay_s", name, 0.008, "s", (0.007, 0.009)) for name in joints]
+    judged = (EffectJudged("action_delay", Told.NAMED), EffectJudged("gravity", Told.EXCLUDED, 0.1, "m/s^2"))
+    found = with_late_columns(Verdict(VerdictKind.NAMED, "A delay.", causes=tuple(delays), effects=judged))
+    assert found.verdict is VerdictKind.CONFUSABLE and found.causes == tuple(delays)
+    assert "written 8" in found.summary and any("current" in said for said in found.record_next)
+    assert [each.told for each in found.effects] == [Told.CONFUSABLE, Told.EXCLUDED]
+
+
+def test_causes_without_a_delay_stay_named():
+    verdict = masses(("upper", 0.75))
+    assert with_late_columns(verdict) == verdict
