@@ -45,6 +45,7 @@ LARGER = {
     "full_disk": ["--mb 40 --physics nominal --out {to}/disk.json"],
     "full_path": ["--trials 1"],
     "grasp_controller": ["--trials 1 --tasks move_cube_1 --out {to}/grasp.json"],
+    "image_farm": ["--trials 1 --physics nominal --trackers images --out {to}/farm.json"],
     "image_trackers": [
         "renders --rows {to}/rows.jsonl --robots 1 --scenes 1 --reference-every 10",
         "tables --rows {to}/rows.jsonl --out {to}/tables.json",
