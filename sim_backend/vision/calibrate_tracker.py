@@ -1,4 +1,4 @@
-"""``trifarm calibrate-tracker``: measures the tracker on images in simulation, and gives the formula's effects their ranges from it.
+"""``trifarm calibrate-tracker``: measures the tracker on images, and gives the effects of the formula their ranges from it.
 
 Rows of errors are kept as they come, and a file of them is gone on with. Out come a file of ranges that extends ``real``, a
 table of the errors of images, of the formula as ``real`` and as found, in the same scenes, and a figure where one is asked for.

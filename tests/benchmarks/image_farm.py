@@ -1,8 +1,8 @@
 """What a whole farm costs whose trackers look at images, beside one of the formula.
 
 ``python -m tests.benchmarks.image_farm --out FILE [--trials 4] [--robots 1] [--physics real-images]`` starts one farm after the
-other, has each try the same push goals with the reference policy, and keeps for each trial what it achieved and how long it took by
-the wall, from its first step to its log. Rates are simulated seconds for each second of the wall on this machine as it was.
+other, has each try the same push goals with the reference policy, and keeps for each trial what it achieved and how long it took
+by the wall, from its first step to its log. Rates are simulated seconds for each second of the wall on this machine as it was.
 """
 
 import argparse
