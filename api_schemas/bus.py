@@ -90,6 +90,7 @@ class Heartbeat(RobotsWord):
     )  # of the content of that physics and the farm's secret; shown to nobody
     form: str = Field(default=FIRST_FORM, max_length=40)  # of the scene
     version: str = ""
+    sees: bool = False  # whether it has cameras for policies that see
     jail: JailReport | None = None  # what its policies are put into
     health: RobotHealth | None = None
 

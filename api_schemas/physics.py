@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 NOMINAL = "nominal"
-NAMED_PHYSICS = (NOMINAL, "mild", "real", "real-images")
+NAMED_PHYSICS = (NOMINAL, "mild", "real", "real-images", "real-2")
 """The physics that every farm has; anything else is a file."""
 FILE_PREFIX = "file:"
 

@@ -9,6 +9,7 @@ from pydantic import AfterValidator, BaseModel, Field, model_validator
 
 from api_schemas.error import Problem
 from api_schemas.observation import sizes_of, term_of
+from api_schemas.policy_images import PolicyImages
 from api_schemas.policy_network import MOST_BINS, ActionHead, Cell, FrameStack, NetworkState
 from api_schemas.schema import Schema
 
@@ -80,7 +81,8 @@ class OutputScaling(Schema):
 class PolicyManifest(Schema):
     """What a policy expects of the robot that runs it.
 
-    ``recurrent`` names the cell of a safetensors file with memory, ``states`` the memory of an ONNX file.
+    ``recurrent`` names the cell of a safetensors file with memory, ``states`` the memory of an ONNX file; ``images`` is for ONNX
+    files that see, beside their observation.
     """
 
     format: Literal["trifarm-policy/1"] = "trifarm-policy/1"
@@ -97,6 +99,7 @@ class PolicyManifest(Schema):
     states: tuple[NetworkState, ...] = Field(default=(), max_length=8)
     head: ActionHead = ActionHead.DIRECT
     bins: int | None = Field(default=None, ge=2, le=MOST_BINS)
+    images: PolicyImages | None = None
 
     @model_validator(mode="after")
     def _timing_fits(self) -> "PolicyManifest":
@@ -116,9 +119,12 @@ class PolicyManifest(Schema):
             raise ValueError(f"head is {self.head.value} and bins is {self.bins}; give bins with the head 'bins', and only there")
         if self.recurrent is not None and self.states:
             raise ValueError("recurrent is for safetensors, states for ONNX; give one of them")
+        if self.recurrent is not None and self.images is not None:
+            raise ValueError("recurrent is for safetensors, images for ONNX; give one of them")
         names = [name for state in self.states for name in (state.input, state.output)]
+        names += [] if self.images is None else [self.images.input]
         if len(set(names)) != len(names):
-            raise ValueError("each state needs an input and an output of its own")
+            raise ValueError("each state needs an input and an output of its own, and so do images an input")
         return self
 
     @property
@@ -235,16 +241,29 @@ LAYOUTS: dict[str, PolicyManifest] = {
             "previous_action",
         ),
     ),
+    "images": PolicyManifest(
+        name="images",
+        observation=(
+            *_ROBOT,
+            "tracker_delay_s",
+            "goal_position_world_m",
+            "goal_quat_wxyz",
+            "previous_action",
+        ),
+        rate_hz=10,
+        images=PolicyImages(),
+    ),
 }
 """Ready-made manifests by name; ``rrc2022-*`` are those of the published experts (facts/trifinger.md, section 0).
 
 ``rrc2022-*-flat`` show the whole observation of the published datasets; their actions are N m as they are. ``reach``, ``push``,
 ``move`` and ``move-pose`` are what policies of the shipped recipes see, the fingertips, too: ``push`` is for goals without an
-orientation, ``move`` and ``move-pose`` for any pose, by corners and by quaternion.
+orientation, ``move`` and ``move-pose`` for any pose, by corners and by quaternion. ``images`` shows no pose of the object but
+what the cameras see.
 """
 
 
-ADDED_LATER = ("frame_stack", "recurrent", "states", "head", "bins")
+ADDED_LATER = ("frame_stack", "recurrent", "states", "head", "bins", "images")
 ADDED_TO_INPUT_SCALING = ("whitening",)
 ADDED_TO_OUTPUT_SCALING = ("squash", "offset")
 """Fields that the first manifests did not have; left out where they say nothing, so that no digest has changed, and older robots

@@ -1,7 +1,7 @@
 """How a converted graph is run: an observation in, an action out, and what it remembers of a trial goes from call to call.
 
 A graph with memory has, beside ``observation`` and ``action``, an input for each state and an output that gives the next one,
-named like the input with ``NEXT`` before it. A trial begins with zeros.
+named like the input with ``NEXT`` before it. A trial begins with zeros. A graph that sees has an input ``images``, uint8.
 """
 
 import os
@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from api_schemas.policy_images import IMAGES
 from jail.environment import SILENT
 
 OBSERVATION = "observation"
@@ -65,7 +66,9 @@ class GraphRunner:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        states = [each for each in session.get_inputs() if each.name != OBSERVATION]
+        inputs = session.get_inputs()
+        self.sees = any(each.name == IMAGES for each in inputs)
+        states = [each for each in inputs if each.name not in (OBSERVATION, IMAGES)]
         self._blank = {each.name: np.zeros(each.shape, np.float32) for each in states}
         self._outputs = [ACTION, *(NEXT + name for name in self._blank)]
         self._memory = self._blank
@@ -81,11 +84,24 @@ class GraphRunner:
         """The same policy for another trial."""
         return GraphRunner(self._session)
 
-    def act(self, observation: np.ndarray) -> np.ndarray:
-        """The action for one observation, float32 of shape (1, n)."""
+    def act(self, observation: np.ndarray, images: np.ndarray | None = None) -> np.ndarray:
+        """The action, shape (1, 9).
+
+        Args:
+            observation: float32, shape (1, n).
+            images: for a graph that sees, uint8, of the shape that its manifest says.
+
+        Raises:
+            ValueError: it sees, and there is nothing to see.
+        """
         if self._bound is not None and self._bound.takes(observation):
             return self._bound.act(observation)
-        action, *states = self._session.run(self._outputs, {OBSERVATION: observation, **self._memory})
+        given = {OBSERVATION: observation, **self._memory}
+        if self.sees:
+            if images is None:
+                raise ValueError("this policy sees images, which only the robots of a farm take")
+            given[IMAGES] = images
+        action, *states = self._session.run(self._outputs, given)
         self._memory = dict(zip(self._blank, states, strict=True))
         return np.asarray(action, np.float32)
 

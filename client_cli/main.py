@@ -52,6 +52,9 @@ GROUPS = {
         "identify": Entry("client_cli.commands.identify:identify", JOB_END),
         "gap": Entry("client_cli.commands.gap:commands"),
         "effects": Entry("client_cli.commands.physics:effects", OF_A_CHILD),
+        "calibrate-tracker": Entry(
+            "client_cli.commands.calibrate_tracker:calibrate_tracker", (*OF_A_CHILD, ExitCode.INTERRUPTED)
+        ),
         "physics": Entry("client_cli.commands.physics:physics", OF_A_CHILD),
     },
     "Learning": {

@@ -34,7 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
     """The command; see the module's docstring."""
     parser = argparse.ArgumentParser(prog="python -m robot_farm.checking", description="Check what robots would be told.")
     parser.add_argument("--robots", type=int, required=True, help="how many there are to be, from robot-0 on")
-    parser.add_argument("--physics", required=True, help="nominal, mild, real, real-images or a file with ranges")
+    parser.add_argument("--physics", required=True, help="nominal, mild, real, real-images, real-2 or a file with ranges")
     parser.add_argument("--fault", action="append", default=[], metavar="SPEC", help="of a robot; may be given several times")
     kinds = [kind.value for kind in TrackerName]
     parser.add_argument("--tracker", choices=kinds, default=TrackerName.POSE.value, help="what finds the object")

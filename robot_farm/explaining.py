@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from api_schemas.builtin_mark import BUILTIN_MARK
+from api_schemas.policy import PolicyManifest
 from api_schemas.why import Why, WhyEffect, WhyGroup, WhyVerdict
 from jail.entering import enter
 from jail.level import JailLevel
@@ -120,6 +121,8 @@ def _check(log: TrialLog) -> None:
     trial = log.metadata.get("trial_id", "the trial")
     if log.manifest is None:
         raise NothingToExplainError(f"{trial} is an excitation; it has no goal to miss")
+    if PolicyManifest.model_validate_json(log.manifest).images is not None:
+        raise NothingToExplainError("its policy sees images, and replays of other robots have none to show it")
     kind = log.outcome.get("kind")
     if kind != "failed":
         raise NothingToExplainError(f"{trial} {kind}; only a trial that ran to its end and missed its goal is explained")

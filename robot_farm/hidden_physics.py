@@ -112,7 +112,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--data", type=Path, required=True, help="the farm's data folder")
     parser.add_argument("--robot", required=True, help="name of the robot, such as robot-0")
     parser.add_argument(
-        "--physics", default="real", help="what the farm was started with: nominal, mild, real, real-images or a file"
+        "--physics", default="real", help="what the farm was started with: nominal, mild, real, real-images, real-2 or a file"
     )
     parser.add_argument("--farm-seed", type=int, help="what the farm was started with, if it was given a seed")
     parser.add_argument("--json", action="store_true", help="print one line of JSON")

@@ -40,7 +40,7 @@ from robot_farm.process import Ending
 from robot_farm.reserve import Reserve
 from robot_farm.run import Progress, live_state
 from robot_farm.settings import Settings
-from robot_farm.sight import Sight
+from robot_farm.sight import Sight, blind, blind_to
 from robot_farm.trial import run_trial
 from robot_farm.truth import TruthFile, truth_channels
 from sim_backend.trifinger.form import scene_form
@@ -117,6 +117,7 @@ class Robot:
                     health=self._watched.health,
                     standing=self._standing,
                     alive_file=self._settings.alive_file,
+                    sees=blind() is None,
                 )
             )
             bus.out_of_service(self._unfit)
@@ -219,6 +220,8 @@ class Robot:
             self._reserve.follow(log, truth.path)
             return "the robot is being stopped" if stop.is_set() else keeper.stop_reason()
 
+        if (lacks := blind_to(lease)) is not None:
+            return _ended(OutcomeKind.PLATFORM_ERROR, lacks)
         try:
             policy = self._policy_for(lease, api, self._outage.patience(keeper, stop))
             self._outage.waits = None
@@ -296,7 +299,8 @@ class Robot:
         self._end_policy()
         graph = api.fetch_graph(lease.policy, lease.graph_sha256, self._folder, patience)
         module = BUILTIN_PROCESS if lease.policy in BUILTIN_NAMES else POLICY_PROCESS
-        self._policy = JailedPolicy(lease.policy, graph, least=self._settings.jail_level, module=module)
+        images = None if lease.manifest is None else lease.manifest.images
+        self._policy = JailedPolicy(lease.policy, graph, least=self._settings.jail_level, module=module, images=images)
         return self._policy
 
     def _end_policy(self) -> None:

@@ -20,7 +20,7 @@ from trial_logs import trial_log
 from trial_logs.trial_log import TrialLogWriter
 
 if TYPE_CHECKING:
-    from robot_farm.photographer import Photographer
+    from robot_farm.exposures import Exposures
 
 Failure = tuple[OutcomeKind, str]
 """How a trial ended other than by its time being over, and why."""
@@ -66,7 +66,7 @@ class Run:
     stop_reason: Callable[[], str | None]
     progress: Progress
     truth: TrialLogWriter | None = None
-    photographer: "Photographer | None" = None
+    exposures: "Exposures | None" = None
     states: list[Measurement] = field(default_factory=list)
     inference_ns: list[int] = field(default_factory=list)
     changed: list[tuple[int, Change]] = field(default_factory=list)
@@ -103,7 +103,7 @@ class Run:
         self.changed.append((step, change))
         self.driver.set_physics(change.physics)
         self.ready.tracker.set_physics(change.physics)
-        if self.photographer is not None:
-            self.photographer.set_physics(change.physics)
+        if self.exposures is not None:
+            self.exposures.set_physics(change.physics)
         if self.truth is not None:
             self.truth.event(step, "the robot's physics change: a fault comes or goes", topic=trial_log.TRUE_EVENTS)

@@ -178,7 +178,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--farm", help="name of the farm on the bus (default: what the API says)")
     data = f"folder for policies and unfinished logs (default {DATA})"
     parser.add_argument("--data", type=Path, default=Path(DATA), help=data)
-    parser.add_argument("--physics", default="real", help="nominal, mild, real, real-images or a file with ranges (default real)")
+    parser.add_argument(
+        "--physics", default="real", help="nominal, mild, real, real-images, real-2 or a file with ranges (default real)"
+    )
     seed = f"draw the robots' physics from this seed instead of the farm's secret (default: {FARM_SEED_VARIABLE})"
     parser.add_argument("--farm-seed", type=int, help=seed)
     reset = "how the arena is made ready: sweep or placement (default: sweep; placement with nominal physics)"

@@ -1,7 +1,11 @@
 """What finds the object for one robot: the formula, or a tracker on the images that its cameras would take."""
 
+import ctypes
+import functools
+import importlib.util
 from typing import TYPE_CHECKING
 
+from api_schemas.robot import Lease
 from api_schemas.tracker import TrackerName
 from sim_backend.driver.tracker import Tracker
 from sim_backend.effects.physics import Physics
@@ -9,6 +13,29 @@ from sim_backend.trifinger.objects import CUBE, Shape
 
 if TYPE_CHECKING:
     from sim_backend.vision.image_detector import ImageDetector
+
+_PACKAGES, _LIBRARY = ("cv2", "OpenGL"), "libEGL.so.1"
+
+
+@functools.cache
+def blind() -> str | None:
+    """What this machine lacks to render, as a sentence; None where nothing is missing. Loads no renderer."""
+    lacks = [name for name in _PACKAGES if importlib.util.find_spec(name) is None]
+    try:
+        ctypes.CDLL(_LIBRARY)
+    except OSError:
+        lacks.append(_LIBRARY)
+    if not lacks:
+        return None
+    return (
+        f"this robot has no cameras: {', '.join(lacks)} missing; install the extra 'vision' "
+        "(apt-get install libegl1 libgl1-mesa-dri renders in software)"
+    )
+
+
+def blind_to(lease: Lease) -> str | None:
+    """Why this robot cannot run a lease whose policy sees; None for all that it can."""
+    return None if lease.manifest is None or lease.manifest.images is None else blind()
 
 
 class Sight:

@@ -40,6 +40,8 @@ from trial_logs import trial_log
 from trial_logs.trial_log import LogChannels, TrialLogWriter
 
 if TYPE_CHECKING:
+    from robot_farm.exposures import Exposures
+    from robot_farm.eyes import Eyes
     from robot_farm.photographer import Photographer
 
 GLIMPSE_DIGITS = 3
@@ -97,9 +99,10 @@ def run_trial(
         writer = stack.enter_context(TrialLogWriter(log_path, channels))
         truth = None if ready.truth is None else stack.enter_context(TrialLogWriter(ready.truth.path, ready.truth.channels))
         _describe(writer, lease, physics, ready, began_at)
-        photographer = stack.enter_context(_photographer(ready, driver.shape)) if lease.images else None
-        run = Run(lease, ready, driver, stop_reason, progress or Progress(), truth, photographer)
-        with Recorder(writer, truth, driver.shape, photographer) as recorder:
+        sees = lease.images or (lease.manifest is not None and lease.manifest.images is not None)
+        exposures = stack.enter_context(_exposures(ready, driver.shape)) if sees else None
+        run = Run(lease, ready, driver, stop_reason, progress or Progress(), truth, exposures)
+        with Recorder(writer, truth, driver.shape, _photographer(lease, exposures)) as recorder:
             failure, step = run_excitation(run, recorder) if policy is None else _control_loop(run, policy, recorder)
         if failure is None or FAULT_OF[failure[0]] is Fault.PLATFORM:
             failure = _closed(ready, step, failure)
@@ -139,11 +142,29 @@ def _glimpse(run: Run, witness: Witness, failure: FailureCause | None) -> Glimps
     return Glimpse.model_validate({"t_s": t_s, "joint_position_rad": position_rad, "tracked_pose": poses, "goal": goal})
 
 
-def _photographer(ready: Prepared, shape: Shape) -> "Photographer":
-    """Loaded where a job asked for images and nowhere else."""
+def _exposures(ready: Prepared, shape: Shape) -> "Exposures":
+    """Loaded where a job or its policy asked for images and nowhere else."""
+    from robot_farm.exposures import Exposures
+
+    return Exposures(ready, shape)
+
+
+def _photographer(lease: Lease, exposures: "Exposures | None") -> "Photographer | None":
+    """Who makes pictures for the log, where the job asked for them."""
+    if exposures is None or not lease.images:
+        return None
     from robot_farm.photographer import Photographer
 
-    return Photographer(ready, shape)
+    return Photographer(exposures)
+
+
+def _eyes(manifest: PolicyManifest, exposures: "Exposures | None") -> "Eyes | None":
+    """What shows the images to the policy, where it sees."""
+    if manifest.images is None or exposures is None:
+        return None
+    from robot_farm.eyes import Eyes
+
+    return Eyes(exposures, manifest.images.edge_px)
 
 
 def _failure(run: Run, witness: Witness, ended: Outcome) -> FailureCause | None:
@@ -170,13 +191,20 @@ def _control_loop(run: Run, policy: JailedPolicy, recorder: Recorder) -> tuple[F
     recorder.begin(task, run.ready.goal, episode.begin(run.ready.start, run.ready.goal))
     progress.duration_s, progress.simulated_s, progress.tracked = task.duration_s, 0.0, None
     progress.goal = _shown_goal(task, run.ready.goal)
+    eyes = _eyes(manifest, run.exposures)
+    if eyes is not None:
+        eyes.begin(run.driver.measure())
     try:
         policy.reset()
         for index in range(task.steps // manifest.period_steps):
             run.go_on(episode.step)
             observation = episode.observe()
+            if eyes is not None:
+                policy.show(eyes.newest(run.ready.tracker.latest))
             action, inference_time_ns = policy.act(observation[0].astype(np.float32))
             period = episode.advance(action[None])
+            if eyes is not None:
+                eyes.take(period.segment)
             recorder.record(period, inference_time_ns, run.temperature_rise_k)
             run.inference_ns.append(inference_time_ns)
             wrong = run.after(period.segment, period.tracked, period.after, (index + 1) / manifest.rate_hz)

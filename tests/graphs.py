@@ -39,6 +39,35 @@ def linear(path: Path, *, inputs: int = 54, seed: int = 0, bias: float = 0.0) ->
     return _model(nodes, [_tensor("w", weights), _tensor("b", np.full((1, 9), bias, np.float32))], inputs, path)
 
 
+def seeing(path: Path, *, inputs: int = 44, edge_px: int = 270, name: str = "images", kind: int = TensorProto.UINT8) -> Path:
+    """A policy that sees: nine joint torques that grow with the red, green and blue of the three views, 0.3 N m at the most.
+
+    What it reads of the observation is next to nothing, so that it is the images that move the robot.
+    """
+    shape = [3, edge_px, edge_px, 3]
+    nodes = [
+        helper.make_node("Cast", [name], ["bright"], to=TensorProto.FLOAT),
+        helper.make_node("ReduceMean", ["bright"], ["of_each"], axes=[1, 2], keepdims=0),
+        helper.make_node("Reshape", ["of_each", "row"], ["means"]),
+        helper.make_node("Mul", ["means", "share"], ["seen"]),
+        helper.make_node("MatMul", ["observation", "w"], ["felt"]),
+        helper.make_node("Add", ["seen", "felt"], ["action"]),
+    ]
+    given = [_tensor("row", np.array([1, 9])), _tensor("share", np.float32(0.3 / 255))]
+    graph = helper.make_graph(
+        nodes,
+        "policy",
+        [
+            helper.make_tensor_value_info("observation", TensorProto.FLOAT, [1, inputs]),
+            helper.make_tensor_value_info(name, kind, shape),
+        ],
+        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, 9])],
+        [*given, _tensor("w", np.full((inputs, 9), 1e-6, np.float32))],
+    )
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), path)
+    return path
+
+
 def _doubling() -> onnx.GraphProto:
     """The body of a loop: one addition, and on."""
     return helper.make_graph(

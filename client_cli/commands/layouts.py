@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from api_schemas.observation import OBSERVATION_SIZES, sizes_of
-from api_schemas.policy import LAYOUTS, canonical_json
+from api_schemas.policy import LAYOUTS, PolicyManifest, canonical_json
 from client_cli.policies.policy_files import layout_named
 from client_cli.terminal.options import JsonOption
 from client_cli.terminal.output import print_document, print_line, print_table
@@ -38,8 +38,13 @@ def _print_all(*, as_json: bool) -> None:
         rows = {name: {"numbers": each.observation_size, "observation": list(each.observation)} for name, each in LAYOUTS.items()}
         print_document({"layouts": rows})
         return
-    rows = ((name, each.observation_size, ", ".join(each.observation)) for name, each in LAYOUTS.items())
+    rows = ((name, each.observation_size, ", ".join([*each.observation, *_images(each)])) for name, each in LAYOUTS.items())
     print_table(("layout", "numbers", "fields in order"), rows)
+
+
+def _images(layout: PolicyManifest) -> list[str]:
+    """What is seen beside the observation, if there is anything."""
+    return [] if layout.images is None else [f"images {' x '.join(map(str, layout.images.shape))} uint8"]
 
 
 def _print_one(name: str, *, as_json: bool) -> None:
@@ -51,4 +56,5 @@ def _print_one(name: str, *, as_json: bool) -> None:
     for field, size in zip(layout.observation, sizes_of(layout.observation), strict=True):
         rows.append((f"{at}–{at + size - 1}" if size > 1 else at, size, field))
         at += size
-    print_table(("at", "numbers", "field"), [*rows, ("sum", at, "")])
+    seen = [("", "", text) for text in _images(layout)]
+    print_table(("at", "numbers", "field"), [*rows, ("sum", at, ""), *seen])

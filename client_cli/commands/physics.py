@@ -19,7 +19,9 @@ def physics(
     told: Annotated[
         str | None,
         typer.Option(
-            "--physics", metavar="nominal|mild|real|real-images|FILE", help="Physics of a farm that 'trifarm up' did not start."
+            "--physics",
+            metavar="nominal|mild|real|real-images|real-2|FILE",
+            help="Physics of a farm that 'trifarm up' did not start.",
         ),
     ] = None,
     farm_seed: FarmSeedOption = None,

@@ -33,7 +33,7 @@ PhysicsOption = Annotated[
     str,
     typer.Option(
         "--physics",
-        metavar="nominal|mild|real|real-images|FILE",
+        metavar="nominal|mild|real|real-images|real-2|FILE",
         help="Physics of the robots: nominal is ideal for all; the others differ by robot and are hidden.",
     ),
 ]

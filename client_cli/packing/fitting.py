@@ -8,7 +8,7 @@ from client_cli.terminal.errors import UsageProblem
 
 def layouts_of_width(takes: int) -> tuple[str, ...]:
     """The ready-made layouts that give so many numbers."""
-    return tuple(name for name, layout in LAYOUTS.items() if layout.network_inputs == takes)
+    return tuple(name for name, layout in LAYOUTS.items() if layout.network_inputs == takes and layout.images is None)
 
 
 def misfit(file: str, takes: Sequence[int], manifest: PolicyManifest) -> UsageProblem:

@@ -179,7 +179,7 @@ def _widths(program: Program, manifest: PolicyManifest) -> list[int]:
     """Widths on which it runs: the layouts' first, then all; several where it takes parts of what it is given."""
     import torch
 
-    known = sorted({layout.network_inputs for layout in LAYOUTS.values()})
+    known = sorted({layout.network_inputs for layout in LAYOUTS.values() if layout.images is None})
     found = []
     for width in (*known, *(each for each in range(1, WIDEST + 1) if each not in known)):
         if found and width not in known:

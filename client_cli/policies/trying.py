@@ -49,7 +49,7 @@ def of_another_task(manifest: PolicyManifest, task: TaskName) -> str | None:
 
 def tried(weights: Path, manifest: PolicyManifest, task: str) -> tuple[str, ...]:
     """What is strange about a policy in 20 short trials, as sentences; nothing where it cannot be tried here."""
-    if importlib.util.find_spec("mujoco") is None:
+    if importlib.util.find_spec("mujoco") is None or manifest.images is not None:  # there are no cameras here
         return ()
     with tempfile.TemporaryDirectory(prefix="trifarm-try-") as name:
         folder = Path(name)

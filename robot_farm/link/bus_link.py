@@ -62,6 +62,7 @@ class BusLink:
         health: how the robot is; asked for each heartbeat.
         standing: how it stands with the API; asked for each heartbeat and offer.
         alive_file: touched with each heartbeat, for the health check of a container.
+        sees: whether it has cameras for policies that see.
     """
 
     def __init__(
@@ -79,11 +80,12 @@ class BusLink:
         health: Callable[[], RobotHealth | None] = lambda: None,
         standing: Callable[[], Standing] = Standing,
         alive_file: Path | None = None,
+        sees: bool = False,
     ) -> None:
         self._access, self._robot, self._physics = access, robot, physics
         self._physics_digest = physics_digest
         self._form = form
-        self._jail, self._health, self._alive_file = jail, health, alive_file
+        self._jail, self._health, self._alive_file, self._sees = jail, health, alive_file, sees
         self._live, self._on_cancel, self._stopping = live, on_cancel, stopping
         self._standing = standing
         self._instance, self._version = uuid.uuid4().hex, version("trifarm")  # which reads files
@@ -284,6 +286,7 @@ class BusLink:
                 physics_digest=self._physics_digest,
                 form=self._form,
                 version=self._version,
+                sees=self._sees,
                 jail=self._jail,
                 health=health,
             )

@@ -23,9 +23,11 @@ import numpy as np
 
 from api_schemas import policy_link
 from api_schemas.policy import ACTION_SIZE
+from api_schemas.policy_images import PolicyImages
 from api_schemas.trial import OutcomeKind
 from jail.environment import jail_environment
 from jail.level import Jail, JailLevel, Layer, too_open
+from robot_farm.policy.shown_images import ShownImages
 
 ACTION_CPU_S = 1.0
 ACTION_WALL_S = 10.0
@@ -64,20 +66,33 @@ class JailedPolicy:
         graph: the ONNX file.
         least: a policy whose jail does not reach this level is not loaded.
         module: what runs in the process: a network's, or a built-in policy's; others are for tests alone.
+        images: what the policy sees, if it does.
     """
 
-    def __init__(self, digest: str, graph: Path, *, least: JailLevel = JailLevel.NONE, module: str = POLICY_PROCESS) -> None:
+    def __init__(
+        self,
+        digest: str,
+        graph: Path,
+        *,
+        least: JailLevel = JailLevel.NONE,
+        module: str = POLICY_PROCESS,
+        images: PolicyImages | None = None,
+    ) -> None:
         self.digest, self._least = digest, least
+        self._images = None if images is None else ShownImages(images)
         self.jail: Jail | None = None
         """How closed the process said it is, once it has."""
         to_child, self._write_fd = os.pipe()
         self._read_fd, from_child = os.pipe()
         os.set_inheritable(to_child, True)
         os.set_inheritable(from_child, True)
-        arguments = (str(graph), str(to_child), str(from_child), str(os.getpid()))
+        arguments, passed = [str(graph), str(to_child), str(from_child), str(os.getpid())], [to_child, from_child]
+        if self._images is not None:
+            arguments += self._images.arguments
+            passed.append(self._images.reading_fd)
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", module, *arguments],
-            pass_fds=(to_child, from_child),
+            pass_fds=passed,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -135,6 +150,11 @@ class JailedPolicy:
             raise PolicyFailedError(OutcomeKind.POLICY_ERROR, f"the network could not be loaded: {_text(payload)}")
         self._ready = True
 
+    def show(self, images: np.ndarray) -> None:
+        """What the policy sees from now on: images of its manifest's shape, uint8; only between two requests."""
+        assert self._images is not None, "made for a policy that sees"
+        self._images.show(images)
+
     def act(self, observation: np.ndarray) -> tuple[np.ndarray, int]:
         """Ask for one action.
 
@@ -185,6 +205,8 @@ class JailedPolicy:
             except ProcessLookupError:
                 self._process.kill()
         self._process.wait()
+        if self._images is not None:
+            self._images.close()
         for fd in (self._write_fd, self._read_fd):
             try:
                 os.close(fd)

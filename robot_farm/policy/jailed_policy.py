@@ -1,10 +1,11 @@
 """The policy process: runs one ONNX graph on the observations that the robot sends, and nothing else.
 
-Started as ``python -m robot_farm.policy.jailed_policy GRAPH.onnx IN_FD OUT_FD ROBOT_PID`` by ``jail.py``; imports as
-little as it can.
-It loads the runtime, opens the graph, closes the jail, and only then looks at what a stranger made.
+Started as ``python -m robot_farm.policy.jailed_policy GRAPH.onnx IN_FD OUT_FD ROBOT_PID`` by ``jail.py``, for a policy that sees
+with the descriptor of its images and their shape after that; imports as little as it can.
+It loads the runtime, opens the graph and the images, closes the jail, and only then looks at what a stranger made.
 """
 
+import mmap
 import os
 import sys
 import time
@@ -42,6 +43,7 @@ def main(load: Callable[..., Act] | None = None) -> int:
 
         onnxruntime = policy_graph.runtime()
         content = graph.read_bytes()
+        images = _images(sys.argv[5:], np)
         jail = enter(NEEDS)
     except Exception as error:  # the robot's installation is broken, which is no fault of the policy
         _reply_text(write_fd, error, policy_link.BROKEN)
@@ -49,6 +51,8 @@ def main(load: Callable[..., Act] | None = None) -> int:
     os.write(write_fd, policy_link.pack_reply(policy_link.JAILED, " ".join(jail.layers).encode()))
     try:
         act = (load or _load)(content, np, onnxruntime)
+        if images is not None and isinstance(act, Network):
+            act = act.seeing(images)
     except UnknownHereError as error:
         _reply_text(write_fd, error, policy_link.BROKEN)
         return 1
@@ -67,15 +71,20 @@ def main(load: Callable[..., Act] | None = None) -> int:
 class Network:
     """One policy in a session of one thread, with what it remembers of a trial."""
 
-    def __init__(self, runner: GraphRunner, np: Any) -> None:
+    def __init__(self, runner: GraphRunner, np: Any, images: Any = None) -> None:
         self._runner = runner
         self._np = np
+        self._images = images
+
+    def seeing(self, images: Any) -> "Network":
+        """The same network with what it sees: an array that the robot writes."""
+        return Network(self._runner, self._np, images)
 
     def __call__(self, data: bytes) -> tuple[Any, int]:
         """From an observation's bytes to an action (float32 array) and its inference time in ns."""
         observation = self._np.frombuffer(data, self._np.float32)[None]
         started_ns = time.perf_counter_ns()
-        action = self._runner.act(observation)
+        action = self._runner.act(observation, self._images)
         return action.reshape(-1), time.perf_counter_ns() - started_ns
 
     def forget(self) -> None:
@@ -84,7 +93,17 @@ class Network:
 
     def another(self) -> "Network":
         """The same network for another trial, with a memory of its own."""
-        return Network(self._runner.another(), self._np)
+        return Network(self._runner.another(), self._np, self._images)
+
+
+def _images(given: list[str], np: Any) -> Any:
+    """The array that the robot writes images into, from its descriptor and shape; None for a policy that does not see."""
+    if not given:
+        return None
+    fd, shape = int(given[0]), tuple(map(int, given[1:]))
+    memory = mmap.mmap(fd, 0, mmap.MAP_SHARED, mmap.PROT_READ)
+    os.close(fd)
+    return np.frombuffer(memory, np.uint8).reshape(shape)
 
 
 def _load(graph: bytes, np, _onnxruntime) -> Network:

@@ -42,7 +42,12 @@ async def create_job(
     async with farm.database.write() as tx:
         now_s = farm.clock.now_s()
         job_id, new = await submission.submit(
-            tx, now_s, body, sender_of(caller, farm, idempotency_key), page=farm.settings.trials_page
+            tx,
+            now_s,
+            body,
+            sender_of(caller, farm, idempotency_key),
+            page=farm.settings.trials_page,
+            blind=farm.fleet.is_blind(now_s),
         )
         if new and body.webhook is not None:
             await delivery.register(tx, job_id, body.webhook)

@@ -176,6 +176,11 @@ class Fleet:
         """Whether any robot is in service."""
         return any(m.healthy(now_s) for m in self.members.values())
 
+    def is_blind(self, now_s: float) -> bool:
+        """Whether robots are in service, and none of them has cameras for policies that see."""
+        said = [m.heartbeat for m in self.members.values() if m.healthy(now_s) and m.heartbeat is not None]
+        return bool(said) and not any(beat.sees for beat in said)
+
     def came_anew(self, beat: Heartbeat, now_s: float) -> bool:
         """Whether a heartbeat that was not yet taken comes from another process than the last one.
 

@@ -14,6 +14,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.excitation import ANY_ROBOT, IdentificationRequest
 from api_schemas.job import MAX_SEED, JobRequest, JobState, TaskName
+from api_schemas.policy import PolicyManifest
 from api_schemas.trial import TrialState
 from services.database.rows import AnyRow
 from services.database.tables import NORMAL_RANK, job, robot
@@ -79,17 +80,20 @@ async def submit(
     pinned: Mapping[str, object] | None = None,
     judged: bool = False,
     page: int = TRIALS_PAGE,
+    blind: bool = False,
 ) -> tuple[str, bool]:
     """Inserts a job of a policy; gives its id and whether it is new.
 
     ``drawn_seed`` is what the server has drawn for several jobs; it serves where none is asked for. ``pinned`` are values of the
     row of a job that one robot runs, its name among them. ``judged`` is a job that the question of another ends. Of a job whose
-    goals are told by its seed no more than ``page`` trials are made now; the others follow (``filling.py``).
+    goals are told by its seed no more than ``page`` trials are made now; the others follow (``filling.py``). ``blind``
+    says that no robot has cameras.
 
     Raises:
         NotFound: the policy was not uploaded, or by others only.
         Conflict: the idempotency key was used for another request.
-        Refused: the job whose goals are wanted is of another task, or the question is about one policy.
+        Refused: the job whose goals are wanted is of another task, the question is about one policy, or the policy sees and no
+            robot does.
         TooMany: the sender has reached the limit of unended jobs, or of their trials.
     """
     digest = digest_of(request)
@@ -99,6 +103,8 @@ async def submit(
     kept = await owners.find(tx, request.policy, sender.sees_only)
     if kept is None:
         raise NotFound("policy-not-found", f"No policy has the digest {request.policy}; upload it first with POST /v1/policies.")
+    if blind:
+        _check_sight(kept)
     source = None if request.goals_of is None else await goals.source(tx, request, sender.sees_only)
     if request.question is not None and request.goals is not None:  # a test at every look needs goals in an order by chance
         request = request.model_copy(update={"goals": secrets.SystemRandom().sample(request.goals, len(request.goals))})
@@ -135,6 +141,20 @@ async def submit(
         other = twin if source is None else source.number
         await questions.ask(tx, number, request.question, len(draws), other, is_twin=twin is not None)
     return job_id, True
+
+
+def _check_sight(kept: AnyRow) -> None:
+    """Raises if the policy sees; no robot does.
+
+    Raises:
+        Refused: it does.
+    """
+    if PolicyManifest.model_validate_json(kept.manifest).images is not None:
+        raise Refused(
+            "no-cameras",
+            f"Policy {kept.name} sees images, and no robot of this farm has cameras: their machine needs the extra 'vision' "
+            "and EGL (apt-get install libegl1 libgl1-mesa-dri renders in software).",
+        )
 
 
 async def _submit_twin(tx: AsyncConnection, now_s: float, request: JobRequest, sender: Sender, seed: int) -> int:

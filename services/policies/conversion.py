@@ -62,9 +62,11 @@ def convert(weights: bytes, kind: str, manifest_text: str, out: Path, limit_byte
 
     from api_schemas.policy import PolicyManifest
     from services.policies import dry_run, graph, sb3_network, uploaded
-    from services.policies.unfit import graph_too_large
+    from services.policies.unfit import blind_format, graph_too_large
 
     manifest = PolicyManifest.model_validate_json(manifest_text)
+    if manifest.images is not None and kind != ".onnx":
+        raise blind_format(kind)
     if kind == ".onnx":
         model = graph.around(uploaded.parse(weights, manifest), manifest)
     elif kind == ".zip":

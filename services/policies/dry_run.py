@@ -16,7 +16,7 @@ from api_schemas.observation import MOST_PERIODS_AGO
 from api_schemas.physics import MAX_TORQUE_NM, SOFT_LIMIT_LOWER_RAD, SOFT_LIMIT_UPPER_RAD
 from api_schemas.policy import ACTION_SIZE, ActionKind, PolicyManifest
 from api_schemas.policy_graph import GraphRunner, Session
-from services.policies.recorded import RecordedTrial, recorded_trials
+from services.policies.recorded import RecordedTrial, recorded_images, recorded_trials
 from services.policies.unfit import UnfitError, too_slow
 
 ENOUGH_CPU_S = 1.0
@@ -79,11 +79,12 @@ def _through_trials(session: Session, manifest: PolicyManifest) -> DryRun:
 
 def _trial(policy: GraphRunner, trial: RecordedTrial, manifest: PolicyManifest) -> Iterator[tuple[np.ndarray, float]]:
     actions = [np.zeros(ACTION_SIZE, np.float32)]
+    seen = [None] if manifest.images is None else recorded_images(manifest.images.edge_px)
     for step in range(trial.steps):
         observation = trial.observation(step, manifest, np.stack(actions[-MOST_PERIODS_AGO - 1 :]))[None]
         began_s = time.process_time()
         try:
-            action = policy.act(observation)
+            action = policy.act(observation, seen[step % len(seen)])
         except Exception as error:
             reason = str(error).strip()[:300]
             raise UnfitError(f"the network fails on a recorded observation ({reason})", slug="dry-run-failed") from error

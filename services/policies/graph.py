@@ -1,6 +1,7 @@
 """The one form that robots run: input ``observation`` float32 [1, n], output ``action`` float32 [1, 9], one file.
 
-A policy with memory also has its states as inputs, and what they are next as outputs (``api_schemas/policy_graph.py``).
+A policy with memory also has its states as inputs, and what they are next as outputs, and one that sees has its images
+(``api_schemas/policy_graph.py``).
 """
 
 from collections.abc import Mapping
@@ -10,6 +11,7 @@ from onnx import ModelProto, NodeProto, TensorProto, checker, helper
 
 from api_schemas.policy import ACTION_SIZE, PolicyManifest
 from api_schemas.policy_graph import ACTION, NEXT, OBSERVATION
+from api_schemas.policy_images import IMAGES
 from services.policies import network
 from services.policies.heads import take_action
 from services.policies.memory import STATE, stack_frames
@@ -33,7 +35,7 @@ def from_tensors(tensors: Mapping[str, np.ndarray], manifest: PolicyManifest) ->
     chain = _begin(scaling, manifest)
     network.append(chain, checked, manifest.activation)
     _finish(chain, scaling, manifest)
-    return _model(chain, manifest.observation_size, OPSET, IR_VERSION)
+    return _model(chain, manifest, OPSET, IR_VERSION)
 
 
 def around(uploaded: Uploaded, manifest: PolicyManifest) -> ModelProto:
@@ -45,6 +47,8 @@ def around(uploaded: Uploaded, manifest: PolicyManifest) -> ModelProto:
     scaling = scaling_of(manifest, {})
     chain = _begin(scaling, manifest)
     chain.node("Identity", [chain.at], uploaded.given)
+    if uploaded.sees is not None:
+        chain.node("Identity", [IMAGES], uploaded.sees)
     for given, gives, shape in uploaded.states:
         chain.node("Identity", [STATE + given], given)
         chain.remembered.append(Remembered(STATE + given, shape, gives))
@@ -54,7 +58,7 @@ def around(uploaded: Uploaded, manifest: PolicyManifest) -> ModelProto:
     chain.at = chain.node("Reshape", [uploaded.gives, "action_shape"], "network_action")
     chain.constants.append(shape)
     _finish(chain, scaling, manifest)
-    return _model(chain, manifest.observation_size, uploaded.opset, uploaded.ir_version)
+    return _model(chain, manifest, uploaded.opset, uploaded.ir_version)
 
 
 def _begin(scaling: Scaling, manifest: PolicyManifest) -> Chain:
@@ -74,13 +78,15 @@ def _finish(chain: Chain, scaling: Scaling, manifest: PolicyManifest) -> None:
     chain.node("Identity", [chain.at], ACTION)
 
 
-def _model(chain: Chain, size: int, opset: int, ir_version: int) -> ModelProto:
+def _model(chain: Chain, manifest: PolicyManifest, opset: int, ir_version: int) -> ModelProto:
     states = chain.remembered
     nodes: list[NodeProto] = [
         *chain.nodes,
         *(helper.make_node("Identity", [each.following], [NEXT + each.name]) for each in states),
     ]
-    given = [_value(OBSERVATION, (1, size)), *(_value(each.name, each.shape) for each in states)]
+    given = [_value(OBSERVATION, (1, manifest.observation_size)), *(_value(each.name, each.shape) for each in states)]
+    if manifest.images is not None:
+        given.append(helper.make_tensor_value_info(IMAGES, TensorProto.UINT8, manifest.images.shape))
     gives = [_value(ACTION, (1, ACTION_SIZE)), *(_value(NEXT + each.name, each.shape) for each in states)]
     graph = helper.make_graph(nodes, "policy", given, gives, chain.constants)
     opsets = [helper.make_opsetid("", opset)]

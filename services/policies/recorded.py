@@ -1,8 +1,10 @@
 """What a robot saw in real trials of several tasks, as any manifest's policy would have seen it.
 
-The file beside this one is written by ``python -m tests.benchmarks.record_observations``; its header says what it was made with.
+The files beside this one are written by ``python -m tests.benchmarks.record_observations``; their headers say what they were made
+with. Images are kept small and shown in any size.
 """
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +16,8 @@ from api_schemas.observation import OBSERVATION_SIZES, term_of
 from api_schemas.policy import ACTION_SIZE, PolicyManifest
 
 RECORDING = Path(__file__).with_name("recorded_observations.safetensors")
+IMAGE_RECORDING = Path(__file__).with_name("recorded_images.safetensors")
+IMAGES = "images"
 PREVIOUS_ACTION = "previous_action"
 """Not recorded: it is the tried policy's own, zero before its first, as in every trial."""
 FIELDS = tuple(name for name in OBSERVATION_SIZES if name != PREVIOUS_ACTION)
@@ -60,6 +64,14 @@ def recorded_trials(path: Path = RECORDING) -> tuple[RecordedTrial, ...]:
     tensors = safetensors.numpy.load(path.read_bytes())
     tasks = sorted({name.partition("/")[0] for name in tensors})
     return tuple(RecordedTrial(task, {field: tensors[f"{task}/{field}"] for field in FIELDS}) for task in tasks)
+
+
+@functools.lru_cache(maxsize=2)
+def recorded_images(edge_px: int, path: Path = IMAGE_RECORDING) -> tuple[np.ndarray, ...]:
+    """What the cameras of a robot saw of a few scenes, each of shape (3, edge, edge, 3), uint8."""
+    kept = safetensors.numpy.load(path.read_bytes())[IMAGES]
+    at = np.arange(edge_px) * kept.shape[2] // edge_px
+    return tuple(np.ascontiguousarray(each[:, at][:, :, at]) for each in kept)
 
 
 def observations(manifest: PolicyManifest) -> np.ndarray:

@@ -54,6 +54,16 @@ def too_slow(why: str) -> UnfitError:
     )
 
 
+def blind_format(kind: str) -> UnfitError:
+    """The error for weights of a form that cannot see whose manifest asks for images."""
+    return UnfitError(
+        f"the manifest asks for images, and weights of the form {kind} are of a network that takes an observation alone",
+        part="the manifest's images",
+        instead="export the network as ONNX with an input for images, or leave images out of the manifest",
+        slug="images-need-onnx",
+    )
+
+
 def graph_too_large(size: int, limit_bytes: int) -> UnfitError:
     """The error for weights that are small as they were sent and large as robots run them."""
     return UnfitError(
@@ -94,9 +104,10 @@ def printable(name: str | None) -> str:
 def wrong_input(manifest: PolicyManifest, network_inputs: int) -> UnfitError:
     """The error for a network whose input does not have the manifest's size: both lists side by side."""
     size = manifest.observation_size
-    nearest = min(LAYOUTS, key=lambda name: abs(LAYOUTS[name].observation_size - network_inputs))
-    near = LAYOUTS[nearest]
-    fitting = [name for name, layout in LAYOUTS.items() if layout.observation_size == network_inputs]
+    layouts = {name: each for name, each in LAYOUTS.items() if (each.images is None) == (manifest.images is None)}
+    nearest = min(layouts, key=lambda name: abs(layouts[name].observation_size - network_inputs))
+    near = layouts[nearest]
+    fitting = [name for name, layout in layouts.items() if layout.observation_size == network_inputs]
     fits = manifest.frame_stack is None and bool(fitting)
     instead = f"--layout {' or '.join(fitting)} fits" if fits else "name the fields that it was trained on"
     return UnfitError(

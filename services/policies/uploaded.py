@@ -33,6 +33,8 @@ class Uploaded:
     ir_version: int
     states: Sequence[tuple[str, str, tuple[int, ...]]] = ()
     """The input and the output of each state, and its shape."""
+    sees: str | None = None
+    """The input for images, if it has one."""
 
 
 def parse(content: bytes, manifest: PolicyManifest) -> Uploaded:
@@ -61,6 +63,7 @@ def parse(content: bytes, manifest: PolicyManifest) -> Uploaded:
         opset,
         max(model.ir_version, OLDEST_IR_VERSION),
         [(PREFIX + each.input, PREFIX + each.output, each.shape) for each in manifest.states],
+        None if manifest.images is None else PREFIX + manifest.images.input,
     )
 
 
@@ -124,13 +127,15 @@ def _tensors(graph: GraphProto) -> Iterator[TensorProto]:
 
 
 def _ends(graph: GraphProto, manifest: PolicyManifest) -> tuple[str, str]:
-    constants = {each.name for each in graph.initializer}
-    inputs = [each for each in graph.input if each.name not in constants | {state.input for state in manifest.states}]
+    known = {each.name for each in graph.initializer} | {state.input for state in manifest.states}
+    known |= _check_images(graph, manifest)
+    inputs = [each for each in graph.input if each.name not in known]
     outputs = [each for each in graph.output if each.name not in {state.output for state in manifest.states}]
     if len(inputs) != 1 or len(outputs) != 1:
         raise UnfitError(
-            f"the graph has {len(inputs)} inputs and {len(outputs)} outputs beside the manifest's states; "
-            "it must have one of each"
+            f"the graph has {len(inputs)} inputs and {len(outputs)} outputs beside the manifest's states and images; "
+            "it must have one of each",
+            instead=_for_images(inputs),
         )
     given, gives = inputs[0], outputs[0]
     rows, columns = (shape := _shape(given))[:1], shape[1:]
@@ -144,6 +149,34 @@ def _ends(graph: GraphProto, manifest: PolicyManifest) -> tuple[str, str]:
         if each.type.tensor_type.elem_type != TensorProto.FLOAT:
             raise UnfitError(f"{each.name} must be float32")
     return given.name, gives.name
+
+
+def _check_images(graph: GraphProto, manifest: PolicyManifest) -> set[str]:
+    """The name of the input for images, if the manifest asks for any, once it is known that it takes them."""
+    if manifest.images is None:
+        return set()
+    wanted, inputs = manifest.images, {each.name: each for each in graph.input}
+    if wanted.input not in inputs:
+        raise UnfitError(
+            f"the manifest's images go to {wanted.input!r}, which is no input of the graph; it has {', '.join(inputs) or 'none'}",
+            part="the network's images",
+        )
+    given = inputs[wanted.input]
+    if given.type.tensor_type.elem_type != TensorProto.UINT8 or _shape(given) != list(wanted.shape):
+        kind = TensorProto.DataType.Name(given.type.tensor_type.elem_type).lower()
+        raise UnfitError(
+            f"{wanted.input!r:.100} takes {kind} of shape {_words(_shape(given))}; the manifest's images are uint8 of shape "
+            f"{_words(list(wanted.shape))}",
+            part="the network's images",
+            instead="export the network with an input of exactly that type and shape, or state another images.shape",
+        )
+    return {wanted.input}
+
+
+def _for_images(inputs: Sequence[ValueInfoProto]) -> str:
+    """What to do where one input is left over that may be for images."""
+    seeing = [each.name for each in inputs if each.type.tensor_type.elem_type == TensorProto.UINT8]
+    return f"a network that sees names its input in the manifest: images.input {seeing[0]!r:.100}" if seeing else ""
 
 
 def _shape(value: ValueInfoProto) -> list[int | None]:

@@ -15,7 +15,7 @@ from sim_backend.effects.effect import Parameter
 from sim_backend.effects.estimate import Draw, Estimate, take_estimate
 from sim_backend.effects.physics import Physics
 
-PRESET_NAMES = ("nominal", "mild", "real", "dactyl", "allshire", "isaacgymenvs", "real-images")
+PRESET_NAMES = ("nominal", "mild", "real", "dactyl", "allshire", "isaacgymenvs", "real-images", "real-2")
 _PRESETS = Path(__file__).parent / "presets"
 _FIELDS = {"key", "distribution", "low", "high", "value", "per", "each", "source", "dated"}
 
@@ -125,7 +125,8 @@ def load_ranges(name_or_path: str | Path) -> Ranges:
     """A preset by its name, or a TOML file: a table of ranges, or the physics of one robot, which all robots then share.
 
     The file of an extended model (``reality_gap/model/model.py``) also says where its values come from and how sure they are.
-    A file that ``extends`` a preset has that one's rows before its own: the same robots, and what its own rows add.
+    A file that ``extends`` a preset has that one's rows before its own: the same robots, and what its own rows add. Rows of the
+    same parameter stand in the place of the preset's; where they are drawn in the same way, all else of a robot stays the same.
 
     Raises:
         ValueError: neither a preset nor a readable file, or a row that does not hold; the message says which.
@@ -157,12 +158,13 @@ def load_ranges(name_or_path: str | Path) -> Ranges:
 def _rows(path: Path, entries: Any, before: tuple[Range, ...]) -> tuple[Range, ...]:
     if not isinstance(entries, Sequence) or not all(isinstance(entry, Mapping) for entry in entries):
         raise ValueError(f"{path}: 'range' must be a list of tables, each begun with [[range]]")
-    rows = (*before, *(_row(path, number, entry) for number, entry in enumerate(entries, 1)))
-    keys = [row.key for row in rows]
+    own = tuple(_row(path, number, entry) for number, entry in enumerate(entries, 1))
+    keys = [row.key for row in own]
     twice = sorted({key for key in keys if keys.count(key) > 1})
     if twice:
         raise ValueError(f"{path}: {', '.join(twice)} has more than one range")
-    return rows
+    places, known = dict(zip(keys, own, strict=True)), {row.key for row in before}
+    return (*(places.get(row.key, row) for row in before), *(row for row in own if row.key not in known))
 
 
 def _row(path: Path, number: int, entry: Mapping[str, Any]) -> Range:

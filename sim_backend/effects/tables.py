@@ -53,6 +53,8 @@ def _table(name: str) -> str:
         return catalogue_table()
     if name == "images":
         return ranges_table("real-images", beyond="real")
+    if name == "measured":
+        return ranges_table("real-2", beyond="real")
     return presets_table() if name == "presets" else ranges_table(name)
 
 

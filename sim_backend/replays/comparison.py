@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from api_schemas.scene_form import form_or_first
+from api_schemas.tracker import TrackerName
 from sim_backend.trifinger.form import scene_form
 from sim_backend.trifinger.objects import Shape, shape_of
 from trial_logs.reader import LogUnreadableError, TrialLog
@@ -73,11 +74,13 @@ def _differing(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def check_complete(log: TrialLog) -> None:
-    """Refuse a log with gaps.
+    """Refuse a log with gaps, and one whose tracker looked at images: replays have the formula.
 
     Raises:
-        LogUnreadableError: it does not have one joint state and one torque for every millisecond.
+        LogUnreadableError: it does not have one joint state and one torque for every millisecond, or its tracker is no formula.
     """
+    if log.outcome.get("tracker", TrackerName.POSE) != TrackerName.POSE:
+        raise LogUnreadableError("the trial's tracker looked at images; a replay has the formula in its place, and tells nothing")
     steps = len(log.joint_steps)
     if steps == 0 or len(log.applied_torque_nm) != steps or (log.joint_steps != np.arange(steps)).any():
         raise LogUnreadableError("the log does not have one joint state and one torque for every millisecond from the start")

@@ -21,6 +21,8 @@ _FAR_PX = 4.0
 """Pixels this far outside are counted as wrong, not as a reason to move."""
 _AWAY_PX = 6.0
 """What a pixel counts whose face looks away from its camera."""
+_UNDER_FLOOR_PX_PER_M = 1000.0
+"""A cube that lies 1 mm deep in the floor counts as 1 px at each pixel: nothing lies there, whatever the calibration says."""
 
 
 def sharpened(
@@ -45,17 +47,18 @@ def sharpened(
         Position, rotation, and the root of the pixels' mean squared distance, px, far ones cut off.
     """
     rays = _drawn(seen, calibrations, rng)
-    damping, (distance, cost) = 1e-2, _distance(position_m[None], rotation[None], rays, width_m)
+    damping, (distance, cost) = 1e-2, _misfit(position_m[None], rotation[None], rays, width_m)
     for _ in range(STEPS):
         moved = position_m + np.vstack([np.diag(_TINY[:3]), np.zeros((3, 3))])
         turned = matrices_of(np.vstack([np.zeros((3, 3)), np.diag(_TINY[3:])])) @ rotation
-        slope = (_distance(moved, turned, rays, width_m)[0] - distance) / _TINY[:, None]
+        slope = (_misfit(moved, turned, rays, width_m)[0] - distance) / _TINY[:, None]
         counts = distance[0] < _FAR_PX
+        counts[-1] = True
         slope = np.where(counts, slope, 0.0)
         normal = slope @ slope.T
         step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-9), -slope @ distance[0])
         there, facing = position_m + step[:3], matrices_of(step[None, 3:])[0] @ rotation
-        tried, tried_cost = _distance(there[None], facing[None], rays, width_m)
+        tried, tried_cost = _misfit(there[None], facing[None], rays, width_m)
         if tried_cost[0] < cost[0]:
             gained = cost[0] - tried_cost[0]
             position_m, rotation, distance, cost, damping = there, facing, tried, tried_cost, damping / 4
@@ -63,7 +66,7 @@ def sharpened(
                 break
         else:
             damping *= 8
-    return position_m, rotation, float(np.sqrt(cost[0]))
+    return position_m, rotation, float(np.sqrt(np.square(np.minimum(distance[0, :-1], _FAR_PX)).mean()))
 
 
 def _drawn(seen: Sequence[SeenPixels], calibrations: Sequence[Calibration], rng: np.random.Generator) -> list[PixelRays]:
@@ -76,6 +79,17 @@ def _drawn(seen: Sequence[SeenPixels], calibrations: Sequence[Calibration], rng:
             )
             kept.append(PixelRays(calibration, calibration.normalised(pixels.pixel[rows]), pixels.face[rows]))
     return kept
+
+
+def _misfit(
+    position_m: np.ndarray, rotation: np.ndarray, rays: Sequence[PixelRays], width_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """As :func:`_distance`, and at the end of each row how deep the cube lies in the floor, in px for all pixels together."""
+    distance, cost = _distance(position_m, rotation, rays, width_m)
+    lowest_m = position_m[:, 2] - width_m / 2 * np.abs(rotation[:, 2]).sum(axis=1)
+    depth_px = _UNDER_FLOOR_PX_PER_M * np.maximum(-lowest_m, 0.0)
+    deep = depth_px * np.sqrt(distance.shape[1])
+    return np.concatenate([distance, deep[:, None]], axis=1), cost + depth_px**2
 
 
 def _distance(

@@ -8,6 +8,9 @@ from torch.nn import functional
 
 from sim_backend.vision.seen_pixels import CLASSES
 
+MOST_VIVID, HUE_RAD = 2.2, 0.12
+"""Of a face's paint: saturation as a multiple of the render's, and the standard deviation of its turn about the grey axis."""
+
 
 def changed(
     image: torch.Tensor, face: torch.Tensor, place: torch.Tensor, rng: torch.Generator
@@ -41,19 +44,29 @@ def _uniform(rng: torch.Generator, low: float, high: float, *shape: int) -> torc
 
 
 def _repainted(image: torch.Tensor, face: torch.Tensor, place: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
-    """Each face brighter or darker, of slightly other colour and saturation, and with light that differs across it."""
+    """Each face brighter or darker, of other hue and saturation, and with light that differs across it.
+
+    Paint and print differ, and cameras have colour matrices of their own: green has been seen with next to no blue in it.
+    """
     n = len(image)
     gain = torch.exp(0.25 * _normal(rng, n, 1, CLASSES) + 0.1 * _normal(rng, n, 3, CLASSES))
     gain[:, :, 0] = 1.0
-    saturation = _uniform(rng, 0.5, 1.4, n, CLASSES)
-    saturation[:, 0] = 1.0
+    saturation, hue_rad = _uniform(rng, 0.5, MOST_VIVID, n, CLASSES), HUE_RAD * _normal(rng, n, CLASSES)
+    saturation[:, 0], hue_rad[:, 0] = 1.0, 0.0
     index = face.long().flatten(1)
     by_pixel = gain.gather(2, index[:, None].expand(-1, 3, -1)).view_as(image)
     vivid = saturation.gather(1, index).view_as(face)[:, None]
     slope = 0.12 * _normal(rng, n, 3, 1, 1)
     across = 1.0 + (slope * place).sum(dim=1, keepdim=True)
-    grey = image.mean(dim=1, keepdim=True)
-    return (grey + vivid * (image - grey)) * by_pixel * across
+    grey, turn = image.mean(dim=1, keepdim=True), hue_rad.gather(1, index).view_as(face)[:, None]
+    return (grey + vivid * _turned(image - grey, turn)) * by_pixel * across
+
+
+def _turned(colour: torch.Tensor, angle_rad: torch.Tensor) -> torch.Tensor:
+    """Colours without their grey, shape (n, 3, ...), turned about the grey axis: by Rodrigues' formula."""
+    red, green, blue = colour.unbind(dim=1)
+    across = torch.stack([blue - green, red - blue, green - red], dim=1) * 3**-0.5
+    return colour * torch.cos(angle_rad) + across * torch.sin(angle_rad)
 
 
 def _texture(rng: torch.Generator, n: int, height: int, width: int) -> torch.Tensor:

@@ -5,7 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import torch
+from torch import nn
 from torch.nn import functional
 
 from sim_backend.vision.lesson_changes import changed
@@ -13,6 +15,8 @@ from sim_backend.vision.seen_pixels import STRIDE
 from sim_backend.vision.tracker_network import TrackerNetwork, loss_of
 
 BATCH, RATE, SHOWN_PX = 32, 4e-3, 96
+RATE_AGAIN, NORMALISED_BY = 1.5e-3, 256
+"""Of a training that begins with a trained network, and how many crops tell what its layers see."""
 
 
 class Training:
@@ -24,23 +28,61 @@ class Training:
         checkpoint: where it is kept after each epoch.
         epochs: how many there will be; the learning rate falls to nothing over them, or over what is left of another number.
         seed: of the weights and of all chance.
+        begin: an exported network whose weights it begins with, instead of chance.
     """
 
-    def __init__(self, files: Sequence[Path], held_out: Sequence[Path], checkpoint: Path, *, epochs: int, seed: int = 1) -> None:
+    def __init__(
+        self,
+        files: Sequence[Path],
+        held_out: Sequence[Path],
+        checkpoint: Path,
+        *,
+        epochs: int,
+        seed: int = 1,
+        begin: Path | None = None,
+    ) -> None:
         torch.manual_seed(seed)
         self._crops, self._held_out, self._checkpoint, self._epochs = crops_of(files), crops_of(held_out), checkpoint, epochs
         self.network = TrackerNetwork().to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
-        self._optimiser = torch.optim.AdamW(self.network.parameters(), lr=RATE, weight_decay=1e-4)
+        rate = RATE if begin is None else RATE_AGAIN
+        self._optimiser = torch.optim.AdamW(self.network.parameters(), lr=rate, weight_decay=1e-4)
         self.epoch, self.told, self._seed = 0, list[dict[str, float]](), seed
         kept: dict[str, Any] | None = torch.load(checkpoint, weights_only=False) if checkpoint.exists() else None
         if kept is not None:
             self.network.load_state_dict(kept["network"])
             self.epoch, self.told = kept["epoch"], kept["told"]
+        elif begin is not None:
+            take_weights(self.network, begin)
+            self._normalise()
         steps = max(epochs - self.epoch, 1) * (len(self._crops["face"]) // BATCH)
-        self._schedule = torch.optim.lr_scheduler.OneCycleLR(self._optimiser, RATE, total_steps=steps + 1, pct_start=0.15)
+        self._schedule = torch.optim.lr_scheduler.OneCycleLR(self._optimiser, rate, total_steps=steps + 1, pct_start=0.15)
         if kept is not None and kept["epochs"] == epochs:
             self._optimiser.load_state_dict(kept["optimiser"])
             self._schedule.load_state_dict(kept["schedule"])
+
+    def _normalise(self) -> None:
+        """Have the layers that normalise know what they see, and give what they gave before."""
+        rng = torch.Generator().manual_seed(self._seed)
+        image, _, _ = shown(self._crops, torch.randperm(len(self._crops["face"]), generator=rng)[:NORMALISED_BY], rng)
+        seen: dict[nn.Module, torch.Tensor] = {}
+        layers = [each for each in self.network.modules() if isinstance(each, nn.BatchNorm2d)]
+
+        def keep(layer: nn.Module, given: tuple[torch.Tensor, ...]) -> None:
+            seen[layer] = given[0]
+
+        hooks = [each.register_forward_pre_hook(keep) for each in layers]
+        self.network.eval()
+        with torch.no_grad():
+            self.network(image)
+            for each in layers:
+                assert each.running_mean is not None and each.running_var is not None, "it keeps them"
+                variance, mean = torch.var_mean(seen[each], dim=(0, 2, 3))
+                each.running_mean.copy_(mean)
+                each.running_var.copy_(variance)
+                each.bias.add_(mean)
+                each.weight.copy_(torch.sqrt(variance + each.eps))
+        for hook in hooks:
+            hook.remove()
 
     def learn(self) -> dict[str, float]:
         """One epoch; returns how well it does on crops of robots that it does not learn from."""
@@ -92,6 +134,31 @@ class Training:
             dynamic_axes={"images": sizes, "pixels": sizes},
             dynamo=False,
         )
+
+
+def take_weights(network: TrackerNetwork, path: Path) -> None:
+    """Give a network the weights of an exported one, in which normalisation is part of the convolutions before it.
+
+    Raises:
+        ValueError: that one has other layers.
+    """
+    kept = [onnx.numpy_helper.to_array(each) for each in onnx.load(path).graph.initializer]
+    last, folded = kept[:2], kept[2:]
+    parts = [*network.down, *(each for pair in zip(network.up, network.join, strict=True) for each in pair)]  # as they are used
+    every = [each for part in parts for each in part.modules()]
+    stages = [each for each in every if isinstance(each, nn.Sequential) and isinstance(each[0], nn.Conv2d)]
+    if len(folded) != 2 * len(stages):
+        raise ValueError(f"{path} has {len(folded) // 2} folded layers, the network has {len(stages)}")
+    with torch.no_grad():
+        for stage, weight, bias in zip(stages, folded[::2], folded[1::2], strict=True):
+            convolution, norm = stage[0], stage[1]
+            assert isinstance(convolution, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d) and norm.running_var is not None
+            convolution.weight.copy_(torch.tensor(weight))
+            norm.bias.copy_(torch.tensor(bias))
+            norm.weight.copy_(torch.sqrt(norm.running_var + norm.eps))
+        assert network.last.bias is not None, "it has one"
+        network.last.weight.copy_(torch.tensor(last[0]))
+        network.last.bias.copy_(torch.tensor(last[1]))
 
 
 def crops_of(files: Sequence[Path]) -> dict[str, np.ndarray]:

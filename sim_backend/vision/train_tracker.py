@@ -28,8 +28,8 @@ def main(arguments: list[str] | None = None) -> int:
     if (folder / CHECKPOINT).exists() and not options.resume:
         return _problem(f"{folder} has the checkpoint of a run; give --resume to go on with it, or another --out", USAGE)
     lessons = folder / "lessons"
-    every = options.robots + HELD_OUT
-    rendering = [sys.executable, "-m", "sim_backend.vision.lessons", "--out", str(lessons), "--first", str(FIRST_SEED)]
+    first, every = options.first_robot, options.robots + HELD_OUT
+    rendering = [sys.executable, "-m", "sim_backend.vision.lessons", "--out", str(lessons), "--first", str(first)]
     if subprocess.run([*rendering, "--robots", str(every)], check=False, stdout=sys.stderr).returncode:
         return _problem("the images to learn from could not be rendered", OTHER)
     try:
@@ -42,8 +42,9 @@ def main(arguments: list[str] | None = None) -> int:
         )
     if options.threads:
         torch.set_num_threads(options.threads)
-    files = [lessons / f"robot-{FIRST_SEED + k}.npz" for k in range(every)]
-    training = Training(files[: options.robots], files[options.robots :], folder / CHECKPOINT, epochs=options.epochs)
+    files = [lessons / f"robot-{first + k}.npz" for k in range(every)]
+    learnt, held_out = files[: options.robots], files[options.robots :]
+    training = Training(learnt, held_out, folder / CHECKPOINT, epochs=options.epochs, begin=options.begin)
     try:
         while training.epoch < options.epochs:
             print(json.dumps(training.learn()), file=sys.stderr, flush=True)
@@ -60,6 +61,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=Path, default=Path("train-tracker"))
     parser.add_argument("--resume", action="store_true")
     parser.add_argument("--robots", type=int, default=ROBOTS, help="how many to learn from")
+    parser.add_argument("--first-robot", type=int, default=FIRST_SEED, help="seed of the first of them")
+    parser.add_argument("--begin", type=Path, metavar="NETWORK", help="begin with the weights of this network (.onnx)")
     parser.add_argument("--epochs", type=int, default=EPOCHS)
     parser.add_argument("--threads", type=int, default=None)
     parser.add_argument("--json", action="store_true")

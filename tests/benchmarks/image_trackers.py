@@ -16,25 +16,23 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from sim_backend.driver.detection import detect, values_of
 from sim_backend.effects.ranges import load_ranges
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.objects import CUBE
-from sim_backend.vision.calibration import Calibration, nominal_calibrations
+from sim_backend.vision.calibration import nominal_calibrations
 from sim_backend.vision.cameras import Cameras
 from sim_backend.vision.image_tracker import SURE, ImageTracker, SeenPose
-from sim_backend.vision.pose_search import face_corners_m
 from sim_backend.vision.reference_tracker import track_by_colours
 from sim_backend.vision.rotations import angle_between_rad, matrix_of_quat
 from sim_backend.vision.scenes import Scene, drawn_scene
+from sim_backend.vision.shown import hidden_share, shown_share
 
 PRESET, FIRST_ROBOT = "real-images", 500_000
 """Robots are drawn from these seeds on; training and the choice of every threshold end far below."""
 HIDDEN_BOUNDS = (0.0, 0.1, 0.3, 0.5, 0.7, 1.01)
-_EDGE_PX = 2
 
 
 def judged_robot(seed: int, scenes: int, reference_every: int) -> list[dict[str, Any]]:
@@ -50,8 +48,7 @@ def judged_robot(seed: int, scenes: int, reference_every: int) -> list[dict[str,
             images, faces = cameras.take(*state, seed=seed, frame=number), cameras.labels(*state)
             shown = [shown_share(face, each, scene, half_m) for face, each in zip(faces, cameras.true_calibrations, strict=True)]
             row = {"robot": seed, "scene": number, "shown": [round(share, 4) for share, _ in shown]}
-            pixels = np.array([count for _, count in shown])
-            row["hidden"] = round(1.0 - float(np.array(row["shown"]) @ pixels / max(pixels.sum(), 1.0)), 4)
+            row["hidden"] = round(hidden_share(shown), 4)
             row["ours"] = _timed(lambda: _alone(tracker, images), scene)  # noqa: B023
             if number % reference_every == 0:
                 row["reference"] = _timed(lambda: track_by_colours(images, nominal_calibrations(), seed=number), scene)  # noqa: B023
@@ -81,15 +78,6 @@ def errors(position_m: np.ndarray, rotation: np.ndarray, confidence: float, scen
     apart_mm = 1000 * float(np.linalg.norm(position_m - scene.position_world_m))
     apart_deg = float(np.rad2deg(angle_between_rad(rotation, matrix_of_quat(scene.quat_wxyz))))
     return {"mm": round(apart_mm, 3), "deg": round(apart_deg, 3), "confidence": round(confidence, 4)}
-
-
-def shown_share(face: np.ndarray, calibration: Calibration, scene: Scene, half_m: float) -> tuple[float, float]:
-    """Share of the cube's projection whose pixels show it, and how many pixels the projection has."""
-    corners = face_corners_m(2 * half_m).reshape(-1, 3) @ matrix_of_quat(scene.quat_wxyz).T + scene.position_world_m
-    hull = cv2.convexHull(calibration.project(corners).astype(np.float32))
-    whole = float(cv2.contourArea(hull))
-    edge = cv2.morphologyEx((face > 0).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((_EDGE_PX + 1,) * 2, np.uint8))
-    return min(float(edge.sum()) / max(whole, 1.0), 1.0), whole
 
 
 def table(rows: Sequence[dict[str, Any]], name: str) -> dict[str, Any]:

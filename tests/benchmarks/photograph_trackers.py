@@ -2,7 +2,8 @@
 
 ``python -m tests.benchmarks.photograph_trackers PHOTOS --out FILE``: PHOTOS is the folder ``test/images`` of
 ``trifinger_object_tracking``. A file that is there is never overwritten. Nothing is developed on the photographs: the reference
-comes from the hand-drawn masks alone, with the cube flat on the floor.
+comes from the hand-drawn masks alone, with the cube flat on the floor. With ``--floor`` no tracker is tried: it tells how well
+the masks and the calibration agree at other heights of the cube.
 """
 
 import argparse
@@ -33,6 +34,7 @@ CAMERAS = ("60", "180", "300")
 COLOURS = {"red": "+x", "magenta": "-x", "green": "+y", "yellow": "-y", "blue": "+z", "cyan": "-z"}
 WIDTH_M = c.TRACKED_CUBE_WIDTH_M
 STARTS_M, YAWS = (-0.1, 0.0, 0.1), 4
+HEIGHTS_M = np.round(np.arange(-0.014, 0.0061, 0.002), 4)
 DETECTOR_POSITION_M = (-0.063, -0.136, 0.025)
 """What the published detector's own test expects of it on this instant (SOURCE.md)."""
 Pose = tuple[np.ndarray, np.ndarray]
@@ -108,23 +110,45 @@ def _vector(rotation: np.ndarray) -> np.ndarray:
 def filled(masks: Sequence[np.ndarray], calibrations: Sequence[Calibration], up: int, start: np.ndarray) -> np.ndarray:
     """Values of the pose whose projected faces overlap the masks best; where the masks are cut by fingers nothing is lost."""
 
-    def loss(values: np.ndarray) -> float:
-        position, rotation = on_floor(values, up)
-        total = 0.0
-        for mask, calibration in zip(masks, calibrations, strict=True):
-            for face, corners in enumerate(face_corners_m(WIDTH_M), 1):
-                outward = rotation @ corners.mean(axis=0)
-                if outward @ (calibration.position_world_m - position - outward) > 0:
-                    pixels = calibration.project(corners @ rotation.T + position)
-                    drawn = np.zeros(mask.shape, np.uint8)
-                    cv2.fillPoly(drawn, [np.rint(pixels * 16).astype(np.int32)], 1, cv2.LINE_8, 4)
-                    both, either = ((drawn > 0) & (mask == face)).sum(), ((drawn > 0) | (mask == face)).sum()
-                    total += either - both
-        return float(total)
-
     simplex = start + np.vstack([np.zeros(3), np.diag([0.004, 0.004, 0.06])])
     options = {"xatol": 1e-5, "fatol": 0.5, "maxiter": 400, "initial_simplex": simplex}
-    return minimize(loss, start, method="Nelder-Mead", options=options).x
+    return minimize(lambda values: unlike(masks, calibrations, up, values), start, method="Nelder-Mead", options=options).x
+
+
+def unlike(
+    masks: Sequence[np.ndarray], calibrations: Sequence[Calibration], up: int, values: np.ndarray, raised_m: float = 0.0
+) -> float:
+    """Pixels in which masks and the faces of a pose differ: one on the floor, raised by so much."""
+    position, rotation = on_floor(values, up)
+    position, total = position + np.array([0.0, 0.0, raised_m]), 0.0
+    for mask, calibration in zip(masks, calibrations, strict=True):
+        for face, corners in enumerate(face_corners_m(WIDTH_M), 1):
+            outward = rotation @ corners.mean(axis=0)
+            if outward @ (calibration.position_world_m - position - outward) > 0:
+                pixels = calibration.project(corners @ rotation.T + position)
+                drawn = np.zeros(mask.shape, np.uint8)
+                cv2.fillPoly(drawn, [np.rint(pixels * 16).astype(np.int32)], 1, cv2.LINE_8, 4)
+                both, either = ((drawn > 0) & (mask == face)).sum(), ((drawn > 0) | (mask == face)).sum()
+                total += either - both
+    return float(total)
+
+
+def by_height(masks: Sequence[np.ndarray], calibrations: Sequence[Calibration]) -> list[dict[str, float]]:
+    """How many pixels of masks and faces differ at best when the cube lies flat, but higher or lower than the floor."""
+    costs = [fitted(masks, calibrations, up) for up in range(len(FACES))]
+    up = int(np.argmin([cost for cost, _ in costs]))
+    start, told = costs[up][1], []
+    simplex = start + np.vstack([np.zeros(3), np.diag([0.004, 0.004, 0.06])])
+    options = {"xatol": 1e-5, "fatol": 0.5, "maxiter": 400, "initial_simplex": simplex}
+    for raised_m in HEIGHTS_M:
+        found = minimize(
+            lambda values: unlike(masks, calibrations, up, values, raised_m),  # noqa: B023
+            start,
+            method="Nelder-Mead",
+            options=options,
+        )
+        told.append({"height_mm": round(1000 * raised_m, 1), "pixels_apart": float(found.fun)})
+    return told
 
 
 def reference(masks: Sequence[np.ndarray], calibrations: Sequence[Calibration]) -> tuple[Pose, dict[str, Any]]:
@@ -171,13 +195,19 @@ def _found(pose: SeenPose, true: Pose) -> dict[str, Any]:
     }
 
 
+def drawn_by_hand(place: Path) -> tuple[list[Calibration], list[np.ndarray]]:
+    """Calibrations of the cameras and the masks of their images."""
+    files = [yaml.safe_load((place / f"camera_calib_{name}.yml").read_text()) for name in CAMERAS]
+    calibrations = [calibration_of(file).resized(c.CAMERA_IMAGE_PX) for file in files]
+    masks = [hand_mask({face: place / f"{colour[0]}{name}.png" for colour, face in COLOURS.items()}) for name in CAMERAS]
+    return calibrations, masks
+
+
 def one_try(photos: Path) -> dict[str, Any]:
     """Everything that is asked of the photographs, once."""
     place = photos / "pose_detection" / "cube_v2"
-    files = [yaml.safe_load((place / f"camera_calib_{name}.yml").read_text()) for name in CAMERAS]
-    calibrations = [calibration_of(file).resized(c.CAMERA_IMAGE_PX) for file in files]
+    calibrations, drawn = drawn_by_hand(place)
     images = [read(place / f"camera{name}.png") for name in CAMERAS]
-    drawn = [hand_mask({face: place / f"{colour[0]}{name}.png" for colour, face in COLOURS.items()}) for name in CAMERAS]
     true, told = reference(drawn, calibrations)
     ours = ImageTracker(calibrations, (WIDTH_M, WIDTH_M, WIDTH_M)).track(images)
     by_colours = [track_by_colours(images, calibrations, seed=seed) for seed in range(5)]
@@ -218,10 +248,17 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Try the trackers on photographs.")
     parser.add_argument("photos", type=Path)
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--floor", action="store_true", help="try no tracker; tell how the masks agree at other heights")
     options = parser.parse_args(arguments)
     if options.out.exists():
         print(f"error: {options.out} is there; a try that was made is kept", file=sys.stderr)
         return 2
+    if options.floor:
+        calibrations, drawn = drawn_by_hand(options.photos / "pose_detection" / "cube_v2")
+        text = json.dumps({"masks_at_heights": by_height(drawn, calibrations)}, indent=1)
+        options.out.write_text(text + "\n")
+        print(text)
+        return 0
     digest = sha256(NETWORK_FILE.read_bytes()).hexdigest()
     told = {"at": datetime.now(UTC).isoformat(timespec="seconds"), "network_sha256": digest, **one_try(options.photos)}
     options.out.write_text(json.dumps(told, indent=1) + "\n")

@@ -1,5 +1,7 @@
 """Records what robots see, for the dry run of uploads: ``python -m tests.benchmarks.record_observations --out FILE``.
 
+With ``--images FILE`` it renders the few scenes that policies which see are shown, instead.
+
 The beginning of one trial of each of three tasks in the farm's simulation, with robots whose physics is drawn from the ranges
 ``real`` and the reference policy acting (it was trained to push; what matters is what a robot sees, not whether it succeeds).
 """
@@ -12,7 +14,7 @@ import numpy as np
 import safetensors.numpy
 
 from api_schemas.policy import PolicyManifest
-from services.policies.recorded import FIELDS, RECORDING
+from services.policies.recorded import FIELDS, IMAGES, RECORDING
 from sim_backend.effects.ranges import load_ranges
 from sim_backend.evaluation import begin_trials
 from sim_backend.reality_gap.success.policy_file import load_policy
@@ -22,6 +24,7 @@ ROOT = Path(__file__).parents[2]
 REFERENCE = ROOT / "sim_backend/training/reference_policies/push.safetensors"
 TASK_NAMES = ("lift", "push", "reach")
 STEPS, SEED = 50, 20261121
+SCENES, IMAGE_EDGE_PX = 4, 54
 COMMAND = "python -m tests.benchmarks.record_observations"
 
 
@@ -61,11 +64,37 @@ def recording():
     return tensors, made
 
 
+def images_of_scenes():
+    """The tensor of images, shape (SCENES, 3, IMAGE_EDGE_PX, IMAGE_EDGE_PX, 3), uint8, and what it was made with."""
+    from robot_farm.eyes import smaller
+    from sim_backend.vision.cameras import Cameras
+    from sim_backend.vision.scenes import drawn_scene
+
+    rng = np.random.default_rng(SEED)
+    physics = load_ranges("real-images").draw(rng, 1)
+    with Cameras(physics) as cameras:
+        scenes = [drawn_scene(rng) for _ in range(SCENES)]
+        taken = [cameras.take(each.joint_position_rad, each.position_world_m, each.quat_wxyz, seed=SEED) for each in scenes]
+    made = {
+        "format": "trifarm-recorded-images/1",
+        "command": f"{COMMAND} --images FILE",
+        "physics": "one robot drawn from the ranges real-images",
+        "seed": str(SEED),
+    }
+    return {IMAGES: np.stack([smaller(each, IMAGE_EDGE_PX) for each in taken])}, made
+
+
 def main():
     """Writes the file."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=RECORDING)
-    out = parser.parse_args().out
+    parser.add_argument("--images", type=Path, help="write images of scenes to this file instead")
+    given = parser.parse_args()
+    if given.images is not None:
+        given.images.write_bytes(safetensors.numpy.save(*images_of_scenes()))
+        print(f"{given.images.name}: {SCENES} scenes, {given.images.stat().st_size} bytes")
+        return
+    out = given.out
     tensors, made = recording()
     out.write_bytes(safetensors.numpy.save(tensors, made))
     print(f"{out.name}: {len(TASK_NAMES)} trials of {STEPS} observations, {out.stat().st_size} bytes")

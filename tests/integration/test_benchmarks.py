@@ -45,6 +45,7 @@ LARGER = {
     "full_disk": ["--mb 40 --physics nominal --out {to}/disk.json"],
     "full_path": ["--trials 1"],
     "grasp_controller": ["--trials 1 --tasks move_cube_1 --out {to}/grasp.json"],
+    "image_farm": ["--trials 1 --physics nominal --trackers images --out {to}/farm.json"],
     "image_trackers": [
         "renders --rows {to}/rows.jsonl --robots 1 --scenes 1 --reference-every 10",
         "tables --rows {to}/rows.jsonl --out {to}/tables.json",
@@ -66,6 +67,7 @@ LARGER = {
         f"record --checkout {ROOT} --to {{to}}/farm --trials 1 --physics nominal",
         "compare {to}/farm/results {to}/farm/results",
     ],
+    "second_renderer": ["--robots 1 --scenes 1 --out {to}/second.json"],
     "sheet_cost": ["--trials 1 --out {to}/sheet.json"],
     "success_gain_oracle": ["--experts {experts} --trials 2 --out {to}/gain.json"],
     "thousand_robots": ["--robots 5 --homes embedded --within-s 1 --rest-s 1 --work-s 1 --out {to}/robots.json"],
@@ -83,6 +85,7 @@ ELSEWHERE = {
     "in_checkout": "tests/benchmarks/against.py",
     "lerobot_policies": "tests/benchmarks/foreign_policies.py",
     "peer_episode": "tests/benchmarks/peer.py",
+    "pybullet_renders": "tests/benchmarks/second_renderer.py",
     "peer_fields_episode": "tests/benchmarks/peer_fields.py",
     "robots_of_a_host": "tests/unit/benchmarks/test_robots_of_a_host.py",
     "swarm": "tests/benchmarks/thousand_robots.py",

@@ -10,6 +10,9 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 import tests.unit.sim_backend.vision.before_rendering  # noqa: F401  # see there
+from api_schemas.observation import sizes_of
+from api_schemas.policy import LAYOUTS
+from api_schemas.policy_images import PolicyImages
 from robot_farm import trial
 from robot_farm.policy.jail import JailedPolicy
 from robot_farm.prepared import prepare_plainly
@@ -20,7 +23,7 @@ from sim_backend.effects.physics import Physics
 from sim_backend.tasks import TASKS
 from sim_backend.vision.calibration import nominal_calibrations
 from sim_backend.vision.cameras import Cameras, CamerasMissingError
-from tests.graphs import linear
+from tests.graphs import linear, seeing
 from tests.unit.conftest import lease
 from trial_logs import trial_log
 from trial_logs.images import read_images
@@ -131,11 +134,40 @@ def test_images_change_nothing_else_of_a_log(logs):
 
 def test_without_images_nothing_of_them_is_loaded():
     """A robot's process imports neither the renderer nor OpenCV before a job asks for images."""
+    import os
     import subprocess
     import sys
 
+    env = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}  # which has MuJoCo itself load OpenGL
     unwanted = "[name for name in sys.modules if name.split('.')[0] in ('cv2', 'OpenGL', 'av') or '.vision' in name]"
     found = subprocess.run(
-        [sys.executable, "-c", f"import sys, robot_farm.robot; print({unwanted})"], capture_output=True, text=True, check=True
+        [sys.executable, "-c", f"import sys, robot_farm.robot; print({unwanted})"],
+        env=env,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert found.stdout.strip() == "[]"
+
+
+def test_a_policy_that_sees_gets_the_images_of_the_frames_that_have_arrived(tmp_path, monkeypatch):
+    """Its torques are the means of what it is shown: those of the log's images, as late as the tracker's reports of them."""
+    monkeypatch.setattr(trial, "TASKS", {"push": dataclasses.replace(TASKS["push"], duration_s=0.5)})
+    wanted = lease(layout="images").model_copy(update={"images": True})
+    try:
+        with JailedPolicy("sees", seeing(tmp_path / "p.onnx"), images=PolicyImages()) as policy:
+            run_trial(wanted, policy, SimulatedDriver(), log_channels(), tmp_path / "log", stop_reason=lambda: None)
+    except CamerasMissingError as error:
+        pytest.skip(str(error))
+    log = read_log(tmp_path / "log")
+    means = {}
+    for image in read_images(tmp_path / "log"):
+        kept = cv2.imdecode(np.frombuffer(image.jpeg, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+        means.setdefault(image.step, np.zeros((3, 3)))[image.camera] = kept.mean(axis=(0, 1))
+    delay = LAYOUTS["images"].observation.index("tracker_delay_s")
+    at = sum(sizes_of(LAYOUTS["images"].observation)[:delay])
+    captured = np.rint(1000 * (np.arange(len(log.action)) / 10 - log.observation[:, at])).astype(int)
+    assert len(set(captured)) > 3 and (captured < np.arange(0, 500, 100)).all(), "new images, and none of now"
+    for step, action in zip(captured, log.action, strict=True):
+        np.testing.assert_allclose(action.reshape(3, 3) * 255 / 0.3, means[max(step, 0)], atol=2.0)  # as near as JPEG
+    assert 20 < np.mean(list(means.values())) < 235

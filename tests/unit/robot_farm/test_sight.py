@@ -14,7 +14,7 @@ from robot_farm import checking, trial
 from robot_farm.policy.jail import JailedPolicy
 from robot_farm.prepared import prepare_plainly
 from robot_farm.settings import TOKEN_VARIABLE, parse
-from robot_farm.sight import Sight
+from robot_farm.sight import Sight, blind, blind_to
 from robot_farm.trial import log_channels, run_trial
 from sim_backend.driver.detection import detect
 from sim_backend.driver.simulated import SimulatedDriver
@@ -94,3 +94,13 @@ def test_the_formula_loads_nothing_of_images():
     unwanted = "[name for name in sys.modules if name.split('.')[0] in ('cv2', 'OpenGL') or '.vision' in name]"
     program = f"import sys; from robot_farm.sight import Sight; Sight().tracker(); print({unwanted})"
     assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+
+
+def test_a_robot_without_what_renders_is_blind_to_policies_that_see_and_to_nothing_else(monkeypatch):
+    monkeypatch.setattr("robot_farm.sight._LIBRARY", "libNoSuchThing.so.1")
+    blind.cache_clear()
+    try:
+        assert blind_to(lease(layout="images")).startswith("this robot has no cameras: libNoSuchThing.so.1 missing; install")
+        assert blind_to(lease()) is None
+    finally:
+        blind.cache_clear()

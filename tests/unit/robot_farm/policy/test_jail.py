@@ -2,13 +2,15 @@
 
 import os
 import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from api_schemas.policy_images import PolicyImages
 from api_schemas.trial import FAULT_OF, Fault, OutcomeKind
 from robot_farm.policy.jail import JailedPolicy, PolicyFailedError
-from tests.graphs import endless, linear, memory_hog
+from tests.graphs import endless, linear, memory_hog, seeing
 
 OBSERVATION = np.linspace(-1, 1, 54, dtype=np.float32)
 
@@ -24,6 +26,31 @@ def test_same_observation_same_bits_first_and_tenth_time(tmp_path):
         alone = np.stack([fresh.act(OBSERVATION * k)[0] for k in range(20)])
     for answer in answers:
         np.testing.assert_array_equal(answer, alone)
+
+
+def test_a_policy_sees_what_the_robot_shows_and_can_only_read_it(tmp_path):
+    images = np.zeros((3, 270, 270, 3), np.uint8)
+    with JailedPolicy("sees", seeing(tmp_path / "p.onnx"), images=PolicyImages()) as policy:
+        policy.reset()
+        dark, _ = policy.act(np.zeros(44, np.float32))
+        images[2, ..., 0] = 255
+        policy.show(images)
+        bright, _ = policy.act(np.zeros(44, np.float32))
+        maps = Path(f"/proc/{policy.pid}/maps").read_text().splitlines()
+        kinds = {line.split()[1] for line in maps if "memfd:images" in line}
+    np.testing.assert_allclose(dark, 0.0, atol=1e-6)
+    np.testing.assert_allclose(bright, [0] * 6 + [0.3, 0, 0], atol=1e-6)
+    assert kinds == {"r--s"}
+
+
+def test_a_network_that_sees_has_the_time_of_any_other(tmp_path, monkeypatch):
+    monkeypatch.setattr("robot_farm.policy.jail.TRIAL_CPU_S", 0.0)
+    with JailedPolicy("sees", seeing(tmp_path / "p.onnx"), images=PolicyImages()) as policy:
+        policy.reset()
+        with pytest.raises(PolicyFailedError, match="actions of one trial took more than") as caught:
+            for _ in range(200):
+                policy.act(np.zeros(44, np.float32))
+    assert caught.value.kind is OutcomeKind.ACTION_DEADLINE
 
 
 def expect_failure(graph, kind: OutcomeKind, words: str) -> None:

@@ -182,3 +182,12 @@ def test_a_withdrawn_robot_that_goes_is_remembered(fleet):
     fleet.heard(leaving(), 101.0)
     fleet.token_changed("robot-0", present=False, now_s=102.0)
     assert fleet.left_for_good(1000.0) == []
+
+
+def test_robots_without_cameras_are_blind_together_and_an_empty_farm_is_not():
+    fleet = Fleet()
+    assert not fleet.is_blind(100.0), "whoever comes may see"
+    for robot, sees in (("robot-0", False), ("robot-1", True)):
+        fleet.token_changed(robot, present=True, now_s=100.0)
+        fleet.heard(beat(robot=robot).model_copy(update={"sees": sees}), 100.0)
+        assert fleet.is_blind(100.0) is not sees

@@ -6,8 +6,9 @@ import pytest
 from sqlalchemy import insert, select
 
 from api_schemas.job import JobRequest
+from api_schemas.policy import LAYOUTS, canonical_json
 from services.database.tables import job, policy
-from services.errors import Conflict
+from services.errors import Conflict, Refused
 from services.jobs.submission import Sender, submit
 
 DIGEST = "d" * 64
@@ -44,3 +45,16 @@ async def test_another_object_or_priority_is_another_job(database, more):
     await send(database)
     with pytest.raises(Conflict, match="with another body"):
         await send(database, **more)
+
+
+@pytest.mark.parametrize(("layout", "blind", "taken"), [("images", True, False), ("images", False, True), ("push", True, True)])
+async def test_a_policy_that_sees_needs_a_robot_that_does(new_database, layout, blind, taken):
+    async with new_database.write() as tx:
+        await tx.execute(insert(policy).values(POLICY | {"manifest": canonical_json(LAYOUTS[layout])}))
+    request = JobRequest.model_validate({"policy": DIGEST, "task": "push", "trials": 4})
+    async with new_database.write() as tx:
+        if taken:
+            assert (await submit(tx, 1000.0, request, Sender("ann", "key"), blind=blind))[1]
+        else:
+            with pytest.raises(Refused, match="sees images, and no robot of this farm has cameras"):
+                await submit(tx, 1000.0, request, Sender("ann", "key"), blind=blind)

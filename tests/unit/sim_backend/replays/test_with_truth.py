@@ -225,3 +225,10 @@ def test_an_original_without_a_truth_is_wrong_usage(trial):
     with pytest.raises(SystemExit) as ended:
         replay.main([str(trial[0]), "--verify", "--original", str(trial[0])])
     assert ended.value.code == 2
+
+
+def test_a_trial_whose_tracker_looked_at_images_is_not_said_to_differ(trial):
+    log, truth = (read(path) for read, path in zip((read_log, read_truth), trial, strict=True))
+    by_images = dataclasses.replace(log, outcome={**log.outcome, "tracker": "images"})
+    with pytest.raises(LogUnreadableError, match="tracker looked at images"):
+        verify_with_truth(by_images, truth)
