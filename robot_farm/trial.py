@@ -335,12 +335,18 @@ def _trial_record(lease: Lease, physics: str, began_at: str) -> dict[str, Any]:
         **({} if lease.own_goal is None else {"own_goal": lease.own_goal.model_dump(mode="json", exclude_defaults=True)}),
         "policy": lease.policy or "",
         "graph_sha256": lease.graph_sha256 or "",
-        "versions": {
-            "trifarm": version("trifarm"),
-            "mujoco": version("mujoco-core"),
-            "onnxruntime": version("onnxruntime"),
-            "python": platform.python_version(),
-        },
+        "versions": _versions(),
+    }
+
+
+@functools.cache
+def _versions() -> dict[str, str]:
+    """What runs here; looked up once a process, since an installed version is read from a file."""
+    return {
+        "trifarm": version("trifarm"),
+        "mujoco": version("mujoco-core"),
+        "onnxruntime": version("onnxruntime"),
+        "python": platform.python_version(),
     }
 
 

@@ -5,6 +5,7 @@ Here only the messages, their index and the chunk around them are laid out with 
 format is that of https://mcap.dev/spec.
 """
 
+import functools
 import struct
 import zlib
 from collections.abc import Callable, Mapping
@@ -27,6 +28,12 @@ HEADER_BYTES = 31
 _MESSAGE = struct.Struct("<BQHIQQ")
 _CHUNK = struct.Struct("<BQQQQII4sQ")
 _INDEX = struct.Struct("<BQHI")
+
+
+@functools.cache
+def _library() -> str:
+    """Who writes the file; an installed version is read from a file, which takes as long as dozens of steps of a trial."""
+    return f"trifarm/{version('trifarm')} mcap-python/{version('mcap')}"
 
 
 class Schema(Protocol):
@@ -96,8 +103,7 @@ class BlockWriter:
         self._chunks: list[r.ChunkIndex] = []
         self._attachments: list[r.AttachmentIndex] = []
         self._metadata: list[r.MetadataIndex] = []
-        library = f"trifarm/{version('trifarm')} mcap-python/{version('mcap')}"
-        self._write(MAGIC + _built(r.Header(profile="", library=library)))
+        self._write(MAGIC + _built(r.Header(profile="", library=_library())))
 
     def __enter__(self) -> "BlockWriter":
         return self
@@ -120,7 +126,7 @@ class BlockWriter:
         Args:
             topic: of all of them.
             rows: from :func:`room_for`, filled but for the headers; it is not to be used afterwards.
-            times_ns: shape (n,), int64.
+            times_ns: shape (n,), int64, in their order.
         """
         count, width = rows.shape
         if not count:
@@ -130,13 +136,12 @@ class BlockWriter:
             _MESSAGE.pack(Opcode.MESSAGE, width - 9, channel.id, channel.count, 0, 0), np.uint8
         )
         column(rows, 11, "<u4")[:] = np.arange(channel.count, channel.count + count)
-        for place in (15, 23):
-            column(rows, place, "<u8")[:] = times_ns
+        np.ndarray((count, 2), "<u8", rows, 15, (width, 8))[:] = times_ns[:, None]
         index = np.empty((count, 2), np.uint64)
         index[:, 0], index[:, 1] = times_ns, np.arange(self._size, self._size + rows.size, width)
         channel.here.append(index)
         channel.count += count
-        self._seen(int(times_ns.min()), int(times_ns.max()))
+        self._seen(int(times_ns[0]), int(times_ns[-1]))
         self._add(rows.data)
 
     def metadata(self, name: str, values: dict[str, str]) -> None:
@@ -159,11 +164,10 @@ class BlockWriter:
         plain = b"".join(self._parts)
         packed = self._compressor.compress(plain)
         begins, ends = self._times if self._times[1] >= self._times[0] else (0, 0)
-        length = _CHUNK.size - 9 + len(packed)
+        length = _CHUNK.size + len(packed)
         about = (begins, ends, len(plain), zlib.crc32(plain), len(COMPRESSION), COMPRESSION.encode(), len(packed))
-        chunk = _CHUNK.pack(Opcode.CHUNK, length, *about) + packed
         indexes, places = [], {}
-        at = self._offset + len(chunk)
+        at = self._offset + length
         for channel in self._channels.values():
             if channel.here:
                 pairs = np.concatenate(channel.here).tobytes()
@@ -173,19 +177,19 @@ class BlockWriter:
                 channel.here = []
         self._chunks.append(
             r.ChunkIndex(
-                chunk_length=len(chunk),
+                chunk_length=length,
                 chunk_start_offset=self._offset,
                 compression=COMPRESSION,
                 compressed_size=len(packed),
                 message_end_time=ends,
-                message_index_length=at - self._offset - len(chunk),
+                message_index_length=at - self._offset - length,
                 message_index_offsets=places,
                 message_start_time=begins,
                 uncompressed_size=len(plain),
             )
         )
         self._parts, self._size, self._times = [], 0, [2**63, 0]
-        self._write(b"".join([chunk, *indexes]))
+        self._write(b"".join([_CHUNK.pack(Opcode.CHUNK, length - 9, *about), packed, *indexes]))
 
     def close(self) -> None:
         """Write the rest, and the summary without which a reader knows that the writer did not finish."""

@@ -4,6 +4,7 @@ A log has tens of thousands of messages that differ only in their doubles and th
 the real encoder with marker values; wherever a marker's bytes are found, later rows get their own numbers.
 """
 
+import struct
 from collections.abc import Callable
 
 import numpy as np
@@ -15,6 +16,7 @@ MARKER_NANOS = 999_999_937
 MAX_SECONDS = 127
 """Time stamps must stay below 128 s, so that their seconds fit one byte of a varint."""
 _NANOS_BYTES = 5
+_DOUBLE = struct.Struct("<d")
 _SHIFTS = 7 * np.arange(_NANOS_BYTES)
 _CONTINUES = np.where(np.arange(_NANOS_BYTES) < _NANOS_BYTES - 1, 0x80, 0)
 
@@ -45,13 +47,20 @@ class FixedMessage:
         encoded = encode(markers)
         self._template = np.frombuffer(encoded, np.uint8)
         places = [_only_place(encoded, np.float64(value).tobytes()) for value in markers]
+        self._places, self._template_bytes = places, encoded
         self._doubles, self._runs = doubles, _runs([HEADER_BYTES + place for place in places])
         stamp = b"\x08" + _varint(MARKER_SECONDS) + b"\x10" + _varint(MARKER_NANOS)
         self._stamps = [HEADER_BYTES + place for place in _all_places(encoded, stamp)]
 
     def one(self, values: np.ndarray, time_ns: int) -> bytes:
         """A message alone; ``values`` has shape (doubles,)."""
-        return self.rows(values[None], np.array([time_ns]))[0, HEADER_BYTES:].tobytes()
+        message = bytearray(self._template_bytes)
+        for place, value in zip(self._places, values.tolist(), strict=True):
+            _DOUBLE.pack_into(message, place, value)
+        for place in self._stamps:
+            stamp = _stamp(time_ns)
+            message[place - HEADER_BYTES : place - HEADER_BYTES + len(stamp)] = stamp
+        return bytes(message)
 
     def rows(self, values: np.ndarray, time_ns: np.ndarray) -> np.ndarray:
         """One message per row, each after room for its header.
@@ -74,6 +83,14 @@ class FixedMessage:
             for place in self._stamps:
                 rows[:, place : place + stamp.shape[1]] = stamp
         return rows
+
+
+def _stamp(time_ns: int) -> bytes:
+    """One time stamp, as :func:`_stamp_bytes` gives many."""
+    seconds, nanos = divmod(time_ns, 1_000_000_000)
+    if not 0 <= seconds <= MAX_SECONDS:
+        raise ValueError(f"a time stamp is at {seconds} s; it must lie within 0 and {MAX_SECONDS} s")
+    return bytes([0x08, seconds, 0x10, *(nanos >> shift & 0x7F | bit for shift, bit in zip(_SHIFTS, _CONTINUES, strict=True))])
 
 
 def _stamp_bytes(time_ns: np.ndarray) -> np.ndarray:

@@ -120,9 +120,10 @@ def _touching(gap_m: np.ndarray) -> np.ndarray:
 
 def _slips(t_s: np.ndarray, place_m: np.ndarray, holding: np.ndarray, name: str) -> list[Moment]:
     found, last_s = [], -np.inf
-    for k in range(WITHIN_REPORTS, len(t_s) - 1):  # what the last report alone shows may be a jump of the tracker
+    held = np.all(np.lib.stride_tricks.sliding_window_view(holding, WITHIN_REPORTS + 1), axis=1)
+    for k in WITHIN_REPORTS + np.flatnonzero(held[:-1]):  # what the last report alone shows may be a jump of the tracker
         moved_m = float(np.linalg.norm(place_m[k] - place_m[k - WITHIN_REPORTS]))
-        if not SLIP_M <= moved_m < TURNED_M or not holding[k - WITHIN_REPORTS : k + 1].all():
+        if not SLIP_M <= moved_m < TURNED_M:
             continue
         first, last = np.searchsorted(t_s, (t_s[k - WITHIN_REPORTS] - LONGEST_S / 2, t_s[k] + LONGEST_S / 2))
         before, after = place_m[first : k - WITHIN_REPORTS + 1][-LASTING_REPORTS:], place_m[k : last + 1][:WITHIN_REPORTS]
@@ -152,12 +153,18 @@ def _regrasps(t_s: np.ndarray, place_m: np.ndarray, touching: np.ndarray, name: 
 def smoothed(pose: np.ndarray) -> np.ndarray:
     """The poses with each position and orientation the middle one of three reports, so that a single jump is not seen."""
     out = pose.copy()
-    for k in range(1, len(pose) - 1):
-        out[k, :3] = np.median(pose[k - 1 : k + 2, :3], axis=0)
-        near = [abs(float(pose[k, 3:] @ other)) for other in (pose[k - 1, 3:], pose[k + 1, 3:])]
-        if max(near) < abs(float(pose[k - 1, 3:] @ pose[k + 1, 3:])):
-            out[k, 3:] = pose[k - 1, 3:]
+    if len(pose) < 3:
+        return out
+    before, here, after = pose[:-2], pose[1:-1], pose[2:]
+    out[1:-1, :3] = np.median([before[:, :3], here[:, :3], after[:, :3]], axis=0)
+    is_jump = np.maximum(_alike(here, before), _alike(here, after)) < _alike(before, after)
+    out[1:-1, 3:][is_jump] = before[is_jump, 3:]
     return out
+
+
+def _alike(some: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """How near the orientations of poses of shape (n, 7) are to those of others, up to 1, shape (n,)."""
+    return np.abs(np.sum(some[:, 3:] * others[:, 3:], axis=1))
 
 
 def in_object(points_m: np.ndarray, pose: np.ndarray) -> np.ndarray:

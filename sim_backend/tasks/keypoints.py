@@ -12,13 +12,14 @@ KEYPOINTS_CUBE_M = np.array(
 
 def rotation_matrix(quat_wxyz: np.ndarray) -> np.ndarray:
     """Rotation matrices of unit quaternions; shape (..., 4) to (..., 3, 3)."""
-    w, x, y, z = np.moveaxis(np.asarray(quat_wxyz), -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    quat = np.asarray(quat_wxyz)
+    w, x, y, z = (quat[..., index] for index in range(4))
+    xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
+    turned = np.empty((*quat.shape[:-1], 3, 3), np.result_type(quat, np.float32))
+    turned[..., 0, 0], turned[..., 0, 1], turned[..., 0, 2] = 1 - 2 * (yy + zz), 2 * (xy - wz), 2 * (xz + wy)
+    turned[..., 1, 0], turned[..., 1, 1], turned[..., 1, 2] = 2 * (xy + wz), 1 - 2 * (xx + zz), 2 * (yz - wx)
+    turned[..., 2, 0], turned[..., 2, 1], turned[..., 2, 2] = 2 * (xz - wy), 2 * (yz + wx), 1 - 2 * (xx + yy)
+    return turned
 
 
 def cube_keypoints_world_m(cube_position_world_m: np.ndarray, cube_quat_wxyz: np.ndarray) -> np.ndarray:

@@ -22,6 +22,9 @@ MEASURED_FRAMES = (
 )
 """(parent, child) of the transforms that move, in the order of :func:`measured_transforms`."""
 
+_ORIGINS_M = np.array([link.origin_m for link in c.LINKS[:3]] * 3)
+_AXES = np.array([link.joint_axis for link in c.LINKS[:3]] * 3)
+"""Of the nine joints, shape (9, 3) both."""
 _BLACK = fm.Color(r=0.1, g=0.1, b=0.1, a=1.0)
 _COLOURS = {
     name: fm.Color(r=red, g=green, b=blue, a=1.0)
@@ -42,12 +45,10 @@ def measured_transforms(joint_position_rad: np.ndarray, position_world_m: np.nda
     Returns:
         Shape (n, 70): per frame x, y, z in m and quaternion wxyz.
     """
-    rows = np.zeros((len(joint_position_rad), len(MEASURED_FRAMES), 7))
-    for joint in range(9):
-        link = c.LINKS[joint % 3]
-        rows[:, joint, :3] = link.origin_m
-        rows[:, joint, 3] = np.cos(joint_position_rad[:, joint] / 2)
-        rows[:, joint, 4:] = np.sin(joint_position_rad[:, joint] / 2)[:, None] * np.array(link.joint_axis)
+    rows, half_rad = np.empty((len(joint_position_rad), len(MEASURED_FRAMES), 7)), joint_position_rad / 2
+    rows[:, :9, :3] = _ORIGINS_M
+    rows[:, :9, 3] = np.cos(half_rad)
+    rows[:, :9, 4:] = np.sin(half_rad)[:, :, None] * _AXES
     rows[:, 9, :3], rows[:, 9, 3:] = position_world_m, quat_wxyz
     return rows.reshape(len(rows), -1)
 

@@ -107,15 +107,17 @@ def table(errors: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     for low, high in pairwise(HIDDEN_BOUNDS):
         part = np.flatnonzero((low <= hidden) & (hidden < high))
         about = f"hidden {low:.0%} to {min(high, 1.0):.0%}"
-        told += [_summary(f"{kind}, {about}", [errors[k][kind] for k in part]) for kind in KINDS]
+        told += [_summary(f"{kind}, {about}", [errors[int(k)][kind] for k in part]) for kind in KINDS]
     for low, high in pairwise(FASTEST):
         part = np.flatnonzero((low <= speed) & (speed < high))
-        told.append(_summary(f"images, after moving at {low:g} to {min(high, 0.5):g} m/s", [errors[k]["moved"] for k in part]))
+        told.append(
+            _summary(f"images, after moving at {low:g} to {min(high, 0.5):g} m/s", [errors[int(k)]["moved"] for k in part])
+        )
     for key, about in (("from_middle_m", "m from the middle"), ("lamp", "of the lamp's strength")):
         values = np.array([each[key] for each in errors])
         middle = float(np.median(values))
         for side, part in (("below", values < middle), ("from", values >= middle)):
-            seen = [errors[k]["images"] for k in np.flatnonzero(part)]
+            seen = [errors[int(k)]["images"] for k in np.flatnonzero(part)]
             told.append(_summary(f"images, {side} {middle:.2g} {about}", seen))
     return told
 

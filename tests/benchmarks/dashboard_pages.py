@@ -118,7 +118,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="trifarm-pages-") as folder:
-        farm = Services(Path(folder) / "farm")
+        farm = Services(Path(folder) / "farm", requests_per_s="0")
         try:
             farm.start()
             policy = farm.policy()

@@ -27,7 +27,7 @@ def main() -> None:
             bodies.append(pybullet.createMultiBody(0, -1, shape))
         images = [_seen(pybullet, given, bodies, scene) for scene in range(len(given["poses"]))]
     cameras = {f"camera_{k}": np.array([each[k] for each in images]) for k in range(len(given["eye"]))}
-    np.savez_compressed(sys.argv[2], **cameras)
+    np.savez_compressed(sys.argv[2], allow_pickle=False, **cameras)
 
 
 def _seen(pybullet, given, bodies, scene: int) -> list[np.ndarray]:

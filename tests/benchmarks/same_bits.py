@@ -39,7 +39,7 @@ ROW_LEFT_OUT = {"trial_id", "log_sha256"}
 """An id; and the digest of a file that holds ids and wall-clock times, whose content is compared instead."""
 OUTCOME_LEFT_OUT = {"wall_s", "policy_timing"}
 """Wall-clock times."""
-TRIAL_LEFT_OUT = {"job_id", "trial_id", "versions"}
+TRIAL_LEFT_OUT = {"job_id", "trial_id", "versions", "began_at"}
 """Of a log's record of its trial."""
 LEFT_OUT = (
     "wall-clock times (inference times, wall_s, policy_timing, timing, *_at), ids of job and trial, versions, "

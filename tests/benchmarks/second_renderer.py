@@ -38,19 +38,19 @@ RENDERING = Path(__file__).with_name("pybullet_renders.py")
 
 def triangles(model: mujoco.MjModel, geom: int) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (v, 3), m, in the geom's frame and triangles (f, 3) of one geom of any kind that the scene has."""
-    kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom]
-    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+    kind, size, known = int(model.geom_type[geom]), model.geom_size[geom], mujoco.mjtGeom
+    if kind == int(known.mjGEOM_MESH):
         mesh = model.geom_dataid[geom]
         at, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
         face, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
         return model.mesh_vert[at : at + count].astype(float), model.mesh_face[face : face + faces].astype(int)
-    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+    if kind == int(known.mjGEOM_BOX):
         corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size
         sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
         return corners, np.array([part for a, b, c, d in sides for part in ((a, b, c), (a, c, d))])
     angle = np.linspace(-np.pi / 2, np.pi / 2, 2 * RINGS)
-    half = 0.0 if kind == mujoco.mjtGeom.mjGEOM_SPHERE else size[1]
-    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+    half = 0.0 if kind == int(known.mjGEOM_SPHERE) else size[1]
+    if kind == int(known.mjGEOM_CYLINDER):
         profile = np.array([[1e-6, -half], [size[0], -half], [size[0], half], [1e-6, half]])
     else:
         height = size[0] * np.sin(angle) + np.where(angle < 0, -half, half)
@@ -112,7 +112,7 @@ def judged_robot(seed: int, scenes: int, pictures: Path | None) -> list[dict[str
             row: dict[str, Any] = {"robot": seed, "scene": number}
             for name, images in (("pybullet", second), ("mujoco", first)):
                 tracker.forget()
-                found = tracker.track(np.stack(images))
+                found = tracker.track(np.array(images))
                 off_m = np.linalg.norm(found.position_world_m - scene.position_world_m)
                 turned = np.rad2deg(angle_between_rad(found.rotation, matrix_of_quat(scene.quat_wxyz)))
                 row[name] = {"mm": round(1000 * float(off_m), 3), "deg": round(float(turned), 3)}

@@ -324,7 +324,7 @@ class RolloutProblem:
         went, moves = self._probed(state, terms[:probed], begin, with_begins=known is None)
         moves = moves if known is None else np.concatenate([moves, known])
         error = w.position_rad - went
-        fine = np.isfinite(error).all(axis=(1, 2)) & np.isfinite(moves).all(axis=(0, 2, 3))
+        fine = np.asarray(np.isfinite(error).all(axis=(1, 2)) & np.isfinite(moves).all(axis=(0, 2, 3)))
         counted = (np.sqrt(weights * SAMPLES_OF_WINDOW / error.shape[1]) / noise)[:, None] * fine[:, None, None]
         left = np.nan_to_num(error * counted).reshape(len(error), -1)
         images = np.nan_to_num(moves * counted).reshape(m + 2 * k, len(error), -1).transpose(1, 2, 0)
