@@ -15,6 +15,8 @@ from api_schemas.scene_form import FIRST_FORM
 from api_schemas.schema import Schema
 
 ROOT = "trifarm/v1"
+MAX_SESSIONS = 50_000
+"""Of one router: a robot has one, and zenoh's own limit of 1,000 would send the thousand and first robot away."""
 LINK_LEASE_MS = 2000
 """After so long without a sign of life the transport is closed and liveliness tokens vanish."""
 HEARTBEAT_EVERY_S = 1.0
@@ -173,7 +175,7 @@ def session_config(
         "connect": {"endpoints": list(connect), "retry": CONNECT_AGAIN},
         "listen": {"endpoints": list(listen)},
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-        "transport": {"link": link, "shared_memory": {"enabled": False}},
+        "transport": {"link": link, "shared_memory": {"enabled": False}, "unicast": {"max_sessions": MAX_SESSIONS}},
     }
     return settings if access_rules is None else settings | {"access_control": access_rules}
 

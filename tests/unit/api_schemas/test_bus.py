@@ -45,3 +45,8 @@ def test_a_session_is_back_soon_after_its_router():
     second.kill()
     second.communicate()
     assert back_s < 2.0 + stalled.seconds
+
+
+def test_a_router_takes_more_than_the_thousand_sessions_that_are_usual():
+    config = zenoh.Config.from_json5(bus.session_config_json(mode="router", listen=["tcp/127.0.0.1:0"]))
+    assert int(config.get_json("transport/unicast/max_sessions")) == bus.MAX_SESSIONS > 10_000
