@@ -29,7 +29,7 @@ _PARTS = 5
 
 
 @dataclass(frozen=True)
-class Pattern:
+class UnnamedPattern:
     """What is left at a joint follows something: the joint's name, what it follows, and the share of the variance."""
 
     joint: str
@@ -76,7 +76,7 @@ def followed(
     joint: int,
     names: Sequence[str],
     instead_of: JointState | None = None,
-) -> Pattern | None:
+) -> UnnamedPattern | None:
     """What a joint's torque error with a model follows most, if that takes most of its variance and sensors do not make it.
 
     Args:
@@ -102,7 +102,7 @@ def followed(
         for name, columns in (_of_one(episodes, joint, rows) | _of_several(episodes, joint, rows, names)).items()
     }
     variable, share = max(found.items(), key=lambda each: each[1])
-    return Pattern(names[joint], variable, share) if share > _MOST else None
+    return UnnamedPattern(names[joint], variable, share) if share > _MOST else None
 
 
 def _error_nm(episodes: Sequence[EpisodeEquations], state: JointState, joint: int, rows: Sequence[np.ndarray]) -> np.ndarray:

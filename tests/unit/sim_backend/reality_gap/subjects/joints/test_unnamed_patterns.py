@@ -7,7 +7,7 @@ import pytest
 
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.subjects.joints.state import JointState
-from sim_backend.reality_gap.subjects.joints.unnamed_patterns import Pattern, followed, way_since_reversal_rad
+from sim_backend.reality_gap.subjects.joints.unnamed_patterns import UnnamedPattern, followed, way_since_reversal_rad
 from tests.unit.sim_backend.reality_gap.subjects.joints.driven_joints import (
     NAMES,
     NO_LIMIT,
@@ -49,7 +49,7 @@ class Resisted:
         return lost
 
 
-def left_of(law: str) -> Pattern | None:
+def left_of(law: str) -> UnnamedPattern | None:
     """What the second joint's torque follows with a model that has the best Coulomb friction for it."""
     position, torque = drive(joints_model(), SECONDS, Resisted(law))
     position += 3e-5 * np.random.default_rng(0).standard_normal(position.shape)
