@@ -363,7 +363,7 @@ async def dispatching(farm: Farm, *, serves: bool = True) -> AsyncIterator[Dispa
     metrics = Metrics.register(farm.registry)
     # A dispatcher alone keeps nothing in its folder.
     disk = Disk(settings.data, settings.disk_reserve_bytes if serves else 0)
-    dispatcher = Dispatcher(settings, farm.database, bus, farm.clock, farm.fleet, farm.signals, metrics, disk)
+    dispatcher = Dispatcher(settings, farm.database, bus, farm.clock, farm.fleet, farm.signals, metrics, disk, serves)
     running = asyncio.create_task(dispatcher.run())
     try:
         yield dispatcher

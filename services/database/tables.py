@@ -271,6 +271,16 @@ turn = Table(
     Column("served_s", Float, nullable=False),
 )
 
+leader = Table(
+    "leader",
+    metadata,
+    # What is led; one row for each role.
+    Column("role", String(20), primary_key=True),
+    Column("holder", String(40)),
+    # By the clock of the database's host; whoever leads says again and again that it does.
+    Column("until_s", Float, nullable=False),
+)
+
 attempt = Table(
     "attempt",
     metadata,

@@ -10,12 +10,11 @@ from services.dispatcher.bus import Bus
 from services.dispatcher.steps import Steps
 from services.jobs.claim import Claim
 from services.jobs.clock import FarmClock
-from services.jobs.fleet import Fleet
+from services.jobs.fleet import IN_SERVICE, Fleet
 
 log = structlog.get_logger()
 TELL_AGAIN_S = 1.0
 """A command that has had no effect is sent again after so long."""
-TAKES_TRIALS = frozenset({RobotState.IDLE, RobotState.LEASED, RobotState.RUNNING})
 
 
 @dataclass
@@ -39,7 +38,7 @@ class Commands:
         for member in self.fleet.members.values():
             is_there = member.heartbeat is not None and member.lost_s is None and not member.says_that_it_goes
             said = member.heartbeat.state if is_there and member.heartbeat is not None else None
-            if member.drain and said in TAKES_TRIALS:
+            if member.drain and said in IN_SERVICE:
                 self._tell(member.robot, CommandKind.DRAIN, None)
             elif (said == RobotState.DRAINING and not member.drain) or (said == RobotState.OUT_OF_SERVICE and member.test_wanted):
                 self._tell(member.robot, CommandKind.RESUME, None)

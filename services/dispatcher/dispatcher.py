@@ -5,9 +5,10 @@ import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
+from math import inf
 
 import structlog
-from prometheus_client import CollectorRegistry, Counter, Histogram
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from api_schemas.excitation import ExcitationName
@@ -31,6 +32,7 @@ from services.dispatcher.finding import why_unfit
 from services.dispatcher.giving import Giver
 from services.dispatcher.hearing import NAMED, Hearing
 from services.dispatcher.judge import Judge
+from services.dispatcher.leading import Leadership
 from services.dispatcher.overdue import LeaseEnder
 from services.dispatcher.steps import Steps
 from services.jobs import lease, robots
@@ -44,7 +46,9 @@ log = structlog.get_logger()
 MANIFESTS_KEPT = 1000
 REST_AT_MOST_S = 0.1
 SETTLE_S = 2.0
-"""A dispatcher that joins others gives no lease for so long: two heartbeats of every robot."""
+"""A dispatcher beside others that begins to hear gives no lease for so long: two heartbeats of every robot."""
+REFRESH_EVERY_S = 2.0
+"""How often all that the database keeps of robots is read; what they may not do is read at each look."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,7 @@ class Metrics:
     refusals: Counter
     offer_s: Histogram
     claim_s: Histogram
+    leads: Gauge
 
     @classmethod
     def register(cls, registry: CollectorRegistry) -> "Metrics":
@@ -66,12 +71,16 @@ class Metrics:
             claim_s=Histogram(
                 "trifarm_claim_seconds", "Time to find a robot's next trial and write its lease", registry=registry
             ),
+            leads=Gauge("trifarm_leads", "1 for the one dispatcher of several that gives leases now", registry=registry),
         )
 
 
 @dataclass
 class Dispatcher:
-    """Gives leases; one task on the event loop. Others may do the same beside it, on a database that they share."""
+    """Gives leases; one task on the event loop. Of several on one database one leads, and the others wait until it is gone.
+
+    ``shows`` says whether this process shows robots to anyone: then it hears them though another leads.
+    """
 
     settings: Settings
     database: Database
@@ -81,9 +90,12 @@ class Dispatcher:
     signals: Signals
     metrics: Metrics
     disk: Disk
+    shows: bool = True
     _manifests: dict[str, PolicyManifest] = field(default_factory=dict)
     _asking: dict[str, asyncio.Task[tuple[PolicyManifest, str]]] = field(default_factory=dict)
     _gives_from_s: float = 0.0
+    _refreshed_s: float = -inf
+    _hears: bool = False
     _is_away: bool = False
 
     def __post_init__(self) -> None:
@@ -95,17 +107,17 @@ class Dispatcher:
         self._judge = Judge(self.database, self.clock, self.signals, self._alone)
         self._canaries = Canaries(self.database, self.clock, self.signals)
         self._commands = Commands(self.bus, self.clock, self.fleet, self._steps, self.settings.offer_timeout_s)
+        self._leading = Leadership(self.database, self.metrics.leads)
         self._confirming = Confirming(self.database, self.clock, self.signals)
         parts = (self.settings, self.database, self.clock, self.fleet, self.signals)
         self._giver = Giver(*parts, self._alone, self._begin_to_offer, self.metrics.claim_s)
 
     async def run(self) -> None:
         """Looks until the process stops."""
-        self._hearing.listen(self.bus)
+        if self.shows or not self.database.is_shared:
+            self._hear()
         if self.database.is_shared:
             self.bus.share_changes(self.signals)
-            # Until every robot was heard, others know better who is in service.
-            self._gives_from_s = self.clock.now_s() + SETTLE_S
         while not self.signals.closing.is_set():
             look_at_active = await self.signals.dispatcher_woken(self.settings.sweep_every_s)
             if self.settings.alive_file is not None:
@@ -113,7 +125,7 @@ class Dispatcher:
                     self.settings.alive_file.touch()
             began_s = time.monotonic()
             try:
-                gave = await self._look(look_at_active=look_at_active)
+                gave = await self._look(look_at_active=look_at_active, leads=await self._leads())
                 self._note_back()
                 if not gave:  # then what happens meanwhile can be looked at together, and requests have the loop for as long
                     await asyncio.sleep(min(time.monotonic() - began_s, REST_AT_MOST_S))
@@ -125,6 +137,28 @@ class Dispatcher:
                 log.exception("dispatcher failed a pass")
                 await asyncio.sleep(self.settings.sweep_every_s)
         await self._steps.finish(self.settings.offer_timeout_s)
+        with suppress(*AWAY):  # its time runs out
+            await self._leading.let_go()
+
+    def _hear(self) -> None:
+        """Begins to hear robots, once; who began stays at it."""
+        if not self._hears:
+            self._hearing.listen(self.bus)
+            if self.database.is_shared:  # until every robot was heard, nobody here knows who is in service
+                self._gives_from_s = self.clock.now_s() + SETTLE_S
+        self._hears = True
+
+    async def _leads(self) -> bool:
+        """Whether this process gives leases now."""
+        if not self.settings.dispatches:
+            return False
+        led = self._leading.leads
+        leads = await self._leading.look(sees_robots=self.fleet.serves(self.clock.now_s()))
+        if leads != led and self.database.is_shared:
+            log.info("this dispatcher gives leases now" if leads else "another dispatcher may give leases now")
+        if leads:
+            self._hear()
+        return leads
 
     def _note_away(self, error: Exception) -> None:
         """One line for each time that the database is away or full, however long."""
@@ -137,13 +171,13 @@ class Dispatcher:
             log.info("the database answers again, leases are given")
         self._is_away = False
 
-    async def _look(self, *, look_at_active: bool) -> bool:
+    async def _look(self, *, look_at_active: bool, leads: bool) -> bool:
         """One pass; gives whether any robot got a lease."""
-        if look_at_active:
-            await self._look_at_active()
+        if look_at_active and (self._hears or leads):
+            await self._look_at_active(leads=leads)
             await self._hearing.keep_unkept()
             self._commands.tell_wishes()
-        if not self.settings.dispatches or self.clock.now_s() < self._gives_from_s:
+        if not leads or self.clock.now_s() < self._gives_from_s:
             return False
         if look_at_active:
             await self._forget_who_left()
@@ -164,12 +198,15 @@ class Dispatcher:
         if left := self.fleet.left_for_good(self.clock.now_s()):
             async with self.database.write() as tx:
                 await robots.forget_those_without_a_lease(tx, left)
+            self._refreshed_s = -inf
             log.info("robots forgotten that went after they had said so", count=len(left), robots=left[:NAMED])
 
-    async def _look_at_active(self) -> None:
+    async def _look_at_active(self, *, leads: bool) -> None:
+        refreshes = time.monotonic() - self._refreshed_s >= REFRESH_EVERY_S
         async with self.database.read() as connection:
             rows = await queue.active(connection)
-            await robots.refresh(connection, self.fleet)
+            await (robots.refresh if refreshes else robots.refresh_wishes)(connection, self.fleet)
+        self._refreshed_s = time.monotonic() if refreshes else self._refreshed_s
         now_s = self.clock.now_s()
         active = {Claim(row.trial_id, row.fence, row.robot): row for row in rows}
         self.fleet.hold_only(active)
@@ -177,7 +214,7 @@ class Dispatcher:
         for claim, row in active.items():
             renewed_s = row.lease_until_s - self.settings.lease_s
             self.fleet.learn(claim, renewed_s, accepted=row.trial_state == TrialState.RUNNING)
-            if not self.settings.dispatches:
+            if not leads:
                 continue
             if (reason := self._ender.why_overdue(row, now_s)) is not None:
                 await self._ender.end(claim, reason)

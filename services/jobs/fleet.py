@@ -14,6 +14,8 @@ RETURN_AFTER_S = 2.0
 """Heartbeats this long after the token went show that the robot is back; earlier ones may have been under way."""
 KNOWN_AFTER_LOSS_S = 60.0
 """A lost robot takes part in draws for so long, because most come back."""
+IN_SERVICE = frozenset({RobotState.IDLE, RobotState.LEASED, RobotState.RUNNING})
+"""States of robots that are idle or busy."""
 _SAID = attrgetter(*(name for name in Heartbeat.model_fields if name != "health"))
 """What a heartbeat says but for what changes each time and concerns nobody who gives leases."""
 
@@ -115,12 +117,11 @@ class Member:
 
     def healthy(self, now_s: float) -> bool:
         """In service, be it idle or busy."""
-        return self.state(now_s) in {RobotState.IDLE, RobotState.LEASED, RobotState.RUNNING}
+        return self.state(now_s) in IN_SERVICE
 
-    def ready(self, now_s: float) -> bool:
-        """May be offered a lease now."""
-        waits = self.lease is not None or self.arriving is not None or now_s < self.paused_until_s
-        return not waits and self.state(now_s) == RobotState.IDLE
+    def waits(self, now_s: float) -> bool:
+        """Whether it is offered none, be it idle: it has one, has just come, or has just refused one."""
+        return self.lease is not None or self.arriving is not None or now_s < self.paused_until_s
 
 
 @dataclass(frozen=True)
@@ -158,15 +159,15 @@ class Fleet:
 
     def seen(self, now_s: float) -> Seen:
         """The robots as they are now."""
-        return Seen(self, now_s, self.known(now_s), self.healthy(now_s), self.ready(now_s))
-
-    def known(self, now_s: float) -> tuple[str, ...]:
-        """The robots that take part in a draw now, sorted."""
-        return tuple(sorted(m.robot for m in self.members.values() if _takes_part(m, now_s)))
-
-    def ready(self, now_s: float) -> tuple[str, ...]:
-        """The robots that may be offered a lease now; the one idle for longest first would need a clock: by name."""
-        return tuple(sorted(m.robot for m in self.members.values() if m.ready(now_s)))
+        known, healthy, ready = [], [], []
+        for member in self.members.values():
+            if _takes_part(member, now_s):
+                known.append(member.robot)
+            if (state := member.state(now_s)) in IN_SERVICE:
+                healthy.append(member.robot)
+            if state == RobotState.IDLE and not member.waits(now_s):
+                ready.append(member.robot)
+        return Seen(self, now_s, tuple(sorted(known)), frozenset(healthy), tuple(sorted(ready)))
 
     def healthy(self, now_s: float) -> frozenset[str]:
         """The robots in service."""

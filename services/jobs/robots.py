@@ -10,6 +10,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 from api_schemas.bus import Heartbeat
 from api_schemas.trial import TrialState
 from services.database.postgres import dispatch_alone
+from services.database.rows import AnyRow
 from services.database.tables import robot, trial
 from services.errors import Conflict, NotFound
 from services.jobs import physics
@@ -32,6 +33,9 @@ _NAME = _OF_ROBOT.where(
     or_(*(robot.c[name].is_distinct_from(bindparam(f"to_{name}")) for name in ("instance", "physics")))
 ).values({name: bindparam(f"to_{name}") for name in _TOLD})
 _JOIN = insert(robot)
+_OF_FLEET = (robot.c.robot, robot.c.drain, robot.c.withdrawn)
+_HELD_BACK = select(*_OF_FLEET).where(or_(robot.c.drain.is_(True), robot.c.withdrawn.is_not(None)))
+_NOTHING_SAID = (False, None)
 
 
 async def load(tx: AsyncConnection, fleet: Fleet, now_s: float, lease_s: float, *, prolong: bool) -> None:
@@ -52,14 +56,25 @@ async def load(tx: AsyncConnection, fleet: Fleet, now_s: float, lease_s: float, 
 
 async def refresh(connection: AsyncConnection, fleet: Fleet) -> None:
     """Puts what the database keeps of the robots into the fleet: wishes of operators, counts, who was withdrawn or forgotten."""
-    columns, wishes = (robot.c.robot, robot.c.drain, robot.c.trials_done, robot.c.withdrawn), fleet.wishes
-    rows = (await connection.execute(select(*columns))).all()
+    wishes, rows = fleet.wishes, (await connection.execute(select(*_OF_FLEET, robot.c.trials_done))).all()
     fleet.keep_only({row.robot for row in rows})
     for row in rows:
-        member = fleet.member(row.robot)
-        member.trials_done = row.trials_done
-        if fleet.wishes == wishes:  # else what was read may be older than a wish; the next look has it
-            member.drain, member.withdrawn = row.drain, row.withdrawn
+        fleet.member(row.robot).trials_done = row.trials_done
+    _take_wishes(fleet, rows, wishes)
+
+
+async def refresh_wishes(connection: AsyncConnection, fleet: Fleet) -> None:
+    """The part of it that others must see soon, read of those few whom it concerns."""
+    wishes = fleet.wishes
+    _take_wishes(fleet, (await connection.execute(_HELD_BACK)).all(), wishes)
+
+
+def _take_wishes(fleet: Fleet, rows: Sequence[AnyRow], wishes: int) -> None:
+    if fleet.wishes != wishes:
+        return  # what was read may be older than a wish; the next look has it
+    said = {row.robot: (row.drain, row.withdrawn) for row in rows}
+    for member in fleet.members.values():
+        member.drain, member.withdrawn = said.get(member.robot, _NOTHING_SAID)
 
 
 async def keep(tx: AsyncConnection, beats: Sequence[Heartbeat], now_s: float) -> frozenset[str]:

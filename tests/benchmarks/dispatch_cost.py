@@ -104,7 +104,7 @@ async def settled(dispatcher):
 
 async def look(dispatcher):
     began_s = time.process_time()
-    await dispatcher._look(look_at_active=True)
+    await dispatcher._look(look_at_active=True, leads=True)
     await settled(dispatcher)
     return round(1e3 * (time.process_time() - began_s), 1)
 
@@ -139,7 +139,7 @@ async def giving(dispatcher, fleet):
     began_s, passes = time.process_time(), 0
     leased = lambda: sum(member.lease is not None for member in fleet.members.values())  # noqa: E731
     while time.process_time() - began_s < GIVING_S and leased() < len(fleet.members):
-        await dispatcher._look(look_at_active=False)
+        await dispatcher._look(look_at_active=False, leads=True)
         passes += 1
     await settled(dispatcher)
     used_s = time.process_time() - began_s

@@ -35,7 +35,7 @@ async def test_a_trial_that_was_drawn_for_a_robot_that_nobody_knows_goes_to_anot
     await add_trials(database, [("ghost", "a"), ("a", "ghost"), ("phantom", "a")])
     async with database.read() as connection:
         assert await queue.drawn_robots(connection) == {"a", "ghost", "phantom"}
-    await dispatcher._look(look_at_active=True)
+    await dispatcher._look(look_at_active=True, leads=True)
     async with database.read() as connection:
         assert await queue.drawn_robots(connection) == {"a"}
         departures = (await connection.execute(select(trial.c.departure).order_by(trial.c.ordinal))).scalars().all()
@@ -52,7 +52,7 @@ async def test_a_trial_whose_robot_says_that_it_runs_it_is_running_though_its_an
     dispatcher.fleet.leased(claim, now_s)
 
     async def state_after_a_look():
-        await dispatcher._look(look_at_active=True)
+        await dispatcher._look(look_at_active=True, leads=True)
         async with database.read() as connection:
             return (await connection.execute(select(trial.c.state))).scalar_one()
 
@@ -110,8 +110,8 @@ async def test_a_robot_that_left_is_on_no_list_after_a_minute(database, dispatch
     gone = beat("a", RobotState.DRAINING).model_copy(update={"leaving": True})
     dispatcher.fleet.heard(gone, dispatcher.clock.now_s() - 100.0)
     dispatcher.fleet.token_changed("a", present=False, now_s=dispatcher.clock.now_s() - 100.0)
-    await dispatcher._look(look_at_active=True)
-    await dispatcher._look(look_at_active=True)
+    await dispatcher._look(look_at_active=True, leads=True)
+    await dispatcher._look(look_at_active=True, leads=True)
     async with database.read() as connection:
         assert (await connection.execute(select(robot.c.robot))).scalars().all() == ["b"]
     assert "a" not in dispatcher.fleet.members

@@ -43,7 +43,7 @@ class Heard:
         await asyncio.sleep(0)
 
     def ready(self):
-        return self.fleet.ready(self.clock.now_s())
+        return self.fleet.seen(self.clock.now_s()).ready
 
     @asynccontextmanager
     async def cannot_write_robots_down(self):

@@ -27,7 +27,7 @@ def state(fleet, now_s=100.0):
 
 def test_a_robot_is_idle_once_it_said_so(fleet):
     assert state(fleet) == RobotState.IDLE
-    assert fleet.ready(100.0) == ("robot-0",)
+    assert fleet.seen(100.0).ready == ("robot-0",)
 
 
 def test_a_heartbeat_is_news_only_when_it_says_something_new(fleet):
@@ -41,14 +41,14 @@ def test_a_leased_robot_is_not_ready_whatever_it_says(fleet):
     fleet.accepted(CLAIM)
     fleet.heard(beat(), 100.1)
     assert state(fleet) == RobotState.RUNNING
-    assert fleet.ready(100.1) == ()
+    assert fleet.seen(100.1).ready == ()
 
 
 def test_a_robot_is_ready_at_once_after_its_outcome(fleet):
     fleet.leased(CLAIM, 100.0)
     fleet.heard(beat(RobotState.RUNNING, CLAIM), 100.1)
     fleet.freed(CLAIM, done=True)
-    assert fleet.ready(100.2) == ("robot-0",)
+    assert fleet.seen(100.2).ready == ("robot-0",)
     assert fleet.member("robot-0").trials_done == 1
 
 
@@ -83,9 +83,9 @@ def test_a_silent_robot_is_lost_though_its_token_stands(fleet):
 
 def test_a_lost_robot_takes_part_in_draws_for_a_while(fleet):
     fleet.token_changed("robot-0", present=False, now_s=101.0)
-    assert fleet.known(102.0) == ("robot-0",)
+    assert fleet.seen(102.0).known == ("robot-0",)
     assert fleet.healthy(102.0) == frozenset()
-    assert fleet.known(101.0 + KNOWN_AFTER_LOSS_S) == ()
+    assert fleet.seen(101.0 + KNOWN_AFTER_LOSS_S).known == ()
 
 
 def test_a_draining_robot_is_not_healthy(fleet):
@@ -96,8 +96,8 @@ def test_a_draining_robot_is_not_healthy(fleet):
 
 def test_a_paused_robot_is_not_ready_until_its_time(fleet):
     fleet.member("robot-0").paused_until_s = 101.0
-    assert fleet.ready(100.9) == ()
-    assert fleet.ready(101.0) == ("robot-0",)
+    assert fleet.seen(100.9).ready == ()
+    assert fleet.seen(101.0).ready == ("robot-0",)
 
 
 def test_leases_that_the_database_does_not_know_are_dropped(fleet):
@@ -127,7 +127,7 @@ def test_two_living_processes_of_one_name_are_out_of_service_with_the_reason(fle
     both_heard(fleet, 101.0)
     assert state(fleet, 101.5) == RobotState.OUT_OF_SERVICE
     assert fleet.member("robot-0").reason(101.5) == "two processes call themselves robot-0; start one of them with --first"
-    assert fleet.ready(101.5) == ()
+    assert fleet.seen(101.5).ready == ()
     assert fleet.healthy(101.5) == frozenset()
     # Neither is taken for a new process each time that it speaks; a third one is.
     assert not fleet.came_anew(beat(instance="two"), 102.0)

@@ -69,7 +69,7 @@ async def test_five_faults_in_a_row_take_a_robot_out_of_service_until_an_operato
     out = await shown(database, fleet)
     assert out.state == RobotState.OUT_OF_SERVICE
     assert out.reason == "5 attempts in a row failed on it, the last because: reason 0; 'trifarm robots resume a' tries again"
-    assert fleet.ready(NOW_S) == ()
+    assert fleet.seen(NOW_S).ready == ()
     assert fleet.healthy(NOW_S) == frozenset()
     async with database.write() as tx:
         await robots.wish_drain(tx, "a", drain=True)
