@@ -132,8 +132,8 @@ class Tokens:
         if now_s - self._used_s.get(token_id, 0.0) < LAST_USED_EVERY_S:
             return
         self._used_s[token_id] = now_s
-        async with self.database.write(lasting=False) as tx:
-            await tx.execute(update(token).where(token.c.token_id == token_id).values(last_used_at=iso(now_s)))
+        async with self.database.single() as connection:
+            await connection.execute(update(token).where(token.c.token_id == token_id).values(last_used_at=iso(now_s)))
 
     async def make(self, request: TokenRequest) -> NewToken:
         """A new token; its secret is in the answer and nowhere else."""

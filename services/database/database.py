@@ -60,6 +60,10 @@ class Database:
                 await connection.execute(postgres.BRIEF)
             yield connection
 
+    def single(self) -> AbstractAsyncContextManager[AsyncConnection]:
+        """For one statement that changes what need not last; where many write it is a transaction of its own, without a begin."""
+        return self.read() if self.is_shared else self.write(lasting=False)
+
     async def check(self) -> None:
         """Asks the database for a number.
 

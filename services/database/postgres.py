@@ -1,7 +1,7 @@
 """PostgreSQL as the home of truth: many writers, none of whom can hold the others up for long."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import asyncpg
@@ -27,6 +27,8 @@ SESSION = {
     "tcp_keepalives_interval": "2",
     "tcp_keepalives_count": "3",
 }
+SINGLE = {"synchronous_commit": "off", "lock_timeout": "2000"}
+"""Beside that, of the sessions that read: what such a statement changes need not last, and it must not keep readers waiting."""
 OLDEST = 15
 """The oldest major version of the server that all statements have been tried on."""
 AWAY = (OSError, SQLAlchemyError, asyncpg.PostgresError, asyncpg.InterfaceError)
@@ -41,11 +43,11 @@ BRIEF = text("SET LOCAL synchronous_commit TO OFF")
 
 def open_engines(url: str) -> tuple[AsyncEngine, AsyncEngine]:
     """The engine of the readers and that of the writers; apart, so that who writes never waits for who wants to read."""
-    return _engine(url).execution_options(isolation_level="AUTOCOMMIT"), _engine(url)
+    return _engine(url, SESSION | SINGLE).execution_options(isolation_level="AUTOCOMMIT"), _engine(url, SESSION)
 
 
-def _engine(url: str) -> AsyncEngine:
-    how = {"timeout": CONNECT_WITHIN_S, "command_timeout": STATEMENT_MS / 1000, "server_settings": SESSION}
+def _engine(url: str, session: Mapping[str, str]) -> AsyncEngine:
+    how = {"timeout": CONNECT_WITHIN_S, "command_timeout": STATEMENT_MS / 1000, "server_settings": session}
     # The one that was used last comes next, so that under little load few are asked whether they still live.
     engine = create_async_engine(url, pool_size=CONNECTIONS, max_overflow=0, pool_use_lifo=True, connect_args=how)
     event.listen(engine.sync_engine, "checkin", _note_use)

@@ -32,7 +32,7 @@ from services.dispatcher.finding import why_unfit
 from services.dispatcher.giving import Giver
 from services.dispatcher.hearing import NAMED, Hearing
 from services.dispatcher.judge import Judge
-from services.dispatcher.leading import Leadership
+from services.dispatcher.leading import ASKS_EVERY_S, Leadership
 from services.dispatcher.overdue import LeaseEnder
 from services.dispatcher.steps import Steps
 from services.jobs import lease, robots
@@ -116,8 +116,11 @@ class Dispatcher:
         """Looks until the process stops."""
         if self.shows or not self.database.is_shared:
             self._hear()
+        leading = None
         if self.database.is_shared:
             self.bus.share_changes(self.signals)
+            if self.settings.dispatches:
+                leading = asyncio.create_task(self._stay_leader())
         while not self.signals.closing.is_set():
             look_at_active = await self.signals.dispatcher_woken(self.settings.sweep_every_s)
             if self.settings.alive_file is not None:
@@ -125,7 +128,7 @@ class Dispatcher:
                     self.settings.alive_file.touch()
             began_s = time.monotonic()
             try:
-                gave = await self._look(look_at_active=look_at_active, leads=await self._leads())
+                gave = await self._look(look_at_active=look_at_active, leads=self.settings.dispatches and self._leading.leads)
                 self._note_back()
                 if not gave:  # then what happens meanwhile can be looked at together, and requests have the loop for as long
                     await asyncio.sleep(min(time.monotonic() - began_s, REST_AT_MOST_S))
@@ -137,8 +140,10 @@ class Dispatcher:
                 log.exception("dispatcher failed a pass")
                 await asyncio.sleep(self.settings.sweep_every_s)
         await self._steps.finish(self.settings.offer_timeout_s)
-        with suppress(*AWAY):  # its time runs out
-            await self._leading.let_go()
+        if leading is not None:
+            await leading
+            with suppress(*AWAY):  # then its time runs out
+                await self._leading.let_go()
 
     def _hear(self) -> None:
         """Begins to hear robots, once; who began stays at it."""
@@ -148,17 +153,22 @@ class Dispatcher:
                 self._gives_from_s = self.clock.now_s() + SETTLE_S
         self._hears = True
 
-    async def _leads(self) -> bool:
-        """Whether this process gives leases now."""
-        if not self.settings.dispatches:
-            return False
-        led = self._leading.leads
-        leads = await self._leading.look(sees_robots=self.fleet.serves(self.clock.now_s()))
-        if leads != led and self.database.is_shared:
-            log.info("this dispatcher gives leases now" if leads else "another dispatcher may give leases now")
-        if leads:
-            self._hear()
-        return leads
+    async def _stay_leader(self) -> None:
+        """Leads, or takes the lead when it is free; beside the passes, one of which may take longer than that may wait."""
+        while not self.signals.closing.is_set():
+            led = self._leading.leads
+            try:
+                await self._leading.look(sees_robots=self.fleet.serves(self.clock.now_s()))
+            except AWAY as error:
+                log.warning("nobody can be asked who gives leases", reason=str(error.__cause__ or error))
+            except Exception:  # as below
+                log.exception("dispatcher failed to ask who gives leases")
+            if (leads := self._leading.leads) != led:
+                log.info("this dispatcher gives leases now" if leads else "this dispatcher gives no leases, another may")
+            if leads and not led:
+                self._hear()
+                self.signals.wake_dispatcher(urgent=True)
+            await asyncio.sleep(ASKS_EVERY_S)
 
     def _note_away(self, error: Exception) -> None:
         """One line for each time that the database is away or full, however long."""

@@ -43,37 +43,41 @@ class Leadership:
 
     database: Database
     shown: Gauge
-    _name: str = field(default_factory=lambda: uuid.uuid4().hex)
     leads: bool = False
+    _name: str = field(default_factory=lambda: uuid.uuid4().hex)
     _asks_from_s: float = 0.0
     _seen_s: float = 0.0
 
     def __post_init__(self) -> None:
+        self.leads = not self.database.is_shared
         self.shown.set_function(lambda: self.leads)
 
-    async def look(self, *, sees_robots: bool) -> bool:
-        """Takes the lead if nobody has it, or keeps it; gives whether this process leads now.
+    async def look(self, *, sees_robots: bool) -> None:
+        """Takes the lead if nobody has it, or keeps it; to be asked every ``ASKS_EVERY_S`` where many may lead.
+
+        Args:
+            sees_robots: whether any robot is in service, as far as this process knows.
 
         Raises:
-            DBAPIError, Unavailable: the database is away; then nobody leads.
+            DBAPIError, Unavailable: the database is away; then this process does not lead.
         """
         now_s = time.monotonic()
         if sees_robots or not self.leads:
             self._seen_s = now_s
-        if not self.database.is_shared:
-            self.leads = True
-        elif now_s - self._seen_s > SEES_NOBODY_S:
+        if now_s - self._seen_s > SEES_NOBODY_S:
             await self.let_go()
             self._asks_from_s = now_s + STANDS_BACK_S
         elif now_s >= self._asks_from_s:
-            self.leads, self._asks_from_s = False, now_s + ASKS_EVERY_S
-            async with self.database.write(lasting=False) as tx:
-                self.leads = (await tx.execute(_TAKE, {"by": self._name, "leads_s": LEADS_S})).rowcount == 1
-        return self.leads
+            leads = False
+            try:
+                async with self.database.single() as connection:
+                    leads = (await connection.execute(_TAKE, {"by": self._name, "leads_s": LEADS_S})).rowcount == 1
+            finally:
+                self.leads = leads
 
     async def let_go(self) -> None:
         """Lets another lead at once."""
         if self.leads and self.database.is_shared:
             self.leads = False
-            async with self.database.write(lasting=False) as tx:
-                await tx.execute(_LET_GO, {"by": self._name})
+            async with self.database.single() as connection:
+                await connection.execute(_LET_GO, {"by": self._name})

@@ -10,6 +10,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 from api_schemas.job import JobState
 from api_schemas.robot import OutcomeReport, Renewal
 from api_schemas.trial import AttemptState, OutcomeKind, TrialState
+from services.database.postgres import is_postgres
 from services.database.rows import AnyRow
 from services.database.tables import attempt, job, trial, turn
 from services.database.tables import robot as robot_table
@@ -75,6 +76,8 @@ _HELD_BY = select(trial.c.trial_id).where(IS_HELD)
 _EVER_HELD = select(attempt.c.fence).where(attempt.c.trial_id == bindparam("of_trial"), attempt.c.robot == bindparam("held_by"))
 _RENEW = update(trial).where(IS_HELD).values(lease_until_s=bindparam("until_s")).returning(trial.c.job_number)
 _STATE = select(job.c.cancel_requested, job.c.state).where(job.c.number == bindparam("of_job"))
+_RENEWED = _RENEW.cte("renewed")
+_RENEW_AND_STATE = select(job.c.cancel_requested, job.c.state).join(_RENEWED, _RENEWED.c.job_number == job.c.number)
 _OPEN_ATTEMPT = insert(attempt)
 _IS_OPEN = and_(
     attempt.c.trial_id == bindparam("of_trial"),
@@ -197,18 +200,21 @@ async def shorten(tx: AsyncConnection, until_s: float) -> None:
     await tx.execute(longer.values(lease_until_s=until_s))
 
 
-async def renew(tx: AsyncConnection, now_s: float, trial_id: str, renewal: Renewal, lease_s: float) -> bool:
-    """Prolongs a lease; true when the robot should stop because the job was cancelled.
+async def renew(connection: AsyncConnection, now_s: float, trial_id: str, renewal: Renewal, lease_s: float) -> bool:
+    """Prolongs a lease; true when the robot should stop because the job was cancelled. One statement where the database can.
 
     Raises:
         NotFound: there is no such trial.
         Conflict: the lease is not the robot's any more.
     """
     held = {"of_trial": trial_id, "held_fence": renewal.fence, "held_by": renewal.robot, "until_s": now_s + lease_s}
-    number = (await tx.execute(_RENEW, held)).scalar_one_or_none()
-    if number is None:
-        raise await stale(tx, trial_id, renewal.fence, renewal.robot)
-    row = (await tx.execute(_STATE, {"of_job": number})).one()
+    if is_postgres(connection):
+        row = (await connection.execute(_RENEW_AND_STATE, held)).one_or_none()
+    else:
+        number = (await connection.execute(_RENEW, held)).scalar_one_or_none()
+        row = None if number is None else (await connection.execute(_STATE, {"of_job": number})).one()
+    if row is None:
+        raise await stale(connection, trial_id, renewal.fence, renewal.robot)
     return row.cancel_requested or row.state not in UNENDED
 
 
