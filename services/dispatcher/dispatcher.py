@@ -160,7 +160,8 @@ class Dispatcher:
             try:
                 await self._leading.look(sees_robots=self.fleet.serves(self.clock.now_s()))
             except AWAY as error:
-                log.warning("nobody can be asked who gives leases", reason=str(error.__cause__ or error))
+                if led:
+                    log.warning("the database does not say who gives leases", reason=str(error.__cause__ or error))
             except Exception:  # as below
                 log.exception("dispatcher failed to ask who gives leases")
             if (leads := self._leading.leads) != led:
