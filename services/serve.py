@@ -360,7 +360,7 @@ async def dispatching(farm: Farm, *, serves: bool = True) -> AsyncIterator[Dispa
     """Opens the bus and runs the dispatcher beside whatever the block does; ``serves`` says whether that takes in files."""
     settings = farm.settings
     bus = await Bus.open(session_config(settings, farm.key), settings.farm)
-    metrics = Metrics.register(farm.registry)
+    metrics = Metrics.register(farm.registry, dispatches=settings.dispatches)
     # A dispatcher alone keeps nothing in its folder.
     disk = Disk(settings.data, settings.disk_reserve_bytes if serves else 0)
     dispatcher = Dispatcher(settings, farm.database, bus, farm.clock, farm.fleet, farm.signals, metrics, disk, serves)

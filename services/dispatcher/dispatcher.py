@@ -62,8 +62,8 @@ class Metrics:
     leads: Gauge
 
     @classmethod
-    def register(cls, registry: CollectorRegistry) -> "Metrics":
-        """New counters in the registry."""
+    def register(cls, registry: CollectorRegistry, *, dispatches: bool = True) -> "Metrics":
+        """New counters in the registry of a process that gives leases, or only shows what others do."""
         return cls(
             leases=Counter("trifarm_leases", "Leases that robots accepted", registry=registry),
             refusals=Counter("trifarm_refused_offers", "Offers refused or not answered", registry=registry),
@@ -71,7 +71,12 @@ class Metrics:
             claim_s=Histogram(
                 "trifarm_claim_seconds", "Time to find a robot's next trial and write its lease", registry=registry
             ),
-            leads=Gauge("trifarm_leads", "1 for the one dispatcher of several that gives leases now", registry=registry),
+            # Who may not lead says nothing of it: where only such processes are asked, nobody can be missed.
+            leads=Gauge(
+                "trifarm_leads",
+                "1 for the one dispatcher of several that gives leases now",
+                registry=registry if dispatches else None,
+            ),
         )
 
 
