@@ -116,7 +116,7 @@ def study_joints(
         RecordingError: recordings that cannot be used.
         ShowsNothingError: no joint moves, or a TriFinger's are too short.
     """
-    names = _names(recordings)
+    names = joints_of(recordings)
     if isinstance(robot, KnownTriFinger):
         _check_length(recordings)
     plant = Plant(model, names)
@@ -212,7 +212,7 @@ def _is_known(recording: Recording) -> np.ndarray:
     return np.isfinite(recording.joints.position_rad.sum(axis=1))
 
 
-def _names(recordings: Sequence[Recording]) -> tuple[str, ...]:
+def joints_of(recordings: Sequence[Recording]) -> tuple[str, ...]:
     """Of the joints that all recordings have.
 
     Raises:

@@ -328,9 +328,18 @@ def _without_needless(
     """Drop causes that gain nothing any more beside those that came later, but for the first ones."""
     for cause in taken[len(first) : -1]:
         kept = tuple(other for other in taken if other is not cause)
-        state = problem.without_loose(fit.state, [term for other in taken for term in other.terms])
-        state = as_nominal(problem, state, cause.terms)
-        without = problem.fitted(state, [term for other in kept for term in other.terms], fit.begin, quickly=True)
-        if problem.gained(without.squares, fit.squares) - OF_NUMBER * len(cause.terms) < GATE and _may_be(problem, without, kept):
-            return _without_needless(problem, without, kept, first)
+        less = _fitted_without(problem, fit, taken, cause)
+        if problem.gained(less.squares, fit.squares) - OF_NUMBER * len(cause.terms) < GATE and _may_be(problem, less, kept):
+            return _without_needless(problem, less, kept, first)
     return fit, taken
+
+
+def without(selection: RolloutSelection, cause: Taken) -> RolloutFit:
+    """The model with all causes but one of them, fitted anew."""
+    return _fitted_without(selection.problem, selection.fit, selection.taken, cause)
+
+
+def _fitted_without(problem: RolloutProblem, fit: RolloutFit, taken: Sequence[Taken], cause: Taken) -> RolloutFit:
+    kept = [term for other in taken if other is not cause for term in other.terms]
+    state = problem.without_loose(fit.state, [term for other in taken for term in other.terms])
+    return problem.fitted(as_nominal(problem, state, cause.terms), kept, fit.begin, quickly=True)

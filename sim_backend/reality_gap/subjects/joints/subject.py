@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
@@ -15,13 +16,14 @@ from sim_backend.reality_gap.subjects.joints.contradictions import contradicts
 from sim_backend.reality_gap.subjects.joints.gain import held_out, held_out_of_hits
 from sim_backend.reality_gap.subjects.joints.healthy_robots import draw_healthy
 from sim_backend.reality_gap.subjects.joints.hypotheses import with_controllers
-from sim_backend.reality_gap.subjects.joints.identification import JointStudy, ShowsNothingError, study_joints
+from sim_backend.reality_gap.subjects.joints.identification import JointStudy, ShowsNothingError, joints_of, study_joints
 from sim_backend.reality_gap.subjects.joints.judged import not_judged
 from sim_backend.reality_gap.subjects.joints.motor_law import LIMIT
 from sim_backend.reality_gap.subjects.joints.position_and_velocity import causes_of_velocities
 from sim_backend.reality_gap.subjects.joints.rollout_fit import LENGTHS_S, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_selection import select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.sections import joint_sections
+from sim_backend.reality_gap.subjects.joints.slides import Slides
 from sim_backend.reality_gap.subjects.joints.state import JointState
 from sim_backend.reality_gap.subjects.joints.torques_and_rollouts import in_both, proposed_by
 from sim_backend.reality_gap.subjects.joints.unnamed_patterns import against_patterns
@@ -48,23 +50,41 @@ def study(material: Material, known: Robot, rng: np.random.Generator, progress: 
             f"--method {material.method} is for recordings of a study.toml; logs of the farm are judged by naming"
         )
     model = compile_scene() if material.study_file is None else material.study_file.compile_model()
+    slides, nominal = Slides.of(model, joints_of(recordings)), _nominal(material, recordings)
+    if slides.slide.any():
+        model, recordings = slides.model_as_hinges(model), tuple(map(slides.as_hinges, recordings))
+        nominal = slides.values_as_hinges(nominal)
+    verdict, sections = _studied(model, recordings, nominal, known, material.method, rng, progress)
+    return slides.in_metres(verdict), sections
+
+
+def _studied(
+    model: mujoco.MjModel,
+    recordings: Sequence[Recording],
+    nominal: Mapping[str, np.ndarray],
+    known: Robot,
+    method: str,
+    rng: np.random.Generator,
+    progress: Progress,
+) -> tuple[Verdict, Sections]:
+    """Of joints that are hinges, or counted like them."""
     try:
         found = study_joints(  # replay, residual, fit
             model,
             recordings,
             progress,
             robot=known,
-            nominal=_nominal(material, recordings),
-            gate=None if material.method in (NAMING, ROLLOUTS, TORQUES) else np.inf,
+            nominal=nominal,
+            gate=None if method in (NAMING, ROLLOUTS, TORQUES) else np.inf,
         )
     except ShowsNothingError as error:
         return not_identifiable(error, known), {}
-    if material.method not in (NAMING, ROLLOUTS, TORQUES):
-        return _calibrated(found, material.method, rng), {}
+    if method not in (NAMING, ROLLOUTS, TORQUES):
+        return _calibrated(found, method, rng), {}
     judged = judge(found)
     verdict = _with_gain(found, judged.verdict, rng)
-    if isinstance(known, UnknownRobot) and material.method != TORQUES:
-        verdict = _rolled_out(found, verdict, material.method, rng, progress)
+    if isinstance(known, UnknownRobot) and method != TORQUES:
+        verdict = _rolled_out(found, verdict, method, rng, progress)
     progress("drawing what is left", 0.9)
     return verdict, joint_sections(found, judged.patterns, rng)
 

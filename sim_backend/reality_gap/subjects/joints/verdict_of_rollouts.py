@@ -22,7 +22,7 @@ from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, RolloutFit, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_questions import shown, would_move_nats
-from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, RolloutSelection, Taken
+from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, OF_NUMBER, RolloutSelection, Taken, without
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, HeldOut, Rival, Told, Verdict, VerdictKind
 
 CONFUSABLE_NATS, CONFUSABLE_SHARE = 5.0, 0.1
@@ -55,7 +55,7 @@ def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection, healthy:
     """
     problem, names = selection.problem, study.problem.names
     causes = [cause for taken in selection.taken for cause in causes_of(study, selection.fit, taken)]
-    beside = [(taken, *found) for taken in selection.taken if (found := _rival(taken)) is not None]
+    beside = [(taken, *found) for taken in selection.taken if (found := _rival(selection, taken)) is not None]
     rivals, near = [rival for _, rival, _, _ in beside], [each for each in beside if _is_near(each[1], each[0])]
     extended = _extended(study, selection)
     causes = [_covering(cause, extended) for cause in causes]
@@ -224,15 +224,28 @@ def causes_of(study: JointStudy, fit: RolloutFit, taken: Taken) -> list[Cause]:
     return [cause for index, cause in found if sizes.get(index, np.inf) > least]
 
 
-def _rival(taken: Taken) -> tuple[Rival, Taken, RolloutFit] | None:
-    """The best other cause by the time one was taken, with its model; not the same at more or fewer joints."""
-    own = taken.hypothesis
+def _rival(selection: RolloutSelection, taken: Taken) -> tuple[Rival, Taken, RolloutFit] | None:
+    """The best other cause by the time one was taken, with its model; not the same at more or fewer joints.
+
+    One that was taken later, too, stands against both: whether it would do without this one.
+    """
+    own, later = taken.hypothesis, {cause.hypothesis.name for cause in selection.taken}
     for gain, fit, other, terms in taken.others:
-        if other.effect != own.effect:
-            separated = separated_by(other.effect, own.effect, "slow and fast motion, little and much load")
-            rival = Rival(other.effect, other.where, taken.gain - gain, separated)
-            return rival, Taken(other, terms, gain, ()), fit
+        if other.effect == own.effect:
+            continue
+        rival, alone = Rival(other.effect, other.where, taken.gain - gain, _separated(other.effect, own.effect)), fit
+        if other.name in later:
+            alone = without(selection, taken)
+            lost = selection.problem.gained(alone.squares, selection.fit.squares) - OF_NUMBER * len(taken.terms)
+            rival = replace(rival, behind=lost)
+            if not _is_near(rival, taken):
+                continue
+        return rival, Taken(other, terms, gain, ()), alone
     return None
+
+
+def _separated(other: str, own: str) -> str:
+    return separated_by(other, own, "slow and fast motion, little and much load")
 
 
 def _is_near(rival: Rival, taken: Taken) -> bool:
