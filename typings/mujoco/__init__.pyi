@@ -171,6 +171,7 @@ class MjModel:
     body_weldid: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     body_jntnum: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     body_jntadr: _Attribute[numpy.typing.NDArray[numpy.int32], object]
+    body_simple: _Attribute[numpy.typing.NDArray[numpy.uint8], object]
     body_pos: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     body_quat: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     body_ipos: _Attribute[numpy.typing.NDArray[numpy.float64], object]
@@ -194,6 +195,7 @@ class MjModel:
     jnt_stiffnesspoly: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     jnt_range: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     dof_treeid: _Attribute[numpy.typing.NDArray[numpy.int32], object]
+    dof_simplenum: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     dof_solref: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     dof_solimp: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     dof_frictionloss: _Attribute[numpy.typing.NDArray[numpy.float64], object]
@@ -236,6 +238,9 @@ class MjModel:
     tendon_damping: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     tendon_armature: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     tendon_frictionloss: _Attribute[numpy.typing.NDArray[numpy.float64], object]
+    wrap_type: _Attribute[numpy.typing.NDArray[numpy.int32], object]
+    wrap_objid: _Attribute[numpy.typing.NDArray[numpy.int32], object]
+    wrap_prm: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     actuator_trnid: _Attribute[numpy.typing.NDArray[numpy.int32], object]
     actuator_dynprm: _Attribute[numpy.typing.NDArray[numpy.float64], object]
     actuator_gainprm: _Attribute[numpy.typing.NDArray[numpy.float64], object]
@@ -1512,7 +1517,7 @@ class mjtWarning(_Enum):
     ...
 
 class mjtWrap(_Enum):
-    ...
+    mjWRAP_JOINT: typing.ClassVar[mjtWrap]
 
 def mju_mat2Quat(quat: numpy.typing.NDArray[numpy.float64], mat: numpy.typing.ArrayLike) -> None: ...
 def mju_quat2Mat(res: numpy.typing.NDArray[numpy.float64], quat: numpy.typing.ArrayLike) -> None: ...

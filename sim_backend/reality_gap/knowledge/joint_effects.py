@@ -172,6 +172,8 @@ FITTED: Mapping[str, JointEffect] = {entry.effect: entry for entry in _ENTRIES}
 """By effect: what a fit of joints may name."""
 NUMBERS: Mapping[str, Number] = {number.key: number for entry in _ENTRIES for number in entry.numbers}
 """By "effect.parameter"."""
+TURNS_OF_MOTORS = frozenset({"cogging.phase_rad"})
+"""Parameters in rad that are no angle of a joint."""
 POSITION_GAIN = "position_gain.factor"
 """Of controllers: only rollouts have it where nobody recorded what they sent."""
 SHAPES: Mapping[str, Shape] = {number.shape.key: number.shape for number in NUMBERS.values() if number.shape is not None}

@@ -13,6 +13,7 @@ import numpy as np
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.feedback import Feedback
+from sim_backend.reality_gap.knowledge.joint_effects import TURNS_OF_MOTORS
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, HeldOut, Verdict
 
@@ -29,7 +30,6 @@ _AS_OF_SLIDE: Mapping[str, tuple[str, int]] = {
     "K/(N m)^2": ("K/N^2", 2),
 }
 """By the unit of a joint's parameter: its unit at a slide, and the power of the arm that a value is multiplied by."""
-_ANGLES = frozenset({"cogging.phase_rad"})
 
 
 @dataclass(frozen=True)
@@ -101,13 +101,13 @@ class Slides:
 
     def _by(self, key: str) -> np.ndarray:
         """What values of a joint's parameter are multiplied by to be told of slides, shape (k,)."""
-        power = 0 if key in _ANGLES else _AS_OF_SLIDE.get(PARAMETERS[key].unit, ("", 0))[1]
+        power = 0 if key in TURNS_OF_MOTORS else _AS_OF_SLIDE.get(PARAMETERS[key].unit, ("", 0))[1]
         return self.arm_m**power
 
     def _cause(self, cause: Cause) -> Cause:
         slides = self.slide[[self.names.index(cause.where)]] if cause.where in self.names else self.slide
         key = f"{cause.effect}.{cause.parameter}"
-        if not slides.all() or key in _ANGLES or cause.unit not in _AS_OF_SLIDE:
+        if not slides.all() or key in TURNS_OF_MOTORS or cause.unit not in _AS_OF_SLIDE:
             return cause
         unit, power = _AS_OF_SLIDE[cause.unit]
         low, high = cause.interval_90

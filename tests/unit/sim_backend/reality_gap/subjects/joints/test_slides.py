@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.feedback import Feedback
-from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording
-from sim_backend.reality_gap.subjects.joints import subject
 from sim_backend.reality_gap.subjects.joints.slides import Slides
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, HeldOut, Told, Verdict, VerdictKind
 
@@ -58,7 +56,9 @@ def test_a_recording_and_its_controller_are_counted_alike():
     position, velocity, target = rng.standard_normal((3, 5, 2))
     gains = [np.full((5, 2), each) for each in (30.0, 2.0, 8.0, 0.1, 0.5)]
     law = Feedback(target, *gains)
-    joints = JointSignals(("pole", "cart"), position, velocity, commanded_torque_nm=law.torque_nm(position, velocity), feedback=law)
+    joints = JointSignals(
+        ("pole", "cart"), position, velocity, commanded_torque_nm=law.torque_nm(position, velocity), feedback=law
+    )
     counted = slides.as_hinges(Recording("run", "run.csv", 0.01, np.arange(5) * 0.01, joints)).joints
     assert counted is not None and counted.feedback is not None and counted.velocity_rad_s is not None
     assert counted.position_rad[:, 0] == pytest.approx(position[:, 0])
