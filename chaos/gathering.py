@@ -18,12 +18,15 @@ from services.settings import Settings
 
 
 async def gather(farm: Farm, scratch: Path) -> Evidence:
-    """All that is known of a farm that is at rest; its API answers."""
+    """All that is known of a farm; its API answers.
+
+    Where it is not at rest, what was said is read before the rows, and rows before files: what is read later may only have more.
+    """
+    lines = history.read(farm.evidence)
     told = {name.removeprefix("TRIFARM_").lower(): value for name, value in (farm.home.settings if farm.home else {}).items()}
     data = farm.disk / farm.services[0]
     settings = Settings(data=data, **told)  # pyright: ignore[reportArgumentType]
     store = FileStore(data / "files" if farm.home is None else scratch / "files", open_home(settings))
-    files = {kept.sha256: await _is_whole(store, kept.sha256) async for kept in store.all()}
     database, clock = Database(address(settings.truth_url)), FarmClock.start()
     try:
         if database.is_shared:
@@ -39,8 +42,9 @@ async def gather(farm: Farm, scratch: Path) -> Evidence:
     finally:
         await database.close()
     names = {row.number: row.job_id for row in jobs}
+    files = {kept.sha256: await _is_whole(store, kept.sha256) async for kept in store.all()}
     return Evidence(
-        lines=history.read(farm.evidence),
+        lines=lines,
         jobs={row.job_id: _job(row, farm) for row in jobs},
         trials=tuple(_trial(row, names) for row in trials),
         attempts=tuple(Attempt(row.trial_id, row.fence, row.robot, row.state) for row in attempts),

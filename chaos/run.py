@@ -16,7 +16,7 @@ from typing import Any
 import structlog
 
 from chaos import campaigns, isolation
-from chaos.clients import clients
+from chaos.clients import Clients, clients
 from chaos.farm import HOST, Farm
 from chaos.faults.fault import Injection, Scene
 from chaos.gathering import gather
@@ -106,18 +106,20 @@ def run(name: str, home: str, seed: int, isolated: Isolation, *, quick: bool, ke
             injections = list(planned.harm(scene))
             until(lambda: at_work.taken() >= planned.at_least, REST_WITHIN_S, f"the taking of {planned.at_least} jobs")
             at_work.submit_no_more()
-            rested = _rest(at_work.all_over)
+            rested = _rest(at_work)
         verdict = check(asyncio.run(gather(farm, folder)), expected_success)
     took_s, load = round(time.monotonic() - began_s, 1), round(os.getloadavg()[0], 1)
     return document(verdict, injections, About(home, name, seed, quick, isolated.there, rested, os.cpu_count(), load, took_s))
 
 
-def _rest(all_over: Any) -> bool:
-    """Waits until all jobs are over; the checker says what is wrong with those that are not."""
+def _rest(at_work: Clients) -> bool:
+    """Waits until all jobs are over, as long as any ends; the checker says what is wrong with those that do not."""
     try:
-        until(all_over, REST_WITHIN_S, "the end of all jobs", every_s=0.2)
+        while not at_work.all_over():
+            left = at_work.unfinished
+            until(lambda: at_work.all_over() or at_work.unfinished < left, REST_WITHIN_S, "the end of a job", every_s=0.2)  # noqa: B023
     except DidNotHappen as error:
-        log.warning("not at rest", reason=str(error))
+        log.warning("not at rest", reason=str(error), unfinished=at_work.unfinished)
         return False
     return True
 
