@@ -56,6 +56,7 @@ def evaluate(
     shape: Shape = CUBE,
     threads: int = 2,
     physics_step_s: float = c.PHYSICS_STEP_S,
+    tracker: Tracker | None = None,
 ) -> Evaluation:
     """Try the goals of the seeds with a policy, all at once; everything else as for :func:`begin_trials`.
 
@@ -70,6 +71,7 @@ def evaluate(
         shape=shape,
         threads=threads,
         physics_step_s=physics_step_s,
+        tracker=tracker,
     )
     if isinstance(act, Remembering):
         act.begin(len(seeds))
@@ -90,6 +92,7 @@ def begin_trials(
     shape: Shape = CUBE,
     threads: int = 2,
     physics_step_s: float = c.PHYSICS_STEP_S,
+    tracker: Tracker | None = None,
 ) -> tuple[Episode, Goal]:
     """An episode of n trials that has begun, each with its object at rest on the table, and their goals.
 
@@ -102,9 +105,10 @@ def begin_trials(
         shape: the object.
         threads: of the physics.
         physics_step_s: integration step, s.
+        tracker: what finds the objects; the formula if None.
     """
     driver = SimulatedDriver(robots=len(seeds), threads=threads, physics_step_s=physics_step_s, physics=physics, shape=shape)
-    tracker = Tracker(physics_step_s=physics_step_s, physics=driver.physics, shape=shape)
+    tracker = tracker or Tracker(physics_step_s=physics_step_s, physics=driver.physics, shape=shape)
     episode = Episode(driver, tracker, manifest, physics_step_s=physics_step_s)
     drawn = [draw_trial(task, seed) for seed in seeds]
     start, goal = stack_starts([start for start, _ in drawn]), stack_goals([goal for _, goal in drawn])

@@ -134,7 +134,7 @@ def group_rates(experts: Path, farm_seed: int, trials: int, kept: dict, out: Pat
     left_out |= {"everything": list(CATALOGUE)}
     left_out.pop("fault")
     for task in TASKS:
-        act, manifest = _expert(experts / f"{task}_expert.safetensors", task)
+        act, manifest = expert(experts / f"{task}_expert.safetensors", task)
         for name, effects in left_out.items():
             if f"{task} without {name}" not in kept:
                 kept[f"{task} without {name}"] = _wins(act, manifest, task, full.without(effects), trials)
@@ -151,7 +151,7 @@ def band_rates(experts: Path, farm_seed: int, trials: int, kept: dict, out: Path
     names = [f"robot-{index}" for index in range(ROBOTS)]
     order = [drawn_order(JOB_SEED, index, names)[0] for index in range(trials)]
     goals = [trial_seed(JOB_SEED, index) for index in range(trials)]
-    act, manifest = _expert(experts / "lift_expert.safetensors", "lift")
+    act, manifest = expert(experts / "lift_expert.safetensors", "lift")
     for name, harder in ({"real": {}} | HARDER).items():
         if name not in kept:
             robots = {robot: drawn_robot(farm_seed, robot, harder) for robot in names}
@@ -195,7 +195,8 @@ def _wins(act, manifest, task: str, physics, trials: int, goals: list[int] | Non
     return evaluate(act, manifest, ALL_TASKS[task], goals or seeds, physics=physics, noise_seeds=noise).success.tolist()
 
 
-def _expert(weights: Path, task: str):
+def expert(weights: Path, task: str):
+    """A published expert as an act, and its manifest."""
     import onnxruntime
 
     from api_schemas.policy import LAYOUTS

@@ -68,6 +68,7 @@ LARGER = {
         "compare {to}/farm/results {to}/farm/results",
     ],
     "second_renderer": ["--robots 1 --scenes 1 --out {to}/second.json"],
+    "seeing_experts": ["--experts {experts} --rows {to}/rows.jsonl --out {to}/seeing.json --goals 1 --budget-s 5"],
     "sheet_cost": ["--trials 1 --out {to}/sheet.json"],
     "success_gain_oracle": ["--experts {experts} --trials 2 --out {to}/gain.json"],
     "thousand_robots": ["--robots 5 --homes embedded --within-s 1 --rest-s 1 --work-s 1 --out {to}/robots.json"],
