@@ -1,11 +1,15 @@
 """kill -9: at random moments, and between two steps that belong together."""
 
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 
 from chaos.faults.fault import Fault, Scene, needs_servers, now_s
+from chaos.history import Line
 from chaos.processes import DidNotHappen, until
 
-TRIES = 12
+TRIES, ENDS_WITHIN_S = 12, 3.0
+"""A robot is shown in service before the process that gives leases has ended what its last process held."""
 
 
 @dataclass(frozen=True)
@@ -62,10 +66,14 @@ def restart_with_trial(scene: Scene) -> str:
         name, since_s = scene.rng.choice(scene.farm.robots), now_s()
         scene.wait_for_line(since_s, lambda line, name=name: line.who == name and line.did == "acted", 30, f"{name} to act")
         kill(scene, name)
-        ended = [line for line in scene.lines_since(since_s) if line.did == "ended" and line.more["robot"] == name]
-        if ended:
-            return f"{name} came back while its last process's lease lived; {ended[0].more['because']}"
+        with suppress(DidNotHappen):  # it was between two trials
+            ended = scene.wait_for_line(since_s, partial(_ended_of, name), ENDS_WITHIN_S, "the end of a lease")
+            return f"{name} came back while its last process's lease lived; {ended.more['because']}"
     raise DidNotHappen(f"in {TRIES} kills no robot held a lease")
+
+
+def _ended_of(robot: str, line: Line) -> bool:
+    return line.did == "ended" and line.more["robot"] == robot
 
 
 def die_at(scene: Scene, place: str) -> str:
