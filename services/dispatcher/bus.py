@@ -30,6 +30,7 @@ class Bus:
         self._farm = farm
         self._loop = loop
         self._declared: list[Any] = []
+        self._heard: list[Any] = []
         self._looks: list[Callable[[], bool]] = []
         self._listening: asyncio.Task[None] | None = None
 
@@ -72,7 +73,13 @@ class Bus:
             self._hop(take, bus.robot_of_key(str(sample.key_expr)), present)
 
         key = bus.alive_key(self._farm, "*")
-        self._declared.append(self._session.liveliness().declare_subscriber(key, hop, history=True))
+        self._heard.append(self._session.liveliness().declare_subscriber(key, hop, history=True))
+
+    def hear_no_more(self) -> None:
+        """Ends what ``on_...`` began; it may begin again."""
+        ended, self._heard, self._looks = self._heard, [], []
+        for each in ended:
+            each.undeclare()
 
     def share_changes(self, signals: Signals) -> None:
         """Tells other processes of the services what changes here, and has what changes there looked at."""
@@ -110,7 +117,7 @@ class Bus:
         await asyncio.to_thread(closing.join, CLOSE_WITHIN_S)
 
     def _close(self) -> None:
-        for each in self._declared:
+        for each in (*self._declared, *self._heard):
             each.undeclare()
         self._session.close()
 
@@ -120,7 +127,7 @@ class Bus:
         A callback for each would have zenoh's threads wait for Python's lock, and the loop wake up, a thousand times a second.
         """
         subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(MOST_WAITING))
-        self._declared.append(subscriber)
+        self._heard.append(subscriber)
 
         def look() -> bool:
             for _ in range(AT_ONCE):

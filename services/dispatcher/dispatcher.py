@@ -151,29 +151,41 @@ class Dispatcher:
                 await self._leading.let_go()
 
     def _hear(self) -> None:
-        """Begins to hear robots, once; who began stays at it."""
+        """Begins to hear robots, unless it does."""
         if not self._hears:
             self._hearing.listen(self.bus)
             if self.database.is_shared:  # until every robot was heard, nobody here knows who is in service
                 self._gives_from_s = self.clock.now_s() + SETTLE_S
         self._hears = True
 
+    def _hear_no_more(self) -> None:
+        """Stands by: what a thousand robots say costs too much for those who do nothing with it."""
+        if not self.shows:
+            self._hears = False
+            self.bus.hear_no_more()
+
     async def _stay_leader(self) -> None:
         """Leads, or takes the lead when it is free; beside the passes, one of which may take longer than that may wait."""
+        said = False
         while not self.signals.closing.is_set():
-            led = self._leading.leads
+            led, sees_robots = self._leading.leads, self.fleet.serves(self.clock.now_s())
             try:
-                await self._leading.look(sees_robots=self.fleet.serves(self.clock.now_s()))
+                await self._leading.look(sees_robots=sees_robots)
             except AWAY as error:
                 if led:
                     log.warning("the database does not say who gives leases", reason=str(error.__cause__ or error))
             except Exception:  # as below
                 log.exception("dispatcher failed to ask who gives leases")
-            if (leads := self._leading.leads) != led:
-                log.info("this dispatcher gives leases now" if leads else "this dispatcher gives no leases, another may")
+            leads = self._leading.leads
+            # Where no robot is in service they take turns, and nobody has to know.
+            if (says := leads and (said or sees_robots)) != said:
+                log.info("this dispatcher gives leases now" if says else "this dispatcher gives no leases, another may")
+                said = says
             if leads and not led:
                 self._hear()
                 self.signals.wake_dispatcher(urgent=True)
+            elif led and not leads:
+                self._hear_no_more()
             await asyncio.sleep(ASKS_EVERY_S)
 
     def _note_away(self, error: Exception) -> None:
