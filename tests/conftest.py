@@ -32,6 +32,15 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
+_CORES = os.sched_getaffinity(0)
+
+
+def pytest_runtest_logfinish() -> None:
+    """A robot stays on one core, also one that a test made in this process; the next test has all of them again."""
+    if os.sched_getaffinity(0) != _CORES:
+        os.sched_setaffinity(0, _CORES)
+
+
 _COMPUTE = ("architecture", "identification", "unit")
 
 
