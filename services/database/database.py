@@ -36,7 +36,11 @@ class Database:
         self.url = url
         self.is_shared = not url.startswith("sqlite")
         """Whether other processes may write too."""
-        self._readers, self._writer = (postgres if self.is_shared else sqlite).open_engines(url)
+        if self.is_shared:
+            self._readers, self._writer, self._singles = postgres.open_engines(url)
+        else:
+            self._readers, self._writer = sqlite.open_engines(url)
+            self._singles = None
         self._brief_writer = self._writer.execution_options(lasting=False)
         self._turn: AbstractAsyncContextManager[object] = nullcontext() if self.is_shared else asyncio.Lock()
 
@@ -62,7 +66,7 @@ class Database:
 
     def single(self) -> AbstractAsyncContextManager[AsyncConnection]:
         """For one statement that changes what need not last; where many write it is a transaction of its own, without a begin."""
-        return self.read() if self.is_shared else self.write(lasting=False)
+        return self.write(lasting=False) if self._singles is None else _reached(self._singles)
 
     async def check(self) -> None:
         """Asks the database for a number.
@@ -77,6 +81,8 @@ class Database:
         """Closes all connections."""
         await self._readers.dispose()
         await self._writer.dispose()
+        if self._singles is not None:
+            await self._singles.dispose()
 
 
 @asynccontextmanager

@@ -10,8 +10,8 @@ from sqlalchemy.exc import DisconnectionError, InvalidatePoolError, SQLAlchemyEr
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
 
 SCHEME = "postgresql+asyncpg"
-CONNECTIONS = 16
-"""That each of the two pools opens at most, and keeps: to open one costs the server a process and both sides milliseconds."""
+READERS, WRITERS, SINGLES = 10, 12, 6
+"""Connections that each pool opens at most, and keeps: to open one costs the server a process and both sides milliseconds."""
 CONNECT_WITHIN_S = 5
 HELD_AT_MOST_MS = 10_000
 """A transaction whose process was stopped or cut off in the middle is taken back after so long, and its locks are free."""
@@ -28,7 +28,7 @@ SESSION = {
     "tcp_keepalives_count": "3",
 }
 SINGLE = {"synchronous_commit": "off", "lock_timeout": "2000"}
-"""Beside that, of the sessions that read: what such a statement changes need not last, and it must not keep readers waiting."""
+"""Beside that, of sessions for one statement each: what it changes need not last, and it must not keep the next ones waiting."""
 OLDEST = 15
 """The oldest major version of the server that all statements have been tried on."""
 AWAY = (OSError, SQLAlchemyError, asyncpg.PostgresError, asyncpg.InterfaceError)
@@ -41,15 +41,17 @@ USED_S = "used_s"
 BRIEF = text("SET LOCAL synchronous_commit TO OFF")
 
 
-def open_engines(url: str) -> tuple[AsyncEngine, AsyncEngine]:
-    """The engine of the readers and that of the writers; apart, so that who writes never waits for who wants to read."""
-    return _engine(url, SESSION | SINGLE).execution_options(isolation_level="AUTOCOMMIT"), _engine(url, SESSION)
+def open_engines(url: str) -> tuple[AsyncEngine, AsyncEngine, AsyncEngine]:
+    """The engines of readers, of writers and of single statements; apart, so that none of them waits for another."""
+    readers, singles = _engine(url, SESSION, READERS), _engine(url, SESSION | SINGLE, SINGLES)
+    alone = {"isolation_level": "AUTOCOMMIT"}
+    return readers.execution_options(**alone), _engine(url, SESSION, WRITERS), singles.execution_options(**alone)
 
 
-def _engine(url: str, session: Mapping[str, str]) -> AsyncEngine:
+def _engine(url: str, session: Mapping[str, str], connections: int) -> AsyncEngine:
     how = {"timeout": CONNECT_WITHIN_S, "command_timeout": STATEMENT_MS / 1000, "server_settings": session}
     # The one that was used last comes next, so that under little load few are asked whether they still live.
-    engine = create_async_engine(url, pool_size=CONNECTIONS, max_overflow=0, pool_use_lifo=True, connect_args=how)
+    engine = create_async_engine(url, pool_size=connections, max_overflow=0, pool_use_lifo=True, connect_args=how)
     event.listen(engine.sync_engine, "checkin", _note_use)
     event.listen(engine.sync_engine, "checkout", _look_before_use)
     return engine

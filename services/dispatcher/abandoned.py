@@ -27,6 +27,10 @@ class Abandoner:
     gone_s: float
     _since_s: dict[str, float] = field(default_factory=dict)
 
+    def begin_anew(self) -> None:
+        """Forgets since when robots are gone: while another looked after them they may have come and gone."""
+        self._since_s = {}
+
     async def look(self) -> None:
         """Notes who is gone, and fails the jobs that have waited for such a robot for longer than ``gone_s``."""
         async with self.database.read() as connection:

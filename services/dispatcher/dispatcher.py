@@ -32,7 +32,7 @@ from services.dispatcher.finding import why_unfit
 from services.dispatcher.giving import Giver
 from services.dispatcher.hearing import NAMED, Hearing
 from services.dispatcher.judge import Judge
-from services.dispatcher.leading import ASKS_EVERY_S, Leadership
+from services.dispatcher.leading import ASKS_EVERY_S, OF_NO_USE_S, Leadership
 from services.dispatcher.overdue import LeaseEnder
 from services.dispatcher.steps import Steps
 from services.jobs import lease, robots
@@ -46,7 +46,7 @@ log = structlog.get_logger()
 MANIFESTS_KEPT = 1000
 REST_AT_MOST_S = 0.1
 SETTLE_S = 2.0
-"""A dispatcher beside others that begins to hear gives no lease for so long: two heartbeats of every robot."""
+"""A dispatcher beside others that begins to lead, or to see robots, gives no lease for so long: two heartbeats of every robot."""
 REFRESH_EVERY_S = 2.0
 """How often all that the database keeps of robots is read; what they may not do is read at each look."""
 
@@ -98,7 +98,8 @@ class Dispatcher:
     shows: bool = True
     _manifests: dict[str, PolicyManifest] = field(default_factory=dict)
     _asking: dict[str, asyncio.Task[tuple[PolicyManifest, str]]] = field(default_factory=dict)
-    _gives_from_s: float = 0.0
+    _gives_from_s: float = -inf
+    _passed_s: float = -inf
     _refreshed_s: float = -inf
     _hears: bool = False
     _is_away: bool = False
@@ -134,6 +135,7 @@ class Dispatcher:
             began_s = time.monotonic()
             try:
                 gave = await self._look(look_at_active=look_at_active, leads=self.settings.dispatches and self._leading.leads)
+                self._passed_s = began_s
                 self._note_back()
                 if not gave:  # then what happens meanwhile can be looked at together, and requests have the loop for as long
                     await asyncio.sleep(min(time.monotonic() - began_s, REST_AT_MOST_S))
@@ -144,18 +146,16 @@ class Dispatcher:
                 # The dispatcher must outlive any single failure; the next sweep tries again.
                 log.exception("dispatcher failed a pass")
                 await asyncio.sleep(self.settings.sweep_every_s)
-        await self._steps.finish(self.settings.offer_timeout_s)
         if leading is not None:
             await leading
-            with suppress(*AWAY):  # then its time runs out
+            with suppress(*AWAY, TimeoutError):  # then its time runs out
                 await self._leading.let_go()
+        await self._steps.finish(self.settings.offer_timeout_s)
 
     def _hear(self) -> None:
         """Begins to hear robots, unless it does."""
         if not self._hears:
             self._hearing.listen(self.bus)
-            if self.database.is_shared:  # until every robot was heard, nobody here knows who is in service
-                self._gives_from_s = self.clock.now_s() + SETTLE_S
         self._hears = True
 
     def _hear_no_more(self) -> None:
@@ -163,30 +163,50 @@ class Dispatcher:
         if not self.shows:
             self._hears = False
             self.bus.hear_no_more()
+            self.fleet.hear_nobody()
 
     async def _stay_leader(self) -> None:
         """Leads, or takes the lead when it is free; beside the passes, one of which may take longer than that may wait."""
-        said = False
+        led = saw = said = away = False
         while not self.signals.closing.is_set():
-            led, sees_robots = self._leading.leads, self.fleet.serves(self.clock.now_s())
+            sees = self.fleet.serves(self.clock.now_s())
+            works = time.monotonic() - self._passed_s < OF_NO_USE_S and self.fleet.held_back is None
             try:
-                await self._leading.look(sees_robots=sees_robots)
-            except AWAY as error:
-                if led:
+                await self._leading.look(is_of_use=sees and works)
+                away = False
+            except (*AWAY, TimeoutError) as error:
+                if led and not away:
                     log.warning("the database does not say who gives leases", reason=str(error.__cause__ or error))
-            except Exception:  # as below
+                away = True
+            except Exception:  # as above
                 log.exception("dispatcher failed to ask who gives leases")
-            leads = self._leading.leads
-            # Where no robot is in service they take turns, and nobody has to know.
-            if (says := leads and (said or sees_robots)) != said:
-                log.info("this dispatcher gives leases now" if says else "this dispatcher gives no leases, another may")
-                said = says
-            if leads and not led:
-                self._hear()
-                self.signals.wake_dispatcher(urgent=True)
-            elif led and not leads:
+            leads = self._leading.leads and (led or await self._begin_to_lead())
+            if led and not leads:
                 self._hear_no_more()
+            if leads and not (led and saw):
+                self._settle()
+            # Where no robot is in service they take turns, and nobody has to know.
+            if (says := leads and (said or sees)) != said:
+                log.info("this dispatcher gives leases now" if says else "this dispatcher gives no leases, another may")
+            led, saw, said = leads, sees, says
             await asyncio.sleep(ASKS_EVERY_S)
+
+    async def _begin_to_lead(self) -> bool:
+        """Hears robots, and knows nothing of what was while others led; whether that can be."""
+        try:
+            self._hear()
+        except Exception:
+            log.exception("this dispatcher cannot hear robots, and lets another lead")
+            with suppress(*AWAY, TimeoutError):
+                await self._leading.let_go()
+            return False
+        self._abandoner.begin_anew()
+        self.signals.wake_dispatcher(urgent=True)
+        return True
+
+    def _settle(self) -> None:
+        """Gives no lease for a moment: until every robot was heard, nobody here knows who is in service."""
+        self._gives_from_s = time.monotonic() + SETTLE_S
 
     def _note_away(self, error: Exception) -> None:
         """One line for each time that the database is away or full, however long."""
@@ -205,7 +225,9 @@ class Dispatcher:
             await self._look_at_active(leads=leads)
             await self._hearing.keep_unkept()
             self._commands.tell_wishes()
-        if not leads or self.clock.now_s() < self._gives_from_s:
+        if not leads:
+            self.fleet.held_back = None
+        if not leads or time.monotonic() < self._gives_from_s:
             return False
         if look_at_active:
             await self._forget_who_left()

@@ -1,12 +1,14 @@
 """Of several dispatchers on one database one leads: it hears the robots and gives leases, the others stand by.
 
-A leader's own lease, kept in a row and renewed, by the clock of the database. Nothing else depends on it: every lease of a trial
-is written by a guarded statement, so that two who believe that they lead cost time and do no harm.
+A leader's own lease, kept in a row and renewed, by the clock of the database. No lease depends on it: each is
+written by a guarded statement, so that two who believe that they lead cost time and do no harm.
 """
 
+import asyncio
 import time
 import uuid
 from dataclasses import dataclass, field
+from math import inf
 
 from prometheus_client import Gauge
 from sqlalchemy import Float, bindparam, cast, or_, update
@@ -19,11 +21,10 @@ from services.database.tables import leader
 LEADS_S = 3.0
 """A leader that has said nothing for so long leads no more."""
 ASKS_EVERY_S = 0.5
-SEES_NOBODY_S = 10.0
-"""Who leads and sees no robot in service for so long lets others try, whose way to the bus may be better."""
+OF_NO_USE_S = 10.0
+"""Who leads and sees no robot in service for so long, or gets nothing done, lets others try."""
 STANDS_BACK_S = 2.0
 ROLE = "dispatcher"
-
 
 _NOW_S = cast(server_clock_s(), Float(53))
 _LONG = bindparam("leads_s", type_=Float)
@@ -43,41 +44,43 @@ class Leadership:
 
     database: Database
     shown: Gauge
-    leads: bool = False
     _name: str = field(default_factory=lambda: uuid.uuid4().hex)
-    _asks_from_s: float = 0.0
-    _seen_s: float = 0.0
+    _leads_until_s: float = -inf
+    _asks_from_s: float = -inf
+    _of_use_s: float = -inf
 
     def __post_init__(self) -> None:
-        self.leads = not self.database.is_shared
+        self._leads_until_s = -inf if self.database.is_shared else inf
         self.shown.set_function(lambda: self.leads)
 
-    async def look(self, *, sees_robots: bool) -> None:
+    @property
+    def leads(self) -> bool:
+        """Whether it leads now: a process that was stopped for a while knows of itself that its time is over."""
+        return time.monotonic() < self._leads_until_s
+
+    async def look(self, *, is_of_use: bool) -> None:
         """Takes the lead if nobody has it, or keeps it; to be asked every ``ASKS_EVERY_S`` where many may lead.
 
         Args:
-            sees_robots: whether any robot is in service, as far as this process knows.
+            is_of_use: whether this process sees a robot in service, and could give it a lease.
 
         Raises:
-            DBAPIError, Unavailable: the database is away; then this process does not lead.
+            DBAPIError, Unavailable, TimeoutError: the database is away; then this process leads until its time is over.
         """
         now_s = time.monotonic()
-        if sees_robots or not self.leads:
-            self._seen_s = now_s
-        if now_s - self._seen_s > SEES_NOBODY_S:
+        if is_of_use or not self.leads:
+            self._of_use_s = now_s
+        if now_s - self._of_use_s > OF_NO_USE_S:
             await self.let_go()
             self._asks_from_s = now_s + STANDS_BACK_S
         elif now_s >= self._asks_from_s:
-            leads = False
-            try:
-                async with self.database.single() as connection:
-                    leads = (await connection.execute(_TAKE, {"by": self._name, "leads_s": LEADS_S})).rowcount == 1
-            finally:
-                self.leads = leads
+            async with asyncio.timeout(LEADS_S), self.database.single() as connection:
+                took = (await connection.execute(_TAKE, {"by": self._name, "leads_s": LEADS_S})).rowcount == 1
+            self._leads_until_s = now_s + LEADS_S if took else -inf
 
     async def let_go(self) -> None:
         """Lets another lead at once."""
         if self.leads and self.database.is_shared:
-            self.leads = False
-            async with self.database.single() as connection:
+            self._leads_until_s = -inf
+            async with asyncio.timeout(LEADS_S), self.database.single() as connection:
                 await connection.execute(_LET_GO, {"by": self._name})

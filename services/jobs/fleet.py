@@ -173,6 +173,11 @@ class Fleet:
         """The robots in service."""
         return frozenset(m.robot for m in self.members.values() if m.healthy(now_s))
 
+    def hear_nobody(self) -> None:
+        """From here on robots are not heard: what was heard of them says nothing of when they are heard again."""
+        for member in self.members.values():
+            member.heartbeat, member.present, member.lost_s, member.instances_s = None, False, None, {}
+
     def serves(self, now_s: float) -> bool:
         """Whether any robot is in service."""
         return any(m.healthy(now_s) for m in self.members.values())

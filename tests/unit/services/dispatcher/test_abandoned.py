@@ -50,6 +50,7 @@ def waiting(database, fleet_of):
             async with database.read() as connection:
                 return (await connection.execute(select(job).order_by(job.c.number))).first()
 
+        look.abandoner = abandoner
         return look
 
     return make
@@ -76,6 +77,15 @@ async def test_a_lost_robot_counts_too_and_one_that_came_back_begins_anew(waitin
     assert (await look(130.0, RobotState.LOST)).state == "queued"
     assert (await look(180.0, RobotState.LOST)).state == "queued"
     assert (await look(190.0, RobotState.LOST)).state == "failed"
+
+
+async def test_who_leads_again_knows_nothing_of_when_robots_were_gone(waiting):
+    look = await waiting()
+    assert (await look(0.0, RobotState.LOST)).state == "queued"
+    look.abandoner.begin_anew()
+    assert (await look(300.0, RobotState.LOST)).state == "queued"
+    assert (await look(359.0, RobotState.LOST)).state == "queued"
+    assert (await look(360.0, RobotState.LOST)).state == "failed"
 
 
 async def test_a_job_for_a_robot_that_was_gone_before_waits_as_long(waiting):

@@ -191,3 +191,11 @@ def test_robots_without_cameras_are_blind_together_and_an_empty_farm_is_not():
         fleet.token_changed(robot, present=True, now_s=100.0)
         fleet.heard(beat(robot=robot).model_copy(update={"sees": sees}), 100.0)
         assert fleet.is_blind(100.0) is not sees
+
+
+def test_who_hears_nobody_draws_nobody_until_robots_are_heard_again(fleet):
+    fleet.hear_nobody()
+    assert (state(fleet), fleet.seen(100.0).known) == (RobotState.LOST, ())
+    fleet.token_changed("robot-0", present=True, now_s=500.0)
+    fleet.heard(beat(), 500.0)
+    assert (state(fleet, 500.0), fleet.seen(500.0).ready) == (RobotState.IDLE, ("robot-0",))
