@@ -10,7 +10,7 @@ from sqlalchemy.exc import DisconnectionError, InvalidatePoolError, SQLAlchemyEr
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
 
 SCHEME = "postgresql+asyncpg"
-READERS, WRITERS, SINGLES = 10, 12, 6
+READERS, WRITERS, SINGLES = 12, 16, 16
 """Connections that each pool opens at most, and keeps: to open one costs the server a process and both sides milliseconds."""
 CONNECT_WITHIN_S = 5
 HELD_AT_MOST_MS = 10_000
