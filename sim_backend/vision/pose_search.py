@@ -4,6 +4,7 @@ For each pose the pixels' distances to the projected face of their colour are su
 seen through the cube cost more, and so do poses below the floor (trifinger_object_tracking @78ec981, pose_detector.cpp).
 """
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -32,6 +33,7 @@ class PixelRays:
     face: np.ndarray
 
 
+@functools.lru_cache(maxsize=64)
 def face_corners_m(width_m: float) -> np.ndarray:
     """Corners of the six faces in the cube's frame, shape (6, 4, 3), m, in order around each."""
     corners = []
@@ -41,7 +43,9 @@ def face_corners_m(width_m: float) -> np.ndarray:
         points = np.empty((4, 3))
         points[:, axis], points[:, (axis + 1) % 3], points[:, (axis + 2) % 3] = sign, sign * square[:, 0], square[:, 1]
         corners.append(points * width_m / 2)
-    return np.array(corners)
+    found = np.array(corners)
+    found.flags.writeable = False  # all who ask get the same
+    return found
 
 
 def distances_px(rays: PixelRays, position_m: np.ndarray, rotation: np.ndarray, width_m: float) -> tuple[np.ndarray, np.ndarray]:
