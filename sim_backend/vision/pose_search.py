@@ -22,6 +22,8 @@ HIDDEN_FACE_PX = 30.0
 """Added to the distance of a pixel whose face looks away from the camera."""
 UNDER_FLOOR_PX_PER_M = 2000.0
 """Per pixel: a cube that lies 1 mm deep in the floor costs as much as 2 px at each."""
+_FOLLOWING = (1, 2, 3, 0)
+"""A face's corners, the next of each."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +66,9 @@ def distances_px(rays: PixelRays, position_m: np.ndarray, rotation: np.ndarray, 
     world = np.einsum("pij,fkj->pfki", rotation, corners) + position_m[:, None, None]
     seen = rays.camera.to_camera(world)
     flat = seen[..., :2] / np.maximum(seen[..., 2:], 1e-3)
-    along = np.roll(flat, -1, axis=2) - flat
-    area = 0.5 * (flat[..., 0] * np.roll(flat[..., 1], -1, axis=2) - np.roll(flat[..., 0], -1, axis=2) * flat[..., 1]).sum(axis=2)
+    following = flat[:, :, _FOLLOWING]
+    along = following - flat
+    area = 0.5 * (flat[..., 0] * following[..., 1] - following[..., 0] * flat[..., 1]).sum(axis=2)
     looks = area < 0.0  # corners go round against the clock as seen from outside; y points down in an image
     sign = np.where(area < 0.0, -1.0, 1.0)[..., None]
     normal = np.stack([along[..., 1], -along[..., 0]], axis=-1) * sign[..., None]
@@ -73,7 +76,7 @@ def distances_px(rays: PixelRays, position_m: np.ndarray, rotation: np.ndarray, 
     offset = (normal * flat).sum(axis=-1)
     of_face, of_offset = normal[:, rays.face], offset[:, rays.face]
     outside = (of_face * rays.direction[None, :, None]).sum(axis=-1) - of_offset
-    distance = np.maximum(outside.max(axis=-1), 0.0) * float(np.mean(rays.camera.focal_px))
+    distance = np.maximum(outside.max(axis=-1), 0.0) * (sum(rays.camera.focal_px) / 2)
     return distance, looks[:, rays.face]
 
 
