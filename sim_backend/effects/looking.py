@@ -128,16 +128,22 @@ def _convolved(image: np.ndarray, kernel: np.ndarray, axis: int) -> np.ndarray:
     padding = [(0, 0)] * 3
     padding[axis] = (reach, reach)
     padded, length = np.pad(image, padding, mode="edge"), image.shape[axis]
-    return sum(weight * padded.take(range(k, k + length), axis=axis) for k, weight in enumerate(kernel))  # pyright: ignore
+    out, part = np.zeros_like(image), np.empty_like(image)
+    for k, weight in enumerate(kernel):
+        shifted = padded[k : k + length] if axis == 0 else padded[:, k : k + length]
+        out += np.multiply(shifted, weight, out=part)
+    return out
 
 
 def noisy_image(images: np.ndarray, values: Mapping[str, np.ndarray], rng: np.random.Generator) -> np.ndarray:
     """Images (3, height, width, 3) with the noise of light and reading: its variance grows with brightness."""
-    share = images / np.float32(255.0)
-    variance = (
-        np.square(values["reading"])[:, None, None, None] + np.square(values["light"])[:, None, None, None] * share
-    ).astype(np.float32)
-    return images + np.float32(255.0) * np.sqrt(np.maximum(variance, 0.0)) * rng.standard_normal(images.shape, dtype=np.float32)
+    noise = rng.standard_normal(images.shape, dtype=np.float32)
+    reading, light = np.square(values["reading"]), np.square(values["light"])
+    for camera, image in enumerate(images):
+        deviation = (reading[camera] + light[camera] * (image / np.float32(255.0)).astype(float)).astype(np.float32)
+        np.sqrt(np.maximum(deviation, 0.0, out=deviation), out=deviation)
+        noise[camera] *= np.multiply(deviation, np.float32(255.0), out=deviation)
+    return np.add(images, noise, out=noise)
 
 
 _CALIBRATION = "trifinger_simulation data/camera_params: tf_world_to_camera_std; trifinger_object_tracking test/images: likewise"

@@ -1,5 +1,6 @@
 """A camera's calibration: where a point of the world lands in its image, and where its pixels look."""
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -10,6 +11,8 @@ from sim_backend.trifinger import constants as c
 
 _UNDISTORTION_STEPS = 20
 """Fixed-point steps of :meth:`Calibration.normalised`; at these lenses each leaves about a quarter of the error."""
+_AT_ONCE = 4096
+"""Pixels whose steps are taken together: more do not fit into a core's cache."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +64,27 @@ class Calibration:
 
     def normalised(self, pixels: np.ndarray) -> np.ndarray:
         """Directions x/z and y/z, shape (..., 2), that land on pixels of shape (..., 2): the inverse of :meth:`pixels`."""
-        seen = (np.asarray(pixels, dtype=float) - self.centre_px) / self.focal_px
-        direction = seen
-        for _ in range(_UNDISTORTION_STEPS):
-            direction = direction + seen - distorted(direction, self.distortion)
-        return direction
+        every = ((np.asarray(pixels, dtype=float) - self.centre_px) / self.focal_px).reshape(-1, 2)
+        found = np.empty_like(every)
+        for first in range(0, len(every), _AT_ONCE):
+            seen = direction = every[first : first + _AT_ONCE]
+            for _ in range(_UNDISTORTION_STEPS):
+                direction = direction + seen - distorted(direction, self.distortion)
+            found[first : first + _AT_ONCE] = direction
+        return found.reshape(np.shape(pixels))
+
+    def looked_up(self, pixels: np.ndarray) -> np.ndarray:
+        """As :meth:`normalised`, and the same bits: whole pixels of the image, shape (n, 2), have theirs in a table."""
+        column, row = pixels.astype(int).T
+        width, height = self.size_px
+        known = (column >= 0) & (column < width) & (row >= 0) & (row < height) & (column == pixels[:, 0]) & (row == pixels[:, 1])
+        return self._directions[row, column] if known.all() else self.normalised(pixels)
+
+    @functools.cached_property
+    def _directions(self) -> np.ndarray:
+        """What :meth:`normalised` gives of each pixel, shape (height, width, 2)."""
+        width, height = self.size_px
+        return self.normalised(np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1))
 
     def resized(self, size_px: int) -> "Calibration":
         """The same camera with square images of another size, each of whose pixels is a mean of the present ones."""

@@ -154,7 +154,8 @@ class _Pinhole:
         half = _MARGIN * float(np.abs(direction).max())
         self.size_px = int(np.ceil(2 * half * max(fine.focal_px)))
         self._half = half
-        self._table = (direction / half * (self.size_px / 2) + (self.size_px / 2 - 0.5)).astype(np.float32)
+        table = (direction / half * (self.size_px / 2) + (self.size_px / 2 - 0.5)).astype(np.float32)
+        self._table = [np.ascontiguousarray(table[..., axis]) for axis in (0, 1)]
 
     def add_to(self, spec: mujoco.MjSpec) -> None:
         """Add the camera that is rendered; MuJoCo's look along their -z with y up."""
@@ -167,13 +168,13 @@ class _Pinhole:
     def seen(self, painted: np.ndarray) -> np.ndarray:
         """The camera's image, shape (height, width, 3), float32, of the rendered one, shape (size, size, 3), uint8."""
         cv2 = opencv()
-        fine = cv2.remap(painted, self._table[..., 0], self._table[..., 1], cv2.INTER_LINEAR)
+        fine = cv2.remap(painted, *self._table, cv2.INTER_LINEAR)
         height, width = fine.shape[0] // SUPERSAMPLING, fine.shape[1] // SUPERSAMPLING
         return cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA).astype(np.float32)
 
     def nearest(self, painted: np.ndarray) -> np.ndarray:
         """Numbers of the camera's pixels, shape (height, width), of the rendered ones, shape (size, size), without a mixture."""
-        fine = opencv().remap(painted, self._table[..., 0], self._table[..., 1], opencv().INTER_NEAREST)
+        fine = opencv().remap(painted, *self._table, opencv().INTER_NEAREST)
         return fine[::SUPERSAMPLING, ::SUPERSAMPLING]
 
 

@@ -77,7 +77,7 @@ def _drawn(seen: Sequence[SeenPixels], calibrations: Sequence[Calibration], rng:
             rows = (
                 np.arange(count) if total <= MOST_PIXELS else rng.choice(count, -(-MOST_PIXELS * count // total), replace=False)
             )
-            kept.append(PixelRays(calibration, calibration.normalised(pixels.pixel[rows]), pixels.face[rows]))
+            kept.append(PixelRays(calibration, calibration.looked_up(pixels.pixel[rows]), pixels.face[rows]))
     return kept
 
 

@@ -70,7 +70,7 @@ def rays_of(seen: Sequence[SeenPixels], calibrations: Sequence[Calibration], hal
     """
     eyes, directions, cameras = [], [], []
     for index, (pixels, calibration) in enumerate(zip(seen, calibrations, strict=True)):
-        flat = calibration.normalised(pixels.pixel)
+        flat = calibration.looked_up(pixels.pixel)
         along = np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
         directions.append(along / np.linalg.norm(along, axis=1, keepdims=True) @ calibration.rotation)
         eyes.append(np.broadcast_to(calibration.position_world_m, (len(flat), 3)))

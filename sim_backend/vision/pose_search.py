@@ -4,6 +4,7 @@ For each pose the pixels' distances to the projected face of their colour are su
 seen through the cube cost more, and so do poses below the floor (trifinger_object_tracking @78ec981, pose_detector.cpp).
 """
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,6 +22,8 @@ HIDDEN_FACE_PX = 30.0
 """Added to the distance of a pixel whose face looks away from the camera."""
 UNDER_FLOOR_PX_PER_M = 2000.0
 """Per pixel: a cube that lies 1 mm deep in the floor costs as much as 2 px at each."""
+_FOLLOWING = (1, 2, 3, 0)
+"""A face's corners, the next of each."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,7 @@ class PixelRays:
     face: np.ndarray
 
 
+@functools.lru_cache(maxsize=64)
 def face_corners_m(width_m: float) -> np.ndarray:
     """Corners of the six faces in the cube's frame, shape (6, 4, 3), m, in order around each."""
     corners = []
@@ -41,7 +45,9 @@ def face_corners_m(width_m: float) -> np.ndarray:
         points = np.empty((4, 3))
         points[:, axis], points[:, (axis + 1) % 3], points[:, (axis + 2) % 3] = sign, sign * square[:, 0], square[:, 1]
         corners.append(points * width_m / 2)
-    return np.array(corners)
+    found = np.array(corners)
+    found.flags.writeable = False  # all who ask get the same
+    return found
 
 
 def distances_px(rays: PixelRays, position_m: np.ndarray, rotation: np.ndarray, width_m: float) -> tuple[np.ndarray, np.ndarray]:
@@ -60,8 +66,9 @@ def distances_px(rays: PixelRays, position_m: np.ndarray, rotation: np.ndarray, 
     world = np.einsum("pij,fkj->pfki", rotation, corners) + position_m[:, None, None]
     seen = rays.camera.to_camera(world)
     flat = seen[..., :2] / np.maximum(seen[..., 2:], 1e-3)
-    along = np.roll(flat, -1, axis=2) - flat
-    area = 0.5 * (flat[..., 0] * np.roll(flat[..., 1], -1, axis=2) - np.roll(flat[..., 0], -1, axis=2) * flat[..., 1]).sum(axis=2)
+    following = flat[:, :, _FOLLOWING]
+    along = following - flat
+    area = 0.5 * (flat[..., 0] * following[..., 1] - following[..., 0] * flat[..., 1]).sum(axis=2)
     looks = area < 0.0  # corners go round against the clock as seen from outside; y points down in an image
     sign = np.where(area < 0.0, -1.0, 1.0)[..., None]
     normal = np.stack([along[..., 1], -along[..., 0]], axis=-1) * sign[..., None]
@@ -69,7 +76,7 @@ def distances_px(rays: PixelRays, position_m: np.ndarray, rotation: np.ndarray, 
     offset = (normal * flat).sum(axis=-1)
     of_face, of_offset = normal[:, rays.face], offset[:, rays.face]
     outside = (of_face * rays.direction[None, :, None]).sum(axis=-1) - of_offset
-    distance = np.maximum(outside.max(axis=-1), 0.0) * float(np.mean(rays.camera.focal_px))
+    distance = np.maximum(outside.max(axis=-1), 0.0) * (sum(rays.camera.focal_px) / 2)
     return distance, looks[:, rays.face]
 
 

@@ -197,9 +197,8 @@ def _wins(act, manifest, task: str, physics, trials: int, goals: list[int] | Non
 
 def expert(weights: Path, task: str):
     """A published expert as an act, and its manifest."""
-    import onnxruntime
-
     from api_schemas.policy import LAYOUTS
+    from api_schemas.policy_graph import session as session_of
 
     manifest = LAYOUTS[f"rrc2022-{task}"]
     with tempfile.TemporaryDirectory() as folder:
@@ -208,7 +207,7 @@ def expert(weights: Path, task: str):
         files = [str(weights.absolute()), str(wanted), str(graph)]
         command = [sys.executable, "-m", "services.policies.conversion", *files, "none"]
         subprocess.run(command, check=True, capture_output=True, cwd=folder)
-        session = onnxruntime.InferenceSession(graph.read_bytes(), providers=["CPUExecutionProvider"])
+        session = session_of(graph.read_bytes())
     name = session.get_inputs()[0].name
     return lambda observation: np.concatenate(
         [np.asarray(session.run(None, {name: row[None]})[0]) for row in observation]

@@ -25,6 +25,15 @@ def test_pixels_and_directions_are_inverse(camera):
     np.testing.assert_allclose(camera.pixels(camera.normalised(pixels)), pixels, atol=1e-6)
 
 
+def test_whole_pixels_have_their_directions_in_a_table_and_others_are_computed():
+    camera, rng = nominal_calibrations()[1], np.random.default_rng(2)
+    whole = rng.integers(0, 270, (500, 2)).astype(float)
+    alone = np.concatenate([camera.normalised(pixel[None]) for pixel in whole])
+    for pixels in (whole, whole + 0.25, whole[:0], np.array([[-1.0, 3.0], [270.0, 5.0]])):
+        assert camera.looked_up(pixels).tobytes() == camera.normalised(pixels).tobytes()
+    assert camera.looked_up(whole).tobytes() == alone.tobytes()
+
+
 def test_points_behind_a_camera_land_nowhere():
     camera = nominal_calibrations()[0]
     behind = camera.position_world_m - camera.rotation[2]
