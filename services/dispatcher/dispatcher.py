@@ -160,7 +160,7 @@ class Dispatcher:
 
     def _hear_no_more(self) -> None:
         """Stands by: what a thousand robots say costs too much for those who do nothing with it."""
-        if not self.shows:
+        if self._hears and not self.shows:
             self._hears = False
             self.bus.hear_no_more()
             self.fleet.hear_nobody()
@@ -169,6 +169,7 @@ class Dispatcher:
         """Leads, or takes the lead when it is free; beside the passes, one of which may take longer than that may wait."""
         led = saw = said = away = False
         while not self.signals.closing.is_set():
+            led = led and self._leading.leads  # who was stopped for longer than a lead lasts begins anew
             sees = self.fleet.serves(self.clock.now_s())
             works = time.monotonic() - self._passed_s < OF_NO_USE_S and self.fleet.held_back is None
             try:
@@ -181,7 +182,7 @@ class Dispatcher:
             except Exception:  # as above
                 log.exception("dispatcher failed to ask who gives leases")
             leads = self._leading.leads and (led or await self._begin_to_lead())
-            if led and not leads:
+            if not leads:
                 self._hear_no_more()
             if leads and not (led and saw):
                 self._settle()

@@ -14,7 +14,7 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.feedback import Feedback
 from sim_backend.reality_gap.knowledge.joint_effects import TURNS_OF_MOTORS
-from sim_backend.reality_gap.recording import JointSignals, Recording
+from sim_backend.reality_gap.recording import Recording
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, HeldOut, Verdict
 
 ARM_M = 0.1
@@ -85,7 +85,7 @@ class Slides:
         changed = {name: own / arm for name in lengths if (own := getattr(joints, name)) is not None}
         changed |= {name: own * arm for name in forces if (own := getattr(joints, name)) is not None}
         feedback = None if joints.feedback is None else _feedback_as_hinges(joints.feedback, arm)
-        return replace(recording, joints=_with(joints, changed, feedback))
+        return replace(recording, joints=replace(joints, **changed, feedback=feedback))  # pyright: ignore[reportArgumentType]
 
     def values_as_hinges(self, nominal: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Values by parameter, those of joints in the units of :meth:`model_as_hinges`."""
@@ -126,10 +126,6 @@ class Slides:
             above = None if each.above is None else each.above * ARM_M**power
             told.append(replace(each, above=above, unit=unit))
         return tuple(told)
-
-
-def _with(joints: JointSignals, changed: Mapping[str, np.ndarray], feedback: Feedback | None) -> JointSignals:
-    return replace(joints, **changed, feedback=feedback)  # pyright: ignore[reportArgumentType]
 
 
 def _feedback_as_hinges(law: Feedback, arm: np.ndarray) -> Feedback:
