@@ -67,4 +67,4 @@ def open_batch(backend: PhysicsBackend | str, model: mujoco.MjModel, robots: int
         return Batch(model, robots, nthread=threads)
     from sim_backend.driver.warp_batch import WarpBatch
 
-    return WarpBatch(model, robots, device="cpu" if chosen is PhysicsBackend.WARP_CPU else None)
+    return WarpBatch(model, robots, device="cpu" if chosen is PhysicsBackend.WARP_CPU else None, threads=threads)

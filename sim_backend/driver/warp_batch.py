@@ -91,11 +91,12 @@ class WarpBatch:
         model: the nominal model.
         robots: n.
         device: as for :func:`open_device`.
+        threads: of the safety pipeline and the effects, which run on the processor.
     """
 
-    def __init__(self, model: mujoco.MjModel, robots: int, *, device: str | None = None) -> None:
+    def __init__(self, model: mujoco.MjModel, robots: int, *, device: str | None = None, threads: int = 1) -> None:
         self._warp, self._library, self._device = open_device(device)
-        self._model, self._n = model, robots
+        self._model, self._n, self._threads = model, robots, min(threads, numba.config.NUMBA_NUM_THREADS)  # pyright: ignore
         self._host = {"qpos": np.tile(model.qpos0, (robots, 1)), "ctrl": np.zeros((robots, model.nu))}
         self._host |= {name: np.zeros((robots, model.nv)) for name in ("qvel", "qfrc_applied", "qfrc_bias")}
         self._host |= {"userdata": np.zeros((robots, model.nuserdata)), "sensordata": np.zeros((robots, r.REPORT_SIZE))}
@@ -169,17 +170,21 @@ class WarpBatch:
                 host["ctrl"][:] = control[:, step]
                 self._control()
                 self._send("ctrl", "qfrc_applied")
-                self._warp.capture_launch(self._recorded)
+                self._launch()
                 self._receive()
                 for name, values in out.items():
                     values[:, step] = host[name]
         return out
+
+    def _launch(self) -> None:
+        self._warp.capture_launch(self._recorded)
 
     def _control(self) -> None:
         """Let safety pipeline and effects act on the state of this step."""
         host = self._host
         bounds = np.zeros((self._n, 9))
         states = (host[name] for name in ("qpos", "qvel", "qfrc_bias", "sensordata", "qfrc_applied"))
+        numba.set_num_threads(self._threads)
         _controller()(host["userdata"], host["ctrl"], *states, bounds)
         moving = host["userdata"][:, r.BOUNDS_ON] != 0.0
         if moving.any():
@@ -282,7 +287,7 @@ def control_rows(
         force: filled with generalised forces to add, shape (n, 15).
         bounds: filled with the bounds of joint friction where they move, shape (n, 9), N m.
     """
-    for i in range(len(slots)):
+    for i in numba.prange(len(slots)):
         if slots[i, r.EFFECTS_ON] == 0.0:
             if slots[i, r.SAFETY_ON] == 1.0:
                 protect_nominal(slots[i], torque[i], position[i], velocity[i])
@@ -296,4 +301,4 @@ def control_rows(
 def _controller() -> Callable[..., None]:
     """``control_rows``, compiled once a process."""
     rows = types.float64[:, ::1]
-    return compiled_once(lambda cache: numba.njit([(rows,) * 8], cache=cache)(control_rows))
+    return compiled_once(lambda cache: numba.njit([(rows,) * 8], cache=cache, parallel=True)(control_rows))

@@ -74,6 +74,7 @@ def tried(experts: Path, deadline_s: float, trial: Trial) -> dict[str, Any] | No
             threads=1,
             tracker=Tracker(physics=physics, detector=cameras) if cameras else None,
         )
+        painted = {"renderer": renderer()} if cameras is not None else {}
     finally:
         if cameras is not None:
             cameras.close()
@@ -85,7 +86,15 @@ def tried(experts: Path, deadline_s: float, trial: Trial) -> dict[str, Any] | No
         "success": bool(found.success[0]),
         "error_mm": round(1000 * float(found.position_error_m[0]), 1),
         "wall_s": round(time.monotonic() - began_s, 2),
+        **painted,
     }
+
+
+def renderer() -> str:
+    """What paints, as OpenGL says it: a GPU, or Mesa's llvmpipe on the processor."""
+    from OpenGL import GL
+
+    return bytes(GL.glGetString(GL.GL_RENDERER)).decode()
 
 
 @functools.cache
