@@ -101,6 +101,7 @@ class WarpBatch:
         self._host |= {name: np.zeros((robots, model.nv)) for name in ("qvel", "qfrc_applied", "qfrc_bias")}
         self._host |= {"userdata": np.zeros((robots, model.nuserdata)), "sensordata": np.zeros((robots, r.REPORT_SIZE))}
         self.warning = np.zeros((robots, 1), dtype=np.int64)
+        self._fresh = np.ones(robots, dtype=bool)
         self.models: list[mujoco.MjModel] | None = None
         self._fields: dict[str, np.ndarray] = {}
         with self._warp.ScopedDevice(self._device):
@@ -126,6 +127,7 @@ class WarpBatch:
 
     def forward(self, *, ids: np.ndarray) -> None:
         """Nothing is kept that follows from the states: each step computes it from them. Their solvers begin anew."""
+        self._fresh[ids] = True
         self._forget(ids)
 
     def set_models(self, models: list[mujoco.MjModel] | None) -> None:
@@ -164,6 +166,7 @@ class WarpBatch:
         """
         host = self._host
         out = {name: np.empty((self._n, nstep, host[name].shape[1])) for name in record}
+        self._ask_bias()
         with self._warp.ScopedDevice(self._device):
             self._send("qpos", "qvel")
             for step in range(nstep):
@@ -175,6 +178,19 @@ class WarpBatch:
                 for name, values in out.items():
                     values[:, step] = host[name]
         return out
+
+    def _ask_bias(self) -> None:
+        """Compute what gravity and motion ask of joints, for friction by the load from outside in the first step of a trial: later
+        steps have it of the step before, from the device."""
+        loaded = (self._host["userdata"][:, _OUTER_LOAD : _OUTER_LOAD + 9] != 0.0).any(axis=1)
+        for row in np.flatnonzero(self._fresh & loaded):
+            model = self.models[row] if self.models else self._model
+            data = mujoco.MjData(model)
+            data.qpos[:], data.qvel[:] = self._host["qpos"][row], self._host["qvel"][row]
+            mujoco.mj_fwdPosition(model, data)
+            mujoco.mj_fwdVelocity(model, data)
+            self._host["qfrc_bias"][row] = data.qfrc_bias
+        self._fresh[:] = False
 
     def _launch(self) -> None:
         self._warp.capture_launch(self._recorded)

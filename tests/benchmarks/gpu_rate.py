@@ -3,9 +3,9 @@
     python -m tests.benchmarks.gpu_rate --out FILE [--robots 1024 4096 16384] [--real 1024]
 
 First, whether the GPU moves robots as MuJoCo does: some nominal ones under the same torques, the largest differences. Then samples
-of the environment (``push``, control at 50 Hz, steps of 4 ms) with random actions, for each number of robots and each back end, and
-what the time goes to: the device's own step, copies to and from it, safety pipeline and effects on the processor, new trials, and
-the rest of the environment, of which the functions that take most are listed. A row is printed and kept as soon as it is known.
+of the environment (``push``, control at 50 Hz, steps of 4 ms) with random actions, for each number of robots and each back end;
+and what the time goes to: the device's own step, copies to and from it, safety and effects on the processor, new trials, and
+the rest of the environment, of which the functions that take most are listed. A row is kept as soon as it is known.
 """
 
 import argparse
@@ -26,7 +26,7 @@ from sim_backend.environments.practice import practice_of
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.task import draw_trial, stack_starts
 from tests.benchmarks.learning_rate import STEP_S, SUBSTEPS, TRIAL_S, Stopwatch
-from tests.benchmarks.machine import kind
+from tests.benchmarks.machine import cpu_model, kind
 
 PARTS = {"control": "_control", "to_device": "_send", "device": "_launch", "from_device": "_receive"}
 
@@ -34,13 +34,13 @@ PARTS = {"control": "_control", "to_device": "_send", "device": "_launch", "from
 def agreement(backend: PhysicsBackend, robots: int, steps: int) -> dict[str, float]:
     """The largest differences to MuJoCo's batch among nominal robots under the same random torques, cube on the table."""
     start = stack_starts([draw_trial(TASKS["push"], seed)[0] for seed in range(robots)])
-    ends, last = [], {}
+    ends: list[tuple[np.ndarray, np.ndarray]] = []
     for chosen in (PhysicsBackend.CPU, backend):
         driver = SimulatedDriver(robots=robots, threads=os.cpu_count() or 1, physics_step_s=STEP_S, backend=chosen)
         driver.reset(start)
         rng = np.random.default_rng(0)
-        for _ in range(steps // 25):
-            last = driver.advance_torques(np.repeat(rng.uniform(-0.2, 0.2, (robots, 1, 9)), 25, axis=1))
+        torques_nm = np.repeat(rng.uniform(-0.2, 0.2, (robots, steps // 25, 9)), 25, axis=1)
+        last = driver.advance_torques(torques_nm)
         ends.append((last.true_joint_position_rad[:, -1], last.cube_position_world_m[:, -1]))
     joints, cube = (np.abs(ends[1][part] - ends[0][part]).max(axis=1) for part in (0, 1))
     told = {"robots": robots, "steps": steps, "joint_rad_median": np.median(joints), "joint_rad_largest": joints.max()}
@@ -92,6 +92,14 @@ def slowest(profile: cProfile.Profile) -> dict[str, float]:
     return {name: round(s / sum(own_s.values()), 3) for name, s in sorted(own_s.items(), key=lambda pair: -pair[1])[:10]}
 
 
+def name_of(backend: PhysicsBackend) -> str:
+    """What steps the physics, by name."""
+    if backend is PhysicsBackend.CPU:
+        return cpu_model()
+    warp, _, device = open_device("cpu" if backend is PhysicsBackend.WARP_CPU else None)
+    return warp.get_device(device).name
+
+
 def _watched(owner: object, method: str) -> Stopwatch:
     work, watch = getattr(owner, method), Stopwatch()
     setattr(owner, method, lambda *a, **k: watch(lambda: work(*a, **k)))
@@ -108,8 +116,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--seconds", type=float, default=8.0)
     parser.add_argument("--compared", type=int, default=64, help="robots whose motion is compared")
     given = parser.parse_args(arguments)
-    warp, _, device = open_device("cpu" if given.backend is PhysicsBackend.WARP_CPU else None)
-    found: dict[str, Any] = {"machine": kind(), "device": warp.get_device(device).name, "step_s": STEP_S}
+    found: dict[str, Any] = {"machine": kind(), "device": name_of(given.backend), "step_s": STEP_S}
     began_s = time.perf_counter()
 
     def keep(**part: Any) -> None:
@@ -120,7 +127,7 @@ def main(arguments: list[str] | None = None) -> None:
     keep(agreement=agreement(given.backend, given.compared, 250))
     wanted = [(n, "nominal") for n in given.robots] + [(n, "real") for n in given.real]
     for robots, physics in wanted:
-        for backend in (given.backend, PhysicsBackend.CPU):
+        for backend in dict.fromkeys((given.backend, PhysicsBackend.CPU)):
             keep(rates=[*found.get("rates", []), rate(backend, robots, physics, given.seconds)])
 
 

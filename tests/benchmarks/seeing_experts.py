@@ -94,7 +94,7 @@ def renderer() -> str:
     """What paints, as OpenGL says it: a GPU, or Mesa's llvmpipe on the processor."""
     from OpenGL import GL
 
-    return bytes(GL.glGetString(GL.GL_RENDERER)).decode()
+    return bytes(GL.glGetString(GL.GL_RENDERER) or b"unknown").decode()
 
 
 @functools.cache

@@ -27,6 +27,7 @@ QUICK = {
         f"run --checkout {ROOT} --experts {{experts}} --goals 2 --policies push-adr --to {{to}}/goals.jsonl",
         "compare --old {to}/goals.jsonl --new {to}/goals.jsonl --out {to}/outcomes.json",
     ],
+    "gpu_rate": ["--backend cpu --robots 16 --real --seconds 0.2 --compared 2 --out {to}/rate.json"],
     "http_document": ["{document} {document}"],
     "record_observations": ["--out {to}/recorded.safetensors"],
     "shipped_policy": [f"{PUSH} --task push --trials 1 --farm-seeds 7001 --physics-step 0.004 --out {{to}}/policy.json"],
