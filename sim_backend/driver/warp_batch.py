@@ -180,8 +180,10 @@ class WarpBatch:
         return out
 
     def _ask_bias(self) -> None:
-        """Compute what gravity and motion ask of joints, for friction by the load from outside in the first step of a trial: later
-        steps have it of the step before, from the device."""
+        """Compute what gravity and motion ask of joints, for friction by the load from outside in the first step of a trial.
+
+        Later steps have it of the step before, from the device.
+        """
         loaded = (self._host["userdata"][:, _OUTER_LOAD : _OUTER_LOAD + 9] != 0.0).any(axis=1)
         for row in np.flatnonzero(self._fresh & loaded):
             model = self.models[row] if self.models else self._model

@@ -2,7 +2,7 @@
 
     python -m tests.benchmarks.gpu_rate --out FILE [--robots 1024 4096 16384] [--real 1024]
 
-First, whether the GPU moves robots as MuJoCo does: some nominal ones under the same torques, the largest differences. Then samples
+First, whether the GPU moves robots as MuJoCo does: nominal ones under the same torques, the largest differences. Then samples
 of the environment (``push``, control at 50 Hz, steps of 4 ms) with random actions, for each number of robots and each back end;
 and what the time goes to: the device's own step, copies to and from it, safety and effects on the processor, new trials, and
 the rest of the environment, of which the functions that take most are listed. A row is kept as soon as it is known.

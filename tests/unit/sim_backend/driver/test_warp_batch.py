@@ -30,8 +30,8 @@ FIELDS = {
 """What is compared over 250 steps of 4 ms, and the largest difference; for nominal robots a fortieth of it. With a delay of 33 ms
 the fingers swing ever more, and what differs grows with them; nearly all others stay below a hundredth of it."""
 BEFORE_THEY_DIVERGE = {"action_delay": 125, "load_friction": 200}
-"""Steps after which a course is not compared: fingers that swing ever more touch each other, and friction by the load from outside
-has the load of a step before, which moves a finger that is caught by 24 mrad."""
+"""Steps after which a course is not compared: fingers that swing ever more touch each other, and friction by the load from
+outside has the load of a step before, which moves a finger that is caught by 24 mrad."""
 LOOSER = {"load_friction": 3}
 
 
@@ -174,7 +174,7 @@ def test_a_gpu_moves_the_robots_as_mujoco_does():
     import warp
 
     if not warp.is_cuda_available():
-        pytest.skip("no GPU here: the back end was tried on Warp's processor device only")
+        pytest.skip("no GPU here: the tests ran on Warp's processor device only")
     here, there = (joined(pushing(driver(backend))) for backend in ("cpu", "warp"))
     for name, tolerance in FIELDS.items():
         np.testing.assert_allclose(there[name], here[name], rtol=0, atol=tolerance / 40, err_msg=name)
