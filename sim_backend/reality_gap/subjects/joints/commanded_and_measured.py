@@ -111,13 +111,21 @@ def _share(asked: np.ndarray, felt: np.ndarray) -> float:
 def _end(asked: np.ndarray, felt: np.ndarray) -> tuple[float, float]:
     """Command beyond which the measured torque stays where it is, infinite where nothing shows one, and the mean square left."""
     left = float(np.mean((felt - _share(asked, felt) * asked) ** 2))
-    found, least = np.inf, _EXPLAINED**2 * left
-    for limit in np.quantile(np.abs(asked), _LIMITS):
-        cut = np.clip(asked, -limit, limit)
-        with_it = float(np.mean((felt - _share(cut, felt) * cut) ** 2))
-        if with_it < least and np.count_nonzero(np.abs(asked) > _BEYOND * limit) >= _LEAST_BEYOND:
-            found, least = float(limit), with_it
-    return found, least if np.isfinite(found) else left
+    order = np.argsort(np.abs(asked))
+    size, along = np.abs(asked)[order], (np.sign(asked) * felt)[order]
+    limits = np.quantile(size, _LIMITS)
+    inside, beyond = (np.searchsorted(size, times * limits, side="right") for times in (1.0, _BEYOND))
+    # sums over rows up to a limit and over those beyond it, which the limit cuts
+    both, squares, rest = (np.concatenate([[0.0], np.cumsum(x)]) for x in (size * along, size**2, along))
+    product = both[inside] + limits * (rest[-1] - rest[inside])
+    square = squares[inside] + limits**2 * (len(size) - inside)
+    with_it = (float(felt @ felt) - product**2 / np.maximum(square, 1e-30)) / len(size)
+    with_it = np.where(len(size) - beyond >= _LEAST_BEYOND, with_it, np.inf)
+    best = int(np.argmin(with_it))
+    if with_it[best] >= _EXPLAINED**2 * left:
+        return np.inf, left
+    cut = np.clip(asked, -limits[best], limits[best])
+    return float(limits[best]), float(np.mean((felt - _share(cut, felt) * cut) ** 2))
 
 
 def causes_between(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -> tuple[list[Cause], list[str]]:

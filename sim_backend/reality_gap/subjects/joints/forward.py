@@ -83,23 +83,31 @@ class Forward:
         self._chain = Chain(plant, float(self._model.opt.timestep), self._substeps) if is_plain(self._model) else None
 
     def positions(
-        self, windows: Windows, begin_rad: np.ndarray, begin_rad_s: np.ndarray, states: Sequence[JointState], which: np.ndarray
+        self,
+        windows: Windows,
+        begin_rad: np.ndarray,
+        begin_rad_s: np.ndarray,
+        states: Sequence[JointState],
+        which: np.ndarray,
+        over: np.ndarray | None = None,
     ) -> np.ndarray:
         """Reported positions after each sample, shape (n, s, k); not finite where a simulation diverges.
 
         Args:
-            windows: n of them.
-            begin_rad: where each begins, as reported, shape (n, k).
+            windows: what is simulated.
+            begin_rad: where each simulation begins, as reported, shape (n, k).
             begin_rad_s: how fast it moves there, shape (n, k).
             states: models.
-            which: of the models each window is simulated with, shape (n,).
+            which: of the models each simulation has, shape (n,).
+            over: which of the windows it runs over, shape (n,); None if each window is simulated once.
         """
+        over = np.arange(len(windows)) if over is None else over
         if self._chain is not None:
-            begins, rows = (begin_rad, begin_rad_s), np.arange(len(windows))
-            return self._chain.positions(drives_of(windows, self._held_steps), *begins, self.models(states), rows, which)
+            drives = drives_of(windows, self._held_steps)
+            return self._chain.positions(drives, begin_rad, begin_rad_s, self.models(states), over, which)
         found = [
-            self._simulated(windows.some(rows), begin_rad[rows], begin_rad_s[rows], states, which[rows])
-            for rows in np.array_split(np.arange(len(windows)), max(1, -(-len(windows) // _MOST_SIMULATIONS)))
+            self._simulated(windows.some(over[rows]), begin_rad[rows], begin_rad_s[rows], states, which[rows])
+            for rows in np.array_split(np.arange(len(over)), max(1, -(-len(over) // _MOST_SIMULATIONS)))
         ]
         return np.concatenate(found)
 

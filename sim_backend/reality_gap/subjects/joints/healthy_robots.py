@@ -66,8 +66,9 @@ def draw_healthy(problem: RolloutProblem, rng: np.random.Generator, draws: int =
     begun = np.linalg.pinv(at_start)
     as_it_is = error - at_start @ (begun @ error)
     free = by_term - at_start @ (begun @ by_term)
-    precision = np.einsum("nsm,nsl->ml", free, free) + np.diag(1.0 / scales**2)
-    fitted = as_it_is - free @ np.linalg.solve(precision, np.einsum("nsm,nsd->md", free, as_it_is))
+    every = free.reshape(-1, len(scales))
+    precision = every.T @ every + np.diag(1.0 / scales**2)
+    fitted = as_it_is - free @ np.linalg.solve(precision, every.T @ as_it_is.reshape(len(every), -1))
     return Healthy(*(_usual(left / weights, len(problem.noise_rad)) for left in (as_it_is, fitted)))
 
 
@@ -85,9 +86,9 @@ def _images(problem: RolloutProblem, windows: Windows, terms: Sequence[Term]) ->
     for j in range(k):
         begins[0][1 + m + j, :, j] += PROBES[0]
         begins[1][1 + m + k + j, :, j] += PROBES[1]
-    probed = windows.some(np.tile(np.arange(n), 1 + m + 2 * k))
+    over = np.tile(np.arange(n), 1 + m + 2 * k)
     which = np.repeat([*range(1 + m), *[0] * (2 * k)], n)
-    went = problem.forward.positions(probed, begins[0].reshape(-1, k), begins[1].reshape(-1, k), models, which)
+    went = problem.forward.positions(windows, begins[0].reshape(-1, k), begins[1].reshape(-1, k), models, which, over)
     went = went.reshape(1 + m + 2 * k, n, -1)
     steps = np.array([*(term.probe for term in terms), *[PROBES[0]] * k, *[PROBES[1]] * k])
     moves = ((went[1:] - went[0]) / steps[:, None, None]).transpose(1, 2, 0)

@@ -326,18 +326,18 @@ class RolloutProblem:
         error = w.position_rad - went
         fine = np.asarray(np.isfinite(error).all(axis=(1, 2)) & np.isfinite(moves).all(axis=(0, 2, 3)))
         counted = (np.sqrt(weights * SAMPLES_OF_WINDOW / error.shape[1]) / noise)[:, None] * fine[:, None, None]
-        left = np.nan_to_num(error * counted).reshape(len(error), -1)
-        images = np.nan_to_num(moves * counted).reshape(m + 2 * k, len(error), -1).transpose(1, 2, 0)
-        own, at_start = images[:, :, :m], images[:, :, m:]
+        left = np.nan_to_num(error * counted).reshape(len(error), -1, 1)
+        images = np.nan_to_num(moves * counted).reshape(m + 2 * k, len(error), -1).transpose(1, 0, 2).copy()
+        products, pulls = images @ images.transpose(0, 2, 1), (images @ left)[:, :, 0]
         deviation = np.concatenate([w.begin_rad - begin[0], w.begin_rad_s - begin[1]], axis=1)
         held = np.repeat(1.0 / np.array(_STARTS) ** 2, k)
-        block = np.einsum("nsa,nsb->nab", at_start, at_start) + np.diag(held)
-        pulled = np.einsum("nsa,ns->na", at_start, left) + held * deviation
-        cross = np.einsum("nsa,nsm->nam", at_start, own)
+        block = products[:, m:, m:] + np.diag(held)
+        pulled = pulls[:, m:] + held * deviation
+        cross = products[:, m:, :m]
         free = np.linalg.solve(block, pulled[:, :, None])[:, :, 0]
         by_terms = np.linalg.solve(block, cross)
-        precision = np.einsum("nsm,nsl->ml", own, own) - np.einsum("nam,nal->ml", cross, by_terms)
-        pull = np.einsum("nsm,ns->m", own, left) - np.einsum("nam,na->m", cross, free)
+        precision = products[:, :m, :m].sum(axis=0) - np.einsum("nam,nal->ml", cross, by_terms)
+        pull = pulls[:, :m].sum(axis=0) - np.einsum("nam,na->m", cross, free)
         return Linearised(error, precision, pull, (free, by_terms), moves)
 
     def _probed(
@@ -353,8 +353,8 @@ class RolloutProblem:
             places[1 + m + j, :, j] += PROBES[0]
             speeds[1 + m + k + j, :, j] += PROBES[1]
         which = np.repeat([*range(1 + m), *[0] * (2 * b)], n)
-        many = w.some(np.tile(np.arange(n), total))
-        went = self.forward.positions(many, places.reshape(-1, k), speeds.reshape(-1, k), models, which)
+        over = np.tile(np.arange(n), total)
+        went = self.forward.positions(w, places.reshape(-1, k), speeds.reshape(-1, k), models, which, over)
         went = went.reshape(total, n, -1, k)
         steps = np.array([*(t.probe for t in terms), *[PROBES[0]] * b, *[PROBES[1]] * b])
         return went[0], (went[1:] - went[0]) / steps[:, None, None, None]

@@ -1,5 +1,6 @@
 """A recorded motion made fit for differentiation: gaps filled, smoothed without a shift in time, and thinned out."""
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -183,5 +184,10 @@ def filled_gaps(series: np.ndarray) -> np.ndarray:
 
 def _low_pass(series: np.ndarray, cutoff_hz: float, step_s: float) -> np.ndarray:
     """Along the last axis, forwards and backwards."""
-    sections = signal.butter(ORDER, cutoff_hz, fs=1.0 / step_s, output="sos")
+    sections = _sections(cutoff_hz, step_s)
     return signal.sosfiltfilt(sections, series, padlen=min(series.shape[-1] - 1, round(0.5 / step_s)))
+
+
+@functools.cache
+def _sections(cutoff_hz: float, step_s: float) -> np.ndarray:
+    return signal.butter(ORDER, cutoff_hz, fs=1.0 / step_s, output="sos")

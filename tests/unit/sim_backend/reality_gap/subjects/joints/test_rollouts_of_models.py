@@ -179,7 +179,7 @@ def test_a_fit_that_has_settled_probes_only_causes_and_ends_in_the_same_place(mo
     problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, Tolerance())
     friction, simulated = Term("coulomb_friction.torque_nm", 0, 5e-4), []
     positions = problem.forward.positions
-    monkeypatch.setattr(problem.forward, "positions", lambda w, *rest: simulated.append(len(w)) or positions(w, *rest))
+    monkeypatch.setattr(problem.forward, "positions", lambda w, b, *rest: simulated.append(len(b)) or positions(w, b, *rest))
 
     def fitted(settles: float):
         monkeypatch.setattr(rollout_fit, "_SETTLES", settles)
