@@ -326,8 +326,9 @@ class RolloutProblem:
         error = w.position_rad - went
         fine = np.asarray(np.isfinite(error).all(axis=(1, 2)) & np.isfinite(moves).all(axis=(0, 2, 3)))
         counted = (np.sqrt(weights * SAMPLES_OF_WINDOW / error.shape[1]) / noise)[:, None] * fine[:, None, None]
-        left = np.nan_to_num(error * counted).reshape(len(error), -1, 1)
-        images = np.nan_to_num(moves * counted).reshape(m + 2 * k, len(error), -1).transpose(1, 0, 2).copy()
+        left, images = error * counted, (moves * counted).swapaxes(0, 1)
+        left[~fine], images[~fine] = 0.0, 0.0
+        left, images = left.reshape(len(error), -1, 1), images.reshape(len(error), m + 2 * k, -1)
         products, pulls = images @ images.transpose(0, 2, 1), (images @ left)[:, :, 0]
         deviation = np.concatenate([w.begin_rad - begin[0], w.begin_rad_s - begin[1]], axis=1)
         held = np.repeat(1.0 / np.array(_STARTS) ** 2, k)
