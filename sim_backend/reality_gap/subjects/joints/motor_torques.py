@@ -1,6 +1,7 @@
 """What the motors of k joints gave along one recorded motion, as the motor law makes it of what was sent or measured."""
 
 import functools
+from collections import OrderedDict
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from sim_backend.reality_gap.subjects.joints.trajectory import Trajectory, fille
 
 BEFORE_CURRENT = frozenset(keys_of(Channel.CURRENT))
 """Parameters that change the current; all others act on what the current gives."""
+_KEPT_BYTES = 64_000_000
+"""Of results of the law that are kept, for each episode."""
 _IS_BEFORE = np.array([key in BEFORE_CURRENT for key in motor_law.VECTOR])
 
 
@@ -45,6 +48,8 @@ class MotorTorques:
         self._position = np.ascontiguousarray(path.fast_position.T)
         self._velocity = np.ascontiguousarray(path.fast_velocity.T)
         self._step_s = path.step_s
+        self._known: OrderedDict[tuple[int, bool, bytes], tuple[np.ndarray, np.ndarray, np.ndarray]] = OrderedDict()
+        """The last results of the law: most questions are about one joint, and leave the motors of all others as they are."""
 
     @property
     def joints(self) -> int:
@@ -60,20 +65,29 @@ class MotorTorques:
         """Torque of the current, torque left at the joint, and play, at full rate; shape (s,)."""
         values = state.motor(j)
         if self.measured_nm is None:
-            return self._law(self.driving_nm[j], values, j)
+            return self._law(self.driving_nm, values, j)
         absent = motor_law.absent_values()
         before, after = np.where(_IS_BEFORE, values, absent), np.where(_IS_BEFORE, absent, values)
-        current = self._law(self.driving_nm[j], before, j)[0]
-        _, net, play = self._law(self.measured_nm[j], after, j)
+        current = self._law(self.driving_nm, before, j)[0]
+        _, net, play = self._law(self.measured_nm, after, j)
         return current, net, play
 
     def along_sent(self, state: JointState, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """As :meth:`along`, driven by what was sent: images must not hold the noise that residuals hold."""
-        return self._law(self.driving_nm[j], state.motor(j), j)
+        return self._law(self.driving_nm, state.motor(j), j)
 
-    def _law(self, torque_nm: np.ndarray, values: np.ndarray, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        external = self._external_nm[j] if motor_law.needs_external(values) else self._total
-        return motor_law.along(torque_nm, self._total, self._position[j], self._velocity[j], external, self._step_s, values)
+    def _law(self, torques_nm: np.ndarray, values: np.ndarray, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        torque_nm, key = torques_nm[j], (j, torques_nm is self.driving_nm, values.tobytes())
+        if key not in self._known:
+            external = self._external_nm[j] if motor_law.needs_external(values) else self._total
+            found = motor_law.along(torque_nm, self._total, self._position[j], self._velocity[j], external, self._step_s, values)
+            for each in found:
+                each.flags.writeable = False
+            while len(self._known) * 3 * torque_nm.nbytes > _KEPT_BYTES:
+                self._known.popitem(last=False)
+            self._known[key] = found
+        self._known.move_to_end(key)
+        return self._known[key]
 
     @functools.cached_property
     def _external_nm(self) -> np.ndarray:
