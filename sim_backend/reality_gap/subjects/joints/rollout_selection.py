@@ -1,7 +1,8 @@
 """Which causes make a model go where the robot went: taken and dropped by what they gain in rollouts."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -33,6 +34,8 @@ _LEAST_REDUCTION = 0.03
 
 _Tried = tuple[float, RolloutFit, Hypothesis, tuple[Term, ...]]
 """Gain, model, and what was tried with its terms."""
+Proposed = Mapping[tuple[str, str], Mapping[tuple[str, int], float]]
+"""Values by number and index of effects at places; none where only the effect is proposed."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,8 @@ def select_by_rollouts(
     catalogue: Catalogue,
     fits: Callable[[JointState], bool],
     progress: Callable[[str, float], None] = lambda *_: None,
-    proposed: frozenset[tuple[str, str]] = frozenset(),
+    proposed: Proposed = MappingProxyType({}),
+    healthy_rad: np.ndarray | float = 0.0,
 ) -> RolloutSelection:
     """Take the cause that gains most, fit everything anew, drop what is needed no more, until nothing gains.
 
@@ -85,13 +89,15 @@ def select_by_rollouts(
         catalogue: what may be wrong.
         fits: whether nothing measured rules a model out.
         progress: told what is done, and which share.
-        proposed: effects at places that are tried whatever their linear gains.
+        proposed: effects at places that are tried whatever their linear gains, from the values that are given, too.
+        healthy_rad: what usual windows of a robot that nothing is wrong with are off once it was fitted within its tolerances,
+            shape (k,), where that is known.
     """
-    found = _selected(problem, catalogue, fits, progress, proposed)
+    found = _selected(problem, catalogue, fits, progress, proposed, healthy_rad)
     otherwise, terms = problem.otherwise(), [term for cause in found.taken for term in cause.terms]
     if otherwise is None or not terms or not is_nearer(otherwise.fitted(found.fit.state, terms, found.fit.begin), found.fit):
         return found
-    again = _selected(otherwise, catalogue, fits, progress, proposed)
+    again = _selected(otherwise, catalogue, fits, progress, proposed, healthy_rad)
     return again if is_nearer(again.fit, found.fit) else found
 
 
@@ -100,10 +106,11 @@ def _selected(
     catalogue: Catalogue,
     fits: Callable[[JointState], bool],
     progress: Callable[[str, float], None],
-    proposed: frozenset[tuple[str, str]],
+    proposed: Proposed,
+    healthy_rad: np.ndarray | float,
 ) -> RolloutSelection:
     nominal = problem.fitted(problem.start, ())
-    search = _Search(problem, catalogue, fits, progress, proposed)
+    search = _Search(problem, catalogue, fits, progress, proposed, healthy_rad)
     fit, taken = search.extended(nominal, (), _MENDS, _MOST)
     taken = tuple(replace(cause, terms=_needed(problem, fit, cause)) for cause in taken)
     extended, all_taken = (
@@ -125,7 +132,8 @@ class _Search:
     catalogue: Catalogue
     fits: Callable[[JointState], bool]
     progress: Callable[[str, float], None]
-    proposed: frozenset[tuple[str, str]]
+    proposed: Proposed
+    healthy_rad: np.ndarray | float
     tried: "dict[int, tuple[RolloutFit, list[_Tried]]]" = field(default_factory=dict)
     """What was fitted beside a model, by its identity."""
 
@@ -143,7 +151,7 @@ class _Search:
             if not is_whole:
                 fit = self.problem.fitted(fit.state, found[1].terms, fit.begin)
             self.progress(f"{found[1].hypothesis.effect}, {found[1].hypothesis.where}", 1.0 - 0.7 ** len(taken))
-            fit, taken = _without_needless(self.problem, fit, taken, first)
+            fit, taken = _without_needless(self, fit, taken, first)
         return fit, taken
 
 
@@ -176,12 +184,14 @@ def _tried_beside(search: _Search, fit: RolloutFit, taken: Sequence[Taken]) -> l
             continue
         if (linear < _TRIED_FROM or len(tried) >= _TRIED) and hypothesis.name not in search.proposed:
             continue
-        terms = [catalogue.terms[i] for i in hypothesis.terms]
-        state, plain = _begun(problem.without_loose(fit.state, own), *_that_show(terms, hypothesis, values, errors))
-        new = problem.fitted(state, [*own, *plain], fit.begin, quickly=True)
-        gain = problem.gained(fit.squares, new.squares) - OF_NUMBER * len(plain)
-        if _is_possible(search, taken, gain, new, hypothesis, plain):
-            tried.append((gain, new, hypothesis, plain))
+        terms = tuple(catalogue.terms[i] for i in hypothesis.terms)
+        begins, given = [_that_show(terms, hypothesis, values, errors)], search.proposed.get(hypothesis.name, {})
+        if all((t.key, t.index) in given for t in terms):
+            begins.append((terms, np.array([given[t.key, t.index] - fit.state.value(t.key)[t.index] for t in terms])))
+        found = [_fitted_quickly(problem, fit, own, hypothesis, *begin) for begin in begins]
+        best_of_them = max(found, key=lambda entry: entry[0])
+        if _is_possible(search, taken, *best_of_them, is_whole=False):
+            tried.append(best_of_them)
     best = sorted((entry for entry in tried if _is_worth_it(fit, entry[1])), key=lambda entry: -entry[0])[:_WHOLLY]
     # with all that a healthy robot may be off by, as the model had it: also those that are seen only then, by their linear gains
     best += [entry for entry in tried[:_WHOLLY] if not any(entry is other for other in best)]
@@ -201,10 +211,18 @@ def _that_show(
 
 
 def _is_possible(
-    search: _Search, taken: Sequence[Taken], gain: float, new: RolloutFit, hypothesis: Hypothesis, plain: tuple[Term, ...]
+    search: _Search,
+    taken: Sequence[Taken],
+    gain: float,
+    new: RolloutFit,
+    hypothesis: Hypothesis,
+    plain: tuple[Term, ...],
+    *,
+    is_whole: bool = True,
 ) -> bool:
     """Whether a model is one that a robot may have, and contradicts nothing that was measured."""
-    return search.fits(new.state) and _may_be(search.problem, new, [*taken, Taken(hypothesis, plain, gain, ())])
+    causes = [*taken, Taken(hypothesis, plain, gain, ())]
+    return search.fits(new.state) and _may_be(search, new, causes, is_whole=is_whole)
 
 
 def _needed(problem: RolloutProblem, fit: RolloutFit, cause: Taken) -> tuple[Term, ...]:
@@ -214,6 +232,20 @@ def _needed(problem: RolloutProblem, fit: RolloutFit, cause: Taken) -> tuple[Ter
         without = problem.squares_of(as_nominal(problem, fit.state, (term,)), fit.begin)
         gains.append(problem.gained(without, fit.squares))
     return tuple(t for t, gain in zip(cause.terms, gains, strict=True) if gain > OF_NUMBER) or cause.terms
+
+
+def _fitted_quickly(
+    problem: RolloutProblem,
+    fit: RolloutFit,
+    own: Sequence[Term],
+    hypothesis: Hypothesis,
+    terms: tuple[Term, ...],
+    values: np.ndarray,
+) -> _Tried:
+    """A cause beside what a model has, from some values on, all that a healthy robot may be off by as the nominal one has it."""
+    state, plain = _begun(problem.without_loose(fit.state, own), terms, values)
+    new = problem.fitted(state, [*own, *plain], fit.begin, quickly=True)
+    return problem.gained(fit.squares, new.squares) - OF_NUMBER * len(plain), new, hypothesis, plain
 
 
 def _fitted_wholly(
@@ -306,11 +338,16 @@ _SHAPE_PROBE = 0.01
 """Of the distance between two shapes."""
 
 
-def _may_be(problem: RolloutProblem, fit: RolloutFit, taken: Sequence[Taken]) -> bool:
-    """Whether a robot may be so. A gravity of another strength is one only where hardly anything is left with it."""
-    state = fit.state
+def _may_be(search: _Search, fit: RolloutFit, taken: Sequence[Taken], *, is_whole: bool = True) -> bool:
+    """Whether a robot may be so.
+
+    A gravity of another strength is one only where hardly anything is left with it: no more than encoders or healthy robots
+    leave. What is left is known once all was fitted that a healthy robot may be off by, too.
+    """
+    problem, state = search.problem, fit.state
+    leaves_little = not is_whole or problem.is_near_noise(fit) or bool((fit.usual_rad < search.healthy_rad).all())
     accepted = [Accepted(c.hypothesis.effect, c.hypothesis.where, c.terms, c.gain) for c in taken]
-    is_possible = (is_gravity(problem.gravity_m_s2, state) or problem.is_near_noise(fit)) and not pushes(state)
+    is_possible = (leaves_little or is_gravity(problem.gravity_m_s2, state)) and not pushes(state)
     return is_possible and not runs_into_bounds(state, problem.start, accepted)
 
 
@@ -323,14 +360,15 @@ def _is_worth_it(before: RolloutFit, after: RolloutFit) -> bool:
 
 
 def _without_needless(
-    problem: RolloutProblem, fit: RolloutFit, taken: tuple[Taken, ...], first: tuple[Taken, ...]
+    search: _Search, fit: RolloutFit, taken: tuple[Taken, ...], first: tuple[Taken, ...]
 ) -> tuple[RolloutFit, tuple[Taken, ...]]:
     """Drop causes that gain nothing any more beside those that came later, but for the first ones."""
+    problem = search.problem
     for cause in taken[len(first) : -1]:
         kept = tuple(other for other in taken if other is not cause)
         less = _fitted_without(problem, fit, taken, cause)
-        if problem.gained(less.squares, fit.squares) - OF_NUMBER * len(cause.terms) < GATE and _may_be(problem, less, kept):
-            return _without_needless(problem, less, kept, first)
+        if problem.gained(less.squares, fit.squares) - OF_NUMBER * len(cause.terms) < GATE and _may_be(search, less, kept):
+            return _without_needless(search, less, kept, first)
     return fit, taken
 
 

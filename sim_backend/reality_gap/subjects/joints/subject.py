@@ -110,8 +110,10 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
 
     progress("simulating healthy robots", 0.2)
     healthy = draw_healthy(problem, rng)
-    proposed = proposed_by(torques, found) if method == NAMING else frozenset()
-    selection = select_by_rollouts(problem, catalogue, is_possible, part(progress, 0.2, 0.9), proposed)
+    proposed = proposed_by(torques, found) if method == NAMING else {}
+    selection = select_by_rollouts(
+        problem, catalogue, is_possible, part(progress, 0.2, 0.9), proposed, healthy_rad=healthy.fitted_rad
+    )
     rollouts = verdict_of_rollouts(found, selection, healthy)
     rollouts = against_patterns(rollouts, found, selection, usual_of_healthy_rad(problem, healthy))
     rollouts = against_unnamed(rollouts, selection)

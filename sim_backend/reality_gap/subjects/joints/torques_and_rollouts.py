@@ -16,6 +16,7 @@ from sim_backend.reality_gap.knowledge.joint_effects import (
 )
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.rollout_fit import is_simulated
+from sim_backend.reality_gap.subjects.joints.rollout_selection import Proposed
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, Told, Verdict, VerdictKind
 
 _MOTION_FITS = frozenset({VerdictKind.NAMED, VerdictKind.NOTHING_WRONG})
@@ -25,10 +26,14 @@ _OF_COLUMNS = frozenset({FILTERED_VELOCITY.partition(".")[0]})
 """Effects that only the columns themselves are asked for."""
 
 
-def proposed_by(torques: Verdict, study: JointStudy) -> frozenset[tuple[str, str]]:
-    """Effects at places that torques took or confused, for rollouts to try."""
-    taken = {(accepted.effect, accepted.where) for accepted in study.fit.accepted}
-    return frozenset(taken | {(cause.effect, cause.where) for cause in torques.causes})
+def proposed_by(torques: Verdict, study: JointStudy) -> Proposed:
+    """Effects at places that torques took or confused, for rollouts to try, with values where torques took them."""
+    state = study.fit.state
+    taken = {
+        (accepted.effect, accepted.where): {(t.key, t.index): float(state.value(t.key)[t.index]) for t in accepted.terms}
+        for accepted in study.fit.accepted
+    }
+    return {(cause.effect, cause.where): {} for cause in torques.causes} | taken
 
 
 def in_both(torques: Verdict, rollouts: Verdict, columns: Sequence[Cause] = ()) -> Verdict:

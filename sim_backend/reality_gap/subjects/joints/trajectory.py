@@ -190,4 +190,4 @@ def _low_pass(series: np.ndarray, cutoff_hz: float, step_s: float) -> np.ndarray
 
 @functools.cache
 def _sections(cutoff_hz: float, step_s: float) -> np.ndarray:
-    return signal.butter(ORDER, cutoff_hz, fs=1.0 / step_s, output="sos")
+    return np.asarray(signal.butter(ORDER, cutoff_hz, fs=1.0 / step_s, output="sos"))
