@@ -19,7 +19,15 @@ REFERENCE = Path(__file__).parent.parent.parent / "sim_backend/training/referenc
 HOSTILE = """<img src=x onerror=alert(1)>"'&{{7*7}}</script><script>alert(2)</script>"""
 PATIENCE_MS = 120_000
 """A browser that draws in software on a busy machine; nothing of how soon a page is there."""
-FLAGS = ["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--disable-gpu-rasterization", "--disable-gpu-compositing"]
+FLAGS = [
+    "--headless",
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--disable-gpu-rasterization",
+    "--disable-gpu-compositing",
+]
 
 
 class Visit:

@@ -10,7 +10,7 @@ from sim_backend.effects.catalogue import CATALOGUE
 from sim_backend.reality_gap.feedback import Feedback
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording
-from sim_backend.reality_gap.subjects.joints import rollout_fit
+from sim_backend.reality_gap.subjects.joints import rollout_fit, rollout_selection
 from sim_backend.reality_gap.subjects.joints.forward import Forward, Windows
 from sim_backend.reality_gap.subjects.joints.healthy_robots import Healthy, draw_healthy
 from sim_backend.reality_gap.subjects.joints.hypotheses import with_controllers
@@ -19,7 +19,7 @@ from sim_backend.reality_gap.subjects.joints.plant import Plant
 from sim_backend.reality_gap.subjects.joints.recorded_windows import windows_of
 from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_questions import would_move_nats
-from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, select_by_rollouts
+from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, _may_be, _Search, select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import verdict_of_rollouts
 from sim_backend.reality_gap.verdict import Told, VerdictKind
@@ -200,6 +200,43 @@ def test_a_limit_that_few_windows_meet_is_named_and_not_called_healthy():
     assert verdict.verdict is VerdictKind.NAMED, verdict.summary
     (cause,) = verdict.causes
     assert cause.effect == "torque_saturation" and cause.value == pytest.approx(LIMIT_NM, rel=0.02)
+
+
+def problem_of(limit_nm: float = np.inf) -> RolloutProblem:
+    """Windows of a pendulum whose motor ends somewhere."""
+    model, robot = mujoco.MjModel.from_xml_string(PENDULUM.format(more="")), UnknownRobot(Tolerance())
+    recordings = [replace(recorded(model, targets(6.0, seed), seed=seed, limit_nm=limit_nm), name=f"{seed}") for seed in (1, 2)]
+    study = study_joints(model, recordings, lambda *_: None, robot=robot, gate=np.inf)
+    return RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, robot.tolerance)
+
+
+def test_where_a_straight_line_leads_astray_a_fit_begins_from_what_torques_found(monkeypatch):
+    problem, limits = problem_of(LIMIT_NM), "torque_saturation"
+    own = rollout_selection.gains
+
+    def astray(*asked):
+        """Limits far above all that was sent, from where nothing leads back."""
+        return [(gain, h, 0.0 * values if h.effect == limits else values, e) for gain, h, values, e in own(*asked)]
+
+    monkeypatch.setattr(rollout_selection, "gains", astray)
+    found = [
+        [
+            cause.hypothesis.effect
+            for cause in select_by_rollouts(problem, problem.catalogue, lambda _: True, proposed=given).taken
+        ]
+        for given in ({}, {(limits, "hinge"): {("torque_saturation.limit_nm", 0): 1.1 * LIMIT_NM}})
+    ]
+    assert limits not in found[0] and found[1] == [limits]
+
+
+def test_gravity_of_another_strength_is_possible_where_no_more_is_left_than_healthy_robots_leave():
+    problem = problem_of()
+    weaker = problem.begun(problem.start.moved(Term("gravity.offset_m_s2", 2, 1e-3), 2.0, with_shape=False))
+    assert not problem.is_near_noise(weaker)
+    search = _Search(problem, problem.catalogue, lambda _: True, lambda *_: None, {}, 0.0)
+    assert not _may_be(search, weaker, ()) and _may_be(search, weaker, (), is_whole=False)
+    assert _may_be(replace(search, healthy_rad=1.01 * weaker.usual_rad), weaker, ())
+    assert not _may_be(replace(search, healthy_rad=0.99 * weaker.usual_rad), weaker, ())
 
 
 def only_targets(recording: Recording, target_rad: np.ndarray) -> Recording:
