@@ -51,6 +51,8 @@ _WIDE = 10.0
 """Standard deviations of what a cause's numbers may be, in their scales: what no window shows stays where it is."""
 _FLOOR = 2.0
 """Times an encoder's noise: errors below it are as good as none."""
+FAR_WINDOWS = 3.0
+"""Times what a usual window may be off, that nine windows of ten must stay below: a limit or a play acts in some motions only."""
 FAR_OFF = 5.0
 """Times an encoder's noise: windows also begin and end where smoothing puts them."""
 _CLOCK_SHARE = 0.25
@@ -366,8 +368,9 @@ class RolloutProblem:
         return np.maximum(np.median(self.windows.position_rad.std(axis=1), axis=0), self.noise_rad)
 
     def is_near_noise(self, fit: RolloutFit) -> bool:
-        """Whether a usual window of no joint is off by more than a few times what its encoder is."""
-        return bool((np.sqrt(np.median(fit.squares, axis=0)) < FAR_OFF * self.noise_rad).all())
+        """Whether windows of no joint are off by more than a few times what its encoder is, neither usual nor far ones."""
+        near_rad = FAR_OFF * self.noise_rad
+        return bool((fit.usual_rad < near_rad).all() and (fit.far_rad < FAR_WINDOWS * near_rad).all())
 
     def gained(self, before: np.ndarray, after: np.ndarray) -> float:
         """What one model gains over another by the errors of their windows, shapes (n, k), nats."""

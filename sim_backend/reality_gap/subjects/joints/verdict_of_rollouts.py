@@ -20,7 +20,7 @@ from sim_backend.reality_gap.subjects.joints.causes import half_interval
 from sim_backend.reality_gap.subjects.joints.healthy_robots import Healthy
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
-from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, RolloutFit, RolloutProblem
+from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, FAR_WINDOWS, RolloutFit, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_questions import shown, would_move_nats
 from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, OF_NUMBER, RolloutSelection, Taken, without
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, HeldOut, Rival, Told, Verdict, VerdictKind
@@ -33,8 +33,6 @@ _MARGIN = 1.5
 """Times what drawn healthy robots are off: a fit of the recorded one is not as exact as theirs."""
 _AS_GOOD_AS_RIGHT = 0.01
 """Of a usual window's motion: bearings give way before they slip, and no integrator is exact."""
-_FAR = 3.0
-"""Times what a usual window may be off, that nine windows of ten must stay below: a limit or a play acts in some motions only."""
 _EXPLAINED = 0.5
 """Share of a usual window's error that causes must take away at some joint to be named."""
 
@@ -63,7 +61,7 @@ def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection, healthy:
     far_before, far_after = selection.nominal.far_rad, selection.fit.far_rad
     kind, summary = VerdictKind.NAMED, f"The robot goes where a model goes that has {_listed(causes)}."
     usual_rad = usual_of_healthy_rad(problem, healthy)
-    far_rad = _FAR * usual_rad
+    far_rad = FAR_WINDOWS * usual_rad
     is_halved, is_far_halved = after < (1.0 - _EXPLAINED) * before, far_after < (1.0 - _EXPLAINED) * far_before
     is_only_far = bool((after <= usual_rad).all() and (far_after > far_rad).any())
     said = _left(selection, names, after, far_after if is_only_far else None)

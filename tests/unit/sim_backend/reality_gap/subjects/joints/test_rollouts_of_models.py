@@ -239,6 +239,14 @@ def test_gravity_of_another_strength_is_possible_where_no_more_is_left_than_heal
     assert not _may_be(replace(search, healthy_rad=0.99 * weaker.usual_rad), weaker, ())
 
 
+def test_windows_of_which_one_in_five_is_far_off_are_not_near_noise():
+    problem = problem_of()
+    fit = problem.begun(problem.start)
+    few, many = (np.where(np.arange(len(fit.squares)) % of == 0, 1.0, fit.squares[:, 0])[:, None] for of in (20, 5))
+    assert problem.is_near_noise(fit) and problem.is_near_noise(replace(fit, squares=few))
+    assert not problem.is_near_noise(replace(fit, squares=many))
+
+
 def only_targets(recording: Recording, target_rad: np.ndarray) -> Recording:
     """The same where nobody recorded a torque, but what the controller is said to be."""
     assert recording.joints is not None
