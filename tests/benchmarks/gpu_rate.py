@@ -11,7 +11,6 @@ the rest of the environment, of which the functions that take most are listed. A
 import argparse
 import cProfile
 import json
-import os
 import time
 from pathlib import Path
 from typing import Any
@@ -25,8 +24,8 @@ from sim_backend.environments.environment import Environment
 from sim_backend.environments.practice import practice_of
 from sim_backend.tasks import TASKS
 from sim_backend.tasks.task import draw_trial, stack_starts
-from tests.benchmarks.learning_rate import STEP_S, SUBSTEPS, TRIAL_S, Stopwatch
-from tests.benchmarks.machine import cpu_model, kind
+from tests.benchmarks.learning_rate import STEP_S, SUBSTEPS, TRIAL_S, Stopwatch, watch_method
+from tests.benchmarks.machine import cores, cpu_model, kind
 
 PARTS = {"control": "_control", "to_device": "_send", "device": "_launch", "from_device": "_receive"}
 
@@ -36,7 +35,7 @@ def agreement(backend: PhysicsBackend, robots: int, steps: int) -> dict[str, flo
     start = stack_starts([draw_trial(TASKS["push"], seed)[0] for seed in range(robots)])
     ends: list[tuple[np.ndarray, np.ndarray]] = []
     for chosen in (PhysicsBackend.CPU, backend):
-        driver = SimulatedDriver(robots=robots, threads=os.cpu_count() or 1, physics_step_s=STEP_S, backend=chosen)
+        driver = SimulatedDriver(robots=robots, threads=cores(), physics_step_s=STEP_S, backend=chosen)
         driver.reset(start)
         rng = np.random.default_rng(0)
         torques_nm = np.repeat(rng.uniform(-0.2, 0.2, (robots, steps // 25, 9)), 25, axis=1)
@@ -52,11 +51,11 @@ def rate(backend: PhysicsBackend, robots: int, physics: str, seconds: float) -> 
     """One environment's samples for each second, after four periods that are not counted, and shares of the time."""
     practice = practice_of("push", layout="push", physics=physics, episode_s=TRIAL_S, physics_step_s=STEP_S)
     began_s = time.perf_counter()
-    environment = Environment(practice, robots=robots, threads=os.cpu_count() or 1, physics_backend=backend)
+    environment = Environment(practice, robots=robots, threads=cores(), physics_backend=backend)
     opened_s = time.perf_counter() - began_s
     environment.reset(np.random.default_rng(1))
     reset_s = time.perf_counter() - began_s - opened_s
-    rng, watches = np.random.default_rng(0), {}
+    rng, watches = np.random.default_rng(0), dict[str, Stopwatch]()
     for _ in range(4):
         environment.step(rng.uniform(-0.6, 0.6, (robots, 9)))
     batch = environment._driver._batch
@@ -68,8 +67,10 @@ def rate(backend: PhysicsBackend, robots: int, physics: str, seconds: float) -> 
             warp.synchronize()
 
         batch._launch = launched_and_done
-        watches = {part: _watched(batch, method) for part, method in PARTS.items()}
-    watches["new_trials"] = _watched(environment, "_begin_anew")
+        watches = {part: Stopwatch() for part in PARTS}
+        for part, method in PARTS.items():
+            watch_method(watches[part], batch, method)
+    watch_method(watches.setdefault("new_trials", Stopwatch()), environment, "_begin_anew")
     periods, whole_s, began_s = 0, 0.0, time.perf_counter()
     while whole_s < seconds or periods < 5:
         environment.step(rng.uniform(-0.6, 0.6, (robots, 9)))
@@ -98,12 +99,6 @@ def name_of(backend: PhysicsBackend) -> str:
         return cpu_model()
     warp, _, device = open_device("cpu" if backend is PhysicsBackend.WARP_CPU else None)
     return warp.get_device(device).name
-
-
-def _watched(owner: object, method: str) -> Stopwatch:
-    work, watch = getattr(owner, method), Stopwatch()
-    setattr(owner, method, lambda *a, **k: watch(lambda: work(*a, **k)))
-    return watch
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -128,12 +128,12 @@ def ppo_shares(recipe: str, robots: int, threads: int, iterations: int) -> dict:
     with tempfile.TemporaryDirectory() as folder:
         run = Run(name, quick, Path(folder), threads=threads, tell=lambda _line: None)
         assert isinstance(run.robots, TrifingerVecEnv)
-        _watch(watches["physics"], run.robots.environment._driver, "advance_torques")
-        _watch(watches["environment"], run.robots.environment, "step")
+        watch_method(watches["physics"], run.robots.environment._driver, "advance_torques")
+        watch_method(watches["environment"], run.robots.environment, "step")
         for method in ("forward", "predict_values"):
-            _watch(watches["act"], run.policy, method)
-        _watch(watches["update"], run.model, "train")
-        _watch(watches["begin"], run.robots, "reset")
+            watch_method(watches["act"], run.policy, method)
+        watch_method(watches["update"], run.model, "train")
+        watch_method(watches["begin"], run.robots, "reset")
         run._look_around()
         for watch in watches.values():
             watch.wall_s = watch.cpu_s = 0.0
@@ -155,7 +155,8 @@ def ppo_shares(recipe: str, robots: int, threads: int, iterations: int) -> dict:
     }
 
 
-def _watch(watch: Stopwatch, owner: object, method: str) -> None:
+def watch_method(watch: Stopwatch, owner: object, method: str) -> None:
+    """Take the time of a method from now on."""
     work = getattr(owner, method)
     setattr(owner, method, lambda *a, **k: watch(lambda: work(*a, **k)))
 

@@ -33,6 +33,7 @@ BEFORE_THEY_DIVERGE = {"action_delay": 125, "load_friction": 200}
 """Steps after which a course is not compared: fingers that swing ever more touch each other, and friction by the load from
 outside has the load of a step before, which moves a finger that is caught by 24 mrad."""
 LOOSER = {"load_friction": 3}
+"""Times the largest difference, for the same reason."""
 
 
 def driver(backend: str, physics: Physics | None = None, n: int = 1, **settings) -> SimulatedDriver:
