@@ -36,8 +36,12 @@ _SOFT_END_RAD = 2e-3
 """Ends give way: where a joint is held is not known better than this."""
 _JUMP_RAD = 2e-3
 _STALL_SAMPLES = 3
-_ODD_AMONG_UNKNOWN = 5.0
-"""Where nobody knows the sensors: joints may have other encoders and gears than their neighbours."""
+_ODD_AMONG_UNKNOWN, _ODD_THOUGH_SMALL = 5.0, 10.0
+"""Where nobody knows the sensors: joints may have other encoders and gears than their neighbours; more so below what is healthy."""
+_LEAST_ODD = {Sign.POSITION_STEPS: HEALTHY_STEP_RAD, Sign.POSITION_NOISE: 2e-4, Sign.VELOCITY_NOISE: 0.05}
+"""Below these nothing is said of one joint of such a robot: encoders of 14 bits come in steps of 4e-4 rad."""
+_ODD_FLOOR = 0.02
+"""Share of what is healthy that others are taken to have at least."""
 _WHITE = 2.0
 """Noise is as large at half the rate; what smooth motion leaves of fourth differences is 16 times larger there."""
 
@@ -146,8 +150,8 @@ def _odd(sign: Sign, levels: np.ndarray, healthy: float, relative_error: float) 
     for joint, level in enumerate(levels):
         others = np.delete(levels, joint)
         usual = float(np.median(others)) if len(others) else healthy
-        if level > ODD_JOINT * max(usual, 0.02 * healthy) and (len(others) > 1 or level > healthy):
-            found.append(finding(joint, float(level), float(level / max(usual, 0.02 * healthy))))
+        if level > ODD_JOINT * max(usual, _ODD_FLOOR * healthy) and (len(others) > 1 or level > healthy):
+            found.append(finding(joint, float(level), float(level / max(usual, _ODD_FLOOR * healthy))))
     if len(found) <= len(levels) // 2 and np.median(levels) > healthy:
         value = float(np.median(levels))
         return [finding(None, value, value / healthy)]
@@ -155,8 +159,15 @@ def _odd(sign: Sign, levels: np.ndarray, healthy: float, relative_error: float) 
 
 
 def _odd_among_unknown(sign: Sign, levels: np.ndarray, healthy: float, relative_error: float) -> list[Finding]:
-    odd = _odd(sign, levels, healthy, relative_error)
-    return [f for f in odd if f.joint is not None and f.value > healthy and f.excess > _ODD_AMONG_UNKNOWN]
+    """Single joints whose level is far beyond that of the others, or of a robot with one joint far beyond what is healthy."""
+    found = []
+    for joint, level in enumerate(map(float, levels)):
+        others = np.delete(levels, joint)
+        usual, least = (float(np.median(others)), _LEAST_ODD[sign]) if len(others) else (healthy, healthy)
+        excess = level / max(usual, _ODD_FLOOR * healthy)
+        if level > least and excess > (_ODD_AMONG_UNKNOWN if level > healthy else _ODD_THOUGH_SMALL):
+            found.append(Finding(sign, joint, level, (level * (1 - relative_error), level * (1 + relative_error)), excess))
+    return found
 
 
 def encoder_step(position_rad: np.ndarray) -> np.ndarray:

@@ -27,6 +27,8 @@ _MENDS = 0.5
 """A cause that gains less than this share of the largest, leaving more than noise, may only mend what that one's law leaves."""
 _AS_GOOD = 0.25
 """Share of a gain within which two fits are as good as each other."""
+_CLEARLY = 5.0
+"""Standard errors: what is so far away is shown, however much uncertainty is left."""
 _MOST, _MOST_MENDING = 6, 2
 _LEAST_REDUCTION = 0.03
 """Share of a joint's error that a cause must take away at one joint."""
@@ -204,7 +206,7 @@ def _that_show(
     terms: Sequence[Term], hypothesis: Hypothesis, values: np.ndarray, errors: np.ndarray
 ) -> tuple[tuple[Term, ...], np.ndarray]:
     """Of what the whole robot stands on, the directions that windows show: along the others a fit would only wander."""
-    shown = errors < SHOWN * np.array(hypothesis.scales)
+    shown = (errors < SHOWN * np.array(hypothesis.scales)) | (np.abs(values) > _CLEARLY * errors)
     if hypothesis.where != PLATFORM or not shown.any():
         return tuple(terms), values
     return tuple(term for term, is_shown in zip(terms, shown, strict=True) if is_shown), values[shown]

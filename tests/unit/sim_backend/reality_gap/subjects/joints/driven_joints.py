@@ -24,15 +24,15 @@ _PERIODS_S = np.array([[1.7, 0.61], [2.3, 0.47], [1.3, 0.83]])
 
 
 def joints_model(frictionloss=(0.0, 0.0, 0.0)) -> mujoco.MjModel:
-    """Each joint turns a link of its own about a vertical axis; ranges of 1.5 rad to both sides."""
+    """Of as many joints as there are frictions. Each turns a link of its own about a vertical axis; ranges of 1.5 rad to both sides."""
     bodies = "".join(
         f'<body pos="{j} 0 0">'
         f'<joint name="{name}" axis="0 0 1" limited="true" range="-1.5 1.5" frictionloss="{frictionloss[j]}"/>'
         f'<inertial pos="0 0 0" mass="0.1" diaginertia="0.003 0.003 {INERTIA_KG_M2}"/></body>'
-        for j, name in enumerate(NAMES)
+        for j, name in enumerate(NAMES[: len(frictionloss)])
     )
     spec = f'<mujoco><compiler angle="radian"/><option timestep="{STEP_S}" integrator="Euler"/><worldbody>{bodies}</worldbody>'
-    actuators = "".join(f'<motor joint="{name}"/>' for name in NAMES)
+    actuators = "".join(f'<motor joint="{name}"/>' for name in NAMES[: len(frictionloss)])
     model = mujoco.MjModel.from_xml_string(f"{spec}<actuator>{actuators}</actuator></mujoco>")
     model.dof_solref[:], model.dof_solimp[:, :2] = STIFF_SOLREF, STIFF_SOLIMP
     return model
@@ -53,14 +53,14 @@ def drive(model: mujoco.MjModel, seconds: float, missing_nm=lambda velocity: 0.0
 
 def recording(position: np.ndarray, torque: np.ndarray, name: str = "made", **channels: Any) -> Recording:
     """As a file would give it."""
-    joints = JointSignals(NAMES, position, commanded_torque_nm=torque, **channels)
+    joints = JointSignals(NAMES[: position.shape[1]], position, commanded_torque_nm=torque, **channels)
     return Recording(name, "made", STEP_S, STEP_S * np.arange(len(position)), joints)
 
 
 def episode(position: np.ndarray, torque: np.ndarray, **channels: Any) -> EpisodeEquations:
-    """Its equations with the model without friction."""
-    path = trajectory(recording(position, torque, **channels))
-    return EpisodeEquations(Plant(joints_model(), NAMES), path, 0, robot=KnownTriFinger(NO_SESSIONS))
+    """Its equations with the model without friction, of as many joints as positions are of."""
+    path, joints = trajectory(recording(position, torque, **channels)), position.shape[1]
+    return EpisodeEquations(Plant(joints_model((0.0,) * joints), NAMES[:joints]), path, 0, robot=KnownTriFinger(NO_SESSIONS))
 
 
 def problem(position: np.ndarray, torque: np.ndarray) -> JointProblem:

@@ -62,6 +62,15 @@ def test_of_sensors_that_nobody_knows_only_a_single_joint_can_be_odd(motion):
     assert found([0.0, 4e-4, 0.0]) == [], "another encoder than its neighbours'"
     assert found([3e-3, 3e-3, 3e-3]) == [], "as all of this robot's may be"
     assert found([0.0, 3e-3, 0.0]) == [("joint_noise", "position_rad", 1)]
+    assert found([0.0, 8e-4, 0.0]) == [("joint_noise", "position_rad", 1)], "small, but 16 times as large as its neighbours'"
+
+
+def test_of_two_joints_the_odd_one_is_said_not_both(motion):
+    two, torque = motion[0][:, 1:].copy(), motion[1][:, 1:]
+    noisy = two + noise(motion, np.array([0.0, 4e-3, 0.0]))[:, :2]  # of its second joint
+    two[:, 1] = 6e-3 * np.round(two[:, 1] / 6e-3)
+    assert names(noise_findings([episode(two, torque)], UnknownRobot())) == [("encoder_quantisation", "step_rad", 1)]
+    assert names(noise_findings([episode(noisy, torque)], UnknownRobot())) == [("joint_noise", "position_rad", 1)]
 
 
 def test_motion_between_few_samples_is_no_noise():
