@@ -30,6 +30,8 @@ _AS_GOOD = 0.25
 _CLEARLY = 5.0
 """Standard errors: what is so far away is shown, however much uncertainty is left."""
 _MOST, _MOST_MENDING = 6, 2
+_BRANCHES = 2
+"""So many other causes are begun with where something is left."""
 _LEAST_REDUCTION = 0.03
 """Share of a joint's error that a cause must take away at one joint."""
 
@@ -111,14 +113,57 @@ def _selected(
     proposed: Proposed,
     healthy_rad: np.ndarray | float,
 ) -> RolloutSelection:
-    nominal = problem.fitted(problem.start, ())
     search = _Search(problem, catalogue, fits, progress, proposed, healthy_rad)
-    fit, taken = search.extended(nominal, (), _MENDS, _MOST)
-    taken = tuple(replace(cause, terms=_needed(problem, fit, cause)) for cause in taken)
-    extended, all_taken = (
-        replace(search, catalogue=_without_limits(catalogue)).extended(fit, taken, 0.0, _MOST_MENDING) if taken else (fit, taken)
+    nominal = problem.fitted(problem.start, ())
+    found = _path(search, nominal, nominal, ())
+    for fit, first in _other_firsts(search, nominal, found):
+        other = _path(search, nominal, fit, (first,))
+        found = other if _is_better(problem, other, found) else found
+    return found
+
+
+def _path(search: "_Search", nominal: RolloutFit, fit: RolloutFit, taken: tuple[Taken, ...]) -> RolloutSelection:
+    """What a search comes to that goes on from a model with some causes.
+
+    What only mends what a law leaves is no cause, unless with it hardly anything is left: then all laws are those of the robot.
+    """
+    problem = search.problem
+    fit, taken = search.extended(fit, taken, _MENDS, _MOST)
+    if not taken:
+        return RolloutSelection(problem, nominal, fit, (), fit)
+    mends = replace(search, catalogue=_without_limits(search.catalogue))
+    extended, every = mends.extended(fit, taken, 0.0, len(taken) + _MOST_MENDING, kept=len(taken))
+    if len(every) > len(taken) and problem.is_near_noise(extended):
+        fit, taken = _without_needless(search, extended, every)
+        extended, every = fit, taken
+    mending = every[len(taken) :]
+    return RolloutSelection(
+        problem, nominal, fit, tuple(replace(c, terms=_needed(problem, fit, c)) for c in taken), extended, mending
     )
-    return RolloutSelection(problem, nominal, fit, taken, extended, all_taken[len(taken) :])
+
+
+def _other_firsts(search: "_Search", nominal: RolloutFit, found: RolloutSelection) -> list[tuple[RolloutFit, Taken]]:
+    """Causes to begin with instead of the first, which may have stood for two: one joint's instead of all joints', and others.
+
+    Others only where something is left. The order in which causes are found must not decide which they are.
+    """
+    if id(nominal) not in search.tried or not found.taken:
+        return []
+    tried = search.tried[id(nominal)][1]
+    enough = [each for each in tried if each[0] >= GATE]
+    names = {cause.hypothesis.name for cause in found.taken}
+    of_all = {effect for effect, where in names if where == ALL_JOINTS}
+    single = [each for each in enough if each[2].effect in of_all and each[2].where != ALL_JOINTS][:1]
+    is_left = not search.problem.is_near_noise(found.fit)
+    others = [each for each in enough if each[2].name not in names and each not in single][:_BRANCHES] if is_left else []
+    return [_took(each, tried) for each in (*single, *others)]
+
+
+def _is_better(problem: RolloutProblem, one: RolloutSelection, other: RolloutSelection) -> bool:
+    """Whether causes leave hardly anything, and less than others by more than their numbers are worth."""
+    numbers = [sum(len(cause.terms) for cause in each.taken) for each in (one, other)]
+    gained = problem.gained(other.fit.squares, one.fit.squares) - OF_NUMBER * (numbers[0] - numbers[1])
+    return problem.is_near_noise(one.fit) and gained > 0.0
 
 
 def _without_limits(catalogue: Catalogue) -> Catalogue:
@@ -140,11 +185,10 @@ class _Search:
     """What was fitted beside a model, by its identity."""
 
     def extended(
-        self, fit: RolloutFit, first: tuple[Taken, ...], share: float, most: int
+        self, fit: RolloutFit, taken: tuple[Taken, ...], share: float, most: int, kept: int = 0
     ) -> tuple[RolloutFit, tuple[Taken, ...]]:
-        """A model with at most so many more causes, each worth a share of the largest; those that it has stay."""
-        taken = first
-        while len(taken) < len(first) + most and not self.problem.is_near_noise(fit):
+        """A model with more causes, at most so many, each worth a share of the largest; the first ones, ``kept``, stay."""
+        while len(taken) < most and not self.problem.is_near_noise(fit):
             found = _best(self, fit, taken, share)
             if found is None:
                 break
@@ -153,7 +197,7 @@ class _Search:
             if not is_whole:
                 fit = self.problem.fitted(fit.state, found[1].terms, fit.begin)
             self.progress(f"{found[1].hypothesis.effect}, {found[1].hypothesis.where}", 1.0 - 0.7 ** len(taken))
-            fit, taken = _without_needless(self, fit, taken, first)
+            fit, taken = _without_needless(self, fit, taken, kept)
         return fit, taken
 
 
@@ -166,7 +210,12 @@ def _best(search: _Search, fit: RolloutFit, taken: Sequence[Taken], share: float
     enough = [entry for entry in tried if entry[0] >= _least(search.problem, entry[1], taken, share)]
     if not enough:
         return None
-    gain, new, hypothesis, plain = _single_rather_than_all(enough)
+    return _took(_single_rather_than_all(enough), tried)
+
+
+def _took(chosen: _Tried, tried: Sequence[_Tried]) -> tuple[RolloutFit, Taken]:
+    """A cause with what it was chosen from, and the model that has it."""
+    gain, new, hypothesis, plain = chosen
     others = [
         (own_gain + OF_NUMBER * max(0, len(terms) - len(plain)), fit_of_it, other, terms)
         for own_gain, fit_of_it, other, terms in tried
@@ -362,15 +411,15 @@ def _is_worth_it(before: RolloutFit, after: RolloutFit) -> bool:
 
 
 def _without_needless(
-    search: _Search, fit: RolloutFit, taken: tuple[Taken, ...], first: tuple[Taken, ...]
+    search: _Search, fit: RolloutFit, taken: tuple[Taken, ...], kept: int = 0
 ) -> tuple[RolloutFit, tuple[Taken, ...]]:
-    """Drop causes that gain nothing any more beside those that came later, but for the first ones."""
+    """Drop causes that gain nothing any more beside those that came later, but for the first ones, ``kept``."""
     problem = search.problem
-    for cause in taken[len(first) : -1]:
-        kept = tuple(other for other in taken if other is not cause)
+    for cause in taken[kept:-1]:
+        rest = tuple(other for other in taken if other is not cause)
         less = _fitted_without(problem, fit, taken, cause)
-        if problem.gained(less.squares, fit.squares) - OF_NUMBER * len(cause.terms) < GATE and _may_be(search, less, kept):
-            return _without_needless(search, less, kept, first)
+        if problem.gained(less.squares, fit.squares) - OF_NUMBER * len(cause.terms) < GATE and _may_be(search, less, rest):
+            return _without_needless(search, less, rest, kept)
     return fit, taken
 
 
@@ -380,6 +429,9 @@ def without(selection: RolloutSelection, cause: Taken) -> RolloutFit:
 
 
 def _fitted_without(problem: RolloutProblem, fit: RolloutFit, taken: Sequence[Taken], cause: Taken) -> RolloutFit:
+    """The nearer of two fits: quickly, with a healthy robot's own numbers as the nominal one has them, or of all from where it is."""
     kept = [term for other in taken if other is not cause for term in other.terms]
     state = problem.without_loose(fit.state, [term for other in taken for term in other.terms])
-    return problem.fitted(as_nominal(problem, state, cause.terms), kept, fit.begin, quickly=True)
+    quick = problem.fitted(as_nominal(problem, state, cause.terms), kept, fit.begin, quickly=True)
+    whole = problem.fitted(as_nominal(problem, fit.state, cause.terms), kept, fit.begin)
+    return whole if problem.gained(quick.squares, whole.squares) > 0.0 else quick

@@ -188,9 +188,12 @@ def _found(finding: Finding, names: tuple[str, ...]) -> Cause:
 
 
 def _is_shown(finding: Finding, study: JointStudy) -> bool:
-    """Not what another cause leaves, which looks like noise, and holds a joint where it should not be."""
+    """Not what another cause leaves, which looks like noise, and holds a joint where it should not be.
+
+    Of a robot that nobody knows only readings are asked for noise, and no cause of motion makes them white.
+    """
     where = place(study.problem.names, finding.joint)
-    if finding.sign not in SENSOR_NOISE | FELT | ENDS:
+    if finding.sign not in SENSOR_NOISE | FELT | ENDS or isinstance(study.robot, UnknownRobot):
         return True
     same = (where.partition("_")[0] if finding.sign in ENDS else where, "platform", "all")
     return not any(a.where.startswith(same) for a in study.fit.accepted)
