@@ -109,6 +109,7 @@ class Chain:
         models: ChainModels,
         window: np.ndarray,
         which: np.ndarray,
+        begin_k: np.ndarray,
     ) -> np.ndarray:
         """Reported positions after each sample, shape (n, s, k); not finite where a simulation diverges.
 
@@ -119,6 +120,7 @@ class Chain:
             models: to simulate with.
             window: of each simulation, shape (n,).
             which: model of each simulation, shape (n,).
+            begin_k: how much warmer its motors are than their surroundings at first, shape (n, k).
         """
         o = self._order
         m, sent = models, drives.sent_nm[:, :, o]
@@ -135,7 +137,7 @@ class Chain:
             self._slides,
             self._first,
         )
-        begins = np.ascontiguousarray(np.stack([begin_rad[:, o], begin_rad_s[:, o]], axis=1))
+        begins = np.ascontiguousarray(np.stack([begin_rad[:, o], begin_rad_s[:, o], begin_k[:, o]], axis=1))
         found = np.full((len(window), drives.sent_nm.shape[1], len(o)), np.nan)
         settings = (self._step_s, self._substeps, drives.sample_s, drives.held_steps)
 

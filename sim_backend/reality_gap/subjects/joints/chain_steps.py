@@ -342,7 +342,7 @@ def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that i
         own, q, v = joints[:, m], begins[n, 0] - joints[_OFFSET, m], begins[n, 1].copy()
         impulse[:], gained[:] = 0.0, 0.0
         for j in range(k):
-            memory[j, 0], memory[j, 1], memory[j, 2] = 0.0, v[j], 0.0
+            memory[j, 0], memory[j, 1], memory[j, 2] = begins[n, 2, j], v[j], 0.0
             before[j] = _until(-(own[_LATE, j] + 0.5 * step_s) / sample_s, sums[w], sent[w], j)
         is_fine = True
         for now in range(samples * substeps):
@@ -399,7 +399,7 @@ def simulate() -> Callable[..., None]:
     (m, 3), armature, damping, stiffness, rest, offset of the encoder, lateness of what is sent and share of the controller's gain
     (7, m, k), the motor law's values (m, k, p); parents (k,), axes and anchors (k, 3), which joints slide, where joints are at
     first (k,); the step, steps to a sample, the time between samples, steps for which a controller holds its torque; begins (n,
-    2, k), windows and models (n,), and the positions after each sample (n, s, k).
+    3, k): places, speeds and warmth of the motors, windows and models (n,), and the positions after each sample (n, s, k).
     """
     f1, f2, f3, f4 = (types.float64[::1], types.float64[:, ::1], types.float64[:, :, ::1], types.float64[:, :, :, ::1])
     i1, b1 = types.int64[::1], types.boolean[::1]

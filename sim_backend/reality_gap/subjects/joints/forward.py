@@ -20,6 +20,7 @@ from sim_backend.reality_gap.knowledge.joint_effects import POSITION_GAIN
 from sim_backend.reality_gap.subjects.joints.body_law import gravity_of
 from sim_backend.reality_gap.subjects.joints.chain import Bodies, Chain, ChainModels, Drives, is_plain
 from sim_backend.reality_gap.subjects.joints.motor_law import in_simulations
+from sim_backend.reality_gap.subjects.joints.past import Past
 from sim_backend.reality_gap.subjects.joints.plant import Plant
 from sim_backend.reality_gap.subjects.joints.state import CLOCK, LINK_CENTRES, LINK_INERTIA, JointState
 
@@ -41,6 +42,7 @@ class Windows:
         sent_nm: what was sent from each sample to the next, shape (n, s, k).
         feedback: what made it of position targets, arrays of shape (n, s, k); None if that is of no joint known.
         owner: recording of each window, shape (n,).
+        past: what drove the joints before each window; None where they begin cold.
     """
 
     step_s: float
@@ -50,6 +52,7 @@ class Windows:
     sent_nm: np.ndarray
     feedback: Feedback | None
     owner: np.ndarray
+    past: Past | None = None
 
     def __len__(self) -> int:
         return len(self.begin_rad)
@@ -58,7 +61,8 @@ class Windows:
         """Those of some indices, which may come more than once."""
         feedback = None if self.feedback is None else self.feedback.at(index)
         position, begin, speed, sent = (a[index] for a in (self.position_rad, self.begin_rad, self.begin_rad_s, self.sent_nm))
-        return Windows(self.step_s, position, begin, speed, sent, feedback, self.owner[index])
+        past = None if self.past is None else self.past.some(index)
+        return Windows(self.step_s, position, begin, speed, sent, feedback, self.owner[index], past)
 
 
 class Forward:
@@ -104,7 +108,8 @@ class Forward:
         over = np.arange(len(windows)) if over is None else over
         if self._chain is not None:
             drives = drives_of(windows, self._held_steps)
-            return self._chain.positions(drives, begin_rad, begin_rad_s, self.models(states), over, which)
+            warm = _warm(windows, states)[which, over]
+            return self._chain.positions(drives, begin_rad, begin_rad_s, self.models(states), over, which, warm)
         found = [
             self._simulated(windows.some(over[rows]), begin_rad[rows], begin_rad_s[rows], states, which[rows])
             for rows in np.array_split(np.arange(len(over)), max(1, -(-len(over) // _MOST_SIMULATIONS)))
@@ -129,7 +134,7 @@ class Forward:
         line, feedback = _DelayLine(np.maximum(0.0, late_s / step_s + (0.5 if self._held_steps else 0.0))), windows.feedback
         values = np.array([[state.motor(j) for j in range(plant.joints)] for state in states])[which]
         memory, at_joint, bound = np.zeros((*shape, 3)), np.empty(shape), np.empty(shape)
-        memory[:, :, 1] = begin_rad_s
+        memory[:, :, 0], memory[:, :, 1] = _warm(windows, states)[which, np.arange(len(windows))], begin_rad_s
         found, step = np.empty((*shape[:1], windows.sent_nm.shape[1], shape[1])), in_simulations()
         made, moved = np.zeros(shape), begin_rad_s
         with np.errstate(all="ignore"):
@@ -210,6 +215,12 @@ class Forward:
         for name, values in (("mass", bodies.mass_kg), ("inertia", bodies.inertia_kg_m2), ("ipos", bodies.centre_m)):
             batch.expand(f"body_{name}")[:] = values
         batch.set_const()
+
+
+def _warm(windows: Windows, states: Sequence[JointState]) -> np.ndarray:
+    """How much warmer than their surroundings motors of some models begin windows, K, shape (m, n, k)."""
+    past, shape = windows.past, windows.begin_rad.shape
+    return np.array([np.zeros(shape) if past is None else past.warm_k(state) for state in states])
 
 
 def drives_of(windows: Windows, held_steps: int = 0) -> Drives:

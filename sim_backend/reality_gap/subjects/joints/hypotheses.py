@@ -25,7 +25,6 @@ from sim_backend.reality_gap.subjects.joints.state import (
     SENSED,
     JointState,
     Term,
-    size_factor,
 )
 
 ALL_JOINTS = "all joints"
@@ -99,7 +98,7 @@ def joint_catalogue(
     """
     terms: list[Term] = []
     families: dict[tuple[str, int], list[tuple[int, ...]]] = {}
-    scales = {key: scale * size_factor(key, state.size) for key, scale in SCALES.items()}
+    scales = {key: scale * state.size_of(key) for key, scale in SCALES.items()}
     for entry in FITTED.values():
         if entry.of_the_driver and isinstance(robot, UnknownRobot):
             continue
@@ -176,7 +175,7 @@ def _members(
     number: Number, index: int, state: JointState, load_nm: np.ndarray, robot: Robot, *, expects_many: bool
 ) -> list[list[Term]]:
     """The shapes in which a number may show, each as one term or two."""
-    key, by = number.key, size_factor(number.key, state.size)
+    key, by = number.key, state.size_of(number.key)
     scale = number.scale * by
     if number.begins_at_load:
         limit, load = state.value(key)[index], np.abs(load_nm[:, index])

@@ -11,9 +11,12 @@ from sim_backend.reality_gap.subjects.joints.plant import Plant
 from sim_backend.reality_gap.subjects.joints.state import JointState
 from sim_backend.trifinger import constants as c
 
+_TRIFINGER_INERTIA_KG_M2 = 7.65e-3
+"""About its first joints, as its model has them (MuJoCo's ``dof_M0``)."""
+
 
 def nominal_state(plant: Plant, torques_nm: Sequence[np.ndarray], robot: Robot, nominal: Mapping[str, np.ndarray]) -> JointState:
-    """A robot's nominal model, with its size by its largest torque.
+    """A robot's nominal model, with its size by its largest torque, and by the largest inertia of its joints.
 
     Args:
         plant: of the nominal model.
@@ -22,11 +25,12 @@ def nominal_state(plant: Plant, torques_nm: Sequence[np.ndarray], robot: Robot, 
         nominal: as for :func:`starting_values`.
     """
     if isinstance(robot, KnownTriFinger):
-        limit, size = c.MAX_TORQUE_NM, 1.0
+        limit, size, inertia_size = c.MAX_TORQUE_NM, 1.0, 1.0
     else:
         limit = largest_torque_nm(torques_nm)
         size = max(1.0, float(np.max(limit)) / c.MAX_TORQUE_NM)
-    return JointState(plant.joints, starting_values(plant, limit, nominal), size)
+        inertia_size = max(size, plant.largest_inertia_kg_m2 / _TRIFINGER_INERTIA_KG_M2)
+    return JointState(plant.joints, starting_values(plant, limit, nominal), size, inertia_size)
 
 
 def largest_torque_nm(torques_nm: Sequence[np.ndarray]) -> float:

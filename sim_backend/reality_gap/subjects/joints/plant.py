@@ -82,6 +82,11 @@ class Plant:
         return len(self.names)
 
     @property
+    def largest_inertia_kg_m2(self) -> float:
+        """Of any joint, where the model has them at first."""
+        return float(self._model.dof_M0[self._v].max())
+
+    @property
     def positions(self) -> np.ndarray:
         """Where the joints are in the model's ``qpos``, shape (k,)."""
         return self._q

@@ -9,6 +9,7 @@ from sim_backend.reality_gap.feedback import Feedback
 from sim_backend.reality_gap.measured.sensor_noise import white_noise
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.subjects.joints.forward import Windows
+from sim_backend.reality_gap.subjects.joints.past import Past
 
 _MOST_WINDOWS, LEAST_WINDOWS, _OF_JOINTS = 60, 20, 120
 """So many windows, and fewer the more joints there are, whose simulations cost more and say more."""
@@ -52,7 +53,13 @@ def _windows(episodes: Sequence[EpisodeEquations], parts: Sequence[tuple[int, in
         np.array(speed).reshape(-1, k),
         np.array(sent).reshape(-1, samples, k),
         Feedback.stacked(laws) if laws and len(laws) == len(parts) else None,
-        np.array([part[0] for part in parts], dtype=int),
+        owner := np.array([part[0] for part in parts], dtype=int),
+        Past(
+            [episode.driving_nm for episode in episodes],
+            [episode.path.step_s for episode in episodes],
+            owner,
+            np.array([part[1] for part in parts], dtype=int),
+        ),
     )
 
 

@@ -6,7 +6,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.joint_effects import FITTED, NUMBERS, plane_of, shape_of
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED, NUMBERS, SCALES, SHAPES, plane_of, shape_of
 from sim_backend.reality_gap.subjects.joints.contradictions import is_gravity, pushes, runs_into_bounds
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS, PLATFORM, Catalogue, Hypothesis
 from sim_backend.reality_gap.subjects.joints.look import Accepted
@@ -369,7 +369,14 @@ def _begun(state: JointState, terms: tuple[Term, ...], values: np.ndarray) -> tu
                 state = replace(state, given={**state.given, key: shaped})
         plain = {(t.key, t.index): replace(t, shape=(), probe=_probe(t, state)) for t in terms}
         beside = {(NUMBERS[key].beside, j): replace(t, key=NUMBERS[key].beside) for (key, j), t in plain.items()}
-        return state, (*plain.values(), *(term for (key, _), term in beside.items() if key))
+        shapes = [
+            Term(key, j, _SHAPE_PROBE * SCALES[key])
+            for t in terms
+            for key, _ in t.shape
+            for j in [t.index]
+            if key in SHAPES and SHAPES[key].scale > 0.0
+        ]
+        return state, (*plain.values(), *(term for (key, _), term in beside.items() if key), *shapes)
     state = moved(state, terms, values)
     shape = shape_of(terms[0].effect)
     assert shape is not None, "what has a plane has a shape"

@@ -17,11 +17,6 @@ SENSED = "sensed.share"
 NO_EFFECTS = frozenset({CLOCK, SENSED, LINK_INERTIA, *LINK_CENTRES, ZERO, DRAG})
 
 
-def size_factor(key: str, size: float) -> float:
-    """How much larger a parameter may be in a robot of this size: ``size`` for torques and inertias, 1 for all others."""
-    return size if PARAMETERS[key].unit.startswith(("N m", "kg m")) else 1.0
-
-
 @dataclass(frozen=True)
 class Term:
     """One number that a study may move: parameter, index of joint or axis, and how its image is probed.
@@ -48,12 +43,19 @@ class Term:
 class JointState:
     """Values that differ from absent; shape (k,) for parameters of joints, (1,) or (3,) for others.
 
-    ``size`` is this robot's largest torque in units of a TriFinger's: what the catalogue bounds in N m and kg m^2 goes with it.
+    ``size`` is this robot's largest torque in units of a TriFinger's, ``inertia_size`` the largest inertia of its joints in the
+    same way: what the catalogue bounds in N m and in kg m^2 goes with them.
     """
 
     joints: int
     given: Mapping[str, np.ndarray] = field(default_factory=dict)
     size: float = 1.0
+    inertia_size: float = 1.0
+
+    def size_of(self, key: str) -> float:
+        """How much larger a parameter may be in this robot than in a TriFinger: as its torques, its inertias, or as large."""
+        unit = PARAMETERS[key].unit
+        return self.size if unit.startswith("N m") else self.inertia_size if unit.startswith("kg m") else 1.0
 
     def value(self, key: str) -> np.ndarray:
         """Values of a parameter, absent where none was given."""
@@ -71,7 +73,7 @@ class JointState:
     def bounds(self, key: str) -> tuple[float, float]:
         """The catalogue's bounds of a parameter, for a robot of this size."""
         parameter = PARAMETERS[key]
-        by = size_factor(key, self.size)
+        by = self.size_of(key)
         return parameter.lower * min(by, 1.0) if parameter.lower > 0.0 else parameter.lower * by, parameter.upper * by
 
     def moved(self, term: Term, by: float, *, with_shape: bool = True) -> "JointState":
