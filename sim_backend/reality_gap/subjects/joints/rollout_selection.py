@@ -11,7 +11,7 @@ from sim_backend.reality_gap.subjects.joints.contradictions import is_gravity, p
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS, PLATFORM, Catalogue, Hypothesis
 from sim_backend.reality_gap.subjects.joints.look import Accepted
 from sim_backend.reality_gap.subjects.joints.moves import moved
-from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutFit, RolloutProblem, is_nearer
+from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, FAR_WINDOWS, RolloutFit, RolloutProblem, is_nearer
 from sim_backend.reality_gap.subjects.joints.rollout_questions import SHOWN, foretold_rad, gains
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 
@@ -27,6 +27,8 @@ _MENDS = 0.5
 """A cause that gains less than this share of the largest, leaving more than noise, may only mend what that one's law leaves."""
 _AS_GOOD = 0.25
 """Share of a gain within which two fits are as good as each other."""
+_LITTLE = 0.02
+"""Share of an error that causes may leave to be all there are: laws of another shape than the robot's leave more."""
 _CLEARLY = 5.0
 """Standard errors: what is so far away is shown, however much uncertainty is left."""
 _MOST, _MOST_MENDING = 6, 2
@@ -133,7 +135,7 @@ def _path(search: "_Search", nominal: RolloutFit, fit: RolloutFit, taken: tuple[
         return RolloutSelection(problem, nominal, fit, (), fit)
     mends = replace(search, catalogue=_without_limits(search.catalogue))
     extended, every = mends.extended(fit, taken, 0.0, len(taken) + _MOST_MENDING, kept=len(taken))
-    if len(every) > len(taken) and problem.is_near_noise(extended):
+    if len(every) > len(taken) and _leaves_nothing(problem, nominal, extended):
         fit, taken = _without_needless(search, extended, every)
         extended, every = fit, taken
     mending = every[len(taken) :]
@@ -159,11 +161,18 @@ def _other_firsts(search: "_Search", nominal: RolloutFit, found: RolloutSelectio
     return [_took(each, tried) for each in (*single, *others)]
 
 
+def _leaves_nothing(problem: RolloutProblem, nominal: RolloutFit, fit: RolloutFit) -> bool:
+    """Whether hardly anything is left, of usual windows and of far ones: encoders' noise, or a small share of what there was."""
+    near_rad, far_rad = (FAR_OFF * by * problem.noise_rad for by in (1.0, FAR_WINDOWS))
+    little = (fit.usual_rad < np.maximum(near_rad, _LITTLE * nominal.usual_rad)).all()
+    return bool(little and (fit.far_rad < np.maximum(far_rad, _LITTLE * nominal.far_rad)).all())
+
+
 def _is_better(problem: RolloutProblem, one: RolloutSelection, other: RolloutSelection) -> bool:
     """Whether causes leave hardly anything, and less than others by more than their numbers are worth."""
     numbers = [sum(len(cause.terms) for cause in each.taken) for each in (one, other)]
     gained = problem.gained(other.fit.squares, one.fit.squares) - OF_NUMBER * (numbers[0] - numbers[1])
-    return problem.is_near_noise(one.fit) and gained > 0.0
+    return _leaves_nothing(problem, one.nominal, one.fit) and gained > 0.0
 
 
 def _without_limits(catalogue: Catalogue) -> Catalogue:
@@ -435,8 +444,18 @@ def without(selection: RolloutSelection, cause: Taken) -> RolloutFit:
     return _fitted_without(selection.problem, selection.fit, selection.taken, cause)
 
 
+def instead(selection: RolloutSelection, cause: Taken, alone: RolloutFit, terms: Sequence[Term]) -> RolloutFit:
+    """The model with another's terms in the place of one of its causes, fitted anew from where they are ``alone``."""
+    problem, state = selection.problem, as_nominal(selection.problem, selection.fit.state, cause.terms)
+    for term in terms:
+        by = alone.state.value(term.key)[term.index] - state.value(term.key)[term.index]
+        state = state.moved(term, float(by), with_shape=False)
+    kept = [term for other in selection.taken if other is not cause for term in other.terms]
+    return problem.fitted(state, [*kept, *terms], selection.fit.begin)
+
+
 def _fitted_without(problem: RolloutProblem, fit: RolloutFit, taken: Sequence[Taken], cause: Taken) -> RolloutFit:
-    """The nearer of two fits: quickly, with a healthy robot's own numbers as the nominal one has them, or of all from where it is."""
+    """The nearer of two fits: of causes alone, a healthy robot's own numbers as the nominal one has them, or of all from here."""
     kept = [term for other in taken if other is not cause for term in other.terms]
     state = problem.without_loose(fit.state, [term for other in taken for term in other.terms])
     quick = problem.fitted(as_nominal(problem, state, cause.terms), kept, fit.begin, quickly=True)

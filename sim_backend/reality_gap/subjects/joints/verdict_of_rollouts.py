@@ -22,7 +22,7 @@ from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, FAR_WINDOWS, RolloutFit, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_questions import shown, would_move_nats
-from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, OF_NUMBER, RolloutSelection, Taken, without
+from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, OF_NUMBER, RolloutSelection, Taken, instead, without
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, HeldOut, Rival, Told, Verdict, VerdictKind
 
 CONFUSABLE_NATS, CONFUSABLE_SHARE = 5.0, 0.1
@@ -225,7 +225,8 @@ def causes_of(study: JointStudy, fit: RolloutFit, taken: Taken) -> list[Cause]:
 def _rival(selection: RolloutSelection, taken: Taken) -> tuple[Rival, Taken, RolloutFit] | None:
     """The best other cause by the time one was taken, with its model; not the same at more or fewer joints.
 
-    One that was taken later, too, stands against both: whether it would do without this one.
+    One that was taken later, too, stands against both: whether it would do without this one. Any other that was about as good is
+    tried once more in its place beside those that were taken later.
     """
     own, later = taken.hypothesis, {cause.hypothesis.name for cause in selection.taken}
     for gain, fit, other, terms in taken.others:
@@ -238,6 +239,10 @@ def _rival(selection: RolloutSelection, taken: Taken) -> tuple[Rival, Taken, Rol
             rival = replace(rival, behind=lost)
             if not _is_near(rival, taken):
                 continue
+        elif len(selection.taken) > 1 and _is_near(rival, taken):
+            alone = instead(selection, taken, fit, terms)
+            lost = selection.problem.gained(alone.squares, selection.fit.squares)
+            rival = replace(rival, behind=lost - OF_NUMBER * (len(taken.terms) - len(terms)))
         return rival, Taken(other, terms, gain, ()), alone
     return None
 

@@ -33,6 +33,7 @@ PENDULUM = """
 STEP_S = 0.005
 GAIN, DAMPING = 3.0, 0.1
 LIMIT_NM = 0.8
+LOSS_NM2, WARMS_S = 0.5, 4.0
 NO_LIMIT = {"torque_saturation.limit_nm": np.array([1e9])}
 
 
@@ -44,14 +45,22 @@ def recorded(
     noise_rad: float = 1e-4,
     of_gain: float = 1.0,
     limit_nm: float = np.inf,
+    loss_nm2: float = 0.0,
+    late_rows: int = 0,
 ) -> Recording:
-    """A PD controller follows targets at 200 Hz; positions have noise, which the controller sees."""
+    """A PD controller follows targets at 200 Hz; positions have noise, which the controller sees.
+
+    Its motor has a limit, gets warm within ``WARMS_S`` and loses then, and acts some rows late.
+    """
     data, rng = mujoco.MjData(model), np.random.default_rng(seed)
-    found = np.empty((3, len(target_rad)))
+    found, warm, sent = np.empty((3, len(target_rad))), 0.0, [0.0] * late_rows
     for i, target in enumerate(target_rad):
         position = data.qpos[0] + noise_rad * rng.standard_normal()
         sent_nm = of_gain * GAIN * (target - position) - DAMPING * data.qvel[0]
-        found[:, i], data.ctrl[0] = (position, data.qvel[0], sent_nm), np.clip(sent_nm, -limit_nm, limit_nm)
+        found[:, i] = position, data.qvel[0], sent_nm
+        sent.append(np.clip(sent_nm, -limit_nm, limit_nm))
+        warm += STEP_S / WARMS_S * (sent[i] ** 2 - warm)
+        data.ctrl[0] = sent[i] * (1.0 - loss_nm2 * warm)
         for _ in range(round(STEP_S / model.opt.timestep)):
             mujoco.mj_step(model, data)
     position, velocity, torque = (row[:, None] for row in found)
@@ -141,12 +150,15 @@ def test_a_delayed_torque_comes_late():
     assert went[0] == pytest.approx(went[1], abs=1e-12) and np.abs(went).max() > 0.01
 
 
-def study_of(hidden: str, *, tolerance: Tolerance | None = None, limit_nm: float = np.inf):
-    """Judge two recordings of a pendulum that has more than its model."""
+def study_of(
+    hidden: str, *, tolerance: Tolerance | None = None, seconds: float = 6.0, gravity_m_s2: float = 9.81, **of_motor: float
+):
+    """Judge two recordings of a pendulum that has more than its model, and a motor as :func:`recorded` has it."""
     nominal = mujoco.MjModel.from_xml_string(PENDULUM.format(more=""))
     model = mujoco.MjModel.from_xml_string(PENDULUM.format(more=hidden))
+    model.opt.gravity[2] = -gravity_m_s2
     recordings = [
-        replace(recorded(model, targets(6.0, seed), seed=seed, limit_nm=limit_nm), name=f"swing {seed}") for seed in (1, 2)
+        replace(recorded(model, targets(seconds, seed), seed=seed, **of_motor), name=f"swing {seed}") for seed in (1, 2)
     ]
     robot = UnknownRobot(tolerance or Tolerance())
     study = study_joints(nominal, recordings, lambda *_: None, robot=robot, gate=np.inf)
@@ -200,6 +212,21 @@ def test_a_limit_that_few_windows_meet_is_named_and_not_called_healthy():
     assert verdict.verdict is VerdictKind.NAMED, verdict.summary
     (cause,) = verdict.causes
     assert cause.effect == "torque_saturation" and cause.value == pytest.approx(LIMIT_NM, rel=0.02)
+
+
+def test_a_motor_that_gets_warm_is_named_with_how_fast():
+    """Windows of a second begin as warm as the motor was."""
+    verdict = study_of("", seconds=16.0, loss_nm2=LOSS_NM2)
+    assert verdict.verdict is VerdictKind.NAMED, verdict.summary
+    value = {cause.parameter: cause.value for cause in verdict.causes if cause.effect == "thermal_derating"}
+    assert {cause.effect for cause in verdict.causes} == {"thermal_derating"}
+    assert value["time_constant_s"] == pytest.approx(WARMS_S, rel=0.2)
+    assert value["loss_per_k"] * value.get("rise_k_nm2", 2000.0) == pytest.approx(LOSS_NM2, rel=0.1)
+
+
+def test_of_three_causes_those_that_gain_little_are_causes_too_where_all_together_leave_nothing():
+    verdict = study_of('frictionloss="0.15" damping="0.02"', late_rows=2)
+    assert {cause.effect for cause in verdict.causes} == {"coulomb_friction", "viscous_friction", "action_delay"}, verdict.summary
 
 
 def problem_of(limit_nm: float = np.inf) -> RolloutProblem:
