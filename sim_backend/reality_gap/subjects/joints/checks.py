@@ -37,7 +37,7 @@ _SOFT_END_RAD = 2e-3
 _JUMP_RAD = 2e-3
 _STALL_SAMPLES = 3
 _ODD_AMONG_UNKNOWN, _ODD_THOUGH_SMALL = 5.0, 10.0
-"""Where nobody knows the sensors, joints may have other encoders and gears than their neighbours; below what is healthy more so."""
+"""Where nobody knows the sensors, joints may have other encoders and gears than their neighbours; small noise all the more."""
 _LEAST_ODD = {Sign.POSITION_STEPS: HEALTHY_STEP_RAD, Sign.POSITION_NOISE: 2e-4, Sign.VELOCITY_NOISE: 0.05}
 """Below these nothing is said of one joint of such a robot: encoders of 14 bits come in steps of 4e-4 rad."""
 _ODD_FLOOR = 0.02

@@ -24,7 +24,7 @@ _PERIODS_S = np.array([[1.7, 0.61], [2.3, 0.47], [1.3, 0.83]])
 
 
 def joints_model(frictionloss=(0.0, 0.0, 0.0)) -> mujoco.MjModel:
-    """Of as many joints as there are frictions. Each turns a link of its own about a vertical axis; ranges of 1.5 rad to both sides."""
+    """As many joints as frictions; each turns a link of its own about a vertical axis; ranges of 1.5 rad to both sides."""
     bodies = "".join(
         f'<body pos="{j} 0 0">'
         f'<joint name="{name}" axis="0 0 1" limited="true" range="-1.5 1.5" frictionloss="{frictionloss[j]}"/>'
