@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, plane_of
+from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, Plane, plane_of
 from sim_backend.reality_gap.subjects.joints import planes
+from sim_backend.reality_gap.subjects.joints.cogging_cycles import CYCLES
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 
 
@@ -35,20 +36,31 @@ def fitted_values(start: JointState, state: JointState, terms: Sequence[Term], e
         for first, second, *own in zip(terms[::2], terms[1::2], errors[::2], errors[1::2], strict=True):
             told = planes.size_and_place(plane, state, (first, second), (own[0], own[1]))
             found += [FittedValue(key, first.index, value, error) for key, value, error in told]
+            found += seen_beside(start, first)
         return found
     for term, error in zip(terms, errors, strict=True):
         value = FittedValue(term.key, term.index, float(state.value(term.key)[term.index]), float(error))
-        product = NUMBERS[term.key].product_with if term.key in NUMBERS else None
-        found += [value] if product is None else _at_usual_factor(start, state, value, product[0])
+        found += at_usual_factor(start, state, value)
     return found
 
 
-def _at_usual_factor(start: JointState, state: JointState, number: FittedValue, key: str) -> list[FittedValue]:
-    """A loss for the temperature that the nominal motor reaches: joints show no more than the product of both.
+def seen_beside(start: JointState, term: Term) -> list[FittedValue]:
+    """How often a motor cogs where that was seen in the recordings, which is told beside how much it does."""
+    if plane_of(term.effect) is not Plane.WAVE or CYCLES not in start.given:
+        return []
+    return [FittedValue(CYCLES, term.index, float(start.value(CYCLES)[term.index]), 0.0)]
+
+
+def at_usual_factor(start: JointState, state: JointState, number: FittedValue) -> list[FittedValue]:
+    """Any number as it is, but a loss for the temperature that the nominal motor reaches: joints show only the product of both.
 
     A larger robot's motor gets as warm from its own largest torque. A loss that no motor has there stays at the rise that it was
     fitted with, which is then told, too.
     """
+    product = NUMBERS[number.key].product_with if number.key in NUMBERS else None
+    if product is None:
+        return [number]
+    key = product[0]
     fitted, given = (float(s.value(key)[number.index]) for s in (state, start))
     usual = PARAMETERS[key].absent
     rise = given if key in start.given else usual / start.size**2

@@ -10,6 +10,7 @@ from sim_backend.reality_gap.knowledge.joint_effects import FITTED, Channel, sca
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot, UnknownRobot
 from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.subjects.joints.checks import Finding, end_findings, noise_findings, torque_noise_findings
+from sim_backend.reality_gap.subjects.joints.cogging_cycles import with_cycles
 from sim_backend.reality_gap.subjects.joints.command_lateness import with_measured_lateness
 from sim_backend.reality_gap.subjects.joints.contradictions import contradicts, runs_into_bounds
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations, along
@@ -124,6 +125,8 @@ def study_joints(
     start = nominal_state(plant, [episode.driving_nm for episode in episodes], robot, nominal or {})
     unfitted = told_without_fit(plant, recordings, episodes, robot, start)
     _check_motion(unfitted.episodes)
+    if isinstance(robot, UnknownRobot):
+        start = with_cycles(start, unfitted.episodes)
     asked_without = (*excluded, *unfitted.taken_over)
     problem = JointProblem(tuple(unfitted.episodes), names, robot, asked_without, start)
     felt = noise_of_motors(problem, start)

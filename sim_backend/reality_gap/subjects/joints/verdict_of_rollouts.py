@@ -17,6 +17,7 @@ from sim_backend.reality_gap.knowledge.joint_effects import (
 )
 from sim_backend.reality_gap.knowledge.separation import separated_by
 from sim_backend.reality_gap.subjects.joints.causes import half_interval
+from sim_backend.reality_gap.subjects.joints.fitted_values import FittedValue, at_usual_factor, seen_beside
 from sim_backend.reality_gap.subjects.joints.healthy_robots import Healthy
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
@@ -212,8 +213,10 @@ def causes_of(study: JointStudy, fit: RolloutFit, taken: Taken) -> list[Cause]:
             where = study.problem.names[term.index] if parameter.scope is Scope.JOINT else "xyz"[term.index]
         if term.index in clear if term.key in SHAPES else abs(off) > half:
             clear.add(term.index)
-            interval = (value - half, value + half)
-            found.append((term.index, Cause(taken.hypothesis.effect, parameter.name, where, value, parameter.unit, interval)))
+            told = at_usual_factor(study.start, fit.state, FittedValue(term.key, term.index, value, half))
+            for each in [*told, *(seen_beside(study.start, term) if term.key == taken.terms[0].key else ())]:
+                of, interval = PARAMETERS[each.key], (each.value - each.error, each.value + each.error)
+                found.append((term.index, Cause(taken.hypothesis.effect, of.name, where, each.value, of.unit, interval)))
             if term.key == taken.terms[0].key:
                 sizes[term.index] = abs(off)
     if taken.hypothesis.where != ALL_JOINTS:
