@@ -34,6 +34,7 @@ STEP_S = 0.005
 GAIN, DAMPING = 3.0, 0.1
 LIMIT_NM = 0.8
 LOSS_NM2, WARMS_S = 0.5, 4.0
+COGS, COGGING_NM = 42, 0.05
 NO_LIMIT = {"torque_saturation.limit_nm": np.array([1e9])}
 
 
@@ -47,10 +48,11 @@ def recorded(
     limit_nm: float = np.inf,
     loss_nm2: float = 0.0,
     late_rows: int = 0,
+    cogging_nm: float = 0.0,
 ) -> Recording:
     """A PD controller follows targets at 200 Hz; positions have noise, which the controller sees.
 
-    Its motor has a limit, gets warm within ``WARMS_S`` and loses then, and acts some rows late.
+    Its motor has a limit, gets warm within ``WARMS_S`` and loses then, acts some rows late, and cogs ``COGS`` times a turn.
     """
     data, rng = mujoco.MjData(model), np.random.default_rng(seed)
     found, warm, sent = np.empty((3, len(target_rad))), 0.0, [0.0] * late_rows
@@ -60,7 +62,7 @@ def recorded(
         found[:, i] = position, data.qvel[0], sent_nm
         sent.append(np.clip(sent_nm, -limit_nm, limit_nm))
         warm += STEP_S / WARMS_S * (sent[i] ** 2 - warm)
-        data.ctrl[0] = sent[i] * (1.0 - loss_nm2 * warm)
+        data.ctrl[0] = sent[i] * (1.0 - loss_nm2 * warm) + cogging_nm * np.sin(COGS * data.qpos[0] + 0.4)
         for _ in range(round(STEP_S / model.opt.timestep)):
             mujoco.mj_step(model, data)
     position, velocity, torque = (row[:, None] for row in found)
@@ -222,6 +224,15 @@ def test_a_motor_that_gets_warm_is_named_with_how_fast():
     assert {cause.effect for cause in verdict.causes} == {"thermal_derating"}
     assert value["time_constant_s"] == pytest.approx(WARMS_S, rel=0.2)
     assert value["loss_per_k"] * value.get("rise_k_nm2", 2000.0) == pytest.approx(LOSS_NM2, rel=0.1)
+
+
+def test_a_motor_that_cogs_as_often_as_no_other_is_named_with_how_often():
+    verdict = study_of("", seconds=16.0, cogging_nm=COGGING_NM)
+    assert verdict.verdict is VerdictKind.NAMED, verdict.summary
+    value = {cause.parameter: cause.value for cause in verdict.causes}
+    assert {cause.effect for cause in verdict.causes} == {"cogging"}
+    assert value["amplitude_nm"] == pytest.approx(COGGING_NM, rel=0.15)
+    assert value["cycles_per_rad"] == pytest.approx(COGS / (2.0 * np.pi))
 
 
 def test_of_three_causes_those_that_gain_little_are_causes_too_where_all_together_leave_nothing():
