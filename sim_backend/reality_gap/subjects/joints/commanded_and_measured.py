@@ -33,6 +33,8 @@ _LEVEL = 0.01
 _LEAST_ROWS = 200
 _CLEARLY = 1.5
 """Times what a filter leaves (mean squares), beyond which what follows is no delay; as far below it, it is no filter."""
+_UNLIKE = 0.05
+"""Share of a measured torque that may differ from the commanded one for any reason."""
 _TIME_CONSTANTS = np.geomspace(0.3, 1.0, 4)
 """Of filters that are tried, relative to the delay that explains most."""
 
@@ -47,6 +49,8 @@ class Between:
         limit_error_nm: 0 without a limit.
         may_be_filter: whether a filter of first order explains about as much as the delay.
         is_filter: whether it explains clearly more.
+        unlike: what lasts of the difference that neither explains, root mean square, as a share of the measured torque's; 0 where
+            it may be a filter.
     """
 
     late_rows: int
@@ -54,6 +58,7 @@ class Between:
     limit_error_nm: float
     may_be_filter: bool = False
     is_filter: bool = False
+    unlike: float = 0.0
 
 
 def between(sent: Sequence[np.ndarray], measured: Sequence[np.ndarray], most_rows: int) -> Between | None:
@@ -77,11 +82,12 @@ def between(sent: Sequence[np.ndarray], measured: Sequence[np.ndarray], most_row
     asked, felt = by_rows[late]
     of_filter = _left_by_filter(sent, measured, late, limit) if late else np.inf
     looks = (of_filter < _CLEARLY * ends[late][1], of_filter * _CLEARLY < ends[late][1])
+    unlike = 0.0 if any(looks) else _lasting_share(np.clip(asked, -limit, limit), felt, max(2, most_rows // 2))
     if not np.isfinite(limit):
-        return Between(late, np.inf, 0.0, *looks)
+        return Between(late, np.inf, 0.0, *looks, unlike)
     at_limit = np.abs(felt[np.abs(asked) > _BEYOND * limit])
     error = np.std(at_limit) / np.sqrt(len(at_limit)) + _LEVEL * np.median(at_limit)
-    return Between(late, float(np.median(at_limit)), float(error), *looks)
+    return Between(late, float(np.median(at_limit)), float(error), *looks, unlike)
 
 
 def _paired(sent: Sequence[np.ndarray], measured: Sequence[np.ndarray], rows: int) -> tuple[np.ndarray, np.ndarray]:
@@ -102,6 +108,15 @@ def _left_by_filter(sent: Sequence[np.ndarray], measured: Sequence[np.ndarray], 
         asked, felt = _paired(through, measured, 0)
         found.append(float(np.mean((felt - _share(asked, felt) * asked) ** 2)))
     return min(found)
+
+
+def _lasting_share(asked: np.ndarray, felt: np.ndarray, rows: int) -> float:
+    """What lasts for some rows of the difference between two torques, but for a factor and a zero, as a share of the second."""
+    beside = np.stack([asked, np.ones_like(asked)], axis=1)
+    left = felt - beside @ np.linalg.lstsq(beside, felt, rcond=None)[0]
+    parts = left[: len(left) // rows * rows].reshape(-1, rows)
+    lasting = float(np.mean(parts.mean(axis=1) ** 2) - np.mean(parts.var(axis=1)) / max(1, rows - 1))
+    return float(np.sqrt(max(0.0, lasting) / max(float(np.mean(felt**2)), 1e-30)))
 
 
 def _share(asked: np.ndarray, felt: np.ndarray) -> float:
@@ -128,18 +143,18 @@ def _end(asked: np.ndarray, felt: np.ndarray) -> tuple[float, float]:
     return float(limits[best]), float(np.mean((felt - _share(cut, felt) * cut) ** 2))
 
 
-def causes_between(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -> tuple[list[Cause], list[str]]:
-    """Delays and limits between what was commanded and measured, and what both leave open.
+def causes_between(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -> tuple[list[Cause], list[str], list[str]]:
+    """Delays and limits between what was commanded and measured, what both leave open, and what neither explains.
 
     Args:
         episodes: of a study.
         names: of its joints.
     """
-    causes, open_ = list[Cause](), list[str]()
+    causes, open_, unlike = list[Cause](), list[str](), list[str]()
     pairs = [(e.path.joints.commanded_torque_nm, e.path.joints.measured_torque_nm) for e in episodes]
     both = [(sent, felt) for sent, felt in pairs if sent is not None and felt is not None]
     if not both:
-        return causes, open_
+        return causes, open_, unlike
     row_s = float(np.median([e.path.step_s for e in episodes]))
     for j, name in enumerate(names):
         found = between([s[:, j] for s, _ in both], [m[:, j] for _, m in both], round(_LONGEST_S / row_s))
@@ -155,9 +170,11 @@ def causes_between(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -
             open_.append(
                 f"whether {name} has an action delay of up to {1e3 * row_s:.3g} ms: its measured torque comes a row later"
             )
+        if found.unlike > _UNLIKE:
+            unlike.append(f"the measured torque of {name} differs from the commanded one by {found.unlike:.0%} of it")
         if np.isfinite(found.limit_nm):
             causes.append(_cause(LIMITED_TORQUE, name, found.limit_nm, found.limit_error_nm))
-    return causes, open_
+    return causes, open_, unlike
 
 
 def _cause(key: str, name: str, value: float, error: float) -> Cause:

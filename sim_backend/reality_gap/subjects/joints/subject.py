@@ -25,7 +25,7 @@ from sim_backend.reality_gap.subjects.joints.rollout_selection import select_by_
 from sim_backend.reality_gap.subjects.joints.sections import joint_sections
 from sim_backend.reality_gap.subjects.joints.slides import Slides
 from sim_backend.reality_gap.subjects.joints.state import JointState
-from sim_backend.reality_gap.subjects.joints.torques_and_rollouts import in_both, proposed_by
+from sim_backend.reality_gap.subjects.joints.torques_and_rollouts import in_both, proposed_by, with_unlike_torques
 from sim_backend.reality_gap.subjects.joints.unnamed_patterns import against_patterns
 from sim_backend.reality_gap.subjects.joints.unnamed_rivals import against_unnamed, with_late_columns, with_share_of_all
 from sim_backend.reality_gap.subjects.joints.verdict import judge
@@ -120,9 +120,10 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     rollouts = with_late_columns(with_share_of_all(rollouts, found.problem.names))
     if method != NAMING:
         return rollouts
-    columns = [of(found.problem.episodes, found.problem.names) for of in (causes_between, causes_of_velocities)]
-    both = in_both(torques, rollouts, [cause for causes, _ in columns for cause in causes])
-    return replace(both, cannot_tell=(*both.cannot_tell, *(said for _, open_ in columns for said in open_)))
+    causes, open_, unlike = causes_between(found.problem.episodes, found.problem.names)
+    of_velocities, left_open = causes_of_velocities(found.problem.episodes, found.problem.names)
+    both = with_unlike_torques(in_both(torques, rollouts, [*causes, *of_velocities]), unlike)
+    return replace(both, cannot_tell=(*both.cannot_tell, *open_, *left_open))
 
 
 def _unrecorded_controllers(found: JointStudy) -> np.ndarray:

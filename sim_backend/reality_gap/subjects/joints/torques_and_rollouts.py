@@ -69,6 +69,27 @@ def in_both(torques: Verdict, rollouts: Verdict, columns: Sequence[Cause] = ()) 
     )
 
 
+def with_unlike_torques(verdict: Verdict, unlike: Sequence[str]) -> Verdict:
+    """A verdict beside torques that were not given as they were sent: where nothing else is wrong, that is, and has no name.
+
+    Args:
+        verdict: on the motion, which measured torques drive.
+        unlike: sentences on joints whose measured torque differs by what neither a delay nor a limit explains.
+    """
+    if not unlike:
+        return verdict
+    if verdict.verdict is not VerdictKind.NOTHING_WRONG:
+        return replace(verdict, cannot_tell=(*verdict.cannot_tell, *(f"why {said}" for said in unlike)))
+    return replace(
+        verdict,
+        verdict=VerdictKind.UNEXPLAINED,
+        summary=f"The robot goes where measured torques lead it, but {unlike[0]}, and neither a delay nor a limit explains it.",
+        follows=(*unlike[1:], *verdict.follows),
+        effects=_unjudged(verdict, "what motors make of commanded torques is not explained"),
+        record_next=("constant commanded torques of several sizes, for as long as the tasks take",),
+    )
+
+
 def _disagreement(torques: Verdict, kind: VerdictKind) -> list[str]:
     """What torques find wrong that no simulated motion shows."""
     if kind is not VerdictKind.NOTHING_WRONG:

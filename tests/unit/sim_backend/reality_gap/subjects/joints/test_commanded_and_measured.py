@@ -49,6 +49,17 @@ def test_a_motor_that_gives_less_than_asked_has_neither():
     assert found is not None and found.late_rows == 0 and not np.isfinite(found.limit_nm)
 
 
+def test_a_supply_that_sags_for_seconds_is_neither_and_what_noise_and_a_zero_leave_is_nothing():
+    sent, rng = [commanded(6)], np.random.default_rng(0)
+    sags = 1.0 - 0.15 * (1.0 + np.sin(0.002 * np.arange(3000)))
+    measured = [0.9 * each + 0.02 + 0.05 * rng.standard_normal(len(each)) for each in sent]
+    plain, sagging = between(sent, measured, MOST), between(sent, [measured[0] * sags], MOST)
+    assert plain is not None and sagging is not None
+    assert plain.unlike < 0.02 and sagging.unlike > 0.06
+    late_and_cut = between(sent, [np.clip(late(sent[0], 4), -0.5, 0.5)], MOST)
+    assert late_and_cut is not None and late_and_cut.unlike < 0.01
+
+
 def test_noise_that_has_nothing_to_do_with_the_command_is_no_delay():
     rng = np.random.default_rng(7)
     found = between([commanded(5)], [rng.standard_normal(3000)], MOST)
