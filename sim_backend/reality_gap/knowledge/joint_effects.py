@@ -174,6 +174,10 @@ NUMBERS: Mapping[str, Number] = {number.key: number for entry in _ENTRIES for nu
 """By "effect.parameter"."""
 TURNS_OF_MOTORS = frozenset({"cogging.phase_rad"})
 """Parameters in rad that are no angle of a joint."""
+COGGING_CYCLES = "cogging.cycles_per_rad"
+"""How often a motor cogs: of an unknown one it is seen, not fitted."""
+MOTOR_LOSS, MOTOR_RISE, MOTOR_WARMS_S = (f"thermal_derating.{name}" for name in ("loss_per_k", "rise_k_nm2", "time_constant_s"))
+"""What a warm motor loses, how warm its torque makes it, and within what time."""
 POSITION_GAIN = "position_gain.factor"
 """Of controllers: only rollouts have it where nobody recorded what they sent."""
 SHAPES: Mapping[str, Shape] = {number.shape.key: number.shape for number in NUMBERS.values() if number.shape is not None}

@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from sim_backend.reality_gap.knowledge.joint_effects import COGGING_CYCLES
 from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.subjects.joints.state import JointState
 
-CYCLES = "cogging.cycles_per_rad"
 _LEAST_CYCLES = 2.5
 """Within what a joint moved over: fewer are a slow function of the position, which much else is."""
 _MOST_A_TURN = 600
@@ -27,7 +27,7 @@ _LINE_SHARE, _OVER_OTHERS = 0.03, 4.0
 
 def with_cycles(start: JointState, episodes: Sequence[EpisodeEquations]) -> JointState:
     """A nominal model whose motors would cog with the cycles that are seen, if they do; as it is where none are."""
-    found = start.value(CYCLES).astype(float).copy()
+    found = start.value(COGGING_CYCLES).astype(float).copy()
     for joint in range(start.joints):
         rows = [e.valid_mechanics[:, joint] for e in episodes]
         parts = [
@@ -39,7 +39,7 @@ def with_cycles(start: JointState, episodes: Sequence[EpisodeEquations]) -> Join
         if fine.sum() >= _LEAST_ROWS:
             turn = strongest_line(position[fine], velocity[fine], left[fine], _OF_CUTOFF * UnknownRobot.cutoff_hz)
             found[joint] = found[joint] if turn is None else turn / (2.0 * np.pi)
-    return start if (found == start.value(CYCLES)).all() else replace(start, given={**start.given, CYCLES: found})
+    return start if (found == start.value(COGGING_CYCLES)).all() else replace(start, given={**start.given, COGGING_CYCLES: found})
 
 
 def strongest_line(position: np.ndarray, velocity: np.ndarray, left_nm: np.ndarray, most_hz: float) -> int | None:

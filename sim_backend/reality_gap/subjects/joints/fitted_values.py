@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, Plane, plane_of
+from sim_backend.reality_gap.knowledge.joint_effects import COGGING_CYCLES, NUMBERS, Plane, plane_of
 from sim_backend.reality_gap.subjects.joints import planes
-from sim_backend.reality_gap.subjects.joints.cogging_cycles import CYCLES
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 
 
@@ -46,9 +45,9 @@ def fitted_values(start: JointState, state: JointState, terms: Sequence[Term], e
 
 def seen_beside(start: JointState, term: Term) -> list[FittedValue]:
     """How often a motor cogs where that was seen in the recordings, which is told beside how much it does."""
-    if plane_of(term.effect) is not Plane.WAVE or CYCLES not in start.given:
+    if plane_of(term.effect) is not Plane.WAVE or COGGING_CYCLES not in start.given:
         return []
-    return [FittedValue(CYCLES, term.index, float(start.value(CYCLES)[term.index]), 0.0)]
+    return [FittedValue(COGGING_CYCLES, term.index, float(start.value(COGGING_CYCLES)[term.index]), 0.0)]
 
 
 def at_usual_factor(start: JointState, state: JointState, number: FittedValue) -> list[FittedValue]:

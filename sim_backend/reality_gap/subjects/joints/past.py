@@ -6,10 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import lfilter
 
+from sim_backend.reality_gap.knowledge.joint_effects import LIMITED_TORQUE, MOTOR_LOSS, MOTOR_RISE, MOTOR_WARMS_S
 from sim_backend.reality_gap.subjects.joints.state import JointState
-
-_LOSS, _RISE, _TIME = (f"thermal_derating.{name}" for name in ("loss_per_k", "rise_k_nm2", "time_constant_s"))
-_LIMIT = "torque_saturation.limit_nm"
 
 
 @dataclass(frozen=True)
@@ -35,8 +33,8 @@ class Past:
     def warm_k(self, state: JointState) -> np.ndarray:
         """How much warmer than their surroundings a model's motors begin windows, K, shape (n, k); recordings begin cold."""
         found = np.zeros((len(self.owner), state.joints))
-        for joint in np.flatnonzero(state.value(_LOSS)):
-            rise, time_s, limit_nm = (float(state.value(key)[joint]) for key in (_RISE, _TIME, _LIMIT))
+        for joint in np.flatnonzero(state.value(MOTOR_LOSS)):
+            rise, time_s, limit_nm = (float(state.value(key)[joint]) for key in (MOTOR_RISE, MOTOR_WARMS_S, LIMITED_TORQUE))
             for recording, (torque_nm, step_s) in enumerate(zip(self.driving_nm, self.step_s, strict=True)):
                 rows = self.owner == recording
                 if rows.any():

@@ -6,27 +6,31 @@ from types import MappingProxyType
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.joint_effects import FITTED, NUMBERS, SCALES, SHAPES, plane_of, shape_of
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED, NUMBERS
 from sim_backend.reality_gap.subjects.joints.contradictions import is_gravity, pushes, runs_into_bounds
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS, PLATFORM, Catalogue, Hypothesis
 from sim_backend.reality_gap.subjects.joints.look import Accepted
-from sim_backend.reality_gap.subjects.joints.moves import moved
 from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, FAR_WINDOWS, RolloutFit, RolloutProblem, is_nearer
-from sim_backend.reality_gap.subjects.joints.rollout_questions import SHOWN, foretold_rad, gains
+from sim_backend.reality_gap.subjects.joints.rollout_questions import SHOWN, gains
+from sim_backend.reality_gap.subjects.joints.rollout_trials import (
+    OF_NUMBER,
+    Tried,
+    as_nominal,
+    fitted_instead,
+    fitted_quickly,
+    fitted_wholly,
+    fitted_without,
+)
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 
 GATE = 12.0
 """Nats that a cause must gain: odds of 160 000, shared by some hundred hypotheses."""
-OF_NUMBER = 3.0
-"""Nats that each number must gain for itself."""
 _TRIED, _TRIED_FROM = 6, 3.0
 """So many of the best, by their linear gains in nats, are fitted."""
 _WHOLLY = 2
 """So many of those are fitted once more together with everything else."""
 _MENDS = 0.5
 """A cause that gains less than this share of the largest, leaving more than noise, may only mend what that one's law leaves."""
-_AS_GOOD = 0.25
-"""Share of a gain within which two fits are as good as each other."""
 _LITTLE = 0.02
 """Share of an error that causes may leave to be all there are: laws of another shape than the robot's leave more."""
 _CLEARLY = 5.0
@@ -38,8 +42,6 @@ _LEAST_REDUCTION = 0.03
 """Share of a joint's error that a cause must take away at one joint."""
 
 
-_Tried = tuple[float, RolloutFit, Hypothesis, tuple[Term, ...]]
-"""Gain, model, and what was tried with its terms."""
 Proposed = Mapping[tuple[str, str], Mapping[tuple[str, int], float]]
 """Values by number and index of effects at places; none where only the effect is proposed."""
 
@@ -54,7 +56,7 @@ class Taken:
     hypothesis: Hypothesis
     terms: tuple[Term, ...]
     gain: float
-    others: tuple[_Tried, ...]
+    others: tuple[Tried, ...]
 
 
 @dataclass(frozen=True)
@@ -190,7 +192,7 @@ class _Search:
     progress: Callable[[str, float], None]
     proposed: Proposed
     healthy_rad: np.ndarray | float
-    tried: "dict[int, tuple[RolloutFit, list[_Tried]]]" = field(default_factory=dict)
+    tried: "dict[int, tuple[RolloutFit, list[Tried]]]" = field(default_factory=dict)
     """What was fitted beside a model, by its identity."""
 
     def extended(
@@ -222,7 +224,7 @@ def _best(search: _Search, fit: RolloutFit, taken: Sequence[Taken], share: float
     return _took(_single_rather_than_all(enough), tried)
 
 
-def _took(chosen: _Tried, tried: Sequence[_Tried]) -> tuple[RolloutFit, Taken]:
+def _took(chosen: Tried, tried: Sequence[Tried]) -> tuple[RolloutFit, Taken]:
     """A cause with what it was chosen from, and the model that has it."""
     gain, new, hypothesis, plain = chosen
     others = [
@@ -233,11 +235,11 @@ def _took(chosen: _Tried, tried: Sequence[_Tried]) -> tuple[RolloutFit, Taken]:
     return new, Taken(hypothesis, plain, gain, tuple(sorted(others, key=lambda other: -other[0])))
 
 
-def _tried_beside(search: _Search, fit: RolloutFit, taken: Sequence[Taken]) -> list[_Tried]:
+def _tried_beside(search: _Search, fit: RolloutFit, taken: Sequence[Taken]) -> list[Tried]:
     """What may be wrong beside what a model has, fitted, the best first."""
     problem, catalogue = search.problem, search.catalogue
     own = [term for cause in taken for term in cause.terms]
-    names, tried = {cause.hypothesis.name for cause in taken}, list[_Tried]()
+    names, tried = {cause.hypothesis.name for cause in taken}, list[Tried]()
     everywhere = {effect for effect, where in names if where == ALL_JOINTS}
     for linear, hypothesis, values, errors in _distinct(gains(problem, fit, catalogue.hypotheses), names):
         if hypothesis.effect in everywhere:
@@ -248,14 +250,14 @@ def _tried_beside(search: _Search, fit: RolloutFit, taken: Sequence[Taken]) -> l
         begins, given = [_that_show(terms, hypothesis, values, errors)], search.proposed.get(hypothesis.name, {})
         if all((t.key, t.index) in given for t in terms):
             begins.append((terms, np.array([given[t.key, t.index] - fit.state.value(t.key)[t.index] for t in terms])))
-        found = [_fitted_quickly(problem, fit, own, hypothesis, *begin) for begin in begins]
+        found = [fitted_quickly(problem, fit, own, hypothesis, *begin) for begin in begins]
         best_of_them = max(found, key=lambda entry: entry[0])
         if _is_possible(search, taken, *best_of_them, is_whole=False):
             tried.append(best_of_them)
     best = sorted((entry for entry in tried if _is_worth_it(fit, entry[1])), key=lambda entry: -entry[0])[:_WHOLLY]
     # with all that a healthy robot may be off by, as the model had it: also those that are seen only then, by their linear gains
     best += [entry for entry in tried[:_WHOLLY] if not any(entry is other for other in best)]
-    whole = [_fitted_wholly(problem, fit, own, *entry[1:]) for entry in best]
+    whole = [fitted_wholly(problem, fit, own, *entry[1:]) for entry in best]
     whole.sort(key=lambda entry: -entry[0])
     return [each for each in whole if _is_worth_it(fit, each[1]) and _is_possible(search, taken, *each)]
 
@@ -294,50 +296,6 @@ def _needed(problem: RolloutProblem, fit: RolloutFit, cause: Taken) -> tuple[Ter
     return tuple(t for t, gain in zip(cause.terms, gains, strict=True) if gain > OF_NUMBER) or cause.terms
 
 
-def _fitted_quickly(
-    problem: RolloutProblem,
-    fit: RolloutFit,
-    own: Sequence[Term],
-    hypothesis: Hypothesis,
-    terms: tuple[Term, ...],
-    values: np.ndarray,
-) -> _Tried:
-    """A cause beside what a model has, from some values on, all that a healthy robot may be off by as the nominal one has it."""
-    state, plain = _begun(problem.without_loose(fit.state, own), terms, values)
-    new = problem.fitted(state, [*own, *plain], fit.begin, quickly=True)
-    return problem.gained(fit.squares, new.squares) - OF_NUMBER * len(plain), new, hypothesis, plain
-
-
-def _fitted_wholly(
-    problem: RolloutProblem,
-    fit: RolloutFit,
-    own: Sequence[Term],
-    new: RolloutFit,
-    hypothesis: Hypothesis,
-    plain: tuple[Term, ...],
-) -> _Tried:
-    """The better of two fits, which may end apart: from where a model is, and with what it had before at nominal values.
-
-    Where both fit about as well the one counts that foretells recordings better that it has not seen: the other owes a part of
-    what it gains to a few windows.
-    """
-    begun, terms = [new.state, *([as_nominal(problem, new.state, own)] if own else [])], [*own, *plain]
-    found = [problem.fitted(state, terms, new.begin) for state in begun]
-    gains = [problem.gained(fit.squares, each.squares) - OF_NUMBER * len(plain) for each in found]
-    best = int(np.argmax(gains))
-    if abs(gains[0] - gains[-1]) < _AS_GOOD * max(gains[best], 0.0) and len(found) > 1:
-        best = int(np.argmin([foretold_rad(problem, each, terms) for each in found]))
-    return gains[best], found[best], hypothesis, plain
-
-
-def as_nominal(problem: RolloutProblem, state: JointState, terms: Sequence[Term]) -> JointState:
-    """A model with some numbers as the nominal one has them."""
-    for term in terms:
-        by = problem.start.value(term.key)[term.index] - state.value(term.key)[term.index]
-        state = state.moved(term, float(by), with_shape=False)
-    return state
-
-
 def _least(problem: RolloutProblem, new: RolloutFit, taken: Sequence[Taken], share: float) -> float:
     """What a cause must gain: a share of what the largest did, unless with it hardly anything is left."""
     if not taken or problem.is_near_noise(new):
@@ -357,52 +315,14 @@ def _distinct(
 
 
 def _single_rather_than_all(
-    tried: Sequence[_Tried],
-) -> _Tried:
+    tried: Sequence[Tried],
+) -> Tried:
     """All joints together contain what a single one is."""
     first = tried[0]
     if first[2].where != ALL_JOINTS:
         return first
     enough = first[0] - max(10.0, 0.05 * first[0])
     return next((entry for entry in tried if entry[2].where != ALL_JOINTS and entry[0] >= enough), first)
-
-
-def _begun(state: JointState, terms: tuple[Term, ...], values: np.ndarray) -> tuple[JointState, tuple[Term, ...]]:
-    """The model with a hypothesis' linear values put in, and the numbers that a fit moves from there."""
-    if plane_of(terms[0].effect) is None:
-        state = moved(state, terms, values)
-        for term in terms:
-            for key, value in term.shape:
-                shaped = state.value(key).copy()
-                shaped[term.index if len(shaped) > 1 else 0] = value
-                state = replace(state, given={**state.given, key: shaped})
-        plain = {(t.key, t.index): replace(t, shape=(), probe=_probe(t, state)) for t in terms}
-        beside = {(NUMBERS[key].beside, j): replace(t, key=NUMBERS[key].beside) for (key, j), t in plain.items()}
-        shapes = [
-            Term(key, j, _SHAPE_PROBE * SCALES[key])
-            for t in terms
-            for key, _ in t.shape
-            for j in [t.index]
-            if key in SHAPES and SHAPES[key].scale > 0.0
-        ]
-        return state, (*plain.values(), *(term for (key, _), term in beside.items() if key), *shapes)
-    state = moved(state, terms, values)
-    shape = shape_of(terms[0].effect)
-    assert shape is not None, "what has a plane has a shape"
-    joints, probe = sorted({t.index for t in terms}), _SHAPE_PROBE * abs(shape.values[1] - shape.values[0])
-    return state, tuple(Term(key, j, by) for j in joints for key, by in ((terms[0].key, terms[0].probe), (shape.key, probe)))
-
-
-def _probe(term: Term, state: JointState) -> float:
-    """Change that a fit probes a number with: of a limit a little, where what proposed it went from none to a level at once."""
-    is_limit = NUMBERS[term.key].begins_at_load
-    return -_LIMIT_PROBE * abs(float(state.value(term.key)[term.index])) if is_limit else term.probe
-
-
-_LIMIT_PROBE = 0.01
-"""Of a limit."""
-_SHAPE_PROBE = 0.01
-"""Of the distance between two shapes."""
 
 
 def _may_be(search: _Search, fit: RolloutFit, taken: Sequence[Taken], *, is_whole: bool = True) -> bool:
@@ -433,7 +353,7 @@ def _without_needless(
     problem = search.problem
     for cause in taken[kept:-1]:
         rest = tuple(other for other in taken if other is not cause)
-        less = _fitted_without(problem, fit, taken, cause)
+        less = _without(problem, fit, taken, cause)
         if problem.gained(less.squares, fit.squares) - OF_NUMBER * len(cause.terms) < GATE and _may_be(search, less, rest):
             return _without_needless(search, less, rest, kept)
     return fit, taken
@@ -441,23 +361,14 @@ def _without_needless(
 
 def without(selection: RolloutSelection, cause: Taken) -> RolloutFit:
     """The model with all causes but one of them, fitted anew."""
-    return _fitted_without(selection.problem, selection.fit, selection.taken, cause)
+    return _without(selection.problem, selection.fit, selection.taken, cause)
 
 
 def instead(selection: RolloutSelection, cause: Taken, alone: RolloutFit, terms: Sequence[Term]) -> RolloutFit:
     """The model with another's terms in the place of one of its causes, fitted anew from where they are ``alone``."""
-    problem, state = selection.problem, as_nominal(selection.problem, selection.fit.state, cause.terms)
-    for term in terms:
-        by = alone.state.value(term.key)[term.index] - state.value(term.key)[term.index]
-        state = state.moved(term, float(by), with_shape=False)
-    kept = [term for other in selection.taken if other is not cause for term in other.terms]
-    return problem.fitted(state, [*kept, *terms], selection.fit.begin)
+    others = [term for other in selection.taken if other is not cause for term in other.terms]
+    return fitted_instead(selection.problem, selection.fit, cause.terms, others, alone, terms)
 
 
-def _fitted_without(problem: RolloutProblem, fit: RolloutFit, taken: Sequence[Taken], cause: Taken) -> RolloutFit:
-    """The nearer of two fits: of causes alone, a healthy robot's own numbers as the nominal one has them, or of all from here."""
-    kept = [term for other in taken if other is not cause for term in other.terms]
-    state = problem.without_loose(fit.state, [term for other in taken for term in other.terms])
-    quick = problem.fitted(as_nominal(problem, state, cause.terms), kept, fit.begin, quickly=True)
-    whole = problem.fitted(as_nominal(problem, fit.state, cause.terms), kept, fit.begin)
-    return whole if problem.gained(quick.squares, whole.squares) > 0.0 else quick
+def _without(problem: RolloutProblem, fit: RolloutFit, taken: Sequence[Taken], cause: Taken) -> RolloutFit:
+    return fitted_without(problem, fit, cause.terms, [term for other in taken if other is not cause for term in other.terms])

@@ -14,7 +14,8 @@ from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.knowledge.joint_effects import LATE_TORQUE
 from sim_backend.reality_gap.knowledge.unnamed_laws import CONSTANT, DRAG, LAWS, MASS, UnnamedLaw
 from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutFit
-from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, OF_NUMBER, RolloutSelection, Taken, as_nominal
+from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, RolloutSelection, Taken
+from sim_backend.reality_gap.subjects.joints.rollout_trials import OF_NUMBER, as_nominal
 from sim_backend.reality_gap.subjects.joints.state import Term
 from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import CONFUSABLE_NATS, CONFUSABLE_SHARE, effects_judged
 from sim_backend.reality_gap.verdict import Cause, Told, Verdict, VerdictKind

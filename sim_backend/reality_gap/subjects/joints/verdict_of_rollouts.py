@@ -23,7 +23,8 @@ from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, FAR_WINDOWS, RolloutFit, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_questions import shown, would_move_nats
-from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, OF_NUMBER, RolloutSelection, Taken, instead, without
+from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, RolloutSelection, Taken, instead, without
+from sim_backend.reality_gap.subjects.joints.rollout_trials import OF_NUMBER
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, HeldOut, Rival, Told, Verdict, VerdictKind
 
 CONFUSABLE_NATS, CONFUSABLE_SHARE = 5.0, 0.1
