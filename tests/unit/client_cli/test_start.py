@@ -4,6 +4,7 @@ import resource
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 import typer
 
@@ -12,9 +13,9 @@ from client_cli.main import app
 COMMANDS = typer.main.get_command(app).entries
 HEAVY = ("torch", "mujoco", "onnxruntime", "onnx", "numpy", "httpx", "pydantic", "matplotlib", "client_cli.connection")
 WITHIN_S = 0.3
-BEST_OF = 5
-MOST_TIMES = 1.6
-"""The library that draws help, on a machine where that alone takes longer."""
+PAIRS = 9
+MOST_TIMES = 1.75
+"""The library that draws help, on a machine where that alone takes longer: 1.5 alone, and 2.2 if numpy were loaded."""
 
 
 def _cpu_s(*arguments):
@@ -26,8 +27,12 @@ def _cpu_s(*arguments):
 
 
 def test_help_takes_less_than_0_3_s_of_cpu():
-    drawing_s = min(_cpu_s("-c", "import typer.rich_utils") for _ in range(BEST_OF))  # what drawing any help takes here
-    assert min(_cpu_s("-m", "client_cli", "--help") for _ in range(BEST_OF)) < max(WITHIN_S, MOST_TIMES * drawing_s)
+    asked = (("-c", "import typer.rich_utils"), ("-m", "client_cli", "--help"))  # what drawing any help takes here, and ours
+    pairs_s = np.array([[_cpu_s(*each) for each in asked] for _ in range(PAIRS)])  # in turns: what else runs here changes
+    times = np.median(pairs_s[:, 1] / pairs_s[:, 0])
+    assert pairs_s[:, 1].min() < WITHIN_S or times < MOST_TIMES, (
+        f"{pairs_s[:, 1].min():.2f} s, {times:.2f} times as much as drawing"
+    )
 
 
 def test_help_loads_nothing_that_a_command_needs():
