@@ -27,12 +27,12 @@ _LINE_SHARE, _OVER_OTHERS = 0.03, 4.0
 
 def with_cycles(start: JointState, episodes: Sequence[EpisodeEquations]) -> JointState:
     """A nominal model whose motors would cog with the cycles that are seen, if they do; as it is where none are."""
-    found = start.value(COGGING_CYCLES).astype(float).copy()
+    found, errors = start.value(COGGING_CYCLES).astype(float).copy(), [e.torque_error(start) for e in episodes]
     for joint in range(start.joints):
         rows = [e.valid_mechanics[:, joint] for e in episodes]
         parts = [
-            np.stack([e.path.position[r, joint], e.path.velocity[r, joint], e.torque_error(start)[r, joint]])
-            for e, r in zip(episodes, rows, strict=True)
+            np.stack([e.path.position[r, joint], e.path.velocity[r, joint], error[r, joint]])
+            for e, r, error in zip(episodes, rows, errors, strict=True)
         ]
         position, velocity, left = np.concatenate(parts, axis=1)
         fine = np.isfinite(position) & np.isfinite(velocity) & np.isfinite(left)

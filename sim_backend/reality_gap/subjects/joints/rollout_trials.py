@@ -81,10 +81,9 @@ def begun(state: JointState, terms: tuple[Term, ...], values: np.ndarray) -> tup
         plain = {(t.key, t.index): replace(t, shape=(), probe=_probe(t, state)) for t in terms}
         beside = {(NUMBERS[key].beside, j): replace(t, key=NUMBERS[key].beside) for (key, j), t in plain.items()}
         shapes = [
-            Term(key, j, _SHAPE_PROBE * SCALES[key])
+            Term(key, t.index, _SHAPE_PROBE * SCALES[key])
             for t in terms
             for key, _ in t.shape
-            for j in [t.index]
             if key in SHAPES and SHAPES[key].scale > 0.0
         ]
         return state, (*plain.values(), *(term for (key, _), term in beside.items() if key), *shapes)

@@ -27,3 +27,10 @@ def test_a_robot_ten_times_as_strong_may_have_ten_times_the_friction():
 def test_size_stays_with_the_state():
     state = JointState(2, size=3.0).moved(Term(COULOMB, 0, 1e-3), 0.1)
     assert (state.size, state.value(COULOMB)[0]) == (3.0, 0.1)
+
+
+def test_inertias_are_bounded_by_the_arms_own_and_torques_by_its_torques():
+    state = JointState(1, size=9.0, inertia_size=60.0)
+    assert state.bounds("rotor_inertia.armature_kg_m2")[1] == 60.0 * JointState(1).bounds("rotor_inertia.armature_kg_m2")[1]
+    assert state.bounds("coulomb_friction.torque_nm")[1] == 9.0 * JointState(1).bounds("coulomb_friction.torque_nm")[1]
+    assert state.bounds("link_mass.factor") == JointState(1).bounds("link_mass.factor")
