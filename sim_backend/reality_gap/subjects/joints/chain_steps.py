@@ -22,92 +22,92 @@ _DIVERGED = 1e4
 _ARMATURE, _DAMPING, _STIFFNESS, _REST, _OFFSET, _LATE, _OF_GAIN = range(7)
 _TARGET, _GAIN, _BRAKE, _LIMIT, _BACK_EMF, _DESIRED = range(6)
 
-
-@numba.njit
-def _add_cross(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
-    out[0] += a[1] * b[2] - a[2] * b[1]
-    out[1] += a[2] * b[0] - a[0] * b[2]
-    out[2] += a[0] * b[1] - a[1] * b[0]
+_compiled = numba.njit(error_model="numpy")  # slices of arrays cost more than the arithmetic: functions take rows by number
 
 
-@numba.njit
-def _into_child(turn: np.ndarray, move: np.ndarray, motion: np.ndarray, out: np.ndarray) -> None:
-    """A motion in the frame of a parent, in that of its child; shapes (6,)."""
-    x = motion[3] + motion[1] * move[2] - motion[2] * move[1]
-    y = motion[4] + motion[2] * move[0] - motion[0] * move[2]
-    z = motion[5] + motion[0] * move[1] - motion[1] * move[0]
+@_compiled
+def _add_cross(a: np.ndarray, i: int, m: int, b: np.ndarray, j: int, n: int, out: np.ndarray, o: int, q: int) -> None:
+    """Add the product of three numbers of row ``i`` of ``a``, from ``m`` on, with such of ``b``."""
+    x, y, z = a[i, m], a[i, m + 1], a[i, m + 2]
+    u, v, w = b[j, n], b[j, n + 1], b[j, n + 2]
+    out[o, q] += y * w - z * v
+    out[o, q + 1] += z * u - x * w
+    out[o, q + 2] += x * v - y * u
+
+
+@_compiled
+def _into_child(turn: np.ndarray, move: np.ndarray, i: int, motion: np.ndarray, p: int) -> None:
+    """Motion ``p``, in the frame of link i's parent, in that of the link, as motion i; shape (k + 1, 6)."""
+    u, v, w = motion[p, 0], motion[p, 1], motion[p, 2]
+    x = motion[p, 3] + v * move[i, 2] - w * move[i, 1]
+    y = motion[p, 4] + w * move[i, 0] - u * move[i, 2]
+    z = motion[p, 5] + u * move[i, 1] - v * move[i, 0]
     for a in range(3):
-        out[a] = turn[0, a] * motion[0] + turn[1, a] * motion[1] + turn[2, a] * motion[2]
-        out[3 + a] = turn[0, a] * x + turn[1, a] * y + turn[2, a] * z
+        motion[i, a] = turn[i, 0, a] * u + turn[i, 1, a] * v + turn[i, 2, a] * w
+        motion[i, 3 + a] = turn[i, 0, a] * x + turn[i, 1, a] * y + turn[i, 2, a] * z
 
 
-@numba.njit
-def _add_into_parent(turn: np.ndarray, move: np.ndarray, force: np.ndarray, out: np.ndarray) -> None:
-    """Add a force in the frame of a child to one in that of its parent; shapes (6,)."""
-    x = turn[0, 0] * force[3] + turn[0, 1] * force[4] + turn[0, 2] * force[5]
-    y = turn[1, 0] * force[3] + turn[1, 1] * force[4] + turn[1, 2] * force[5]
-    z = turn[2, 0] * force[3] + turn[2, 1] * force[4] + turn[2, 2] * force[5]
-    out[3] += x
-    out[4] += y
-    out[5] += z
-    for a in range(3):
-        out[a] += turn[a, 0] * force[0] + turn[a, 1] * force[1] + turn[a, 2] * force[2]
-    out[0] += move[1] * z - move[2] * y
-    out[1] += move[2] * x - move[0] * z
-    out[2] += move[0] * y - move[1] * x
+@_compiled
+def _add_into_parent(turn: np.ndarray, move: np.ndarray, i: int, force: np.ndarray, f: int, out: np.ndarray, p: int) -> None:
+    """Add force ``f``, in the frame of link i, to force ``p`` in that of its parent; shapes (..., 6)."""
+    u, v, w = force[f, 0], force[f, 1], force[f, 2]
+    a, b, c = force[f, 3], force[f, 4], force[f, 5]
+    x = turn[i, 0, 0] * a + turn[i, 0, 1] * b + turn[i, 0, 2] * c
+    y = turn[i, 1, 0] * a + turn[i, 1, 1] * b + turn[i, 1, 2] * c
+    z = turn[i, 2, 0] * a + turn[i, 2, 1] * b + turn[i, 2, 2] * c
+    mx, my, mz = move[i, 0], move[i, 1], move[i, 2]
+    out[p, 0] += turn[i, 0, 0] * u + turn[i, 0, 1] * v + turn[i, 0, 2] * w + my * z - mz * y
+    out[p, 1] += turn[i, 1, 0] * u + turn[i, 1, 1] * v + turn[i, 1, 2] * w + mz * x - mx * z
+    out[p, 2] += turn[i, 2, 0] * u + turn[i, 2, 1] * v + turn[i, 2, 2] * w + mx * y - my * x
+    out[p, 3] += x
+    out[p, 4] += y
+    out[p, 5] += z
 
 
-@numba.njit
-def _times(inertia: np.ndarray, motion: np.ndarray, out: np.ndarray) -> None:
-    """Force that an inertia needs for an acceleration, or momentum of a motion; out of shape (6,)."""
-    m, cx, cy, cz = inertia[0], inertia[1], inertia[2], inertia[3]
-    wx, wy, wz, vx, vy, vz = motion[0], motion[1], motion[2], motion[3], motion[4], motion[5]
-    out[0] = inertia[4] * wx + inertia[7] * wy + inertia[8] * wz + cy * vz - cz * vy
-    out[1] = inertia[7] * wx + inertia[5] * wy + inertia[9] * wz + cz * vx - cx * vz
-    out[2] = inertia[8] * wx + inertia[9] * wy + inertia[6] * wz + cx * vy - cy * vx
-    out[3] = m * vx + wy * cz - wz * cy
-    out[4] = m * vy + wz * cx - wx * cz
-    out[5] = m * vz + wx * cy - wy * cx
+@_compiled
+def _times(inertia: np.ndarray, i: int, motion: np.ndarray, n: int, out: np.ndarray, o: int) -> None:
+    """Force ``o`` that inertia ``i`` needs for acceleration ``n``, or momentum of a motion."""
+    m, cx, cy, cz = inertia[i, 0], inertia[i, 1], inertia[i, 2], inertia[i, 3]
+    xy, xz, yz = inertia[i, 7], inertia[i, 8], inertia[i, 9]
+    wx, wy, wz, vx, vy, vz = motion[n, 0], motion[n, 1], motion[n, 2], motion[n, 3], motion[n, 4], motion[n, 5]
+    out[o, 0] = inertia[i, 4] * wx + xy * wy + xz * wz + cy * vz - cz * vy
+    out[o, 1] = xy * wx + inertia[i, 5] * wy + yz * wz + cz * vx - cx * vz
+    out[o, 2] = xz * wx + yz * wy + inertia[i, 6] * wz + cx * vy - cy * vx
+    out[o, 3] = m * vx + wy * cz - wz * cy
+    out[o, 4] = m * vy + wz * cx - wx * cz
+    out[o, 5] = m * vz + wx * cy - wy * cx
 
 
-@numba.njit
-def _add_inertia_to_parent(turn: np.ndarray, move: np.ndarray, own: np.ndarray, out: np.ndarray) -> None:
-    """Add an inertia in the frame of a child to one in that of its parent; shapes (10,)."""
-    m = own[0]
-    x = turn[0, 0] * own[1] + turn[0, 1] * own[2] + turn[0, 2] * own[3]
-    y = turn[1, 0] * own[1] + turn[1, 1] * own[2] + turn[1, 2] * own[3]
-    z = turn[2, 0] * own[1] + turn[2, 1] * own[2] + turn[2, 2] * own[3]
-    tx, ty, tz = move[0], move[1], move[2]
-    xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for a in range(3):
-        pa = own[4 + a]
-        xx += turn[0, a] * turn[0, a] * pa
-        yy += turn[1, a] * turn[1, a] * pa
-        zz += turn[2, a] * turn[2, a] * pa
-        xy += turn[0, a] * turn[1, a] * pa
-        xz += turn[0, a] * turn[2, a] * pa
-        yz += turn[1, a] * turn[2, a] * pa
-    for a, b, p in ((0, 1, own[7]), (0, 2, own[8]), (1, 2, own[9])):
-        xx += 2.0 * turn[0, a] * turn[0, b] * p
-        yy += 2.0 * turn[1, a] * turn[1, b] * p
-        zz += 2.0 * turn[2, a] * turn[2, b] * p
-        xy += (turn[0, a] * turn[1, b] + turn[0, b] * turn[1, a]) * p
-        xz += (turn[0, a] * turn[2, b] + turn[0, b] * turn[2, a]) * p
-        yz += (turn[1, a] * turn[2, b] + turn[1, b] * turn[2, a]) * p
+@_compiled
+def _add_inertia_to_parent(turn: np.ndarray, move: np.ndarray, i: int, whole: np.ndarray, p: int) -> None:
+    """Add inertia ``i``, in the frame of that link, to that of its parent, ``p``, in its frame; shape (k, 10)."""
+    m = whole[i, 0]
+    a, b, c = turn[i, 0, 0], turn[i, 0, 1], turn[i, 0, 2]
+    d, e, f = turn[i, 1, 0], turn[i, 1, 1], turn[i, 1, 2]
+    g, h, o = turn[i, 2, 0], turn[i, 2, 1], turn[i, 2, 2]
+    x = a * whole[i, 1] + b * whole[i, 2] + c * whole[i, 3]
+    y = d * whole[i, 1] + e * whole[i, 2] + f * whole[i, 3]
+    z = g * whole[i, 1] + h * whole[i, 2] + o * whole[i, 3]
+    tx, ty, tz = move[i, 0], move[i, 1], move[i, 2]
+    pa, pb, pc, pab, pac, pbc = whole[i, 4], whole[i, 5], whole[i, 6], whole[i, 7], whole[i, 8], whole[i, 9]
+    # rows of the turn times the moments
+    xa, xb, xc = a * pa + b * pab + c * pac, a * pab + b * pb + c * pbc, a * pac + b * pbc + c * pc
+    ya, yb, yc = d * pa + e * pab + f * pac, d * pab + e * pb + f * pbc, d * pac + e * pbc + f * pc
+    za, zb, zc = g * pa + h * pab + o * pac, g * pab + h * pb + o * pbc, g * pac + h * pbc + o * pc
     square = m * (tx * tx + ty * ty + tz * tz) + 2.0 * (x * tx + y * ty + z * tz)
-    out[0] += m
-    out[1] += x + m * tx
-    out[2] += y + m * ty
-    out[3] += z + m * tz
-    out[4] += xx + square - (2.0 * x * tx + m * tx * tx)
-    out[5] += yy + square - (2.0 * y * ty + m * ty * ty)
-    out[6] += zz + square - (2.0 * z * tz + m * tz * tz)
-    out[7] += xy - (x * ty + y * tx + m * tx * ty)
-    out[8] += xz - (x * tz + z * tx + m * tx * tz)
-    out[9] += yz - (y * tz + z * ty + m * ty * tz)
+    whole[p, 0] += m
+    whole[p, 1] += x + m * tx
+    whole[p, 2] += y + m * ty
+    whole[p, 3] += z + m * tz
+    whole[p, 4] += xa * a + xb * b + xc * c + square - (2.0 * x * tx + m * tx * tx)
+    whole[p, 5] += ya * d + yb * e + yc * f + square - (2.0 * y * ty + m * ty * ty)
+    whole[p, 6] += za * g + zb * h + zc * o + square - (2.0 * z * tz + m * tz * tz)
+    whole[p, 7] += xa * d + xb * e + xc * f - (x * ty + y * tx + m * tx * ty)
+    whole[p, 8] += xa * g + xb * h + xc * o - (x * tz + z * tx + m * tx * tz)
+    whole[p, 9] += ya * g + yb * h + yc * o - (y * tz + z * ty + m * ty * tz)
 
 
-@numba.njit
+@_compiled
 def _place(
     position: np.ndarray, axis: np.ndarray, anchor: np.ndarray, slides: np.ndarray, turn: np.ndarray, move: np.ndarray
 ) -> None:
@@ -115,7 +115,9 @@ def _place(
     for i in range(len(position)):
         x, y, z, by = axis[i, 0], axis[i, 1], axis[i, 2], position[i]
         if slides[i]:
-            turn[i] = np.eye(3)
+            for a in range(3):
+                for b in range(3):
+                    turn[i, a, b] = 1.0 if a == b else 0.0
             move[i, 0], move[i, 1], move[i, 2] = by * x, by * y, by * z
             continue
         s, c = np.sin(by), np.cos(by)
@@ -129,53 +131,51 @@ def _place(
             )
 
 
-@numba.njit
+@_compiled
 def _loads(
     velocity: np.ndarray,
-    gravity: np.ndarray,
     parent: np.ndarray,
     screw: np.ndarray,
     turn: np.ndarray,
     move: np.ndarray,
     inertia: np.ndarray,
-    room: np.ndarray,
+    moves: np.ndarray,
+    faster: np.ndarray,
+    forces: np.ndarray,
     load: np.ndarray,
 ) -> None:
-    """What gravity and motion ask of the joints, shape (k,), by Newton and Euler; ``room`` of shape (5, k, 6) is overwritten."""
-    moves, faster, forces, base, held = room[0], room[1], room[2], room[3, 0], room[4, 0]
+    """What gravity and motion ask of the joints, shape (k,), by Newton and Euler.
+
+    ``moves`` and ``faster`` of shape (k + 1, 6) have the world's motion and acceleration as their last rows, their others and
+    ``forces`` (k + 1, 6) are overwritten.
+    """
     k = len(velocity)
     for i in range(k):
-        s, v = screw[i], velocity[i]
-        if parent[i] < 0:
-            moves[i] = 0.0
-            base[:3] = 0.0
-            for a in range(3):
-                base[3 + a] = -gravity[a]
-            _into_child(turn[i], move[i], base, faster[i])
-        else:
-            _into_child(turn[i], move[i], moves[parent[i]], moves[i])
-            _into_child(turn[i], move[i], faster[parent[i]], faster[i])
+        before = parent[i] if parent[i] >= 0 else k
+        _into_child(turn, move, i, moves, before)
+        _into_child(turn, move, i, faster, before)
         for a in range(6):
-            moves[i, a] += s[a] * v
-            held[a] = s[a] * v
-        _add_cross(moves[i, :3], held[:3], faster[i, :3])
-        _add_cross(moves[i, :3], held[3:], faster[i, 3:])
-        _add_cross(moves[i, 3:], held[:3], faster[i, 3:])
-        _times(inertia[i], moves[i], held)
-        _times(inertia[i], faster[i], forces[i])
-        _add_cross(moves[i, :3], held[:3], forces[i, :3])
-        _add_cross(moves[i, 3:], held[3:], forces[i, :3])
-        _add_cross(moves[i, :3], held[3:], forces[i, 3:])
+            own = screw[i, a] * velocity[i]
+            moves[i, a] += own
+            forces[k, a] = own
+        _add_cross(moves, i, 0, forces, k, 0, faster, i, 0)
+        _add_cross(moves, i, 0, forces, k, 3, faster, i, 3)
+        _add_cross(moves, i, 3, forces, k, 0, faster, i, 3)
+        _times(inertia, i, moves, i, forces, k)
+        _times(inertia, i, faster, i, forces, i)
+        _add_cross(moves, i, 0, forces, k, 0, forces, i, 0)
+        _add_cross(moves, i, 3, forces, k, 3, forces, i, 0)
+        _add_cross(moves, i, 0, forces, k, 3, forces, i, 3)
     for i in range(k - 1, -1, -1):
         total = 0.0
         for a in range(6):
             total += screw[i, a] * forces[i, a]
         load[i] = total
         if parent[i] >= 0:
-            _add_into_parent(turn[i], move[i], forces[i], forces[parent[i]])
+            _add_into_parent(turn, move, i, forces, i, forces, parent[i])
 
 
-@numba.njit
+@_compiled
 def _masses(
     parent: np.ndarray,
     screw: np.ndarray,
@@ -188,53 +188,53 @@ def _masses(
 ) -> None:
     """Inertia of the joints, shape (k, k), by composite bodies; ``whole`` (k, 10) and ``room`` (2, 6) are overwritten."""
     k = len(parent)
-    whole[:] = inertia
-    out[:] = 0.0
+    for i in range(k):
+        for a in range(10):
+            whole[i, a] = inertia[i, a]
     for i in range(k - 1, -1, -1):
         if parent[i] >= 0:
-            _add_inertia_to_parent(turn[i], move[i], whole[i], whole[parent[i]])
+            _add_inertia_to_parent(turn, move, i, whole, parent[i])
     for i in range(k):
-        force, other = room[0], room[1]
-        _times(whole[i], screw[i], force)
+        now = 0
+        _times(whole, i, screw, i, room, now)
         j = i
         while True:
             total = 0.0
             for a in range(6):
-                total += screw[j, a] * force[a]
+                total += screw[j, a] * room[now, a]
             out[i, j] = out[j, i] = total
             if parent[j] < 0:
                 break
-            other[:] = 0.0
-            _add_into_parent(turn[j], move[j], force, other)
             for a in range(6):
-                force[a] = other[a]
-            j = parent[j]
+                room[1 - now, a] = 0.0
+            _add_into_parent(turn, move, j, room, now, room, 1 - now)
+            now, j = 1 - now, parent[j]
 
 
-@numba.njit
+@_compiled
 def _inverted(matrix: np.ndarray, room: np.ndarray, out: np.ndarray) -> None:
-    """The inverse of a positive definite matrix, by Cholesky; all of shape (k, k)."""
+    """The inverse of a positive definite matrix, by Cholesky; all of shape (k, k), reciprocals on the diagonal of ``room``."""
     k = len(matrix)
     for i in range(k):
         for j in range(i + 1):
             total = matrix[i, j]
             for a in range(j):
                 total -= room[i, a] * room[j, a]
-            room[i, j] = np.sqrt(total) if i == j else total / room[j, j]
+            room[i, j] = 1.0 / np.sqrt(total) if i == j else total * room[j, j]
     for c in range(k):
-        for i in range(k):
+        for i in range(c, k):
             total = 1.0 if i == c else 0.0
-            for a in range(i):
+            for a in range(c, i):
                 total -= room[i, a] * out[a, c]
-            out[i, c] = total / room[i, i]
-        for i in range(k - 1, -1, -1):
+            out[i, c] = total * room[i, i]
+        for i in range(k - 1, c - 1, -1):
             total = out[i, c]
             for a in range(i + 1, k):
                 total -= room[a, i] * out[a, c]
-            out[i, c] = total / room[i, i]
+            out[i, c] = out[c, i] = total * room[i, i]
 
 
-@numba.njit
+@_compiled
 def _rub(inverse: np.ndarray, bound: np.ndarray, step_s: float, velocity: np.ndarray, impulse: np.ndarray) -> None:
     """Stop what dry friction can stop: impulses within their bounds that leave joints at rest or oppose their motion.
 
@@ -267,14 +267,39 @@ def _rub(inverse: np.ndarray, bound: np.ndarray, step_s: float, velocity: np.nda
             return
 
 
-@numba.njit
-def _until(at: float, sums: np.ndarray, held: np.ndarray, joint: int) -> float:
+@_compiled
+def _moved_on(
+    inverse: np.ndarray,
+    rest: np.ndarray,
+    bound: np.ndarray,
+    step_s: float,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    gained: np.ndarray,
+    impulse: np.ndarray,
+) -> bool:
+    """Move joints on by impulses that are left, and by friction; ``gained`` is by how much. Whether they do not diverge."""
+    k, fastest = len(velocity), 0.0
+    for i in range(k):
+        gained[i] = velocity[i]
+        for j in range(k):
+            velocity[i] += inverse[i, j] * rest[j]
+    _rub(inverse, bound, step_s, velocity, impulse)
+    for j in range(k):
+        position[j] += step_s * velocity[j]
+        gained[j] = velocity[j] - gained[j]
+        fastest = max(fastest, abs(velocity[j]))
+    return fastest < _DIVERGED
+
+
+@_compiled
+def _until(at: float, sums: np.ndarray, held: np.ndarray, window: int, joint: int) -> float:
     """Integral of what has arrived of a recorded torque, in samples; before and after it the first and the last one go on."""
-    sample = int(min(max(np.floor(at), 0.0), len(held) - 1.0))
-    return sums[sample, joint] + (at - sample) * held[sample, joint]
+    sample = int(min(max(np.floor(at), 0.0), held.shape[1] - 1.0))
+    return sums[window, sample, joint] + (at - sample) * held[window, sample, joint]
 
 
-@numba.njit
+@_compiled
 def _screws(axis: np.ndarray, anchor: np.ndarray, slides: np.ndarray) -> np.ndarray:
     """Motions of the joints at unit speed, shape (k, 6)."""
     screw = np.zeros((len(axis), 6))
@@ -283,21 +308,24 @@ def _screws(axis: np.ndarray, anchor: np.ndarray, slides: np.ndarray) -> np.ndar
             screw[i, 3:] = axis[i]
         else:
             screw[i, :3] = axis[i]
-            _add_cross(anchor[i], axis[i], screw[i, 3:])
+            _add_cross(anchor, i, 0, axis, i, 0, screw, i, 3)
     return screw
 
 
-@numba.njit
-def _made(law: np.ndarray, own: np.ndarray, position_rad: float, velocity_rad_s: float) -> float:
-    """Torque that a joint's controller makes of what is reported; none where its law is not known."""
-    asked = (
-        own[_OF_GAIN] * law[_GAIN] * (law[_TARGET] - position_rad - own[_OFFSET]) - law[_BRAKE] * velocity_rad_s + law[_DESIRED]
-    )
-    made = min(max(asked, -law[_LIMIT]), law[_LIMIT]) - law[_BACK_EMF] * velocity_rad_s
+@_compiled
+def _made(
+    feedback: np.ndarray, w: int, sample: int, joint: int, gain: float, position_rad: float, velocity_rad_s: float
+) -> float:
+    """Torque that a joint's controller makes of what is reported, with a share of its gain; none where its law is not known."""
+    stiffness = gain * feedback[_GAIN, w, sample, joint]
+    asked = stiffness * (feedback[_TARGET, w, sample, joint] - position_rad) - feedback[_BRAKE, w, sample, joint] * velocity_rad_s
+    asked += feedback[_DESIRED, w, sample, joint]
+    limit = feedback[_LIMIT, w, sample, joint]
+    made = min(max(asked, -limit), limit) - feedback[_BACK_EMF, w, sample, joint] * velocity_rad_s
     return 0.0 if np.isnan(made) else made
 
 
-@numba.njit
+@_compiled
 def _delayed(line: np.ndarray, now: int, steps: float, joint: int) -> float:
     """What was made some steps ago, of a line that goes round; between two of them by straight line."""
     back = int(np.floor(steps + 1e-9))
@@ -331,61 +359,58 @@ def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that i
     k, samples = found.shape[2], found.shape[1]
     screw = _screws(axis, anchor, slides)
     turn, move, away = np.empty((k, 3, 3)), np.empty((k, 3)), np.empty(k)
-    room, two, whole = np.empty((5, k, 6)), np.empty((2, 6)), np.empty((k, 10))
-    mass, lower, inverse = np.empty((k, k)), np.zeros((k, k)), np.empty((k, k))
+    moves, faster, forces = np.zeros((k + 1, 6)), np.zeros((k + 1, 6)), np.empty((k + 1, 6))
+    two, whole = np.empty((2, 6)), np.empty((k, 10))
+    mass, lower, inverse = np.zeros((k, k)), np.empty((k, k)), np.empty((k, k))
     load, arrived, value, bound, rest, impulse = np.empty(k), np.empty(k), np.empty(k), np.empty(k), np.empty(k), np.empty(k)
     late = int(np.ceil(max(0.0, joints[_LATE].max()) / step_s + 1e-9)) + 3
     line, made, before, memory = np.zeros((late, k)), np.zeros(k), np.empty(k), np.empty((k, 3))
+    q, v = np.empty(k), np.empty(k)
     gained = np.empty(k)  # by velocities in the last step: they are those of half a step ago
     for n in range(len(window)):
         w, m = window[n], which[n]
-        own, q, v = joints[:, m], begins[n, 0] - joints[_OFFSET, m], begins[n, 1].copy()
-        impulse[:], gained[:] = 0.0, 0.0
+        inertia, of_motors = inertias[m], motors[m]
+        for a in range(3):
+            faster[k, 3 + a] = -gravity[m, a]
         for j in range(k):
+            q[j], v[j], impulse[j], gained[j] = begins[n, 0, j] - joints[_OFFSET, m, j], begins[n, 1, j], 0.0, 0.0
             memory[j, 0], memory[j, 1], memory[j, 2] = begins[n, 2, j], v[j], 0.0
-            before[j] = _until(-(own[_LATE, j] + 0.5 * step_s) / sample_s, sums[w], sent[w], j)
-        is_fine = True
-        for now in range(samples * substeps):
-            sample = now // substeps
-            for j in range(k):
-                if is_known[j]:
-                    if held_steps == 0 or now % held_steps == 0:
-                        made[j] = _made(feedback[:, w, sample, j], own[:, j], q[j], v[j] + 0.5 * gained[j])
-                    line[now % late, j] = made[j]
-                    # a step moves velocities by what acts half a step before and after its begin
-                    arrived[j] = _delayed(line, now, max(0.0, own[_LATE, j] / step_s + 0.5 * (held_steps > 0)), j)
-                else:
-                    at = ((now + 1) * step_s - own[_LATE, j] - 0.5 * step_s) / sample_s
-                    until = _until(at, sums[w], sent[w], j)
-                    arrived[j] = (until - before[j]) * (sample_s / step_s)
-                    before[j] = until
-                away[j] = q[j] - first[j]
-            _place(away, axis, anchor, slides, turn, move)
-            _loads(v, gravity[m], parent, screw, turn, move, inertias[m], room, load)
-            _masses(parent, screw, turn, move, inertias[m], whole, two, mass)
-            total = np.abs(arrived).sum()
-            for j in range(k):
-                _, value[j], bound[j] = sent_to_joint(arrived[j], total, q[j], v[j], load[j], step_s, motors[m, j], memory[j])
-                spring = own[_STIFFNESS, j] * (own[_REST, j] - q[j])
-                rest[j] = step_s * (value[j] + spring - own[_DAMPING, j] * v[j] - load[j])
-                mass[j, j] += own[_ARMATURE, j] + step_s * own[_DAMPING, j]
-            _inverted(mass, lower, inverse)
-            fastest = 0.0
-            gained[:] = v
-            for i in range(k):
+            before[j] = _until(-(joints[_LATE, m, j] + 0.5 * step_s) / sample_s, sums, sent, w, j)
+        now, is_fine = 0, True
+        for sample in range(samples):
+            for _ in range(substeps):
+                total = 0.0
                 for j in range(k):
-                    v[i] += inverse[i, j] * rest[j]
-            _rub(inverse, bound, step_s, v, impulse)
-            for j in range(k):
-                q[j] += step_s * v[j]
-                gained[j] = v[j] - gained[j]
-                fastest = max(fastest, abs(v[j]))
-            if not fastest < _DIVERGED:
-                is_fine = False
+                    if is_known[j]:
+                        if held_steps == 0 or now % held_steps == 0:
+                            reported = q[j] + joints[_OFFSET, m, j]
+                            made[j] = _made(feedback, w, sample, j, joints[_OF_GAIN, m, j], reported, v[j] + 0.5 * gained[j])
+                        line[now % late, j] = made[j]
+                        # a step moves velocities by what acts half a step before and after its begin
+                        arrived[j] = _delayed(line, now, max(0.0, joints[_LATE, m, j] / step_s + 0.5 * (held_steps > 0)), j)
+                    else:
+                        until = _until(((now + 1) * step_s - joints[_LATE, m, j] - 0.5 * step_s) / sample_s, sums, sent, w, j)
+                        arrived[j] = (until - before[j]) * (sample_s / step_s)
+                        before[j] = until
+                    total += abs(arrived[j])
+                    away[j] = q[j] - first[j]
+                _place(away, axis, anchor, slides, turn, move)
+                _loads(v, parent, screw, turn, move, inertia, moves, faster, forces, load)
+                _masses(parent, screw, turn, move, inertia, whole, two, mass)
+                for j in range(k):
+                    _, value[j], bound[j] = sent_to_joint(arrived[j], total, q[j], v[j], load[j], step_s, of_motors, memory, j)
+                    spring = joints[_STIFFNESS, m, j] * (joints[_REST, m, j] - q[j])
+                    rest[j] = step_s * (value[j] + spring - joints[_DAMPING, m, j] * v[j] - load[j])
+                    mass[j, j] += joints[_ARMATURE, m, j] + step_s * joints[_DAMPING, m, j]
+                _inverted(mass, lower, inverse)
+                is_fine = _moved_on(inverse, rest, bound, step_s, q, v, gained, impulse)
+                if not is_fine:
+                    break
+                now += 1
+            if not is_fine:
                 break
-            if now % substeps == substeps - 1:
-                for j in range(k):
-                    found[n, sample, j] = q[j] + own[_OFFSET, j]
+            for j in range(k):
+                found[n, sample, j] = q[j] + joints[_OFFSET, m, j]
         if not is_fine:
             found[n] = np.nan
 
@@ -407,4 +432,6 @@ def simulate() -> Callable[..., None]:
     of_models = (f3, f2, f3, f3, i1, f2, f2, b1, f1)
     of_time = (types.float64, types.int64, types.float64, types.int64)
     signature = types.void(*of_windows, *of_models, *of_time, f3, i1, i1, f3)
-    return compiled_once(lambda cache: numba.njit(signature, cache=cache, nogil=True)(_simulate), motor_law.__file__)
+    return compiled_once(
+        lambda cache: numba.njit(signature, cache=cache, nogil=True, error_model="numpy")(_simulate), motor_law.__file__
+    )

@@ -101,24 +101,28 @@ def sent_to_joint(
     step_s: float,
     p: np.ndarray,
     memory: np.ndarray,
+    j: int,
 ) -> tuple[float, float, float]:
-    """One step of one joint: torque of the current, torque after the gear, and bound of the friction.
+    """One step of joint j of k: torque of the current, torque after the gear, and bound of the friction.
 
-    ``memory`` has the motor's temperature, the rotor's speed and the gear's play, and is moved on; shape (3,).
+    ``p`` has its values by ``VECTOR``, shape (k, len(VECTOR)); ``memory`` the motor's temperature, the rotor's speed and the
+    gear's play, and is moved on; shape (k, 3).
     """
-    current = saturated_torque_nm(sent, p[_LIMIT])
-    if p[_SAG] != 0.0:
-        current = saturated_torque_nm(current, c.MAX_TORQUE_NM * sagging_factor(p[_SAG], total))
-    if p[_LOSS] != 0.0:
-        memory[0] = temperature_rise_k(memory[0], current, p[_RISE], p[_WARM_TIME], step_s)
-    value = derated_torque_nm(scaled_torque_nm(current, p[_CONSTANT]), memory[0], p[_LOSS])
-    value += cogging_torque_nm(p[_AMPLITUDE], p[_CYCLES], p[_PHASE], position)
-    value += p[_ZERO] - p[_DRAG] * velocity * abs(velocity)
-    if p[_GAP] > 0.0:
-        memory[2], memory[1], value = backlash(memory[2], memory[1], velocity, value, p[_GAP], p[_ROTOR], step_s)
-    bound = p[_COULOMB] + stribeck_bound_nm(p[_STRIBECK], p[_STRIBECK_SPEED], velocity)
-    bound += load_bound_nm(p[_LOAD], value, p[_OUTER_LOAD], external)
-    return current, value, max(0.0, bound + directional_bound_nm(p[_DIRECTION], velocity))
+    current = saturated_torque_nm(sent, p[j, _LIMIT])
+    if p[j, _SAG] != 0.0:
+        current = saturated_torque_nm(current, c.MAX_TORQUE_NM * sagging_factor(p[j, _SAG], total))
+    if p[j, _LOSS] != 0.0:
+        memory[j, 0] = temperature_rise_k(memory[j, 0], current, p[j, _RISE], p[j, _WARM_TIME], step_s)
+    value = derated_torque_nm(scaled_torque_nm(current, p[j, _CONSTANT]), memory[j, 0], p[j, _LOSS])
+    value += cogging_torque_nm(p[j, _AMPLITUDE], p[j, _CYCLES], p[j, _PHASE], position)
+    value += p[j, _ZERO] - p[j, _DRAG] * velocity * abs(velocity)
+    if p[j, _GAP] > 0.0:
+        memory[j, 2], memory[j, 1], value = backlash(
+            memory[j, 2], memory[j, 1], velocity, value, p[j, _GAP], p[j, _ROTOR], step_s
+        )
+    bound = p[j, _COULOMB] + stribeck_bound_nm(p[j, _STRIBECK], p[j, _STRIBECK_SPEED], velocity)
+    bound += load_bound_nm(p[j, _LOAD], value, p[j, _OUTER_LOAD], external)
+    return current, value, max(0.0, bound + directional_bound_nm(p[j, _DIRECTION], velocity))
 
 
 def _law(
@@ -134,14 +138,14 @@ def _law(
     play: np.ndarray,
 ) -> None:
     """One joint along a motion: what the motor's current gives, what is left at the joint, and the play of the gear."""
-    whole = int(np.floor(p[_DELAY] / step_s + 1e-9))
-    fraction = p[_DELAY] / step_s - whole
-    memory = np.array([0.0, velocity[0], 0.0])
+    whole = int(np.floor(p[0, _DELAY] / step_s + 1e-9))
+    fraction = p[0, _DELAY] / step_s - whole
+    memory = np.array([[0.0, velocity[0], 0.0]])
     for i in range(len(sent)):
         newer, older = sent[max(0, i - whole)], sent[max(0, i - whole - 1)]
         arrived, speed = newer + fraction * (older - newer), velocity[i]
-        current[i], value, bound = sent_to_joint(arrived, total[i], position[i], speed, external[i], step_s, p, memory)
-        play[i] = memory[2]
+        current[i], value, bound = sent_to_joint(arrived, total[i], position[i], speed, external[i], step_s, p, memory, 0)
+        play[i] = memory[0, 2]
         net[i] = value - bound * np.tanh(speed / DIRECTION_RAD_S)
 
 
@@ -161,14 +165,14 @@ def _in_simulations(
         total = np.abs(arrived[i]).sum()
         for j in range(arrived.shape[1]):
             _, value[i, j], bound[i, j] = sent_to_joint(
-                arrived[i, j], total, position[i, j], velocity[i, j], external[i, j], step_s, p[i, j], memory[i, j]
+                arrived[i, j], total, position[i, j], velocity[i, j], external[i, j], step_s, p[i], memory[i], j
             )
 
 
 @functools.cache
 def _compiled() -> Callable[..., None]:
     series = types.float64[:]
-    signature = types.void(series, series, series, series, series, types.float64, series, series, series, series)
+    signature = types.void(series, series, series, series, series, types.float64, types.float64[:, ::1], series, series, series)
     return compiled_once(lambda cache: numba.njit(signature, cache=cache)(_law))
 
 
@@ -209,7 +213,7 @@ def along(
         Torque of the current (what a board measures), torque left at the joint after friction, and play, each (s,).
     """
     out = np.empty((3, len(sent_nm)))
-    _compiled()(sent_nm, total_nm, position, velocity, external_nm, step_s, values, *out)
+    _compiled()(sent_nm, total_nm, position, velocity, external_nm, step_s, np.ascontiguousarray(values)[None], *out)
     return out[0], out[1], out[2]
 
 
