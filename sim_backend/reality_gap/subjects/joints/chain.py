@@ -1,4 +1,4 @@
-"""Joints of a plain tree of bodies, simulated many times over by compiled code: the forward side of a fit by rollouts.
+"""Joints of plain trees of bodies, simulated many times over by compiled code: the forward side of a fit by rollouts.
 
 A fit simulates some hundred million steps of models of a few joints each, of which MuJoCo's general step spends most on what
 these models lack. Here a link is six numbers of motion and ten of inertia, both in the frame that coincides with the world while
@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from sim_backend.reality_gap.subjects.joints.chain_steps import simulate
+from sim_backend.reality_gap.subjects.joints.motor_law import SAG
 from sim_backend.reality_gap.subjects.joints.plant import Plant
 
 _AT_ONCE = 64
@@ -76,7 +77,7 @@ class Drives:
 
 
 class Chain:
-    """The tree of a plant's joints, everything else at rest.
+    """The trees of a plant's joints, everything else at rest.
 
     Args:
         plant: whose model it is.
@@ -89,17 +90,10 @@ class Chain:
         model = plant.forward_model()
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
-        order = sorted(range(plant.joints), key=lambda j: plant.joint_ids[j])  # parents before children
-        self._order = np.array(order)
-        ids = [plant.joint_ids[j] for j in order]
-        link_of = _link_of_bodies(model, ids)
-        self._members = [np.flatnonzero(link_of == i) for i in range(len(ids))]
-        self._parent = np.array([_link_before(model, joint, ids, link_of) for joint in ids])
-        self._axis, self._anchor = data.xaxis[ids].copy(), data.xanchor[ids].copy()
-        self._slides = model.jnt_type[ids] == int(mujoco.mjtJoint.mjJNT_SLIDE)
-        self._first = model.qpos0[plant.positions[order]].copy()
-        self._place, self._turn = data.xpos.copy(), data.xmat.reshape(-1, 3, 3).copy()
-        self._principal = data.ximat.reshape(-1, 3, 3).copy()
+        every = sorted(range(plant.joints), key=lambda j: plant.joint_ids[j])  # parents before children
+        self._whole = _Tree(plant, model, data, every)
+        roots = _roots(self._whole.parent)
+        self._trees = [_Tree(plant, model, data, [every[i] for i in np.flatnonzero(roots == root)]) for root in np.unique(roots)]
 
     def positions(
         self,
@@ -111,7 +105,10 @@ class Chain:
         which: np.ndarray,
         begin_k: np.ndarray,
     ) -> np.ndarray:
-        """Reported positions after each sample, shape (n, s, k); not finite where a simulation diverges.
+        """Reported positions after each sample, shape (n, s, k); of a tree whose simulation diverges they are not finite.
+
+        Trees do not feel each other, unless their motors' supply sags: a change of one leaves the others as they were, so what
+        would be simulated twice is simulated once.
 
         Args:
             drives: of all windows.
@@ -122,22 +119,40 @@ class Chain:
             which: model of each simulation, shape (n,).
             begin_k: how much warmer its motors are than their surroundings at first, shape (n, k).
         """
-        o = self._order
-        m, sent = models, drives.sent_nm[:, :, o]
-        joints = np.stack([m.armature, m.damping, m.stiffness, m.rest_rad, m.offset_rad, m.late_s, m.of_gain])
+        begins = np.stack([begin_rad, begin_rad_s, begin_k], axis=1)
+        found = np.empty((len(window), drives.sent_nm.shape[1], begin_rad.shape[1]))
+        is_one = len(self._trees) == 1 or bool((models.motors[:, :, SAG] != 0.0).any())
+        for tree in [self._whole] if is_one else self._trees:
+            o, of_models = tree.order, tree.of(models)
+            if is_one:
+                found[:, :, o] = self._simulated(tree, drives, of_models, begins[:, :, o], window, which)
+                continue
+            alike = _numbered(np.concatenate([part.reshape(len(part), -1) for part in of_models], axis=1))[1][which]
+            first, again = _numbered(np.column_stack([window, alike, begins[:, :, o].reshape(len(window), -1)]))
+            went = self._simulated(tree, drives, of_models, begins[first][:, :, o], window[first], which[first])
+            found[:, :, o] = went[again]
+        return found
+
+    def _simulated(
+        self,
+        tree: "_Tree",
+        drives: Drives,
+        of_models: tuple[np.ndarray, ...],
+        begins: np.ndarray,
+        window: np.ndarray,
+        which: np.ndarray,
+    ) -> np.ndarray:
+        inertias, gravity, joints, motors = of_models
+        o, sent = tree.order, drives.sent_nm[:, :, tree.order]
         arrays = (
-            *(np.ascontiguousarray(x) for x in (sent, _sums(sent), drives.feedback[..., o], drives.is_known[o])),
-            self._inertias(models.bodies),
-            np.ascontiguousarray(models.gravity_m_s2),
-            np.ascontiguousarray(joints[:, :, o]),
-            np.ascontiguousarray(models.motors[:, o]),
-            self._parent,
-            self._axis,
-            self._anchor,
-            self._slides,
-            self._first,
+            *(
+                np.ascontiguousarray(x)
+                for x in (sent, _sums(sent), drives.feedback[..., o], drives.is_known[o], inertias, gravity)
+            ),
+            np.ascontiguousarray(joints.swapaxes(0, 1)),
+            *(np.ascontiguousarray(x) for x in (motors, tree.parent, tree.axis, tree.anchor, tree.slides, tree.first)),
         )
-        begins = np.ascontiguousarray(np.stack([begin_rad[:, o], begin_rad_s[:, o], begin_k[:, o]], axis=1))
+        begins = np.ascontiguousarray(begins)
         found = np.full((len(window), drives.sent_nm.shape[1], len(o)), np.nan)
         settings = (self._step_s, self._substeps, drives.sample_s, drives.held_steps)
 
@@ -149,9 +164,36 @@ class Chain:
         parts = [slice(i, i + _AT_ONCE) for i in range(0, len(window), _AT_ONCE)]
         with ThreadPoolExecutor() as threads:
             list(threads.map(run, parts))
-        back = np.empty_like(o)
-        back[o] = np.arange(len(o))
-        return found[:, :, back]
+        return found
+
+
+class _Tree:
+    """Joints that feel each other, or all there are, parents before children.
+
+    Args:
+        plant: whose joints they are.
+        model: compiled, without what does not move them.
+        data: of the model where joints are at first.
+        order: of its joints, as indices of the plant's.
+    """
+
+    def __init__(self, plant: Plant, model: mujoco.MjModel, data: mujoco.MjData, order: Sequence[int]) -> None:
+        self.order = np.array(order)
+        ids = [plant.joint_ids[j] for j in order]
+        link_of = _link_of_bodies(model, ids)
+        self._members = [np.flatnonzero(link_of == i) for i in range(len(ids))]
+        self.parent = np.array([_link_before(model, joint, ids, link_of) for joint in ids])
+        self.axis, self.anchor = data.xaxis[ids].copy(), data.xanchor[ids].copy()
+        self.slides = model.jnt_type[ids] == int(mujoco.mjtJoint.mjJNT_SLIDE)
+        self.first = model.qpos0[plant.positions[order]].copy()
+        self._place, self._turn = data.xpos.copy(), data.xmat.reshape(-1, 3, 3).copy()
+        self._principal = data.ximat.reshape(-1, 3, 3).copy()
+
+    def of(self, models: ChainModels) -> tuple[np.ndarray, ...]:
+        """What models make of the tree: inertias (m, k, 10), gravity (m, 3), numbers of joints (m, 7, k), of motors (m, k, p)."""
+        m, o = models, self.order
+        joints = np.stack([m.armature, m.damping, m.stiffness, m.rest_rad, m.offset_rad, m.late_s, m.of_gain], axis=1)
+        return self._inertias(m.bodies), m.gravity_m_s2, joints[:, :, o], m.motors[:, o]
 
     def _inertias(self, bodies: Bodies) -> np.ndarray:
         """Mass, mass times centre, and the six moments about the origin of each link, shape (m, k, 10)."""
@@ -180,6 +222,22 @@ def is_plain(model: mujoco.MjModel) -> bool:
     )
     is_dry = float(model.opt.density) == 0.0 == float(model.opt.viscosity)
     return is_dry and not model.nflex and not (int(model.opt.disableflags) & off) and not any(np.any(x) for x in acts)
+
+
+def _numbered(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of rows, those that differ, as the indices of the first ones; and which of these each row is."""
+    rows = np.ascontiguousarray(rows, float)
+    same = rows.view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1])))[:, 0]
+    _, first, again = np.unique(same, return_index=True, return_inverse=True)
+    return first, again
+
+
+def _roots(parent: np.ndarray) -> np.ndarray:
+    """The first joint of each joint's tree; parents come before children."""
+    found = np.arange(len(parent))
+    for i, before in enumerate(parent):
+        found[i] = i if before < 0 else found[before]
+    return found
 
 
 def _sums(sent: np.ndarray) -> np.ndarray:

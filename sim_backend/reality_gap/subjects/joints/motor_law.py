@@ -47,7 +47,8 @@ VECTOR = (*KEYS, ZERO, DRAG)
 """With laws that the catalogue lacks."""
 _DELAY = KEYS.index("action_delay.delay_s")
 _LIMIT = KEYS.index("torque_saturation.limit_nm")
-_SAG = KEYS.index("supply_sag.loss_per_nm")
+SAG = KEYS.index("supply_sag.loss_per_nm")
+"""Where the vector has the sag of a supply, which lets motors feel each other."""
 _CONSTANT = KEYS.index("torque_constant.error")
 _LOSS = KEYS.index("thermal_derating.loss_per_k")
 _RISE = KEYS.index("thermal_derating.rise_k_nm2")
@@ -109,8 +110,8 @@ def sent_to_joint(
     gear's play, and is moved on; shape (k, 3).
     """
     current = saturated_torque_nm(sent, p[j, _LIMIT])
-    if p[j, _SAG] != 0.0:
-        current = saturated_torque_nm(current, c.MAX_TORQUE_NM * sagging_factor(p[j, _SAG], total))
+    if p[j, SAG] != 0.0:
+        current = saturated_torque_nm(current, c.MAX_TORQUE_NM * sagging_factor(p[j, SAG], total))
     if p[j, _LOSS] != 0.0:
         memory[j, 0] = temperature_rise_k(memory[j, 0], current, p[j, _RISE], p[j, _WARM_TIME], step_s)
     value = derated_torque_nm(scaled_torque_nm(current, p[j, _CONSTANT]), memory[j, 0], p[j, _LOSS])

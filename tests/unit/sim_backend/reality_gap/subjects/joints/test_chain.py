@@ -53,6 +53,7 @@ MODELS = {
         "cogging.amplitude_nm": 0.02,
         "cogging.cycles_per_rad": 3.0,
     },
+    "a supply that sags": {"supply_sag.loss_per_nm": 0.4},
 }
 
 
@@ -88,6 +89,31 @@ def test_a_tree_goes_where_mujoco_goes(changed: str, in_the_loop: bool):
     if changed in {"other bodies", "springs, dampers and rotors"}:  # joints with dry friction stick a little softer in MuJoCo
         free = [0, 1, 3, 4]
         assert np.abs(quick - slow)[:, :, free].max() < 1e-3
+
+
+def test_what_a_change_does_not_reach_is_simulated_once(monkeypatch: pytest.MonkeyPatch):
+    plant = Plant(mujoco.MjModel.from_xml_string(ARM.format(option="", more="")), NAMES)
+    seen, forward = windows(np.random.default_rng(6), None), Forward(plant, STEP_S)
+    heavier = np.ones(plant.joints)
+    heavier[NAMES.index("other")] = 1.2
+    states = [JointState(plant.joints), JointState(plant.joints, {"link_mass.factor": heavier})]
+    which, over = np.repeat([0, 1], MANY), np.tile(np.arange(MANY), 2)
+    chain, simulated = forward._chain, list[tuple[int, int]]()
+    assert chain is not None
+    real = chain._simulated
+
+    def counted(tree, drives, of_models, begins, window, which):
+        simulated.append((len(tree.order), len(window)))
+        return real(tree, drives, of_models, begins, window, which)
+
+    monkeypatch.setattr(chain, "_simulated", counted)
+    begins = seen.begin_rad[over], seen.begin_rad_s[over]
+    apart = forward.positions(seen, *begins, states, which, over)
+    assert sorted(simulated) == [(1, 2 * MANY), (len(NAMES) - 1, MANY)]
+    chain._trees = [chain._whole]
+    together = forward.positions(seen, *begins, states, which, over)
+    assert np.abs(apart - together).max() < 1e-9
+    assert np.abs(apart[MANY:] - apart[:MANY]).max(axis=(0, 1)).nonzero()[0].tolist() == [NAMES.index("other")]
 
 
 def test_joints_that_friction_holds_stay():
