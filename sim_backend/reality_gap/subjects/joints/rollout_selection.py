@@ -1,6 +1,6 @@
 """Which causes make a model go where the robot went: taken and dropped by what they gain in rollouts."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -102,11 +102,23 @@ def select_by_rollouts(
             shape (k,), where that is known.
     """
     found = _selected(problem, catalogue, fits, progress, proposed, healthy_rad)
-    otherwise, terms = problem.otherwise(), [term for cause in found.taken for term in cause.terms]
-    if otherwise is None or not terms or not is_nearer(otherwise.fitted(found.fit.state, terms, found.fit.begin), found.fit):
+    otherwise = problem.otherwise()
+    if otherwise is None or not any(is_nearer(fit, found.fit) for fit in _with_other_loop(otherwise, found)):
         return found
     again = _selected(otherwise, catalogue, fits, progress, proposed, healthy_rad)
     return again if is_nearer(again.fit, found.fit) else found
+
+
+def _with_other_loop(otherwise: RolloutProblem, found: RolloutSelection) -> Iterator[RolloutFit]:
+    """What was found with a controller that computes in another way: all causes, then what came next to the first of them.
+
+    One cause may make up for the wrong way of computing, so that only another shows which way it is.
+    """
+    if found.taken:
+        terms = [term for cause in found.taken for term in cause.terms]
+        yield otherwise.fitted(found.fit.state, terms, found.fit.begin)
+        for _, fit, _, own in found.taken[0].others[:_BRANCHES]:
+            yield otherwise.fitted(fit.state, own, fit.begin)
 
 
 def _selected(
