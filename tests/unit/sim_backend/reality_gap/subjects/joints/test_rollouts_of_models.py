@@ -1,6 +1,7 @@
 """Windows of a known pendulum: simulated as MuJoCo alone does, and what was hidden in it is found by where it goes."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -13,13 +14,20 @@ from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints import rollout_fit, rollout_selection
 from sim_backend.reality_gap.subjects.joints.forward import Forward, Windows
 from sim_backend.reality_gap.subjects.joints.healthy_robots import Healthy, draw_healthy
-from sim_backend.reality_gap.subjects.joints.hypotheses import with_controllers
+from sim_backend.reality_gap.subjects.joints.hypotheses import Hypothesis, with_controllers
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.plant import Plant
 from sim_backend.reality_gap.subjects.joints.recorded_windows import windows_of
-from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutProblem
+from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutFit, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_questions import would_move_nats
-from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, _may_be, _Search, select_by_rollouts
+from sim_backend.reality_gap.subjects.joints.rollout_selection import (
+    GATE,
+    RolloutSelection,
+    Taken,
+    _may_be,
+    _Search,
+    select_by_rollouts,
+)
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import verdict_of_rollouts
 from sim_backend.reality_gap.verdict import Told, VerdictKind
@@ -322,6 +330,30 @@ def test_a_controller_with_less_gain_is_named_where_only_targets_are_known(of_ga
     halfway = selection.problem.begun(study.start.moved(Term("position_gain.factor", 0, 0.003), -0.1, with_shape=False))
     unsettled = replace(halfway, terms=selection.fit.terms[:1], causes=1, scales=selection.fit.scales[:1])
     assert would_move_nats(selection.problem, unsettled) > GATE, "it would go on to where it fits best"
+
+
+@pytest.mark.parametrize("is_told_by_the_next", [True, False])
+def test_another_way_of_computing_is_tried_with_the_cause_that_came_next(monkeypatch, is_told_by_the_next):
+    """What was taken may make up for a controller that holds its torque, so that with it the right way is no nearer."""
+    begin = np.zeros((1, 1)), np.zeros((1, 1))
+
+    def fit(off_rad: float) -> RolloutFit:
+        return RolloutFit(JointState(1), (), 0, np.zeros(0), np.zeros(0), np.full((4, 1), off_rad**2), begin)
+
+    mass, weak = Term("link_mass.factor", 0, 1e-3), Term("torque_constant.error", 0, 1e-3)
+    own, other = Hypothesis("link_mass", "hinge", (0,), (1.0,)), Hypothesis("torque_constant", "hinge", (1,), (1.0,))
+    first, held = SimpleNamespace(name="computes all the time"), SimpleNamespace(name="holds its torque")
+    first.otherwise = lambda: held
+    held.fitted = lambda _, terms, __: fit(1e-4 if is_told_by_the_next and weak in terms else 5e-3)
+
+    def selected(problem, *_):
+        taken = Taken(own, (mass,), 99.0, ((90.0, fit(2e-3), other, (weak,)),))
+        off_rad = 1e-3 if problem is first else 1e-4
+        return RolloutSelection(problem, fit(4e-3), fit(off_rad), (taken,), fit(off_rad))
+
+    monkeypatch.setattr(rollout_selection, "_selected", selected)
+    found = select_by_rollouts(first, SimpleNamespace(), lambda _: True)
+    assert found.problem is (held if is_told_by_the_next else first)
 
 
 def test_nothing_is_named_where_nothing_is_hidden_and_every_effect_is_answered_for():
