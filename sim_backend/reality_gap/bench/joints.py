@@ -23,7 +23,7 @@ from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.bench.counting import share, whole_lines
 from sim_backend.reality_gap.bench.joint_cases import MULTIPLES, Case, draw_cases, keys_shown_by, recordings_of
 from sim_backend.reality_gap.bench.joint_sessions import EVERYTHING, IN_THE_AIR
-from sim_backend.reality_gap.knowledge.healthy import LIMITS_FILE, STANDARD
+from sim_backend.reality_gap.knowledge.healthy import STANDARD, detection_limits
 from sim_backend.reality_gap.knowledge.hidden import AT_JOINTS
 from sim_backend.reality_gap.knowledge.joint_effects import FITTED
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
@@ -61,7 +61,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.cases < 0 or options.processes < 1:
         parser.error("--cases must be at least 0 and --processes at least 1")
-    limits = json.loads(LIMITS_FILE.read_text())["limits"]
+    limits = detection_limits()
     try:
         options.out.mkdir(parents=True, exist_ok=True)
         run(options.out, options.cases, options.seed, limits, options.processes, options.excitation)

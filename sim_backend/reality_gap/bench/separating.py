@@ -20,7 +20,7 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
 from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.bench.joint_sessions import IN_THE_AIR, simulated_sessions
-from sim_backend.reality_gap.knowledge.healthy import LIMITS_FILE
+from sim_backend.reality_gap.knowledge.healthy import detection_limits
 from sim_backend.reality_gap.knowledge.hidden import AT_JOINTS
 from sim_backend.reality_gap.knowledge.joint_effects import FITTED, shape_of
 from sim_backend.reality_gap.recording import Recording
@@ -128,7 +128,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--out", type=Path, required=True)
     out = parser.parse_args(arguments).out
-    given, kept = _robots(json.loads(LIMITS_FILE.read_text())["limits"]), {}
+    given, kept = _robots(detection_limits()), {}
     for excitation in IN_THE_AIR:
         found = separations(given, directions(given, excitation))
         for (first, second), apart in found.items():

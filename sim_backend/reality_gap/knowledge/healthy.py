@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.ranges import load_ranges
 
 JOINTS_FILE, CUBES_FILE = (Path(__file__).with_name(f"healthy_{name}.toml") for name in ("joints", "cubes"))
@@ -15,7 +16,8 @@ JOINTS_FILE, CUBES_FILE = (Path(__file__).with_name(f"healthy_{name}.toml") for 
 SESSIONS_FILE = Path(__file__).with_name("healthy_joints.json")
 LIMITS_FILE = Path(__file__).with_name("detection_limits.json")
 """Deviation of each number that joints show in half of all healthy sessions, by a test that is told effect and place."""
-STANDARD = "standard"
+STANDARD, STANDARD_S = "standard", 40.0
+"""The excitation that limits were measured with, and how long its sessions are."""
 
 
 def healthy_tolerances() -> dict[str, float]:
@@ -25,6 +27,26 @@ def healthy_tolerances() -> dict[str, float]:
         low, high = row.low - row.parameter.absent, row.high - row.parameter.absent
         found[row.key] = float(np.sqrt((low * low + low * high + high * high) / 3.0))
     return found
+
+
+@cache
+def detection_limits() -> Mapping[str, float]:
+    """Deviations from absent that half of all standard sessions show to a test that is told effect and place, by parameter."""
+    return json.loads(LIMITS_FILE.read_text())["limits"]
+
+
+def detection_limit(key: str, seconds: float) -> float:
+    """That of a parameter in sessions of some length; 0 where none was measured.
+
+    An effect's second number of the same unit, as the other axis of a tilt, has the first one's. Noise falls with the root of the
+    time, what healthy robots differ by does not: longer sessions may show more than this says, never less.
+    """
+    effect, unit = key.partition(".")[0], PARAMETERS[key].unit
+    of_effect = [
+        own for name, own in detection_limits().items() if name.startswith(f"{effect}.") and PARAMETERS[name].unit == unit
+    ]
+    own = detection_limits().get(key, of_effect[0] if of_effect else 0.0)
+    return own * min(1.0, float(np.sqrt(STANDARD_S / seconds)))
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from sim_backend.reality_gap.knowledge.joint_effects import (
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.knowledge.separation import separated_by
 from sim_backend.reality_gap.quantiles import Z_90
-from sim_backend.reality_gap.subjects.joints.causes import causes_of, is_clear, may_be_absent, place_of
+from sim_backend.reality_gap.subjects.joints.causes import causes_of, is_clear, is_too_little, may_be_absent, place_of
 from sim_backend.reality_gap.subjects.joints.checks import Finding, place
 from sim_backend.reality_gap.subjects.joints.fitted_values import fitted_values
 from sim_backend.reality_gap.subjects.joints.gain import errors_of, held_out_errors
@@ -103,7 +103,7 @@ def _kind(
     is_single = not study.problem.expects_many  # among many causes each has a proxy for a moment
     if is_single and any(rival.behind < CONFUSABLE_NATS for rival, _ in rivals):
         return VerdictKind.CONFUSABLE, "Some cause explains the data, but these data cannot tell which of those that are listed."
-    return _named([cause for cause in causes if is_clear(study, cause)])
+    return _named(study, [cause for cause in causes if is_clear(study, cause)])
 
 
 def strongest_left(study: JointStudy, left: Sequence[Pattern]) -> float:
@@ -118,9 +118,12 @@ def strongest_left(study: JointStudy, left: Sequence[Pattern]) -> float:
     return max(strongest, _beyond_bounds(study))
 
 
-def _named(clear: Sequence[Cause]) -> tuple[VerdictKind, str]:
+def _named(study: JointStudy, clear: Sequence[Cause]) -> tuple[VerdictKind, str]:
     if not clear:
         return VerdictKind.UNEXPLAINED, "Many causes act together, and none of them is clear by itself."
+    if is_too_little(study, clear):
+        said = f"{', '.join(_said(clear)).capitalize()} would explain the data, but what is smaller than a detection limit"
+        return VerdictKind.UNEXPLAINED, f"{said} is often another cause in disguise."
     return VerdictKind.NAMED, f"The data disagree with the model because of {', '.join(_said(clear))}."
 
 
