@@ -63,7 +63,7 @@ def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection, healthy:
     far_before, far_after = selection.nominal.far_rad, selection.fit.far_rad
     kind, summary = VerdictKind.NAMED, f"The robot goes where a model goes that has {_listed(causes)}."
     usual_rad = usual_of_healthy_rad(problem, healthy)
-    far_rad = FAR_WINDOWS * usual_rad
+    far_rad = np.maximum(FAR_WINDOWS * usual_rad, _MARGIN * healthy.fitted_far_rad)
     is_halved, is_far_halved = after < (1.0 - _EXPLAINED) * before, far_after < (1.0 - _EXPLAINED) * far_before
     is_only_far = bool((after <= usual_rad).all() and (far_after > far_rad).any())
     said = _left(selection, names, after, far_after if is_only_far else None)
