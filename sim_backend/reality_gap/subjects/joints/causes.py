@@ -8,7 +8,7 @@ import numpy as np
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.knowledge.healthy import detection_limit
-from sim_backend.reality_gap.knowledge.joint_effects import LIMITED_TORQUE, SCALES
+from sim_backend.reality_gap.knowledge.joint_effects import LIMITED_TORQUE, NUMBERS, SCALES
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.knowledge.value_errors import is_telling, usual_error
 from sim_backend.reality_gap.quantiles import Z_90
@@ -85,7 +85,8 @@ def is_too_little(study: JointStudy, causes: Sequence[Cause]) -> bool:
     seconds = sum(e.path.step_s * len(e.path.velocity) for e in study.problem.episodes)
     limits = [detection_limit(f"{cause.effect}.{cause.parameter}", seconds) for cause in causes]
     limited = {cause.effect for cause, limit in zip(causes, limits, strict=True) if limit > 0.0}
-    seen = {c.effect for c, limit in zip(causes, limits, strict=True) if limit > 0.0 and _deviation(study, c) >= limit}
+    sizes = [_deviation(study, cause) * _of_usual_factor(cause, causes) for cause in causes]
+    seen = {c.effect for c, limit, size in zip(causes, limits, sizes, strict=True) if limit > 0.0 and size >= limit}
     return {cause.effect for cause in causes} <= (limited & {a.effect for a in study.fit.accepted}) - seen
 
 
@@ -95,6 +96,16 @@ def _deviation(study: JointStudy, cause: Cause) -> float:
     if key not in SCALES:
         return np.inf
     return abs(cause.value - study.problem_start(key, index_of(study.problem.names, key, cause.where)))
+
+
+def _of_usual_factor(cause: Cause, causes: Sequence[Cause]) -> float:
+    """What a number counts for of whose product with another it is told: limits are for the usual other one."""
+    number = NUMBERS.get(f"{cause.effect}.{cause.parameter}")
+    if number is None or number.product_with is None:
+        return 1.0
+    other, usual = number.product_with[0].partition(".")[2], PARAMETERS[number.product_with[0]].absent
+    told = [c.value for c in causes if (c.effect, c.where, c.parameter) == (cause.effect, cause.where, other)]
+    return told[0] / usual if told else 1.0
 
 
 def may_be_absent(study: JointStudy, cause: Cause) -> bool:

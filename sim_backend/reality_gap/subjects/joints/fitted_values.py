@@ -10,6 +10,9 @@ from sim_backend.reality_gap.knowledge.joint_effects import COGGING_CYCLES, NUMB
 from sim_backend.reality_gap.subjects.joints import planes
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 
+_OF_LARGEST = 0.5
+"""Of the loss that a motor may have."""
+
 
 @dataclass(frozen=True)
 class FittedValue:
@@ -53,8 +56,8 @@ def seen_beside(start: JointState, term: Term) -> list[FittedValue]:
 def at_usual_factor(start: JointState, state: JointState, number: FittedValue) -> list[FittedValue]:
     """Any number as it is, but a loss for the temperature that the nominal motor reaches: joints show only the product of both.
 
-    A larger robot's motor gets as warm from its own largest torque. A loss that no motor has there stays at the rise that it was
-    fitted with, which is then told, too.
+    A larger robot's motor gets as warm from its own largest torque. A loss that no motor has there is told as half of the
+    largest, with the rise that goes with it.
     """
     product = NUMBERS[number.key].product_with if number.key in NUMBERS else None
     if product is None:
@@ -63,9 +66,8 @@ def at_usual_factor(start: JointState, state: JointState, number: FittedValue) -
     fitted, given = (float(s.value(key)[number.index]) for s in (state, start))
     usual = PARAMETERS[key].absent
     rise = given if key in start.given else usual / start.size**2
-    if rise > 0.0 and number.value * fitted / rise <= PARAMETERS[number.key].upper:
-        by, told = fitted / rise, rise
-    else:
-        by, told = 1.0, fitted
+    largest = PARAMETERS[number.key].upper
+    told = rise if rise > 0.0 and number.value * fitted / rise <= largest else number.value * fitted / (_OF_LARGEST * largest)
+    by = fitted / told
     found = [FittedValue(number.key, number.index, number.value * by, number.error * by)]
     return found if told == usual else [*found, FittedValue(key, number.index, told, 0.0)]

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.knowledge.healthy import STANDARD_S, detection_limit
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.subjects.joints.causes import is_too_little
@@ -52,3 +53,16 @@ def test_only_what_was_fitted_in_a_single_cause_s_session_of_a_trifinger():
     assert not is_too_little(study(is_of_many=True), little)
     rubs = Cause("coulomb_friction", "torque_nm", "lower", 0.05, "N m", (0.04, 0.06))
     assert not is_too_little(study(STANDARD_S, "link_mass", "coulomb_friction"), [*little, rubs])
+
+
+def test_a_loss_by_heat_counts_with_the_rise_that_it_is_told_for():
+    limit = detection_limit("thermal_derating.loss_per_k", STANDARD_S)
+
+    def heat(parameter: str, value: float) -> Cause:
+        return Cause("thermal_derating", parameter, "lower", value, "", (value, value))
+
+    seen = study(STANDARD_S, "thermal_derating")
+    usual = PARAMETERS["thermal_derating.rise_k_nm2"].absent
+    assert not is_too_little(seen, [heat("loss_per_k", 0.4 * limit), heat("rise_k_nm2", 3.0 * usual)])
+    assert is_too_little(seen, [heat("loss_per_k", 0.4 * limit), heat("rise_k_nm2", 2.0 * usual)])
+    assert is_too_little(seen, [heat("loss_per_k", 0.9 * limit)])
