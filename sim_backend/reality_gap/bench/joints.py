@@ -11,7 +11,7 @@ import json
 import sys
 import time
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
@@ -80,7 +80,7 @@ def _lines_name(seed: int | str, excitation: str) -> str:
     return f"cases-{seed}.jsonl" if excitation == STANDARD else f"cases-{excitation}-{seed}.jsonl"
 
 
-def run(out: Path, cases: int, seed: int, limits: dict[str, float], processes: int, excitation: str = STANDARD) -> None:
+def run(out: Path, cases: int, seed: int, limits: Mapping[str, float], processes: int, excitation: str = STANDARD) -> None:
     """Do what is not done yet of a test."""
     lines = out / _lines_name(seed, excitation)
     kept = whole_lines(lines)
