@@ -67,7 +67,11 @@ def at_usual_factor(start: JointState, state: JointState, number: FittedValue) -
     usual = PARAMETERS[key].absent
     rise = given if key in start.given else usual / start.size**2
     largest = PARAMETERS[number.key].upper
-    told = rise if rise > 0.0 and number.value * fitted / rise <= largest else number.value * fitted / (_OF_LARGEST * largest)
+    told, lost = fitted, number.value * fitted
+    if rise > 0.0 and lost <= largest * rise:
+        told = rise
+    elif lost > 0.0:
+        told = lost / (_OF_LARGEST * largest)
     by = fitted / told
     found = [FittedValue(number.key, number.index, number.value * by, number.error * by)]
     return found if told == usual else [*found, FittedValue(key, number.index, told, 0.0)]

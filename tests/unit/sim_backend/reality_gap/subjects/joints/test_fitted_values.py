@@ -45,11 +45,12 @@ def test_a_loss_is_told_for_the_temperature_that_motors_reach():
     assert losses[0] == pytest.approx(losses[1], rel=1e-9), "the model loses the torque that the fit did"
 
 
-def test_a_loss_that_no_motor_has_is_told_with_its_rise():
-    start, state, terms = heated(0.01)
-    found = told(fitted_values(start, state, terms, np.array([0.001, 2.0])))
+@pytest.mark.parametrize(("fitted", "rise"), [(0.01, 2000.0), (0.002, 400.0)])
+def test_a_loss_that_no_motor_has_is_told_as_half_of_the_largest_with_its_rise(fitted: float, rise: float):
+    start, state, terms = heated(fitted)
+    found = told(fitted_values(start, state, terms, np.array([0.1 * fitted, 2.0])))
     assert found[LOSS, 1] == pytest.approx((0.01, 0.001))
-    assert found[RISE, 1] == (2000.0, 0.0)
+    assert found[RISE, 1] == pytest.approx((rise, 0.0))
 
 
 def test_a_larger_robot_gets_as_warm_from_its_own_torques():
