@@ -1,6 +1,5 @@
 """Effects hidden in simulated robots are found by name, place and value; healthy robots stay silent; the truth is never read."""
 
-import json
 from dataclasses import fields, replace
 
 import numpy as np
@@ -10,7 +9,7 @@ from sim_backend.reality_gap.bench.joint_cases import Case, draw_cases, recordin
 from sim_backend.reality_gap.bench.joint_sessions import healthy_physics, simulated_sessions
 from sim_backend.reality_gap.bench.joints import outcome, summary
 from sim_backend.reality_gap.bench.many_causes import robot
-from sim_backend.reality_gap.knowledge.healthy import LIMITS_FILE
+from sim_backend.reality_gap.knowledge.healthy import detection_limits
 from sim_backend.reality_gap.knowledge.hidden import AT_JOINTS
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.recording import JointSignals, Recording
@@ -21,7 +20,7 @@ from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.scene import compile_scene
 
 SEED = 4242  # no threshold was made with it
-LIMITS = json.loads(LIMITS_FILE.read_text())["limits"]
+LIMITS = detection_limits()
 HIDDEN = (
     "coulomb_friction.torque_nm",
     "action_delay.delay_s",

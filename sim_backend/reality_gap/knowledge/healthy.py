@@ -39,7 +39,7 @@ def detection_limit(key: str, seconds: float) -> float:
     """That of a parameter in sessions of some length; 0 where none was measured.
 
     An effect's second number of the same unit, as the other axis of a tilt, has the first one's. Noise falls with the root of the
-    time, what healthy robots differ by does not: longer sessions may show more than this says, never less.
+    time, what healthy robots differ by does not: this is the least that a longer session can show.
     """
     effect, unit = key.partition(".")[0], PARAMETERS[key].unit
     of_effect = [
