@@ -1,4 +1,7 @@
-"""Rewards as PPO gets them: scaled by the spread of returns, with the value of what would have come after a trial's end."""
+"""Rewards as PPO gets them: scaled by the spread of returns, with the value of what would have come after a trial's end.
+
+And advantages of rollouts that an older policy made, for which stable-baselines3 has nothing.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -69,3 +72,39 @@ class NormalisedReturns(VecEnvWrapper):
         total, apart = self.count + n, mean - self.mean
         squares = self.variance * self.count + variance * n + apart**2 * self.count * n / total
         self.mean, self.variance, self.count = self.mean + apart * n / total, squares / total, total
+
+
+def advantages_by_importance(
+    rewards: np.ndarray,
+    values: np.ndarray,
+    last_values: np.ndarray,
+    dones: np.ndarray,
+    weights: np.ndarray,
+    discount: float,
+    gae_lambda: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Advantages and the critic's targets where another policy acted: V-trace with a lambda, GAE where all weights are 1.
+
+    Source: L. Espeholt et al., "IMPALA: Scalable Distributed Deep-RL with Importance Weighted Actor-Learner Architectures",
+    ICML 2018, section 4.1, with both of its limits at 1.
+
+    Args:
+        rewards: of each step and robot, shape (steps, robots).
+        values: the present critic's of what was seen in each step, same shape.
+        last_values: of what is seen after the last step, shape (robots,).
+        dones: where a trial ended with a step, shape (steps, robots).
+        weights: how much likelier the present policy is to act as was acted, already limited to at most 1; same shape.
+        discount: of PPO.
+        gae_lambda: of PPO.
+
+    Returns:
+        advantages, with the step's own weight in them, and targets; both of shape (steps, robots).
+    """
+    goes_on = 1.0 - dones.astype(np.float32)
+    following = np.concatenate([values[1:], last_values[None]])
+    differences = rewards + discount * goes_on * following - values
+    advantages = np.empty_like(differences)
+    weighted = np.zeros_like(last_values)  # of the step after
+    for step in reversed(range(len(rewards))):
+        advantages[step] = weighted = weights[step] * (differences[step] + discount * gae_lambda * goes_on[step] * weighted)
+    return advantages, values + advantages

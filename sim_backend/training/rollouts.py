@@ -110,10 +110,10 @@ class RolloutWorker:
         recipe: of the run.
         slices: into which its robots are divided.
         threads: of the physics.
-        shared: where rollouts are written; they are given back instead if None.
+        shared: where rollouts are written, those of iteration k at k modulo their number; if None they are given back instead.
     """
 
-    def __init__(self, recipe: Recipe, slices: int, threads: int = 1, shared: SharedColumns | None = None) -> None:
+    def __init__(self, recipe: Recipe, slices: int, threads: int = 1, shared: tuple[SharedColumns, ...] | None = None) -> None:
         self._recipe, self._robots, self._threads, self._shared = recipe, recipe.ppo.robots // slices, threads, shared
         self._practice = practice_of_recipe(recipe, randomizer_of(recipe))
         self._action_space = gym_action_space(self._practice.action_space)
@@ -128,7 +128,7 @@ class RolloutWorker:
         begun_s = time.perf_counter()
         seeds = np.random.SeedSequence([self._recipe.seed, order.slice, order.iteration])
         environment, seen = self._environment_of(order, np.random.default_rng(seeds))
-        columns = self._columns(order.slice)
+        columns = self._columns(order)
         with _one_thread(), torch.no_grad():
             torch.manual_seed(int(seeds.spawn(1)[0].generate_state(1, np.uint64)[0]))
             if weights is not None:
@@ -157,11 +157,10 @@ class RolloutWorker:
         environment.draw_by(rng)
         return environment, environment.restore(order.state)
 
-    def _columns(self, part: int) -> dict[str, np.ndarray]:
+    def _columns(self, order: Order) -> dict[str, np.ndarray]:
         if self._shared is not None:
-            return {
-                name: array[:, part * self._robots : (part + 1) * self._robots] for name, array in self._shared.arrays.items()
-            }
+            first, whole = order.slice * self._robots, self._shared[order.iteration % len(self._shared)].arrays
+            return {name: array[:, first : first + self._robots] for name, array in whole.items()}
         layout = layout_of_rollouts(self._recipe, self._robots)
         return {name: np.zeros(shape, kind) for name, (shape, kind) in layout.items()}
 

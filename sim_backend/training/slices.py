@@ -1,11 +1,10 @@
-"""Synchronous PPO whose rollouts are spread over workers: the same bits for any number of them.
+"""PPO whose rollouts are spread over workers: the same bits for any number of them, also where they run ahead of its updates.
 
 The robots are divided into slices, each with seeds of its own (``rollouts.py``). In an iteration each slice is rolled out once by
 whichever worker is free; all are put together in the order of the slices before anything is summed. A checkpoint is written after
 an update and holds the state of every slice, so that a run that goes on from there is the run that was never ended.
 """
 
-import functools
 import time
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any
@@ -21,11 +20,12 @@ from sim_backend.driver.physics_backend import PhysicsBackend
 from sim_backend.environments.observation_space import gym_action_space
 from sim_backend.environments.practice import Practice
 from sim_backend.environments.vec_env import PRIVILEGED, SEEN, seen_space
-from sim_backend.training.actor_critic import whole_of
+from sim_backend.training.actor_critic import ActorCritic, whole_of
 from sim_backend.training.ledger import Ledger, account
 from sim_backend.training.recipe import Recipe
-from sim_backend.training.rollouts import Order, Rollout, RolloutWorker, SharedColumns, layout_of_rollouts
-from sim_backend.workers.pool import Workers, open_workers
+from sim_backend.training.returns import advantages_by_importance
+from sim_backend.training.rollouts import Rollout
+from sim_backend.training.slice_collector import Collected, SliceCollector, Weights
 
 if TYPE_CHECKING:
     from sim_backend.training.progress import Watch
@@ -33,7 +33,11 @@ if TYPE_CHECKING:
 
 
 class Slices(AbstractContextManager["Slices"]):
-    """Owner of the workers, of the slices' states between iterations, and of what the run used and did.
+    """What PPO learns from: iterations of all slices, what they are worth, and what the run used and did.
+
+    With ``ppo.lag`` of 1 workers roll an iteration out while the learner is busy with the one before, so that its networks are
+    those before the last updates. The present policy's log-probabilities and the present critic's values then take the place of
+    what workers wrote, and advantages are weighted (:func:`~sim_backend.training.returns.advantages_by_importance`).
 
     Args:
         run: that learns.
@@ -46,48 +50,59 @@ class Slices(AbstractContextManager["Slices"]):
 
     def __init__(self, run: "Run", workers: int, cluster: str | None) -> None:
         _check(run.recipe, workers)
-        self._run, self._count, self._cluster = run, workers, cluster
-        self._recipe, self._slices = run.recipe, run.recipe.ppo.slices
-        self._states: list[dict | None] = [None] * self._slices
+        self._run, self._count, self._cluster, self._recipe = run, workers, cluster, run.recipe
+        self.collector = SliceCollector(run.recipe, workers, cluster, run.threads)
         self._return = np.zeros(run.recipe.ppo.robots)
         self._seconds = {"waiting": 0.0, "learning": 0.0, "rolling out": 0.0}
-        self._moved_bytes = self._lost = self._samples = 0
-        self._shared: SharedColumns | None = None
-        self._workers: Workers | None = None
+        self._moved_bytes = self._lost = self._samples = self._behind = 0
+        self._weights = [0.0, 0]  # sum of the importance weights before they are limited, and how many were limited
+        self._older: Weights | None = None  # that a checkpoint brought, of rollouts that were under way
         self.watch: Watch | None = None
 
     def __enter__(self) -> "Slices":
         """Begin the workers."""
-        layout = layout_of_rollouts(self._recipe, self._recipe.ppo.robots)
-        shared = self._shared = SharedColumns(layout) if self._cluster is None else None
-        threads = max(1, self._run.threads // max(1, self._count))
-        make = functools.partial(RolloutWorker, self._recipe, self._slices, threads, shared)
-        self._opened = open_workers(make, self._count, self._cluster)
-        self._workers = self._opened.__enter__()
-        self._columns = shared.arrays if shared else {name: np.zeros(shape, kind) for name, (shape, kind) in layout.items()}
+        self.collector.__enter__()
         self._ledger = Ledger(self._run.folder, self._run.starts)
         self._ledger.write("started", self._run.iterations)
         return self
 
     def __exit__(self, *failed: Any) -> None:
         """End the workers."""
-        self._workers = None
-        self._opened.__exit__(*failed)
+        self.collector.__exit__(*failed)
 
     def look_around(self) -> None:
         """Learn the scaling of the inputs from actions by chance, before anything else; these samples are not learned from."""
-        self._roll_out(None)
-        seen = {name: torch.from_numpy(self._columns[name].reshape(-1, self._columns[name].shape[-1])) for name in self._parts}
+        self.collector.start(self._run.iterations, None)
+        columns = self._collected().columns
+        seen = {name: torch.from_numpy(columns[name].reshape(-1, columns[name].shape[-1])) for name in self._parts}
         self._run.policy.features_extractor.learn_scaling(whole_of(seen) if PRIVILEGED in seen else seen[SEEN])
-        self._states = [None] * self._slices
+        self.collector.states = [None] * self._recipe.ppo.slices
+
+    def ahead(self) -> None:
+        """Before an iteration's updates: let workers begin with the next, if they may be behind and the run goes on."""
+        run = self._run
+        if self._recipe.ppo.lag and run.samples < self._recipe.samples and not run.stopped:
+            self._start(self._networks())
+
+    def _start(self, weights: Weights) -> None:
+        self._ledger.write("asked", self._run.iterations, self._samples_of_iteration)
+        self.collector.start(self._run.iterations, weights)
+
+    def _networks(self) -> Weights:
+        """A copy where they are used while the learner changes them."""
+        given = {name: values.numpy() for name, values in self._run.policy.state_dict().items()}
+        return {name: values.copy() for name, values in given.items()} if self._recipe.ppo.lag else given
 
     def collect(self, buffer: RolloutBuffer) -> None:
         """Fill PPO's buffer with an iteration of all slices, whose observations stay where the workers wrote them."""
-        run, columns = self._run, self._columns
-        samples = self._recipe.ppo.robots * self._recipe.ppo.steps
-        self._ledger.write("asked", run.iterations, samples)
-        weights = {name: values.numpy() for name, values in run.policy.state_dict().items()}
-        rollouts = self._roll_out(weights)
+        run = self._run
+        behind = self.collector.under_way is not None or self._older is not None
+        if self.collector.under_way is None:
+            self._start(self._older or self._networks())
+            self._older = None
+        collected = self._collected()
+        columns, rollouts = collected.columns, collected.rollouts
+        self._behind += behind * self._samples_of_iteration
         rewards = np.empty_like(columns["rewards"])
         for step, (reward, done) in enumerate(zip(columns["rewards"], columns["dones"], strict=True)):
             rewards[step] = run.returns.scaled(reward, done)
@@ -102,38 +117,53 @@ class Slices(AbstractContextManager["Slices"]):
         buffer.values, buffer.log_probs = columns["values"], columns["log_probs"]
         buffer.episode_starts[1:] = columns["dones"][:-1]
         buffer.pos, buffer.full = len(rewards), True
-        last_values = torch.from_numpy(np.concatenate([rollout.last_values for rollout in rollouts]))
-        buffer.compute_returns_and_advantage(last_values, columns["dones"][-1])
-        self._count_trials(rollouts)
+        last_values = np.concatenate([rollout.last_values for rollout in rollouts])
+        if behind:
+            self._weigh(buffer, seen, columns["dones"], last_values)
+        else:
+            buffer.compute_returns_and_advantage(torch.from_numpy(last_values), columns["dones"][-1])
+        self._count_trials(columns["rewards"], rollouts)
 
-    def _roll_out(self, weights: dict[str, np.ndarray] | None) -> list[Rollout]:
-        assert self._workers is not None, "workers are there within the 'with' only"
-        begun_s, moved = time.perf_counter(), self._workers.moved_bytes
-        orders = [Order(part, self._run.iterations, state) for part, state in enumerate(self._states)]
-        robots, rollouts = self._recipe.ppo.robots // self._slices, []
-        for rollout in self._workers.map(orders, weights):
-            rollouts.append(rollout)
-            for name, values in (rollout.columns or {}).items():
-                self._columns[name][:, rollout.slice * robots : (rollout.slice + 1) * robots] = values
-                self._moved_bytes += values.nbytes
-        for place in self._workers.lost:
-            if weights is not None:
-                self._ledger.write("lost", self._run.iterations, robots * self._recipe.ppo.steps, slice=place)
-        self._lost += len(self._workers.lost)
-        self._states = [rollout.state for rollout in rollouts]
-        self._moved_bytes += self._workers.moved_bytes - moved
-        self._seconds["waiting"] += time.perf_counter() - begun_s
-        self._seconds["rolling out"] += sum(rollout.work_s for rollout in rollouts)
-        return rollouts
+    def _collected(self) -> Collected:
+        assert self.collector.under_way is not None
+        _, weights = self.collector.under_way
+        collected = self.collector.finish()
+        of_slice = self._samples_of_iteration // self._recipe.ppo.slices
+        for place in collected.lost if weights is not None else ():
+            self._ledger.write("lost", self._run.iterations, of_slice, slice=place)
+        self._lost += len(collected.lost)
+        self._moved_bytes += collected.moved_bytes
+        self._seconds["waiting"] += collected.waited_s
+        self._seconds["rolling out"] += sum(rollout.work_s for rollout in collected.rollouts)
+        return collected
 
-    def _count_trials(self, rollouts: list[Rollout]) -> None:
-        robots, steps = self._recipe.ppo.robots // self._slices, self._recipe.ppo.steps
+    def _weigh(self, buffer: RolloutBuffer, seen: dict[str, np.ndarray], dones: np.ndarray, last_values: np.ndarray) -> None:
+        """What an older policy's rollouts are worth to the present one."""
+        ppo, shape, policy = self._recipe.ppo, buffer.rewards.shape, self._run.policy
+        assert isinstance(policy, ActorCritic)
+        values, log_probs = np.empty(shape, np.float32), np.empty(shape, np.float32)
+        with torch.no_grad():
+            for step in range(len(values)):
+                parts = {name: torch.from_numpy(array[step]) for name, array in seen.items()}
+                acted = torch.from_numpy(buffer.actions[step])
+                found = policy.evaluate_actions(parts if PRIVILEGED in parts else parts[SEEN], acted)
+                values[step], log_probs[step] = found[0].flatten().numpy(), found[1].numpy()
+        likelier = np.exp(log_probs - buffer.log_probs)
+        self._weights[0] += float(likelier.sum(dtype=np.float64))
+        self._weights[1] += int((likelier > 1.0).sum())
+        buffer.values, buffer.log_probs = values, log_probs
+        buffer.advantages, buffer.returns = advantages_by_importance(
+            buffer.rewards, values, last_values, dones, np.minimum(likelier, 1.0), ppo.discount, ppo.gae_lambda
+        )
+
+    def _count_trials(self, rewards: np.ndarray, rollouts: list[Rollout]) -> None:
+        robots, steps = self._recipe.ppo.robots // self._recipe.ppo.slices, self._recipe.ppo.steps
         ends: dict[int, list[tuple[int, bool]]] = {step: [] for step in range(steps)}
         for rollout in rollouts:
             for step, robot, success in rollout.ended:
                 ends[step].append((rollout.slice * robots + robot, success))
         for step, ended in ends.items():
-            self._return += self._columns["rewards"][step]
+            self._return += rewards[step]
             over = [robot for robot, _ in ended]
             assert self.watch is not None
             self.watch.count([success for _, success in ended], self._return[over].tolist())
@@ -141,12 +171,15 @@ class Slices(AbstractContextManager["Slices"]):
 
     def updated(self, learning_s: float) -> None:
         """After the updates of an iteration: its samples are used, and what is kept from now on has them in it."""
-        samples = self._recipe.ppo.robots * self._recipe.ppo.steps
         self._seconds["learning"] += learning_s
-        self._samples += samples
-        self._ledger.write("used", self._run.iterations - 1, samples)
+        self._samples += self._samples_of_iteration
+        self._ledger.write("used", self._run.iterations - 1, self._samples_of_iteration)
         assert self.watch is not None
         self.watch.updated()
+
+    @property
+    def _samples_of_iteration(self) -> int:
+        return self._recipe.ppo.robots * self._recipe.ppo.steps
 
     @property
     def _parts(self) -> tuple[str, ...]:
@@ -155,37 +188,40 @@ class Slices(AbstractContextManager["Slices"]):
     def document(self) -> dict[str, Any]:
         """What the run used and did: workers, samples, lag, idle share of the learner, bytes for each sample."""
         waiting_s, learning_s = self._seconds["waiting"], self._seconds["learning"]
-        ledger = account(self._run.folder)
+        ledger, samples = account(self._run.folder), max(self._samples, 1)
         return {
             "workers": self._count,
             "cluster": self._cluster is not None,
-            "slices": self._slices,
+            "slices": self._recipe.ppo.slices,
             "workers_lost": self._lost,
             "asked": ledger.asked,
             "used": ledger.used,
             "dropped": ledger.dropped,
-            "lag_updates": 0,  # every sample is of the policy that learns from it
+            "lag_updates": round(self._behind / samples, 4),  # of a sample, in the mean
+            "importance_weight": round(self._weights[0] / self._behind, 4) if self._behind else None,
+            "weights_limited_share": round(self._weights[1] / self._behind, 4) if self._behind else None,
             "learner_idle_share": round(waiting_s / max(waiting_s + learning_s, 1e-9), 4),
             "seconds": {name: round(value, 2) for name, value in self._seconds.items()},
-            "moved_bytes_per_sample": round(self._moved_bytes / max(self._samples, 1), 1),
-            "shared_bytes_per_sample": round(self._shared.nbytes / self._shared.arrays["dones"].size, 1) if self._shared else 0.0,
+            "moved_bytes_per_sample": round(self._moved_bytes / samples, 1),
+            "shared_bytes_per_sample": round(self.collector.shared_bytes_per_sample, 1),
         }
 
     def state(self) -> dict[str, Any]:
-        """For the checkpoint: tensors, numbers, lists and tables."""
+        """For the checkpoint: tensors, numbers, lists and tables. Of what is under way only the networks are kept."""
         own = [
-            self._states,
+            self.collector.states,
             self._return,
             self._run.returns.running,
             self._seconds,
-            [self._moved_bytes, self._lost, self._samples],
+            [self._moved_bytes, self._lost, self._samples, self._behind, *self._weights],
+            self.collector.under_way[1] if self.collector.under_way else None,
         ]
-        return {"slices": self._slices, "own": _tensors(own)}
+        return {"slices": self._recipe.ppo.slices, "own": _tensors(own)}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from what :meth:`state` gave, with any number of workers."""
-        self._states, self._return, self._run.returns.running, self._seconds, counts = _arrays(state["own"])
-        self._moved_bytes, self._lost, self._samples = counts
+        self.collector.states, self._return, self._run.returns.running, self._seconds, counts, self._older = _arrays(state["own"])
+        self._moved_bytes, self._lost, self._samples, self._behind, *self._weights = counts
 
 
 class SlicedPPO(PPO):
@@ -211,6 +247,7 @@ class SlicedPPO(PPO):
         """The updates; minibatches are drawn by a seed of the iteration, so that they are the same after a checkpoint."""
         begun_s = time.perf_counter()
         run = self._slices._run
+        self._slices.ahead()
         np.random.seed(np.random.SeedSequence([run.recipe.seed, run.iterations]).generate_state(4))
         super().train()
         self._slices.updated(time.perf_counter() - begun_s)

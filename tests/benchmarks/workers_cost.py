@@ -31,7 +31,10 @@ def measured(robots: int, slices: int, steps: int, rounds: int, ray: bool) -> di
     layout, direct = layout_of_rollouts(recipe, robots), RolloutWorker(recipe, slices)
     weights = {name: values.numpy().copy() for name, values in direct._policy.state_dict().items()}
     shared = SharedColumns(layout)
-    make, alone = functools.partial(RolloutWorker, recipe, slices, 1, shared), functools.partial(RolloutWorker, recipe, slices, 1)
+    make, alone = (
+        functools.partial(RolloutWorker, recipe, slices, 1, (shared,)),
+        functools.partial(RolloutWorker, recipe, slices, 1),
+    )
     with ExitStack() as stack:
         ways: dict[str, Any] = {
             "one process": stack.enter_context(open_workers(make, 1)),

@@ -29,6 +29,7 @@ QUICK = {
     ],
     "gpu_rate": ["--backend cpu --robots 16 --real --seconds 0.2 --compared 2 --out {to}/rate.json"],
     "http_document": ["{document} {document}"],
+    "rollouts_behind": ["--seeds 1 --samples 4096 --final-trials 2 --workers 1 --out {to}/behind.json"],
     "record_observations": ["--out {to}/recorded.safetensors"],
     "shipped_policy": [f"{PUSH} --task push --trials 1 --farm-seeds 7001 --physics-step 0.004 --out {{to}}/policy.json"],
     "study_time": ["--seconds 4 --cases healthy --folder {to}/study --out {to}/study-time.json"],

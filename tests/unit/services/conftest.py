@@ -1,5 +1,7 @@
 """A database in its newest form on each home, and a fleet of idle robots."""
 
+import shutil
+
 import pytest
 
 from api_schemas.bus import Heartbeat
@@ -7,16 +9,27 @@ from api_schemas.robot import RobotState
 from services.database.database import Database, migrate
 from services.jobs import lease
 from services.jobs.fleet import Fleet
+from tests.homes import now
+
+
+@pytest.fixture(scope="session")
+def newest_sqlite(tmp_path_factory):
+    """A file in the newest form, which tests copy: migrations take longer than most of them."""
+    path = tmp_path_factory.mktemp("newest") / "farm.sqlite"
+    now(migrate(f"sqlite+aiosqlite:///{path}"))
+    assert [each.name for each in path.parent.iterdir()] == [path.name], "all of it is in the file"
+    return path
+
+
+@pytest.fixture
+def sqlite_url(newest_sqlite, tmp_path):
+    """The address of a new SQLite database in the newest form."""
+    return f"sqlite+aiosqlite:///{shutil.copyfile(newest_sqlite, tmp_path / 'farm.sqlite')}"
 
 
 @pytest.fixture(params=["sqlite", "postgres"])
-async def new_database(request, tmp_path):
-    if request.param == "postgres":
-        url = await request.getfixturevalue("postgres").cleared()
-    else:
-        url = f"sqlite+aiosqlite:///{tmp_path / 'farm.sqlite'}"
-        await migrate(url)
-    opened = Database(url)
+async def new_database(request, sqlite_url):
+    opened = Database(await request.getfixturevalue("postgres").cleared() if request.param == "postgres" else sqlite_url)
     yield opened
     await opened.close()
 

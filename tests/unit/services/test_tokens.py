@@ -2,7 +2,7 @@ import pytest
 from sqlalchemy import select
 
 from api_schemas.token import Scope, TokenRequest
-from services.database.database import Database, migrate
+from services.database.database import Database
 from services.database.pages import Asked
 from services.database.tables import token
 from services.errors import Refused, Unauthorised
@@ -15,10 +15,8 @@ OLD, NEW = "trifarm_admin_oldsecret", "trifarm_admin_newsecret"
 
 
 @pytest.fixture
-async def tokens(tmp_path):
-    url = f"sqlite+aiosqlite:///{tmp_path / 'farm.sqlite'}"
-    await migrate(url)
-    database = Database(url)
+async def tokens(sqlite_url):
+    database = Database(sqlite_url)
     yield Tokens(database, FarmClock.start())
     await database.close()
 

@@ -13,7 +13,7 @@ from api_schemas.job import JobRequest
 from api_schemas.token import Scope, TokenRequest
 from services.api.app import create_app
 from services.api.links import MOST_READERS, Link, linked
-from services.database.database import Database, migrate
+from services.database.database import Database
 from services.database.tables import policy, trial
 from services.files.store import FileStore
 from services.jobs.clock import FarmClock
@@ -33,11 +33,9 @@ async def _log():
 
 
 @pytest.fixture
-async def farm(tmp_path):
+async def farm(sqlite_url, tmp_path):
     """What links need of a farm, with one trial whose log takes several messages to send."""
-    url = f"sqlite+aiosqlite:///{tmp_path / 'farm.sqlite'}"
-    await migrate(url)
-    database, clock = Database(url), FarmClock.start()
+    database, clock = Database(sqlite_url), FarmClock.start()
     files, tokens = FileStore(tmp_path), Tokens(database, clock)
     stored = await files.put(_log(), limit_bytes=10**7)
     async with database.write() as tx:

@@ -88,7 +88,7 @@ def test_workers_that_are_killed_change_no_bit_and_their_samples_are_accounted_f
     def kill_then_collect(buffer):
         nonlocal killed
         if run.iterations in (1, 2):
-            os.kill(run.slices._workers.pids[run.iterations - 1], signal.SIGKILL)
+            os.kill(run.slices.collector.workers.pids[run.iterations - 1], signal.SIGKILL)
             killed += 1
         collect(buffer)
 
@@ -114,6 +114,54 @@ def test_a_learner_that_is_killed_goes_on_from_its_checkpoint_with_the_same_bits
     np.testing.assert_array_equal(weights(run), weights(undisturbed))
     found = account(folder)
     assert found.adds_up and found.used == 4 * SAMPLES and found.dropped == {LEARNER_ENDED: 2 * SAMPLES}
+
+
+BEHIND = {"ppo": {"robots": 16, "steps": 4, "slices": 4, "epochs": 1, "minibatch": 32, "lag": 1, "learning_rate": 0.05}}
+
+
+def test_rollouts_that_run_ahead_of_updates_are_the_same_bits_for_any_number_of_workers_and_after_a_checkpoint(tmp_path):
+    runs = {workers: learned(tmp_path / str(workers), workers, **BEHIND) for workers in (0, 1, 2)}
+    for run in runs.values():
+        np.testing.assert_array_equal(weights(run), weights(runs[0]))
+        assert account(run.folder).adds_up and account(run.folder).dropped == {}
+        document = run.record()["workers"]
+        assert document["lag_updates"] == 0.75, "three iterations of four are one update behind"
+        assert document["importance_weight"] != 1.0 and 0 < document["weights_limited_share"] < 1
+    folder = tmp_path / "ended"
+    folder.mkdir()
+    ended = Run("mine", recipe(**BEHIND), folder, threads=1, workers=1, tell=lambda _: None)
+
+    def keep():
+        Run.keep(ended)
+        if ended.iterations == 2:
+            raise KeyboardInterrupt
+
+    ended.keep = keep
+    with pytest.raises(KeyboardInterrupt):
+        ended.learn()
+    other = Run("mine", recipe(**BEHIND), folder, threads=1, workers=2, tell=lambda _: None)
+    other.go_on()
+    other.learn()
+    np.testing.assert_array_equal(weights(other), weights(runs[0]))
+    assert account(folder).adds_up and account(folder).dropped == {LEARNER_ENDED: SAMPLES}, "what was under way"
+
+
+def test_a_worker_that_is_killed_while_rollouts_run_ahead_changes_no_bit(tmp_path, monkeypatch):
+    undisturbed = learned(tmp_path / "whole", 0, **BEHIND)
+    folder = tmp_path / "killed"
+    folder.mkdir()
+    run = Run("mine", recipe(**BEHIND), folder, threads=1, workers=2, tell=lambda _: None)
+    ahead = run.slices.ahead
+
+    def ahead_then_kill():
+        ahead()
+        if run.iterations in (1, 2):
+            os.kill(run.slices.collector.workers.pids[0], signal.SIGKILL)
+
+    monkeypatch.setattr(run.slices, "ahead", ahead_then_kill)
+    run.learn()
+    np.testing.assert_array_equal(weights(run), weights(undisturbed))
+    assert account(folder).adds_up and account(folder).used == 4 * SAMPLES
 
 
 @pytest.mark.parametrize(
