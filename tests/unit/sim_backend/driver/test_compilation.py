@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from tests import ROOT
+
 INSTALL = "from sim_backend.driver import native_control; native_control.install(); print('installed')"
 
 
@@ -34,22 +36,32 @@ def test_a_folder_that_cannot_be_written_is_no_obstacle(variable: str):
 WARM = "from sim_backend.driver.compilation import is_kept; from sim_backend.warm_up import main; "
 
 
-def python(code: str, cache: Path | None = None) -> list[str]:
+def python(code: str, cache: Path | None = None, cwd: Path | None = None) -> list[str]:
     """The words that a process prints; ``cache`` is its folder of compiled code where that is not the user's."""
     env = os.environ | ({} if cache is None else {"XDG_CACHE_HOME": str(cache)})
-    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, timeout=200, check=False)
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, env=env, cwd=cwd, capture_output=True, text=True, timeout=200, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout.split()
 
 
 def test_what_was_compiled_is_kept_and_after_warming_up_a_robot_compiles_nothing(tmp_path: Path):
-    """In a copy of the user's folder, in which nobody else works; numba's own events tell what it compiles nevertheless."""
+    """In a copy of the user's folder, in which nobody else works; numba's own events tell what it compiles nevertheless.
+
+    Nor does one of the same sources in another folder, which it asks where it is.
+    """
     assert python(WARM + "main(); print(is_kept())") == ["True"]
     kept = Path(python("from sim_backend.driver.compilation import _folder; print(_folder())")[0])
     copied = shutil.copytree(kept, tmp_path / "trifarm" / kept.name)
     written = {path: path.stat().st_mtime_ns for path in copied.rglob("*.nb*")}
     asked = "from numba.core import event\nwith event.install_recorder('numba:compile') as compiled: main()\n"
     assert python(f"{WARM}\n{asked}print(len(compiled.buffer))", cache=tmp_path) == ["0"]
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    for package in ("sim_backend", "api_schemas", "trial_logs"):
+        (elsewhere / package).symlink_to(ROOT / package)
+    there = python(f"{WARM}\n{asked}print(len(compiled.buffer), main.__code__.co_filename)", tmp_path, elsewhere)
+    assert there == ["0", str(elsewhere / "sim_backend/warm_up.py")]
     assert {path: path.stat().st_mtime_ns for path in copied.rglob("*.nb*")} == written and len(written) >= 8
     assert python(WARM + "print(is_kept())", cache=tmp_path / "empty") == ["False"]
 
