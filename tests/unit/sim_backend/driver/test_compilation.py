@@ -11,12 +11,19 @@ import pytest
 from tests import ROOT
 
 INSTALL = "from sim_backend.driver import native_control; native_control.install(); print('installed')"
+SMALL = """
+import numba
+from sim_backend.driver.compilation import compiled_once
+tried = []
+made = compiled_once(lambda cache: tried.append(cache) or numba.njit('f8(f8)', cache=cache)(lambda x: 2 * x))
+print(made(21.0), *tried)
+"""
 
 
-def run(**environment: str) -> str:
+def run(code: str, **environment: str) -> str:
     kept = {name: value for name, value in os.environ.items() if name not in {"XDG_CACHE_HOME", "HOME"}}
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", INSTALL],
+        [sys.executable, "-W", "error", "-c", code],
         env=kept | environment,
         capture_output=True,
         text=True,
@@ -27,10 +34,15 @@ def run(**environment: str) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize("variable", ["HOME", pytest.param("XDG_CACHE_HOME", marks=pytest.mark.scale)])
+@pytest.mark.parametrize("variable", ["HOME", "XDG_CACHE_HOME"])
 def test_a_folder_that_cannot_be_written_is_no_obstacle(variable: str):
-    """`test_a_folder_that_cannot_be_written_is_no_obstacle` has one of the folder's names without scale."""
-    assert "installed" in run(**{variable: "/proc/nowhere"})
+    assert run(SMALL, **{variable: "/proc/nowhere"}).split() == ["42.0", "False"]
+
+
+@pytest.mark.scale
+def test_a_robot_s_control_is_compiled_where_no_folder_can_be_written():
+    """`test_a_folder_that_cannot_be_written_is_no_obstacle` compiles less."""
+    assert "installed" in run(INSTALL, HOME="/proc/nowhere")
 
 
 WARM = "from sim_backend.driver.compilation import is_kept; from sim_backend.warm_up import main; "
