@@ -37,6 +37,7 @@ class RayWorkers(AbstractContextManager[Workers]):
         self._actor = self._ray.remote(num_cpus=1, max_restarts=0, max_task_retries=0)(_Actor)
         self._make = make
         self._actors = [self._actor.remote(make) for _ in range(count)]
+        self._began = [actor.pid.remote() for actor in self._actors]
 
     def map(self, items: Iterable[Any], shared: Any = None) -> Iterator[Any]:
         """As :meth:`Workers.map`; ``shared`` is put into the store once."""
@@ -56,10 +57,22 @@ class RayWorkers(AbstractContextManager[Workers]):
                 free.append(number)
                 try:
                     found[done] = ray.get(ready[0])
+                    places.came()
                 except (ray.exceptions.RayActorError, ray.exceptions.ObjectLostError):
-                    places.again(number, done)
-                    self._actors[number] = self._actor.remote(self._make)
+                    places.again(number, done, begun=self._replace(number))
             yield found.pop(place)
+
+    def _replace(self, number: int) -> bool:
+        """Begin another actor in place of one that ended; whether that one had begun to work."""
+        ray, answer = self._ray, self._began[number]
+        begun = bool(ray.wait([answer], timeout=0.0)[0])
+        try:
+            ray.get(answer, timeout=0.0)
+        except (ray.exceptions.RayActorError, ray.exceptions.ObjectLostError, ray.exceptions.GetTimeoutError):
+            begun = False
+        self._actors[number] = self._actor.remote(self._make)
+        self._began[number] = self._actors[number].pid.remote()
+        return begun
 
     def __exit__(self, *_: object) -> None:
         """End the actors, and the Ray that was begun for them."""

@@ -13,6 +13,7 @@ What must hold of it: an item's result depends on nothing but the item and ``sha
 again when the worker before was lost. Then the results are the same for any number of workers, wherever they are.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from typing import Any, Protocol
@@ -22,7 +23,7 @@ Work = Callable[[Any, Any], Any]
 MakeWork = Callable[[], Work]
 """Makes the work in each worker: a class or function of a module, or a ``functools.partial`` of one."""
 MOST_LOSSES = 5
-"""An item that ended so many workers is not given to another."""
+"""An item that ended so many workers is not given to another, and no worker is begun after so many starts in vain in a row."""
 
 
 class WorkersError(RuntimeError):
@@ -45,7 +46,7 @@ class Workers(Protocol):
         earlier call is of use; a worker without one of its own takes another's.
 
         Raises:
-            WorkersError: an item ended ``MOST_LOSSES`` workers.
+            WorkersError: an item ended ``MOST_LOSSES`` workers, or so many in a row ended before they began.
             Exception: whatever the work raised.
         """
         ...
@@ -102,7 +103,7 @@ class Places:
 
     def __init__(self, items: Sequence[Any], workers: int, lost: list[int]) -> None:
         self._waiting = [list(range(worker, len(items), workers)) for worker in range(workers)]
-        self._lost, self.left = lost, len(items)
+        self._lost, self._ended, self._failed_starts = lost, Counter[int](), 0
 
     def next_of(self, worker: int) -> int | None:
         """The next item of a worker, or of the one who has most left; None when all have been given out."""
@@ -111,13 +112,21 @@ class Places:
         most = max(self._waiting, key=len)
         return most.pop() if most else None
 
-    def again(self, worker: int, place: int) -> None:
-        """Give an item out again, first of all.
+    def came(self) -> None:
+        """Of a result: workers can be begun."""
+        self._failed_starts = 0
+
+    def again(self, worker: int, place: int, *, begun: bool) -> None:
+        """Give an item out again, first of all, whose worker ended; the item is not to blame if that had not begun with any.
 
         Raises:
-            WorkersError: it ended too many workers.
+            WorkersError: it ended too many workers, or too many ended before they began.
         """
         self._lost.append(place)
-        if self._lost.count(place) >= MOST_LOSSES:
+        self._ended[place] += begun
+        self._failed_starts = 0 if begun else self._failed_starts + 1
+        if self._ended[place] >= MOST_LOSSES:
             raise WorkersError(f"item {place} ended {MOST_LOSSES} workers, one after the other; look at what it does to them")
+        if self._failed_starts >= MOST_LOSSES:
+            raise WorkersError(f"{MOST_LOSSES} workers in a row ended before they began; see that memory is enough for so many")
         self._waiting[worker].insert(0, place)

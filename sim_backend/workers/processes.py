@@ -10,6 +10,8 @@ from typing import Any
 from sim_backend.workers.pool import MakeWork, Places, Workers, WorkersError
 
 _END_WITHIN_S = 5.0
+BEGUN = b""
+"""What a worker says once it has made what does the work; no answer is so short."""
 
 
 class ProcessWorkers(AbstractContextManager[Workers]):
@@ -46,13 +48,16 @@ class ProcessWorkers(AbstractContextManager[Workers]):
                         has[number] = following
                         self._give(number, items[following], shared_bytes)
                 for number in self._ready(has):
+                    answer = self._take(number)
+                    if answer == BEGUN:
+                        continue
                     done, has[number] = has[number], None
                     assert done is not None
-                    ended, result = self._take(number)
-                    if ended:
-                        places.again(number, done)
+                    if answer is None:
+                        places.again(number, done, begun=self._replace(number))
                     else:
-                        found[done] = result
+                        places.came()
+                        found[done] = self._result(answer)
             yield found.pop(place)
 
     def _give(self, number: int, item: Any, shared: bytes) -> None:
@@ -63,19 +68,29 @@ class ProcessWorkers(AbstractContextManager[Workers]):
         busy = {worker.pipe: number for number, worker in enumerate(self._workers) if has[number] is not None}
         return sorted(busy[pipe] for pipe in wait(list(busy)) if isinstance(pipe, Connection))
 
-    def _take(self, number: int) -> tuple[bool, Any]:
-        """Whether a worker ended instead of answering, and its answer."""
+    def _take(self, number: int) -> bytes | None:
+        """What a worker says, None if it ended instead."""
+        worker = self._workers[number]
         try:
-            answer = self._workers[number].pipe.recv_bytes()
+            answer = worker.pipe.recv_bytes()
         except (EOFError, OSError):
-            self._workers[number].end()
-            self._workers[number] = _Worker(self._context, self._make)
-            return True, None
+            return None
+        worker.begun = worker.begun or answer == BEGUN
         self.moved_bytes += len(answer)
+        return answer
+
+    def _replace(self, number: int) -> bool:
+        """Begin another worker in place of one that ended; whether that one had begun to work."""
+        begun = self._workers[number].begun
+        self._workers[number].end()
+        self._workers[number] = _Worker(self._context, self._make)
+        return begun
+
+    def _result(self, answer: bytes) -> Any:
         failed, result = pickle.loads(answer)  # noqa: S301 - of our own child
         if failed:
             raise result
-        return False, result
+        return result
 
     def __exit__(self, *_: object) -> None:
         """End the processes."""
@@ -97,6 +112,7 @@ class _Worker:
             raise WorkersError(f"no process for a worker can be begun: {error}; ask for fewer") from error
         theirs.close()
         self._shared: bytes | None = None
+        self.begun = False
 
     def give(self, item: Any, shared: bytes) -> int:
         fresh = b"" if shared == self._shared else shared
@@ -122,6 +138,7 @@ def _serve(pipe: Connection, make: MakeWork) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for those who gave the work
     work, shared = make(), None
     with suppress(EOFError, OSError):
+        pipe.send_bytes(BEGUN)
         while True:
             item, fresh = pickle.loads(pipe.recv_bytes())  # noqa: S301 - of our own parent
             if fresh:

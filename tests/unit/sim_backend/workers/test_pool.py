@@ -9,7 +9,7 @@ import pytest
 from sim_backend.workers import pool
 from sim_backend.workers.cluster import connected, is_loopback
 from sim_backend.workers.pool import WorkersError, open_workers
-from tests.unit.sim_backend.workers.works import EndsOnce, Square
+from tests.unit.sim_backend.workers.works import BeginsEachThirdTime, EndsOnce, NeverBegins, Square
 
 
 @pytest.mark.parametrize("workers", [0, 1, 3])
@@ -43,6 +43,15 @@ def test_what_a_lost_worker_had_is_done_again(tmp_path):
 def test_an_item_that_ends_every_worker_is_an_error(tmp_path):
     with pytest.raises(WorkersError, match="item 1 ended 5 workers"):
         pool.map(functools.partial(EndsOnce, str(tmp_path), always=True), [1, 3], workers=1)
+
+
+def test_workers_that_end_before_they_begin_are_not_the_item_s_fault_but_do_not_go_on_for_ever(tmp_path):
+    make = functools.partial(BeginsEachThirdTime, str(tmp_path))
+    with pytest.raises(WorkersError, match="item 1 ended 5 workers"), open_workers(make, 1) as workers:
+        assert list(workers.map([1, "end"])) == []
+    assert len([*tmp_path.iterdir()]) in (15, 16), "each of the five came after two that had not begun, and perhaps one more"
+    with pytest.raises(WorkersError, match="5 workers in a row ended before they began"):
+        pool.map(NeverBegins, [1], workers=1)
 
 
 def test_other_machines_are_reached_with_a_token_only(monkeypatch):

@@ -26,3 +26,25 @@ class EndsOnce:
             mark.touch()
             os.kill(os.getpid(), signal.SIGKILL)
         return item
+
+
+class NeverBegins:
+    """Kills its own process while it is made."""
+
+    def __init__(self) -> None:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+class BeginsEachThirdTime:
+    """Kills its own process while it is made, but for each third time; marks in the folder count. Gives items back."""
+
+    def __init__(self, folder: str) -> None:
+        number = len(list(Path(folder).iterdir()))
+        Path(folder, str(number)).touch()
+        if number % 3 != 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    def __call__(self, item, shared=None):
+        if item == "end":
+            os.kill(os.getpid(), signal.SIGKILL)
+        return item
