@@ -97,7 +97,8 @@ def read_manifest(path: Path) -> PolicyManifest:
     try:
         return PolicyManifest.model_validate(json.loads(path.read_text()))
     except OSError as error:
-        raise UsageProblem(f"cannot read the manifest {path}: {error.strerror}") from error
+        layout = f"; {path} is the name of a layout: did you mean --layout {path}?" if str(path) in LAYOUTS else ""
+        raise UsageProblem(f"cannot read the manifest {path}: {error.strerror}{layout}") from error
     except ValidationError as error:
         raise UsageProblem(f"the manifest {path} is not valid: {sentence(error, 'it')}") from error
     except ValueError as error:

@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_backend.reality_gap.subjects.joints.forward import Windows
+from sim_backend.reality_gap.subjects.joints.linearisation import SAMPLES_OF_WINDOW, probed
 from sim_backend.reality_gap.subjects.joints.recorded_windows import LEAST_WINDOWS
 from sim_backend.reality_gap.subjects.joints.rollout_fit import (
     FAR_SHARE,
-    PROBES,
-    SAMPLES_OF_WINDOW,
     TOLERATED,
     RolloutProblem,
     moved_by,
@@ -89,19 +88,10 @@ def _below(left_rad: np.ndarray, joints: int, share: float) -> np.ndarray:
 
 def _images(problem: RolloutProblem, windows: Windows, terms: Sequence[Term]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where the nominal model goes, (n, s * k), and what its start, (n, s * k, 2 k), and terms, (n, s * k, m), change in that."""
-    (n, k), m = windows.begin_rad.shape, len(terms)
-    models = [problem.start, *(problem.start.moved(term, term.probe) for term in terms)]
-    begins = [np.tile(each, (1 + m + 2 * k, 1, 1)) for each in (windows.begin_rad, windows.begin_rad_s)]
-    for j in range(k):
-        begins[0][1 + m + j, :, j] += PROBES[0]
-        begins[1][1 + m + k + j, :, j] += PROBES[1]
-    over = np.tile(np.arange(n), 1 + m + 2 * k)
-    which = np.repeat([*range(1 + m), *[0] * (2 * k)], n)
-    went = problem.forward.positions(windows, begins[0].reshape(-1, k), begins[1].reshape(-1, k), models, which, over)
-    went = went.reshape(1 + m + 2 * k, n, -1)
-    steps = np.array([*(term.probe for term in terms), *[PROBES[0]] * k, *[PROBES[1]] * k])
-    moves = ((went[1:] - went[0]) / steps[:, None, None]).transpose(1, 2, 0)
-    return went[0], moves[:, :, m:], moves[:, :, :m]
+    n, m = len(windows), len(terms)
+    went, moves = probed(problem.forward, windows, problem.start, terms, (windows.begin_rad, windows.begin_rad_s))
+    moves = moves.reshape(len(moves), n, -1).transpose(1, 2, 0)
+    return went.reshape(n, -1), moves[:, :, m:], moves[:, :, :m]
 
 
 def _apart(

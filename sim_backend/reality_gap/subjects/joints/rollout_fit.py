@@ -10,18 +10,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, POSITION_GAIN
+from sim_backend.reality_gap.knowledge.joint_effects import POSITION_GAIN
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance
-from sim_backend.reality_gap.knowledge.unnamed_laws import ZERO
 from sim_backend.reality_gap.measured.sensor_noise import white_noise
 from sim_backend.reality_gap.subjects.joints.body_law import KEYS as BODY_KEYS
 from sim_backend.reality_gap.subjects.joints.checks import encoder_step
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.subjects.joints.forward import LONGEST_IN_LOOP_S, LONGEST_STEP_S, Forward
-from sim_backend.reality_gap.subjects.joints.hypotheses import Catalogue, links_off, own_share
+from sim_backend.reality_gap.subjects.joints.hypotheses import Catalogue
+from sim_backend.reality_gap.subjects.joints.linearisation import PROBES, SAMPLES_OF_WINDOW, Linearised, linearised
 from sim_backend.reality_gap.subjects.joints.motor_law import KEYS as MOTOR_KEYS
 from sim_backend.reality_gap.subjects.joints.recorded_windows import torque_noise_nm, windows_of
 from sim_backend.reality_gap.subjects.joints.state import CLOCK, NO_EFFECTS, JointState, Term
+from sim_backend.reality_gap.subjects.joints.tolerated import tolerated
 
 LENGTHS_S = (1.0, 0.5, 0.25)
 """Of windows, the longest first: the first is taken in which a disturbed start does not grow."""
@@ -30,13 +31,8 @@ FOLDS = 3
 _GROWS = 2.0
 _FINEST_S = 0.002
 """Faster recordings are compared this far apart."""
-_STARTS = (2e-3, 0.2)
-"""Standard deviations of where windows begin, rad and rad/s, about the smoothed motion."""
-PROBES = (1e-3, 1e-2)
 FAR_SHARE = 0.9
 """Of windows."""
-SAMPLES_OF_WINDOW = 4.0
-"""Independent numbers that a joint's errors in a window count as: they are as smooth as the motion."""
 _TAILS = 4.0
 """Squares of a window's error, over the usual, beyond which it counts less and less."""
 _ITERATIONS, _QUICK_ITERATIONS, _STARTS_ALONE = 6, 5, 3
@@ -55,28 +51,8 @@ FAR_WINDOWS = 3.0
 """Times what a usual window may be off, that nine windows of ten must stay below: a limit or a play acts in some motions only."""
 FAR_OFF = 5.0
 """Times an encoder's noise: windows also begin and end where smoothing puts them."""
-_CLOCK_SHARE = 0.25
-"""Standard deviation of when a recorded torque acts, of a row: at most half a row earlier or later."""
 _SIMULATED = frozenset({*MOTOR_KEYS, *BODY_KEYS, POSITION_GAIN})
 """Numbers that rollouts have."""
-
-
-@dataclass(frozen=True)
-class Linearised:
-    """Errors of all windows at a model, and what each term changes in them, free of where windows begin.
-
-    Attributes:
-        error: measured less simulated, shape (n, s, k), rad.
-        precision, pull: sums of squares of the terms' changes and with the errors, in units of the noise, (m, m) and (m,).
-        starts: for each window, what its start follows from a change of the terms: (change of start, by terms).
-        moves: what each term, and after them where windows begin, changes in positions, shape (m + 2 k, n, s, k).
-    """
-
-    error: np.ndarray
-    precision: np.ndarray
-    pull: np.ndarray
-    starts: tuple[np.ndarray, np.ndarray]
-    moves: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -146,9 +122,7 @@ class RolloutProblem:
         reported = [v for e in episodes if (v := e.path.joints.velocity_rad_s) is not None]
         self.velocity_noise_rad_s = np.sqrt(np.mean([white_noise(v) ** 2 for v in reported], axis=0)) if reported else 0.0
         row_s = float(np.median([e.path.step_s for e in episodes]))
-        clock = (Term(CLOCK, 0, 0.1 * row_s), _CLOCK_SHARE * row_s)
-        links = links_off(tolerance, episodes[0].plant.centre_distance_m)
-        self._loose = [clock, *_zeros(episodes, tolerance), *links, *_of_model(tolerance, catalogue, start)]
+        self._loose = tolerated(episodes, start, catalogue, tolerance)
         self._other: Forward | None = None
         law = self.windows.feedback  # of a servo its motor's own voltage is a part, which never rests
         if law is not None and len(self.windows) and not np.nan_to_num(law.back_emf_nm_s_rad).any():
@@ -244,7 +218,7 @@ class RolloutProblem:
         squares, errors, known = self.squares_of(state, begin), np.zeros(len(every)), None
         for _ in range(iterations):
             noise, weights = self.noise_of(squares)
-            linear = self.linearised(state, every, begin, noise, weights, known)
+            linear = linearised(self.forward, self.windows, state, every, begin, noise, weights, known)
             prior = 1.0 / scales**2
             precision = linear.precision + np.diag(prior)
             errors = np.sqrt(np.diag(np.linalg.inv(precision)))
@@ -300,68 +274,6 @@ class RolloutProblem:
         joints = begin[0].shape[1]
         return begin[0] + starts[:, :joints], begin[1] + starts[:, joints:]
 
-    def linearised(
-        self,
-        state: JointState,
-        terms: Sequence[Term],
-        begin: tuple[np.ndarray, np.ndarray],
-        noise: np.ndarray,
-        weights: np.ndarray,
-        known: np.ndarray | None = None,
-    ) -> Linearised:
-        """Errors at a model and what a change of each term does to them.
-
-        Args:
-            state: the model.
-            terms: m of them.
-            begin: where windows begin.
-            noise: of each joint, shape (k,), rad.
-            weights: of each window and joint, shape (n, k).
-            known: what the last of the terms, and where windows begin, change, as :class:`Linearised` of a model nearby has them;
-                they are not probed then.
-        """
-        w, k = self.windows, begin[0].shape[1]
-        m = len(terms)
-        probed = m if known is None else m + 2 * k - len(known)
-        went, moves = self._probed(state, terms[:probed], begin, with_begins=known is None)
-        moves = moves if known is None else np.concatenate([moves, known])
-        error = w.position_rad - went
-        fine = np.asarray(np.isfinite(error).all(axis=(1, 2)) & np.isfinite(moves).all(axis=(0, 2, 3)))
-        counted = (np.sqrt(weights * SAMPLES_OF_WINDOW / error.shape[1]) / noise)[:, None] * fine[:, None, None]
-        left, images = error * counted, (moves * counted).swapaxes(0, 1)
-        left[~fine], images[~fine] = 0.0, 0.0
-        left, images = left.reshape(len(error), -1, 1), images.reshape(len(error), m + 2 * k, -1)
-        products, pulls = images @ images.transpose(0, 2, 1), (images @ left)[:, :, 0]
-        deviation = np.concatenate([w.begin_rad - begin[0], w.begin_rad_s - begin[1]], axis=1)
-        held = np.repeat(1.0 / np.array(_STARTS) ** 2, k)
-        block = products[:, m:, m:] + np.diag(held)
-        pulled = pulls[:, m:] + held * deviation
-        cross = products[:, m:, :m]
-        free = np.linalg.solve(block, pulled[:, :, None])[:, :, 0]
-        by_terms = np.linalg.solve(block, cross)
-        precision = products[:, :m, :m].sum(axis=0) - np.einsum("nam,nal->ml", cross, by_terms)
-        pull = pulls[:, :m].sum(axis=0) - np.einsum("nam,na->m", cross, free)
-        return Linearised(error, precision, pull, (free, by_terms), moves)
-
-    def _probed(
-        self, state: JointState, terms: Sequence[Term], begin: tuple[np.ndarray, np.ndarray], *, with_begins: bool
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Where a model goes, shape (n, s, k), and what terms and places and speeds of begins change in that, by their units."""
-        w, (n, k) = self.windows, begin[0].shape
-        models = [state, *(state.moved(t, t.probe) for t in terms)]
-        m, b = len(terms), k if with_begins else 0
-        total = 1 + m + 2 * b
-        places, speeds = (np.tile(each, (total, 1, 1)) for each in begin)
-        for j in range(b):
-            places[1 + m + j, :, j] += PROBES[0]
-            speeds[1 + m + k + j, :, j] += PROBES[1]
-        which = np.repeat([*range(1 + m), *[0] * (2 * b)], n)
-        over = np.tile(np.arange(n), total)
-        went = self.forward.positions(w, places.reshape(-1, k), speeds.reshape(-1, k), models, which, over)
-        went = went.reshape(total, n, -1, k)
-        steps = np.array([*(t.probe for t in terms), *[PROBES[0]] * b, *[PROBES[1]] * b])
-        return went[0], (went[1:] - went[0]) / steps[:, None, None, None]
-
     @property
     def motion_rad(self) -> np.ndarray:
         """How far joints are from their mean place in a usual window, root mean square, shape (k,)."""
@@ -380,17 +292,6 @@ class RolloutProblem:
         return float(0.5 * SAMPLES_OF_WINDOW * np.nan_to_num(ratio, posinf=5.0, neginf=-5.0).sum())
 
 
-def _zeros(episodes: Sequence[EpisodeEquations], declared: Tolerance) -> list[tuple[Term, float]]:
-    """Zeros of torques that were recorded, each with its standard deviation; what a stated controller sends is known."""
-    recorded = [
-        [np.nan if name in e.path.joints.not_recorded else np.nanmax(np.abs(torque), initial=0.0) for name, torque in each]
-        for e in episodes
-        for each in [zip(e.path.joints.names, e.acting_nm, strict=True)]
-    ]
-    scales = 0.5 * declared.zero * np.nan_to_num(np.max(recorded, axis=0))
-    return [(Term(ZERO, j, max(float(scale), 1e-9)), float(scale)) for j, scale in enumerate(scales)]
-
-
 def _noise_rad(episode: EpisodeEquations) -> np.ndarray:
     """Of encoders, shape (k,): rounding to coarse steps is noise, too, though positions then rest for most of the time."""
     steps_rad = episode.path.by_own_samples(encoder_step, episode.path.joints.position_rad)
@@ -407,12 +308,6 @@ def is_nearer(fit: RolloutFit, other: RolloutFit) -> bool:
 def is_simulated(key: str) -> bool:
     """Whether rollouts have a law of a number, "effect.parameter"."""
     return key in _SIMULATED
-
-
-def _of_model(tolerance: Tolerance, catalogue: Catalogue, start: JointState) -> list[tuple[Term, float]]:
-    """What the model itself says of its links, rotors and bearings, each with the standard deviation of what it may be off by."""
-    first = {(term.key, term.index): term for term in reversed(catalogue.terms) if term.key in NUMBERS}
-    return [(term, own_share(tolerance, key, index, start)) for (key, index), term in first.items()]
 
 
 def apart(state: JointState, other: JointState, terms: Sequence[Term]) -> np.ndarray:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_backend.reality_gap.subjects.joints.hypotheses import Hypothesis
+from sim_backend.reality_gap.subjects.joints.linearisation import linearised
 from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutFit, RolloutProblem, apart, is_simulated
 from sim_backend.reality_gap.subjects.joints.state import Term
 
@@ -40,7 +41,7 @@ def gains(
     scales = np.array([*fit.scales, *(scale for _, scale in beside)])
     every = [*base, *(problem.catalogue.terms[i] for i in own)]
     noise, weights = problem.noise_of(fit.squares)
-    linear = problem.linearised(fit.state, every, fit.begin, noise, weights)
+    linear = linearised(problem.forward, problem.windows, fit.state, every, fit.begin, noise, weights)
     b = len(base)
     inner = linear.precision[:b, :b] + np.diag(1.0 / scales**2)
     through = np.linalg.solve(inner, linear.precision[:b, b:])
@@ -76,7 +77,7 @@ def would_move_nats(problem: RolloutProblem, fit: RolloutFit) -> float:
     A model of another shape than the robot's may be stuck where no step brings it nearer, far from where each step points.
     """
     terms, scales = fit.terms[: fit.causes], fit.scales[: fit.causes]
-    linear = problem.linearised(fit.state, terms, fit.begin, *problem.noise_of(fit.squares))
+    linear = linearised(problem.forward, problem.windows, fit.state, terms, fit.begin, *problem.noise_of(fit.squares))
     pull = linear.pull - apart(fit.state, problem.start, terms) / scales**2
     return float(0.5 * pull @ np.linalg.solve(linear.precision + np.diag(scales**-2.0), pull)) if terms else 0.0
 

@@ -1,4 +1,5 @@
 import json
+from pathlib import Path
 
 import pytest
 
@@ -85,3 +86,8 @@ def test_an_unknown_layout_is_refused_with_the_known_ones(weights):
 def test_an_absent_manifest_is_named(weights, tmp_path):
     with pytest.raises(UsageProblem, match=r"absent\.json: No such file"):
         read_policy(weights, tmp_path / "absent.json", None)
+
+
+def test_a_layout_given_as_a_manifest_is_recognised(weights):
+    with pytest.raises(UsageProblem, match="No such file or directory; push is the name of a layout: did you mean --layout push"):
+        read_policy(weights, Path("push"), None)
