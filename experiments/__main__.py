@@ -24,9 +24,9 @@ def main(arguments: list[str] | None = None) -> int:
         return _problem("experiments need packages that are not installed: pip install -e '.[learning]' in the clone", OTHER)
     from client_cli.terminal.errors import ClientError
     from experiments.farm_trials import WeightsMissingError
-    from experiments.lock import TakenError
     from experiments.store import StoreError
     from experiments.trainer import TrainingFailedError
+    from sim_backend.folder_lock import TakenError
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # nohup's wish is kept

@@ -20,7 +20,6 @@ from experiments.design import Cell, Experiment, Farm
 from experiments.farm_trials import own_farm, run_blocks, weights_of
 from experiments.findings import Findings, findings
 from experiments.hidden_state import ask
-from experiments.lock import taken
 from experiments.page import experiment_page, overview
 from experiments.plan import (
     BlockPiece,
@@ -37,7 +36,8 @@ from experiments.plan import (
 )
 from experiments.provenance import made_by
 from experiments.store import MEASURED, Key, Store
-from experiments.trainer import manifest_of, train_all
+from experiments.trainer import OTHER_FOLDERS, manifest_of, train_all
+from sim_backend.folder_lock import taken
 from sim_backend.grasping.controller import GraspPolicy
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def run(experiment: Experiment, store: Store, settings: Settings) -> Findings:
     tell = settings.tell
     for line in announcement(experiment, store, settings):
         tell(line)
-    with taken(store.work_folder, f"experiment {experiment.name}"):
+    with taken(store.work_folder, f"experiment {experiment.name}", OTHER_FOLDERS):
         shutil.rmtree(store.farm_folder, ignore_errors=True)  # of a sitting that was killed
         _do_what_is_missing(experiment, store, settings)
     return findings(experiment, store)

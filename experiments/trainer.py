@@ -14,7 +14,6 @@ from api_schemas.policy import PolicyManifest
 from client_cli.embedded.child_process import child_environment, module_command
 from client_cli.policies.policy_files import read_policy
 from experiments.design import Demonstrations, Start
-from experiments.lock import taken
 from experiments.plan import TrainingPiece
 from experiments.recipe_files import (
     changes_since,
@@ -27,10 +26,12 @@ from experiments.recipe_files import (
     write_recipe,
 )
 from experiments.store import Key, Store, StoreError
+from sim_backend.folder_lock import taken
 
 POLL_EVERY_S = 0.5
 ENDS_WITHIN_S = 30.0
 LAST_LINES = 12
+OTHER_FOLDERS = "give another --work and --out"
 CHECKPOINT, RECORD = "checkpoint.pt", "record.json"
 """What the training program leaves in its folder (sim_backend/training/evaluating.py, which needs torch)."""
 
@@ -172,7 +173,7 @@ def _trained_start(start: Start, store: Store, tell: Callable[[str], None]) -> P
     folder = store.start_folder(start)
     if (folder / RECORD).exists():
         return folder
-    with taken(folder, f"training {start.name}", waits=tell):
+    with taken(folder, f"training {start.name}", OTHER_FOLDERS, waits=tell):
         if not (folder / RECORD).exists():
             path = folder / f"{start.name}.toml"
             path.write_text(toml_of(start_document(start)))

@@ -1,5 +1,6 @@
 """A child process that does the work of a command in its place: writes to our stdout and stderr, and ends with us."""
 
+import ctypes
 import os
 import signal
 import subprocess
@@ -11,12 +12,15 @@ from client_cli.terminal.errors import Interrupted
 
 TIME_TO_END_S = 5.0
 """What a child usually gets after Ctrl-C to leave its results in order."""
+_PR_SET_PDEATHSIG = 1
+_LIBC = ctypes.CDLL(None)
 
 
 def run_to_end(command: list[str], interrupted: str, *, ends_within_s: float = TIME_TO_END_S) -> int:
     """Exit code of a child that writes to our stdout and stderr.
 
-    It gets a session of its own, so that a Ctrl-C reaches only us, and we end it together with the processes that it started.
+    It gets a session of its own, so that a Ctrl-C reaches only us, and we end it together with the processes that it started. If
+    we are killed the kernel ends it: nobody would know that it works on in a folder.
 
     Args:
         command: what to run.
@@ -27,7 +31,13 @@ def run_to_end(command: list[str], interrupted: str, *, ends_within_s: float = T
         Interrupted: by Ctrl-C, SIGTERM or SIGHUP, after the child has ended.
     """
     with _signals_as_interrupt():
-        child = subprocess.Popen(command, env=child_environment(), stdin=subprocess.DEVNULL, start_new_session=True)
+        child = subprocess.Popen(
+            command,
+            env=child_environment(),
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+            preexec_fn=_end_with_parent,  # noqa: PLW1509 - of one thread, and it takes no lock
+        )
         try:
             return child.wait()
         except KeyboardInterrupt:
@@ -45,6 +55,10 @@ def how_it_ended(code: int) -> str:
     if code >= 0:
         return f"ended with code {code}"
     return f"was ended by signal {-code}" + (" (out of memory?)" if -code == signal.SIGKILL else "")
+
+
+def _end_with_parent() -> None:
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def _signal_all(child: subprocess.Popen[bytes], number: signal.Signals) -> None:

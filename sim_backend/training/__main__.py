@@ -7,10 +7,18 @@ import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from sim_backend.folder_lock import TakenError, taken
 from sim_backend.workers.pool import WorkersError
 
+if TYPE_CHECKING:
+    from sim_backend.training.demonstrations.recipe import ImitationRecipe
+    from sim_backend.training.recipe import Recipe
+
 OK, OTHER, USAGE, INTERRUPTED = 0, 1, 2, 130
+LEARNER_GOES_S = 10.0
+"""What a learner that was killed a moment ago has to be gone; two would write one checkpoint."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -20,28 +28,37 @@ def main(arguments: list[str] | None = None) -> int:
         options.workers = 1
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # torch's threads would wait by spinning on the cores of the physics
     try:
-        from sim_backend.training.demonstrations.run import ImitationRun
-        from sim_backend.training.evaluating import CHECKPOINT
-        from sim_backend.training.train import Run
+        from sim_backend.training import train
     except ImportError as error:
         return _problem(
             f"training needs packages that are not installed ({error.name}): pip install -e '.[learning]' in the clone, "
             "or the wheel with '[learning]' after its name",
             OTHER,
         )
-    from sim_backend.training.recipe import Recipe, RecipeError, load_recipe
+    from sim_backend.training.recipe import RecipeError, load_recipe
 
     try:
         name, recipe = load_recipe(options.recipe)
     except RecipeError as error:
         return _problem(str(error), USAGE)
     folder = options.out or Path(f"train-{name}")
-    there = (folder / CHECKPOINT).exists()
+    there = (folder / train.CHECKPOINT).exists()
     if there and not options.resume:
         return _problem(f"{folder} has the checkpoint of a run; give --resume to go on with it, or another --out", USAGE)
     if options.resume and not there:
         return _problem(f"{folder} has no checkpoint to go on from; leave --resume out to begin", USAGE)
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        with taken(folder, "a training", "give another --out", patience_s=LEARNER_GOES_S, lock="learner.lock"):
+            return _begun(name, recipe, folder, options)
+    except TakenError as error:
+        return _problem(str(error), USAGE)
+
+
+def _begun(name: str, recipe: "Recipe | ImitationRecipe", folder: Path, options: argparse.Namespace) -> int:
+    from sim_backend.training.demonstrations.run import ImitationRun
+    from sim_backend.training.recipe import Recipe
+    from sim_backend.training.train import Run
+
     try:
         make = {"name": name, "folder": folder, "threads": options.threads, "tell": _tell}
         spread = {"workers": options.workers, "cluster": options.cluster}

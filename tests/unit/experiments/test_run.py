@@ -14,9 +14,9 @@ pytest.importorskip("stable_baselines3", reason="the extra 'learning' is not ins
 from experiments import run as running
 from experiments.__main__ import main
 from experiments.catalogue import CATALOGUE
-from experiments.lock import taken
 from experiments.plan import Wanted
 from experiments.run import Settings, run
+from sim_backend.folder_lock import taken
 from tests.unit.experiments.small import SMALL, store_of, train
 
 ROOT = Path(__file__).parents[3]
@@ -95,7 +95,7 @@ def test_a_quick_form_says_by_what_it_goes_on(capsys, tmp_path, monkeypatch):
 
 def test_a_second_sitting_on_one_folder_ends_at_once_and_says_who_is_there(capsys, tmp_path):
     flags = ["--out", str(tmp_path / "out"), "--work", str(tmp_path / "work"), "--budget-minutes", "0"]
-    with taken(tmp_path / "work" / "memory", "experiment memory"):
+    with taken(tmp_path / "work" / "memory", "experiment memory", ""):
         assert main(["memory", *flags]) == 2
         assert re.search(r"experiment memory is under way in .*: process \d+", capsys.readouterr().err)
         assert main(["objects", *flags]) == 0, "another experiment may work beside it"

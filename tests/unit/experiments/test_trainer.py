@@ -14,11 +14,11 @@ import pytest
 
 from experiments import trainer
 from experiments.design import Start
-from experiments.lock import taken
 from experiments.plan import TrainingPiece, missing
 from experiments.recipe_files import write_recipe
 from experiments.store import StoreError
 from experiments.trainer import TrainingFailedError, train_all
+from sim_backend.folder_lock import taken
 from tests.unit.experiments.small import SMALL, leave_training, store_of
 
 BEGUN = {"task": "push", "layout": "push", "samples": 10}
@@ -194,7 +194,7 @@ def test_a_signal_while_a_start_is_trained_ends_the_start_too(trainings, tmp_pat
 def test_a_start_that_another_experiment_trains_is_waited_for(trainings):
     start, told = Start("begun", BEGUN, 1.0), []
     folder = trainings.store.start_folder(start)
-    with taken(folder, "training begun"):
+    with taken(folder, "training begun", ""):
         waiting = threading.Thread(target=lambda: trainer._trained_start(start, trainings.store, told.append))
         waiting.start()
         while not told:

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -51,3 +52,20 @@ def test_a_child_that_needs_time_to_end_gets_it(tmp_path, number):
 def test_one_that_takes_longer_is_killed(tmp_path):
     stopped(tmp_path, signal.SIGINT, takes_s=200.0, ends_within_s=0.1)
     assert not (tmp_path / "tidy").exists()
+
+
+SLEEPS = "import os, sys, time; print(os.getpid(), flush=True); time.sleep(600)"
+STARTS = f"import sys; from client_cli.terminal.foreground import run_to_end; run_to_end([sys.executable, '-c', {SLEEPS!r}], '')"
+
+
+def test_a_child_does_not_outlive_us_who_were_killed():
+    with subprocess.Popen([sys.executable, "-c", STARTS], stdout=subprocess.PIPE, text=True) as ours:
+        assert ours.stdout is not None
+        child = int(ours.stdout.readline())
+        os.kill(child, 0)
+        ours.kill()
+        assert ours.stdout.read() == "", "the other end is closed once the child ends"
+    with pytest.raises(ProcessLookupError):
+        for _ in range(200):
+            os.kill(child, 0)  # whoever inherited it has to ask how it ended
+            time.sleep(0.1)

@@ -14,6 +14,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="the extra 'learning' is not installed")
 pytest.importorskip("stable_baselines3", reason="the extra 'learning' is not installed")
 
+from sim_backend.folder_lock import taken  # noqa: E402
 from sim_backend.layouts import layout_of  # noqa: E402
 from sim_backend.training.__main__ import document, main  # noqa: E402
 from sim_backend.training.actor_critic import difference_matrix  # noqa: E402
@@ -119,6 +120,17 @@ def test_a_stopped_run_goes_on(tmp_path, capsys):
     weights = [state["policy"]["action_net.weight"] for state in (first, second)]
     assert (weights[0] != weights[1]).any()
     assert names_after("JSON keys", SECTIONS["train RECIPE"]) == list(document(record, folder))
+
+
+def test_two_learners_in_one_folder_would_write_one_checkpoint(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("sim_backend.training.__main__.LEARNER_GOES_S", 0.1)
+    path = tmp_path / "mine.toml"
+    path.write_text(TINY.format(samples=400))
+    with taken(tmp_path / "run", "a training", "", lock="learner.lock"):
+        assert main([str(path), "--out", str(tmp_path / "run"), "--threads", "1"]) == 2
+    said = capsys.readouterr().err
+    assert f"a training is under way in {tmp_path / 'run'}: process {os.getpid()}, " in said and "give another --out" in said
+    assert not (tmp_path / "run" / "checkpoint.pt").exists()
 
 
 def test_a_run_is_not_gone_on_with_by_another_recipe(tmp_path, capsys):

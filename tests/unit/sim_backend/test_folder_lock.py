@@ -6,17 +6,17 @@ import sys
 
 import pytest
 
-from experiments.lock import TakenError, taken
+from sim_backend.folder_lock import TakenError, taken
 
 
 def test_a_second_sitting_is_told_who_has_the_folder(tmp_path):
     folder, said = tmp_path / "work", f"experiment small is under way in .*work: process {os.getpid()}, .*another --work"
-    with taken(folder, "experiment small"):
-        with pytest.raises(TakenError, match=said), taken(folder, "experiment small"):
+    with taken(folder, "experiment small", "give another --work"):
+        with pytest.raises(TakenError, match=said), taken(folder, "experiment small", "give another --work"):
             pass
-        with taken(tmp_path / "other", "another experiment"):
+        with taken(tmp_path / "other", "another experiment", ""):
             pass
-    with taken(folder, "experiment small"):
+    with taken(folder, "experiment small", "give another --work"):
         pass
 
 
@@ -24,8 +24,8 @@ def test_a_training_that_lost_its_parent_holds_the_folder_until_it_ends(tmp_path
     text = f"""
 import subprocess, sys
 from pathlib import Path
-from experiments.lock import taken
-with taken(Path({str(tmp_path)!r}), "an experiment"):
+from sim_backend.folder_lock import taken
+with taken(Path({str(tmp_path)!r}), "an experiment", ""):
     child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=0, stdout=subprocess.DEVNULL, close_fds=False)
     print(child.pid, flush=True)
     import os, signal
@@ -36,10 +36,10 @@ with taken(Path({str(tmp_path)!r}), "an experiment"):
     with parent.stdin, parent.stdout:
         parent.stdout.readline()
         parent.wait()
-        with pytest.raises(TakenError, match="or a training that it began"), taken(tmp_path, "an experiment"):
+        with pytest.raises(TakenError, match="or one that it began"), taken(tmp_path, "an experiment", ""):
             pass
         parent.stdin.write(b"\n")
         parent.stdin.flush()
         told = []
-        with taken(tmp_path, "an experiment", waits=told.append):
+        with taken(tmp_path, "an experiment", "", waits=told.append):
             pass
