@@ -18,6 +18,7 @@ from tests.end_to_end.farm import Farm
 from tests.end_to_end.reaching import reaching
 from tests.graphs import endless, endless_in_time, linear, memory_hog, no_number_in_time
 from tests.integration.farm_process import PATIENCE_S
+from tests.processes import wait_until_gone
 from trial_logs.reader import read_log
 
 ROOT = Path(__file__).parent.parent.parent
@@ -256,14 +257,6 @@ def policy_processes(robot_pid: int) -> list[int]:
     return [int(pid) for pid in found]
 
 
-def computes(pid: int) -> bool:
-    """Whether a process still lives; one that has ended and waits to be reaped does not."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
-
-
 def processor_s(pid: int) -> float:
     """Seconds that a process has computed; 0 where it has ended."""
     try:
@@ -284,10 +277,7 @@ def test_an_endless_policy_ends_with_its_robot(one_robot, tmp_path):
         time.sleep(0.01)
     assert children
     os.kill(pid, signal.SIGKILL)
-    give_up_s = time.monotonic() + PATIENCE_S
-    while any(computes(child) for child in children):
-        assert time.monotonic() < give_up_s, "a policy computes on without its robot"
-        time.sleep(0.01)
+    wait_until_gone(*children)
     one_robot.run("cancel", job)
 
 

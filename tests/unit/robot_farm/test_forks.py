@@ -12,6 +12,7 @@ import pytest
 
 from robot_farm.forks import Forks
 from robot_farm.settings import TOKEN_VARIABLE
+from tests.processes import lives
 
 WITHIN_S = 120.0
 FARMS_TOKEN = f"farms-{uuid.uuid4().hex}"
@@ -109,14 +110,6 @@ def command_line(pid):
 
 def parent(pid):
     return int(proc(pid, "stat").decode().rpartition(")")[2].split()[1])
-
-
-def lives(pid):
-    """Whether it is there and not only waits to be reaped."""
-    try:
-        return proc(pid, "stat").decode().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
 
 
 def holds(pid, secret):

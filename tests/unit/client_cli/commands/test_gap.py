@@ -6,13 +6,13 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
 from client_cli.main import run
 from tests import ROOT
 from tests.cli_pages import SECTIONS, names_after
+from tests.processes import wait_until_gone
 
 MODULE = "sim_backend.reality_gap"
 STUBBORN = """
@@ -161,7 +161,7 @@ def test_ctrl_c_ends_the_child_in_order_and_what_it_started(tmp_path, number):
     assert (tmp_path / "in-order").exists()
     assert json.loads(out)["error"]["title"] == "interrupted"
     assert b"the same command goes on where it stopped" in err
-    _goes(worker)
+    wait_until_gone(worker)
 
 
 def _appears(path, patience_s=120.0):
@@ -170,19 +170,6 @@ def _appears(path, patience_s=120.0):
         assert time.monotonic() < end_s, f"{path} does not appear"
         time.sleep(0.02)
     return path.read_text()
-
-
-def _goes(pid, patience_s=120.0):
-    """Wait until a process is gone, or a zombie that only waits to be reaped."""
-    end_s = time.monotonic() + patience_s
-    while (stat := Path(f"/proc/{pid}/stat")).exists():
-        try:
-            if stat.read_text().rpartition(")")[2].split()[0] == "Z":
-                return
-        except (FileNotFoundError, ProcessLookupError):
-            return
-        assert time.monotonic() < end_s, f"process {pid} is still there"
-        time.sleep(0.02)
 
 
 def test_documented_keys_are_those_of_the_reality_gap():

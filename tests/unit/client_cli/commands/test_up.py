@@ -8,7 +8,6 @@ import stat
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
@@ -16,6 +15,7 @@ from client_cli.embedded.services_settings import DECIDED, OF_THE_COMMAND_LINE, 
 from services.settings import Settings
 from tests import ROOT
 from tests.integration.farm_process import PATIENCE_S
+from tests.processes import lives
 from tests.stalls import stalls
 
 SERVICES = """
@@ -132,12 +132,7 @@ class Up:
         return out, err
 
     def robot_is_alive(self, name):
-        pid = (self.data / f"{name}.pid").read_text()
-        try:
-            # An orphan that was killed stays a zombie where the first process of a container does not reap.
-            return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-        except FileNotFoundError:
-            return False
+        return lives(int((self.data / f"{name}.pid").read_text()))
 
 
 def test_robots_that_the_folder_had_the_last_time_are_forgotten(environment, tmp_path):
