@@ -128,11 +128,14 @@ def blind_test(
     processes: Annotated[
         int | None, typer.Option("--processes", metavar="N", min=1, help="Number of parallel processes; by default 2.")
     ] = None,
+    cluster: Annotated[
+        str | None, typer.Option("--cluster", metavar="ADDRESS", help="Ray that has the processes: 'local' or HOST:PORT.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Hide effects in simulated robots and count how often a study names them; a stopped test continues."""
     flags = [*_given("--cases", cases), *_given("--seed", seed), *_given("--excitation", excitation)]
-    flags += [*_given("--out", out), *_given("--processes", processes)]
+    flags += [*_given("--out", out), *_given("--processes", processes), *_given("--cluster", cluster)]
     _run("blind-test", *flags, as_json=as_json)
 
 

@@ -12,9 +12,8 @@ import sys
 import time
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +32,7 @@ from sim_backend.reality_gap.subjects.joints.identification import JointStudy, s
 from sim_backend.reality_gap.subjects.joints.verdict import judge
 from sim_backend.reality_gap.verdict import VerdictKind
 from sim_backend.trifinger.scene import compile_scene
+from sim_backend.workers.pool import WorkersError, open_workers
 
 SEEDS_USED = "5001, 5002, 88001, 88002; with other excitations than 'standard' 41 and 42, too"
 _TOGETHER = 4
@@ -57,6 +57,7 @@ def main(arguments: list[str] | None = None) -> int:
         "--out", type=Path, default=Path("blind-test"), metavar="DIR", help="where results are kept (%(default)s)"
     )
     parser.add_argument("--processes", type=int, default=2, metavar="N", help="that work side by side (%(default)s)")
+    parser.add_argument("--cluster", metavar="ADDRESS", help="Ray that has the processes: local, or HOST:PORT")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     options = parser.parse_args(arguments)
     if options.cases < 0 or options.processes < 1:
@@ -64,12 +65,13 @@ def main(arguments: list[str] | None = None) -> int:
     limits = detection_limits()
     try:
         options.out.mkdir(parents=True, exist_ok=True)
-        run(options.out, options.cases, options.seed, limits, options.processes, options.excitation)
+        at = options.processes, options.cluster
+        run(options.out, options.cases, options.seed, limits, options.excitation, at)
         files = sorted(options.out.glob(_lines_name("[0-9]*", options.excitation)))
         document = summary([line for path in files for line in whole_lines(path)])
         named = "blind-test.json" if options.excitation == STANDARD else f"blind-test-{options.excitation}.json"
         (options.out / named).write_text(json.dumps(document, indent=1))
-    except OSError as error:
+    except (OSError, WorkersError) as error:
         return refused(error, options.json)
     print(json.dumps(document) if options.json else "\n".join(sentences(document)))
     return 0
@@ -80,8 +82,15 @@ def _lines_name(seed: int | str, excitation: str) -> str:
     return f"cases-{seed}.jsonl" if excitation == STANDARD else f"cases-{excitation}-{seed}.jsonl"
 
 
-def run(out: Path, cases: int, seed: int, limits: Mapping[str, float], processes: int, excitation: str = STANDARD) -> None:
-    """Do what is not done yet of a test."""
+def run(
+    out: Path,
+    cases: int,
+    seed: int,
+    limits: Mapping[str, float],
+    excitation: str = STANDARD,
+    at: tuple[int, str | None] = (0, None),
+) -> None:
+    """Do what is not done yet of a test, ``at`` so many workers (0: here) and which Ray, as for ``open_workers``."""
     lines = out / _lines_name(seed, excitation)
     kept = whole_lines(lines)
     done = {(line["case"]["number"], line["left_out"]) for line in kept}
@@ -93,14 +102,20 @@ def run(out: Path, cases: int, seed: int, limits: Mapping[str, float], processes
     todo = [(case, left_out) for case, left_out in todo if (case.number, left_out) not in done]
     groups = [todo[i : i + _TOGETHER] for i in range(0, len(todo), _TOGETHER)]
     begun, finished = time.monotonic(), 0
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool, lines.open("a") as file:
-        for future in as_completed([pool.submit(_judged, group, excitation) for group in groups]):
-            for line in future.result():
-                file.write(json.dumps(line) + "\n")
-                finished += 1
+    with open_workers(_Judge, *at) as workers, lines.open("a") as file:
+        for judged in workers.map(groups, excitation):
+            file.writelines(json.dumps(line) + "\n" for line in judged)
             file.flush()
+            finished += len(judged)
             left_s = (time.monotonic() - begun) / finished * (len(todo) - finished)
             print(f"{finished} of {len(todo)} cases, about {left_s / 60:.0f} min left", file=sys.stderr, flush=True)
+
+
+class _Judge:
+    """What a worker does: the lines of a group of cases."""
+
+    def __call__(self, group: Sequence[tuple[Case, bool]], excitation: Any) -> list[dict]:
+        return _judged(group, excitation)
 
 
 def _judged(group: Sequence[tuple[Case, bool]], excitation: str) -> list[dict]:

@@ -12,8 +12,6 @@ import json
 import sys
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +30,7 @@ from sim_backend.reality_gap.subjects.joints.identification import JointStudy, s
 from sim_backend.reality_gap.subjects.joints.verdict import judge
 from sim_backend.reality_gap.verdict import Cause, VerdictKind
 from sim_backend.trifinger.scene import compile_scene
+from sim_backend.workers.pool import WorkersError, open_workers
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -41,21 +40,22 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--robots", type=int, default=10)
     parser.add_argument("--effects", type=int, metavar="K", help="how many effects act; all of them if not given")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where results are kept")
-    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--processes", type=int, default=2, help="that work side by side (%(default)s)")
+    parser.add_argument("--cluster", metavar="ADDRESS", help="Ray that has the processes: local, or HOST:PORT")
     parser.add_argument("--calibrate", action="store_true", help="these robots' errors become the usual ones")
     options = parser.parse_args(arguments)
     if options.calibrate and options.effects is not None:
         parser.error("--calibrate is for robots with all effects")
     try:
         return _run(options)
-    except OSError as error:
+    except (OSError, WorkersError) as error:
         return refused(error, as_json=False)
 
 
 def _run(options: argparse.Namespace) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     seeds = range(options.first_seed, options.first_seed + options.robots)
-    lines = _asked(options.out / "robots.jsonl", seeds, options.effects, options.processes)
+    lines = _asked(options.out / "robots.jsonl", seeds, options.effects, (options.processes, options.cluster))
     if options.calibrate:
         rows = [row for line in lines for row in line["values"] if row["key"] in SCALES]
         FILE.write_text(json.dumps(document(rows, list(seeds)), indent=1) + "\n")
@@ -66,15 +66,15 @@ def _run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _asked(path: Path, seeds: Sequence[int], effects: int | None, processes: int) -> list[dict]:
+def _asked(path: Path, seeds: Sequence[int], effects: int | None, at: tuple[int, str | None]) -> list[dict]:
     """The lines of all seeds; what is not there yet is asked."""
     there = whole_lines(path)
     path.write_text("".join(json.dumps(line) + "\n" for line in there))
     kept = [line for line in there if line["seed"] in seeds and line["effects"] == effects]
     todo = [seed for seed in seeds if seed not in {line["seed"] for line in kept}]
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool, path.open("a") as file:
-        for future in as_completed([pool.submit(asked, seed, effects) for seed in todo]):
-            kept.append(future.result())
+    with open_workers(_Asker, *at) as workers, path.open("a") as file:
+        for line in workers.map(todo, effects):
+            kept.append(line)
             file.write(json.dumps(kept[-1]) + "\n")
             file.flush()
             print(f"{len(kept)} of {len(seeds)} robots", file=sys.stderr, flush=True)
@@ -99,6 +99,13 @@ def hidden_effects(seed: int, effects: int) -> set[str]:
 
 def _effect(key: str) -> str:
     return key.partition(".")[0]
+
+
+class _Asker:
+    """What a worker does: the line of a seed."""
+
+    def __call__(self, seed: int, effects: int | None) -> dict:
+        return asked(seed, effects)
 
 
 def asked(seed: int, effects: int | None = None) -> dict:
