@@ -6,11 +6,14 @@ meanwhile. The curve of each training, its time, its lag and the success of its 
 
 import argparse
 import json
+import os
 import tempfile
 import time
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
+
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # as the command has it: torch's threads do not spin while they wait
 
 from sim_backend.training import evaluating
 from sim_backend.training.recipe import Recipe, load_recipe
