@@ -80,9 +80,7 @@ class Ppo(Table):
     largest_gradient: Positive = 1.0
     first_deviation: Positive = 0.5  # of the actions, in units of the largest
     slices: Count = 8  # of the robots, with seeds of their own, where workers roll them out; the same for any number of workers
-    lag: Annotated[int, Field(ge=0, le=1)] = (
-        0  # updates by which rollouts of workers may be behind; with 1 nobody waits for updates
-    )
+    lag: Annotated[int, Field(ge=0, le=1)] = 0  # updates by which rollouts of workers are behind; 1: they go on meanwhile
     freeze_inputs_after: Count = 200  # iterations; the scaling of the inputs stays as it is from then on
 
 

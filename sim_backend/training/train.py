@@ -64,6 +64,8 @@ class Run:
         settings: dict[str, Any] = {"robots": recipe.ppo.robots, "threads": self.threads, "seed": recipe.seed}
         settings |= {"privileged": recipe.networks.privileged, "physics_backend": recipe.physics_backend}
         self.frozen = FrozenPolicy(recipe.residual, practice) if recipe.residual else None
+        if self.workers is None and recipe.ppo.lag:
+            raise ValueError("ppo.lag is about rollouts of workers; give --workers, or leave it out")
         self.slices = None if self.workers is None else Slices(self, self.workers, self.cluster)
         self.robots: TrifingerVecEnv | SlicedRobots
         if self.slices is not None:

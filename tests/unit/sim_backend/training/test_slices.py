@@ -171,3 +171,8 @@ def test_a_worker_that_is_killed_while_rollouts_run_ahead_changes_no_bit(tmp_pat
 def test_what_does_not_go_with_workers_says_so(tmp_path, changes, why):
     with pytest.raises(ValueError, match=why):
         Run("mine", recipe(**changes), tmp_path, workers=1)
+
+
+def test_without_workers_nothing_is_behind_and_a_recipe_that_wants_it_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"ppo\.lag is about rollouts of workers; give --workers"):
+        Run("mine", recipe(**BEHIND), tmp_path)
