@@ -1,25 +1,19 @@
-"""PPO whose rollouts are spread over workers: the same bits for any number of them, also where they run ahead of its updates.
+"""What PPO learns from where its rollouts are spread over workers: the same bits for any number of them, also ahead of updates.
 
 The robots are divided into slices, each with seeds of its own (``rollouts.py``). In an iteration each slice is rolled out once by
 whichever worker is free; all are put together in the order of the slices before anything is summed. A checkpoint is written after
 an update and holds the state of every slice, so that a run that goes on from there is the run that was never ended.
 """
 
-import time
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
-from stable_baselines3 import PPO
 from stable_baselines3.common.buffers import DictRolloutBuffer, RolloutBuffer
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import VecEnv
 
 from sim_backend.driver.physics_backend import PhysicsBackend
-from sim_backend.environments.observation_space import gym_action_space
-from sim_backend.environments.practice import Practice
-from sim_backend.environments.vec_env import PRIVILEGED, SEEN, seen_space
+from sim_backend.environments.vec_env import PRIVILEGED, SEEN
 from sim_backend.training.actor_critic import ActorCritic, whole_of
 from sim_backend.training.ledger import Ledger, account
 from sim_backend.training.recipe import Recipe
@@ -50,7 +44,7 @@ class Slices(AbstractContextManager["Slices"]):
 
     def __init__(self, run: "Run", workers: int, cluster: str | None) -> None:
         _check(run.recipe, workers)
-        self._run, self._count, self._cluster, self._recipe = run, workers, cluster, run.recipe
+        self.run, self._count, self._cluster, self._recipe = run, workers, cluster, run.recipe
         self.collector = SliceCollector(run.recipe, workers, cluster, run.threads)
         self._return = np.zeros(run.recipe.ppo.robots)
         self._seconds = {"waiting": 0.0, "learning": 0.0, "rolling out": 0.0}
@@ -62,8 +56,8 @@ class Slices(AbstractContextManager["Slices"]):
     def __enter__(self) -> "Slices":
         """Begin the workers."""
         self.collector.__enter__()
-        self._ledger = Ledger(self._run.folder, self._run.starts)
-        self._ledger.write("started", self._run.iterations)
+        self._ledger = Ledger(self.run.folder, self.run.starts)
+        self._ledger.write("started", self.run.iterations)
         return self
 
     def __exit__(self, *failed: Any) -> None:
@@ -72,30 +66,30 @@ class Slices(AbstractContextManager["Slices"]):
 
     def look_around(self) -> None:
         """Learn the scaling of the inputs from actions by chance, before anything else; these samples are not learned from."""
-        self.collector.start(self._run.iterations, None)
+        self.collector.start(self.run.iterations, None)
         columns = self._collected().columns
         seen = {name: torch.from_numpy(columns[name].reshape(-1, columns[name].shape[-1])) for name in self._parts}
-        self._run.policy.features_extractor.learn_scaling(whole_of(seen) if PRIVILEGED in seen else seen[SEEN])
+        self.run.policy.features_extractor.learn_scaling(whole_of(seen) if PRIVILEGED in seen else seen[SEEN])
         self.collector.states = [None] * self._recipe.ppo.slices
 
     def ahead(self) -> None:
         """Before an iteration's updates: let workers begin with the next, if they may be behind and the run goes on."""
-        run = self._run
+        run = self.run
         if self._recipe.ppo.lag and run.samples < self._recipe.samples and not run.stopped:
             self._start(self._networks())
 
     def _start(self, weights: Weights) -> None:
-        self._ledger.write("asked", self._run.iterations, self._samples_of_iteration)
-        self.collector.start(self._run.iterations, weights)
+        self._ledger.write("asked", self.run.iterations, self._samples_of_iteration)
+        self.collector.start(self.run.iterations, weights)
 
     def _networks(self) -> Weights:
         """A copy where they are used while the learner changes them."""
-        given = {name: values.numpy() for name, values in self._run.policy.state_dict().items()}
+        given = {name: values.numpy() for name, values in self.run.policy.state_dict().items()}
         return {name: values.copy() for name, values in given.items()} if self._recipe.ppo.lag else given
 
     def collect(self, buffer: RolloutBuffer) -> None:
         """Fill PPO's buffer with an iteration of all slices, whose observations stay where the workers wrote them."""
-        run = self._run
+        run = self.run
         behind = self.collector.under_way is not None or self._older is not None
         if self.collector.under_way is None:
             self._start(self._older or self._networks())
@@ -130,7 +124,7 @@ class Slices(AbstractContextManager["Slices"]):
         collected = self.collector.finish()
         of_slice = self._samples_of_iteration // self._recipe.ppo.slices
         for place in collected.lost if weights is not None else ():
-            self._ledger.write("lost", self._run.iterations, of_slice, slice=place)
+            self._ledger.write("lost", self.run.iterations, of_slice, slice=place)
         self._lost += len(collected.lost)
         self._moved_bytes += collected.moved_bytes
         self._seconds["waiting"] += collected.waited_s
@@ -139,7 +133,7 @@ class Slices(AbstractContextManager["Slices"]):
 
     def _weigh(self, buffer: RolloutBuffer, seen: dict[str, np.ndarray], dones: np.ndarray, last_values: np.ndarray) -> None:
         """What an older policy's rollouts are worth to the present one."""
-        ppo, shape, policy = self._recipe.ppo, buffer.rewards.shape, self._run.policy
+        ppo, shape, policy = self._recipe.ppo, buffer.rewards.shape, self.run.policy
         assert isinstance(policy, ActorCritic)
         values, log_probs = np.empty(shape, np.float32), np.empty(shape, np.float32)
         with torch.no_grad():
@@ -173,7 +167,7 @@ class Slices(AbstractContextManager["Slices"]):
         """After the updates of an iteration: its samples are used, and what is kept from now on has them in it."""
         self._seconds["learning"] += learning_s
         self._samples += self._samples_of_iteration
-        self._ledger.write("used", self._run.iterations - 1, self._samples_of_iteration)
+        self._ledger.write("used", self.run.iterations - 1, self._samples_of_iteration)
         assert self.watch is not None
         self.watch.updated()
 
@@ -188,7 +182,7 @@ class Slices(AbstractContextManager["Slices"]):
     def document(self) -> dict[str, Any]:
         """What the run used and did: workers, samples, lag, idle share of the learner, bytes for each sample."""
         waiting_s, learning_s = self._seconds["waiting"], self._seconds["learning"]
-        ledger, samples = account(self._run.folder), max(self._samples, 1)
+        ledger, samples = account(self.run.folder), max(self._samples, 1)
         return {
             "workers": self._count,
             "cluster": self._cluster is not None,
@@ -211,7 +205,7 @@ class Slices(AbstractContextManager["Slices"]):
         own = [
             self.collector.states,
             self._return,
-            self._run.returns.running,
+            self.run.returns.running,
             self._seconds,
             [self._moved_bytes, self._lost, self._samples, self._behind, *self._weights],
             self.collector.under_way[1] if self.collector.under_way else None,
@@ -220,82 +214,8 @@ class Slices(AbstractContextManager["Slices"]):
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from what :meth:`state` gave, with any number of workers."""
-        self.collector.states, self._return, self._run.returns.running, self._seconds, counts, self._older = _arrays(state["own"])
+        self.collector.states, self._return, self.run.returns.running, self._seconds, counts, self._older = _arrays(state["own"])
         self._moved_bytes, self._lost, self._samples, self._behind, *self._weights = counts
-
-
-class SlicedPPO(PPO):
-    """PPO that has its rollouts from slices."""
-
-    def __init__(self, slices: Slices, *arguments: Any, **keywords: Any) -> None:
-        self._slices = slices
-        super().__init__(*arguments, **keywords)
-        self._last_obs = np.zeros(0)  # else stable-baselines3 resets the running returns, which a checkpoint may have brought
-
-    def collect_rollouts(self, env: VecEnv, callback: BaseCallback, rollout_buffer: RolloutBuffer, n_rollout_steps: int) -> bool:
-        """An iteration of all slices."""
-        self._slices.watch = callback  # type: ignore[assignment]
-        callback.on_rollout_start()
-        if not callback.on_step():
-            return False
-        self._slices.collect(rollout_buffer)
-        self.num_timesteps += env.num_envs * n_rollout_steps
-        callback.on_rollout_end()
-        return True
-
-    def train(self) -> None:
-        """The updates; minibatches are drawn by a seed of the iteration, so that they are the same after a checkpoint."""
-        begun_s = time.perf_counter()
-        run = self._slices._run
-        self._slices.ahead()
-        np.random.seed(np.random.SeedSequence([run.recipe.seed, run.iterations]).generate_state(4))
-        super().train()
-        self._slices.updated(time.perf_counter() - begun_s)
-
-
-class SlicedRobots(VecEnv):
-    """What PPO asks of its environment where the robots are elsewhere: spaces and numbers."""
-
-    ended = None
-
-    def __init__(self, practice: Practice, robots: int, *, privileged: bool) -> None:
-        self.environment = _Practised(practice)
-        super().__init__(robots, seen_space(practice, privileged), gym_action_space(practice.action_space))
-
-    def reset(self):
-        """Nothing that anybody looks at."""
-        return
-
-    def step_async(self, actions: np.ndarray) -> None:
-        """Slices step their own robots."""
-        raise NotImplementedError("the robots are with the workers")
-
-    def step_wait(self):
-        """Likewise."""
-        raise NotImplementedError("the robots are with the workers")
-
-    def close(self) -> None:
-        """Nothing is kept open."""
-
-    def get_attr(self, attr_name: str, indices=None) -> list[Any]:  # noqa: ARG002 - asked for by the base class
-        """No attribute is asked for but how it is rendered: not at all."""
-        return [None] * self.num_envs
-
-    def set_attr(self, attr_name: str, value: Any, indices=None) -> None:
-        """Nothing can be set."""
-
-    def env_method(self, method_name: str, *method_args, indices=None, **method_kwargs) -> list[Any]:
-        """No method can be called."""
-        raise NotImplementedError("the robots are with the workers")
-
-    def env_is_wrapped(self, wrapper_class, indices=None) -> list[bool]:  # noqa: ARG002 - asked for by the base class
-        """No robot has a wrapper of its own."""
-        return [False] * self.num_envs
-
-
-class _Practised:
-    def __init__(self, practice: Practice) -> None:
-        self.practice = practice
 
 
 def _check(recipe: Recipe, workers: int) -> None:

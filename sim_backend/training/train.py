@@ -33,7 +33,8 @@ from sim_backend.training.randomization import Randomizer, randomizer_of
 from sim_backend.training.recipe import PpoWarmStartTable, Recipe, RecipeError
 from sim_backend.training.recurrent import RecurrentActorCritic
 from sim_backend.training.returns import NormalisedReturns
-from sim_backend.training.slices import SlicedPPO, SlicedRobots, Slices
+from sim_backend.training.sliced_ppo import SlicedPPO, SlicedRobots
+from sim_backend.training.slices import Slices
 
 
 @dataclass
