@@ -11,9 +11,8 @@ import json
 import sys
 import time
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -62,11 +61,9 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.cases < 0 or options.processes < 1:
         parser.error("--cases must be at least 0 and --processes at least 1")
-    limits = detection_limits()
     try:
         options.out.mkdir(parents=True, exist_ok=True)
-        at = options.processes, options.cluster
-        run(options.out, options.cases, options.seed, limits, options.excitation, at)
+        run(options.out, options.cases, options.seed, options.excitation, options.processes, options.cluster)
         files = sorted(options.out.glob(_lines_name("[0-9]*", options.excitation)))
         document = summary([line for path in files for line in whole_lines(path)])
         named = "blind-test.json" if options.excitation == STANDARD else f"blind-test-{options.excitation}.json"
@@ -82,28 +79,21 @@ def _lines_name(seed: int | str, excitation: str) -> str:
     return f"cases-{seed}.jsonl" if excitation == STANDARD else f"cases-{excitation}-{seed}.jsonl"
 
 
-def run(
-    out: Path,
-    cases: int,
-    seed: int,
-    limits: Mapping[str, float],
-    excitation: str = STANDARD,
-    at: tuple[int, str | None] = (0, None),
-) -> None:
-    """Do what is not done yet of a test, ``at`` so many workers (0: here) and which Ray, as for ``open_workers``."""
+def run(out: Path, cases: int, seed: int, excitation: str = STANDARD, workers: int = 0, cluster: str | None = None) -> None:
+    """Do what is not done yet of a test; workers as for ``open_workers``."""
     lines = out / _lines_name(seed, excitation)
     kept = whole_lines(lines)
     done = {(line["case"]["number"], line["left_out"]) for line in kept}
     lines.write_text("".join(json.dumps(line) + "\n" for line in kept))
-    drawn = draw_cases(seed, cases, cases // 2, limits, keys_shown_by(excitation))
+    drawn = draw_cases(seed, cases, cases // 2, detection_limits(), keys_shown_by(excitation))
     todo = [(case, False) for case in drawn] + [
         (case, True) for case in drawn[:cases] if case.multiple == MULTIPLES[-1] and case.number % 2 == 0
     ]
     todo = [(case, left_out) for case, left_out in todo if (case.number, left_out) not in done]
     groups = [todo[i : i + _TOGETHER] for i in range(0, len(todo), _TOGETHER)]
     begun, finished = time.monotonic(), 0
-    with open_workers(_Judge, *at) as workers, lines.open("a") as file:
-        for judged in workers.map(groups, excitation):
+    with open_workers(_Judge, workers, cluster) as opened, lines.open("a") as file:
+        for judged in opened.map(groups, excitation):
             file.writelines(json.dumps(line) + "\n" for line in judged)
             file.flush()
             finished += len(judged)
@@ -112,34 +102,33 @@ def run(
 
 
 class _Judge:
-    """What a worker does: the lines of a group of cases."""
+    """What a worker does: the lines of a group of cases, each with whether its true cause is left out."""
 
-    def __call__(self, group: Sequence[tuple[Case, bool]], excitation: Any) -> list[dict]:
-        return _judged(group, excitation)
+    def __init__(self) -> None:
+        self._model = compile_scene()
 
-
-def _judged(group: Sequence[tuple[Case, bool]], excitation: str) -> list[dict]:
-    model, found = compile_scene(), []
-    seen = recordings_of([case for case, _ in group], excitation)
-    for (case, left_out), recordings in zip(group, seen, strict=True):
-        begun = time.monotonic()
-        excluded = _with_containing(case.effect) if left_out else ()
-        study = study_joints(model, recordings, lambda *_: None, robot=KnownTriFinger.seen_in(recordings), excluded=excluded)
-        judged = judge(study)
-        verdict = judged.verdict.document()
-        strongest = judged.patterns[0] if judged.patterns else None
-        found.append(
-            {
-                "case": case.document(),
-                "left_out": left_out,
-                "verdict": verdict,
-                "gains": [a.gain for a in study.fit.accepted],
-                "pattern": [strongest.channel, strongest.joint, strongest.variable, strongest.gain] if strongest else [],
-                "naive": _naive(study),
-                "seconds": time.monotonic() - begun,
-            }
-        )
-    return found
+    def __call__(self, group: Sequence[tuple[Case, bool]], excitation: str) -> list[dict]:
+        found = []
+        seen = recordings_of([case for case, _ in group], excitation)
+        for (case, left_out), recordings in zip(group, seen, strict=True):
+            begun = time.monotonic()
+            excluded = _with_containing(case.effect) if left_out else ()
+            robot = KnownTriFinger.seen_in(recordings)
+            study = study_joints(self._model, recordings, lambda *_: None, robot=robot, excluded=excluded)
+            judged = judge(study)
+            strongest = judged.patterns[0] if judged.patterns else None
+            found.append(
+                {
+                    "case": case.document(),
+                    "left_out": left_out,
+                    "verdict": judged.verdict.document(),
+                    "gains": [a.gain for a in study.fit.accepted],
+                    "pattern": [strongest.channel, strongest.joint, strongest.variable, strongest.gain] if strongest else [],
+                    "naive": _naive(study),
+                    "seconds": time.monotonic() - begun,
+                }
+            )
+        return found
 
 
 def _with_containing(effect: str) -> tuple[str, ...]:
