@@ -22,7 +22,7 @@ test-all: .venv/full     ## all tests, also those that repeat a claim at larger 
 check: .venv/full        ## style, types, import rules
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
-	.venv/bin/pyright
+	.venv/bin/pyrefly check
 	.venv/bin/lint-imports
 
 up: .venv/farm           ## a farm of 4 robots until Ctrl-C

@@ -25,7 +25,7 @@ async def gather(farm: Farm, scratch: Path) -> Evidence:
     lines = history.read(farm.evidence)
     told = {name.removeprefix("TRIFARM_").lower(): value for name, value in (farm.home.settings if farm.home else {}).items()}
     data = farm.disk / farm.services[0]
-    settings = Settings(data=data, **told)  # pyright: ignore[reportArgumentType]
+    settings = Settings(data=data, **told)
     store = FileStore(data / "files" if farm.home is None else scratch / "files", open_home(settings))
     database, clock = Database(address(settings.truth_url)), FarmClock.start()
     try:

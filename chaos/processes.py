@@ -42,14 +42,14 @@ class Process:
         self.log.parent.mkdir(parents=True, exist_ok=True)
         environment = {"PATH": os.environ.get("PATH", os.defpath), "PYTHONPATH": str(ROOT), "LC_ALL": "C.UTF-8"}
         with self.log.open("ab") as said:
-            self.running = subprocess.Popen(
+            self.running = subprocess.Popen(  # pyrefly: ignore[no-matching-overload] - what else it takes is not said
                 list(self.command),
                 env=environment | dict(self.environment) | more,
                 stdin=subprocess.DEVNULL,
                 stdout=said,
                 stderr=said,
                 preexec_fn=end_with_parent,  # noqa: PLW1509  one thread starts all processes
-                **self.options,  # pyright: ignore[reportArgumentType, reportCallIssue]
+                **self.options,
             )
 
     def is_alive(self) -> bool:

@@ -65,7 +65,7 @@ class Relay:
     async def _ask(client: asyncio.StreamReader, to_api: asyncio.StreamWriter) -> None:
         with suppress(OSError):
             while asked := await client.read(READ_BYTES):
-                to_api.submits = asked.startswith(b"POST /v1/jobs ")  # pyright: ignore[reportAttributeAccessIssue]
+                to_api.submits = asked.startswith(b"POST /v1/jobs ")  # pyrefly: ignore[missing-attribute]
                 to_api.write(asked)
                 await to_api.drain()
             to_api.write_eof()

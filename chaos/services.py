@@ -81,7 +81,7 @@ def obey(orders: Orders) -> None:
         orders.die_here("before-row")  # the log is stored, no row knows of it
         await keep_file(*given)
 
-    Dispatcher._offer, job_routes.show_queued, lease.keep_file = offering, answering, keeping
+    Dispatcher._offer, job_routes.show_queued, lease.keep_file = offering, answering, keeping  # pyrefly: ignore[bad-assignment] - whatever they are given
 
 
 def without_fence() -> None:

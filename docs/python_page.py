@@ -60,7 +60,7 @@ def _public_methods(found: type):
 
 def _signature(name: str, found: object) -> list[str]:
     try:
-        signature = inspect.signature(found)  # pyright: ignore[reportArgumentType]
+        signature = inspect.signature(found)
     except ValueError:
         return [f"trifarm.{name}"]
     given = [each for each in signature.parameters.values() if each.name != "self"]

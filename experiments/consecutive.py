@@ -110,7 +110,7 @@ def try_many_goals(
     if isinstance(act, Remembering):
         act.begin(len(seeds))
     judge = Judge(design.trials, design.goals, design.limit_s, task.name in IN_THE_AIR)
-    periods = 0
+    periods, now_s = 0, 0.0
     while not judge.over:
         episode.advance(np.asarray(act(episode.observe().astype(np.float32)), dtype=float))
         periods += 1

@@ -98,7 +98,7 @@ def ask(policy: "ExportedPolicy", task: Task, design: HiddenState, *, threads: i
     episode, _ = begin_trials(policy.manifest, task, seeds, physics=robots, threads=threads, physics_step_s=0.004)
     policy.begin(design.robots)
     found: dict[str, list] = {parameter: [] for parameter in design.parameters}
-    periods = 0
+    periods, seen = 0, np.zeros((design.robots, policy.manifest.observation_size), np.float32)
     for at_s in sorted(design.at_s):
         while periods < round(at_s * policy.manifest.rate_hz):
             seen = episode.observe().astype(np.float32)

@@ -31,7 +31,7 @@ def write_recipe(
         reduced = folder / REDUCED
         reduced.write_text(toml_of(reduced_real(training.without)))
         load_ranges(reduced)
-    beside = (each and str(each.absolute()) for each in (demonstrations, begun_with))
+    beside = (None if each is None else str(each.absolute()) for each in (demonstrations, begun_with))
     path = folder / f"{name}.toml"
     path.write_text(toml_of(_document(training, seed, *beside)))
     return path
@@ -40,7 +40,8 @@ def write_recipe(
 def wanted_recipe(training: Training, seed: int) -> Recipe | ImitationRecipe:
     """The recipe of a run as the training program understands it; files and folders by their names alone."""
     shown, start = training.demonstrations, training.start
-    document = _document(training, seed, shown and demonstrations_name(shown), start and start_name(start))
+    names = None if shown is None else demonstrations_name(shown), None if start is None else start_name(start)
+    document = _document(training, seed, *names)
     return schema_of(document).model_validate(document)
 
 

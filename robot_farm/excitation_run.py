@@ -25,7 +25,7 @@ def run_excitation(run: Run, recorder: Recorder) -> tuple[Failure | None, int]:
     try:
         while True:
             try:
-                command, steps = course.send(sight)  # pyright: ignore[reportArgumentType] - the first is None
+                command, steps = course.send(sight)  # pyrefly: ignore[bad-argument-type] - the first is None
             except StopIteration:
                 return None, step
             run.go_on(step)

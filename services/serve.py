@@ -106,11 +106,11 @@ class Server(uvicorn.Server):
         loop = asyncio.get_running_loop()
         create = loop.create_server
         bounded = functools.partial(create, ssl_handshake_timeout=self._handshake_within_s)
-        loop.create_server = bounded  # pyright: ignore[reportAttributeAccessIssue]
+        loop.create_server = bounded
         try:
             yield
         finally:
-            loop.create_server = create  # pyright: ignore[reportAttributeAccessIssue]
+            loop.create_server = create
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:

@@ -8,12 +8,12 @@ format is that of https://mcap.dev/spec.
 import functools
 import struct
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import zstandard
@@ -274,13 +274,7 @@ class BlockWriter:
             rest = rest[self._file.write(rest) :]
 
 
-class _Writable(Protocol):
-    """A record of the library."""
-
-    write: Callable[[RecordBuilder], Any]
-
-
-def _built(record: _Writable) -> bytes:
+def _built(record: r.McapRecord) -> bytes:
     builder = RecordBuilder()
     record.write(builder)
     return builder.end()

@@ -23,7 +23,7 @@ def _schema(name: str, fields: Sequence[tuple[str, int, bool]]) -> foxglove.Sche
         label = (
             descriptor_pb2.FieldDescriptorProto.LABEL_REPEATED if repeated else descriptor_pb2.FieldDescriptorProto.LABEL_OPTIONAL
         )
-        message.field.add(name=field, number=number, type=kind, label=label)  # pyright: ignore[reportArgumentType]
+        message.field.add(name=field, number=number, type=kind, label=label)
     files = descriptor_pb2.FileDescriptorSet(file=[descriptor])
     return foxglove.Schema(name=f"trifarm.{name}", encoding="protobuf", data=files.SerializeToString())
 

@@ -161,4 +161,4 @@ def read_log(path: Path | str) -> Log:
 def as_log(found: reader.TrialLog) -> Log:
     """The same arrays with what :class:`Log` adds."""
     values: Mapping[str, object] = {field.name: getattr(found, field.name) for field in fields(found)}
-    return Log(**values)  # pyright: ignore[reportArgumentType] - the fields are those of the class that it extends
+    return Log(**values)  # pyrefly: ignore[bad-argument-type] - the fields are those of the class that it extends

@@ -1,7 +1,7 @@
-"""``python typings/make.py``: writes what pyright is told of MuJoCo's compiled modules, read from the wheel itself.
+"""``python typings/make.py``: writes what Pyrefly is told of MuJoCo's compiled modules, read from the wheel itself.
 
 The wheel has no stubs, so that a checker finds no name in it; but pybind11 writes the signature of every function and the type of
-every attribute into its docstring. The stub has only what the project names: run this again for a name that pyright does not
+every attribute into its docstring. The stub has only what the project names: run this again for a name that Pyrefly does not
 know, and when MuJoCo's version changes.
 """
 
@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-STUB = ROOT / "typings" / "mujoco" / "__init__.pyi"
+STUB = ROOT / "typings" / "mujoco-stubs" / "__init__.pyi"
 SPEAKERS = ("sim_backend", "robot_farm", "tests")
 """Who names MuJoCo."""
 MODULES = ("_callbacks", "_enums", "_functions", "_render", "_specs", "_structs")

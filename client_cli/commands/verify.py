@@ -131,7 +131,7 @@ def _embedded(page: str) -> tuple[dict[str, Any], Signature]:
     try:
         data = json.loads(found[1] if found else "")
         return data["report"], Signature.model_validate(data["signature"])
-    except (ValueError, KeyError, TypeError, ValidationError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise UsageProblem(
             "this is no signed report: the data of one are missing or broken; 'trifarm report ID --html FILE' makes a new one"
         ) from error

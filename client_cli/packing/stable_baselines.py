@@ -71,7 +71,7 @@ def _rebuilt(path: Path, state: Any) -> tuple[Any, str | None]:
 
 
 def _library_policy(path: Path, state: Any) -> Any:
-    from stable_baselines3.common.save_util import load_from_zip_file  # pyright: ignore[reportMissingImports]
+    from stable_baselines3.common.save_util import load_from_zip_file
 
     data, _, _ = load_from_zip_file(path, device="cpu")
     assert data is not None, "read without data"

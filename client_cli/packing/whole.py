@@ -215,7 +215,7 @@ def onnx_of(program: Program, takes: int) -> bytes:
     file = io.BytesIO()
     try:
         with quiet():
-            torch.onnx.export(program.traced, inputs, file, dynamo=False, opset_version=OPSET, **names)  # pyright: ignore[reportArgumentType]
+            torch.onnx.export(program.traced, inputs, file, dynamo=False, opset_version=OPSET, **names)  # pyrefly: ignore[bad-argument-type]
     except Exception as error:
         raise UsageProblem(
             f"torch cannot export the program to ONNX ({first_sentence(error)}); the operators that the farm takes are listed in "

@@ -23,7 +23,7 @@ GROUP = "commands"
 class Commands(TyperGroup):
     """A group of commands that says what is wrong with an argument without the words of the library that found it."""
 
-    def invoke(self, ctx: typer.Context) -> Any:
+    def invoke(self, ctx: Any) -> Any:
         """Run the command that is asked for.
 
         Raises:
@@ -79,24 +79,24 @@ class LazyCommands(Commands):
         """The commands of all groups."""
         return {name: entry for group in self.groups.values() for name, entry in group.items()}
 
-    def list_commands(self, ctx: typer.Context) -> list[str]:  # noqa: ARG002
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002
         """The names, group by group."""
         return list(self.entries)
 
-    def get_command(self, ctx: typer.Context, cmd_name: str) -> Any:  # noqa: ARG002
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002
         """The command of a name, None if there is none."""
         if cmd_name not in self.commands and cmd_name in self.entries:
             self.add_command(self.entries[cmd_name].command(cmd_name))
         return self.commands.get(cmd_name)
 
-    def resolve_command(self, ctx: typer.Context, args: list[str]) -> Any:
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """The command that is asked for; an unknown one is refused with those of similar names."""
         if args[0] in self.entries:
             return super().resolve_command(ctx, args)
         with self._summaries():
             return super().resolve_command(ctx, args)
 
-    def format_help(self, ctx: typer.Context, formatter: Any) -> None:
+    def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help: every command with its summary, in its group."""
         with self._summaries():
             super().format_help(ctx, formatter)

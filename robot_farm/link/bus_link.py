@@ -90,8 +90,10 @@ class BusLink:
         self._standing = standing
         self._instance, self._version = uuid.uuid4().hex, version("trifarm")  # which reads files
         self._lock, self._sending = threading.Lock(), threading.Lock()
-        self._state, self._lease = RobotState.IDLE, None
-        self._draining, self._leaving, self._wrong = False, False, None
+        self._state = RobotState.IDLE
+        self._lease: Lease | None = None
+        self._draining, self._leaving = False, False
+        self._wrong: str | None = None
         self._resume_asked = threading.Event()
         self._offers: queue.SimpleQueue[Accepted | None] = queue.SimpleQueue()
         self._running, self._closing = threading.Event(), threading.Event()

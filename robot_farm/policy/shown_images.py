@@ -17,7 +17,8 @@ class ShownImages:
     """
 
     def __init__(self, images: PolicyImages) -> None:
-        self._shape, self._shown = images.shape, None
+        self._shape = images.shape
+        self._shown: np.ndarray | None = None
         self._fd = os.memfd_create("images", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
         os.ftruncate(self._fd, images.size)
         fcntl.fcntl(self._fd, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL)

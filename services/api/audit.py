@@ -19,7 +19,7 @@ NOWHERE = "(no such route)"
 def operation_of(scope: Scope) -> APIRoute | None:
     """The route that a request is for, also of one that did not get as far as to it."""
     reached = scope.get("route")
-    if isinstance(reached, APIRoute) and scope["method"] in reached.methods:
+    if isinstance(reached, APIRoute) and scope["method"] in (reached.methods or ()):
         return reached
     found = [route for route in scope["app"].state.operations if route.matches(scope)[0] is Match.FULL]
     return found[0] if found else None

@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Request, Response
 from fastapi.responses import RedirectResponse
@@ -128,7 +128,7 @@ async def parts(session: Session, farm: Farm, watcher: Watcher) -> dict[str, str
     for robot in sorted(seen.robots, key=lambda each: (each.state not in NEEDS_ATTENTION, each.robot)):
         others = robot.job is not None and robot.job not in visible
         shown = robot if operates else robots.hidden_from_users(robot, is_own=not others)
-        context = {"robot": shown, "others": others, "recent": history.recent.get(robot.robot)}
+        context: dict[str, Any] = {"robot": shown, "others": others, "recent": history.recent.get(robot.robot)}
         context |= {"operates": operates, "csrf": session.csrf}
         context["incidents"] = history.incidents.get(robot.robot, []) if operates else []
         made[f"robot-{robot.robot}"] = part("farm/robot.html", **context)

@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import takewhile
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Form, Query, Response
 from fastapi.responses import HTMLResponse, JSONResponse, RedirectResponse
@@ -136,7 +136,11 @@ async def parts(session: Session, farm: Farm, job_id: str, wanted: Wanted) -> di
         counted, succeeded = row.counted_trials, row.counted_successes
     left_s = None if ended or not job.started_at else time_left_s(job, lasted_s(job.started_at, iso(farm.clock.now_s())))
     bar = figures.Bar.of("all", succeeded, counted, at_every_look=row.judged or not ended)
-    head = {"csrf": session.csrf, "ended": job.state in FINAL_JOB_STATES, "operates": session.caller.may(Scope.OPERATE)}
+    head: dict[str, Any] = {
+        "csrf": session.csrf,
+        "ended": job.state in FINAL_JOB_STATES,
+        "operates": session.caller.may(Scope.OPERATE),
+    }
     head["shares"] = farm.settings.shares
     head["took_s"] = None if not (job.started_at and job.ended_at) else lasted_s(job.started_at, job.ended_at)
     part_of = {"looked_at": MAX_CHOSEN if in_part else None}

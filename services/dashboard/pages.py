@@ -55,7 +55,8 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     made.filters |= words.FILTERS
-    made.globals |= {"interval": SHOWN, "interval_at_every_look": SHOWN_AT_EVERY_LOOK}
+    shown: dict[str, Any] = {"interval": SHOWN, "interval_at_every_look": SHOWN_AT_EVERY_LOOK}
+    made.globals |= shown
     return made
 
 

@@ -1,6 +1,6 @@
 """The page of one trial: replayed in three dimensions from its log, beside what was measured, with one time for all."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 from urllib.parse import quote
 
 from fastapi import APIRouter, Query, Request, Response
@@ -33,7 +33,7 @@ async def show_trial(
     job = await jobs.get_job(shown.job_id, session.caller, farm)
     title = f"Trial {shown.ordinal} of {job.policy_name or 'an identification'}"
     neighbours = (shown.ordinal - 1 if shown.ordinal else None, shown.ordinal + 1 if shown.ordinal + 1 < job.trials else None)
-    context = {"trial": shown, "job": job, "neighbours": neighbours, "sees_truth": _sees_truth(session, shown)}
+    context: dict[str, Any] = {"trial": shown, "job": job, "neighbours": neighbours, "sees_truth": _sees_truth(session, shown)}
     context["other"] = other if other is not None and other.log_sha256 is not None else None
     context["other_job"] = None if other is None else await jobs.get_job(other.job_id, session.caller, farm)
     context["viewers"] = viewers(farm)

@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeAlias, TypeVar
 
-from sqlalchemy import ColumnElement, Select
+from sqlalchemy import ColumnElement
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from services.database.rows import AnyRow
+from services.database.rows import AnyRow, AnySelect
 
 Key: TypeAlias = int | str
 Entry = TypeVar("Entry")
@@ -39,7 +39,7 @@ class Page(Generic[Entry]):
 
 
 async def read_page(
-    connection: AsyncConnection, wanted: Select[Any], key: ColumnElement[Any], asked: Asked, *, newest_first: bool = True
+    connection: AsyncConnection, wanted: AnySelect, key: ColumnElement[Any], asked: Asked, *, newest_first: bool = True
 ) -> Page[AnyRow]:
     """Reads a page of the rows that ``wanted`` selects.
 

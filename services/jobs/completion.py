@@ -238,7 +238,7 @@ async def _leave(tx: AsyncConnection, claim: Claim, state: TrialState, **values:
 async def _record(
     tx: AsyncConnection, now_s: float, moved: AnyRow, kind: str, text: str, *, claim: Claim, **changes: Any
 ) -> AnyRow:
-    more = {"ordinal": moved.ordinal, "robot": claim.robot, "add_trials_active": -1, **changes}
+    more: dict[str, Any] = {"ordinal": moved.ordinal, "robot": claim.robot, "add_trials_active": -1, **changes}
     return await events.record(tx, iso(now_s), moved.job_number, kind, text, **more)
 
 

@@ -20,7 +20,7 @@ MARKS = ("state", "started_at", "ended_at", "reason")
 _NO_CHANGE: dict[str, Any] = {f"add_{name}": 0 for name in COUNTS} | {f"set_{name}": None for name in MARKS} | {"cancel": False}
 
 
-def _change() -> ReturningUpdate[Any]:
+def _change() -> ReturningUpdate[*tuple[Any, ...]]:
     """One statement for every change of a job, so that it is built and compiled once, not at each of a job's events."""
     counts = {name: job.c[name] + bindparam(f"add_{name}", type_=Integer) for name in COUNTS}
     marks = {name: func.coalesce(bindparam(f"set_{name}", type_=job.c[name].type), job.c[name]) for name in MARKS}

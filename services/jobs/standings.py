@@ -83,7 +83,7 @@ def _pooled(rows: Sequence[AnyRow]) -> AnyRow:
         return rows[0]
     sums = {name: sum(getattr(row, name) for row in rows) for name in ("jobs", "trials", "successes", "judged")}
     last = max(row.last for row in rows)
-    return _Pooled(policy=rows[0].policy, name=rows[0].name, owner=rows[0].owner, last=last, **sums)  # pyright: ignore
+    return _Pooled(policy=rows[0].policy, name=rows[0].name, owner=rows[0].owner, last=last, **sums)  # pyrefly: ignore[bad-return]
 
 
 @dataclass

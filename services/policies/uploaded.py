@@ -141,7 +141,7 @@ def _ends(graph: GraphProto, manifest: PolicyManifest) -> tuple[str, str]:
     rows, columns = (shape := _shape(given))[:1], shape[1:]
     if len(columns) != 1 or rows[0] not in (1, None):
         raise UnfitError(f"the graph's input has shape {_words(shape)}; it must be [1, n] or [batch, n]")
-    if columns[0] not in (None, manifest.network_inputs):
+    if columns[0] is not None and columns[0] != manifest.network_inputs:
         raise wrong_input(manifest, columns[0])
     if (out := _shape(gives)) and out[-1] not in (None, manifest.network_outputs):
         raise wrong_output(out[-1], manifest)

@@ -4,8 +4,6 @@ import json
 import math
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from api_schemas.why import Why
 from jail.level import JailLevel
 from services.child_process import ChildKilledError, run_module
@@ -41,5 +39,5 @@ async def explain(folder: Path, least: JailLevel, deadline_s: float) -> Why:
         if ended.status == 0:
             return Why.model_validate(said)
         raise CannotExplainError(str(said["error"]))
-    except (ValueError, KeyError, TypeError, ValidationError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise CannotExplainError(f"the process of the replays {ended.how}; the farm's operator can try it") from error

@@ -5,8 +5,6 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from api_schemas.trial import Verification
 from services.child_process import ChildSaidTooMuchError, ChildTimedOutError, Ended, run_module
 from services.errors import Refused, Unavailable
@@ -55,7 +53,7 @@ def _read(ended: Ended, tell_all: bool) -> Verification:
         if ended.status in VERDICTS:
             return Verification.model_validate(said)
         problem, hidden = said["error"], said.get("hidden")
-    except (ValueError, KeyError, TypeError, AttributeError, ValidationError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         detail = f"The log could not be simulated again: the replaying process {ended.how}. The farm's operator can try it."
         raise Unavailable("verification-failed", detail) from error
     if hidden is not None:

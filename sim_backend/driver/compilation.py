@@ -51,9 +51,9 @@ class ByContent(UserProvidedCacheLocator):
         super().__init__(py_func, py_file)
         self._cache_path = str(Path(_SETTINGS.CACHE_DIR) / Path(py_file).parent.name)
 
-    def get_source_stamp(self) -> str:
+    def get_source_stamp(self) -> bytes:
         """Digest of the source."""
-        return hashlib.sha256(Path(self._py_file).read_bytes()).hexdigest()
+        return hashlib.sha256(Path(self._py_file).read_bytes()).digest()
 
 
 @functools.cache

@@ -19,7 +19,7 @@ import numba
 import numpy as np
 from mujoco.introspect.ast_nodes import AnonymousStructDecl, ArrayType, PointerType, StructFieldDecl, ValueType
 from mujoco.introspect.structs import STRUCTS
-from numba import carray, types  # pyright: ignore[reportPrivateImportUsage]
+from numba import carray, types
 from numba.extending import intrinsic
 
 from sim_backend.driver import wall_watch
@@ -109,8 +109,8 @@ def _pointers(_context: object, pointer: types.Type) -> tuple[Any, Callable[...,
 def _watch(model: np.ndarray, data: np.ndarray, first: int, words: tuple[int, ...]) -> None:
     """Switch parts of the wall in a model off and on, for what is where in its data; words of :func:`_wall_words`."""
     ngeom, step_word, body_contype, body_conaffinity, geom_contype, kinds, sizes, radii, xpos, xmat, qvel = words
-    count, of_model = model[ngeom], _pointers(model)  # pyright: ignore[reportCallIssue]
-    step_s = carray(_untyped(model), (step_word + 1,), np.float64)[step_word]  # pyright: ignore[reportCallIssue]
+    count, of_model = model[ngeom], _pointers(model)  # pyrefly: ignore[missing-argument]
+    step_s = carray(_untyped(model), (step_word + 1,), np.float64)[step_word]  # pyrefly: ignore[missing-argument]
     bits = np.empty(WALL_PARTS, np.int32)
     wall_watch.look(
         first,
@@ -169,7 +169,7 @@ def _compiled() -> Any:
         report = carray(data[sensordata], (r.REPORT_SIZE,), np.float64)
         force = carray(data[qfrc_applied], (12,), np.float64)
         step_with_effects(slots, torque, position, velocity, report, force)
-        counts = carray(_untyped(data), (integers,), np.int32)  # pyright: ignore[reportCallIssue]
+        counts = carray(_untyped(data), (integers,), np.int32)  # pyrefly: ignore[missing-argument]
         if slots[r.BOUNDS_ON] == 0.0 or counts[nefc] < 9:
             return
         kind = carray(data[kinds], (9,), np.int32)

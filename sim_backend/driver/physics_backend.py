@@ -32,8 +32,15 @@ class UnvariedFieldError(BackendError):
 class PhysicsBatch(Protocol):
     """n simulations, as ``mujoco.batch.Batch`` has them and as far as the driver uses them."""
 
-    models: Any
-    warning: Any
+    @property
+    def models(self) -> Any:
+        """Of all simulations, or None."""
+        ...
+
+    @property
+    def warning(self) -> Any:
+        """What MuJoCo warned of, by simulation."""
+        ...
 
     def bind(self, name: str) -> np.ndarray:
         """A field of all simulations, shape (n, size), to be read and written in place."""

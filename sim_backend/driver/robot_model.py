@@ -6,7 +6,7 @@ from collections.abc import Callable
 import mujoco
 import numba
 import numpy as np
-from numba import types  # pyright: ignore[reportPrivateImportUsage]
+from numba import types
 
 from sim_backend.driver.compilation import compiled_once
 from sim_backend.effects import friction, noise, record, sensing
@@ -92,7 +92,7 @@ def parameter_slots(physics: Physics, noise_seed: np.ndarray) -> np.ndarray:
     ):
         if (physics.value(key) != 0.0).any():
             normal = _gaussians()(noise_seed.astype(float), steps, joints + channel)
-            slots[:, first : first + 9] = sensing.noisy.py_func(0.0, physics.value(key), normal)  # once; not worth compiling
+            slots[:, first : first + 9] = sensing.noisy.py_func(0.0, physics.value(key), normal)  # pyrefly: ignore[missing-attribute] - once; not worth compiling
     return slots[:, record.CONTROL_SLOTS :]
 
 

@@ -54,7 +54,7 @@ def joint_applied_torque_nm(
 @functools.cache
 def _vectorised() -> Callable[..., np.ndarray]:
     """The pipeline as a numpy function, compiled when first needed."""
-    return numba.vectorize(["float64(" + ",".join(["float64"] * 10) + ")"])(joint_applied_torque_nm.py_func)
+    return numba.vectorize(["float64(" + ",".join(["float64"] * 10) + ")"])(joint_applied_torque_nm.py_func)  # pyrefly: ignore[missing-attribute]
 
 
 def applied_torque_nm(

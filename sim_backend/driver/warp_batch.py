@@ -15,7 +15,7 @@ from typing import Any
 import mujoco
 import numba
 import numpy as np
-from numba import types  # pyright: ignore[reportPrivateImportUsage]
+from numba import types
 
 from sim_backend.driver.compilation import compiled_once
 from sim_backend.driver.control_step import protect_nominal, set_bounds, step_with_effects
@@ -68,10 +68,10 @@ def open_device(device: str | None) -> tuple[Any, Any, str]:
         BackendError: they are not installed, or there is no GPU.
     """
     try:
-        import warp  # pyright: ignore[reportMissingImports] - of the extra, which need not be installed
+        import warp  # of the extra, which need not be installed
 
         warp.config.log_level = warp.LOG_WARNING  # what it tells otherwise goes to the standard output
-        import mujoco_warp  # pyright: ignore[reportMissingImports] - as above
+        import mujoco_warp  # as above
     except ImportError as error:
         missing = f"the physics back end 'warp' needs packages that are not installed ({error.name})"
         raise BackendError(
@@ -96,7 +96,7 @@ class WarpBatch:
 
     def __init__(self, model: mujoco.MjModel, robots: int, *, device: str | None = None, threads: int = 1) -> None:
         self._warp, self._library, self._device = open_device(device)
-        self._model, self._n, self._threads = model, robots, min(threads, numba.config.NUMBA_NUM_THREADS)  # pyright: ignore
+        self._model, self._n, self._threads = model, robots, min(threads, numba.config.NUMBA_NUM_THREADS)  # pyrefly: ignore[missing-attribute]
         self._host = {"qpos": np.tile(model.qpos0, (robots, 1)), "ctrl": np.zeros((robots, model.nu))}
         self._host |= {name: np.zeros((robots, model.nv)) for name in ("qvel", "qfrc_applied", "qfrc_bias")}
         self._host |= {"userdata": np.zeros((robots, model.nuserdata)), "sensordata": np.zeros((robots, r.REPORT_SIZE))}

@@ -36,7 +36,7 @@ def filtered(previous: float, value: float, step_s: float, time_constant_s: floa
 @numba.njit(inline="always")
 def noisy(value: float, std: Numbers, normal: Numbers) -> Numbers:
     """A value with an error, or many; ``normal`` is a standard normal number."""
-    return value + std * normal
+    return value + std * normal  # pyrefly: ignore[bad-return] - as many as there are of the others
 
 
 @numba.njit(inline="always")

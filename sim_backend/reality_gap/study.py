@@ -138,7 +138,7 @@ def stated_causes(key: str, value: NominalValue, file: StudyFile) -> list[Cause]
     else:
         places = {"platform": value}
     own = Plant(file.compile_model(), tuple(places)).own_values if parameter.scope is Scope.JOINT else {}
-    found = np.array([float(each) for each in places.values()]) + own.get(key, 0.0)  # pyright: ignore[reportArgumentType]
+    found = np.array([float(each) for each in places.values()]) + own.get(key, 0.0)  # pyrefly: ignore[bad-argument-type]
     effect = key.partition(".")[0]
     return [
         Cause(effect, parameter.name, where, float(each), parameter.unit, (float(each), float(each)))

@@ -165,7 +165,7 @@ def _layers(sizes: tuple[int, ...]) -> nn.Sequential:
 class ActorCritic(ActorCriticPolicy):
     """The policy that stable-baselines3 trains."""
 
-    features_extractor: Inputs
+    features_extractor: Inputs  # pyrefly: ignore[bad-override-mutable-attribute] - nobody sets another
 
     def __init__(self, *arguments: Any, actor: tuple[int, ...], critic: tuple[int, ...], **keywords: Any) -> None:
         self._actor, self._critic = actor, critic

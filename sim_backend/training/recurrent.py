@@ -13,7 +13,7 @@ from sim_backend.training.actor_critic import Inputs
 class RecurrentActorCritic(RecurrentActorCriticPolicy):
     """The policy that sb3-contrib trains; inputs as without memory (:class:`Inputs`)."""
 
-    features_extractor: Inputs
+    features_extractor: Inputs  # pyrefly: ignore[bad-override-mutable-attribute] - nobody sets another
 
     def __init__(self, *arguments: Any, actor: tuple[int, ...], critic: tuple[int, ...], memory: int, **keywords: Any) -> None:
         layers = {"net_arch": {"pi": list(actor), "vf": list(critic)}, "activation_fn": nn.ELU, "lstm_hidden_size": memory}

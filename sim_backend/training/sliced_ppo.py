@@ -53,7 +53,7 @@ class SlicedRobots(VecEnv):
         self.environment = _Practised(practice)
         super().__init__(robots, seen_space(practice, privileged), gym_action_space(practice.action_space))
 
-    def reset(self):
+    def reset(self):  # pyrefly: ignore[bad-override]
         """Nothing that anybody looks at."""
         return
 

@@ -184,7 +184,7 @@ class _Painter:
     def __init__(self, model: mujoco.MjModel, size_px: int) -> None:
         self._model, self._context = model, _context(size_px)
         self._context.make_current()
-        self._gpu = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        self._gpu: mujoco.MjrContext | None = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._gpu)
         self._scene, self._option = mujoco.MjvScene(model, maxgeom=400), mujoco.MjvOption()
         self._option.geomgroup[:] = [1, 1, 1, 0, 0, 0]

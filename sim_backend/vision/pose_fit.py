@@ -137,6 +137,7 @@ def _searched(rays: Rays, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     across = np.eye(3) - rays.direction[:, :, None] * rays.direction[:, None, :]
     weight = np.broadcast_to(1.0 / rays.error_m**2, (len(rotation), len(rays.error_m)))
     position = np.zeros((len(rotation), 3))
+    ratio = np.zeros(weight.shape)
     for step in range(ROUGH_STEPS):
         turned = rays.point_m @ rotation.transpose(0, 2, 1)
         matrix = np.einsum("pn,nij->pij", weight, across)

@@ -108,7 +108,7 @@ def searched(rays: Sequence[PixelRays], rng: np.random.Generator, width_m: float
     found = differential_evolution(
         lambda population: cost_px(population.T, rays, width_m),
         bounds,
-        init=rng.uniform(low, high, (POPULATION, 6)),  # pyright: ignore[reportArgumentType]
+        init=rng.uniform(low, high, (POPULATION, 6)),
         maxiter=GENERATIONS,
         tol=0.0,
         polish=False,

@@ -102,7 +102,7 @@ def _window(mask: np.ndarray, camera: Calibration, position_m: np.ndarray, width
     depth = max(float(camera.to_camera(position_m)[2]), width_m)
     reach = 1.0 + width_m / depth * camera.focal_px[0]
     column, row = np.nan_to_num(camera.project(position_m), nan=-1e6)
-    return tuple(  # pyright: ignore[reportReturnType]
+    return tuple(  # pyrefly: ignore[bad-return]
         np.arange(int(np.clip(at - reach, 0, size)), int(np.clip(at + reach, 0, size)))
         for at, size in zip((row, column), mask.shape, strict=True)
     )

@@ -43,7 +43,7 @@ class Training:
     ) -> None:
         torch.manual_seed(seed)
         self._crops, self._held_out, self._checkpoint, self._epochs = crops_of(files), crops_of(held_out), checkpoint, epochs
-        self.network = TrackerNetwork().to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
+        self.network = TrackerNetwork().to(memory_format=torch.channels_last)  # pyrefly: ignore[no-matching-overload]
         rate = RATE if begin is None else RATE_AGAIN
         self._optimiser = torch.optim.AdamW(self.network.parameters(), lr=rate, weight_decay=1e-4)
         self.epoch, self.told, self._seed = 0, list[dict[str, float]](), seed
@@ -126,7 +126,7 @@ class Training:
         self.network.eval()
         sizes = {0: "images", 2: "height", 3: "width"}
         torch.onnx.export(
-            self.network.to(memory_format=torch.contiguous_format),  # pyright: ignore[reportCallIssue]
+            self.network.to(memory_format=torch.contiguous_format),
             (torch.zeros(1, 3, 272, 272),),
             str(path),
             input_names=["images"],

@@ -111,7 +111,7 @@ def connected(address: str, cpus: int = 0) -> Any:
     os.environ.update(_ENVIRONMENT if beyond else {**_ENVIRONMENT, **_LOOPBACK})
     os.environ.setdefault(_TOKEN, "token")
     try:
-        import ray  # pyright: ignore[reportMissingImports] - of the extra, which need not be installed
+        import ray  # of the extra, which need not be installed
     except ImportError:
         raise WorkersError("a cluster needs Ray, which is not installed: pip install -e '.[cluster]' in the clone") from None
     asked: dict[str, Any] = {"address": address}

@@ -5,7 +5,7 @@ import re
 
 from tests.architecture.test_documents import ROOT
 
-_OF_A_FILE = re.compile(r"^\s*#\s*pyright:\s*(?!ignore\[)", re.MULTILINE)
+_OF_A_FILE = re.compile(r"^\s*#\s*(?:pyrefly:\s*(?!ignore\[)|pyright:|type:\s*ignore)", re.MULTILINE)
 
 
 def test_no_file_switches_a_rule_off_for_all_of_it():
@@ -13,7 +13,7 @@ def test_no_file_switches_a_rule_off_for_all_of_it():
     files = [file for folder in folders for suffix in ("py", "pyi") for file in folder.rglob(f"*.{suffix}")]
     assert len(files) > 500
     found = [str(file.relative_to(ROOT)) for file in files if _OF_A_FILE.search(file.read_text())]
-    assert not found, "say `# pyright: ignore[rule]` on the line that needs it, and why"
+    assert not found, "say `# pyrefly: ignore[kind]` on the line that needs it, and why"
 
 
 def test_the_stub_of_mujoco_says_what_its_wheel_says():

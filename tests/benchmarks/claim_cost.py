@@ -17,6 +17,7 @@ import statistics
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 from sqlalchemy import insert, text, update
 
@@ -49,7 +50,7 @@ async def fill(url, trials, each_job):
     await migrate(url)
     database = Database(url)
     owners = [f"user-{0 if number % 2 else number // 2 % USERS:02d}" for number in range(trials // each_job)]
-    jobs = [
+    jobs: list[dict[str, Any]] = [
         {"number": n, "job_id": f"j{n}", "owner": owner, "seed": n, "trials": each_job} | JOB for n, owner in enumerate(owners, 1)
     ]
     rows = [

@@ -13,6 +13,7 @@ import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 from prometheus_client.parser import text_string_to_metric_families
 
@@ -107,7 +108,13 @@ def main():
     parser.add_argument("--trials", type=int, default=40, help="of a job")
     parser.add_argument("--minutes", type=float, default=3.0, help="on each home")
     given = parser.parse_args()
-    found = {"jobs": given.jobs, "trials": given.jobs * given.trials, "users": USERS, "robots": ROBOTS, "trial_s": TRIAL_S}
+    found: dict[str, Any] = {
+        "jobs": given.jobs,
+        "trials": given.jobs * given.trials,
+        "users": USERS,
+        "robots": ROBOTS,
+        "trial_s": TRIAL_S,
+    }
     found |= {"small_user_trials": SMALL_TRIALS, "load_before": os.getloadavg()[0]}
     with tempfile.TemporaryDirectory() as name, postgres_server() as postgres, s3_server() as s3:
         postgres.make_newest()

@@ -62,7 +62,7 @@ async def costs(robots, folder):
     dispatcher = Dispatcher(
         settings,
         database,
-        Yes(),  # pyright: ignore[reportArgumentType] - all of a bus that it needs
+        Yes(),  # pyrefly: ignore[bad-argument-type] - all of a bus that it needs
         clock,
         fleet,
         Signals(),

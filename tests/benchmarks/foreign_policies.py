@@ -167,9 +167,9 @@ def whole_module(folder: Path) -> tuple[list[str], list[str]]:
 def graph(*, apart: bool) -> Callable[[Path], tuple[list[str], list[str]]]:
     def make(folder: Path) -> tuple[list[str], list[str]]:
         file = io.BytesIO()
-        torch.onnx.export(Actor().eval(), (torch.zeros(1, N),), file, dynamo=False, opset_version=17)  # pyright: ignore[reportArgumentType]
+        torch.onnx.export(Actor().eval(), (torch.zeros(1, N),), file, dynamo=False, opset_version=17)  # pyrefly: ignore[bad-argument-type]
         model = onnx.load_model_from_string(file.getvalue())
-        options = {"save_as_external_data": True, "location": "weights.bin", "size_threshold": 0} if apart else {}
+        options: dict[str, Any] = {"save_as_external_data": True, "location": "weights.bin", "size_threshold": 0} if apart else {}
         onnx.save(model, folder / "policy.onnx", **options)
         return ["policy.onnx"], []
 

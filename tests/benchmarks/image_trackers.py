@@ -47,7 +47,7 @@ def judged_robot(seed: int, scenes: int, reference_every: int) -> list[dict[str,
             state = scene.joint_position_rad, scene.position_world_m, scene.quat_wxyz
             images, faces = cameras.take(*state, seed=seed, frame=number), cameras.labels(*state)
             shown = [shown_share(face, each, scene, half_m) for face, each in zip(faces, cameras.true_calibrations, strict=True)]
-            row = {"robot": seed, "scene": number, "shown": [round(share, 4) for share, _ in shown]}
+            row: dict[str, Any] = {"robot": seed, "scene": number, "shown": [round(share, 4) for share, _ in shown]}
             row["hidden"] = round(hidden_share(shown), 4)
             row["ours"] = _timed(lambda: _alone(tracker, images), scene)  # noqa: B023
             if number % reference_every == 0:

@@ -68,14 +68,14 @@ physics = ["nominal"]
 @contextmanager
 def three_nodes() -> Iterator[str]:
     """A Ray of three nodes with one core each; its address."""
-    from ray.cluster_utils import Cluster  # pyright: ignore[reportMissingImports] - of the extra, which need not be installed
+    from ray.cluster_utils import Cluster  # of the extra, which need not be installed
 
     node = {"num_cpus": 1, "object_store_memory": STORE_BYTES, "node_ip_address": "127.0.0.1"}
     cluster = Cluster(initialize_head=True, head_node_args=node | {"include_dashboard": False})
     try:
         for _ in range(NODES - 1):
             cluster.add_node(**node)
-        yield cluster.address
+        yield str(cluster.address)
     finally:
         cluster.shutdown()
 
@@ -161,7 +161,12 @@ def main() -> None:
         began_s = time.monotonic()
         running = begin(recipe, whole, "--workers", "2")
         assert running.wait() == 0, whole.with_suffix(".log").read_text()[-2000:]
-        document = {"machine": kind(), "samples": asked.samples, "nodes": NODES, "kill_every_s": asked.kill_every_s}
+        document: dict[str, Any] = {
+            "machine": kind(),
+            "samples": asked.samples,
+            "nodes": NODES,
+            "kill_every_s": asked.kill_every_s,
+        }
         document |= {"disturbed": how | told(broken), "undisturbed": told(whole) | {"took_s": round(time.monotonic() - began_s)}}
     document["same_policy"] = document["disturbed"]["policy"] == document["undisturbed"]["policy"]
     asked.out.write_text(json.dumps(document, indent=1) + "\n")

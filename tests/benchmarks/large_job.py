@@ -162,10 +162,10 @@ def measured(home, trials, watch_s, postgres):
     with tempfile.TemporaryDirectory(prefix="trifarm-large-") as folder:
         url = now(postgres.empty()) if home == "scale" else f"sqlite:///{folder}/farm/farm.sqlite"
         more = {"database_url": url} if home == "scale" else {}
-        farm = Services(Path(folder) / "farm", **NO_LIMITS, **TOKENS, **more)  # pyright: ignore[reportArgumentType] - names of settings
+        farm = Services(Path(folder) / "farm", **NO_LIMITS, **TOKENS, **more)  # names of settings
         try:
             farm.start()
-            policy, took_s, cancelled_s = farm.policy(), [], []
+            policy, job_id, took_s, cancelled_s = farm.policy(), "", [], []
             for seed in range(SUBMISSIONS):
                 began_s = time.monotonic()
                 answer = farm.submit(policy, trials=trials, seed=seed)

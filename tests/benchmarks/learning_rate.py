@@ -78,7 +78,7 @@ def rates(robots: int, threads: int, blocks: int, periods: int) -> list[dict]:
     }
     for environment in both.values():
         environment.reset(np.random.default_rng(1))
-    bare, found = Bare(robots, threads), []
+    bare, found, action = Bare(robots, threads), [], np.zeros((robots, 9))
     for block in range(blocks + 1):
         watches = {name: Stopwatch() for name in ("bare", *both)}
         for period in range(periods):

@@ -78,7 +78,7 @@ def _measured(seen: dict[str, np.ndarray], index: int, position_m: np.ndarray, q
 
 def _segment(first: int, position_m: np.ndarray, quat_wxyz: np.ndarray) -> Segment:
     nothing = np.zeros((1, len(position_m), 9))
-    return Segment(first, *[nothing] * 8, position_m[None], quat_wxyz[None])  # pyright: ignore[reportCallIssue]
+    return Segment(first, *[nothing] * 8, position_m[None], quat_wxyz[None])  # pyrefly: ignore[bad-argument-count]
 
 
 def pressed(torque_nm: tuple[float, ...]) -> np.ndarray:

@@ -18,6 +18,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -166,7 +167,7 @@ def one_case(kind: str, index: int, first_seed: int, graphs: dict[str, tuple[Pat
         made = planted if kind == "planted" else hopeless
         trial, seed, key = made(rng, PolicyInLoop(policy), manifest)
         files = recorded(trial, seed, policy, Path(folder))
-        case = {"kind": kind, "index": index, "policy": name, "key": key, "seed": seed}
+        case: dict[str, Any] = {"kind": kind, "index": index, "policy": name, "key": key, "seed": seed}
         case["making_cpu_s"], began_s = round(time.process_time() - began_s, 1), time.process_time()
         try:
             found = why(read_log(files[0]), read_truth(files[1]), PolicyInLoop(policy))

@@ -182,7 +182,7 @@ def _how(attempt: dict[str, Any]) -> str:
 def pod(farm: Services, number: int, folder: Path) -> subprocess.Popen:
     """A robot as its pod has it."""
     flags = {"robots": 1, "first": number, "api": farm.api, "bus": farm.bus, "physics": "nominal", "drain-s": DRAIN_S}
-    flags["data"] = folder / f"pod-{number}"
+    flags |= {"data": str(folder / f"pod-{number}")}
     command = [sys.executable, "-m", "robot_farm", *(part for name, value in flags.items() for part in (f"--{name}", str(value)))]
     with (folder / "robots.log").open("ab") as said:
         environment = os.environ | {"TRIFARM_ROBOT_TOKEN": farm.tokens["robot"]}

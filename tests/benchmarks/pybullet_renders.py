@@ -12,7 +12,7 @@ import numpy as np
 
 def main() -> None:
     """The command; see the module's docstring."""
-    import pybullet  # pyright: ignore[reportMissingImports]
+    import pybullet  # pyrefly: ignore[missing-import]
 
     given = np.load(sys.argv[1])
     pybullet.connect(pybullet.DIRECT)

@@ -51,7 +51,7 @@ def recording():
     act, reference = load_policy(REFERENCE, str(REFERENCE.with_suffix(".json")))
     tensors = {}
     for task in TASK_NAMES:
-        act.begin(1)
+        act.begin(1)  # pyrefly: ignore[missing-attribute] - the reference has a memory
         tensors |= {f"{task}/{name}": np.ascontiguousarray(rows) for name, rows in record(task, act, reference).items()}
     made = {
         "format": "trifarm-recorded-observations/1",

@@ -148,6 +148,7 @@ def main(arguments: list[str] | None = None) -> int:
     if (reason := missing(ENVIRONMENT, PACKAGES)) is not None:
         sys.exit(reason)
     rows: list[dict[str, Any]] = []
+    told: dict[str, Any] = {}
     for seed in range(options.first, options.first + options.robots):
         rows += judged_robot(seed, options.scenes, options.pictures)
         told = {name: summary(rows, name) for name in ("pybullet", "mujoco")}

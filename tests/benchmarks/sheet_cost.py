@@ -10,6 +10,7 @@ import os
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 from robot_farm import trial
 from robot_farm.policy.jail import JailedPolicy
@@ -29,7 +30,7 @@ def main() -> None:
     chosen_s, packed_bytes, whole_s = [], [], []
     glimpse = trial._glimpse
 
-    def timed(*arguments):
+    def timed(*arguments: Any) -> Any:
         began_s = time.process_time()
         made = glimpse(*arguments)
         text = "" if made is None else made.model_dump_json()
@@ -37,7 +38,7 @@ def main() -> None:
         packed_bytes.append(len(text))
         return made
 
-    trial._glimpse = timed
+    trial._glimpse = timed  # pyrefly: ignore[bad-assignment] - it is called by place
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         driver, channels = SimulatedDriver(), trial.log_channels()

@@ -63,7 +63,8 @@ class Robot:
 
     def __init__(self, swarm, name):
         self.swarm, self.name, self.instance = swarm, name, uuid.uuid4().hex
-        self.state, self.lease, self.beats = RobotState.IDLE, None, 0
+        self.state, self.beats = RobotState.IDLE, 0
+        self.lease: Lease | None = None
 
     def come(self):
         """Gets a token and goes onto the bus."""

@@ -105,7 +105,7 @@ def farm_of(home, folder, checkout, postgres):
     with ExitStack() as stack:
         if home != "embedded":
             settings |= {"database_url": now(postgres.empty())}
-        services = Services(folder / "farm", through=("env", "-C", str(checkout or ROOT)), **settings)  # pyright: ignore[reportArgumentType] - names of settings
+        services = Services(folder / "farm", through=("env", "-C", str(checkout or ROOT)), **settings)  # names of settings
         if home == "three":
             services.settings |= {"TRIFARM_DISPATCHES": "false", "TRIFARM_BUS_CONNECT": services.bus}
             others.append(part(stack, services, "router", "--bus", services.bus))

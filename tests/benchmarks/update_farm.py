@@ -19,6 +19,7 @@ import tempfile
 import time
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 from tests.benchmarks.machine import kind
 from tests.homes import now, postgres_server, s3_server
@@ -160,7 +161,7 @@ def main():
     parser.add_argument("--out", type=Path, required=True)
     asked = parser.parse_args()
     commit = subprocess.run(["git", "rev-parse", "HEAD"], cwd=asked.checkout, capture_output=True, text=True, check=True)
-    found = {"from": commit.stdout.strip(), "robots": ROBOTS, "trial_s": TRIAL_S, "machine": kind()}
+    found: dict[str, Any] = {"from": commit.stdout.strip(), "robots": ROBOTS, "trial_s": TRIAL_S, "machine": kind()}
     for home in asked.homes:
         with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
             settings = {}

@@ -13,6 +13,7 @@ import tempfile
 import time
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import numpy as np
 
@@ -55,7 +56,7 @@ def main() -> int:
     parser.add_argument("--uploads", type=int, default=40, help="of each format")
     parser.add_argument("--out", type=Path, required=True)
     given = parser.parse_args()
-    document = {"format": "trifarm-verdict-times/1", "weights_bytes": SIZE_BYTES, "cores": os.cpu_count()}
+    document: dict[str, Any] = {"format": "trifarm-verdict-times/1", "weights_bytes": SIZE_BYTES, "cores": os.cpu_count()}
     document["load_before"] = round(os.getloadavg()[0], 2)
     times: dict[str, list[tuple[float, float]]] = {kind: [] for kind in VALID}
     with tempfile.TemporaryDirectory(prefix="trifarm-verdicts-") as name, services(Path(name) / "farm") as farm:

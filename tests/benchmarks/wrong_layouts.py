@@ -42,7 +42,7 @@ def said_of(task: str, weights: bytes, manifest: PolicyManifest) -> list[str]:
     """Everything that a user is told of a policy."""
     try:
         graph = converted(weights, ".safetensors", manifest)
-        warnings = [f"the policy {each}" for each in dry_run.run(dry_run.load(graph), manifest)]  # pyright: ignore[reportArgumentType]
+        warnings = [f"the policy {each}" for each in dry_run.run(dry_run.load(graph), manifest)]  # pyrefly: ignore[bad-argument-type]
     except (ClientError, UnfitError) as error:
         return [str(error).splitlines()[0]]
     found = trying.run(graph, manifest, TASKS[task], FIRST_SEED)

@@ -15,7 +15,7 @@ from tests.end_to_end import commands
 from tests.stalls import stalls
 
 TRIFARM = [sys.executable, "-m", "client_cli"]
-READY_WITHIN_S = 180  # the first farm of a checkout compiles, beside whatever else runs
+READY_WITHIN_S: float = 180  # the first farm of a checkout compiles, beside whatever else runs
 
 
 def free_port() -> int:

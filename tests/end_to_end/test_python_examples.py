@@ -110,7 +110,7 @@ def test_a_log_is_arrays_and_tables(folder):
     torque = log.to_pandas()["applied_torque_nm.finger0_base_to_upper"]
     np.testing.assert_array_equal(torque, log.applied_torque_nm[:, 0])
     with pytest.raises(ValueError, match="choose from joints"):
-        log.columns("motors")  # pyright: ignore[reportArgumentType] - it is refused
+        log.columns("motors")  # pyrefly: ignore[bad-argument-type] - it is refused
 
 
 def test_the_notebook_runs(folder):

@@ -25,8 +25,7 @@ NOT_NEEDED = (
     "trifarm",
     "__editable__",
     "playwright",
-    "pyright",
-    "nodeenv",
+    "pyrefly",
     "cuda",
     "stable_baselines3",
 )

@@ -131,7 +131,7 @@ class _Log:
         steps, rows = len(arrays["position_rad"]), np.array(self.reports[i])
         cube = ObjectSignals("cube", "cube", rows[:, 0], rows[:, 3:6], rows[:, 6:10], rows[:, 1], rows[:, 2])
         time_s = c.PHYSICS_STEP_S * np.arange(steps)
-        joints = JointSignals(c.JOINT_NAMES, **arrays)  # pyright: ignore[reportArgumentType] - no arrays are outliers
+        joints = JointSignals(c.JOINT_NAMES, **arrays)  # pyrefly: ignore[bad-argument-type] - no arrays are outliers
         return Recording(name, "simulated", c.PHYSICS_STEP_S, time_s, joints, (cube,), regime=regime)
 
 

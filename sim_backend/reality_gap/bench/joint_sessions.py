@@ -101,7 +101,7 @@ def simulated_sessions(
         parts.setdefault("desired_torque_nm", []).append(np.repeat(torque[:, None], steps, axis=1))
         parts.setdefault("position_target_rad", []).append(np.repeat(target[:, None], steps, axis=1))
         try:
-            commands = [course.send(None) for course in courses]  # pyright: ignore[reportArgumentType] - nobody looks
+            commands = [course.send(None) for course in courses]  # pyrefly: ignore[bad-argument-type] - nobody looks
         except StopIteration:
             commands = []
     arrays = {name: np.concatenate(values, axis=1) for name, values in parts.items()}
@@ -114,5 +114,5 @@ def simulated_sessions(
 def _recording(name: str, excitation: str, arrays: dict[str, np.ndarray]) -> Recording:
     steps = len(arrays["position_rad"])
     time_s = c.PHYSICS_STEP_S * np.arange(steps)
-    joints = JointSignals(c.JOINT_NAMES, **arrays)  # pyright: ignore[reportArgumentType] - no arrays are outliers
+    joints = JointSignals(c.JOINT_NAMES, **arrays)  # pyrefly: ignore[bad-argument-type] - no arrays are outliers
     return Recording(name, "simulated", c.PHYSICS_STEP_S, time_s, joints, regime=excitation)

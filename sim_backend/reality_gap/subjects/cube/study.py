@@ -159,9 +159,10 @@ def _naming(ranking: Sequence[Judged], able: Collection[str], chosen: float, sha
     rival = Rival(runner.effect, runner.estimates[0].where, best.gain - runner.gain, _separated(best, runner))
     causes = tuple(cause for row in members for cause in _causes(row))
     if close:
+        without = {name: value for name, value in shared.items() if name != "record_next"}
         record = (*shared["record_next"], *(_separated(best, row) for row in members[1:]))
         text = "one of " + ", ".join(row.effect for row in members) + f" (p {shared['null_p']:.2g}); these logs do not say which"
-        return Verdict(VerdictKind.CONFUSABLE, text, causes, runner_up=rival, **{**shared, "record_next": record})
+        return Verdict(VerdictKind.CONFUSABLE, text, causes, runner_up=rival, **without, record_next=record)
     text = f"{best.effect}, {_sentence(best)} (p {shared['null_p']:.2g}); next is {runner.effect}, {rival.behind:.0f} nats behind"
     return Verdict(VerdictKind.NAMED, text, causes, runner_up=rival, **shared)
 

@@ -129,7 +129,7 @@ def _bounded_weights(cost: np.ndarray) -> np.ndarray:
     low, high = np.log(np.ptp(cost) * 1e-9 + 1e-12), np.log(np.ptp(cost) * 1e3 + 1e-9)
     if divergence(low) <= 0.0:
         return special.softmax(-cost / np.exp(low))
-    root: float = optimize.brentq(divergence, low, high)  # pyright: ignore[reportAssignmentType] - without full_output a number
+    root: float = optimize.brentq(divergence, low, high)  # pyrefly: ignore[bad-assignment] - without full_output a number
     return special.softmax(-cost / np.exp(root))
 
 

@@ -42,7 +42,7 @@ def lateness_std_s(late_steps: np.ndarray, step_s: float) -> tuple[float, float]
 
     if mean <= 0.0:
         return 0.0, step_s
-    std_steps: float = optimize.brentq(excess, 1e-2, largest)  # pyright: ignore[reportAssignmentType] - a number
+    std_steps: float = optimize.brentq(excess, 1e-2, largest)  # pyrefly: ignore[bad-assignment] - a number
     slope = (_mean_of_rounded(1.01 * std_steps) - _mean_of_rounded(0.99 * std_steps)) / (0.02 * std_steps)
     return std_steps * step_s, error / slope * step_s
 

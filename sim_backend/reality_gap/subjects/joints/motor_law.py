@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numba
 import numpy as np
-from numba import types  # pyright: ignore[reportPrivateImportUsage]
+from numba import types
 
 from sim_backend.driver.compilation import compiled_once
 from sim_backend.effects.actuation import (

@@ -107,7 +107,7 @@ def _given(sent: np.ndarray | None, measured: np.ndarray | None) -> tuple[np.nda
     What was not sent but measured was sent so, too; a joint without any measured torque gave what was sent.
     """
     if sent is None or measured is None:
-        return (sent, None) if measured is None else (measured, None)  # pyright: ignore[reportReturnType] - one of them is there
+        return (sent, None) if measured is None else (measured, None)  # pyrefly: ignore[bad-return] - one of them is there
     if np.isnan(measured).all(axis=0).any():
         measured = np.where(np.isnan(measured).all(axis=0), sent, measured)
     return np.where(np.isnan(sent), measured, sent) if np.isnan(sent).any() else sent, measured

@@ -171,7 +171,7 @@ def _window_operator(rows: int) -> np.ndarray:
     """Twice the sum, and no offset and no slope any more; shape (rows - 2, rows), noise of positions stays white."""
     twice = np.cumsum(np.cumsum(np.eye(rows), axis=0), axis=0)
     line = np.stack([np.ones(rows), np.arange(rows)], axis=1)
-    basis = linalg.null_space(line.T)
+    basis = np.asarray(linalg.null_space(line.T))
     return basis.T @ twice
 
 
@@ -202,7 +202,7 @@ def _autoregression(left: np.ndarray, valid: np.ndarray, order: int) -> np.ndarr
     count = np.array([np.sum(valid[lag:] & valid[: len(valid) - lag]) for lag in range(order + 1)])
     r = np.array([x[lag:] @ x[: len(x) - lag] for lag in range(order + 1)]) / np.maximum(count, 1)
     r[0] *= 1.0 + WHITE_SHARE
-    return linalg.solve_toeplitz(r[:-1], r[1:])
+    return np.asarray(linalg.solve_toeplitz(r[:-1], r[1:]))
 
 
 def _filtered(series: np.ndarray, taps: np.ndarray) -> np.ndarray:
@@ -281,7 +281,7 @@ def reduced(
         return Reduced(images, cross, -0.5 * square)
     precision = np.eye(len(index)) + scale[:, None] * images[np.ix_(index, index)] * scale
     chol = linalg.cholesky(precision, lower=True)
-    half = linalg.solve_triangular(chol, scale[:, None] * images[index], lower=True)
-    seen = linalg.solve_triangular(chol, scale * cross[index], lower=True)
+    half = np.asarray(linalg.solve_triangular(chol, scale[:, None] * images[index], lower=True))
+    seen = np.asarray(linalg.solve_triangular(chol, scale * cross[index], lower=True))
     evidence = -0.5 * square + 0.5 * seen @ seen - np.log(np.diag(chol)).sum()
     return Reduced(images - half.T @ half, cross - half.T @ seen, float(evidence))

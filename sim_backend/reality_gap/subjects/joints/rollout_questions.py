@@ -91,8 +91,8 @@ def foretold(problem: RolloutProblem, fit: RolloutFit, terms: Sequence[Term]) ->
     for each in np.unique(fold) if len(np.unique(fold)) > 1 else ():
         seen, unseen = np.flatnonzero(fold != each), np.flatnonzero(fold == each)
         own, other = (tuple(b[rows] for b in fit.begin) for rows in (seen, unseen))
-        learned = problem.part(seen).fitted(fit.state, terms, own, quickly=True)  # pyright: ignore[reportArgumentType]
-        squares[unseen] = problem.part(unseen).fitted(learned.state, (), other, quickly=True).squares  # pyright: ignore[reportArgumentType]
+        learned = problem.part(seen).fitted(fit.state, terms, own, quickly=True)  # pyrefly: ignore[bad-argument-type]
+        squares[unseen] = problem.part(unseen).fitted(learned.state, (), other, quickly=True).squares  # pyrefly: ignore[bad-argument-type]
     return squares
 
 

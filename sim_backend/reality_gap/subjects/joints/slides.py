@@ -85,7 +85,7 @@ class Slides:
         changed = {name: own / arm for name in lengths if (own := getattr(joints, name)) is not None}
         changed |= {name: own * arm for name in forces if (own := getattr(joints, name)) is not None}
         feedback = None if joints.feedback is None else _feedback_as_hinges(joints.feedback, arm)
-        return replace(recording, joints=replace(joints, **changed, feedback=feedback))  # pyright: ignore[reportArgumentType]
+        return replace(recording, joints=replace(joints, **changed, feedback=feedback))
 
     def values_as_hinges(self, nominal: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Values by parameter, those of joints in the units of :meth:`model_as_hinges`."""

@@ -196,7 +196,7 @@ def _nominal(material: Material, recordings: Sequence[Recording]) -> Mapping[str
         if parameter.scope is Scope.JOINT:
             by_joint = value if isinstance(value, Mapping) else dict.fromkeys(names, value)
             absent = np.nan if key == LIMIT else parameter.absent  # a TriFinger's limit is no other robot's
-            found[key] = np.array([float(by_joint.get(name, absent)) for name in names])  # pyright: ignore[reportArgumentType]
+            found[key] = np.array([float(by_joint.get(name, absent)) for name in names])  # pyrefly: ignore[bad-argument-type]
         else:
             found[key] = np.atleast_1d(np.asarray(value, dtype=float))
     return found

@@ -89,7 +89,8 @@ def confirmed(
         {"label": label, "held_out": factor * float(np.nanmean(np.abs(residual[name]))), "unit": unit}
         for (label, _), residual in zip(steps, residuals, strict=True)
     )
-    return Confirmation(held_out, width_m, kinds, unseen, drawn and drawn.horizon, drawn and drawn.worst_window, ladder)
+    shown = (drawn.horizon, drawn.worst_window) if drawn else (None, None)
+    return Confirmation(held_out, width_m, kinds, unseen, *shown, ladder)
 
 
 def _kind_error(name: str, unit: str, before: np.ndarray, after: np.ndarray) -> KindError:

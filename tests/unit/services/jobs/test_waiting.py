@@ -26,7 +26,7 @@ def fleet():
 
 
 def said(fleet):
-    return job_waits(ROW, Ahead(0), fleet, NOW_S)  # pyright: ignore[reportArgumentType] - a row by another name
+    return job_waits(ROW, Ahead(0), fleet, NOW_S)
 
 
 def test_a_job_whose_robots_are_idle_is_about_to_be_leased(fleet):
