@@ -66,7 +66,8 @@ def judge(contrast: Contrast, experiment: Experiment, store: Store, runs: Runs) 
     if sides.found is not None:
         if said in (Verdict.REPRODUCED, Verdict.FOUND) and not contrast.loss and sides.found.high < contrast.interest:
             notes.append(SMALLER)
-        if any(cell.training is not None and cell.training.start is not None for cell in (first, other)):
+        begun = [cell.training.start for cell in (first, other) if cell.training is not None]
+        if any(start is not None and not start.of_each_seed for start in begun):
             notes.append(_continued(len(other.seeds)))
     if contrast.repeats:
         notes.append(f"repeats {contrast.repeats}, not counted again")

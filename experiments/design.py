@@ -1,7 +1,7 @@
 """What an experiment is, as data: cells, budgets fixed before anything runs, trials, and the contrasts that are judged."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
@@ -28,11 +28,20 @@ class Demonstrations:
 
 @dataclass(frozen=True)
 class Start:
-    """A training that is made once, of seed 1, and gone on with by the runs of several cells, its critic included."""
+    """A training that the runs of several cells go on from, its critic included.
+
+    It is made once, of one seed, or with ``of_each_seed`` once for each seed of the runs, which then share nothing.
+    """
 
     name: str
     recipe: Mapping[str, Any]
     samples_per_s: float
+    of_each_seed: bool = False
+    seed: int = 1
+
+    def of(self, seed: int) -> "Start":
+        """That which a run of this seed goes on from."""
+        return replace(self, name=f"{self.name}-seed{seed}", seed=seed, of_each_seed=False) if self.of_each_seed else self
 
     @property
     def seconds(self) -> float:
@@ -216,7 +225,11 @@ class Claim:
 
 @dataclass(frozen=True)
 class Experiment:
-    """All of it; ``limits`` says what is not as in the papers."""
+    """All of it; ``limits`` says what is not as in the papers.
+
+    ``again`` names an earlier experiment that asked the same with less power: once all of this one is there it counts, and the
+    earlier one no more, whose page stays.
+    """
 
     letter: str
     name: str
@@ -232,6 +245,7 @@ class Experiment:
     curves: bool = False
     reaches: float = 0.8
     quick: bool = field(default=False)
+    again: str = ""
 
     def cell(self, name: str) -> Cell:
         """A cell by its name.

@@ -14,6 +14,7 @@ from experiments.plan import Piece, TrainingPiece, missing, pieces
 from experiments.provenance import Versions
 from experiments.store import MEASURED, TRIALS, Key, Store
 
+COMPLETE = "complete"
 SAME_EVALUATION = 0.01
 """Share of a run's samples by which evaluations of several runs may lie apart that are shown as one point."""
 
@@ -81,7 +82,7 @@ class Findings:
     def state(self) -> str:
         """``not run yet``, ``run in part`` or ``complete``."""
         if not self.left:
-            return "complete"
+            return COMPLETE
         return "not run yet" if len(self.left) == len(pieces(self.experiment)) else "run in part"
 
     @property

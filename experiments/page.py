@@ -3,12 +3,12 @@
 from collections.abc import Iterator, Sequence
 
 from api_schemas.physics import NOMINAL
-from experiments.catalogue import HOURS_ALLOWED
+from experiments.catalogue import CATALOGUE, HOURS_AGAIN, HOURS_ALLOWED
 from experiments.contrasts import Judged
 from experiments.design import Claim, Experiment, Measure
-from experiments.findings import Findings, own_training
+from experiments.findings import COMPLETE, Findings, own_training
 from experiments.judging import Verdict
-from experiments.plan import hours, pieces, spoken, starts
+from experiments.plan import hours, pieces, spoken
 from experiments.power import CHANGING_SIDES, REPETITIONS, SPREAD, Design, power
 from experiments.tables import NOT_RUN, arrivals, cells, contrasts, in_a_row, known, made_by, many_goals, rate, said_of, shown
 
@@ -41,6 +41,7 @@ def experiment_page(found: Findings, figure: bool) -> str:
         "",
         f"**State: {found.state}.** {_missing(found)}",
         *(["", "**The quick form: it shows that everything runs, and nothing else.**"] if experiment.quick else []),
+        *_asked_twice(experiment),
         "",
         "```",
         f"trifarm experiment {experiment.name}{' --quick' if experiment.quick else ''}",
@@ -67,7 +68,11 @@ def experiment_page(found: Findings, figure: bool) -> str:
 def overview(all_found: Sequence[Findings]) -> str:
     """The page that shows all of them."""
     judged = [(found, each) for found in all_found for each in found.judged]
-    counted = [pair for pair in judged if not pair[1].contrast.repeats]
+    passed_over = _passed_over(all_found)
+    counted, again = [], []
+    for found, each in judged:
+        twice = each.contrast.repeats or found.experiment.name in passed_over
+        (again if twice else counted).append((found, each))
     claimed = [pair for pair in counted if not pair[1].contrast.ours]
     ours = [pair for pair in counted if pair[1].contrast.ours]
     lines = [
@@ -80,9 +85,10 @@ def overview(all_found: Sequence[Findings]) -> str:
         "",
         "Intervals are at 80 %. A gain whose interval lies above 0 is *reproduced*, one whose interval lies below the effect of",
         "interest is *not reproduced*; whatever else is *undecided*, as is what a floor or a ceiling hides. Where the claim is",
-        "that little is lost, the interval has to lie above or below that loss. Both sides of farm trials share four robots:",
-        "where these differ, an interval is at least as wide as Student's over the robots' differences, and each page says what",
-        "sets it.",
+        "that little is lost, the interval has to lie above or below that loss. Both sides of farm trials share a farm's four or",
+        "sixteen robots: where these differ, an interval is at least as wide as Student's over the robots' differences, and each",
+        "page says what sets it. What is asked again with more power counts once all of it is there, and the earlier answer no",
+        "more; until then it is the other way round.",
         "",
         "| experiment | what a paper says | its figure | here |",
         "|---|---|---|---|",
@@ -97,17 +103,35 @@ def overview(all_found: Sequence[Findings]) -> str:
         lines += [f"## {heading}", "", *_sentences(claimed, kind), ""]
     lines += ["## Questions of ours", "", f"Of {len(ours)} contrasts that no paper claims: {_tally(ours, OURS)}.", ""]
     lines += [sentence for kind in OURS for sentence in _sentences(ours, kind) if sentence != NOTHING]
-    if again := [pair for pair in judged if pair[1].contrast.repeats]:
+    if again:
         lines += ["", "Not counted:", "", *(_sentence(*pair, with_verdict=True) for pair in again)]
     if drawn := [found.experiment for found in all_found if found.has_figure]:
         lines += ["", "## Figures", "", *(f"![({each.letter}) {each.title}]({each.name}.svg)\n" for each in drawn)]
     return "\n".join(lines).rstrip() + "\n"
 
 
+def _passed_over(all_found: Sequence[Findings]) -> set[str]:
+    """Of two experiments that ask the same, the name of the one that does not count."""
+    again = [found for found in all_found if found.experiment.again]
+    return {each.experiment.again if each.state == COMPLETE else each.experiment.name for each in again}
+
+
+def _asked_twice(experiment: Experiment) -> Iterator[str]:
+    """Where an experiment was asked before with less power, or is asked again with more."""
+    if experiment.again:
+        yield from ("", f"Asked before with less power: {_link(CATALOGUE[experiment.again])}.")
+    for later in CATALOGUE.values():
+        if later.again == experiment.name:
+            yield from ("", f"Asked again with more power: {_link(later)}.")
+
+
+def _link(experiment: Experiment) -> str:
+    return f"[({experiment.letter}) {experiment.title}]({experiment.name}.md)"
+
+
 def _row(found: Findings, claim: Claim) -> str:
     experiment = found.experiment
-    page = f"[({experiment.letter}) {experiment.title}]({experiment.name}.md)"
-    page = f"{page}: {found.state}" if claim is experiment.claims[0] else f"({experiment.letter})"
+    page = f"{_link(experiment)}: {found.state}" if claim is experiment.claims[0] else f"({experiment.letter})"
     return f"| {page} | {claim.text} ({claim.source}) | {claim.figure or 'none given'} | {_here(found, claim)} |"
 
 
@@ -162,9 +186,12 @@ def _sentence(found: Findings, each: Judged, *, with_verdict: bool = False) -> s
 
 
 def _time(all_found: Sequence[Findings]) -> str:
-    planned = hours([piece for found in all_found for piece in pieces(found.experiment)], JOBS)
-    said = f"All trainings and trials together are planned to take about {planned:.1f} hours on two cores (at most "
-    said += f"{HOURS_ALLOWED:g})."
+    first, again = (
+        hours([piece for found in all_found if bool(found.experiment.again) is later for piece in pieces(found.experiment)], JOBS)
+        for later in (False, True)
+    )
+    said = f"All trainings and trials together are planned to take about {first:.1f} hours on two cores (at most "
+    said += f"{HOURS_ALLOWED:g}), those that are asked again about {again:.1f} (at most {HOURS_AGAIN:g})."
     own = [
         run
         for found in all_found
@@ -174,7 +201,8 @@ def _time(all_found: Sequence[Findings]) -> str:
     if not own:
         return said
     took = sum(run["wall_s"] for run in own) / 3600
-    begun = ", ".join(start.name for start in starts([piece for found in all_found for piece in pieces(found.experiment)]))
+    trainings = [cell.training for found in all_found for cell in found.experiment.cells if cell.training is not None]
+    begun = ", ".join(dict.fromkeys(each.start.name for each in trainings if each.start is not None))
     return (
         f"{said} The {len(own)} trainings that are kept took {took:.1f} hours, one after the other: as the clock on the wall had "
         f"it on one thread each, mostly two at a time, evaluations included; without `{begun}`, which several go on from, the "
@@ -183,7 +211,7 @@ def _time(all_found: Sequence[Findings]) -> str:
 
 
 def _missing(found: Findings) -> str:
-    if found.state == "complete":
+    if found.state == COMPLETE:
         return "Everything is there."
     whole, left = pieces(found.experiment), found.left
     still = f"about {spoken(hours(left, JOBS))} on two cores"

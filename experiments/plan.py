@@ -115,8 +115,9 @@ def missing(experiment: Experiment, store: Store, wanted: Wanted | None = None) 
 
 def starts(found: Sequence[Piece]) -> list[Start]:
     """What the trainings among the pieces go on from, each once."""
-    trainings = [piece.cell.training for piece in found if isinstance(piece, TrainingPiece) and piece.cell.training]
-    return list({each.start.name: each.start for each in trainings if each.start}.values())
+    trainings = [(piece.cell.training, piece.seed) for piece in found if isinstance(piece, TrainingPiece)]
+    begun = [training.start.of(seed) for training, seed in trainings if training is not None and training.start is not None]
+    return list({start.name: start for start in begun}.values())
 
 
 def hours(found: Sequence[Piece], jobs: int) -> float:

@@ -16,7 +16,6 @@ from sim_backend.training.recipe import Recipe, RecipeError, load_recipe, schema
 
 REAL = Path(_ranges_file).parent / "presets" / "real.toml"
 REDUCED = "reduced-real.toml"
-START_SEED = 1
 
 
 def write_recipe(
@@ -40,8 +39,8 @@ def write_recipe(
 def wanted_recipe(training: Training, seed: int) -> Recipe | ImitationRecipe:
     """The recipe of a run as the training program understands it; files and folders by their names alone."""
     shown, start = training.demonstrations, training.start
-    names = None if shown is None else demonstrations_name(shown), None if start is None else start_name(start)
-    document = _document(training, seed, *names)
+    begun_with = None if start is None else start_name(start.of(seed))
+    document = _document(training, seed, None if shown is None else demonstrations_name(shown), begun_with)
     return schema_of(document).model_validate(document)
 
 
@@ -73,7 +72,7 @@ def changes_since(folder: Path, name: str, training: Training, seed: int) -> lis
 
 def start_document(start: Start) -> dict[str, Any]:
     """The recipe of a start, with its seed."""
-    return {**start.recipe, "seed": START_SEED}
+    return {**start.recipe, "seed": start.seed}
 
 
 def start_name(start: Start) -> str:

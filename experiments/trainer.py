@@ -126,7 +126,7 @@ def _start(piece: TrainingPiece, store: Store, tell: Callable[[str], None]) -> R
     folder, stem = store.training_folder(piece.cell, piece.seed), Key(piece.cell.name, piece.seed).stem
     folder.mkdir(parents=True, exist_ok=True)
     shown = None if training.demonstrations is None else _demonstrations(training.demonstrations, store, tell)
-    start = None if training.start is None else _trained_start(training.start, store, tell)
+    start = None if training.start is None else _trained_start(training.start.of(piece.seed), store, tell)
     recipe = write_recipe(training, piece.seed, folder, stem, shown, start)
     resumes = (folder / CHECKPOINT).exists()
     tell(f"{piece.name}: {'goes on' if resumes else 'begins'}, {training.samples:,} samples, log in {folder / 'log'}")

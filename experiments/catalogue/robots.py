@@ -51,11 +51,12 @@ GROUPS: dict[str, tuple[str, ...]] = {
 """Every effect of ``real`` in one group."""
 
 
-def _practised(physics: str, without: tuple[str, ...] = ()) -> Training:
+def practised(physics: str, without: tuple[str, ...] = (), start: Start = START) -> Training:
+    """The last samples of a run, on robots of this physics."""
     recipe = from_scratch("push", _SAMPLES, every=_SAMPLES // 4, physics=physics, reward=FINE_REWARD)
     recipe["ppo"] = recipe["ppo"] | {"learning_rate": 3e-4}
     recipe["evaluation"] = recipe["evaluation"] | BEFORE_THE_FARM
-    return Training(recipe, NOMINAL_RATE if physics == "nominal" else REAL_RATE, without, start=START)
+    return Training(recipe, NOMINAL_RATE if physics == "nominal" else REAL_RATE, without, start=start)
 
 
 RANDOMIZATION = Experiment(
@@ -85,8 +86,8 @@ RANDOMIZATION = Experiment(
     "counted. "
     "The farm's robots come from the same ranges as the training's (other seeds), which no real laboratory could know.",
     cells=(
-        Cell("nominal", "goes on with nominal robots", SEEDS, _practised("nominal"), label="trained on\nnominal robots"),
-        Cell("randomized", "goes on with robots of `real`", SEEDS, _practised("real"), label="trained on\nvaried robots"),
+        Cell("nominal", "goes on with nominal robots", SEEDS, practised("nominal"), label="trained on\nnominal robots"),
+        Cell("randomized", "goes on with robots of `real`", SEEDS, practised("real"), label="trained on\nvaried robots"),
     ),
     contrasts=(
         Contrast("randomised against not, varied simulated robots", Measure.SUCCESS, "nominal", "randomized", 0.1, "real"),
@@ -106,7 +107,7 @@ RANDOMIZATION = Experiment(
 
 def _left_out(group: str) -> Cell:
     about = f"robots of `real`, but for their {group}"
-    return Cell(f"without-{group}", about, (1,), _practised("real", GROUPS[group]), label=f"all but\n{group}")
+    return Cell(f"without-{group}", about, (1,), practised("real", GROUPS[group]), label=f"all but\n{group}")
 
 
 def _against_all(group: str) -> str:
