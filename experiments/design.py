@@ -172,7 +172,7 @@ class Measure(StrEnum):
     """What a contrast compares."""
 
     SUCCESS = "success"  # of paired farm trials, as a fraction
-    SAMPLES_TO = "samples to 80 %"  # log2 of how many times fewer samples
+    SAMPLES_TO = "samples to a rate"  # log2 of how many times fewer samples
     GOALS = "goals in a row"
     KNOWN = "held-out R2"  # of hidden state and observation together, above that of the observation of the same instant
 

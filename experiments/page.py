@@ -9,7 +9,7 @@ from experiments.design import Claim, Experiment, Measure
 from experiments.findings import COMPLETE, Findings, own_training
 from experiments.judging import Verdict
 from experiments.plan import hours, pieces, spoken
-from experiments.power import CHANGING_SIDES, REPETITIONS, SPREAD, Design, power
+from experiments.power import CHANGING_SIDES, REPETITIONS, SPREAD, SPREAD_OF_ARRIVALS, Design, power, power_of_arrivals
 from experiments.tables import NOT_RUN, arrivals, cells, contrasts, in_a_row, known, made_by, many_goals, rate, said_of, shown
 
 __all__ = ["experiment_page", "overview", "shown"]
@@ -246,8 +246,21 @@ def _budget(found: Findings) -> Iterator[str]:
 
 
 def _power(experiment: Experiment) -> Iterator[str]:
-    """What the paired trials can show, for every kind of contrast once."""
-    if experiment.trials is None or experiment.quick:
+    """What the judge can show, for every kind of contrast once."""
+    if experiment.quick:
+        return
+    arriving = [each for each in experiment.contrasts if each.measure is Measure.SAMPLES_TO and experiment.again]
+    for runs, interest in dict.fromkeys((len(experiment.cell(each.other).seeds), each.interest) for each in arriving):
+        yield (
+            f"- power, {REPETITIONS} repetitions of the judge on made-up arrivals for each number: of {runs} runs of each cell, "
+            f"all of which arrive and whose samples spread by a factor of {2**SPREAD_OF_ARRIVALS:.2g}, "
+            + " and ".join(
+                f"{2**truth:g} times fewer read as reproduced in {power_of_arrivals(runs, interest, truth):.0%}"
+                for truth in (interest, 2 * interest)
+            )
+            + f"; of interest is {2**interest:g} times fewer"
+        )
+    if experiment.trials is None:
         return
     paired = [each for each in experiment.contrasts if each.measure is Measure.SUCCESS and not each.repeats]
     goals = experiment.trials.trials

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 
 from experiments.design import Contrast, Measure
-from experiments.judging import Verdict, paired_success, verdict
+from experiments.judging import Arrival, Verdict, paired_success, times_fewer, verdict
 
 REPETITIONS = 200
 SEED = 1
@@ -14,6 +14,10 @@ CHANGING_SIDES = 0.3
 """Share of goals that two policies end differently; each goal of each run by itself. An assumption."""
 SPREAD = 0.1
 """Standard deviation of the true differences of single runs around their mean, where trainings differ. An assumption."""
+
+
+SPREAD_OF_ARRIVALS = 0.5
+"""Standard deviation of the log2 of the samples that single runs of a cell take to a rate. An assumption."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,27 @@ def power(design: Design, truth: float, spread: float) -> float:
     robots = (turns, turns) if design.robots else None
     said = [verdict(contrast, paired_success(*_trials(design, truth, spread, rng), robots)) for _ in range(REPETITIONS)]
     return said.count(Verdict.REPRODUCED) / REPETITIONS
+
+
+@cache
+def power_of_arrivals(runs: int, interest: float, truth: float) -> float:
+    """Share of repetitions that read as reproduced where samples to a rate are compared.
+
+    Args:
+        runs: of each cell; all arrive.
+        interest: log2 of how many times fewer.
+        truth: its true mean.
+    """
+    rng = np.random.default_rng(SEED)
+    contrast = Contrast("", Measure.SAMPLES_TO, "", "", interest)
+    said = [verdict(contrast, times_fewer(_arrived(runs, truth, rng), _arrived(runs, 0.0, rng))) for _ in range(REPETITIONS)]
+    return said.count(Verdict.REPRODUCED) / REPETITIONS
+
+
+def _arrived(runs: int, log2_samples: float, rng: np.random.Generator) -> list[Arrival]:
+    """Runs of a cell, whose samples are a million times this in the mean, each evaluated often enough."""
+    took = 1e6 * 2.0 ** (log2_samples + SPREAD_OF_ARRIVALS * rng.standard_normal(runs))
+    return [Arrival(int(each), int(each)) for each in took]
 
 
 def _trials(design: Design, truth: float, spread: float, rng: np.random.Generator) -> tuple[list[dict], list[dict]]:

@@ -12,7 +12,10 @@ from client_cli.terminal.foreground import how_it_ended, run_to_end
 from client_cli.terminal.options import JsonOption
 
 EXPERIMENTS = "experiments"
-NAMES = ("observations", "randomization", "demonstrations", "memory", "ablation", "consecutive", "objects")
+NAMES = (
+    *("observations", "randomization", "demonstrations", "memory", "ablation", "consecutive", "objects"),
+    *("observations-again", "demonstrations-again", "ablation-again"),
+)
 """Those of ``experiments/catalogue``, which is not imported here: it is a program of its own."""
 ENDS_WITHIN_S = 40.0
 """After Ctrl-C: trainings get 30 s to leave a checkpoint, and a farm's folder takes some to be removed."""

@@ -23,21 +23,22 @@ from experiments.design import (
     Training,
 )
 
-_LAYOUTS = {"o-kp": "move", "o-pq": "move-pose"}
-_REWARDS = {"r-kp": "keypoint kernel", "r-pq": "position+rotation"}
+LAYOUTS = {"o-kp": "move", "o-pq": "move-pose"}
+REWARDS = {"r-kp": "keypoint kernel", "r-pq": "position+rotation"}
 _IN_FIGURES = {"o-kp": "corners", "o-pq": "pose", "r-kp": "corners", "r-pq": "pose"}
 
 
-def _seen_and_rewarded(seen: str, rewarded: str) -> Cell:
-    recipe = from_scratch("floor_pose", 8_000_000, every=1_000_000, layout=_LAYOUTS[seen])
-    recipe["reward"] = FINE_REWARD | {"kind": _REWARDS[rewarded]}
+def seen_and_rewarded(seen: str, rewarded: str, samples: int = 8_000_000) -> Cell:
+    """A cell of (a)."""
+    recipe = from_scratch("floor_pose", samples, every=1_000_000, layout=LAYOUTS[seen])
+    recipe["reward"] = FINE_REWARD | {"kind": REWARDS[rewarded]}
     recipe["ppo"] = recipe["ppo"] | {"robots": 512, "minibatch": 2048}
     recipe["evaluation"] = recipe["evaluation"] | BEFORE_THE_FARM
     observation = "corners of the cube" if seen == "o-kp" else "position and quaternion"
     reward = "corners" if rewarded == "r-kp" else "position and angle"
     about = f"sees {observation}, is rewarded by {reward}"
     label = f"sees {_IN_FIGURES[seen]},\nrewarded\nby {_IN_FIGURES[rewarded]}"
-    look = Look(list(_LAYOUTS).index(seen), dashed=rewarded == "r-pq")
+    look = Look(list(LAYOUTS).index(seen), dashed=rewarded == "r-pq")
     return Cell(f"{seen}-{rewarded}", about, SEEDS, Training(recipe, FEW_ROBOTS_RATE), label=label, look=look)
 
 
@@ -73,7 +74,7 @@ OBSERVATIONS = Experiment(
     "degrees count more, that of position and angle the last centimetre only, since its term of the angle stays as published. "
     "Nor are the rewards equally large: at the goal the corners' is 0.25, that of position and angle 0.58, while the approach of "
     "the fingers counts the same in both.",
-    cells=tuple(_seen_and_rewarded(seen, rewarded) for seen in _LAYOUTS for rewarded in _REWARDS),
+    cells=tuple(seen_and_rewarded(seen, rewarded) for seen in LAYOUTS for rewarded in REWARDS),
     contrasts=(
         Contrast("seeing corners, rewarded by corners", Measure.SUCCESS, "o-pq-r-kp", "o-kp-r-kp", 0.15),
         Contrast("rewarded by corners, seeing corners", Measure.SUCCESS, "o-kp-r-pq", "o-kp-r-kp", 0.15),
@@ -84,15 +85,16 @@ OBSERVATIONS = Experiment(
 )
 
 
-def _shown(count: int) -> Cell:
-    recipe = from_scratch("push", 1_200_000, every=100_000, reward=FINE_REWARD)
+def shown(count: int, samples: int = 1_200_000, every: int = 100_000) -> Cell:
+    """A cell of (c)."""
+    recipe = from_scratch("push", samples, every=every, reward=FINE_REWARD)
     if count == 0:
         return Cell("demonstrations-0", "from scratch", SEEDS, Training(recipe, NOMINAL_RATE), label="no demonstrations")
     recipe |= {"method": "dapg", "demonstrations": {"clone_updates": 3000, "critic_first": 20, "least_weight": 0.02}}
     recipe["ppo"] = recipe["ppo"] | {"first_deviation": 0.1, "learning_rate": 3e-4}
-    shown = Demonstrations("push-scratch", "push", count)
+    demonstrations = Demonstrations("push-scratch", "push", count)
     about = f"DAPG from {count} successful trials of the shipped push-scratch, its torques disturbed"
-    training = Training(recipe, NOMINAL_RATE, demonstrations=shown)
+    training = Training(recipe, NOMINAL_RATE, demonstrations=demonstrations)
     return Cell(f"demonstrations-{count}", about, SEEDS, training, label=f"{count} demonstrations")
 
 
@@ -115,7 +117,7 @@ DEMONSTRATIONS = Experiment(
     "that it was. A run has arrived at the first evaluation on 64 nominal goals that shows 80 %; one that has not within its "
     "budget of 1.2 million samples never arrived, and how much longer it would take is not known. "
     "What the demonstrating policy cost to train (12.6 million samples) is not counted, as people's time is not in the paper.",
-    cells=tuple(_shown(count) for count in (0, 25, 100)),
+    cells=tuple(shown(count) for count in (0, 25, 100)),
     contrasts=(
         Contrast("25 demonstrations against none", Measure.SAMPLES_TO, "demonstrations-0", "demonstrations-25", 1.0),
         Contrast("100 demonstrations against none", Measure.SAMPLES_TO, "demonstrations-0", "demonstrations-100", 1.0),

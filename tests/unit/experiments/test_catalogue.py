@@ -24,6 +24,7 @@ def test_ours_are_what_no_paper_claims():
     assert ours == {
         "not randomised against randomised, nominal simulated robots",
         "100 against 25",
+        "corners in both against neither, varied robots",
         *(f"{cell.name}: nominal against varied simulated robots" for cell in CATALOGUE["consecutive"].cells),
         *(f"{task}-{name} against {task}-cube" for task in ("lift", "push") for name in ("cube-0.8", "octagonal-prism")),
     }
