@@ -90,7 +90,7 @@ def load(file):
 
 def difference(policy, program, folder, size):
     """The largest difference of an action from LeRobot's own, over more than one queue; the largest action."""
-    from lerobot.policies.factory import make_pre_post_processors  # pyrefly: ignore[missing-import]
+    from lerobot.policies.factory import make_pre_post_processors
 
     before, after = make_pre_post_processors(policy.config, pretrained_path=str(folder))
     torch.manual_seed(SEED)
@@ -116,7 +116,7 @@ def blank(policy):
 def main():
     """Export, compare, write."""
     folder, out = Path(sys.argv[1]), Path(sys.argv[2])
-    from lerobot.policies.act.modeling_act import ACTPolicy  # pyrefly: ignore[missing-import]
+    from lerobot.policies.act.modeling_act import ACTPolicy
 
     torch.set_num_threads(1)
     policy = ACTPolicy.from_pretrained(folder).to("cpu").eval()

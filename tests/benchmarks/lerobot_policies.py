@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from lerobot.configs.types import FeatureType, PolicyFeature  # pyrefly: ignore[missing-import]
-from lerobot.policies.act.configuration_act import ACTConfig  # pyrefly: ignore[missing-import]
-from lerobot.policies.act.modeling_act import ACTPolicy  # pyrefly: ignore[missing-import]
-from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig  # pyrefly: ignore[missing-import]
-from lerobot.policies.diffusion.modeling_diffusion import DiffusionPolicy  # pyrefly: ignore[missing-import]
-from lerobot.policies.factory import make_pre_post_processors  # pyrefly: ignore[missing-import]
+from lerobot.configs.types import FeatureType, PolicyFeature
+from lerobot.policies.act.configuration_act import ACTConfig
+from lerobot.policies.act.modeling_act import ACTPolicy
+from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig
+from lerobot.policies.diffusion.modeling_diffusion import DiffusionPolicy
+from lerobot.policies.factory import make_pre_post_processors
 
 STATE, ENVIRONMENT, ACTION = "observation.state", "observation.environment_state", "action"
 

@@ -12,7 +12,7 @@ import numpy as np
 
 def main() -> None:
     """The command; see the module's docstring."""
-    import pybullet  # pyrefly: ignore[missing-import]
+    import pybullet
 
     given = np.load(sys.argv[1])
     pybullet.connect(pybullet.DIRECT)
