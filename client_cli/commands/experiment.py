@@ -10,6 +10,7 @@ from client_cli.terminal.errors import ClientError, UsageProblem
 from client_cli.terminal.exit_codes import ExitCode
 from client_cli.terminal.foreground import how_it_ended, run_to_end
 from client_cli.terminal.options import JsonOption
+from client_cli.terminal.wrong_values import meant
 
 EXPERIMENTS = "experiments"
 NAMES = (
@@ -58,6 +59,8 @@ def experiment(
     """Run the missing parts of an experiment (trainings, trials on its own farm, measurements) and write its page and figure."""
     if name is None and not list_pieces:
         raise UsageProblem(f"say which experiment: {', '.join(NAMES)}; --list shows what is done of each")
+    if name is not None and name not in NAMES:
+        raise UsageProblem(f"no experiment {name!r}; choose from {', '.join(NAMES)}{meant(name, NAMES)}")
     flags = [flag for flag, given in (("--quick", quick), ("--list", list_pieces), ("--json", as_json)) if given]
     settings = (
         ("--only", only),

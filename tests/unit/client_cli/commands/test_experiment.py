@@ -44,6 +44,12 @@ def test_another_end_is_an_error(ran):
     assert isinstance(result.exception, ClientError) and "ended with code 7" in str(result.exception)
 
 
+def test_a_name_that_there_is_not_is_told_before_anything_is_needed(ran):
+    result, asked = ran(0, "ablation-agian")
+    assert isinstance(result.exception, UsageProblem) and not asked
+    assert str(result.exception).endswith("did you mean ablation-again?")
+
+
 def test_the_help_names_every_experiment_that_there_is():
     from experiments.catalogue import CATALOGUE
 
