@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -11,7 +12,7 @@ from experiments.design import Claim
 from experiments.figures import figure_of
 from experiments.findings import findings
 from experiments.judging import Verdict
-from experiments.page import experiment_page, overview
+from experiments.page import _passed_over, experiment_page, overview
 from experiments.run import document, write
 from experiments.store import Key, Store
 from tests import ROOT
@@ -44,6 +45,13 @@ def test_the_documented_keys_are_those_of_the_document(tmp_path):
     section = SECTIONS["experiment NAME"]
     assert names_after("JSON keys", section) == [*document(findings(SMALL, store_of(tmp_path))), "folder"]
     assert [name for name in CATALOGUE if f"`{name}`" not in section] == []
+
+
+@pytest.mark.parametrize(("state", "passed_over"), [("complete", "first"), ("run in part", "again"), ("not run yet", "again")])
+def test_of_two_that_ask_the_same_the_later_counts_once_all_of_it_is_there(state, passed_over):
+    first = SimpleNamespace(experiment=replace(SMALL, name="first"), state="complete")
+    again = SimpleNamespace(experiment=replace(SMALL, name="again", again="first"), state=state)
+    assert _passed_over([first, again]) == {passed_over}
 
 
 def test_without_results_everything_is_not_run_yet(tmp_path):
