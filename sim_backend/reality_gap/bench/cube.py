@@ -1,8 +1,9 @@
 """The blind test on cubes: effects hidden in pushing and resting logs, found or not by a tool with thresholds set before.
 
 ``python -m sim_backend.reality_gap.bench.cube --cases N --seed S --out DIR [--json]`` simulates N robots with an effect,
-half as many healthy ones and a tenth with an error of a joint, and judges them. What ``--out`` holds is kept. Cases of 2 and 5
-times the detection limit are judged a second time without the hypothesis that is true, which should leave them unexplained.
+half as many healthy ones and a tenth with an error of a joint, and judges them. What ``--out`` holds of simulations is not done
+again. Cases of 2 and 5 times the detection limit are judged a second time without the hypothesis that is true, which should leave
+them unexplained.
 """
 
 import argparse
@@ -10,7 +11,7 @@ import json
 import sys
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.bench.cube_cases import (
     LEVELS,
     CubeCase,
+    Simulate,
     effect_cases,
     gather,
     joint_cases,
@@ -29,19 +31,24 @@ from sim_backend.reality_gap.bench.cube_cases import (
     null_cases,
 )
 from sim_backend.reality_gap.knowledge.hidden import OF_CUBE
+from sim_backend.reality_gap.refusal import refused
 from sim_backend.reality_gap.subjects.cube.healthy import HealthyCubes, load_calibration
-from sim_backend.reality_gap.subjects.cube.replay import PushReplay
 from sim_backend.reality_gap.subjects.cube.study import CubeStudy, study_evidence
+from sim_backend.reality_gap.subjects.cube.summary import CubeEvidence
 from sim_backend.reality_gap.verdict import VerdictKind
+from sim_backend.workers.pool import WorkersError, open_workers
 
 _LEFT_OUT = (VerdictKind.UNEXPLAINED, VerdictKind.CONFUSABLE, VerdictKind.NAMED, VerdictKind.NOTHING_WRONG)
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the tool said of a case; ``error`` is that of the effect's size over the size, where the name was right.
+    """What the tool said of a case.
 
-    ``left_out`` is what it said without the true hypothesis, None where that was not asked.
+    Attributes:
+        error: that of the effect's size over the size, where the name was right.
+        held: for each number of an effect that was rightly named alone, whether its interval holds the truth.
+        left_out: what it said without the true hypothesis, None where that was not asked.
     """
 
     case: CubeCase
@@ -50,6 +57,7 @@ class Judgement:
     null_p: float
     pushes: int
     error: float | None
+    held: tuple[bool, ...] = ()
     left_out: str | None = None
 
     @property
@@ -67,14 +75,18 @@ def judge_case(case: CubeCase, study: CubeStudy, without: CubeStudy | None = Non
     """Compare a study, and one ``without`` the true hypothesis, with what was hidden."""
     verdict = study.verdict
     causes = tuple(dict.fromkeys(cause.effect for cause in verdict.causes))
-    error = None
-    if case.effect in causes and case.value:
+    error, held = None, ()
+    own = [cause for cause in verdict.causes if cause.effect == case.effect]
+    if own and case.value:
         absent = PARAMETERS[OF_CUBE[case.effect]].absent
-        found = np.array([cause.value for cause in verdict.causes if cause.effect == case.effect])
         true = np.array(case.value)
-        error = float(np.linalg.norm(found - true[: len(found)]) / np.linalg.norm(true - absent))
+        error = float(np.linalg.norm([cause.value for cause in own] - true[: len(own)]) / np.linalg.norm(true - absent))
+        if verdict.verdict is VerdictKind.NAMED and causes == (case.effect,):
+            held = tuple(
+                low <= value <= high for value, (low, high) in zip(case.value, (c.interval_90 for c in own), strict=False)
+            )
     left_out = None if without is None else str(without.verdict.verdict)
-    return Judgement(case, verdict.verdict, causes, verdict.null_p or 1.0, study.pushes, error, left_out)
+    return Judgement(case, verdict.verdict, causes, verdict.null_p or 1.0, study.pushes, error, held, left_out)
 
 
 def results(judged: Sequence[Judgement], calibration: HealthyCubes, limits: Mapping[str, float]) -> dict[str, Any]:
@@ -90,6 +102,7 @@ def results(judged: Sequence[Judgement], calibration: HealthyCubes, limits: Mapp
         **_shares(effects),
         "false_alarm": _rate([row.verdict is not VerdictKind.NOTHING_WRONG for row in nulls]),
         "right_name_2x_5x": _rate([row.is_right for row in strong]),
+        "interval_coverage": _rate([held for row in effects for held in row.held]),
         "right_name_alone": _rate([row.is_right and row.verdict is VerdictKind.NAMED for row in effects]),
         "by_level": {f"{level:g}x": _shares([row for row in effects if row.case.level == level]) for level in LEVELS},
         "by_effect": {effect: _shares([row for row in effects if row.case.effect == effect]) for effect in OF_CUBE},
@@ -100,7 +113,8 @@ def results(judged: Sequence[Judgement], calibration: HealthyCubes, limits: Mapp
         "detection_limits_of_table": calibration.limits,
         "calibration": {"healthy_sessions": len(calibration.misfits), "seeds": calibration.seeds},
         "cases": [
-            {**asdict(row.case), "said": row.said, "null_p": row.null_p, "error": row.error, "left_out": row.left_out}
+            {**asdict(row.case), "said": row.said}
+            | {"null_p": row.null_p, "error": row.error, "held": list(row.held), "left_out": row.left_out}
             for row in judged
         ],
     }
@@ -141,32 +155,52 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--cases", type=int, default=105, help="with an effect")
     parser.add_argument("--seed", type=int, default=83, help="other seeds than those the table was made with")
     parser.add_argument("--out", type=Path, default=Path("cube-blind-test"))
-    parser.add_argument("--share", default="", help="K/N: only simulate every Nth case from the Kth on, judge nothing")
+    parser.add_argument("--processes", type=int, default=2, metavar="N", help="that work side by side (%(default)s)")
+    parser.add_argument("--cluster", metavar="ADDRESS", help="Ray that has the processes: local, or HOST:PORT")
     parser.add_argument("--json", action="store_true", help="print the results as JSON")
     options = parser.parse_args(arguments)
-    calibration = load_calibration()
-    limits = _kept_limits(options.out, calibration)
-    cases = effect_cases(options.cases, options.seed, limits) + null_cases(-(-options.cases // 2), options.seed)
-    cases += joint_cases(-(-options.cases // 10), options.seed)
-    if options.share:
-        first, step = (int(part) for part in options.share.split("/"))
-        _simulate(cases[first::step], options.out)
-        return 0
-    _simulate(cases, options.out)
-    document = results([_judged(case, options.out, calibration) for case in cases], calibration, limits)
-    text = json.dumps(document, indent=1)
-    (options.out / "results.json").write_text(text + "\n", encoding="utf-8")
-    print(text if options.json else _sentences(document))
+    if options.cases < 0 or options.processes < 1:
+        parser.error("--cases must be at least 0 and --processes at least 1")
+    try:
+        document = run(options.out, options.cases, options.seed, options.processes, options.cluster)
+    except (OSError, WorkersError) as error:
+        return refused(error, options.json)
+    print(json.dumps(document, indent=1) if options.json else _sentences(document))
     return 0
 
 
-def _simulate(cases: Sequence[CubeCase], folder: Path) -> None:
-    """All cases that the folder does not hold yet, with the time left on standard error."""
-    started, first = time.monotonic(), None
-    for done in gather(cases, folder, PushReplay()):
-        first = done if first is None else first
-        left_s = (time.monotonic() - started) / max(done - first + 10, 1) * (len(cases) - done)
-        print(f"{done} of {len(cases)} cases, about {left_s / 60:.0f} min left", file=sys.stderr, flush=True)
+def run(out: Path, count: int, seed: int, workers: int = 0, cluster: str | None = None) -> dict[str, Any]:
+    """Simulate what is missing in a folder, judge all, and keep the results there; workers as for ``open_workers``."""
+    calibration = load_calibration()
+    limits = _kept_limits(out, calibration)
+    cases = effect_cases(count, seed, limits) + null_cases(-(-count // 2), seed)
+    cases += joint_cases(-(-count // 10), seed)
+    with open_workers(Simulate, workers, cluster) as opened:
+        _tell_progress("simulated", gather(cases, out, opened), len(cases))
+    judged: list[Judgement] = []
+    with open_workers(_Judge, workers, cluster) as opened:
+        found = opened.map([(case, load_evidence(out / f"{case.name}.npz")) for case in cases], calibration)
+        _tell_progress("judged", _kept_in(judged, found), len(cases))
+    document = results(judged, calibration, limits)
+    (out / "results.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    return document
+
+
+def _kept_in(judged: list[Judgement], found: Iterable[Judgement]) -> Iterator[int]:
+    for row in found:
+        judged.append(row)
+        yield len(judged)
+
+
+def _tell_progress(what: str, counts: Iterable[int], of: int) -> None:
+    """How many are done and the time left, on standard error."""
+    begun, first = time.monotonic(), None
+    for done in counts:
+        if first is None:  # there may have been some before
+            begun, first = time.monotonic(), done
+        left = f", about {(time.monotonic() - begun) / (done - first) * (of - done) / 60:.0f} min left" if done > first else ""
+        if done % 10 == 0 or done == of:
+            print(f"{done} of {of} cases are {what}{left}", file=sys.stderr, flush=True)
 
 
 def _kept_limits(folder: Path, calibration: HealthyCubes) -> dict[str, float]:
@@ -178,18 +212,21 @@ def _kept_limits(folder: Path, calibration: HealthyCubes) -> dict[str, float]:
     return json.loads(path.read_text(encoding="utf-8"))
 
 
-def _judged(case: CubeCase, folder: Path, calibration: HealthyCubes) -> Judgement:
-    evidence = load_evidence(folder / f"{case.name}.npz")
-    study = study_evidence(evidence, np.random.default_rng([case.seed, 2]), calibration)
-    without = None
-    if case.level >= 2.0:
-        without = study_evidence(evidence, np.random.default_rng([case.seed, 3]), calibration, without=(case.effect,))
-    return judge_case(case, study, without)
+class _Judge:
+    """What a worker does: the judgement of a case by what its session left."""
+
+    def __call__(self, item: tuple[CubeCase, CubeEvidence], calibration: HealthyCubes) -> Judgement:
+        case, evidence = item
+        study = study_evidence(evidence, np.random.default_rng([case.seed, 2]), calibration)
+        without = None
+        if case.level >= 2.0:
+            without = study_evidence(evidence, np.random.default_rng([case.seed, 3]), calibration, without=(case.effect,))
+        return judge_case(case, study, without)
 
 
 def _sentences(document: Mapping[str, Any]) -> str:
     lines = [f"{document['n_effect']} robots with an effect, {document['n_null']} healthy ones"]
-    for key in ("right_name", "right_name_2x_5x", "wrong_name", "unexplained", "missed", "false_alarm"):
+    for key in ("right_name", "right_name_2x_5x", "wrong_name", "unexplained", "missed", "false_alarm", "interval_coverage"):
         rate = document[key]
         if rate["n"]:
             low, high = rate["interval_90"]

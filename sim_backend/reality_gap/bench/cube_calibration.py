@@ -17,11 +17,13 @@ from sim_backend.reality_gap.bench.cube_limits import GAUSSIAN_CRITICAL, detecti
 from sim_backend.reality_gap.bench.cube_sessions import healthy_physics, sessions_with_pushes
 from sim_backend.reality_gap.knowledge.cube import COUNTED, KINDS, Count, Kind
 from sim_backend.reality_gap.quantiles import MEDIAN_SIZE
+from sim_backend.reality_gap.refusal import refused
 from sim_backend.reality_gap.subjects.cube.contact import CONTACT_NAMES
 from sim_backend.reality_gap.subjects.cube.healthy import PACKAGED, HealthyCubes
 from sim_backend.reality_gap.subjects.cube.hypotheses import Null, judge, largest_gains, misfit, without_worst
 from sim_backend.reality_gap.subjects.cube.replay import PushReplay
 from sim_backend.reality_gap.subjects.cube.summary import NAMES, CubeEvidence, CubeSummary, evidence_of, summary_of_evidence
+from sim_backend.workers.pool import Workers, WorkersError, open_workers
 
 GROUP = 20
 """Sessions that are simulated at once."""
@@ -124,20 +126,28 @@ def _dispersion(counts: np.ndarray) -> float:
     return float(max(counts.var() / counts.mean(), 1.0)) if counts.mean() > 0 else 1.0
 
 
-def healthy_evidence(
-    first_seed: int, count: int, replay: PushReplay, progress: Callable[[str], None]
-) -> Iterator[tuple[CubeEvidence, float]]:
-    """Healthy sessions, group by group, each with its robot's probability of a jump."""
-    started = time.monotonic()
-    for first in range(first_seed, first_seed + count, GROUP):
-        n = min(GROUP, first_seed + count - first)
-        physics = healthy_physics(np.random.default_rng([first]), n)
-        sessions = sessions_with_pushes(physics, list(range(first, first + n)))
+class Healthy:
+    """What a worker does: healthy sessions from the first seed on, each with its robot's probability of a jump."""
+
+    def __init__(self) -> None:
+        self._replay = PushReplay()
+
+    def __call__(self, seeds: range, _: None = None) -> list[tuple[CubeEvidence, float]]:
+        """Of each seed; all are simulated at once."""
+        physics = healthy_physics(np.random.default_rng([seeds[0]]), len(seeds))
+        sessions = sessions_with_pushes(physics, list(seeds))
         jumps = physics.value(_JUMPS.key)
-        yield from zip(evidence_of(sessions, replay), map(float, jumps), strict=True)
-        done = first + n - first_seed
-        left_s = (time.monotonic() - started) / done * (count - done)
-        progress(f"{done} of {count} healthy sessions, {left_s / 60:.0f} min left")
+        return list(zip(evidence_of(sessions, self._replay), map(float, jumps), strict=True))
+
+
+def healthy_evidence(seeds: range, workers: Workers, progress: Callable[[str], None]) -> Iterator[tuple[CubeEvidence, float]]:
+    """Healthy sessions, by workers that do :class:`Healthy`, ``GROUP`` at once."""
+    begun, done = time.monotonic(), 0
+    for group in workers.map([seeds[i : i + GROUP] for i in range(0, len(seeds), GROUP)]):
+        yield from group
+        done += len(group)
+        left_s = (time.monotonic() - begun) / done * (len(seeds) - done)
+        progress(f"{done} of {len(seeds)} healthy sessions, {left_s / 60:.0f} min left")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -146,8 +156,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--sessions", type=int, default=160)
     parser.add_argument("--seed", type=int, default=740000, help="of the first session")
     parser.add_argument("--out", type=Path, default=PACKAGED)
+    parser.add_argument("--processes", type=int, default=2, metavar="N", help="that work side by side (%(default)s)")
+    parser.add_argument("--cluster", metavar="ADDRESS", help="Ray that has the processes: local, or HOST:PORT")
     options = parser.parse_args(arguments)
-    rows = list(healthy_evidence(options.seed, options.sessions, PushReplay(), lambda text: print(text, file=sys.stderr)))
+    seeds = range(options.seed, options.seed + options.sessions)
+    try:
+        with open_workers(Healthy, options.processes, options.cluster) as workers:
+            rows = list(healthy_evidence(seeds, workers, lambda text: print(text, file=sys.stderr)))
+    except WorkersError as error:
+        return refused(error, as_json=False)
     table = calibrate([row for row, _ in rows], [p for _, p in rows], [(options.seed, options.sessions)])
     options.out.write_text(json.dumps(table.document(), indent=1) + "\n", encoding="utf-8")
     print(f"{len(rows)} healthy sessions; {options.out} written; detection limits {table.limits}")

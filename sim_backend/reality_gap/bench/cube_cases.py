@@ -19,6 +19,7 @@ from sim_backend.reality_gap.knowledge.hidden import BESIDE_CUBE, OF_CUBE
 from sim_backend.reality_gap.subjects.cube.replay import PushReplay, Replayed
 from sim_backend.reality_gap.subjects.cube.summary import CubeEvidence, evidence_of
 from sim_backend.reality_gap.subjects.cube.tracker import TrackerStatistics
+from sim_backend.workers.pool import Workers
 
 LEVELS = (1.0, 2.0, 5.0)
 """Times the detection limit."""
@@ -88,18 +89,30 @@ def hidden_physics(case: CubeCase) -> Physics:
     return physics.changed({case.effect: joints})
 
 
-def gather(cases: Sequence[CubeCase], folder: Path, replay: PushReplay, group: int = 10) -> Iterator[int]:
-    """Simulate the cases that have no evidence in ``folder`` yet; yields how many are done after each group."""
-    folder.mkdir(parents=True, exist_ok=True)
+class Simulate:
+    """What a worker does: what the sessions of a group of cases leave to judge."""
+
+    def __init__(self) -> None:
+        self._replay = PushReplay()
+
+    def __call__(self, group: Sequence[CubeCase], _: None = None) -> list[CubeEvidence]:
+        """Of each case; a group is simulated at once."""
+        physics = Physics.stack([hidden_physics(case) for case in group])
+        return list(evidence_of(sessions_with_pushes(physics, [case.seed for case in group]), self._replay))
+
+
+def gather(cases: Sequence[CubeCase], folder: Path, workers: Workers, together: int = 10) -> Iterator[int]:
+    """Simulate the cases that have no evidence in ``folder`` yet, by workers that do :class:`Simulate`, so many in a group.
+
+    Yields how many are done after each group.
+    """
     missing = [case for case in cases if not (folder / f"{case.name}.npz").exists()]
     done = len(cases) - len(missing)
-    for first in range(0, len(missing), group):
-        some = missing[first : first + group]
-        physics = Physics.stack([hidden_physics(case) for case in some])
-        sessions = sessions_with_pushes(physics, [case.seed for case in some])
-        for case, evidence in zip(some, evidence_of(sessions, replay), strict=True):
+    groups = [missing[first : first + together] for first in range(0, len(missing), together)]
+    for group, found in zip(groups, workers.map(groups), strict=True):
+        for case, evidence in zip(group, found, strict=True):
             save_evidence(folder / f"{case.name}.npz", evidence)
-        done += len(some)
+        done += len(group)
         yield done
 
 

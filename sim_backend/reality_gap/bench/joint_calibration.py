@@ -16,15 +16,18 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.physics import Physics
+from sim_backend.reality_gap.bench.counting import whole_lines
 from sim_backend.reality_gap.bench.joint_sessions import EVERYTHING, IN_THE_AIR, healthy_physics, simulated_recordings
 from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.recording import Recording
+from sim_backend.reality_gap.refusal import refused
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.look import Look
 from sim_backend.reality_gap.subjects.joints.residual_patterns import patterns
 from sim_backend.reality_gap.subjects.joints.verdict import strongest_left
 from sim_backend.trifinger.scene import compile_scene
+from sim_backend.workers.pool import WorkersError, open_workers
 
 _NO_GATE = 1e18
 _TOGETHER = 6
@@ -34,31 +37,46 @@ ALONE_RULE = (10.0, 2.0, 5.0)
 """Where one excitation tells little, gains have heavy tails: by the usual rule 5 of 48 fresh robots were blamed (seed 42)."""
 
 
-def main() -> int:
+def main(arguments: list[str] | None = None) -> int:
     """The command; see the module's docstring."""
     parser = argparse.ArgumentParser(description="Measure healthy sessions.")
     parser.add_argument("--sessions", type=int, default=100)
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--lines", type=Path, required=True, help="one line of JSON for each session")
-    parser.add_argument("--share", default="0/1", help="which part of the sessions: i/n")
     parser.add_argument(
         "--excitation", default="standard", choices=(*IN_THE_AIR, EVERYTHING), help="what each session is seen by"
     )
-    options = parser.parse_args()
-    part, parts = (int(x) for x in options.share.split("/"))
-    done = {json.loads(line)["number"] for line in options.lines.read_text().splitlines()} if options.lines.exists() else set()
-    todo = [n for n in range(part, options.sessions, parts) if n not in done]
-    model = compile_scene()
-    for first in range(0, len(todo), _TOGETHER):
-        numbers = todo[first : first + _TOGETHER]
-        seeds = [int(np.random.SeedSequence([options.seed, n]).generate_state(1)[0]) for n in numbers]
-        physics = Physics.stack([healthy_physics(seed) for seed in seeds])
-        for number, recordings in zip(numbers, simulated_recordings(physics, seeds, options.excitation), strict=True):
-            shown = {"number": number, "seed": options.seed, "excitation": options.excitation}
-            line = json.dumps(shown | _measured(model, recordings))
-            with options.lines.open("a") as file:
-                file.write(line + "\n")
+    parser.add_argument("--processes", type=int, default=2, metavar="N", help="that work side by side (%(default)s)")
+    parser.add_argument("--cluster", metavar="ADDRESS", help="Ray that has the processes: local, or HOST:PORT")
+    options = parser.parse_args(arguments)
+    kept = whole_lines(options.lines)
+    done = {line["number"] for line in kept}
+    todo = [number for number in range(options.sessions) if number not in done]
+    groups = [todo[first : first + _TOGETHER] for first in range(0, len(todo), _TOGETHER)]
+    try:
+        options.lines.write_text("".join(json.dumps(line) + "\n" for line in kept))
+        with open_workers(_Measure, options.processes, options.cluster) as workers, options.lines.open("a") as file:
+            for found in workers.map(groups, (options.seed, options.excitation)):
+                file.writelines(json.dumps(line) + "\n" for line in found)
+                file.flush()
+    except (OSError, WorkersError) as error:
+        return refused(error, as_json=False)
     return 0
+
+
+class _Measure:
+    """What a worker does: the lines of some sessions by their numbers, of a seed and an excitation."""
+
+    def __init__(self) -> None:
+        self._model = compile_scene()
+
+    def __call__(self, numbers: Sequence[int], of: tuple[int, str]) -> list[dict]:
+        seed, excitation = of
+        seeds = [int(np.random.SeedSequence([seed, n]).generate_state(1)[0]) for n in numbers]
+        physics = Physics.stack([healthy_physics(each) for each in seeds])
+        recordings = simulated_recordings(physics, seeds, excitation)
+        shown = [{"number": number, "seed": seed, "excitation": excitation} for number in numbers]
+        return [line | _measured(self._model, seen) for line, seen in zip(shown, recordings, strict=True)]
 
 
 def _measured(model: mujoco.MjModel, recordings: Sequence[Recording]) -> dict:

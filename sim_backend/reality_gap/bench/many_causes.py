@@ -1,8 +1,8 @@
 """The blind test on robots that differ everywhere: does each interval hold the truth?
 
-    python -m sim_backend.reality_gap.bench.many_causes --first-seed S --robots N --out DIR [--effects K] [--calibrate]
+    python -m sim_backend.reality_gap.bench.many_causes --first-seed S --robots N --out DIR [--effects K] [--excitation NAME]
 
-Robots are drawn from ``real``, or are healthy but for K of its effects, and are seen by the excitation ``standard`` alone. Each
+Robots are drawn from ``real``, or are healthy but for K of its effects, and are seen by one excitation or by everything. Each
 is a line of ``robots.jsonl``, so that a test goes on where it stopped. With ``--calibrate`` these robots' errors become the usual
 ones (``knowledge/value_errors.json``): other seeds than those that are tested with.
 """
@@ -20,8 +20,9 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import Per, load_ranges
 from sim_backend.reality_gap.bench.counting import share, whole_lines
-from sim_backend.reality_gap.bench.joint_sessions import healthy_physics, simulated_sessions
-from sim_backend.reality_gap.knowledge.joint_effects import SCALES
+from sim_backend.reality_gap.bench.joint_sessions import EVERYTHING, IN_THE_AIR, healthy_physics, simulated_recordings
+from sim_backend.reality_gap.knowledge.healthy import STANDARD, detection_limits
+from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, SCALES
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.knowledge.value_errors import FILE, document, usual_error
 from sim_backend.reality_gap.refusal import refused
@@ -29,6 +30,7 @@ from sim_backend.reality_gap.subjects.joints.causes import index_of, is_clear
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy, study_joints
 from sim_backend.reality_gap.subjects.joints.verdict import judge
 from sim_backend.reality_gap.verdict import Cause, VerdictKind
+from sim_backend.trifinger.constants import JOINT_NAMES
 from sim_backend.trifinger.scene import compile_scene
 from sim_backend.workers.pool import WorkersError, open_workers
 
@@ -39,13 +41,16 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--first-seed", type=int, required=True)
     parser.add_argument("--robots", type=int, default=10)
     parser.add_argument("--effects", type=int, metavar="K", help="how many effects act; all of them if not given")
+    parser.add_argument(
+        "--excitation", default=STANDARD, choices=(*IN_THE_AIR, EVERYTHING), help="what the robots are seen by (%(default)s)"
+    )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where results are kept")
     parser.add_argument("--processes", type=int, default=2, help="that work side by side (%(default)s)")
     parser.add_argument("--cluster", metavar="ADDRESS", help="Ray that has the processes: local, or HOST:PORT")
     parser.add_argument("--calibrate", action="store_true", help="these robots' errors become the usual ones")
     options = parser.parse_args(arguments)
-    if options.calibrate and options.effects is not None:
-        parser.error("--calibrate is for robots with all effects")
+    if options.calibrate and (options.effects is not None or options.excitation != STANDARD):
+        parser.error(f"--calibrate is for robots with all effects, seen by {STANDARD}")
     try:
         return _run(options)
     except (OSError, WorkersError) as error:
@@ -55,7 +60,8 @@ def main(arguments: list[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     seeds = range(options.first_seed, options.first_seed + options.robots)
-    lines = _asked(options.out / "robots.jsonl", seeds, options.effects, (options.processes, options.cluster))
+    seen = options.effects, options.excitation
+    lines = _asked(options.out / "robots.jsonl", seeds, seen, (options.processes, options.cluster))
     if options.calibrate:
         rows = [row for line in lines for row in line["values"] if row["key"] in SCALES]
         FILE.write_text(json.dumps(document(rows, list(seeds)), indent=1) + "\n")
@@ -66,14 +72,14 @@ def _run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _asked(path: Path, seeds: Sequence[int], effects: int | None, at: tuple[int, str | None]) -> list[dict]:
-    """The lines of all seeds; what is not there yet is asked."""
+def _asked(path: Path, seeds: Sequence[int], seen: tuple[int | None, str], at: tuple[int, str | None]) -> list[dict]:
+    """The lines of all seeds with so many effects and an excitation; what is not there yet is asked."""
     there = whole_lines(path)
     path.write_text("".join(json.dumps(line) + "\n" for line in there))
-    kept = [line for line in there if line["seed"] in seeds and line["effects"] == effects]
+    kept = [line for line in there if line["seed"] in seeds and (line["effects"], line.get("excitation", STANDARD)) == seen]
     todo = [seed for seed in seeds if seed not in {line["seed"] for line in kept}]
     with open_workers(_Asker, *at) as workers, path.open("a") as file:
-        for line in workers.map(todo, effects):
+        for line in workers.map(todo, seen):
             kept.append(line)
             file.write(json.dumps(kept[-1]) + "\n")
             file.flush()
@@ -104,21 +110,22 @@ def _effect(key: str) -> str:
 class _Asker:
     """What a worker does: the line of a seed."""
 
-    def __call__(self, seed: int, effects: int | None) -> dict:
-        return asked(seed, effects)
+    def __call__(self, seed: int, seen: tuple[int | None, str]) -> dict:
+        return asked(seed, *seen)
 
 
-def asked(seed: int, effects: int | None = None) -> dict:
+def asked(seed: int, effects: int | None = None, excitation: str = STANDARD) -> dict:
     """The verdict on one robot, and each of its values beside the truth."""
     begun = time.monotonic()
     physics = robot(seed, effects)
-    recordings = simulated_sessions(physics, [seed])
+    (recordings,) = simulated_recordings(physics, [seed], excitation)
     study = study_joints(compile_scene(), recordings, lambda *_: None, robot=KnownTriFinger.seen_in(recordings))
     verdict = judge(study).verdict
     values = [_value(study, physics, cause) for cause in verdict.causes]
     return {
         "seed": seed,
         "effects": effects,
+        "excitation": excitation,
         "causes": len(study.fit.accepted),
         "of_many": study.is_of_many,
         "verdict": verdict.verdict,
@@ -149,7 +156,8 @@ def _value(study: JointStudy, physics: Physics, cause: Cause) -> dict:
 def summary(lines: Sequence[dict]) -> dict:
     """Verdicts, effects, and how many intervals hold the truth: of all values, of the clear ones, by parameter.
 
-    An effect counts as named if a value of it is clear and the verdict is ``named``; of robots with all effects none is counted.
+    An effect counts as named if a value of it is clear and the verdict is ``named``. ``effects`` is of robots with some effects;
+    of those beyond their detection limits ``above_limits`` has the share that is named, by its joints and once for each robot.
     """
     rows = [row for line in lines for row in line["values"]]
     clear = [row for row in rows if row["clear"]]
@@ -159,6 +167,7 @@ def summary(lines: Sequence[dict]) -> dict:
         "seeds": [lines[0]["seed"], lines[-1]["seed"]] if lines else [],
         "verdicts": {kind: sum(line["verdict"] == kind for line in lines) for kind in sorted({x["verdict"] for x in lines})},
         "effects": _effects(lines) if lines and lines[0]["effects"] is not None else None,
+        "above_limits": _above_limits(lines),
         "interval_coverage": _covered(rows),
         "clear": len(clear),
         "clear_interval_coverage": _covered(clear),
@@ -178,6 +187,27 @@ def _effects(lines: Sequence[dict]) -> dict[str, int]:
         said = {_effect(row["key"]) for row in line["values"] if is_named and row["clear"]}
         right, wrong, missed = right + len(said & there), wrong + len(said - there), missed + len(there - said)
     return {"right": right, "wrong": wrong, "missed": missed}
+
+
+def _above_limits(lines: Sequence[dict]) -> dict:
+    """Of the fitted numbers that are beyond their detection limit, those that a clear value of the right side names."""
+    limits = {key: limit for key, limit in detection_limits().items() if key in NUMBERS}
+    there: dict[str, list[list[bool]]] = {}
+    for line in lines:
+        physics, is_named = robot(line["seed"], line["effects"]), line["verdict"] == VerdictKind.NAMED
+        given = {(row["key"], index_of(JOINT_NAMES, row["key"], row["where"])): row for row in line["values"] if is_named}
+        named = {place for place, row in given.items() if row["clear"] and _has_right_sign(row)}
+        for key, limit in limits.items():
+            off = np.abs(np.ravel(np.atleast_2d(physics.value(key))[0]) - PARAMETERS[key].absent)
+            if (off >= limit).any():
+                there.setdefault(key, []).append([(key, int(i)) in named for i in np.flatnonzero(off >= limit)])
+    places = [mark for robots in there.values() for marks in robots for mark in marks]
+    robots = [any(marks) for robots in there.values() for marks in robots]
+    return {
+        "places": share(sum(places), len(places)),
+        "effects": share(sum(robots), len(robots)),
+        "by_parameter": {key: share(sum(map(sum, rows)), sum(map(len, rows))) for key, rows in there.items()},
+    }
 
 
 def _covered(rows: Sequence[dict]) -> dict:

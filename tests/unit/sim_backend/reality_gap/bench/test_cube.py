@@ -1,10 +1,13 @@
 """How the blind test on cubes counts."""
 
+import json
+
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.bench.cube import judge_case, results
-from sim_backend.reality_gap.bench.cube_cases import CubeCase
+from sim_backend.reality_gap.bench.cube import judge_case, main, results
+from sim_backend.reality_gap.bench.cube_cases import CubeCase, save_evidence
+from sim_backend.reality_gap.refusal import EXIT_UNUSABLE
 from sim_backend.reality_gap.subjects.cube.healthy import load_calibration
 from sim_backend.reality_gap.subjects.cube.study import CubeStudy, study_cube, study_evidence
 from sim_backend.reality_gap.subjects.cube.summary import CubeEvidence
@@ -36,6 +39,38 @@ def test_right_wrong_missed_and_false_alarms_are_told_apart():
     assert found["joint_errors_named_as_cube"]["k"] == 0
     assert found["median_parameter_error"] == pytest.approx(0.05 / 0.25)
     assert found["confusion"]["cube_mass"]["cube_mass or table_friction"] == 1
+
+
+@pytest.mark.parametrize(("said", "held"), [("named", (True,)), ("confusable", ()), ("elsewhere", ())])
+def test_intervals_count_where_the_effect_is_named_alone(said, held):
+    kind, names = {
+        "named": (VerdictKind.NAMED, ("cube_mass",)),
+        "confusable": (VerdictKind.CONFUSABLE, ("cube_mass", "table_friction")),
+        "elsewhere": (VerdictKind.NAMED, ("cube_mass", "table_friction")),
+    }[said]
+    judged = judge_case(CubeCase("effect-000", 1, "cube_mass", 2.0, (1.25,)), _study(kind, *names))
+    assert judged.held == held
+    assert judge_case(CubeCase("effect-000", 1, "cube_mass", 2.0, (1.35,)), _study(kind, *names)).held == (False,) * len(held)
+    assert results([judged], load_calibration(), {})["interval_coverage"]["n"] == len(held)
+
+
+def test_a_folder_with_all_sessions_is_judged_again_without_simulating(tmp_path, capsys):
+    tracker = TrackerStatistics(500, 0.1, 0.13, 0.003, 1, 1, 0, 450, 0.0323, 0.001, 0.012, 0.92)
+    for name in ("effect-000", "null-000", "joint-000"):
+        save_evidence(tmp_path / f"{name}.npz", CubeEvidence(tracker, ()))
+    assert main(["--cases", "1", "--seed", "5", "--out", str(tmp_path), "--processes", "1", "--json"]) == 0
+    said = capsys.readouterr()
+    found = json.loads(said.out)
+    assert (found["n_effect"], found["n_null"], found["joint_errors_named_as_cube"]["k"]) == (1, 1, 1)
+    assert found["false_alarm"]["k"] == 1, "the healthy robot's tracker was late, too"
+    assert json.loads((tmp_path / "results.json").read_text()) == found
+    assert "3 of 3 cases are judged" in said.err
+    assert "simulated" not in said.err
+
+
+def test_a_folder_that_cannot_be_used_is_named(capsys):
+    assert main(["--out", "/proc/nothing"]) == EXIT_UNUSABLE
+    assert capsys.readouterr().err.startswith("error: cannot use /proc/nothing: ")
 
 
 def test_a_late_tracker_in_a_log_without_pushes_is_named_and_a_push_is_asked_for():

@@ -8,15 +8,25 @@ import pytest
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.bench.joint_sessions import healthy_physics
 from sim_backend.reality_gap.bench.many_causes import hidden_effects, main, robot, summary
+from sim_backend.reality_gap.knowledge.healthy import detection_limits
 from sim_backend.reality_gap.knowledge.joint_effects import SCALES
 from sim_backend.reality_gap.refusal import EXIT_UNUSABLE
+from sim_backend.trifinger.constants import JOINT_NAMES
 
 KEY = "coulomb_friction.torque_nm"
 
 
 def value(truth, interval, nominal=0.0):
     clear = not interval[0] <= nominal <= interval[1]
-    return {"key": KEY, "truth": truth, "nominal": nominal, "interval_90": interval, "value": sum(interval) / 2, "clear": clear}
+    return {
+        "key": KEY,
+        "where": JOINT_NAMES[0],
+        "truth": truth,
+        "nominal": nominal,
+        "interval_90": interval,
+        "value": sum(interval) / 2,
+        "clear": clear,
+    }
 
 
 @pytest.mark.parametrize("effects", [1, 4])
@@ -74,3 +84,19 @@ def test_robots_that_were_asked_about_are_not_asked_again(tmp_path, capsys):
     assert json.loads((tmp_path / "many-causes.json").read_text()) == found
     assert found["verdicts"] == {"named": 1}, "robots with other effects in the same folder do not count"
     assert len((tmp_path / "robots.jsonl").read_text().splitlines()) == 3
+
+
+@pytest.mark.parametrize(("verdict", "joints"), [("named", 2), ("unexplained", 0)])
+def test_effects_above_their_limits_are_told_by_clear_values_of_the_right_side(verdict, joints):
+    truth = robot(7).value(KEY)[0]
+    at = [{"where": joint, "nominal": 0.0} for joint in JOINT_NAMES]
+    right = [value(truth[j], [0.5 * truth[j], 1.5 * truth[j]]) | at[j] for j in (0, 1)]
+    wrong = value(truth[2], [-0.2, -0.1]) | at[2]
+    unclear = value(truth[3], [-0.1, 0.1]) | at[3]
+    values = [*right, wrong, unclear]
+    found = summary([{"seed": 7, "effects": None, "verdict": verdict, "values": values, "seconds": 3.0}])["above_limits"]
+    of = int((truth >= detection_limits()[KEY]).sum())
+    assert of >= 4
+    assert (found["by_parameter"][KEY]["k"], found["by_parameter"][KEY]["n"]) == (joints, of)
+    assert found["places"]["k"] == joints
+    assert (found["effects"]["k"], found["effects"]["n"]) == (joints > 0, len(found["by_parameter"]))
