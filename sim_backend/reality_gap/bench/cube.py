@@ -155,12 +155,14 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--cases", type=int, default=105, help="with an effect")
     parser.add_argument("--seed", type=int, default=83, help="other seeds than those the table was made with")
     parser.add_argument("--out", type=Path, default=Path("cube-blind-test"))
-    parser.add_argument("--processes", type=int, default=2, metavar="N", help="that work side by side (%(default)s)")
+    parser.add_argument(
+        "--processes", type=int, default=2, metavar="N", help="that work side by side (%(default)s); 0: none but this"
+    )
     parser.add_argument("--cluster", metavar="ADDRESS", help="Ray that has the processes: local, or HOST:PORT")
     parser.add_argument("--json", action="store_true", help="print the results as JSON")
     options = parser.parse_args(arguments)
-    if options.cases < 0 or options.processes < 1:
-        parser.error("--cases must be at least 0 and --processes at least 1")
+    if options.cases < 0 or options.processes < 0:
+        parser.error("--cases and --processes must be at least 0")
     try:
         document = run(options.out, options.cases, options.seed, options.processes, options.cluster)
     except (OSError, WorkersError) as error:

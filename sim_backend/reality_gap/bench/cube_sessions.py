@@ -127,7 +127,7 @@ class _Log:
                 kept.append((*times, report.confidence[i], *report.cube_position_world_m[i], *report.cube_quat_wxyz[i]))
 
     def recording(self, i: int, name: str, regime: str) -> Recording:
-        arrays = {key: np.concatenate([part[i] for part in parts]) for key, parts in self.joints.items()}
+        arrays = {key: np.concatenate([part[i] for part in parts]).astype(float) for key, parts in self.joints.items()}
         steps, rows = len(arrays["position_rad"]), np.array(self.reports[i])
         cube = ObjectSignals("cube", "cube", rows[:, 0], rows[:, 3:6], rows[:, 6:10], rows[:, 1], rows[:, 2])
         time_s = c.PHYSICS_STEP_S * np.arange(steps)

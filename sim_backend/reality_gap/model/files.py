@@ -46,7 +46,7 @@ def write_models(
     written = []
     if model is None:
         provenance = provenance_of(title, verdict.verdict, data)
-        found = extended_model(_writable(verdict.causes), provenance, about=verdict.summary)
+        found = extended_model(writable(verdict.causes), provenance, about=verdict.summary)
         write_extended_model(found, out / "extended-model.toml")
         spec, _ = robot_mjcf(found.physics)
         write_mjcf(spec, out / "extended-model.xml", found.estimate)
@@ -87,7 +87,7 @@ def _finding_its_files(spec: mujoco.MjSpec, model: Path) -> mujoco.MjSpec:
     return found
 
 
-def _writable(causes: Sequence[Cause]) -> list[Cause]:
+def writable(causes: Sequence[Cause]) -> list[Cause]:
     """Causes with values inside the catalogue's bounds, as a file must have them."""
     found = []
     for cause in causes:

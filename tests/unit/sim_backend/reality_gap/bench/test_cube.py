@@ -58,7 +58,7 @@ def test_a_folder_with_all_sessions_is_judged_again_without_simulating(tmp_path,
     tracker = TrackerStatistics(500, 0.1, 0.13, 0.003, 1, 1, 0, 450, 0.0323, 0.001, 0.012, 0.92)
     for name in ("effect-000", "null-000", "joint-000"):
         save_evidence(tmp_path / f"{name}.npz", CubeEvidence(tracker, ()))
-    assert main(["--cases", "1", "--seed", "5", "--out", str(tmp_path), "--processes", "1", "--json"]) == 0
+    assert main(["--cases", "1", "--seed", "5", "--out", str(tmp_path), "--processes", "0", "--json"]) == 0
     said = capsys.readouterr()
     found = json.loads(said.out)
     assert (found["n_effect"], found["n_null"], found["joint_errors_named_as_cube"]["k"]) == (1, 1, 1)
