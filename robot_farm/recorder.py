@@ -1,5 +1,7 @@
-"""Records a trial as it happens: control periods in, log messages out, flushed at least every 250 ms of simulated time."""
+"""Records a trial as it happens: control periods in, log messages out, flushed at least every 250 ms while it goes on."""
 
+import time
+from collections.abc import Callable
 from types import TracebackType
 from typing import TYPE_CHECKING
 
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
 TRUTH_EVERY_STEPS = 10
 """Steps from one true state to the next; whoever needs every millisecond has it simulated again."""
 TRANSFORMS_EVERY_STEPS = 40
+MOTORS_EVERY_STEPS = 250
+_POSE = ("cube_position_world_m", "cube_quat_wxyz")
 _FACES = np.array(list(c.CUBE_FACE_COLOURS))
 
 
@@ -34,6 +38,7 @@ class Recorder:
         truth: of the truth file; None where the truth goes into the log, too.
         shape: the object in the arena.
         photographer: takes the images, where the job asked for them.
+        clock: seconds, by which blocks are flushed that no simulated second fills.
     """
 
     def __init__(
@@ -42,15 +47,16 @@ class Recorder:
         truth: TrialLogWriter | None = None,
         shape: Shape = CUBE,
         photographer: "Photographer | None" = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._writer, self._truth, self._shape, self._photographer = writer, truth, shape, photographer
         self._pictures: list[Picture] = []
         self._segments: list[Segment] = []
         self._asked: list[tuple[int, np.ndarray, np.ndarray, int]] = []
         self._reports: list[TrackedPose] = []
-        self._steps = 0
+        self._steps, self._clock, self._flushed_s = 0, clock, clock()
         self._tracked: TrackedPose | None = None
-        self._temperature_rise_k: np.ndarray | None = None
+        self._temperatures: list[tuple[int, np.ndarray]] = []
         self.witness = Witness()
 
     def __enter__(self) -> "Recorder":
@@ -99,19 +105,21 @@ class Recorder:
         if self._asked:
             self._writer.policy_steps(*map(np.array, zip(*self._asked, strict=True)))
         self._write_measured(first)
+        self._write_measured_transforms(first, self._joined("joint_position_rad"))
         for tracked in self._reports:
             self._write_tracked(tracked)
         for picture in self._pictures:
             self._writer.image(picture.camera, picture.step, picture.jpeg)
-        self._write_measured_transforms(first, self._joined("joint_position_rad"))
         self._write_cube(first)
         if self._truth is not None:
             self._write_truth(self._truth, first)
-        self._segments, self._asked, self._reports, self._pictures, self._steps = [], [], [], [], 0
+        self._segments, self._asked, self._reports, self._pictures, self._temperatures, self._steps = [], [], [], [], [], 0
         self._writer.flush()
+        self._flushed_s = self._clock()
 
     def _make_room(self, segment: Segment) -> None:
-        if self._steps + segment.joint_position_rad.shape[1] > trial_log.FLUSH_EVERY_STEPS:
+        is_full = self._steps + segment.joint_position_rad.shape[1] > trial_log.FLUSH_EVERY_STEPS
+        if is_full or self._clock() - self._flushed_s >= trial_log.FLUSH_EVERY_S:
             self.flush()
 
     def _add(self, segment: Segment, tracked: list[TrackedPose], temperature_rise_k: np.ndarray | None) -> None:
@@ -119,8 +127,11 @@ class Recorder:
         if self._photographer is not None:
             self._pictures += self._photographer.take(segment)
         self._reports += tracked
-        self._steps += segment.joint_position_rad.shape[1]
-        self._temperature_rise_k = temperature_rise_k
+        steps = segment.joint_position_rad.shape[1]
+        self._steps += steps
+        end = segment.first_step + steps
+        if temperature_rise_k is not None and end // MOTORS_EVERY_STEPS > segment.first_step // MOTORS_EVERY_STEPS:
+            self._temperatures.append((end, temperature_rise_k))
 
     def _joined(self, name: str) -> np.ndarray:
         """A field of all segments that were collected, without the robots' axis."""
@@ -137,8 +148,8 @@ class Recorder:
         rows = _rows_at(first, self._steps, TRUTH_EVERY_STEPS)
         names = ("true_joint_position_rad", "true_joint_velocity_rad_s", "effective_torque_nm")
         truth.true_joint_states(first + rows, *(self._joined(name)[rows] for name in names))
-        if self._temperature_rise_k is not None:
-            truth.motors(first + self._steps, self._temperature_rise_k)
+        for step, temperature_rise_k in self._temperatures:
+            truth.motors(step, temperature_rise_k)
         truth.flush()
 
     def _write_cube(self, first: int) -> None:
@@ -152,11 +163,13 @@ class Recorder:
         writer.transforms(trial_log.TRUE_TRANSFORMS, (first + rows)[often], values)
 
     def _write_measured_transforms(self, first: int, joint_position_rad: np.ndarray) -> None:
+        """With the object where the last report that had come had it."""
         assert self._tracked is not None, "begin the recording first"
+        known = [self._tracked, *self._reports]
         rows = _rows_at(first, len(joint_position_rad), TRANSFORMS_EVERY_STEPS)
-        values = viewer_scene.measured_transforms(
-            joint_position_rad[rows], self._tracked.cube_position_world_m, self._tracked.cube_quat_wxyz
-        )
+        last = np.searchsorted([int(tracked.delivery_step[0]) for tracked in self._reports], first + rows, side="right")
+        position_m, quat_wxyz = (np.concatenate([getattr(tracked, name) for tracked in known])[last] for name in _POSE)
+        values = viewer_scene.measured_transforms(joint_position_rad[rows], position_m, quat_wxyz)
         self._writer.transforms(trial_log.MEASURED_TRANSFORMS, first + rows, values)
 
     def _write_tracked(self, tracked: TrackedPose) -> None:

@@ -89,8 +89,11 @@ MODEL_ATTACHMENT = "model.xml"
 MANIFEST_ATTACHMENT = "manifest.json"
 
 STEP_NS = 1_000_000
-FLUSH_EVERY_STEPS = 250
-"""A killed robot loses at most this much: the recorder flushes at least so often."""
+FLUSH_EVERY_S, FLUSH_EVERY_STEPS = 0.25, 1000
+"""The recorder flushes so often: a killed robot loses at most so many seconds of its work, or so many steps if that is less.
+
+A robot alone simulates a second in less than a tenth; each flush costs as much as writing hundreds of steps.
+"""
 
 
 class LogChannels:
@@ -145,13 +148,11 @@ class TrialLogWriter:
 
     def joint_states(self, first_step: int, position: np.ndarray, velocity: np.ndarray, torque_nm: np.ndarray) -> None:
         """Rows of consecutive steps; each array has shape (n, 9), in rad, rad/s and N m."""
-        values = np.stack([position, velocity, torque_nm], axis=2).reshape(len(position), -1)
-        steps = first_step + np.arange(len(position))
-        self._rows(JOINT_STATES, values, steps)
+        self._rows(JOINT_STATES, _by_joint(position, velocity, torque_nm), first_step + np.arange(len(position)))
 
     def true_joint_states(self, steps: np.ndarray, position: np.ndarray, velocity: np.ndarray, torque_nm: np.ndarray) -> None:
         """True states and the torque that reached the joints; shapes (n,) and (n, 9), in rad, rad/s and N m."""
-        self._rows(TRUE_JOINT_STATES, np.stack([position, velocity, torque_nm], axis=2).reshape(len(position), -1), steps)
+        self._rows(TRUE_JOINT_STATES, _by_joint(position, velocity, torque_nm), steps)
 
     def motors(self, step: int, temperature_rise_k: np.ndarray) -> None:
         """Temperatures of the motors above ambient, shape (9,), K."""
@@ -236,6 +237,11 @@ class TrialLogWriter:
     def _rows(self, topic: str, values: np.ndarray, steps: np.ndarray) -> None:
         times_ns = np.asarray(steps, dtype=np.int64) * STEP_NS
         self._writer.rows(topic, self._fixed[topic].rows(values, times_ns), times_ns)
+
+
+def _by_joint(position: np.ndarray, velocity: np.ndarray, torque_nm: np.ndarray) -> np.ndarray:
+    """Three arrays of shape (n, joints) as one, (n, 3 * joints), joint by joint; n may be 0."""
+    return np.stack([position, velocity, torque_nm], axis=2).reshape(len(position), 3 * position.shape[1])
 
 
 def _stamp(step: int) -> fm.Timestamp:

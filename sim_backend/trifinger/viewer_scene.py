@@ -50,7 +50,7 @@ def measured_transforms(joint_position_rad: np.ndarray, position_world_m: np.nda
     rows[:, :9, 3] = np.cos(half_rad)
     rows[:, :9, 4:] = np.sin(half_rad)[:, :, None] * _AXES
     rows[:, 9, :3], rows[:, 9, 3:] = position_world_m, quat_wxyz
-    return rows.reshape(len(rows), -1)
+    return rows.reshape(len(rows), 7 * len(MEASURED_FRAMES))
 
 
 def fixed_transforms() -> bytes:
