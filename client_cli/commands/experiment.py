@@ -15,7 +15,7 @@ from client_cli.terminal.wrong_values import meant
 EXPERIMENTS = "experiments"
 NAMES = (
     *("observations", "randomization", "demonstrations", "memory", "ablation", "consecutive", "objects"),
-    *("observations-again", "demonstrations-again", "ablation-again"),
+    *("observations-again", "demonstrations-again", "ablation-again", "objects-again"),
 )
 """Those of ``experiments/catalogue``, which is not imported here: it is a program of its own."""
 ENDS_WITHIN_S = 40.0
