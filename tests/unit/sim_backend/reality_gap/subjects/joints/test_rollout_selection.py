@@ -1,0 +1,247 @@
+"""What is hidden in a known pendulum is found by where it goes, and nothing where nothing is hidden."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim_backend.effects.catalogue import CATALOGUE
+from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownRobot
+from sim_backend.reality_gap.subjects.joints import rollout_fit, rollout_selection
+from sim_backend.reality_gap.subjects.joints.healthy_robots import Healthy, draw_healthy
+from sim_backend.reality_gap.subjects.joints.hypotheses import Hypothesis, with_controllers
+from sim_backend.reality_gap.subjects.joints.identification import study_joints
+from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutFit, RolloutProblem
+from sim_backend.reality_gap.subjects.joints.rollout_questions import would_move_nats
+from sim_backend.reality_gap.subjects.joints.rollout_selection import (
+    GATE,
+    RolloutSelection,
+    Taken,
+    _may_be,
+    _Search,
+    select_by_rollouts,
+)
+from sim_backend.reality_gap.subjects.joints.state import JointState, Term
+from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import verdict_of_rollouts
+from sim_backend.reality_gap.verdict import Told, VerdictKind
+from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import (
+    COGGING_NM,
+    COGS,
+    LIMIT_NM,
+    LOSS_NM2,
+    PENDULUM,
+    WARMS_S,
+    only_targets,
+    problem_of,
+    recorded,
+    study_of,
+    targets,
+)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "effect", "value"),
+    [
+        ('frictionloss="0.08"', "coulomb_friction", 0.08),
+        pytest.param('damping="0.03"', "viscous_friction", 0.03, marks=pytest.mark.scale),
+    ],
+)
+def test_a_hidden_loss_is_named_by_where_the_pendulum_goes(hidden, effect, value):
+    """`test_a_hidden_loss_is_named_by_where_the_pendulum_goes` has the loss that is no straight line without scale."""
+    verdict = study_of(hidden)
+    assert verdict.verdict is VerdictKind.NAMED, verdict.summary
+    (cause,) = verdict.causes
+    assert (cause.effect, cause.where) == (effect, "hinge")
+    assert cause.interval_90[0] < value < cause.interval_90[1] and cause.value == pytest.approx(value, rel=0.1)
+    assert [e.told for e in verdict.effects if e.effect == effect] == [Told.NAMED]
+
+
+def test_a_fit_that_has_settled_probes_only_causes_and_ends_in_the_same_place(monkeypatch):
+    nominal = mujoco.MjModel.from_xml_string(PENDULUM.format(more='damping="0.01"'))
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more='damping="0.0102" frictionloss="0.08"'))
+    study = study_joints(nominal, [recorded(model, targets(6.0, 1))], lambda *_: None, robot=UnknownRobot(), gate=np.inf)
+    problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, Tolerance())
+    friction, simulated = Term("coulomb_friction.torque_nm", 0, 5e-4), []
+    positions = problem.forward.positions
+    monkeypatch.setattr(problem.forward, "positions", lambda w, b, *rest: simulated.append(len(b)) or positions(w, b, *rest))
+
+    def fitted(settles: float):
+        monkeypatch.setattr(rollout_fit, "_SETTLES", settles)
+        simulated.clear()
+        return problem.fitted(study.start, [friction]), sum(simulated)
+
+    own = rollout_fit._SETTLES
+    (always, most), (settled, fewer) = fitted(0.0), fitted(own)
+    assert fewer < 0.8 * most
+    values = [fit.state.value(friction.key)[0] for fit in (always, settled)]
+    assert values[1] == pytest.approx(values[0], rel=0.02), "its own interval is 10 % wide"
+    assert np.median(settled.squares) == pytest.approx(np.median(always.squares), rel=0.1)
+
+
+def test_a_limit_that_few_windows_meet_is_named_and_not_called_healthy():
+    """Most windows are as right as can be, some end up far off."""
+    verdict = study_of("", limit_nm=LIMIT_NM)
+    assert verdict.verdict is VerdictKind.NAMED, verdict.summary
+    (cause,) = verdict.causes
+    assert cause.effect == "torque_saturation" and cause.value == pytest.approx(LIMIT_NM, rel=0.02)
+
+
+def test_a_motor_that_gets_warm_is_named_with_how_fast():
+    """Windows of a second begin as warm as the motor was."""
+    verdict = study_of("", seconds=16.0, loss_nm2=LOSS_NM2)
+    assert verdict.verdict is VerdictKind.NAMED, verdict.summary
+    value = {cause.parameter: cause.value for cause in verdict.causes if cause.effect == "thermal_derating"}
+    assert {cause.effect for cause in verdict.causes} == {"thermal_derating"}
+    assert value["time_constant_s"] == pytest.approx(WARMS_S, rel=0.2)
+    assert value["loss_per_k"] * value.get("rise_k_nm2", 2000.0) == pytest.approx(LOSS_NM2, rel=0.1)
+
+
+def test_a_motor_that_cogs_as_often_as_no_other_is_named_with_how_often():
+    verdict = study_of("", seconds=16.0, cogging_nm=COGGING_NM)
+    assert verdict.verdict is VerdictKind.NAMED, verdict.summary
+    value = {cause.parameter: cause.value for cause in verdict.causes}
+    assert {cause.effect for cause in verdict.causes} == {"cogging"}
+    assert value["amplitude_nm"] == pytest.approx(COGGING_NM, rel=0.15)
+    assert value["cycles_per_rad"] == pytest.approx(COGS / (2.0 * np.pi))
+
+
+def test_of_three_causes_those_that_gain_little_are_causes_too_where_all_together_leave_nothing():
+    verdict = study_of('frictionloss="0.15" damping="0.02"', late_rows=2)
+    assert {cause.effect for cause in verdict.causes} == {"coulomb_friction", "viscous_friction", "action_delay"}, verdict.summary
+
+
+def test_where_a_straight_line_leads_astray_a_fit_begins_from_what_torques_found(monkeypatch):
+    problem, limits = problem_of(LIMIT_NM), "torque_saturation"
+    own = rollout_selection.gains
+
+    def astray(*asked):
+        """Limits far above all that was sent, from where nothing leads back."""
+        return [(gain, h, 0.0 * values if h.effect == limits else values, e) for gain, h, values, e in own(*asked)]
+
+    monkeypatch.setattr(rollout_selection, "gains", astray)
+    found = [
+        [
+            cause.hypothesis.effect
+            for cause in select_by_rollouts(problem, problem.catalogue, lambda _: True, proposed=given).taken
+        ]
+        for given in ({}, {(limits, "hinge"): {("torque_saturation.limit_nm", 0): 1.1 * LIMIT_NM}})
+    ]
+    assert limits not in found[0] and found[1] == [limits]
+
+
+def test_gravity_of_another_strength_is_possible_where_no_more_is_left_than_healthy_robots_leave():
+    problem = problem_of()
+    weaker = problem.begun(problem.start.moved(Term("gravity.offset_m_s2", 2, 1e-3), 2.0, with_shape=False))
+    assert not problem.is_near_noise(weaker)
+    search = _Search(problem, problem.catalogue, lambda _: True, lambda *_: None, {}, 0.0)
+    assert not _may_be(search, weaker, ()) and _may_be(search, weaker, (), is_whole=False)
+    assert _may_be(replace(search, healthy_rad=1.01 * weaker.usual_rad), weaker, ())
+    assert not _may_be(replace(search, healthy_rad=0.99 * weaker.usual_rad), weaker, ())
+
+
+def test_windows_of_which_one_in_five_is_far_off_are_not_near_noise():
+    problem = problem_of()
+    fit = problem.begun(problem.start)
+    squares = np.resize(fit.squares, (100, 1))
+    few, many = (np.where(np.arange(100)[:, None] % of == 0, 1.0, squares) for of in (20, 5))
+    assert problem.is_near_noise(fit) and problem.is_near_noise(replace(fit, squares=few))
+    assert not problem.is_near_noise(replace(fit, squares=many))
+
+
+@pytest.mark.parametrize("of_gain", [0.75, 1.0])
+def test_a_controller_with_less_gain_is_named_where_only_targets_are_known(of_gain):
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more=""))
+    recordings = [
+        replace(only_targets(recorded(model, target := targets(6.0, seed), seed=seed, of_gain=of_gain), target), name=f"{seed}")
+        for seed in (1, 2)
+    ]
+    robot = UnknownRobot(Tolerance())
+    study = study_joints(model, recordings, lambda *_: None, robot=robot, gate=np.inf)
+    catalogue = with_controllers(study.fit.first.catalogue, ("hinge",), np.array([True]))
+    problem = RolloutProblem(study.problem.episodes, study.start, catalogue, robot.tolerance)
+    selection = select_by_rollouts(problem, catalogue, lambda _: True)
+    verdict = verdict_of_rollouts(study, selection, draw_healthy(problem, np.random.default_rng(0)))
+    if of_gain == 1.0:
+        assert verdict.verdict is VerdictKind.NOTHING_WRONG, verdict.summary
+        (excluded,) = [each.above for each in verdict.effects if each.effect == "position_gain"]
+        assert excluded is not None and 0.0 < excluded < 0.1
+        return
+    assert verdict.verdict is VerdictKind.NAMED, verdict.summary
+    (cause,) = verdict.causes
+    assert cause.effect == "position_gain" and cause.value == pytest.approx(of_gain, abs=0.02)
+    assert would_move_nats(selection.problem, selection.fit) < 1.0
+    halfway = selection.problem.begun(study.start.moved(Term("position_gain.factor", 0, 0.003), -0.1, with_shape=False))
+    unsettled = replace(halfway, terms=selection.fit.terms[:1], causes=1, scales=selection.fit.scales[:1])
+    assert would_move_nats(selection.problem, unsettled) > GATE, "it would go on to where it fits best"
+
+
+@pytest.mark.parametrize("is_told_by_the_next", [True, False])
+def test_another_way_of_computing_is_tried_with_the_cause_that_came_next(monkeypatch, is_told_by_the_next):
+    """What was taken may make up for a controller that holds its torque, so that with it the right way is no nearer."""
+    begin = np.zeros((1, 1)), np.zeros((1, 1))
+
+    def fit(off_rad: float) -> RolloutFit:
+        return RolloutFit(JointState(1), (), 0, np.zeros(0), np.zeros(0), np.full((4, 1), off_rad**2), begin)
+
+    mass, weak = Term("link_mass.factor", 0, 1e-3), Term("torque_constant.error", 0, 1e-3)
+    own, other = Hypothesis("link_mass", "hinge", (0,), (1.0,)), Hypothesis("torque_constant", "hinge", (1,), (1.0,))
+    first, held = SimpleNamespace(name="computes all the time"), SimpleNamespace(name="holds its torque")
+    first.otherwise = lambda: held
+    held.fitted = lambda _, terms, __: fit(1e-4 if is_told_by_the_next and weak in terms else 5e-3)
+
+    def selected(problem, *_):
+        taken = Taken(own, (mass,), 99.0, ((90.0, fit(2e-3), other, (weak,)),))
+        off_rad = 1e-3 if problem is first else 1e-4
+        return RolloutSelection(problem, fit(4e-3), fit(off_rad), (taken,), fit(off_rad))
+
+    monkeypatch.setattr(rollout_selection, "_selected", selected)
+    found = select_by_rollouts(first, SimpleNamespace(), lambda _: True)
+    assert found.problem is (held if is_told_by_the_next else first)
+
+
+def test_nothing_is_named_where_nothing_is_hidden_and_every_effect_is_answered_for():
+    verdict = study_of("")
+    assert verdict.verdict is VerdictKind.NOTHING_WRONG and not verdict.causes, verdict.summary
+    assert [each.effect for each in verdict.effects] == list(CATALOGUE)
+    for each in verdict.effects:
+        assert (each.told is Told.EXCLUDED) == (each.above is not None), each
+        assert each.told in {Told.EXCLUDED, Told.NOT_JUDGED} and (each.above or each.because), each
+    excluded = {each.effect: each.above for each in verdict.effects if each.told is Told.EXCLUDED}
+    assert 0.0 < excluded["coulomb_friction"] < 0.08, "the friction that the test beside this one finds would have been seen"
+
+
+def test_healthy_robots_are_further_off_where_more_is_tolerated():
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more='frictionloss="0.08"'))
+    study = study_joints(model, [recorded(model, targets(8.0, 3))], lambda *_: None, robot=UnknownRobot(), gate=np.inf)
+
+    def off(friction: float) -> float:
+        tolerance = Tolerance(mass=1e-4, inertia=1e-4, centre=1e-4, friction=friction, zero=0.0)
+        problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, tolerance)
+        return float(draw_healthy(problem, np.random.default_rng(1)).as_it_is_rad[0])
+
+    little, much = off(0.02), off(0.08)
+    assert much == pytest.approx(4.0 * little, rel=0.2)
+
+
+def test_a_fitted_model_is_nearer_to_a_healthy_robot_unless_its_torques_are_noisy():
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more='frictionloss="0.02"'))
+    recording = recorded(model, targets(8.0, 3))
+    assert recording.joints is not None
+
+    def healthy(noise_nm: float) -> tuple[RolloutProblem, Healthy]:
+        joints = recording.joints
+        assert joints is not None and joints.commanded_torque_nm is not None
+        felt = joints.commanded_torque_nm + noise_nm * np.random.default_rng(5).standard_normal(joints.commanded_torque_nm.shape)
+        measured = replace(recording, joints=replace(joints, commanded_torque_nm=None, measured_torque_nm=felt))
+        study = study_joints(model, [measured], lambda *_: None, robot=UnknownRobot(), gate=np.inf)
+        problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, Tolerance())
+        return problem, draw_healthy(problem, np.random.default_rng(1), 100)
+
+    problem, noisy = healthy(0.05)
+    assert problem.torque_noise_nm[0] == pytest.approx(0.05, rel=0.15)
+    _, quiet = healthy(0.0)
+    assert 2.0 * quiet.fitted_rad[0] < quiet.as_it_is_rad[0]
+    assert noisy.fitted_rad[0] > 3.0 * quiet.fitted_rad[0]
+    assert noisy.fitted_far_rad[0] > noisy.fitted_rad[0], "nine windows of ten are further off than half of them"
