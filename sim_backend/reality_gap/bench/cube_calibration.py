@@ -126,7 +126,7 @@ def _dispersion(counts: np.ndarray) -> float:
     return float(max(counts.var() / counts.mean(), 1.0)) if counts.mean() > 0 else 1.0
 
 
-class Healthy:
+class SimulateHealthy:
     """What a worker does: healthy sessions from the first seed on, each with its robot's probability of a jump."""
 
     def __init__(self) -> None:
@@ -141,7 +141,7 @@ class Healthy:
 
 
 def healthy_evidence(seeds: range, workers: Workers, progress: Callable[[str], None]) -> Iterator[tuple[CubeEvidence, float]]:
-    """Healthy sessions, by workers that do :class:`Healthy`, ``GROUP`` at once."""
+    """Healthy sessions, by workers that do :class:`SimulateHealthy`, ``GROUP`` at once."""
     begun, done = time.monotonic(), 0
     for group in workers.map([seeds[i : i + GROUP] for i in range(0, len(seeds), GROUP)]):
         yield from group
@@ -161,7 +161,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     seeds = range(options.seed, options.seed + options.sessions)
     try:
-        with open_workers(Healthy, options.processes, options.cluster) as workers:
+        with open_workers(SimulateHealthy, options.processes, options.cluster) as workers:
             rows = list(healthy_evidence(seeds, workers, lambda text: print(text, file=sys.stderr)))
     except WorkersError as error:
         return refused(error, as_json=False)
