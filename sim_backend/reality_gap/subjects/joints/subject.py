@@ -114,7 +114,9 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     selection = select_by_rollouts(
         problem, catalogue, is_possible, part(progress, 0.2, 0.9), proposed, healthy_rad=healthy.fitted_rad
     )
-    rollouts = verdict_of_rollouts(found, selection, healthy)
+    is_left = selection.taken and not selection.problem.is_near_noise(selection.fit)
+    beside = draw_healthy(selection.problem, rng, around=selection.fit) if is_left else None
+    rollouts = verdict_of_rollouts(found, selection, healthy, beside)
     rollouts = against_patterns(rollouts, found, selection, usual_of_healthy_rad(problem, healthy))
     rollouts = against_unnamed(rollouts, selection)
     rollouts = with_late_columns(with_share_of_all(rollouts, found.problem.names))

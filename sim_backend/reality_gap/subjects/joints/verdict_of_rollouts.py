@@ -31,7 +31,7 @@ CONFUSABLE_NATS, CONFUSABLE_SHARE = 5.0, 0.1
 """A rival that lies less than this behind, or than this share of what the cause gained, cannot be told apart."""
 _TRIFLE = 0.05
 """Of the largest number of a cause at all joints: a joint with less of it has none."""
-_MARGIN = 1.5
+_MARGIN = 2.0
 """Times what drawn healthy robots are off: a fit of the recorded one is not as exact as theirs."""
 _AS_GOOD_AS_RIGHT = 0.01
 """Of a usual window's motion: bearings give way before they slip, and no integrator is exact."""
@@ -39,19 +39,22 @@ _EXPLAINED = 0.5
 """Share of a usual window's error that causes must take away at some joint to be named."""
 
 
-def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection, healthy: Healthy) -> Verdict:
+def verdict_of_rollouts(
+    study: JointStudy, selection: RolloutSelection, healthy: Healthy, with_causes: Healthy | None = None
+) -> Verdict:
     """Judge what a selection came to.
 
-    Named is what takes away at least half of a usual window's error at some joint, leaves no joint further off than healthy
-    robots are of whose error it took less, and has settled where it fits best; what few motions show is judged by the far windows
-    in the same way; what does not is listed as a part of something that is not explained. Where nothing is named, a model is as
-    good as right if the robot, fitted within the model's tolerances, is not further off than healthy ones are that were drawn
-    within them.
+    Named is what takes away at least half of a usual window's error at some joint, leaves no joint of whose error it took less
+    further off than robots are that have nothing but these causes, and has settled where it fits best unless all joints are as
+    those robots'; what few motions show is judged by the far windows in the same way; what does not is listed as a part of
+    something that is not explained. Where nothing is named, a model is as good as right if the robot, fitted within the model's
+    tolerances, is not further off than healthy ones are that were drawn within them.
 
     Args:
         study: of the same recordings.
         selection: causes and models.
         healthy: what usual windows of healthy robots end up off.
+        with_causes: the same of robots that have the causes and are healthy else; as of healthy ones if None.
     """
     problem, names = selection.problem, study.problem.names
     causes = [cause for taken in selection.taken for cause in causes_of(study, selection.fit, taken)]
@@ -64,13 +67,17 @@ def verdict_of_rollouts(study: JointStudy, selection: RolloutSelection, healthy:
     kind, summary = VerdictKind.NAMED, f"The robot goes where a model goes that has {_listed(causes)}."
     usual_rad = usual_of_healthy_rad(problem, healthy)
     far_rad = np.maximum(FAR_WINDOWS * usual_rad, _MARGIN * healthy.fitted_far_rad)
+    left_rad = usual_rad if with_causes is None else usual_of_healthy_rad(problem, with_causes)
+    far_left_rad = far_rad if with_causes is None else np.maximum(FAR_WINDOWS * left_rad, _MARGIN * with_causes.fitted_far_rad)
     is_halved, is_far_halved = after < (1.0 - _EXPLAINED) * before, far_after < (1.0 - _EXPLAINED) * far_before
-    is_only_far = bool((after <= usual_rad).all() and (far_after > far_rad).any())
+    is_only_far = bool((after <= left_rad).all() and (far_after > far_left_rad).any())
     said = _left(selection, names, after, far_after if is_only_far else None)
     is_healthy = bool((before <= usual_rad).all() and (far_before <= far_rad).all())
     is_gain = is_halved | (is_far_halved & (far_before > far_rad))
-    explains = bool(is_gain.any() and (is_halved | (after <= usual_rad)).all() and (is_far_halved | (far_after <= far_rad)).all())
-    explains = explains and (problem.is_near_noise(selection.fit) or would_move_nats(problem, selection.fit) < GATE)
+    is_usual = bool((after <= left_rad).all() and (far_after <= far_left_rad).all())
+    is_little = (is_halved | (after <= left_rad)).all() and (is_far_halved | (far_after <= far_left_rad)).all()
+    explains = bool(is_gain.any() and is_little)
+    explains = explains and (is_usual or problem.is_near_noise(selection.fit) or would_move_nats(problem, selection.fit) < GATE)
     if is_healthy and not (causes and explains):
         worst = int(np.argmax(before / usual_rad))
         usual = f"up to {1e3 * usual_rad[worst]:.2g} mrad are usual for a robot whose model is as exact as is tolerated"

@@ -92,11 +92,12 @@ def study_of(
     return verdict_of_rollouts(study, selection, draw_healthy(problem, np.random.default_rng(0)))
 
 
-def problem_of(limit_nm: float = np.inf) -> RolloutProblem:
-    """Windows of a pendulum whose motor ends somewhere."""
-    model, robot = mujoco.MjModel.from_xml_string(PENDULUM.format(more="")), UnknownRobot(Tolerance())
+def problem_of(limit_nm: float = np.inf, hidden: str = "") -> RolloutProblem:
+    """Windows of a pendulum whose motor ends somewhere, and which has more than its model."""
+    nominal, model = (mujoco.MjModel.from_xml_string(PENDULUM.format(more=more)) for more in ("", hidden))
+    robot = UnknownRobot(Tolerance())
     recordings = [replace(recorded(model, targets(6.0, seed), seed=seed, limit_nm=limit_nm), name=f"{seed}") for seed in (1, 2)]
-    study = study_joints(model, recordings, lambda *_: None, robot=robot, gate=np.inf)
+    study = study_joints(nominal, recordings, lambda *_: None, robot=robot, gate=np.inf)
     return RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, robot.tolerance)
 
 

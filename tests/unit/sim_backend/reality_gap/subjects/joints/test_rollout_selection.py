@@ -9,7 +9,7 @@ import pytest
 
 from sim_backend.effects.catalogue import CATALOGUE
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownRobot
-from sim_backend.reality_gap.subjects.joints import rollout_fit, rollout_selection
+from sim_backend.reality_gap.subjects.joints import healthy_robots, rollout_fit, rollout_selection
 from sim_backend.reality_gap.subjects.joints.healthy_robots import Healthy, draw_healthy
 from sim_backend.reality_gap.subjects.joints.hypotheses import Hypothesis, with_controllers
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
@@ -245,3 +245,22 @@ def test_a_fitted_model_is_nearer_to_a_healthy_robot_unless_its_torques_are_nois
     assert 2.0 * quiet.fitted_rad[0] < quiet.as_it_is_rad[0]
     assert noisy.fitted_rad[0] > 3.0 * quiet.fitted_rad[0]
     assert noisy.fitted_far_rad[0] > noisy.fitted_rad[0], "nine windows of ten are further off than half of them"
+
+
+def test_robots_with_a_cause_are_drawn_about_the_model_that_has_it():
+    problem = problem_of(hidden='frictionloss="0.08"')
+    friction = next(term for term in problem.catalogue.terms if term.key == "coulomb_friction.torque_nm")
+    with_friction, without = problem.fitted(problem.start, (friction,)), problem.fitted(problem.start, ())
+    about_it = draw_healthy(problem, np.random.default_rng(1), 60, around=with_friction)
+    assert (with_friction.usual_rad < 2.0 * about_it.fitted_rad).all(), "nothing else is wrong"
+    assert (without.usual_rad > 5.0 * about_it.fitted_rad).all()
+    assert (about_it.fitted_rad <= about_it.as_it_is_rad).all()
+
+
+def test_what_a_straight_line_leaves_of_a_healthy_robot_is_fitted_on(monkeypatch):
+    problem = problem_of()
+    loose = draw_healthy(problem, np.random.default_rng(1), 60)
+    monkeypatch.setattr(healthy_robots, "_STEPS", 0)
+    plain = draw_healthy(problem, np.random.default_rng(1), 60)
+    assert (loose.fitted_rad < 0.5 * plain.fitted_rad).all(), "no step at all leaves a healthy robot as far off as it is"
+    assert (plain.fitted_rad == plain.as_it_is_rad).all() and (plain.as_it_is_rad == loose.as_it_is_rad).all()
