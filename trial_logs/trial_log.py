@@ -92,7 +92,7 @@ STEP_NS = 1_000_000
 FLUSH_EVERY_S, FLUSH_EVERY_STEPS = 0.25, 1000
 """The recorder flushes so often: a killed robot loses at most so many seconds of its work, or so many steps if that is less.
 
-A robot alone simulates a second in less than a tenth; each flush costs as much as writing hundreds of steps.
+A robot alone simulates a second in less than a tenth; each flush costs as much as writing a hundred steps.
 """
 
 

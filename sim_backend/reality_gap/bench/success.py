@@ -69,9 +69,12 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error("--robots and --goals must be at least 1, and --processes 0")
     try:
         load_policy(options.policy, options.manifest)  # before any long work
+    except ValueError as error:
+        return refused(error, as_json=False)
+    try:
         options.out.mkdir(parents=True, exist_ok=True)
         found = _run(options)
-    except (OSError, WorkersError, ValueError) as error:
+    except (OSError, WorkersError) as error:
         return refused(error, as_json=False)
     (options.out / "success.json").write_text(json.dumps(found, indent=1) + "\n")
     print(json.dumps({key: value for key, value in found.items() if key != "by_robot"}, indent=1))
@@ -83,7 +86,8 @@ def _run(options: argparse.Namespace) -> dict[str, Any]:
     with open_workers(_Study, *at) as workers:
         path = options.out / "studies.jsonl"
         there = {line["seed"] for line in whole_lines(path)}
-        _keep(path, workers.map([seed for seed in seeds if seed not in there]), len(seeds), "robots are studied")
+        todo = [seed for seed in seeds if seed not in there]
+        _keep(path, workers.map(todo), (len(seeds) - len(todo), len(seeds)), "robots are studied")
     studies = {line["seed"]: line for line in whole_lines(path)}
     parts = [range(first, min(first + TOGETHER, options.goals)) for first in range(0, options.goals, TOGETHER)]
     tries: list[Asked] = [(NOMINAL, None, part) for part in parts]
@@ -93,7 +97,7 @@ def _run(options: argparse.Namespace) -> dict[str, Any]:
     causes = {None: []} | {seed: study["causes"] for seed, study in studies.items()}
     asked = [(each, causes[each[1]]) for each in tries if each not in there]
     with open_workers(partial(_Try, options.policy.absolute(), options.manifest, options.task), *at) as workers:
-        _keep(path, workers.map(asked), len(tries), f"times {TOGETHER} goals are tried")
+        _keep(path, workers.map(asked), (len(tries) - len(asked), len(tries)), f"times {TOGETHER} goals are tried")
     return summary([studies[seed] for seed in seeds], [line for line in whole_lines(path) if _asked_of(line) in set(tries)])
 
 
@@ -101,12 +105,12 @@ def _asked_of(line: dict) -> Asked:
     return line["model"], line["seed"], range(line["first"], line["first"] + len(line["success"]))
 
 
-def _keep(path: Path, found: Iterable[dict], of: int, what: str) -> None:
-    """Write each line as it comes, behind those that are there, and say how many there are."""
-    kept = whole_lines(path)
+def _keep(path: Path, found: Iterable[dict], counts: tuple[int, int], what: str) -> None:
+    """Write each line as it comes, behind those that are there; ``counts``: how many of those asked for were there, and all."""
+    kept, (there, of) = whole_lines(path), counts
     path.write_text("".join(json.dumps(line) + "\n" for line in kept))
     with path.open("a") as file:
-        for done, line in enumerate(found, start=len(kept) + 1):
+        for done, line in enumerate(found, start=there + 1):
             file.write(json.dumps(line) + "\n")
             file.flush()
             print(f"{done} of {of} {what}", file=sys.stderr, flush=True)
