@@ -103,6 +103,10 @@ def _bytes(shape: tuple[int, ...], kind: str) -> int:
     return -(-int(np.prod(shape)) * np.dtype(kind).itemsize // 64) * 64
 
 
+def _no_optimizer(*_: Any, **__: Any) -> None:
+    """A worker only acts. Each of torch's optimizers would import its compiler first, which takes longer than all else."""
+
+
 class RolloutWorker:
     """The work of a rollout worker. Owner of the environments of the slices that it rolled out last.
 
@@ -119,7 +123,13 @@ class RolloutWorker:
         self._action_space = gym_action_space(self._practice.action_space)
         with _one_thread():
             space = seen_space(self._practice, recipe.networks.privileged)
-            self._policy = ActorCritic(space, self._action_space, lambda _: 0.0, **network_arguments(recipe))
+            self._policy = ActorCritic(
+                space,
+                self._action_space,
+                lambda _: 0.0,
+                optimizer_class=_no_optimizer,  # pyrefly: ignore[bad-argument-type]
+                **network_arguments(recipe),
+            )
         self._policy.set_training_mode(False)
         self._environments: dict[int, tuple[int | None, Environment, np.ndarray]] = {}
 

@@ -17,6 +17,7 @@ from sim_backend.training.train import Run  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("default")  # torch's own
 SAMPLES = 16 * 4  # of an iteration
+BEHIND = {"ppo": {"robots": 16, "steps": 4, "slices": 4, "epochs": 1, "minibatch": 32, "lag": 1, "learning_rate": 0.05}}
 
 
 def recipe(**changes) -> Recipe:
@@ -41,12 +42,24 @@ def learned(folder, workers, **changes) -> Run:
     return run
 
 
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory) -> Run:
+    """Without workers, one update after the rollouts of another."""
+    return learned(tmp_path_factory.mktemp("undisturbed") / "run", 0)
+
+
+@pytest.fixture(scope="module")
+def behind(tmp_path_factory) -> Run:
+    """Without workers, rollouts one update behind."""
+    return learned(tmp_path_factory.mktemp("behind") / "run", 0, **BEHIND)
+
+
 def weights(run: Run) -> np.ndarray:
     return np.concatenate([values.numpy().ravel() for values in run.policy.state_dict().values()])
 
 
-def test_the_same_bits_for_any_number_of_workers_and_after_a_checkpoint(tmp_path):
-    runs = {workers: learned(tmp_path / str(workers), workers) for workers in (0, 1, 2, 4)}
+def test_the_same_bits_for_any_number_of_workers_and_after_a_checkpoint(tmp_path, undisturbed):
+    runs = {0: undisturbed} | {workers: learned(tmp_path / str(workers), workers) for workers in (1, 2, 4)}
     for run in runs.values():
         np.testing.assert_array_equal(weights(run), weights(runs[0]))
         assert run.returns.mean == runs[0].returns.mean
@@ -77,8 +90,7 @@ def test_whoever_has_a_slice_goes_on_from_its_state_not_from_what_it_did_before(
         state = theirs.state
 
 
-def test_workers_that_are_killed_change_no_bit_and_their_samples_are_accounted_for(tmp_path, monkeypatch):
-    undisturbed = learned(tmp_path / "whole", 0)
+def test_workers_that_are_killed_change_no_bit_and_their_samples_are_accounted_for(tmp_path, monkeypatch, undisturbed):
     folder = tmp_path / "killed"
     folder.mkdir()
     run = Run("mine", recipe(), folder, threads=1, workers=2, tell=lambda _: None)
@@ -101,8 +113,7 @@ def test_workers_that_are_killed_change_no_bit_and_their_samples_are_accounted_f
     assert run.record()["workers"]["workers_lost"] == 2
 
 
-def test_a_learner_that_is_killed_goes_on_from_its_checkpoint_with_the_same_bits(tmp_path):
-    undisturbed = learned(tmp_path / "whole", 0)
+def test_a_learner_that_is_killed_goes_on_from_its_checkpoint_with_the_same_bits(tmp_path, undisturbed):
     folder = tmp_path / "killed"
     learned(folder, 0, samples=2 * SAMPLES)
     Ledger(folder, 1).write("asked", 2, SAMPLES)  # and then it was killed
@@ -116,11 +127,10 @@ def test_a_learner_that_is_killed_goes_on_from_its_checkpoint_with_the_same_bits
     assert found.adds_up and found.used == 4 * SAMPLES and found.dropped == {LEARNER_ENDED: 2 * SAMPLES}
 
 
-BEHIND = {"ppo": {"robots": 16, "steps": 4, "slices": 4, "epochs": 1, "minibatch": 32, "lag": 1, "learning_rate": 0.05}}
-
-
-def test_rollouts_that_run_ahead_of_updates_are_the_same_bits_for_any_number_of_workers_and_after_a_checkpoint(tmp_path):
-    runs = {workers: learned(tmp_path / str(workers), workers, **BEHIND) for workers in (0, 1, 2)}
+def test_rollouts_that_run_ahead_of_updates_are_the_same_bits_for_any_number_of_workers_and_after_a_checkpoint(
+    tmp_path, behind
+):
+    runs = {0: behind} | {workers: learned(tmp_path / str(workers), workers, **BEHIND) for workers in (1, 2)}
     for run in runs.values():
         np.testing.assert_array_equal(weights(run), weights(runs[0]))
         assert account(run.folder).adds_up and account(run.folder).dropped == {}
@@ -146,8 +156,7 @@ def test_rollouts_that_run_ahead_of_updates_are_the_same_bits_for_any_number_of_
     assert account(folder).adds_up and account(folder).dropped == {LEARNER_ENDED: SAMPLES}, "what was under way"
 
 
-def test_a_worker_that_is_killed_while_rollouts_run_ahead_changes_no_bit(tmp_path, monkeypatch):
-    undisturbed = learned(tmp_path / "whole", 0, **BEHIND)
+def test_a_worker_that_is_killed_while_rollouts_run_ahead_changes_no_bit(tmp_path, monkeypatch, behind):
     folder = tmp_path / "killed"
     folder.mkdir()
     run = Run("mine", recipe(**BEHIND), folder, threads=1, workers=2, tell=lambda _: None)
@@ -160,7 +169,7 @@ def test_a_worker_that_is_killed_while_rollouts_run_ahead_changes_no_bit(tmp_pat
 
     monkeypatch.setattr(run.slices, "ahead", ahead_then_kill)
     run.learn()
-    np.testing.assert_array_equal(weights(run), weights(undisturbed))
+    np.testing.assert_array_equal(weights(run), weights(behind))
     assert account(folder).adds_up and account(folder).used == 4 * SAMPLES
 
 
