@@ -127,7 +127,7 @@ class RolloutWorker:
                 space,
                 self._action_space,
                 lambda _: 0.0,
-                optimizer_class=_no_optimizer,  # pyrefly: ignore[bad-argument-type]
+                optimizer_class=_no_optimizer,
                 **network_arguments(recipe),
             )
         self._policy.set_training_mode(False)

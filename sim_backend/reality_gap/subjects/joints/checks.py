@@ -35,7 +35,8 @@ _PRESSING_NM = 0.05
 _SOFT_END_RAD = 2e-3
 """Ends give way: where a joint is held is not known better than this."""
 _JUMP_RAD = 2e-3
-_STALL_SAMPLES = 3
+_STALL_SAMPLES, _STALLED = 3, 0.25
+"""So many samples in a row that move by less than this share of the motion after them are repeated."""
 _ODD_AMONG_UNKNOWN, _ODD_THOUGH_SMALL = 5.0, 10.0
 """Where nobody knows the sensors, joints may have other encoders and gears than their neighbours; small noise all the more."""
 _LEAST_ODD = {Sign.POSITION_STEPS: HEALTHY_STEP_RAD, Sign.POSITION_NOISE: 2e-4, Sign.VELOCITY_NOISE: 0.05}
@@ -269,9 +270,9 @@ def _jump(episodes: Sequence[EpisodeEquations], joint: int) -> list[Finding]:
 
 
 def _catches_up(moves: np.ndarray, at: int) -> bool:
-    """Whether positions that were repeated for some samples come after the motion that went on, which is no jump."""
-    stall = 0
-    while stall < at and moves[at - 1 - stall] == 0.0:
+    """Whether positions that stood still for some samples, but for noise, come after the motion that went on: that is no jump."""
+    stall, slow = 0, _STALLED * abs(float(np.mean(moves[at + 1 : at + 1 + _STALL_SAMPLES])))
+    while stall < at and abs(moves[at - 1 - stall]) <= slow:
         stall += 1
     missed = stall * float(np.mean(moves[at + 1 : at + 1 + max(_STALL_SAMPLES, stall)]))
     return stall >= _STALL_SAMPLES and 0.5 * abs(moves[at]) < missed * np.sign(moves[at])

@@ -140,10 +140,11 @@ def test_a_spike_is_no_jump(motion):
 
 
 @pytest.mark.parametrize("repeated", (3, 8))
-def test_positions_that_catch_up_after_repeated_ones_are_no_jump(motion, repeated):
+@pytest.mark.parametrize("noise_rad", (0.0, 5e-5))
+def test_positions_that_catch_up_after_repeated_ones_are_no_jump(motion, repeated, noise_rad):
     stale = motion[0].copy()
     at = int(np.argmax(np.abs(np.gradient(stale[1000:3000, 1])))) + 1000
-    stale[at : at + repeated + 1, 1] = stale[at, 1]
+    stale[at : at + repeated + 1, 1] = stale[at, 1] + noise_rad * np.random.default_rng(4).standard_normal(repeated + 1)
     missed = stale[at + repeated + 1, 1] - stale[at, 1]
     assert abs(missed) > 2.5e-3, "as large as a jump"
     assert fault_findings([episode(stale, motion[1])]) == []
