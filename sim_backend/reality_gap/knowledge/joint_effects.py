@@ -214,6 +214,9 @@ def keys_of(channel: Channel) -> tuple[str, ...]:
 
 LATE_TORQUE, LIMITED_TORQUE = "action_delay.delay_s", "torque_saturation.limit_nm"
 """What commanded and measured torque say of a motor without any model of what it moves."""
+OFFSET, TILT = ("encoder_offset", "offset_rad"), (("table_tilt", "roll_rad"), ("table_tilt", "pitch_rad"))
+TURNED = frozenset({"gravity", "table_tilt"})
+"""An encoder's error, and what turns gravity: of the first joint they are one."""
 FILTERED_VELOCITY = "velocity_filter.time_constant_s"
 """What positions and velocities say of a sensor."""
 

@@ -1,6 +1,6 @@
 """How far robots end up from their model that nothing is wrong with: drawn within the tolerances, in a study's own windows."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,7 +8,14 @@ import numpy as np
 from sim_backend.reality_gap.subjects.joints.forward import Windows
 from sim_backend.reality_gap.subjects.joints.linearisation import SAMPLES_OF_WINDOW, probed
 from sim_backend.reality_gap.subjects.joints.recorded_windows import LEAST_WINDOWS
-from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_SHARE, TOLERATED, RolloutFit, RolloutProblem, moved_by
+from sim_backend.reality_gap.subjects.joints.rollout_fit import (
+    FAR_SHARE,
+    FAR_WINDOWS,
+    TOLERATED,
+    RolloutFit,
+    RolloutProblem,
+    moved_by,
+)
 from sim_backend.reality_gap.subjects.joints.state import CLOCK, JointState, Term
 
 _AT_ONCE = 20
@@ -17,6 +24,8 @@ _USUAL = 0.95
 """Share of robots that nothing is wrong with that are off by no more."""
 _STEPS, _SHARES = 4, (1.0, 0.4, 0.15)
 """A model is fitted to each drawn robot in so many steps, each as far as the robot is nearer there."""
+_CLOSELY = 60
+"""So many drawn robots are fitted as closely as the recorded one."""
 
 
 @dataclass(frozen=True)
@@ -34,10 +43,8 @@ class Healthy:
     fitted_far_rad: np.ndarray
 
 
-def draw_healthy(
-    problem: RolloutProblem, rng: np.random.Generator, draws: int = 200, around: RolloutFit | None = None
-) -> Healthy:
-    """Draw robots within the tolerances and simulate them in windows of a study, with the noise of its encoders and torques.
+class DrawnRobots:
+    """Robots drawn within the tolerances, simulated in windows of a study, with the noise of its encoders and torques.
 
     To each, as to the recorded one, a model is fitted within the tolerances whose windows begin where they fit best, and the
     median of its errors and the ninth of ten count.
@@ -48,36 +55,68 @@ def draw_healthy(
         draws: robots.
         around: the model about which they are drawn, whose causes are fitted, too; the nominal one if None.
     """
-    rows = np.linspace(0, len(problem.windows) - 1, min(LEAST_WINDOWS, len(problem.windows))).astype(int)
-    windows, loose = problem.windows.some(rows), problem.loose_terms(() if around is None else around.terms[: around.causes])
-    own = [] if around is None else list(zip(around.terms, around.scales, strict=True))[: around.causes]
-    state, begin = (problem.start, problem.begin()) if around is None else (around.state, around.begin)
-    terms, scales = [term for term, _ in (*own, *loose)], np.array([scale for _, scale in (*own, *loose)])
-    model = _Model(problem, windows, state, (begin[0][rows], begin[1][rows]), terms)
-    if not model.fine.any():
-        return Healthy(problem.noise_rad, problem.noise_rad, problem.noise_rad)
-    varies = np.array([i >= len(own) and term.key != CLOCK for i, term in enumerate(terms)])
-    off = scales * varies * np.clip(rng.standard_normal((draws, len(terms))), -TOLERATED, TOLERATED)
-    robots = model.went(off, rng)
-    widest = np.nanmax(np.abs(robots - model.nominal), initial=0.0)
-    robots = np.where(np.isfinite(robots), robots, model.nominal + widest)  # what diverges is as far as any
-    noise = np.tile(problem.noise_rad, robots.shape[2] // len(problem.noise_rad))
-    robots = robots + noise * rng.standard_normal(robots.shape)
-    as_it_is, fitted = model.left(robots, scales, len(own), np.sqrt(SAMPLES_OF_WINDOW / windows.position_rad.shape[1]) / noise)
-    shares = ((as_it_is, 0.5), (fitted, 0.5), (fitted, FAR_SHARE))
-    joints = len(problem.noise_rad)
-    return Healthy(*(_below(left.transpose(1, 2, 0), joints, share) for left, share in shares))
+
+    def __init__(
+        self, problem: RolloutProblem, rng: np.random.Generator, draws: int = 200, around: RolloutFit | None = None
+    ) -> None:
+        rows = np.linspace(0, len(problem.windows) - 1, min(LEAST_WINDOWS, len(problem.windows))).astype(int)
+        loose = problem.loose_terms(() if around is None else around.terms[: around.causes])
+        own = [] if around is None else list(zip(around.terms, around.scales, strict=True))[: around.causes]
+        state, begin = (problem.start, problem.begin()) if around is None else (around.state, around.begin)
+        begin = begin[0][rows], begin[1][rows]
+        terms, scales = [term for term, _ in (*own, *loose)], np.array([scale for _, scale in (*own, *loose)])
+        self._part, self._state, self._begin, self._terms, self._causes = problem.part(rows), state, begin, terms, len(own)
+        self._model = _Model(problem, self._part.windows, state, begin, terms)
+        if not self._model.fine.any():
+            self._robots, self._off = np.empty((0, 0, 0)), np.empty((0, len(terms)))
+            self.coarse = Healthy(problem.noise_rad, problem.noise_rad, problem.noise_rad)
+            return
+        varies = np.array([i >= len(own) and term.key != CLOCK for i, term in enumerate(terms)])
+        off = scales * varies * np.clip(rng.standard_normal((draws, len(terms))), -TOLERATED, TOLERATED)
+        robots = self._model.went(off, rng)
+        widest = np.nanmax(np.abs(robots - self._model.nominal), initial=0.0)
+        robots = np.where(np.isfinite(robots), robots, self._model.nominal + widest)  # what diverges is as far as any
+        noise = np.tile(problem.noise_rad, robots.shape[2] // len(problem.noise_rad))
+        self._robots = robots + noise * rng.standard_normal(robots.shape)
+        weights = np.sqrt(SAMPLES_OF_WINDOW / self._part.windows.position_rad.shape[1]) / noise
+        self._off, as_it_is, fitted = self._model.left(self._robots, scales, len(own), weights)
+        squares = [(left.reshape(*left.shape[:2], -1, len(problem.noise_rad)) ** 2).mean(axis=2) for left in (as_it_is, fitted)]
+        self._usual_rad, self._far_rad = (np.sqrt(np.quantile(squares[1], share, axis=1)) for share in (0.5, FAR_SHARE))
+        self.coarse = Healthy(_below(np.sqrt(np.median(squares[0], axis=1))), _below(self._usual_rad), _below(self._far_rad))
+        """Limits after a few steps from the model, all along its first linearisation: where it bends they are too wide."""
+
+    def closely(self, enough_rad: np.ndarray, progress: Callable[[str, float], None] = lambda *_: None) -> Healthy:
+        """Limits of some of the robots, to each of which a model is fitted as to the recorded one, from where coarse steps led.
+
+        Args:
+            enough_rad: robots below it in usual windows, and below :data:`FAR_WINDOWS` times of it in far ones, are near enough,
+                shape (k,).
+            progress: told which share is done.
+        """
+        usual_rad, far_rad = self._usual_rad[:_CLOSELY].copy(), self._far_rad[:_CLOSELY].copy()
+        fine = np.flatnonzero(self._model.fine)
+        begin = self._begin[0][fine], self._begin[1][fine]
+        loose = ((usual_rad > enough_rad) | (far_rad > FAR_WINDOWS * enough_rad)).any(axis=1)
+        for done, robot in enumerate(np.flatnonzero(loose)):
+            progress("fitting models to healthy robots", done / loose.sum())
+            part = self._part.part(fine)
+            went = self._robots[robot][fine].reshape(part.windows.position_rad.shape)
+            part.windows = replace(part.windows, position_rad=went)
+            there = moved_by(self._state, self._terms, self._off[robot])
+            fit = part.fitted(there, self._terms[: self._causes], begin)
+            usual_rad[robot], far_rad[robot] = fit.usual_rad, fit.far_rad
+        if not len(usual_rad):
+            return self.coarse
+        return replace(self.coarse, fitted_rad=_below(usual_rad), fitted_far_rad=_below(far_rad))
 
 
-def _below(left_rad: np.ndarray, joints: int, share: float) -> np.ndarray:
-    """Of errors (n, s * k, draws) what a share of the windows of nearly all robots stays below at every joint, shape (k,).
+def _below(off_rad: np.ndarray) -> np.ndarray:
+    """What nearly all robots stay below at every joint, shape (k,), of what they are off, shape (draws, k).
 
     Of many joints one is further off than its own usual more often than each of them: all limits are raised alike.
     """
-    squares = (left_rad.reshape(len(left_rad), -1, joints, left_rad.shape[2]) ** 2).mean(axis=1)
-    off_rad = np.sqrt(np.quantile(squares, share, axis=0))
-    usual_rad = np.quantile(off_rad, _USUAL, axis=1)
-    return usual_rad * max(1.0, float(np.quantile((off_rad.T / usual_rad).max(axis=1), _USUAL)))
+    usual_rad = np.quantile(off_rad, _USUAL, axis=0)
+    return usual_rad * max(1.0, float(np.quantile((off_rad / usual_rad).max(axis=1), _USUAL)))
 
 
 class _Model:
@@ -121,8 +160,10 @@ class _Model:
             found.append(went.reshape(len(states), n, -1))
         return np.concatenate(found)
 
-    def left(self, robots: np.ndarray, scales: np.ndarray, causes: int, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What robots are off from this model as it is, and from those that are fitted to them, (draws, n, s * k), rad.
+    def left(
+        self, robots: np.ndarray, scales: np.ndarray, causes: int, weights: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Terms fitted to robots, (draws, m), and what they are off from the model as it is and as fitted, (draws, n, s * k).
 
         Args:
             robots: where they went, shape (draws, n, s * k).
@@ -169,7 +210,7 @@ class _Model:
                 off[chosen], error[chosen] = there[took], rest[took]
                 nearer[chosen] = True
             going = going[nearer[going]]
-        return as_it_is / weights, error / weights
+        return off, as_it_is / weights, error / weights
 
 
 def _noisy(problem: RolloutProblem, windows: Windows, rng: np.random.Generator) -> Windows:

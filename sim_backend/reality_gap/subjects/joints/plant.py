@@ -132,6 +132,20 @@ class Plant:
         """Nominal gravity, shape (3,)."""
         return self._model.opt.gravity.copy()
 
+    def root(self) -> tuple[int, np.ndarray] | None:
+        """The joint that turns all others, and its axis, shape (3,), in the world; None if several do, or if it slides."""
+        model, first = self._model, 0
+        carried = {int(model.jnt_bodyid[first])}
+        for body in range(min(carried) + 1, model.nbody):
+            if int(model.body_parentid[body]) in carried:
+                carried.add(body)
+        is_hinge = int(model.jnt_type[first]) == int(mujoco.mjtJoint.mjJNT_HINGE)
+        if first not in self._joint_ids or not is_hinge or not carried.issuperset(map(int, model.jnt_bodyid)):
+            return None
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        return self._joint_ids.index(first), data.xaxis[first].copy()
+
     def same_tree(self, joint: int) -> np.ndarray:
         """Which joints feel a joint, shape (k,)."""
         return self._tree == self._tree[joint]

@@ -13,8 +13,9 @@ from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.subjects.joints.calibrating import METHODS, calibrate
 from sim_backend.reality_gap.subjects.joints.commanded_and_measured import causes_between
 from sim_backend.reality_gap.subjects.joints.contradictions import contradicts
+from sim_backend.reality_gap.subjects.joints.equal_causes import with_late_columns, with_share_of_all, with_turned_base
 from sim_backend.reality_gap.subjects.joints.gain import held_out, held_out_of_hits
-from sim_backend.reality_gap.subjects.joints.healthy_robots import draw_healthy
+from sim_backend.reality_gap.subjects.joints.healthy_robots import DrawnRobots
 from sim_backend.reality_gap.subjects.joints.hypotheses import with_controllers
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy, ShowsNothingError, joints_of, study_joints
 from sim_backend.reality_gap.subjects.joints.judged import not_judged
@@ -27,9 +28,9 @@ from sim_backend.reality_gap.subjects.joints.slides import Slides
 from sim_backend.reality_gap.subjects.joints.state import JointState
 from sim_backend.reality_gap.subjects.joints.torques_and_rollouts import in_both, proposed_by, with_unlike_torques
 from sim_backend.reality_gap.subjects.joints.unnamed_patterns import against_patterns
-from sim_backend.reality_gap.subjects.joints.unnamed_rivals import against_unnamed, with_late_columns, with_share_of_all
+from sim_backend.reality_gap.subjects.joints.unnamed_rivals import against_unnamed
 from sim_backend.reality_gap.subjects.joints.verdict import judge
-from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import usual_of_healthy_rad, verdict_of_rollouts
+from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import limits_of, usual_of_healthy_rad, verdict_of_rollouts
 from sim_backend.reality_gap.subjects.subject import CUBE_EXCITATION, Material, Progress, Sections, part
 from sim_backend.reality_gap.verdict import Verdict, VerdictKind
 from sim_backend.trifinger.scene import compile_scene
@@ -109,17 +110,22 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
         return not contradicts(found.problem, state)
 
     progress("simulating healthy robots", 0.2)
-    healthy = draw_healthy(problem, rng)
+    robots = DrawnRobots(problem, rng)
     proposed = proposed_by(torques, found) if method == NAMING else {}
     selection = select_by_rollouts(
-        problem, catalogue, is_possible, part(progress, 0.2, 0.9), proposed, healthy_rad=healthy.fitted_rad
+        problem, catalogue, is_possible, part(progress, 0.2, 0.8), proposed, healthy_rad=robots.coarse.fitted_rad
     )
+    healthy = limits_of(robots, problem, selection.nominal, part(progress, 0.8, 0.85))
     is_left = selection.taken and not selection.problem.is_near_noise(selection.fit)
-    beside = draw_healthy(selection.problem, rng, around=selection.fit) if is_left else None
+    beside = None
+    if is_left:
+        others = DrawnRobots(selection.problem, rng, around=selection.fit)
+        beside = limits_of(others, selection.problem, selection.fit, part(progress, 0.85, 0.9))
     rollouts = verdict_of_rollouts(found, selection, healthy, beside)
     rollouts = against_patterns(rollouts, found, selection, usual_of_healthy_rad(problem, healthy))
     rollouts = against_unnamed(rollouts, selection)
     rollouts = with_late_columns(with_share_of_all(rollouts, found.problem.names))
+    rollouts = with_turned_base(rollouts, found.problem.episodes[0].plant, selection.fit.state)
     if method != NAMING:
         return rollouts
     causes, open_, unlike = causes_between(found.problem.episodes, found.problem.names)

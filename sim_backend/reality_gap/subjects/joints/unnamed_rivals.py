@@ -1,7 +1,7 @@
 """Laws that the catalogue lacks and that a cause may stand for: real measurements have them, and a cause must be better.
 
 A torque that is always there (the zero of a sensor, a cable) looks like gravity, a spring or a direction of friction; drag that
-grows with the square of speed looks like any friction. Torques that are all off by one share look like masses that all are.
+grows with the square of speed looks like any friction.
 """
 
 from collections.abc import Sequence
@@ -11,14 +11,13 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
-from sim_backend.reality_gap.knowledge.joint_effects import LATE_TORQUE
-from sim_backend.reality_gap.knowledge.unnamed_laws import CONSTANT, DRAG, LAWS, MASS, UnnamedLaw
+from sim_backend.reality_gap.knowledge.unnamed_laws import DRAG, LAWS, UnnamedLaw
 from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutFit
 from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, RolloutSelection, Taken
 from sim_backend.reality_gap.subjects.joints.rollout_trials import OF_NUMBER, as_nominal
 from sim_backend.reality_gap.subjects.joints.state import Term
 from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import CONFUSABLE_NATS, CONFUSABLE_SHARE, effects_judged
-from sim_backend.reality_gap.verdict import Cause, Told, Verdict, VerdictKind
+from sim_backend.reality_gap.verdict import Verdict, VerdictKind
 
 _HALVED = 0.5
 _PROBE_SHARE = 0.01
@@ -56,88 +55,6 @@ def against_unnamed(verdict: Verdict, selection: RolloutSelection) -> Verdict:
         cannot_tell=(*said, *verdict.cannot_tell),
         record_next=tuple(dict.fromkeys([*verdict.record_next, *(law.separated_by for _, law in near)])),
     )
-
-
-def with_share_of_all(verdict: Verdict, names: Sequence[str]) -> Verdict:
-    """A verdict that blames the masses of all links, or the torques of all motors, by one share: the other is as possible.
-
-    Args:
-        verdict: what rollouts came to.
-        names: of all joints.
-    """
-    if verdict.verdict is not VerdictKind.NAMED:
-        return verdict
-    for (effect, _), (other, parameter), turned in ((MASS, CONSTANT, _constant_of), (CONSTANT, MASS, _mass_of)):
-        own = {cause.where: cause for cause in verdict.causes if cause.effect == effect}
-        if set(own) != set(names) or len(names) < 2:
-            continue
-        low, high = max(c.interval_90[0] for c in own.values()), min(c.interval_90[1] for c in own.values())
-        if low > high:
-            continue
-        as_other = [
-            Cause(
-                other,
-                parameter,
-                name,
-                turned(own[name].value),
-                PARAMETERS[f"{other}.{parameter}"].unit,
-                (turned(own[name].interval_90[1]), turned(own[name].interval_90[0])),
-            )
-            for name in names
-        ]
-        return replace(
-            verdict,
-            verdict=VerdictKind.CONFUSABLE,
-            summary=f"{verdict.summary} Or all torques are off by one share: no motion tells that from all masses.",
-            causes=(*verdict.causes, *as_other),
-            record_next=("the same motion with a payload of known mass at the last link", *verdict.record_next),
-        )
-    return verdict
-
-
-def with_late_columns(verdict: Verdict) -> Verdict:
-    """A verdict that blames a delay that motions alone tell: positions that are written as late are the same numbers.
-
-    A torque that acts late moves a joint late, and a joint whose position is written late seems to. Only a column that is on time
-    with one of both tells them apart.
-
-    Args:
-        verdict: what rollouts came to.
-    """
-    delays = [cause for cause in verdict.causes if f"{cause.effect}.{cause.parameter}" == LATE_TORQUE]
-    if verdict.verdict not in (VerdictKind.NAMED, VerdictKind.CONFUSABLE) or not delays:
-        return verdict
-    places = ", ".join(cause.where for cause in delays)
-    late_ms = f"{1e3 * min(cause.value for cause in delays):.2g}"
-    late_ms += "" if len(delays) == 1 else f" to {1e3 * max(cause.value for cause in delays):.2g}"
-    effects = [
-        replace(each, told=Told.CONFUSABLE, because=f"with positions that are written late; what separates: {_ON_TIME}")
-        if each.effect == delays[0].effect
-        else each
-        for each in verdict.effects
-    ]
-    return replace(
-        verdict,
-        verdict=VerdictKind.CONFUSABLE,
-        summary=f"{verdict.summary} Positions that are written {late_ms} ms late ({places}) look like the delay.",
-        cannot_tell=(f"whether torques act late or positions are written late ({places}): {_ON_TIME}", *verdict.cannot_tell),
-        record_next=tuple(dict.fromkeys([_ON_TIME, *verdict.record_next])),
-        effects=tuple(effects),
-    )
-
-
-_ON_TIME = (
-    "the current of the motors in the same table: behind a delay it comes after its command, beside late positions it does not"
-)
-
-
-def _constant_of(factor: float) -> float:
-    """Error of all motors' torques that looks like all masses with a factor."""
-    return 1.0 / max(factor, 1e-3) - 1.0
-
-
-def _mass_of(error: float) -> float:
-    return 1.0 / max(1.0 + error, 1e-3)
 
 
 def _named(cause: Taken) -> str:

@@ -127,9 +127,7 @@ def test_a_learner_that_is_killed_goes_on_from_its_checkpoint_with_the_same_bits
     assert found.adds_up and found.used == 4 * SAMPLES and found.dropped == {LEARNER_ENDED: 2 * SAMPLES}
 
 
-def test_rollouts_that_run_ahead_of_updates_are_the_same_bits_for_any_number_of_workers_and_after_a_checkpoint(
-    tmp_path, behind
-):
+def test_rollouts_that_run_ahead_of_updates_are_the_same_bits_for_any_number_of_workers_and_after_a_checkpoint(tmp_path, behind):
     runs = {0: behind} | {workers: learned(tmp_path / str(workers), workers, **BEHIND) for workers in (1, 2)}
     for run in runs.values():
         np.testing.assert_array_equal(weights(run), weights(runs[0]))

@@ -9,7 +9,7 @@ from sim_backend.reality_gap.feedback import Feedback
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.forward import Windows
-from sim_backend.reality_gap.subjects.joints.healthy_robots import draw_healthy
+from sim_backend.reality_gap.subjects.joints.healthy_robots import DrawnRobots
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_selection import (
@@ -89,7 +89,7 @@ def study_of(
     study = study_joints(nominal, recordings, lambda *_: None, robot=robot, gate=np.inf)
     problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, robot.tolerance)
     selection = select_by_rollouts(problem, study.fit.first.catalogue, lambda _: True)
-    return verdict_of_rollouts(study, selection, draw_healthy(problem, np.random.default_rng(0)))
+    return verdict_of_rollouts(study, selection, DrawnRobots(problem, np.random.default_rng(0)).coarse)
 
 
 def problem_of(limit_nm: float = np.inf, hidden: str = "") -> RolloutProblem:

@@ -10,7 +10,7 @@ import pytest
 from sim_backend.effects.catalogue import CATALOGUE
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownRobot
 from sim_backend.reality_gap.subjects.joints import healthy_robots, rollout_fit, rollout_selection
-from sim_backend.reality_gap.subjects.joints.healthy_robots import Healthy, draw_healthy
+from sim_backend.reality_gap.subjects.joints.healthy_robots import DrawnRobots, Healthy
 from sim_backend.reality_gap.subjects.joints.hypotheses import Hypothesis, with_controllers
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutFit, RolloutProblem
@@ -162,7 +162,7 @@ def test_a_controller_with_less_gain_is_named_where_only_targets_are_known(of_ga
     catalogue = with_controllers(study.fit.first.catalogue, ("hinge",), np.array([True]))
     problem = RolloutProblem(study.problem.episodes, study.start, catalogue, robot.tolerance)
     selection = select_by_rollouts(problem, catalogue, lambda _: True)
-    verdict = verdict_of_rollouts(study, selection, draw_healthy(problem, np.random.default_rng(0)))
+    verdict = verdict_of_rollouts(study, selection, DrawnRobots(problem, np.random.default_rng(0)).coarse)
     if of_gain == 1.0:
         assert verdict.verdict is VerdictKind.NOTHING_WRONG, verdict.summary
         (excluded,) = [each.above for each in verdict.effects if each.effect == "position_gain"]
@@ -219,7 +219,7 @@ def test_healthy_robots_are_further_off_where_more_is_tolerated():
     def off(friction: float) -> float:
         tolerance = Tolerance(mass=1e-4, inertia=1e-4, centre=1e-4, friction=friction, zero=0.0)
         problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, tolerance)
-        return float(draw_healthy(problem, np.random.default_rng(1)).as_it_is_rad[0])
+        return float(DrawnRobots(problem, np.random.default_rng(1)).coarse.as_it_is_rad[0])
 
     little, much = off(0.02), off(0.08)
     assert much == pytest.approx(4.0 * little, rel=0.2)
@@ -237,7 +237,7 @@ def test_a_fitted_model_is_nearer_to_a_healthy_robot_unless_its_torques_are_nois
         measured = replace(recording, joints=replace(joints, commanded_torque_nm=None, measured_torque_nm=felt))
         study = study_joints(model, [measured], lambda *_: None, robot=UnknownRobot(), gate=np.inf)
         problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, Tolerance())
-        return problem, draw_healthy(problem, np.random.default_rng(1), 100)
+        return problem, DrawnRobots(problem, np.random.default_rng(1), 100).coarse
 
     problem, noisy = healthy(0.05)
     assert problem.torque_noise_nm[0] == pytest.approx(0.05, rel=0.15)
@@ -251,7 +251,7 @@ def test_robots_with_a_cause_are_drawn_about_the_model_that_has_it():
     problem = problem_of(hidden='frictionloss="0.08"')
     friction = next(term for term in problem.catalogue.terms if term.key == "coulomb_friction.torque_nm")
     with_friction, without = problem.fitted(problem.start, (friction,)), problem.fitted(problem.start, ())
-    about_it = draw_healthy(problem, np.random.default_rng(1), 60, around=with_friction)
+    about_it = DrawnRobots(problem, np.random.default_rng(1), 60, around=with_friction).coarse
     assert (with_friction.usual_rad < 2.0 * about_it.fitted_rad).all(), "nothing else is wrong"
     assert (without.usual_rad > 5.0 * about_it.fitted_rad).all()
     assert (about_it.fitted_rad <= about_it.as_it_is_rad).all()
@@ -259,8 +259,8 @@ def test_robots_with_a_cause_are_drawn_about_the_model_that_has_it():
 
 def test_what_a_straight_line_leaves_of_a_healthy_robot_is_fitted_on(monkeypatch):
     problem = problem_of()
-    loose = draw_healthy(problem, np.random.default_rng(1), 60)
+    loose = DrawnRobots(problem, np.random.default_rng(1), 60).coarse
     monkeypatch.setattr(healthy_robots, "_STEPS", 0)
-    plain = draw_healthy(problem, np.random.default_rng(1), 60)
+    plain = DrawnRobots(problem, np.random.default_rng(1), 60).coarse
     assert (loose.fitted_rad < 0.5 * plain.fitted_rad).all(), "no step at all leaves a healthy robot as far off as it is"
     assert (plain.fitted_rad == plain.as_it_is_rad).all() and (plain.as_it_is_rad == loose.as_it_is_rad).all()
