@@ -11,7 +11,7 @@ from services.jobs.order import trial_seed
 from tests.homes import now
 from tests.integration.farm_process import Services, until
 
-PAGE, TRIALS, KILLS = 5, 120, 4
+PAGE, TRIALS, KILLS = 5, 60, 2
 
 
 @pytest.fixture(params=["sqlite", "postgres"])

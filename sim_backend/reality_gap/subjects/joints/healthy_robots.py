@@ -24,7 +24,7 @@ _USUAL = 0.95
 """Share of robots that nothing is wrong with that are off by no more."""
 _STEPS, _SHARES = 4, (1.0, 0.4, 0.15)
 """A model is fitted to each drawn robot in so many steps, each as far as the robot is nearer there."""
-_CLOSELY = 60
+_CLOSELY = 30
 """So many drawn robots are fitted as closely as the recorded one."""
 
 
