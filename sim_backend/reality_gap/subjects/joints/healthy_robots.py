@@ -24,8 +24,8 @@ _USUAL = 0.95
 """Share of robots that nothing is wrong with that are off by no more."""
 _STEPS, _SHARES = 4, (1.0, 0.4, 0.15)
 """A model is fitted to each drawn robot in so many steps, each as far as the robot is nearer there."""
-_CLOSELY = 30
-"""So many drawn robots are fitted as closely as the recorded one."""
+_CLOSELY, _DECIDE = 40, 2
+"""So many drawn robots are fitted as closely as the recorded one; fewer if so many of them are far enough off to decide."""
 
 
 @dataclass(frozen=True)
@@ -85,29 +85,41 @@ class DrawnRobots:
         self.coarse = Healthy(_below(np.sqrt(np.median(squares[0], axis=1))), _below(self._usual_rad), _below(self._far_rad))
         """Limits after a few steps from the model, all along its first linearisation: where it bends they are too wide."""
 
-    def closely(self, enough_rad: np.ndarray, progress: Callable[[str, float], None] = lambda *_: None) -> Healthy:
+    def closely(
+        self,
+        enough_rad: np.ndarray,
+        asked_rad: np.ndarray,
+        asked_far_rad: np.ndarray,
+        progress: Callable[[str, float], None] = lambda *_: None,
+    ) -> Healthy:
         """Limits of some of the robots, to each of which a model is fitted as to the recorded one, from where coarse steps led.
 
         Args:
             enough_rad: robots below it in usual windows, and below :data:`FAR_WINDOWS` times of it in far ones, are near enough,
                 shape (k,).
+            asked_rad: what limits are compared with, shape (k,): no more robots are fitted once they are clearly above it.
+            asked_far_rad: the same of far windows.
             progress: told which share is done.
         """
-        usual_rad, far_rad = self._usual_rad[:_CLOSELY].copy(), self._far_rad[:_CLOSELY].copy()
         fine = np.flatnonzero(self._model.fine)
-        begin = self._begin[0][fine], self._begin[1][fine]
-        loose = ((usual_rad > enough_rad) | (far_rad > FAR_WINDOWS * enough_rad)).any(axis=1)
-        for done, robot in enumerate(np.flatnonzero(loose)):
-            progress("fitting models to healthy robots", done / loose.sum())
-            part = self._part.part(fine)
-            went = self._robots[robot][fine].reshape(part.windows.position_rad.shape)
-            part.windows = replace(part.windows, position_rad=went)
-            there = moved_by(self._state, self._terms, self._off[robot])
-            fit = part.fitted(there, self._terms[: self._causes], begin)
-            usual_rad[robot], far_rad[robot] = fit.usual_rad, fit.far_rad
-        if not len(usual_rad):
+        if not len(fine):
             return self.coarse
-        return replace(self.coarse, fitted_rad=_below(usual_rad), fitted_far_rad=_below(far_rad))
+        begin, done = (self._begin[0][fine], self._begin[1][fine]), 0
+        usual_rad, far_rad = self._usual_rad[:_CLOSELY].copy(), self._far_rad[:_CLOSELY].copy()
+        for robot in range(len(usual_rad)):
+            if (usual_rad[robot] > enough_rad).any() or (far_rad[robot] > FAR_WINDOWS * enough_rad).any():
+                progress("fitting models to healthy robots", robot / len(usual_rad))
+                part = self._part.part(fine)
+                went = self._robots[robot][fine].reshape(part.windows.position_rad.shape)
+                part.windows = replace(part.windows, position_rad=went)
+                there = moved_by(self._state, self._terms, self._off[robot])
+                fit = part.fitted(there, self._terms[: self._causes], begin)
+                usual_rad[robot], far_rad[robot] = fit.usual_rad, fit.far_rad
+            done = robot + 1
+            above = (usual_rad[:done] >= asked_rad).sum(axis=0), (far_rad[:done] >= asked_far_rad).sum(axis=0)
+            if min(counts.min() for counts in above) >= _DECIDE:
+                break
+        return replace(self.coarse, fitted_rad=_below(usual_rad[:done]), fitted_far_rad=_below(far_rad[:done]))
 
 
 def _below(off_rad: np.ndarray) -> np.ndarray:

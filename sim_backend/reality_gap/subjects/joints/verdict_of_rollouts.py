@@ -118,8 +118,11 @@ def limits_of(
     coarse_rad = usual_of_healthy_rad(problem, robots.coarse)
     coarse_far_rad = np.maximum(FAR_WINDOWS * coarse_rad, _MARGIN * robots.coarse.fitted_far_rad)
     is_open = (fit.usual_rad > enough_rad) & (fit.usual_rad <= coarse_rad)
-    is_open |= (fit.far_rad > FAR_WINDOWS * enough_rad) & (fit.far_rad <= coarse_far_rad)
-    return robots.closely(enough_rad, progress) if is_open.any() else robots.coarse
+    is_far_open = (fit.far_rad > FAR_WINDOWS * enough_rad) & (fit.far_rad <= coarse_far_rad)
+    if not (is_open | is_far_open).any():
+        return robots.coarse
+    asked = (np.where(is_open, fit.usual_rad, 0.0) / _MARGIN, np.where(is_far_open, fit.far_rad, 0.0) / _MARGIN)
+    return robots.closely(enough_rad, *asked, progress)
 
 
 def _enough_rad(problem: RolloutProblem) -> np.ndarray:

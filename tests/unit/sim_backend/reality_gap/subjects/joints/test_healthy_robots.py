@@ -77,15 +77,20 @@ def test_what_a_straight_line_leaves_of_a_healthy_robot_is_fitted_on(monkeypatch
 
 
 def test_robots_are_fitted_as_closely_as_the_recorded_one_where_they_are_not_near_enough(monkeypatch):
-    problem = problem_of()
+    problem, told, never = problem_of(), list[float](), np.array([np.inf])
     monkeypatch.setattr(healthy_robots, "_STEPS", 0)
     monkeypatch.setattr(healthy_robots, "_CLOSELY", 12)
     robots = DrawnRobots(problem, np.random.default_rng(1), 60)
-    told: list[tuple[str, float]] = []
-    closely = robots.closely(2.0 * problem.noise_rad, lambda what, share: told.append((what, share)))
-    assert (closely.fitted_rad < 0.2 * robots.coarse.fitted_rad).all() and (closely.fitted_rad < 3.0 * problem.noise_rad).all()
-    assert (closely.fitted_far_rad < 0.2 * robots.coarse.fitted_far_rad).all()
-    assert len(told) > 6 and told[0][1] == 0.0 and told[-1][1] < 1.0
-    told.clear()
-    as_they_are = robots.closely(np.ones(1), lambda what, share: told.append((what, share)))
-    assert not told and (as_they_are.fitted_rad > 0.5 * robots.coarse.fitted_rad).all(), "a radian is enough for all"
+    coarse, noise = robots.coarse, problem.noise_rad
+
+    def closely(enough_rad: np.ndarray, asked_rad: np.ndarray, asked_far_rad: np.ndarray) -> Healthy:
+        told.clear()
+        return robots.closely(enough_rad, asked_rad, asked_far_rad, lambda _, share: told.append(share))
+
+    all_of_them = closely(2.0 * noise, never, never)
+    assert (all_of_them.fitted_rad < np.minimum(3.0 * noise, 0.2 * coarse.fitted_rad)).all()
+    assert (all_of_them.fitted_far_rad < 0.2 * coarse.fitted_far_rad).all()
+    assert len(told) > 6 and told[0] == 0.0 and 0.8 < told[-1] < 1.0
+    assert (closely(np.ones(1), never, never).fitted_rad > 0.5 * coarse.fitted_rad).all() and not told, "a radian is enough"
+    decided = closely(2.0 * noise, 0.5 * noise, np.zeros(1))
+    assert len(told) == 2 and (decided.fitted_rad > 0.5 * noise).all(), "two robots are as far off as is asked"
