@@ -79,6 +79,7 @@ class DrawnRobots:
         noise = np.tile(problem.noise_rad, robots.shape[2] // len(problem.noise_rad))
         self._robots = robots + noise * rng.standard_normal(robots.shape)
         weights = np.sqrt(SAMPLES_OF_WINDOW / self._part.windows.position_rad.shape[1]) / noise
+        self._close = dict[int, RolloutFit]()
         self._off, as_it_is, fitted = self._model.left(self._robots, scales, len(own), weights)
         squares = [(left.reshape(*left.shape[:2], -1, len(problem.noise_rad)) ** 2).mean(axis=2) for left in (as_it_is, fitted)]
         self._usual_rad, self._far_rad = (np.sqrt(np.quantile(squares[1], share, axis=1)) for share in (0.5, FAR_SHARE))
@@ -101,25 +102,31 @@ class DrawnRobots:
             asked_far_rad: the same of far windows.
             progress: told which share is done.
         """
-        fine = np.flatnonzero(self._model.fine)
-        if not len(fine):
+        if not len(self._robots):
             return self.coarse
-        begin, done = (self._begin[0][fine], self._begin[1][fine]), 0
-        usual_rad, far_rad = self._usual_rad[:_CLOSELY].copy(), self._far_rad[:_CLOSELY].copy()
+        usual_rad, far_rad, done = self._usual_rad[:_CLOSELY].copy(), self._far_rad[:_CLOSELY].copy(), 0
         for robot in range(len(usual_rad)):
             if (usual_rad[robot] > enough_rad).any() or (far_rad[robot] > FAR_WINDOWS * enough_rad).any():
                 progress("fitting models to healthy robots", robot / len(usual_rad))
-                part = self._part.part(fine)
-                went = self._robots[robot][fine].reshape(part.windows.position_rad.shape)
-                part.windows = replace(part.windows, position_rad=went)
-                there = moved_by(self._state, self._terms, self._off[robot])
-                fit = part.fitted(there, self._terms[: self._causes], begin)
+                fit = self._closely_fitted(robot)
                 usual_rad[robot], far_rad[robot] = fit.usual_rad, fit.far_rad
             done = robot + 1
             above = (usual_rad[:done] >= asked_rad).sum(axis=0), (far_rad[:done] >= asked_far_rad).sum(axis=0)
             if min(counts.min() for counts in above) >= _DECIDE:
                 break
         return replace(self.coarse, fitted_rad=_below(usual_rad[:done]), fitted_far_rad=_below(far_rad[:done]))
+
+    def _closely_fitted(self, robot: int) -> RolloutFit:
+        """The model that is fitted to a robot as to the recorded one; each is fitted once."""
+        if robot not in self._close:
+            fine = np.flatnonzero(self._model.fine)
+            part = self._part.part(fine)
+            went = self._robots[robot][fine].reshape(part.windows.position_rad.shape)
+            part.windows = replace(part.windows, position_rad=went)
+            there = moved_by(self._state, self._terms, self._off[robot])
+            begin = self._begin[0][fine], self._begin[1][fine]
+            self._close[robot] = part.fitted(there, self._terms[: self._causes], begin)
+        return self._close[robot]
 
 
 def _below(off_rad: np.ndarray) -> np.ndarray:

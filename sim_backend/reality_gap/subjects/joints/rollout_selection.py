@@ -376,6 +376,13 @@ def without(selection: RolloutSelection, cause: Taken) -> RolloutFit:
     return _without(selection.problem, selection.fit, selection.taken, cause)
 
 
+def only_at(selection: RolloutSelection, cause: Taken, terms: Sequence[Term]) -> RolloutFit:
+    """The model with a part of one of its causes, fitted anew."""
+    gone = [term for term in cause.terms if term not in terms]
+    others = [term for other in selection.taken if other is not cause for term in other.terms]
+    return fitted_without(selection.problem, selection.fit, gone, [*others, *terms])
+
+
 def instead(selection: RolloutSelection, cause: Taken, alone: RolloutFit, terms: Sequence[Term]) -> RolloutFit:
     """The model with another's terms in the place of one of its causes, fitted anew from where they are ``alone``."""
     others = [term for other in selection.taken if other is not cause for term in other.terms]

@@ -20,6 +20,7 @@ from sim_backend.reality_gap.subjects.joints.hypotheses import with_controllers
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy, ShowsNothingError, joints_of, study_joints
 from sim_backend.reality_gap.subjects.joints.judged import not_judged
 from sim_backend.reality_gap.subjects.joints.motor_law import LIMIT
+from sim_backend.reality_gap.subjects.joints.needed_causes import with_needed_causes
 from sim_backend.reality_gap.subjects.joints.position_and_velocity import causes_of_velocities
 from sim_backend.reality_gap.subjects.joints.rollout_fit import LENGTHS_S, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_selection import select_by_rollouts
@@ -30,7 +31,7 @@ from sim_backend.reality_gap.subjects.joints.torques_and_rollouts import in_both
 from sim_backend.reality_gap.subjects.joints.unnamed_patterns import against_patterns
 from sim_backend.reality_gap.subjects.joints.unnamed_rivals import against_unnamed
 from sim_backend.reality_gap.subjects.joints.verdict import judge
-from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import limits_of, usual_of_healthy_rad, verdict_of_rollouts
+from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import limits_of, of_healthy_rad, verdict_of_rollouts
 from sim_backend.reality_gap.subjects.subject import CUBE_EXCITATION, Material, Progress, Sections, part
 from sim_backend.reality_gap.verdict import Verdict, VerdictKind
 from sim_backend.trifinger.scene import compile_scene
@@ -117,12 +118,14 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     )
     healthy = limits_of(robots, problem, selection.nominal, part(progress, 0.8, 0.85))
     is_left = selection.taken and not selection.problem.is_near_noise(selection.fit)
-    beside = None
-    if is_left:
-        others = DrawnRobots(selection.problem, rng, around=selection.fit)
-        beside = limits_of(others, selection.problem, selection.fit, part(progress, 0.85, 0.9))
+    others = DrawnRobots(selection.problem, rng, around=selection.fit) if is_left else robots
+    near = part(progress, 0.85, 0.9)
+    selection = with_needed_causes(
+        selection, lambda fit: of_healthy_rad(selection.problem, limits_of(others, selection.problem, fit, near))
+    )
+    beside = limits_of(others, selection.problem, selection.fit, near) if is_left else None
     rollouts = verdict_of_rollouts(found, selection, healthy, beside)
-    rollouts = against_patterns(rollouts, found, selection, usual_of_healthy_rad(problem, healthy))
+    rollouts = against_patterns(rollouts, found, selection, of_healthy_rad(problem, healthy)[0])
     rollouts = against_unnamed(rollouts, selection)
     rollouts = with_late_columns(with_share_of_all(rollouts, found.problem.names))
     rollouts = with_turned_base(rollouts, found.problem.episodes[0].plant, selection.fit.state)

@@ -39,7 +39,7 @@ In usual windows these are 0.4 to 4.6 times as far off as 95 % of those drawn fo
 """
 _AS_GOOD_AS_RIGHT = 0.01
 """Of a usual window's motion: bearings give way before they slip, and no integrator is exact."""
-_EXPLAINED = 0.5
+EXPLAINED = 0.5
 """Share of a usual window's error that causes must take away at some joint to be named."""
 
 
@@ -69,11 +69,9 @@ def verdict_of_rollouts(
     before, after = selection.nominal.usual_rad, selection.fit.usual_rad
     far_before, far_after = selection.nominal.far_rad, selection.fit.far_rad
     kind, summary = VerdictKind.NAMED, f"The robot goes where a model goes that has {_listed(causes)}."
-    usual_rad = usual_of_healthy_rad(problem, healthy)
-    far_rad = np.maximum(FAR_WINDOWS * usual_rad, _MARGIN * healthy.fitted_far_rad)
-    left_rad = usual_rad if with_causes is None else usual_of_healthy_rad(problem, with_causes)
-    far_left_rad = far_rad if with_causes is None else np.maximum(FAR_WINDOWS * left_rad, _MARGIN * with_causes.fitted_far_rad)
-    is_halved, is_far_halved = after < (1.0 - _EXPLAINED) * before, far_after < (1.0 - _EXPLAINED) * far_before
+    usual_rad, far_rad = of_healthy_rad(problem, healthy)
+    left_rad, far_left_rad = (usual_rad, far_rad) if with_causes is None else of_healthy_rad(problem, with_causes)
+    is_halved, is_far_halved = after < (1.0 - EXPLAINED) * before, far_after < (1.0 - EXPLAINED) * far_before
     is_only_far = bool((after <= left_rad).all() and (far_after > far_left_rad).any())
     said = _left(selection, names, after, far_after if is_only_far else None)
     is_healthy = bool((before <= usual_rad).all() and (far_before <= far_rad).all())
@@ -115,8 +113,7 @@ def limits_of(
 ) -> Healthy:
     """Limits of drawn robots, as close as it takes to say on which side of them a model's windows end up."""
     enough_rad = _enough_rad(problem)
-    coarse_rad = usual_of_healthy_rad(problem, robots.coarse)
-    coarse_far_rad = np.maximum(FAR_WINDOWS * coarse_rad, _MARGIN * robots.coarse.fitted_far_rad)
+    coarse_rad, coarse_far_rad = of_healthy_rad(problem, robots.coarse)
     is_open = (fit.usual_rad > enough_rad) & (fit.usual_rad <= coarse_rad)
     is_far_open = (fit.far_rad > FAR_WINDOWS * enough_rad) & (fit.far_rad <= coarse_far_rad)
     if not (is_open | is_far_open).any():
@@ -130,9 +127,10 @@ def _enough_rad(problem: RolloutProblem) -> np.ndarray:
     return np.maximum(FAR_OFF * problem.noise_rad, _AS_GOOD_AS_RIGHT * problem.motion_rad)
 
 
-def usual_of_healthy_rad(problem: RolloutProblem, healthy: Healthy) -> np.ndarray:
-    """What a usual window of a robot that nothing is wrong with may be off, shape (k,), rad."""
-    return np.maximum(_enough_rad(problem), _MARGIN * healthy.fitted_rad)
+def of_healthy_rad(problem: RolloutProblem, healthy: Healthy) -> tuple[np.ndarray, np.ndarray]:
+    """What a usual and a far window of a robot that nothing is wrong with may be off, shapes (k,), rad."""
+    usual_rad = np.maximum(_enough_rad(problem), _MARGIN * healthy.fitted_rad)
+    return usual_rad, np.maximum(FAR_WINDOWS * usual_rad, _MARGIN * healthy.fitted_far_rad)
 
 
 _OPEN = frozenset({VerdictKind.UNEXPLAINED, VerdictKind.CONFUSABLE})
