@@ -48,14 +48,15 @@ def with_needed_causes(selection: RolloutSelection, limits: Limits) -> RolloutSe
 
 
 def _is_needed(problem: RolloutProblem, less: RolloutFit, fit: RolloutFit, limits: Limits) -> bool:
-    """Whether a model goes clearly nearer than with less."""
+    """Whether a model goes clearly nearer somewhere: half as far, or as near as healthy robots where with less it did not."""
     if problem.is_near_noise(less):
         return False
     is_off = less.usual_rad > FAR_OFF * problem.noise_rad
     if bool((is_off & (fit.usual_rad < EXPLAINED * less.usual_rad)).any()):
         return True
-    usual_rad, far_rad = limits(less)
-    return bool((less.usual_rad > usual_rad).any() or (less.far_rad > far_rad).any())
+    limits_rad = limits(less)
+    errors = zip((less.usual_rad, less.far_rad), (fit.usual_rad, fit.far_rad), limits_rad, strict=True)
+    return any(bool(((before > most) & (after < np.maximum(most, EXPLAINED * before))).any()) for before, after, most in errors)
 
 
 def _clearest(selection: RolloutSelection, cause: Taken) -> tuple[Hypothesis, set] | None:
