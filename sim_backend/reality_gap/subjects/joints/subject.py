@@ -126,7 +126,7 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     beside = limits_of(others, selection.problem, selection.fit, near) if is_left else None
     rollouts = verdict_of_rollouts(found, selection, healthy, beside)
     rollouts = against_patterns(rollouts, found, selection, of_healthy_rad(problem, healthy)[0])
-    rollouts = against_unnamed(rollouts, selection)
+    rollouts = against_unnamed(rollouts, selection, of_healthy_rad(selection.problem, beside or healthy)[0])
     rollouts = with_late_columns(with_share_of_all(rollouts, found.problem.names))
     rollouts = with_turned_base(rollouts, found.problem.episodes[0].plant, selection.fit.state)
     if method != NAMING:

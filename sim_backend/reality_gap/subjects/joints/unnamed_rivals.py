@@ -24,21 +24,22 @@ _PROBE_SHARE = 0.01
 """Of what a number of the same unit may be."""
 
 
-def against_unnamed(verdict: Verdict, selection: RolloutSelection) -> Verdict:
+def against_unnamed(verdict: Verdict, selection: RolloutSelection, usual_rad: np.ndarray) -> Verdict:
     """A verdict of rollouts as it stands beside laws without a name.
 
-    What a law explains clearly better than a cause, or with which half of what is left goes, is not explained by the causes; what
-    a law explains as well cannot be told apart from it.
+    What a law explains clearly better than a cause, or with which half of what is left goes that healthy robots do not leave, is
+    not explained by the causes; what a law explains as well cannot be told apart from it.
 
     Args:
         verdict: what rollouts came to.
         selection: that it was drawn from.
+        usual_rad: what usual windows of healthy robots that have the causes may be off, shape (k,).
     """
     if verdict.verdict not in (VerdictKind.NAMED, VerdictKind.CONFUSABLE) or not selection.taken:
         return verdict
     rivals = [(cause, law, _behind(selection, cause, law)) for cause in selection.taken for law in LAWS]
     better = [f"{law.said} explains more than {_named(cause)}" for cause, law, behind in rivals if behind < -GATE]
-    if not better and (law := _beside(selection)) is not None:
+    if not better and (law := _beside(selection, usual_rad)) is not None:
         better = [f"with {law.said} half of what they leave goes"]
     if better:
         effects = effects_judged(selection, VerdictKind.UNEXPLAINED, verdict.causes, ())
@@ -90,19 +91,20 @@ def _behind(selection: RolloutSelection, cause: Taken, law: UnnamedLaw) -> float
     return problem.gained(found.squares, fit.squares) + OF_NUMBER * (len(terms) - len(cause.terms))
 
 
-def _beside(selection: RolloutSelection) -> UnnamedLaw | None:
-    """A law of motion with which windows of some joint end up half as far off as with the causes; None if that is noise already.
+def _beside(selection: RolloutSelection, usual_rad: np.ndarray) -> UnnamedLaw | None:
+    """A law of motion with which windows of some joint end up half as far off as with the causes; None if that is usual already.
 
     Not one of masses, which has so many numbers that it mends others' laws.
     """
     problem, fit = selection.problem, selection.fit
-    if problem.is_near_noise(fit):
+    is_left = fit.usual_rad > usual_rad
+    if problem.is_near_noise(fit) or not is_left.any():
         return None
     own = [term for cause in selection.taken for term in cause.terms]
     for law in (law for law in LAWS if len(law.probes) == 1):
         terms = _terms(selection, law, range(fit.state.joints))
         found = problem.fitted(fit.state, [*own, *terms], fit.begin)
         gain = problem.gained(fit.squares, found.squares) - OF_NUMBER * len(terms)
-        if gain > GATE and _is_possible(found) and bool((found.by_joint_rad < _HALVED * fit.by_joint_rad).any()):
+        if gain > GATE and _is_possible(found) and bool((is_left & (found.by_joint_rad < _HALVED * fit.by_joint_rad)).any()):
             return law
     return None

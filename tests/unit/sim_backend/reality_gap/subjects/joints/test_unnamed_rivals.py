@@ -7,7 +7,7 @@ from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownR
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.healthy_robots import DrawnRobots
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
-from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutProblem
+from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_selection import select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.unnamed_rivals import against_unnamed
 from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import verdict_of_rollouts
@@ -44,5 +44,5 @@ def test_drag_of_the_air_is_not_called_viscous_friction():
     selection = select_by_rollouts(problem, catalogue, lambda _: True)
     before = verdict_of_rollouts(study, selection, DrawnRobots(problem, np.random.default_rng(0), draws=20).coarse)
     assert {cause.effect for cause in before.causes} <= {"viscous_friction", "coulomb_friction", "load_friction"}
-    found = against_unnamed(before, selection)
+    found = against_unnamed(before, selection, FAR_OFF * problem.noise_rad)
     assert found.verdict is VerdictKind.UNEXPLAINED and "square of speed" in found.summary
