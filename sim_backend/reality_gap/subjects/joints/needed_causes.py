@@ -14,12 +14,15 @@ from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, Rollout
 from sim_backend.reality_gap.subjects.joints.rollout_selection import RolloutSelection, Taken, only_at, without
 from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import EXPLAINED
 
+_CLEAR = 0.2
+"""Share of what a cause gained: what loses more is needed, however little further off a robot ends up without it."""
+
 Limits = Callable[[RolloutFit], tuple[np.ndarray, np.ndarray]]
 """What usual and far windows of a healthy robot may be off, shapes (k,), rad, to compare a model with."""
 
 
 def with_needed_causes(selection: RolloutSelection, limits: Limits) -> RolloutSelection:
-    """A selection of which each cause takes away half of an error somewhere, or what no healthy robot would leave.
+    """A selection of which each cause gains clearly, takes away half of an error somewhere, or what no healthy robot would leave.
 
     Where causes are several those that gained least are asked first; one of all joints that only one of them needs is that one's.
     What is not needed stays in the extended model.
@@ -28,9 +31,10 @@ def with_needed_causes(selection: RolloutSelection, limits: Limits) -> RolloutSe
         selection: causes and models.
         limits: of robots that have these causes and are healthy else.
     """
+    largest = max((cause.gain for cause in selection.taken), default=0.0)
     for cause in sorted(selection.taken, key=lambda taken: taken.gain) if len(selection.taken) > 1 else ():
         less = without(selection, cause)
-        if not _is_needed(selection.problem, less, selection.fit, limits):
+        if not _is_needed(selection.problem, less, selection.fit, largest, limits):
             rest = tuple(other for other in selection.taken if other is not cause)
             mending = (*selection.mending, cause)
             return with_needed_causes(replace(selection, fit=less, taken=rest, mending=mending), limits)
@@ -40,17 +44,22 @@ def with_needed_causes(selection: RolloutSelection, limits: Limits) -> RolloutSe
             continue
         terms = tuple(term for term in cause.terms if term in single[1])
         fit = only_at(selection, cause, terms)
-        if not _is_needed(selection.problem, fit, selection.fit, limits):
+        if not _is_needed(selection.problem, fit, selection.fit, cause.gain, limits):
             one = Taken(single[0], terms, cause.gain, cause.others)
             taken = tuple(one if other is cause else other for other in selection.taken)
             return with_needed_causes(replace(selection, fit=fit, taken=taken), limits)
     return selection
 
 
-def _is_needed(problem: RolloutProblem, less: RolloutFit, fit: RolloutFit, limits: Limits) -> bool:
-    """Whether a model goes clearly nearer somewhere: half as far, or as near as healthy robots where with less it did not."""
+def _is_needed(problem: RolloutProblem, less: RolloutFit, fit: RolloutFit, gain: float, limits: Limits) -> bool:
+    """Whether a model goes clearly nearer somewhere: half as far, or as near as healthy robots where with less it did not.
+
+    ``gain`` is what was gained by the cause of which less is a part, or by the largest of all, nats.
+    """
     if problem.is_near_noise(less):
         return False
+    if problem.gained(less.squares, fit.squares) > _CLEAR * gain:
+        return True
     is_off = less.usual_rad > FAR_OFF * problem.noise_rad
     if bool((is_off & (fit.usual_rad < EXPLAINED * less.usual_rad)).any()):
         return True

@@ -22,7 +22,7 @@ from sim_backend.reality_gap.subjects.joints.judged import not_judged
 from sim_backend.reality_gap.subjects.joints.motor_law import LIMIT
 from sim_backend.reality_gap.subjects.joints.needed_causes import with_needed_causes
 from sim_backend.reality_gap.subjects.joints.position_and_velocity import causes_of_velocities
-from sim_backend.reality_gap.subjects.joints.rollout_fit import LENGTHS_S, RolloutProblem
+from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, LENGTHS_S, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_selection import select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.sections import joint_sections
 from sim_backend.reality_gap.subjects.joints.slides import Slides
@@ -31,7 +31,12 @@ from sim_backend.reality_gap.subjects.joints.torques_and_rollouts import in_both
 from sim_backend.reality_gap.subjects.joints.unnamed_patterns import against_patterns
 from sim_backend.reality_gap.subjects.joints.unnamed_rivals import against_unnamed
 from sim_backend.reality_gap.subjects.joints.verdict import judge
-from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import limits_of, of_healthy_rad, verdict_of_rollouts
+from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import (
+    enough_of,
+    limits_of,
+    of_healthy_rad,
+    verdict_of_rollouts,
+)
 from sim_backend.reality_gap.subjects.subject import CUBE_EXCITATION, Material, Progress, Sections, part
 from sim_backend.reality_gap.verdict import Verdict, VerdictKind
 from sim_backend.trifinger.scene import compile_scene
@@ -116,17 +121,16 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     selection = select_by_rollouts(
         problem, catalogue, is_possible, part(progress, 0.2, 0.8), proposed, healthy_rad=robots.coarse.fitted_rad
     )
-    healthy = limits_of(robots, problem, selection.nominal, part(progress, 0.8, 0.85))
-    is_left = selection.taken and not selection.problem.is_near_noise(selection.fit)
+    enough_rad = enough_of(problem)
+    healthy = limits_of(robots, selection.nominal, enough_rad, part(progress, 0.8, 0.85))
+    is_left, near = selection.taken and not selection.problem.is_near_noise(selection.fit), part(progress, 0.85, 0.9)
     others = DrawnRobots(selection.problem, rng, around=selection.fit) if is_left else robots
-    near = part(progress, 0.85, 0.9)
-    selection = with_needed_causes(
-        selection, lambda fit: of_healthy_rad(selection.problem, limits_of(others, selection.problem, fit, near))
-    )
-    beside = limits_of(others, selection.problem, selection.fit, near) if is_left else None
+    noise_rad = FAR_OFF * problem.noise_rad
+    selection = with_needed_causes(selection, lambda fit: of_healthy_rad(limits_of(others, fit, noise_rad, near), noise_rad))
+    beside = limits_of(others, selection.fit, enough_rad, near) if is_left else None
     rollouts = verdict_of_rollouts(found, selection, healthy, beside)
-    rollouts = against_patterns(rollouts, found, selection, of_healthy_rad(problem, healthy)[0])
-    rollouts = against_unnamed(rollouts, selection, of_healthy_rad(selection.problem, beside or healthy)[0])
+    rollouts = against_patterns(rollouts, found, selection, of_healthy_rad(healthy, enough_rad)[0])
+    rollouts = against_unnamed(rollouts, selection, of_healthy_rad(beside or healthy, enough_rad)[0])
     rollouts = with_late_columns(with_share_of_all(rollouts, found.problem.names))
     rollouts = with_turned_base(rollouts, found.problem.episodes[0].plant, selection.fit.state)
     if method != NAMING:

@@ -69,8 +69,8 @@ def verdict_of_rollouts(
     before, after = selection.nominal.usual_rad, selection.fit.usual_rad
     far_before, far_after = selection.nominal.far_rad, selection.fit.far_rad
     kind, summary = VerdictKind.NAMED, f"The robot goes where a model goes that has {_listed(causes)}."
-    usual_rad, far_rad = of_healthy_rad(problem, healthy)
-    left_rad, far_left_rad = (usual_rad, far_rad) if with_causes is None else of_healthy_rad(problem, with_causes)
+    usual_rad, far_rad = of_healthy_rad(healthy, enough_of(problem))
+    left_rad, far_left_rad = of_healthy_rad(with_causes or healthy, enough_of(problem))
     is_halved, is_far_halved = after < (1.0 - EXPLAINED) * before, far_after < (1.0 - EXPLAINED) * far_before
     is_only_far = bool((after <= left_rad).all() and (far_after > far_left_rad).any())
     said = _left(selection, names, after, far_after if is_only_far else None)
@@ -109,11 +109,17 @@ def verdict_of_rollouts(
 
 
 def limits_of(
-    robots: DrawnRobots, problem: RolloutProblem, fit: RolloutFit, progress: Callable[[str, float], None] = lambda *_: None
+    robots: DrawnRobots, fit: RolloutFit, enough_rad: np.ndarray, progress: Callable[[str, float], None] = lambda *_: None
 ) -> Healthy:
-    """Limits of drawn robots, as close as it takes to say on which side of them a model's windows end up."""
-    enough_rad = _enough_rad(problem)
-    coarse_rad, coarse_far_rad = of_healthy_rad(problem, robots.coarse)
+    """Limits of drawn robots, as close as it takes to say on which side of them a model's windows end up.
+
+    Args:
+        robots: drawn for the same windows.
+        fit: whose windows.
+        enough_rad: below what nothing is off whatever robots are, shape (k,).
+        progress: told what is done, and which share.
+    """
+    coarse_rad, coarse_far_rad = of_healthy_rad(robots.coarse, enough_rad)
     is_open = (fit.usual_rad > enough_rad) & (fit.usual_rad <= coarse_rad)
     is_far_open = (fit.far_rad > FAR_WINDOWS * enough_rad) & (fit.far_rad <= coarse_far_rad)
     if not (is_open | is_far_open).any():
@@ -122,14 +128,14 @@ def limits_of(
     return robots.closely(enough_rad, *asked, progress)
 
 
-def _enough_rad(problem: RolloutProblem) -> np.ndarray:
-    """Below what nothing is off whatever healthy robots are, shape (k,), rad."""
+def enough_of(problem: RolloutProblem) -> np.ndarray:
+    """Below what usual windows are not off whatever healthy robots are, shape (k,), rad."""
     return np.maximum(FAR_OFF * problem.noise_rad, _AS_GOOD_AS_RIGHT * problem.motion_rad)
 
 
-def of_healthy_rad(problem: RolloutProblem, healthy: Healthy) -> tuple[np.ndarray, np.ndarray]:
+def of_healthy_rad(healthy: Healthy, enough_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What a usual and a far window of a robot that nothing is wrong with may be off, shapes (k,), rad."""
-    usual_rad = np.maximum(_enough_rad(problem), _MARGIN * healthy.fitted_rad)
+    usual_rad = np.maximum(enough_rad, _MARGIN * healthy.fitted_rad)
     return usual_rad, np.maximum(FAR_WINDOWS * usual_rad, _MARGIN * healthy.fitted_far_rad)
 
 

@@ -85,4 +85,6 @@ def test_a_cause_that_halves_nothing_is_needed_where_only_with_it_a_robot_is_as_
     fit = of_elbow.fit
     less = replace(fit, squares=1.5**2 * fit.squares)
     assert not of_elbow.problem.is_near_noise(less)
-    assert _is_needed(of_elbow.problem, less, fit, limits(limit, fit)) is is_needed
+    assert _is_needed(of_elbow.problem, less, fit, np.inf, limits(limit, fit)) is is_needed
+    lost = of_elbow.problem.gained(less.squares, fit.squares)
+    assert _is_needed(of_elbow.problem, less, fit, 4.0 * lost, limits(limit, fit)), "a quarter of what was gained goes"
