@@ -24,6 +24,8 @@ from sim_backend.reality_gap.verdict import Cause, Told, Verdict, VerdictKind
 _OPEN = frozenset({VerdictKind.NAMED, VerdictKind.CONFUSABLE})
 _SAME_GRAVITY, _LEAST_ACROSS = 0.01, 0.2
 """Shares of gravity: two that differ by less are the same; of one that lies so nearly along an axis no turn about it shows."""
+_TRIFLE = 0.05
+"""Of the larger of two tilts: the other is none."""
 
 
 def with_share_of_all(verdict: Verdict, names: Sequence[str]) -> Verdict:
@@ -95,7 +97,7 @@ def with_turned_base(verdict: Verdict, plant: Plant, state: JointState) -> Verdi
     size, across = float(np.linalg.norm(gravity)), float(np.linalg.norm(gravity - axis * (axis @ gravity)))
     turned = [cause for cause in verdict.causes if cause.effect in TURNED]
     offsets = [cause for cause in verdict.causes if cause.effect == OFFSET[0] and cause.where == plant.names[joint]]
-    if across < _LEAST_ACROSS * size or bool(turned) is bool(offsets):
+    if across <= _LEAST_ACROSS * size or bool(turned) is bool(offsets):
         return verdict
     if turned:
         halves = [_half(cause) * (1.0 if cause.unit == "m/s^2" else size) for cause in turned]
@@ -110,8 +112,8 @@ def with_turned_base(verdict: Verdict, plant: Plant, state: JointState) -> Verdi
         tilt = least_squares(lambda tilts: tilted_gravity(gravity, *tilts) - now, np.zeros(2))
         if np.linalg.norm(tilt.fun) > _SAME_GRAVITY * size:
             return verdict
-        tilts = zip(TILT, map(float, tilt.x), strict=True)
-        more = [Cause(*key, PLATFORM, by, "rad", (by - error, by + error)) for key, by in tilts if abs(by) > error]
+        tilts, least = zip(TILT, map(float, tilt.x), strict=True), _TRIFLE * float(np.abs(tilt.x).max())
+        more = [Cause(*key, PLATFORM, by, "rad", (by - error, by + error)) for key, by in tilts if abs(by) > least]
     said = f"A base that is turned about the axis of {plant.names[joint]} and an encoder there that is off by the angle are one."
     own = turned or offsets
     return _confusable(verdict, said, own, more, separated_by(more[0].effect, own[0].effect, "a level on the base"))

@@ -1,5 +1,7 @@
 """Causes that are the same numbers are said together, with what tells them apart."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -51,12 +53,14 @@ ARM = """
    <inertial pos="0 0.05 -0.2" mass="0.3" diaginertia="1e-3 1e-3 1e-3"/></body></body>{more}
 </worldbody></mujoco>
 """
+WEIGHTLESS = '<option gravity="0 0 0"/><worldbody>'
+NAMES = ("shoulder", "elbow")
 OFFSET_RAD = 0.1
 ENCODER = Cause("encoder_offset", "offset_rad", "shoulder", OFFSET_RAD, "rad", (0.09, 0.11))
 
 
 def arm(axis: str = "0 1 0", more: str = "") -> Plant:
-    return Plant(mujoco.MjModel.from_xml_string(ARM.format(axis=axis, more=more)), ("shoulder", "elbow"))
+    return Plant(mujoco.MjModel.from_xml_string(ARM.format(axis=axis, more=more)), NAMES)
 
 
 def turned_gravity(plant: Plant) -> np.ndarray:
@@ -94,6 +98,20 @@ def test_an_encoder_of_the_first_joint_may_be_a_base_that_is_turned():
     tilts = {cause.parameter: cause.value for cause in found.causes if cause.effect == "table_tilt"}
     assert found.verdict is VerdictKind.CONFUSABLE and set(tilts) == {"pitch_rad"}
     np.testing.assert_allclose(tilted_gravity(plant.gravity_m_s2, 0.0, tilts["pitch_rad"]), turned_gravity(plant), atol=1e-4)
+
+
+def test_an_encoder_about_a_slanting_axis_is_a_tilt_both_ways_however_uncertain():
+    uncertain = replace(ENCODER, interval_90=(0.01, 0.19))
+    found = with_turned_base(Verdict(VerdictKind.NAMED, "An encoder.", causes=(uncertain,)), arm("1 1 0"), JointState(2))
+    tilts = {cause.parameter: cause.value for cause in found.causes if cause.effect == "table_tilt"}
+    assert found.verdict is VerdictKind.CONFUSABLE and set(tilts) == {"roll_rad", "pitch_rad"}
+    assert np.hypot(*tilts.values()) == pytest.approx(OFFSET_RAD, rel=0.02)
+
+
+def test_without_gravity_nothing_turns_it():
+    plant = Plant(mujoco.MjModel.from_xml_string(ARM.format(axis="0 1 0", more="").replace("<worldbody>", WEIGHTLESS)), NAMES)
+    verdict = Verdict(VerdictKind.NAMED, "An encoder.", causes=(ENCODER,))
+    assert with_turned_base(verdict, plant, JointState(2)) == verdict
 
 
 @pytest.mark.parametrize(
