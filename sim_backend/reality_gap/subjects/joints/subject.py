@@ -22,7 +22,7 @@ from sim_backend.reality_gap.subjects.joints.judged import not_judged
 from sim_backend.reality_gap.subjects.joints.motor_law import LIMIT
 from sim_backend.reality_gap.subjects.joints.needed_causes import with_needed_causes
 from sim_backend.reality_gap.subjects.joints.position_and_velocity import causes_of_velocities
-from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, LENGTHS_S, RolloutProblem
+from sim_backend.reality_gap.subjects.joints.rollout_fit import LENGTHS_S, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_selection import select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.sections import joint_sections
 from sim_backend.reality_gap.subjects.joints.slides import Slides
@@ -125,8 +125,7 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     healthy = limits_of(robots, selection.nominal, enough_rad, part(progress, 0.8, 0.85))
     is_left, near = selection.taken and not selection.problem.is_near_noise(selection.fit), part(progress, 0.85, 0.9)
     others = DrawnRobots(selection.problem, rng, around=selection.fit) if is_left else robots
-    noise_rad = FAR_OFF * problem.noise_rad
-    selection = with_needed_causes(selection, lambda fit: of_healthy_rad(limits_of(others, fit, noise_rad, near), noise_rad))
+    selection = with_needed_causes(selection, lambda fit: of_healthy_rad(limits_of(others, fit, enough_rad, near), enough_rad))
     beside = limits_of(others, selection.fit, enough_rad, near) if is_left else None
     rollouts = verdict_of_rollouts(found, selection, healthy, beside)
     usual_rad = of_healthy_rad(beside or healthy, enough_rad)[0]
