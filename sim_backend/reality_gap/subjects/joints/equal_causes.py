@@ -130,7 +130,7 @@ def _half(cause: Cause) -> float:
 def _confusable(verdict: Verdict, said: str, own: Iterable[Cause], more: Sequence[Cause], separates: str) -> Verdict:
     """A verdict with causes that are as possible as some of its own, and what to record to tell them apart."""
     kin = {cause.effect for cause in (*own, *more)}
-    because = f"these are the same numbers; what separates: {separates}"
+    because = f"{said} What separates: {separates}"
     return replace(
         verdict,
         verdict=VerdictKind.CONFUSABLE,

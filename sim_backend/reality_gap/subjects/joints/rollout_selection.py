@@ -345,9 +345,13 @@ def _may_be(search: _Search, fit: RolloutFit, taken: Sequence[Taken], *, is_whol
     """
     problem, state = search.problem, fit.state
     leaves_little = not is_whole or problem.is_near_noise(fit) or bool((fit.usual_rad < search.healthy_rad).all())
+    return (leaves_little or is_gravity(problem.gravity_m_s2, state)) and stays_within(problem, fit, taken)
+
+
+def stays_within(problem: RolloutProblem, fit: RolloutFit, taken: Sequence[Taken]) -> bool:
+    """Whether no friction pushes, and no number of a cause runs into the end of what the catalogue allows."""
     accepted = [Accepted(c.hypothesis.effect, c.hypothesis.where, c.terms, c.gain) for c in taken]
-    is_possible = (leaves_little or is_gravity(problem.gravity_m_s2, state)) and not pushes(state)
-    return is_possible and not runs_into_bounds(state, problem.start, accepted)
+    return not pushes(fit.state) and not runs_into_bounds(fit.state, problem.start, accepted)
 
 
 def _is_worth_it(before: RolloutFit, after: RolloutFit) -> bool:

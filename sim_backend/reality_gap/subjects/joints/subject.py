@@ -125,7 +125,9 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     healthy = limits_of(robots, selection.nominal, enough_rad, part(progress, 0.8, 0.85))
     is_left, near = selection.taken and not selection.problem.is_near_noise(selection.fit), part(progress, 0.85, 0.9)
     others = DrawnRobots(selection.problem, rng, around=selection.fit) if is_left else robots
-    selection = with_needed_causes(selection, lambda fit: of_healthy_rad(limits_of(others, fit, enough_rad, near), enough_rad))
+    selection = with_needed_causes(
+        selection, lambda fit: of_healthy_rad(limits_of(others, fit, enough_rad, near), enough_rad), is_possible
+    )
     beside = limits_of(others, selection.fit, enough_rad, near) if is_left else None
     rollouts = verdict_of_rollouts(found, selection, healthy, beside)
     usual_rad = of_healthy_rad(beside or healthy, enough_rad)[0]

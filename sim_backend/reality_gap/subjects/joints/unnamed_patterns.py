@@ -37,20 +37,21 @@ class UnnamedPattern:
     share: float
 
 
-def against_patterns(verdict: Verdict, study: JointStudy, selection: RolloutSelection, usual_rad: np.ndarray) -> Verdict:
+def against_patterns(verdict: Verdict, study: JointStudy, selection: RolloutSelection, enough_rad: np.ndarray) -> Verdict:
     """A verdict of rollouts as it stands beside what is left: where that has a law of its own, causes are a part of it.
 
-    Only joints are asked that still end up further off than healthy ones, with all that the extended model has.
+    Only joints are asked that still end up further off than is enough for anybody, with all that the extended model has: robots
+    that have the causes may be as far off, and a pattern tells even so.
 
     Args:
         verdict: what rollouts came to.
         study: of the same recordings.
         selection: that the verdict was drawn from.
-        usual_rad: what usual windows of healthy joints end up off, shape (k,).
+        enough_rad: what usual windows of any joint may be off, shape (k,).
     """
     if verdict.verdict not in (VerdictKind.NAMED, VerdictKind.CONFUSABLE):
         return verdict
-    is_far, names, episodes = selection.extended.usual_rad > usual_rad, study.problem.names, study.problem.episodes
+    is_far, names, episodes = selection.extended.usual_rad > enough_rad, study.problem.names, study.problem.episodes
     model, without = selection.extended.state, selection.nominal.state
     found = [followed(episodes, model, int(j), names, instead_of=without) for j in np.flatnonzero(is_far)]
     laws = sorted((law for law in found if law is not None), key=lambda law: -law.share)

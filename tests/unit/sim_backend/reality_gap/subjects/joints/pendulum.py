@@ -12,9 +12,7 @@ from sim_backend.reality_gap.subjects.joints.forward import Windows
 from sim_backend.reality_gap.subjects.joints.healthy_robots import DrawnRobots
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutProblem
-from sim_backend.reality_gap.subjects.joints.rollout_selection import (
-    select_by_rollouts,
-)
+from sim_backend.reality_gap.subjects.joints.rollout_selection import select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import verdict_of_rollouts
 
 PENDULUM = """

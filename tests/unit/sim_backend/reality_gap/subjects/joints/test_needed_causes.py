@@ -67,7 +67,7 @@ def limits(share: float, of: RolloutFit):
 
 
 def test_of_all_joints_the_one_that_needs_it_is_named_and_nothing_beside_it(of_elbow):
-    found = with_needed_causes(of_elbow, limits(2.0, of_elbow.fit))
+    found = with_needed_causes(of_elbow, limits(2.0, of_elbow.fit), lambda _: True)
     assert [cause.hypothesis.name for cause in found.taken] == [("coulomb_friction", "elbow")]
     assert [(term.key, term.index) for term in found.taken[0].terms] == [("coulomb_friction.torque_nm", 1)]
     assert found.fit.state.value("coulomb_friction.torque_nm")[1] == pytest.approx(1.5 * FRICTION_NM, rel=0.05)
@@ -75,9 +75,13 @@ def test_of_all_joints_the_one_that_needs_it_is_named_and_nothing_beside_it(of_e
     assert found.extended is of_elbow.extended, "what is not named still mends the extended model"
 
 
+def test_nothing_goes_without_which_a_model_would_contradict_what_was_measured(of_elbow):
+    assert with_needed_causes(of_elbow, limits(2.0, of_elbow.fit), lambda _: False) is of_elbow
+
+
 def test_what_all_joints_need_stays_theirs():
     selection = selection_of(1.5 * FRICTION_NM, 1.5 * FRICTION_NM, ("coulomb_friction", ALL_JOINTS))
-    assert with_needed_causes(selection, limits(2.0, selection.fit)) is selection
+    assert with_needed_causes(selection, limits(2.0, selection.fit), lambda _: True) is selection
 
 
 @pytest.mark.parametrize(("limit", "is_needed"), [(1.2, True), (2.0, False), (0.8, False)])
