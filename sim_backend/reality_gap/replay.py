@@ -18,6 +18,7 @@ from sim_backend.reality_gap.measured.foreign.episodes import read_recordings
 from sim_backend.reality_gap.measured.foreign.study_file import load_study_file
 from sim_backend.reality_gap.model.extended_laws import Laws
 from sim_backend.reality_gap.model.files import LAWS, NATIVE
+from sim_backend.reality_gap.model.native_elements import PLAY
 from sim_backend.reality_gap.recording import JointSignals, Recording, RecordingError
 from sim_backend.reality_gap.subjects.joints.forward import LONGEST_IN_LOOP_S, LONGEST_STEP_S
 from sim_backend.reality_gap.subjects.joints.trajectory import Trajectory, filled_gaps, trajectory
@@ -26,7 +27,7 @@ from sim_backend.reality_gap.subjects.subject import Progress
 _EDGE_S = 0.1
 """Of a recording, at both ends, where windows neither begin nor end: its smoothed velocity is not as good there."""
 _RESAMPLED = 2000
-_LEFT_OUT = ("CONTACT", "LIMIT", "EQUALITY", "AUTORESET")
+_LEFT_OUT = ("CONTACT", "EQUALITY", "AUTORESET")
 
 
 @dataclass(frozen=True)
@@ -218,6 +219,8 @@ def simulated(
     model = mujoco.MjModel.__copy__(model)
     for flag in _LEFT_OUT:
         model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
+    plays = np.array([model.joint(j).name.endswith(PLAY) for j in range(model.njnt)])
+    model.tendon_limited[:], model.jnt_limited[:] = 0, plays
     longest_s = LONGEST_STEP_S if joints.feedback is None else LONGEST_IN_LOOP_S
     substeps = int(np.ceil(recording.step_s / longest_s - 1e-9))
     model.opt.timestep = recording.step_s / substeps
@@ -227,6 +230,10 @@ def simulated(
     at = [int(model.joint(name).qposadr[0]) for name in joints.names]
     dof = [int(model.joint(name).dofadr[0]) for name in joints.names]
     data.qpos[at], data.qvel[dof] = begin_rad, begin_rad_s
+    mujoco.mj_forward(model, data)
+    # rotors lie on the side on which their links' weight holds them
+    held = np.sign(data.qfrc_bias[model.jnt_dofadr[plays]])
+    data.qpos[model.jnt_qposadr[plays]] = np.where(held > 0.0, *model.jnt_range[plays].T) * np.abs(held)
     mujoco.mj_forward(model, data)
     sent, feedback = filled_gaps(_torques(joints))[part], None if joints.feedback is None else joints.feedback.at(part)
     if feedback is not None:

@@ -23,14 +23,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 
 EFFECTS = (
     "action_delay",
     "torque_saturation",
     "thermal_derating",
     "torque_constant",
-    "backlash",
     "load_friction",
     "stribeck_friction",
     "directional_friction",
@@ -96,7 +94,7 @@ class _Joint:
             if int(model.actuator_trnid[i, 0]) == joint.id and not actuator.name.endswith(_STAYS):
                 model.actuator_gainprm[i], model.actuator_biasprm[i] = 0.0, 0.0
         self._sent: list[float] = []
-        self._rise_k, self._rotor_rad_s, self._play_rad = 0.0, 0.0, 0.0
+        self._rise_k = 0.0
 
     def arrived(self, sent_nm: float, step_s: float) -> float:
         """What was sent a delay ago, between steps as on a line."""
@@ -116,31 +114,11 @@ class _Joint:
             self._rise_k += (1.0 - math.exp(-step_s / v("thermal_derating.time_constant_s", 1.0))) * (heated - self._rise_k)
         torque *= 1.0 + v("torque_constant.error", 0.0)
         torque *= max(0.0, 1.0 - v("thermal_derating.loss_per_k", 0.0) * self._rise_k)
-        if v("backlash.gap_rad", 0.0) > 0.0:
-            torque = self._through_play(torque, velocity, step_s)
         bound = self._constant_nm + v("load_friction.coefficient", 0.0) * abs(torque)
         bound += v("load_friction.external_coefficient", 0.0) * abs(load_nm)
         bound += v("stribeck_friction.extra_nm", 0.0) * math.exp(-((velocity / v("stribeck_friction.speed_rad_s", 1.0)) ** 2))
         bound += v("directional_friction.difference_nm", 0.0) * math.tanh(velocity / DIRECTION_RAD_S)
         return torque, bound
-
-    def _through_play(self, torque_nm: float, velocity: float, step_s: float) -> float:
-        """The rotor crosses its gear's play without touching the joint, and gives its momentum where it arrives."""
-        half, inertia = 0.5 * self._v["backlash.gap_rad"], self._v["backlash.rotor_inertia_kg_m2"]
-        side = 1.0 if self._play_rad >= half else -1.0 if self._play_rad <= -half else 0.0
-        if side and torque_nm * side > 0.0:
-            self._play_rad, self._rotor_rad_s = side * half, velocity
-            return torque_nm
-        if side:
-            self._rotor_rad_s = velocity
-        self._rotor_rad_s += step_s * torque_nm / inertia
-        self._play_rad += step_s * (self._rotor_rad_s - velocity)
-        if abs(self._play_rad) < half:
-            return 0.0
-        self._play_rad = float(np.copysign(half, self._play_rad))
-        impact_nm = inertia * (self._rotor_rad_s - velocity) / step_s
-        self._rotor_rad_s = velocity
-        return impact_nm
 
 
 def _clipped(torque_nm: float, limit_nm: float) -> float:

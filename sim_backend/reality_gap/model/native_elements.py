@@ -13,6 +13,11 @@ _PASSIVE = int(mujoco.mjtCtrlInput.mjINPUT_NONE)
 _LINEAR = 1  # interpolation of an actuator's history
 _WHOLE_STEP = 1e-6  # a delay is a whole number of steps if it misses it by less, in steps
 
+PLAY = "_gear_play"
+"""What the names of joints end in that are the play of another."""
+_STIFF = (0.004, 1.0), (0.999, 0.9999, 0.001, 0.5, 2.0)
+"""``solref`` and ``solimp`` of the sides of a play."""
+
 
 def actuators_of(spec: mujoco.MjSpec, joint: str) -> list:
     """The actuators that take controls and act on a joint."""
@@ -31,6 +36,29 @@ def add_spring(joint: mujoco.MjsJoint, stiffness_nm_rad: float, reference_rad: f
     rest = own * joint.springref + added * in_units(joint, reference_rad)
     joint.stiffness[0] = own + added
     joint.springref = rest / (own + added) if own + added > 0.0 else joint.springref
+
+
+def add_play(joint: mujoco.MjsJoint, gap_rad: float, rotor_inertia_kg_m2: float) -> str | None:
+    """A second joint of the same body and axis, as wide as the play: the first one is then the rotor, where its encoder sits.
+
+    Where the joint has no ``armature``, which is the rotor's inertia, it gets one.
+    """
+    body = joint.parent
+    if len(body.joints) > 1:
+        return f"its body has other joints, too, so that {joint.name} cannot have a rotor of its own"
+    joint.armature = joint.armature or rotor_inertia_kg_m2
+    half, (solref, solimp) = in_units(joint, 0.5 * gap_rad), _STIFF
+    body.add_joint(
+        name=f"{joint.name}{PLAY}",
+        type=joint.type,
+        axis=joint.axis,
+        pos=joint.pos,
+        limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+        range=[-half, half],
+        solref_limit=solref,
+        solimp_limit=solimp,
+    )
+    return None
 
 
 def delay_action(spec: mujoco.MjSpec, joint: str, delay_s: float) -> str | None:

@@ -24,7 +24,6 @@ REASONS: dict[str, str] = {
     "supply_sag": "limits of force do not depend on other motors",
     "thermal_derating": "dcmotor thermal changes the resistance of a motor driven by voltage, not its torque per current",
     "action_noise": "MuJoCo has no noise of actuators",
-    "backlash": "MuJoCo has no gear with play",
     "position_gain": "it belongs to the position controller, which the model does not contain",
     "safety_damping": "it belongs to the safety pipeline, which the model does not contain: the model takes applied torques",
     "stribeck_friction": "dcmotor lugre is another law, with bristles that have a stiffness and damping of their own",
@@ -49,9 +48,9 @@ def reason(effect: str) -> str | None:
 
 
 def joints_of(spec: mujoco.MjSpec) -> list[str]:
-    """Names of all hinges and slides."""
+    """Names of all hinges and slides, but for those that are the play of another."""
     kinds = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-    return [joint.name for joint in spec.joints if joint.type in kinds]
+    return [joint.name for joint in spec.joints if joint.type in kinds and not joint.name.endswith(elements.PLAY)]
 
 
 def _joint(spec: mujoco.MjSpec, where: str) -> mujoco.MjsJoint:
@@ -99,6 +98,10 @@ def _stiffness(spec: mujoco.MjSpec, where: str, values: _Values) -> None:
     elements.add_spring(_joint(spec, where), values["stiffness_nm_rad"], values["reference_rad"])
 
 
+def _play(spec: mujoco.MjSpec, where: str, values: _Values) -> str | None:
+    return elements.add_play(_joint(spec, where), values["gap_rad"], values["rotor_inertia_kg_m2"]) if values["gap_rad"] else None
+
+
 def _range(spec: mujoco.MjSpec, where: str, values: _Values) -> None:
     joint = _joint(spec, where)
     joint.range = np.asarray(joint.range) + [elements.in_units(joint, values[end]) for end in ("lower_rad", "upper_rad")]
@@ -135,6 +138,7 @@ LAWS: Mapping[str, _Law] = {
     "rotor_inertia": _armature,
     "joint_stiffness": _stiffness,
     "joint_limits": _range,
+    "backlash": _play,
     "link_mass": lambda spec, where, v: elements.scale_mass(_body(spec, where), v["factor"]),
     "cube_mass": lambda spec, where, v: elements.scale_mass(_body(spec, where), v["factor"]),
     "gravity": _gravity,
@@ -152,5 +156,5 @@ LAWS: Mapping[str, _Law] = {
     "joint_noise": _noise,
 }
 """Each takes a specification, the name of a place, and the values there; it returns what it could not write, or None."""
-ORDER = {"torque_saturation": -1, "encoder_offset": 1, "encoder_jump": 1}
-"""Of laws that must be written before or after all others: limits before gains, encoders last."""
+ORDER = {"torque_saturation": -1, "encoder_offset": 1, "encoder_jump": 1, "backlash": 2}
+"""Of laws that must be written before or after all others: limits before gains, then encoders, then what adds joints."""

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from sim_backend.reality_gap.subjects.joints.chain_steps import simulate
-from sim_backend.reality_gap.subjects.joints.motor_law import SAG
+from sim_backend.reality_gap.subjects.joints.motor_law import PLAY, ROTOR, SAG
 from sim_backend.reality_gap.subjects.joints.plant import Plant
 
 _AT_ONCE = 64
@@ -190,10 +190,12 @@ class _Tree:
         self._principal = data.ximat.reshape(-1, 3, 3).copy()
 
     def of(self, models: ChainModels) -> tuple[np.ndarray, ...]:
-        """What models make of the tree: inertias (m, k, 10), gravity (m, 3), numbers of joints (m, 7, k), of motors (m, k, p)."""
-        m, o = models, self.order
-        joints = np.stack([m.armature, m.damping, m.stiffness, m.rest_rad, m.offset_rad, m.late_s, m.of_gain], axis=1)
-        return self._inertias(m.bodies), m.gravity_m_s2, joints[:, :, o], m.motors[:, o]
+        """What models make of the tree: inertias (m, k, 10), gravity (m, 3), numbers of joints (m, 9, k), of motors (m, k, p)."""
+        m, o, motors = models, self.order, models.motors.copy()
+        play, rotor = m.motors[:, :, PLAY], np.where(m.armature > 0.0, m.armature, m.motors[:, :, ROTOR])
+        motors[:, :, PLAY] = 0.0  # here rotors with play are bodies of their own
+        own = [m.armature, m.damping, m.stiffness, m.rest_rad, m.offset_rad, m.late_s, m.of_gain, play, rotor]
+        return self._inertias(m.bodies), m.gravity_m_s2, np.stack(own, axis=1)[:, :, o], motors[:, o]
 
     def _inertias(self, bodies: Bodies) -> np.ndarray:
         """Mass, mass times centre, and the six moments about the origin of each link, shape (m, k, 10)."""

@@ -148,7 +148,7 @@ class Forward:
                         law = feedback.at((slice(None), sample))
                         law = replace(law, stiffness_nm_rad=of_gain * law.stiffness_nm_rad)
                         # velocities are those of half a step ago
-                        made = np.nan_to_num(law.torque_nm(is_at + offset, moves + 0.5 * (moves - moved)))
+                        made = np.nan_to_num(law.torque_nm(is_at + memory[:, :, 2] + offset, moves + 0.5 * (moves - moved)))
                     arrived = np.where(feedback.is_known, line.after(made), arrived)
                 moved = moves
                 asked = np.ascontiguousarray(bias[:, plant.velocities])  # a step ago
@@ -156,7 +156,7 @@ class Forward:
                 applied[:, plant.velocities], bounds[:, plant.velocities] = at_joint, bound
                 batch.step()
                 if now % self._substeps == self._substeps - 1:
-                    found[:, sample] = position[:, plant.positions] + offset
+                    found[:, sample] = position[:, plant.positions] + memory[:, :, 2] + offset  # encoders sit on rotors
         found[batch.warning.reshape(len(windows), -1).any(axis=1)] = np.nan
         return found
 

@@ -56,8 +56,8 @@ _WARM_TIME = KEYS.index("thermal_derating.time_constant_s")
 _AMPLITUDE = KEYS.index("cogging.amplitude_nm")
 _CYCLES = KEYS.index("cogging.cycles_per_rad")
 _PHASE = KEYS.index("cogging.phase_rad")
-_GAP = KEYS.index("backlash.gap_rad")
-_ROTOR = KEYS.index("backlash.rotor_inertia_kg_m2")
+PLAY, ROTOR = (KEYS.index(f"backlash.{name}") for name in ("gap_rad", "rotor_inertia_kg_m2"))
+"""Where the vector has the play of a gear and the inertia of its rotor."""
 _COULOMB = KEYS.index("coulomb_friction.torque_nm")
 _STRIBECK = KEYS.index("stribeck_friction.extra_nm")
 _STRIBECK_SPEED = KEYS.index("stribeck_friction.speed_rad_s")
@@ -65,9 +65,9 @@ _LOAD = KEYS.index("load_friction.coefficient")
 _OUTER_LOAD = KEYS.index("load_friction.external_coefficient")
 _DIRECTION = KEYS.index("directional_friction.difference_nm")
 _ZERO, _DRAG = VECTOR.index(ZERO), VECTOR.index(DRAG)
-LIMIT, COGGING, GAP = KEYS[_LIMIT], KEYS[_AMPLITUDE], KEYS[_GAP]
+LIMIT, COGGING, GAP = KEYS[_LIMIT], KEYS[_AMPLITUDE], KEYS[PLAY]
 """A motor's largest torque; the numbers whose images are not a difference of two torques."""
-ROTOR_INERTIA_KG_M2 = PARAMETERS[KEYS[_ROTOR]].absent
+ROTOR_INERTIA_KG_M2 = PARAMETERS[KEYS[ROTOR]].absent
 """Of a nominal rotor, on the joint's side."""
 UNLIMITED_NM = 1e9
 """Saturation of a model whose motors have none that is known."""
@@ -117,10 +117,8 @@ def sent_to_joint(
     value = derated_torque_nm(scaled_torque_nm(current, p[j, _CONSTANT]), memory[j, 0], p[j, _LOSS])
     value += cogging_torque_nm(p[j, _AMPLITUDE], p[j, _CYCLES], p[j, _PHASE], position)
     value += p[j, _ZERO] - p[j, _DRAG] * velocity * abs(velocity)
-    if p[j, _GAP] > 0.0:
-        memory[j, 2], memory[j, 1], value = backlash(
-            memory[j, 2], memory[j, 1], velocity, value, p[j, _GAP], p[j, _ROTOR], step_s
-        )
+    if p[j, PLAY] > 0.0:
+        memory[j, 2], memory[j, 1], value = backlash(memory[j, 2], memory[j, 1], velocity, value, p[j, PLAY], p[j, ROTOR], step_s)
     bound = p[j, _COULOMB] + stribeck_bound_nm(p[j, _STRIBECK], p[j, _STRIBECK_SPEED], velocity)
     bound += load_bound_nm(p[j, _LOAD], value, p[j, _OUTER_LOAD], external)
     return current, value, max(0.0, bound + directional_bound_nm(p[j, _DIRECTION], velocity))

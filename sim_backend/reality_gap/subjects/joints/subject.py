@@ -131,7 +131,7 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     beside = limits_of(others, selection.fit, enough_rad, near) if is_left else None
     rollouts = verdict_of_rollouts(found, selection, healthy, beside)
     usual_rad = of_healthy_rad(beside or healthy, enough_rad)[0]
-    rollouts = against_patterns(rollouts, found, selection, enough_rad)
+    rollouts = against_patterns(rollouts, found, selection, np.maximum(enough_rad, (beside or healthy).fitted_rad))
     rollouts = against_unnamed(rollouts, selection, usual_rad)
     rollouts = with_late_columns(with_share_of_all(rollouts, found.problem.names))
     rollouts = with_turned_base(rollouts, found.problem.episodes[0].plant, selection.fit.state)

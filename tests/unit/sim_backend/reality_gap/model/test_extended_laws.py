@@ -12,6 +12,7 @@ from sim_backend.reality_gap.feedback import Feedback
 from sim_backend.reality_gap.model import extended_laws
 from sim_backend.reality_gap.model.extended_laws import Laws
 from sim_backend.reality_gap.model.files import LAWS, NATIVE, write_models
+from sim_backend.reality_gap.model.mjcf import extend_mjcf
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.replay import simulated
 from sim_backend.reality_gap.subjects.joints.forward import LONGEST_IN_LOOP_S, Forward, Windows
@@ -39,32 +40,56 @@ LAWS_OF_JOINTS = {
     "torque constant": {"torque_constant.error": -0.2},
     "heat": {"thermal_derating.loss_per_k": 0.02, "thermal_derating.rise_k_nm2": 900.0, "thermal_derating.time_constant_s": 2.0},
     "gain of the controller": {"position_gain.factor": 0.6},
-    "play": {"backlash.gap_rad": 0.05, "backlash.rotor_inertia_kg_m2": 0.002},
 }
+
+
+def both_ways(values, native, laws, begin_rad=0.0):
+    """Where a controller turns the arm: by the tool's own rollouts, and by a model with laws beside it; shape (s, 2) each."""
+    at = STEP_S * np.arange(SAMPLES)
+    target = begin_rad + np.stack([0.8 * np.sin(4.0 * at), 0.5 * np.sin(7.0 * at)], axis=1)
+    shape = np.ones((SAMPLES, 2))
+    feedback = Feedback(target, 3.0 * shape, 0.02 * shape, np.inf * shape, 0.0 * shape, 0.0 * shape)
+    plant = Plant(mujoco.MjModel.from_xml_string(ARM), NAMES)
+    own = plant.own_values | {"torque_saturation.limit_nm": np.full(2, 1e9)}
+    state = JointState(2, own | {key: np.broadcast_to(value, 2).astype(float) for key, value in values.items()})
+    begin, rest, none = np.full((1, 2), begin_rad), np.zeros((1, 2)), np.zeros((1, SAMPLES, 2))
+    windows = Windows(STEP_S, none, begin, rest, none, Feedback.stacked([feedback]), np.zeros(1, int))
+    forward = Forward(plant, STEP_S, longest_step_s=LONGEST_IN_LOOP_S)
+    expected = forward.positions(windows, begin, rest, [state], np.zeros(1, int))[0]
+    joints = JointSignals(NAMES, target, commanded_torque_nm=np.zeros_like(target), feedback=feedback)
+    recording = Recording("made", "here", STEP_S, at, joints)
+    return expected, simulated(recording, slice(0, SAMPLES), begin[0], rest[0], native, laws)
 
 
 @pytest.mark.parametrize("law", LAWS_OF_JOINTS)
 def test_both_go_the_same_way(law):
-    model, at = mujoco.MjModel.from_xml_string(ARM), STEP_S * np.arange(SAMPLES)
-    target = np.stack([0.8 * np.sin(4.0 * at), 0.5 * np.sin(7.0 * at)], axis=1)
-    shape = np.ones((SAMPLES, 2))
-    feedback = Feedback(target, 3.0 * shape, 0.02 * shape, np.inf * shape, 0.0 * shape, 0.0 * shape)
-    plant = Plant(model, NAMES)
-    own = plant.own_values | {"torque_saturation.limit_nm": np.full(2, 1e9)}
-    state = JointState(2, own | {key: np.full(2, value) for key, value in LAWS_OF_JOINTS[law].items()})
-    begin, none = np.zeros((1, 2)), np.zeros((1, SAMPLES, 2))
-    windows = Windows(STEP_S, none, begin, begin, none, Feedback.stacked([feedback]), np.zeros(1, int))
-    forward = Forward(plant, STEP_S, longest_step_s=LONGEST_IN_LOOP_S)
-    expected = forward.positions(windows, begin, begin, [state], np.zeros(1, int))[0]
-    joints = JointSignals(NAMES, target, commanded_torque_nm=np.zeros_like(target), feedback=feedback)
-    recording = Recording("made", "here", STEP_S, at, joints)
-    values = dict.fromkeys(NAMES, LAWS_OF_JOINTS[law])
-    found = simulated(recording, slice(0, SAMPLES), np.zeros(2), np.zeros(2), model, values)
+    model = mujoco.MjModel.from_xml_string(ARM)
+    expected, found = both_ways(LAWS_OF_JOINTS[law], model, dict.fromkeys(NAMES, LAWS_OF_JOINTS[law]))
     assert np.abs(expected).max() > 0.2
     assert np.abs(found - expected).max() < 3e-3 * np.abs(expected).max()
     if law != "nothing":
-        without = simulated(recording, slice(0, SAMPLES), np.zeros(2), np.zeros(2), model, {})
+        without = both_ways(LAWS_OF_JOINTS[law], model, {})[1]
         assert np.abs(without - expected).max() > 1e-2 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("begin_rad", [0.6, -0.6])
+@pytest.mark.parametrize("joint", range(2), ids=NAMES)
+def test_play_is_a_joint_of_its_own(joint, begin_rad):
+    gap = np.zeros(2)
+    gap[joint] = 0.05
+    spec, missing = extend_mjcf(mujoco.MjSpec.from_string(ARM), [cause("backlash", "gap_rad", NAMES[joint], 0.05)])
+    expected, found = both_ways({"backlash.gap_rad": gap}, spec.compile(), {}, begin_rad)
+    without = both_ways({}, mujoco.MjModel.from_xml_string(ARM), {}, begin_rad)[1]
+    assert not missing
+    assert np.sqrt(np.mean((found - expected) ** 2)) < 0.1 * np.sqrt(np.mean((without - expected) ** 2))
+
+
+def test_a_rotor_needs_a_body_of_its_own():
+    body = '<body><joint name="a"/><joint name="b" axis="1 0 0"/><geom size="0.1"/></body>'
+    spec = mujoco.MjSpec.from_string(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    extended, missing = extend_mjcf(spec, [cause("backlash", "gap_rad", "a", 0.05)])
+    assert len(extended.joints) == 2
+    assert missing == ["backlash at a: its body has other joints, too, so that a cannot have a rotor of its own"]
 
 
 def test_they_take_the_place_of_the_model_s_own_actuators():
