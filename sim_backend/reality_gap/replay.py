@@ -220,7 +220,7 @@ def simulated(
     for flag in _LEFT_OUT:
         model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
     plays = np.array([model.joint(j).name.endswith(PLAY) for j in range(model.njnt)])
-    model.tendon_limited[:], model.jnt_limited[:] = 0, plays
+    model.tendon_limited[:], model.jnt_limited[:] = 0, plays  # pyrefly: ignore[missing-attribute]
     longest_s = LONGEST_STEP_S if joints.feedback is None else LONGEST_IN_LOOP_S
     substeps = int(np.ceil(recording.step_s / longest_s - 1e-9))
     model.opt.timestep = recording.step_s / substeps

@@ -23,7 +23,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-
 EFFECTS = (
     "action_delay",
     "torque_saturation",

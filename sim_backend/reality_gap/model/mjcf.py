@@ -111,7 +111,7 @@ def mjcf_text(spec: mujoco.MjSpec) -> str:
 
 
 def _in_order(names: Iterable[str]) -> list[tuple[str, Effect]]:
-    """Effects by name, in the order in which their laws must be written: limits before gains, then encoders, then what adds joints."""
+    """Effects by name, in the order in which their laws must be written: limits before gains, then encoders, then joints."""
     return sorted(((name, CATALOGUE[name]) for name in names), key=lambda entry: laws.ORDER.get(entry[0], 0))
 
 

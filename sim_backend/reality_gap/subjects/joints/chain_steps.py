@@ -17,8 +17,11 @@ _SWEEPS, _SETTLED = 50, 1e-7
 _DIVERGED = 1e4
 """Of a velocity, rad/s."""
 _ARMATURE, _DAMPING, _STIFFNESS, _REST, _OFFSET, _LATE, _OF_GAIN, _GAP, _ROTOR = range(9)
+_AHEAD, _SPEED, _SIDE, _RUBS = range(4)
+"""Of a rotor with play: by how much it is before its link, how fast it turns on its way across, the side on which it lies (1 or
+-1; 0 on its way), and what friction it has there.
+"""
 _UNKNOWN_SIDE = 2.0
-"""Of its play, on which a rotor lies at first."""
 _TARGET, _GAIN, _BRAKE, _LIMIT, _BACK_EMF, _DESIRED = range(6)
 
 
@@ -112,14 +115,25 @@ def _until(at: float, sums: np.ndarray, held: np.ndarray, window: int, joint: in
 
 @compiled
 def _made(
-    feedback: np.ndarray, w: int, sample: int, joint: int, gain: float, position_rad: float, velocity_rad_s: float
+    feedback: np.ndarray,
+    w: int,
+    sample: int,
+    joint: int,
+    joints: np.ndarray,
+    m: int,
+    rotors: np.ndarray,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    gained: np.ndarray,
 ) -> float:
     """Torque that a joint's controller makes of what is reported, with a share of its gain; none where its law is not known."""
-    stiffness = gain * feedback[_GAIN, w, sample, joint]
-    asked = stiffness * (feedback[_TARGET, w, sample, joint] - position_rad) - feedback[_BRAKE, w, sample, joint] * velocity_rad_s
+    reported = position[joint] + rotors[_AHEAD, joint] + joints[_OFFSET, m, joint]
+    speed = rotors[_SPEED, joint] if rotors[_SIDE, joint] == 0.0 else velocity[joint] + 0.5 * gained[joint]
+    stiffness = joints[_OF_GAIN, m, joint] * feedback[_GAIN, w, sample, joint]
+    asked = stiffness * (feedback[_TARGET, w, sample, joint] - reported) - feedback[_BRAKE, w, sample, joint] * speed
     asked += feedback[_DESIRED, w, sample, joint]
     limit = feedback[_LIMIT, w, sample, joint]
-    made = min(max(asked, -limit), limit) - feedback[_BACK_EMF, w, sample, joint] * velocity_rad_s
+    made = min(max(asked, -limit), limit) - feedback[_BACK_EMF, w, sample, joint] * speed
     return 0.0 if np.isnan(made) else made
 
 
@@ -132,48 +146,74 @@ def _delayed(line: np.ndarray, now: int, steps: float, joint: int) -> float:
 
 
 @compiled
-def _follow_rotor(
-    joint: np.ndarray,
-    torque: float,
-    bound: float,
+def _follow_rotors(
+    joints: np.ndarray,
+    m: int,
+    torque: np.ndarray,
     step_s: float,
     inverse: np.ndarray,
-    j: int,
-    ahead: np.ndarray,
-    rotor: np.ndarray,
-    side: np.ndarray,
+    rotors: np.ndarray,
     position: np.ndarray,
     velocity: np.ndarray,
     gained: np.ndarray,
     impulse: np.ndarray,
 ) -> None:
-    """After a step of joint j with play: whether its rotor leaves the side on which it lies, or where it is on its way across.
+    """After a step: whether rotors with play leave the side on which they lie, and where those are that are on their way across.
 
     Rotor and link are one while the rotor presses. It leaves where it would have to pull: then it turns by its motor's ``torque``
-    and friction (``bound``) alone, and shares its momentum with the links where it arrives. ``ahead`` is by how much it is before
-    the link, ``side`` 1 or -1 where it lies and 0 on its way; both of shape (k,), and moved on.
+    and friction alone, and shares its momentum with the links where it arrives.
     """
-    half, inertia, damping = 0.5 * joint[_GAP], joint[_ROTOR], joint[_DAMPING]
-    if side[j] != 0.0:
-        passes = torque - damping * velocity[j] + (impulse[j] - inertia * gained[j]) / step_s
-        if side[j] == _UNKNOWN_SIDE:
-            side[j] = 1.0 if passes > 0.0 else -1.0
-            ahead[j] = side[j] * half
-            position[j] -= ahead[j]
-        elif passes * side[j] < 0.0:
-            side[j], rotor[j] = 0.0, velocity[j]
-        return
-    speed, most = (rotor[j] + step_s * torque / inertia) / (1.0 + step_s * damping / inertia), step_s * bound / inertia
-    rotor[j] = speed - min(max(speed, -most), most)
-    ahead[j] += step_s * (rotor[j] - velocity[j])
-    if abs(ahead[j]) < half:
-        return
-    side[j] = 1.0 if ahead[j] > 0.0 else -1.0
-    position[j] += ahead[j] - side[j] * half
-    ahead[j] = side[j] * half
-    push = (rotor[j] - velocity[j]) / (1.0 / inertia + inverse[j, j])
-    for i in range(len(velocity)):
-        velocity[i] += inverse[i, j] * push
+    for j in range(len(velocity)):
+        if joints[_GAP, m, j] <= 0.0:
+            continue
+        half, inertia, damping = 0.5 * joints[_GAP, m, j], joints[_ROTOR, m, j], joints[_DAMPING, m, j]
+        if rotors[_SIDE, j] != 0.0:
+            passes = torque[j] - damping * velocity[j] + (impulse[j] - inertia * gained[j]) / step_s
+            if rotors[_SIDE, j] == _UNKNOWN_SIDE:
+                rotors[_SIDE, j] = 1.0 if passes > 0.0 else -1.0
+                rotors[_AHEAD, j] = rotors[_SIDE, j] * half
+                position[j] -= rotors[_AHEAD, j]
+            elif passes * rotors[_SIDE, j] < 0.0:
+                rotors[_SIDE, j], rotors[_SPEED, j] = 0.0, velocity[j]
+            continue
+        speed = (rotors[_SPEED, j] + step_s * torque[j] / inertia) / (1.0 + step_s * damping / inertia)
+        most = step_s * rotors[_RUBS, j] / inertia
+        rotors[_SPEED, j] = speed - min(max(speed, -most), most)
+        rotors[_AHEAD, j] += step_s * (rotors[_SPEED, j] - velocity[j])
+        if abs(rotors[_AHEAD, j]) < half:
+            continue
+        rotors[_SIDE, j] = 1.0 if rotors[_AHEAD, j] > 0.0 else -1.0
+        position[j] += rotors[_AHEAD, j] - rotors[_SIDE, j] * half
+        rotors[_AHEAD, j] = rotors[_SIDE, j] * half
+        push = (rotors[_SPEED, j] - velocity[j]) / (1.0 / inertia + inverse[j, j])
+        for i in range(len(velocity)):
+            velocity[i] += inverse[i, j] * push
+
+
+@compiled
+def _begin(
+    begins: np.ndarray,
+    n: int,
+    joints: np.ndarray,
+    m: int,
+    gravity: np.ndarray,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    gained: np.ndarray,
+    impulse: np.ndarray,
+    memory: np.ndarray,
+    rotors: np.ndarray,
+    faster: np.ndarray,
+) -> None:
+    """Fill in what a simulation begins with."""
+    k = len(position)
+    for a in range(3):
+        faster[k, 3 + a] = -gravity[m, a]
+    for j in range(k):
+        position[j], velocity[j] = begins[n, 0, j] - joints[_OFFSET, m, j], begins[n, 1, j]
+        gained[j], impulse[j] = 0.0, 0.0
+        memory[j, 0], memory[j, 1], memory[j, 2] = begins[n, 2, j], velocity[j], 0.0
+        rotors[_AHEAD, j], rotors[_SIDE, j] = 0.0, _UNKNOWN_SIDE
 
 
 def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that it called would copy the state
@@ -208,19 +248,14 @@ def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that i
     load, arrived, value, bound, rest, impulse = np.empty(k), np.empty(k), np.empty(k), np.empty(k), np.empty(k), np.empty(k)
     late = int(np.ceil(max(0.0, joints[_LATE].max()) / step_s + 1e-9)) + 3
     line, made, before, memory = np.zeros((late, k)), np.zeros(k), np.empty(k), np.empty((k, 3))
-    q, v = np.empty(k), np.empty(k)
-    ahead, rotor, side, rubs = np.zeros(k), np.zeros(k), np.zeros(k), np.zeros(k)  # of joints with play
-    gained = np.empty(k)  # by velocities in the last step: they are those of half a step ago
+    # ``gained`` by velocities in the last step: they are those of half a step ago
+    q, v, gained, rotors = np.empty(k), np.empty(k), np.empty(k), np.zeros((4, k))
     for n in range(len(window)):
         w, m = window[n], which[n]
         inertia, of_motors = inertias[m], motors[m]
-        for a in range(3):
-            faster[k, 3 + a] = -gravity[m, a]
+        _begin(begins, n, joints, m, gravity, q, v, gained, impulse, memory, rotors, faster)
         for j in range(k):
-            q[j], v[j], impulse[j], gained[j] = begins[n, 0, j] - joints[_OFFSET, m, j], begins[n, 1, j], 0.0, 0.0
-            memory[j, 0], memory[j, 1], memory[j, 2] = begins[n, 2, j], v[j], 0.0
             before[j] = _until(-(joints[_LATE, m, j] + 0.5 * step_s) / sample_s, sums, sent, w, j)
-            ahead[j], rotor[j], side[j] = 0.0, v[j], _UNKNOWN_SIDE
         now, is_fine = 0, True
         for sample in range(samples):
             for _ in range(substeps):
@@ -228,9 +263,7 @@ def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that i
                 for j in range(k):
                     if is_known[j]:
                         if held_steps == 0 or now % held_steps == 0:
-                            reported = q[j] + ahead[j] + joints[_OFFSET, m, j]
-                            speed = rotor[j] if side[j] == 0.0 else v[j] + 0.5 * gained[j]
-                            made[j] = _made(feedback, w, sample, j, joints[_OF_GAIN, m, j], reported, speed)
+                            made[j] = _made(feedback, w, sample, j, joints, m, rotors, q, v, gained)
                         line[now % late, j] = made[j]
                         # a step moves velocities by what acts half a step before and after its begin
                         arrived[j] = _delayed(line, now, max(0.0, joints[_LATE, m, j] / step_s + 0.5 * (held_steps > 0)), j)
@@ -244,27 +277,25 @@ def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that i
                 loads(v, parent, screw, turn, move, inertia, moves, faster, forces, load)
                 masses(parent, screw, turn, move, inertia, whole, two, mass)
                 for j in range(k):
-                    turned, speed = q[j] + ahead[j], rotor[j] if side[j] == 0.0 else v[j]
+                    is_free = rotors[_SIDE, j] == 0.0
+                    turned, speed = q[j] + rotors[_AHEAD, j], rotors[_SPEED, j] if is_free else v[j]
                     _, value[j], bound[j] = sent_to_joint(arrived[j], total, turned, speed, load[j], step_s, of_motors, memory, j)
-                    spring = joints[_STIFFNESS, m, j] * (joints[_REST, m, j] - q[j])
-                    if side[j] == 0.0:  # the rotor is on its way, and its bearing, too
-                        rest[j], rubs[j], bound[j] = step_s * (spring - load[j]), bound[j], 0.0
+                    rest[j] = step_s * (joints[_STIFFNESS, m, j] * (joints[_REST, m, j] - q[j]) - load[j])
+                    if is_free:  # what turns the rotor and what holds its bearing does not reach the link
+                        rotors[_RUBS, j], bound[j] = bound[j], 0.0
                     else:
-                        rest[j] = step_s * (value[j] + spring - joints[_DAMPING, m, j] * v[j] - load[j])
+                        rest[j] += step_s * (value[j] - joints[_DAMPING, m, j] * v[j])
                         mass[j, j] += joints[_ARMATURE, m, j] + step_s * joints[_DAMPING, m, j]
                 _inverted(mass, lower, inverse)
                 is_fine = _moved_on(inverse, rest, bound, step_s, q, v, gained, impulse)
-                for j in range(k):
-                    if joints[_GAP, m, j] > 0.0:
-                        of_joint = joints[:, m, j]
-                        _follow_rotor(of_joint, value[j], rubs[j], step_s, inverse, j, ahead, rotor, side, q, v, gained, impulse)
+                _follow_rotors(joints, m, value, step_s, inverse, rotors, q, v, gained, impulse)
                 if not is_fine:
                     break
                 now += 1
             if not is_fine:
                 break
             for j in range(k):
-                found[n, sample, j] = q[j] + ahead[j] + joints[_OFFSET, m, j]
+                found[n, sample, j] = q[j] + rotors[_AHEAD, j] + joints[_OFFSET, m, j]
         if not is_fine:
             found[n] = np.nan
 
@@ -276,9 +307,10 @@ def simulate() -> Callable[..., None]:
     Its arguments, of w windows, m models and k joints in the order of their tree: torques that were recorded (w, s, k) and their
     sums (w, s + 1, k), a controller's law (6, w, s, k), which joints it drives (k,); inertias of the links (m, k, 10), gravity
     (m, 3), armature, damping, stiffness, rest, offset of the encoder, lateness of what is sent, share of the controller's gain,
-    play and inertia of the rotor (9, m, k), the motor law's values (m, k, p); parents (k,), axes and anchors (k, 3), which joints slide, where joints are at
-    first (k,); the step, steps to a sample, the time between samples, steps for which a controller holds its torque; begins (n,
-    3, k): places, speeds and warmth of the motors, windows and models (n,), and the positions after each sample (n, s, k).
+    play and inertia of the rotor (9, m, k), the motor law's values (m, k, p); parents (k,), axes and anchors (k, 3), which joints
+    slide, where joints are at first (k,); the step, steps to a sample, the time between samples, steps for which a controller
+    holds its torque; begins (n, 3, k): places, speeds and warmth of the motors, windows and models (n,), and the positions after
+    each sample (n, s, k).
     """
     f1, f2, f3, f4 = (types.float64[::1], types.float64[:, ::1], types.float64[:, :, ::1], types.float64[:, :, :, ::1])
     i1, b1 = types.int64[::1], types.boolean[::1]
