@@ -26,6 +26,7 @@ from sim_backend.reality_gap.subjects.joints.rollout_fit import LENGTHS_S, Rollo
 from sim_backend.reality_gap.subjects.joints.rollout_selection import select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.sections import joint_sections
 from sim_backend.reality_gap.subjects.joints.slides import Slides
+from sim_backend.reality_gap.subjects.joints.standing_readings import against_standing_readings
 from sim_backend.reality_gap.subjects.joints.state import JointState
 from sim_backend.reality_gap.subjects.joints.torques_and_rollouts import in_both, proposed_by, with_unlike_torques
 from sim_backend.reality_gap.subjects.joints.unnamed_patterns import against_patterns
@@ -136,11 +137,12 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     rollouts = with_late_columns(with_share_of_all(rollouts, found.problem.names))
     rollouts = with_turned_base(rollouts, found.problem.episodes[0].plant, selection.fit.state)
     if method != NAMING:
-        return rollouts
+        return against_standing_readings(rollouts, found.problem.episodes, found.problem.names)
     causes, open_, unlike = causes_between(found.problem.episodes, found.problem.names)
     of_velocities, left_open = causes_of_velocities(found.problem.episodes, found.problem.names)
     both = with_unlike_torques(in_both(torques, rollouts, [*causes, *of_velocities]), unlike)
-    return replace(both, cannot_tell=(*both.cannot_tell, *open_, *left_open))
+    both = replace(both, cannot_tell=(*both.cannot_tell, *open_, *left_open))
+    return against_standing_readings(both, found.problem.episodes, found.problem.names)
 
 
 def _unrecorded_controllers(found: JointStudy) -> np.ndarray:
