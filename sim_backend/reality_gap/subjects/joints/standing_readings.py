@@ -20,6 +20,8 @@ _FAST = 17.0
 """Times an encoder's noise that a joint must move from row to row."""
 _STANDS, _CAUGHT_UP = 0.25, 0.35
 """Share of that move below which a reading stands still, and of the way that it missed within which it catches up."""
+_LONG, _LONG_ALONE = 2, 3
+"""Rows: one that is written twice is a message that was late, as many tables have. Of an arm of one joint nobody else says so."""
 _LEAST = 3
 """Times at one joint: hits of a gear with play look like it once in a while."""
 _SOMETIMES = 0.05
@@ -69,12 +71,14 @@ def standing_readings(episodes: Sequence[EpisodeEquations], names: Sequence[str]
         for j, own in enumerate(stood):
             fast[j] += int(is_fast[j].sum())
             for begin, rows in own.items():
+                if rows < (_LONG if len(names) > 1 else _LONG_ALONE):
+                    continue
                 others = [begin in stood[k] for k in range(len(names)) if k != j and is_fast[k][begin]]
                 if not any(others):
                     times[j] += 1
                     longest_s[j] = max(longest_s[j], rows * step_s)
     seen = np.flatnonzero((times >= _LEAST) & (times < _SOMETIMES * fast))
-    return [StandingReading(names[j], int(times[j]), float(longest_s[j])) for j in seen]
+    return [StandingReading(names[j], int(times[j]), float(longest_s[j])) for j in map(int, seen)]
 
 
 def _before(moves: np.ndarray) -> np.ndarray:

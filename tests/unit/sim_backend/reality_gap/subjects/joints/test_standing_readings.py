@@ -29,11 +29,11 @@ def held(position_rad: np.ndarray, joints: list[int], begins: np.ndarray, rows: 
 
 
 def of(position_rad: np.ndarray):
-    joints = JointSignals(NAMES, position_rad, commanded_torque_nm=np.zeros_like(position_rad))
+    joints = JointSignals(NAMES[-position_rad.shape[1] :], position_rad, commanded_torque_nm=np.zeros_like(position_rad))
     return [SimpleNamespace(path=SimpleNamespace(joints=joints, step_s=STEP_S))]
 
 
-@pytest.mark.parametrize("rows", [1, 3, 8])
+@pytest.mark.parametrize("rows", [2, 3, 8])
 def test_an_encoder_that_stands_still_by_itself_is_seen(rows: int):
     (found,) = standing_readings(of(held(moved(), [1], BEGINS, rows)), NAMES)
     assert found.joint == "elbow"
@@ -47,14 +47,28 @@ def test_an_encoder_that_stands_still_by_itself_is_seen(rows: int):
         moved(),
         held(moved(), [0, 1], BEGINS, 3),
         held(moved(), [1], BEGINS[:2], 3),
+        held(moved(), [1], BEGINS, 1),
         held(moved(), [1], np.arange(5, ROWS - 5, 4), 2),
         np.where((np.arange(ROWS) > 2000)[:, None] & (np.arange(ROWS) < 2400)[:, None], np.nan, moved()),
         np.round(moved() / 0.02) * 0.02,
     ],
-    ids=["nothing", "rows that are written twice", "twice only", "slower than it is written", "a gap", "coarse steps"],
+    ids=[
+        "nothing",
+        "rows that are written twice",
+        "twice only",
+        "for one row",
+        "slower than it is written",
+        "a gap",
+        "coarse steps",
+    ],
 )
 def test_what_stands_for_other_reasons_is_none(position_rad: np.ndarray):
     assert standing_readings(of(position_rad), NAMES) == []
+
+
+def test_of_one_joint_it_must_last_longer():
+    alone = [moved()[:, 1:], held(moved(), [1], BEGINS, 2)[:, 1:], held(moved(), [1], BEGINS, 3)[:, 1:]]
+    assert [len(standing_readings(of(positions), NAMES[1:])) for positions in alone] == [0, 0, 1]
 
 
 def test_a_joint_that_is_stopped_comes_after_by_and_by():
