@@ -191,7 +191,7 @@ EFFECTS = (
         "the rotor prefers some positions",
         "MuJoCo's dcmotor cogging",
         cogging_torque_nm,
-        per_joint("amplitude_nm", "N m", 0.0, 0.05, 0.0, "largest torque, on the joint's side of the gear"),
+        per_joint("amplitude_nm", "N m", 0.0, 0.1, 0.0, "largest torque, on the joint's side of the gear"),
         shape=(
             per_joint("cycles_per_rad", "1/rad", 0.1, 1000.0, COGGING_PER_TURN * c.GEAR_RATIO / (2 * math.pi), "of the torque"),
             per_joint("phase_rad", "rad", -math.pi, math.pi, 0.0, "at joint position zero"),

@@ -57,6 +57,7 @@ class Number:
         key: "effect.parameter".
         scale: how large a deviation may be before its size speaks against it, a prior's standard deviation in its unit.
         probes: deviations at which the image of a number that is not linear is taken; a hundredth of the scale if empty.
+        probed_by: a parameter whose own value in a joint it cannot be much more than: it is probed by a third of that, both ways.
         shape: the second parameter that decides how it looks.
         product_with: a parameter, and the value that it is fitted with: only the product with the number shows in motion.
         begins_at_load: whether it is tried at shares of the largest load instead of probes.
@@ -70,6 +71,7 @@ class Number:
     key: str
     scale: float
     probes: tuple[float, ...] = ()
+    probed_by: str = ""
     shape: Shape | None = None
     product_with: tuple[str, float] | None = None
     begins_at_load: bool = False
@@ -127,7 +129,10 @@ _ENTRIES = (
         Number("stribeck_friction.extra_nm", 0.03, shape=Shape("stribeck_friction.speed_rad_s", (0.04, 0.12, 0.35), scale=0.1)),
     ),
     _at(Channel.MECHANICS, Number("load_friction.coefficient", 0.15, beside="load_friction.external_coefficient")),
-    _at(Channel.MECHANICS, Number("directional_friction.difference_nm", 0.03, probes=(-0.01, 0.01))),
+    _at(
+        Channel.MECHANICS,
+        Number("directional_friction.difference_nm", 0.03, probes=(-0.01, 0.01), probed_by="coulomb_friction.torque_nm"),
+    ),
     _at(Channel.MECHANICS, Number("backlash.gap_rad", 0.01, probes=(0.003, 0.01, 0.03))),
     JointEffect(
         Channel.CURRENT,
@@ -174,6 +179,7 @@ NUMBERS: Mapping[str, Number] = {number.key: number for entry in _ENTRIES for nu
 """By "effect.parameter"."""
 TURNS_OF_MOTORS = frozenset({"cogging.phase_rad"})
 """Parameters in rad that are no angle of a joint."""
+COGGING_AMPLITUDE, COGGING_PHASE = "cogging.amplitude_nm", "cogging.phase_rad"
 COGGING_CYCLES = "cogging.cycles_per_rad"
 """How often a motor cogs: of an unknown one it is seen, not fitted."""
 MOTOR_LOSS, MOTOR_RISE, MOTOR_WARMS_S = (f"thermal_derating.{name}" for name in ("loss_per_k", "rise_k_nm2", "time_constant_s"))

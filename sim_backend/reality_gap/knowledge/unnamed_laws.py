@@ -21,12 +21,14 @@ class UnnamedLaw:
         said: what it is.
         mistaken: effects that it may be mistaken for.
         separated_by: what to record.
+        alike: those of them that are the same while a joint moves: which fits better tells how it sticks, not which it is.
     """
 
     probes: tuple[tuple[str, str | float], ...]
     said: str
     mistaken: frozenset[str]
     separated_by: str
+    alike: frozenset[str] = frozenset()
 
 
 LAWS = (
@@ -46,6 +48,7 @@ LAWS = (
             }
         ),
         "the torques of joints at rest, hanging and with their motors off",
+        alike=frozenset({"directional_friction"}),
     ),
     UnnamedLaw(
         ((".".join(MASS), ".".join(MASS)), (LINK_INERTIA, 1.0), *((key, 1e-3) for key in LINK_CENTRES)),

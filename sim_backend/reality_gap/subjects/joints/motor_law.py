@@ -71,6 +71,8 @@ ROTOR_INERTIA_KG_M2 = PARAMETERS[KEYS[ROTOR]].absent
 """Of a nominal rotor, on the joint's side."""
 UNLIMITED_NM = 1e9
 """Saturation of a model whose motors have none that is known."""
+_AS_LARGE = 1.25
+"""Times a friction that what differs between its directions may be."""
 DIRECTION_RAD_S = 0.01
 """Within this speed the direction of friction blends over."""
 
@@ -83,8 +85,11 @@ def absent_values() -> np.ndarray:
 
 
 def pushes(values: np.ndarray) -> bool:
-    """Whether friction of one joint, without load and fast, would be less than none in one direction."""
-    return bool(abs(values[_DIRECTION]) > values[_COULOMB])
+    """Whether friction of one joint, without load and fast, would be clearly less than none in one direction.
+
+    It is none there, where both are as large; and neither is known better than within a share.
+    """
+    return bool(abs(values[_DIRECTION]) > _AS_LARGE * values[_COULOMB])
 
 
 def needs_external(values: np.ndarray) -> bool:

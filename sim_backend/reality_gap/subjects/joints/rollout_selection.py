@@ -10,6 +10,7 @@ from sim_backend.reality_gap.knowledge.joint_effects import FITTED, NUMBERS
 from sim_backend.reality_gap.subjects.joints.contradictions import is_gravity, pushes, runs_into_bounds
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS, PLATFORM, Catalogue, Hypothesis
 from sim_backend.reality_gap.subjects.joints.look import Accepted
+from sim_backend.reality_gap.subjects.joints.moves import deviations
 from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, FAR_WINDOWS, RolloutFit, RolloutProblem, is_nearer
 from sim_backend.reality_gap.subjects.joints.rollout_questions import SHOWN, gains
 from sim_backend.reality_gap.subjects.joints.rollout_trials import (
@@ -135,7 +136,24 @@ def _selected(
     for fit, first in _other_firsts(search, nominal, found):
         other = _path(search, nominal, fit, (first,))
         found = other if _is_better(problem, other, found) else found
-    return found
+    other = _with_other_gravity(search, nominal, found)
+    return other if other is not None and _leaves_little(search, other.fit) and _gains_more(other, found) else found
+
+
+def _with_other_gravity(search: "_Search", nominal: RolloutFit, found: RolloutSelection) -> RolloutSelection | None:
+    """What a search comes to that begins with a gravity of another strength, where something is left.
+
+    That is possible only where hardly anything is left with it, which beside other causes is known last.
+    """
+    alone = tuple(h for h in search.catalogue.hypotheses if FITTED[h.effect].contains)
+    if search.problem.is_near_noise(found.fit) or not alone:
+        return None
+    lenient = replace(search, any_gravity=True, tried={})
+    tried = _tried_beside(replace(lenient, catalogue=replace(search.catalogue, hypotheses=alone)), nominal, ())
+    if not tried or tried[0][0] < GATE:
+        return None
+    fit, first = _took(tried[0], tried)
+    return _path(lenient, nominal, fit, (first,))
 
 
 def _path(search: "_Search", nominal: RolloutFit, fit: RolloutFit, taken: tuple[Taken, ...]) -> RolloutSelection:
@@ -184,9 +202,13 @@ def _leaves_nothing(problem: RolloutProblem, nominal: RolloutFit, fit: RolloutFi
 
 def _is_better(problem: RolloutProblem, one: RolloutSelection, other: RolloutSelection) -> bool:
     """Whether causes leave hardly anything, and less than others by more than their numbers are worth."""
+    return _leaves_nothing(problem, one.nominal, one.fit) and _gains_more(one, other)
+
+
+def _gains_more(one: RolloutSelection, other: RolloutSelection) -> bool:
+    """Whether causes leave less than others by more than their numbers are worth."""
     numbers = [sum(len(cause.terms) for cause in each.taken) for each in (one, other)]
-    gained = problem.gained(other.fit.squares, one.fit.squares) - OF_NUMBER * (numbers[0] - numbers[1])
-    return _leaves_nothing(problem, one.nominal, one.fit) and gained > 0.0
+    return one.problem.gained(other.fit.squares, one.fit.squares) > OF_NUMBER * (numbers[0] - numbers[1])
 
 
 def _without_limits(catalogue: Catalogue) -> Catalogue:
@@ -204,6 +226,8 @@ class _Search:
     progress: Callable[[str, float], None]
     proposed: Proposed
     healthy_rad: np.ndarray | float
+    any_gravity: bool = False
+    """Whether gravity may be of another strength before it is known how much is left with it."""
     tried: "dict[int, tuple[RolloutFit, list[Tried]]]" = field(default_factory=dict)
     """What was fitted beside a model, by its identity."""
 
@@ -259,10 +283,11 @@ def _tried_beside(search: _Search, fit: RolloutFit, taken: Sequence[Taken]) -> l
         if (linear < _TRIED_FROM or len(tried) >= _TRIED) and hypothesis.name not in search.proposed:
             continue
         terms = tuple(catalogue.terms[i] for i in hypothesis.terms)
-        begins, given = [_that_show(terms, hypothesis, values, errors)], search.proposed.get(hypothesis.name, {})
-        if all((t.key, t.index) in given for t in terms):
-            begins.append((terms, np.array([given[t.key, t.index] - fit.state.value(t.key)[t.index] for t in terms])))
-        found = [fitted_quickly(problem, fit, own, hypothesis, *begin) for begin in begins]
+        found = [fitted_quickly(problem, fit, own, hypothesis, *_that_show(terms, hypothesis, values, errors))]
+        found += [
+            fitted_quickly(problem, fit, own, hypothesis, terms, begin, is_proposed=True)
+            for begin in _proposed(search, fit.state, hypothesis, terms)
+        ]
         best_of_them = max(found, key=lambda entry: entry[0])
         if _is_possible(search, taken, *best_of_them, is_whole=False):
             tried.append(best_of_them)
@@ -272,6 +297,14 @@ def _tried_beside(search: _Search, fit: RolloutFit, taken: Sequence[Taken]) -> l
     whole = [fitted_wholly(problem, fit, own, *entry[1:]) for entry in best]
     whole.sort(key=lambda entry: -entry[0])
     return [each for each in whole if _is_worth_it(fit, each[1]) and _is_possible(search, taken, *each)]
+
+
+def _proposed(search: _Search, state: JointState, hypothesis: Hypothesis, terms: tuple[Term, ...]) -> Iterator[np.ndarray]:
+    """Changes of terms to try that do not follow from a straight line: levels of a limit, and what something else has found."""
+    if NUMBERS[terms[0].key].begins_at_load:
+        yield np.array([term.probe for term in terms])
+    if given := search.proposed.get(hypothesis.name):
+        yield deviations(state.with_values(given), state, terms)
 
 
 def _that_show(
@@ -344,7 +377,9 @@ def _may_be(search: _Search, fit: RolloutFit, taken: Sequence[Taken], *, is_whol
     leave. What is left is known once all was fitted that a healthy robot may be off by, too.
     """
     problem, state = search.problem, fit.state
-    leaves_little = not is_whole or problem.is_near_noise(fit) or bool((fit.usual_rad < search.healthy_rad).all())
+    leaves_little = (
+        not is_whole or search.any_gravity or problem.is_near_noise(fit) or bool((fit.usual_rad < search.healthy_rad).all())
+    )
     return (leaves_little or is_gravity(problem.gravity_m_s2, state)) and stays_within(problem, fit, taken)
 
 

@@ -32,10 +32,21 @@ def fitted_quickly(
     hypothesis: Hypothesis,
     terms: tuple[Term, ...],
     values: np.ndarray,
+    *,
+    is_proposed: bool = False,
 ) -> Tried:
-    """A cause beside what a model has, from some values on, all that a healthy robot may be off by as the nominal one has it."""
+    """A cause beside what a model has, from some values on, all that a healthy robot may be off by as the nominal one has it.
+
+    Values that something else proposed may be right where the model, and where its windows begin, bend towards wrong ones: they
+    are tried with all that the model has come to, too, and with windows that begin anew.
+    """
     state, plain = begun(problem.without_loose(fit.state, own), terms, values)
-    new = problem.fitted(state, [*own, *plain], fit.begin, quickly=True)
+    begin = fit.begin
+    if is_proposed:
+        other = problem.begun(begun(fit.state, terms, values)[0])
+        if problem.gained(problem.squares_of(state, begin), other.squares) > 0.0:
+            state, begin = other.state, other.begin
+    new = problem.fitted(state, [*own, *plain], begin, quickly=True)
     return problem.gained(fit.squares, new.squares) - OF_NUMBER * len(plain), new, hypothesis, plain
 
 

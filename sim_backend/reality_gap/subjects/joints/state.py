@@ -89,6 +89,15 @@ class JointState:
                 changed[key] = shaped
         return replace(self, given=changed)
 
+    def with_values(self, values: Mapping[tuple[str, int], float]) -> "JointState":
+        """The state with some values instead of its own, by parameter and index."""
+        changed = dict(self.given)
+        for (key, index), value in values.items():
+            own = np.array(changed.get(key, self.value(key)), dtype=float)
+            own[index] = value
+            changed[key] = own
+        return replace(self, given=changed)
+
     def motor(self, joint: int) -> np.ndarray:
         """One joint's values for the motor law."""
         values = absent_values()

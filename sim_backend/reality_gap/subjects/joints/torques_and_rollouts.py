@@ -8,12 +8,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from sim_backend.reality_gap.knowledge.joint_effects import (
+    COGGING_AMPLITUDE,
+    COGGING_PHASE,
     FILTERED_VELOCITY,
     NUMBERS,
     SENSOR_NOISE,
     Sign,
     effect_of,
 )
+from sim_backend.reality_gap.subjects.joints.cogging_cycles import seen_cogging
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.rollout_fit import is_simulated
 from sim_backend.reality_gap.subjects.joints.rollout_selection import Proposed
@@ -27,13 +30,19 @@ _OF_COLUMNS = frozenset({FILTERED_VELOCITY.partition(".")[0]})
 
 
 def proposed_by(torques: Verdict, study: JointStudy) -> Proposed:
-    """Effects at places that torques took or confused, for rollouts to try, with values where torques took them."""
-    state = study.fit.state
+    """Effects at places that torques took or confused, and motors that cog, for rollouts to try; most with values."""
+    state, names = study.fit.state, study.problem.names
     taken = {
-        (accepted.effect, accepted.where): {(t.key, t.index): float(state.value(t.key)[t.index]) for t in accepted.terms}
+        (accepted.effect, accepted.where): {
+            (key, t.index): float(state.value(key)[t.index]) for t in accepted.terms for key in (t.key, *dict(t.shape))
+        }
         for accepted in study.fit.accepted
     }
-    return {(cause.effect, cause.where): {} for cause in torques.causes} | taken
+    lines = {
+        (COGGING_AMPLITUDE.partition(".")[0], names[j]): {(COGGING_AMPLITUDE, j): amplitude_nm, (COGGING_PHASE, j): phase_rad}
+        for j, (amplitude_nm, phase_rad) in seen_cogging(study.start, study.problem.episodes).items()
+    }
+    return {(cause.effect, cause.where): {} for cause in torques.causes} | lines | taken
 
 
 def in_both(torques: Verdict, rollouts: Verdict, columns: Sequence[Cause] = ()) -> Verdict:

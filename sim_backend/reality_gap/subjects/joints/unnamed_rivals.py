@@ -38,7 +38,11 @@ def against_unnamed(verdict: Verdict, selection: RolloutSelection, usual_rad: np
     if verdict.verdict not in (VerdictKind.NAMED, VerdictKind.CONFUSABLE) or not selection.taken:
         return verdict
     rivals = [(cause, law, _behind(selection, cause, law)) for cause in selection.taken for law in LAWS]
-    better = [f"{law.said} explains more than {_named(cause)}" for cause, law, behind in rivals if behind < -GATE]
+    better = [
+        f"{law.said} explains more than {_named(cause)}"
+        for cause, law, behind in rivals
+        if behind < -GATE and cause.hypothesis.effect not in law.alike
+    ]
     if not better and (law := _beside(selection, usual_rad)) is not None:
         better = [f"with {law.said} half of what they leave goes"]
     if better:

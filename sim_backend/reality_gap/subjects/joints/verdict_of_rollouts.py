@@ -15,13 +15,14 @@ from sim_backend.reality_gap.knowledge.joint_effects import (
     Sign,
     effect_of,
 )
+from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.knowledge.separation import separated_by
 from sim_backend.reality_gap.subjects.joints.causes import half_interval
 from sim_backend.reality_gap.subjects.joints.fitted_values import FittedValue, at_usual_factor, seen_beside
 from sim_backend.reality_gap.subjects.joints.healthy_robots import DrawnRobots, Healthy
-from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS
+from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS, own_share
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
-from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, FAR_WINDOWS, RolloutFit, RolloutProblem
+from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, FAR_WINDOWS, TOLERATED, RolloutFit, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_questions import shown, would_move_nats
 from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, RolloutSelection, Taken, instead, without
 from sim_backend.reality_gap.subjects.joints.rollout_trials import OF_NUMBER
@@ -30,7 +31,7 @@ from sim_backend.reality_gap.verdict import Cause, EffectJudged, HeldOut, Rival,
 CONFUSABLE_NATS, CONFUSABLE_SHARE = 5.0, 0.1
 """A rival that lies less than this behind, or than this share of what the cause gained, cannot be told apart."""
 _TRIFLE = 0.05
-"""Of the largest number of a cause at all joints: a joint with less of it has none."""
+"""Of the largest number of a cause at all joints: a joint with less has none, unless that is more than its model may be off."""
 _MARGIN = 5.0
 """Times what drawn healthy robots are off: the recorded one is fitted to more windows, and has errors that nobody draws.
 
@@ -257,8 +258,15 @@ def causes_of(study: JointStudy, fit: RolloutFit, taken: Taken) -> list[Cause]:
                 sizes[term.index] = abs(off)
     if taken.hypothesis.where != ALL_JOINTS:
         return [cause for _, cause in found]
-    least = _TRIFLE * max(sizes.values(), default=0.0)
-    return [cause for index, cause in found if sizes.get(index, np.inf) > least]
+    least = {index: _least_of(study, taken.terms[0].key, index, max(sizes.values())) for index in sizes}
+    return [cause for index, cause in found if index not in sizes or sizes[index] > least[index]]
+
+
+def _least_of(study: JointStudy, key: str, index: int, largest: float) -> float:
+    """What a joint must have of a cause at all joints to have it: more than a trifle of the largest, or than is tolerated."""
+    robot = study.robot
+    tolerated = TOLERATED * own_share(robot.tolerance, key, index, study.start) if isinstance(robot, UnknownRobot) else 0.0
+    return min(_TRIFLE * largest, tolerated) if tolerated > 0.0 else _TRIFLE * largest
 
 
 def _rival(selection: RolloutSelection, taken: Taken) -> tuple[Rival, Taken, RolloutFit] | None:
