@@ -376,11 +376,14 @@ def _may_be(search: _Search, fit: RolloutFit, taken: Sequence[Taken], *, is_whol
     A gravity of another strength is one only where hardly anything is left with it: no more than encoders or healthy robots
     leave. What is left is known once all was fitted that a healthy robot may be off by, too.
     """
-    problem, state = search.problem, fit.state
-    leaves_little = (
-        not is_whole or search.any_gravity or problem.is_near_noise(fit) or bool((fit.usual_rad < search.healthy_rad).all())
-    )
-    return (leaves_little or is_gravity(problem.gravity_m_s2, state)) and stays_within(problem, fit, taken)
+    problem = search.problem
+    is_any = not is_whole or search.any_gravity or _leaves_little(search, fit)
+    return (is_any or is_gravity(problem.gravity_m_s2, fit.state)) and stays_within(problem, fit, taken)
+
+
+def _leaves_little(search: _Search, fit: RolloutFit) -> bool:
+    """Whether usual windows end up no further off than encoders' noise or healthy robots make them."""
+    return search.problem.is_near_noise(fit) or bool((fit.usual_rad < search.healthy_rad).all())
 
 
 def stays_within(problem: RolloutProblem, fit: RolloutFit, taken: Sequence[Taken]) -> bool:
