@@ -57,7 +57,7 @@ class Number:
         key: "effect.parameter".
         scale: how large a deviation may be before its size speaks against it, a prior's standard deviation in its unit.
         probes: deviations at which the image of a number that is not linear is taken; a hundredth of the scale if empty.
-        probed_by: a parameter whose own value in a joint it cannot be much more than: it is probed by a third of that, both ways.
+        probed_by: a parameter whose value in the same joint of an unknown robot it cannot be much more than.
         shape: the second parameter that decides how it looks.
         product_with: a parameter, and the value that it is fitted with: only the product with the number shows in motion.
         begins_at_load: whether it is tried at shares of the largest load instead of probes.

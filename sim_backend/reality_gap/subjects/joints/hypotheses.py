@@ -32,6 +32,7 @@ PLATFORM = "platform"
 
 BEYOND_HEALTHY = 10.0
 _OF_MOST = (-1 / 3, 1 / 3)
+"""Shares of what a number cannot be much more than, by which it is probed."""
 CLOCK_TOLERANCE = 0.2
 """Standard deviation of when a torque acted, in samples: a quarter of one between a held torque and its mean over two."""
 
@@ -184,7 +185,8 @@ def _members(
         return [[Term(key, index, float(level - limit))] for level in levels if 0.02 < level < 0.995 * limit]
     shape = number.shape
     if shape is None:
-        most = abs(float(state.value(number.probed_by)[index])) if number.probed_by else 0.0
+        is_bounded = bool(number.probed_by) and isinstance(robot, UnknownRobot)
+        most = abs(float(state.value(number.probed_by)[index])) if is_bounded else 0.0
         probes = [most * share for share in _OF_MOST] if most else [by * probe for probe in number.probes or (scale / by / 100,)]
         return [[Term(key, index, probe)] for probe in probes]
     extra = () if number.product_with is None else (number.product_with,)

@@ -74,11 +74,16 @@ def one_window(position: np.ndarray, sent: np.ndarray, feedback: Feedback | None
 
 
 def study_of(
-    hidden: str, *, tolerance: Tolerance | None = None, seconds: float = 6.0, gravity_m_s2: float = 9.81, **of_motor: float
+    hidden: str | mujoco.MjModel,
+    *,
+    tolerance: Tolerance | None = None,
+    seconds: float = 6.0,
+    gravity_m_s2: float = 9.81,
+    **of_motor: float,
 ):
-    """Judge two recordings of a pendulum that has more than its model, and a motor as :func:`recorded` has it."""
+    """Judge two recordings of a pendulum that has more than its model, or of another, and a motor as :func:`recorded` has it."""
     nominal = mujoco.MjModel.from_xml_string(PENDULUM.format(more=""))
-    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more=hidden))
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more=hidden)) if isinstance(hidden, str) else hidden
     model.opt.gravity[2] = -gravity_m_s2
     recordings = [
         replace(recorded(model, targets(seconds, seed), seed=seed, **of_motor), name=f"swing {seed}") for seed in (1, 2)

@@ -37,8 +37,8 @@ def test_friction_that_would_drive_a_joint_in_one_direction_is_none(study):
         values = {"coulomb_friction.torque_nm": [0.1, 0.2], "directional_friction.difference_nm": [0.0, difference_nm]}
         return replace(study.start, given={**study.start.given, **{key: np.array(value) for key, value in values.items()}})
 
-    assert not pushes(directed(0.19)) and not pushes(directed(-0.19))
-    assert pushes(directed(0.21)) and pushes(directed(-0.21))
+    assert not pushes(directed(0.21)) and not pushes(directed(-0.21))
+    assert pushes(directed(0.26)) and pushes(directed(-0.26))
 
 
 def test_a_number_at_the_end_of_what_the_catalogue_allows_is_no_cause(study):

@@ -23,9 +23,9 @@ STATE = JointState(9, {"torque_saturation.limit_nm": np.full(9, c.MAX_TORQUE_NM)
 LOAD_NM = np.tile(np.linspace(-0.3, 0.3, 50)[:, None], (1, 9))
 
 
-def catalogue(robot=None, tolerances=None):
+def catalogue(robot=None, tolerances=None, state=STATE):
     known = robot or KnownTriFinger(HealthySessions(tolerances or {}, np.zeros(0), {}))
-    return joint_catalogue(c.JOINT_NAMES, STATE, LOAD_NM, 1e-3, robot=known)
+    return joint_catalogue(c.JOINT_NAMES, state, LOAD_NM, 1e-3, robot=known)
 
 
 @pytest.fixture(scope="module")
@@ -108,3 +108,14 @@ def test_an_effect_left_out_is_neither_asked_nor_tolerated(whole):
     assert "viscous_friction" not in {h.effect for h in less.hypotheses}
     assert not any(less.tolerance[i] for i, t in enumerate(less.terms) if t.effect == "viscous_friction")
     assert len(less.hypotheses) == len(whole.hypotheses) - 10
+
+
+def test_what_differs_between_directions_is_probed_by_the_friction_of_its_joint():
+    friction = np.linspace(0.01, 0.09, 9)
+    state = JointState(9, {"coulomb_friction.torque_nm": friction}, size=30.0)
+    unknown, known = (
+        [t.probe for t in catalogue(robot, state=state).terms if t.key == "directional_friction.difference_nm"]
+        for robot in (UnknownRobot(), None)
+    )
+    assert unknown == pytest.approx(np.stack([-friction / 3, friction / 3], axis=1).ravel())
+    assert {abs(probe) for probe in known} == {0.3}

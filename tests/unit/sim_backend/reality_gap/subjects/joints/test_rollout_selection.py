@@ -9,6 +9,7 @@ import pytest
 
 from sim_backend.effects.catalogue import CATALOGUE
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownRobot
+from sim_backend.reality_gap.model.native_elements import add_play
 from sim_backend.reality_gap.subjects.joints import rollout_fit, rollout_selection
 from sim_backend.reality_gap.subjects.joints.healthy_robots import DrawnRobots
 from sim_backend.reality_gap.subjects.joints.hypotheses import Hypothesis, with_controllers
@@ -39,6 +40,8 @@ from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import (
     study_of,
     targets,
 )
+
+PLAY_RAD = 0.03
 
 
 @pytest.mark.parametrize(
@@ -107,6 +110,15 @@ def test_a_motor_that_cogs_as_often_as_no_other_is_named_with_how_often():
     assert value["cycles_per_rad"] == pytest.approx(COGS / (2.0 * np.pi))
 
 
+def test_play_between_an_encoder_and_its_joint_is_named():
+    spec = mujoco.MjSpec.from_string(PENDULUM.format(more=""))
+    assert add_play(spec.joint("hinge"), PLAY_RAD, 1e-3) is None
+    verdict = study_of(spec.compile(), seconds=8.0)
+    (cause,) = verdict.causes
+    assert (cause.effect, cause.where) == ("backlash", "hinge"), verdict.summary
+    assert cause.value == pytest.approx(PLAY_RAD, rel=0.15), "its sides give way a little"
+
+
 def test_of_three_causes_those_that_gain_little_are_causes_too_where_all_together_leave_nothing():
     verdict = study_of('frictionloss="0.15" damping="0.02"', late_rows=2)
     assert {cause.effect for cause in verdict.causes} == {"coulomb_friction", "viscous_friction", "action_delay"}, verdict.summary
@@ -121,6 +133,8 @@ def test_where_a_straight_line_leads_astray_a_fit_begins_from_what_torques_found
         return [(gain, h, 0.0 * values if h.effect == limits else values, e) for gain, h, values, e in own(*asked)]
 
     monkeypatch.setattr(rollout_selection, "gains", astray)
+    without_levels = {key: replace(number, begins_at_load=False) for key, number in rollout_selection.NUMBERS.items()}
+    monkeypatch.setattr(rollout_selection, "NUMBERS", without_levels)
     found = [
         [
             cause.hypothesis.effect

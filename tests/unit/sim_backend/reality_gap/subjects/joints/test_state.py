@@ -34,3 +34,9 @@ def test_inertias_are_bounded_by_the_arms_own_and_torques_by_its_torques():
     assert state.bounds("rotor_inertia.armature_kg_m2")[1] == 60.0 * JointState(1).bounds("rotor_inertia.armature_kg_m2")[1]
     assert state.bounds("coulomb_friction.torque_nm")[1] == 9.0 * JointState(1).bounds("coulomb_friction.torque_nm")[1]
     assert state.bounds("link_mass.factor") == JointState(1).bounds("link_mass.factor")
+
+
+def test_some_values_take_the_place_of_others():
+    state = JointState(2).moved(Term(COULOMB, 0, 1e-3), 0.1).with_values({(COULOMB, 1): 0.2, (OFFSET, 0): 0.03})
+    assert state.value(COULOMB).tolist() == [0.1, 0.2]
+    assert state.value(OFFSET).tolist() == [0.03, 0.0]
