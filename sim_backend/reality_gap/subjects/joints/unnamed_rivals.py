@@ -12,7 +12,7 @@ import numpy as np
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.knowledge.unnamed_laws import DRAG, LAWS, UnnamedLaw
-from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutFit
+from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutFit, apart
 from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, RolloutSelection, Taken
 from sim_backend.reality_gap.subjects.joints.rollout_trials import OF_NUMBER, as_nominal
 from sim_backend.reality_gap.subjects.joints.state import Term
@@ -89,10 +89,23 @@ def _behind(selection: RolloutSelection, cause: Taken, law: UnnamedLaw) -> float
     own = sorted({t.index for t in cause.terms if PARAMETERS[t.key].scope is Scope.JOINT})
     terms = _terms(selection, law, own or every)
     kept = [term for other in selection.taken if other is not cause for term in other.terms]
-    found = problem.fitted(as_nominal(problem, fit.state, cause.terms), [*kept, *terms], fit.begin)
-    if not _is_possible(found):
-        return np.inf
-    return problem.gained(found.squares, fit.squares) + OF_NUMBER * (len(terms) - len(cause.terms))
+    without = as_nominal(problem, fit.state, cause.terms)
+    found = [problem.fitted(without, [*kept, *terms], fit.begin)]
+    if (values := _as_lossy(selection, cause, terms)) is not None:
+        found.append(problem.fitted(without.with_values(values), [*kept, *terms]))
+    behind = [problem.gained(each.squares, fit.squares) for each in found if _is_possible(each)]
+    return min(behind, default=np.inf) + OF_NUMBER * (len(terms) - len(cause.terms))
+
+
+def _as_lossy(selection: RolloutSelection, cause: Taken, terms: Sequence[Term]) -> dict[tuple[str, int], float] | None:
+    """Drag that takes as much energy as a cause's viscous friction: from no drag a fit may not find there; None of all else."""
+    (like,) = (dict(law.probes)[DRAG] for law in LAWS if DRAG in dict(law.probes))
+    if {term.key for term in terms} != {DRAG} or {term.key for term in cause.terms} != {like}:
+        return None
+    problem, speed = selection.problem, np.abs(selection.problem.windows.begin_rad_s)
+    share = (speed**2).mean(axis=0) / np.maximum((speed**3).mean(axis=0), 1e-12)
+    off = apart(selection.fit.state, problem.start, cause.terms)
+    return {(DRAG, t.index): max(0.0, float(by * share[t.index])) for t, by in zip(cause.terms, off, strict=True)}
 
 
 def _beside(selection: RolloutSelection, usual_rad: np.ndarray) -> UnnamedLaw | None:
