@@ -32,6 +32,10 @@ _WHOLLY = 2
 """So many of those are fitted once more together with everything else."""
 _MENDS = 0.5
 """A cause that gains less than this share of the largest, leaving more than noise, may only mend what that one's law leaves."""
+_MOSTLY = 0.25
+"""Share of its joint's error that a cause leaves which is no mend of another joint's law."""
+_NEARLY = 4.0
+"""Times what healthy robots are off that a gravity of another strength may leave beside other causes."""
 _LITTLE = 0.02
 """Share of an error that causes may leave to be all there are: laws of another shape than the robot's leave more."""
 _CLEARLY = 5.0
@@ -137,7 +141,10 @@ def _selected(
         other = _path(search, nominal, fit, (first,))
         found = other if _is_better(problem, other, found) else found
     other = _with_other_gravity(search, nominal, found)
-    return other if other is not None and _leaves_little(search, other.fit) and _gains_more(other, found) else found
+    if other is None or not _gains_more(other, found):
+        return found
+    nearly = replace(search, healthy_rad=_NEARLY * np.asarray(search.healthy_rad))
+    return other if _leaves_little(nearly, other.fit) else found
 
 
 def _with_other_gravity(search: "_Search", nominal: RolloutFit, found: RolloutSelection) -> RolloutSelection | None:
@@ -254,7 +261,7 @@ def _best(search: _Search, fit: RolloutFit, taken: Sequence[Taken], share: float
         search.tried[id(fit)] = fit, _tried_beside(search, fit, taken)
     asked = {hypothesis.effect for hypothesis in search.catalogue.hypotheses}
     tried = [each for each in search.tried[id(fit)][1] if each[2].effect in asked]
-    enough = [entry for entry in tried if entry[0] >= _least(search.problem, entry[1], taken, share)]
+    enough = [entry for entry in tried if entry[0] >= _least(search.problem, fit, entry, taken, share)]
     if not enough:
         return None
     return _took(_single_rather_than_all(enough), tried)
@@ -341,11 +348,22 @@ def _needed(problem: RolloutProblem, fit: RolloutFit, cause: Taken) -> tuple[Ter
     return tuple(t for t, gain in zip(cause.terms, gains, strict=True) if gain > OF_NUMBER) or cause.terms
 
 
-def _least(problem: RolloutProblem, new: RolloutFit, taken: Sequence[Taken], share: float) -> float:
-    """What a cause must gain: a share of what the largest did, unless with it hardly anything is left."""
-    if not taken or problem.is_near_noise(new):
+def _least(problem: RolloutProblem, fit: RolloutFit, tried: Tried, taken: Sequence[Taken], share: float) -> float:
+    """What a cause must gain beside others: a share of the largest, unless hardly anything is left or it has a joint of its own."""
+    if not taken or problem.is_near_noise(tried[1]) or _explains_a_joint(problem, fit, tried, taken):
         return GATE
     return max(GATE, share * max(cause.gain for cause in taken))
+
+
+def _explains_a_joint(problem: RolloutProblem, fit: RolloutFit, tried: Tried, taken: Sequence[Taken]) -> bool:
+    """Whether a cause takes away most of the error of its joint, at which there is no other: it mends no other's law."""
+    _, new, hypothesis, terms = tried
+    joints = {term.index for term in terms}
+    if hypothesis.where in (ALL_JOINTS, PLATFORM) or joints & {term.index for cause in taken for term in cause.terms}:
+        return False
+    (joint,) = joints
+    is_off = fit.usual_rad[joint] > FAR_OFF * problem.noise_rad[joint]
+    return bool(is_off and new.usual_rad[joint] < _MOSTLY * fit.usual_rad[joint])
 
 
 def _distinct(
