@@ -11,7 +11,8 @@ import numpy as np
 
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, RolloutFit, RolloutProblem, apart
-from sim_backend.reality_gap.subjects.joints.rollout_selection import RolloutSelection, Taken, only_at, stays_within, without
+from sim_backend.reality_gap.subjects.joints.rollout_search import Taken, stays_within
+from sim_backend.reality_gap.subjects.joints.rollout_selection import RolloutSelection, only_at, without
 from sim_backend.reality_gap.subjects.joints.state import JointState
 from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import EXPLAINED
 

@@ -19,7 +19,7 @@ from sim_backend.reality_gap.knowledge.joint_effects import (
 from sim_backend.reality_gap.subjects.joints.cogging_cycles import seen_cogging
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.rollout_fit import is_simulated
-from sim_backend.reality_gap.subjects.joints.rollout_selection import Proposed
+from sim_backend.reality_gap.subjects.joints.rollout_search import Proposed
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, Told, Verdict, VerdictKind
 
 _MOTION_FITS = frozenset({VerdictKind.NAMED, VerdictKind.NOTHING_WRONG})

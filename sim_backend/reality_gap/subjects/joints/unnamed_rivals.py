@@ -13,7 +13,8 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.knowledge.unnamed_laws import DRAG, LAWS, UnnamedLaw
 from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutFit, apart
-from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, RolloutSelection, Taken
+from sim_backend.reality_gap.subjects.joints.rollout_search import GATE, Taken
+from sim_backend.reality_gap.subjects.joints.rollout_selection import RolloutSelection
 from sim_backend.reality_gap.subjects.joints.rollout_trials import OF_NUMBER, as_nominal
 from sim_backend.reality_gap.subjects.joints.state import Term
 from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import CONFUSABLE_NATS, CONFUSABLE_SHARE, effects_judged

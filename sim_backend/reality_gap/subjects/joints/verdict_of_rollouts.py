@@ -24,7 +24,8 @@ from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS, own_s
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, FAR_WINDOWS, TOLERATED, RolloutFit, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_questions import shown, would_move_nats
-from sim_backend.reality_gap.subjects.joints.rollout_selection import GATE, RolloutSelection, Taken, instead, without
+from sim_backend.reality_gap.subjects.joints.rollout_search import GATE, Taken
+from sim_backend.reality_gap.subjects.joints.rollout_selection import RolloutSelection, instead, without
 from sim_backend.reality_gap.subjects.joints.rollout_trials import OF_NUMBER
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, HeldOut, Rival, Told, Verdict, VerdictKind
 

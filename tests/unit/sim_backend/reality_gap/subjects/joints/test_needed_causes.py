@@ -12,7 +12,8 @@ from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.needed_causes import _is_needed, with_needed_causes
 from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutFit, RolloutProblem
-from sim_backend.reality_gap.subjects.joints.rollout_selection import RolloutSelection, Taken
+from sim_backend.reality_gap.subjects.joints.rollout_search import Taken
+from sim_backend.reality_gap.subjects.joints.rollout_selection import RolloutSelection
 
 TWO = """
 <mujoco><option timestep="0.0005" integrator="implicitfast"/><worldbody>

@@ -10,20 +10,14 @@ import pytest
 from sim_backend.effects.catalogue import CATALOGUE
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownRobot
 from sim_backend.reality_gap.model.native_elements import add_play
-from sim_backend.reality_gap.subjects.joints import rollout_fit, rollout_selection
+from sim_backend.reality_gap.subjects.joints import rollout_fit, rollout_search, rollout_selection
 from sim_backend.reality_gap.subjects.joints.healthy_robots import DrawnRobots
 from sim_backend.reality_gap.subjects.joints.hypotheses import Hypothesis, with_controllers
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutFit, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_questions import would_move_nats
-from sim_backend.reality_gap.subjects.joints.rollout_selection import (
-    GATE,
-    RolloutSelection,
-    Taken,
-    _may_be,
-    _Search,
-    select_by_rollouts,
-)
+from sim_backend.reality_gap.subjects.joints.rollout_search import GATE, CauseSearch, Taken, may_be
+from sim_backend.reality_gap.subjects.joints.rollout_selection import RolloutSelection, select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import verdict_of_rollouts
 from sim_backend.reality_gap.verdict import Told, VerdictKind
@@ -126,15 +120,15 @@ def test_of_three_causes_those_that_gain_little_are_causes_too_where_all_togethe
 
 def test_where_a_straight_line_leads_astray_a_fit_begins_from_what_torques_found(monkeypatch):
     problem, limits = problem_of(LIMIT_NM), "torque_saturation"
-    own = rollout_selection.gains
+    own = rollout_search.gains
 
     def astray(*asked):
         """Limits far above all that was sent, from where nothing leads back."""
         return [(gain, h, 0.0 * values if h.effect == limits else values, e) for gain, h, values, e in own(*asked)]
 
-    monkeypatch.setattr(rollout_selection, "gains", astray)
-    without_levels = {key: replace(number, begins_at_load=False) for key, number in rollout_selection.NUMBERS.items()}
-    monkeypatch.setattr(rollout_selection, "NUMBERS", without_levels)
+    monkeypatch.setattr(rollout_search, "gains", astray)
+    without_levels = {key: replace(number, begins_at_load=False) for key, number in rollout_search.NUMBERS.items()}
+    monkeypatch.setattr(rollout_search, "NUMBERS", without_levels)
     found = [
         [
             cause.hypothesis.effect
@@ -149,10 +143,10 @@ def test_gravity_of_another_strength_is_possible_where_no_more_is_left_than_heal
     problem = problem_of()
     weaker = problem.begun(problem.start.moved(Term("gravity.offset_m_s2", 2, 1e-3), 2.0, with_shape=False))
     assert not problem.is_near_noise(weaker)
-    search = _Search(problem, problem.catalogue, lambda _: True, lambda *_: None, {}, 0.0)
-    assert not _may_be(search, weaker, ()) and _may_be(search, weaker, (), is_whole=False)
-    assert _may_be(replace(search, healthy_rad=1.01 * weaker.usual_rad), weaker, ())
-    assert not _may_be(replace(search, healthy_rad=0.99 * weaker.usual_rad), weaker, ())
+    search = CauseSearch(problem, problem.catalogue, lambda _: True, lambda *_: None, {}, 0.0)
+    assert not may_be(search, weaker, ()) and may_be(search, weaker, (), is_whole=False)
+    assert may_be(replace(search, healthy_rad=1.01 * weaker.usual_rad), weaker, ())
+    assert not may_be(replace(search, healthy_rad=0.99 * weaker.usual_rad), weaker, ())
 
 
 def test_windows_of_which_one_in_five_is_far_off_are_not_near_noise():
