@@ -26,7 +26,7 @@ from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 _MENDS = 0.5
 """A cause that gains less than this share of the largest, leaving more than noise, may only mend what that one's law leaves."""
 _NEARLY = 4.0
-"""Times what healthy robots are off that a gravity of another strength may leave beside other causes."""
+"""Times what healthy robots are off: what leaves more is asked for a gravity of another strength, which may leave no more."""
 _LITTLE = 0.02
 """Share of an error that causes may leave to be all there are: laws of another shape than the robot's leave more."""
 _MOST, _MOST_MENDING = 6, 2
@@ -110,21 +110,17 @@ def _selected(
     for fit, first in _other_firsts(search, nominal, found):
         other = _path(search, nominal, fit, (first,))
         found = other if _is_better(problem, other, found) else found
-    other = _with_other_gravity(search, nominal, found)
-    if other is None or not _gains_more(other, found):
-        return found
     nearly = replace(search, healthy_rad=_NEARLY * np.asarray(search.healthy_rad))
-    return other if leaves_little(nearly, other.fit) else found
+    other = None if leaves_little(nearly, found.fit) else _with_other_gravity(search, nominal)
+    return other if other is not None and leaves_little(nearly, other.fit) and _gains_more(other, found) else found
 
 
-def _with_other_gravity(search: CauseSearch, nominal: RolloutFit, found: RolloutSelection) -> RolloutSelection | None:
-    """What a search comes to that begins with a gravity of another strength, where something is left.
+def _with_other_gravity(search: CauseSearch, nominal: RolloutFit) -> RolloutSelection | None:
+    """What a search comes to that begins with a gravity of another strength; None where that gains nothing.
 
-    That is possible only where hardly anything is left with it, which beside other causes is known last.
+    It is possible only where hardly anything is left with it, which beside other causes is known last.
     """
     alone = tuple(h for h in search.catalogue.hypotheses if FITTED[h.effect].contains)
-    if search.problem.is_near_noise(found.fit) or not alone:
-        return None
     lenient = replace(search, any_gravity=True, tried={})
     tried = tried_beside(replace(lenient, catalogue=replace(search.catalogue, hypotheses=alone)), nominal, ())
     if not tried or tried[0][0] < GATE:

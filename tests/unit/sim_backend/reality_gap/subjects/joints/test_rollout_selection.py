@@ -16,7 +16,7 @@ from sim_backend.reality_gap.subjects.joints.hypotheses import Hypothesis, with_
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutFit, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_questions import would_move_nats
-from sim_backend.reality_gap.subjects.joints.rollout_search import GATE, CauseSearch, Taken, may_be
+from sim_backend.reality_gap.subjects.joints.rollout_search import GATE, CauseSearch, Taken, _least, may_be
 from sim_backend.reality_gap.subjects.joints.rollout_selection import RolloutSelection, select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import verdict_of_rollouts
@@ -218,3 +218,22 @@ def test_nothing_is_named_where_nothing_is_hidden_and_every_effect_is_answered_f
         assert each.told in {Told.EXCLUDED, Told.NOT_JUDGED} and (each.above or each.because), each
     excluded = {each.effect: each.above for each in verdict.effects if each.told is Told.EXCLUDED}
     assert 0.0 < excluded["coulomb_friction"] < 0.08, "the friction that the test beside this one finds would have been seen"
+
+
+@pytest.mark.parametrize(
+    ("joint", "usual_rad", "where", "explains"),
+    [
+        (1, (9e-3, 1e-3), "elbow", True),
+        (1, (9e-3, 4e-3), "elbow", False),
+        (0, (1e-3, 9e-3), "shoulder", False),
+        (1, (9e-3, 1e-3), "all joints", False),
+    ],
+    ids=["most of its joint's", "half of it", "where another is", "everywhere"],
+)
+def test_a_small_gain_counts_where_it_is_most_of_a_joint_s_error_and_no_other_cause_is(joint, usual_rad, where, explains):
+    friction, slack = (Term(key, at, 1e-3) for key, at in (("coulomb_friction.torque_nm", 0), ("backlash.gap_rad", joint)))
+    problem = SimpleNamespace(noise_rad=np.full(2, 1e-4), is_near_noise=lambda _: False)
+    before, after = SimpleNamespace(usual_rad=np.full(2, 9e-3)), SimpleNamespace(usual_rad=np.array(usual_rad))
+    taken = [Taken(Hypothesis("coulomb_friction", "shoulder", (0,), (1.0,)), (friction,), 1000.0, ())]
+    least = _least(problem, before, (100.0, after, Hypothesis("backlash", where, (1,), (1.0,)), (slack,)), taken, 0.5)
+    assert least == (GATE if explains else 500.0)
