@@ -22,7 +22,7 @@ from sim_backend.reality_gap.subjects.joints.judged import not_judged
 from sim_backend.reality_gap.subjects.joints.motor_law import LIMIT
 from sim_backend.reality_gap.subjects.joints.needed_causes import with_needed_causes
 from sim_backend.reality_gap.subjects.joints.position_and_velocity import causes_of_velocities
-from sim_backend.reality_gap.subjects.joints.rollout_fit import LENGTHS_S, RolloutProblem
+from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, LENGTHS_S, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_selection import select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.sections import joint_sections
 from sim_backend.reality_gap.subjects.joints.slides import Slides
@@ -132,7 +132,8 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     beside = limits_of(others, selection.fit, enough_rad, near) if is_left else None
     rollouts = verdict_of_rollouts(found, selection, healthy, beside)
     usual_rad = of_healthy_rad(beside or healthy, enough_rad)[0]
-    rollouts = against_patterns(rollouts, found, selection, np.maximum(enough_rad, (beside or healthy).fitted_rad))
+    drawn_rad = np.maximum(FAR_OFF * problem.noise_rad, (beside or healthy).fitted_rad)
+    rollouts = against_patterns(rollouts, found, selection, drawn_rad)
     rollouts = against_unnamed(rollouts, selection, usual_rad)
     rollouts = with_late_columns(with_share_of_all(rollouts, found.problem.names))
     rollouts = with_turned_base(rollouts, found.problem.episodes[0].plant, selection.fit.state)

@@ -37,21 +37,21 @@ class UnnamedPattern:
     share: float
 
 
-def against_patterns(verdict: Verdict, study: JointStudy, selection: RolloutSelection, enough_rad: np.ndarray) -> Verdict:
+def against_patterns(verdict: Verdict, study: JointStudy, selection: RolloutSelection, drawn_rad: np.ndarray) -> Verdict:
     """A verdict of rollouts as it stands beside what is left: where that has a law of its own, causes are a part of it.
 
-    Only joints are asked that still end up further off than is enough for anybody, with all that the extended model has: robots
-    that have the causes may be as far off, and a pattern tells even so.
+    Only joints are asked that still end up further off than robots which were drawn with the causes, with all that the extended
+    model has, by no margin: a pattern tells even so.
 
     Args:
         verdict: what rollouts came to.
         study: of the same recordings.
         selection: that the verdict was drawn from.
-        enough_rad: what usual windows of any joint may be off, shape (k,).
+        drawn_rad: what usual windows of robots that have the causes and are healthy else are off, shape (k,), or noise if more.
     """
     if verdict.verdict not in (VerdictKind.NAMED, VerdictKind.CONFUSABLE):
         return verdict
-    is_far, names, episodes = selection.extended.usual_rad > enough_rad, study.problem.names, study.problem.episodes
+    is_far, names, episodes = selection.extended.usual_rad > drawn_rad, study.problem.names, study.problem.episodes
     model, without = selection.extended.state, selection.nominal.state
     found = [followed(episodes, model, int(j), names, instead_of=without) for j in np.flatnonzero(is_far)]
     laws = sorted((law for law in found if law is not None), key=lambda law: -law.share)
