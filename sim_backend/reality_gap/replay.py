@@ -24,6 +24,8 @@ from sim_backend.reality_gap.subjects.joints.forward import LONGEST_IN_LOOP_S, L
 from sim_backend.reality_gap.subjects.joints.trajectory import Trajectory, filled_gaps, trajectory
 from sim_backend.reality_gap.subjects.subject import Progress
 
+_HELD_KG_M2 = 1e6
+"""Armature of a play that does not move."""
 _EDGE_S = 0.1
 """Of a recording, at both ends, where windows neither begin nor end: its smoothed velocity is not as good there."""
 _RESAMPLED = 2000
@@ -231,10 +233,6 @@ def simulated(
     dof = [int(model.joint(name).dofadr[0]) for name in joints.names]
     data.qpos[at], data.qvel[dof] = begin_rad, begin_rad_s
     mujoco.mj_forward(model, data)
-    # rotors lie on the side on which their links' weight holds them
-    held = np.sign(data.qfrc_bias[model.jnt_dofadr[plays]])
-    data.qpos[model.jnt_qposadr[plays]] = np.where(held > 0.0, *model.jnt_range[plays].T) * np.abs(held)
-    mujoco.mj_forward(model, data)
     sent, feedback = filled_gaps(_torques(joints))[part], None if joints.feedback is None else joints.feedback.at(part)
     if feedback is not None:
         gains = np.array([acting.position_gain(name) for name in joints.names])
@@ -248,6 +246,26 @@ def simulated(
                 before, made = data.qvel[dof].copy(), feedback.at(row).torque_nm(data.qpos[at], now)
                 torque = np.where(np.isfinite(made), made, torque)
             acting.apply(model, data, dict(zip(joints.names, map(float, torque), strict=True)))
+            if data.time == 0.0:
+                _lay_rotors(model, data, np.flatnonzero(plays))
             mujoco.mj_step(model, data)
         found[row] = data.qpos[at]
     return found
+
+
+def _lay_rotors(model: mujoco.MjModel, data: mujoco.MjData, plays: np.ndarray) -> None:
+    """Put rotors on the side of their play on which they press, by what would hold them and their links together now.
+
+    Args:
+        model: of the robots.
+        data: in the middle of all plays, with the torques that act.
+        plays: joints that are the play of others, by index.
+    """
+    dofs = model.jnt_dofadr[plays]
+    own = model.dof_armature[dofs].copy()
+    model.dof_armature[dofs] = _HELD_KG_M2
+    mujoco.mj_forward(model, data)
+    lower, upper = model.jnt_range[plays].T
+    data.qpos[model.jnt_qposadr[plays]] = np.where(data.qacc[dofs] > 0.0, upper, lower)
+    model.dof_armature[dofs] = own
+    mujoco.mj_forward(model, data)
