@@ -11,6 +11,7 @@ from sim_backend.reality_gap.knowledge.healthy import healthy_tolerances
 from sim_backend.reality_gap.knowledge.joint_effects import (
     FITTED,
     NUMBERS,
+    PLAY,
     POSITION_GAIN,
     SCALES,
     JointEffect,
@@ -152,6 +153,12 @@ def with_controllers(catalogue: Catalogue, names: Sequence[str], driven: np.ndar
     found = _at_joints(FITTED[POSITION_GAIN.partition(".")[0]], names, {j: [(first + i,)] for i, j in enumerate(joints)}, scale)
     tolerance = np.concatenate([catalogue.tolerance, np.zeros(len(joints))])
     return Catalogue(terms, tolerance, (*catalogue.hypotheses, *found), catalogue.scales)
+
+
+def without_play(catalogue: Catalogue, has_rotor: np.ndarray) -> Catalogue:
+    """The same without play at joints whose model has no rotor, shape (k,): nobody knows what would cross it."""
+    bare = {i for i, term in enumerate(catalogue.terms) if term.key == PLAY and not has_rotor[term.index]}
+    return replace(catalogue, hypotheses=tuple(h for h in catalogue.hypotheses if not bare & set(h.terms)))
 
 
 def own_share(declared: Tolerance, key: str, index: int, start: JointState) -> float:

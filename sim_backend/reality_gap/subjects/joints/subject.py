@@ -8,6 +8,7 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
+from sim_backend.reality_gap.knowledge.joint_effects import ROTOR
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot, UnknownRobot
 from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.subjects.joints.calibrating import METHODS, calibrate
@@ -16,7 +17,7 @@ from sim_backend.reality_gap.subjects.joints.contradictions import contradicts
 from sim_backend.reality_gap.subjects.joints.equal_causes import with_late_columns, with_share_of_all, with_turned_base
 from sim_backend.reality_gap.subjects.joints.gain import held_out, held_out_of_hits
 from sim_backend.reality_gap.subjects.joints.healthy_robots import DrawnRobots
-from sim_backend.reality_gap.subjects.joints.hypotheses import with_controllers
+from sim_backend.reality_gap.subjects.joints.hypotheses import with_controllers, without_play
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy, ShowsNothingError, joints_of, study_joints
 from sim_backend.reality_gap.subjects.joints.judged import not_judged
 from sim_backend.reality_gap.subjects.joints.motor_law import LIMIT
@@ -108,7 +109,8 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
         progress: told what is done, and which share.
     """
     assert isinstance(found.robot, UnknownRobot)
-    catalogue = with_controllers(found.fit.first.catalogue, found.problem.names, _unrecorded_controllers(found))
+    catalogue = without_play(found.fit.first.catalogue, found.start.value(ROTOR) > 0.0)
+    catalogue = with_controllers(catalogue, found.problem.names, _unrecorded_controllers(found))
     problem = RolloutProblem(found.problem.episodes, found.start, catalogue, found.robot.tolerance)
     if not len(problem.windows):
         return _not_simulated(torques)

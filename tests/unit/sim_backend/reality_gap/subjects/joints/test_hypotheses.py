@@ -13,6 +13,7 @@ from sim_backend.reality_gap.subjects.joints.hypotheses import (
     CLOCK_TOLERANCE,
     PLATFORM,
     joint_catalogue,
+    without_play,
 )
 from sim_backend.reality_gap.subjects.joints.state import CLOCK, SENSED, JointState
 from sim_backend.trifinger import constants as c
@@ -119,3 +120,12 @@ def test_what_differs_between_directions_is_probed_by_the_friction_of_its_joint(
     )
     assert unknown == pytest.approx(np.stack([-friction / 3, friction / 3], axis=1).ravel())
     assert {abs(probe) for probe in known} == {0.3}
+
+
+def test_a_joint_without_a_rotor_has_no_play(whole):
+    def places(of):
+        return [h.where for h in of.hypotheses if h.effect == "backlash"]
+
+    assert set(places(without_play(whole, np.arange(9) > 0))) == set(c.JOINT_NAMES[1:])
+    assert places(without_play(whole, np.ones(9, bool))) == places(whole)
+    assert places(without_play(whole, np.zeros(9, bool))) == []
