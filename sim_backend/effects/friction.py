@@ -21,7 +21,8 @@ DIRECTION_SPEED_RAD_S = 0.02
 """Within this speed the bound blends from one direction's to the other's."""
 MOVING_BOUNDS = ("stribeck_friction", "load_friction", "directional_friction", "stuck_joint")
 _ROW_NM = 1e-9  # gives a joint its constraint row, for the control callback to set
-_SOLREF, _SOLIMP = [0.004, 1.0], [0.999, 0.9999, 0.001, 0.5, 2.0]  # stiff: a stuck joint creeps by less than 0.001 rad/s
+SOLREF, SOLIMP = [0.004, 1.0], [0.999, 0.9999, 0.001, 0.5, 2.0]
+"""Of constraints of joints, stiff: a stuck joint creeps by less than 0.001 rad/s."""
 
 
 def coulomb_friction(spec: "MjSpec", values: Mapping[str, np.ndarray]) -> None:
@@ -47,12 +48,12 @@ def set_bound(joint: "MjsJoint", torque_nm: float) -> None:
     """Constant friction of one joint of a specification, N m, stiff enough to stick."""
     joint.frictionloss = torque_nm
     if torque_nm > 0.0:
-        joint.solref_friction, joint.solimp_friction = _SOLREF, _SOLIMP
+        joint.solref_friction, joint.solimp_friction = SOLREF, SOLIMP
 
 
 def make_stiff(model: "MjModel", dofs: np.ndarray) -> None:
     """Let the friction constraints of some degrees of freedom of a compiled model stick as those of :func:`set_bound` do."""
-    model.dof_solref[dofs], model.dof_solimp[dofs] = _SOLREF, _SOLIMP
+    model.dof_solref[dofs], model.dof_solimp[dofs] = SOLREF, SOLIMP
 
 
 @numba.njit(inline="always")

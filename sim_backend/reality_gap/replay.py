@@ -18,14 +18,12 @@ from sim_backend.reality_gap.measured.foreign.episodes import read_recordings
 from sim_backend.reality_gap.measured.foreign.study_file import load_study_file
 from sim_backend.reality_gap.model.extended_laws import Laws
 from sim_backend.reality_gap.model.files import LAWS, NATIVE
-from sim_backend.reality_gap.model.native_elements import PLAY
+from sim_backend.reality_gap.model.native_elements import PLAY_SUFFIX
 from sim_backend.reality_gap.recording import JointSignals, Recording, RecordingError
-from sim_backend.reality_gap.subjects.joints.forward import LONGEST_IN_LOOP_S, LONGEST_STEP_S
+from sim_backend.reality_gap.subjects.joints.forward import HELD_KG_M2, LONGEST_IN_LOOP_S, LONGEST_STEP_S
 from sim_backend.reality_gap.subjects.joints.trajectory import Trajectory, filled_gaps, trajectory
 from sim_backend.reality_gap.subjects.subject import Progress
 
-_HELD_KG_M2 = 1e6
-"""Armature of a play that does not move."""
 _EDGE_S = 0.1
 """Of a recording, at both ends, where windows neither begin nor end: its smoothed velocity is not as good there."""
 _RESAMPLED = 2000
@@ -221,8 +219,8 @@ def simulated(
     model = mujoco.MjModel.__copy__(model)
     for flag in _LEFT_OUT:
         model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
-    plays = np.array([model.joint(j).name.endswith(PLAY) for j in range(model.njnt)])
-    model.tendon_limited[:], model.jnt_limited[:] = 0, plays  # pyrefly: ignore[missing-attribute]
+    plays = [j for j in range(model.njnt) if model.joint(j).name.endswith(PLAY_SUFFIX)]
+    model.tendon_limited[:], model.jnt_limited[:] = 0, np.isin(np.arange(model.njnt), plays)  # pyrefly: ignore[missing-attribute]
     longest_s = LONGEST_STEP_S if joints.feedback is None else LONGEST_IN_LOOP_S
     substeps = int(np.ceil(recording.step_s / longest_s - 1e-9))
     model.opt.timestep = recording.step_s / substeps
@@ -246,14 +244,14 @@ def simulated(
                 before, made = data.qvel[dof].copy(), feedback.at(row).torque_nm(data.qpos[at], now)
                 torque = np.where(np.isfinite(made), made, torque)
             acting.apply(model, data, dict(zip(joints.names, map(float, torque), strict=True)))
-            if data.time == 0.0:
-                _lay_rotors(model, data, np.flatnonzero(plays))
+            if plays and data.time == 0.0:
+                _lay_rotors(model, data, plays)
             mujoco.mj_step(model, data)
         found[row] = data.qpos[at]
     return found
 
 
-def _lay_rotors(model: mujoco.MjModel, data: mujoco.MjData, plays: np.ndarray) -> None:
+def _lay_rotors(model: mujoco.MjModel, data: mujoco.MjData, plays: Sequence[int]) -> None:
     """Put rotors on the side of their play on which they press, by what would hold them and their links together now.
 
     Args:
@@ -263,7 +261,7 @@ def _lay_rotors(model: mujoco.MjModel, data: mujoco.MjData, plays: np.ndarray) -
     """
     dofs = model.jnt_dofadr[plays]
     own = model.dof_armature[dofs].copy()
-    model.dof_armature[dofs] = _HELD_KG_M2
+    model.dof_armature[dofs] = HELD_KG_M2
     mujoco.mj_forward(model, data)
     lower, upper = model.jnt_range[plays].T
     data.qpos[model.jnt_qposadr[plays]] = np.where(data.qacc[dofs] > 0.0, upper, lower)

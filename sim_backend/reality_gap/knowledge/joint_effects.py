@@ -179,8 +179,8 @@ NUMBERS: Mapping[str, Number] = {number.key: number for entry in _ENTRIES for nu
 """By "effect.parameter"."""
 TURNS_OF_MOTORS = frozenset({"cogging.phase_rad"})
 """Parameters in rad that are no angle of a joint."""
-PLAY, ROTOR = "backlash.gap_rad", "rotor_inertia.armature_kg_m2"
-"""Of a gear, and the inertia of what crosses it."""
+ARMATURE = "rotor_inertia.armature_kg_m2"
+"""Inertia of a rotor on the joint's side of its gear; none where a model has none."""
 COGGING_AMPLITUDE, COGGING_PHASE = "cogging.amplitude_nm", "cogging.phase_rad"
 COGGING_CYCLES = "cogging.cycles_per_rad"
 """How often a motor cogs: of an unknown one it is seen, not fitted."""

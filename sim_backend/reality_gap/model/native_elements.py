@@ -8,15 +8,15 @@ import math
 import mujoco
 import numpy as np
 
+from sim_backend.effects.friction import SOLIMP, SOLREF
+
 _JOINT_TRANSMISSIONS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 _PASSIVE = int(mujoco.mjtCtrlInput.mjINPUT_NONE)
 _LINEAR = 1  # interpolation of an actuator's history
 _WHOLE_STEP = 1e-6  # a delay is a whole number of steps if it misses it by less, in steps
 
-PLAY = "_gear_play"
+PLAY_SUFFIX = "_gear_play"
 """What the names of joints end in that are the play of another."""
-_STIFF = (0.004, 1.0), (0.999, 0.9999, 0.001, 0.5, 2.0)
-"""``solref`` and ``solimp`` of the sides of a play."""
 
 
 def actuators_of(spec: mujoco.MjSpec, joint: str) -> list:
@@ -47,16 +47,16 @@ def add_play(joint: mujoco.MjsJoint, gap_rad: float, rotor_inertia_kg_m2: float)
     if len(body.joints) > 1:
         return f"its body has other joints, too, so that {joint.name} cannot have a rotor of its own"
     joint.armature = joint.armature or rotor_inertia_kg_m2
-    half, (solref, solimp) = in_units(joint, 0.5 * gap_rad), _STIFF
+    half = in_units(joint, 0.5 * gap_rad)
     body.add_joint(
-        name=f"{joint.name}{PLAY}",
+        name=f"{joint.name}{PLAY_SUFFIX}",
         type=joint.type,
         axis=joint.axis,
         pos=joint.pos,
         limited=mujoco.mjtLimited.mjLIMITED_TRUE,
         range=[-half, half],
-        solref_limit=solref,
-        solimp_limit=solimp,
+        solref_limit=SOLREF,
+        solimp_limit=SOLIMP,
     )
     return None
 

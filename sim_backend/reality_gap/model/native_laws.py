@@ -50,7 +50,7 @@ def reason(effect: str) -> str | None:
 def joints_of(spec: mujoco.MjSpec) -> list[str]:
     """Names of all hinges and slides, but for those that are the play of another."""
     kinds = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-    return [joint.name for joint in spec.joints if joint.type in kinds and not joint.name.endswith(elements.PLAY)]
+    return [joint.name for joint in spec.joints if joint.type in kinds and not joint.name.endswith(elements.PLAY_SUFFIX)]
 
 
 def _joint(spec: mujoco.MjSpec, where: str) -> mujoco.MjsJoint:

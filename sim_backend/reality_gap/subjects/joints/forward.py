@@ -26,7 +26,7 @@ from sim_backend.reality_gap.subjects.joints.state import CLOCK, LINK_CENTRES, L
 
 LONGEST_STEP_S, LONGEST_IN_LOOP_S = 0.0025, 0.001
 """Of a simulation; shorter where a controller is in the loop, which sees a motion a step late."""
-_HELD_KG_M2 = 1e6
+HELD_KG_M2 = 1e6
 """Armature of joints that were not recorded: they rest."""
 _MOST_SIMULATIONS = 6000
 
@@ -81,7 +81,7 @@ class Forward:
         self._model = plant.forward_model()
         self._model.opt.timestep = step_s / self._substeps
         self._held_steps = max(1, round(held_s / self._model.opt.timestep)) if held_s > 0.0 else 0
-        self._model.dof_armature[np.setdiff1d(np.arange(self._model.nv), plant.velocities)] = _HELD_KG_M2
+        self._model.dof_armature[np.setdiff1d(np.arange(self._model.nv), plant.velocities)] = HELD_KG_M2
         make_stiff(self._model, plant.velocities)
         silence_warnings()
         self._chain = Chain(plant, float(self._model.opt.timestep), self._substeps) if is_plain(self._model) else None

@@ -11,7 +11,6 @@ from sim_backend.reality_gap.knowledge.healthy import healthy_tolerances
 from sim_backend.reality_gap.knowledge.joint_effects import (
     FITTED,
     NUMBERS,
-    PLAY,
     POSITION_GAIN,
     SCALES,
     JointEffect,
@@ -19,6 +18,7 @@ from sim_backend.reality_gap.knowledge.joint_effects import (
     scales_everything,
 )
 from sim_backend.reality_gap.knowledge.known_of_robot import Robot, Tolerance, UnknownRobot
+from sim_backend.reality_gap.subjects.joints.motor_law import GAP
 from sim_backend.reality_gap.subjects.joints.state import (
     CLOCK,
     LINK_CENTRES,
@@ -157,7 +157,7 @@ def with_controllers(catalogue: Catalogue, names: Sequence[str], driven: np.ndar
 
 def without_play(catalogue: Catalogue, has_rotor: np.ndarray) -> Catalogue:
     """The same without play at joints whose model has no rotor, shape (k,): nobody knows what would cross it."""
-    bare = {i for i, term in enumerate(catalogue.terms) if term.key == PLAY and not has_rotor[term.index]}
+    bare = {i for i, term in enumerate(catalogue.terms) if term.key == GAP and not has_rotor[term.index]}
     return replace(catalogue, hypotheses=tuple(h for h in catalogue.hypotheses if not bare & set(h.terms)))
 
 

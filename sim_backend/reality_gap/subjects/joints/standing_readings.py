@@ -12,7 +12,7 @@ import numpy as np
 from sim_backend.reality_gap.measured.sensor_noise import white_noise
 from sim_backend.reality_gap.subjects.joints.checks import encoder_step
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
-from sim_backend.reality_gap.verdict import Verdict, VerdictKind
+from sim_backend.reality_gap.verdict import EffectJudged, Told, Verdict, VerdictKind
 
 _AROUND = 3
 """Rows before and after, whose moves say how fast the joint is."""
@@ -51,6 +51,12 @@ def against_standing_readings(verdict: Verdict, episodes: Sequence[EpisodeEquati
         verdict=VerdictKind.UNEXPLAINED,
         summary=f"While the robot moved on {said}: the catalogue has no such effect. {verdict.summary}",
         record_next=tuple(dict.fromkeys((*verdict.record_next, "the encoder's cable moved by hand while the joint turns"))),
+        effects=tuple(
+            EffectJudged(each.effect, Told.NOT_JUDGED, because="readings that stood still may hide it or look like it")
+            if each.told in (Told.NAMED, Told.CONFUSABLE)
+            else each
+            for each in verdict.effects
+        ),
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
-from sim_backend.reality_gap.knowledge.joint_effects import ROTOR
+from sim_backend.reality_gap.knowledge.joint_effects import ARMATURE
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot, UnknownRobot
 from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.subjects.joints.calibrating import METHODS, calibrate
@@ -109,7 +109,7 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
         progress: told what is done, and which share.
     """
     assert isinstance(found.robot, UnknownRobot)
-    catalogue = without_play(found.fit.first.catalogue, found.start.value(ROTOR) > 0.0)
+    catalogue = without_play(found.fit.first.catalogue, found.start.value(ARMATURE) > 0.0)
     catalogue = with_controllers(catalogue, found.problem.names, _unrecorded_controllers(found))
     problem = RolloutProblem(found.problem.episodes, found.start, catalogue, found.robot.tolerance)
     if not len(problem.windows):
@@ -139,13 +139,16 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     rollouts = against_unnamed(rollouts, selection, usual_rad)
     rollouts = with_late_columns(with_share_of_all(rollouts, found.problem.names))
     rollouts = with_turned_base(rollouts, found.problem.episodes[0].plant, selection.fit.state)
-    if method != NAMING:
-        return against_standing_readings(rollouts, found.problem.episodes, found.problem.names)
+    verdict = _with_torques(found, torques, rollouts) if method == NAMING else rollouts
+    return against_standing_readings(verdict, found.problem.episodes, found.problem.names)
+
+
+def _with_torques(found: JointStudy, torques: Verdict, rollouts: Verdict) -> Verdict:
+    """What rollouts say, with what torques, and columns beside each other, say of sensors."""
     causes, open_, unlike = causes_between(found.problem.episodes, found.problem.names)
     of_velocities, left_open = causes_of_velocities(found.problem.episodes, found.problem.names)
     both = with_unlike_torques(in_both(torques, rollouts, [*causes, *of_velocities]), unlike)
-    both = replace(both, cannot_tell=(*both.cannot_tell, *open_, *left_open))
-    return against_standing_readings(both, found.problem.episodes, found.problem.names)
+    return replace(both, cannot_tell=(*both.cannot_tell, *open_, *left_open))
 
 
 def _unrecorded_controllers(found: JointStudy) -> np.ndarray:

@@ -7,7 +7,7 @@ import pytest
 
 from sim_backend.reality_gap.recording import JointSignals
 from sim_backend.reality_gap.subjects.joints.standing_readings import against_standing_readings, standing_readings
-from sim_backend.reality_gap.verdict import Verdict, VerdictKind
+from sim_backend.reality_gap.verdict import EffectJudged, Told, Verdict, VerdictKind
 
 STEP_S, ROWS, NOISE_RAD = 0.004, 5000, 1e-4
 NAMES = ("shoulder", "elbow")
@@ -83,9 +83,12 @@ def test_a_joint_that_is_stopped_comes_after_by_and_by():
 
 def test_it_stands_before_whatever_else_is_said():
     episodes = of(held(moved(), [1], BEGINS, 3))
-    said = against_standing_readings(Verdict(verdict=VerdictKind.NAMED, summary="Friction."), episodes, NAMES)
+    effects = (EffectJudged("viscous_friction", Told.NAMED), EffectJudged("gravity", Told.EXCLUDED, 0.1, "m/s^2"))
+    named = Verdict(verdict=VerdictKind.NAMED, summary="Friction.", effects=effects)
+    said = against_standing_readings(named, episodes, NAMES)
     assert said.verdict is VerdictKind.UNEXPLAINED
     assert "encoder of elbow stood still" in said.summary
     assert said.summary.endswith("Friction.")
+    assert [each.told for each in said.effects] == [Told.NOT_JUDGED, Told.EXCLUDED]
     nothing = Verdict(verdict=VerdictKind.NOTHING_WRONG, summary="")
     assert against_standing_readings(nothing, of(moved()), NAMES) is nothing
