@@ -22,6 +22,7 @@ _AHEAD, _SPEED, _SIDE, _RUBS = range(4)
 -1; 0 on its way), and what friction it has there.
 """
 _UNKNOWN_SIDE = 2.0
+"""At first: the first step shows where a rotor presses."""
 _TARGET, _GAIN, _BRAKE, _LIMIT, _BACK_EMF, _DESIRED = range(6)
 
 

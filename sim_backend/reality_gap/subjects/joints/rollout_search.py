@@ -137,7 +137,8 @@ def tried_beside(search: CauseSearch, fit: RolloutFit, taken: Sequence[Taken]) -
 def _proposed(search: CauseSearch, state: JointState, hypothesis: Hypothesis, terms: tuple[Term, ...]) -> Iterator[np.ndarray]:
     """Changes of terms to try that do not follow from a straight line: levels of a limit, and what something else has found."""
     if NUMBERS[terms[0].key].begins_at_load:
-        yield np.array([term.probe for term in terms])
+        start = search.problem.start
+        yield np.array([t.probe + start.value(t.key)[t.index] - state.value(t.key)[t.index] for t in terms])
     if given := search.proposed.get(hypothesis.name):
         yield deviations(state.with_values(given), state, terms)
 

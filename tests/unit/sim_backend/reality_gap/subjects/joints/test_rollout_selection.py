@@ -19,7 +19,7 @@ from sim_backend.reality_gap.subjects.joints.rollout_questions import would_move
 from sim_backend.reality_gap.subjects.joints.rollout_search import GATE, CauseSearch, Taken, _least, may_be
 from sim_backend.reality_gap.subjects.joints.rollout_selection import RolloutSelection, select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
-from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import verdict_of_rollouts
+from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import _least_of, verdict_of_rollouts
 from sim_backend.reality_gap.verdict import Told, VerdictKind
 from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import (
     COGGING_NM,
@@ -237,3 +237,12 @@ def test_a_small_gain_counts_where_it_is_most_of_a_joint_s_error_and_no_other_ca
     taken = [Taken(Hypothesis("coulomb_friction", "shoulder", (0,), (1.0,)), (friction,), 1000.0, ())]
     least = _least(problem, before, (100.0, after, Hypothesis("backlash", where, (1,), (1.0,)), (slack,)), taken, 0.5)
     assert least == (GATE if explains else 500.0)
+
+
+def test_a_joint_with_less_of_a_cause_than_a_trifle_has_it_where_its_model_cannot_be_so_far_off():
+    damping = "viscous_friction.damping_nm_s_rad"
+    start = JointState(2, {damping: np.array([0.0, 0.05])})
+    study = SimpleNamespace(robot=UnknownRobot(Tolerance(friction=0.1)), start=start)
+    assert _least_of(study, damping, 0, 1.0) == pytest.approx(0.05), "no friction of its own to be off by"
+    assert _least_of(study, damping, 1, 1.0) == pytest.approx(0.1 * 0.05)
+    assert _least_of(study, "backlash.gap_rad", 1, 1.0) == pytest.approx(0.05)

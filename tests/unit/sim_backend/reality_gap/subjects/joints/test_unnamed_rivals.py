@@ -1,15 +1,20 @@
 """Laws without a name in the catalogue keep causes from being named that look like them."""
 
+from types import SimpleNamespace
+
 import mujoco
 import numpy as np
+import pytest
 
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownRobot
+from sim_backend.reality_gap.knowledge.unnamed_laws import DRAG
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.healthy_robots import DrawnRobots
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_selection import select_by_rollouts
-from sim_backend.reality_gap.subjects.joints.unnamed_rivals import against_unnamed
+from sim_backend.reality_gap.subjects.joints.state import JointState, Term
+from sim_backend.reality_gap.subjects.joints.unnamed_rivals import _as_lossy, against_unnamed
 from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import verdict_of_rollouts
 from sim_backend.reality_gap.verdict import VerdictKind
 
@@ -46,3 +51,16 @@ def test_drag_of_the_air_is_not_called_viscous_friction():
     assert {cause.effect for cause in before.causes} <= {"viscous_friction", "coulomb_friction", "load_friction"}
     found = against_unnamed(before, selection, FAR_OFF * problem.noise_rad)
     assert found.verdict is VerdictKind.UNEXPLAINED and "square of speed" in found.summary
+
+
+def test_drag_is_tried_where_it_takes_as_much_energy_as_the_friction():
+    speed = np.array([[1.0, 0.1], [-3.0, 0.2]])
+    friction, drag = Term("viscous_friction.damping_nm_s_rad", 0, 1e-3), Term(DRAG, 0, 1e-3)
+    problem = SimpleNamespace(windows=SimpleNamespace(begin_rad_s=speed), start=JointState(2))
+    selection = SimpleNamespace(problem=problem, fit=SimpleNamespace(state=JointState(2).with_values({(friction.key, 0): 0.7})))
+    values = _as_lossy(selection, SimpleNamespace(terms=(friction,)), [drag])
+    assert values is not None
+    lost = values[DRAG, 0] * np.abs(speed[:, 0]) ** 3
+    assert lost.mean() == pytest.approx(0.7 * (speed[:, 0] ** 2).mean())
+    other = Term("coulomb_friction.torque_nm", 0, 1e-3)
+    assert _as_lossy(selection, SimpleNamespace(terms=(other,)), [drag]) is None
