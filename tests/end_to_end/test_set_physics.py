@@ -37,7 +37,7 @@ def logs(tmp_path_factory) -> list:
     (folder / "slow-tracker.toml").write_text(TRACKER)
     with Farm(folder / "farm", robots=2, more=("--physics", str(folder / "slow-tracker.toml"))) as farm:
         assert farm.json("status")["physics"] == "file:slow-tracker"
-        more = ("--excitation", "hold_poses", "--excitation", "slide_cube", "--repeats", "2")
+        more = ("--excitation", "hold_poses", "--excitation", "slide_cube")
         farm.json("identify", "--robot", "any", *more, "--to", str(folder / "logs"), "--wait")
     return [read_log(path) for path in sorted(Path(folder / "logs").glob("*.mcap"))]
 

@@ -38,7 +38,7 @@ def _published(every: int) -> list[Recording]:
 
 @pytest.mark.skipif(not _TOSSES.exists(), reason="the published tosses are not on this machine")
 def test_published_cube_gives_friction_and_the_scale_of_its_measurement():
-    study = _study(mujoco.MjSpec.from_file(str(_MODEL)), _published(36), {"table_friction.coefficient": 1.0}, 1)
+    study = _study(mujoco.MjSpec.from_file(str(_MODEL)), _published(60), {"table_friction.coefficient": 1.0}, 1)
     assert study.kind is VerdictKind.NAMED
     assert {("table_friction", "table"), ("tracking_scale", "camera")} <= names_of(study.causes)
     assert _value(study, "table_friction").value == pytest.approx(0.18, abs=0.02)

@@ -32,7 +32,7 @@ QUICK = {
     "rollouts_behind": ["--seeds 1 --samples 4096 --final-trials 2 --workers 1 --out {to}/behind.json"],
     "record_observations": ["--out {to}/recorded.safetensors"],
     "shipped_policy": [f"{PUSH} --task push --trials 1 --farm-seeds 7001 --physics-step 0.004 --out {{to}}/policy.json"],
-    "study_time": ["--seconds 4 --cases healthy --folder {to}/study --out {to}/study-time.json"],
+    "study_time": ["--seconds 2 --cases healthy --folder {to}/study --out {to}/study-time.json"],
     "verdict_times": ["--uploads 1 --out {to}/verdicts.json"],
 }
 """Each program's command lines, one after the other."""

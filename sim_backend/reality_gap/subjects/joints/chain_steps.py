@@ -10,7 +10,7 @@ from numba import types
 from sim_backend.driver.compilation import compiled_once
 from sim_backend.reality_gap.subjects.joints import link_dynamics, motor_law
 from sim_backend.reality_gap.subjects.joints.link_dynamics import compiled, loads, masses, place, screws
-from sim_backend.reality_gap.subjects.joints.motor_law import sent_to_joint
+from sim_backend.reality_gap.subjects.joints.motor_law import sent_to_joint, values_of
 
 _SWEEPS, _SETTLED = 50, 1e-7
 """Of the impulses of friction at most, and the change, as a share of the largest bound, at which they have settled."""
@@ -243,9 +243,8 @@ def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that i
     k, samples = found.shape[2], found.shape[1]
     screw = screws(axis, anchor, slides)
     turn, move, away = np.empty((k, 3, 3)), np.empty((k, 3)), np.empty(k)
-    moves, faster, forces = np.zeros((k + 1, 6)), np.zeros((k + 1, 6)), np.empty((k + 1, 6))
-    two, whole = np.empty((2, 6)), np.empty((k, 10))
-    mass, lower, inverse = np.zeros((k, k)), np.empty((k, k)), np.empty((k, k))
+    moves, faster, forces = np.zeros((k + 1, 6)), np.zeros((k + 1, 6)), np.empty((k, 6))
+    whole, mass, lower, inverse = np.empty((k, 10)), np.zeros((k, k)), np.empty((k, k)), np.empty((k, k))
     load, arrived, value, bound, rest, impulse = np.empty(k), np.empty(k), np.empty(k), np.empty(k), np.empty(k), np.empty(k)
     late = int(np.ceil(max(0.0, joints[_LATE].max()) / step_s + 1e-9)) + 3
     line, made, before, memory = np.zeros((late, k)), np.zeros(k), np.empty(k), np.empty((k, 3))
@@ -276,11 +275,13 @@ def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that i
                     away[j] = q[j] - first[j]
                 place(away, axis, anchor, slides, turn, move)
                 loads(v, parent, screw, turn, move, inertia, moves, faster, forces, load)
-                masses(parent, screw, turn, move, inertia, whole, two, mass)
+                masses(parent, screw, turn, move, inertia, whole, mass)
                 for j in range(k):
-                    is_free = rotors[_SIDE, j] == 0.0
+                    is_free, known = rotors[_SIDE, j] == 0.0, values_of(of_motors, j)
                     turned, speed = q[j] + rotors[_AHEAD, j], rotors[_SPEED, j] if is_free else v[j]
-                    _, value[j], bound[j] = sent_to_joint(arrived[j], total, turned, speed, load[j], step_s, of_motors, memory, j)
+                    _, value[j], bound[j], memory[j, 0], memory[j, 1], memory[j, 2] = sent_to_joint(
+                        arrived[j], total, turned, speed, load[j], step_s, known, memory[j, 0], memory[j, 1], memory[j, 2]
+                    )
                     rest[j] = step_s * (joints[_STIFFNESS, m, j] * (joints[_REST, m, j] - q[j]) - load[j])
                     if is_free:  # what turns the rotor and what holds its bearing does not reach the link
                         rotors[_RUBS, j], bound[j] = bound[j], 0.0

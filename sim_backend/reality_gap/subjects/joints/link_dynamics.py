@@ -7,61 +7,77 @@ Motions are (angular, linear) at the origin of a link's frame, forces (moment, f
 import numba
 import numpy as np
 
-compiled = numba.njit(error_model="numpy")
-"""Slices of arrays cost more than the arithmetic: functions take arrays and the numbers of rows."""
+compiled = numba.njit(error_model="numpy", _nrt=False, forceinline=True)  # pyrefly: ignore[no-matching-overload]
+"""Slices of arrays cost more than the arithmetic: functions take arrays and the numbers of rows, or few numbers as a tuple. They
+make no arrays, so that Numba need not count references to those that they are given; counting and calling take more than half of
+the time of an arm with few joints.
+"""
+
+
+Three = tuple[float, float, float]
+Six = tuple[float, float, float, float, float, float]
 
 
 @compiled
-def _add_cross(a: np.ndarray, i: int, m: int, b: np.ndarray, j: int, n: int, out: np.ndarray, o: int, q: int) -> None:
-    """Add the product of three numbers of row ``i`` of ``a``, from ``m`` on, with such of ``b``."""
-    x, y, z = a[i, m], a[i, m + 1], a[i, m + 2]
-    u, v, w = b[j, n], b[j, n + 1], b[j, n + 2]
-    out[o, q] += y * w - z * v
-    out[o, q + 1] += z * u - x * w
-    out[o, q + 2] += x * v - y * u
+def _cross(a: Three, b: Three) -> Three:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @compiled
-def _into_child(turn: np.ndarray, move: np.ndarray, i: int, motion: np.ndarray, p: int) -> None:
-    """Motion ``p``, in the frame of link i's parent, in that of the link, as motion i; shape (k + 1, 6)."""
-    u, v, w = motion[p, 0], motion[p, 1], motion[p, 2]
-    x = motion[p, 3] + v * move[i, 2] - w * move[i, 1]
-    y = motion[p, 4] + w * move[i, 0] - u * move[i, 2]
-    z = motion[p, 5] + u * move[i, 1] - v * move[i, 0]
-    for a in range(3):
-        motion[i, a] = turn[i, 0, a] * u + turn[i, 1, a] * v + turn[i, 2, a] * w
-        motion[i, 3 + a] = turn[i, 0, a] * x + turn[i, 1, a] * y + turn[i, 2, a] * z
+def _row(rows: np.ndarray, i: int) -> Six:
+    """Row i of shape (n, 6) as numbers, which stay in registers."""
+    return rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4], rows[i, 5]
 
 
 @compiled
-def _add_into_parent(turn: np.ndarray, move: np.ndarray, i: int, force: np.ndarray, f: int, out: np.ndarray, p: int) -> None:
-    """Add force ``f``, in the frame of link i, to force ``p`` in that of its parent; shapes (..., 6)."""
-    u, v, w = force[f, 0], force[f, 1], force[f, 2]
-    a, b, c = force[f, 3], force[f, 4], force[f, 5]
+def _into_child(turn: np.ndarray, move: np.ndarray, i: int, motion: Six) -> Six:
+    """A motion in the frame of link i's parent in that of the link."""
+    u, v, w = motion[0], motion[1], motion[2]
+    x = motion[3] + v * move[i, 2] - w * move[i, 1]
+    y = motion[4] + w * move[i, 0] - u * move[i, 2]
+    z = motion[5] + u * move[i, 1] - v * move[i, 0]
+    return (
+        turn[i, 0, 0] * u + turn[i, 1, 0] * v + turn[i, 2, 0] * w,
+        turn[i, 0, 1] * u + turn[i, 1, 1] * v + turn[i, 2, 1] * w,
+        turn[i, 0, 2] * u + turn[i, 1, 2] * v + turn[i, 2, 2] * w,
+        turn[i, 0, 0] * x + turn[i, 1, 0] * y + turn[i, 2, 0] * z,
+        turn[i, 0, 1] * x + turn[i, 1, 1] * y + turn[i, 2, 1] * z,
+        turn[i, 0, 2] * x + turn[i, 1, 2] * y + turn[i, 2, 2] * z,
+    )
+
+
+@compiled
+def _into_parent(turn: np.ndarray, move: np.ndarray, i: int, force: Six) -> Six:
+    """A force in the frame of link i in that of its parent."""
+    u, v, w, a, b, c = force
     x = turn[i, 0, 0] * a + turn[i, 0, 1] * b + turn[i, 0, 2] * c
     y = turn[i, 1, 0] * a + turn[i, 1, 1] * b + turn[i, 1, 2] * c
     z = turn[i, 2, 0] * a + turn[i, 2, 1] * b + turn[i, 2, 2] * c
     mx, my, mz = move[i, 0], move[i, 1], move[i, 2]
-    out[p, 0] += turn[i, 0, 0] * u + turn[i, 0, 1] * v + turn[i, 0, 2] * w + my * z - mz * y
-    out[p, 1] += turn[i, 1, 0] * u + turn[i, 1, 1] * v + turn[i, 1, 2] * w + mz * x - mx * z
-    out[p, 2] += turn[i, 2, 0] * u + turn[i, 2, 1] * v + turn[i, 2, 2] * w + mx * y - my * x
-    out[p, 3] += x
-    out[p, 4] += y
-    out[p, 5] += z
+    return (
+        turn[i, 0, 0] * u + turn[i, 0, 1] * v + turn[i, 0, 2] * w + my * z - mz * y,
+        turn[i, 1, 0] * u + turn[i, 1, 1] * v + turn[i, 1, 2] * w + mz * x - mx * z,
+        turn[i, 2, 0] * u + turn[i, 2, 1] * v + turn[i, 2, 2] * w + mx * y - my * x,
+        x,
+        y,
+        z,
+    )
 
 
 @compiled
-def _times(inertia: np.ndarray, i: int, motion: np.ndarray, n: int, out: np.ndarray, o: int) -> None:
-    """Force ``o`` that inertia ``i`` needs for acceleration ``n``, or momentum of a motion."""
+def _times(inertia: np.ndarray, i: int, motion: Six) -> Six:
+    """The force that inertia ``i`` needs for an acceleration, or momentum of a motion."""
     m, cx, cy, cz = inertia[i, 0], inertia[i, 1], inertia[i, 2], inertia[i, 3]
     xy, xz, yz = inertia[i, 7], inertia[i, 8], inertia[i, 9]
-    wx, wy, wz, vx, vy, vz = motion[n, 0], motion[n, 1], motion[n, 2], motion[n, 3], motion[n, 4], motion[n, 5]
-    out[o, 0] = inertia[i, 4] * wx + xy * wy + xz * wz + cy * vz - cz * vy
-    out[o, 1] = xy * wx + inertia[i, 5] * wy + yz * wz + cz * vx - cx * vz
-    out[o, 2] = xz * wx + yz * wy + inertia[i, 6] * wz + cx * vy - cy * vx
-    out[o, 3] = m * vx + wy * cz - wz * cy
-    out[o, 4] = m * vy + wz * cx - wx * cz
-    out[o, 5] = m * vz + wx * cy - wy * cx
+    wx, wy, wz, vx, vy, vz = motion
+    return (
+        inertia[i, 4] * wx + xy * wy + xz * wz + cy * vz - cz * vy,
+        xy * wx + inertia[i, 5] * wy + yz * wz + cz * vx - cx * vz,
+        xz * wx + yz * wy + inertia[i, 6] * wz + cx * vy - cy * vx,
+        m * vx + wy * cz - wz * cy,
+        m * vy + wz * cx - wx * cz,
+        m * vz + wx * cy - wy * cx,
+    )
 
 
 @compiled
@@ -133,32 +149,43 @@ def loads(
     """What gravity and motion ask of the joints, shape (k,), by Newton and Euler.
 
     ``moves`` and ``faster`` of shape (k + 1, 6) have the world's motion and acceleration as their last rows, their others and
-    ``forces`` (k + 1, 6) are overwritten.
+    ``forces`` (k, 6) are overwritten.
     """
     k = len(velocity)
     for i in range(k):
         before = parent[i] if parent[i] >= 0 else k
-        _into_child(turn, move, i, moves, before)
-        _into_child(turn, move, i, faster, before)
+        move_of, rate_of = _into_child(turn, move, i, _row(moves, before)), _into_child(turn, move, i, _row(faster, before))
+        u, v, w = screw[i, 0] * velocity[i], screw[i, 1] * velocity[i], screw[i, 2] * velocity[i]
+        x, y, z = screw[i, 3] * velocity[i], screw[i, 4] * velocity[i], screw[i, 5] * velocity[i]
+        spin = move_of[0] + u, move_of[1] + v, move_of[2] + w
+        slide = move_of[3] + x, move_of[4] + y, move_of[5] + z
+        turned, moved, also = _cross(spin, (u, v, w)), _cross(spin, (x, y, z)), _cross(slide, (u, v, w))
+        whole = (spin[0], spin[1], spin[2], slide[0], slide[1], slide[2])
+        rate = (
+            rate_of[0] + turned[0],
+            rate_of[1] + turned[1],
+            rate_of[2] + turned[2],
+            rate_of[3] + moved[0] + also[0],
+            rate_of[4] + moved[1] + also[1],
+            rate_of[5] + moved[2] + also[2],
+        )
+        needs, has = _times(inertia, i, rate), _times(inertia, i, whole)
+        momentum, spun = (has[3], has[4], has[5]), (has[0], has[1], has[2])
+        turned, moved, also = _cross(spin, spun), _cross(slide, momentum), _cross(spin, momentum)
         for a in range(6):
-            own = screw[i, a] * velocity[i]
-            moves[i, a] += own
-            forces[k, a] = own
-        _add_cross(moves, i, 0, forces, k, 0, faster, i, 0)
-        _add_cross(moves, i, 0, forces, k, 3, faster, i, 3)
-        _add_cross(moves, i, 3, forces, k, 0, faster, i, 3)
-        _times(inertia, i, moves, i, forces, k)
-        _times(inertia, i, faster, i, forces, i)
-        _add_cross(moves, i, 0, forces, k, 0, forces, i, 0)
-        _add_cross(moves, i, 3, forces, k, 3, forces, i, 0)
-        _add_cross(moves, i, 0, forces, k, 3, forces, i, 3)
+            moves[i, a], faster[i, a] = whole[a], rate[a]
+        for a in range(3):
+            forces[i, a] = needs[a] + turned[a] + moved[a]
+            forces[i, 3 + a] = needs[3 + a] + also[a]
     for i in range(k - 1, -1, -1):
         total = 0.0
         for a in range(6):
             total += screw[i, a] * forces[i, a]
         load[i] = total
         if parent[i] >= 0:
-            _add_into_parent(turn, move, i, forces, i, forces, parent[i])
+            passed = _into_parent(turn, move, i, _row(forces, i))
+            for a in range(6):
+                forces[parent[i], a] += passed[a]
 
 
 @compiled
@@ -169,10 +196,9 @@ def masses(
     move: np.ndarray,
     inertia: np.ndarray,
     whole: np.ndarray,
-    room: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Inertia of the joints, shape (k, k), by composite bodies; ``whole`` (k, 10) and ``room`` (2, 6) are overwritten."""
+    """Inertia of the joints, shape (k, k), by composite bodies; ``whole`` (k, 10) is overwritten."""
     k = len(parent)
     for i in range(k):
         for a in range(10):
@@ -181,23 +207,17 @@ def masses(
         if parent[i] >= 0:
             _add_inertia_to_parent(turn, move, i, whole, parent[i])
     for i in range(k):
-        now = 0
-        _times(whole, i, screw, i, room, now)
-        j = i
+        force, j = _times(whole, i, _row(screw, i)), i
         while True:
-            total = 0.0
-            for a in range(6):
-                total += screw[j, a] * room[now, a]
+            u, v, w, a, b, c = force
+            total = screw[j, 0] * u + screw[j, 1] * v + screw[j, 2] * w + screw[j, 3] * a + screw[j, 4] * b + screw[j, 5] * c
             out[i, j] = out[j, i] = total
             if parent[j] < 0:
                 break
-            for a in range(6):
-                room[1 - now, a] = 0.0
-            _add_into_parent(turn, move, j, room, now, room, 1 - now)
-            now, j = 1 - now, parent[j]
+            force, j = _into_parent(turn, move, j, force), parent[j]
 
 
-@compiled
+@numba.njit(error_model="numpy")
 def screws(axis: np.ndarray, anchor: np.ndarray, slides: np.ndarray) -> np.ndarray:
     """Motions of the joints at unit speed, shape (k, 6)."""
     screw = np.zeros((len(axis), 6))
@@ -206,5 +226,6 @@ def screws(axis: np.ndarray, anchor: np.ndarray, slides: np.ndarray) -> np.ndarr
             screw[i, 3:] = axis[i]
         else:
             screw[i, :3] = axis[i]
-            _add_cross(anchor, i, 0, axis, i, 0, screw, i, 3)
+            x, y, z = _cross((anchor[i, 0], anchor[i, 1], anchor[i, 2]), (axis[i, 0], axis[i, 1], axis[i, 2]))
+            screw[i, 3], screw[i, 4], screw[i, 5] = x, y, z
     return screw

@@ -47,6 +47,7 @@ class MotorTorques:
         self._total = np.abs(driving).sum(axis=1)
         self._position = np.ascontiguousarray(path.fast_position.T)
         self._velocity = np.ascontiguousarray(path.fast_velocity.T)
+        self._direction = motor_law.direction_of(self._velocity)
         self._step_s = path.step_s
         self._known: OrderedDict[tuple[int, bool, bytes], tuple[np.ndarray, np.ndarray, np.ndarray]] = OrderedDict()
         """The last results of the law: most questions are about one joint, and leave the motors of all others as they are."""
@@ -80,7 +81,8 @@ class MotorTorques:
         torque_nm, key = torques_nm[j], (j, torques_nm is self.driving_nm, values.tobytes())
         if key not in self._known:
             external = self._external_nm[j] if motor_law.needs_external(values) else self._total
-            found = motor_law.along(torque_nm, self._total, self._position[j], self._velocity[j], external, self._step_s, values)
+            motion = self._position[j], self._velocity[j], self._direction[j]
+            found = motor_law.along(torque_nm, self._total, *motion, external, self._step_s, values)
             for each in found:
                 each.flags.writeable = False
             while len(self._known) * 3 * torque_nm.nbytes > _KEPT_BYTES:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg
+from scipy.linalg import lapack
 
 from sim_backend.reality_gap.knowledge.joint_effects import Channel
 from sim_backend.reality_gap.quantiles import MEDIAN_SIZE
@@ -183,7 +184,7 @@ def left_over(y: np.ndarray, x: np.ndarray, scales: np.ndarray, floor: float) ->
     gram, cross = x.T @ x, x.T @ y
     for _ in range(4):
         if x.shape[1]:
-            beta = linalg.solve(gram / noise**2 + np.eye(x.shape[1]), cross / noise**2, assume_a="pos")
+            _, beta = _solved(gram / noise**2 + np.eye(x.shape[1]), cross / noise**2)
             left = y - x @ beta
         noise = max(_spread(left), floor)
     return left, noise
@@ -191,7 +192,29 @@ def left_over(y: np.ndarray, x: np.ndarray, scales: np.ndarray, floor: float) ->
 
 def _spread(values: np.ndarray) -> float:
     """Standard deviation of the bulk (median absolute deviation, scaled for a normal distribution)."""
-    return float(np.median(np.abs(values - np.median(values))) / MEDIAN_SIZE)
+    return _median(np.abs(values - _median(values))) / MEDIAN_SIZE
+
+
+def _median(values: np.ndarray) -> float:
+    """As NumPy's of finite numbers, which looks for three places instead of one; NaN of none."""
+    half = len(values) // 2
+    if not len(values):
+        return float("nan")
+    parted = np.partition(values, half)
+    above = float(parted[half])
+    return above if len(values) % 2 else 0.5 * (above + float(parted[:half].max()))
+
+
+def _solved(square: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lower Cholesky factor of a positive definite matrix, and the solution; what SciPy's checks cost is more than the work.
+
+    Raises:
+        numpy.linalg.LinAlgError: the matrix is not positive definite.
+    """
+    chol, found, info = lapack.dposv(square, right, lower=1)  # pyrefly: ignore[missing-attribute] - its stub names few
+    if info != 0:
+        raise np.linalg.LinAlgError(f"a matrix of {len(square)} rows is not positive definite")
+    return chol, found
 
 
 def _autoregression(left: np.ndarray, valid: np.ndarray, order: int) -> np.ndarray:
@@ -254,10 +277,10 @@ class Reduced:
     def gain(self, terms: Sequence[int], scales: Sequence[float] | np.ndarray) -> float:
         """Log evidence that some terms add, with priors of the given standard deviations; nats."""
         index, scale = np.array(terms), np.array(scales)
-        precision = np.eye(len(index)) + scale[:, None] * self.images[np.ix_(index, index)] * scale
+        precision = np.eye(len(index)) + scale[:, None] * self.images[index[:, None], index] * scale
         b = scale * self.cross[index]
-        chol = linalg.cho_factor(precision, lower=True)
-        return float(0.5 * b @ linalg.cho_solve(chol, b) - np.log(np.diag(chol[0])).sum())
+        chol, found = _solved(precision, b)
+        return float(0.5 * b @ found - np.log(chol.diagonal()).sum())
 
     def gains_of_one(self, scales: np.ndarray) -> np.ndarray:
         """As :meth:`gain` for each term alone, shape (m,)."""

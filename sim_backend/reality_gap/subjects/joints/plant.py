@@ -225,10 +225,11 @@ class Plant:
         data = mujoco.MjData(model)
         out = np.empty_like(position)
         q, v = self._q, self._v
+        qpos, qvel, qacc, found = data.qpos, data.qvel, data.qacc, getattr(data, field)  # views, which cost more than the step
         for row in range(len(position)):
-            data.qpos[q], data.qvel[v], data.qacc[v] = position[row], velocity[row], acceleration[row]
+            qpos[q], qvel[v], qacc[v] = position[row], velocity[row], acceleration[row]
             mujoco.mj_inverse(model, data)
-            out[row] = getattr(data, field)[v]
+            out[row] = found[v]
         return out
 
 

@@ -6,7 +6,7 @@ import pytest
 from sim_backend.driver.driver import Command, Start
 from sim_backend.driver.simulated import SimulatedDriver
 from sim_backend.effects.physics import Physics
-from sim_backend.reality_gap.subjects.joints.motor_law import KEYS, absent_values, along
+from sim_backend.reality_gap.subjects.joints.motor_law import KEYS, VECTOR, absent_values, along, direction_of, values_of
 from sim_backend.reality_gap.subjects.joints.plant import Plant
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.scene import compile_scene
@@ -64,11 +64,18 @@ def lawful(robot, segment, joint):
     for i, key in enumerate(KEYS):
         values[i] = np.ravel(robot.value(key)[0])[joint if KEYS_PER_JOINT[key] else 0]
     sent = np.ascontiguousarray(segment.applied_torque_nm[0])
-    motion = (np.ascontiguousarray(s[0, :, joint]) for s in (segment.true_joint_position_rad, segment.true_joint_velocity_rad_s))
+    each = (segment.true_joint_position_rad, segment.true_joint_velocity_rad_s)
+    position, velocity = (np.ascontiguousarray(series[0, :, joint]) for series in each)
     plant = Plant(compile_scene(), c.JOINT_NAMES)
     asked = plant.load_nm(segment.true_joint_position_rad[0], segment.true_joint_velocity_rad_s[0])[:, joint]
     total = np.abs(sent).sum(axis=1)
+    motion = position, velocity, direction_of(velocity)
     return along(np.ascontiguousarray(sent[:, joint]), total, *motion, np.ascontiguousarray(asked), STEPS_S, values)
+
+
+def test_a_row_of_values_is_all_of_it():
+    rows = np.arange(2.0 * len(VECTOR)).reshape(2, len(VECTOR))
+    assert values_of(rows, 1) == tuple(rows[1])
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -115,5 +122,5 @@ def test_a_joint_at_rest_feels_no_friction():
     values = absent_values()
     values[KEYS.index("coulomb_friction.torque_nm")] = 0.1
     rest = np.zeros(50)
-    _, net, _ = along(np.full(50, 0.02), np.full(50, 0.02), rest, rest, rest, STEPS_S, values)
+    _, net, _ = along(np.full(50, 0.02), np.full(50, 0.02), rest, rest, rest, rest, STEPS_S, values)
     np.testing.assert_array_equal(net, np.full(50, 0.02))
