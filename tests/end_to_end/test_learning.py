@@ -49,10 +49,10 @@ def judged(farm: Farm, policies: list[Path]) -> list[dict]:
 
 @pytest.mark.timeout(900)  # training is computing alone
 @pytest.mark.filterwarnings("default")  # torch's own
-def test_a_quarter_of_a_recipe_s_samples_brings_fingertips_closer_than_none(tmp_path, farm_of_two):
+def test_an_eighth_of_a_recipe_s_samples_brings_fingertips_closer_than_none(tmp_path, farm_of_two):
     whole = (RECIPES / "reach.toml").read_text()
     short = tmp_path / "reach.toml"
-    short.write_text(whole.replace("131_072", "32_768").replace("trials = 32", "trials = 4"))
+    short.write_text(whole.replace("131_072", "16_384").replace("trials = 32", "trials = 4"))
     learned, first = judged(farm_of_two, trained(str(short), tmp_path))
     errors_m = [[row["outcome"]["measures"]["final_position_error_m"] for row in each["per_trial"]] for each in (learned, first)]
     assert binomtest(int(np.less(errors_m[0], errors_m[1]).sum()), TRIALS).pvalue < 1e-3, errors_m
@@ -62,6 +62,6 @@ def test_a_quarter_of_a_recipe_s_samples_brings_fingertips_closer_than_none(tmp_
 @pytest.mark.timeout(900)
 @pytest.mark.filterwarnings("default")
 def test_a_policy_trained_by_a_recipe_succeeds_more_often_than_an_untrained_one(tmp_path, farm_of_two):
-    """`test_a_quarter_of_a_recipe_s_samples_brings_fingertips_closer_than_none` trains for a quarter of it."""
+    """`test_an_eighth_of_a_recipe_s_samples_brings_fingertips_closer_than_none` trains for an eighth of it."""
     learned, first = judged(farm_of_two, trained("reach", tmp_path))
     assert learned["interval_80"][0] > first["interval_80"][1], (learned["success_rate"], first["success_rate"])

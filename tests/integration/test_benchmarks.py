@@ -60,6 +60,9 @@ LARGER = {
     "page_pictures": ["--pictures {to}/pictures --out {to}/pages.json"],
     "peer_fields": ["--tasks push --seeds 5 --presses 0 --out {to}/fields.json"],
     "peer": ["--experts {experts} --episodes 1 --tasks push --steps 50 --out {to}/peer.json"],
+    "peer_ppo": [
+        "--rows {to}/rows.jsonl --out {to}/ppo.json --seeds 1 --samples 4096 --every 2048 --goals 4 --robots 64 --threads 1"
+    ],
     "photograph_trackers": ["{photos} --out {to}/photographs.json"],
     "planted_causes": ["--planted 1 --hopeless 0 --for-s 20 --out {to}/planted.jsonl"],
     "pods": ["ends --trials 2 --out {to}/ends.json", "scaling --out {to}/scaling.json"],
@@ -98,7 +101,7 @@ ELSEWHERE = {
 """Who starts the other programs."""
 
 
-NEEDS = {"killed_workers": ("ray", "torch"), "learning_rate": ("torch",), "workers_cost": ("torch",)}
+NEEDS = {"killed_workers": ("ray", "torch"), "learning_rate": ("torch",), "peer_ppo": ("rsl_rl",), "workers_cost": ("torch",)}
 """Of the optional packages."""
 
 
