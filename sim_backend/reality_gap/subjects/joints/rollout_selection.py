@@ -118,10 +118,12 @@ def _selected(
 def _with_other_gravity(search: CauseSearch, nominal: RolloutFit) -> RolloutSelection | None:
     """What a search comes to that begins with a gravity of another strength; None where that gains nothing.
 
-    It is possible only where hardly anything is left with it, which beside other causes is known last.
+    It is possible only where hardly anything is left with it, which beside other causes is known last. It is tried whatever a
+    straight line says: none leads to it from a model that goes elsewhere altogether.
     """
     alone = tuple(h for h in search.catalogue.hypotheses if FITTED[h.effect].contains)
-    lenient = replace(search, any_gravity=True, tried={})
+    proposed = dict(search.proposed) | {h.name: search.proposed.get(h.name, {}) for h in alone}
+    lenient = replace(search, any_gravity=True, tried={}, proposed=proposed)
     tried = tried_beside(replace(lenient, catalogue=replace(search.catalogue, hypotheses=alone)), nominal, ())
     if not tried or tried[0][0] < GATE:
         return None

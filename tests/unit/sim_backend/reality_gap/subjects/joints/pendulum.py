@@ -91,8 +91,9 @@ def study_of(
     robot = UnknownRobot(tolerance or Tolerance())
     study = study_joints(nominal, recordings, lambda *_: None, robot=robot, gate=np.inf)
     problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, robot.tolerance)
-    selection = select_by_rollouts(problem, study.fit.first.catalogue, lambda _: True)
-    return verdict_of_rollouts(study, selection, DrawnRobots(problem, np.random.default_rng(0)).coarse)
+    healthy = DrawnRobots(problem, np.random.default_rng(0)).coarse
+    selection = select_by_rollouts(problem, study.fit.first.catalogue, lambda _: True, healthy_rad=healthy.fitted_rad)
+    return verdict_of_rollouts(study, selection, healthy)
 
 
 def problem_of(limit_nm: float = np.inf, hidden: str = "") -> RolloutProblem:
