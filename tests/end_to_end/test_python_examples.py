@@ -23,7 +23,7 @@ POLICY = ROOT / "sim_backend/training/reference_policies/push"
 PENDULUM = ROOT / "docs/studies/double-pendulum"
 DATA = ROOT.parent / "shared/data"
 SAMPLES = 1000
-"""Three seconds of the pendulum."""
+"""Two seconds of the pendulum."""
 FIRST = ("Farm", "FarmJob", "FarmTrial")
 """Their examples make the files that the others read."""
 

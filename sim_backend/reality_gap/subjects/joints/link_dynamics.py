@@ -12,14 +12,13 @@ compiled = numba.njit(error_model="numpy", _nrt=False, forceinline=True)  # pyre
 make no arrays, so that Numba need not count references to those that they are given; counting and calling take more than half of
 the time of an arm with few joints.
 """
-
-
 Three = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
 
 
 @compiled
 def _cross(a: Three, b: Three) -> Three:
+    """The product of two vectors."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
@@ -169,9 +168,9 @@ def loads(
             rate_of[4] + moved[1] + also[1],
             rate_of[5] + moved[2] + also[2],
         )
-        needs, has = _times(inertia, i, rate), _times(inertia, i, whole)
-        momentum, spun = (has[3], has[4], has[5]), (has[0], has[1], has[2])
-        turned, moved, also = _cross(spin, spun), _cross(slide, momentum), _cross(spin, momentum)
+        needs, momentum = _times(inertia, i, rate), _times(inertia, i, whole)
+        of_turning, of_moving = (momentum[0], momentum[1], momentum[2]), (momentum[3], momentum[4], momentum[5])
+        turned, moved, also = _cross(spin, of_turning), _cross(slide, of_moving), _cross(spin, of_moving)
         for a in range(6):
             moves[i, a], faster[i, a] = whole[a], rate[a]
         for a in range(3):

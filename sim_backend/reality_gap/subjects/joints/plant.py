@@ -225,7 +225,7 @@ class Plant:
         data = mujoco.MjData(model)
         out = np.empty_like(position)
         q, v = self._q, self._v
-        qpos, qvel, qacc, found = data.qpos, data.qvel, data.qacc, getattr(data, field)  # views, which cost more than the step
+        qpos, qvel, qacc, found = data.qpos, data.qvel, data.qacc, getattr(data, field)  # to look them up costs more than a step
         for row in range(len(position)):
             qpos[q], qvel[v], qacc[v] = position[row], velocity[row], acceleration[row]
             mujoco.mj_inverse(model, data)

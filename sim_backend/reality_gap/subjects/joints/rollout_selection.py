@@ -122,8 +122,7 @@ def _with_other_gravity(search: CauseSearch, nominal: RolloutFit) -> RolloutSele
     straight line says: none leads to it from a model that goes elsewhere altogether.
     """
     alone = tuple(h for h in search.catalogue.hypotheses if FITTED[h.effect].contains)
-    proposed = dict(search.proposed) | {h.name: search.proposed.get(h.name, {}) for h in alone}
-    lenient = replace(search, any_gravity=True, tried={}, proposed=proposed)
+    lenient = replace(search, any_gravity=True, tried={}, proposed={h.name: {} for h in alone} | dict(search.proposed))
     tried = tried_beside(replace(lenient, catalogue=replace(search.catalogue, hypotheses=alone)), nominal, ())
     if not tried or tried[0][0] < GATE:
         return None

@@ -9,6 +9,7 @@ from sim_backend.reality_gap.subjects.joints.normal_equations import (
     FOLDS,
     STRETCH_S,
     WINDOW_ROWS,
+    Reduced,
     Whitened,
     folds_of,
     in_windows,
@@ -165,3 +166,15 @@ def test_folds_are_stretches_of_few_episodes_and_whole_ones_of_many():
     assert set(fold) == set(range(FOLDS))
     assert np.flatnonzero(np.diff(fold))[0] == round(STRETCH_S / 1e-2) - 1
     assert set(folds_of(long, 5)) == {0}
+
+
+@pytest.mark.parametrize("count", [1, 2, 61, 62])
+def test_noise_is_that_of_the_bulk(count):
+    y = np.random.default_rng(count).standard_normal(count) ** 3
+    _, noise = left_over(y, np.zeros((count, 0)), np.zeros(0), 0.0)
+    assert noise == pytest.approx(stats.median_abs_deviation(y, scale="normal"))
+
+
+def test_evidence_of_what_is_no_sum_of_squares_is_refused():
+    with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
+        Reduced(np.array([[-5.0]]), np.zeros(1), 0.0).gain((0,), (1.0,))
