@@ -25,8 +25,10 @@ from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 
 _MENDS = 0.5
 """A cause that gains less than this share of the largest, leaving more than noise, may only mend what that one's law leaves."""
-_NEARLY = 4.0
-"""Times what healthy robots are off: what leaves more is asked for a gravity of another strength, which may leave no more."""
+_NEARLY, _MANY = 4.0, 3
+"""Times what healthy robots are off: what leaves more is asked for a gravity of another strength, which may leave no more; and
+causes that are so many that they are asked for it, too: with fewer beside it, and no more left, it is the plainer answer.
+"""
 _LITTLE = 0.02
 """Share of an error that causes may leave to be all there are: laws of another shape than the robot's leave more."""
 _MOST, _MOST_MENDING = 6, 2
@@ -111,8 +113,12 @@ def _selected(
         other = _path(search, nominal, fit, (first,))
         found = other if _is_better(problem, other, found) else found
     nearly = replace(search, healthy_rad=_NEARLY * np.asarray(search.healthy_rad))
-    other = None if leaves_little(nearly, found.fit) else _with_other_gravity(search, nominal)
-    return other if other is not None and leaves_little(nearly, other.fit) and _gains_more(other, found) else found
+    is_plain = leaves_little(nearly, found.fit) and len(found.taken) < _MANY
+    other = None if is_plain else _with_other_gravity(search, nominal)
+    if other is None or not _gains_more(other, found):
+        return found
+    is_plainer = len(other.taken) < len(found.taken) and bool((other.fit.usual_rad <= found.fit.usual_rad).all())
+    return other if is_plainer or leaves_little(nearly, other.fit) else found
 
 
 def _with_other_gravity(search: CauseSearch, nominal: RolloutFit) -> RolloutSelection | None:

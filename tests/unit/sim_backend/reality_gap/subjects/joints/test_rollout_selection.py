@@ -118,13 +118,14 @@ def test_of_three_causes_those_that_gain_little_are_causes_too_where_all_togethe
     assert {cause.effect for cause in verdict.causes} == {"coulomb_friction", "viscous_friction", "action_delay"}, verdict.summary
 
 
-def test_gravity_beside_friction_is_named_where_no_straight_line_leads_to_it():
-    """A spring about the middle of the swing had been named instead."""
-    verdict = study_of('frictionloss="0.1"', gravity_m_s2=12.5)
+@pytest.mark.parametrize(("gravity_m_s2", "friction_nm"), [(7.0, 0.08), (12.5, 0.1)])
+def test_gravity_beside_friction_is_named_where_no_straight_line_leads_to_it(gravity_m_s2, friction_nm):
+    """A spring about the middle of the swing had been named instead, or a lighter link with a larger rotor."""
+    verdict = study_of(f'frictionloss="{friction_nm}"', gravity_m_s2=gravity_m_s2)
     value = {(cause.effect, cause.where): cause.value for cause in verdict.causes}
     assert {effect for effect, _ in value} == {"gravity", "coulomb_friction"}, verdict.summary
-    assert value["gravity", "z"] == pytest.approx(9.81 - 12.5, rel=0.1)
-    assert value["coulomb_friction", "hinge"] == pytest.approx(0.1, rel=0.02)
+    assert value["gravity", "z"] == pytest.approx(9.81 - gravity_m_s2, rel=0.1)
+    assert value["coulomb_friction", "hinge"] == pytest.approx(friction_nm, rel=0.02)
 
 
 def test_where_a_straight_line_leads_astray_a_fit_begins_from_what_torques_found(monkeypatch):
