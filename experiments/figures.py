@@ -103,7 +103,11 @@ def _curves(axes: "Axes", found: Findings) -> None:
     axes.set_xlabel(f"samples{counted}, millions", fontsize=9)
     axes.set_ylabel("success on nominal simulated robots, %", fontsize=9)
     task = next(run["settings"].get("task", "") for runs in found.runs.values() for _, run in runs)
-    means = "thick: mean; thin: runs; ring: first at 80 %" if judged else "line: mean of runs; band: lowest to highest"
+    means = (
+        f"thick: mean; thin: runs; ring: first at {100 * found.experiment.reaches:.0f} %"
+        if judged
+        else "line: mean of runs; band: lowest to highest"
+    )
     _title(axes, f"while training: {task or found.experiment.name}, {goals} goals a point", means)
     _legend_below(axes)
 

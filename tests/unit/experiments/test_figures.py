@@ -109,8 +109,9 @@ def test_what_is_known_shows_each_run_beside_the_others(tmp_path):
     assert len(diamonds) == 9 == len(set(diamonds))
 
 
-def test_the_curves_of_demonstrations_begin_with_them_and_ring_the_first_80_per_cent(tmp_path):
-    experiment = CATALOGUE["demonstrations"]
+@pytest.mark.parametrize(("reaches", "percent"), [(0.8, 80), (0.85, 85)])
+def test_the_curves_of_demonstrations_begin_with_them_and_ring_the_first_that_reach_the_rate(tmp_path, reaches, percent):
+    experiment = replace(CATALOGUE["demonstrations"], reaches=reaches)
     store = store_of(tmp_path, experiment)
     for cell, rates in zip(experiment.cells, ((0.1, 0.2, 0.9), (0.1, 0.85, 0.9), (0.9, 0.9, 0.9)), strict=True):
         for seed in cell.seeds:
@@ -119,7 +120,8 @@ def test_the_curves_of_demonstrations_begin_with_them_and_ring_the_first_80_per_
     assert axes.get_xlabel() == "samples, demonstrations counted, millions"
     rings = [np.asarray(line.get_xdata())[0] for line in axes.lines if line.get_marker() == "o"]
     assert sorted(set(np.round(rings, 3))) == [0.475, 0.819, 1.2]  # 100 demonstrations of 750 control periods and 0.4 million, …
-    assert any(np.array_equal(line.get_ydata(), [80, 80]) for line in axes.lines)
+    assert any(np.array_equal(line.get_ydata(), [percent, percent]) for line in axes.lines)
+    assert f"ring: first at {percent} %" in axes.get_title(loc="left")
 
 
 def test_colours_say_what_is_seen_and_dashes_what_is_rewarded(tmp_path):
