@@ -171,7 +171,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         own = [row for row in rows if row["learner"] == learner]
         seconds = sorted(row["curve"][-1]["wall_s"] for row in own)
         found[learner] = {"trainings": len(own), "arrived": sum(row["arrived"] for row in own), "seconds": seconds}
-    if found[OURS]["arrived"] == found[OURS]["trainings"] > 0 and found[PEER]["trainings"]:
+    if found[OURS]["arrived"] == found[OURS]["trainings"] == found[PEER]["trainings"] > 0:
         found["ratio_at_least"] = round(median(found[PEER]["seconds"]) / median(found[OURS]["seconds"]), 3)
     return found | {"trainings": rows}
 
@@ -195,7 +195,9 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=2)
     asked = parser.parse_args()
     _, recipe = load_recipe(asked.recipe)
-    assert isinstance(recipe, Recipe), "PPO's own loop"
+    assert isinstance(recipe, Recipe) and recipe.networks.privileged, (
+        "PPO's own loop, whose critic knows more, as the peer's does"
+    )
     evaluation = recipe.evaluation.model_copy(update={"every_samples": asked.every, "trials": asked.goals})
     ppo = recipe.ppo
     if asked.robots:

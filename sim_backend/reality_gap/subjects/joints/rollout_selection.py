@@ -25,10 +25,10 @@ from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 
 _MENDS = 0.5
 """A cause that gains less than this share of the largest, leaving more than noise, may only mend what that one's law leaves."""
-_NEARLY, _MANY = 4.0, 3
-"""Times what healthy robots are off: what leaves more is asked for a gravity of another strength, which may leave no more; and
-causes that are so many that they are asked for it, too: with fewer beside it, and no more left, it is the plainer answer.
-"""
+_NEARLY = 4.0
+"""Times what healthy robots are off: what leaves more is asked for a gravity of another strength, which may leave no more."""
+_MANY = 3
+"""So many causes are asked for it, too: with fewer beside it, and no joint further off, gravity is the plainer answer."""
 _LITTLE = 0.02
 """Share of an error that causes may leave to be all there are: laws of another shape than the robot's leave more."""
 _MOST, _MOST_MENDING = 6, 2
@@ -124,7 +124,7 @@ def _selected(
 def _with_other_gravity(search: CauseSearch, nominal: RolloutFit) -> RolloutSelection | None:
     """What a search comes to that begins with a gravity of another strength; None where that gains nothing.
 
-    It is possible only where hardly anything is left with it, which beside other causes is known last. It is tried whatever a
+    Whether it is possible depends on what is left with it, which beside other causes is known last. It is tried whatever a
     straight line says: none leads to it from a model that goes elsewhere altogether.
     """
     alone = tuple(h for h in search.catalogue.hypotheses if FITTED[h.effect].contains)
