@@ -14,12 +14,13 @@ import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from statistics import NormalDist
 
 import numpy as np
-from scipy.stats import binomtest, norm
 
 from api_schemas.builtin_policies import builtin_manifest
 from api_schemas.policy import PolicyManifest
+from api_schemas.success_rate import wilson
 from sim_backend.effects.physics import Physics
 from sim_backend.effects.ranges import load_ranges
 from sim_backend.evaluation import Act, evaluate
@@ -77,16 +78,15 @@ def try_policy(
     robots = robots_of(physics, len(seeds), seeds[0])
     found = evaluate(act, manifest, task, seeds, physics=robots, threads=threads, physics_step_s=physics_step_s)
     successes = int(found.success.sum())
-    interval = binomtest(successes, len(seeds)).proportion_ci(0.8, method="wilson")
     error_m = float(np.mean(found.position_error_m))
-    rate, limits = successes / len(seeds), (float(interval.low), float(interval.high))
+    rate, limits = successes / len(seeds), wilson(successes, len(seeds), 0.8)
     return Tried(physics, len(seeds), seeds[0], physics_step_s, successes, rate, limits, error_m), found.success
 
 
 def difference(first: np.ndarray, second: np.ndarray) -> dict:
     """How much more often the first policy succeeded, goal by goal, with an 80 % interval (normal); arguments bool (n,)."""
     apart = first.astype(float) - second.astype(float)
-    half = norm.ppf(0.9) * apart.std(ddof=1) / np.sqrt(len(apart))
+    half = NormalDist().inv_cdf(0.9) * apart.std(ddof=1) / np.sqrt(len(apart))
     mean = float(apart.mean())
     return {"trials": len(apart), "difference": mean, "interval_80": [mean - float(half), mean + float(half)]}
 

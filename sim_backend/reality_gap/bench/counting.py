@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from scipy import stats
+from api_schemas.success_rate import wilson
 
 
 def whole_lines(path: Path) -> list[dict]:
@@ -21,5 +21,4 @@ def share(k: int, n: int) -> dict:
     """``k`` of ``n`` as a rate with its 90 % Wilson interval; both None for none of none."""
     if n == 0:
         return {"k": 0, "n": 0, "rate": None, "interval_90": None}
-    interval = stats.binomtest(k, n).proportion_ci(0.9, method="wilson")
-    return {"k": k, "n": n, "rate": k / n, "interval_90": [float(interval.low), float(interval.high)]}
+    return {"k": k, "n": n, "rate": k / n, "interval_90": list(wilson(k, n, 0.9))}

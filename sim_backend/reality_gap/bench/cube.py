@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.reality_gap.bench.counting import share
 from sim_backend.reality_gap.bench.cube_cases import (
     LEVELS,
     CubeCase,
@@ -133,12 +133,7 @@ def _shares(effects: Sequence[Judgement]) -> dict[str, Any]:
 
 
 def _rate(marks: Sequence[bool]) -> dict[str, Any]:
-    """Count, share and its 90 % interval after Wilson."""
-    k, n = sum(marks), len(marks)
-    if not n:
-        return {"k": 0, "n": 0, "rate": None, "interval_90": None}
-    interval = stats.binomtest(k, n).proportion_ci(0.90, method="wilson")
-    return {"k": k, "n": n, "rate": k / n, "interval_90": [float(interval.low), float(interval.high)]}
+    return share(sum(marks), len(marks))
 
 
 def _confusion(judged: Sequence[Judgement]) -> dict[str, dict[str, int]]:

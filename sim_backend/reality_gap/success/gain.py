@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
-from scipy.stats import binomtest
 
 from api_schemas.policy import PolicyManifest
 from api_schemas.report import Report, read_report
+from api_schemas.success_rate import wilson
 from api_schemas.trial import Fault, OutcomeKind
 from sim_backend.effects.catalogue import CATALOGUE
 from sim_backend.effects.effect import Group
@@ -205,8 +205,7 @@ def success_gain(
 
 
 def _row(label: str, success: np.ndarray) -> SuccessRow:
-    interval = binomtest(int(success.sum()), len(success)).proportion_ci(0.80, method="wilson")
-    return SuccessRow(label, float(success.mean()), (float(interval.low), float(interval.high)))
+    return SuccessRow(label, float(success.mean()), wilson(int(success.sum()), len(success), 0.80))
 
 
 def _middle_95(values: np.ndarray) -> tuple[float, float]:
