@@ -1,9 +1,9 @@
-"""What turns position targets into torque while a robot moves: a PD controller, or a servo that drives its motor by voltage.
+"""What becomes torque while a robot moves: by a PD controller, a servo that drives its motor by voltage, or the motor alone.
 
-Both are one law: ``clip(stiffness (target - position) - damping velocity + desired, limit) - back_emf velocity``. Of a PD
+All are one law: ``clip(stiffness (target - position) - damping velocity + desired, limit) - back_emf velocity``. Of a PD
 controller nothing comes after the limit. A servo clips its duty before the motor's own voltage acts against it. With duty
 ``g (target - position)``, supply V, torque constant kt and resistance R its stiffness is ``kt V g / R``, its limit is
-``kt V / R`` and its back-EMF ``kt^2 / R``.
+``kt V / R`` and its back-EMF ``kt^2 / R``. A motor whose voltage was recorded has no stiffness, but ``kt voltage / R`` desired.
 """
 
 from collections.abc import Sequence

@@ -36,6 +36,8 @@ class JointSignals:
         temperature_rise_k: of the motors, above ambient, None without such a channel.
         position_step_s: from one position to the next as they were reported, of each joint, where some are slower than the grid
             and were bridged by straight lines, shape (k,); None where none is.
+        encoder_step_rad: the step in which positions were reported before they were put on equal steps of time, 0 for none,
+            shape (k,); None where the samples are as they were reported.
         outliers: samples of positions and torques that were left out.
         feedback: what turned position targets into torque, of joints of which it is known; None where it is of none.
         not_recorded: joints without any torque of their own: commanded is what ``feedback`` makes of what they reported.
@@ -50,6 +52,7 @@ class JointSignals:
     position_target_rad: np.ndarray | None = None
     temperature_rise_k: np.ndarray | None = None
     position_step_s: np.ndarray | None = None
+    encoder_step_rad: np.ndarray | None = None
     outliers: tuple[Outlier, ...] = ()
     feedback: Feedback | None = None
     not_recorded: tuple[str, ...] = ()

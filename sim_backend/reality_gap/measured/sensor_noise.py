@@ -18,6 +18,24 @@ def position_noise(position_rad: np.ndarray) -> np.ndarray:
     return np.maximum(white_noise(position_rad), np.maximum(np.minimum(np.array(steps), 1e-3) / np.sqrt(12.0), LEAST_NOISE_RAD))
 
 
+def encoder_step(position_rad: np.ndarray) -> np.ndarray:
+    """The step in which positions come as they were reported, shapes (s, k) and (k,); 0 where they come in none.
+
+    Positions that were put on another grid have lost it.
+    """
+    steps = []
+    for column in position_rad.T:
+        moves = np.abs(np.diff(column[~np.isnan(column)]))
+        moves = moves[moves > 1e-9]
+        if len(moves) < 20:
+            steps.append(0.0)
+            continue
+        smallest = float(np.quantile(moves, 0.01))
+        ratio = moves[moves < 30 * smallest] / smallest
+        steps.append(smallest if np.median(np.abs(ratio - np.round(ratio))) < 0.01 else 0.0)
+    return np.array(steps)
+
+
 def white_noise(series: np.ndarray) -> np.ndarray:
     """Standard deviation of what is white in each column, from fourth differences, which smooth motion has none of; (k,).
 

@@ -9,9 +9,10 @@ from sim_backend.reality_gap.measured.foreign import time_grid
 from sim_backend.reality_gap.measured.foreign.data_table import find
 from sim_backend.reality_gap.measured.foreign.measurement_units import chosen_factor
 from sim_backend.reality_gap.measured.foreign.rows import Rows
-from sim_backend.reality_gap.measured.foreign.study_channels import JointEntry
+from sim_backend.reality_gap.measured.foreign.study_channels import JointEntry, VoltageMotor
 from sim_backend.reality_gap.measured.foreign.study_model import Controller
 from sim_backend.reality_gap.measured.outliers import position_outliers, torque_outliers
+from sim_backend.reality_gap.measured.sensor_noise import encoder_step
 from sim_backend.reality_gap.recording import JointSignals, Outlier
 
 _HELD = ("commanded_torque", "desired_torque")
@@ -34,7 +35,8 @@ def joint_signals(
 ) -> JointSignals:
     """Joints on a grid: positions unwrapped, commands held, everything in the model's direction and zero.
 
-    A joint without any torque, but with position targets, was sent what the servo or the controller makes of them.
+    A joint without any torque was sent what its servo or a controller makes of position targets, or its motor of a voltage, and
+    nothing if it is passive.
 
     Raises:
         RecordingError: a channel without any value.
@@ -69,6 +71,7 @@ def joint_signals(
         position_target_rad=together("position_target"),
         temperature_rise_k=together("temperature"),
         position_step_s=steps_s if (steps_s > _SLOWER * grid.step_s).any() else None,
+        encoder_step_rad=encoder_step(np.column_stack([rows.column(joint.channels["position"]) for joint in joints])),
         outliers=tuple(outliers),
         feedback=feedback,
         not_recorded=tuple(made),
@@ -97,9 +100,10 @@ def _joint(rows: Rows, grid: time_grid.Grid, joint: JointEntry, outliers: list[O
     if "position_target" in found:
         target = time_grid.held(grid, rows.time_s, _target(joint, found["position_target"], zero, position, turns=turns))
         signals["position_target"] = target
-    for word in (f"servo_{key}" for key in ("gain", "supply", "enabled")):
-        if word in found:
-            signals[word] = time_grid.held(grid, rows.time_s, found[word])
+    for word in (word for word in found if joint.motor is not None and word.startswith(f"{joint.motor.table}_")):
+        signals[word] = time_grid.held(grid, rows.time_s, found[word])
+    if joint.passive:
+        signals["commanded_torque"] = np.zeros(grid.count)
     if "temperature" in found:
         rise = found["temperature"] - joint.ambient * _factor(rows, joint, "temperature")
         signals["temperature"] = time_grid.interpolated(grid, rows.time_s, rise, own_rate=True)
@@ -117,23 +121,32 @@ def _feedback(
     """What turned position targets into torque; None where no joint has any."""
     laws = np.full((6, samples, len(joints)), np.nan)
     for j, (joint, column) in enumerate(zip(joints, columns, strict=True)):
-        if "position_target" not in column:
-            continue
-        laws[0, :, j], laws[5, :, j] = column["position_target"], column.get("desired_torque", 0.0)
-        if joint.servo is not None:
-            gain, supply, enabled = (
-                column.get(f"servo_{key}", np.full(samples, joint.servo.constants.get(key, np.nan)))
-                for key in ("gain", "supply", "enabled")
-            )
-            is_on = np.where(np.isfinite(enabled), enabled > 0.5, False)
-            stall_nm = is_on * supply * joint.servo.torque_constant_nm_a / joint.servo.resistance_ohm
-            laws[1, :, j], laws[2, :, j], laws[3, :, j] = stall_nm * gain, 0.0, np.abs(stall_nm)
-            laws[4, :, j] = is_on * joint.servo.torque_constant_nm_a**2 / joint.servo.resistance_ohm
-        elif controller is not None:
+        if joint.motor is not None and (joint.motor.table == "motor" or "position_target" in column):
+            laws[:, :, j] = _of_motor(joint.motor, joint.sign, column, samples)
+        elif controller is not None and "position_target" in column:
+            laws[0, :, j], laws[5, :, j] = column["position_target"], column.get("desired_torque", 0.0)
             laws[1, :, j] = controller.stiffness_nm_rad[joint.name]
             laws[2, :, j] = controller.damping_nm_s_rad[joint.name]
             laws[3, :, j], laws[4, :, j] = controller.torque_limit_nm.get(joint.name, np.inf), 0.0
     return Feedback(*laws) if np.isfinite(laws[1]).any() else None
+
+
+def _of_motor(motor: VoltageMotor, sign: float, column: Mapping[str, np.ndarray], samples: int) -> np.ndarray:
+    """The law of a motor that is driven by voltage, in the order of :class:`Feedback`, shape (6, samples)."""
+
+    def of(key: str) -> np.ndarray:
+        return column.get(f"{motor.table}_{key}", np.full(samples, motor.constants.get(key, np.nan)))
+
+    nothing, enabled = np.zeros(samples), of("enabled")
+    is_on = np.where(np.isfinite(enabled), enabled > 0.5, False)
+    by_volt = is_on * motor.torque_constant_nm_a / motor.resistance_ohm
+    stall_nm, back_emf = by_volt * of("supply"), by_volt * motor.torque_constant_nm_a
+    if motor.table == "servo":
+        desired = column.get("desired_torque", nothing)
+        return np.stack([column["position_target"], stall_nm * of("gain"), nothing, np.abs(stall_nm), back_emf, desired])
+    sent_nm = stall_nm * of("duty") if "motor_duty" in column or "duty" in motor.constants else by_volt * of("voltage")
+    limit_nm = np.where(np.isfinite(stall_nm), np.abs(stall_nm), np.inf)
+    return np.stack([nothing, nothing, nothing, limit_nm, back_emf, sign * sent_nm])
 
 
 def _target(joint: JointEntry, target: np.ndarray, zero: float, position: np.ndarray, *, turns: bool) -> np.ndarray:

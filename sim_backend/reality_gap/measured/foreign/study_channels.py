@@ -19,7 +19,11 @@ _HINGE = {
     "temperature": Quantity.TEMPERATURE,
 }
 _SERVO = ("gain", "supply", "enabled")
-"""What a servo's table may have as a number or as a column."""
+_MOTOR = ("voltage", "duty", "supply", "enabled")
+"""What the tables of a servo and of a motor may have as a number or as a column."""
+_TABLES = ("servo", "motor")
+_DRIVEN = ("torque", "commanded_torque", "measured_torque", "desired_torque", "position_target", *_TABLES)
+"""What only a joint has that something drives."""
 _SLIDE = {Quantity.ANGLE: Quantity.LENGTH, Quantity.ANGULAR_VELOCITY: Quantity.VELOCITY, Quantity.TORQUE: Quantity.FORCE}
 JOINT_CHANNELS = tuple(_HINGE)
 _UNIT_KEYS = {
@@ -61,15 +65,20 @@ class DataChannel:
 
 
 @dataclass(frozen=True)
-class Servo:
-    """A servo that drives its motor by voltage: duty = clip(gain (target - position), -1, 1), voltage = duty supply.
+class VoltageMotor:
+    """A motor that is driven by voltage: torque = kt voltage / R - kt^2 velocity / R.
+
+    A servo makes the voltage itself: duty = clip(gain (target - position), -1, 1), voltage = duty supply. Of others the voltage
+    was recorded, or its duty.
 
     Attributes:
+        table: of study.toml that it stands in, ``servo`` or ``motor``.
         constants: ``gain`` (duty for a radian), ``supply`` (V) and ``enabled`` as far as they are numbers.
-        torque_constant_nm_a: of the motor, on the joint's side.
+        torque_constant_nm_a: on the joint's side.
         resistance_ohm: of its windings.
     """
 
+    table: str
     constants: Mapping[str, float]
     torque_constant_nm_a: float
     resistance_ohm: float
@@ -87,7 +96,9 @@ class JointEntry:
         zero: reading at which the model's joint is at 0, in the unit of the position column.
         ambient: temperature around the motor, in the unit of the temperature column.
         wrapped: whether angles jump by a turn; None leaves it to the data.
-        servo: what turns its position target into torque, None where ``[controller]`` does or nothing is known.
+        passive: whether nothing drives it.
+        motor: by whose law a position target, a voltage or a duty becomes torque, None where ``[controller]`` does or nothing is
+            known.
     """
 
     name: str
@@ -97,7 +108,8 @@ class JointEntry:
     zero: float = 0.0
     ambient: float = 0.0
     wrapped: bool | None = None
-    servo: Servo | None = None
+    passive: bool = False
+    motor: VoltageMotor | None = None
 
 
 @dataclass(frozen=True)
@@ -148,7 +160,8 @@ def hinge_and_slide_joints(model: MjModel) -> dict[str, bool]:
 
 
 def _joint(section: Section, name: str, *, slide: bool) -> JointEntry:
-    section.only(*JOINT_CHANNELS, "torque", "torque_kind", *_UNIT_KEYS.values(), "sign", "zero", "ambient", "wrapped", "servo")
+    numbers = ("sign", "zero", "ambient", "wrapped", "passive")
+    section.only(*JOINT_CHANNELS, "torque", "torque_kind", *_UNIT_KEYS.values(), *numbers, *_TABLES)
     section.text("position")
     columns = {word: section.text(word) for word in JOINT_CHANNELS if section.has(word)} | _torque(section)
     channels = {word: _joint_channel(section, name, word, column, slide=slide) for word, column in columns.items()}
@@ -157,44 +170,65 @@ def _joint(section: Section, name: str, *, slide: bool) -> JointEntry:
         raise section.refusal(f"sign is {sign:g}; it must be 1 or -1 (a scale belongs into the unit)")
     if section.has("temperature") and not section.has("ambient"):
         raise section.refusal("temperature needs ambient, the temperature around the motor in the same unit (0 if it is a rise)")
-    servo, columns_of_servo = _servo(section, name)
+    motor, columns_of_motor = _motor(section, name)
+    passive = section.flag("passive") or False
+    driven = [word for word in _DRIVEN if section.has(word)]
+    if passive and driven:
+        raise section.refusal(f"the joint is passive, which nothing drives, and has {driven[0]}")
     return JointEntry(
         name,
         slide,
-        channels | columns_of_servo,
+        channels | columns_of_motor,
         sign,
         section.number("zero", 0.0),
         section.number("ambient", 0.0),
         section.flag("wrapped"),
-        servo,
+        passive,
+        motor,
     )
 
 
-def _servo(joint: Section, name: str) -> tuple[Servo | None, dict[str, DataChannel]]:
-    """The servo of a joint, and what it reads from columns; gains and supplies may be numbers or columns."""
-    if not joint.has("servo"):
+def _motor(joint: Section, name: str) -> tuple[VoltageMotor | None, dict[str, DataChannel]]:
+    """The servo or motor of a joint, and what it reads from columns."""
+    tables = [table for table in _TABLES if joint.has(table)]
+    if not tables:
         return None, {}
-    section = joint.section("servo", f"[joints.{name}.servo]")
-    section.only(*_SERVO, "kt", "resistance")
-    if not joint.has("position_target"):
+    table, *others = tables
+    section = joint.section(table, f"[joints.{name}.{table}]")
+    if others:
+        raise section.refusal("a joint has a servo or a motor, not both")
+    keys = _SERVO if table == "servo" else _MOTOR
+    section.only(*keys, "kt", "resistance")
+    if table == "servo" and not joint.has("position_target"):
         raise section.refusal("a servo needs position_target, the column of what the joint was to be at")
+    if table == "motor":
+        _refuse_unclear_drive(joint, section)
+    needed = keys if table == "servo" else [key for key in keys if section.has(key)]
     constants, channels = {"enabled": 1.0}, {}
-    for key in _SERVO:
-        value = section.table.get(key)
+    for key in needed:
+        value, word = section.table.get(key), f"{table}_{key}"
         if isinstance(value, Mapping):
-            column = section.section(key, f"[joints.{name}.servo] {key}")
+            column = section.section(key, f"[joints.{name}.{table}] {key}")
             column.only("column", "unit")
-            channels[f"servo_{key}"] = DataChannel(
-                "joints", name, f"servo_{key}", column.text("column"), Quantity.ANY, column.unit("unit")
-            )
+            channels[word] = DataChannel("joints", name, word, column.text("column"), Quantity.ANY, column.unit("unit"))
         elif isinstance(value, str):
-            channels[f"servo_{key}"] = DataChannel("joints", name, f"servo_{key}", section.text(key), Quantity.ANY)
+            channels[word] = DataChannel("joints", name, word, section.text(key), Quantity.ANY)
         elif value is not None or key not in constants:
             constants[key] = section.number(key)
-    found = Servo(constants, section.number("kt"), section.number("resistance"))
+    found = VoltageMotor(table, constants, section.number("kt"), section.number("resistance"))
     if not (found.torque_constant_nm_a > 0.0 and found.resistance_ohm > 0.0):
         raise section.refusal("kt and resistance must be above 0")
     return found, channels
+
+
+def _refuse_unclear_drive(joint: Section, section: Section) -> None:
+    """A motor's voltage must be one column, and no other column may say what it was sent."""
+    if section.has("voltage") == section.has("duty"):
+        raise section.refusal("a motor needs voltage or duty, the column of what it was driven with, and not both")
+    if section.has("duty") and not section.has("supply"):
+        raise section.refusal("duty needs supply, the voltage that it is a share of")
+    if sent := [word for word in ("position_target", "desired_torque", "commanded_torque") if joint.has(word)]:
+        raise section.refusal(f"the joint has {sent[0]}, too: what its motor was sent is either that or a voltage")
 
 
 def _joint_channel(section: Section, name: str, word: str, column: str, *, slide: bool) -> DataChannel:

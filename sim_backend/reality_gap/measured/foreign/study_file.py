@@ -262,7 +262,7 @@ def _refuse_unstated_controller(top: Section, study: StudyFile) -> None:
     for joint in study.joints:
         if (
             "position_target" in joint.channels
-            and joint.servo is None
+            and joint.motor is None
             and (
                 study.controller is None
                 or joint.name not in study.controller.stiffness_nm_rad

@@ -82,7 +82,7 @@ def noise_findings(episodes: Sequence[EpisodeEquations], robot: Robot) -> list[F
     is_known = isinstance(robot, KnownTriFinger)
     odd, noise = (_odd, white_noise) if is_known else (_odd_among_unknown, _noise_that_is_white)
     paths, joints = [episode.path for episode in episodes], [episode.path.joints for episode in episodes]
-    steps = np.median([path.by_own_samples(encoder_step, path.joints.position_rad) for path in paths], axis=0)
+    steps = np.median([path.encoder_step_rad for path in paths], axis=0)
     found += odd(Sign.POSITION_STEPS, steps, HEALTHY_STEP_RAD, 0.02)
     position = np.median([path.by_own_samples(noise, path.joints.position_rad) for path in paths], axis=0)
     position = np.sqrt(np.maximum(position**2 - steps**2 / 12.0, 0.0))
@@ -160,30 +160,13 @@ def _odd(sign: Sign, levels: np.ndarray, healthy: float, relative_error: float) 
 
 
 def _odd_among_unknown(sign: Sign, levels: np.ndarray, healthy: float, relative_error: float) -> list[Finding]:
-    """Single joints whose level is far beyond that of the others, or of a robot with one joint far beyond what is healthy."""
+    """Single joints whose level is far beyond that of the others; a joint alone has nothing that it could be beyond."""
     found = []
-    for joint, level in enumerate(map(float, levels)):
-        others = np.delete(levels, joint)
-        usual, least = (float(np.median(others)), _LEAST_ODD[sign]) if len(others) else (healthy, healthy)
-        excess = level / max(usual, _ODD_FLOOR * healthy)
-        if level > least and excess > (_ODD_AMONG_UNKNOWN if level > healthy else _ODD_THOUGH_SMALL):
+    for joint, level in enumerate(map(float, levels) if len(levels) > 1 else ()):
+        excess = level / max(float(np.median(np.delete(levels, joint))), _ODD_FLOOR * healthy)
+        if level > _LEAST_ODD[sign] and excess > (_ODD_AMONG_UNKNOWN if level > healthy else _ODD_THOUGH_SMALL):
             found.append(Finding(sign, joint, level, (level * (1 - relative_error), level * (1 + relative_error)), excess))
     return found
-
-
-def encoder_step(position_rad: np.ndarray) -> np.ndarray:
-    """The step in which positions come, 0 where they come in none, shape (k,)."""
-    steps = []
-    for column in position_rad.T:
-        moves = np.abs(np.diff(column[~np.isnan(column)]))
-        moves = moves[moves > 1e-9]
-        if len(moves) < 20:
-            steps.append(0.0)
-            continue
-        smallest = float(np.quantile(moves, 0.01))
-        ratio = moves[moves < 30 * smallest] / smallest
-        steps.append(smallest if np.median(np.abs(ratio - np.round(ratio))) < 0.01 else 0.0)
-    return np.array(steps)
 
 
 def noisy_motors(episodes: Sequence[EpisodeEquations], state: JointState) -> list[int]:

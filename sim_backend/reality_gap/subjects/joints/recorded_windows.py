@@ -13,21 +13,37 @@ from sim_backend.reality_gap.subjects.joints.past import Past
 
 _MOST_WINDOWS, LEAST_WINDOWS, _OF_JOINTS = 60, 20, 120
 """So many windows, and fewer the more joints there are, whose simulations cost more and say more."""
+_RESTS = 10.0
+"""Times the noise of its encoder that a joint must go within a window to be said to move."""
 _EDGE_S = 0.1
 """Of a recording, at both ends, where its smoothed velocity is not as good."""
 
 
-def windows_of(episodes: Sequence[EpisodeEquations], length_s: float, step_s: float) -> Windows:
-    """Windows of a length, one after the other, in which everything was measured; not too many, evenly spread."""
+def windows_of(episodes: Sequence[EpisodeEquations], length_s: float, step_s: float, noise_rad: np.ndarray) -> Windows:
+    """Windows of a length, one after the other, in which everything was measured; not too many, evenly spread.
+
+    Those in which every joint rests are left out where there are others: most models rest there, too, however wrong they are.
+
+    Args:
+        episodes: to be cut.
+        length_s: of a window.
+        step_s: of its samples.
+        noise_rad: of the encoders, shape (k,).
+    """
     most = int(np.clip(_OF_JOINTS // episodes[0].plant.joints, LEAST_WINDOWS, _MOST_WINDOWS))
-    parts: list[tuple[int, int]] = []
+    parts, moves = list[tuple[int, int]](), list[bool]()
     for owner, episode in enumerate(episodes):
         path = episode.path
         known = np.isfinite(np.hstack([path.joints.position_rad, episode.acting_nm.T])).all(axis=1)
         edge, rows = round(_EDGE_S / path.step_s), round(length_s / path.step_s)
         unknown = np.concatenate([[0], np.cumsum(~known)])
         starts = np.arange(edge, path.joints.position_rad.shape[0] - rows - edge - 2, rows)
-        parts += [(owner, int(first)) for first in starts if unknown[first + rows + 2] == unknown[first]]
+        own = [int(first) for first in starts if unknown[first + rows + 2] == unknown[first]]
+        parts += [(owner, first) for first in own]
+        moves += [
+            bool((np.ptp(path.joints.position_rad[first : first + rows], axis=0) > _RESTS * noise_rad).any()) for first in own
+        ]
+    parts = [part for part, is_moved in zip(parts, moves, strict=True) if is_moved] or parts
     chosen = sorted({int(i) for i in np.linspace(0, len(parts) - 1, min(most, len(parts)))}) if parts else []
     return _windows(episodes, [parts[i] for i in chosen], round(length_s / step_s), step_s)
 

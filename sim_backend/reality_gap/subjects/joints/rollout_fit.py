@@ -14,7 +14,6 @@ from sim_backend.reality_gap.knowledge.joint_effects import POSITION_GAIN
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance
 from sim_backend.reality_gap.measured.sensor_noise import white_noise
 from sim_backend.reality_gap.subjects.joints.body_law import KEYS as BODY_KEYS
-from sim_backend.reality_gap.subjects.joints.checks import encoder_step
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.subjects.joints.forward import LONGEST_IN_LOOP_S, LONGEST_STEP_S, Forward
 from sim_backend.reality_gap.subjects.joints.hypotheses import Catalogue
@@ -115,7 +114,7 @@ class RolloutProblem:
         regimes = [e.path.recording.regime for e in episodes]
         self._fold_of = np.unique(regimes, return_inverse=True)[1] if len(set(regimes)) > 1 else np.arange(len(episodes)) % FOLDS
         for length_s in LENGTHS_S:
-            self.windows, self.length_s = windows_of(episodes, length_s, step_s), length_s
+            self.windows, self.length_s = windows_of(episodes, length_s, step_s, self.noise_rad), length_s
             if len(self.windows) and self._growth() < _GROWS:
                 break
         self.torque_noise_nm = torque_noise_nm(episodes, step_s)
@@ -286,16 +285,19 @@ class RolloutProblem:
 
     def gained(self, before: np.ndarray, after: np.ndarray) -> float:
         """What one model gains over another by the errors of their windows, shapes (n, k), nats."""
+        return float(self.gained_by_window(before, after).sum())
+
+    def gained_by_window(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """As :meth:`gained`, of each window, shape (n,)."""
         floor = (_FLOOR * self.noise_rad) ** 2
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.log((before + floor) / (after + floor))
-        return float(0.5 * SAMPLES_OF_WINDOW * np.nan_to_num(ratio, posinf=5.0, neginf=-5.0).sum())
+        return 0.5 * SAMPLES_OF_WINDOW * np.nan_to_num(ratio, posinf=5.0, neginf=-5.0).sum(axis=1)
 
 
 def _noise_rad(episode: EpisodeEquations) -> np.ndarray:
     """Of encoders, shape (k,): rounding to coarse steps is noise, too, though positions then rest for most of the time."""
-    steps_rad = episode.path.by_own_samples(encoder_step, episode.path.joints.position_rad)
-    return np.maximum(episode.path.position_noise_rad, steps_rad / np.sqrt(12.0))
+    return np.maximum(episode.path.position_noise_rad, episode.path.encoder_step_rad / np.sqrt(12.0))
 
 
 def is_nearer(fit: RolloutFit, other: RolloutFit) -> bool:

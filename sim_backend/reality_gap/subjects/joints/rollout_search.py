@@ -25,6 +25,8 @@ GATE = 12.0
 """Nats that a cause must gain: odds of 160 000, shared by some hundred hypotheses."""
 _TRIED, _TRIED_FROM = 6, 3.0
 """So many of the best, by their linear gains in nats, are fitted."""
+_OF_FEW = 0.1
+"""Nats of each window that a linear gain must have where windows are few: together they can tell no more."""
 _WHOLLY = 2
 """So many of those are fitted once more together with everything else."""
 _MOSTLY = 0.25
@@ -112,10 +114,11 @@ def tried_beside(search: CauseSearch, fit: RolloutFit, taken: Sequence[Taken]) -
     own = [term for cause in taken for term in cause.terms]
     names, tried = {cause.hypothesis.name for cause in taken}, list[Tried]()
     everywhere = {effect for effect, where in names if where == ALL_JOINTS}
+    from_nats = min(_TRIED_FROM, _OF_FEW * len(problem.windows))
     for linear, hypothesis, values, errors in _distinct(gains(problem, fit, catalogue.hypotheses), names):
         if hypothesis.effect in everywhere:
             continue
-        if (linear < _TRIED_FROM or len(tried) >= _TRIED) and hypothesis.name not in search.proposed:
+        if (linear < from_nats or len(tried) >= _TRIED) and hypothesis.name not in search.proposed:
             continue
         terms = tuple(catalogue.terms[i] for i in hypothesis.terms)
         found = [fitted_quickly(problem, fit, own, hypothesis, *_that_show(terms, hypothesis, values, errors))]

@@ -14,6 +14,8 @@ from sim_backend.reality_gap.subjects.joints.state import JointState, Term
 
 OF_NUMBER = 3.0
 """Nats that each number must gain for itself."""
+_AGAIN = 4
+"""Times that a rival's fit goes on at most."""
 _AS_GOOD = 0.25
 """Share of a gain within which two fits are as good as each other."""
 _LIMIT_PROBE = 0.01
@@ -127,9 +129,18 @@ def fitted_instead(
     alone: RolloutFit,
     terms: Sequence[Term],
 ) -> RolloutFit:
-    """Another's terms in the place of a cause's, fitted anew from where they are ``alone``."""
+    """Another's terms in the place of a cause's, fitted anew from where they are ``alone`` until that gains no more.
+
+    A rival whose fit ends on the way would be taken for a worse one.
+    """
     state = as_nominal(problem, fit.state, cause)
     for term in terms:
         by = alone.state.value(term.key)[term.index] - state.value(term.key)[term.index]
         state = state.moved(term, float(by), with_shape=False)
-    return problem.fitted(state, [*others, *terms], fit.begin)
+    found = problem.fitted(state, [*others, *terms], fit.begin)
+    for _ in range(_AGAIN):
+        again = problem.fitted(found.state, [*others, *terms], found.begin)
+        if problem.gained(found.squares, again.squares) < OF_NUMBER:
+            break
+        found = again
+    return found

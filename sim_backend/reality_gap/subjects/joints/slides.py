@@ -80,7 +80,7 @@ class Slides:
         """A recording of these joints in the units of :meth:`model_as_hinges`."""
         joints, arm = recording.joints, self.arm_m
         assert joints is not None
-        lengths = ("position_rad", "velocity_rad_s", "position_target_rad")
+        lengths = ("position_rad", "velocity_rad_s", "position_target_rad", "encoder_step_rad")
         forces = ("commanded_torque_nm", "measured_torque_nm", "desired_torque_nm")
         changed = {name: own / arm for name in lengths if (own := getattr(joints, name)) is not None}
         changed |= {name: own * arm for name in forces if (own := getattr(joints, name)) is not None}

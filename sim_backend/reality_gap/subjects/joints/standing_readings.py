@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_backend.reality_gap.measured.sensor_noise import white_noise
-from sim_backend.reality_gap.subjects.joints.checks import encoder_step
 from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.verdict import EffectJudged, Told, Verdict, VerdictKind
 
@@ -70,7 +69,7 @@ def standing_readings(episodes: Sequence[EpisodeEquations], names: Sequence[str]
     times, longest_s, fast = np.zeros(len(names), int), np.zeros(len(names)), np.zeros(len(names), int)
     for episode in episodes:
         positions, step_s = episode.path.joints.position_rad, episode.path.step_s
-        noise = np.maximum(white_noise(positions), encoder_step(positions) / np.sqrt(12.0))
+        noise = np.maximum(white_noise(positions), episode.path.encoder_step_rad / np.sqrt(12.0))
         moves = np.diff(positions, axis=0)
         is_fast = [_is_fast(own, own_noise) for own, own_noise in zip(moves.T, noise, strict=True)]
         stood = [_stood(own, own_fast) for own, own_fast in zip(moves.T, is_fast, strict=True)]

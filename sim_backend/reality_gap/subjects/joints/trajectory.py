@@ -8,7 +8,7 @@ import numpy as np
 from scipy import signal
 
 from sim_backend.reality_gap.knowledge.known_of_robot import CUTOFF_HZ
-from sim_backend.reality_gap.measured.sensor_noise import position_noise
+from sim_backend.reality_gap.measured.sensor_noise import encoder_step, position_noise
 from sim_backend.reality_gap.recording import JointSignals, Recording, RecordingError
 
 ORDER = 4
@@ -93,6 +93,12 @@ class Trajectory:
     def position_noise_rad(self) -> np.ndarray:
         """As :func:`position_noise`, as if white up to half of the rate of the grid; slower joints have theirs below it; (k,)."""
         return self.by_own_samples(position_noise, self.joints.position_rad) * np.sqrt(self._own_steps)
+
+    @property
+    def encoder_step_rad(self) -> np.ndarray:
+        """In which the joints' positions were reported, as :func:`encoder_step`, shape (k,)."""
+        known = self.joints.encoder_step_rad
+        return self.by_own_samples(encoder_step, self.joints.position_rad) if known is None else known
 
     def by_own_samples(self, level: Callable[[np.ndarray], np.ndarray], series: np.ndarray) -> np.ndarray:
         """A level of each column of series, shape (s, k), from samples as far apart as the joint's own; shape (k,)."""

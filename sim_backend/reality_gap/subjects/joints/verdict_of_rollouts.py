@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy import special
 
 from sim_backend.effects.catalogue import CATALOGUE, PARAMETERS
 from sim_backend.effects.effect import Scope
@@ -22,6 +23,7 @@ from sim_backend.reality_gap.subjects.joints.fitted_values import FittedValue, a
 from sim_backend.reality_gap.subjects.joints.healthy_robots import DrawnRobots, Healthy
 from sim_backend.reality_gap.subjects.joints.hypotheses import ALL_JOINTS, own_share
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
+from sim_backend.reality_gap.subjects.joints.recorded_windows import LEAST_WINDOWS
 from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, FAR_WINDOWS, TOLERATED, RolloutFit, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_questions import shown, would_move_nats
 from sim_backend.reality_gap.subjects.joints.rollout_search import GATE, Taken
@@ -29,6 +31,8 @@ from sim_backend.reality_gap.subjects.joints.rollout_selection import RolloutSel
 from sim_backend.reality_gap.subjects.joints.rollout_trials import OF_NUMBER
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, HeldOut, Rival, Told, Verdict, VerdictKind
 
+_SURE = 0.95
+"""How sure it must be, by windows that are few, which of two models is nearer."""
 CONFUSABLE_NATS, CONFUSABLE_SHARE = 5.0, 0.1
 """A rival that lies less than this behind, or than this share of what the cause gained, cannot be told apart."""
 _TRIFLE = 0.05
@@ -65,7 +69,8 @@ def verdict_of_rollouts(
     problem, names = selection.problem, study.problem.names
     causes = [cause for taken in selection.taken for cause in causes_of(study, selection.fit, taken)]
     beside = [(taken, *found) for taken in selection.taken if (found := _rival(selection, taken)) is not None]
-    rivals, near = [rival for _, rival, _, _ in beside], [each for each in beside if _is_near(each[1], each[0])]
+    rivals = [rival for _, rival, _, _ in beside]
+    near = [each for each in beside if _is_near(each[1], each[0]) or not _is_ahead(problem, selection.fit, each[3])]
     extended = _extended(study, selection)
     causes = [_covering(cause, extended) for cause in causes]
     before, after = selection.nominal.usual_rad, selection.fit.usual_rad
@@ -287,7 +292,7 @@ def _rival(selection: RolloutSelection, taken: Taken) -> tuple[Rival, Taken, Rol
             rival = replace(rival, behind=lost)
             if not _is_near(rival, taken):
                 continue
-        elif len(selection.taken) > 1 and _is_near(rival, taken):
+        elif len(selection.taken) > 1 and (_is_near(rival, taken) or len(selection.problem.windows) < LEAST_WINDOWS):
             alone = instead(selection, taken, fit, terms)
             lost = selection.problem.gained(alone.squares, selection.fit.squares)
             rival = replace(rival, behind=lost - OF_NUMBER * (len(taken.terms) - len(terms)))
@@ -302,6 +307,20 @@ def _separated(other: str, own: str) -> str:
 def _is_near(rival: Rival, taken: Taken) -> bool:
     """Whether two causes explain the same: one that follows so closely may only have been fitted a little worse."""
     return rival.behind < max(CONFUSABLE_NATS, CONFUSABLE_SHARE * taken.gain)
+
+
+def _is_ahead(problem: RolloutProblem, fit: RolloutFit, other: RolloutFit) -> bool:
+    """Whether a model is surely nearer than another, by what their windows say of that where these are few.
+
+    Nats are of errors that are noise. Real robots leave more than that, and a few windows may prefer one of two wrong laws by
+    chance. Source: Q. H. Vuong, Econometrica 57 (1989) 307, with Student's law.
+    """
+    windows = len(problem.windows)
+    if windows >= LEAST_WINDOWS:
+        return True
+    ahead = problem.gained_by_window(other.squares, fit.squares)
+    error = float(ahead.std(ddof=1)) / np.sqrt(windows) if windows > 1 else np.inf
+    return bool(ahead.mean() > special.stdtrit(windows - 1, _SURE) * error)
 
 
 def _gained(selection: RolloutSelection) -> HeldOut:

@@ -77,9 +77,17 @@ def unknown_of(study: JointStudy) -> list[str]:
     said.append(f"delays below a row ({row_ms:.3g} ms): nobody says when within its row a torque acted")
     if any(e.path.joints.measured_torque_nm is not None and e.path.joints.commanded_torque_nm is not None for e in episodes):
         said.append("the constant of motors, and delays of less than a row: the mechanics is compared with the measured torque")
+    if len(study.problem.names) == 1:
+        said.append(_sensors_alone(study))
     if resting := episodes[0].plant.resting:
         said.append(f"anything about {listed(resting)}: not recorded, and taken to rest where the model has it at first")
     return said
+
+
+def _sensors_alone(study: JointStudy) -> str:
+    step_rad = max(float(e.path.encoder_step_rad[0]) for e in study.problem.episodes)
+    steps = f" (its positions come in steps of {1e3 * step_rad:.3g} mrad)" if step_rad > 0.0 else ""
+    return f"whether sensors of {study.problem.names[0]} are coarser or noisier than usual{steps}: no other joint to compare with"
 
 
 def reconsidered(study: JointStudy, verdict: Verdict) -> Verdict:

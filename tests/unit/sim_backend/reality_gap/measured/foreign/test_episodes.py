@@ -83,6 +83,15 @@ def test_decimal_commas_and_a_header_as_numpy_writes_it(tmp_path):
     assert_same(recording, reference)
 
 
+def test_the_step_of_an_encoder_is_that_of_what_it_reported_at_uneven_times(tmp_path):
+    data = columns()
+    data["q"] = 0.01 * np.round(data["q"] / 0.01)
+    data["time"] = data["time"] + STEP_S * np.random.default_rng(0).uniform(-0.2, 0.2, len(data["time"]))
+    joints = read(folder(tmp_path, data=data))[0].joints
+    assert joints.encoder_step_rad[0] == pytest.approx(0.01)
+    assert np.abs(joints.position_rad[:, 0] / 0.01 % 1.0 - 0.5).min() < 0.3, "between rows the grid has lost it"
+
+
 def test_a_gap_stays_a_gap_and_a_lost_row_is_bridged(tmp_path):
     data = columns()
     keep = np.ones(200, dtype=bool)
@@ -184,6 +193,57 @@ def test_a_servo_clips_its_duty_before_the_motor_s_own_voltage_acts(tmp_path):
     expected[-10:] = 0.0
     np.testing.assert_allclose(joints.commanded_torque_nm[:, 0], expected, atol=1e-9)
     assert joints.feedback.is_known.tolist() == [True, False]
+
+
+def without_torques(more: str) -> str:
+    """The study whose shoulder has no torque, but something else."""
+    lines = [line for line in STUDY.splitlines() if not line.startswith(("commanded_torque", "torque"))]
+    return "\n".join(lines) + more
+
+
+MOTOR = """
+[joints.shoulder.motor]
+{drive}
+kt = 0.2
+resistance = 4.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("drive", "limit_v"),
+    [('voltage = "volts"', np.inf), ('voltage = "volts"\nsupply = 6.0', 6.0), ('duty = "share"\nsupply = 9.0', 9.0)],
+)
+def test_a_motor_gives_what_its_voltage_and_its_own_make(tmp_path, drive, limit_v):
+    data = columns()
+    volts = 8.0 * np.sin(np.arange(len(data["time"])) / 7.0)
+    data |= {"volts": volts, "share": volts / 9.0}
+    joints = read(folder(tmp_path, without_torques(MOTOR.format(drive=drive)), data))[0].joints
+    expected = 0.2 / 4.0 * np.clip(volts, -limit_v, limit_v) - 0.2**2 / 4.0 * data["dq"]
+    np.testing.assert_allclose(joints.commanded_torque_nm[:, 0], expected, atol=1e-6)
+    assert joints.feedback.is_known.tolist() == [True, False] and joints.not_recorded == ("shoulder",)
+
+
+@pytest.mark.parametrize(
+    ("more", "why"),
+    [
+        (MOTOR.format(drive=""), "a motor needs voltage or duty"),
+        (MOTOR.format(drive='duty = "tau"'), "duty needs supply"),
+        (MOTOR.format(drive='voltage = "tau"') + "[joints.shoulder.servo]\ngain = 1.0\n", "a servo or a motor, not both"),
+        (MOTOR.format(drive='voltage = "tau"').replace("kt = 0.2", "kt = 0.0"), "must be above 0"),
+    ],
+)
+def test_a_motor_of_which_it_is_not_clear_what_drives_it_is_refused(tmp_path, more, why):
+    with pytest.raises(RecordingError, match=why):
+        read(folder(tmp_path, without_torques(more)))
+
+
+def test_a_passive_joint_has_no_torque_and_nothing_that_drives_it(tmp_path):
+    study = STUDY.replace('position = "x"', 'position = "x"\npassive = true')
+    joints = read(folder(tmp_path, study))[0].joints
+    assert (joints.commanded_torque_nm[:, 1] == 0.0).all()
+    (tmp_path / "driven").mkdir()
+    with pytest.raises(RecordingError, match="the joint is passive, which nothing drives, and has torque"):
+        read(folder(tmp_path / "driven", STUDY.replace('position = "q"', 'position = "q"\npassive = true')))
 
 
 def test_a_servo_without_targets_or_motor_is_refused(tmp_path):

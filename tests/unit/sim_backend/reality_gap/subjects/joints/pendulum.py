@@ -40,10 +40,12 @@ def recorded(
     loss_nm2: float = 0.0,
     late_rows: int = 0,
     cogging_nm: float = 0.0,
+    lost: float = 0.0,
 ) -> Recording:
     """A PD controller follows targets at 200 Hz; positions have noise, which the controller sees.
 
-    Its motor has a limit, gets warm within ``WARMS_S`` and loses then, acts some rows late, and cogs ``COGS`` times a turn.
+    Its motor has a limit, loses a share of its torque, gets warm within ``WARMS_S`` and loses then, acts some rows late, and cogs
+    ``COGS`` times a turn.
     """
     data, rng = mujoco.MjData(model), np.random.default_rng(seed)
     found, warm, sent = np.empty((3, len(target_rad))), 0.0, [0.0] * late_rows
@@ -53,7 +55,7 @@ def recorded(
         found[:, i] = position, data.qvel[0], sent_nm
         sent.append(np.clip(sent_nm, -limit_nm, limit_nm))
         warm += STEP_S / WARMS_S * (sent[i] ** 2 - warm)
-        data.ctrl[0] = sent[i] * (1.0 - loss_nm2 * warm) + cogging_nm * np.sin(COGS * data.qpos[0] + 0.4)
+        data.ctrl[0] = sent[i] * (1.0 - lost) * (1.0 - loss_nm2 * warm) + cogging_nm * np.sin(COGS * data.qpos[0] + 0.4)
         for _ in range(round(STEP_S / model.opt.timestep)):
             mujoco.mj_step(model, data)
     position, velocity, torque = (row[:, None] for row in found)

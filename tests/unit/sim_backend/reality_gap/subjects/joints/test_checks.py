@@ -1,12 +1,15 @@
 """What joints show without a fit."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from sim_backend.reality_gap.knowledge.healthy import NO_SESSIONS
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
+from sim_backend.reality_gap.measured.sensor_noise import encoder_step
+from sim_backend.reality_gap.recording import JointSignals
 from sim_backend.reality_gap.subjects.joints.checks import (
-    encoder_step,
     end_findings,
     fault_findings,
     noise_findings,
@@ -106,6 +109,15 @@ def test_steps_of_an_encoder(motion):
     found = noise_findings([episode(coarse, motion[1])], TRIFINGER)
     assert names(found) == [("encoder_quantisation", "step_rad", 2)]
     assert found[0].value == pytest.approx(2e-3, rel=1e-3)
+
+
+def test_steps_of_a_joint_alone_are_as_they_are(motion):
+    coarse = 2e-3 * np.round(motion[0] / 2e-3)
+    coarse[:, 1:] = motion[0][:, 1:]
+    assert names(noise_findings([episode(coarse, motion[1])], UnknownRobot())) == [("encoder_quantisation", "step_rad", 0)]
+    joints = JointSignals(NAMES[:1], coarse[:, :1])
+    path = SimpleNamespace(joints=joints, encoder_step_rad=encoder_step(coarse[:, :1]), by_own_samples=lambda level, x: level(x))
+    assert noise_findings([SimpleNamespace(path=path)], UnknownRobot()) == []
 
 
 def test_an_encoder_that_rests_comes_in_no_steps():

@@ -14,12 +14,13 @@ from sim_backend.reality_gap.subjects.joints import rollout_fit, rollout_search,
 from sim_backend.reality_gap.subjects.joints.healthy_robots import DrawnRobots
 from sim_backend.reality_gap.subjects.joints.hypotheses import Hypothesis, with_controllers
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
+from sim_backend.reality_gap.subjects.joints.recorded_windows import LEAST_WINDOWS
 from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutFit, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollout_questions import would_move_nats
 from sim_backend.reality_gap.subjects.joints.rollout_search import GATE, CauseSearch, Taken, _least, may_be
 from sim_backend.reality_gap.subjects.joints.rollout_selection import RolloutSelection, select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.state import JointState, Term
-from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import _least_of, verdict_of_rollouts
+from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import _is_ahead, _least_of, verdict_of_rollouts
 from sim_backend.reality_gap.verdict import Told, VerdictKind
 from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import (
     COGGING_NM,
@@ -75,6 +76,25 @@ def test_a_fit_that_has_settled_probes_only_causes_and_ends_in_the_same_place(mo
     values = [fit.state.value(friction.key)[0] for fit in (always, settled)]
     assert values[1] == pytest.approx(values[0], rel=0.02), "its own interval is 10 % wide"
     assert np.median(settled.squares) == pytest.approx(np.median(always.squares), rel=0.1)
+
+
+def test_a_motor_with_less_torque_beside_friction_is_told_with_a_heavier_link():
+    """Torque over inertia and weight is all that motion shows; the rival's fit has to come as far as the cause's."""
+    verdict = study_of('frictionloss="0.08"', lost=0.2)
+    assert verdict.verdict is VerdictKind.CONFUSABLE, verdict.summary
+    value = {cause.effect: cause.value for cause in verdict.causes}
+    assert set(value) == {"torque_constant", "link_mass", "coulomb_friction"}
+    assert value["torque_constant"] == pytest.approx(-0.2, abs=0.03)
+    assert value["link_mass"] == pytest.approx(1.25, abs=0.05)
+
+
+def test_of_few_windows_a_model_is_ahead_only_where_they_agree():
+    problem = SimpleNamespace(windows=range(5), gained_by_window=lambda before, after: np.log(before / after).sum(axis=1))
+    fit = SimpleNamespace(squares=np.ones((5, 1)))
+    by_all, by_one = (SimpleNamespace(squares=np.exp(np.array(nats))[:, None]) for nats in ([4, 5, 3, 4, 6], [22, 0, 1, -1, 0]))
+    assert _is_ahead(problem, fit, by_all) and not _is_ahead(problem, fit, by_one)
+    problem.windows = range(LEAST_WINDOWS)
+    assert _is_ahead(problem, fit, by_one), "of many the nats are asked"
 
 
 def test_a_limit_that_few_windows_meet_is_named_and_not_called_healthy():

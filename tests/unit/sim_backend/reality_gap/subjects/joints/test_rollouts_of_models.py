@@ -97,13 +97,24 @@ def test_windows_leave_out_what_was_not_measured():
     model = mujoco.MjModel.from_xml_string(PENDULUM.format(more=""))
     recording = recorded(model, targets(8.0, 3))
     study = study_joints(model, [recording], lambda *_: None, robot=UnknownRobot(), gate=np.inf)
-    whole = windows_of(study.problem.episodes, 1.0, STEP_S)
+    whole = windows_of(study.problem.episodes, 1.0, STEP_S, np.array([1e-4]))
     assert recording.joints is not None
     gone = recording.joints.position_rad.copy()
     gone[500:520] = np.nan
     broken = replace(recording, joints=replace(recording.joints, position_rad=gone))
-    less = windows_of(
-        study_joints(model, [broken], lambda *_: None, robot=UnknownRobot(), gate=np.inf).problem.episodes, 1.0, STEP_S
-    )
+    of_broken = study_joints(model, [broken], lambda *_: None, robot=UnknownRobot(), gate=np.inf).problem.episodes
+    less = windows_of(of_broken, 1.0, STEP_S, np.array([1e-4]))
     assert len(whole) == 7 and len(less) == 6
     assert np.isfinite(less.position_rad).all() and np.isfinite(less.sent_nm).all()
+
+
+def test_windows_leave_out_where_every_joint_rests():
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more=""))
+    rests = np.concatenate([targets(4.0, 3), np.full(1600, targets(4.0, 3)[-1])])
+    recording = recorded(model, rests, noise_rad=0.0)
+    episodes = study_joints(model, [recording], lambda *_: None, robot=UnknownRobot(), gate=np.inf).problem.episodes
+    every, moving = (windows_of(episodes, 1.0, STEP_S, np.array([noise_rad])) for noise_rad in (0.0, 1e-3))
+    assert len(every) == 11
+    assert 4 <= len(moving) <= 6, "it settles within a second or two"
+    assert (np.ptp(moving.position_rad, axis=1) > 5e-3).all()
+    assert len(windows_of(episodes, 1.0, STEP_S, np.array([10.0]))) == 11, "where nothing moves there are no others"

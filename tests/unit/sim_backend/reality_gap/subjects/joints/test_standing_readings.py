@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from sim_backend.reality_gap.measured.sensor_noise import encoder_step
 from sim_backend.reality_gap.recording import JointSignals
 from sim_backend.reality_gap.subjects.joints.standing_readings import against_standing_readings, standing_readings
 from sim_backend.reality_gap.verdict import EffectJudged, Told, Verdict, VerdictKind
@@ -30,7 +31,8 @@ def held(position_rad: np.ndarray, joints: list[int], begins: np.ndarray, rows: 
 
 def of(position_rad: np.ndarray):
     joints = JointSignals(NAMES[-position_rad.shape[1] :], position_rad, commanded_torque_nm=np.zeros_like(position_rad))
-    return [SimpleNamespace(path=SimpleNamespace(joints=joints, step_s=STEP_S))]
+    path = SimpleNamespace(joints=joints, step_s=STEP_S, encoder_step_rad=encoder_step(position_rad))
+    return [SimpleNamespace(path=path)]
 
 
 @pytest.mark.parametrize("rows", [2, 3, 8])
