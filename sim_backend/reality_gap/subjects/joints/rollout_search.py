@@ -25,6 +25,8 @@ GATE = 12.0
 """Nats that a cause must gain: odds of 160 000, shared by some hundred hypotheses."""
 _TRIED, _TRIED_FROM = 6, 3.0
 """So many of the best, by their linear gains in nats, are fitted."""
+_SHORTER = 0.2
+"""Share of a straight line's values that a fit begins with where those led astray: it promised much, and nothing was gained."""
 _OF_FEW = 0.1
 """Nats of each window that a linear gain must have where windows are few: together they can tell no more."""
 _WHOLLY = 2
@@ -121,7 +123,10 @@ def tried_beside(search: CauseSearch, fit: RolloutFit, taken: Sequence[Taken]) -
         if (linear < from_nats or len(tried) >= _TRIED) and hypothesis.name not in search.proposed:
             continue
         terms = tuple(catalogue.terms[i] for i in hypothesis.terms)
-        found = [fitted_quickly(problem, fit, own, hypothesis, *_that_show(terms, hypothesis, values, errors))]
+        shown, along = _that_show(terms, hypothesis, values, errors)
+        found = [fitted_quickly(problem, fit, own, hypothesis, shown, along)]
+        if linear >= GATE and found[0][0] <= 0.0:
+            found.append(fitted_quickly(problem, fit, own, hypothesis, shown, _SHORTER * along))
         found += [
             fitted_quickly(problem, fit, own, hypothesis, terms, begin, is_proposed=True)
             for begin in _proposed(search, fit.state, hypothesis, terms)
