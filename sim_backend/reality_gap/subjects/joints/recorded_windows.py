@@ -22,7 +22,8 @@ _EDGE_S = 0.1
 def windows_of(episodes: Sequence[EpisodeEquations], length_s: float, step_s: float, noise_rad: np.ndarray) -> Windows:
     """Windows of a length, one after the other, in which everything was measured; not too many, evenly spread.
 
-    Those in which every joint rests are left out where there are others: most models rest there, too, however wrong they are.
+    Of those in which every joint rests there are at most half as many as of the others: how a robot rests under a load says
+    something of its friction, but most models rest there, too, however wrong they are.
 
     Args:
         episodes: to be cut.
@@ -31,21 +32,29 @@ def windows_of(episodes: Sequence[EpisodeEquations], length_s: float, step_s: fl
         noise_rad: of the encoders, shape (k,).
     """
     most = int(np.clip(_OF_JOINTS // episodes[0].plant.joints, LEAST_WINDOWS, _MOST_WINDOWS))
-    parts, moves = list[tuple[int, int]](), list[bool]()
+    moving, resting = list[tuple[int, int]](), list[tuple[int, int]]()
     for owner, episode in enumerate(episodes):
         path = episode.path
         known = np.isfinite(np.hstack([path.joints.position_rad, episode.acting_nm.T])).all(axis=1)
         edge, rows = round(_EDGE_S / path.step_s), round(length_s / path.step_s)
         unknown = np.concatenate([[0], np.cumsum(~known)])
         starts = np.arange(edge, path.joints.position_rad.shape[0] - rows - edge - 2, rows)
-        own = [int(first) for first in starts if unknown[first + rows + 2] == unknown[first]]
-        parts += [(owner, first) for first in own]
-        moves += [
-            bool((np.ptp(path.joints.position_rad[first : first + rows], axis=0) > _RESTS * noise_rad).any()) for first in own
-        ]
-    parts = [part for part, is_moved in zip(parts, moves, strict=True) if is_moved] or parts
+        for first in (int(first) for first in starts if unknown[first + rows + 2] == unknown[first]):
+            is_moving = moves(path.joints.position_rad[None, first : first + rows], noise_rad)[0]
+            (moving if is_moving else resting).append((owner, first))
+    parts = sorted([*moving, *_spread(resting, len(moving) // 2)]) if moving else resting
+    return _windows(episodes, _spread(parts, most), round(length_s / step_s), step_s)
+
+
+def moves(position_rad: np.ndarray, noise_rad: np.ndarray) -> np.ndarray:
+    """Whether any joint moves in each window, shapes (n, s, k), (k,) and (n,)."""
+    return np.asarray((np.ptp(position_rad, axis=1) > _RESTS * noise_rad).any(axis=1))
+
+
+def _spread(parts: Sequence[tuple[int, int]], most: int) -> list[tuple[int, int]]:
+    """At most so many of them, evenly spread."""
     chosen = sorted({int(i) for i in np.linspace(0, len(parts) - 1, min(most, len(parts)))}) if parts else []
-    return _windows(episodes, [parts[i] for i in chosen], round(length_s / step_s), step_s)
+    return [parts[i] for i in chosen]
 
 
 def _windows(episodes: Sequence[EpisodeEquations], parts: Sequence[tuple[int, int]], samples: int, step_s: float) -> Windows:

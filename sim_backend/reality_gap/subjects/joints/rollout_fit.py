@@ -19,7 +19,7 @@ from sim_backend.reality_gap.subjects.joints.forward import LONGEST_IN_LOOP_S, L
 from sim_backend.reality_gap.subjects.joints.hypotheses import Catalogue
 from sim_backend.reality_gap.subjects.joints.linearisation import PROBES, SAMPLES_OF_WINDOW, Linearised, linearised
 from sim_backend.reality_gap.subjects.joints.motor_law import KEYS as MOTOR_KEYS
-from sim_backend.reality_gap.subjects.joints.recorded_windows import torque_noise_nm, windows_of
+from sim_backend.reality_gap.subjects.joints.recorded_windows import moves, torque_noise_nm, windows_of
 from sim_backend.reality_gap.subjects.joints.state import CLOCK, NO_EFFECTS, JointState, Term
 from sim_backend.reality_gap.subjects.joints.tolerated import tolerated
 
@@ -155,8 +155,13 @@ class RolloutProblem:
         return self._fold_of[self.windows.owner]
 
     def _growth(self) -> float:
-        """How much further a disturbed start leads than it would without any force, in the median."""
-        w = self.windows.some(np.linspace(0, len(self.windows) - 1, min(20, len(self.windows))).astype(int))
+        """How much further a disturbed start leads than it would without any force, in the median.
+
+        A robot that its friction holds upright would fall in any model without it: windows in which nothing moves are not asked.
+        """
+        moving = np.flatnonzero(moves(self.windows.position_rad, self.noise_rad))
+        of = moving if len(moving) else np.arange(len(self.windows))
+        w = self.windows.some(of[np.linspace(0, len(of) - 1, min(20, len(of))).astype(int)])
         nominal, none = [self.start], np.zeros(len(w), int)
         one = self.forward.positions(w, w.begin_rad, w.begin_rad_s, nominal, none)
         other = self.forward.positions(w, w.begin_rad, w.begin_rad_s + PROBES[1], nominal, none)
