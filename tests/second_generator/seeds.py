@@ -3,7 +3,7 @@
 import numpy as np
 
 KINDS = ("single", "double", "outside", "healthy")
-DEVELOPMENT_SEEDS = (11, 12, 13, 14, 15, 21)
+DEVELOPMENT_SEEDS = (11, 12, 13, 14, 15, 21, 22)
 FINAL_COUNTS = {"single": 120, "double": 40, "outside": 40, "healthy": 60}
 FINAL_SEEDS = (763475, 695974, 657713)
 """Drawn by ``secrets`` on 2026-11-24, before any case was shown to the tool. A run that counts takes the first; each later run
