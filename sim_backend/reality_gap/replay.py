@@ -233,8 +233,9 @@ def simulated(
     mujoco.mj_forward(model, data)
     sent, feedback = filled_gaps(_torques(joints))[part], None if joints.feedback is None else joints.feedback.at(part)
     if feedback is not None:
-        gains = np.array([acting.position_gain(name) for name in joints.names])
-        feedback = replace(feedback, stiffness_nm_rad=gains * feedback.stiffness_nm_rad)
+        gains, own = (np.array([of(name) for name in joints.names]) for of in (acting.position_gain, acting.own_voltage))
+        stiffness, back_emf = gains * feedback.stiffness_nm_rad, own * feedback.back_emf_nm_s_rad
+        feedback = replace(feedback, stiffness_nm_rad=stiffness, back_emf_nm_s_rad=back_emf)
     found, before = np.empty((len(sent), len(at))), np.array(begin_rad_s)
     for row in range(len(sent)):
         for _ in range(substeps):

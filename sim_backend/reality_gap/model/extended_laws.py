@@ -14,7 +14,8 @@
 
 ``apply`` takes the place of the model's actuators at the joints that it knows: torques go to ``qfrc_applied``, and friction that
 depends on speed, direction or load moves the bound of MuJoCo's friction constraint, so that the solver decides what sticks.
-Whoever computes torques of a position controller multiplies its stiffness by ``laws.position_gain("shoulder")``.
+Whoever computes torques of a position controller multiplies its stiffness by ``laws.position_gain("shoulder")``, and whoever
+computes them from a motor's voltage the torque that its own voltage takes by ``laws.own_voltage("shoulder")``.
 """
 
 import json
@@ -78,6 +79,10 @@ class Laws:
         """What the stiffness of a joint's position controller is to be multiplied by: 1 where it is as its owner says."""
         return self._joints[joint].position_gain
 
+    def own_voltage(self, joint: str) -> float:
+        """What the voltage that a joint's motor makes itself is to be multiplied by, where torque is computed from a voltage."""
+        return self._joints[joint].own_voltage
+
 
 class _Joint:
     def __init__(self, model: Any, name: str, values: Mapping[str, float]) -> None:
@@ -85,6 +90,7 @@ class _Joint:
         self.dof = int(joint.dofadr[0])
         self._v = dict(values)
         self.position_gain = self._v.get("position_gain.factor", 1.0)
+        self.own_voltage = 1.0 + self._v.get("torque_constant.error", 0.0)
         self._constant_nm = float(model.dof_frictionloss[self.dof])
         model.dof_solref[self.dof], model.dof_solimp[self.dof] = SOLREF, SOLIMP
         model.dof_frictionloss[self.dof] = max(self._constant_nm, _LEAST_NM)

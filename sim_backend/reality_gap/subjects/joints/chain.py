@@ -42,6 +42,7 @@ class ChainModels:
         offset_rad: what encoders report too much, shape (m, k).
         late_s: of what was recorded, or what a controller sends, shape (m, k).
         of_gain: share of its position gain that a controller has, shape (m, k).
+        of_own_voltage: share of its own voltage that a motor has, which its torque constant makes, too, shape (m, k).
     """
 
     bodies: Bodies
@@ -54,6 +55,7 @@ class ChainModels:
     offset_rad: np.ndarray
     late_s: np.ndarray
     of_gain: np.ndarray
+    of_own_voltage: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -190,11 +192,12 @@ class _Tree:
         self._principal = data.ximat.reshape(-1, 3, 3).copy()
 
     def of(self, models: ChainModels) -> tuple[np.ndarray, ...]:
-        """What models make of the tree: inertias (m, k, 10), gravity (m, 3), numbers of joints (m, 9, k), of motors (m, k, p)."""
+        """What models make of the tree: inertias (m, k, 10), gravity (m, 3), numbers of joints (m, 10, k), motors (m, k, p)."""
         m, o, motors = models, self.order, models.motors.copy()
         play, rotor = m.motors[:, :, PLAY], np.where(m.armature > 0.0, m.armature, m.motors[:, :, ROTOR])
         motors[:, :, PLAY] = 0.0  # here rotors with play are bodies of their own
-        own = [m.armature, m.damping, m.stiffness, m.rest_rad, m.offset_rad, m.late_s, m.of_gain, play, rotor]
+        controllers = [m.offset_rad, m.late_s, m.of_gain, m.of_own_voltage]
+        own = [m.armature, m.damping, m.stiffness, m.rest_rad, *controllers, play, rotor]
         return self._inertias(m.bodies), m.gravity_m_s2, np.stack(own, axis=1)[:, :, o], motors[:, o]
 
     def _inertias(self, bodies: Bodies) -> np.ndarray:

@@ -16,7 +16,7 @@ _SWEEPS, _SETTLED = 50, 1e-7
 """Of the impulses of friction at most, and the change, as a share of the largest bound, at which they have settled."""
 _DIVERGED = 1e4
 """Of a velocity, rad/s."""
-_ARMATURE, _DAMPING, _STIFFNESS, _REST, _OFFSET, _LATE, _OF_GAIN, _GAP, _ROTOR = range(9)
+_ARMATURE, _DAMPING, _STIFFNESS, _REST, _OFFSET, _LATE, _OF_GAIN, _OF_OWN, _GAP, _ROTOR = range(10)
 _AHEAD, _SPEED, _SIDE, _RUBS = range(4)
 """Of a rotor with play: by how much it is before its link, how fast it turns on its way across, the side on which it lies (1 or
 -1; 0 on its way), and what friction it has there.
@@ -127,14 +127,17 @@ def _made(
     velocity: np.ndarray,
     gained: np.ndarray,
 ) -> float:
-    """Torque that a joint's controller makes of what is reported, with a share of its gain; none where its law is not known."""
+    """Torque that a joint's controller makes of what is reported; none where its law is not known.
+
+    Of its gain, and of the voltage that its motor makes itself, a model may have a share.
+    """
     reported = position[joint] + rotors[_AHEAD, joint] + joints[_OFFSET, m, joint]
     speed = rotors[_SPEED, joint] if rotors[_SIDE, joint] == 0.0 else velocity[joint] + 0.5 * gained[joint]
     stiffness = joints[_OF_GAIN, m, joint] * feedback[_GAIN, w, sample, joint]
     asked = stiffness * (feedback[_TARGET, w, sample, joint] - reported) - feedback[_BRAKE, w, sample, joint] * speed
     asked += feedback[_DESIRED, w, sample, joint]
     limit = feedback[_LIMIT, w, sample, joint]
-    made = min(max(asked, -limit), limit) - feedback[_BACK_EMF, w, sample, joint] * speed
+    made = min(max(asked, -limit), limit) - joints[_OF_OWN, m, joint] * feedback[_BACK_EMF, w, sample, joint] * speed
     return 0.0 if np.isnan(made) else made
 
 

@@ -16,7 +16,7 @@ from mujoco.batch import Batch
 from sim_backend.driver.native_control import silence_warnings
 from sim_backend.effects.friction import make_stiff
 from sim_backend.reality_gap.feedback import Feedback
-from sim_backend.reality_gap.knowledge.joint_effects import POSITION_GAIN
+from sim_backend.reality_gap.knowledge.joint_effects import POSITION_GAIN, TORQUE_CONSTANT
 from sim_backend.reality_gap.subjects.joints.body_law import gravity_of
 from sim_backend.reality_gap.subjects.joints.chain import Bodies, Chain, ChainModels, Drives, is_plain
 from sim_backend.reality_gap.subjects.joints.motor_law import in_simulations
@@ -130,7 +130,7 @@ class Forward:
         position[:, plant.positions], velocity[:, plant.velocities] = begin_rad - offset, begin_rad_s
         late_s = _by_window(states, which, "action_delay.delay_s") + _by_window(states, which, CLOCK)
         recorded = _Recorded(windows, late_s, step_s)
-        of_gain = _by_window(states, which, POSITION_GAIN)
+        of_gain, of_own = _by_window(states, which, POSITION_GAIN), 1.0 + _by_window(states, which, TORQUE_CONSTANT)
         line, feedback = _DelayLine(np.maximum(0.0, late_s / step_s + (0.5 if self._held_steps else 0.0))), windows.feedback
         values = np.array([[state.motor(j) for j in range(plant.joints)] for state in states])[which]
         memory, at_joint, bound = np.zeros((*shape, 3)), np.empty(shape), np.empty(shape)
@@ -146,7 +146,8 @@ class Forward:
                 if feedback is not None:
                     if self._held_steps == 0 or now % self._held_steps == 0:
                         law = feedback.at((slice(None), sample))
-                        law = replace(law, stiffness_nm_rad=of_gain * law.stiffness_nm_rad)
+                        stiffness, own = of_gain * law.stiffness_nm_rad, of_own * law.back_emf_nm_s_rad
+                        law = replace(law, stiffness_nm_rad=stiffness, back_emf_nm_s_rad=own)
                         # velocities are those of half a step ago
                         made = np.nan_to_num(law.torque_nm(is_at + memory[:, :, 2] + offset, moves + 0.5 * (moves - moved)))
                     arrived = np.where(feedback.is_known, line.after(made), arrived)
@@ -181,6 +182,7 @@ class Forward:
             of("encoder_offset.offset_rad"),
             of("action_delay.delay_s") + of(CLOCK),
             of(POSITION_GAIN),
+            1.0 + of(TORQUE_CONSTANT),
         )
 
     def _bodies(self, mass: np.ndarray, inertia: np.ndarray, *centres: np.ndarray) -> Bodies:

@@ -54,6 +54,27 @@ def test_in_the_loop_a_servo_stops_where_its_torque_and_gravity_are_even():
     assert asked == pytest.approx(0.6 * 9.81 * 0.15 * np.sin(rests), rel=1e-3)
 
 
+@pytest.mark.parametrize("own_steps", [True, False])
+def test_a_torque_constant_is_that_of_the_motor_s_own_voltage_too(own_steps):
+    """Torque is kt V / R - kt^2 speed / R, whatever kt is."""
+    model, samples, less = mujoco.MjModel.from_xml_string(PENDULUM.format(more="")), 200, 0.8
+    voltage = 6.0 * np.sin(np.arange(samples) / 15.0)[None, :, None]
+    plant, nominal = Plant(model, ["hinge"]), JointState(1, NO_LIMIT)
+
+    def went(kt: float, state: JointState) -> np.ndarray:
+        nothing = np.zeros((1, samples, 1))
+        law = Feedback(nothing, nothing, nothing, nothing + np.inf, nothing + kt**2 / 2.0, kt * voltage / 2.0)
+        window = one_window(nothing, np.full((1, samples, 1), np.nan), law)
+        forward = Forward(plant, STEP_S)
+        if not own_steps:
+            forward._chain = None
+        return forward.positions(window, window.begin_rad, window.begin_rad_s, [state], np.zeros(1, int))[0, :, 0]
+
+    weaker = JointState(1, {"torque_constant.error": np.array([less - 1.0]), **NO_LIMIT})
+    np.testing.assert_allclose(went(0.3, weaker), went(less * 0.3, nominal), atol=1e-9)
+    assert np.abs(went(0.3, nominal) - went(less * 0.3, nominal)).max() > 0.05
+
+
 @pytest.mark.parametrize("is_held", [True, False])
 def test_in_the_loop_a_controller_holds_its_torque_for_a_row_or_computes_all_the_time(is_held):
     """Rows 20 ms apart at which a damping of 0.4 N m s/rad shakes the joint, if torques are held, and only there."""
