@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -76,11 +77,13 @@ class Finding:
 def noise_findings(episodes: Sequence[EpisodeEquations], robot: Robot) -> list[Finding]:
     """Noise of positions and velocities, and steps of encoders, beyond what is healthy or what other joints have.
 
-    Of sensors that nobody knows only a single joint's can be odd: beyond what a TriFinger's have, and far beyond its neighbours'.
+    Of sensors that nobody knows only a single joint's can be odd: beyond what a TriFinger's have, and far beyond its neighbours',
+    hinges beside hinges and slides beside slides.
     """
     found: list[Finding] = []
     is_known = isinstance(robot, KnownTriFinger)
-    odd, noise = (_odd, white_noise) if is_known else (_odd_among_unknown, _noise_that_is_white)
+    odd = _odd if is_known else partial(_odd_among_unknown, episodes[0].plant.is_slide)
+    noise = white_noise if is_known else _noise_that_is_white
     paths, joints = [episode.path for episode in episodes], [episode.path.joints for episode in episodes]
     steps = np.median([path.encoder_step_rad for path in paths], axis=0)
     found += odd(Sign.POSITION_STEPS, steps, HEALTHY_STEP_RAD, 0.02)
@@ -159,11 +162,14 @@ def _odd(sign: Sign, levels: np.ndarray, healthy: float, relative_error: float) 
     return found
 
 
-def _odd_among_unknown(sign: Sign, levels: np.ndarray, healthy: float, relative_error: float) -> list[Finding]:
-    """Single joints whose level is far beyond that of the others; a joint alone has nothing that it could be beyond."""
+def _odd_among_unknown(
+    is_slide: np.ndarray, sign: Sign, levels: np.ndarray, healthy: float, relative_error: float
+) -> list[Finding]:
+    """Single joints whose level is far beyond that of others of their kind; without any there is nothing to be beyond."""
     found = []
-    for joint, level in enumerate(map(float, levels) if len(levels) > 1 else ()):
-        excess = level / max(float(np.median(np.delete(levels, joint))), _ODD_FLOOR * healthy)
+    for joint, level in enumerate(map(float, levels)):
+        others = np.delete(levels, joint)[np.delete(is_slide, joint) == is_slide[joint]]
+        excess = level / max(float(np.median(others)), _ODD_FLOOR * healthy) if len(others) else 0.0
         if level > _LEAST_ODD[sign] and excess > (_ODD_AMONG_UNKNOWN if level > healthy else _ODD_THOUGH_SMALL):
             found.append(Finding(sign, joint, level, (level * (1 - relative_error), level * (1 + relative_error)), excess))
     return found

@@ -66,6 +66,8 @@ class Plant:
         limited = self._model.jnt_limited[joints].astype(bool)
         self.range_rad = np.where(limited[:, None], self._model.jnt_range[joints], [[-np.inf, np.inf]])
         """Ends of each joint, shape (k, 2); infinite where there are none."""
+        self.is_slide = self._model.jnt_type[joints] == int(mujoco.mjtJoint.mjJNT_SLIDE)
+        """Which of them slide, shape (k,)."""
         self.groups = _groups(self._model.dof_treeid[self._v])
         """Joints of different trees, which do not feel each other and may be probed together."""
         self._tree = self._model.dof_treeid[self._v]

@@ -16,6 +16,7 @@ from sim_backend.reality_gap.subjects.joints.identification import LEAST_TORQUE_
 from sim_backend.reality_gap.subjects.joints.look import Accepted
 from sim_backend.reality_gap.subjects.joints.misreadings import listed, misreading
 from sim_backend.reality_gap.subjects.joints.residual_patterns import shares
+from sim_backend.reality_gap.subjects.joints.slides import ARM_M
 from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
 
 FAR = 2.0
@@ -77,17 +78,24 @@ def unknown_of(study: JointStudy) -> list[str]:
     said.append(f"delays below a row ({row_ms:.3g} ms): nobody says when within its row a torque acted")
     if any(e.path.joints.measured_torque_nm is not None and e.path.joints.commanded_torque_nm is not None for e in episodes):
         said.append("the constant of motors, and delays of less than a row: the mechanics is compared with the measured torque")
-    if len(study.problem.names) == 1:
-        said.append(_sensors_alone(study))
+    said += _sensors_alone(study)
     if resting := episodes[0].plant.resting:
         said.append(f"anything about {listed(resting)}: not recorded, and taken to rest where the model has it at first")
     return said
 
 
-def _sensors_alone(study: JointStudy) -> str:
-    step_rad = max(float(e.path.encoder_step_rad[0]) for e in study.problem.episodes)
-    steps = f" (its positions come in steps of {1e3 * step_rad:.3g} mrad)" if step_rad > 0.0 else ""
-    return f"whether sensors of {study.problem.names[0]} are coarser or noisier than usual{steps}: no other joint to compare with"
+def _sensors_alone(study: JointStudy) -> list[str]:
+    """Of joints that are the only hinge or the only slide: with nothing to compare them with no sensor is odd."""
+    episodes, said = study.problem.episodes, []
+    is_slide = episodes[0].plant.is_slide
+    for j, name in enumerate(study.problem.names):
+        if (is_slide == is_slide[j]).sum() > 1:
+            continue
+        step_rad = max(float(e.path.encoder_step_rad[j]) for e in episodes)
+        size = f"{1e3 * step_rad * (ARM_M if is_slide[j] else 1.0):.3g} {'mm' if is_slide[j] else 'mrad'}"
+        steps = f" (its positions come in steps of {size})" if step_rad > 0.0 else ""
+        said.append(f"whether sensors of {name} are coarser or noisier than usual{steps}: no other joint to compare with")
+    return said
 
 
 def reconsidered(study: JointStudy, verdict: Verdict) -> Verdict:

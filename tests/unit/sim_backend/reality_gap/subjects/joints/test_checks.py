@@ -10,6 +10,7 @@ from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Unk
 from sim_backend.reality_gap.measured.sensor_noise import encoder_step
 from sim_backend.reality_gap.recording import JointSignals
 from sim_backend.reality_gap.subjects.joints.checks import (
+    Finding,
     end_findings,
     fault_findings,
     noise_findings,
@@ -111,13 +112,20 @@ def test_steps_of_an_encoder(motion):
     assert found[0].value == pytest.approx(2e-3, rel=1e-3)
 
 
-def test_steps_of_a_joint_alone_are_as_they_are(motion):
+def test_steps_are_odd_beside_those_of_joints_of_the_same_kind(motion):
     coarse = 2e-3 * np.round(motion[0] / 2e-3)
     coarse[:, 1:] = motion[0][:, 1:]
-    assert names(noise_findings([episode(coarse, motion[1])], UnknownRobot())) == [("encoder_quantisation", "step_rad", 0)]
-    joints = JointSignals(NAMES[:1], coarse[:, :1])
-    path = SimpleNamespace(joints=joints, encoder_step_rad=encoder_step(coarse[:, :1]), by_own_samples=lambda level, x: level(x))
-    assert noise_findings([SimpleNamespace(path=path)], UnknownRobot()) == []
+    whole = episode(coarse, motion[1])
+
+    def seen(is_slide: list[bool]) -> list[Finding]:
+        some = slice(len(is_slide))
+        joints = JointSignals(NAMES[some], coarse[:, some])
+        path = SimpleNamespace(joints=joints, encoder_step_rad=encoder_step(coarse[:, some]), by_own_samples=lambda of, x: of(x))
+        return noise_findings([SimpleNamespace(path=path, plant=SimpleNamespace(is_slide=np.array(is_slide)))], UnknownRobot())
+
+    assert names(noise_findings([whole], UnknownRobot())) == [("encoder_quantisation", "step_rad", 0)]
+    assert names(seen([False, False])) == names(seen([False, False, True])) == [("encoder_quantisation", "step_rad", 0)]
+    assert seen([False]) == seen([False, True]) == seen([True, False, False]) == []
 
 
 def test_an_encoder_that_rests_comes_in_no_steps():
