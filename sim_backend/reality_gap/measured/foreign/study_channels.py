@@ -73,7 +73,7 @@ class VoltageMotor:
 
     Attributes:
         table: of study.toml that it stands in, ``servo`` or ``motor``.
-        constants: ``gain`` (duty for a radian), ``voltage`` and ``supply`` (V), ``duty`` and ``enabled``, as far as they are numbers.
+        constants: ``gain`` (duty for a radian), ``voltage``, ``supply`` (V), ``duty``, ``enabled``, as far as these are numbers.
         torque_constant_nm_a: on the joint's side.
         resistance_ohm: of its windings.
     """
