@@ -227,7 +227,8 @@ def _refuse_unclear_drive(joint: Section, section: Section) -> None:
         raise section.refusal("a motor needs voltage or duty, the column of what it was driven with, and not both")
     if section.has("duty") and not section.has("supply"):
         raise section.refusal("duty needs supply, the voltage that it is a share of")
-    if sent := [word for word in ("position_target", "desired_torque", "commanded_torque") if joint.has(word)]:
+    said = {*joint.table, *_torque(joint)}
+    if sent := [word for word in ("position_target", "desired_torque", "commanded_torque") if word in said]:
         raise section.refusal(f"the joint has {sent[0]}, too: what its motor was sent is either that or a voltage")
 
 

@@ -237,6 +237,17 @@ def test_a_motor_of_which_it_is_not_clear_what_drives_it_is_refused(tmp_path, mo
         read(folder(tmp_path, without_torques(more)))
 
 
+@pytest.mark.parametrize("kind", ["commanded", "measured"])
+def test_beside_a_motor_s_voltage_a_torque_may_be_measured_but_not_commanded(tmp_path, kind):
+    torque = f'position = "q"\ntorque = "tau"\ntorque_kind = "{kind}"'
+    path = folder(tmp_path, without_torques(MOTOR.format(drive='voltage = "tau"')).replace('position = "q"', torque))
+    if kind == "measured":
+        assert read(path)[0].joints.measured_torque_nm is not None
+        return
+    with pytest.raises(RecordingError, match="the joint has commanded_torque, too"):
+        read(path)
+
+
 def test_a_passive_joint_has_no_torque_and_nothing_that_drives_it(tmp_path):
     study = STUDY.replace('position = "x"', 'position = "x"\npassive = true')
     joints = read(folder(tmp_path, study))[0].joints

@@ -79,7 +79,7 @@ def test_a_fit_that_has_settled_probes_only_causes_and_ends_in_the_same_place(mo
 
 
 def test_a_motor_with_less_torque_beside_friction_is_told_with_a_heavier_link():
-    """Torque over inertia and weight is all that motion shows; the rival's fit has to come as far as the cause's."""
+    """Torque over inertia and weight is all that motion shows."""
     verdict = study_of('frictionloss="0.08"', lost=0.2)
     assert verdict.verdict is VerdictKind.CONFUSABLE, verdict.summary
     value = {cause.effect: cause.value for cause in verdict.causes}
