@@ -210,7 +210,7 @@ OF_THE_ARM = {"table_tilt", "gravity"}
 MAYBE_EVERYWHERE = {"coulomb_friction", "viscous_friction", "action_delay", "velocity_filter"}
 """Effects that all joints of an arm may share."""
 NEEDS_NEIGHBOURS = {"encoder_quantisation", "joint_noise"}
-"""Effects that only other joints of the same arm can show to be unusual (docs/reality-gap.md)."""
+"""Effects that only other joints of the same arm can show to be unusual (docs/verdicts.md)."""
 OF_READINGS = {"velocity_filter", "encoder_quantisation", "joint_noise"}
 """Effects on what is reported, not on how the arm moves."""
 SAME_PHYSICS = {"table_tilt": ("gravity",)}
