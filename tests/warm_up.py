@@ -4,7 +4,8 @@ import sys
 
 from sim_backend import warm_up
 from sim_backend.driver import native_control
-from sim_backend.reality_gap.subjects.joints import chain_steps, motor_law, play_law
+from sim_backend.reality_gap.subjects.joints.laws import motor_law, play_law
+from sim_backend.reality_gap.subjects.joints.rollouts import chain_steps
 
 
 def main() -> int:

@@ -52,7 +52,7 @@ def _replay(options: argparse.Namespace) -> int:
 
 
 def _study(given: list[str]) -> int:
-    from sim_backend.reality_gap.subjects.joints.calibrating import METHODS
+    from sim_backend.reality_gap.subjects.joints.torques.calibrating import METHODS
 
     parser = argparse.ArgumentParser(prog="trifarm gap", description="Compare measured data with the simulation.")
     commands = parser.add_subparsers(dest="command", required=True)

@@ -20,8 +20,8 @@ from sim_backend.reality_gap.model.extended_laws import Laws
 from sim_backend.reality_gap.model.files import LAWS, NATIVE
 from sim_backend.reality_gap.model.native_elements import PLAY_SUFFIX
 from sim_backend.reality_gap.recording import JointSignals, Recording, RecordingError
-from sim_backend.reality_gap.subjects.joints.forward import HELD_KG_M2, LONGEST_IN_LOOP_S, LONGEST_STEP_S
-from sim_backend.reality_gap.subjects.joints.trajectory import Trajectory, filled_gaps, trajectory
+from sim_backend.reality_gap.subjects.joints.laws.trajectory import Trajectory, filled_gaps, trajectory
+from sim_backend.reality_gap.subjects.joints.rollouts.forward import HELD_KG_M2, LONGEST_IN_LOOP_S, LONGEST_STEP_S
 from sim_backend.reality_gap.subjects.subject import Progress
 
 _EDGE_S = 0.1

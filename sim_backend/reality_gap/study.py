@@ -29,7 +29,7 @@ from sim_backend.reality_gap.recording import RecordingError
 from sim_backend.reality_gap.report.report import write_html
 from sim_backend.reality_gap.subjects.cube import subject as cube
 from sim_backend.reality_gap.subjects.joints import subject as joints
-from sim_backend.reality_gap.subjects.joints.plant import Plant
+from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
 from sim_backend.reality_gap.subjects.subject import Material, Progress, Sections, Subject, part
 from sim_backend.reality_gap.subjects.tosses import subject as tosses
 from sim_backend.reality_gap.success.prediction import Question, Trials, read_question, success_of

@@ -14,10 +14,10 @@ GAP = Path(__file__).parents[2] / "sim_backend" / "reality_gap"
 LAWS = {
     "model/extended_laws.py",
     "model/native_laws.py",
-    "subjects/joints/body_law.py",
-    "subjects/joints/forward.py",
-    "subjects/joints/motor_law.py",
-    "subjects/joints/sent_torque.py",
+    "subjects/joints/laws/body_law.py",
+    "subjects/joints/rollouts/forward.py",
+    "subjects/joints/laws/motor_law.py",
+    "subjects/joints/torques/sent_torque.py",
     "subjects/tosses/models.py",
 }
 FILES = {path.relative_to(GAP).as_posix(): path for path in GAP.rglob("*.py")}

@@ -9,8 +9,8 @@ from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.study import material_of
 from sim_backend.reality_gap.subjects.joints.gain import errors_of, held_out_errors
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
-from sim_backend.reality_gap.subjects.joints.state import JointState
-from sim_backend.reality_gap.subjects.joints.verdict import judge
+from sim_backend.reality_gap.subjects.joints.laws.state import JointState
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
 from sim_backend.reality_gap.verdict import VerdictKind, names_of
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -7,7 +7,7 @@ import pytest
 from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
-from sim_backend.reality_gap.subjects.joints.verdict import judge
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
 from sim_backend.reality_gap.verdict import Verdict, VerdictKind
 
 NAMES = ("shoulder", "elbow", "wrist")

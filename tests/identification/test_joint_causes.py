@@ -14,7 +14,7 @@ from sim_backend.reality_gap.knowledge.hidden import AT_JOINTS
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.identification import ShowsNothingError, study_joints
-from sim_backend.reality_gap.subjects.joints.verdict import judge
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
 from sim_backend.reality_gap.verdict import VerdictKind
 from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.scene import compile_scene

@@ -13,7 +13,7 @@ from sim_backend.reality_gap.bench.joint_sessions import EVERYTHING, healthy_phy
 from sim_backend.reality_gap.knowledge.healthy import STANDARD
 from sim_backend.reality_gap.knowledge.hidden import AT_JOINTS
 from sim_backend.reality_gap.recording import Recording
-from sim_backend.reality_gap.subjects.joints.hypotheses import PLATFORM
+from sim_backend.reality_gap.subjects.joints.laws.hypotheses import PLATFORM
 from sim_backend.trifinger import constants as c
 
 MULTIPLES = (1.0, 2.0, 5.0)

@@ -24,7 +24,7 @@ from sim_backend.reality_gap.knowledge.healthy import detection_limits
 from sim_backend.reality_gap.knowledge.hidden import AT_JOINTS
 from sim_backend.reality_gap.knowledge.joint_effects import FITTED, shape_of
 from sim_backend.reality_gap.recording import Recording
-from sim_backend.reality_gap.subjects.joints.plant import Plant
+from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
 from sim_backend.trifinger.scene import compile_scene
 
 MULTIPLE = 2.0

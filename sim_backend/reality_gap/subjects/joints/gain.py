@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_backend.reality_gap.knowledge.joint_effects import Channel
-from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
-from sim_backend.reality_gap.subjects.joints.look import JointProblem, Look
-from sim_backend.reality_gap.subjects.joints.moves import deviations, moved
-from sim_backend.reality_gap.subjects.joints.normal_equations import FOLDS, folds_of
-from sim_backend.reality_gap.subjects.joints.rattling import HitErrors
-from sim_backend.reality_gap.subjects.joints.state import JointState, Term
+from sim_backend.reality_gap.subjects.joints.laws.moves import deviations, moved
+from sim_backend.reality_gap.subjects.joints.laws.state import JointState, Term
+from sim_backend.reality_gap.subjects.joints.signs.rattling import HitErrors
+from sim_backend.reality_gap.subjects.joints.torques.equations import EpisodeEquations
+from sim_backend.reality_gap.subjects.joints.torques.look import JointProblem, Look
+from sim_backend.reality_gap.subjects.joints.torques.normal_equations import FOLDS, folds_of
 from sim_backend.reality_gap.verdict import HeldOut
 
 _RESAMPLES = 2000

@@ -9,19 +9,19 @@ import numpy as np
 from sim_backend.reality_gap.knowledge.joint_effects import FITTED, Channel, scales_everything
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot, UnknownRobot
 from sim_backend.reality_gap.recording import Recording, RecordingError
-from sim_backend.reality_gap.subjects.joints.checks import Finding, end_findings, noise_findings, torque_noise_findings
-from sim_backend.reality_gap.subjects.joints.cogging_cycles import with_cycles
-from sim_backend.reality_gap.subjects.joints.command_lateness import with_measured_lateness
-from sim_backend.reality_gap.subjects.joints.contradictions import contradicts, runs_into_bounds
-from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations, along
-from sim_backend.reality_gap.subjects.joints.fit import JointFit, select
 from sim_backend.reality_gap.subjects.joints.gain import held_out_errors
-from sim_backend.reality_gap.subjects.joints.look import JointProblem, Look
-from sim_backend.reality_gap.subjects.joints.nominal import nominal_state
-from sim_backend.reality_gap.subjects.joints.plant import Plant
-from sim_backend.reality_gap.subjects.joints.rattling import Rattling
-from sim_backend.reality_gap.subjects.joints.state import JointState
-from sim_backend.reality_gap.subjects.joints.unfitted import noise_of_motors, told_without_fit
+from sim_backend.reality_gap.subjects.joints.laws.nominal import nominal_state
+from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
+from sim_backend.reality_gap.subjects.joints.laws.state import JointState
+from sim_backend.reality_gap.subjects.joints.signs.checks import Finding, end_findings, noise_findings, torque_noise_findings
+from sim_backend.reality_gap.subjects.joints.signs.cogging_cycles import with_cycles
+from sim_backend.reality_gap.subjects.joints.signs.command_lateness import with_measured_lateness
+from sim_backend.reality_gap.subjects.joints.signs.rattling import Rattling
+from sim_backend.reality_gap.subjects.joints.signs.unfitted import noise_of_motors, told_without_fit
+from sim_backend.reality_gap.subjects.joints.torques.contradictions import contradicts, runs_into_bounds
+from sim_backend.reality_gap.subjects.joints.torques.equations import EpisodeEquations, along
+from sim_backend.reality_gap.subjects.joints.torques.fit import JointFit, select
+from sim_backend.reality_gap.subjects.joints.torques.look import JointProblem, Look
 
 LEAST_REDUCTION = 0.02
 """Share of the held-out error that a cause must take away where there are no healthy sessions to compare with."""

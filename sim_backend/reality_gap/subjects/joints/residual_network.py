@@ -10,11 +10,11 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import linalg
 
-from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
 from sim_backend.reality_gap.subjects.joints.gain import folds_of_rows
-from sim_backend.reality_gap.subjects.joints.normal_equations import FOLDS
-from sim_backend.reality_gap.subjects.joints.residual_patterns import heat, since_reversal_s
-from sim_backend.reality_gap.subjects.joints.state import JointState
+from sim_backend.reality_gap.subjects.joints.laws.state import JointState
+from sim_backend.reality_gap.subjects.joints.torques.equations import EpisodeEquations
+from sim_backend.reality_gap.subjects.joints.torques.normal_equations import FOLDS
+from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import heat, since_reversal_s
 
 UNITS = 256
 _RIDGES = (1e-3, 1e-1, 10.0, 1e3)

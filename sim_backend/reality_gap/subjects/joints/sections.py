@@ -7,14 +7,14 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.quantiles import Z_90, Z_95
-from sim_backend.reality_gap.subjects.joints.causes import place_of
-from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
-from sim_backend.reality_gap.subjects.joints.fitted_values import fitted_values
 from sim_backend.reality_gap.subjects.joints.gain import held_out_errors
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
+from sim_backend.reality_gap.subjects.joints.laws.fitted_values import fitted_values
+from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.residual_network import network_error_nm
-from sim_backend.reality_gap.subjects.joints.residual_patterns import Pattern, heat, since_reversal_s
-from sim_backend.reality_gap.subjects.joints.state import JointState
+from sim_backend.reality_gap.subjects.joints.torques.equations import EpisodeEquations
+from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import Pattern, heat, since_reversal_s
+from sim_backend.reality_gap.subjects.joints.verdicts.causes import place_of
 
 _BINS = 16
 _SHOWN_JOINTS = 6

@@ -11,34 +11,34 @@ from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.knowledge.joint_effects import ARMATURE
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot, UnknownRobot
 from sim_backend.reality_gap.recording import Recording, RecordingError
-from sim_backend.reality_gap.subjects.joints.calibrating import METHODS, calibrate
-from sim_backend.reality_gap.subjects.joints.commanded_and_measured import causes_between
-from sim_backend.reality_gap.subjects.joints.contradictions import contradicts
-from sim_backend.reality_gap.subjects.joints.equal_causes import with_late_columns, with_share_of_all, with_turned_base
 from sim_backend.reality_gap.subjects.joints.gain import held_out, held_out_of_hits
-from sim_backend.reality_gap.subjects.joints.healthy_robots import DrawnRobots
-from sim_backend.reality_gap.subjects.joints.hypotheses import with_controllers, without_play
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy, ShowsNothingError, joints_of, study_joints
-from sim_backend.reality_gap.subjects.joints.judged import not_judged
-from sim_backend.reality_gap.subjects.joints.motor_law import LIMIT
-from sim_backend.reality_gap.subjects.joints.needed_causes import with_needed_causes
-from sim_backend.reality_gap.subjects.joints.position_and_velocity import causes_of_velocities
-from sim_backend.reality_gap.subjects.joints.rollout_fit import FAR_OFF, LENGTHS_S, RolloutProblem
-from sim_backend.reality_gap.subjects.joints.rollout_selection import select_by_rollouts
+from sim_backend.reality_gap.subjects.joints.laws.equal_causes import with_late_columns, with_share_of_all, with_turned_base
+from sim_backend.reality_gap.subjects.joints.laws.hypotheses import with_controllers, without_play
+from sim_backend.reality_gap.subjects.joints.laws.motor_law import LIMIT
+from sim_backend.reality_gap.subjects.joints.laws.state import JointState
+from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import DrawnRobots
+from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import FAR_OFF, LENGTHS_S, RolloutProblem
+from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.sections import joint_sections
+from sim_backend.reality_gap.subjects.joints.signs.commanded_and_measured import causes_between
+from sim_backend.reality_gap.subjects.joints.signs.position_and_velocity import causes_of_velocities
+from sim_backend.reality_gap.subjects.joints.signs.standing_readings import against_standing_readings
 from sim_backend.reality_gap.subjects.joints.slides import Slides
-from sim_backend.reality_gap.subjects.joints.standing_readings import against_standing_readings
-from sim_backend.reality_gap.subjects.joints.state import JointState
-from sim_backend.reality_gap.subjects.joints.torques_and_rollouts import in_both, proposed_by, with_unlike_torques
-from sim_backend.reality_gap.subjects.joints.unnamed_patterns import against_patterns
-from sim_backend.reality_gap.subjects.joints.unnamed_rivals import against_unnamed
-from sim_backend.reality_gap.subjects.joints.verdict import judge
-from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import (
+from sim_backend.reality_gap.subjects.joints.torques.calibrating import METHODS, calibrate
+from sim_backend.reality_gap.subjects.joints.torques.contradictions import contradicts
+from sim_backend.reality_gap.subjects.joints.verdicts.judged import not_judged
+from sim_backend.reality_gap.subjects.joints.verdicts.needed_causes import with_needed_causes
+from sim_backend.reality_gap.subjects.joints.verdicts.torques_and_rollouts import in_both, proposed_by, with_unlike_torques
+from sim_backend.reality_gap.subjects.joints.verdicts.unnamed_patterns import against_patterns
+from sim_backend.reality_gap.subjects.joints.verdicts.unnamed_rivals import against_unnamed
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import (
     enough_of,
     limits_of,
     of_healthy_rad,
     verdict_of_rollouts,
 )
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
 from sim_backend.reality_gap.subjects.subject import CUBE_EXCITATION, Material, Progress, Sections, part
 from sim_backend.reality_gap.verdict import Verdict, VerdictKind
 from sim_backend.trifinger.scene import compile_scene

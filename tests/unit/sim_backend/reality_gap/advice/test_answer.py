@@ -18,7 +18,7 @@ from sim_backend.reality_gap.advice.course import WAY_UP_S, targets
 from sim_backend.reality_gap.knowledge.excitations import BY_HAND, FOLLOWED, SHOWN_BY
 from sim_backend.reality_gap.knowledge.separation import SEPARATIONS
 from sim_backend.reality_gap.report.report import write_html
-from sim_backend.reality_gap.subjects.joints.residual_patterns import VARIABLES
+from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import VARIABLES
 from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
 from sim_backend.tasks.task import draw_start
 from sim_backend.trifinger import constants as c

@@ -15,9 +15,9 @@ from sim_backend.reality_gap.model.files import LAWS, NATIVE, write_models
 from sim_backend.reality_gap.model.mjcf import extend_mjcf
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.replay import simulated
-from sim_backend.reality_gap.subjects.joints.forward import LONGEST_IN_LOOP_S, Forward, Windows
-from sim_backend.reality_gap.subjects.joints.plant import Plant
-from sim_backend.reality_gap.subjects.joints.state import JointState
+from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
+from sim_backend.reality_gap.subjects.joints.laws.state import JointState
+from sim_backend.reality_gap.subjects.joints.rollouts.forward import LONGEST_IN_LOOP_S, Forward, Windows
 from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
 
 ARM = """

@@ -8,11 +8,11 @@ import numpy as np
 from sim_backend.reality_gap.knowledge.healthy import NO_SESSIONS
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording
-from sim_backend.reality_gap.subjects.joints.equations import EpisodeEquations
-from sim_backend.reality_gap.subjects.joints.look import JointProblem
-from sim_backend.reality_gap.subjects.joints.plant import Plant
-from sim_backend.reality_gap.subjects.joints.state import JointState
-from sim_backend.reality_gap.subjects.joints.trajectory import trajectory
+from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
+from sim_backend.reality_gap.subjects.joints.laws.state import JointState
+from sim_backend.reality_gap.subjects.joints.laws.trajectory import trajectory
+from sim_backend.reality_gap.subjects.joints.torques.equations import EpisodeEquations
+from sim_backend.reality_gap.subjects.joints.torques.look import JointProblem
 
 NAMES = ("first", "second", "third")
 INERTIA_KG_M2 = 0.004

@@ -8,12 +8,12 @@ import numpy as np
 from sim_backend.reality_gap.feedback import Feedback
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording
-from sim_backend.reality_gap.subjects.joints.forward import Windows
-from sim_backend.reality_gap.subjects.joints.healthy_robots import DrawnRobots
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
-from sim_backend.reality_gap.subjects.joints.rollout_fit import RolloutProblem
-from sim_backend.reality_gap.subjects.joints.rollout_selection import select_by_rollouts
-from sim_backend.reality_gap.subjects.joints.verdict_of_rollouts import verdict_of_rollouts
+from sim_backend.reality_gap.subjects.joints.rollouts.forward import Windows
+from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import DrawnRobots
+from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutProblem
+from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import select_by_rollouts
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import verdict_of_rollouts
 
 PENDULUM = """
 <mujoco><option timestep="0.0005" integrator="implicitfast"/><worldbody>

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.subjects.joints.fit import select
 from sim_backend.reality_gap.subjects.joints.gain import TorqueErrors, errors_of, folds_of_rows, held_out, held_out_errors
 from sim_backend.reality_gap.subjects.joints.identification import is_worth_it
-from sim_backend.reality_gap.subjects.joints.moves import deviations, moved
-from sim_backend.reality_gap.subjects.joints.normal_equations import FOLDS
+from sim_backend.reality_gap.subjects.joints.laws.moves import deviations, moved
+from sim_backend.reality_gap.subjects.joints.torques.fit import select
+from sim_backend.reality_gap.subjects.joints.torques.normal_equations import FOLDS
 from tests.unit.sim_backend.reality_gap.subjects.joints.driven_joints import NAMES, NO_LIMIT, planted_friction
 
 PLANTED_NM = 0.03

@@ -1,0 +1,158 @@
+"""Causes that are the same numbers, whatever a robot does: a verdict that has one of them has the other, too.
+
+Torques that are all off by one share are masses that all are; a torque that acts late is a position that is written late; a base
+that is turned about the axis of the first joint is that joint's encoder, off by the same angle.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.reality_gap.knowledge.joint_effects import LATE_TORQUE, OFFSET, TILT, TURNED
+from sim_backend.reality_gap.knowledge.separation import separated_by
+from sim_backend.reality_gap.knowledge.unnamed_laws import CONSTANT, MASS
+from sim_backend.reality_gap.subjects.joints.laws.body_law import gravity_of, tilted_gravity
+from sim_backend.reality_gap.subjects.joints.laws.hypotheses import PLATFORM
+from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
+from sim_backend.reality_gap.subjects.joints.laws.state import JointState
+from sim_backend.reality_gap.verdict import Cause, Told, Verdict, VerdictKind
+
+_OPEN = frozenset({VerdictKind.NAMED, VerdictKind.CONFUSABLE})
+_SAME_GRAVITY, _LEAST_ACROSS = 0.01, 0.2
+"""Shares of gravity: two that differ by less are the same; of one that lies so nearly along an axis no turn about it shows."""
+_TRIFLE = 0.05
+"""Of the larger of two tilts: the other is none."""
+
+
+def with_share_of_all(verdict: Verdict, names: Sequence[str]) -> Verdict:
+    """A verdict that blames the masses of all links, or the torques of all motors, by one share: the other is as possible.
+
+    Args:
+        verdict: what rollouts came to.
+        names: of all joints.
+    """
+    if verdict.verdict is not VerdictKind.NAMED:
+        return verdict
+    for (effect, _), (other, parameter), turned in ((MASS, CONSTANT, _constant_of), (CONSTANT, MASS, _mass_of)):
+        own = {cause.where: cause for cause in verdict.causes if cause.effect == effect}
+        if set(own) != set(names) or len(names) < 2:
+            continue
+        low, high = max(c.interval_90[0] for c in own.values()), min(c.interval_90[1] for c in own.values())
+        if low > high:
+            continue
+        as_other = [
+            Cause(
+                other,
+                parameter,
+                name,
+                turned(own[name].value),
+                PARAMETERS[f"{other}.{parameter}"].unit,
+                (turned(own[name].interval_90[1]), turned(own[name].interval_90[0])),
+            )
+            for name in names
+        ]
+        said = "Or all torques are off by one share: no motion tells that from all masses."
+        return _confusable(verdict, said, own.values(), as_other, "the same motion with a payload of known mass at the last link")
+    return verdict
+
+
+def with_late_columns(verdict: Verdict) -> Verdict:
+    """A verdict that blames a delay that motions alone tell: positions that are written as late are the same numbers.
+
+    A torque that acts late moves a joint late, and a joint whose position is written late seems to. Only a column that is on time
+    with one of both tells them apart.
+
+    Args:
+        verdict: what rollouts came to.
+    """
+    delays = [cause for cause in verdict.causes if f"{cause.effect}.{cause.parameter}" == LATE_TORQUE]
+    if verdict.verdict not in _OPEN or not delays:
+        return verdict
+    places = ", ".join(cause.where for cause in delays)
+    late_ms = f"{1e3 * min(cause.value for cause in delays):.2g}"
+    late_ms += "" if len(delays) == 1 else f" to {1e3 * max(cause.value for cause in delays):.2g}"
+    said = f"Positions that are written {late_ms} ms late ({places}) look like the delay."
+    found = _confusable(verdict, said, delays, (), _ON_TIME)
+    late = f"whether torques act late or positions are written late ({places}): {_ON_TIME}"
+    return replace(found, cannot_tell=(late, *verdict.cannot_tell))
+
+
+def with_turned_base(verdict: Verdict, plant: Plant, state: JointState) -> Verdict:
+    """A verdict that blames a gravity that is turned about the first joint's axis, or that joint's encoder: it may be the other.
+
+    Args:
+        verdict: what rollouts came to.
+        plant: whose joints.
+        state: the model with the causes.
+    """
+    root = plant.root()
+    if verdict.verdict not in _OPEN or root is None:
+        return verdict
+    joint, axis = root
+    gravity = plant.gravity_m_s2
+    size, across = float(np.linalg.norm(gravity)), float(np.linalg.norm(gravity - axis * (axis @ gravity)))
+    turned = [cause for cause in verdict.causes if cause.effect in TURNED]
+    offsets = [cause for cause in verdict.causes if cause.effect == OFFSET[0] and cause.where == plant.names[joint]]
+    if across <= _LEAST_ACROSS * size or bool(turned) is bool(offsets):
+        return verdict
+    if turned:
+        halves = [_half(cause) * (1.0 if cause.unit == "m/s^2" else size) for cause in turned]
+        error, now = float(np.linalg.norm(halves)), gravity_of(state, gravity)
+        angle_rad = float(np.arctan2(axis @ np.cross(gravity, now), gravity @ now - (axis @ gravity) * (axis @ now)))
+        if np.linalg.norm(_about(axis, angle_rad, gravity) - now) > error + _SAME_GRAVITY * size:
+            return verdict
+        interval = (angle_rad - error / across, angle_rad + error / across)
+        more = [Cause(*OFFSET, plant.names[joint], angle_rad, "rad", interval)]
+    else:
+        now, error = _about(axis, offsets[0].value, gravity), _half(offsets[0])
+        tilt = least_squares(lambda tilts: tilted_gravity(gravity, *tilts) - now, np.zeros(2))
+        if np.linalg.norm(tilt.fun) > _SAME_GRAVITY * size:
+            return verdict
+        tilts, least = zip(TILT, map(float, tilt.x), strict=True), _TRIFLE * float(np.abs(tilt.x).max())
+        more = [Cause(*key, PLATFORM, by, "rad", (by - error, by + error)) for key, by in tilts if abs(by) > least]
+    said = f"A base that is turned about the axis of {plant.names[joint]} and an encoder there that is off by the angle are one."
+    own = turned or offsets
+    return _confusable(verdict, said, own, more, separated_by(more[0].effect, own[0].effect, "a level on the base"))
+
+
+def _about(axis: np.ndarray, angle_rad: float, vector: np.ndarray) -> np.ndarray:
+    return Rotation.from_rotvec(angle_rad * axis).apply(vector)
+
+
+def _half(cause: Cause) -> float:
+    return 0.5 * (cause.interval_90[1] - cause.interval_90[0])
+
+
+def _confusable(verdict: Verdict, said: str, own: Iterable[Cause], more: Sequence[Cause], separates: str) -> Verdict:
+    """A verdict with causes that are as possible as some of its own, and what to record to tell them apart."""
+    kin = {cause.effect for cause in (*own, *more)}
+    because = f"{said} What separates: {separates}"
+    return replace(
+        verdict,
+        verdict=VerdictKind.CONFUSABLE,
+        summary=f"{verdict.summary} {said}",
+        causes=(*verdict.causes, *more),
+        record_next=tuple(dict.fromkeys((separates, *verdict.record_next))),
+        effects=tuple(
+            replace(each, told=Told.CONFUSABLE, because=because, above=None) if each.effect in kin else each
+            for each in verdict.effects
+        ),
+    )
+
+
+_ON_TIME = (
+    "the current of the motors in the same table: behind a delay it comes after its command, beside late positions it does not"
+)
+
+
+def _constant_of(factor: float) -> float:
+    """Error of all motors' torques that looks like all masses with a factor."""
+    return 1.0 / max(factor, 1e-3) - 1.0
+
+
+def _mass_of(error: float) -> float:
+    return 1.0 / max(1.0 + error, 1e-3)

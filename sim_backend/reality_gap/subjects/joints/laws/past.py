@@ -1,0 +1,45 @@
+"""What drove joints before a window of a recording began: motors are as warm as it has made them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from sim_backend.reality_gap.knowledge.joint_effects import LIMITED_TORQUE, MOTOR_LOSS, MOTOR_RISE, MOTOR_WARMS_S
+from sim_backend.reality_gap.subjects.joints.laws.state import JointState
+
+
+@dataclass(frozen=True)
+class Past:
+    """What drove k joints in whole recordings, and where in them n windows begin.
+
+    Attributes:
+        driving_nm: of each recording, shapes (k, s).
+        step_s: between their samples.
+        owner: recording of each window, shape (n,).
+        first: its sample at which each window begins, shape (n,).
+    """
+
+    driving_nm: Sequence[np.ndarray]
+    step_s: Sequence[float]
+    owner: np.ndarray
+    first: np.ndarray
+
+    def some(self, index: np.ndarray) -> "Past":
+        """Of some windows, by index."""
+        return replace(self, owner=self.owner[index], first=self.first[index])
+
+    def warm_k(self, state: JointState) -> np.ndarray:
+        """How much warmer than their surroundings a model's motors begin windows, K, shape (n, k); recordings begin cold."""
+        found = np.zeros((len(self.owner), state.joints))
+        for joint in np.flatnonzero(state.value(MOTOR_LOSS)):
+            rise, time_s, limit_nm = (float(state.value(key)[joint]) for key in (MOTOR_RISE, MOTOR_WARMS_S, LIMITED_TORQUE))
+            for recording, (torque_nm, step_s) in enumerate(zip(self.driving_nm, self.step_s, strict=True)):
+                rows = self.owner == recording
+                if rows.any():
+                    heats = rise * np.minimum(np.abs(np.nan_to_num(torque_nm[joint])), limit_nm) ** 2
+                    kept = np.exp(-step_s / time_s)
+                    warm = np.concatenate([[0.0], lfilter([1.0 - kept], [1.0, -kept], heats)])
+                    found[rows, joint] = warm[self.first[rows]]
+        return found

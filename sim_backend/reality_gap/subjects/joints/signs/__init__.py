@@ -1,0 +1,1 @@
+"""What joints show without a fit, or by two columns that say the same: noise, steps, jumps, play, lateness."""

@@ -1,0 +1,287 @@
+"""From a fit of joints to a verdict: named, confusable, unexplained or nothing wrong."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.reality_gap.knowledge.joint_effects import (
+    ENDS,
+    FELT,
+    FITTED,
+    SENSOR_NOISE,
+    Channel,
+    Sign,
+    effect_of,
+    scales_everything,
+)
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
+from sim_backend.reality_gap.knowledge.separation import separated_by
+from sim_backend.reality_gap.quantiles import Z_90
+from sim_backend.reality_gap.subjects.joints.gain import errors_of, held_out_errors
+from sim_backend.reality_gap.subjects.joints.identification import JointStudy
+from sim_backend.reality_gap.subjects.joints.laws.fitted_values import fitted_values
+from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS
+from sim_backend.reality_gap.subjects.joints.laws.moves import moved
+from sim_backend.reality_gap.subjects.joints.signs.checks import Finding, place
+from sim_backend.reality_gap.subjects.joints.torques.look import Accepted, Candidate, Look
+from sim_backend.reality_gap.subjects.joints.torques.normal_equations import WHOLE_EPISODES
+from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import Pattern, lasting, patterns
+from sim_backend.reality_gap.subjects.joints.verdicts.causes import causes_of, is_clear, is_too_little, may_be_absent, place_of
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_unknown_robot import ALMOST, reconsidered, unknown_of
+from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
+
+CONFUSABLE_NATS = 5.0
+"""A rival that lies less than this behind cannot be told apart: odds of 150."""
+PATTERN_NATS = 25.0
+"""A pattern in what is left that gains less is what healthy sessions have, too."""
+_VELOCITY_FACTOR = 8.0
+"""Reported velocities follow the motion a little by themselves: both are smoothed, but not by the same board."""
+_LEFT_BY_PLAY = 1.2
+"""Nats of each row of the mechanics: play in gears left 1.6 to 2.1 in eight robots, other causes at most 0.9, noise 0.3."""
+_TRADED_SCALE, _TRADED = 0.2, 2
+"""So many torques or masses that seem off by more than this take the place of something else."""
+
+
+@dataclass(frozen=True)
+class JointVerdict:
+    """A verdict and what it was drawn from."""
+
+    verdict: Verdict
+    patterns: tuple[Pattern, ...]
+
+
+def judge(study: JointStudy) -> JointVerdict:
+    """Judge a study of joints (held-out errors are added by ``gain``)."""
+    fit, names = study.fit, study.problem.names
+    fitted = [cause for a in fit.accepted for cause in causes_of(study, a)]
+    causes = [cause for cause in fitted if not may_be_absent(study, cause)]
+    acting = {f.joint for f in study.findings if f.sign in FELT}
+    findings = [f for f in study.findings if not (f.sign in SENSOR_NOISE and f.joint in acting)]  # the joint shakes
+    causes += [_found(f, names) for f in findings if _is_shown(f, study)]
+    left = patterns(study.problem.episodes, fit.last, study.start.size)
+    rivals = [rival for a in fit.accepted if (rival := _rival(study, a)) is not None]
+    kind, summary = _kind(study, causes, left, rivals)
+    closest = min(rivals, key=lambda r: r[0].behind)[0] if rivals else None
+    confusable = kind is VerdictKind.CONFUSABLE
+    if confusable:
+        causes += [cause for rival, members in rivals if rival.behind < CONFUSABLE_NATS for cause in members]
+    gains = [a.gain for a in fit.accepted] or ([fit.first.best.gain] if fit.first.best is not None and not causes else [])
+    null_p = study.robot.healthy.null_p(max(gains)) if isinstance(study.robot, KnownTriFinger) and gains else None
+    verdict = Verdict(
+        verdict=kind,
+        summary=summary,
+        causes=tuple(causes),
+        null_p=null_p,
+        runner_up=closest,
+        rejected=() if confusable else tuple(sorted((rival for rival, _ in rivals), key=lambda rival: rival.behind)),
+        follows=(*_odd(study), *_follows(left[:3], names)) if kind is VerdictKind.UNEXPLAINED else (),
+        cannot_tell=(*_cannot_tell(study, causes), *_perhaps_absent(fitted, causes)),
+        record_next=tuple(_record_next(study, kind, closest)),
+    )
+    return JointVerdict(verdict if isinstance(study.robot, KnownTriFinger) else reconsidered(study, verdict), tuple(left))
+
+
+def _kind(
+    study: JointStudy, causes: Sequence[Cause], left: Sequence[Pattern], rivals: Sequence[tuple[Rival, list[Cause]]]
+) -> tuple[VerdictKind, str]:
+    explained = sum(a.gain for a in study.fit.accepted)
+    if odd := _odd(study):
+        return VerdictKind.UNEXPLAINED, f"No cause of the catalogue explains {odd[0]}."
+    if isinstance(study.robot, KnownTriFinger) and len(_large_scales(causes)) >= _TRADED:
+        said = "Only torques or masses of several joints that are far off would explain the data: no cause of the catalogue does."
+        return VerdictKind.UNEXPLAINED, said
+    is_stuck = any(f.sign is Sign.REST_UNDER_LOAD for f in study.findings)
+    if (
+        strongest_left(study, left) > max(PATTERN_NATS, study.robot.healthy.left_nats, study.robot.pattern_share * explained)
+        and not is_stuck
+    ):
+        return VerdictKind.UNEXPLAINED, "The data disagree with the model, and no cause of the catalogue explains it well enough."
+    if not causes:
+        return VerdictKind.NOTHING_WRONG, "The data agree with the model as well as a healthy robot's would."
+    is_single = not study.problem.expects_many  # among many causes each has a proxy for a moment
+    if is_single and any(rival.behind < CONFUSABLE_NATS for rival, _ in rivals):
+        return VerdictKind.CONFUSABLE, "Some cause explains the data, but these data cannot tell which of those that are listed."
+    return _named(study, [cause for cause in causes if is_clear(study, cause)])
+
+
+def strongest_left(study: JointStudy, left: Sequence[Pattern]) -> float:
+    """What is left for any function of one variable, or for a hypothesis whose values no robot has, nats."""
+    noisy = {f.joint for f in study.findings if f.sign in SENSOR_NOISE | FELT and _is_shown(f, study)}
+    factor = 1.0 if study.problem.expects_many else _VELOCITY_FACTOR
+    clear = _almost_explained(study)
+    told = [p for p in left if p.joint not in noisy and not (p.channel is Channel.MECHANICS and p.joint in clear)]
+    strongest = max((p.gain / (factor if p.channel is Channel.VELOCITY else 1.0) for p in told), default=0.0)
+    if isinstance(study.robot, UnknownRobot):
+        return strongest
+    return max(strongest, _beyond_bounds(study))
+
+
+def _named(study: JointStudy, clear: Sequence[Cause]) -> tuple[VerdictKind, str]:
+    if not clear:
+        return VerdictKind.UNEXPLAINED, "Many causes act together, and none of them is clear by itself."
+    if is_too_little(study, clear):
+        said = f"{', '.join(_said(clear)).capitalize()} would explain the data, but what is smaller than a detection limit"
+        return VerdictKind.UNEXPLAINED, f"{said} is often another cause in disguise."
+    return VerdictKind.NAMED, f"The data disagree with the model because of {', '.join(_said(clear))}."
+
+
+def _almost_explained(study: JointStudy) -> set[int]:
+    """Joints whose held-out torque error is almost gone: what is left of it is the shape of a law, however clear it is."""
+    if not study.fit.accepted:
+        return set()
+    before, after = errors_of(study.problem, study.start).by_joint_nm, held_out_errors(study.problem, study.fit.last).by_joint_nm
+    return set(np.flatnonzero(after < (1.0 - ALMOST) * before).tolist())
+
+
+def _odd(study: JointStudy) -> list[str]:
+    """What no healthy robot shows and no cause of the catalogue explains."""
+    shown = [f for f in study.odd if _is_shown(f, study)]
+    return [f"{f.sign} of {place(study.problem.names, f.joint)}" for f in shown]
+
+
+def _may_have_play(study: JointStudy) -> bool:
+    """Whether so much is left as play in several gears leaves, whose law here does not follow a rotor that hits its end."""
+    look = study.fit.last
+    is_single = isinstance(study.robot, KnownTriFinger) and not study.problem.expects_many
+    return is_single and look.mechanics_left > _LEFT_BY_PLAY * look.mechanics_rows
+
+
+def _beyond_bounds(study: JointStudy) -> float:
+    """What the best hypothesis still gains whose values no robot has, nats: something acts where it does.
+
+    Not of effects that were found without a fit: at other joints it is the shape of their law. And not what one moment tells, as
+    far as folds are stretches and no whole recordings.
+    """
+    found = {f.effect for f in study.findings}
+    refused = [c for c in study.fit.last.candidates if not c.allowed and c.hypothesis.effect not in found]
+    if len(study.problem.episodes) >= WHOLE_EPISODES:
+        return max((c.gain for c in refused), default=0.0)
+    least = (c.gain - float((c.by_fold + np.roll(c.by_fold, 1)).max()) for c in refused)
+    return max((lasting(c.gain, left) for c, left in zip(refused, least, strict=True)), default=0.0)
+
+
+def _large_scales(causes: Sequence[Cause]) -> list[Cause]:
+    return [
+        cause
+        for cause in causes
+        if scales_everything(cause.effect)
+        and abs(cause.value - PARAMETERS[f"{cause.effect}.{cause.parameter}"].absent) > _TRADED_SCALE
+    ]
+
+
+def _said(causes: Sequence[Cause]) -> list[str]:
+    """Each effect with its places, or how many there are."""
+    places: dict[str, list[str]] = {}
+    for cause in causes:
+        places.setdefault(cause.effect, [])
+        if cause.where not in places[cause.effect]:
+            places[cause.effect].append(cause.where)
+    return [
+        f"{effect.replace('_', ' ')} ({', '.join(where) if len(where) <= 2 else f'{len(where)} places'})"
+        for effect, where in places.items()
+    ]
+
+
+def _found(finding: Finding, names: tuple[str, ...]) -> Cause:
+    where = place(names, finding.joint)
+    unit = PARAMETERS[f"{finding.effect}.{finding.parameter}"].unit
+    return Cause(finding.effect, finding.parameter, where, finding.value, unit, finding.interval_90)
+
+
+def _is_shown(finding: Finding, study: JointStudy) -> bool:
+    """Not what another cause leaves, which looks like noise, and holds a joint where it should not be.
+
+    Of a robot that nobody knows only readings are asked for noise, and no cause of motion makes them white.
+    """
+    where = place(study.problem.names, finding.joint)
+    if finding.sign not in SENSOR_NOISE | FELT | ENDS or isinstance(study.robot, UnknownRobot):
+        return True
+    same = (where.partition("_")[0] if finding.sign in ENDS else where, "platform", "all")
+    return not any(a.where.startswith(same) for a in study.fit.accepted)
+
+
+def _rival(study: JointStudy, accepted: Accepted) -> tuple[Rival, list[Cause]] | None:
+    """The best other hypothesis where a cause was taken, with what it would have said.
+
+    All joints together are no rival of a single one, since they contain what it is.
+    """
+    look, is_single = study.fit.looks[accepted.look], accepted.where != ALL_JOINTS
+    taken = next((c for c in look.candidates if c.hypothesis.name == (accepted.effect, accepted.where)), None)
+    if taken is None:
+        return None
+    later = {(a.effect, a.where) for a in study.fit.accepted} | (
+        study.fit.refused if isinstance(study.robot, UnknownRobot) else set()
+    )
+    for candidate in look.candidates:
+        h = candidate.hypothesis
+        if not candidate.allowed or h.name in later or h.effect == accepted.effect or (is_single and h.where == ALL_JOINTS):
+            continue
+        if candidate.gain > taken.gain and isinstance(study.robot, UnknownRobot):
+            continue  # passed over when the cause was taken, so that it is no tie
+        if candidate.gain < study.gates.get(h.effect, study.gate):
+            continue  # by itself it would not be named either
+        if study.problem.expects_many and (candidate.gain > taken.gain or h.effect in {a.effect for a in study.fit.accepted}):
+            continue  # refused for its values, or named elsewhere
+        if FITTED[h.effect].contains == accepted.effect:
+            continue  # the same with one number more
+        rival = Rival(
+            h.effect,
+            h.where,
+            float(taken.gain - candidate.gain),
+            separated_by(h.effect, accepted.effect, "a longer and livelier recording"),
+        )
+        return rival, _rival_causes(look, candidate, study)
+    return None
+
+
+def _rival_causes(look: Look, candidate: Candidate, study: JointStudy) -> list[Cause]:
+    terms = tuple(look.catalogue.terms[index] for index in candidate.hypothesis.terms)
+    found = []
+    for fitted in fitted_values(study.start, moved(look.state, terms, candidate.values), terms, candidate.errors):
+        parameter, half = PARAMETERS[fitted.key], Z_90 * fitted.error
+        where = place_of(study.problem.names, fitted, candidate.hypothesis.where)
+        interval = (fitted.value - half, fitted.value + half)
+        found.append(Cause(candidate.hypothesis.effect, parameter.name, where, fitted.value, parameter.unit, interval))
+    return found
+
+
+def _follows(found: Sequence[Pattern], names: tuple[str, ...]) -> list[str]:
+    return [f"{p.variable} of {names[p.joint]} ({p.channel} equation, {p.gain:.0f} nats)" for p in found]
+
+
+def _cannot_tell(study: JointStudy, causes: Sequence[Cause]) -> list[str]:
+    said = ["whether all torques and all masses are off by the same share: no motion shows it"]
+    speed = np.max([np.quantile(np.abs(e.path.velocity), 0.99, axis=0) for e in study.problem.episodes], axis=0)
+    if study.is_of_many and (unclear := [cause for cause in causes if not is_clear(study, cause)]):
+        said.append(
+            f"whether there is {', '.join(_said(unclear))}: among so many causes values as large as these are often others'"
+        )
+    slow = [name for name, s in zip(study.problem.names, speed, strict=True) if s < 0.3]
+    if slow:
+        said.append(f"anything that needs speed about {', '.join(slow)}: slower than 0.3 rad/s all the time")
+    unjudged = [name for name, judged in zip(study.problem.names, study.is_judged, strict=True) if not judged]
+    if isinstance(study.robot, KnownTriFinger) and unjudged:
+        said.append(f"anything else about {', '.join(unjudged)}: what was found there left no rows of its mechanics to judge")
+    if all(e.path.joints.measured_torque_nm is None for e in study.problem.episodes):
+        said.append("whether torque is lost before or after the motor's current: no measured torque")
+    return said if isinstance(study.robot, KnownTriFinger) else [*said, *unknown_of(study)]
+
+
+def _perhaps_absent(fitted: Sequence[Cause], causes: Sequence[Cause]) -> list[str]:
+    """Effects none of whose numbers is surely away from absent."""
+    named = {cause.effect for cause in causes}
+    unsure = [cause for cause in fitted if cause.effect not in named]
+    return [f"whether there is {', '.join(_said(unsure))}: the interval holds that there is none"] if unsure else []
+
+
+def _record_next(study: JointStudy, kind: VerdictKind, closest: Rival | None) -> list[str]:
+    if kind is VerdictKind.CONFUSABLE and closest is not None:
+        return [closest.separated_by]
+    if kind is VerdictKind.UNEXPLAINED and _may_have_play(study):
+        play = effect_of(Sign.RATTLING_ROTOR)
+        return [f"each joint turned by hand to and fro, its motor held: as much is left as play in several gears leaves ({play})"]
+    if kind is VerdictKind.UNEXPLAINED:
+        return ["the same motion twice, slowly and fast, to see whether what is left repeats"]
+    return []

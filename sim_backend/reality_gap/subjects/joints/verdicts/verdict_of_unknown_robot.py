@@ -1,0 +1,221 @@
+"""What a verdict on a robot without healthy sessions must still answer: was each joint judged, and is what is left explained?
+
+A gain says that a cause explains something, not that it explains what is wrong. Where healthy sessions are known their gains tell
+both apart. Here the held-out torque error of each joint is compared with the noise of its sensors instead.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED, Sign
+from sim_backend.reality_gap.subjects.joints.gain import errors_of, held_out_errors
+from sim_backend.reality_gap.subjects.joints.identification import LEAST_TORQUE_SHARE, JointStudy
+from sim_backend.reality_gap.subjects.joints.slides import ARM_M
+from sim_backend.reality_gap.subjects.joints.torques.look import Accepted
+from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import shares
+from sim_backend.reality_gap.subjects.joints.verdicts.misreadings import listed, misreading
+from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
+
+FAR = 2.0
+"""Times the noise: sensors are seldom as white as their floor takes for granted, but not by more."""
+LEAST_OF_LEFT = 0.5
+"""A cause that took less than this of what it leaves (root mean squares) is a footnote to something larger."""
+LAW_SHARE = 0.5
+"""Of the variance of what is left: a function of one variable that takes more is a law that the catalogue lacks."""
+ALMOST = 0.7
+"""Where so much of the held-out error is gone, what is left is the shape of a law and not another cause."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How each joint agrees with its model; shapes (k,), N m.
+
+    Attributes:
+        is_judged: whether a joint had equations at all.
+        before, after: held-out torque error with the nominal model and with the causes.
+        noise: what sensors, the integration of motion and a model as inexact as this one may be make of it.
+    """
+
+    is_judged: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    noise: np.ndarray
+
+    @property
+    def is_far(self) -> np.ndarray:
+        """Joints that were judged and disagree far beyond noise, causes or not."""
+        return self.is_judged & (self.after > FAR * self.noise)
+
+    @property
+    def was_far(self) -> np.ndarray:
+        """Joints that were judged and disagreed with the nominal model."""
+        return self.is_judged & (self.before > FAR * self.noise)
+
+    @property
+    def is_footnote(self) -> np.ndarray:
+        """Joints at which far more is left than what the causes took."""
+        taken = np.sqrt(np.maximum(self.before**2 - self.after**2, 0.0))
+        return self.is_far & (taken < LEAST_OF_LEFT * self.after)
+
+
+def agreement_of(study: JointStudy) -> Agreement:
+    """Compare each joint's errors with its noise."""
+    problem = study.problem
+    floor = np.sqrt(np.mean([e.torque_error_floor_nm**2 for e in problem.episodes], axis=0))
+    before, after = errors_of(problem, study.start).by_joint_nm, held_out_errors(problem, study.fit.final).by_joint_nm
+    usual = np.hypot(LEAST_TORQUE_SHARE * problem.torque_rms_nm, study.fit.first.tolerated_nm)
+    return Agreement(study.is_judged, before, after, np.hypot(floor, usual))
+
+
+def unknown_of(study: JointStudy) -> list[str]:
+    """What no recording of a robot tells whose sensors, motors and other joints nobody knows."""
+    episodes = study.problem.episodes
+    said = ["anything about ends of joints and noise of torques: what is usual for this robot is not known"]
+    row_ms = 1e3 * max(e.path.step_s for e in episodes)
+    said.append(f"delays below a row ({row_ms:.3g} ms): nobody says when within its row a torque acted")
+    if any(e.path.joints.measured_torque_nm is not None and e.path.joints.commanded_torque_nm is not None for e in episodes):
+        said.append("the constant of motors, and delays of less than a row: the mechanics is compared with the measured torque")
+    said += _sensors_alone(study)
+    if resting := episodes[0].plant.resting:
+        said.append(f"anything about {listed(resting)}: not recorded, and taken to rest where the model has it at first")
+    return said
+
+
+def _sensors_alone(study: JointStudy) -> list[str]:
+    """Of joints that are the only hinge or the only slide: with nothing to compare them with no sensor is odd."""
+    episodes, said = study.problem.episodes, []
+    is_slide = episodes[0].plant.is_slide
+    for j, name in enumerate(study.problem.names):
+        if (is_slide == is_slide[j]).sum() > 1:
+            continue
+        step_rad = max(float(e.path.encoder_step_rad[j]) for e in episodes)
+        size = f"{1e3 * step_rad * (ARM_M if is_slide[j] else 1.0):.3g} {'mm' if is_slide[j] else 'mrad'}"
+        steps = f" (its positions come in steps of {size})" if step_rad > 0.0 else ""
+        said.append(f"whether sensors of {name} are coarser or noisier than usual{steps}: no other joint to compare with")
+    return said
+
+
+def reconsidered(study: JointStudy, verdict: Verdict) -> Verdict:
+    """A verdict as it stands when what is left of the error is looked at, with what it cannot tell of the joints."""
+    agreement, names = agreement_of(study), study.problem.names
+    unjudged = [name for name, judged in zip(names, agreement.is_judged, strict=True) if not judged]
+    verdict = replace(verdict, cannot_tell=(*verdict.cannot_tell, *_unjudged_sentences(study, unjudged)))
+    if any(finding.sign is Sign.REST_UNDER_LOAD for finding in study.findings):
+        return verdict
+    if not agreement.is_judged.any():
+        return _not_identifiable(verdict, "These data cannot tell anything: of no joint are there enough rows in which it moves.")
+    if agreement.was_far.any() and (said := _misread(study, agreement, verdict.causes)) is not None:
+        return replace(
+            _unexplained(verdict, f"The model agrees far better with the data if {said[0]}."),
+            causes=(),  # whatever was fitted took over a part of it
+            misreads=said[0],
+            follows=(said[0], *verdict.follows),
+            record_next=(f"nothing yet: check {said[1]} in study.toml and in whatever wrote the data",),
+        )
+    if (why := _objection(study, agreement, verdict.causes)) is not None:
+        followed = tuple(f"{variable} of {names[j]} ({share:.0%} of it)" for j, variable, share in _laws(study, agreement))
+        return replace(_unexplained(verdict, why), follows=(*followed, *verdict.follows))
+    if verdict.verdict is VerdictKind.NOTHING_WRONG and unjudged:
+        return _not_identifiable(verdict, f"What could be judged agrees with the model; {listed(unjudged)} could not.")
+    return replace(verdict, cannot_tell=(*verdict.cannot_tell, *_left_sentences(agreement, names)))
+
+
+def _objection(study: JointStudy, agreement: Agreement, causes: Sequence[Cause]) -> str | None:
+    """Why what was named, or that nothing was, does not explain the data; None if it does."""
+    named = {(cause.effect, cause.where) for cause in causes}
+    accepted = [a for a in study.fit.accepted if _is_among(a, named, study)]
+    if not accepted and agreement.was_far.any():
+        worst = _worst(agreement, agreement.before, study)
+        return f"The data disagree with the model, {worst}, and no cause of the catalogue explains it."
+    footnotes = [a for a in accepted if all(agreement.is_footnote[j] for j in _joints_of(a, len(agreement.noise)))]
+    if footnotes:
+        worst, what = _worst(agreement, agreement.after, study), footnotes[0].effect.replace("_", " ")
+        return f"What no cause explains is far larger than what {what} explains: {worst}."
+    if laws := _laws(study, agreement):
+        worst, where = _worst(agreement, agreement.after, study), study.problem.names[laws[0][0]]
+        law = f"at {where} this follows the {laws[0][1]}, by a law that the catalogue lacks"
+        return f"With the causes the torques are still off, {worst}; {law}."
+    return None
+
+
+def _is_among(accepted: Accepted, named: set[tuple[str, str]], study: JointStudy) -> bool:
+    """Whether a cause that was accepted has any number that matters."""
+    places = {accepted.where, *"xyz", *(study.problem.names[t.index] for t in accepted.terms if PARAMETERS[t.key].width == 9)}
+    return any(effect == accepted.effect and where in places for effect, where in named)
+
+
+def _joints_of(accepted: Accepted, joints: int) -> list[int]:
+    """Where a cause acts first: its own joints, or all of them."""
+    reaches = FITTED[accepted.effect].reaches_other_joints
+    own = sorted({t.index for t in accepted.terms if PARAMETERS[t.key].width == 9 and not reaches})
+    return own or list(range(joints))
+
+
+def _laws(study: JointStudy, agreement: Agreement) -> list[tuple[int, str, float]]:
+    """Joints at which what is left follows one variable: index, variable and share, the largest share first."""
+    open_ = agreement.is_far & (agreement.after > (1.0 - ALMOST) * agreement.before)
+    found = []
+    for j in np.flatnonzero(open_):
+        variable, share = max(shares(study.problem.episodes, study.fit.state, int(j)).items(), key=lambda item: item[1])
+        if share > LAW_SHARE:
+            found.append((int(j), variable, share))
+    return sorted(found, key=lambda law: -law[2])
+
+
+def _misread(study: JointStudy, agreement: Agreement, causes: Sequence[Cause]) -> tuple[str, str] | None:
+    """What would have to be misread for the model to agree, and what to check."""
+    left = agreement.after if causes else np.full(len(agreement.after), np.inf)
+    found = misreading(study.problem.episodes, study.start, study.problem.names, left)
+    return None if found is None else (found.said, found.check)
+
+
+def _worst(agreement: Agreement, error_nm: np.ndarray, study: JointStudy) -> str:
+    """The joint that is off by most, in units of its noise."""
+    times = np.where(agreement.is_judged, error_nm / np.maximum(agreement.noise, 1e-12), 0.0)
+    j = int(np.argmax(times))
+    return f"by {error_nm[j]:.2g} N m at {study.problem.names[j]}, {times[j]:.0f} times what sensors and smoothing make"
+
+
+def _unjudged_sentences(study: JointStudy, unjudged: Sequence[str]) -> list[str]:
+    """Of each joint without equations that it has none, and whether its motor pressed in vain."""
+    said = []
+    for name in unjudged:
+        j = study.problem.names.index(name)
+        pushes = [np.abs(e.pressing_nm[e.path.valid[:, j], j]) for e in study.problem.episodes]
+        pressed = float(np.quantile(np.concatenate(pushes), 0.9)) if sum(map(len, pushes)) else 0.0
+        more = f"; its motor gave {pressed:.2g} N m that the model does not need" if pressed > _needless_nm(study, j) else ""
+        said.append(f"anything about {name}: too few rows in which it moves and everything was measured{more}")
+    return said
+
+
+def _needless_nm(study: JointStudy, joint: int) -> float:
+    return FAR * max(LEAST_TORQUE_SHARE * float(study.problem.torque_rms_nm[joint]), 1e-12)
+
+
+def _left_sentences(agreement: Agreement, names: Sequence[str]) -> list[str]:
+    """What is left beyond noise and was not named."""
+    said = []
+    for name, is_far, after, noise in zip(names, agreement.is_far, agreement.after, agreement.noise, strict=True):
+        if is_far:
+            times = f"{after / max(noise, 1e-12):.0f} times what sensors and smoothing make"
+            said.append(f"where the {after:.2g} N m come from that the causes leave at {name}: {times}")
+    return said
+
+
+def _unexplained(verdict: Verdict, summary: str) -> Verdict:
+    again = ("the same motion twice, slowly and fast, to see whether what is left repeats",)
+    return replace(
+        verdict, verdict=VerdictKind.UNEXPLAINED, summary=summary, rejected=(), record_next=verdict.record_next or again
+    )
+
+
+def _not_identifiable(verdict: Verdict, summary: str) -> Verdict:
+    return replace(
+        verdict,
+        verdict=VerdictKind.NOT_IDENTIFIABLE,
+        summary=summary,
+        record_next=("every joint over its range, slowly and fast, for ten seconds or more; 'trifarm gap excite' says how",),
+    )

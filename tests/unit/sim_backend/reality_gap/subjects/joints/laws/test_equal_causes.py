@@ -1,0 +1,138 @@
+"""Causes that are the same numbers are said together, with what tells them apart."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim_backend.reality_gap.subjects.joints.laws.body_law import tilted_gravity
+from sim_backend.reality_gap.subjects.joints.laws.equal_causes import with_late_columns, with_share_of_all, with_turned_base
+from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
+from sim_backend.reality_gap.subjects.joints.laws.state import JointState
+from sim_backend.reality_gap.verdict import Cause, EffectJudged, Told, Verdict, VerdictKind
+
+
+def masses(*factors: tuple[str, float]) -> Verdict:
+    causes = tuple(Cause("link_mass", "factor", name, value, "1", (value - 0.03, value + 0.03)) for name, value in factors)
+    return Verdict(verdict=VerdictKind.NAMED, summary="Masses.", causes=causes)
+
+
+def test_all_masses_by_one_share_may_be_all_torques():
+    found = with_share_of_all(masses(("upper", 0.75), ("lower", 0.74)), ("upper", "lower"))
+    assert found.verdict is VerdictKind.CONFUSABLE and found.record_next
+    constants = {cause.where: cause.value for cause in found.causes if cause.effect == "torque_constant"}
+    assert constants == {"upper": pytest.approx(1 / 0.75 - 1), "lower": pytest.approx(1 / 0.74 - 1)}
+
+
+@pytest.mark.parametrize("factors", [(("upper", 0.75),), (("upper", 0.75), ("lower", 0.9))])
+def test_masses_that_are_off_each_by_its_own_are_named(factors):
+    assert with_share_of_all(masses(*factors), ("upper", "lower")).verdict is VerdictKind.NAMED
+
+
+@pytest.mark.parametrize("joints", [("lower",), ("upper", "lower")])
+def test_a_delay_that_motions_alone_tell_may_be_late_positions(joints):
+    delays = [Cause("action_delay", "delay_s", name, 0.008, "s", (0.007, 0.009)) for name in joints]
+    judged = (EffectJudged("action_delay", Told.NAMED), EffectJudged("gravity", Told.EXCLUDED, 0.1, "m/s^2"))
+    found = with_late_columns(Verdict(VerdictKind.NAMED, "A delay.", causes=tuple(delays), effects=judged))
+    assert found.verdict is VerdictKind.CONFUSABLE and found.causes == tuple(delays)
+    assert "written 8" in found.summary and any("current" in said for said in found.record_next)
+    assert [each.told for each in found.effects] == [Told.CONFUSABLE, Told.EXCLUDED]
+
+
+def test_causes_without_a_delay_stay_named():
+    verdict = masses(("upper", 0.75))
+    assert with_late_columns(verdict) == verdict
+
+
+ARM = """
+<mujoco><worldbody>
+ <body name="upper"><joint name="shoulder" axis="{axis}"/>
+  <inertial pos="0.1 0 -0.2" mass="0.5" diaginertia="1e-3 1e-3 1e-3"/>
+  <body name="lower" pos="0 0 -0.4"><joint name="elbow" axis="1 1 0"/>
+   <inertial pos="0 0.05 -0.2" mass="0.3" diaginertia="1e-3 1e-3 1e-3"/></body></body>{more}
+</worldbody></mujoco>
+"""
+WEIGHTLESS = '<option gravity="0 0 0"/><worldbody>'
+NAMES = ("shoulder", "elbow")
+OFFSET_RAD = 0.1
+ENCODER = Cause("encoder_offset", "offset_rad", "shoulder", OFFSET_RAD, "rad", (0.09, 0.11))
+
+
+def arm(axis: str = "0 1 0", more: str = "") -> Plant:
+    return Plant(mujoco.MjModel.from_xml_string(ARM.format(axis=axis, more=more)), NAMES)
+
+
+def turned_gravity(plant: Plant) -> np.ndarray:
+    """That makes of reported positions the torques that the true ones need, of an encoder that says too much."""
+    true_rad, rest = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 2)), np.zeros((50, 2))
+    needed = plant.torque_nm(true_rad, rest, rest)
+    by_gravity = plant.derivatives(true_rad + np.array([OFFSET_RAD, 0.0]), rest, rest).by_gravity
+    return np.linalg.lstsq(by_gravity.reshape(-1, 3), needed.ravel(), rcond=None)[0]
+
+
+def with_gravity(plant: Plant, now: np.ndarray) -> tuple[Verdict, JointState]:
+    by = now - plant.gravity_m_s2
+    causes = [Cause("gravity", "offset_m_s2", "xyz"[i], by[i], "m/s^2", (by[i] - 0.05, by[i] + 0.05)) for i in (0, 2)]
+    judged = (EffectJudged("gravity", Told.NAMED), EffectJudged("encoder_offset", Told.EXCLUDED, 1e-3, "rad"))
+    return Verdict(VerdictKind.NAMED, "Gravity.", causes=tuple(causes), effects=judged), JointState(
+        2, {"gravity.offset_m_s2": by}
+    )
+
+
+def test_gravity_that_is_turned_about_the_first_axis_may_be_the_encoder_there():
+    plant = arm()
+    verdict, state = with_gravity(plant, turned_gravity(plant))
+    found = with_turned_base(verdict, plant, state)
+    assert found.verdict is VerdictKind.CONFUSABLE and "two poses" in found.record_next[0]
+    (encoder,) = [cause for cause in found.causes if cause.effect == "encoder_offset"]
+    assert (encoder.where, encoder.unit) == ("shoulder", "rad")
+    assert encoder.value == pytest.approx(OFFSET_RAD, abs=1e-6)
+    assert encoder.interval_90[0] < OFFSET_RAD < encoder.interval_90[1] < 0.12
+    assert [each.told for each in found.effects] == [Told.CONFUSABLE, Told.CONFUSABLE]
+
+
+def test_an_encoder_of_the_first_joint_may_be_a_base_that_is_turned():
+    plant = arm()
+    found = with_turned_base(Verdict(VerdictKind.NAMED, "An encoder.", causes=(ENCODER,)), plant, JointState(2))
+    tilts = {cause.parameter: cause.value for cause in found.causes if cause.effect == "table_tilt"}
+    assert found.verdict is VerdictKind.CONFUSABLE and set(tilts) == {"pitch_rad"}
+    np.testing.assert_allclose(tilted_gravity(plant.gravity_m_s2, 0.0, tilts["pitch_rad"]), turned_gravity(plant), atol=1e-4)
+
+
+def test_an_encoder_about_a_slanting_axis_is_a_tilt_both_ways_however_uncertain():
+    uncertain = replace(ENCODER, interval_90=(0.01, 0.19))
+    found = with_turned_base(Verdict(VerdictKind.NAMED, "An encoder.", causes=(uncertain,)), arm("1 1 0"), JointState(2))
+    tilts = {cause.parameter: cause.value for cause in found.causes if cause.effect == "table_tilt"}
+    assert found.verdict is VerdictKind.CONFUSABLE and set(tilts) == {"roll_rad", "pitch_rad"}
+    assert np.hypot(*tilts.values()) == pytest.approx(OFFSET_RAD, rel=0.02)
+
+
+def test_without_gravity_nothing_turns_it():
+    plant = Plant(mujoco.MjModel.from_xml_string(ARM.format(axis="0 1 0", more="").replace("<worldbody>", WEIGHTLESS)), NAMES)
+    verdict = Verdict(VerdictKind.NAMED, "An encoder.", causes=(ENCODER,))
+    assert with_turned_base(verdict, plant, JointState(2)) == verdict
+
+
+@pytest.mark.parametrize(
+    ("axis", "more", "by"),
+    [
+        ("0 1 0", "", [1.0, 0.0, 1.0]),  # another strength
+        ("0 1 0", "", [0.0, 1.0, 0.05]),  # about another axis
+        ("0 0 1", "", [1.0, 0.0, 0.05]),  # nothing turns about gravity's own
+        ("0 1 0", '<body><joint name="other"/><geom size="0.1"/></body>', [1.0, 0.0, 0.05]),  # something else would turn, too
+    ],
+)
+def test_gravity_that_is_no_turn_about_the_first_axis_stays_as_it_is(axis, more, by):
+    plant = arm(axis, more)
+    verdict, state = with_gravity(plant, plant.gravity_m_s2 + by)
+    assert with_turned_base(verdict, plant, state) == verdict
+
+
+def test_encoders_of_other_joints_and_of_one_about_a_vertical_axis_stay_named():
+    elbow = Verdict(
+        VerdictKind.NAMED, "An encoder.", causes=(Cause("encoder_offset", "offset_rad", "elbow", 0.1, "rad", (0.09, 0.11)),)
+    )
+    assert with_turned_base(elbow, arm(), JointState(2)) == elbow
+    shoulder = Verdict(VerdictKind.NAMED, "An encoder.", causes=(ENCODER,))
+    assert with_turned_base(shoulder, arm("0 0 1"), JointState(2)) == shoulder

@@ -1,0 +1,24 @@
+"""How warm motors are where windows of a recording begin."""
+
+import numpy as np
+import pytest
+
+from sim_backend.reality_gap.subjects.joints.laws.past import Past
+from sim_backend.reality_gap.subjects.joints.laws.state import JointState
+
+RISE_K_NM2, WARMS_S, LIMIT_NM, STEP_S = 40.0, 5.0, 2.0, 0.01
+
+
+def test_a_motor_warms_as_an_exponential_up_to_its_limit_and_recordings_begin_cold():
+    steady = np.stack([np.full(2000, 1.5), np.full(2000, 9.0), np.full(2000, 9.0)])
+    first = np.array([0, 500, 1999, 0])
+    past = Past([steady, steady], [STEP_S, STEP_S], np.array([0, 0, 0, 1]), first)
+    loss = np.array([0.001, 0.001, 0.0])
+    numbers = {"rise_k_nm2": RISE_K_NM2, "time_constant_s": WARMS_S}
+    given = {f"thermal_derating.{name}": np.full(3, value) for name, value in numbers.items()}
+    limit = {"torque_saturation.limit_nm": np.full(3, LIMIT_NM)}
+    state = JointState(3, {"thermal_derating.loss_per_k": loss, **given, **limit})
+    reached = 1.0 - np.exp(-first * STEP_S / WARMS_S)
+    expected = RISE_K_NM2 * reached[:, None] * np.array([1.5, LIMIT_NM, 0.0]) ** 2
+    assert past.warm_k(state) == pytest.approx(expected)
+    assert past.some(np.array([1])).warm_k(state) == pytest.approx(expected[1:2])

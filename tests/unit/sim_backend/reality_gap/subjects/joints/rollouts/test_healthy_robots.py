@@ -1,0 +1,96 @@
+"""What robots that nothing is wrong with stay below, at all of their joints together."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownRobot
+from sim_backend.reality_gap.subjects.joints.identification import study_joints
+from sim_backend.reality_gap.subjects.joints.rollouts import healthy_robots
+from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import DrawnRobots, Healthy, _below
+from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutProblem
+from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import PENDULUM, problem_of, recorded, targets
+
+
+@pytest.mark.parametrize("joints", [1, 7])
+def test_of_healthy_robots_one_in_twenty_is_further_off_at_any_of_its_joints(joints: int):
+    off_rad = np.abs(np.random.default_rng(2).standard_normal((400, joints))) * 1e-3
+    below_rad = _below(off_rad)
+    assert below_rad.shape == (joints,)
+    assert np.mean((off_rad > below_rad).any(axis=1)) == pytest.approx(0.05, abs=0.011)
+
+
+def test_healthy_robots_are_further_off_where_more_is_tolerated():
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more='frictionloss="0.08"'))
+    study = study_joints(model, [recorded(model, targets(8.0, 3))], lambda *_: None, robot=UnknownRobot(), gate=np.inf)
+
+    def off(friction: float) -> float:
+        tolerance = Tolerance(mass=1e-4, inertia=1e-4, centre=1e-4, friction=friction, zero=0.0)
+        problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, tolerance)
+        return float(DrawnRobots(problem, np.random.default_rng(1)).coarse.as_it_is_rad[0])
+
+    little, much = off(0.02), off(0.08)
+    assert much == pytest.approx(4.0 * little, rel=0.2)
+
+
+def test_a_fitted_model_is_nearer_to_a_healthy_robot_unless_its_torques_are_noisy():
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more='frictionloss="0.02"'))
+    recording = recorded(model, targets(8.0, 3))
+    assert recording.joints is not None
+
+    def healthy(noise_nm: float) -> tuple[RolloutProblem, Healthy]:
+        joints = recording.joints
+        assert joints is not None and joints.commanded_torque_nm is not None
+        felt = joints.commanded_torque_nm + noise_nm * np.random.default_rng(5).standard_normal(joints.commanded_torque_nm.shape)
+        measured = replace(recording, joints=replace(joints, commanded_torque_nm=None, measured_torque_nm=felt))
+        study = study_joints(model, [measured], lambda *_: None, robot=UnknownRobot(), gate=np.inf)
+        problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, Tolerance())
+        return problem, DrawnRobots(problem, np.random.default_rng(1), 100).coarse
+
+    problem, noisy = healthy(0.05)
+    assert problem.torque_noise_nm[0] == pytest.approx(0.05, rel=0.15)
+    _, quiet = healthy(0.0)
+    assert 2.0 * quiet.fitted_rad[0] < quiet.as_it_is_rad[0]
+    assert noisy.fitted_rad[0] > 3.0 * quiet.fitted_rad[0]
+    assert noisy.fitted_far_rad[0] > noisy.fitted_rad[0], "nine windows of ten are further off than half of them"
+
+
+def test_robots_with_a_cause_are_drawn_about_the_model_that_has_it():
+    problem = problem_of(hidden='frictionloss="0.08"')
+    friction = next(term for term in problem.catalogue.terms if term.key == "coulomb_friction.torque_nm")
+    with_friction, without = problem.fitted(problem.start, (friction,)), problem.fitted(problem.start, ())
+    about_it = DrawnRobots(problem, np.random.default_rng(1), 60, around=with_friction).coarse
+    assert (with_friction.usual_rad < 2.0 * about_it.fitted_rad).all(), "nothing else is wrong"
+    assert (without.usual_rad > 5.0 * about_it.fitted_rad).all()
+    assert (about_it.fitted_rad <= about_it.as_it_is_rad).all()
+
+
+def test_what_a_straight_line_leaves_of_a_healthy_robot_is_fitted_on(monkeypatch):
+    problem = problem_of()
+    loose = DrawnRobots(problem, np.random.default_rng(1), 60).coarse
+    monkeypatch.setattr(healthy_robots, "_STEPS", 0)
+    plain = DrawnRobots(problem, np.random.default_rng(1), 60).coarse
+    assert (loose.fitted_rad < 0.5 * plain.fitted_rad).all(), "no step at all leaves a healthy robot as far off as it is"
+    assert (plain.fitted_rad == plain.as_it_is_rad).all() and (plain.as_it_is_rad == loose.as_it_is_rad).all()
+
+
+def test_robots_are_fitted_as_closely_as_the_recorded_one_where_they_are_not_near_enough(monkeypatch):
+    problem, told, never = problem_of(), list[float](), np.array([np.inf])
+    monkeypatch.setattr(healthy_robots, "_STEPS", 0)
+    monkeypatch.setattr(healthy_robots, "_CLOSELY", 12)
+    robots = DrawnRobots(problem, np.random.default_rng(1), 60)
+    coarse, noise = robots.coarse, problem.noise_rad
+
+    def closely(enough_rad: np.ndarray, asked_rad: np.ndarray, asked_far_rad: np.ndarray) -> Healthy:
+        told.clear()
+        return robots.closely(enough_rad, asked_rad, asked_far_rad, lambda _, share: told.append(share))
+
+    all_of_them = closely(2.0 * noise, never, never)
+    assert (all_of_them.fitted_rad < np.minimum(3.0 * noise, 0.2 * coarse.fitted_rad)).all()
+    assert (all_of_them.fitted_far_rad < 0.2 * coarse.fitted_far_rad).all()
+    assert len(told) > 6 and told[0] == 0.0 and 0.8 < told[-1] < 1.0
+    assert (closely(np.ones(1), never, never).fitted_rad > 0.5 * coarse.fitted_rad).all() and not told, "a radian is enough"
+    decided = closely(2.0 * noise, 0.5 * noise, np.zeros(1))
+    assert len(told) == 2 and (decided.fitted_rad > 0.5 * noise).all(), "two robots are as far off as is asked"

@@ -1,0 +1,142 @@
+"""Windows of a known pendulum are simulated as MuJoCo alone does."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim_backend.reality_gap.feedback import Feedback
+from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
+from sim_backend.reality_gap.subjects.joints.identification import study_joints
+from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
+from sim_backend.reality_gap.subjects.joints.laws.state import JointState
+from sim_backend.reality_gap.subjects.joints.rollouts.forward import Forward
+from sim_backend.reality_gap.subjects.joints.rollouts.recorded_windows import windows_of
+from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import (
+    NO_LIMIT,
+    PENDULUM,
+    STEP_S,
+    one_window,
+    recorded,
+    targets,
+)
+
+
+@pytest.mark.parametrize("more", ['damping="0.02"', 'frictionloss="0.05"', 'damping="0.01" frictionloss="0.03"'])
+def test_a_window_goes_where_mujoco_goes(more):
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more=more))
+    data = mujoco.MjData(model)
+    sent, went = 0.7 * np.sin(0.08 * np.arange(120.0))[None, :, None], np.empty((1, 120, 1))
+    for i in range(120):
+        data.ctrl[0] = sent[0, i, 0]
+        for _ in range(10):
+            mujoco.mj_step(model, data)
+        went[0, i] = data.qpos[0]
+    plant = Plant(model, ["hinge"])
+    own = {key: values for key, values in plant.own_values.items() if values.any()}
+    window = one_window(went, sent)
+    found = Forward(plant, STEP_S).positions(
+        window, window.begin_rad, window.begin_rad_s, [JointState(1, own | NO_LIMIT)], np.zeros(1, int)
+    )
+    assert np.abs(found - went).max() < 0.02 * np.abs(went).max()
+
+
+def test_in_the_loop_a_servo_stops_where_its_torque_and_gravity_are_even():
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more='damping="0.1"'))
+    samples, stall_nm = 1200, 0.5
+    law = [np.full((1, samples, 1), value) for value in (1.0, 5.0, 0.0, stall_nm, 0.02, 0.0)]
+    window = one_window(np.zeros((1, samples, 1)), np.full((1, samples, 1), np.nan), Feedback(*law))
+    state = JointState(1, {"viscous_friction.damping_nm_s_rad": np.array([0.1]), **NO_LIMIT})
+    forward = Forward(Plant(model, ["hinge"]), STEP_S)
+    rests = forward.positions(window, window.begin_rad, window.begin_rad_s, [state], np.zeros(1, int))[0, -1, 0]
+    asked = min(5.0 * (1.0 - rests), stall_nm)
+    assert asked == pytest.approx(0.6 * 9.81 * 0.15 * np.sin(rests), rel=1e-3)
+
+
+@pytest.mark.parametrize("own_steps", [True, False])
+def test_a_torque_constant_is_that_of_the_motor_s_own_voltage_too(own_steps):
+    """Torque is kt V / R - kt^2 speed / R, whatever kt is."""
+    model, samples, less = mujoco.MjModel.from_xml_string(PENDULUM.format(more="")), 200, 0.8
+    voltage = 6.0 * np.sin(np.arange(samples) / 15.0)[None, :, None]
+    plant, nominal = Plant(model, ["hinge"]), JointState(1, NO_LIMIT)
+
+    def went(kt: float, state: JointState) -> np.ndarray:
+        nothing = np.zeros((1, samples, 1))
+        law = Feedback(nothing, nothing, nothing, nothing + np.inf, nothing + kt**2 / 2.0, kt * voltage / 2.0)
+        window = one_window(nothing, np.full((1, samples, 1), np.nan), law)
+        forward = Forward(plant, STEP_S)
+        if not own_steps:
+            forward._chain = None
+        return forward.positions(window, window.begin_rad, window.begin_rad_s, [state], np.zeros(1, int))[0, :, 0]
+
+    weaker = JointState(1, {"torque_constant.error": np.array([less - 1.0]), **NO_LIMIT})
+    np.testing.assert_allclose(went(0.3, weaker), went(less * 0.3, nominal), atol=1e-9)
+    assert np.abs(went(0.3, nominal) - went(less * 0.3, nominal)).max() > 0.05
+
+
+@pytest.mark.parametrize("is_held", [True, False])
+def test_in_the_loop_a_controller_holds_its_torque_for_a_row_or_computes_all_the_time(is_held):
+    """Rows 20 ms apart at which a damping of 0.4 N m s/rad shakes the joint, if torques are held, and only there."""
+    model, row_s, samples = mujoco.MjModel.from_xml_string(PENDULUM.format(more="")), 0.02, 40
+    data = mujoco.MjData(model)
+    went = np.empty(samples)
+    for i in range(samples):
+        for now in range(round(row_s / model.opt.timestep)):
+            if now == 0 or not is_held:
+                data.ctrl[0] = 6.0 * (0.3 - data.qpos[0]) - 0.4 * data.qvel[0]
+            mujoco.mj_step(model, data)
+        went[i] = data.qpos[0]
+    law = [np.full((1, samples, 1), value) for value in (0.3, 6.0, 0.4, np.inf, 0.0, 0.0)]
+    window = replace(one_window(np.zeros((1, samples, 1)), np.full((1, samples, 1), np.nan), Feedback(*law)), step_s=row_s)
+    plant, state = Plant(model, ["hinge"]), JointState(1, NO_LIMIT)
+
+    def off(*, as_held: bool) -> float:
+        """With the speed at the begin that fits best: steps of 2.5 ms know it half a step before."""
+        forward, speeds = Forward(plant, row_s, held_s=row_s if as_held else 0.0), np.linspace(-0.5, 0.5, 101)[:, None]
+        many = window.some(np.zeros(len(speeds), int))
+        found = forward.positions(many, many.begin_rad, speeds, [state], np.zeros(len(speeds), int))
+        return float(np.abs(found[:, :, 0] - went).max(axis=1).min())
+
+    assert off(as_held=is_held) < 0.5 * off(as_held=not is_held)
+
+
+def test_a_delayed_torque_comes_late():
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more=""))
+    sent = np.zeros((2, 40, 1))
+    sent[0, 4:], sent[1, 6:] = 0.3, 0.3
+    window = replace(one_window(sent, sent), begin_rad=np.zeros((2, 1)), begin_rad_s=np.zeros((2, 1)), owner=np.zeros(2, int))
+    prompt = JointState(1, NO_LIMIT)
+    late = JointState(1, {"action_delay.delay_s": np.array([2 * STEP_S]), **NO_LIMIT})
+    went = Forward(Plant(model, ["hinge"]), STEP_S).positions(
+        window, window.begin_rad, window.begin_rad_s, [prompt, late], np.array([1, 0])
+    )
+    assert went[0] == pytest.approx(went[1], abs=1e-12) and np.abs(went).max() > 0.01
+
+
+def test_windows_leave_out_what_was_not_measured():
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more=""))
+    recording = recorded(model, targets(8.0, 3))
+    study = study_joints(model, [recording], lambda *_: None, robot=UnknownRobot(), gate=np.inf)
+    whole = windows_of(study.problem.episodes, 1.0, STEP_S, np.array([1e-4]))
+    assert recording.joints is not None
+    gone = recording.joints.position_rad.copy()
+    gone[500:520] = np.nan
+    broken = replace(recording, joints=replace(recording.joints, position_rad=gone))
+    of_broken = study_joints(model, [broken], lambda *_: None, robot=UnknownRobot(), gate=np.inf).problem.episodes
+    less = windows_of(of_broken, 1.0, STEP_S, np.array([1e-4]))
+    assert len(whole) == 7 and len(less) == 6
+    assert np.isfinite(less.position_rad).all() and np.isfinite(less.sent_nm).all()
+
+
+def test_of_windows_in_which_every_joint_rests_there_are_few():
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more=""))
+    rests = np.concatenate([targets(4.0, 3), np.full(1600, targets(4.0, 3)[-1])])
+    recording = recorded(model, rests, noise_rad=0.0)
+    episodes = study_joints(model, [recording], lambda *_: None, robot=UnknownRobot(), gate=np.inf).problem.episodes
+    every, fewer, none = (windows_of(episodes, 1.0, STEP_S, np.array([noise_rad])) for noise_rad in (0.0, 1e-3, 10.0))
+    assert len(every) == len(none) == 11, "where nothing moves there are no others"
+    goes_rad = np.ptp(fewer.position_rad, axis=1)[:, 0]
+    moving = int((np.ptp(every.position_rad, axis=1) > 1e-2).sum())
+    assert 4 <= moving <= 6, "it settles within a second or two"
+    assert (goes_rad > 1e-2).sum() == moving and len(fewer) == moving + moving // 2

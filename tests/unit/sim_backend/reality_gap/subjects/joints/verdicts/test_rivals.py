@@ -1,0 +1,52 @@
+"""Which other hypothesis nearly did as well where a cause was taken."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sim_backend.reality_gap.knowledge.healthy import NO_SESSIONS
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
+from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS, Hypothesis
+from sim_backend.reality_gap.subjects.joints.laws.state import JointState
+from sim_backend.reality_gap.subjects.joints.torques.look import Accepted, Candidate
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import _rival
+
+NOTHING = np.zeros(0)
+
+
+def candidate(effect, where, gain):
+    return Candidate(Hypothesis(effect, where, (), ()), gain, 0.0, NOTHING, NOTHING, True, NOTHING)
+
+
+def study(*looks):
+    start = JointState(2)
+    made = [SimpleNamespace(candidates=look, catalogue=SimpleNamespace(terms=()), state=start) for look in looks]
+    fit = SimpleNamespace(looks=made, accepted=(), refused=frozenset())
+    problem = SimpleNamespace(expects_many=False)
+    return SimpleNamespace(fit=fit, problem=problem, robot=KnownTriFinger(NO_SESSIONS), gates={}, gate=12.0, start=start)
+
+
+@pytest.mark.parametrize(("where", "rival", "behind"), [(ALL_JOINTS, "viscous_friction", 1.0), ("elbow", "action_delay", 10.0)])
+def test_all_joints_are_a_rival_of_all_joints_and_not_of_a_single_one(where, rival, behind):
+    look = (
+        candidate("coulomb_friction", where, 100.0),
+        candidate("viscous_friction", ALL_JOINTS, 99.0),
+        candidate("action_delay", "elbow", 90.0),
+    )
+    found = _rival(study(look), Accepted("coulomb_friction", where, (), 100.0))
+    assert found is not None
+    assert (found[0].effect, found[0].behind) == (rival, behind)
+
+
+def test_a_cause_is_compared_at_the_look_at_which_it_was_taken():
+    """A group that takes the place of single joints leaves fewer causes than looks."""
+    taken = candidate("action_delay", ALL_JOINTS, 50.0)
+    looks = [
+        (candidate("coulomb_friction", "elbow", 200.0), taken, candidate("viscous_friction", ALL_JOINTS, 80.0)),
+        (candidate("coulomb_friction", ALL_JOINTS, 90.0),),
+        (taken, candidate("viscous_friction", ALL_JOINTS, 20.0)),
+    ]
+    found = _rival(study(*looks), Accepted("action_delay", ALL_JOINTS, (), 50.0, look=2))
+    assert found is not None
+    assert found[0].behind == 30.0
