@@ -128,6 +128,12 @@ class Slides:
         return tuple(told)
 
 
+def told_distance(distance_rad: float, *, is_slide: bool, digits: int = 2) -> str:
+    """How far a joint went, to some digits: mrad of a hinge, mm of a slide that is counted as one."""
+    size = 1e3 * distance_rad * (ARM_M if is_slide else 1.0)
+    return f"{float(f'{size:.{digits}g}'):g} {'mm' if is_slide else 'mrad'}"
+
+
 def _feedback_as_hinges(law: Feedback, arm: np.ndarray) -> Feedback:
     return Feedback(
         law.target_rad / arm,

@@ -35,6 +35,7 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_questions import s
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import GATE, Taken
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import RolloutSelection, instead, without
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import OF_NUMBER
+from sim_backend.reality_gap.subjects.joints.slides import told_distance
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, HeldOut, Rival, Told, Verdict, VerdictKind
 
 _SURE = 0.95
@@ -86,7 +87,8 @@ def verdict_of_rollouts(
     left_rad, far_left_rad = of_healthy_rad(with_causes or healthy, enough_of(problem))
     is_halved, is_far_halved = after < (1.0 - EXPLAINED) * before, far_after < (1.0 - EXPLAINED) * far_before
     is_only_far = bool((after <= left_rad).all() and (far_after > far_left_rad).any())
-    said = _left(selection, names, after, far_after if is_only_far else None)
+    is_slide = study.problem.episodes[0].plant.is_slide
+    said = _left(selection, names, is_slide, after, far_after if is_only_far else None)
     is_healthy = bool((before <= usual_rad).all() and (far_before <= far_rad).all())
     is_gain = is_halved | (is_far_halved & (far_before > far_rad))
     is_usual = bool((after <= left_rad).all() and (far_after <= far_left_rad).all())
@@ -95,14 +97,16 @@ def verdict_of_rollouts(
     explains = explains and (is_usual or problem.is_near_noise(selection.fit) or would_move_nats(problem, selection.fit) < GATE)
     if is_healthy and not (causes and explains):
         worst = int(np.argmax(before / usual_rad))
-        usual = f"up to {1e3 * usual_rad[worst]:.2g} mrad are usual for a robot whose model is as exact as is tolerated"
-        off = f"{1e3 * before[worst]:.2g} mrad off at {names[worst]} (masses and friction fitted within their tolerances)"
+        most, end = (told_distance(rad[worst], is_slide=bool(is_slide[worst])) for rad in (usual_rad, before))
+        usual = f"up to {most} are usual for a robot whose model is as exact as is tolerated"
+        off = f"{end} off at {names[worst]} (masses and friction fitted within their tolerances)"
         kind, causes = VerdictKind.NOTHING_WRONG, []
         summary = f"The model goes where the robot went: a window of {problem.length_s:g} s ends up {off}, and {usual}."
     elif not causes:
         kind, summary = VerdictKind.UNEXPLAINED, f"The model does not go where the robot went: {said}, and no cause explains it."
     elif not explains:
-        kind, summary = VerdictKind.UNEXPLAINED, f"{_listed(causes)} explains a part of it; with it {said}."
+        explain = "explain" if len(selection.taken) > 1 else "explains"
+        kind, summary = VerdictKind.UNEXPLAINED, f"{_listed(causes)} {explain} a part of it; then {said}."
     elif near:
         kind, summary = VerdictKind.CONFUSABLE, "Some cause explains where the robot went, but these data cannot tell which."
         causes += [cause for _, _, other, fit in near for cause in causes_of(study, fit, other)]
@@ -162,13 +166,16 @@ def _next(kind: VerdictKind, near: Sequence[Rival]) -> tuple[str, ...]:
     return ("each joint slowly and fast, unloaded and loaded",) if kind is VerdictKind.UNEXPLAINED else ()
 
 
-def _left(selection: RolloutSelection, names: Sequence[str], usual_rad: np.ndarray, far_rad: np.ndarray | None) -> str:
+def _left(
+    selection: RolloutSelection, names: Sequence[str], is_slide: np.ndarray, usual_rad: np.ndarray, far_rad: np.ndarray | None
+) -> str:
     """Where windows end up with a selection's causes: a usual one, or where those are fine one of ten."""
     problem = selection.problem
     off, which = (usual_rad, "a usual window") if far_rad is None else (far_rad, "one window of ten")
     worst = int(np.argmax(off / problem.noise_rad))
     more = "" if far_rad is None else " or more"
-    left = f"{which} of {problem.length_s:g} s ends up {1e3 * off[worst]:.2g} mrad{more} off at {names[worst]}"
+    end = told_distance(off[worst], is_slide=bool(is_slide[worst]))
+    left = f"{which} of {problem.length_s:g} s ends up {end}{more} off at {names[worst]}"
     return f"{left}, {off[worst] / problem.noise_rad[worst]:.0f} times the noise of its encoder"
 
 

@@ -13,7 +13,7 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.knowledge.joint_effects import FITTED, Sign
 from sim_backend.reality_gap.subjects.joints.gain import errors_of, held_out_errors
 from sim_backend.reality_gap.subjects.joints.identification import LEAST_TORQUE_SHARE, JointStudy
-from sim_backend.reality_gap.subjects.joints.slides import ARM_M
+from sim_backend.reality_gap.subjects.joints.slides import told_distance
 from sim_backend.reality_gap.subjects.joints.torques.look import Accepted
 from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import shares
 from sim_backend.reality_gap.subjects.joints.verdicts.misreadings import listed, misreading
@@ -92,7 +92,7 @@ def _sensors_alone(study: JointStudy) -> list[str]:
         if (is_slide == is_slide[j]).sum() > 1:
             continue
         step_rad = max(float(e.path.encoder_step_rad[j]) for e in episodes)
-        size = f"{1e3 * step_rad * (ARM_M if is_slide[j] else 1.0):.3g} {'mm' if is_slide[j] else 'mrad'}"
+        size = told_distance(step_rad, is_slide=bool(is_slide[j]), digits=3)
         steps = f" (its positions come in steps of {size})" if step_rad > 0.0 else ""
         said.append(f"whether sensors of {name} are coarser or noisier than usual{steps}: no other joint to compare with")
     return said

@@ -8,7 +8,7 @@ import pytest
 
 from sim_backend.reality_gap.feedback import Feedback
 from sim_backend.reality_gap.recording import JointSignals, Recording
-from sim_backend.reality_gap.subjects.joints.slides import Slides
+from sim_backend.reality_gap.subjects.joints.slides import Slides, told_distance
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, HeldOut, Told, Verdict, VerdictKind
 
 CART_POLE = """<mujoco><option timestep="0.001"/><worldbody><body>
@@ -106,3 +106,10 @@ def test_values_to_start_from_are_counted_alike():
     assert counted["gravity.offset_m_s2"] == pytest.approx([0.0, 0.0, 0.1])
     cogging = slides.values_as_hinges({"cogging.phase_rad": np.array([1.0, 1.0])})
     assert cogging["cogging.phase_rad"] == pytest.approx([1.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("distance_rad", "is_slide", "said"), [(0.1432, False, "140 mrad"), (0.1432, True, "14 mm"), (0.00169, True, "0.17 mm")]
+)
+def test_distances_are_told_in_the_units_of_their_joint(distance_rad, is_slide, said):
+    assert told_distance(distance_rad, is_slide=is_slide) == said
