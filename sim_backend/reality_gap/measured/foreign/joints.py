@@ -94,9 +94,10 @@ def _joint(rows: Rows, grid: time_grid.Grid, joint: JointEntry, outliers: list[O
     signals = {"position": time_grid.interpolated(grid, rows.time_s, position, own_rate=True)}
     for word in _SIGNED:
         if word in found:
+            sign = joint.sign * (joint.torque_sign if word.endswith("torque") else 1.0)
             if word in _TORQUES:
                 found[word] = without_outliers(word, found[word], torque_outliers(found[word]))
-            signals[word] = _resampled(rows, grid, word, joint.sign * found[word])
+            signals[word] = _resampled(rows, grid, word, sign * found[word])
     if "position_target" in found:
         target = time_grid.held(grid, rows.time_s, _target(joint, found["position_target"], zero, position, turns=turns))
         signals["position_target"] = target
@@ -122,7 +123,7 @@ def _feedback(
     laws = np.full((6, samples, len(joints)), np.nan)
     for j, (joint, column) in enumerate(zip(joints, columns, strict=True)):
         if joint.motor is not None and (joint.motor.table == "motor" or "position_target" in column):
-            laws[:, :, j] = _of_motor(joint.motor, joint.sign, column, samples)
+            laws[:, :, j] = _of_motor(joint.motor, joint.sign * joint.torque_sign, column, samples)
         elif controller is not None and "position_target" in column:
             laws[0, :, j], laws[5, :, j] = column["position_target"], column.get("desired_torque", 0.0)
             laws[1, :, j] = controller.stiffness_nm_rad[joint.name]

@@ -93,6 +93,7 @@ class JointEntry:
         slide: whether it slides; its units are m, m/s and N then.
         channels: by the words of ``JOINT_CHANNELS``; position is always there.
         sign: -1 where the data count the other way round.
+        torque_sign: -1 where torques, or a motor's voltage, count against positions.
         zero: reading at which the model's joint is at 0, in the unit of the position column.
         ambient: temperature around the motor, in the unit of the temperature column.
         wrapped: whether angles jump by a turn; None leaves it to the data.
@@ -105,6 +106,7 @@ class JointEntry:
     slide: bool
     channels: Mapping[str, DataChannel]
     sign: float = 1.0
+    torque_sign: float = 1.0
     zero: float = 0.0
     ambient: float = 0.0
     wrapped: bool | None = None
@@ -160,14 +162,15 @@ def hinge_and_slide_joints(model: MjModel) -> dict[str, bool]:
 
 
 def _joint(section: Section, name: str, *, slide: bool) -> JointEntry:
-    numbers = ("sign", "zero", "ambient", "wrapped", "passive")
+    numbers = ("sign", "torque_sign", "zero", "ambient", "wrapped", "passive")
     section.only(*JOINT_CHANNELS, "torque", "torque_kind", *_UNIT_KEYS.values(), *numbers, *_TABLES)
     section.text("position")
     columns = {word: section.text(word) for word in JOINT_CHANNELS if section.has(word)} | _torque(section)
     channels = {word: _joint_channel(section, name, word, column, slide=slide) for word, column in columns.items()}
-    sign = section.number("sign", 1.0)
-    if sign not in {-1.0, 1.0}:
-        raise section.refusal(f"sign is {sign:g}; it must be 1 or -1 (a scale belongs into the unit)")
+    signs = {key: section.number(key, 1.0) for key in ("sign", "torque_sign")}
+    for key, sign in signs.items():
+        if sign not in {-1.0, 1.0}:
+            raise section.refusal(f"{key} is {sign:g}; it must be 1 or -1 (a scale belongs into the unit)")
     if section.has("temperature") and not section.has("ambient"):
         raise section.refusal("temperature needs ambient, the temperature around the motor in the same unit (0 if it is a rise)")
     motor, columns_of_motor = _motor(section, name)
@@ -179,7 +182,8 @@ def _joint(section: Section, name: str, *, slide: bool) -> JointEntry:
         name,
         slide,
         channels | columns_of_motor,
-        sign,
+        signs["sign"],
+        signs["torque_sign"],
         section.number("zero", 0.0),
         section.number("ambient", 0.0),
         section.flag("wrapped"),

@@ -148,6 +148,14 @@ def test_sign_zero_and_a_number_as_unit(tmp_path):
     np.testing.assert_array_equal(joints.measured_torque_nm[:, 0], -data["tau"])
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_torques_that_count_against_positions_are_turned_alone(tmp_path, sign):
+    study = STUDY.replace('position = "q"', f'position = "q"\nsign = {sign}\ntorque_sign = -1')
+    data, joints = columns(), read(folder(tmp_path, study, columns()))[0].joints
+    np.testing.assert_array_equal(joints.velocity_rad_s[:, 0], sign * data["dq"])
+    np.testing.assert_array_equal(joints.measured_torque_nm[:, 0], -sign * data["tau"])
+
+
 def test_position_targets_lie_on_the_turn_of_the_position(tmp_path):
     data = columns()
     turned = 30.0 * data["time"]
