@@ -82,7 +82,7 @@ def verdict_of_rollouts(
     causes = [_covering(cause, extended) for cause in causes]
     before, after = selection.nominal.usual_rad, selection.fit.usual_rad
     far_before, far_after = selection.nominal.far_rad, selection.fit.far_rad
-    kind, summary = VerdictKind.NAMED, f"The robot goes where a model goes that has {_listed(causes)}."
+    kind, summary = VerdictKind.NAMED, f"The robot goes where a model goes that has {_listed(causes)}"
     usual_rad, far_rad = of_healthy_rad(healthy, enough_of(problem))
     left_rad, far_left_rad = of_healthy_rad(with_causes or healthy, enough_of(problem))
     is_halved, is_far_halved = after < (1.0 - EXPLAINED) * before, far_after < (1.0 - EXPLAINED) * far_before
@@ -110,7 +110,12 @@ def verdict_of_rollouts(
     elif near:
         kind, summary = VerdictKind.CONFUSABLE, "Some cause explains where the robot went, but these data cannot tell which."
         causes += [cause for _, _, other, fit in near for cause in causes_of(study, fit, other)]
-    is_left = kind is VerdictKind.NAMED and not problem.is_near_noise(selection.fit)
+    else:
+        summary = f"{summary}: {_with_and_without(selection, names, is_slide, usual=bool(is_halved.any()))}."
+    unknown = (
+        [f"where the rest comes from: {said}"] if kind is VerdictKind.NAMED and not problem.is_near_noise(selection.fit) else []
+    )
+    unknown += _few_windows(selection.fit, names, is_slide, far_left_rad) if kind is VerdictKind.NAMED else []
     return Verdict(
         verdict=kind,
         summary=summary,
@@ -119,7 +124,7 @@ def verdict_of_rollouts(
         held_out=_gained(selection),
         runner_up=min(rivals, key=lambda rival: rival.behind, default=None),
         rejected=tuple(sorted(rivals, key=lambda rival: rival.behind)),
-        cannot_tell=(*([f"where the rest comes from: {said}"] if is_left else []), *_UNSEEN),
+        cannot_tell=(*unknown, *_UNSEEN),
         record_next=_next(kind, [rival for _, rival, _, _ in near]),
         effects=tuple(effects_judged(selection, kind, causes, [rival for _, rival, _, _ in near])),
     )
@@ -177,6 +182,25 @@ def _left(
     end = told_distance(off[worst], is_slide=bool(is_slide[worst]))
     left = f"{which} of {problem.length_s:g} s ends up {end}{more} off at {names[worst]}"
     return f"{left}, {off[worst] / problem.noise_rad[worst]:.0f} times the noise of its encoder"
+
+
+def _with_and_without(selection: RolloutSelection, names: Sequence[str], is_slide: np.ndarray, *, usual: bool) -> str:
+    """Where windows end up with a selection's causes and without, at the joint that shows it best: usual ones, or one of ten."""
+    nominal, fit = selection.nominal, selection.fit
+    before, after = (nominal.usual_rad, fit.usual_rad) if usual else (nominal.far_rad, fit.far_rad)
+    best = int(np.argmax(before / np.maximum(after, 1e-12)))
+    with_it, without_it = (told_distance(rad[best], is_slide=bool(is_slide[best])) for rad in (after, before))
+    which = "a usual window" if usual else "one window of ten"
+    return f"{which} of {selection.problem.length_s:g} s ends up {with_it} off at {names[best]}, {without_it} without that"
+
+
+def _few_windows(fit: RolloutFit, names: Sequence[str], is_slide: np.ndarray, limit_rad: np.ndarray) -> list[str]:
+    """Of joints whose whole error is beyond what one window of ten may be off: a few windows make it, and what is not known."""
+    found, off_rad = [], np.sqrt(fit.squares)
+    for j in map(int, np.flatnonzero(np.sqrt(fit.squares.mean(axis=0)) > limit_rad)):
+        few, worst = int((off_rad[:, j] > limit_rad[j]).sum()), told_distance(off_rad[:, j].max(), is_slide=bool(is_slide[j]))
+        found.append(f"what happened in {few} of {len(off_rad)} windows: they end up as far as {worst} off at {names[j]}")
+    return found
 
 
 def effects_judged(
