@@ -7,7 +7,7 @@ controller nothing comes after the limit. A servo clips its duty before the moto
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,8 @@ class Feedback:
         limit_nm: of what the gains ask for; infinite without one.
         back_emf_nm_s_rad: torque that is lost for each rad/s, after the limit.
         desired_nm: torque that is added before the limit.
+        on_board: 1 where the law runs beside the motor, so that targets and desired torques are what a delay makes late; 0 where
+            the law runs before the delay, which makes its torque late.
     """
 
     target_rad: np.ndarray
@@ -31,11 +33,17 @@ class Feedback:
     limit_nm: np.ndarray
     back_emf_nm_s_rad: np.ndarray
     desired_nm: np.ndarray
+    on_board: np.ndarray
 
     @property
     def is_known(self) -> np.ndarray:
         """Joints that it drives, shape (k,)."""
         return np.asarray(np.isfinite(self.stiffness_nm_rad).reshape(-1, self.stiffness_nm_rad.shape[-1]).any(axis=0))
+
+    @property
+    def is_on_board(self) -> np.ndarray:
+        """Joints whose law runs beside their motors, shape (k,)."""
+        return np.asarray((np.nan_to_num(self.on_board) > 0.5).reshape(-1, self.on_board.shape[-1]).any(axis=0))
 
     def torque_nm(self, position_rad: np.ndarray, velocity_rad_s: np.ndarray) -> np.ndarray:
         """Torque that is sent for the positions and velocities that are reported, of the law's shape."""
@@ -46,6 +54,27 @@ class Feedback:
     def at(self, index: Any) -> "Feedback":
         """The law of some samples, as arrays are indexed."""
         return Feedback(*(getattr(self, field.name)[index] for field in fields(self)))
+
+    def of_step(self, sample: int, at: np.ndarray, lasts: float) -> "Feedback":
+        """The law of a step, arrays (n, k), with what has come by it of targets and desired torques: means over the step.
+
+        Both are held from sample to sample; the first and the last one go on.
+
+        Args:
+            sample: in which the step is.
+            at: when what comes at its begin was sent, in samples, shape (n, k).
+            lasts: how long the step is, in samples.
+        """
+        last = self.target_rad.shape[1] - 1
+        first, second = (np.clip(np.floor(edge), 0, last).astype(int)[:, None] for edge in (at + 1e-9, at + lasts - 1e-9))
+        share = np.where(first == second, 1.0, (at + lasts)[:, None] - second) / np.where(first == second, 1.0, lasts)
+
+        def arriving(held: np.ndarray) -> np.ndarray:
+            older, newest = (np.take_along_axis(held, index, axis=1) for index in (first, second))
+            return np.where(first == second, newest, share * newest + (1.0 - share) * older)[:, 0]
+
+        law = self.at((slice(None), sample))
+        return replace(law, target_rad=arriving(self.target_rad), desired_nm=arriving(self.desired_nm))
 
     @staticmethod
     def stacked(laws: Sequence["Feedback"]) -> "Feedback":

@@ -14,6 +14,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from sim_backend.reality_gap.feedback import Feedback
 from sim_backend.reality_gap.measured.foreign.episodes import read_recordings
 from sim_backend.reality_gap.measured.foreign.study_file import load_study_file
 from sim_backend.reality_gap.model.extended_laws import Laws
@@ -225,24 +226,30 @@ def simulated(
     substeps = int(np.ceil(recording.step_s / longest_s - 1e-9))
     model.opt.timestep = recording.step_s / substeps
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    acting = Laws(model, {} if laws is None else laws, joints.names)
+    feedback = None if joints.feedback is None else Feedback.stacked([joints.feedback])
+    is_on_board = np.zeros(len(joints.names), bool) if feedback is None else feedback.is_on_board
+    on_board = [name for name, is_so in zip(joints.names, is_on_board, strict=True) if is_so]
+    acting = Laws(model, {} if laws is None else laws, joints.names, on_board)
     data = mujoco.MjData(model)
     at = [int(model.joint(name).qposadr[0]) for name in joints.names]
     dof = [int(model.joint(name).dofadr[0]) for name in joints.names]
     data.qpos[at], data.qvel[dof] = begin_rad, begin_rad_s
     mujoco.mj_forward(model, data)
-    sent, feedback = filled_gaps(_torques(joints))[part], None if joints.feedback is None else joints.feedback.at(part)
+    sent = filled_gaps(_torques(joints))[part]
+    late_s = np.where(is_on_board, [acting.delay_s(name) for name in joints.names], 0.0)
     if feedback is not None:
         gains, own = (np.array([of(name) for name in joints.names]) for of in (acting.position_gain, acting.own_voltage))
         stiffness, back_emf = gains * feedback.stiffness_nm_rad, own * feedback.back_emf_nm_s_rad
         feedback = replace(feedback, stiffness_nm_rad=stiffness, back_emf_nm_s_rad=back_emf)
     found, before = np.empty((len(sent), len(at))), np.array(begin_rad_s)
     for row in range(len(sent)):
-        for _ in range(substeps):
+        for step in range(substeps):
             torque = sent[row]
             if feedback is not None:
                 now = data.qvel[dof] + 0.5 * (data.qvel[dof] - before)  # velocities are those of half a step ago
-                before, made = data.qvel[dof].copy(), feedback.at(row).torque_nm(data.qpos[at], now)
+                sent_at = part.start + row + step / substeps - late_s[None] / recording.step_s
+                law = feedback.of_step(part.start + row, sent_at, 1.0 / substeps)
+                before, made = data.qvel[dof].copy(), law.torque_nm(data.qpos[at], now)[0]
                 torque = np.where(np.isfinite(made), made, torque)
             acting.apply(model, data, dict(zip(joints.names, map(float, torque), strict=True)))
             if plays and data.time == 0.0:

@@ -15,7 +15,9 @@
 ``apply`` takes the place of the model's actuators at the joints that it knows: torques go to ``qfrc_applied``, and friction that
 depends on speed, direction or load moves the bound of MuJoCo's friction constraint, so that the solver decides what sticks.
 Whoever computes torques of a position controller multiplies its stiffness by ``laws.position_gain("shoulder")``, and whoever
-computes them from a motor's voltage the torque that its own voltage takes by ``laws.own_voltage("shoulder")``.
+computes them from a motor's voltage the torque that its own voltage takes by ``laws.own_voltage("shoulder")``. Of joints whose
+controller runs beside the motor, as a servo's does, targets or voltages are late and not torques: name these joints ``on_board``
+and compute their torques from what was asked for ``laws.delay_s("shoulder")`` ago.
 """
 
 import json
@@ -51,14 +53,22 @@ class Laws:
         model: compiled from ``extended-model.xml`` for these laws alone: its friction constraints are set in every step.
         values: the file, or its content: by joint, by "effect.parameter".
         joints: more joints to drive, without any such law.
+        on_board: joints whose torques are those of now, since it is their targets that are late.
 
     Raises:
         KeyError: the model has no joint of a name.
     """
 
-    def __init__(self, model: Any, values: str | Path | Mapping[str, Mapping[str, float]], joints: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        model: Any,
+        values: str | Path | Mapping[str, Mapping[str, float]],
+        joints: Sequence[str] = (),
+        on_board: Sequence[str] = (),
+    ) -> None:
         given = values if isinstance(values, Mapping) else json.loads(Path(values).read_text())["joints"]
-        self._joints = {name: _Joint(model, name, own) for name, own in ({name: {} for name in joints} | dict(given)).items()}
+        known = {name: {} for name in joints} | dict(given)
+        self._joints = {name: _Joint(model, name, own, on_board=name in on_board) for name, own in known.items()}
 
     def apply(self, model: Any, data: Any, sent_nm: Mapping[str, float]) -> None:
         """Set what acts in the next step.
@@ -79,18 +89,24 @@ class Laws:
         """What the stiffness of a joint's position controller is to be multiplied by: 1 where it is as its owner says."""
         return self._joints[joint].position_gain
 
+    def delay_s(self, joint: str) -> float:
+        """How late a joint's targets are, if its controller runs beside its motor."""
+        return self._joints[joint].delay_s
+
     def own_voltage(self, joint: str) -> float:
         """What the voltage that a joint's motor makes itself is to be multiplied by, where torque is computed from a voltage."""
         return self._joints[joint].own_voltage
 
 
 class _Joint:
-    def __init__(self, model: Any, name: str, values: Mapping[str, float]) -> None:
+    def __init__(self, model: Any, name: str, values: Mapping[str, float], *, on_board: bool) -> None:
         joint = model.joint(name)
         self.dof = int(joint.dofadr[0])
         self._v = dict(values)
         self.position_gain = self._v.get("position_gain.factor", 1.0)
         self.own_voltage = 1.0 + self._v.get("torque_constant.error", 0.0)
+        self.delay_s = self._v.get("action_delay.delay_s", 0.0)
+        self._torque_late_s = 0.0 if on_board else self.delay_s
         self._constant_nm = float(model.dof_frictionloss[self.dof])
         model.dof_solref[self.dof], model.dof_solimp[self.dof] = SOLREF, SOLIMP
         model.dof_frictionloss[self.dof] = max(self._constant_nm, _LEAST_NM)
@@ -103,7 +119,7 @@ class _Joint:
 
     def arrived(self, sent_nm: float, step_s: float) -> float:
         """What was sent a delay ago, between steps as on a line."""
-        late = self._v.get("action_delay.delay_s", 0.0) / step_s
+        late = self._torque_late_s / step_s
         whole = math.floor(late + 1e-9)
         share = late - whole if late - whole > 1e-6 else 0.0
         self._sent = [*self._sent, sent_nm][-whole - 2 :]

@@ -120,7 +120,7 @@ def _feedback(
     joints: Sequence[JointEntry], columns: Sequence[Mapping[str, np.ndarray]], controller: Controller | None, samples: int
 ) -> Feedback | None:
     """What turned position targets into torque; None where no joint has any."""
-    laws = np.full((6, samples, len(joints)), np.nan)
+    laws = np.full((7, samples, len(joints)), np.nan)
     for j, (joint, column) in enumerate(zip(joints, columns, strict=True)):
         if joint.motor is not None and (joint.motor.table == "motor" or "position_target" in column):
             laws[:, :, j] = _of_motor(joint.motor, joint.sign * joint.torque_sign, column, samples)
@@ -129,25 +129,27 @@ def _feedback(
             laws[1, :, j] = controller.stiffness_nm_rad[joint.name]
             laws[2, :, j] = controller.damping_nm_s_rad[joint.name]
             laws[3, :, j], laws[4, :, j] = controller.torque_limit_nm.get(joint.name, np.inf), 0.0
+            laws[6, :, j] = controller.on_board
     return Feedback(*laws) if np.isfinite(laws[1]).any() else None
 
 
 def _of_motor(motor: VoltageMotor, sign: float, column: Mapping[str, np.ndarray], samples: int) -> np.ndarray:
-    """The law of a motor that is driven by voltage, in the order of :class:`Feedback`, shape (6, samples)."""
+    """The law of a motor that is driven by voltage, in the order of :class:`Feedback`, shape (7, samples)."""
 
     def of(key: str) -> np.ndarray:
         return column.get(f"{motor.table}_{key}", np.full(samples, motor.constants.get(key, np.nan)))
 
-    nothing, enabled = np.zeros(samples), of("enabled")
+    nothing, on_board, enabled = np.zeros(samples), np.ones(samples), of("enabled")
     is_on = np.where(np.isfinite(enabled), enabled > 0.5, False)
     by_volt = is_on * motor.torque_constant_nm_a / motor.resistance_ohm
     stall_nm, back_emf = by_volt * of("supply"), by_volt * motor.torque_constant_nm_a
     if motor.table == "servo":
         desired = column.get("desired_torque", nothing)
-        return np.stack([column["position_target"], stall_nm * of("gain"), nothing, np.abs(stall_nm), back_emf, desired])
+        target, stiffness = column["position_target"], stall_nm * of("gain")
+        return np.stack([target, stiffness, nothing, np.abs(stall_nm), back_emf, desired, on_board])
     sent_nm = stall_nm * of("duty") if "motor_duty" in column or "duty" in motor.constants else by_volt * of("voltage")
     limit_nm = np.where(np.isfinite(stall_nm), np.abs(stall_nm), np.inf)
-    return np.stack([nothing, nothing, nothing, limit_nm, back_emf, sign * sent_nm])
+    return np.stack([nothing, nothing, nothing, limit_nm, back_emf, sign * sent_nm, on_board])
 
 
 def _target(joint: JointEntry, target: np.ndarray, zero: float, position: np.ndarray, *, turns: bool) -> np.ndarray:

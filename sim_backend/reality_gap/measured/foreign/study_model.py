@@ -19,13 +19,15 @@ NominalValue = float | tuple[float, ...] | dict[str, float]
 class Controller:
     """What turned position targets into torque: stiffness (target - position) - damping velocity + desired torque, limited.
 
-    By joint; a joint without a torque limit has none. N m/rad, N m s/rad and N m; for slide joints N/m, N s/m and N.
+    By joint; a joint without a torque limit has none. N m/rad, N m s/rad and N m; for slide joints N/m, N s/m and N. One
+    ``on_board`` runs beside the motors, so that a delay is one of targets.
     """
 
     kind: str
     stiffness_nm_rad: Mapping[str, float]
     damping_nm_s_rad: Mapping[str, float]
     torque_limit_nm: Mapping[str, float]
+    on_board: bool = False
 
 
 def nominal_values(top: Section, joints: Sequence[str]) -> dict[str, NominalValue]:
@@ -56,9 +58,10 @@ def controller(top: Section, joints: Sequence[str]) -> Controller | None:
     if not top.has("controller"):
         return None
     section = top.section("controller", "[controller]")
-    section.only("kind", "stiffness", "damping", "torque_limit")
-    kind = section.choice("kind", ("pd",))
-    return Controller(kind, *(_per_joint(section, key, joints) for key in ("stiffness", "damping", "torque_limit")))
+    section.only("kind", "stiffness", "damping", "torque_limit", "on_board")
+    kind, on_board = section.choice("kind", ("pd",)), section.flag("on_board") or False
+    stiffness, damping, limit = (_per_joint(section, key, joints) for key in ("stiffness", "damping", "torque_limit"))
+    return Controller(kind, stiffness, damping, limit, on_board)
 
 
 def tolerance(top: Section) -> Tolerance:

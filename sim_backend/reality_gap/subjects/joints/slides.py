@@ -142,4 +142,5 @@ def _feedback_as_hinges(law: Feedback, arm: np.ndarray) -> Feedback:
         law.limit_nm * arm,
         law.back_emf_nm_s_rad * arm**2,
         law.desired_nm * arm,
+        law.on_board,
     )

@@ -24,7 +24,7 @@ _AHEAD, _SPEED, _SIDE, _RUBS = range(4)
 """
 _UNKNOWN_SIDE = 2.0
 """At first: the first step shows where a rotor presses."""
-_TARGET, _GAIN, _BRAKE, _LIMIT, _BACK_EMF, _DESIRED = range(6)
+_TARGET, _GAIN, _BRAKE, _LIMIT, _BACK_EMF, _DESIRED, _ON_BOARD = range(7)
 
 
 @compiled
@@ -116,10 +116,28 @@ def _until(at: float, sums: np.ndarray, held: np.ndarray, window: int, joint: in
 
 
 @compiled
+def _arriving(feedback: np.ndarray, what: int, w: int, at: float, lasts: float, joint: int) -> float:
+    """Mean over a step of a target or desired torque that is held from sample to sample; the step begins ``at``, in samples.
+
+    Before the first sample and after the last one these go on.
+    """
+    last = feedback.shape[2] - 1.0
+    first, second = min(max(np.floor(at + 1e-9), 0.0), last), min(max(np.floor(at + lasts - 1e-9), 0.0), last)
+    newest = feedback[what, w, int(second), joint]
+    if first == second:
+        return newest
+    share = (at + lasts - second) / lasts
+    return share * newest + (1.0 - share) * feedback[what, w, int(first), joint]
+
+
+@compiled
 def _made(
     feedback: np.ndarray,
     w: int,
     sample: int,
+    begin_s: float,
+    step_s: float,
+    sample_s: float,
     joint: int,
     joints: np.ndarray,
     m: int,
@@ -130,13 +148,16 @@ def _made(
 ) -> float:
     """Torque that a joint's controller makes of what is reported; none where its law is not known.
 
-    Of its gain, and of the voltage that its motor makes itself, a model may have a share.
+    Of its gain, and of the voltage that its motor makes itself, a model may have a share. Targets are those that have come in the
+    step that begins ``begin_s`` after its window.
     """
+    at = (begin_s - (joints[_LATE, m, joint] if feedback[_ON_BOARD, w, sample, joint] > 0.5 else 0.0)) / sample_s
     reported = position[joint] + rotors[_AHEAD, joint] + joints[_OFFSET, m, joint]
     speed = rotors[_SPEED, joint] if rotors[_SIDE, joint] == 0.0 else velocity[joint] + 0.5 * gained[joint]
     stiffness = joints[_OF_GAIN, m, joint] * feedback[_GAIN, w, sample, joint]
-    asked = stiffness * (feedback[_TARGET, w, sample, joint] - reported) - feedback[_BRAKE, w, sample, joint] * speed
-    asked += feedback[_DESIRED, w, sample, joint]
+    target = _arriving(feedback, _TARGET, w, at, step_s / sample_s, joint)
+    asked = stiffness * (target - reported) - feedback[_BRAKE, w, sample, joint] * speed
+    asked += _arriving(feedback, _DESIRED, w, at, step_s / sample_s, joint)
     limit = feedback[_LIMIT, w, sample, joint]
     made = min(max(asked, -limit), limit) - joints[_OF_OWN, m, joint] * feedback[_BACK_EMF, w, sample, joint] * speed
     return 0.0 if np.isnan(made) else made
@@ -267,10 +288,13 @@ def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that i
                 for j in range(k):
                     if is_known[j]:
                         if held_steps == 0 or now % held_steps == 0:
-                            made[j] = _made(feedback, w, sample, j, joints, m, rotors, q, v, gained)
+                            made[j] = _made(
+                                feedback, w, sample, now * step_s, step_s, sample_s, j, joints, m, rotors, q, v, gained
+                            )
                         line[now % late, j] = made[j]
+                        late_s = 0.0 if feedback[_ON_BOARD, w, sample, j] > 0.5 else joints[_LATE, m, j]
                         # a step moves velocities by what acts half a step before and after its begin
-                        arrived[j] = _delayed(line, now, max(0.0, joints[_LATE, m, j] / step_s + 0.5 * (held_steps > 0)), j)
+                        arrived[j] = _delayed(line, now, max(0.0, late_s / step_s + 0.5 * (held_steps > 0)), j)
                     else:
                         until = _until(((now + 1) * step_s - joints[_LATE, m, j] - 0.5 * step_s) / sample_s, sums, sent, w, j)
                         arrived[j] = (until - before[j]) * (sample_s / step_s)

@@ -131,7 +131,10 @@ class Forward:
         late_s = _by_window(states, which, "action_delay.delay_s") + _by_window(states, which, CLOCK)
         recorded = _Recorded(windows, late_s, step_s)
         of_gain, of_own = _by_window(states, which, POSITION_GAIN), 1.0 + _by_window(states, which, TORQUE_CONSTANT)
-        line, feedback = _DelayLine(np.maximum(0.0, late_s / step_s + (0.5 if self._held_steps else 0.0))), windows.feedback
+        feedback = windows.feedback
+        on_board = np.zeros(plant.joints, bool) if feedback is None else feedback.is_on_board
+        behind = np.where(on_board, 0.0, late_s / step_s) + (0.5 if self._held_steps else 0.0)
+        line, targets_late_s = _DelayLine(np.maximum(0.0, behind)), np.where(on_board, late_s, 0.0)
         values = np.array([[state.motor(j) for j in range(plant.joints)] for state in states])[which]
         memory, at_joint, bound = np.zeros((*shape, 3)), np.empty(shape), np.empty(shape)
         memory[:, :, 0], memory[:, :, 1] = _warm(windows, states)[which, np.arange(len(windows))], begin_rad_s
@@ -145,7 +148,8 @@ class Forward:
                 arrived = recorded.arriving_nm(now)
                 if feedback is not None:
                     if self._held_steps == 0 or now % self._held_steps == 0:
-                        law = feedback.at((slice(None), sample))
+                        begins = (now * step_s - targets_late_s) / windows.step_s
+                        law = feedback.of_step(sample, begins, step_s / windows.step_s)
                         stiffness, own = of_gain * law.stiffness_nm_rad, of_own * law.back_emf_nm_s_rad
                         law = replace(law, stiffness_nm_rad=stiffness, back_emf_nm_s_rad=own)
                         # velocities are those of half a step ago

@@ -43,12 +43,13 @@ LAWS_OF_JOINTS = {
 }
 
 
-def both_ways(values, native, laws, begin_rad=0.0):
+def both_ways(values, native, laws, begin_rad=0.0, on_board=0.0, targets_behind=0):
     """Where a controller turns the arm: by the tool's own rollouts, and by a model with laws beside it; shape (s, 2) each."""
     at = STEP_S * np.arange(SAMPLES)
     target = begin_rad + np.stack([0.8 * np.sin(4.0 * at), 0.5 * np.sin(7.0 * at)], axis=1)
+    target = np.vstack([np.repeat(target[:1], targets_behind, axis=0), target])[:SAMPLES]
     shape = np.ones((SAMPLES, 2))
-    feedback = Feedback(target, 3.0 * shape, 0.02 * shape, np.inf * shape, 0.0 * shape, 0.0 * shape)
+    feedback = Feedback(target, 3.0 * shape, 0.02 * shape, np.inf * shape, 0.0 * shape, 0.0 * shape, on_board * shape)
     plant = Plant(mujoco.MjModel.from_xml_string(ARM), NAMES)
     own = plant.own_values | {"torque_saturation.limit_nm": np.full(2, 1e9)}
     state = JointState(2, own | {key: np.broadcast_to(value, 2).astype(float) for key, value in values.items()})
@@ -59,6 +60,16 @@ def both_ways(values, native, laws, begin_rad=0.0):
     joints = JointSignals(NAMES, target, commanded_torque_nm=np.zeros_like(target), feedback=feedback)
     recording = Recording("made", "here", STEP_S, at, joints)
     return expected, simulated(recording, slice(0, SAMPLES), begin[0], rest[0], native, laws)
+
+
+def test_where_a_controller_runs_beside_its_motor_targets_are_late_and_not_torques():
+    model, late = mujoco.MjModel.from_xml_string(ARM), {"action_delay.delay_s": 8 * STEP_S}
+    expected, found = both_ways(late, model, dict.fromkeys(NAMES, late), on_board=1.0)
+    shifted = both_ways({}, model, {}, targets_behind=8)[0]
+    of_torques = both_ways(late, model, dict.fromkeys(NAMES, late))[0]
+    np.testing.assert_allclose(expected, shifted, atol=1e-9)
+    assert np.abs(found - expected).max() < 3e-3 * np.abs(expected).max()
+    assert np.abs(of_torques - expected).max() > 2e-2 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("law", LAWS_OF_JOINTS)

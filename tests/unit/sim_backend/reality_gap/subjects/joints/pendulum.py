@@ -39,14 +39,16 @@ def recorded(
     limit_nm: float = np.inf,
     loss_nm2: float = 0.0,
     late_rows: int = 0,
+    targets_late_rows: int = 0,
     cogging_nm: float = 0.0,
     lost: float = 0.0,
 ) -> Recording:
     """A PD controller follows targets at 200 Hz; positions have noise, which the controller sees.
 
     Its motor has a limit, loses a share of its torque, gets warm within ``WARMS_S`` and loses then, acts some rows late, and cogs
-    ``COGS`` times a turn.
+    ``COGS`` times a turn. The controller gets its targets some rows late.
     """
+    target_rad = np.concatenate([np.repeat(target_rad[:1], targets_late_rows), target_rad])[: len(target_rad)]
     data, rng = mujoco.MjData(model), np.random.default_rng(seed)
     found, warm, sent = np.empty((3, len(target_rad))), 0.0, [0.0] * late_rows
     for i, target in enumerate(target_rad):
@@ -107,10 +109,10 @@ def problem_of(limit_nm: float = np.inf, hidden: str = "") -> RolloutProblem:
     return RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, robot.tolerance)
 
 
-def only_targets(recording: Recording, target_rad: np.ndarray) -> Recording:
+def only_targets(recording: Recording, target_rad: np.ndarray, *, on_board: bool = False) -> Recording:
     """The same where nobody recorded a torque, but what the controller is said to be."""
     assert recording.joints is not None
-    law = [np.full((len(target_rad), 1), value) for value in (0.0, GAIN, DAMPING, np.inf, 0.0, 0.0)]
+    law = [np.full((len(target_rad), 1), value) for value in (0.0, GAIN, DAMPING, np.inf, 0.0, 0.0, float(on_board))]
     law[0][:, 0] = target_rad
     feedback, joints = Feedback(*law), recording.joints
     assert joints.velocity_rad_s is not None

@@ -54,7 +54,7 @@ def test_a_recording_and_its_controller_are_counted_alike():
     _, slides = cart_pole()
     rng = np.random.default_rng(3)
     position, velocity, target = rng.standard_normal((3, 5, 2))
-    gains = [np.full((5, 2), each) for each in (30.0, 2.0, 8.0, 0.1, 0.5)]
+    gains = [np.full((5, 2), each) for each in (30.0, 2.0, 8.0, 0.1, 0.5, 1.0)]
     law = Feedback(target, *gains)
     joints = JointSignals(
         ("pole", "cart"), position, velocity, commanded_torque_nm=law.torque_nm(position, velocity), feedback=law

@@ -69,15 +69,16 @@ def went(forward: Forward, seen: Windows, states: list[JointState]) -> np.ndarra
     return forward.positions(seen, seen.begin_rad, seen.begin_rad_s, states, which)
 
 
-@pytest.mark.parametrize("in_the_loop", [False, True], ids=["torques", "controller"])
+@pytest.mark.parametrize("drive", ["torques", "controller", "controller on board"])
 @pytest.mark.parametrize("changed", MODELS)
-def test_a_tree_goes_where_mujoco_goes(changed: str, in_the_loop: bool):
+def test_a_tree_goes_where_mujoco_goes(changed: str, drive: str):
     plant = Plant(mujoco.MjModel.from_xml_string(ARM.format(option="", more="")), NAMES)
     joints, shape = plant.joints, (MANY, SAMPLES, plant.joints)
-    law = [np.full(shape, value) for value in (0.3, 5.0, 0.2, 2.0, 0.01, 0.1)]
+    law = [np.full(shape, value) for value in (0.3, 5.0, 0.2, 2.0, 0.01, 0.1, float(drive == "controller on board"))]
+    law[0] += 0.2 * np.sin(0.3 * np.arange(SAMPLES))[:, None]
     for each in law:
         each[..., 2] = np.nan  # nobody knows what drives this one
-    feedback = Feedback(*law) if in_the_loop else None
+    feedback = None if drive == "torques" else Feedback(*law)
     seen = windows(np.random.default_rng(3), feedback)
     own = {key: value.copy() for key, value in plant.own_values.items()}
     states = [JointState(joints, own), JointState(joints, own | {key: np.full(joints, v) for key, v in MODELS[changed].items()})]

@@ -188,19 +188,31 @@ def test_windows_of_which_one_in_five_is_far_off_are_not_near_noise():
     assert not problem.is_near_noise(replace(fit, squares=many))
 
 
-@pytest.mark.parametrize("of_gain", [0.75, 1.0])
-def test_a_controller_with_less_gain_is_named_where_only_targets_are_known(of_gain):
+def verdict_where_only_targets_are_known(*, on_board: bool = False, **of_controller: float):
+    """Of two recordings of a pendulum, without torques; the controller is said to be as usual."""
     model = mujoco.MjModel.from_xml_string(PENDULUM.format(more=""))
-    recordings = [
-        replace(only_targets(recorded(model, target := targets(6.0, seed), seed=seed, of_gain=of_gain), target), name=f"{seed}")
-        for seed in (1, 2)
-    ]
+    recordings = []
+    for seed in (1, 2):
+        target = targets(6.0, seed)
+        went = recorded(model, target, seed=seed, **of_controller)  # pyrefly: ignore[bad-argument-type]
+        recordings.append(replace(only_targets(went, target, on_board=on_board), name=f"{seed}"))
     robot = UnknownRobot(Tolerance())
     study = study_joints(model, recordings, lambda *_: None, robot=robot, gate=np.inf)
     catalogue = with_controllers(study.fit.first.catalogue, ("hinge",), np.array([True]))
     problem = RolloutProblem(study.problem.episodes, study.start, catalogue, robot.tolerance)
     selection = select_by_rollouts(problem, catalogue, lambda _: True)
-    verdict = verdict_of_rollouts(study, selection, DrawnRobots(problem, np.random.default_rng(0)).coarse)
+    return verdict_of_rollouts(study, selection, DrawnRobots(problem, np.random.default_rng(0)).coarse), selection
+
+
+def test_a_servo_s_targets_are_late_and_its_own_loop_is_not():
+    verdict, _ = verdict_where_only_targets_are_known(on_board=True, targets_late_rows=6)
+    assert [(cause.effect, cause.where) for cause in verdict.causes] == [("action_delay", "hinge")], verdict.summary
+    assert verdict.causes[0].value == pytest.approx(0.03, rel=0.1)
+
+
+@pytest.mark.parametrize("of_gain", [0.75, 1.0])
+def test_a_controller_with_less_gain_is_named_where_only_targets_are_known(of_gain):
+    verdict, selection = verdict_where_only_targets_are_known(of_gain=of_gain)
     if of_gain == 1.0:
         assert verdict.verdict is VerdictKind.NOTHING_WRONG, verdict.summary
         (excluded,) = [each.above for each in verdict.effects if each.effect == "position_gain"]
@@ -210,7 +222,9 @@ def test_a_controller_with_less_gain_is_named_where_only_targets_are_known(of_ga
     (cause,) = verdict.causes
     assert cause.effect == "position_gain" and cause.value == pytest.approx(of_gain, abs=0.02)
     assert would_move_nats(selection.problem, selection.fit) < 1.0
-    halfway = selection.problem.begun(study.start.moved(Term("position_gain.factor", 0, 0.003), -0.1, with_shape=False))
+    halfway = selection.problem.begun(
+        selection.problem.start.moved(Term("position_gain.factor", 0, 0.003), -0.1, with_shape=False)
+    )
     unsettled = replace(halfway, terms=selection.fit.terms[:1], causes=1, scales=selection.fit.scales[:1])
     assert would_move_nats(selection.problem, unsettled) > GATE, "it would go on to where it fits best"
 

@@ -45,7 +45,7 @@ def test_a_window_goes_where_mujoco_goes(more):
 def test_in_the_loop_a_servo_stops_where_its_torque_and_gravity_are_even():
     model = mujoco.MjModel.from_xml_string(PENDULUM.format(more='damping="0.1"'))
     samples, stall_nm = 1200, 0.5
-    law = [np.full((1, samples, 1), value) for value in (1.0, 5.0, 0.0, stall_nm, 0.02, 0.0)]
+    law = [np.full((1, samples, 1), value) for value in (1.0, 5.0, 0.0, stall_nm, 0.02, 0.0, 1.0)]
     window = one_window(np.zeros((1, samples, 1)), np.full((1, samples, 1), np.nan), Feedback(*law))
     state = JointState(1, {"viscous_friction.damping_nm_s_rad": np.array([0.1]), **NO_LIMIT})
     forward = Forward(Plant(model, ["hinge"]), STEP_S)
@@ -63,7 +63,7 @@ def test_a_torque_constant_is_that_of_the_motor_s_own_voltage_too(own_steps):
 
     def went(kt: float, state: JointState) -> np.ndarray:
         nothing = np.zeros((1, samples, 1))
-        law = Feedback(nothing, nothing, nothing, nothing + np.inf, nothing + kt**2 / 2.0, kt * voltage / 2.0)
+        law = Feedback(nothing, nothing, nothing, nothing + np.inf, nothing + kt**2 / 2.0, kt * voltage / 2.0, nothing + 1.0)
         window = one_window(nothing, np.full((1, samples, 1), np.nan), law)
         forward = Forward(plant, STEP_S)
         if not own_steps:
@@ -87,7 +87,7 @@ def test_in_the_loop_a_controller_holds_its_torque_for_a_row_or_computes_all_the
                 data.ctrl[0] = 6.0 * (0.3 - data.qpos[0]) - 0.4 * data.qvel[0]
             mujoco.mj_step(model, data)
         went[i] = data.qpos[0]
-    law = [np.full((1, samples, 1), value) for value in (0.3, 6.0, 0.4, np.inf, 0.0, 0.0)]
+    law = [np.full((1, samples, 1), value) for value in (0.3, 6.0, 0.4, np.inf, 0.0, 0.0, 0.0)]
     window = replace(one_window(np.zeros((1, samples, 1)), np.full((1, samples, 1), np.nan), Feedback(*law)), step_s=row_s)
     plant, state = Plant(model, ["hinge"]), JointState(1, NO_LIMIT)
 
