@@ -236,7 +236,7 @@ def simulated(
     data.qpos[at], data.qvel[dof] = begin_rad, begin_rad_s
     mujoco.mj_forward(model, data)
     sent = filled_gaps(_torques(joints))[part]
-    late_s = np.where(is_on_board, [acting.delay_s(name) for name in joints.names], 0.0)
+    late_s = np.array([acting.delay_s(name) for name in joints.names])
     if feedback is not None:
         gains, own = (np.array([of(name) for name in joints.names]) for of in (acting.position_gain, acting.own_voltage))
         stiffness, back_emf = gains * feedback.stiffness_nm_rad, own * feedback.back_emf_nm_s_rad

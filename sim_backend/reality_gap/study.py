@@ -123,7 +123,7 @@ def _extended(verdict: Verdict, material: Material, out: Path) -> list[Path]:
     if file is None:
         return write_models(verdict, material.title, material.files, out, model=None)
     stated = [cause for key, value in file.nominal.items() for cause in stated_causes(key, value, file)]
-    return write_models(verdict, material.title, material.files, out, model=file.model, stated=stated)
+    return write_models(verdict, material.title, material.files, out, model=file.model, stated=stated, on_board=file.on_board)
 
 
 def stated_causes(key: str, value: NominalValue, file: StudyFile) -> list[Cause]:

@@ -30,7 +30,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class Rival:
-    """A hypothesis that lost: how far it lies behind (nats of held-out log density) and what separates it."""
+    """A hypothesis that lost: how far it lies behind (nats) and what separates it."""
 
     effect: str
     where: str
@@ -70,7 +70,7 @@ class EffectJudged:
 class HeldOut:
     """Error on episodes or stretches that were not used to fit. ``reduction`` is a share of ``before``.
 
-    ``is_unseen`` is false where there were too few to hold any out: then it is the error of what was fitted.
+    ``is_unseen`` is false where none was held out, as in windows that are simulated: then it is the error of what was fitted.
     """
 
     metric: str

@@ -16,8 +16,8 @@
 depends on speed, direction or load moves the bound of MuJoCo's friction constraint, so that the solver decides what sticks.
 Whoever computes torques of a position controller multiplies its stiffness by ``laws.position_gain("shoulder")``, and whoever
 computes them from a motor's voltage the torque that its own voltage takes by ``laws.own_voltage("shoulder")``. Of joints whose
-controller runs beside the motor, as a servo's does, targets or voltages are late and not torques: name these joints ``on_board``
-and compute their torques from what was asked for ``laws.delay_s("shoulder")`` ago.
+controller runs beside the motor (``on_board`` of the file), as a servo's does, targets or voltages are late and not torques:
+compute them from what was asked for ``laws.delay_s("shoulder")`` ago, which is 0 for all others.
 """
 
 import json
@@ -53,7 +53,7 @@ class Laws:
         model: compiled from ``extended-model.xml`` for these laws alone: its friction constraints are set in every step.
         values: the file, or its content: by joint, by "effect.parameter".
         joints: more joints to drive, without any such law.
-        on_board: joints whose torques are those of now, since it is their targets that are late.
+        on_board: more joints whose torques are those of now, since it is their targets that are late.
 
     Raises:
         KeyError: the model has no joint of a name.
@@ -66,8 +66,11 @@ class Laws:
         joints: Sequence[str] = (),
         on_board: Sequence[str] = (),
     ) -> None:
-        given = values if isinstance(values, Mapping) else json.loads(Path(values).read_text())["joints"]
-        known = {name: {} for name in joints} | dict(given)
+        written = {"joints": values} if isinstance(values, Mapping) else json.loads(Path(values).read_text())
+        known: dict[str, Mapping[str, float]] = {name: {} for name in joints} | dict(written["joints"])
+        on_board = [*on_board, *written.get("on_board", [])]
+        if strangers := [name for name in on_board if name not in known]:
+            raise KeyError(f"{strangers[0]} is on board, and no joint of these laws")
         self._joints = {name: _Joint(model, name, own, on_board=name in on_board) for name, own in known.items()}
 
     def apply(self, model: Any, data: Any, sent_nm: Mapping[str, float]) -> None:
@@ -90,7 +93,7 @@ class Laws:
         return self._joints[joint].position_gain
 
     def delay_s(self, joint: str) -> float:
-        """How late a joint's targets are, if its controller runs beside its motor."""
+        """How late a joint's targets are, s; 0 where its torques are late instead."""
         return self._joints[joint].delay_s
 
     def own_voltage(self, joint: str) -> float:
@@ -105,8 +108,8 @@ class _Joint:
         self._v = dict(values)
         self.position_gain = self._v.get("position_gain.factor", 1.0)
         self.own_voltage = 1.0 + self._v.get("torque_constant.error", 0.0)
-        self.delay_s = self._v.get("action_delay.delay_s", 0.0)
-        self._torque_late_s = 0.0 if on_board else self.delay_s
+        late_s = self._v.get("action_delay.delay_s", 0.0)
+        self.delay_s, self._torque_late_s = (late_s, 0.0) if on_board else (0.0, late_s)
         self._constant_nm = float(model.dof_frictionloss[self.dof])
         model.dof_solref[self.dof], model.dof_solimp[self.dof] = SOLREF, SOLIMP
         model.dof_frictionloss[self.dof] = max(self._constant_nm, _LEAST_NM)

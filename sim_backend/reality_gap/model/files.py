@@ -9,9 +9,11 @@ import mujoco
 import numpy as np
 
 from sim_backend.effects.catalogue import CATALOGUE, PARAMETERS
+from sim_backend.reality_gap.knowledge.joint_effects import LATE_TORQUE as _DELAY
 from sim_backend.reality_gap.model import extended_laws
 from sim_backend.reality_gap.model.mjcf import extend_mjcf, robot_mjcf, write_mjcf
 from sim_backend.reality_gap.model.model import extended_model, provenance_of, write_extended_model
+from sim_backend.reality_gap.model.native_elements import actuators_of
 from sim_backend.reality_gap.model.native_laws import joints_of
 from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
 
@@ -27,6 +29,7 @@ def write_models(
     *,
     model: Path | None,
     stated: Sequence[Cause] = (),
+    on_board: Sequence[str] = (),
 ) -> list[Path]:
     """Write the model of a verdict that has causes; nothing where it has none.
 
@@ -37,6 +40,7 @@ def write_models(
         out: folder.
         model: the nominal MJCF of foreign data; None for the farm's robots.
         stated: values that foreign data's study file starts from; causes replace them.
+        on_board: joints whose targets are what a delay makes late, not their torques.
 
     Returns:
         What was written.
@@ -52,17 +56,30 @@ def write_models(
         write_mjcf(spec, out / "extended-model.xml", found.estimate)
         return [out / "extended-model.toml", out / "extended-model.xml"]
     causes = (*stated, *(verdict.extended or verdict.causes))
-    spec, missing = extend_mjcf(mujoco.MjSpec.from_file(str(model)), causes)
+    nominal = mujoco.MjSpec.from_file(str(model))
+    untold = [cause for cause in causes if _is_of_targets(cause, nominal, on_board)]
+    spec, missing = extend_mjcf(nominal, [cause for cause in causes if cause not in untold])
+    missing += [f"{cause.effect} at {cause.where}: its targets are late, and a motor has torques alone" for cause in untold]
     write_mjcf(_finding_its_files(spec, model), out / NATIVE)
     written.append(out / NATIVE)
     if laws := _laws(causes, spec):
-        (out / LAWS).write_text(json.dumps({"joints": laws}, indent=1) + "\n")
+        late = [name for name, values in laws.items() if name in on_board and _DELAY in values]
+        (out / LAWS).write_text(json.dumps({"joints": laws} | ({"on_board": late} if late else {}), indent=1) + "\n")
         (out / Path(extended_laws.__file__).name).write_bytes(Path(extended_laws.__file__).read_bytes())
         written += [out / LAWS, out / Path(extended_laws.__file__).name]
     if missing:
         (out / "extended-model-missing.txt").write_text("\n".join(missing) + "\n")
         written.append(out / "extended-model-missing.txt")
     return written
+
+
+def _is_of_targets(cause: Cause, spec: mujoco.MjSpec, on_board: Sequence[str]) -> bool:
+    """Whether a cause is a delay of targets at joints whose actuators get torques."""
+    places = joints_of(spec) if cause.where == "all joints" else [cause.where]
+    if f"{cause.effect}.{cause.parameter}" != _DELAY or not set(places) <= set(on_board):
+        return False
+    driving = [actuator for place in places for actuator in actuators_of(spec, place)]
+    return all(actuator.biastype == mujoco.mjtBias.mjBIAS_NONE for actuator in driving)
 
 
 def _laws(causes: Sequence[Cause], spec: mujoco.MjSpec) -> dict[str, dict[str, float]]:

@@ -171,7 +171,7 @@ def _held_out(held_out: Mapping[str, Any] | None) -> list[str]:
     known = [value for value in (real(before), real(after)) if value is not None]
     factor, shown_unit = readable_unit(max(map(abs, known), default=0.0), unit)
     start, end = (number(None if (value := real(each)) is None else factor * value) for each in (before, after))
-    what = "Held-out error" if held_out.get("is_unseen", True) else "Error on fitted data, too few to hold any out"
+    what = "Held-out error" if held_out.get("is_unseen", True) else "Error on fitted data, as none was held out"
     sentence_ = f"{what} ({words(held_out['metric'])}, {count(held_out.get('samples'))} samples): "
     sentence_ += f"{start} → {with_unit(end, shown_unit)}{_reduction(held_out)}"
     floor = held_out.get("noise_floor")
@@ -217,7 +217,7 @@ def _null(p: Any) -> list[str]:
 def _runner_up(rival: Mapping[str, Any] | None) -> list[str]:
     if not rival:
         return []
-    behind = f"{number(rival.get('behind'), 2)} nats of held-out log density behind"
+    behind = f"{number(rival.get('behind'), 2)} nats behind"
     by = words(rival.get("separated_by") or "")
     tail = f"; what separates them: {by}" if by else ""
     return [sentence(f"Runner-up: {place_of(rival['effect'], rival['where'])}, {behind}{tail}")]

@@ -62,7 +62,7 @@ def si_factor(unit: str | float, quantity: Quantity, where: str) -> float:
     """
     if not isinstance(unit, str):
         if not (math.isfinite(unit) and unit > 0.0):
-            turned = "; sign and torque_sign say which way a column counts" if unit < 0.0 else ""
+            turned = "; sign and torque_sign say which way a joint's columns count" if unit < 0.0 else ""
             raise RecordingError(
                 f"{where}: a unit of {unit!r} is not possible; a number says how many SI units one is, above 0{turned}"
             )

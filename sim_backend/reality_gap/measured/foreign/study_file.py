@@ -101,6 +101,12 @@ class StudyFile:
     signals: tuple[DataChannel, ...]
     controller: Controller | None
 
+    @property
+    def on_board(self) -> tuple[str, ...]:
+        """Joints whose motor is driven by a law that runs beside it, so that a delay is one of targets or voltages."""
+        by_controller = self.controller is not None and self.controller.on_board
+        return tuple(j.name for j in self.joints if j.motor is not None or (by_controller and "position_target" in j.channels))
+
     def compile_model(self) -> MjModel:
         """The MJCF as a model."""
         return _compiled(self.model)

@@ -13,7 +13,6 @@ from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Rob
 from sim_backend.reality_gap.recording import Recording, RecordingError
 from sim_backend.reality_gap.subjects.joints.gain import held_out, held_out_of_hits
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy, ShowsNothingError, joints_of, study_joints
-from sim_backend.reality_gap.subjects.joints.laws.equal_causes import with_late_columns, with_share_of_all, with_turned_base
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import with_controllers, without_play
 from sim_backend.reality_gap.subjects.joints.laws.motor_law import LIMIT
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
@@ -27,6 +26,7 @@ from sim_backend.reality_gap.subjects.joints.signs.standing_readings import agai
 from sim_backend.reality_gap.subjects.joints.slides import Slides
 from sim_backend.reality_gap.subjects.joints.torques.calibrating import METHODS, calibrate
 from sim_backend.reality_gap.subjects.joints.torques.contradictions import contradicts
+from sim_backend.reality_gap.subjects.joints.verdicts.equal_causes import with_late_columns, with_share_of_all, with_turned_base
 from sim_backend.reality_gap.subjects.joints.verdicts.judged import not_judged
 from sim_backend.reality_gap.subjects.joints.verdicts.needed_causes import with_needed_causes
 from sim_backend.reality_gap.subjects.joints.verdicts.torques_and_rollouts import in_both, proposed_by, with_unlike_torques

@@ -106,6 +106,13 @@ def direction_of(velocity: np.ndarray) -> np.ndarray:
     return np.tanh(velocity / DIRECTION_RAD_S)
 
 
+def in_time(values: np.ndarray) -> tuple[float, np.ndarray]:
+    """The delay among a joint's values, s, and the values without it."""
+    prompt = values.copy()
+    prompt[_DELAY] = 0.0
+    return float(values[_DELAY]), prompt
+
+
 @numba.njit
 def values_of(p: np.ndarray, j: int) -> Values:
     """Row j of values by ``VECTOR``, shape (k, len(VECTOR)): numbers that stay in registers take a sixth of an array's time."""

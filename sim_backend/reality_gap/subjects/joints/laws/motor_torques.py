@@ -2,6 +2,7 @@
 
 import functools
 from collections import OrderedDict
+from dataclasses import replace
 
 import numpy as np
 
@@ -48,7 +49,10 @@ class MotorTorques:
         self._position = np.ascontiguousarray(path.fast_position.T)
         self._velocity = np.ascontiguousarray(path.fast_velocity.T)
         self._direction = motor_law.direction_of(self._velocity)
-        self._step_s = path.step_s
+        self._step_s, law = path.step_s, path.joints.feedback
+        made = np.isin(path.joints.names, path.joints.not_recorded)
+        self._is_of_targets = made & (np.zeros(len(made), bool) if law is None else law.is_on_board)
+        """Joints whose torque is what a loop beside the motor made of targets: these are what comes late, shape (k,)."""
         self._known: OrderedDict[tuple[int, bool, bytes], tuple[np.ndarray, np.ndarray, np.ndarray]] = OrderedDict()
         """The last results of the law: most questions are about one joint, and leave the motors of all others as they are."""
 
@@ -77,11 +81,34 @@ class MotorTorques:
         """As :meth:`along`, driven by what was sent: images must not hold the noise that residuals hold."""
         return self._law(self.driving_nm, state.motor(j), j)
 
+    def later_targets_nm(self, j: int) -> np.ndarray | None:
+        """What a joint's torque loses when its targets come a row later, shape (s,), N m; None if it is not made of targets."""
+        return self.driving_nm[j] - self._of_late_targets_nm(j, self._step_s) if self._is_of_targets[j] else None
+
+    def _of_late_targets_nm(self, j: int, delay_s: float) -> np.ndarray:
+        """What a loop beside the motor made of late targets and desired torques, where the joint was, shape (s,), N m."""
+        joints = self._path.joints
+        assert joints.feedback is not None
+        law, position = joints.feedback.at((slice(None), j)), joints.position_rad[:, j]
+        velocity = np.gradient(position, self._step_s) if joints.velocity_rad_s is None else joints.velocity_rad_s[:, j]
+        late = max(0.0, delay_s) / self._step_s
+        whole = int(np.floor(late + 1e-9))
+        newer, older = (np.maximum(0, np.arange(len(position)) - whole - more) for more in (0, 1))
+
+        def came(sent: np.ndarray) -> np.ndarray:
+            return sent[newer] + (late - whole) * (sent[older] - sent[newer])
+
+        of_late = replace(law, target_rad=came(law.target_rad), desired_nm=came(law.desired_nm))
+        return filled_gaps(of_late.torque_nm(position, velocity)[:, None])[:, 0]
+
     def _law(self, torques_nm: np.ndarray, values: np.ndarray, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         torque_nm, key = torques_nm[j], (j, torques_nm is self.driving_nm, values.tobytes())
         if key not in self._known:
             external = self._external_nm[j] if motor_law.needs_external(values) else self._total
             motion = self._position[j], self._velocity[j], self._direction[j]
+            if self._is_of_targets[j] and torques_nm is self.driving_nm:
+                delay_s, values = motor_law.in_time(values)
+                torque_nm = torque_nm if delay_s == 0.0 else self._of_late_targets_nm(j, delay_s)
             found = motor_law.along(torque_nm, self._total, *motion, external, self._step_s, values)
             for each in found:
                 each.flags.writeable = False

@@ -64,11 +64,11 @@ class Drives:
 
     Attributes:
         sent_nm: shape (w, s, k).
-        feedback: target, stiffness, damping, limit, back-EMF and desired torque, shape (6, w, s, k), or (6, 1, 1, k) if none is
-            known.
+        feedback: by the fields of :class:`Feedback`, shape (7, w, lead + s, k), or (7, 1, 1, k) if none is known.
         is_known: joints that the controller drives, shape (k,).
         sample_s: between samples.
         held_steps: steps for which a controller holds its torque; 0 where it computes all the time.
+        lead: samples before each window of which the feedback is known, too.
     """
 
     sent_nm: np.ndarray
@@ -76,6 +76,7 @@ class Drives:
     is_known: np.ndarray
     sample_s: float
     held_steps: int = 0
+    lead: int = 0
 
 
 class Chain:
@@ -156,7 +157,7 @@ class Chain:
         )
         begins = np.ascontiguousarray(begins)
         found = np.full((len(window), drives.sent_nm.shape[1], len(o)), np.nan)
-        settings = (self._step_s, self._substeps, drives.sample_s, drives.held_steps)
+        settings = (self._step_s, self._substeps, drives.sample_s, drives.held_steps, drives.lead)
 
         steps = simulate()  # compiled before threads ask for it
 

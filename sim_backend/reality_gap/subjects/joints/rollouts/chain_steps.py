@@ -135,6 +135,7 @@ def _made(
     feedback: np.ndarray,
     w: int,
     sample: int,
+    lead: int,
     begin_s: float,
     step_s: float,
     sample_s: float,
@@ -149,17 +150,18 @@ def _made(
     """Torque that a joint's controller makes of what is reported; none where its law is not known.
 
     Of its gain, and of the voltage that its motor makes itself, a model may have a share. Targets are those that have come in the
-    step that begins ``begin_s`` after its window.
+    step that begins ``begin_s`` after its window, ``lead`` samples after the first one.
     """
-    at = (begin_s - (joints[_LATE, m, joint] if feedback[_ON_BOARD, w, sample, joint] > 0.5 else 0.0)) / sample_s
+    row = lead + sample
+    at = lead + (begin_s - (joints[_LATE, m, joint] if feedback[_ON_BOARD, w, row, joint] > 0.5 else 0.0)) / sample_s
     reported = position[joint] + rotors[_AHEAD, joint] + joints[_OFFSET, m, joint]
     speed = rotors[_SPEED, joint] if rotors[_SIDE, joint] == 0.0 else velocity[joint] + 0.5 * gained[joint]
-    stiffness = joints[_OF_GAIN, m, joint] * feedback[_GAIN, w, sample, joint]
+    stiffness = joints[_OF_GAIN, m, joint] * feedback[_GAIN, w, row, joint]
     target = _arriving(feedback, _TARGET, w, at, step_s / sample_s, joint)
-    asked = stiffness * (target - reported) - feedback[_BRAKE, w, sample, joint] * speed
+    asked = stiffness * (target - reported) - feedback[_BRAKE, w, row, joint] * speed
     asked += _arriving(feedback, _DESIRED, w, at, step_s / sample_s, joint)
-    limit = feedback[_LIMIT, w, sample, joint]
-    made = min(max(asked, -limit), limit) - joints[_OF_OWN, m, joint] * feedback[_BACK_EMF, w, sample, joint] * speed
+    limit = feedback[_LIMIT, w, row, joint]
+    made = min(max(asked, -limit), limit) - joints[_OF_OWN, m, joint] * feedback[_BACK_EMF, w, row, joint] * speed
     return 0.0 if np.isnan(made) else made
 
 
@@ -169,6 +171,38 @@ def _delayed(line: np.ndarray, now: int, steps: float, joint: int) -> float:
     back = int(np.floor(steps + 1e-9))
     newer, older = line[max(0, now - back) % len(line), joint], line[max(0, now - back - 1) % len(line), joint]
     return newer + (steps - back) * (older - newer)
+
+
+@compiled
+def _arrives(
+    feedback: np.ndarray,
+    w: int,
+    lead: int,
+    now: int,
+    step_s: float,
+    sample_s: float,
+    held_steps: int,
+    joint: int,
+    joints: np.ndarray,
+    m: int,
+    rotors: np.ndarray,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    gained: np.ndarray,
+    made: np.ndarray,
+    line: np.ndarray,
+) -> float:
+    """What arrives in a step of a joint's controller, which computes its torque now or holds it; ``made``, ``line`` remember."""
+    sample = int(now * step_s / sample_s + 1e-9)
+    on_board = feedback[_ON_BOARD, w, lead + sample, joint] > 0.5
+    if held_steps == 0 or on_board or now % held_steps == 0:
+        made[joint] = _made(
+            feedback, w, sample, lead, now * step_s, step_s, sample_s, joint, joints, m, rotors, position, velocity, gained
+        )
+    line[now % len(line), joint] = made[joint]
+    # a step moves velocities by what acts half a step before and after its begin
+    steps = joints[_LATE, m, joint] / step_s + 0.5 * (held_steps > 0)
+    return made[joint] if on_board else _delayed(line, now, max(0.0, steps), joint)
 
 
 @compiled
@@ -260,6 +294,7 @@ def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that i
     substeps: int,
     sample_s: float,
     held_steps: int,
+    lead: int,
     begins: np.ndarray,
     window: np.ndarray,
     which: np.ndarray,
@@ -287,14 +322,9 @@ def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that i
                 total = 0.0
                 for j in range(k):
                     if is_known[j]:
-                        if held_steps == 0 or now % held_steps == 0:
-                            made[j] = _made(
-                                feedback, w, sample, now * step_s, step_s, sample_s, j, joints, m, rotors, q, v, gained
-                            )
-                        line[now % late, j] = made[j]
-                        late_s = 0.0 if feedback[_ON_BOARD, w, sample, j] > 0.5 else joints[_LATE, m, j]
-                        # a step moves velocities by what acts half a step before and after its begin
-                        arrived[j] = _delayed(line, now, max(0.0, late_s / step_s + 0.5 * (held_steps > 0)), j)
+                        arrived[j] = _arrives(
+                            feedback, w, lead, now, step_s, sample_s, held_steps, j, joints, m, rotors, q, v, gained, made, line
+                        )
                     else:
                         until = _until(((now + 1) * step_s - joints[_LATE, m, j] - 0.5 * step_s) / sample_s, sums, sent, w, j)
                         arrived[j] = (until - before[j]) * (sample_s / step_s)
@@ -346,7 +376,7 @@ def simulate() -> Callable[..., None]:
     i1, b1 = types.int64[::1], types.boolean[::1]
     of_windows = (f3, f3, f4, b1)
     of_models = (f3, f2, f3, f3, i1, f2, f2, b1, f1)
-    of_time = (types.float64, types.int64, types.float64, types.int64)
+    of_time = (types.float64, types.int64, types.float64, types.int64, types.int64)
     signature = types.void(*of_windows, *of_models, *of_time, f3, i1, i1, f3)
     return compiled_once(
         lambda cache: numba.njit(signature, cache=cache, nogil=True, error_model="numpy")(_simulate),

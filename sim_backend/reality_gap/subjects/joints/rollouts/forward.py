@@ -40,9 +40,10 @@ class Windows:
         position_rad: as reported after each sample's time, shape (n, s, k).
         begin_rad, begin_rad_s: where and how fast the joints were at the begin, as reported, shape (n, k).
         sent_nm: what was sent from each sample to the next, shape (n, s, k).
-        feedback: what made it of position targets, arrays of shape (n, s, k); None if that is of no joint known.
+        feedback: what made it of position targets, arrays of shape (n, lead + s, k); None if that is of no joint known.
         owner: recording of each window, shape (n,).
         past: what drove the joints before each window; None where they begin cold.
+        lead: samples before each window of which the feedback is known, too: targets may come late.
     """
 
     step_s: float
@@ -53,6 +54,7 @@ class Windows:
     feedback: Feedback | None
     owner: np.ndarray
     past: Past | None = None
+    lead: int = 0
 
     def __len__(self) -> int:
         return len(self.begin_rad)
@@ -62,7 +64,7 @@ class Windows:
         feedback = None if self.feedback is None else self.feedback.at(index)
         position, begin, speed, sent = (a[index] for a in (self.position_rad, self.begin_rad, self.begin_rad_s, self.sent_nm))
         past = None if self.past is None else self.past.some(index)
-        return Windows(self.step_s, position, begin, speed, sent, feedback, self.owner[index], past)
+        return Windows(self.step_s, position, begin, speed, sent, feedback, self.owner[index], past, self.lead)
 
 
 class Forward:
@@ -133,7 +135,7 @@ class Forward:
         of_gain, of_own = _by_window(states, which, POSITION_GAIN), 1.0 + _by_window(states, which, TORQUE_CONSTANT)
         feedback = windows.feedback
         on_board = np.zeros(plant.joints, bool) if feedback is None else feedback.is_on_board
-        behind = np.where(on_board, 0.0, late_s / step_s) + (0.5 if self._held_steps else 0.0)
+        behind = np.where(on_board, 0.0, late_s / step_s + (0.5 if self._held_steps else 0.0))
         line, targets_late_s = _DelayLine(np.maximum(0.0, behind)), np.where(on_board, late_s, 0.0)
         values = np.array([[state.motor(j) for j in range(plant.joints)] for state in states])[which]
         memory, at_joint, bound = np.zeros((*shape, 3)), np.empty(shape), np.empty(shape)
@@ -147,13 +149,15 @@ class Forward:
                 moves = np.ascontiguousarray(velocity[:, plant.velocities])
                 arrived = recorded.arriving_nm(now)
                 if feedback is not None:
-                    if self._held_steps == 0 or now % self._held_steps == 0:
-                        begins = (now * step_s - targets_late_s) / windows.step_s
-                        law = feedback.of_step(sample, begins, step_s / windows.step_s)
+                    is_computed = on_board | (self._held_steps == 0 or now % self._held_steps == 0)
+                    if is_computed.any():
+                        begins = windows.lead + (now * step_s - targets_late_s) / windows.step_s
+                        law = feedback.of_step(windows.lead + sample, begins, step_s / windows.step_s)
                         stiffness, own = of_gain * law.stiffness_nm_rad, of_own * law.back_emf_nm_s_rad
                         law = replace(law, stiffness_nm_rad=stiffness, back_emf_nm_s_rad=own)
                         # velocities are those of half a step ago
-                        made = np.nan_to_num(law.torque_nm(is_at + memory[:, :, 2] + offset, moves + 0.5 * (moves - moved)))
+                        now_made = law.torque_nm(is_at + memory[:, :, 2] + offset, moves + 0.5 * (moves - moved))
+                        made = np.where(is_computed, np.nan_to_num(now_made), made)
                     arrived = np.where(feedback.is_known, line.after(made), arrived)
                 moved = moves
                 asked = np.ascontiguousarray(bias[:, plant.velocities])  # a step ago
@@ -234,7 +238,8 @@ def drives_of(windows: Windows, held_steps: int = 0) -> Drives:
     law, k = windows.feedback, windows.sent_nm.shape[2]
     none = np.zeros((len(fields(Feedback)), 1, 1, k))
     feedback = none if law is None else np.stack([getattr(law, field.name) for field in fields(Feedback)])
-    return Drives(windows.sent_nm, feedback, np.zeros(k, bool) if law is None else law.is_known, windows.step_s, held_steps)
+    is_known = np.zeros(k, bool) if law is None else law.is_known
+    return Drives(windows.sent_nm, feedback, is_known, windows.step_s, held_steps, windows.lead)
 
 
 class _Recorded:

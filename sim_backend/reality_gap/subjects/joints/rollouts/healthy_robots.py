@@ -237,7 +237,7 @@ def _noisy(problem: RolloutProblem, windows: Windows, rng: np.random.Generator) 
     shape, law = windows.sent_nm.shape, windows.feedback
     felt = windows.sent_nm + problem.torque_noise_nm * rng.standard_normal(shape)
     if law is not None:
-        position = law.stiffness_nm_rad * problem.noise_rad * rng.standard_normal(shape)
-        velocity = law.damping_nm_s_rad * problem.velocity_noise_rad_s * rng.standard_normal(shape)
+        position = law.stiffness_nm_rad * problem.noise_rad * rng.standard_normal(law.target_rad.shape)
+        velocity = law.damping_nm_s_rad * problem.velocity_noise_rad_s * rng.standard_normal(law.target_rad.shape)
         law = replace(law, desired_nm=law.desired_nm - position - velocity)
     return replace(windows, sent_nm=felt, feedback=law)

@@ -36,7 +36,7 @@ def windows_of(episodes: Sequence[EpisodeEquations], length_s: float, step_s: fl
     for owner, episode in enumerate(episodes):
         path = episode.path
         known = np.isfinite(np.hstack([path.joints.position_rad, episode.acting_nm.T])).all(axis=1)
-        edge, rows = round(_EDGE_S / path.step_s), round(length_s / path.step_s)
+        edge, rows = _lead_rows(episode), round(length_s / path.step_s)
         unknown = np.concatenate([[0], np.cumsum(~known)])
         starts = np.arange(edge, path.joints.position_rad.shape[0] - rows - edge - 2, rows)
         for first in (int(first) for first in starts if unknown[first + rows + 2] == unknown[first]):
@@ -61,6 +61,9 @@ def _windows(episodes: Sequence[EpisodeEquations], parts: Sequence[tuple[int, in
     k = episodes[0].plant.joints
     position, sent, begin, speed, laws = [], [], [], [], []
     edges_s = step_s * np.arange(samples + 1)
+    laws_of = [e.path.joints.feedback for e in episodes]
+    is_on_board = any(law is not None and law.is_on_board.any() for law in laws_of)
+    lead = min(int(_lead_rows(e) * e.path.step_s / step_s + 1e-9) for e in episodes) if is_on_board else 0
     for owner, first in parts:
         episode, path = episodes[owner], episodes[owner].path
         rows = slice(first, first + round(edges_s[-1] / path.step_s) + 2)
@@ -69,8 +72,9 @@ def _windows(episodes: Sequence[EpisodeEquations], parts: Sequence[tuple[int, in
         begin.append(path.fast_position[first])
         speed.append(path.fast_velocity[first])
         if path.joints.feedback is not None:
-            law = path.joints.feedback.at(rows)
-            laws.append(Feedback(*(_mean_of_held(getattr(law, field.name), path.step_s, edges_s) for field in fields(law))))
+            begins, before = first - _lead_rows(episode), _lead_rows(episode) * path.step_s
+            law, known_s = path.joints.feedback.at(slice(begins, rows.stop)), before + step_s * np.arange(-lead, samples + 1)
+            laws.append(Feedback(*(_mean_of_held(getattr(law, field.name), path.step_s, known_s) for field in fields(law))))
     return Windows(
         step_s,
         np.array(position).reshape(-1, samples, k),
@@ -85,7 +89,13 @@ def _windows(episodes: Sequence[EpisodeEquations], parts: Sequence[tuple[int, in
             owner,
             np.array([part[1] for part in parts], dtype=int),
         ),
+        lead,
     )
+
+
+def _lead_rows(episode: EpisodeEquations) -> int:
+    """Rows before each window: none begins nearer to the begin of its recording."""
+    return round(_EDGE_S / episode.path.step_s)
 
 
 def _between(series: np.ndarray, step_s: float, times_s: np.ndarray) -> np.ndarray:

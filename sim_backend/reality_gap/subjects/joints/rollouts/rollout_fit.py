@@ -124,7 +124,8 @@ class RolloutProblem:
         self._loose = tolerated(episodes, start, catalogue, tolerance)
         self._other: Forward | None = None
         law = self.windows.feedback  # of a servo its motor's own voltage is a part, which never rests
-        if law is not None and len(self.windows) and not np.nan_to_num(law.back_emf_nm_s_rad).any():
+        is_loop_elsewhere = law is not None and bool((law.is_known & ~law.is_on_board).any())
+        if is_loop_elsewhere and len(self.windows):
             self._other = Forward(episodes[0].plant, step_s, held_s=row_s, longest_step_s=longest_s)
             otherwise = self.otherwise()
             assert otherwise is not None

@@ -133,6 +133,10 @@ class EpisodeEquations:
         """Torques that were sent, or measured if nothing else is known, shape (k, s), N m."""
         return self._motors.driving_nm
 
+    def later_targets_nm(self, j: int) -> np.ndarray | None:
+        """As of the motors: what it takes from a joint's torque when its targets come a row later, shape (s,), N m."""
+        return self._motors.later_targets_nm(j)
+
     @property
     def acting_nm(self) -> np.ndarray:
         """Torques that drive the mechanics: measured where they are known, shape (k, s), N m."""

@@ -218,7 +218,7 @@ def _with_torques(
         parts = [f"{listed([names[j] for j in joints])} counts the other way round, position and torque"]
     elif turned:
         parts.append(f"the torques of {listed(these)} have the opposite sign")
-        checks.append(f"the sign of the torques of {listed(these)}")
+        checks.append(f"torque_sign of {listed(these)}")
     if scaled:
         parts.append(_of_units(scaled, names))
         checks.append(f"torque_unit of {listed([names[j] for j in scaled])}")

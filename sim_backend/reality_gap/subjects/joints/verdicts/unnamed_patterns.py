@@ -110,9 +110,17 @@ def _error_nm(episodes: Sequence[EpisodeEquations], state: JointState, joint: in
     """A joint's torque error with a model in the rows that count, but for when within a row a torque acts: nobody knows that."""
     pairs = list(zip(episodes, rows, strict=True))
     error = np.concatenate([e.torque_error(state)[own, joint] for e, own in pairs])
-    later = np.concatenate([np.gradient(e.path.averaged(e.driving_nm[joint]))[own] for e, own in pairs])
+    later = np.concatenate([_later_nm(e, joint)[own] for e, own in pairs])
     beside = np.stack([later, np.ones_like(later)], axis=1)
     return error - beside @ np.linalg.lstsq(beside, error, rcond=None)[0]
+
+
+def _later_nm(episode: EpisodeEquations, joint: int) -> np.ndarray:
+    """How a joint's torque changes when it, or the targets that it was made of, come later, shape (r,)."""
+    of_targets = episode.later_targets_nm(joint)
+    if of_targets is None:
+        return np.gradient(episode.path.averaged(episode.driving_nm[joint]))
+    return episode.path.averaged(of_targets)
 
 
 def foretold_nm2(error: np.ndarray, columns: np.ndarray, part: np.ndarray) -> float:

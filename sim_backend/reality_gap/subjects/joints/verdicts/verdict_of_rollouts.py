@@ -111,7 +111,8 @@ def verdict_of_rollouts(
         kind, summary = VerdictKind.CONFUSABLE, "Some cause explains where the robot went, but these data cannot tell which."
         causes += [cause for _, _, other, fit in near for cause in causes_of(study, fit, other)]
     else:
-        summary = f"{summary}: {_with_and_without(selection, names, is_slide, usual=bool(is_halved.any()))}."
+        usual = bool((is_halved & is_gain).any())
+        summary = f"{summary}: {_with_and_without(selection, names, is_slide, is_halved if usual else is_gain, usual=usual)}."
     unknown = (
         [f"where the rest comes from: {said}"] if kind is VerdictKind.NAMED and not problem.is_near_noise(selection.fit) else []
     )
@@ -184,22 +185,25 @@ def _left(
     return f"{left}, {off[worst] / problem.noise_rad[worst]:.0f} times the noise of its encoder"
 
 
-def _with_and_without(selection: RolloutSelection, names: Sequence[str], is_slide: np.ndarray, *, usual: bool) -> str:
-    """Where windows end up with a selection's causes and without, at the joint that shows it best: usual ones, or one of ten."""
+def _with_and_without(
+    selection: RolloutSelection, names: Sequence[str], is_slide: np.ndarray, shows: np.ndarray, *, usual: bool
+) -> str:
+    """Where windows end up with a selection's causes and without, usual ones or one of ten, at the joint that shows it best."""
     nominal, fit = selection.nominal, selection.fit
     before, after = (nominal.usual_rad, fit.usual_rad) if usual else (nominal.far_rad, fit.far_rad)
-    best = int(np.argmax(before / np.maximum(after, 1e-12)))
+    best = int(np.argmax(np.where(shows, (before - after) / selection.problem.noise_rad, -np.inf)))
     with_it, without_it = (told_distance(rad[best], is_slide=bool(is_slide[best])) for rad in (after, before))
-    which = "a usual window" if usual else "one window of ten"
-    return f"{which} of {selection.problem.length_s:g} s ends up {with_it} off at {names[best]}, {without_it} without that"
+    which, more = ("a usual window", "") if usual else ("one window of ten", " or more")
+    return f"{which} of {selection.problem.length_s:g} s ends up {with_it}{more} off at {names[best]}, {without_it} without that"
 
 
 def _few_windows(fit: RolloutFit, names: Sequence[str], is_slide: np.ndarray, limit_rad: np.ndarray) -> list[str]:
-    """Of joints whose whole error is beyond what one window of ten may be off: a few windows make it, and what is not known."""
+    """Of joints of which nine windows of ten are near enough: the others that are not, if the whole error is theirs."""
     found, off_rad = [], np.sqrt(fit.squares)
-    for j in map(int, np.flatnonzero(np.sqrt(fit.squares.mean(axis=0)) > limit_rad)):
-        few, worst = int((off_rad[:, j] > limit_rad[j]).sum()), told_distance(off_rad[:, j].max(), is_slide=bool(is_slide[j]))
-        found.append(f"what happened in {few} of {len(off_rad)} windows: they end up as far as {worst} off at {names[j]}")
+    for j in map(int, np.flatnonzero((fit.far_rad <= limit_rad) & (np.sqrt(fit.squares.mean(axis=0)) > limit_rad))):
+        few, worst = int((off_rad[:, j] > limit_rad[j]).sum()), float(off_rad[:, j].max())
+        end = f"as far as {told_distance(worst, is_slide=bool(is_slide[j]))} off" if np.isfinite(worst) else "nowhere"
+        found.append(f"what happened in {few} of {len(off_rad)} windows: they end up {end} at {names[j]}")
     return found
 
 

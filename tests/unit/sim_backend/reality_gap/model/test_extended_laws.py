@@ -103,6 +103,19 @@ def test_a_rotor_needs_a_body_of_its_own():
     assert missing == ["backlash at a: its body has other joints, too, so that a cannot have a rotor of its own"]
 
 
+def test_joints_on_board_are_told_by_the_file_and_have_late_targets(tmp_path):
+    model, file = mujoco.MjModel.from_xml_string(ARM), tmp_path / "extended-laws.json"
+    late = {name: {"action_delay.delay_s": 0.02} for name in NAMES}
+    file.write_text(json.dumps({"joints": late, "on_board": [NAMES[0]]}))
+    laws, data = Laws(model, file), mujoco.MjData(model)
+    assert [laws.delay_s(name) for name in NAMES] == [0.02, 0.0]
+    laws.apply(model, data, dict.fromkeys(NAMES, 0.0))
+    laws.apply(model, data, dict.fromkeys(NAMES, 0.5))
+    assert data.qfrc_applied[[int(model.joint(name).dofadr[0]) for name in NAMES]].tolist() == [0.5, 0.0]
+    with pytest.raises(KeyError, match="sholder"):
+        Laws(model, late, on_board=["sholder"])
+
+
 def test_they_take_the_place_of_the_model_s_own_actuators():
     model = mujoco.MjModel.from_xml_string(ARM)
     data, laws = mujoco.MjData(model), Laws(model, {"shoulder": {"torque_constant.error": 1.0}})
@@ -116,6 +129,19 @@ def test_they_take_the_place_of_the_model_s_own_actuators():
 
 def cause(effect, parameter, where, value):
     return Cause(effect, parameter, where, value, "", (value, value))
+
+
+@pytest.mark.parametrize(("actuator", "is_missing"), [("motor", True), ("position", False)])
+def test_late_targets_are_the_delay_of_an_actuator_that_has_targets(tmp_path, actuator, is_missing):
+    (tmp_path / "arm.xml").write_text(ARM.replace("<motor ", f"<{actuator} "))
+    late = cause("action_delay", "delay_s", "shoulder", 0.02)
+    verdict = Verdict(verdict=VerdictKind.NAMED, summary="late", causes=(late,))
+    write_models(verdict, "made", [], tmp_path, model=tmp_path / "arm.xml", on_board=["shoulder"])
+    assert json.loads((tmp_path / LAWS).read_text())["on_board"] == ["shoulder"]
+    delays = mujoco.MjModel.from_xml_path(str(tmp_path / NATIVE)).actuator_delay
+    missing = tmp_path / "extended-model-missing.txt"
+    assert (delays.max() == 0.0) == is_missing == missing.exists()
+    assert not is_missing or "its targets are late" in missing.read_text()
 
 
 def test_what_a_study_writes_runs_without_this_project(tmp_path):

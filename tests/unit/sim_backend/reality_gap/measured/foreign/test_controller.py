@@ -53,6 +53,12 @@ def test_the_torque_that_was_sent_follows_from_position_and_target(tmp_path, tor
         np.testing.assert_allclose(signals(tmp_path, study).commanded_torque_nm, torque, atol=1e-9)
 
 
+@pytest.mark.parametrize(("stated", "on_board"), [("", False), ("on_board = true", True)])
+def test_a_controller_is_on_board_where_the_file_says_so(tmp_path, torque, stated, on_board):
+    assert signals(tmp_path, STUDY + CONTROLLER + stated).feedback.is_on_board.tolist() == [on_board] * torque.shape[1]
+    assert load_study_file(tmp_path / "study.toml").on_board == (("joint1", "joint2") if on_board else ())
+
+
 def test_torque_is_limited_as_stated_and_counts_in_the_models_direction(tmp_path, torque):
     limited = signals(tmp_path, STUDY + CONTROLLER + "torque_limit = { joint1 = 1.5 }").commanded_torque_nm
     np.testing.assert_allclose(limited, np.column_stack([np.clip(torque[:, 0], -1.5, 1.5), torque[:, 1]]), atol=1e-9)

@@ -229,6 +229,11 @@ def test_a_motor_gives_what_its_voltage_and_its_own_make(tmp_path, drive, limit_
     expected = 0.2 / 4.0 * np.clip(volts, -limit_v, limit_v) - 0.2**2 / 4.0 * data["dq"]
     np.testing.assert_allclose(joints.commanded_torque_nm[:, 0], expected, atol=1e-6)
     assert joints.feedback.is_known.tolist() == [True, False] and joints.not_recorded == ("shoulder",)
+    assert joints.feedback.is_on_board.tolist() == [True, False], "a voltage is late, and not what the motor makes itself"
+    against = without_torques(MOTOR.format(drive=drive)).replace('position = "q"', 'position = "q"\ntorque_sign = -1')
+    turned = read(folder(tmp_path, against, data))[0].joints
+    expected = -0.2 / 4.0 * np.clip(volts, -limit_v, limit_v) - 0.2**2 / 4.0 * data["dq"]
+    np.testing.assert_allclose(turned.commanded_torque_nm[:, 0], expected, atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -40,13 +40,15 @@ def recorded(
     loss_nm2: float = 0.0,
     late_rows: int = 0,
     targets_late_rows: int = 0,
+    on_board: bool = False,
     cogging_nm: float = 0.0,
     lost: float = 0.0,
 ) -> Recording:
     """A PD controller follows targets at 200 Hz; positions have noise, which the controller sees.
 
     Its motor has a limit, loses a share of its torque, gets warm within ``WARMS_S`` and loses then, acts some rows late, and cogs
-    ``COGS`` times a turn. The controller gets its targets some rows late.
+    ``COGS`` times a turn. The controller gets its targets some rows late; one
+    that is on board computes its torque in every step, of where the joint is.
     """
     target_rad = np.concatenate([np.repeat(target_rad[:1], targets_late_rows), target_rad])[: len(target_rad)]
     data, rng = mujoco.MjData(model), np.random.default_rng(seed)
@@ -59,6 +61,8 @@ def recorded(
         warm += STEP_S / WARMS_S * (sent[i] ** 2 - warm)
         data.ctrl[0] = sent[i] * (1.0 - lost) * (1.0 - loss_nm2 * warm) + cogging_nm * np.sin(COGS * data.qpos[0] + 0.4)
         for _ in range(round(STEP_S / model.opt.timestep)):
+            if on_board:
+                data.ctrl[0] = of_gain * GAIN * (target - data.qpos[0]) - DAMPING * data.qvel[0]
             mujoco.mj_step(model, data)
     position, velocity, torque = (row[:, None] for row in found)
     joints = JointSignals(("hinge",), position, velocity, commanded_torque_nm=torque)

@@ -194,25 +194,31 @@ def verdict_where_only_targets_are_known(*, on_board: bool = False, **of_control
     recordings = []
     for seed in (1, 2):
         target = targets(6.0, seed)
-        went = recorded(model, target, seed=seed, **of_controller)  # pyrefly: ignore[bad-argument-type]
+        went = recorded(model, target, seed=seed, on_board=on_board, **of_controller)  # pyrefly: ignore[bad-argument-type]
         recordings.append(replace(only_targets(went, target, on_board=on_board), name=f"{seed}"))
     robot = UnknownRobot(Tolerance())
     study = study_joints(model, recordings, lambda *_: None, robot=robot, gate=np.inf)
     catalogue = with_controllers(study.fit.first.catalogue, ("hinge",), np.array([True]))
     problem = RolloutProblem(study.problem.episodes, study.start, catalogue, robot.tolerance)
     selection = select_by_rollouts(problem, catalogue, lambda _: True)
-    return verdict_of_rollouts(study, selection, DrawnRobots(problem, np.random.default_rng(0)).coarse), selection
+    return verdict_of_rollouts(study, selection, DrawnRobots(problem, np.random.default_rng(0)).coarse), selection, study
 
 
 def test_a_servo_s_targets_are_late_and_its_own_loop_is_not():
-    verdict, _ = verdict_where_only_targets_are_known(on_board=True, targets_late_rows=6)
+    verdict, selection, study = verdict_where_only_targets_are_known(on_board=True, targets_late_rows=6)
+    assert verdict.verdict is VerdictKind.NAMED
     assert [(cause.effect, cause.where) for cause in verdict.causes] == [("action_delay", "hinge")], verdict.summary
     assert verdict.causes[0].value == pytest.approx(0.03, rel=0.1)
+    with_it, without = (  # torques along the motion are made of the same late targets
+        np.concatenate([e.torque_error(state)[e.valid_mechanics[:, 0], 0] for e in study.problem.episodes])
+        for state in (selection.fit.state, selection.problem.start)
+    )
+    assert np.std(with_it) < 0.5 * np.std(without)
 
 
 @pytest.mark.parametrize("of_gain", [0.75, 1.0])
 def test_a_controller_with_less_gain_is_named_where_only_targets_are_known(of_gain):
-    verdict, selection = verdict_where_only_targets_are_known(of_gain=of_gain)
+    verdict, selection, _ = verdict_where_only_targets_are_known(of_gain=of_gain)
     if of_gain == 1.0:
         assert verdict.verdict is VerdictKind.NOTHING_WRONG, verdict.summary
         (excluded,) = [each.above for each in verdict.effects if each.effect == "position_gain"]

@@ -54,6 +54,48 @@ def test_in_the_loop_a_servo_stops_where_its_torque_and_gravity_are_even():
     assert asked == pytest.approx(0.6 * 9.81 * 0.15 * np.sin(rests), rel=1e-3)
 
 
+def went_on_board(law: Feedback, lead: int, late_s: float, *, own_steps: bool, held_s: float = 0.0) -> np.ndarray:
+    """Where the pendulum goes from rest, shape (s,), with a loop beside its motor of which ``lead`` samples before are known."""
+    plant = Plant(mujoco.MjModel.from_xml_string(PENDULUM.format(more="")), ["hinge"])
+    nothing = np.zeros((1, law.target_rad.shape[1] - lead, 1))
+    window = replace(one_window(nothing, nothing, law), lead=lead)
+    forward = Forward(plant, STEP_S, held_s=held_s, longest_step_s=0.001)
+    if not own_steps:
+        forward._chain = None
+    state = JointState(1, {"action_delay.delay_s": np.array([late_s]), **NO_LIMIT})
+    return forward.positions(window, window.begin_rad, window.begin_rad_s, [state], np.zeros(1, int))[0, :, 0]
+
+
+def law_on_board(target: np.ndarray, desired: np.ndarray) -> Feedback:
+    nothing = np.zeros_like(target)
+    return Feedback(target, nothing + 5.0, nothing + 0.1, nothing + np.inf, nothing + 0.02, desired, nothing + 1.0)
+
+
+@pytest.mark.parametrize("own_steps", [True, False])
+@pytest.mark.parametrize("what", ["target", "voltage"])
+def test_what_was_asked_for_before_a_window_comes_within_it(what, own_steps):
+    lead, behind, at = 20, 7, np.arange(220)[None, :, None]
+    asked, nothing = np.sin(at / 12.0), np.zeros((1, 220, 1))
+    late, in_time = (
+        law_on_board(sent, nothing) if what == "target" else law_on_board(nothing, sent)
+        for sent in (asked, np.roll(asked, behind, axis=1))
+    )
+    found = went_on_board(late, lead, behind * STEP_S, own_steps=own_steps)
+    np.testing.assert_allclose(found, went_on_board(in_time.at((slice(None), slice(lead, None))), 0, 0.0, own_steps=own_steps))
+    assert np.abs(found - went_on_board(late, lead, 0.0, own_steps=own_steps)).max() > 0.05
+
+
+@pytest.mark.parametrize("own_steps", [True, False])
+@pytest.mark.parametrize("late_s", [-0.002, 0.0, 0.0013, 0.004])
+def test_a_loop_beside_its_motor_is_not_held_and_has_any_delay(late_s, own_steps):
+    target = np.cumsum(np.random.default_rng(1).normal(size=(1, 120, 1)), axis=1) / 10.0
+    law = law_on_board(target, np.zeros_like(target))
+    found = went_on_board(law, 20, late_s, own_steps=own_steps)
+    np.testing.assert_array_equal(found, went_on_board(law, 20, late_s, own_steps=own_steps, held_s=STEP_S))
+    later = went_on_board(law, 20, late_s + 0.0005, own_steps=own_steps)
+    assert 1e-5 < np.abs(found - later).max() < 0.02, "half a millisecond shows, and not as much as a row"
+
+
 @pytest.mark.parametrize("own_steps", [True, False])
 def test_a_torque_constant_is_that_of_the_motor_s_own_voltage_too(own_steps):
     """Torque is kt V / R - kt^2 speed / R, whatever kt is."""

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.subjects.joints.laws.body_law import tilted_gravity
-from sim_backend.reality_gap.subjects.joints.laws.equal_causes import with_late_columns, with_share_of_all, with_turned_base
 from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
+from sim_backend.reality_gap.subjects.joints.verdicts.equal_causes import with_late_columns, with_share_of_all, with_turned_base
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, Told, Verdict, VerdictKind
 
 

@@ -77,7 +77,7 @@ def with_late_columns(verdict: Verdict) -> Verdict:
     late_ms += "" if len(delays) == 1 else f" to {1e3 * max(cause.value for cause in delays):.2g}"
     said = f"Positions that are written {late_ms} ms late ({places}) look like the delay."
     found = _confusable(verdict, said, delays, (), _ON_TIME)
-    late = f"whether torques act late or positions are written late ({places}): {_ON_TIME}"
+    late = f"whether torques, or a servo's targets, act late or positions are written late ({places}): {_ON_TIME}"
     return replace(found, cannot_tell=(late, *verdict.cannot_tell))
 
 
