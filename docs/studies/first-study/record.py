@@ -9,7 +9,7 @@ import numpy as np
 ELBOW_RUBS_NM = 0.06
 NM_PER_AMPERE = 0.5
 STIFFNESS_NM_RAD, DAMPING_NM_S_RAD = np.array([25.0, 8.0]), np.array([2.0, 0.5])
-ROW_S, SECONDS = 0.005, 10.0
+ROW_S, SECONDS = 0.01, 6.0
 ENCODER_RAD = 2e-4
 
 
