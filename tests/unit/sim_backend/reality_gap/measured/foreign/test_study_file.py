@@ -213,16 +213,18 @@ def test_the_reference_names_every_key_and_no_other(tmp_path):
 
 def test_the_references_example_is_valid(tmp_path):
     page = (STUDIES / "README.md").read_text(encoding="utf-8")
-    example = re.search(r"```toml\n(.*?)```", page, re.DOTALL)
-    assert example is not None
+    smallest, longer = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
     (tmp_path / "sweeps").mkdir()
-    for name in ("sweeps/a.csv.gz", "sweeps/b.csv.gz", "payload.parquet"):
+    for name in ("sweeps/a.csv.gz", "sweeps/b.csv.gz", "steps.parquet"):
         (tmp_path / name).touch()
     (tmp_path / "arm.xml").write_text(
         '<mujoco><worldbody><body><joint name="shoulder"/><geom size="1"/>'
         '<body><joint name="elbow"/><geom size="1"/></body></body></worldbody></mujoco>'
     )
-    (tmp_path / "study.toml").write_text(example.group(1))
+    (tmp_path / "study.toml").write_text(longer)
     study = load_study_file(tmp_path / "study.toml")
-    assert [entry.name for entry in study.recordings] == ["a", "b", "payload"]
+    assert [entry.name for entry in study.recordings] == ["a", "b", "steps"]
     assert [joint.name for joint in study.joints] == ["shoulder", "elbow"]
+    assert smallest.strip() in re.sub(
+        r"^#.*\n", "", (STUDIES / "first-study/study.toml").read_text(encoding="utf-8"), flags=re.MULTILINE
+    )
