@@ -70,13 +70,13 @@ HIDDEN = {
 }
 
 
-WITHOUT_SCALE = ("coulomb_friction", "encoder_offset")
+WITHOUT_SCALE = ("link_mass", "encoder_offset")
 
 
 @pytest.mark.parametrize("effect", [pytest.param(e, marks=[pytest.mark.scale] * (e not in WITHOUT_SCALE)) for e in HIDDEN])
 def test_a_cause_at_the_elbow_is_named_with_its_value(effect):
-    """`test_a_cause_at_the_elbow_is_named_with_its_value` has a friction and a sensor without scale, and
-    `test_gravity_beside_friction_is_named_where_no_straight_line_leads_to_it` a body.
+    """`test_a_cause_at_the_elbow_is_named_with_its_value` has a body and a sensor without scale,
+    `test_its_commands_say_what_the_page_says` a friction.
     """
     how, parameter, value, error = HIDDEN[effect]
     verdict = verdict_of(**how)

@@ -138,9 +138,12 @@ def test_of_three_causes_those_that_gain_little_are_causes_too_where_all_togethe
     assert {cause.effect for cause in verdict.causes} == {"coulomb_friction", "viscous_friction", "action_delay"}, verdict.summary
 
 
-@pytest.mark.parametrize(("gravity_m_s2", "friction_nm"), [(7.0, 0.08), (12.5, 0.1)])
+@pytest.mark.parametrize(("gravity_m_s2", "friction_nm"), [pytest.param(7.0, 0.08, marks=pytest.mark.scale), (12.5, 0.1)])
 def test_gravity_beside_friction_is_named_where_no_straight_line_leads_to_it(gravity_m_s2, friction_nm):
-    """A spring about the middle of the swing had been named instead, or a lighter link with a larger rotor."""
+    """A spring about the middle of the swing had been named instead, or a lighter link with a larger rotor.
+
+    `test_gravity_beside_friction_is_named_where_no_straight_line_leads_to_it` has one that is stronger without scale.
+    """
     verdict = study_of(f'frictionloss="{friction_nm}"', gravity_m_s2=gravity_m_s2)
     value = {(cause.effect, cause.where): cause.value for cause in verdict.causes}
     assert {effect for effect, _ in value} == {"gravity", "coulomb_friction"}, verdict.summary
