@@ -59,7 +59,7 @@ def write_models(
     nominal = mujoco.MjSpec.from_file(str(model))
     untold = [cause for cause in causes if _is_of_targets(cause, nominal, on_board)]
     spec, missing = extend_mjcf(nominal, [cause for cause in causes if cause not in untold])
-    missing += [f"{cause.effect} at {cause.where}: its targets are late, and a motor has torques alone" for cause in untold]
+    missing += [f"{cause.effect} at {cause.where}: its targets are late, and no actuator there takes targets" for cause in untold]
     write_mjcf(_finding_its_files(spec, model), out / NATIVE)
     written.append(out / NATIVE)
     if laws := _laws(causes, spec):
@@ -74,7 +74,7 @@ def write_models(
 
 
 def _is_of_targets(cause: Cause, spec: mujoco.MjSpec, on_board: Sequence[str]) -> bool:
-    """Whether a cause is a delay of targets at joints whose actuators get torques."""
+    """Whether a cause is a delay of targets at joints without an actuator that takes targets."""
     places = joints_of(spec) if cause.where == "all joints" else [cause.where]
     if f"{cause.effect}.{cause.parameter}" != _DELAY or not set(places) <= set(on_board):
         return False

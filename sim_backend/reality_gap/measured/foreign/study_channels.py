@@ -176,6 +176,9 @@ def _joint(section: Section, name: str, *, slide: bool) -> JointEntry:
     motor, columns_of_motor = _motor(section, name)
     passive = section.flag("passive") or False
     driven = [word for word in _DRIVEN if section.has(word)]
+    turns = {*columns, *columns_of_motor} & {"commanded_torque", "measured_torque", "desired_torque"} or section.has("motor")
+    if signs["torque_sign"] < 0.0 and not turns:
+        raise section.refusal("torque_sign turns nothing: the joint has no torque, voltage or duty")
     if passive and driven:
         raise section.refusal(f"the joint is passive, which nothing drives, and has {driven[0]}")
     return JointEntry(

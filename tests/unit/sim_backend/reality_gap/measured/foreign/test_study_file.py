@@ -50,6 +50,10 @@ REFUSED = {
     "torque said twice": (STUDY.replace('"measured"', '"commanded"'), ["same as commanded_torque"]),
     "no ambient": (STUDY.replace("ambient = 20.0", ""), ["ambient"]),
     "a unit below nothing": (STUDY.replace('"mm"', "-0.1"), ["above 0", "torque_sign"]),
+    "a sign of no torques": (
+        STUDY.replace('position = "x"', 'position = "x"\npassive = true\ntorque_sign = -1'),
+        ["torque_sign turns nothing"],
+    ),
     "a sign of torques": (STUDY.replace('position = "q"', 'position = "q"\ntorque_sign = 0'), ["torque_sign is 0", "1 or -1"]),
     "a sign": (STUDY.replace('position = "q"', 'position = "q"\nsign = 2'), ["sign is 2", "1 or -1"]),
     "no order": (STUDY.replace('quaternion_order = "xyzw"', ""), ["quaternion_order is missing", "wxyz, xyzw"]),
