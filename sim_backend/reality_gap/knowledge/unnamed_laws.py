@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 ZERO, DRAG = "torque.zero_nm", "drag.nm_s2_rad2"
 """Numbers of no effect: a torque that is always there, and drag by the square of speed."""
+BRAKING = "motor.braking_share"
+"""By which share a motor's own voltage takes more torque than is said: its square of torque constant over resistance is off."""
 LINK_INERTIA = "link.inertia_share"
 LINK_CENTRES = ("link.centre_x_m", "link.centre_y_m", "link.centre_z_m")
 """By how much a model's links are off in inertia and in their centres of mass, for each joint."""
@@ -22,6 +24,7 @@ class UnnamedLaw:
         mistaken: effects that it may be mistaken for.
         separated_by: what to record.
         alike: those of them that are the same while a joint moves: which fits better tells how it sticks, not which it is.
+        of_voltage: whether only motors have it that are driven by voltage.
     """
 
     probes: tuple[tuple[str, str | float], ...]
@@ -29,6 +32,7 @@ class UnnamedLaw:
     mistaken: frozenset[str]
     separated_by: str
     alike: frozenset[str] = frozenset()
+    of_voltage: bool = False
 
 
 LAWS = (
@@ -55,5 +59,17 @@ LAWS = (
         "a link whose mass lies elsewhere, such as with a tool on it",
         frozenset({"torque_constant", "rotor_inertia", "encoder_offset", "joint_stiffness"}),
         "the links weighed, with their centres of mass, or the same motion without what is mounted on them",
+    ),
+    UnnamedLaw(
+        ((BRAKING, 0.01),),
+        "a motor whose own voltage brakes it more or less than its torque constant and resistance say",
+        frozenset(
+            {
+                *("position_gain", "action_delay", "torque_constant", "torque_saturation"),
+                *("coulomb_friction", "viscous_friction", "stribeck_friction", "load_friction", "directional_friction"),
+            }
+        ),
+        "the speed of the motor without load, and its torque at standstill, each at a known voltage",
+        of_voltage=True,
     ),
 )

@@ -17,6 +17,7 @@ from sim_backend.driver.native_control import silence_warnings
 from sim_backend.effects.friction import make_stiff
 from sim_backend.reality_gap.feedback import Feedback
 from sim_backend.reality_gap.knowledge.joint_effects import POSITION_GAIN, TORQUE_CONSTANT
+from sim_backend.reality_gap.knowledge.unnamed_laws import BRAKING
 from sim_backend.reality_gap.subjects.joints.laws.body_law import gravity_of
 from sim_backend.reality_gap.subjects.joints.laws.motor_law import in_simulations
 from sim_backend.reality_gap.subjects.joints.laws.past import Past
@@ -132,7 +133,8 @@ class Forward:
         position[:, plant.positions], velocity[:, plant.velocities] = begin_rad - offset, begin_rad_s
         late_s = _by_window(states, which, "action_delay.delay_s") + _by_window(states, which, CLOCK)
         recorded = _Recorded(windows, late_s, step_s)
-        of_gain, of_own = _by_window(states, which, POSITION_GAIN), 1.0 + _by_window(states, which, TORQUE_CONSTANT)
+        of_gain = _by_window(states, which, POSITION_GAIN)
+        of_own = (1.0 + _by_window(states, which, TORQUE_CONSTANT)) * (1.0 + _by_window(states, which, BRAKING))
         feedback = windows.feedback
         on_board = np.zeros(plant.joints, bool) if feedback is None else feedback.is_on_board
         behind = np.where(on_board, 0.0, late_s / step_s + (0.5 if self._held_steps else 0.0))
@@ -190,7 +192,7 @@ class Forward:
             of("encoder_offset.offset_rad"),
             of("action_delay.delay_s") + of(CLOCK),
             of(POSITION_GAIN),
-            1.0 + of(TORQUE_CONSTANT),
+            (1.0 + of(TORQUE_CONSTANT)) * (1.0 + of(BRAKING)),
         )
 
     def _bodies(self, mass: np.ndarray, inertia: np.ndarray, *centres: np.ndarray) -> Bodies:

@@ -11,7 +11,7 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
-from sim_backend.reality_gap.knowledge.unnamed_laws import DRAG, LAWS, UnnamedLaw
+from sim_backend.reality_gap.knowledge.unnamed_laws import BRAKING, DRAG, LAWS, UnnamedLaw
 from sim_backend.reality_gap.subjects.joints.laws.state import Term
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutFit, apart
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import GATE, Taken
@@ -29,13 +29,17 @@ def against_unnamed(verdict: Verdict, selection: RolloutSelection, usual_rad: np
     """A verdict of rollouts as it stands beside laws without a name.
 
     What a law explains clearly better than a cause, or with which half of what is left goes that healthy robots do not leave, is
-    not explained by the causes; what a law explains as well cannot be told apart from it.
+    not explained by the causes; what a law explains as well cannot be told apart from it. Of what is unexplained anyhow it is said
+    with which law half goes.
 
     Args:
         verdict: what rollouts came to.
         selection: that it was drawn from.
         usual_rad: what usual windows of healthy robots that have the causes may be off, shape (k,).
     """
+    if verdict.verdict is VerdictKind.UNEXPLAINED and (law := _beside(selection, usual_rad)) is not None:
+        summary = f"{verdict.summary} With {law.said} half of what is left goes, and no effect of the catalogue is that."
+        return replace(verdict, summary=summary, record_next=tuple(dict.fromkeys([law.separated_by, *verdict.record_next])))
     if verdict.verdict not in (VerdictKind.NAMED, VerdictKind.CONFUSABLE) or not selection.taken:
         return verdict
     rivals = [(cause, law, _behind(selection, cause, law)) for cause in selection.taken for law in LAWS]
@@ -70,15 +74,26 @@ def _named(cause: Taken) -> str:
 def _terms(selection: RolloutSelection, law: UnnamedLaw, joints: Sequence[int]) -> list[Term]:
     scales = selection.problem.catalogue.scales
     taken = {(term.key, term.index) for cause in selection.taken for term in cause.terms}
+    if law.of_voltage:
+        by_voltage = _by_voltage(selection)
+        joints = [j for j in joints if by_voltage[j]]
     every = [
         Term(key, j, _PROBE_SHARE * scales[like] if isinstance(like, str) else like) for j in joints for key, like in law.probes
     ]
     return [term for term in every if (term.key, term.index) not in taken]
 
 
+def _by_voltage(selection: RolloutSelection) -> np.ndarray:
+    """Joints whose motors are driven by voltage, so that their own takes torque, shape (k,)."""
+    law = selection.problem.windows.feedback
+    if law is None:
+        return np.zeros(selection.fit.state.joints, bool)
+    return np.asarray((np.nan_to_num(law.back_emf_nm_s_rad) > 0.0).any(axis=(0, 1)))
+
+
 def _is_possible(fit: RolloutFit) -> bool:
-    """Drag drives nothing."""
-    return bool((fit.state.value(DRAG) >= 0.0).all())
+    """Neither drag nor a motor's own voltage drives anything."""
+    return bool((fit.state.value(DRAG) >= 0.0).all() and (fit.state.value(BRAKING) >= -1.0).all())
 
 
 def _behind(selection: RolloutSelection, cause: Taken, law: UnnamedLaw) -> float:
@@ -89,6 +104,8 @@ def _behind(selection: RolloutSelection, cause: Taken, law: UnnamedLaw) -> float
     every = range(fit.state.joints)
     own = sorted({t.index for t in cause.terms if PARAMETERS[t.key].scope is Scope.JOINT})
     terms = _terms(selection, law, own or every)
+    if not terms:
+        return np.inf
     kept = [term for other in selection.taken if other is not cause for term in other.terms]
     without = as_nominal(problem, fit.state, cause.terms)
     found = [problem.fitted(without, [*kept, *terms], fit.begin)]
@@ -120,7 +137,8 @@ def _beside(selection: RolloutSelection, usual_rad: np.ndarray) -> UnnamedLaw | 
         return None
     own = [term for cause in selection.taken for term in cause.terms]
     for law in (law for law in LAWS if len(law.probes) == 1):
-        terms = _terms(selection, law, range(fit.state.joints))
+        if not (terms := _terms(selection, law, range(fit.state.joints))):
+            continue
         found = problem.fitted(fit.state, [*own, *terms], fit.begin)
         gain = problem.gained(fit.squares, found.squares) - OF_NUMBER * len(terms)
         if gain > GATE and _is_possible(found) and bool((is_left & (found.by_joint_rad < _HALVED * fit.by_joint_rad)).any()):

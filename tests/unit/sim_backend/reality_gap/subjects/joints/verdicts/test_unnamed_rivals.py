@@ -1,5 +1,6 @@
 """Laws without a name in the catalogue keep causes from being named that look like them."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import mujoco
@@ -10,13 +11,15 @@ from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownR
 from sim_backend.reality_gap.knowledge.unnamed_laws import DRAG
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
+from sim_backend.reality_gap.subjects.joints.laws.hypotheses import with_controllers
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState, Term
 from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import DrawnRobots
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import FAR_OFF, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.verdicts.unnamed_rivals import _as_lossy, against_unnamed
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import verdict_of_rollouts
-from sim_backend.reality_gap.verdict import VerdictKind
+from sim_backend.reality_gap.verdict import Verdict, VerdictKind
+from tests.unit.sim_backend.reality_gap.subjects.joints import pendulum
 
 PENDULUM = """
 <mujoco><option timestep="0.0005" integrator="implicitfast"/><worldbody>
@@ -41,16 +44,30 @@ def swung(begin_rad: float, seed: int) -> Recording:
     return Recording(f"from {begin_rad}", "made here", STEP_S, STEP_S * np.arange(len(found)), joints)
 
 
-def test_drag_of_the_air_is_not_called_viscous_friction():
+def beside_drag(only: str | None = None) -> tuple[Verdict, Verdict]:
+    """Of a pendulum that drag slows down: by all effects or one, and beside unnamed laws."""
     model, robot = mujoco.MjModel.from_xml_string(PENDULUM), UnknownRobot(Tolerance())
     study = study_joints(model, [swung(1.6, 1), swung(-1.1, 2)], lambda *_: None, robot=robot, gate=np.inf)
     catalogue = study.fit.first.catalogue
+    if only is not None:
+        catalogue = replace(catalogue, hypotheses=tuple(h for h in catalogue.hypotheses if h.effect == only))
     problem = RolloutProblem(study.problem.episodes, study.start, catalogue, robot.tolerance)
     selection = select_by_rollouts(problem, catalogue, lambda _: True)
     before = verdict_of_rollouts(study, selection, DrawnRobots(problem, np.random.default_rng(0), draws=20).coarse)
+    return before, against_unnamed(before, selection, FAR_OFF * problem.noise_rad)
+
+
+def test_drag_of_the_air_is_not_called_viscous_friction():
+    before, found = beside_drag()
     assert {cause.effect for cause in before.causes} <= {"viscous_friction", "coulomb_friction", "load_friction"}
-    found = against_unnamed(before, selection, FAR_OFF * problem.noise_rad)
     assert found.verdict is VerdictKind.UNEXPLAINED and "square of speed" in found.summary
+
+
+def test_what_no_effect_explains_is_told_with_the_law_that_takes_half_of_it():
+    before, found = beside_drag(only="torque_saturation")
+    assert before.verdict is found.verdict is VerdictKind.UNEXPLAINED and "square of speed" not in before.summary
+    assert "With drag that grows with the square of speed half of what is left goes" in found.summary
+    assert found.record_next[0] == "each joint slowly and as fast as it goes"
 
 
 def test_drag_is_tried_where_it_takes_as_much_energy_as_the_friction():
@@ -64,3 +81,42 @@ def test_drag_is_tried_where_it_takes_as_much_energy_as_the_friction():
     assert lost.mean() == pytest.approx(0.7 * (speed[:, 0] ** 2).mean())
     other = Term("coulomb_friction.torque_nm", 0, 1e-3)
     assert _as_lossy(selection, SimpleNamespace(terms=(other,)), [drag]) is None
+
+
+def beside_unnamed(braking: float, hidden: str = "", of_gain: float = 1.0) -> tuple[Verdict, Verdict]:
+    """Of a servo said to be braked by its own voltage so many times as it is: by effects alone, and beside unnamed laws."""
+    nominal, model = (mujoco.MjModel.from_xml_string(pendulum.PENDULUM.format(more=more)) for more in ("", hidden))
+    recordings = []
+    for seed in (1, 2):
+        target_rad = pendulum.targets(6.0, seed)
+        went = pendulum.recorded(model, target_rad, seed=seed, on_board=True, of_gain=of_gain)
+        one = pendulum.only_targets(went, target_rad, on_board=True)
+        assert (joints := one.joints) is not None and joints.feedback is not None and joints.velocity_rad_s is not None
+        none = np.zeros_like(joints.position_rad)
+        said = replace(joints.feedback, damping_nm_s_rad=none, back_emf_nm_s_rad=none + braking * pendulum.DAMPING)
+        believed_nm = said.torque_nm(joints.position_rad, joints.velocity_rad_s)
+        recordings.append(replace(one, name=f"{seed}", joints=replace(joints, commanded_torque_nm=believed_nm, feedback=said)))
+    robot = UnknownRobot(Tolerance())
+    study = study_joints(nominal, recordings, lambda *_: None, robot=robot, gate=np.inf)
+    catalogue = with_controllers(study.fit.first.catalogue, ("hinge",), np.array([True]))
+    problem = RolloutProblem(study.problem.episodes, study.start, catalogue, robot.tolerance)
+    selection = select_by_rollouts(problem, catalogue, lambda _: True)
+    before = verdict_of_rollouts(study, selection, DrawnRobots(problem, np.random.default_rng(0)).coarse)
+    return before, against_unnamed(before, selection, FAR_OFF * problem.noise_rad)
+
+
+def test_a_servo_s_motor_that_brakes_less_than_is_said_is_not_called_gain_or_torque_constant():
+    before, found = beside_unnamed(2.5)
+    assert before.verdict is VerdictKind.NAMED and {c.effect for c in before.causes} == {"position_gain", "torque_constant"}
+    assert found.verdict is VerdictKind.CONFUSABLE and "own voltage brakes it" in found.summary
+    assert any("without load" in advice for advice in found.record_next)
+
+
+def test_friction_of_a_servo_s_joint_is_not_told_from_its_motor_s_braking():
+    _, found = beside_unnamed(1.0, hidden='damping="0.05"')
+    assert found.verdict is VerdictKind.CONFUSABLE and [c.effect for c in found.causes] == ["viscous_friction"]
+
+
+def test_a_servo_s_gain_is_named_beside_its_motor_s_braking():
+    _, found = beside_unnamed(1.0, of_gain=1.3)
+    assert found.verdict is VerdictKind.NAMED and [c.effect for c in found.causes] == ["position_gain"]
