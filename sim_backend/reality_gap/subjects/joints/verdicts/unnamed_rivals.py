@@ -29,8 +29,8 @@ def against_unnamed(verdict: Verdict, selection: RolloutSelection, usual_rad: np
     """A verdict of rollouts as it stands beside laws without a name.
 
     What a law explains clearly better than a cause, or with which half of what is left goes that healthy robots do not leave, is
-    not explained by the causes; what a law explains as well cannot be told apart from it. Of what is unexplained anyhow it is said
-    with which law half goes.
+    not explained by the causes; what a law explains as well cannot be told apart from it. Of what is unexplained anyhow it is
+    told with which law half of it goes.
 
     Args:
         verdict: what rollouts came to.

@@ -91,7 +91,8 @@ def beside_unnamed(braking: float, hidden: str = "", of_gain: float = 1.0) -> tu
         target_rad = pendulum.targets(6.0, seed)
         went = pendulum.recorded(model, target_rad, seed=seed, on_board=True, of_gain=of_gain)
         one = pendulum.only_targets(went, target_rad, on_board=True)
-        assert (joints := one.joints) is not None and joints.feedback is not None and joints.velocity_rad_s is not None
+        joints = one.joints
+        assert joints is not None and joints.feedback is not None and joints.velocity_rad_s is not None
         none = np.zeros_like(joints.position_rad)
         said = replace(joints.feedback, damping_nm_s_rad=none, back_emf_nm_s_rad=none + braking * pendulum.DAMPING)
         believed_nm = said.torque_nm(joints.position_rad, joints.velocity_rad_s)
