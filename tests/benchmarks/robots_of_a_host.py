@@ -104,7 +104,7 @@ def _looked_at(farm: Farm, count: int, idle_s: float, ready_s: float, first_leas
     before_s, began_s = sum(map(_cpu_s, everybody)), time.monotonic()
     time.sleep(idle_s)
     percent = 100.0 * (sum(map(_cpu_s, everybody)) - before_s) / (time.monotonic() - began_s)
-    memory = {pid: _memory_mb(pid) for pid in everybody}
+    memory = {pid: memory_mb(pid) for pid in everybody}
 
     def pss_mb(pids: Iterable[int]) -> list[float]:
         return [memory[pid][0] for pid in pids]
@@ -160,7 +160,7 @@ def _cpu_s(pid: int) -> float:
     return taken_ns / 1e9
 
 
-def _memory_mb(pid: int) -> tuple[float, float]:
+def memory_mb(pid: int) -> tuple[float, float]:
     """PSS and USS."""
     lines = (line.split() for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()[1:])
     kib = {words[0].rstrip(":"): int(words[1]) for words in lines}

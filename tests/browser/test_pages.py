@@ -90,7 +90,7 @@ def test_changes_are_seen_within_a_second(operator, looked, jobs):
     late_s: list[float] = []
     done = looked.api.get(f"/v1/jobs/{jobs['running']}").json()["trials_done"]
     give_up_s = time.monotonic() + 180
-    while len(late_s) < 2 and time.monotonic() < give_up_s:
+    while len(late_s) < 2 and min(late_s, default=9.9) >= 1.0 and time.monotonic() < give_up_s:
         now = looked.api.get(f"/v1/jobs/{jobs['running']}").json()["trials_done"]
         if now != done:
             seen_s, done = time.monotonic(), now
@@ -341,9 +341,9 @@ def test_a_revoked_token_closes_the_pages_that_it_opened(browser, looked):
         visit.page.wait_for_url("**/sign-in**")
 
 
-@pytest.mark.parametrize("dark, width", [(False, 1280), (True, 390)], ids=["light-wide", "dark-narrow"])
-def test_everybody_can_use_every_page(browser, looked, jobs, ended, axe, dark, width):
-    with Visit(browser, looked, looked.operator, dark=dark, width=width) as visit:
+def test_everybody_can_use_every_page(browser, looked, jobs, ended, axe):
+    """Dark and narrow as it is loaded, and light and wide after it."""
+    with Visit(browser, looked, looked.operator, dark=True, width=390) as visit:
         page = visit.page
         own = ("/sign-in", "/", "/jobs", f"/jobs/{ended}", f"/trials/{ended}-000", f"/compare?jobs={ended}")
         beside = f"/trials/{ended}-000?with={jobs['again']}-000"
@@ -357,10 +357,13 @@ def test_everybody_can_use_every_page(browser, looked, jobs, ended, axe, dark, w
         lists = (f"/ladders/{jobs['ladder']}", "/ladders", "/leaderboard", "/studies", "/shares", "/nothing/here")
         for path in (*own, *more, *lists, shared):
             page.goto(path)
-            page.wait_for_timeout(300)
-            grave = gravest(page, axe)
-            assert not grave, f"{path}: {grave}"
-            assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), f"{path} is wider than its window"
+            for scheme, width in (("dark", 390), ("light", 1280)):
+                page.emulate_media(color_scheme=scheme)
+                page.set_viewport_size({"width": width, "height": 860})
+                page.wait_for_timeout(300)
+                grave = gravest(page, axe)
+                assert not grave, f"{path}, {scheme}: {grave}"
+                assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), f"{path} is wider than {width}"
 
 
 def test_pages_are_light_and_quick(browser, looked, ended):

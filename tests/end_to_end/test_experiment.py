@@ -15,6 +15,7 @@ import pytest
 pytest.importorskip("torch", reason="the extra 'learning' is not installed")
 pytest.importorskip("stable_baselines3", reason="the extra 'learning' is not installed")
 
+from experiments.__main__ import main
 from tests.end_to_end.farm import TRIFARM
 
 
@@ -54,13 +55,11 @@ def stop_when(number: signal.Signals, is_time: Callable[[], bool], out: Path, wo
 
 
 @pytest.mark.timeout(900)
-def test_the_quick_form_trains_tries_on_a_farm_and_judges(tmp_path):
+def test_the_quick_form_trains_tries_on_a_farm_and_judges(tmp_path, capsys):
     out, work = tmp_path / "results", tmp_path / "work"
-    starts, farm = work / "starts", work / "randomization" / "farm"
-    said = stop_when(signal.SIGTERM, lambda: bool([*starts.glob("*/log")]), out, work)
-    assert processes_of(work) == [], "a start that lost its parent would train on"
+    farm = work / "randomization" / "farm"
+    said = stop_when(signal.SIGINT, lambda: bool([*farm.glob("*/logs/robots.log")]), out, work)
     assert "has been stopped; the same command goes on" in said
-    stop_when(signal.SIGINT, lambda: bool([*farm.glob("*/logs/robots.log")]), out, work)
     assert processes_of(work) == [] and not farm.exists(), "a farm's folder is large"
     assert len([*out.glob("*/runs/*-seed1.json")]) == 2, "what was finished is kept"
     whole = experiment("--out", str(out), "--work", str(work))
@@ -74,5 +73,17 @@ def test_the_quick_form_trains_tries_on_a_farm_and_judges(tmp_path):
     page = (out / "randomization.md").read_text()
     assert "The quick form" in page and "![" in page
     assert (out / "randomization.svg").stat().st_size > 0 and (out / "randomization.png").stat().st_size > 0
-    listed = experiment("--out", str(out), "--list")
+    assert main(["randomization", "--quick", "--json", "--out", str(out), "--list"]) == 0
+    listed = json.loads(capsys.readouterr().out)
     assert all(piece["done"] for piece in listed["pieces"]) and listed["hours_left"] == 0
+
+
+@pytest.mark.scale
+@pytest.mark.timeout(900)
+def test_stopped_while_a_start_is_trained_it_leaves_nothing_that_runs(tmp_path):
+    """`test_a_signal_while_a_start_is_trained_ends_the_start_too` has it of a process in place of the training."""
+    out, work = tmp_path / "results", tmp_path / "work"
+    said = stop_when(signal.SIGTERM, lambda: bool([*(work / "starts").glob("*/log")]), out, work)
+    assert processes_of(work) == [], "a start that lost its parent would train on"
+    assert "has been stopped; the same command goes on" in said
+    assert experiment("--out", str(out), "--work", str(work))["state"] == "complete"

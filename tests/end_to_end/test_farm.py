@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from jail.detection import detect
+from jail.level import JailLevel
 from tests.end_to_end import recurrent
 from tests.end_to_end.farm import Farm
 from tests.end_to_end.reaching import reaching
@@ -31,14 +33,9 @@ SAME = {"policy": REFERENCE, "trials": 3, "seed": 11}
 
 @pytest.fixture(scope="module")
 def farm(tmp_path_factory):
-    with Farm(tmp_path_factory.mktemp("farm"), robots=4) as farm:
-        yield farm
-
-
-@pytest.fixture(scope="module")
-def one_robot(tmp_path_factory):
-    """A farm with one robot."""
-    with Farm(tmp_path_factory.mktemp("one"), robots=1) as farm:
+    """It asks for the whole jail where this machine has it."""
+    asks = ("--jail-level", "full") if detect().level is JailLevel.FULL else ()
+    with Farm(tmp_path_factory.mktemp("farm"), robots=4, more=("--physics", "nominal", *asks)) as farm:
         yield farm
 
 
@@ -55,29 +52,32 @@ def on_four_robots(farm, reference_job) -> list:
 
 
 @dataclass(frozen=True)
-class TwoRobots:
-    """What became of a farm that ended in the middle of ``SAME``, was started again, and lost its parent."""
+class Restarted:
+    """What became of a farm of one robot that ended in the middle of ``SAME`` and was started again; it runs."""
 
+    farm: Farm
     stopped_after_s: float
     left_after_stop: list[int]
     numbers: list
-    left_after_kill: list[int]
 
 
 @pytest.fixture(scope="module")
-def two_robots(tmp_path_factory) -> TwoRobots:
-    folder = tmp_path_factory.mktemp("two")
-    with Farm(folder, robots=2) as first:
+def restarted(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("one")
+    with Farm(folder, robots=1) as first:
         pids = pids_of(first)
         job = first.submit(**SAME)
         first.robot_in_mid_trial(latest_s=6.0)
         stopped_after_s = first.stop()
         left_after_stop = left_of(pids)
-    with Farm(folder, robots=2) as second:
-        found = numbers(second.report(job))
-        pids = pids_of(second)
-        second.process.kill()
-        return TwoRobots(stopped_after_s, left_after_stop, found, left_of(pids))
+    with Farm(folder, robots=1) as second:
+        yield Restarted(second, stopped_after_s, left_after_stop, numbers(second.report(job)))
+
+
+@pytest.fixture(scope="module")
+def one_robot(restarted) -> Farm:
+    """A farm with one robot."""
+    return restarted.farm
 
 
 def pids_of(farm) -> list[int]:
@@ -95,6 +95,23 @@ def left_of(pids) -> list[int]:
 def numbers(report: dict) -> list:
     """What must not depend on machine or robots: each trial's outcome to the last bit."""
     return [(row["trial"], row["seed"], row["outcome"]["kind"], row["outcome"]["measures"]) for row in report["per_trial"]]
+
+
+def test_a_farm_tells_which_jail_its_policies_run_in(farm, reference_job):
+    jail = detect()
+    if jail.level is not JailLevel.FULL:
+        pytest.skip(f"this machine's jail is {jail}")
+    status = farm.json("status")
+    assert status["healthy"], status
+    assert status["jail"] == {"level": "full", "layers": list(jail.layers)}
+    assert status["robots_by_jail"] == {"full": 4}
+    said = farm.run("status")
+    assert "jail:   full for uploads, robots: 4 full" in said
+    assert "landlock-files" in said
+    report = farm.report(reference_job)
+    assert report["jail"] == status["jail"]
+    assert all(row["outcome"]["jail"]["level"] == "full" for row in report["per_trial"])
+    assert "jail           full" in farm.run("report", reference_job)
 
 
 def test_reference_policy_from_submission_to_verified_logs(farm, reference_job, tmp_path):
@@ -158,11 +175,11 @@ def test_the_controller_that_needs_no_weights_runs_as_any_policy_and_replays(far
 
 
 def test_same_seed_same_numbers_on_one_and_four_robots(on_four_robots, one_robot):
-    assert numbers(one_robot.report(one_robot.submit(**SAME))) == on_four_robots
+    assert numbers(one_robot.report(one_robot.submit(**SAME | {"trials": 1}))) == on_four_robots[:1]
 
 
-def test_job_survives_a_restart_of_the_farm_with_the_numbers_of_one_that_was_not_stopped(on_four_robots, two_robots):
-    assert two_robots.numbers == on_four_robots
+def test_job_survives_a_restart_of_the_farm_with_the_numbers_of_one_that_was_not_stopped(on_four_robots, restarted):
+    assert restarted.numbers == on_four_robots
 
 
 def test_a_killed_robot_costs_one_attempt_and_nothing_else(farm, on_four_robots):
@@ -215,9 +232,9 @@ def test_a_recurrent_policy_keeps_its_memory_in_a_trial_and_forgets_it_between(o
 )
 def test_bad_policies_are_the_policys_fault_and_robots_go_on(one_robot, tmp_path, make, kind):
     """The farm has one robot, so that it is this one that goes on."""
-    job = one_robot.submit(make(tmp_path / "bad.onnx"), trials=2, seed=1)
+    job = one_robot.submit(make(tmp_path / "bad.onnx"), trials=1, seed=1)
     report = one_robot.report(job)
-    assert report["policy_faults"] == 2
+    assert report["policy_faults"] == 1
     assert report["successes"] == 0 == report["platform_faults"]
     assert {row["outcome"]["kind"] for row in report["per_trial"]} == {kind}
     after = one_robot.report(one_robot.submit(reaching(tmp_path), task="reach", trials=2, seed=2))
@@ -316,13 +333,16 @@ def test_services_never_import_physics_or_learning(farm):
         assert library not in maps
 
 
-def test_everything_ends_within_five_seconds_and_nothing_is_left(two_robots):
-    assert two_robots.stopped_after_s < 5
-    assert two_robots.left_after_stop == []
+def test_everything_ends_within_five_seconds_and_nothing_is_left(restarted):
+    assert restarted.stopped_after_s < 5
+    assert restarted.left_after_stop == []
 
 
-def test_robots_end_when_their_parent_is_killed(two_robots):
-    assert two_robots.left_after_kill == []
+def test_robots_end_when_their_parent_is_killed(one_robot):
+    """The last one of this farm."""
+    pids = pids_of(one_robot)
+    one_robot.process.kill()
+    assert left_of(pids) == []
 
 
 def test_module_runs_without_a_farm():

@@ -54,16 +54,20 @@ def test_report_and_numbers_are_there(verdict, folder):
     assert document["verdict"]["verdict"] == verdict["verdict"]
     assert document["robot"] == "robot-0"
     assert [len(data["sha256"]) for data in document["provenance"]["data"]] == [64]
+    assert str(folder / "gap" / "extended-model.toml") in verdict["files"]
 
 
+@pytest.mark.scale
 def test_a_farm_runs_on_the_extended_model(verdict, folder):
+    """`test_robots_run_on_it` has it of a robot's physics without the farm around it."""
     model = folder / "gap" / "extended-model.toml"
-    assert str(model) in verdict["files"]
     with Farm(folder / "better", robots=1, more=("--physics", str(model))) as farm:
         assert farm.json("status")["physics"] == "file:extended-model"
 
 
+@pytest.mark.scale
 def test_a_broken_log_is_one_clear_error(verdict, folder, tmp_path):
+    """`test_a_log_that_was_cut_off` refuses one in this process."""
     (log,) = (folder / "logs").glob("*.mcap")
     (tmp_path / log.name).write_bytes(log.read_bytes()[: log.stat().st_size // 2])
     done = gap(str(tmp_path), "--out", str(tmp_path / "out"))
@@ -72,7 +76,9 @@ def test_a_broken_log_is_one_clear_error(verdict, folder, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.scale
 def test_a_number_that_is_none_is_refused_with_column_and_row(tmp_path):
+    """`test_broken_csv_is_refused_with_its_place` has every such place."""
     (tmp_path / "arm.xml").write_text(
         '<mujoco><worldbody><body><joint name="elbow" axis="0 1 0"/><geom size=".1" pos="0 0 -.2"/></body></worldbody></mujoco>'
     )

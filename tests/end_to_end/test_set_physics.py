@@ -35,7 +35,7 @@ def logs(tmp_path_factory) -> list:
     """Logs of a cube that rests while the fingers hold poses, and of one that is pushed."""
     folder = tmp_path_factory.mktemp("set")
     (folder / "slow-tracker.toml").write_text(TRACKER)
-    with Farm(folder / "farm", robots=2, more=("--physics", str(folder / "slow-tracker.toml"))) as farm:
+    with Farm(folder / "farm", robots=1, more=("--physics", str(folder / "slow-tracker.toml"))) as farm:
         assert farm.json("status")["physics"] == "file:slow-tracker"
         more = ("--excitation", "hold_poses", "--excitation", "slide_cube")
         farm.json("identify", "--robot", "any", *more, "--to", str(folder / "logs"), "--wait")

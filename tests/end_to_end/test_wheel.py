@@ -91,10 +91,10 @@ def test_it_has_every_file_of_the_packages_and_no_other(wheel):
 
 
 def test_a_demo_runs_in_an_empty_folder(installed, tmp_path):
-    ended = run(installed, tmp_path, "demo", "--trials", "2", "--robots", "1", "--json")
+    ended = run(installed, tmp_path, "demo", "--trials", "1", "--robots", "1", "--json")
     assert ended.returncode == 0, ended.stderr
-    assert json.loads(ended.stdout)["report"]["trials"] == 2
-    assert len(list((tmp_path / "demo-farm").glob("logs-*/trial-*.mcap"))) >= 2
+    assert json.loads(ended.stdout)["report"]["trials"] == 1
+    assert len(list((tmp_path / "demo-farm").glob("logs-*/trial-*.mcap"))) >= 1
 
 
 @pytest.mark.parametrize("command", [["chaos", "--quick"], ["experiment", "--list"]], ids=lambda it: it[0])

@@ -43,10 +43,11 @@ def recorded(model: mujoco.MjModel, seed: int, delay_steps: int = 0, offset_rad:
     rng, data, steps = np.random.default_rng(seed), mujoco.MjData(model), round(SECONDS / STEP_S)
     position, torque = np.empty((steps, 3)), np.empty((steps, 3))
     phase, sent = rng.uniform(0.0, 2 * np.pi, (3, 2)), [np.zeros(3)] * delay_steps
+    targets = 0.5 * np.sin(2 * np.pi * np.arange(steps)[:, None, None] * STEP_S / PERIODS_S + phase).sum(axis=2)
+    off, qpos, qvel = ENCODER_RAD * rng.standard_normal((steps, 3)) + np.array([0.0, offset_rad, 0.0]), data.qpos, data.qvel
     for step in range(steps):
-        target = 0.5 * np.sin(2 * np.pi * step * STEP_S / PERIODS_S + phase).sum(axis=1)
-        position[step] = data.qpos + ENCODER_RAD * rng.standard_normal(3) + np.array([0.0, offset_rad, 0.0])
-        torque[step] = STIFFNESS_NM_RAD * (target - position[step]) - DAMPING_NM_S_RAD * data.qvel
+        position[step] = qpos + off[step]
+        torque[step] = STIFFNESS_NM_RAD * (targets[step] - position[step]) - DAMPING_NM_S_RAD * qvel
         sent.append(torque[step])
         data.ctrl[:] = sent[step]
         mujoco.mj_step(model, data)

@@ -74,15 +74,17 @@ def test_one_log_is_verified_and_another_refused_before_it_comes(farm, ann, spoo
     farm.wait_for_end(job_id)
     path = f"/v1/jobs/{job_id}/trials/0/verify"
 
-    def verified(client):
-        return client.post(path, content=MCAP_MAGIC + b"log")
+    def verified(client, content=MCAP_MAGIC + b"log"):
+        return client.post(path, content=content)
 
     with half_sent(farm, ann, f"POST {path}", MCAP_MAGIC):
         until(lambda: list(spool.glob("trifarm-verify-*")), PATIENCE_S, "the first to have begun")
         with half_sent(farm, ann, f"POST {path}", b"") as second:
             assert refused(answer_of(second), "too-many-verifications")
         assert verified(farm.admin).json()["type"] == "/problems/log-unfit"
-    until(lambda: verified(ann).json()["type"] == "/problems/log-unfit", PATIENCE_S, "what was broken off to be forgotten")
+    until(
+        lambda: verified(ann, b"log").json()["type"] == "/problems/log-unfit", PATIENCE_S, "what was broken off to be forgotten"
+    )
 
 
 def test_so_many_streams_and_long_polls_of_events(farm, ann):

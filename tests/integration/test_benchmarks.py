@@ -18,10 +18,7 @@ PUSH = "sim_backend/training/reference_policies/push.safetensors"
 SCRATCH = "sim_backend/training/reference_policies/push-scratch.safetensors"
 QUICK = {
     "anytime_figures": ["--runs 1000 --goals 40 --families 100 --rows 1 --out {to}/anytime.json"],
-    "bench": ["--quick --parts bare --out {to}/figures.json"],
-    "claim_cost": ["--many 1000 --claims 5 --out {to}/cost.json"],
     "dispatch_cost": ["--robots 10 --out {to}/dispatch.json"],
-    "dashboard_pages": ["--jobs 100 --seconds 0.1 --out {to}/pages.json"],
     "foreign_policies": ["--kinds 'ONNX in one file' --out {to}/foreign.json"],
     "form_outcomes": [
         f"run --checkout {ROOT} --experts {{experts}} --goals 2 --policies push-adr --to {{to}}/goals.jsonl",
@@ -29,10 +26,8 @@ QUICK = {
     ],
     "gpu_rate": ["--backend cpu --robots 16 --real --seconds 0.2 --compared 2 --out {to}/rate.json"],
     "http_document": ["{document} {document}"],
-    "rollouts_behind": ["--seeds 1 --samples 4096 --final-trials 2 --workers 1 --out {to}/behind.json"],
     "record_observations": ["--out {to}/recorded.safetensors"],
     "shipped_policy": [f"{PUSH} --task push --trials 1 --farm-seeds 7001 --physics-step 0.004 --out {{to}}/policy.json"],
-    "study_time": ["--seconds 2 --cases healthy --folder {to}/study --out {to}/study-time.json"],
     "verdict_times": ["--uploads 1 --out {to}/verdicts.json"],
 }
 """Each program's command lines, one after the other."""
@@ -40,8 +35,10 @@ LARGER = {
     "against": [f"{ROOT} --rounds 1 --out {{to}}/rounds.jsonl --summary {{to}}/summary.json"],
     "attacked_farm": ["--pairs 1 --attack 'spin for ever' --out {to}/attacked.json"],
     "bench": ["--quick --out {to}/figures.json"],
+    "claim_cost": ["--many 1000 --claims 5 --out {to}/cost.json"],
     "crowd": ["--jobs 40 --trials 1 --minutes 0.001 --out {to}/crowd.json"],
     "crowd_memory": ["--seconds 1 --out {to}/memory.json"],
+    "dashboard_pages": ["--jobs 100 --seconds 0.1 --out {to}/pages.json"],
     "failure_sentences": [
         "run --robots 1 --farm-seed 1 --first-seed 1 --share 0.01 --folder {to}/logs --out {to}/failed.jsonl",
     ],
@@ -69,6 +66,7 @@ LARGER = {
     "published_experts": ["band --experts {experts} --trials 1 --out {to}/band.json"],
     "questions_on_farm": [f"{PUSH} {SCRATCH} --seeds 1 --max 2 --robots 1 --out {{to}}/questions.jsonl"],
     "replay_opening": ["--out {to}/opening.json"],
+    "rollouts_behind": ["--seeds 1 --samples 4096 --final-trials 2 --workers 1 --out {to}/behind.json"],
     "same_bits": [
         f"record --checkout {ROOT} --to {{to}}/farm --trials 1 --physics nominal",
         "compare {to}/farm/results {to}/farm/results",
@@ -76,6 +74,7 @@ LARGER = {
     "second_renderer": ["--robots 1 --scenes 1 --out {to}/second.json"],
     "seeing_experts": ["--experts {experts} --rows {to}/rows.jsonl --out {to}/seeing.json --goals 1 --budget-s 5"],
     "sheet_cost": ["--trials 1 --out {to}/sheet.json"],
+    "study_time": ["--seconds 2 --cases healthy --folder {to}/study --out {to}/study-time.json"],
     "success_gain_oracle": ["--experts {experts} --trials 2 --out {to}/gain.json"],
     "thousand_robots": ["--robots 5 --homes embedded --within-s 1 --rest-s 1 --work-s 1 --out {to}/robots.json"],
     "two_homes": ["--trials 1 --jobs 1 --out {to}/homes.json"],

@@ -32,7 +32,7 @@ OPEN_TO_ALL = {("GET", "/v1/robots/{robot}"), ("GET", "/v1/leaderboard/{task}")}
 
 @pytest.fixture(scope="module")
 def farm(tmp_path_factory):
-    with services(tmp_path_factory.mktemp("foreign") / "farm", shares="true", webhooks="true") as running:
+    with services(tmp_path_factory.mktemp("foreign") / "farm", shares="true", webhooks="true", pass_over_s=0.5) as running:
         running.start_robots(2, trial_s=0.02, truth=True)
         yield running
 

@@ -133,7 +133,8 @@ def test_a_router_that_is_not_there_is_a_sentence(tmp_path):
     (bus_port,) = free_ports(1)
     shell = Shell(tmp_path, {})
     where = ("--data", str(tmp_path / "d"), "--bus-connect", f"tcp/127.0.0.1:{bus_port}", "--port", "0")
-    ended = shell.ask("-m", "services", "serve", *where)
+    sooner = "from services.dispatcher import bus; bus.ROUTER_WITHIN_S = 1.0; from services.__main__ import main; main()"
+    ended = shell.ask("-c", sooner, "serve", *where)
     assert ended.returncode == 1 and "Traceback" not in ended.stderr
     assert "nobody answered on the bus" in ended.stderr and "services router" in ended.stderr
 

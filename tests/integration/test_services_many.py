@@ -57,22 +57,22 @@ def dispatcher(data, settings):
 
 def test_what_one_takes_the_other_shows_and_all_robots_work(pair):
     first, second = pair
-    job_id = first.submit(first.policy(), trials=40).json()["job_id"]
+    job_id = first.submit(first.policy(), trials=20).json()["job_id"]
     with second.admin.stream("GET", f"/v1/jobs/{job_id}/events") as answer:
         ids = [int(line.removeprefix("id: ")) for line in answer.iter_lines() if line.startswith("id: ")]
     assert ids == list(range(1, len(ids) + 1))
     reports = [each.admin.get(f"/v1/jobs/{job_id}/report") for each in pair]
     assert reports[0].content == reports[1].content
     report = reports[0].json()
-    assert (report["trials"], report["attempts"], report["platform_faults"]) == (40, 40, 0)
-    assert [row["trials"] for row in report["per_robot"]] == [10, 10, 10, 10]
+    assert (report["trials"], report["attempts"], report["platform_faults"]) == (20, 20, 0)
+    assert [row["trials"] for row in report["per_robot"]] == [5, 5, 5, 5]
     trial = second.admin.get(f"/v1/jobs/{job_id}/trials").json()["trials"][0]
     logs = [each.admin.get(f"/v1/trials/{trial['trial_id']}/log").content for each in pair]
     assert len(logs[0]) > 0
     assert logs[0] == logs[1]
     done = [{row["robot"]: row["trials_done"] for row in each.admin.get("/v1/robots").json()["robots"]} for each in pair]
     until(
-        lambda: [row["trials_done"] for row in second.admin.get("/v1/robots").json()["robots"]] == [10] * 4, PATIENCE_S, str(done)
+        lambda: [row["trials_done"] for row in second.admin.get("/v1/robots").json()["robots"]] == [5] * 4, PATIENCE_S, str(done)
     )
 
 
@@ -84,11 +84,11 @@ def test_one_of_two_dispatchers_gives_all_leases_and_says_so(pair):
         return [float(re.search(rf"^{name} (.+)$", each, re.MULTILINE)[1]) for each in texts]
 
     leads, before = told("trifarm_leads"), told("trifarm_leases_total")
-    job_id = pair[0].submit(pair[0].policy(), trials=40).json()["job_id"]
+    job_id = pair[0].submit(pair[0].policy(), trials=20).json()["job_id"]
     assert pair[0].wait_for_end(job_id)["state"] == "succeeded"
     given = [now - then for now, then in zip(told("trifarm_leases_total"), before, strict=True)]
     assert sorted(leads) == [0.0, 1.0]
-    assert given == [40 * each for each in leads]
+    assert given == [20 * each for each in leads]
 
 
 def test_a_dispatcher_says_which_port_it_cannot_have(pair, tmp_path):

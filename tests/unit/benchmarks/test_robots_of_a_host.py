@@ -8,8 +8,10 @@ import pytest
 from tests.benchmarks.robots_of_a_host import COLUMNS, main
 
 
+@pytest.mark.scale
 @pytest.mark.skipif(os.getuid() != 0, reason="nobody but root may look into a robot")
 def test_two_robots_share_their_memory(tmp_path, capsys):
+    """`test_most_of_what_a_robot_needs_is_shared` asks it of forks without a farm."""
     out = tmp_path / "figures.json"
     main(["--robots", "2", "--idle-s", "1", "--out", str(out)])
     (farm,) = json.loads(out.read_text())["farms"]

@@ -12,6 +12,7 @@ import pytest
 
 from robot_farm.forks import Forks
 from robot_farm.settings import TOKEN_VARIABLE
+from tests.benchmarks.robots_of_a_host import memory_mb
 from tests.processes import lives
 
 WITHIN_S = 120.0
@@ -181,8 +182,17 @@ def test_robots_outlive_their_warm_parent_and_who_waits_for_it_gets_another_one(
     assert lives(second.pid) and second.returncode is None
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.skipif(os.getuid() != 0, reason="nobody but root may look into a robot")
+def test_most_of_what_a_robot_needs_is_shared(host):
+    _, second = host.robot(0), host.robot(1)
+    until(host.owner, lambda: holds(second.pid, own_token(1).encode()))
+    proportional_mb, own_mb = memory_mb(second.pid)
+    assert own_mb < 0.6 * proportional_mb
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.scale)])
 def test_robots_end_with_the_process_that_asked_for_them(number, tmp_path):
+    """`test_robots_end_with_the_process_that_asked_for_them` has the signal that nobody can answer without scale."""
     command = [sys.executable, "-c", HOLDER, *ARGUMENTS, "--data", str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as holder:
         try:

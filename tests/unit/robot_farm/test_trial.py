@@ -32,9 +32,9 @@ def one_second(monkeypatch):
     monkeypatch.setattr(trial, "TASKS", {name: dataclasses.replace(task, duration_s=1.0) for name, task in TASKS.items()})
 
 
-@pytest.fixture
-def policy(tmp_path):
-    with JailedPolicy("linear", linear(tmp_path / "linear.onnx")) as policy:
+@pytest.fixture(scope="module")
+def policy(tmp_path_factory):
+    with JailedPolicy("linear", linear(tmp_path_factory.mktemp("policy") / "linear.onnx")) as policy:
         yield policy
 
 

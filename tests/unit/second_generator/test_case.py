@@ -45,9 +45,9 @@ def files_below(folder):
     return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
-def test_the_same_case_is_the_same_to_the_last_byte_and_another_is_not(draw, tmp_path):
-    for name, index in (("one", 37), ("two", 37), ("three", 12)):
-        write_case(draw(SEED, "healthy", index), tmp_path / name)
+def test_the_same_case_is_the_same_to_the_last_byte_and_another_is_not(draw, healthy, tmp_path):
+    for name, case in (("one", healthy), ("two", draw(SEED, "healthy", 37)), ("three", draw(SEED, "healthy", 12))):
+        write_case(case, tmp_path / name)
     assert files_below(tmp_path / "one") == files_below(tmp_path / "two")
     assert set(files_below(tmp_path / "one")).isdisjoint(files_below(tmp_path / "three"))
 

@@ -140,12 +140,14 @@ def test_robots_that_the_folder_had_the_last_time_are_forgotten(environment, tmp
     for name in ("robot-1", "robot-2", "robot-3"):
         (tmp_path / "data" / f"{name}.lost").touch()
     with Up(environment, tmp_path, "--port", "0") as up:
-        up.document()
+        assert up.document()["physics"] == "real", "the default"
+        assert (up.data / "told").read_text() == repr(("real", None, None, None)), "and a secret seed"
         assert [path.stem for path in up.data.glob("*.lost")] == ["robot-1"], "which is one of two, and comes again"
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.scale), signal.SIGHUP])
 def test_a_farm_comes_up_and_goes_down(environment, tmp_path, number):
+    """`test_a_second_farm_says_whose_place_it_takes_and_gives_it_back` ends two with SIGTERM."""
     with Up(environment, tmp_path, "--port", "0") as up:
         document = up.document()
         settings = tmp_path / "home" / "settings.json"
@@ -210,12 +212,6 @@ def test_a_fault_that_cannot_be_is_refused_before_anything_starts(environment, t
     assert json.loads(out)["error"] == {"title": "wrong usage", "detail": "no-fault is no fault", "exit_code": 2}
     assert "error: no-fault is no fault" in err and "usage" not in err
     assert not up.data.exists()
-
-
-def test_real_physics_and_a_secret_seed_are_the_default(environment, tmp_path):
-    with Up(environment, tmp_path, "--port", "0") as up:
-        assert up.document()["physics"] == "real"
-        assert (up.data / "told").read_text() == repr(("real", None, None, None))
 
 
 def test_settings_of_the_services_reach_the_services_alone(environment, tmp_path):

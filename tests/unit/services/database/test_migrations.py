@@ -28,7 +28,7 @@ ROWS |= {"report": [{"job_number": 1, "body": b"{}", "sha256": D, "created_at": 
 LATER = {"trial": {"owner": "ann"}, "robot": {"trials_done": 1}}
 """What rows hold besides in the forms that have the columns; when these come, older rows get the same."""
 RELEASED = sorted(script.revision for script in ScriptDirectory(str(MIGRATIONS)).walk_revisions())
-ENDS = (RELEASED[0], *RELEASED[-4:])
+ENDS = (RELEASED[0], *RELEASED[-3:])
 """From the first form every step is gone, and what is new is most often wrong at the last ones."""
 
 

@@ -44,7 +44,7 @@ def start(part: Segment) -> Measurement:
     return Measurement(**{field.name: measured[field.name] for field in fields(Measurement) if field.name in measured})
 
 
-def reports(values=None, *, n=1, seconds=10.0, seed=7, block=20, physics=None, shape=None, **state) -> list[TrackedPose]:
+def reports(values=None, *, n=1, seconds=10.0, seed=7, block=100, physics=None, shape=None, **state) -> list[TrackedPose]:
     """Everything that is reported in this time, after the report at the start."""
     physics = physics or Physics.of(n, values or {})
     tracker = Tracker(physics=physics, **({"shape": shape} if shape else {}))

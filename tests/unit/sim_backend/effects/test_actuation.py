@@ -38,7 +38,7 @@ def lateness_s(std_s: float, step_s: float, robots: int = 2000) -> np.ndarray:
         robots=robots, physics=Physics.of(robots, UNDAMPED | {"timing_jitter.std_s": std_s}), physics_step_s=step_s
     )
     driver.reset(start_of(robots))
-    steps = round(0.06 / step_s)
+    steps = round(max(0.012, 12 * std_s) / step_s)
     run(driver, 0.1, steps)
     torque = run(driver, -0.1, steps).applied_torque_nm[:, :, 0]
     assert np.abs(torque).max() <= 0.1 + 1e-12

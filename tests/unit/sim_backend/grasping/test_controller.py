@@ -16,8 +16,9 @@ from sim_backend.trifinger import constants as c
 from sim_backend.trifinger.kinematics import joint_position_rad
 
 
-@pytest.mark.parametrize("physics", ["nominal", "real"])
+@pytest.mark.parametrize("physics", [pytest.param("nominal", marks=pytest.mark.scale), "real"])
 def test_the_cube_is_lifted_to_its_place(physics):
+    """`test_the_cube_is_lifted_to_its_place` has robots that differ without scale, and turning nominal ones."""
     seeds = range(910, 914)
     robots = robots_of(physics, len(seeds), 910)
     found = evaluate(GraspPolicy(), GraspPolicy().manifest, TASKS["move_cube_2"], seeds, physics=robots, threads=1)

@@ -1,6 +1,7 @@
 """Trials of robots with physics of their own are simulated again bit for bit, from log and truth together only."""
 
 import dataclasses
+import functools
 import json
 
 import numpy as np
@@ -13,10 +14,13 @@ from robot_farm import life as life_module
 from robot_farm.policy.jail import JailedPolicy
 from sim_backend.driver.simulated import PhysicsDivergedError
 from sim_backend.effects.catalogue import PARAMETERS
+from sim_backend.excitations.course import COMMAND_STEPS
+from sim_backend.excitations.excitation import EXCITATIONS
 from sim_backend.replays import replay
 from sim_backend.replays import with_truth as replay_with_truth
 from sim_backend.replays.comparison import NotRepeatableError
 from sim_backend.replays.with_truth import verify_with_truth
+from sim_backend.trifinger import constants as c
 from tests.graphs import linear
 from tests.unit.conftest import lease
 from tests.unit.robot_farm.living import SHORT_TASKS, Living
@@ -33,6 +37,11 @@ def trial(tmp_path_factory):
         for ordinal in range(2):
             robot.run(lease(ordinal=ordinal), policy)
     return robot.log(lease(ordinal=1)), robot.truth(lease(ordinal=1))
+
+
+@functools.cache
+def read(log, truth):
+    return read_log(log), read_truth(truth)
 
 
 def test_log_and_truth_give_the_same_numbers(trial, capsys):
@@ -65,7 +74,7 @@ def test_the_log_holds_nothing_but_what_was_measured(trial):
 
 @pytest.mark.parametrize("name", ["joint_position_rad", "measured_torque_nm", "applied_torque_nm", "desired_torque_nm"])
 def test_a_forged_number_is_named_by_its_step(trial, name):
-    log, truth = read_log(trial[0]), read_truth(trial[1])
+    log, truth = read(*trial)
     forged = getattr(log, name).copy()
     forged[700, 3] += 1e-9
     found = verify_with_truth(dataclasses.replace(log, **{name: forged}), truth)
@@ -73,7 +82,7 @@ def test_a_forged_number_is_named_by_its_step(trial, name):
 
 
 def test_a_forged_pose_of_the_tracker_is_found(trial):
-    log, truth = read_log(trial[0]), read_truth(trial[1])
+    log, truth = read(*trial)
     forged = log.tracked_position_world_m.copy()
     forged[4, 0] += 1e-9
     found = verify_with_truth(dataclasses.replace(log, tracked_position_world_m=forged), truth)
@@ -81,7 +90,7 @@ def test_a_forged_pose_of_the_tracker_is_found(trial):
 
 
 def test_a_forged_action_shows_after_its_delay(trial):
-    log, truth = read_log(trial[0]), read_truth(trial[1])
+    log, truth = read(*trial)
     forged = log.action.copy()
     forged[25, 0] += 1e-6
     found = verify_with_truth(dataclasses.replace(log, action=forged), truth)
@@ -90,13 +99,13 @@ def test_a_forged_action_shows_after_its_delay(trial):
 
 
 def test_the_truth_of_another_trial_is_refused(trial):
-    log, truth = read_log(trial[0]), read_truth(trial[1])
+    log, truth = read(*trial)
     with pytest.raises(LogUnreadableError, match="the truth of trial other"):
         verify_with_truth(log, dataclasses.replace(truth, metadata=truth.metadata | {"trial_id": "other"}))
 
 
 def test_a_log_that_lacks_actions_differs_and_does_not_break(trial):
-    log, truth = read_log(trial[0]), read_truth(trial[1])
+    log, truth = read(*trial)
     found = verify_with_truth(dataclasses.replace(log, action=log.action[:30]), truth)
     assert not found.same
 
@@ -106,9 +115,23 @@ def test_a_measured_log_is_no_truth(trial):
         read_truth(trial[0])
 
 
+def begin_of(name, seconds):
+    """The begin of an excitation."""
+    whole = EXCITATIONS[name]
+
+    def course(rng):
+        commands, sight = whole.course(rng), None
+        for _ in range(round(seconds / (c.PHYSICS_STEP_S * COMMAND_STEPS))):
+            sight = yield commands.send(sight)
+
+    return dataclasses.replace(whole, duration_s=seconds, course=course)
+
+
 @pytest.mark.parametrize("excitation", [pytest.param("fast_sweeps", marks=pytest.mark.scale), "slide_cube"])
-def test_an_excitation_is_recorded_and_gives_the_same_numbers(excitation, tmp_path):
-    """`test_an_excitation_is_recorded_and_gives_the_same_numbers` has the one that looks at the cube without scale."""
+def test_an_excitation_is_recorded_and_gives_the_same_numbers(excitation, tmp_path, monkeypatch):
+    """`test_an_excitation_is_recorded_and_gives_the_same_numbers` has the begin of the one that looks at the cube without scale."""
+    if excitation == "slide_cube":
+        monkeypatch.setitem(EXCITATIONS, excitation, begin_of(excitation, 10.0))
     robot = Living(tmp_path)
     asked = Lease(
         trial_id="jtest-000", job_id="jtest", ordinal=0, fence=1, robot="robot-0", excitation=excitation, task="identify", seed=3
@@ -146,14 +169,14 @@ def _with_other_words(log):
 
 @pytest.mark.parametrize("name", ["seed", "object", "task", "manifest", "outcome"])
 def test_other_words_than_the_originals_are_a_difference_and_ask_the_robot_nothing(trial, name):
-    log, truth = read_log(trial[0]), read_truth(trial[1])
+    log, truth = read(*trial)
     found = verify_with_truth(dataclasses.replace(log, **_with_other_words(log)[name]), truth, log)
     assert (found.same, found.first_difference_step) == (False, 0)
     assert (found.largest_joint_difference_rad, found.largest_cube_difference_m) == (0.0, 0.0)
 
 
 def test_a_made_up_log_measures_nothing_of_the_hidden_robot(trial):
-    log, truth = read_log(trial[0]), read_truth(trial[1])
+    log, truth = read(*trial)
     forged = log.action.copy()
     forged[25] = 0.3
     found = verify_with_truth(dataclasses.replace(log, action=forged), truth, log)
@@ -174,7 +197,7 @@ def test_a_made_up_log_measures_nothing_of_the_hidden_robot(trial):
     ],
 )
 def test_whatever_is_missing_or_too_much_is_a_difference(trial, name, forge, step):
-    log, truth = read_log(trial[0]), read_truth(trial[1])
+    log, truth = read(*trial)
     found = verify_with_truth(dataclasses.replace(log, **{name: forge(getattr(log, name))}), truth, log)
     assert not found.same
     assert step is None or found.first_difference_step == step
@@ -182,7 +205,7 @@ def test_whatever_is_missing_or_too_much_is_a_difference(trial, name, forge, ste
 
 
 def test_numbers_that_are_none_are_a_clear_refusal(trial):
-    log, truth = read_log(trial[0]), read_truth(trial[1])
+    log, truth = read(*trial)
     words = np.array(["soon"] * len(log.capture_s), dtype=object)
     with pytest.raises(LogUnreadableError, match="cannot be compared"):
         verify_with_truth(dataclasses.replace(log, capture_s=words), truth, log)
@@ -228,7 +251,7 @@ def test_an_original_without_a_truth_is_wrong_usage(trial):
 
 
 def test_a_trial_whose_tracker_looked_at_images_is_not_said_to_differ(trial):
-    log, truth = (read(path) for read, path in zip((read_log, read_truth), trial, strict=True))
+    log, truth = read(*trial)
     by_images = dataclasses.replace(log, outcome={**log.outcome, "tracker": "images"})
     with pytest.raises(LogUnreadableError, match="tracker looked at images"):
         verify_with_truth(by_images, truth)

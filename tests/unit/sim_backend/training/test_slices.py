@@ -59,7 +59,8 @@ def weights(run: Run) -> np.ndarray:
 
 
 def test_the_same_bits_for_any_number_of_workers_and_after_a_checkpoint(tmp_path, undisturbed):
-    runs = {0: undisturbed} | {workers: learned(tmp_path / str(workers), workers) for workers in (1, 2, 4)}
+    """Here with four; with two where they are killed, and with one where the learner is."""
+    runs = {0: undisturbed} | {workers: learned(tmp_path / str(workers), workers) for workers in (4,)}
     for run in runs.values():
         np.testing.assert_array_equal(weights(run), weights(runs[0]))
         assert run.returns.mean == runs[0].returns.mean
@@ -69,7 +70,7 @@ def test_the_same_bits_for_any_number_of_workers_and_after_a_checkpoint(tmp_path
     other.go_on()
     other.learn()
     assert account(other.folder).adds_up and account(other.folder).used == 4 * SAMPLES
-    document = runs[2].record()["workers"]
+    document = runs[4].record()["workers"]
     assert document["used"] == 4 * SAMPLES and document["dropped"] == {} and document["lag_updates"] == 0
     assert 0 < document["learner_idle_share"] < 1 and document["moved_bytes_per_sample"] > 0
     without = Run("mine", recipe(), tmp_path / "half", threads=1, tell=lambda _: None)
@@ -128,7 +129,7 @@ def test_a_learner_that_is_killed_goes_on_from_its_checkpoint_with_the_same_bits
 
 
 def test_rollouts_that_run_ahead_of_updates_are_the_same_bits_for_any_number_of_workers_and_after_a_checkpoint(tmp_path, behind):
-    runs = {0: behind} | {workers: learned(tmp_path / str(workers), workers, **BEHIND) for workers in (1, 2)}
+    runs = {0: behind} | {workers: learned(tmp_path / str(workers), workers, **BEHIND) for workers in (2,)}
     for run in runs.values():
         np.testing.assert_array_equal(weights(run), weights(runs[0]))
         assert account(run.folder).adds_up and account(run.folder).dropped == {}
@@ -162,7 +163,7 @@ def test_a_worker_that_is_killed_while_rollouts_run_ahead_changes_no_bit(tmp_pat
 
     def ahead_then_kill():
         ahead()
-        if run.iterations in (1, 2):
+        if run.iterations == 1:
             os.kill(run.slices.collector.workers.pids[0], signal.SIGKILL)
 
     monkeypatch.setattr(run.slices, "ahead", ahead_then_kill)

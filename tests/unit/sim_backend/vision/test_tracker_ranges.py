@@ -1,6 +1,7 @@
 """Ranges of the formula from measured errors: planted errors come back, and occlusion is matched where it shows."""
 
 import datetime
+import functools
 
 import numpy as np
 import pytest
@@ -36,8 +37,13 @@ def by_key(rows):
     return {row.key: row for row in t.ranges_of(rows, (1.0, 0.02))}
 
 
+@functools.cache
+def found_in_planted():
+    return by_key(planted())
+
+
 def test_planted_errors_are_found_as_offset_noise_and_what_goes_with_a_scene():
-    found = by_key(planted())
+    found = found_in_planted()
     assert found["tracking_offset.position_m"].high == pytest.approx(OFFSET_MM / 1000, rel=0.15)
     assert found["tracking_offset.position_m"].low == -found["tracking_offset.position_m"].high
     for key, planted_mm in (("tracking_noise", NOISE_MM), ("tracking_episode_noise", SCENE_MM)):
@@ -48,7 +54,7 @@ def test_planted_errors_are_found_as_offset_noise_and_what_goes_with_a_scene():
 
 
 def test_jumps_are_counted_and_are_no_noise():
-    rows, calm = planted(), by_key(planted())
+    rows, calm = planted(), found_in_planted()
     for row in rows[:18]:
         row["images"]["moved"]["rotation_rad"] = [1.6, 0.0, 0.0]
     found = by_key(rows)
@@ -74,13 +80,12 @@ def test_occlusion_is_that_of_whoever_sees_as_often():
 
 
 def test_what_is_written_is_a_preset_of_the_same_robots(tmp_path):
-    text = t.preset_text(t.ranges_of(planted(), (0.9, 0.01)), "About.", datetime.date(2026, 11, 26))
+    ranges = t.ranges_of(planted(), (0.9, 0.01))
+    text = t.preset_text(ranges, "About.", datetime.date(2026, 11, 26))
     (path := tmp_path / "found.toml").write_text(text)
     real, found = (load_ranges(name).draw(np.random.default_rng(3), 2) for name in ("real", path))
     differ = {key.partition(".")[0] for key in real.given if not np.array_equal(real.given[key], found.given[key])}
-    assert differ == {row.key.partition(".")[0] for row in t.ranges_of(planted(), (0.9, 0.01))} - {"tracking_episode_noise"} | {
-        "tracking_episode_noise"
-    }
+    assert differ == {row.key.partition(".")[0] for row in ranges} - {"tracking_episode_noise"} | {"tracking_episode_noise"}
 
 
 def test_a_scene_moves_on_by_its_speed_and_not_into_the_floor():

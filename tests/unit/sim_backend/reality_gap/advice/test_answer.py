@@ -129,7 +129,8 @@ def _apart(name, physics):
     """Of two changes, the smaller one's part that is not parallel to the larger one: standard deviations a sample."""
     table = targets(name, np.random.default_rng(0))
     start, driver = draw_start(np.random.default_rng(3)), SimulatedDriver(robots=physics.n, physics=physics)
-    fields = (start.joint_position_rad, start.cube_position_world_m, start.cube_quat_wxyz)
+    far = np.array([[0.0, 0.0, 1e5]])  # contacts of the cube would take most of the time
+    fields = (start.joint_position_rad, far, start.cube_quat_wxyz)
     driver.reset(type(start)(*(np.repeat(field, physics.n, axis=0) for field in fields)))
     pushes = np.zeros_like(table.position_rad) if table.torque_nm is None else table.torque_nm
     commands = [_command(position, push, physics.n) for position, push in zip(table.position_rad, pushes, strict=True)]
