@@ -52,9 +52,10 @@ def judged(farm: Farm, policies: list[Path]) -> list[dict]:
 def test_an_eighth_of_a_recipe_s_samples_brings_fingertips_closer_than_none(tmp_path, farm_of_two):
     whole = (RECIPES / "reach.toml").read_text()
     short = tmp_path / "reach.toml"
-    short.write_text(
-        whole.replace("131_072", "16_384").replace("trials = 32", "trials = 4").replace("final_trials = 20", "final_trials = 1")
-    )
+    for found, less in (("131_072", "16_384"), ("trials = 32", "trials = 4"), ("final_trials = 20", "final_trials = 1")):
+        assert found in whole
+        whole = whole.replace(found, less)
+    short.write_text(whole)
     learned, first = judged(farm_of_two, trained(str(short), tmp_path))
     errors_m = [[row["outcome"]["measures"]["final_position_error_m"] for row in each["per_trial"]] for each in (learned, first)]
     assert binomtest(int(np.less(errors_m[0], errors_m[1]).sum()), TRIALS).pvalue < 1e-3, errors_m

@@ -77,7 +77,7 @@ def attacker(tmp_path):
 
 @pytest.fixture(scope="module")
 def inside(tmp_path_factory, whole_jail):
-    """A jailed process for all attacks that leave nothing behind where they are denied, and its graph; another if one ended it."""
+    """A jailed process for all attacks that leave nothing behind where they are denied, and its graph; another if one ended."""
     graph, opened = tmp_path_factory.mktemp("inside") / "attack", []
     graph.write_text(WHICHEVER)
 

@@ -129,7 +129,7 @@ def begin_of(name, seconds):
 
 @pytest.mark.parametrize("excitation", [pytest.param("fast_sweeps", marks=pytest.mark.scale), "slide_cube"])
 def test_an_excitation_is_recorded_and_gives_the_same_numbers(excitation, tmp_path, monkeypatch):
-    """`test_an_excitation_is_recorded_and_gives_the_same_numbers` has the begin of the one that looks at the cube without scale."""
+    """`test_an_excitation_is_recorded_and_gives_the_same_numbers` has the begin of one that sees the cube without scale."""
     if excitation == "slide_cube":
         monkeypatch.setitem(EXCITATIONS, excitation, begin_of(excitation, 10.0))
     robot = Living(tmp_path)
