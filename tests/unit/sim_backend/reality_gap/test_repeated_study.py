@@ -12,7 +12,9 @@ from tests.unit.sim_backend.reality_gap.synthetic_arm import MODEL, STUDY, motio
 FRICTION_NM = (0.2, 0.1)
 
 
+@pytest.mark.scale
 def test_a_study_with_its_own_extended_model_finds_nothing_wrong(tmp_path):
+    """`test_with_its_extended_model_nothing_more_is_found` has one cause at one joint, this one two at two."""
     for seed in (0, 1):
         write_csv(tmp_path / f"r{seed}.csv", *motion(seed, 5.0, friction_nm=FRICTION_NM))
     (tmp_path / "study.toml").write_text(STUDY)
