@@ -27,6 +27,7 @@ from sim_backend.reality_gap.subjects.joints.slides import Slides
 from sim_backend.reality_gap.subjects.joints.torques.calibrating import METHODS, calibrate
 from sim_backend.reality_gap.subjects.joints.torques.contradictions import contradicts
 from sim_backend.reality_gap.subjects.joints.verdicts.equal_causes import with_late_columns, with_share_of_all, with_turned_base
+from sim_backend.reality_gap.subjects.joints.verdicts.filtered_loops import without_loops_of_filters
 from sim_backend.reality_gap.subjects.joints.verdicts.judged import not_judged
 from sim_backend.reality_gap.subjects.joints.verdicts.needed_causes import with_needed_causes
 from sim_backend.reality_gap.subjects.joints.verdicts.torques_and_rollouts import in_both, proposed_by, with_unlike_torques
@@ -147,6 +148,8 @@ def _with_torques(found: JointStudy, torques: Verdict, rollouts: Verdict) -> Ver
     """What rollouts say, with what torques, and columns beside each other, say of sensors."""
     causes, open_, unlike = causes_between(found.problem.episodes, found.problem.names)
     of_velocities, left_open = causes_of_velocities(found.problem.episodes, found.problem.names)
+    damping = np.where(_unrecorded_controllers(found), _damping_of_controllers(found), np.nan)
+    rollouts = without_loops_of_filters(rollouts, of_velocities, found.problem.names, found.start.value(ARMATURE), damping)
     both = with_unlike_torques(in_both(torques, rollouts, [*causes, *of_velocities]), unlike)
     return replace(both, cannot_tell=(*both.cannot_tell, *open_, *left_open))
 
@@ -155,6 +158,14 @@ def _unrecorded_controllers(found: JointStudy) -> np.ndarray:
     """Joints that a stated controller drives while nobody recorded what it sent, shape (k,)."""
     signals = [episode.path.joints for episode in found.problem.episodes]
     return np.all([[name in each.not_recorded for name in each.names] for each in signals], axis=0)
+
+
+def _damping_of_controllers(found: JointStudy) -> np.ndarray:
+    """Of what is known of the controllers, the median, shape (k,); NaN of joints without one."""
+    laws = [law for episode in found.problem.episodes if (law := episode.path.joints.feedback) is not None]
+    if not laws:
+        return np.full(len(found.problem.names), np.nan)
+    return np.asarray(np.median(np.concatenate([law.damping_nm_s_rad for law in laws]), axis=0))
 
 
 def _not_simulated(torques: Verdict) -> Verdict:

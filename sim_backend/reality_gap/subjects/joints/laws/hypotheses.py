@@ -27,6 +27,7 @@ from sim_backend.reality_gap.subjects.joints.laws.state import (
     JointState,
     Term,
 )
+from sim_backend.trifinger import constants as c
 
 ALL_JOINTS = "all joints"
 PLATFORM = "platform"
@@ -197,9 +198,20 @@ def _members(
         probes = [most * share for share in _OF_MOST] if most else [by * probe for probe in number.probes or (scale / by / 100,)]
         return [[Term(key, index, probe)] for probe in probes]
     extra = () if number.product_with is None else (number.product_with,)
+    extra = tuple((other, value * _hotter(load_nm[:, index], robot)) for other, value in extra)
     values = (*shape.values, *(shape.more if expects_many else ()))
     members = [Term(key, index, scale / 100, ((shape.key, value), *extra)) for value in values]
     return [[term] for term in members] if shape.plane is None else [members]
+
+
+def _hotter(load_nm: np.ndarray, robot: Robot) -> float:
+    """Times that a motor gets hotter from each (N m)^2 than a TriFinger's: its own largest torque makes it as hot.
+
+    A small motor loses more for each (N m)^2 than any loss for each kelvin could be with a TriFinger's rise, and a large one so
+    little that its image would be that of a motor without any torque.
+    """
+    largest_nm = np.abs(load_nm).max()
+    return float((c.MAX_TORQUE_NM / largest_nm) ** 2) if isinstance(robot, UnknownRobot) and largest_nm > 0.0 else 1.0
 
 
 def _hypotheses(

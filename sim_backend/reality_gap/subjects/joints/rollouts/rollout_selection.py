@@ -32,7 +32,10 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import OF_N
 _MENDS = 0.5
 """A cause that gains less than this share of the largest, leaving more than noise, may only mend what that one's law leaves."""
 _NEARLY = 4.0
-"""Times what healthy robots are off: what leaves more is asked for a gravity of another strength, which may leave no more."""
+"""Times what healthy robots are off: what leaves more is asked for a gravity of another strength, which may leave no more.
+
+A mass or a torque constant is asked for it, too: it looks like that.
+"""
 _MANY = 3
 """So many causes are asked for it, too: with fewer beside it, and no joint further off, gravity is the plainer answer."""
 _LITTLE = 0.02
@@ -119,7 +122,8 @@ def _selected(
         other = _path(search, nominal, fit, (first,))
         found = other if _is_better(problem, other, found) else found
     nearly = replace(search, healthy_rad=_NEARLY * np.asarray(search.healthy_rad))
-    is_plain = leaves_little(nearly, found.fit) and len(found.taken) < _MANY
+    is_like = any(FITTED[cause.hypothesis.effect].scales_everything for cause in found.taken)
+    is_plain = leaves_little(nearly, found.fit) and len(found.taken) < _MANY and not is_like
     other = None if is_plain else _with_other_gravity(search, nominal)
     if other is None or not _gains_more(other, found):
         return found

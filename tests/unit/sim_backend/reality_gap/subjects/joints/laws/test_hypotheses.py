@@ -24,9 +24,9 @@ STATE = JointState(9, {"torque_saturation.limit_nm": np.full(9, c.MAX_TORQUE_NM)
 LOAD_NM = np.tile(np.linspace(-0.3, 0.3, 50)[:, None], (1, 9))
 
 
-def catalogue(robot=None, tolerances=None, state=STATE):
+def catalogue(robot=None, tolerances=None, state=STATE, load_nm=LOAD_NM):
     known = robot or KnownTriFinger(HealthySessions(tolerances or {}, np.zeros(0), {}))
-    return joint_catalogue(c.JOINT_NAMES, state, LOAD_NM, 1e-3, robot=known)
+    return joint_catalogue(c.JOINT_NAMES, state, load_nm, 1e-3, robot=known)
 
 
 @pytest.fixture(scope="module")
@@ -129,3 +129,15 @@ def test_a_joint_without_a_rotor_has_no_play(whole):
     assert set(places(without_play(whole, np.arange(9) > 0))) == set(c.JOINT_NAMES[1:])
     assert places(without_play(whole, np.ones(9, bool))) == places(whole)
     assert places(without_play(whole, np.zeros(9, bool))) == []
+
+
+@pytest.mark.parametrize("largest_nm", [0.02, 60.0])
+def test_a_motor_of_any_size_gets_as_hot_from_its_own_largest_torque(largest_nm):
+    load_nm = largest_nm / 0.3 * LOAD_NM
+    unknown = JointState(9, {"torque_saturation.limit_nm": np.full(9, 1e9)}, size=150.0)  # of its largest motor
+    for robot, state, hot_k in (
+        (UnknownRobot(), unknown, 2000.0 * c.MAX_TORQUE_NM**2),
+        (None, STATE, 2000.0 * largest_nm**2),
+    ):
+        terms = [t for t in catalogue(robot, state=state, load_nm=load_nm).terms if t.effect == "thermal_derating"]
+        assert terms and all(dict(t.shape)["thermal_derating.rise_k_nm2"] * largest_nm**2 == pytest.approx(hot_k) for t in terms)

@@ -299,3 +299,24 @@ def test_a_joint_with_less_of_a_cause_than_a_trifle_has_it_where_its_model_canno
     assert _least_of(study, damping, 0, 1.0) == pytest.approx(0.05), "no friction of its own to be off by"
     assert _least_of(study, damping, 1, 1.0) == pytest.approx(0.1 * 0.05)
     assert _least_of(study, "backlash.gap_rad", 1, 1.0) == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize(("hidden", "effect"), [("heavier", "link_mass"), ('frictionloss="0.08"', "coulomb_friction")])
+def test_a_mass_is_compared_with_a_gravity_of_another_strength_however_little_it_leaves(monkeypatch, hidden, effect):
+    """They look alike; friction does not, and leaves as little here."""
+    asked = []
+    monkeypatch.setattr(rollout_selection, "_with_other_gravity", lambda *_: asked.append(True))
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(more="" if hidden == "heavier" else hidden))
+    if hidden == "heavier":
+        model.body_mass[1:] *= 1.2
+        model.body_inertia[1:] *= 1.2
+    nominal = mujoco.MjModel.from_xml_string(PENDULUM.format(more=""))
+    recordings = [replace(recorded(model, targets(6.0, seed), seed=seed), name=f"{seed}") for seed in (1, 2)]
+    robot = UnknownRobot(Tolerance())
+    study = study_joints(nominal, recordings, lambda *_: None, robot=robot, gate=np.inf)
+    catalogue = study.fit.first.catalogue
+    own = replace(catalogue, hypotheses=tuple(h for h in catalogue.hypotheses if h.effect == effect))
+    problem = RolloutProblem(study.problem.episodes, study.start, own, robot.tolerance)
+    found = select_by_rollouts(problem, own, lambda _: True, healthy_rad=0.01)
+    assert [cause.hypothesis.effect for cause in found.taken] == [effect]
+    assert bool(asked) == (effect == "link_mass")
