@@ -18,6 +18,7 @@ PUSH = "sim_backend/training/reference_policies/push.safetensors"
 SCRATCH = "sim_backend/training/reference_policies/push-scratch.safetensors"
 QUICK = {
     "anytime_figures": ["--runs 1000 --goals 40 --families 100 --rows 1 --out {to}/anytime.json"],
+    "bench": ["--quick --parts bare --out {to}/figures.json"],
     "dispatch_cost": ["--robots 10 --out {to}/dispatch.json"],
     "foreign_policies": ["--kinds 'ONNX in one file' --out {to}/foreign.json"],
     "form_outcomes": [

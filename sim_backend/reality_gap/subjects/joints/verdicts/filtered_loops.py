@@ -27,7 +27,7 @@ def without_loops_of_filters(
         inertia_kg_m2: of their nominal rotors, shape (k,).
         damping_nm_s_rad: of controllers whose torques were not recorded, shape (k,); NaN at all other joints.
     """
-    inertia, by_filter = ARMATURE.split("."), {each.where: each for each in filters if is_filter(each)}
+    inertia, by_filter = ARMATURE.split("."), {each.where: each for each in filters if _is_filter(each)}
 
     def is_the_filter_s(cause: Cause) -> bool:
         if [cause.effect, cause.parameter] != inertia or cause.where not in by_filter:
@@ -51,12 +51,13 @@ def without_loops_of_filters(
         for each in rollouts.effects
     )
     found = replace(rollouts, causes=kept, cannot_tell=(said, *rollouts.cannot_tell), effects=judged)
-    if kept or rollouts.verdict is not VerdictKind.NAMED:
-        return found
+    if kept or rollouts.verdict not in (VerdictKind.NAMED, VerdictKind.CONFUSABLE):
+        summary = f"{rollouts.summary} What looks like {name} at {where} is the filter of the velocity in its controller's loop."
+        return replace(found, summary=summary)
     summary = f"The robot goes where the model goes once the filter of the velocity is in its controller's loop ({where})."
     return replace(found, verdict=VerdictKind.NOTHING_WRONG, summary=summary)
 
 
-def is_filter(cause: Cause) -> bool:
+def _is_filter(cause: Cause) -> bool:
     """Whether a cause is the time constant of a velocity's filter."""
     return f"{cause.effect}.{cause.parameter}" == FILTERED_VELOCITY
