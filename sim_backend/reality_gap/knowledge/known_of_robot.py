@@ -53,6 +53,8 @@ class Tolerance:
     """By how much a robot that nothing is wrong with may differ from its model: shares of the model's own values.
 
     They are twice the standard deviation. Nobody's model is exact: without them a mass that is 1 % off would be called friction.
+    Bearings have no such number in a model, whose dry friction holds still: balls and seals give and creep before they slip
+    (B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, Automatica 30, 1994, pages 1083 to 1138).
 
     Attributes:
         mass: of each link, its inertia with it.
@@ -60,6 +62,8 @@ class Tolerance:
         centre: of mass, as a share of its distance from the link's joint.
         friction: of the friction and the damping that the model has.
         zero: of recorded torques, of the largest of each joint: sensors and amplifiers have a zero of their own.
+        give_rad: how far a bearing gives before it slips, rad.
+        creep_rad_s: how fast it creeps under all of its friction before it slips, rad/s.
     """
 
     mass: float = 0.02
@@ -67,6 +71,8 @@ class Tolerance:
     centre: float = 0.02
     friction: float = 0.05
     zero: float = 0.01
+    give_rad: float = 0.001
+    creep_rad_s: float = 0.01
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,13 @@ ZERO, DRAG = "torque.zero_nm", "drag.nm_s2_rad2"
 """Numbers of no effect: a torque that is always there, and drag by the square of speed."""
 BRAKING = "motor.braking_share"
 """By which share a motor's own voltage takes more torque than is said: its square of torque constant over resistance is off."""
+GIVE, CREEP = "bearing.give_rad", "bearing.creep_rad_s"
+"""How far a bearing gives before it slips, and how fast it creeps under all of its friction.
+
+Prandtl's element of a spring and dry friction in series, with a damper in that series (L. Prandtl, Ein Gedankenmodell zur
+kinetischen Theorie der festen Koerper, ZAMM 8, 1928, pages 85 to 106). Healthy robots have both, dry friction alone has neither.
+"""
+BEARING = frozenset({GIVE, CREEP})
 LINK_INERTIA = "link.inertia_share"
 LINK_CENTRES = ("link.centre_x_m", "link.centre_y_m", "link.centre_z_m")
 """By how much a model's links are off in inertia and in their centres of mass, for each joint."""

@@ -11,6 +11,7 @@ from sim_backend.reality_gap.measured.foreign.naming import listed, nearest
 from sim_backend.reality_gap.measured.foreign.study_section import Section
 
 _TOLERANCES = ("mass", "inertia", "centre", "friction", "zero")
+_OF_BEARINGS = ("give_rad", "creep_rad_s")
 NominalValue = float | tuple[float, ...] | dict[str, float]
 """One number, three for an axis or camera each, or one for each joint by name."""
 
@@ -65,17 +66,20 @@ def controller(top: Section, joints: Sequence[str]) -> Controller | None:
 
 
 def tolerance(top: Section) -> Tolerance:
-    """What ``[tolerance]`` says that the model may be off by; usual shares where it says nothing.
+    """What ``[tolerance]`` says that the model may be off by; usual shares and bearings where it says nothing.
 
     Raises:
-        RecordingError: a share that is none, or one of 0.5 and more, with which no model says anything.
+        RecordingError: a share that is none, or one of 0.5 and more, with which no model says anything; the same of bearings.
     """
     section = top.section("tolerance", "[tolerance]")
-    section.only(*_TOLERANCES)
-    found = {name: section.number(name) for name in _TOLERANCES if section.has(name)}
-    for name, share in found.items():
-        if not 0.0 <= share < 0.5:
-            raise section.refusal(f"{name} is {share:g}; it must be a share from 0 to 0.5, such as 0.02 for 2 %")
+    section.only(*_TOLERANCES, *_OF_BEARINGS)
+    found = {name: section.number(name) for name in (*_TOLERANCES, *_OF_BEARINGS) if section.has(name)}
+    for name, much in found.items():
+        if 0.0 <= much < 0.5:
+            continue
+        if name in _OF_BEARINGS:
+            raise section.refusal(f"{name} is {much:g}; it must be from 0 to 0.5, such as 0.001: bearings hardly move before they slip")
+        raise section.refusal(f"{name} is {much:g}; it must be a share from 0 to 0.5, such as 0.02 for 2 %")
     return Tolerance(**found)
 
 

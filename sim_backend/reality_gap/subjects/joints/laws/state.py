@@ -7,14 +7,14 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
-from sim_backend.reality_gap.knowledge.unnamed_laws import BRAKING, DRAG, LINK_CENTRES, LINK_INERTIA, ZERO
+from sim_backend.reality_gap.knowledge.unnamed_laws import BEARING, BRAKING, DRAG, LINK_CENTRES, LINK_INERTIA, ZERO
 from sim_backend.reality_gap.subjects.joints.laws.motor_law import VECTOR, absent_values
 
 CLOCK = "clock.offset_s"
 """Not an effect but what nobody can know of a recording: when within a sample the torque acted that was written there."""
 SENSED = "sensed.share"
 """Nor is this: which share of the difference between measured and sent torque is noise of the sensor, for each joint."""
-NO_EFFECTS = frozenset({CLOCK, SENSED, LINK_INERTIA, *LINK_CENTRES, ZERO, DRAG, BRAKING})
+NO_EFFECTS = frozenset({CLOCK, SENSED, LINK_INERTIA, *LINK_CENTRES, ZERO, DRAG, BRAKING, *BEARING})
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,8 @@
 A fit simulates some hundred million steps of models of a few joints each, of which MuJoCo's general step spends most on what
 these models lack. Here a link is six numbers of motion and ten of inertia, both in the frame that coincides with the world while
 all joints are where the model has them at first (Featherstone, Rigid Body Dynamics Algorithms, 2008, chapters 5 and 6, with the
-product of exponentials for the joints). Dry friction is a bounded impulse of each joint that stops what it can stop.
+product of exponentials for the joints). Dry friction is a bounded impulse of each joint that stops what it can stop, or all that
+a bearing holds which gives before it slips.
 """
 
 from collections.abc import Sequence
@@ -43,6 +44,7 @@ class ChainModels:
         late_s: of what was recorded, or what a controller sends, shape (m, k).
         of_gain: share of its position gain that a controller has, shape (m, k).
         of_own_voltage: share of its own voltage that a motor has, which its torque constant makes, too, shape (m, k).
+        give_rad, creep_rad_s: how far a bearing gives before it slips, and how fast it creeps before it does, shape (m, k).
     """
 
     bodies: Bodies
@@ -56,6 +58,8 @@ class ChainModels:
     late_s: np.ndarray
     of_gain: np.ndarray
     of_own_voltage: np.ndarray
+    give_rad: np.ndarray
+    creep_rad_s: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -193,12 +197,12 @@ class _Tree:
         self._principal = data.ximat.reshape(-1, 3, 3).copy()
 
     def of(self, models: ChainModels) -> tuple[np.ndarray, ...]:
-        """What models make of the tree: inertias (m, k, 10), gravity (m, 3), numbers of joints (m, 10, k), motors (m, k, p)."""
+        """What models make of the tree: inertias (m, k, 10), gravity (m, 3), numbers of joints (m, 12, k), motors (m, k, p)."""
         m, o, motors = models, self.order, models.motors.copy()
         play, rotor = m.motors[:, :, PLAY], np.where(m.armature > 0.0, m.armature, m.motors[:, :, ROTOR])
         motors[:, :, PLAY] = 0.0  # here rotors with play are bodies of their own
         controllers = [m.offset_rad, m.late_s, m.of_gain, m.of_own_voltage]
-        own = [m.armature, m.damping, m.stiffness, m.rest_rad, *controllers, play, rotor]
+        own = [m.armature, m.damping, m.stiffness, m.rest_rad, *controllers, play, rotor, m.give_rad, m.creep_rad_s]
         return self._inertias(m.bodies), m.gravity_m_s2, np.stack(own, axis=1)[:, :, o], motors[:, o]
 
     def _inertias(self, bodies: Bodies) -> np.ndarray:

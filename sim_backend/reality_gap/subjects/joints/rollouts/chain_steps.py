@@ -15,9 +15,11 @@ from sim_backend.reality_gap.subjects.joints.rollouts.link_dynamics import compi
 
 _SWEEPS, _SETTLED = 50, 1e-7
 """Of the impulses of friction at most, and the change, as a share of the largest bound, at which they have settled."""
+_BENT_RAD_S = 0.005
+"""Speed at which a window's bearings begin half bent: a joint that moves has bent them, one that rests may have."""
 _DIVERGED = 1e4
 """Of a velocity, rad/s."""
-_ARMATURE, _DAMPING, _STIFFNESS, _REST, _OFFSET, _LATE, _OF_GAIN, _OF_OWN, _GAP, _ROTOR = range(10)
+_ARMATURE, _DAMPING, _STIFFNESS, _REST, _OFFSET, _LATE, _OF_GAIN, _OF_OWN, _GAP, _ROTOR, _GIVE, _CREEP = range(12)
 _AHEAD, _SPEED, _SIDE, _RUBS = range(4)
 """Of a rotor with play: by how much it is before its link, how fast it turns on its way across, the side on which it lies (1 or
 -1; 0 on its way), and what friction it has there.
@@ -51,10 +53,30 @@ def _inverted(matrix: np.ndarray, room: np.ndarray, out: np.ndarray) -> None:
 
 
 @compiled
-def _rub(inverse: np.ndarray, bound: np.ndarray, step_s: float, velocity: np.ndarray, impulse: np.ndarray) -> None:
+def _held(bend: float, give: float, creep: float, step_s: float, velocity: float, stops: float) -> float:
+    """Share of its friction that a bearing holds after a step, -1 to 1, which gives and creeps until it slips at 1.
+
+    A spring and a damper in series: the share grows by what the joint moves less what it creeps, over what it gives. It is solved
+    for the end of the step, at which the friction has changed ``velocity`` by that share of ``stops``.
+    """
+    return min(max((give * bend + step_s * velocity) / (give + step_s * (creep + stops)), -1.0), 1.0)
+
+
+@compiled
+def _rub(
+    inverse: np.ndarray,
+    bound: np.ndarray,
+    joints: np.ndarray,
+    m: int,
+    bend: np.ndarray,
+    step_s: float,
+    velocity: np.ndarray,
+    impulse: np.ndarray,
+) -> None:
     """Stop what dry friction can stop: impulses within their bounds that leave joints at rest or oppose their motion.
 
-    ``velocity`` is that after the step without friction and is moved on; ``impulse`` is that of the step before.
+    Of bearings that give or creep they are the share of the bounds that :func:`_held` says. ``velocity`` is that after the step
+    without friction and is moved on; ``impulse`` and ``bend`` are those of the step before, and ``bend`` stays so.
     """
     k, largest = len(bound), 0.0
     for j in range(k):
@@ -72,7 +94,11 @@ def _rub(inverse: np.ndarray, bound: np.ndarray, step_s: float, velocity: np.nda
             most = bound[j] * step_s
             if most == 0.0:
                 continue
-            wanted = min(max(impulse[j] - velocity[j] / inverse[j, j], -most), most)
+            give, creep, own = joints[_GIVE, m, j], joints[_CREEP, m, j], inverse[j, j]
+            if give + creep > 0.0:
+                wanted = -most * _held(bend[j], give, creep, step_s, velocity[j] - own * impulse[j], own * most)
+            else:
+                wanted = min(max(impulse[j] - velocity[j] / own, -most), most)
             by = wanted - impulse[j]
             if by != 0.0:
                 impulse[j] = wanted
@@ -88,6 +114,9 @@ def _moved_on(
     inverse: np.ndarray,
     rest: np.ndarray,
     bound: np.ndarray,
+    joints: np.ndarray,
+    m: int,
+    bend: np.ndarray,
     step_s: float,
     position: np.ndarray,
     velocity: np.ndarray,
@@ -100,8 +129,11 @@ def _moved_on(
         gained[i] = velocity[i]
         for j in range(k):
             velocity[i] += inverse[i, j] * rest[j]
-    _rub(inverse, bound, step_s, velocity, impulse)
+    _rub(inverse, bound, joints, m, bend, step_s, velocity, impulse)
     for j in range(k):
+        give, creep = joints[_GIVE, m, j], joints[_CREEP, m, j]
+        if give + creep > 0.0:
+            bend[j] = _held(bend[j], give, creep, step_s, velocity[j], 0.0)
         position[j] += step_s * velocity[j]
         gained[j] = velocity[j] - gained[j]
         fastest = max(fastest, abs(velocity[j]))
@@ -263,6 +295,7 @@ def _begin(
     impulse: np.ndarray,
     memory: np.ndarray,
     rotors: np.ndarray,
+    bend: np.ndarray,
     faster: np.ndarray,
 ) -> None:
     """Fill in what a simulation begins with."""
@@ -271,7 +304,7 @@ def _begin(
         faster[k, 3 + a] = -gravity[m, a]
     for j in range(k):
         position[j], velocity[j] = begins[n, 0, j] - joints[_OFFSET, m, j], begins[n, 1, j]
-        gained[j], impulse[j] = 0.0, 0.0
+        gained[j], impulse[j], bend[j] = 0.0, 0.0, velocity[j] / (abs(velocity[j]) + _BENT_RAD_S)
         memory[j, 0], memory[j, 1], memory[j, 2] = begins[n, 2, j], velocity[j], 0.0
         rotors[_AHEAD, j], rotors[_SIDE, j] = 0.0, _UNKNOWN_SIDE
 
@@ -310,10 +343,11 @@ def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that i
     line, made, before, memory = np.zeros((late, k)), np.zeros(k), np.empty(k), np.empty((k, 3))
     # ``gained`` by velocities in the last step: they are those of half a step ago
     q, v, gained, rotors = np.empty(k), np.empty(k), np.empty(k), np.zeros((4, k))
+    bend = np.empty(k)
     for n in range(len(window)):
         w, m = window[n], which[n]
         inertia, of_motors = inertias[m], motors[m]
-        _begin(begins, n, joints, m, gravity, q, v, gained, impulse, memory, rotors, faster)
+        _begin(begins, n, joints, m, gravity, q, v, gained, impulse, memory, rotors, bend, faster)
         for j in range(k):
             before[j] = _until(-(joints[_LATE, m, j] + 0.5 * step_s) / sample_s, sums, sent, w, j)
         now, is_fine = 0, True
@@ -347,7 +381,7 @@ def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that i
                         rest[j] += step_s * (value[j] - joints[_DAMPING, m, j] * v[j])
                         mass[j, j] += joints[_ARMATURE, m, j] + step_s * joints[_DAMPING, m, j]
                 _inverted(mass, lower, inverse)
-                is_fine = _moved_on(inverse, rest, bound, step_s, q, v, gained, impulse)
+                is_fine = _moved_on(inverse, rest, bound, joints, m, bend, step_s, q, v, gained, impulse)
                 _follow_rotors(joints, m, value, step_s, inverse, rotors, q, v, gained, impulse)
                 if not is_fine:
                     break
@@ -367,7 +401,7 @@ def simulate() -> Callable[..., None]:
     Its arguments, of w windows, m models and k joints in the order of their tree: torques that were recorded (w, s, k) and their
     sums (w, s + 1, k), a controller's law (6, w, s, k), which joints it drives (k,); inertias of the links (m, k, 10), gravity
     (m, 3), armature, damping, stiffness, rest, offset of the encoder, lateness of what is sent, share of the controller's gain,
-    play and inertia of the rotor (9, m, k), the motor law's values (m, k, p); parents (k,), axes and anchors (k, 3), which joints
+    play and inertia of the rotor, how far bearings give and how fast they creep (12, m, k), the motor law's values (m, k, p); parents (k,), axes and anchors (k, 3), which joints
     slide, where joints are at first (k,); the step, steps to a sample, the time between samples, steps for which a controller
     holds its torque; begins (n, 3, k): places, speeds and warmth of the motors, windows and models (n,), and the positions after
     each sample (n, s, k).

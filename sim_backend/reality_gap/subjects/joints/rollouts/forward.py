@@ -17,7 +17,7 @@ from sim_backend.driver.native_control import silence_warnings
 from sim_backend.effects.friction import make_stiff
 from sim_backend.reality_gap.feedback import Feedback
 from sim_backend.reality_gap.knowledge.joint_effects import POSITION_GAIN, TORQUE_CONSTANT
-from sim_backend.reality_gap.knowledge.unnamed_laws import BRAKING
+from sim_backend.reality_gap.knowledge.unnamed_laws import BRAKING, CREEP, GIVE
 from sim_backend.reality_gap.subjects.joints.laws.body_law import gravity_of
 from sim_backend.reality_gap.subjects.joints.laws.motor_law import in_simulations
 from sim_backend.reality_gap.subjects.joints.laws.past import Past
@@ -88,6 +88,11 @@ class Forward:
         make_stiff(self._model, plant.velocities)
         silence_warnings()
         self._chain = Chain(plant, float(self._model.opt.timestep), self._substeps) if is_plain(self._model) else None
+
+    @property
+    def has_bearings(self) -> bool:
+        """Whether its bearings can give before they slip."""
+        return self._chain is not None
 
     def positions(
         self,
@@ -193,6 +198,8 @@ class Forward:
             of("action_delay.delay_s") + of(CLOCK),
             of(POSITION_GAIN),
             (1.0 + of(TORQUE_CONSTANT)) * (1.0 + of(BRAKING)),
+            of(GIVE),
+            of(CREEP),
         )
 
     def _bodies(self, mass: np.ndarray, inertia: np.ndarray, *centres: np.ndarray) -> Bodies:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sim_backend.reality_gap.knowledge.unnamed_laws import BEARING
 from sim_backend.reality_gap.subjects.joints.laws.state import CLOCK, JointState, Term
 from sim_backend.reality_gap.subjects.joints.rollouts.forward import Windows
 from sim_backend.reality_gap.subjects.joints.rollouts.linearisation import SAMPLES_OF_WINDOW, probed
@@ -24,7 +25,7 @@ _USUAL = 0.95
 """Share of robots that nothing is wrong with that are off by no more."""
 _STEPS, _SHARES = 4, (1.0, 0.4, 0.15)
 """A model is fitted to each drawn robot in so many steps, each as far as the robot is nearer there."""
-_CLOSELY, _DECIDE = 40, 2
+_CLOSELY, _DECIDE = 20, 2
 """So many drawn robots are fitted as closely as the recorded one; fewer if so many of them are far enough off to decide."""
 
 
@@ -73,6 +74,8 @@ class DrawnRobots:
             return
         varies = np.array([i >= len(own) and term.key != CLOCK for i, term in enumerate(terms)])
         off = scales * varies * np.clip(rng.standard_normal((draws, len(terms))), -TOLERATED, TOLERATED)
+        bears = self._model.bears
+        off[:, bears] = np.abs(off[:, bears]) - self._model.given[bears]
         robots = self._model.went(off, rng)
         widest = np.nanmax(np.abs(robots - self._model.nominal), initial=0.0)
         robots = np.where(np.isfinite(robots), robots, self._model.nominal + widest)  # what diverges is as far as any
@@ -144,6 +147,8 @@ class _Model:
     Attributes:
         nominal: where it goes, shape (n, s * k).
         fine: windows in which all of it is finite, shape (n,).
+        bears: terms that are numbers of bearings, which are not below none, shape (m,).
+        given: values that the model has, shape (m,).
     """
 
     def __init__(
@@ -160,6 +165,8 @@ class _Model:
         moves = moves.reshape(len(moves), n, -1).transpose(1, 2, 0)
         self.nominal, self._by_term, self._at_start = went.reshape(n, -1), moves[:, :, :m], moves[:, :, m:]
         self.fine = np.isfinite(moves).all(axis=(1, 2))
+        self.bears = np.array([term.key in BEARING for term in terms], bool)
+        self.given = np.array([float(state.value(term.key)[term.index]) for term in terms])
 
     def went(self, off: np.ndarray, rng: np.random.Generator | None = None) -> np.ndarray:
         """Where models go that differ from this one, shape (models, n, s * k), rad.
@@ -198,6 +205,7 @@ class _Model:
         of_joint = free.reshape(len(free), -1, joints, len(scales))
         informs = np.einsum("nsjm,nsjl->jml", of_joint, of_joint, optimize=True)
         most = np.where(np.arange(len(scales)) < causes, np.inf, TOLERATED * scales)
+        least = np.where(self.bears, -self.given, -most)
 
         def best_begun(error: np.ndarray) -> np.ndarray:
             """Errors where windows begin as fits best, by a straight line: they began where the robot did."""
@@ -210,11 +218,11 @@ class _Model:
         as_it_is = error.copy()
         for _ in range(_STEPS):
             noise = np.maximum(np.median(squares(error), axis=1), 1.0)
-            least = np.log1p(squares(error) / noise[:, None]).sum(axis=(1, 2))
+            loss = np.log1p(squares(error) / noise[:, None]).sum(axis=(1, 2))
             precision = np.einsum("dj,jml->dml", 1.0 / noise, informs) + np.diag(1.0 / scales**2)
             weighed = error.reshape(len(error), len(nominal), -1, joints) / noise[:, None, None]
             pull = np.einsum("nsjm,dnsj->dm", of_joint, weighed, optimize=True) - off / scales**2
-            change = np.clip(off + np.linalg.solve(precision, pull[..., None])[..., 0], -most, most) - off
+            change = np.clip(off + np.linalg.solve(precision, pull[..., None])[..., 0], least, most) - off
             nearer = np.zeros(len(robots), bool)
             for share in _SHARES:
                 rows = going[~nearer[going]]
@@ -224,7 +232,7 @@ class _Model:
                 went = self.went(there)[:, fine] * weights
                 rest = best_begun(np.where(np.isfinite(went), robots[rows] - went, np.inf))
                 now = np.nan_to_num(np.log1p(squares(rest) / noise[rows, None]).sum(axis=(1, 2)), nan=np.inf)
-                took = now < least[rows]
+                took = now < loss[rows]
                 chosen = rows[took]
                 off[chosen], error[chosen] = there[took], rest[took]
                 nearer[chosen] = True

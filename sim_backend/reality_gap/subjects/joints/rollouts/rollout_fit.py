@@ -12,6 +12,7 @@ import numpy as np
 
 from sim_backend.reality_gap.knowledge.joint_effects import POSITION_GAIN
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance
+from sim_backend.reality_gap.knowledge.unnamed_laws import BEARING
 from sim_backend.reality_gap.measured.sensor_noise import white_noise
 from sim_backend.reality_gap.subjects.joints.laws.body_law import KEYS as BODY_KEYS
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import Catalogue
@@ -36,6 +37,8 @@ _TAILS = 4.0
 """Squares of a window's error, over the usual, beyond which it counts less and less."""
 _ITERATIONS, _QUICK_ITERATIONS, _STARTS_ALONE = 6, 5, 3
 _ENOUGH, _DAMPING = 1e-3, 1e-3
+_SHARES = (1.0, 0.5, 0.25, 0.1)
+"""Of a step, until errors fall."""
 _SETTLES = 0.25
 """After a step by which squares of windows fell by less, in the mean of their logarithms, a model bends no more: what tolerances
 and begins of windows change there is as it was.
@@ -121,7 +124,10 @@ class RolloutProblem:
         reported = [v for e in episodes if (v := e.path.joints.velocity_rad_s) is not None]
         self.velocity_noise_rad_s = np.sqrt(np.mean([white_noise(v) ** 2 for v in reported], axis=0)) if reported else 0.0
         row_s = float(np.median([e.path.step_s for e in episodes]))
-        self._loose = tolerated(episodes, start, catalogue, tolerance)
+        loose = tolerated(episodes, start, catalogue, tolerance)
+        # bearings first: what they change bends with the causes, and is probed anew with them
+        self._loose = [each for each in loose if each[0].key in BEARING and self.forward.has_bearings]
+        self._loose += [each for each in loose if each[0].key not in BEARING]
         self._other: Forward | None = None
         law = self.windows.feedback  # of a servo its motor's own voltage is a part, which never rests
         is_loop_elsewhere = law is not None and bool((law.is_known & ~law.is_on_board).any())
@@ -217,8 +223,13 @@ class RolloutProblem:
         begin: tuple[np.ndarray, np.ndarray],
         iterations: int,
     ) -> RolloutFit:
-        """Steps of Gauss and Newton, each as far as errors fall; once they are small only the causes are probed anew."""
+        """Steps of Gauss and Newton, each as far as errors fall; once they are small only causes and bearings are probed anew.
+
+        A step that no share of makes errors fall is tried without what it makes of bearings: whether one slips is no straight line.
+        """
         every = (*terms, *(t for t, _ in loose))
+        bears = np.array([t.key in BEARING for t in every], bool)
+        anew = len(terms) + int(bears[len(terms) :].sum())
         scales = np.array([*(_WIDE * self.catalogue.scales.get(t.key, 1.0) for t in terms), *(s for _, s in loose)])
         squares, errors, known = self.squares_of(state, begin), np.zeros(len(every)), None
         for _ in range(iterations):
@@ -228,25 +239,40 @@ class RolloutProblem:
             precision = linear.precision + np.diag(prior)
             errors = np.sqrt(np.diag(np.linalg.inv(precision)))
             pull = linear.pull - prior * apart(state, self.start, every)
-            change = np.linalg.solve(precision + _DAMPING * np.diag(np.diag(precision)), pull)
-            before, found = self._loss(squares, noise), None
-            for share in (1.0, 0.5, 0.25, 0.1):
-                candidate = self._within_tolerance(moved_by(state, every, share * change), loose)
-                moved = self._begins(begin, linear, apart(candidate, state, every), share)
-                # where a model bends, begins that follow its linearisation lead astray
-                tried = [(begins, self.squares_of(candidate, begins)) for begins in (moved, begin)]
-                begins, squares_there = min(tried, key=lambda each: self._loss(each[1], noise))
-                if self._loss(squares_there, noise) < before:
-                    found = candidate, begins, squares_there
-                    break
+            damped, before = precision + _DAMPING * np.diag(np.diag(precision)), self._loss(squares, noise)
+            least, none = np.where(bears, -apart(state, JointState(state.joints), every), -np.inf), np.zeros(len(every), bool)
+            changes = [step_above(damped, pull, least, none), *([step_above(damped, pull, least, bears)] if bears.any() else [])]
+            found = next((at for c in changes if (at := self._nearer(state, begin, every, loose, linear, c, noise, before))), None)
             if found is None:
                 break
             state, begin, squares = found
             fell = before - self._loss(squares, noise)
             if fell < _ENOUGH * abs(before):
                 break
-            known = linear.moves[len(terms) :] if fell < _SETTLES * squares.size else None
+            known = linear.moves[anew:] if fell < _SETTLES * squares.size else None
         return RolloutFit(state, every, len(terms), scales, errors, squares, begin)
+
+    def _nearer(
+        self,
+        state: JointState,
+        begin: tuple[np.ndarray, np.ndarray],
+        every: Sequence[Term],
+        loose: Sequence[tuple[Term, float]],
+        linear: Linearised,
+        change: np.ndarray,
+        noise: tuple[np.ndarray, np.ndarray],
+        before: float,
+    ) -> tuple[JointState, tuple[np.ndarray, np.ndarray], np.ndarray] | None:
+        """The model, begins and squares of windows as far along a step as errors fall below ``before``; None if they do nowhere."""
+        for share in _SHARES:
+            candidate = self._within_tolerance(moved_by(state, every, share * change), loose)
+            moved = self._begins(begin, linear, apart(candidate, state, every), share)
+            # where a model bends, begins that follow its linearisation lead astray
+            tried = [(begins, self.squares_of(candidate, begins)) for begins in (moved, begin)]
+            begins, squares = min(tried, key=lambda each: self._loss(each[1], noise))
+            if self._loss(squares, noise) < before:
+                return candidate, begins, squares
+        return None
 
     def without_loose(self, state: JointState, kept: Sequence[Term]) -> JointState:
         """A model with everything that a healthy robot may be off by as the nominal one has it, but for terms that are kept."""
@@ -323,10 +349,31 @@ def apart(state: JointState, other: JointState, terms: Sequence[Term]) -> np.nda
     return np.array([float(state.value(t.key)[t.index] - other.value(t.key)[t.index]) for t in terms])
 
 
+def step_above(precision: np.ndarray, pull: np.ndarray, least: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """A step of Gauss and Newton within lower bounds, shape (m,): what would go below one ends there, and the others anew.
+
+    Args:
+        precision: of the numbers, shape (m, m).
+        pull: of the errors, shape (m,).
+        least: change of each number, shape (m,); at most 0.
+        kept: numbers that do not change, shape (m,).
+    """
+    change, held = np.zeros(len(pull)), kept.copy()
+    while not held.all():
+        free = ~held
+        change[free] = np.linalg.solve(precision[np.ix_(free, free)], pull[free] - precision[np.ix_(free, held)] @ change[held])
+        below = free & (change < least)
+        if not below.any():
+            break
+        change[below], held = least[below], held | below
+    return change
+
+
 def moved_by(state: JointState, terms: Sequence[Term], change: np.ndarray) -> JointState:
-    """Numbers changed one by one, cut off where the catalogue ends."""
+    """Numbers changed one by one, cut off where the catalogue ends, those of bearings at none."""
     for term, by in zip(terms, change, strict=True):
         here = float(state.value(term.key)[term.index])
-        lower, upper = (-np.inf, np.inf) if term.key in NO_EFFECTS else state.bounds(term.key)
+        anywhere = (0.0 if term.key in BEARING else -np.inf, np.inf)
+        lower, upper = anywhere if term.key in NO_EFFECTS else state.bounds(term.key)
         state = state.moved(term, float(np.clip(here + by, min(lower, here), max(upper, here))) - here, with_shape=False)
     return state

@@ -38,6 +38,8 @@ A mass or a torque constant is asked for it, too: it looks like that.
 """
 _MANY = 3
 """So many causes are asked for it, too: with fewer beside it, and no joint further off, gravity is the plainer answer."""
+_AS_FAR = 1.1
+"""Times as far off a joint may be with fewer causes, gravity among them: bearings that give make up for a part of the others."""
 _LITTLE = 0.02
 """Share of an error that causes may leave to be all there are: laws of another shape than the robot's leave more."""
 _MOST, _MOST_MENDING = 6, 2
@@ -127,7 +129,8 @@ def _selected(
     other = None if is_plain else _with_other_gravity(search, nominal)
     if other is None or not _gains_more(other, found):
         return found
-    is_plainer = len(other.taken) < len(found.taken) and bool((other.fit.usual_rad <= found.fit.usual_rad).all())
+    is_as_near = bool((other.fit.usual_rad <= _AS_FAR * found.fit.usual_rad).all())
+    is_plainer = len(other.taken) < len(found.taken) and is_as_near
     return other if is_plainer or leaves_little(nearly, other.fit) else found
 
 
@@ -149,7 +152,8 @@ def _with_other_gravity(search: CauseSearch, nominal: RolloutFit) -> RolloutSele
 def _path(search: CauseSearch, nominal: RolloutFit, fit: RolloutFit, taken: tuple[Taken, ...]) -> RolloutSelection:
     """What a search comes to that goes on from a model with some causes.
 
-    What only mends what a law leaves is no cause, unless with it hardly anything is left: then all laws are those of the robot.
+    What only mends what a law leaves is no cause, unless with it hardly anything is left, or no more than healthy robots leave
+    where it was more without it: then all laws are those of the robot.
     """
     problem = search.problem
     fit, taken = search.extended(fit, taken, _MENDS, _MOST)
@@ -157,7 +161,8 @@ def _path(search: CauseSearch, nominal: RolloutFit, fit: RolloutFit, taken: tupl
         return RolloutSelection(problem, nominal, fit, (), fit)
     mends = replace(search, catalogue=_without_limits(search.catalogue))
     extended, every = mends.extended(fit, taken, 0.0, len(taken) + _MOST_MENDING, kept=len(taken))
-    if len(every) > len(taken) and _leaves_nothing(problem, nominal, extended):
+    is_whole = _leaves_nothing(problem, nominal, extended) or (leaves_little(search, extended) and not leaves_little(search, fit))
+    if len(every) > len(taken) and is_whole:
         fit, taken = without_needless(search, extended, every)
         extended, every = fit, taken
     mending = every[len(taken) :]

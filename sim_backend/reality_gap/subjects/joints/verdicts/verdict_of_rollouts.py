@@ -44,14 +44,14 @@ CONFUSABLE_NATS, CONFUSABLE_SHARE = 5.0, 0.1
 """A rival that lies less than this behind, or than this share of what the cause gained, cannot be told apart."""
 _TRIFLE = 0.05
 """Of the largest number of a cause at all joints: a joint with less has none, unless that is more than its model may be off."""
-_MARGIN = 5.0
+_MARGIN = 2.5
 """Times what drawn healthy robots are off: the recorded one is fitted to more windows, and has errors that nobody draws.
 
 Of 60 healthy arms of the second generator (seed 763475, counted before) 17 are further off somewhere than is enough for anybody.
 In usual windows these are 0.4 to 4.6 times as far off as 95 % of those drawn for them, in far ones 16 of them up to 3.3 times.
 """
-_AS_GOOD_AS_RIGHT = 0.01
-"""Of a usual window's motion: bearings give way before they slip, and no integrator is exact."""
+_AS_GOOD_AS_RIGHT = 0.003
+"""Of a usual window's motion: no model is exact, and no integrator."""
 EXPLAINED = 0.5
 """Share of a usual window's error that causes must take away at some joint to be named."""
 
