@@ -7,6 +7,7 @@ much as the torque itself. A simulated window integrates it away, and its error 
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -225,53 +226,53 @@ class RolloutProblem:
     ) -> RolloutFit:
         """Steps of Gauss and Newton, each as far as errors fall; once they are small only causes and bearings are probed anew.
 
-        A step that no share of makes errors fall is tried without what it makes of bearings: whether one slips is no straight line.
+        Where no part of a step makes errors fall it is tried without what it makes of bearings: whether one slips is no straight
+        line.
         """
         every = (*terms, *(t for t, _ in loose))
         bears = np.array([t.key in BEARING for t in every], bool)
         anew = len(terms) + int(bears[len(terms) :].sum())
         scales = np.array([*(_WIDE * self.catalogue.scales.get(t.key, 1.0) for t in terms), *(s for _, s in loose)])
-        squares, errors, known = self.squares_of(state, begin), np.zeros(len(every)), None
+        at, errors, known = _Place(state, begin, self.squares_of(state, begin)), np.zeros(len(every)), None
         for _ in range(iterations):
-            noise, weights = self.noise_of(squares)
-            linear = linearised(self.forward, self.windows, state, every, begin, noise, weights, known)
+            noise, weights = self.noise_of(at.squares)
+            linear = linearised(self.forward, self.windows, at.state, every, at.begin, noise, weights, known)
             prior = 1.0 / scales**2
             precision = linear.precision + np.diag(prior)
             errors = np.sqrt(np.diag(np.linalg.inv(precision)))
-            pull = linear.pull - prior * apart(state, self.start, every)
-            damped, before = precision + _DAMPING * np.diag(np.diag(precision)), self._loss(squares, noise)
-            least, none = np.where(bears, -apart(state, JointState(state.joints), every), -np.inf), np.zeros(len(every), bool)
-            changes = [step_above(damped, pull, least, none), *([step_above(damped, pull, least, bears)] if bears.any() else [])]
-            found = next((at for c in changes if (at := self._nearer(state, begin, every, loose, linear, c, noise, before))), None)
+            pull = linear.pull - prior * apart(at.state, self.start, every)
+            damped = precision + _DAMPING * np.diag(np.diag(precision))
+            least = np.array([-float(at.state.value(t.key)[t.index]) if t.key in BEARING else -np.inf for t in every])
+            found = self._nearer(at, every, loose, linear, step_above(damped, pull, least, np.zeros_like(bears)), noise)
+            if found is None and bears.any():
+                found = self._nearer(at, every, loose, linear, step_above(damped, pull, least, bears), noise)
             if found is None:
                 break
-            state, begin, squares = found
-            fell = before - self._loss(squares, noise)
-            if fell < _ENOUGH * abs(before):
+            before, after = (self._loss(place.squares, noise) for place in (at, found))
+            at = found
+            if before - after < _ENOUGH * abs(before):
                 break
-            known = linear.moves[anew:] if fell < _SETTLES * squares.size else None
-        return RolloutFit(state, every, len(terms), scales, errors, squares, begin)
+            known = linear.moves[anew:] if before - after < _SETTLES * at.squares.size else None
+        return RolloutFit(at.state, every, len(terms), scales, errors, at.squares, at.begin)
 
     def _nearer(
         self,
-        state: JointState,
-        begin: tuple[np.ndarray, np.ndarray],
+        at: "_Place",
         every: Sequence[Term],
         loose: Sequence[tuple[Term, float]],
         linear: Linearised,
         change: np.ndarray,
-        noise: tuple[np.ndarray, np.ndarray],
-        before: float,
-    ) -> tuple[JointState, tuple[np.ndarray, np.ndarray], np.ndarray] | None:
-        """The model, begins and squares of windows as far along a step as errors fall below ``before``; None if they do nowhere."""
+        noise: np.ndarray,
+    ) -> "_Place | None":
+        """Where errors fall, as far along a step as they do; None if they do nowhere."""
         for share in _SHARES:
-            candidate = self._within_tolerance(moved_by(state, every, share * change), loose)
-            moved = self._begins(begin, linear, apart(candidate, state, every), share)
+            candidate = self._within_tolerance(moved_by(at.state, every, share * change), loose)
+            moved = self._begins(at.begin, linear, apart(candidate, at.state, every), share)
             # where a model bends, begins that follow its linearisation lead astray
-            tried = [(begins, self.squares_of(candidate, begins)) for begins in (moved, begin)]
-            begins, squares = min(tried, key=lambda each: self._loss(each[1], noise))
-            if self._loss(squares, noise) < before:
-                return candidate, begins, squares
+            tried = [_Place(candidate, begin, self.squares_of(candidate, begin)) for begin in (moved, at.begin)]
+            nearest = min(tried, key=lambda place: self._loss(place.squares, noise))
+            if self._loss(nearest.squares, noise) < self._loss(at.squares, noise):
+                return nearest
         return None
 
     def without_loose(self, state: JointState, kept: Sequence[Term]) -> JointState:
@@ -325,6 +326,14 @@ class RolloutProblem:
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.log((before + floor) / (after + floor))
         return 0.5 * SAMPLES_OF_WINDOW * np.nan_to_num(ratio, posinf=5.0, neginf=-5.0).sum(axis=1)
+
+
+class _Place(NamedTuple):
+    """Where a fit has come to: model, begins of windows and mean square errors."""
+
+    state: JointState
+    begin: tuple[np.ndarray, np.ndarray]
+    squares: np.ndarray
 
 
 def _noise_rad(episode: EpisodeEquations) -> np.ndarray:

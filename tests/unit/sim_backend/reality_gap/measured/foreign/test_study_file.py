@@ -85,6 +85,7 @@ REFUSED = {
     "a list for joints": (nominal('"coulomb_friction.torque_nm" = [0.1, 0.2]'), ["table with one for each joint"]),
     "a tolerance of nothing that is": (STUDY + "[tolerance]\nmasses = 0.1\n", ["[tolerance]", "did you mean 'mass'"]),
     "a tolerance in per cent": (STUDY + "[tolerance]\nmass = 2.0\n", ["mass is 2", "0.02 for 2 %"]),
+    "a bearing that gives a turn": (STUDY + "[tolerance]\ngive_rad = 6.3\n", ["give_rad is 6.3", "from 0 to 0.5, such as 0.001"]),
     "targets alone": (STUDY.replace('position = "q"', 'position = "q"\nposition_target = "q"'), ["[controller]"]),
     "another controller": (STUDY + CONTROLLER.replace("pd", "pid"), ["kind is 'pid'"]),
     "no damping": (STUDY + CONTROLLER.replace("damping", "#"), ["damping is missing"]),
@@ -145,6 +146,8 @@ def test_a_model_is_as_exact_as_it_says(tmp_path):
     assert load_study_file(folder(tmp_path, STUDY)).tolerance == Tolerance()
     said = load_study_file(folder(tmp_path, STUDY + "[tolerance]\nmass = 0.1\ninertia = 0\n")).tolerance
     assert said == Tolerance(mass=0.1, inertia=0.0)
+    rigid = load_study_file(folder(tmp_path, STUDY + "[tolerance]\ngive_rad = 0\ncreep_rad_s = 0.02\n")).tolerance
+    assert rigid == Tolerance(give_rad=0.0, creep_rad_s=0.02)
 
 
 def test_a_rate_stands_for_a_column_of_time(tmp_path):

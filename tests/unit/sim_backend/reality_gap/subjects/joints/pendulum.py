@@ -13,7 +13,13 @@ from sim_backend.reality_gap.subjects.joints.rollouts.forward import Windows
 from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import DrawnRobots
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import select_by_rollouts
-from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import verdict_of_rollouts
+from sim_backend.reality_gap.subjects.joints.verdicts.needed_causes import with_needed_causes
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import (
+    enough_of,
+    limits_of,
+    of_healthy_rad,
+    verdict_of_rollouts,
+)
 
 PENDULUM = """
 <mujoco><option timestep="0.0005" integrator="implicitfast"/><worldbody>
@@ -43,16 +49,18 @@ def recorded(
     on_board: bool = False,
     cogging_nm: float = 0.0,
     lost: float = 0.0,
+    bristles_nm: float = 0.0,
+    give_rad: float = 1e-3,
 ) -> Recording:
     """A PD controller follows targets at 200 Hz; positions have noise, which the controller sees.
 
     Its motor has a limit, loses a share of its torque, gets warm within ``WARMS_S`` and loses then, acts some rows late, and cogs
     ``COGS`` times a turn. The controller gets its targets some rows late; one
-    that is on board computes its torque in every step, of where the joint is.
+    that is on board computes its torque in every step, of where the joint is. Friction of bristles gives before it slips.
     """
     target_rad = np.concatenate([np.repeat(target_rad[:1], targets_late_rows), target_rad])[: len(target_rad)]
     data, rng = mujoco.MjData(model), np.random.default_rng(seed)
-    found, warm, sent = np.empty((3, len(target_rad))), 0.0, [0.0] * late_rows
+    found, warm, bend, sent = np.empty((3, len(target_rad))), 0.0, 0.0, [0.0] * late_rows
     for i, target in enumerate(target_rad):
         position = data.qpos[0] + noise_rad * rng.standard_normal()
         sent_nm = of_gain * GAIN * (target - position) - DAMPING * data.qvel[0]
@@ -63,6 +71,8 @@ def recorded(
         for _ in range(round(STEP_S / model.opt.timestep)):
             if on_board:
                 data.ctrl[0] = of_gain * GAIN * (target - data.qpos[0]) - DAMPING * data.qvel[0]
+            bend = np.clip(bend + model.opt.timestep * data.qvel[0] / give_rad, -1.0, 1.0)
+            data.qfrc_applied[0] = -bristles_nm * bend
             mujoco.mj_step(model, data)
     position, velocity, torque = (row[:, None] for row in found)
     joints = JointSignals(("hinge",), position, velocity, commanded_torque_nm=torque)
@@ -99,8 +109,13 @@ def study_of(
     robot = UnknownRobot(tolerance or Tolerance())
     study = study_joints(nominal, recordings, lambda *_: None, robot=robot, gate=np.inf)
     problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, robot.tolerance)
-    healthy = DrawnRobots(problem, np.random.default_rng(0)).coarse
+    healthy, enough_rad = DrawnRobots(problem, np.random.default_rng(0)).coarse, enough_of(problem)
     selection = select_by_rollouts(problem, study.fit.first.catalogue, lambda _: True, healthy_rad=healthy.fitted_rad)
+    if selection.taken:
+        others = DrawnRobots(selection.problem, np.random.default_rng(1), around=selection.fit)
+        selection = with_needed_causes(
+            selection, lambda fit: of_healthy_rad(limits_of(others, fit, enough_rad), enough_rad), lambda _: True
+        )
     return verdict_of_rollouts(study, selection, healthy)
 
 

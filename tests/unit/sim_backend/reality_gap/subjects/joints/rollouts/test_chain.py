@@ -126,6 +126,32 @@ def test_joints_that_friction_holds_stay():
     assert np.abs(found - rests.begin_rad[:, None]).max() < 1e-9
 
 
+@pytest.mark.parametrize("pushed_nm", [0.1, -0.2, 0.6])
+def test_a_bearing_gives_until_it_slips_and_creeps_until_then(pushed_nm: float):
+    """Pushed with less than its friction a joint moves by that share of what it gives, and creeps by that share of its speed."""
+    friction_nm, give_rad, creep_rad_s, samples = 0.5, 2e-3, 0.01, 500
+    arm = """<mujoco><worldbody><body><joint name="hinge" axis="0 0 1"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="1e-3 1e-3 1e-3"/></body></worldbody></mujoco>"""
+    plant = Plant(mujoco.MjModel.from_xml_string(arm), ("hinge",))
+    rests, sent = np.zeros((1, 1)), np.full((1, samples, 1), pushed_nm)
+    seen = Windows(STEP_S, np.zeros_like(sent), rests, rests, sent, None, np.zeros(1, int))
+    law = {
+        "coulomb_friction.torque_nm": friction_nm,
+        "viscous_friction.damping_nm_s_rad": 0.02,
+        "bearing.give_rad": give_rad,
+        "bearing.creep_rad_s": creep_rad_s,
+    }
+    states = [JointState(1, {key: np.array([value]) for key, value in law.items()})]
+    (went_rad,) = Forward(plant, STEP_S).positions(seen, rests, rests, states, np.zeros(1, int))[:, :, 0]
+    share, last_s = pushed_nm / friction_nm, 0.5 * STEP_S * samples
+    creeps = (went_rad[-1] - went_rad[samples // 2 - 1]) / last_s
+    if abs(share) > 1.0:
+        assert creeps == pytest.approx((pushed_nm - friction_nm) / 0.02, rel=0.01), "it slips, and only its damper is left"
+        return
+    assert creeps == pytest.approx(share * creep_rad_s, rel=0.05)
+    assert went_rad[-1] - creeps * STEP_S * samples == pytest.approx(share * give_rad, rel=0.1)
+
+
 @pytest.mark.parametrize(
     ("option", "more"),
     [

@@ -8,9 +8,10 @@ import pytest
 
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownRobot
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
+from sim_backend.reality_gap.subjects.joints.laws.state import Term
 from sim_backend.reality_gap.subjects.joints.rollouts import healthy_robots
 from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import DrawnRobots, Healthy, _below
-from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutProblem
+from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutProblem, step_above
 from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import PENDULUM, problem_of, recorded, targets
 
 
@@ -27,7 +28,7 @@ def test_healthy_robots_are_further_off_where_more_is_tolerated():
     study = study_joints(model, [recorded(model, targets(8.0, 3))], lambda *_: None, robot=UnknownRobot(), gate=np.inf)
 
     def off(friction: float) -> float:
-        tolerance = Tolerance(mass=1e-4, inertia=1e-4, centre=1e-4, friction=friction, zero=0.0)
+        tolerance = Tolerance(mass=1e-4, inertia=1e-4, centre=1e-4, friction=friction, zero=0.0, give_rad=0.0, creep_rad_s=0.0)
         problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, tolerance)
         return float(DrawnRobots(problem, np.random.default_rng(1)).coarse.as_it_is_rad[0])
 
@@ -55,6 +56,46 @@ def test_a_fitted_model_is_nearer_to_a_healthy_robot_unless_its_torques_are_nois
     assert 2.0 * quiet.fitted_rad[0] < quiet.as_it_is_rad[0]
     assert noisy.fitted_rad[0] > 3.0 * quiet.fitted_rad[0]
     assert noisy.fitted_far_rad[0] > noisy.fitted_rad[0], "nine windows of ten are further off than half of them"
+
+
+def test_a_step_stops_where_bearings_are_rigid_and_the_others_are_fitted_anew():
+    precision, pull = np.array([[2.0, 1.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 1.0]]), np.array([-3.0, 1.0, 0.5])
+    free, none = np.full(3, -np.inf), np.zeros(3, bool)
+    assert step_above(precision, pull, free, none) == pytest.approx(np.linalg.solve(precision, pull))
+    bounded = step_above(precision, pull, np.array([-0.5, -np.inf, -np.inf]), none)
+    assert bounded == pytest.approx([-0.5, (1.0 + 0.5) / 2.0, 0.5])
+    assert step_above(precision, pull, free, np.array([True, False, False])) == pytest.approx([0.0, 0.5, 0.5])
+
+
+def test_bearings_that_give_before_they_slip_are_healthy():
+    """They leave much more where dry friction is told to hold still, and are fitted where it is not."""
+    friction_nm, give_rad = 0.08, 5e-4
+    nominal, without = (mujoco.MjModel.from_xml_string(PENDULUM.format(more=m)) for m in (f'frictionloss="{friction_nm}"', ""))
+    recordings = [
+        replace(
+            recorded(without, targets(6.0, s), seed=s, noise_rad=2e-5, bristles_nm=friction_nm, give_rad=give_rad), name=f"{s}"
+        )
+        for s in (1, 2)
+    ]
+    study = study_joints(nominal, recordings, lambda *_: None, robot=UnknownRobot(), gate=np.inf)
+
+    def fitted(tolerance: Tolerance):
+        problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, tolerance)
+        return problem.fitted(problem.start, ())
+
+    stiff, gives = fitted(Tolerance(give_rad=0.0, creep_rad_s=0.0)), fitted(Tolerance())
+    assert gives.usual_rad[0] < 0.4 * stiff.usual_rad[0] and gives.far_rad[0] < 0.4 * stiff.far_rad[0]
+    assert 0.5 * give_rad < gives.state.value("bearing.give_rad")[0] <= Tolerance().give_rad
+
+
+def test_bearings_are_drawn_within_what_is_tolerated_whatever_the_model_s_give():
+    problem = problem_of(hidden='frictionloss="0.08"')
+    gives = problem.begun(problem.start.moved(Term("bearing.give_rad", 0, 1e-4), 8e-4, with_shape=False))
+    for around in (None, gives):
+        robots = DrawnRobots(problem, np.random.default_rng(1), 60, around=around)
+        (at,) = [i for i, term in enumerate(robots._terms) if term.key == "bearing.give_rad"]
+        drawn = robots._state.value("bearing.give_rad")[0] + robots._off[:, at]
+        assert drawn.min() >= 0.0 and drawn.max() < 2e-3
 
 
 def test_robots_with_a_cause_are_drawn_about_the_model_that_has_it():

@@ -138,6 +138,20 @@ def test_of_three_causes_those_that_gain_little_are_causes_too_where_all_togethe
     assert {cause.effect for cause in verdict.causes} == {"coulomb_friction", "viscous_friction", "action_delay"}, verdict.summary
 
 
+@pytest.mark.parametrize(
+    ("healthy_rad", "effects"), [(1.5e-3, {"coulomb_friction"}), (3e-3, {"coulomb_friction", "viscous_friction"})]
+)
+def test_a_cause_that_gains_little_is_one_where_only_with_it_no_more_is_left_than_healthy_robots_leave(
+    monkeypatch, healthy_rad, effects
+):
+    """With both 1.8 mrad are left, with dry friction alone 8.8."""
+    monkeypatch.setattr(rollout_selection, "_leaves_nothing", lambda *_: False)
+    problem = problem_of(hidden='frictionloss="0.15" damping="0.008"')
+    found = select_by_rollouts(problem, problem.catalogue, lambda _: True, healthy_rad=healthy_rad)
+    assert {cause.hypothesis.effect for cause in found.taken} == effects
+    assert {cause.hypothesis.effect for cause in found.mending} == {"coulomb_friction", "viscous_friction"} - effects
+
+
 @pytest.mark.parametrize(("gravity_m_s2", "friction_nm"), [pytest.param(7.0, 0.08, marks=pytest.mark.scale), (12.5, 0.1)])
 def test_gravity_beside_friction_is_named_where_no_straight_line_leads_to_it(gravity_m_s2, friction_nm):
     """A spring about the middle of the swing had been named instead, or a lighter link with a larger rotor.
