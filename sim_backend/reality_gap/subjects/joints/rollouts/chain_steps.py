@@ -403,8 +403,8 @@ def simulate() -> Callable[..., None]:
     (m, 3), armature, damping, stiffness, rest, offset of the encoder, lateness of what is sent, share of the controller's gain,
     play and inertia of the rotor, how far bearings give and how fast they creep (12, m, k), the motor law's values (m, k, p);
     parents (k,), axes and anchors (k, 3), which joints slide, where joints are at first (k,); the step, steps to a sample, the
-    time between samples, steps for which a controller holds its torque; begins (n, 3, k): places, speeds and warmth of the motors,
-    windows and models (n,), and the positions after each sample (n, s, k).
+    time between samples, steps for which a controller holds its torque; begins (n, 3, k): places, speeds and warmth of the
+    motors, windows and models (n,), and the positions after each sample (n, s, k).
     """
     f1, f2, f3, f4 = (types.float64[::1], types.float64[:, ::1], types.float64[:, :, ::1], types.float64[:, :, :, ::1])
     i1, b1 = types.int64[::1], types.boolean[::1]
