@@ -78,9 +78,8 @@ def tolerance(top: Section) -> Tolerance:
         if 0.0 <= much < 0.5:
             continue
         if name in _OF_BEARINGS:
-            raise section.refusal(
-                f"{name} is {much:g}; it must be from 0 to 0.5, such as 0.001: bearings hardly move before they slip"
-            )
+            usual = f"such as {getattr(Tolerance, name):g}: bearings hardly move before they slip"
+            raise section.refusal(f"{name} is {much:g}; it must be from 0 to 0.5, {usual}")
         raise section.refusal(f"{name} is {much:g}; it must be a share from 0 to 0.5, such as 0.02 for 2 %")
     return Tolerance(**found)
 

@@ -65,6 +65,8 @@ _LOAD = KEYS.index("load_friction.coefficient")
 _OUTER_LOAD = KEYS.index("load_friction.external_coefficient")
 _DIRECTION = KEYS.index("directional_friction.difference_nm")
 _ZERO, _DRAG = VECTOR.index(ZERO), VECTOR.index(DRAG)
+FRICTION = tuple(KEYS[i] for i in (_COULOMB, _STRIBECK, _LOAD, _OUTER_LOAD, _DIRECTION))
+"""Numbers without which a joint has no dry friction."""
 LIMIT, COGGING, GAP = KEYS[_LIMIT], KEYS[_AMPLITUDE], KEYS[PLAY]
 """A motor's largest torque; the numbers whose images are not a difference of two torques."""
 ROTOR_INERTIA_KG_M2 = PARAMETERS[KEYS[ROTOR]].absent

@@ -116,6 +116,7 @@ def _moved_on(
     bound: np.ndarray,
     joints: np.ndarray,
     m: int,
+    rotors: np.ndarray,
     bend: np.ndarray,
     step_s: float,
     position: np.ndarray,
@@ -133,7 +134,8 @@ def _moved_on(
     for j in range(k):
         give, creep = joints[_GIVE, m, j], joints[_CREEP, m, j]
         if give + creep > 0.0:
-            bend[j] = _held(bend[j], give, creep, step_s, velocity[j], 0.0)
+            speed = rotors[_SPEED, j] if rotors[_SIDE, j] == 0.0 else velocity[j]
+            bend[j] = _held(bend[j], give, creep, step_s, speed, 0.0)
         position[j] += step_s * velocity[j]
         gained[j] = velocity[j] - gained[j]
         fastest = max(fastest, abs(velocity[j]))
@@ -381,7 +383,7 @@ def _simulate(  # noqa: PLR0912  # one loop over time: compiled functions that i
                         rest[j] += step_s * (value[j] - joints[_DAMPING, m, j] * v[j])
                         mass[j, j] += joints[_ARMATURE, m, j] + step_s * joints[_DAMPING, m, j]
                 _inverted(mass, lower, inverse)
-                is_fine = _moved_on(inverse, rest, bound, joints, m, bend, step_s, q, v, gained, impulse)
+                is_fine = _moved_on(inverse, rest, bound, joints, m, rotors, bend, step_s, q, v, gained, impulse)
                 _follow_rotors(joints, m, value, step_s, inverse, rotors, q, v, gained, impulse)
                 if not is_fine:
                     break

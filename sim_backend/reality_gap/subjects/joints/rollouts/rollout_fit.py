@@ -17,6 +17,7 @@ from sim_backend.reality_gap.knowledge.unnamed_laws import BEARING
 from sim_backend.reality_gap.measured.sensor_noise import white_noise
 from sim_backend.reality_gap.subjects.joints.laws.body_law import KEYS as BODY_KEYS
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import Catalogue
+from sim_backend.reality_gap.subjects.joints.laws.motor_law import FRICTION
 from sim_backend.reality_gap.subjects.joints.laws.motor_law import KEYS as MOTOR_KEYS
 from sim_backend.reality_gap.subjects.joints.laws.state import CLOCK, NO_EFFECTS, JointState, Term
 from sim_backend.reality_gap.subjects.joints.rollouts.forward import LONGEST_IN_LOOP_S, LONGEST_STEP_S, Forward
@@ -180,6 +181,12 @@ class RolloutProblem:
         taken = {(t.key, t.index) for t in without}
         return [(term, scale) for term, scale in self._loose if scale > 0.0 and (term.key, term.index) not in taken]
 
+    def beside(self, state: JointState, terms: Sequence[Term]) -> list[tuple[Term, float]]:
+        """As :meth:`loose_terms`, without bearings of joints that have no dry friction in a model, nor among its terms."""
+        rubs = {term.index for term in terms if term.key in FRICTION}
+        rubs |= {joint for key in FRICTION for joint in np.flatnonzero(state.value(key)).tolist()}
+        return [each for each in self.loose_terms(terms) if each[0].key not in BEARING or each[0].index in rubs]
+
     def squares_of(self, state: JointState, begin: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """Mean square error of each window and joint, infinite where a simulation diverges; shape (n, k)."""
         w = self.windows
@@ -207,7 +214,7 @@ class RolloutProblem:
             begin: where windows begin; the smoothed motion if None.
             quickly: leave all that is not in ``terms`` as it is, and stop early.
         """
-        loose = [] if quickly else self.loose_terms(terms)
+        loose = [] if quickly else self.beside(state, terms)
         begin = self.begun(state).begin if begin is None else begin
         return self._descended(state, terms, loose, begin, _QUICK_ITERATIONS if quickly else _ITERATIONS)
 

@@ -8,10 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim_backend.reality_gap.knowledge.unnamed_laws import BEARING
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import Hypothesis
 from sim_backend.reality_gap.subjects.joints.laws.state import Term
 from sim_backend.reality_gap.subjects.joints.rollouts.linearisation import linearised
-from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutFit, RolloutProblem, apart, is_simulated
+from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import (
+    RolloutFit,
+    RolloutProblem,
+    apart,
+    is_simulated,
+    step_above,
+)
 
 SHOWN = 0.7
 """Of what a cause's number may be: windows that leave it more uncertain say nothing of it."""
@@ -36,7 +43,7 @@ def gains(
     """What hypotheses would gain beside a model, nats, with values and standard errors of their terms, the best first."""
     usable = [h for h in hypotheses if all(is_simulated(problem.catalogue.terms[i].key) for i in h.terms)]
     own = sorted({i for h in usable for i in h.terms})
-    beside = problem.loose_terms(fit.terms)
+    beside = problem.beside(fit.state, fit.terms)
     base = [*fit.terms, *(t for t, _ in beside)]
     scales = np.array([*fit.scales, *(scale for _, scale in beside)])
     every = [*base, *(problem.catalogue.terms[i] for i in own)]
@@ -44,10 +51,14 @@ def gains(
     linear = linearised(problem.forward, problem.windows, fit.state, every, fit.begin, noise, weights)
     b = len(base)
     inner = linear.precision[:b, :b] + np.diag(1.0 / scales**2)
-    through = np.linalg.solve(inner, linear.precision[:b, b:])
-    precision = linear.precision[b:, b:] - linear.precision[b:, :b] @ through
-    off = np.array([float(fit.state.value(t.key)[t.index] - problem.start.value(t.key)[t.index]) for t in base])
-    pull = linear.pull[b:] - through.T @ (linear.pull[:b] - off / scales**2)
+    own_pull = linear.pull[:b] - apart(fit.state, problem.start, base) / scales**2
+    # a rigid bearing that would go below none makes up for nothing
+    least = np.array([-float(fit.state.value(t.key)[t.index]) if t.key in BEARING else -np.inf for t in base])
+    moves = step_above(inner, own_pull, least, np.zeros(b, bool)) > least
+    across = linear.precision[:b, b:][moves]
+    through = np.linalg.solve(inner[np.ix_(moves, moves)], across)
+    precision = linear.precision[b:, b:] - across.T @ through
+    pull = linear.pull[b:] - through.T @ own_pull[moves]
     found = []
     for h in usable:
         index = [own.index(i) for i in h.terms]

@@ -31,7 +31,7 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import OF_N
 
 _MENDS = 0.5
 """A cause that gains less than this share of the largest, leaving more than noise, may only mend what that one's law leaves."""
-_NEARLY = 4.0
+_NEARLY = 2.0
 """Times what healthy robots are off: what leaves more is asked for a gravity of another strength, which may leave no more.
 
 A mass or a torque constant is asked for it, too: it looks like that.

@@ -9,12 +9,13 @@ from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance
 from sim_backend.reality_gap.knowledge.unnamed_laws import CREEP, GIVE, ZERO
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import Catalogue, links_off, own_share
 from sim_backend.reality_gap.subjects.joints.laws.state import CLOCK, JointState, Term
+from sim_backend.reality_gap.subjects.joints.slides import ARM_M
 from sim_backend.reality_gap.subjects.joints.torques.equations import EpisodeEquations
 
 _CLOCK_SHARE = 0.25
 """Standard deviation of when a recorded torque acts, of a row: at most half a row earlier or later."""
-_OF_SLIDE_M = 0.02
-"""Radius of what a slide rolls on: its bearings give and creep by so much for each rad."""
+_ROLLS_M = 0.02
+"""Radius of what a slide rolls on."""
 _PROBE_SHARE = 0.4
 """Of a bearing's standard deviation: with less the image of one that is rigid shows a part of the steps only."""
 
@@ -33,7 +34,8 @@ def tolerated(
     row_s = float(np.median([e.path.step_s for e in episodes]))
     clock = (Term(CLOCK, 0, 0.1 * row_s), _CLOCK_SHARE * row_s)
     links = links_off(tolerance, episodes[0].plant.centre_distance_m)
-    return [clock, *_zeros(episodes, tolerance), *links, *_of_model(tolerance, catalogue, start), *_bearings(episodes, tolerance)]
+    own = _of_model(tolerance, catalogue, start)
+    return [clock, *_zeros(episodes, tolerance), *links, *own, *_bearings(episodes, tolerance)]
 
 
 def _zeros(episodes: Sequence[EpisodeEquations], declared: Tolerance) -> list[tuple[Term, float]]:
@@ -48,14 +50,11 @@ def _zeros(episodes: Sequence[EpisodeEquations], declared: Tolerance) -> list[tu
 
 
 def _bearings(episodes: Sequence[EpisodeEquations], declared: Tolerance) -> list[tuple[Term, float]]:
-    """How far bearings give and how fast they creep, each with its standard deviation; those of slides by their radius."""
-    radius = np.where(episodes[0].plant.is_slide, _OF_SLIDE_M, 1.0)
-    of_all = [(key, 0.5 * much * by, j) for key, much in _of_bearing(declared) for j, by in enumerate(radius)]
-    return [(Term(key, j, _PROBE_SHARE * scale), scale) for key, scale, j in of_all]
-
-
-def _of_bearing(declared: Tolerance) -> tuple[tuple[str, float], tuple[str, float]]:
-    return (GIVE, declared.give_rad), (CREEP, declared.creep_rad_s)
+    """How far bearings give and how fast they creep, each with its standard deviation; of slides those that they roll on."""
+    sizes = [_ROLLS_M / ARM_M if is_slide else 1.0 for is_slide in episodes[0].plant.is_slide]
+    usual = (GIVE, 0.5 * declared.give_rad), (CREEP, 0.5 * declared.creep_rad_s)
+    scales = [(key, j, size * scale) for key, scale in usual for j, size in enumerate(sizes)]
+    return [(Term(key, j, _PROBE_SHARE * scale), scale) for key, j, scale in scales]
 
 
 def _of_model(tolerance: Tolerance, catalogue: Catalogue, start: JointState) -> list[tuple[Term, float]]:

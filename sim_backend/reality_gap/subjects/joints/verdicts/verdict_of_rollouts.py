@@ -44,14 +44,8 @@ CONFUSABLE_NATS, CONFUSABLE_SHARE = 5.0, 0.1
 """A rival that lies less than this behind, or than this share of what the cause gained, cannot be told apart."""
 _TRIFLE = 0.05
 """Of the largest number of a cause at all joints: a joint with less has none, unless that is more than its model may be off."""
-_MARGIN = 2.5
-"""Times what drawn healthy robots are off: the recorded one is fitted to more windows, and has errors that nobody draws.
-
-Of 60 healthy arms of the second generator (seed 763475, counted before) 17 are further off somewhere than is enough for anybody.
-In usual windows these are 0.4 to 4.6 times as far off as 95 % of those drawn for them, in far ones 16 of them up to 3.3 times.
-"""
-_AS_GOOD_AS_RIGHT = 0.003
-"""Of a usual window's motion: no model is exact, and no integrator."""
+_AS_GOOD_AS_RIGHT, _AS_GOOD_AS_RIGID = 0.003, 0.01
+"""Of a usual window's motion: no model is exact, and no integrator; more where bearings are simulated as if they did not give."""
 EXPLAINED = 0.5
 """Share of a usual window's error that causes must take away at some joint to be named."""
 
@@ -99,7 +93,7 @@ def verdict_of_rollouts(
         worst = int(np.argmax(before / usual_rad))
         most, end = (told_distance(rad[worst], is_slide=bool(is_slide[worst])) for rad in (usual_rad, before))
         usual = f"up to {most} are usual for a robot whose model is as exact as is tolerated"
-        off = f"{end} off at {names[worst]} (masses and friction fitted within their tolerances)"
+        off = f"{end} off at {names[worst]} (masses, friction and bearings fitted within their tolerances)"
         kind, causes = VerdictKind.NOTHING_WRONG, []
         summary = f"The model goes where the robot went: a window of {problem.length_s:g} s ends up {off}, and {usual}."
     elif not causes:
@@ -147,19 +141,21 @@ def limits_of(
     is_far_open = (fit.far_rad > FAR_WINDOWS * enough_rad) & (fit.far_rad <= coarse_far_rad)
     if not (is_open | is_far_open).any():
         return robots.coarse
-    asked = (np.where(is_open, fit.usual_rad, 0.0) / _MARGIN, np.where(is_far_open, fit.far_rad, 0.0) / _MARGIN)
+    margin = robots.coarse.margin
+    asked = (np.where(is_open, fit.usual_rad, 0.0) / margin, np.where(is_far_open, fit.far_rad, 0.0) / margin)
     return robots.closely(enough_rad, *asked, progress)
 
 
 def enough_of(problem: RolloutProblem) -> np.ndarray:
     """Below what usual windows are not off whatever healthy robots are, shape (k,), rad."""
-    return np.maximum(FAR_OFF * problem.noise_rad, _AS_GOOD_AS_RIGHT * problem.motion_rad)
+    share = _AS_GOOD_AS_RIGHT if problem.forward.has_bearings else _AS_GOOD_AS_RIGID
+    return np.maximum(FAR_OFF * problem.noise_rad, share * problem.motion_rad)
 
 
 def of_healthy_rad(healthy: Healthy, enough_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What a usual and a far window of a robot that nothing is wrong with may be off, shapes (k,), rad."""
-    usual_rad = np.maximum(enough_rad, _MARGIN * healthy.fitted_rad)
-    return usual_rad, np.maximum(FAR_WINDOWS * usual_rad, _MARGIN * healthy.fitted_far_rad)
+    usual_rad = np.maximum(enough_rad, healthy.margin * healthy.fitted_rad)
+    return usual_rad, np.maximum(FAR_WINDOWS * usual_rad, healthy.margin * healthy.fitted_far_rad)
 
 
 _OPEN = frozenset({VerdictKind.UNEXPLAINED, VerdictKind.CONFUSABLE})

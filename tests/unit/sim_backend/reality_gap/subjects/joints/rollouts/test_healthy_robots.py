@@ -1,6 +1,7 @@
 """What robots that nothing is wrong with stay below, at all of their joints together."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -12,6 +13,8 @@ from sim_backend.reality_gap.subjects.joints.laws.state import Term
 from sim_backend.reality_gap.subjects.joints.rollouts import healthy_robots
 from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import DrawnRobots, Healthy, _below
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutProblem, step_above
+from sim_backend.reality_gap.subjects.joints.rollouts.tolerated import _bearings
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import enough_of, of_healthy_rad
 from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import PENDULUM, problem_of, recorded, targets
 
 
@@ -88,14 +91,55 @@ def test_bearings_that_give_before_they_slip_are_healthy():
     assert 0.5 * give_rad < gives.state.value("bearing.give_rad")[0] <= Tolerance().give_rad
 
 
-def test_bearings_are_drawn_within_what_is_tolerated_whatever_the_model_s_give():
-    problem = problem_of(hidden='frictionloss="0.08"')
-    gives = problem.begun(problem.start.moved(Term("bearing.give_rad", 0, 1e-4), 8e-4, with_shape=False))
-    for around in (None, gives):
+def test_bearings_are_drawn_and_fitted_within_what_is_tolerated_whatever_the_model_s_give(monkeypatch):
+    problem, drawn, went = problem_of(hidden='frictionloss="0.08"'), list[np.ndarray](), healthy_robots._Model.went
+    friction, give = Term("coulomb_friction.torque_nm", 0, 1e-3), Term("bearing.give_rad", 0, 1e-4)
+    rubs = problem.start.moved(friction, 0.08, with_shape=False)
+    monkeypatch.setattr(healthy_robots._Model, "went", lambda model, off, *rng: drawn.append(off) or went(model, off, *rng))
+    for given_rad in (0.0, 8e-4):
+        around = problem.begun(rubs.moved(give, given_rad, with_shape=False))
         robots = DrawnRobots(problem, np.random.default_rng(1), 60, around=around)
-        (at,) = [i for i, term in enumerate(robots._terms) if term.key == "bearing.give_rad"]
-        drawn = robots._state.value("bearing.give_rad")[0] + robots._off[:, at]
-        assert drawn.min() >= 0.0 and drawn.max() < 2e-3
+        (at,) = [i for i, term in enumerate(robots._terms) if term.key == give.key]
+        for give_rad in (given_rad + drawn[0][:, at], given_rad + robots._off[:, at]):
+            assert give_rad.min() > -1e-12 and 0.7e-3 < give_rad.max() < Tolerance().give_rad + 1e-12
+        drawn.clear()
+
+
+def test_bearings_of_a_slide_give_by_what_it_rolls_on():
+    """Slides are counted in decimetres: 20 um are 0.2 mrad."""
+    episode = SimpleNamespace(plant=SimpleNamespace(is_slide=np.array([False, True])))
+    scales = {(term.key, term.index): scale for term, scale in _bearings([episode], Tolerance(give_rad=1e-3, creep_rad_s=0.02))}
+    assert scales == pytest.approx(
+        {
+            ("bearing.give_rad", 0): 5e-4,
+            ("bearing.give_rad", 1): 1e-4,
+            ("bearing.creep_rad_s", 0): 0.01,
+            ("bearing.creep_rad_s", 1): 0.002,
+        }
+    )
+
+
+def test_bearings_are_asked_only_where_there_is_friction():
+    problem = problem_of()
+    friction = Term("coulomb_friction.torque_nm", 0, 1e-3)
+
+    def bears(beside: list[tuple[Term, float]]) -> list[str]:
+        return [term.key for term, _ in beside if term.key.startswith("bearing.")]
+
+    assert bears(problem.beside(problem.start, ())) == []
+    assert bears(problem.beside(problem.start, (friction,))) == ["bearing.give_rad", "bearing.creep_rad_s"]
+    assert bears(problem.beside(problem.start.moved(friction, 0.1, with_shape=False), ())) == bears(problem.loose_terms(()))
+
+
+def test_limits_are_wider_where_bearings_are_simulated_as_if_they_did_not_give(monkeypatch):
+    problem = problem_of()
+    narrow, enough_rad = DrawnRobots(problem, np.random.default_rng(1), 20).coarse, enough_of(problem)
+    monkeypatch.setattr(type(problem.forward), "has_bearings", False)
+    wide = DrawnRobots(problem, np.random.default_rng(1), 20).coarse
+    assert (wide.fitted_rad == narrow.fitted_rad).all() and (enough_of(problem) > enough_rad).all()
+    nothing_rad = np.zeros(1)
+    limits_rad = [of_healthy_rad(healthy, nothing_rad)[0] for healthy in (narrow, wide)]
+    assert limits_rad[1] == pytest.approx(2.0 * limits_rad[0])
 
 
 def test_robots_with_a_cause_are_drawn_about_the_model_that_has_it():
