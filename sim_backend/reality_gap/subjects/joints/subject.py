@@ -147,9 +147,10 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
 def _with_torques(found: JointStudy, torques: Verdict, rollouts: Verdict) -> Verdict:
     """What rollouts say, with what torques, and columns beside each other, say of sensors."""
     causes, open_, unlike = causes_between(found.problem.episodes, found.problem.names)
-    of_velocities, left_open = causes_of_velocities(found.problem.episodes, found.problem.names)
+    of_velocities, perhaps, left_open = causes_of_velocities(found.problem.episodes, found.problem.names)
     damping = np.where(_unrecorded_controllers(found), _damping_of_controllers(found), np.nan)
-    rollouts = without_loops_of_filters(rollouts, of_velocities, found.problem.names, found.start.value(ARMATURE), damping)
+    late = [*of_velocities, *perhaps]
+    rollouts = without_loops_of_filters(rollouts, late, found.problem.names, found.start.value(ARMATURE), damping)
     both = with_unlike_torques(in_both(torques, rollouts, [*causes, *of_velocities]), unlike)
     return replace(both, cannot_tell=(*both.cannot_tell, *open_, *left_open))
 

@@ -127,25 +127,28 @@ def _through(speed: np.ndarray, rows: float) -> np.ndarray:
     return lfilter([share, share], [1.0, keep], speed, zi=[speed[0] * (1.0 - share)])[0]
 
 
-def causes_of_velocities(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -> tuple[list[Cause], list[str]]:
-    """Filters of velocities, and what else makes them late.
+def causes_of_velocities(
+    episodes: Sequence[EpisodeEquations], names: Sequence[str]
+) -> tuple[list[Cause], list[Cause], list[str]]:
+    """Filters of velocities; those of velocities that may be late without one; and what is open about these.
 
     Args:
         episodes: of a study.
         names: of its joints.
     """
-    causes, open_ = list[Cause](), list[str]()
+    causes, perhaps, open_ = list[Cause](), list[Cause](), list[str]()
     parameter = PARAMETERS[FILTERED_VELOCITY]
     effect = FILTERED_VELOCITY.partition(".")[0]
     for j, name in enumerate(names):
         found = reported([e.path for e in episodes], j)
         if found is None or not found.is_late:
             continue
-        if found.is_filtered:
-            value, half = found.filtered[0], half_interval(FILTERED_VELOCITY, found.filtered[0], 0.0, found.filter_error_s)
-            causes.append(Cause(effect, parameter.name, name, value, parameter.unit, (value - half, value + half)))
-        else:
+        value = (found.filtered if found.is_filtered else found.delayed)[0]
+        half = half_interval(FILTERED_VELOCITY, value, 0.0, found.filter_error_s)
+        filtered = Cause(effect, parameter.name, name, value, parameter.unit, (value - half, value + half))
+        (causes if found.is_filtered else perhaps).append(filtered)
+        if not found.is_filtered:
             late_ms, filter_ms = 1e3 * found.delayed[0], 1e3 * found.filtered[0]
             what = f"late by {late_ms:.2g} ms or filtered with {filter_ms:.2g} ms"
             open_.append(f"whether the velocity of {name} is {what}: neither explains it clearly better than the other")
-    return causes, open_
+    return causes, perhaps, open_

@@ -1,12 +1,14 @@
 """What positions say of reported velocities: filters are told from columns that are late, and from what tables do."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.laws.trajectory import trajectory
-from sim_backend.reality_gap.subjects.joints.signs.position_and_velocity import reported
+from sim_backend.reality_gap.subjects.joints.signs.position_and_velocity import causes_of_velocities, reported
 
 FINE_S = 2.5e-4
 SECONDS = 12.0
@@ -20,8 +22,8 @@ def turned():
     return position, sum(a * w * np.cos(w * at + p) for a, w, p in waves)
 
 
-def found(row_s, *, filter_s=0.0, late_s=0.0, mean_of_row=False):
-    """What is said of a motion as it is read every ``row_s``."""
+def path_of(row_s, *, filter_s=0.0, late_s=0.0, mean_of_row=False):
+    """A motion as it is read every ``row_s``."""
     rng, every = np.random.default_rng(3), round(row_s / FINE_S)
     position, velocity = turned()
     if filter_s:
@@ -35,7 +37,12 @@ def found(row_s, *, filter_s=0.0, late_s=0.0, mean_of_row=False):
     v = v + 0.004 * rng.standard_normal(len(v))
     at = row_s * np.arange(len(q))
     signals = JointSignals(("hinge",), q[:, None], velocity_rad_s=v[:, None], commanded_torque_nm=np.zeros((len(q), 1)))
-    return reported([trajectory(Recording("made", "here", row_s, at, signals), cutoff_hz=12.0)], 0)
+    return trajectory(Recording("made", "here", row_s, at, signals), cutoff_hz=12.0)
+
+
+def found(row_s, **of_velocity):
+    """What is said of it."""
+    return reported([path_of(row_s, **of_velocity)], 0)
 
 
 @pytest.mark.parametrize(("row_s", "filter_s"), [(0.001, 0.004), (0.004, 0.012), (0.01, 0.03)])
@@ -57,3 +64,11 @@ def test_a_column_that_is_written_a_row_later_is_as_tables_are():
 def test_a_column_that_is_far_too_late_is_no_filter():
     said = found(0.002, late_s=0.012)
     assert said.is_late and not said.is_filtered and said.delayed[0] == pytest.approx(0.012, rel=0.1)
+
+
+@pytest.mark.parametrize(("of_velocity", "is_named"), [({"filter_s": 0.012}, True), ({"late_s": 0.012}, False)])
+def test_a_velocity_that_is_late_may_be_filtered(of_velocity, is_named):
+    causes, perhaps, open_ = causes_of_velocities([SimpleNamespace(path=path_of(0.004, **of_velocity))], ("hinge",))
+    (late,) = causes or perhaps
+    assert (late.effect, late.where, late.unit) == ("velocity_filter", "hinge", "s") and late.value == pytest.approx(0.012, rel=0.1)
+    assert bool(causes) == is_named != bool(perhaps) == bool(open_)

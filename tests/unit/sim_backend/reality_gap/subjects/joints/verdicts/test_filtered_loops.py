@@ -26,7 +26,7 @@ def without(verdict: Verdict, *filters: Cause) -> Verdict:
 @pytest.mark.parametrize("kind", [VerdictKind.NAMED, VerdictKind.CONFUSABLE])
 def test_the_inertia_that_a_filter_has_instead_is_no_cause(kind):
     found = without(replace(named(LIGHTER), verdict=kind), FILTER)
-    assert found.verdict is VerdictKind.NOTHING_WRONG and not found.causes and "filter of the velocity" in found.summary
+    assert found.verdict is VerdictKind.NOTHING_WRONG and not found.causes and "velocity is as late" in found.summary
     assert [each.told for each in found.effects] == [Told.NOT_JUDGED]
     assert found.cannot_tell[0].startswith("whether there is rotor inertia (far)")
 
@@ -34,7 +34,7 @@ def test_the_inertia_that_a_filter_has_instead_is_no_cause(kind):
 def test_other_causes_stay():
     found = without(named(FRICTION, LIGHTER), FILTER)
     assert found.verdict is VerdictKind.NAMED and found.causes == (FRICTION,)
-    assert "What looks like rotor inertia at far is the filter" in found.summary
+    assert "What looks like rotor inertia at far is the late velocity" in found.summary
     assert [each.told for each in found.effects] == [Told.NAMED, Told.NOT_JUDGED]
 
 
