@@ -70,5 +70,6 @@ def test_a_column_that_is_far_too_late_is_no_filter():
 def test_a_velocity_that_is_late_may_be_filtered(of_velocity, is_named):
     causes, perhaps, open_ = causes_of_velocities([SimpleNamespace(path=path_of(0.004, **of_velocity))], ("hinge",))
     (late,) = causes or perhaps
-    assert (late.effect, late.where, late.unit) == ("velocity_filter", "hinge", "s") and late.value == pytest.approx(0.012, rel=0.1)
+    assert (late.effect, late.where, late.unit) == ("velocity_filter", "hinge", "s")
+    assert late.value == pytest.approx(0.012, rel=0.1)
     assert bool(causes) == is_named != bool(perhaps) == bool(open_)
