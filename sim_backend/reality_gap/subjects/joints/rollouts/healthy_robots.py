@@ -109,6 +109,8 @@ class DrawnRobots:
     ) -> Healthy:
         """Limits of some of the robots, to each of which a model is fitted as to the recorded one, from where coarse steps led.
 
+        Of both fits to a robot the nearer one counts: what friction holds may lead the closer one away.
+
         Args:
             enough_rad: robots below it in usual windows, and below :data:`FAR_WINDOWS` times of it in far ones, are near enough,
                 shape (k,).
@@ -123,7 +125,8 @@ class DrawnRobots:
             if (usual_rad[robot] > enough_rad).any() or (far_rad[robot] > FAR_WINDOWS * enough_rad).any():
                 progress("fitting models to healthy robots", robot / len(usual_rad))
                 fit = self._closely_fitted(robot)
-                usual_rad[robot], far_rad[robot] = fit.usual_rad, fit.far_rad
+                if _off(fit.usual_rad, fit.far_rad) < _off(usual_rad[robot], far_rad[robot]):
+                    usual_rad[robot], far_rad[robot] = fit.usual_rad, fit.far_rad
             done = robot + 1
             above = (usual_rad[:done] >= asked_rad).sum(axis=0), (far_rad[:done] >= asked_far_rad).sum(axis=0)
             if min(counts.min() for counts in above) >= _DECIDE:
@@ -141,6 +144,11 @@ class DrawnRobots:
             begin = self._begin[0][fine], self._begin[1][fine]
             self._close[robot] = part.fitted(there, self._terms[: self._causes], begin)
         return self._close[robot]
+
+
+def _off(usual_rad: np.ndarray, far_rad: np.ndarray) -> float:
+    """How far off windows are, of all joints, each by its own measure."""
+    return float(np.log(usual_rad).sum() + np.log(far_rad).sum())
 
 
 def _below(off_rad: np.ndarray) -> np.ndarray:

@@ -179,3 +179,11 @@ def test_robots_are_fitted_as_closely_as_the_recorded_one_where_they_are_not_nea
     assert (closely(np.ones(1), never, never).fitted_rad > 0.5 * coarse.fitted_rad).all() and not told, "a radian is enough"
     decided = closely(2.0 * noise, 0.5 * noise, np.zeros(1))
     assert len(told) == 2 and (decided.fitted_rad > 0.5 * noise).all(), "two robots are as far off as is asked"
+
+
+def test_of_two_fits_to_a_healthy_robot_the_nearer_one_counts(monkeypatch):
+    problem, never = problem_of(), np.array([np.inf])
+    robots = DrawnRobots(problem, np.random.default_rng(1), 20)
+    led_away = SimpleNamespace(usual_rad=10.0 * robots._usual_rad[0], far_rad=10.0 * robots._far_rad[0])
+    monkeypatch.setattr(robots, "_closely_fitted", lambda _: led_away)
+    assert (robots.closely(np.zeros(1), never, never).fitted_rad == robots.coarse.fitted_rad).all()
