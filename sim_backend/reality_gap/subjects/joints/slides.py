@@ -15,10 +15,9 @@ from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.feedback import Feedback
 from sim_backend.reality_gap.knowledge.joint_effects import TURNS_OF_MOTORS
 from sim_backend.reality_gap.recording import Recording
+from sim_backend.reality_gap.subjects.joints.laws.plant import ARM_M
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, HeldOut, Verdict
 
-ARM_M = 0.1
-"""What a slide moves for each radian that it is counted as."""
 _AS_OF_SLIDE: Mapping[str, tuple[str, int]] = {
     "rad": ("m", 1),
     "rad/s": ("m/s", 1),

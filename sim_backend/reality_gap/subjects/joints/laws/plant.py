@@ -9,6 +9,8 @@ import numpy as np
 from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS
 
 _ONE_DOF = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+ARM_M = 0.1
+"""What a slide moves for each radian that it is counted as."""
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance
 from sim_backend.reality_gap.knowledge.unnamed_laws import CREEP, GIVE, ZERO
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import Catalogue, links_off, own_share
+from sim_backend.reality_gap.subjects.joints.laws.plant import ARM_M
 from sim_backend.reality_gap.subjects.joints.laws.state import CLOCK, JointState, Term
-from sim_backend.reality_gap.subjects.joints.slides import ARM_M
 from sim_backend.reality_gap.subjects.joints.torques.equations import EpisodeEquations
 
 _CLOCK_SHARE = 0.25
