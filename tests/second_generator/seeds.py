@@ -9,7 +9,7 @@ FINAL_SEEDS = (763475, 695974, 657713)
 """Drawn by ``secrets`` on 2026-11-24, before any case was shown to the tool. A run that counts takes the first; each later run
 takes the next, and all runs are kept. A run on the second one was begun on 2026-11-28 with commit 272ffa2e and deleted after 55
 of 260 answers, before anybody had seen a case, an answer or a score. The one that counts was made with commit 368cc9fd in several
-sittings, and opened on 2026-11-29.
+sittings, and opened on 2026-11-29. On that day the one on the third seed was begun with commit 2515a12f.
 """
 
 
