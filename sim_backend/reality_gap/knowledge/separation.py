@@ -62,7 +62,7 @@ SEPARATIONS: dict[frozenset[str], Separation] = dict(
         _pair("torque_saturation", "supply_sag", "one motor at a time against all together", "chirps", "fast_sweeps"),
         _pair("encoder_offset", "gravity", "two poses far apart, or an end stop: it is where it is, whatever the encoder counts",
               "joint_limits", "chirps"),
-        _pair("encoder_offset", "table_tilt", "two poses far apart: a tilt moves all fingers alike, and no end stop",
+        _pair("encoder_offset", "table_tilt", "two poses far apart: a tilt turns gravity for all joints alike, and no end stop",
               "joint_limits", "fast_sweeps"),
         _pair("encoder_offset", "backlash", _END_STOP, "chirps", "joint_limits"),
         _pair("encoder_offset", "joint_stiffness", _END_STOP, "joint_limits", "fast_sweeps"),
