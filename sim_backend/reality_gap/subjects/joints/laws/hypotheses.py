@@ -27,7 +27,6 @@ from sim_backend.reality_gap.subjects.joints.laws.state import (
     JointState,
     Term,
 )
-from sim_backend.trifinger import constants as c
 
 ALL_JOINTS = "all joints"
 PLATFORM = "platform"
@@ -35,6 +34,8 @@ PLATFORM = "platform"
 BEYOND_HEALTHY = 10.0
 _OF_MOST = (-1 / 3, 1 / 3)
 """Shares of what a number cannot be much more than, by which it is probed."""
+_CARRIES_NM = 0.24
+"""Root mean square of what a TriFinger's first and second joints are sent in a standard session (0.21 to 0.27 in two robots)."""
 CLOCK_TOLERANCE = 0.2
 """Standard deviation of when a torque acted, in samples: a quarter of one between a held torque and its mean over two."""
 
@@ -205,13 +206,13 @@ def _members(
 
 
 def _hotter(load_nm: np.ndarray, robot: Robot) -> float:
-    """Times that a motor gets hotter from each (N m)^2 than a TriFinger's: its own largest torque makes it as hot.
+    """Times that a motor gets hotter from each (N m)^2 than a TriFinger's: what it is sent in the mean makes it as hot.
 
     A small motor loses more for each (N m)^2 than any loss for each kelvin could be with a TriFinger's rise, and a large one so
     little that its image would be that of a motor without any torque.
     """
-    largest_nm = np.abs(load_nm).max()
-    return float((c.MAX_TORQUE_NM / largest_nm) ** 2) if isinstance(robot, UnknownRobot) and largest_nm > 0.0 else 1.0
+    mean_nm = np.sqrt(np.mean(load_nm**2))
+    return float((_CARRIES_NM / mean_nm) ** 2) if isinstance(robot, UnknownRobot) and mean_nm > 0.0 else 1.0
 
 
 def _hypotheses(
