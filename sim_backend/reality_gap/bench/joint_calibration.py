@@ -84,7 +84,7 @@ def _measured(model: mujoco.MjModel, recordings: Sequence[Recording]) -> dict:
     look, values = study.fit.first, defaultdict(list)
     for candidate in look.candidates:
         terms = [look.catalogue.terms[i] for i in candidate.hypothesis.terms]
-        if candidate.hypothesis.where.startswith("all"):
+        if candidate.hypothesis.where.startswith("all") or candidate.hypothesis.is_part:
             continue
         label = terms[0].key + "".join(f"|{key}={value:g}" for key, value in terms[0].shape) + f"|{terms[0].probe:.6g}"
         if terms[0].key in NUMBERS and NUMBERS[terms[0].key].begins_at_load:

@@ -45,12 +45,13 @@ UNKNOWN_CLOCK = 0.5
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """An effect at a place, as terms with the scale of each one's prior."""
+    """An effect at a place, as terms with the scale of each one's prior; ``is_part`` if another one has more of its numbers."""
 
     effect: str
     where: str
     terms: tuple[int, ...]
     scales: tuple[float, ...]
+    is_part: bool = False
 
     @property
     def name(self) -> tuple[str, str]:
@@ -138,7 +139,7 @@ def joint_catalogue(
         return Catalogue(tuple(terms), tolerance, tuple(_hypotheses(names, families, scales)), scales)
     found = [
         replace(h, scales=tuple(_scale(scale, tolerance[term]) for term, scale in zip(h.terms, h.scales, strict=True)))
-        for h in _hypotheses(names, families, scales)
+        for h in _with_single_numbers(_hypotheses(names, families, scales))
     ]
     return Catalogue(tuple(terms), tolerance, tuple(found), scales)
 
@@ -229,6 +230,20 @@ def _hypotheses(
             shapes = [tuple(term for members in together for term in members) for together in zip(*own.values(), strict=True)]
             found += [Hypothesis(effect, PLATFORM, terms, (scale,) * len(terms)) for terms in shapes]
     return found
+
+
+def _with_single_numbers(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Beside what the whole platform has in several numbers, each of these alone: gravity of another strength, or a tilt one way.
+
+    Each number that a hypothesis has beyond what the data need takes a part of what it gains.
+    """
+    alone = [
+        replace(h, terms=(term,), scales=(scale,), is_part=True)
+        for h in hypotheses
+        if h.where == PLATFORM and len(h.terms) > 1
+        for term, scale in zip(h.terms, h.scales, strict=True)
+    ]
+    return [*hypotheses, *alone]
 
 
 def _at_joints(

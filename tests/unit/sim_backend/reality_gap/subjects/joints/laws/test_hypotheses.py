@@ -144,3 +144,12 @@ def test_a_motor_of_any_size_gets_as_hot_from_what_it_is_sent_in_the_mean(mean_n
     ):
         terms = [t for t in catalogue(robot, state=state, load_nm=load_nm).terms if t.effect == "thermal_derating"]
         assert terms and all(dict(t.shape)["thermal_derating.rise_k_nm2"] * mean_nm**2 == pytest.approx(hot_k) for t in terms)
+
+
+@pytest.mark.parametrize(("effect", "numbers"), [("gravity", 3), ("table_tilt", 2)])
+def test_of_a_known_robot_each_number_of_the_platform_is_asked_alone_too(effect, numbers):
+    """Numbers that the data do not need take a part of what a hypothesis gains: a tilt one way, gravity of another strength."""
+    own, elsewhere = ([h for h in catalogue(robot).hypotheses if h.effect == effect] for robot in (None, UnknownRobot()))
+    assert [(len(h.terms), h.is_part) for h in elsewhere] == [(numbers, False)]
+    (whole,) = [h for h in own if not h.is_part]
+    assert sorted(h.terms for h in own if h.is_part) == sorted((term,) for term in whole.terms) and len(whole.terms) == numbers
