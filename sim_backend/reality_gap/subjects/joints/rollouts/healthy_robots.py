@@ -235,7 +235,6 @@ class _Model:
         def squares(error: np.ndarray) -> np.ndarray:
             return (error.reshape(len(error), len(nominal), -1, joints) ** 2).mean(axis=2)
 
-        free_of_none = np.zeros(len(scales), bool)
         off, error, going = np.zeros((len(robots), len(scales))), best_begun(robots - nominal), np.arange(len(robots))
         as_it_is = error.copy()
         for _ in range(_STEPS):
@@ -244,7 +243,7 @@ class _Model:
             precision = np.einsum("dj,jml->dml", 1.0 / noise, informs) + np.diag(1.0 / scales**2)
             weighed = error.reshape(len(error), len(nominal), -1, joints) / noise[:, None, None]
             pull = np.einsum("nsjm,dnsj->dm", of_joint, weighed, optimize=True) - (off + first) / scales**2
-            steps = [step_above(p, q, rigid - here, free_of_none) for p, q, here in zip(precision, pull, off, strict=True)]
+            steps = [step_above(p, q, rigid - here) for p, q, here in zip(precision, pull, off, strict=True)]
             change = np.clip(off + np.array(steps), least, most) - off
             nearer = np.zeros(len(robots), bool)
             for share in _SHARES:

@@ -249,8 +249,8 @@ class RolloutProblem:
             errors = np.sqrt(np.diag(np.linalg.inv(precision)))
             pull = linear.pull - prior * apart(at.state, self.start, every)
             damped = precision + _DAMPING * np.diag(np.diag(precision))
-            least = np.array([-float(at.state.value(t.key)[t.index]) if t.key in BEARING else -np.inf for t in every])
-            found = self._nearer(at, every, loose, linear, step_above(damped, pull, least, np.zeros_like(bears)), noise)
+            least = least_change(at.state, every)
+            found = self._nearer(at, every, loose, linear, step_above(damped, pull, least), noise)
             if found is None and bears.any():
                 found = self._nearer(at, every, loose, linear, step_above(damped, pull, least, bears), noise)
             if found is None:
@@ -365,16 +365,21 @@ def apart(state: JointState, other: JointState, terms: Sequence[Term]) -> np.nda
     return np.array([float(state.value(t.key)[t.index] - other.value(t.key)[t.index]) for t in terms])
 
 
-def step_above(precision: np.ndarray, pull: np.ndarray, least: np.ndarray, kept: np.ndarray) -> np.ndarray:
+def least_change(state: JointState, terms: Sequence[Term]) -> np.ndarray:
+    """What numbers of a model may change by at least, shape (m,): those of bearings do not go below none."""
+    return np.array([-float(state.value(t.key)[t.index]) if t.key in BEARING else -np.inf for t in terms])
+
+
+def step_above(precision: np.ndarray, pull: np.ndarray, least: np.ndarray, kept: np.ndarray | None = None) -> np.ndarray:
     """A step of Gauss and Newton within lower bounds, shape (m,): what would go below one ends there, and the others anew.
 
     Args:
         precision: of the numbers, shape (m, m).
         pull: of the errors, shape (m,).
         least: change of each number, shape (m,); at most 0.
-        kept: numbers that do not change, shape (m,).
+        kept: numbers that do not change, shape (m,); none if None.
     """
-    change, held = np.zeros(len(pull)), kept.copy()
+    change, held = np.zeros(len(pull)), np.zeros(len(pull), bool) if kept is None else kept.copy()
     while not held.all():
         free = ~held
         change[free] = np.linalg.solve(precision[np.ix_(free, free)], pull[free] - precision[np.ix_(free, held)] @ change[held])

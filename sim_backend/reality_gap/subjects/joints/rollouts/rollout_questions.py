@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.unnamed_laws import BEARING
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import Hypothesis
 from sim_backend.reality_gap.subjects.joints.laws.state import Term
 from sim_backend.reality_gap.subjects.joints.rollouts.linearisation import linearised
@@ -17,6 +16,7 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import (
     RolloutProblem,
     apart,
     is_simulated,
+    least_change,
     step_above,
 )
 
@@ -53,8 +53,8 @@ def gains(
     inner = linear.precision[:b, :b] + np.diag(1.0 / scales**2)
     own_pull = linear.pull[:b] - apart(fit.state, problem.start, base) / scales**2
     # a rigid bearing that would go below none makes up for nothing
-    least = np.array([-float(fit.state.value(t.key)[t.index]) if t.key in BEARING else -np.inf for t in base])
-    moves = step_above(inner, own_pull, least, np.zeros(b, bool)) > least
+    least = least_change(fit.state, base)
+    moves = step_above(inner, own_pull, least) > least
     across = linear.precision[:b, b:][moves]
     through = np.linalg.solve(inner[np.ix_(moves, moves)], across)
     precision = linear.precision[b:, b:] - across.T @ through

@@ -63,9 +63,9 @@ def test_a_fitted_model_is_nearer_to_a_healthy_robot_unless_its_torques_are_nois
 
 def test_a_step_stops_where_bearings_are_rigid_and_the_others_are_fitted_anew():
     precision, pull = np.array([[2.0, 1.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 1.0]]), np.array([-3.0, 1.0, 0.5])
-    free, none = np.full(3, -np.inf), np.zeros(3, bool)
-    assert step_above(precision, pull, free, none) == pytest.approx(np.linalg.solve(precision, pull))
-    bounded = step_above(precision, pull, np.array([-0.5, -np.inf, -np.inf]), none)
+    free = np.full(3, -np.inf)
+    assert step_above(precision, pull, free) == pytest.approx(np.linalg.solve(precision, pull))
+    bounded = step_above(precision, pull, np.array([-0.5, -np.inf, -np.inf]))
     assert bounded == pytest.approx([-0.5, (1.0 + 0.5) / 2.0, 0.5])
     assert step_above(precision, pull, free, np.array([True, False, False])) == pytest.approx([0.0, 0.5, 0.5])
 
