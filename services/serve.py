@@ -153,6 +153,7 @@ async def serve(settings: Settings) -> None:
         finally:
             watching.cancel()
             sharing.cancel()
+            await asyncio.wait((watching, sharing))
 
 
 async def _share(farm: Farm, ended: EndedSessions, limits: Limits) -> None:

@@ -11,7 +11,7 @@ from sqlalchemy import event
 from sqlalchemy.ext.asyncio import AsyncEngine, create_async_engine
 
 READERS = 4
-BUSY_TIMEOUT_MS = 10_000
+BUSY_TIMEOUT_S = 10.0
 SYNCHRONOUS = "synchronous"
 """Under which a connection remembers how it syncs."""
 
@@ -23,8 +23,7 @@ def open_engines(url: str) -> tuple[AsyncEngine, AsyncEngine]:
     # What reads leaves nothing behind that would have to be taken back.
     readers = create_async_engine(url, isolation_level="AUTOCOMMIT", async_creator=reading, pool_reset_on_return=None, **many)
     writer = create_async_engine(url, pool_size=1, max_overflow=0, async_creator=writing)
-    _prepare(readers, writes=False)
-    _prepare(writer, writes=True)
+    _begin_at_once(writer)
     return readers, writer
 
 
@@ -66,31 +65,29 @@ def _read(cursor: sqlite3.Cursor, *statement: Any) -> Sequence[Any]:
 
 
 async def _connected(kind: type[aiosqlite.Connection], url: str) -> aiosqlite.Connection:
-    path = url.partition("///")[2]
-    return await kind(lambda: sqlite3.connect(path, check_same_thread=False), iter_chunk_size=64)
+    connection = kind(partial(_opened, url.partition("///")[2]), iter_chunk_size=64)
+    # One that is still out when all others are closed, as of a request that was broken off, must not keep the process.
+    connection._thread.daemon = True
+    return await connection
 
 
-def _prepare(engine: AsyncEngine, *, writes: bool) -> None:
-    @event.listens_for(engine.sync_engine, "connect")
-    def _pragmas(connection: Any, _record: Any) -> None:
-        cursor = connection.cursor()
-        cursor.execute("PRAGMA journal_mode = WAL")
-        cursor.execute("PRAGMA foreign_keys = ON")
-        cursor.execute(f"PRAGMA busy_timeout = {BUSY_TIMEOUT_MS}")
-        cursor.close()
-        # The driver would start transactions late and deferred; the "begin" event below does it instead.
-        connection.isolation_level = None
+def _opened(path: str) -> sqlite3.Connection:
+    # The driver would start transactions late and deferred; the "begin" event does it instead.
+    connection = sqlite3.connect(path, timeout=BUSY_TIMEOUT_S, isolation_level=None, check_same_thread=False)
+    connection.execute("PRAGMA journal_mode = WAL")
+    connection.execute("PRAGMA foreign_keys = ON")
+    return connection
 
-    if writes:
 
-        @event.listens_for(engine.sync_engine, "begin")
-        def _begin(connection: Any) -> None:
-            # FULL syncs the log at every commit: with NORMAL a power cut could take back an acknowledged submission.
-            wanted = "FULL" if connection.get_execution_options().get("lasting", True) else "NORMAL"
-            if connection.info.get(SYNCHRONOUS) != wanted:
-                connection.exec_driver_sql(f"PRAGMA synchronous = {wanted}")
-                connection.info[SYNCHRONOUS] = wanted
-            connection.exec_driver_sql("BEGIN IMMEDIATE")
+def _begin_at_once(writer: AsyncEngine) -> None:
+    @event.listens_for(writer.sync_engine, "begin")
+    def _begin(connection: Any) -> None:
+        # FULL syncs the log at every commit: with NORMAL a power cut could take back an acknowledged submission.
+        wanted = "FULL" if connection.get_execution_options().get("lasting", True) else "NORMAL"
+        if connection.info.get(SYNCHRONOUS) != wanted:
+            connection.exec_driver_sql(f"PRAGMA synchronous = {wanted}")
+            connection.info[SYNCHRONOUS] = wanted
+        connection.exec_driver_sql("BEGIN IMMEDIATE")
 
 
 def is_full_sqlite(error: BaseException) -> bool:

@@ -150,7 +150,7 @@ class Dispatcher:
             await leading
             with suppress(*AWAY, TimeoutError):  # then its time runs out
                 await self._leading.let_go()
-        await self._steps.finish(self.settings.offer_timeout_s)
+        await self._steps.close(self.settings.offer_timeout_s)
 
     def _hear(self) -> None:
         """Begins to hear robots, unless it does."""

@@ -18,9 +18,13 @@ class Steps:
 
     signals: Signals
     _running: set[asyncio.Task[None]] = field(default_factory=set)
+    _is_over: bool = False
 
     def start(self, work: Coroutine[Any, Any, None]) -> None:
-        """Starts the work beside the caller."""
+        """Starts the work beside the caller, unless the process is about to stop."""
+        if self._is_over:
+            work.close()
+            return
         started = asyncio.get_running_loop().create_task(work)
         self._running.add(started)
         started.add_done_callback(self._finished)
@@ -35,3 +39,8 @@ class Steps:
         """Waits for what is under way."""
         if self._running:
             await asyncio.wait(self._running, timeout=within_s)
+
+    async def close(self, within_s: float) -> None:
+        """Waits for what is under way; what is asked for from now on is left to whoever serves next."""
+        self._is_over = True
+        await self.finish(within_s)

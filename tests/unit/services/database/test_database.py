@@ -2,6 +2,7 @@ import asyncio
 import sqlite3
 import subprocess
 import sys
+import threading
 import time
 
 import asyncpg
@@ -202,6 +203,13 @@ async def test_many_write_at_once_and_readers_see_only_what_is_committed(new_dat
     await asyncio.gather(*(write(str(number)) for number in range(20)))
     async with new_database.read() as connection:
         assert len((await connection.execute(select(token))).all()) == 20
+
+
+async def test_a_connection_that_is_never_given_back_does_not_keep_the_process(database):
+    async with database.read(), database.write():
+        drivers = [thread for thread in threading.enumerate() if "_connection_worker_thread" in thread.name]
+        assert len(drivers) >= 2
+        assert all(thread.daemon for thread in drivers)
 
 
 async def test_integrity(database, tmp_path):
