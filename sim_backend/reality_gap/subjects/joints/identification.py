@@ -13,7 +13,13 @@ from sim_backend.reality_gap.subjects.joints.gain import held_out_errors
 from sim_backend.reality_gap.subjects.joints.laws.nominal import nominal_state
 from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
-from sim_backend.reality_gap.subjects.joints.signs.checks import Finding, end_findings, noise_findings, torque_noise_findings
+from sim_backend.reality_gap.subjects.joints.signs.checks import (
+    Finding,
+    beside_jumps,
+    end_findings,
+    noise_findings,
+    torque_noise_findings,
+)
 from sim_backend.reality_gap.subjects.joints.signs.cogging_cycles import with_cycles
 from sim_backend.reality_gap.subjects.joints.signs.command_lateness import with_measured_lateness
 from sim_backend.reality_gap.subjects.joints.signs.rattling import Rattling
@@ -132,7 +138,7 @@ def study_joints(
     felt = noise_of_motors(problem, start)
     used_gate, gates = (_USUAL_GATE, robot.healthy.gates) if gate is None else (gate, {})
     fit = select(problem, used_gate, progress, confirms=is_worth_it_beside, gates=gates)
-    found = [*unfitted.findings, *checked(problem, fit, felt)]
+    found = beside_jumps([*unfitted.findings, *checked(problem, fit, felt)])
     return JointStudy(
         fit.problem,
         with_measured_lateness(fit, problem.episodes),

@@ -15,6 +15,8 @@ _PLAUSIBLE_SCALE = {False: 0.25, True: 0.15}
 """A torque or a mass that is smaller by more only makes everything smaller, errors too; the more so where much is wrong."""
 _PLAUSIBLE_GROWTH = {False: 0.6, True: 0.15}
 """Growth makes errors larger too, so that nothing hides in it; what several causes share stays small both ways."""
+_REACH = 3.0
+"""By which a time or a speed that decides how an effect looks is moved in one step, at most."""
 
 
 def is_plausible(state: JointState) -> bool:
@@ -78,6 +80,20 @@ def moved(state: JointState, terms: Sequence[Term], values: np.ndarray) -> Joint
         wanted = float(np.clip(here + value, lower, max(upper, here)))
         state = state.moved(term, wanted - here)
     return state
+
+
+def within_reach(state: JointState, terms: Sequence[Term], values: np.ndarray) -> np.ndarray:
+    """Changes of some terms, those of a shape not beyond where a straight line still says something of it; shape (m,).
+
+    A loss by heat that acts within 30 s looks, to a straight line, as if it had to act within less than none.
+    """
+    found = np.array(values, dtype=float)
+    for i, term in enumerate(terms):
+        shape = shape_of(term.effect)
+        if shape is not None and shape.scale and term.key == shape.key:
+            here = float(state.value(term.key)[term.index])
+            found[i] = np.clip(found[i], here / _REACH - here, here * _REACH - here)
+    return found
 
 
 def deviations(state: JointState, start: JointState, terms: Sequence[Term]) -> np.ndarray:

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from sim_backend.reality_gap.knowledge.joint_effects import SEEN, Sign, effect_of
+from sim_backend.reality_gap.knowledge.joint_effects import ENDS, SEEN, Sign, effect_of
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot
 from sim_backend.reality_gap.measured.sensor_noise import white_noise
 from sim_backend.reality_gap.quantiles import MEDIAN_SIZE, MEDIAN_SQUARE, Z_90
@@ -202,6 +202,12 @@ def end_findings(episodes: Sequence[EpisodeEquations], state: JointState) -> lis
     """Ends of joints that are not where they should be, once encoders are known to be off by what the model says."""
     offsets = encoder_offsets_rad(state)
     return [f for joint, offset in enumerate(offsets) for f in _shifted_end(episodes, joint, float(offset))]
+
+
+def beside_jumps(findings: Sequence[Finding]) -> list[Finding]:
+    """The same without ends of joints that an encoder's jump has moved: what was read before it and after is not one place."""
+    jumped = {f.joint: abs(f.value) for f in findings if f.sign is Sign.POSITION_JUMP}
+    return [f for f in findings if f.sign not in ENDS or abs(f.value) > jumped.get(f.joint, 0.0) + END_MARGIN_RAD]
 
 
 def _stuck(episodes: Sequence[EpisodeEquations], joint: int) -> list[Finding]:

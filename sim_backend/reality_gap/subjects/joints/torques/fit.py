@@ -8,7 +8,7 @@ import numpy as np
 from sim_backend.reality_gap.knowledge.joint_effects import FITTED
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import Hypothesis
-from sim_backend.reality_gap.subjects.joints.laws.moves import is_plausible, moved, refining_terms
+from sim_backend.reality_gap.subjects.joints.laws.moves import is_plausible, moved, refining_terms, within_reach
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.torques.look import Accepted, JointProblem, Look
 
@@ -139,7 +139,7 @@ def _contains(hypothesis: Hypothesis, other: Accepted) -> bool:
 def _refined(state: JointState, accepted: Sequence[Accepted], values: np.ndarray) -> JointState:
     at = 0
     for a in accepted:
-        state = moved(state, a.terms, values[at : at + len(a.terms)])
+        state = moved(state, a.terms, within_reach(state, a.terms, values[at : at + len(a.terms)]))
         at += len(a.terms)
     return state
 

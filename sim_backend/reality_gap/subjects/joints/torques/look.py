@@ -3,6 +3,7 @@
 import functools
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 
@@ -247,18 +248,23 @@ class JointProblem:
         weights = np.ones(FOLDS)
         whole = reduced(sums.weighted(weights), base, tolerance[base])
         parts = [reduced(sums.weighted(weights - np.eye(FOLDS)[f]), base, tolerance[base]) for f in range(FOLDS) if sums.rows[f]]
-        taken = {(a.effect, a.where) for a in accepted}
+        taken, modelled = {(a.effect, a.where) for a in accepted}, {(t.key, t.index) for a in accepted for t in a.terms}
         candidates = []
         for h in catalogue.hypotheses:
             if h.name in taken:
                 continue
-            values, covariance = whole.estimate(h.terms, h.scales)
-            errors = np.sqrt(np.diag(covariance))
-            own = [catalogue.terms[t] for t in h.terms]
-            is_group = h.where == ALL_JOINTS
+            own, is_group = [catalogue.terms[t] for t in h.terms], h.where == ALL_JOINTS
+            # of joints that have the effect already it is asked closely, and not again as far off as where there is none
+            is_open = np.array([not is_group or (t.key, t.index) not in modelled for t in own])
+            open_terms, open_scales = (tuple(compress(each, is_open)) for each in (h.terms, h.scales))
+            if not open_terms:
+                continue
+            values, errors = np.zeros(len(own)), np.zeros(len(own))
+            values[is_open], covariance = whole.estimate(open_terms, open_scales)
+            errors[is_open] = np.sqrt(np.diag(covariance))
             allowed = may_be(own, values, errors, state, is_group=is_group, expects_many=self.expects_many)
-            gain = whole.gain(h.terms, h.scales)
-            by_fold = np.array([gain - part.gain(h.terms, h.scales) for part in parts])
+            gain = whole.gain(open_terms, open_scales)
+            by_fold = np.array([gain - part.gain(open_terms, open_scales) for part in parts])
             candidates.append(Candidate(h, gain, float(by_fold.sum()), values, errors, allowed, by_fold))
         candidates.sort(key=lambda c: -c.gain)
         first_own = len(catalogue.terms)

@@ -77,6 +77,15 @@ def is_too_little(study: JointStudy, causes: Sequence[Cause]) -> bool:
     return {cause.effect for cause in causes} <= (limited & {a.effect for a in study.fit.accepted}) - seen
 
 
+def without_the_large(study: JointStudy, causes: Sequence[Cause]) -> list[Cause]:
+    """Causes that are too little beside others that are not; none where all are."""
+    groups: dict[tuple[str, str], list[Cause]] = {}
+    for cause in causes:
+        groups.setdefault((cause.effect, cause.where), []).append(cause)
+    little = [group for group in groups.values() if is_too_little(study, group)]
+    return [cause for group in little for cause in group] if len(little) < len(groups) else []
+
+
 def _deviation(study: JointStudy, cause: Cause) -> float:
     """From what the model had; infinite of what no fit moves."""
     key = f"{cause.effect}.{cause.parameter}"

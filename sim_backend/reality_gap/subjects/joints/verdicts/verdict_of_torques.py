@@ -28,7 +28,14 @@ from sim_backend.reality_gap.subjects.joints.signs.checks import Finding, place
 from sim_backend.reality_gap.subjects.joints.torques.look import Accepted, Candidate, Look
 from sim_backend.reality_gap.subjects.joints.torques.normal_equations import WHOLE_EPISODES
 from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import Pattern, lasting, patterns
-from sim_backend.reality_gap.subjects.joints.verdicts.causes import causes_of, is_clear, is_too_little, may_be_absent, place_of
+from sim_backend.reality_gap.subjects.joints.verdicts.causes import (
+    causes_of,
+    is_clear,
+    is_too_little,
+    may_be_absent,
+    place_of,
+    without_the_large,
+)
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_unknown_robot import ALMOST, reconsidered, unknown_of
 from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
 
@@ -60,6 +67,8 @@ def judge(study: JointStudy) -> JointVerdict:
     acting = {f.joint for f in study.findings if f.sign in FELT}
     findings = [f for f in study.findings if not (f.sign in SENSOR_NOISE and f.joint in acting)]  # the joint shakes
     causes += [_found(f, names) for f in findings if _is_shown(f, study)]
+    little = without_the_large(study, causes)
+    causes = [cause for cause in causes if cause not in little]
     left = patterns(study.problem.episodes, fit.last, study.start.size)
     rivals = [rival for a in fit.accepted if (rival := _rival(study, a)) is not None]
     kind, summary = _kind(study, causes, left, rivals)
@@ -77,7 +86,7 @@ def judge(study: JointStudy) -> JointVerdict:
         runner_up=closest,
         rejected=() if confusable else tuple(sorted((rival for rival, _ in rivals), key=lambda rival: rival.behind)),
         follows=(*_odd(study), *_follows(left[:3], names)) if kind is VerdictKind.UNEXPLAINED else (),
-        cannot_tell=(*_cannot_tell(study, causes), *_perhaps_absent(fitted, causes)),
+        cannot_tell=(*_cannot_tell(study, causes), *_perhaps_absent(fitted, [*causes, *little]), *_too_little(little)),
         record_next=tuple(_record_next(study, kind, closest)),
     )
     return JointVerdict(verdict if isinstance(study.robot, KnownTriFinger) else reconsidered(study, verdict), tuple(left))
@@ -93,25 +102,35 @@ def _kind(
         said = "Only torques or masses of several joints that are far off would explain the data: no cause of the catalogue does."
         return VerdictKind.UNEXPLAINED, said
     is_stuck = any(f.sign is Sign.REST_UNDER_LOAD for f in study.findings)
-    if (
-        strongest_left(study, left) > max(PATTERN_NATS, study.robot.healthy.left_nats, study.robot.pattern_share * explained)
-        and not is_stuck
-    ):
+    share = study.robot.pattern_share if study.problem.expects_many else study.robot.pattern_share_of_few
+    if strongest_left(study, left) > max(PATTERN_NATS, study.robot.healthy.left_nats, share * explained) and not is_stuck:
         return VerdictKind.UNEXPLAINED, "The data disagree with the model, and no cause of the catalogue explains it well enough."
     if not causes:
-        return VerdictKind.NOTHING_WRONG, "The data agree with the model as well as a healthy robot's would."
+        return _without_causes(study)
     is_single = not study.problem.expects_many  # among many causes each has a proxy for a moment
     if is_single and any(rival.behind < CONFUSABLE_NATS for rival, _ in rivals):
         return VerdictKind.CONFUSABLE, "Some cause explains the data, but these data cannot tell which of those that are listed."
     return _named(study, [cause for cause in causes if is_clear(study, cause)])
 
 
+def _without_causes(study: JointStudy) -> tuple[VerdictKind, str]:
+    if isinstance(study.robot, KnownTriFinger) and study.fit.accepted:
+        said = " and ".join(sorted({accepted.effect.replace("_", " ") for accepted in study.fit.accepted}))
+        summary = f"The data disagree with the model; {said} would explain a part of it, but at no joint clearly."
+        return VerdictKind.UNEXPLAINED, summary
+    return VerdictKind.NOTHING_WRONG, "The data agree with the model as well as a healthy robot's would."
+
+
 def strongest_left(study: JointStudy, left: Sequence[Pattern]) -> float:
     """What is left for any function of one variable, or for a hypothesis whose values no robot has, nats."""
     noisy = {f.joint for f in study.findings if f.sign in SENSOR_NOISE | FELT and _is_shown(f, study)}
     factor = 1.0 if study.problem.expects_many else _VELOCITY_FACTOR
-    clear = _almost_explained(study)
-    told = [p for p in left if p.joint not in noisy and not (p.channel is Channel.MECHANICS and p.joint in clear)]
+    clear, explained = _almost_explained(study), sum(a.gain for a in study.fit.accepted)
+    told = [
+        p
+        for p in left
+        if p.joint not in noisy and not (p.channel is Channel.MECHANICS and p.joint in clear and p.gain < explained)
+    ]
     strongest = max((p.gain / (factor if p.channel is Channel.VELOCITY else 1.0) for p in told), default=0.0)
     if isinstance(study.robot, UnknownRobot):
         return strongest
@@ -274,6 +293,15 @@ def _perhaps_absent(fitted: Sequence[Cause], causes: Sequence[Cause]) -> list[st
     named = {cause.effect for cause in causes}
     unsure = [cause for cause in fitted if cause.effect not in named]
     return [f"whether there is {', '.join(_said(unsure))}: the interval holds that there is none"] if unsure else []
+
+
+def _too_little(little: Sequence[Cause]) -> list[str]:
+    said = ", ".join(_said(little))
+    return (
+        [f"whether there is {said}: less of it than sessions of this length show is often another cause in disguise"]
+        if little
+        else []
+    )
 
 
 def _record_next(study: JointStudy, kind: VerdictKind, closest: Rival | None) -> list[str]:

@@ -5,6 +5,7 @@ import pytest
 
 from sim_backend.reality_gap.subjects.joints.gain import TorqueErrors, errors_of, folds_of_rows, held_out, held_out_errors
 from sim_backend.reality_gap.subjects.joints.identification import is_worth_it
+from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.laws.moves import deviations, moved
 from sim_backend.reality_gap.subjects.joints.torques.fit import select
 from sim_backend.reality_gap.subjects.joints.torques.normal_equations import FOLDS
@@ -26,6 +27,13 @@ def fit(planted):
 def test_the_cause_is_taken_alone(fit):
     assert [(a.effect, a.where) for a in fit.accepted] == [("coulomb_friction", NAMES[1])]
     assert fit.state.value("coulomb_friction.torque_nm")[1] == pytest.approx(PLANTED_NM, rel=0.05)
+
+
+def test_of_all_joints_the_one_that_has_the_effect_already_is_not_asked_again(planted, fit):
+    found = next(c for c in fit.last.candidates if c.hypothesis.name == ("coulomb_friction", ALL_JOINTS))
+    assert (found.values[1], found.errors[1]) == (0.0, 0.0)
+    assert np.all(found.errors[[0, 2]] > 0.0)
+    assert found.gain < 0.0
 
 
 def test_held_out_errors_fall_at_the_joint_that_has_it(planted, fit):

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.knowledge.healthy import NO_SESSIONS
+from sim_backend.reality_gap.knowledge.joint_effects import Sign
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
 from sim_backend.reality_gap.measured.sensor_noise import encoder_step
 from sim_backend.reality_gap.recording import JointSignals
 from sim_backend.reality_gap.subjects.joints.signs.checks import (
     Finding,
+    beside_jumps,
     end_findings,
     fault_findings,
     noise_findings,
@@ -151,6 +153,15 @@ def test_a_jump_is_found_when_it_came(motion, size):
     assert names(found) == [("encoder_jump", "offset_rad", 1)]
     assert found[0].value == pytest.approx(size, abs=5 * ENCODER_RAD)
     assert (found[0].episode, found[0].sample) == (1, 2500)
+
+
+def test_an_end_of_a_joint_whose_encoder_jumped_is_shifted_by_more_than_the_jump(motion):
+    jumped = motion[0].copy()
+    jumped[2500:, 1] += 0.02
+    jump = fault_findings([episode(jumped, motion[1])])
+    near, far, elsewhere = (Finding(Sign.LOWER_END, *at, (0.0, 0.0), 3.0) for at in ((1, -0.018), (1, -0.05), (2, -0.018)))
+    assert beside_jumps([*jump, near, far, elsewhere]) == [*jump, far, elsewhere]
+    assert beside_jumps([near]) == [near]
 
 
 def test_a_spike_is_no_jump(motion):
