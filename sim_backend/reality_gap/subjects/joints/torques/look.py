@@ -256,7 +256,7 @@ class JointProblem:
             own, is_group = [catalogue.terms[t] for t in h.terms], h.where == ALL_JOINTS
             # of joints that have the effect already it is asked closely, and not again as far off as where there is none
             is_open = np.array([not is_group or (t.key, t.index) not in modelled for t in own])
-            open_terms, open_scales = (tuple(compress(each, is_open)) for each in (h.terms, h.scales))
+            open_terms, open_scales = tuple(compress(h.terms, is_open)), tuple(compress(h.scales, is_open))
             if not open_terms:
                 continue
             values, errors = np.zeros(len(own)), np.zeros(len(own))
