@@ -59,6 +59,7 @@ ADMIN = TokenRequest(owner="operator", scopes=(Scope.ADMIN,))
 ROBOT = TokenRequest(owner="farm", scopes=(Scope.ROBOT,))
 TOKENS_FILE = "tokens.json"
 REQUESTS_END_WITHIN_S = 2
+END_AGAIN_S = 0.05
 TIDY_EVERY_S = 3600.0
 SHARE_EVERY_S = 0.5
 FOLLOW_EVERY_S = 10.0
@@ -95,6 +96,20 @@ class Server(uvicorn.Server):
             for level, name, value in VANISHED:
                 if hasattr(socket, name):
                     listening.setsockopt(level, getattr(socket, name), value)  # those that it accepts have them from it
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Ends also connections that came while it closed: uvicorn tells those of one moment, and a busy client keeps its own."""
+        telling = asyncio.create_task(self._end_connections())
+        try:
+            await super().shutdown(sockets)
+        finally:
+            telling.cancel()
+
+    async def _end_connections(self) -> None:
+        while True:
+            for each in list(self.server_state.connections):
+                each.shutdown()
+            await asyncio.sleep(END_AGAIN_S)
 
     @contextmanager
     def _bounded_tls(self) -> Iterator[None]:
