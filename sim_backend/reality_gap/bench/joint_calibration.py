@@ -18,7 +18,7 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.bench.counting import whole_lines
 from sim_backend.reality_gap.bench.joint_sessions import EVERYTHING, IN_THE_AIR, healthy_physics, simulated_recordings
-from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED, NUMBERS
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.recording import Recording
 from sim_backend.reality_gap.refusal import refused
@@ -33,8 +33,6 @@ _NO_GATE = 1e18
 _TOGETHER = 6
 LEAST_GATE, GATE_FACTOR, GATE_MARGIN = 3.0, 1.1, 1.5
 """A margin of 1.5 nats makes what one session in 200 reaches for each of some 20 effects a matter of 2 % for all together."""
-PROMISES_TOO_MUCH = ("directional_friction",)
-"""A straight line says that it gains where another friction acts, also next door: its gate, once measured at 29.5, stays."""
 ALONE_RULE = (10.0, 2.0, 5.0)
 """Where one excitation tells little, gains have heavy tails: by the usual rule 5 of 48 fresh robots were blamed (seed 42)."""
 
@@ -116,6 +114,8 @@ def _gain_by_effect(look: Look) -> dict[str, float]:
 def gates(null_lines: list[dict], rule: tuple[float, float, float] = (LEAST_GATE, GATE_FACTOR, GATE_MARGIN)) -> dict[str, float]:
     """Gain that a cause of each effect must have: beyond the largest of all healthy sessions by a margin, and not too little.
 
+    Also not less than an effect's own least gate (``knowledge.joint_effects``).
+
     Args:
         null_lines: of healthy sessions.
         rule: the least gate, nats; what the largest gain is multiplied by; and the margin beyond that, nats.
@@ -123,7 +123,8 @@ def gates(null_lines: list[dict], rule: tuple[float, float, float] = (LEAST_GATE
     effects = dict.fromkeys(effect for line in null_lines for effect in line["gain_by_effect"])
     largest = {effect: max(line["gain_by_effect"].get(effect, 0.0) for line in null_lines) for effect in effects}
     least, factor, margin = rule
-    return {effect: max(least, factor * gain + margin) for effect, gain in largest.items()}
+    own = {effect: entry.least_gate for effect, entry in FITTED.items()}
+    return {effect: max(least, factor * gain + margin, own.get(effect, 0.0)) for effect, gain in largest.items()}
 
 
 def summarise(tolerance_lines: list[dict], null_lines: list[dict]) -> dict:
@@ -145,7 +146,7 @@ def summarise(tolerance_lines: list[dict], null_lines: list[dict]) -> dict:
 
 def summarise_again(calibration: dict, lines: list[dict]) -> dict:
     """The calibration with what healthy sessions gain now, after the tool has changed; what they seem to have stays."""
-    own = gates(lines) | {effect: calibration["gates"][effect] for effect in PROMISES_TOO_MUCH if effect in calibration["gates"]}
+    own = gates(lines)
     others = {name: calibration[name] for name in ("elsewhere", "alone")}
     raised = {"elsewhere": _raised(others["elsewhere"], own), "alone": {k: _raised(v, own) for k, v in others["alone"].items()}}
     again = {

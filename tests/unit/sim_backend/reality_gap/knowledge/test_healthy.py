@@ -11,6 +11,7 @@ from sim_backend.reality_gap.bench.joint_calibration import (
     summarise_alone,
 )
 from sim_backend.reality_gap.knowledge.healthy import healthy_sessions
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED
 
 STANDARD, RAMPS, CHIRPS = (healthy_sessions((name,)) for name in ("standard", "slow_ramps", "chirps"))
 
@@ -45,16 +46,22 @@ def test_gates_lie_beyond_the_largest_gain_of_any_session():
 
 
 def test_sessions_of_a_later_tool_take_the_place_of_the_first_ones_and_raise_all_other_gates():
-    line = {"seed": 3, "gain": 8.0, "gain_by_effect": {"backlash": 8.0, "gravity": 0.5}, "noise_ratio": 1.1}
+    line = {
+        "seed": 3,
+        "gain": 8.0,
+        "gain_by_effect": {"backlash": 8.0, "gravity": 0.5, "directional_friction": 1.0},
+        "noise_ratio": 1.1,
+    }
     old = {
-        "gates": {"backlash": 29.0, "gravity": 5.0, "directional_friction": 25.0},
+        "gates": {"backlash": 29.0, "gravity": 5.0},
         "sessions": [40, 188],
         "seeds": [1, 2],
         "tolerances": {"a": [1.0]},
     }
     old |= {"elsewhere": {"gates": {"backlash": 9.0, "gravity": 6.0}}, "alone": {"ramps": {"gates": {"backlash": 30.0}}}}
     made, gate = summarise_again(old, [line]), GATE_FACTOR * 8.0 + GATE_MARGIN
-    assert made["gates"] == {"backlash": gate, "gravity": LEAST_GATE, "directional_friction": 25.0}
+    least = FITTED["directional_friction"].least_gate
+    assert made["gates"] == {"backlash": gate, "gravity": LEAST_GATE, "directional_friction": least}
     assert (made["sessions"], made["seeds"], made["largest_gains"]) == ([40, 1], [1, 2, 3], [8.0])
     assert made["elsewhere"]["gates"] == {"backlash": gate, "gravity": 6.0}
     assert made["alone"]["ramps"]["gates"] == {"backlash": 30.0}
