@@ -96,8 +96,8 @@ class JointEffect:
         reaches_other_joints: whether the joints before it feel it as much as its own.
         contains: an effect that is the same with fewer numbers.
         plausible_of_many: size beyond which it only hides what is missing where many causes act, in its unit; 0 without limit.
-        least_gate: gain that a TriFinger's must have, nats, whatever healthy sessions gain: where another cause acts, the straight
-            line of one that is none promises too much.
+        least_gate: gain that a TriFinger's must have, nats, whatever healthy sessions gain: where another cause acts, a straight
+            line promises too much of what is none.
     """
 
     channel: Channel
