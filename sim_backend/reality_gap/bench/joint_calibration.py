@@ -18,7 +18,7 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.physics import Physics
 from sim_backend.reality_gap.bench.counting import whole_lines
 from sim_backend.reality_gap.bench.joint_sessions import EVERYTHING, IN_THE_AIR, healthy_physics, simulated_recordings
-from sim_backend.reality_gap.knowledge.joint_effects import FITTED, NUMBERS
+from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.recording import Recording
 from sim_backend.reality_gap.refusal import refused
@@ -32,7 +32,9 @@ from sim_backend.workers.pool import WorkersError, open_workers
 _NO_GATE = 1e18
 _TOGETHER = 6
 LEAST_GATE, GATE_FACTOR, GATE_MARGIN = 3.0, 1.1, 1.5
-"""A margin of 1.5 nats makes what one session in 200 reaches for each of some 20 effects a matter of 2 % for all together."""
+"""Of few sessions: a margin of 1.5 nats makes what one in 200 reaches for each of some 20 effects a matter of 2 % for all."""
+TAIL, REACHED_BY = 10, 1e-3
+"""Of many: an effect's largest gains have an exponential tail. What one session in a thousand reaches is the same 2 % for all."""
 ALONE_RULE = (10.0, 2.0, 5.0)
 """Where one excitation tells little, gains have heavy tails: by the usual rule 5 of 48 fresh robots were blamed (seed 42)."""
 
@@ -114,8 +116,6 @@ def _gain_by_effect(look: Look) -> dict[str, float]:
 def gates(null_lines: list[dict], rule: tuple[float, float, float] = (LEAST_GATE, GATE_FACTOR, GATE_MARGIN)) -> dict[str, float]:
     """Gain that a cause of each effect must have: beyond the largest of all healthy sessions by a margin, and not too little.
 
-    Also not less than an effect's own least gate (``knowledge.joint_effects``).
-
     Args:
         null_lines: of healthy sessions.
         rule: the least gate, nats; what the largest gain is multiplied by; and the margin beyond that, nats.
@@ -123,8 +123,22 @@ def gates(null_lines: list[dict], rule: tuple[float, float, float] = (LEAST_GATE
     effects = dict.fromkeys(effect for line in null_lines for effect in line["gain_by_effect"])
     largest = {effect: max(line["gain_by_effect"].get(effect, 0.0) for line in null_lines) for effect in effects}
     least, factor, margin = rule
-    own = {effect: entry.least_gate for effect, entry in FITTED.items()}
-    return {effect: max(least, factor * gain + margin, own.get(effect, 0.0)) for effect, gain in largest.items()}
+    return {effect: max(least, factor * gain + margin) for effect, gain in largest.items()}
+
+
+def tail_gates(null_lines: Sequence[dict]) -> dict[str, float]:
+    """Gain that a cause of each effect must have: what one healthy session in a thousand reaches, and not too little.
+
+    Args:
+        null_lines: of healthy sessions, more than ``TAIL``.
+    """
+    effects = dict.fromkeys(effect for line in null_lines for effect in line["gain_by_effect"])
+    found = {}
+    for effect in effects:
+        gains = np.sort([line["gain_by_effect"].get(effect, 0.0) for line in null_lines])[::-1]
+        usual = float(np.mean(gains[:TAIL] - gains[TAIL]))
+        found[effect] = max(LEAST_GATE, float(gains[TAIL]) + usual * float(np.log(TAIL / (REACHED_BY * len(gains)))))
+    return found
 
 
 def summarise(tolerance_lines: list[dict], null_lines: list[dict]) -> dict:
@@ -137,7 +151,7 @@ def summarise(tolerance_lines: list[dict], null_lines: list[dict]) -> dict:
     return {
         "tolerances": dict(tolerances),
         "largest_gains": [line["gain"] for line in null_lines],
-        "gates": gates(null_lines),
+        "gates": tail_gates(null_lines),
         "largest_noise_ratio": [line["noise_ratio"] for line in null_lines],
         "seeds": sorted({line["seed"] for line in (*tolerance_lines, *null_lines)}),
         "sessions": [len(tolerance_lines), len(null_lines)],
@@ -146,7 +160,7 @@ def summarise(tolerance_lines: list[dict], null_lines: list[dict]) -> dict:
 
 def summarise_again(calibration: dict, lines: list[dict]) -> dict:
     """The calibration with what healthy sessions gain now, after the tool has changed; what they seem to have stays."""
-    own = gates(lines)
+    own = tail_gates(lines)
     others = {name: calibration[name] for name in ("elsewhere", "alone")}
     raised = {"elsewhere": _raised(others["elsewhere"], own), "alone": {k: _raised(v, own) for k, v in others["alone"].items()}}
     again = {

@@ -96,8 +96,7 @@ class JointEffect:
         reaches_other_joints: whether the joints before it feel it as much as its own.
         contains: an effect that is the same with fewer numbers.
         plausible_of_many: size beyond which it only hides what is missing where many causes act, in its unit; 0 without limit.
-        least_gate: gain that a TriFinger's must have, nats, whatever healthy sessions gain: where another cause acts, a straight
-            line promises too much of what is none.
+        is_bent: whether its image is so far from a straight line that it seems to gain where another friction acts, also nearby.
     """
 
     channel: Channel
@@ -108,7 +107,7 @@ class JointEffect:
     reaches_other_joints: bool = False
     contains: str = ""
     plausible_of_many: float = 0.0
-    least_gate: float = 0.0
+    is_bent: bool = False
 
     @property
     def effect(self) -> str:
@@ -135,7 +134,7 @@ _ENTRIES = (
     JointEffect(
         Channel.MECHANICS,
         (Number("directional_friction.difference_nm", 0.03, probes=(-0.01, 0.01), probed_by="coulomb_friction.torque_nm"),),
-        least_gate=29.5,  # with 7, friction at one joint was named as this one of its neighbour (seed 2301, case 51)
+        is_bent=True,
     ),
     _at(Channel.MECHANICS, Number("backlash.gap_rad", 0.01, probes=(0.003, 0.01, 0.03))),
     JointEffect(

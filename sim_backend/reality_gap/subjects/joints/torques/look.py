@@ -34,6 +34,8 @@ _LONG_S, _LONG_IN_ALL_S = 20.0, 200.0
 Otherwise an hour of anything, noise included, is explained by all torques and masses that are off by the same share.
 """
 _SAME_NATS = 5.0
+BENT_TIE = 2.0 / 3.0
+"""Share of a gain: as far behind, another cause is as good as an effect whose image is no straight line."""
 _TRUSTED = 0.3
 """Where something is wrong, tolerances of a healthy robot must not take the place of causes."""
 _NOISE_NATS = 0.33
@@ -137,6 +139,8 @@ class Look:
         ]
         if not allowed:
             return None
+        if (straight := _straight_instead(allowed)) is not None:
+            return straight
         contained = FITTED[allowed[0].hypothesis.effect].contains
         simpler = next((c for c in allowed if c.hypothesis.effect == contained), None)
         if simpler is not None and allowed[0].gain - simpler.gain < _SAME_NATS:
@@ -289,6 +293,15 @@ class JointProblem:
             whole,
             _tolerated_nm(found, tolerance, sensed, len(self.names)),
         )
+
+
+def _straight_instead(allowed: Sequence[Candidate]) -> Candidate | None:
+    """What is taken instead of the first of some candidates: another cause of the same joint, where that one's image is bent."""
+    first = allowed[0]
+    if not FITTED[first.hypothesis.effect].is_bent:
+        return None
+    near = [c for c in allowed if c.hypothesis.where == first.hypothesis.where and first.gain - c.gain < BENT_TIE * first.gain]
+    return next((c for c in near if not FITTED[c.hypothesis.effect].is_bent), None)
 
 
 def _held(key: str, scale: float) -> float:

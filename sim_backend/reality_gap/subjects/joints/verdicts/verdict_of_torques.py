@@ -25,7 +25,7 @@ from sim_backend.reality_gap.subjects.joints.laws.fitted_values import fitted_va
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.laws.moves import moved
 from sim_backend.reality_gap.subjects.joints.signs.checks import Finding, place
-from sim_backend.reality_gap.subjects.joints.torques.look import Accepted, Candidate, Look
+from sim_backend.reality_gap.subjects.joints.torques.look import BENT_TIE, Accepted, Candidate, Look
 from sim_backend.reality_gap.subjects.joints.torques.normal_equations import WHOLE_EPISODES
 from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import Pattern, lasting, patterns
 from sim_backend.reality_gap.subjects.joints.verdicts.causes import (
@@ -47,6 +47,8 @@ _VELOCITY_FACTOR = 8.0
 """Reported velocities follow the motion a little by themselves: both are smoothed, but not by the same board."""
 _LEFT_BY_PLAY = 1.2
 """Nats of each row of the mechanics: play in gears left 1.6 to 2.1 in eight robots, other causes at most 0.9, noise 0.3."""
+_SHAPE = 3.0
+"""Times what the causes gained, that a pattern at a joint whose error is almost gone gains at most as the shape of their laws."""
 _TRADED_SCALE, _TRADED = 0.2, 2
 """So many torques or masses that seem off by more than this take the place of something else."""
 
@@ -66,16 +68,17 @@ def judge(study: JointStudy) -> JointVerdict:
     causes = [cause for cause in fitted if not may_be_absent(study, cause)]
     acting = {f.joint for f in study.findings if f.sign in FELT}
     findings = [f for f in study.findings if not (f.sign in SENSOR_NOISE and f.joint in acting)]  # the joint shakes
-    causes += [_found(f, names) for f in findings if _is_shown(f, study)]
+    causes = _without_filtered_noise(causes, study) + [_found(f, names) for f in findings if _is_shown(f, study)]
     little = without_the_large(study, causes)
     causes = [cause for cause in causes if cause not in little]
     left = patterns(study.problem.episodes, fit.last, study.start.size)
-    rivals = [rival for a in fit.accepted if (rival := _rival(study, a)) is not None]
-    kind, summary = _kind(study, causes, left, rivals)
+    found = {a: rival for a in fit.accepted if (rival := _rival(study, a)) is not None}
+    rivals, close = list(found.values()), [rival for a, rival in found.items() if rival[0].behind < _tie_nats(a)]
+    kind, summary = _kind(study, causes, left, is_tie=bool(close))
     closest = min(rivals, key=lambda r: r[0].behind)[0] if rivals else None
     confusable = kind is VerdictKind.CONFUSABLE
     if confusable:
-        causes += [cause for rival, members in rivals if rival.behind < CONFUSABLE_NATS for cause in members]
+        causes += [cause for _, members in close for cause in members]
     gains = [a.gain for a in fit.accepted] or ([fit.first.best.gain] if fit.first.best is not None and not causes else [])
     null_p = study.robot.healthy.null_p(max(gains)) if isinstance(study.robot, KnownTriFinger) and gains else None
     verdict = Verdict(
@@ -92,9 +95,7 @@ def judge(study: JointStudy) -> JointVerdict:
     return JointVerdict(verdict if isinstance(study.robot, KnownTriFinger) else reconsidered(study, verdict), tuple(left))
 
 
-def _kind(
-    study: JointStudy, causes: Sequence[Cause], left: Sequence[Pattern], rivals: Sequence[tuple[Rival, list[Cause]]]
-) -> tuple[VerdictKind, str]:
+def _kind(study: JointStudy, causes: Sequence[Cause], left: Sequence[Pattern], *, is_tie: bool) -> tuple[VerdictKind, str]:
     explained = sum(a.gain for a in study.fit.accepted)
     if odd := _odd(study):
         return VerdictKind.UNEXPLAINED, f"No cause of the catalogue explains {odd[0]}."
@@ -107,8 +108,7 @@ def _kind(
         return VerdictKind.UNEXPLAINED, "The data disagree with the model, and no cause of the catalogue explains it well enough."
     if not causes:
         return _without_causes(study)
-    is_single = not study.problem.expects_many  # among many causes each has a proxy for a moment
-    if is_single and any(rival.behind < CONFUSABLE_NATS for rival, _ in rivals):
+    if is_tie and not study.problem.expects_many:  # among many causes each has a proxy for a moment
         return VerdictKind.CONFUSABLE, "Some cause explains the data, but these data cannot tell which of those that are listed."
     return _named(study, [cause for cause in causes if is_clear(study, cause)])
 
@@ -129,7 +129,7 @@ def strongest_left(study: JointStudy, left: Sequence[Pattern]) -> float:
     told = [
         p
         for p in left
-        if p.joint not in noisy and not (p.channel is Channel.MECHANICS and p.joint in clear and p.gain < explained)
+        if p.joint not in noisy and not (p.channel is Channel.MECHANICS and p.joint in clear and p.gain < _SHAPE * explained)
     ]
     strongest = max((p.gain / (factor if p.channel is Channel.VELOCITY else 1.0) for p in told), default=0.0)
     if isinstance(study.robot, UnknownRobot):
@@ -218,13 +218,31 @@ def _is_shown(finding: Finding, study: JointStudy) -> bool:
     if finding.sign not in SENSOR_NOISE | FELT | ENDS or isinstance(study.robot, UnknownRobot):
         return True
     same = (where.partition("_")[0] if finding.sign in ENDS else where, "platform", "all")
-    return not any(a.where.startswith(same) for a in study.fit.accepted)
+    others = [a for a in study.fit.accepted if not (finding.sign is Sign.VELOCITY_NOISE and _is_of_noise(a))]
+    return not any(a.where.startswith(same) for a in others)
+
+
+def _is_of_noise(accepted: Accepted) -> bool:
+    """Whether a cause of reported velocities alone is no more than noise makes of one: no filter makes noise."""
+    return FITTED[accepted.effect].channel is Channel.VELOCITY and accepted.gain < PATTERN_NATS
+
+
+def _without_filtered_noise(causes: Sequence[Cause], study: JointStudy) -> list[Cause]:
+    noisy = {place(study.problem.names, f.joint) for f in study.findings if f.sign is Sign.VELOCITY_NOISE}
+    taken = {(a.effect, a.where) for a in study.fit.accepted if _is_of_noise(a) and a.where in noisy}
+    return [cause for cause in causes if (cause.effect, cause.where) not in taken]
+
+
+def _tie_nats(accepted: Accepted) -> float:
+    """How far behind a rival is as good."""
+    return max(CONFUSABLE_NATS, BENT_TIE * accepted.gain) if FITTED[accepted.effect].is_bent else CONFUSABLE_NATS
 
 
 def _rival(study: JointStudy, accepted: Accepted) -> tuple[Rival, list[Cause]] | None:
     """The best other hypothesis where a cause was taken, with what it would have said.
 
-    All joints together are no rival of a single one, since they contain what it is.
+    All joints together are no rival of a single one, since they contain what it is, and neither is another joint with the same
+    effect, but where its image is no straight line.
     """
     look, is_single = study.fit.looks[accepted.look], accepted.where != ALL_JOINTS
     taken = next((c for c in look.candidates if c.hypothesis.name == (accepted.effect, accepted.where)), None)
@@ -235,7 +253,8 @@ def _rival(study: JointStudy, accepted: Accepted) -> tuple[Rival, list[Cause]] |
     )
     for candidate in look.candidates:
         h = candidate.hypothesis
-        if not candidate.allowed or h.name in later or h.effect == accepted.effect or (is_single and h.where == ALL_JOINTS):
+        is_same = h.effect == accepted.effect and (h.where == accepted.where or not FITTED[h.effect].is_bent)
+        if not candidate.allowed or h.name in later or is_same or (is_single and h.where == ALL_JOINTS):
             continue
         if candidate.gain > taken.gain and isinstance(study.robot, UnknownRobot):
             continue  # passed over when the cause was taken, so that it is no tie

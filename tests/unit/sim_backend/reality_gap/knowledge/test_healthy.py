@@ -1,17 +1,10 @@
 """Which healthy sessions a study is compared with."""
 
 import numpy as np
+import pytest
 
-from sim_backend.reality_gap.bench.joint_calibration import (
-    ALONE_RULE,
-    GATE_FACTOR,
-    GATE_MARGIN,
-    LEAST_GATE,
-    summarise_again,
-    summarise_alone,
-)
+from sim_backend.reality_gap.bench.joint_calibration import ALONE_RULE, LEAST_GATE, summarise_again, summarise_alone, tail_gates
 from sim_backend.reality_gap.knowledge.healthy import healthy_sessions
-from sim_backend.reality_gap.knowledge.joint_effects import FITTED
 
 STANDARD, RAMPS, CHIRPS = (healthy_sessions((name,)) for name in ("standard", "slow_ramps", "chirps"))
 
@@ -45,24 +38,21 @@ def test_gates_lie_beyond_the_largest_gain_of_any_session():
     assert made["hold_poses"]["gates"]["backlash"] == factor * 3.0 + margin
 
 
-def test_sessions_of_a_later_tool_take_the_place_of_the_first_ones_and_raise_all_other_gates():
-    line = {
-        "seed": 3,
-        "gain": 8.0,
-        "gain_by_effect": {"backlash": 8.0, "gravity": 0.5, "directional_friction": 1.0},
-        "noise_ratio": 1.1,
-    }
-    old = {
-        "gates": {"backlash": 29.0, "gravity": 5.0},
-        "sessions": [40, 188],
-        "seeds": [1, 2],
-        "tolerances": {"a": [1.0]},
-    }
+def test_one_session_in_a_thousand_reaches_a_gate_and_sessions_of_a_later_tool_raise_those_of_other_excitations():
+    rng = np.random.default_rng(1)
+    tail, none = rng.exponential(2.0, 4000), rng.exponential(0.1, 4000)
+    lines = [
+        {"seed": 3, "gain": a, "gain_by_effect": {"backlash": a, "gravity": b}, "noise_ratio": 1.1}
+        for a, b in zip(tail, none, strict=True)
+    ]
+    found = tail_gates(lines)
+    assert found["backlash"] == pytest.approx(2.0 * np.log(1000.0), rel=0.15)
+    assert found["gravity"] == LEAST_GATE
+    old = {"gates": {"backlash": 29.0, "gravity": 5.0}, "sessions": [40, 188], "seeds": [1, 2], "tolerances": {"a": [1.0]}}
     old |= {"elsewhere": {"gates": {"backlash": 9.0, "gravity": 6.0}}, "alone": {"ramps": {"gates": {"backlash": 30.0}}}}
-    made, gate = summarise_again(old, [line]), GATE_FACTOR * 8.0 + GATE_MARGIN
-    least = FITTED["directional_friction"].least_gate
-    assert made["gates"] == {"backlash": gate, "gravity": LEAST_GATE, "directional_friction": least}
-    assert (made["sessions"], made["seeds"], made["largest_gains"]) == ([40, 1], [1, 2, 3], [8.0])
-    assert made["elsewhere"]["gates"] == {"backlash": gate, "gravity": 6.0}
+    made = summarise_again(old, lines)
+    assert made["gates"] == found
+    assert (made["sessions"], made["seeds"], made["largest_gains"]) == ([40, 4000], [1, 2, 3], list(tail))
+    assert made["elsewhere"]["gates"] == {"backlash": found["backlash"], "gravity": 6.0}
     assert made["alone"]["ramps"]["gates"] == {"backlash": 30.0}
     assert made["tolerances"] == old["tolerances"]

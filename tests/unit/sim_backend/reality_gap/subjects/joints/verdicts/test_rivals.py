@@ -1,5 +1,6 @@
 """Which other hypothesis nearly did as well where a cause was taken."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,8 +10,8 @@ from sim_backend.reality_gap.knowledge.healthy import NO_SESSIONS
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS, Hypothesis
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
-from sim_backend.reality_gap.subjects.joints.torques.look import Accepted, Candidate
-from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import _rival
+from sim_backend.reality_gap.subjects.joints.torques.look import Accepted, Candidate, Look
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import _rival, _tie_nats
 
 NOTHING = np.zeros(0)
 
@@ -37,6 +38,34 @@ def test_all_joints_are_a_rival_of_all_joints_and_not_of_a_single_one(where, riv
     found = _rival(study(look), Accepted("coulomb_friction", where, (), 100.0))
     assert found is not None
     assert (found[0].effect, found[0].behind) == (rival, behind)
+
+
+@pytest.mark.parametrize(("effect", "where"), [("directional_friction", "elbow"), ("coulomb_friction", "elbow")])
+def test_friction_that_differs_by_direction_has_other_frictions_as_rivals_and_itself_next_door(effect, where):
+    look = (candidate("directional_friction", "shoulder", 24.8), candidate(effect, where, 13.0))
+    taken = Accepted("directional_friction", "shoulder", (), 24.8)
+    found = _rival(study(look), taken)
+    assert found is not None
+    assert (found[0].effect, found[0].where) == (effect, where)
+    assert found[0].behind < _tie_nats(taken)
+
+
+@pytest.mark.parametrize(
+    ("where", "gain", "taken"), [("elbow", 4.1, "coulomb"), ("elbow", 3.9, "directional"), ("wrist", 11.0, "directional")]
+)
+def test_another_friction_of_the_joint_is_taken_rather_than_one_that_differs_by_direction(where, gain, taken):
+    look = Look(**dict.fromkeys(Look.__dataclass_fields__))
+    found = (candidate("directional_friction", "elbow", 12.0), candidate("coulomb_friction", where, gain))
+    best = replace(look, candidates=found).best
+    assert best is not None
+    assert best.hypothesis.effect == f"{taken}_friction"
+
+
+def test_another_joint_with_the_same_effect_is_no_rival_else():
+    look = (candidate("coulomb_friction", "shoulder", 24.8), candidate("coulomb_friction", "elbow", 24.0))
+    taken = Accepted("coulomb_friction", "shoulder", (), 24.8)
+    assert _rival(study(look), taken) is None
+    assert _tie_nats(taken) == 5.0
 
 
 def test_a_cause_is_compared_at_the_look_at_which_it_was_taken():

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.knowledge.healthy import NO_SESSIONS
-from sim_backend.reality_gap.knowledge.joint_effects import Channel
+from sim_backend.reality_gap.knowledge.joint_effects import Channel, Sign
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger
+from sim_backend.reality_gap.subjects.joints.signs.checks import Finding
 from sim_backend.reality_gap.subjects.joints.torques.look import Accepted
 from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import Pattern
 from sim_backend.reality_gap.subjects.joints.verdicts import verdict_of_torques
-from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import _kind
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import _is_shown, _kind, _without_filtered_noise
 from sim_backend.reality_gap.verdict import Cause, VerdictKind
 
 RUBS = Cause("coulomb_friction", "torque_nm", "elbow", 0.05, "N m", (0.04, 0.06))
@@ -37,7 +38,7 @@ def kind(monkeypatch):
             is_of_many=False,
             problem_start=lambda *_: 0.0,
         )
-        return _kind(study, causes, [Pattern(Channel.MECHANICS, 1, "velocity", left)], [])[0]
+        return _kind(study, causes, [Pattern(Channel.MECHANICS, 1, "velocity", left)], is_tie=False)[0]
 
     return of
 
@@ -45,6 +46,11 @@ def kind(monkeypatch):
 def test_a_cause_of_all_joints_that_none_has_clearly_is_no_nothing(kind):
     assert kind(46.0, [], 0.0) is VerdictKind.UNEXPLAINED
     assert kind(0.0, [], 0.0) is VerdictKind.NOTHING_WRONG
+
+
+def test_what_follows_a_variable_by_thrice_what_the_causes_gained_is_more_than_the_shape_of_a_law(kind):
+    assert kind(83.0, [RUBS], 120.0, is_almost_explained=True) is VerdictKind.NAMED
+    assert kind(83.0, [RUBS], 250.0, is_almost_explained=True) is VerdictKind.UNEXPLAINED
 
 
 @pytest.mark.parametrize(("left", "found"), [(20.0, VerdictKind.NAMED), (114.0, VerdictKind.UNEXPLAINED)])
@@ -60,3 +66,18 @@ def test_few_causes_leave_less_than_many(kind, expects_many, found):
 
 def test_an_error_that_is_almost_gone_is_the_shape_of_a_law(kind):
     assert kind(1000.0, [RUBS], 120.0, is_almost_explained=True) is VerdictKind.NAMED
+
+
+@pytest.mark.parametrize(("gain", "kept"), [(8.0, []), (90.0, ["velocity_filter"])])
+def test_a_noisy_velocity_looks_filtered_and_no_filter_makes_noise(gain, kept):
+    late = Accepted("velocity_filter", "elbow", (), gain)
+    noise = Finding(Sign.VELOCITY_NOISE, 1, 0.12, (0.1, 0.14), 3.0)
+    study = SimpleNamespace(
+        fit=SimpleNamespace(accepted=[late]),
+        findings=[noise],
+        problem=SimpleNamespace(names=("shoulder", "elbow")),
+        robot=KnownTriFinger(NO_SESSIONS),
+    )
+    causes = [Cause("velocity_filter", "time_constant_s", "elbow", 3e-4, "s", (2e-4, 4e-4))]
+    assert [cause.effect for cause in _without_filtered_noise(causes, study)] == kept
+    assert _is_shown(noise, study) is not bool(kept)
