@@ -36,11 +36,13 @@ _PRESSING_NM = 0.05
 _SOFT_END_RAD = 2e-3
 """Ends give way: where a joint is held is not known better than this."""
 _JUMP_RAD = 2e-3
+_STEPS_OF_JUMP = 1.5
+"""An encoder that moves on by one of its steps has not jumped."""
 _STALL_SAMPLES, _STALLED = 3, 0.25
 """So many samples in a row that move by less than this share of the motion after them are repeated."""
 _ODD_AMONG_UNKNOWN, _ODD_THOUGH_SMALL = 5.0, 10.0
 """Where nobody knows the sensors, joints may have other encoders and gears than their neighbours; small noise all the more."""
-_LEAST_ODD = {Sign.POSITION_STEPS: HEALTHY_STEP_RAD, Sign.POSITION_NOISE: 2e-4, Sign.VELOCITY_NOISE: 0.05}
+_LEAST_ODD = {Sign.POSITION_STEPS: 4e-4, Sign.POSITION_NOISE: 2e-4, Sign.VELOCITY_NOISE: 0.05}
 """Below these nothing is said of one joint of such a robot: encoders of 14 bits come in steps of 4e-4 rad."""
 _ODD_FLOOR = 0.02
 """Share of what is healthy that others are taken to have at least."""
@@ -257,7 +259,8 @@ def _jump(episodes: Sequence[EpisodeEquations], joint: int) -> list[Finding]:
         at = int(np.argmax(odd[5:-5])) + 5
         before, after = moves[at - 3 : at], moves[at + 1 : at + 4]
         size = float(moves[at] - np.median(np.concatenate([before, after])))
-        is_clear = abs(size) > max(_JUMP_RAD, 12.0 * usual) and max(np.ptp(before), np.ptp(after)) < 0.3 * abs(size)
+        least = max(_JUMP_RAD, 12.0 * usual, _STEPS_OF_JUMP * float(episode.path.encoder_step_rad[joint]))
+        is_clear = abs(size) > least and max(np.ptp(before), np.ptp(after)) < 0.3 * abs(size)
         if is_clear and not _catches_up(moves, at):
             interval = (size - 2 * usual, size + 2 * usual)
             return [Finding(Sign.POSITION_JUMP, joint, size, interval, abs(size) / _JUMP_RAD, index, at + 1)]

@@ -164,6 +164,13 @@ def test_an_end_of_a_joint_whose_encoder_jumped_is_shifted_by_more_than_the_jump
     assert beside_jumps([near]) == [near]
 
 
+def test_a_coarse_encoder_that_moves_on_by_a_step_has_not_jumped(motion):
+    step, coarse = 0.004, motion[0].copy()
+    coarse[:, 1] = step * np.round(0.2 * coarse[:, 1] / step)  # a joint that moves little passes a step now and then
+    assert np.abs(np.diff(coarse[:, 1])).max() == pytest.approx(step)
+    assert fault_findings([episode(coarse, motion[1])]) == []
+
+
 def test_a_spike_is_no_jump(motion):
     spiked = motion[0].copy()
     spiked[2500, 1] += 0.02
