@@ -60,6 +60,7 @@ ROBOT = TokenRequest(owner="farm", scopes=(Scope.ROBOT,))
 TOKENS_FILE = "tokens.json"
 REQUESTS_END_WITHIN_S = 2
 END_AGAIN_S = 0.05
+BROKEN_OFF_WITHIN_S = 1.0
 TIDY_EVERY_S = 3600.0
 SHARE_EVERY_S = 0.5
 FOLLOW_EVERY_S = 10.0
@@ -102,6 +103,8 @@ class Server(uvicorn.Server):
         telling = asyncio.create_task(self._end_connections())
         try:
             await super().shutdown(sockets)
+            if broken_off := set(self.server_state.tasks):  # they give back what they have of the database
+                await asyncio.wait(broken_off, timeout=BROKEN_OFF_WITHIN_S)
         finally:
             telling.cancel()
 

@@ -145,7 +145,8 @@ class _Watch:
             answering.result()
         finally:
             answering.cancel()
-            await asyncio.wait({answering})  # what it has of the database it gives back before anybody closes that
+            if not answering.done():
+                await asyncio.wait({answering})  # what it has of the database it gives back before anybody closes that
 
     async def _cut(self, answering: asyncio.Future[None], passage: _Passage) -> None:
         answering.cancel()

@@ -130,8 +130,10 @@ def tail_gates(null_lines: Sequence[dict]) -> dict[str, float]:
     """Gain that a cause of each effect must have: what one healthy session in a thousand reaches, and not too little.
 
     Args:
-        null_lines: of healthy sessions, more than ``TAIL``.
+        null_lines: of healthy sessions; of so few that they have no tail, :func:`gates` are given.
     """
+    if len(null_lines) <= TAIL:
+        return gates(list(null_lines))
     effects = dict.fromkeys(effect for line in null_lines for effect in line["gain_by_effect"])
     found = {}
     for effect in effects:
@@ -175,7 +177,8 @@ def summarise_again(calibration: dict, lines: list[dict]) -> dict:
 
 def _raised(sessions: dict, own: dict[str, float]) -> dict:
     """Sessions of other excitations, whose gates are those of the standard one at least."""
-    return {**sessions, "gates": {effect: max(gate, own.get(effect, 0.0)) for effect, gate in sessions["gates"].items()}}
+    before = sessions["gates"]
+    return {**sessions, "gates": {effect: max(before.get(effect, 0.0), own.get(effect, 0.0)) for effect in {**before, **own}}}
 
 
 def summarise_elsewhere(calibration: dict, lines: list[dict]) -> dict:

@@ -77,7 +77,7 @@ class Look:
     all of a study's memory; ``mechanics_left`` is half the sum of squares of it, whitened, of the mechanics, nats, and
     ``mechanics_rows`` their number of rows. ``mean`` holds the posterior means of all terms, 0 for hypotheses that are not in
     the model; ``noise_ratio`` has shape (k,): noise of the mechanics relative to that of the sensors; ``tolerated_nm`` alike what
-    tolerances make of each joint's torques, root mean squares.
+    tolerances make of each joint's torques, root mean squares. ``is_known`` says that it is of a TriFinger.
     """
 
     sums: NormalEquations
@@ -97,6 +97,7 @@ class Look:
     tolerance: np.ndarray
     rest: Reduced
     tolerated_nm: np.ndarray
+    is_known: bool
 
     @property
     def beyond_noise(self) -> float:
@@ -139,8 +140,8 @@ class Look:
         ]
         if not allowed:
             return None
-        if (straight := _straight_instead(allowed)) is not None:
-            return straight
+        if self.is_known and (straight := _straight_instead(allowed)) is not None:
+            allowed = [straight, *(c for c in allowed if c is not straight and c.gain <= straight.gain)]
         contained = FITTED[allowed[0].hypothesis.effect].contains
         simpler = next((c for c in allowed if c.hypothesis.effect == contained), None)
         if simpler is not None and allowed[0].gain - simpler.gain < _SAME_NATS:
@@ -266,7 +267,8 @@ class JointProblem:
             values, errors = np.zeros(len(own)), np.zeros(len(own))
             values[is_open], covariance = whole.estimate(open_terms, open_scales)
             errors[is_open] = np.sqrt(np.diag(covariance))
-            allowed = may_be(own, values, errors, state, is_group=is_group, expects_many=self.expects_many)
+            asked = list(compress(own, is_open))
+            allowed = may_be(asked, values[is_open], errors[is_open], state, is_group=is_group, expects_many=self.expects_many)
             gain = whole.gain(open_terms, open_scales)
             by_fold = np.array([gain - part.gain(open_terms, open_scales) for part in parts])
             candidates.append(Candidate(h, gain, float(by_fold.sum()), values, errors, allowed, by_fold))
@@ -292,6 +294,7 @@ class JointProblem:
             tolerance,
             whole,
             _tolerated_nm(found, tolerance, sensed, len(self.names)),
+            isinstance(self.robot, KnownTriFinger),
         )
 
 

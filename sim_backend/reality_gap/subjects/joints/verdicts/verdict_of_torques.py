@@ -16,7 +16,7 @@ from sim_backend.reality_gap.knowledge.joint_effects import (
     effect_of,
     scales_everything,
 )
-from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
+from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot, UnknownRobot
 from sim_backend.reality_gap.knowledge.separation import separated_by
 from sim_backend.reality_gap.quantiles import Z_90
 from sim_backend.reality_gap.subjects.joints.gain import errors_of, held_out_errors
@@ -68,12 +68,15 @@ def judge(study: JointStudy) -> JointVerdict:
     causes = [cause for cause in fitted if not may_be_absent(study, cause)]
     acting = {f.joint for f in study.findings if f.sign in FELT}
     findings = [f for f in study.findings if not (f.sign in SENSOR_NOISE and f.joint in acting)]  # the joint shakes
-    causes = _without_filtered_noise(causes, study) + [_found(f, names) for f in findings if _is_shown(f, study)]
+    noise = _filtered_noise(causes, study)
+    fitted, causes = [cause for cause in fitted if cause not in noise], [cause for cause in causes if cause not in noise]
+    causes += [_found(f, names) for f in findings if _is_shown(f, study)]
     little = without_the_large(study, causes)
     causes = [cause for cause in causes if cause not in little]
     left = patterns(study.problem.episodes, fit.last, study.start.size)
-    found = {a: rival for a in fit.accepted if (rival := _rival(study, a)) is not None}
-    rivals, close = list(found.values()), [rival for a, rival in found.items() if rival[0].behind < _tie_nats(a)]
+    dropped = {cause.effect for cause in (*little, *noise)} - {cause.effect for cause in causes}
+    found = {a: rival for a in fit.accepted if a.effect not in dropped and (rival := _rival(study, a)) is not None}
+    rivals, close = list(found.values()), [rival for a, rival in found.items() if rival[0].behind < _tie_nats(a, study.robot)]
     kind, summary = _kind(study, causes, left, is_tie=bool(close))
     closest = min(rivals, key=lambda r: r[0].behind)[0] if rivals else None
     confusable = kind is VerdictKind.CONFUSABLE
@@ -126,10 +129,9 @@ def strongest_left(study: JointStudy, left: Sequence[Pattern]) -> float:
     noisy = {f.joint for f in study.findings if f.sign in SENSOR_NOISE | FELT and _is_shown(f, study)}
     factor = 1.0 if study.problem.expects_many else _VELOCITY_FACTOR
     clear, explained = _almost_explained(study), sum(a.gain for a in study.fit.accepted)
+    most = _SHAPE * explained if isinstance(study.robot, KnownTriFinger) else np.inf
     told = [
-        p
-        for p in left
-        if p.joint not in noisy and not (p.channel is Channel.MECHANICS and p.joint in clear and p.gain < _SHAPE * explained)
+        p for p in left if p.joint not in noisy and not (p.channel is Channel.MECHANICS and p.joint in clear and p.gain < most)
     ]
     strongest = max((p.gain / (factor if p.channel is Channel.VELOCITY else 1.0) for p in told), default=0.0)
     if isinstance(study.robot, UnknownRobot):
@@ -227,15 +229,23 @@ def _is_of_noise(accepted: Accepted) -> bool:
     return FITTED[accepted.effect].channel is Channel.VELOCITY and accepted.gain < PATTERN_NATS
 
 
-def _without_filtered_noise(causes: Sequence[Cause], study: JointStudy) -> list[Cause]:
+def _filtered_noise(causes: Sequence[Cause], study: JointStudy) -> list[Cause]:
+    """Causes of a TriFinger that are no more than the noise of reported velocities, which is told itself."""
+    if isinstance(study.robot, UnknownRobot):
+        return []
     noisy = {place(study.problem.names, f.joint) for f in study.findings if f.sign is Sign.VELOCITY_NOISE}
     taken = {(a.effect, a.where) for a in study.fit.accepted if _is_of_noise(a) and a.where in noisy}
-    return [cause for cause in causes if (cause.effect, cause.where) not in taken]
+    return [cause for cause in causes if (cause.effect, cause.where) in taken]
 
 
-def _tie_nats(accepted: Accepted) -> float:
+def _is_bent(accepted: Accepted, robot: Robot) -> bool:
+    """Whether a cause is asked along a straight line that it does not follow; of other robots simulated motions tell."""
+    return isinstance(robot, KnownTriFinger) and FITTED[accepted.effect].is_bent
+
+
+def _tie_nats(accepted: Accepted, robot: Robot) -> float:
     """How far behind a rival is as good."""
-    return max(CONFUSABLE_NATS, BENT_TIE * accepted.gain) if FITTED[accepted.effect].is_bent else CONFUSABLE_NATS
+    return max(CONFUSABLE_NATS, BENT_TIE * accepted.gain) if _is_bent(accepted, robot) else CONFUSABLE_NATS
 
 
 def _rival(study: JointStudy, accepted: Accepted) -> tuple[Rival, list[Cause]] | None:
@@ -253,7 +263,8 @@ def _rival(study: JointStudy, accepted: Accepted) -> tuple[Rival, list[Cause]] |
     )
     for candidate in look.candidates:
         h = candidate.hypothesis
-        is_same = h.effect == accepted.effect and (h.where == accepted.where or not FITTED[h.effect].is_bent)
+        is_next_door = is_single and h.where != accepted.where and _is_bent(accepted, study.robot)
+        is_same = h.effect == accepted.effect and not is_next_door
         if not candidate.allowed or h.name in later or is_same or (is_single and h.where == ALL_JOINTS):
             continue
         if candidate.gain > taken.gain and isinstance(study.robot, UnknownRobot):

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.bench.joint_calibration import ALONE_RULE, LEAST_GATE, summarise_again, summarise_alone, tail_gates
+from sim_backend.reality_gap.bench.joint_calibration import (
+    ALONE_RULE,
+    LEAST_GATE,
+    gates,
+    summarise_again,
+    summarise_alone,
+    tail_gates,
+)
 from sim_backend.reality_gap.knowledge.healthy import healthy_sessions
 
 STANDARD, RAMPS, CHIRPS = (healthy_sessions((name,)) for name in ("standard", "slow_ramps", "chirps"))
@@ -54,5 +61,6 @@ def test_one_session_in_a_thousand_reaches_a_gate_and_sessions_of_a_later_tool_r
     assert made["gates"] == found
     assert (made["sessions"], made["seeds"], made["largest_gains"]) == ([40, 4000], [1, 2, 3], list(tail))
     assert made["elsewhere"]["gates"] == {"backlash": found["backlash"], "gravity": 6.0}
-    assert made["alone"]["ramps"]["gates"] == {"backlash": 30.0}
+    assert made["alone"]["ramps"]["gates"] == {"backlash": 30.0, "gravity": LEAST_GATE}, "also of what was not measured there"
+    assert tail_gates(lines[:10]) == gates(lines[:10]), "so few have no tail"
     assert made["tolerances"] == old["tolerances"]

@@ -14,6 +14,7 @@ from sim_backend.reality_gap.subjects.joints.torques.look import Accepted, Candi
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import _rival, _tie_nats
 
 NOTHING = np.zeros(0)
+TRIFINGER = KnownTriFinger(NO_SESSIONS)
 
 
 def candidate(effect, where, gain):
@@ -25,7 +26,7 @@ def study(*looks):
     made = [SimpleNamespace(candidates=look, catalogue=SimpleNamespace(terms=()), state=start) for look in looks]
     fit = SimpleNamespace(looks=made, accepted=(), refused=frozenset())
     problem = SimpleNamespace(expects_many=False)
-    return SimpleNamespace(fit=fit, problem=problem, robot=KnownTriFinger(NO_SESSIONS), gates={}, gate=12.0, start=start)
+    return SimpleNamespace(fit=fit, problem=problem, robot=TRIFINGER, gates={}, gate=12.0, start=start)
 
 
 @pytest.mark.parametrize(("where", "rival", "behind"), [(ALL_JOINTS, "viscous_friction", 1.0), ("elbow", "action_delay", 10.0)])
@@ -47,7 +48,7 @@ def test_friction_that_differs_by_direction_has_other_frictions_as_rivals_and_it
     found = _rival(study(look), taken)
     assert found is not None
     assert (found[0].effect, found[0].where) == (effect, where)
-    assert found[0].behind < _tie_nats(taken)
+    assert found[0].behind < _tie_nats(taken, TRIFINGER)
 
 
 @pytest.mark.parametrize(
@@ -56,7 +57,7 @@ def test_friction_that_differs_by_direction_has_other_frictions_as_rivals_and_it
 def test_another_friction_of_the_joint_is_taken_rather_than_one_that_differs_by_direction(where, gain, taken):
     look = Look(**dict.fromkeys(Look.__dataclass_fields__))
     found = (candidate("directional_friction", "elbow", 12.0), candidate("coulomb_friction", where, gain))
-    best = replace(look, candidates=found).best
+    best = replace(look, candidates=found, is_known=True).best
     assert best is not None
     assert best.hypothesis.effect == f"{taken}_friction"
 
@@ -65,7 +66,7 @@ def test_another_joint_with_the_same_effect_is_no_rival_else():
     look = (candidate("coulomb_friction", "shoulder", 24.8), candidate("coulomb_friction", "elbow", 24.0))
     taken = Accepted("coulomb_friction", "shoulder", (), 24.8)
     assert _rival(study(look), taken) is None
-    assert _tie_nats(taken) == 5.0
+    assert _tie_nats(taken, TRIFINGER) == 5.0
 
 
 def test_a_cause_is_compared_at_the_look_at_which_it_was_taken():
