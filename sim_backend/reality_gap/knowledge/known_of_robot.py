@@ -29,7 +29,7 @@ class KnownTriFinger:
         load_shares: of the largest torque that was sent, where a motor's limit is looked for.
         pattern_share: of what many causes explain, that what is left must reach to be more than the shape of their laws.
         pattern_share_of_few: the same where few causes act. Of 250 robots with an effect of up to 5 detection limits and 17 with
-            one of 30, none with the right name left more of its mechanics than a healthy one does.
+            one of 30, none with the right name left more than 25 nats of its mechanics.
     """
 
     healthy: HealthySessions

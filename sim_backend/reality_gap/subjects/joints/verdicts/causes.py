@@ -77,7 +77,7 @@ def is_too_little(study: JointStudy, causes: Sequence[Cause]) -> bool:
     return {cause.effect for cause in causes} <= (limited & {a.effect for a in study.fit.accepted}) - seen
 
 
-def without_the_large(study: JointStudy, causes: Sequence[Cause]) -> list[Cause]:
+def too_little_beside(study: JointStudy, causes: Sequence[Cause]) -> list[Cause]:
     """Causes that are too little beside others that are not; none where all are."""
     groups: dict[tuple[str, str], list[Cause]] = {}
     for cause in causes:

@@ -34,7 +34,7 @@ from sim_backend.reality_gap.subjects.joints.verdicts.causes import (
     is_too_little,
     may_be_absent,
     place_of,
-    without_the_large,
+    too_little_beside,
 )
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_unknown_robot import ALMOST, reconsidered, unknown_of
 from sim_backend.reality_gap.verdict import Cause, Rival, Verdict, VerdictKind
@@ -71,7 +71,7 @@ def judge(study: JointStudy) -> JointVerdict:
     noise = _filtered_noise(causes, study)
     fitted, causes = [cause for cause in fitted if cause not in noise], [cause for cause in causes if cause not in noise]
     causes += [_found(f, names) for f in findings if _is_shown(f, study)]
-    little = without_the_large(study, causes)
+    little = too_little_beside(study, causes)
     causes = [cause for cause in causes if cause not in little]
     left = patterns(study.problem.episodes, fit.last, study.start.size)
     dropped = {cause.effect for cause in (*little, *noise)} - {cause.effect for cause in causes}

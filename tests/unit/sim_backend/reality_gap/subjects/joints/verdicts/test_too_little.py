@@ -8,7 +8,7 @@ import pytest
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.knowledge.healthy import STANDARD_S, detection_limit
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, UnknownRobot
-from sim_backend.reality_gap.subjects.joints.verdicts.causes import is_too_little, without_the_large
+from sim_backend.reality_gap.subjects.joints.verdicts.causes import is_too_little, too_little_beside
 from sim_backend.reality_gap.verdict import Cause
 
 HEAVIER = detection_limit("link_mass.factor", STANDARD_S)
@@ -58,9 +58,9 @@ def test_only_what_was_fitted_in_a_single_cause_s_session_of_a_trifinger():
 def test_beside_a_cause_that_is_large_enough_the_little_ones_are_no_names_either():
     seen = study(STANDARD_S, "link_mass", "coulomb_friction")
     little, rubs = mass(0.5 * HEAVIER), Cause("coulomb_friction", "torque_nm", "lower", 0.05, "N m", (0.04, 0.06))
-    assert without_the_large(seen, [little, rubs]) == [little]
-    assert without_the_large(seen, [mass(2.0 * HEAVIER), rubs]) == []
-    assert without_the_large(seen, [little]) == [], "a verdict says so of what is alone"
+    assert too_little_beside(seen, [little, rubs]) == [little]
+    assert too_little_beside(seen, [mass(2.0 * HEAVIER), rubs]) == []
+    assert too_little_beside(seen, [little]) == [], "a verdict says so of what is alone"
 
 
 def test_a_loss_by_heat_counts_with_the_rise_that_it_is_told_for():
