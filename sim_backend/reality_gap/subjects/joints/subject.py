@@ -120,12 +120,16 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
         return not contradicts(found.problem, state)
 
     progress("simulating healthy robots", 0.2)
-    robots = DrawnRobots(problem, rng)
+    robots, enough_rad = DrawnRobots(problem, rng), enough_of(problem)
     proposed = proposed_by(torques, found) if method == NAMING else {}
     selection = select_by_rollouts(
-        problem, catalogue, is_possible, part(progress, 0.2, 0.8), proposed, healthy_rad=robots.coarse.fitted_rad
+        problem,
+        catalogue,
+        is_possible,
+        part(progress, 0.2, 0.8),
+        proposed,
+        healthy_rad=np.maximum(enough_rad, robots.coarse.fitted_rad),
     )
-    enough_rad = enough_of(problem)
     healthy = limits_of(robots, selection.nominal, enough_rad, part(progress, 0.8, 0.85))
     is_left, near = selection.taken and not selection.problem.is_near_noise(selection.fit), part(progress, 0.85, 0.9)
     others = DrawnRobots(selection.problem, rng, around=selection.fit) if is_left else robots

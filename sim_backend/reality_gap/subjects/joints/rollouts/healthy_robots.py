@@ -7,17 +7,15 @@ import numpy as np
 
 from sim_backend.reality_gap.knowledge.unnamed_laws import BEARING
 from sim_backend.reality_gap.subjects.joints.laws.state import CLOCK, JointState, Term
+from sim_backend.reality_gap.subjects.joints.rollouts.bounded_steps import TOLERATED, moved_by, step_within
 from sim_backend.reality_gap.subjects.joints.rollouts.forward import Windows
 from sim_backend.reality_gap.subjects.joints.rollouts.linearisation import SAMPLES_OF_WINDOW, probed
 from sim_backend.reality_gap.subjects.joints.rollouts.recorded_windows import LEAST_WINDOWS
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import (
     FAR_SHARE,
     FAR_WINDOWS,
-    TOLERATED,
     RolloutFit,
     RolloutProblem,
-    moved_by,
-    step_above,
 )
 
 _AT_ONCE = 20
@@ -226,7 +224,7 @@ class _Model:
         most = np.where(np.arange(len(scales)) < causes, np.inf, TOLERATED * scales)
         least = np.where(self.bears, -self.given, -most)
         most = np.where(self.bears, most - self.given, most)
-        first, rigid = np.where(self.bears, self.given, 0.0), np.where(self.bears, least, -np.inf)
+        first = np.where(self.bears, self.given, 0.0)
 
         def best_begun(error: np.ndarray) -> np.ndarray:
             """Errors where windows begin as fits best, by a straight line: they began where the robot did."""
@@ -243,8 +241,9 @@ class _Model:
             precision = np.einsum("dj,jml->dml", 1.0 / noise, informs) + np.diag(1.0 / scales**2)
             weighed = error.reshape(len(error), len(nominal), -1, joints) / noise[:, None, None]
             pull = np.einsum("nsjm,dnsj->dm", of_joint, weighed, optimize=True) - (off + first) / scales**2
-            steps = [step_above(p, q, rigid - here) for p, q, here in zip(precision, pull, off, strict=True)]
-            change = np.clip(off + np.array(steps), least, most) - off
+            change = np.array(
+                [step_within(p, q, least - here, most - here) for p, q, here in zip(precision, pull, off, strict=True)]
+            )
             nearer = np.zeros(len(robots), bool)
             for share in _SHARES:
                 rows = going[~nearer[going]]

@@ -19,7 +19,8 @@ from sim_backend.reality_gap.subjects.joints.laws.body_law import KEYS as BODY_K
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import Catalogue
 from sim_backend.reality_gap.subjects.joints.laws.motor_law import FRICTION
 from sim_backend.reality_gap.subjects.joints.laws.motor_law import KEYS as MOTOR_KEYS
-from sim_backend.reality_gap.subjects.joints.laws.state import CLOCK, NO_EFFECTS, JointState, Term
+from sim_backend.reality_gap.subjects.joints.laws.state import CLOCK, JointState, Term
+from sim_backend.reality_gap.subjects.joints.rollouts.bounded_steps import TOLERATED, apart, moved_by, room_of, step_within
 from sim_backend.reality_gap.subjects.joints.rollouts.forward import LONGEST_IN_LOOP_S, LONGEST_STEP_S, Forward
 from sim_backend.reality_gap.subjects.joints.rollouts.linearisation import PROBES, SAMPLES_OF_WINDOW, Linearised, linearised
 from sim_backend.reality_gap.subjects.joints.rollouts.recorded_windows import moves, torque_noise_nm, windows_of
@@ -45,8 +46,6 @@ _SETTLES = 0.25
 """After a step by which squares of windows fell by less, in the mean of their logarithms, a model bends no more: what tolerances
 and begins of windows change there is as it was.
 """
-TOLERATED = 2.0
-"""Standard deviations that a tolerance is."""
 _WIDE = 10.0
 """Standard deviations of what a cause's numbers may be, in their scales: what no window shows stays where it is."""
 _FLOOR = 2.0
@@ -249,10 +248,10 @@ class RolloutProblem:
             errors = np.sqrt(np.diag(np.linalg.inv(precision)))
             pull = linear.pull - prior * apart(at.state, self.start, every)
             damped = precision + _DAMPING * np.diag(np.diag(precision))
-            least = least_change(at.state, every)
-            found = self._nearer(at, every, loose, linear, step_above(damped, pull, least), noise)
+            room = room_of(at.state, self.start, every, scales, len(terms))
+            found = self._nearer(at, every, loose, linear, step_within(damped, pull, *room), noise)
             if found is None and bears.any():
-                found = self._nearer(at, every, loose, linear, step_above(damped, pull, least, bears), noise)
+                found = self._nearer(at, every, loose, linear, step_within(damped, pull, *room, bears), noise)
             if found is None:
                 break
             before, after = (self._loss(place.squares, noise) for place in (at, found))
@@ -358,43 +357,3 @@ def is_nearer(fit: RolloutFit, other: RolloutFit) -> bool:
 def is_simulated(key: str) -> bool:
     """Whether rollouts have a law of a number, "effect.parameter"."""
     return key in _SIMULATED
-
-
-def apart(state: JointState, other: JointState, terms: Sequence[Term]) -> np.ndarray:
-    """By how much numbers of two models differ, shape (m,)."""
-    return np.array([float(state.value(t.key)[t.index] - other.value(t.key)[t.index]) for t in terms])
-
-
-def least_change(state: JointState, terms: Sequence[Term]) -> np.ndarray:
-    """What numbers of a model may change by at least, shape (m,): those of bearings do not go below none."""
-    return np.array([-float(state.value(t.key)[t.index]) if t.key in BEARING else -np.inf for t in terms])
-
-
-def step_above(precision: np.ndarray, pull: np.ndarray, least: np.ndarray, kept: np.ndarray | None = None) -> np.ndarray:
-    """A step of Gauss and Newton within lower bounds, shape (m,): what would go below one ends there, and the others anew.
-
-    Args:
-        precision: of the numbers, shape (m, m).
-        pull: of the errors, shape (m,).
-        least: change of each number, shape (m,); at most 0.
-        kept: numbers that do not change, shape (m,); none if None.
-    """
-    change, held = np.zeros(len(pull)), np.zeros(len(pull), bool) if kept is None else kept.copy()
-    while not held.all():
-        free = ~held
-        change[free] = np.linalg.solve(precision[np.ix_(free, free)], pull[free] - precision[np.ix_(free, held)] @ change[held])
-        below = free & (change < least)
-        if not below.any():
-            break
-        change[below], held = least[below], held | below
-    return change
-
-
-def moved_by(state: JointState, terms: Sequence[Term], change: np.ndarray) -> JointState:
-    """Numbers changed one by one, cut off where the catalogue ends, those of bearings at none."""
-    for term, by in zip(terms, change, strict=True):
-        here = float(state.value(term.key)[term.index])
-        anywhere = (0.0 if term.key in BEARING else -np.inf, np.inf)
-        lower, upper = anywhere if term.key in NO_EFFECTS else state.bounds(term.key)
-        state = state.moved(term, float(np.clip(here + by, min(lower, here), max(upper, here))) - here, with_shape=False)
-    return state

@@ -10,15 +10,9 @@ import numpy as np
 
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import Hypothesis
 from sim_backend.reality_gap.subjects.joints.laws.state import Term
+from sim_backend.reality_gap.subjects.joints.rollouts.bounded_steps import apart, room_of, step_within
 from sim_backend.reality_gap.subjects.joints.rollouts.linearisation import linearised
-from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import (
-    RolloutFit,
-    RolloutProblem,
-    apart,
-    is_simulated,
-    least_change,
-    step_above,
-)
+from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutFit, RolloutProblem, is_simulated
 
 SHOWN = 0.7
 """Of what a cause's number may be: windows that leave it more uncertain say nothing of it."""
@@ -52,9 +46,10 @@ def gains(
     b = len(base)
     inner = linear.precision[:b, :b] + np.diag(1.0 / scales**2)
     own_pull = linear.pull[:b] - apart(fit.state, problem.start, base) / scales**2
-    # a rigid bearing that would go below none makes up for nothing
-    least = least_change(fit.state, base)
-    moves = step_above(inner, own_pull, least) > least
+    # what would go further than it may, and a rigid bearing that would go below none, makes up for nothing
+    least, most = room_of(fit.state, problem.start, base, scales, fit.causes)
+    step = step_within(inner, own_pull, least, most)
+    moves = (step > least) & (step < most)
     across = linear.precision[:b, b:][moves]
     through = np.linalg.solve(inner[np.ix_(moves, moves)], across)
     precision = linear.precision[b:, b:] - across.T @ through

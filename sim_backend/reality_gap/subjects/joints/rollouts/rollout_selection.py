@@ -27,7 +27,13 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import (
     tried_beside,
     without_needless,
 )
-from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import OF_NUMBER, as_nominal, fitted_instead, fitted_without
+from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import (
+    OF_NUMBER,
+    as_nominal,
+    fitted_instead,
+    fitted_without,
+    settled,
+)
 
 _MENDS = 0.5
 """A cause that gains less than this share of the largest, leaving more than noise, may only mend what that one's law leaves."""
@@ -118,7 +124,7 @@ def _selected(
     healthy_rad: np.ndarray | float,
 ) -> RolloutSelection:
     search = CauseSearch(problem, catalogue, fits, progress, proposed, healthy_rad)
-    nominal = problem.fitted(problem.start, ())
+    nominal = settled(problem, problem.fitted(problem.start, ()))
     found = _path(search, nominal, nominal, ())
     for fit, first in _other_firsts(search, nominal, found):
         other = _path(search, nominal, fit, (first,))

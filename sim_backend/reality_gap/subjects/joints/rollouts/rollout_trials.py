@@ -15,7 +15,7 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_questions import f
 OF_NUMBER = 3.0
 """Nats that each number must gain for itself."""
 _AGAIN = 4
-"""Times that a rival's fit goes on at most."""
+"""Times that a fit goes on at most which others are compared with."""
 _AS_GOOD = 0.25
 """Share of a gain within which two fits are as good as each other."""
 _LIMIT_PROBE = 0.01
@@ -137,10 +137,14 @@ def fitted_instead(
     for term in terms:
         by = alone.state.value(term.key)[term.index] - state.value(term.key)[term.index]
         state = state.moved(term, float(by), with_shape=False)
-    found = problem.fitted(state, [*others, *terms], fit.begin)
+    return settled(problem, problem.fitted(state, [*others, *terms], fit.begin))
+
+
+def settled(problem: RolloutProblem, fit: RolloutFit) -> RolloutFit:
+    """A fit that goes on from where it ended until that gains no more."""
     for _ in range(_AGAIN):
-        again = problem.fitted(found.state, [*others, *terms], found.begin)
-        if problem.gained(found.squares, again.squares) < OF_NUMBER:
+        again = problem.fitted(fit.state, fit.terms[: fit.causes], fit.begin)
+        if problem.gained(fit.squares, again.squares) < OF_NUMBER:
             break
-        found = again
-    return found
+        fit = again
+    return fit

@@ -13,7 +13,8 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
 from sim_backend.reality_gap.knowledge.unnamed_laws import BRAKING, DRAG, LAWS, UnnamedLaw
 from sim_backend.reality_gap.subjects.joints.laws.state import Term
-from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutFit, apart
+from sim_backend.reality_gap.subjects.joints.rollouts.bounded_steps import apart
+from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutFit
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import GATE, Taken
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import RolloutSelection
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import OF_NUMBER, as_nominal

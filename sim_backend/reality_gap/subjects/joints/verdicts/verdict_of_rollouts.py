@@ -22,12 +22,12 @@ from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.laws.fitted_values import FittedValue, at_usual_factor, seen_beside
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS, own_share
 from sim_backend.reality_gap.subjects.joints.laws.intervals import half_interval
+from sim_backend.reality_gap.subjects.joints.rollouts.bounded_steps import TOLERATED
 from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import DrawnRobots, Healthy
 from sim_backend.reality_gap.subjects.joints.rollouts.recorded_windows import LEAST_WINDOWS
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import (
     FAR_OFF,
     FAR_WINDOWS,
-    TOLERATED,
     RolloutFit,
     RolloutProblem,
 )
@@ -42,6 +42,8 @@ _SURE = 0.95
 """How sure it must be, by windows that are few, which of two models is nearer."""
 CONFUSABLE_NATS, CONFUSABLE_SHARE = 5.0, 0.1
 """A rival that lies less than this behind, or than this share of what the cause gained, cannot be told apart."""
+_RIVALS = 3
+"""So many others that were about as good as a cause are tried in its place."""
 _TRIFLE = 0.05
 """Of the largest number of a cause at all joints: a joint with less has none, unless that is more than its model may be off."""
 _AS_GOOD_AS_RIGHT, _AS_GOOD_AS_RIGID = 0.003, 0.01
@@ -312,29 +314,36 @@ def _least_of(study: JointStudy, key: str, index: int, largest: float) -> float:
     return min(_TRIFLE * largest, tolerated) if tolerated > 0.0 else _TRIFLE * largest
 
 
-def _rival(selection: RolloutSelection, taken: Taken) -> tuple[Rival, Taken, RolloutFit] | None:
-    """The best other cause by the time one was taken, with its model; not the same at more or fewer joints.
+_Rivalling = tuple[Rival, Taken, RolloutFit]
 
-    One that was taken later, too, stands against both: whether it would do without this one. Any other that was about as good is
-    tried once more in its place beside those that were taken later.
+
+def _rival(selection: RolloutSelection, taken: Taken) -> _Rivalling | None:
+    """The other cause that comes nearest to one, with its model; not the same at more or fewer joints.
+
+    One that was taken later, too, stands against both: whether it would do without this one. Any other that was about as good by
+    the time the cause was taken is tried once more in its place beside those that were taken later: what was best by then need
+    not be.
     """
-    own, later = taken.hypothesis, {cause.hypothesis.name for cause in selection.taken}
+    own, later, found = taken.hypothesis, {cause.hypothesis.name for cause in selection.taken}, list[_Rivalling]()
     for gain, fit, other, terms in taken.others:
         if other.effect == own.effect:
             continue
         rival, alone = Rival(other.effect, other.where, taken.gain - gain, _separated(other.effect, own.effect)), fit
+        was_near = _is_near(rival, taken)
+        if found and not (was_near and len(found) < _RIVALS):
+            break
         if other.name in later:
             alone = without(selection, taken)
             lost = selection.problem.gained(alone.squares, selection.fit.squares) - OF_NUMBER * len(taken.terms)
             rival = replace(rival, behind=lost)
             if not _is_near(rival, taken):
                 continue
-        elif len(selection.taken) > 1 and (_is_near(rival, taken) or len(selection.problem.windows) < LEAST_WINDOWS):
+        elif len(selection.taken) > 1 and (was_near or len(selection.problem.windows) < LEAST_WINDOWS):
             alone = instead(selection, taken, fit, terms)
             lost = selection.problem.gained(alone.squares, selection.fit.squares)
             rival = replace(rival, behind=lost - OF_NUMBER * (len(taken.terms) - len(terms)))
-        return rival, Taken(other, terms, gain, ()), alone
-    return None
+        found.append((rival, Taken(other, terms, gain, ()), alone))
+    return min(found, key=lambda each: each[0].behind, default=None)
 
 
 def _separated(other: str, own: str) -> str:

@@ -110,7 +110,9 @@ def study_of(
     study = study_joints(nominal, recordings, lambda *_: None, robot=robot, gate=np.inf)
     problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, robot.tolerance)
     healthy, enough_rad = DrawnRobots(problem, np.random.default_rng(0)).coarse, enough_of(problem)
-    selection = select_by_rollouts(problem, study.fit.first.catalogue, lambda _: True, healthy_rad=healthy.fitted_rad)
+    selection = select_by_rollouts(
+        problem, study.fit.first.catalogue, lambda _: True, healthy_rad=np.maximum(enough_rad, healthy.fitted_rad)
+    )
     if selection.taken:
         others = DrawnRobots(selection.problem, np.random.default_rng(1), around=selection.fit)
         selection = with_needed_causes(

@@ -51,7 +51,9 @@ def test_a_straight_line_that_promised_much_and_gained_nothing_is_followed_less_
 def test_a_rival_is_fitted_until_that_gains_no_more(monkeypatch):
     squares = iter([8.0, 2.0, 1.0, 0.99, 0.1])
     problem = SimpleNamespace(
-        fitted=lambda state, terms, begin: SimpleNamespace(state=state, begin=begin, squares=next(squares)),
+        fitted=lambda state, terms, begin: SimpleNamespace(
+            state=state, terms=terms, causes=len(terms), begin=begin, squares=next(squares)
+        ),
         gained=lambda before, after: 10.0 * np.log(before / after),
     )
     monkeypatch.setattr(rollout_trials, "as_nominal", lambda _, state, terms: state)

@@ -1,0 +1,87 @@
+"""Steps of a fit within bounds: what numbers of a model may change by, the best step within that, and the model after it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.optimize import lsq_linear
+
+from sim_backend.reality_gap.knowledge.unnamed_laws import BEARING
+from sim_backend.reality_gap.subjects.joints.laws.state import NO_EFFECTS, JointState, Term
+
+TOLERATED = 2.0
+"""Standard deviations that a tolerance is."""
+_AT_BOUND = 1e-6
+"""Standard errors of a number: what is nearer to its bound is there."""
+
+
+def apart(state: JointState, other: JointState, terms: Sequence[Term]) -> np.ndarray:
+    """By how much numbers of two models differ, shape (m,)."""
+    return _values(state, terms) - _values(other, terms)
+
+
+def _values(state: JointState, terms: Sequence[Term]) -> np.ndarray:
+    return np.array([float(state.value(term.key)[term.index]) for term in terms])
+
+
+def room_of(
+    state: JointState, start: JointState, terms: Sequence[Term], scales: np.ndarray, causes: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """What numbers of a model may change by, at least and at most, shapes (m,).
+
+    Causes may go as far as the catalogue does, what a healthy robot may be off by as far as that is tolerated, and numbers of
+    bearings not below none.
+
+    Args:
+        state: the model.
+        start: the nominal model, about which tolerances lie.
+        terms: numbers of the model.
+        scales: standard deviations of the tolerances, shape (m,).
+        causes: how many of the first terms are of causes.
+    """
+    here, nominal = _values(state, terms), _values(start, terms)
+    lower, upper = nominal - TOLERATED * scales, nominal + TOLERATED * scales
+    for i, term in enumerate(terms[:causes]):
+        least, most = (-np.inf, np.inf) if term.key in NO_EFFECTS else state.bounds(term.key)
+        lower[i], upper[i] = min(least, here[i]), max(most, here[i])
+    lower = np.where([term.key in BEARING for term in terms], np.maximum(lower, 0.0), lower)
+    return lower - here, upper - here
+
+
+def step_within(
+    precision: np.ndarray, pull: np.ndarray, least: np.ndarray, most: np.ndarray, kept: np.ndarray | None = None
+) -> np.ndarray:
+    """The step of Gauss and Newton that brings most within bounds, shape (m,).
+
+    A step that is cut off at its bounds leaves undone what the other numbers would have made up for: a fit stops far from its
+    best where several are at theirs.
+
+    Args:
+        precision: of the numbers, shape (m, m).
+        pull: of the errors, shape (m,).
+        least: change of each number, shape (m,).
+        most: the same, shape (m,).
+        kept: numbers that do not change, shape (m,); none if None.
+    """
+    change, free = np.zeros(len(pull)), np.ones(len(pull), bool) if kept is None else ~kept
+    if not free.any():
+        return change
+    own, pulled, lower, upper = precision[np.ix_(free, free)], pull[free], least[free], most[free]
+    step = np.linalg.solve(own, pulled)
+    if ((step < lower) | (step > upper)).any():
+        factor = np.linalg.cholesky(own)
+        step = lsq_linear(factor.T, solve_triangular(factor, pulled, lower=True), (lower, upper), method="bvls").x
+        near = _AT_BOUND / np.sqrt(np.diag(own))
+        step = np.where(step - lower < near, lower, np.where(upper - step < near, upper, step))
+    change[free] = step
+    return change
+
+
+def moved_by(state: JointState, terms: Sequence[Term], change: np.ndarray) -> JointState:
+    """Numbers changed one by one, cut off where the catalogue ends, those of bearings at none."""
+    for term, by in zip(terms, change, strict=True):
+        here = float(state.value(term.key)[term.index])
+        anywhere = (0.0 if term.key in BEARING else -np.inf, np.inf)
+        lower, upper = anywhere if term.key in NO_EFFECTS else state.bounds(term.key)
+        state = state.moved(term, float(np.clip(here + by, min(lower, here), max(upper, here))) - here, with_shape=False)
+    return state
