@@ -1,12 +1,9 @@
 """The composition: opens everything one services process needs, serves until told to stop, closes it all again."""
 
 import asyncio
-import functools
 import json
 import os
-import socket
 import time
-from asyncio import sslproto
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from importlib.metadata import version
@@ -22,7 +19,7 @@ from jail.detection import detect
 from services.api.app import create_app
 from services.api.farm import Farm
 from services.api.rate_limits import Limits
-from services.connection import TLS_BUFFER_BYTES, connection
+from services.connection import connection
 from services.dashboard.mount import mount
 from services.dashboard.sessions import EndedSessions
 from services.database.database import Database, address, migrate
@@ -45,6 +42,7 @@ from services.jobs.signals import Signals
 from services.joining.session import session_config
 from services.policies.keeping import Policies
 from services.router import end_in_time, told_to_stop
+from services.server import Server
 from services.settings import Settings
 from services.sharing import add_asked, all_signed_out, forget_old
 from services.signing import FarmKey
@@ -59,81 +57,10 @@ ADMIN = TokenRequest(owner="operator", scopes=(Scope.ADMIN,))
 ROBOT = TokenRequest(owner="farm", scopes=(Scope.ROBOT,))
 TOKENS_FILE = "tokens.json"
 REQUESTS_END_WITHIN_S = 2
-END_AGAIN_S = 0.05
-BROKEN_OFF_WITHIN_S = 1.0
 TIDY_EVERY_S = 3600.0
 SHARE_EVERY_S = 0.5
 FOLLOW_EVERY_S = 10.0
 """How often the clock of a shared database is read again: clocks of two machines part by less than 1 ms in that time."""
-SILENT_AT_MOST_S = 12
-"""A reader who acknowledges nothing for so long, or takes nothing in, is gone. A stream says something every 15 s at the least,
-so that it ends within 27 s."""
-VANISHED = (
-    (socket.SOL_SOCKET, "SO_KEEPALIVE", 1),
-    (socket.IPPROTO_TCP, "TCP_KEEPIDLE", 4),
-    (socket.IPPROTO_TCP, "TCP_KEEPINTVL", 4),
-    (socket.IPPROTO_TCP, "TCP_USER_TIMEOUT", 1000 * SILENT_AT_MOST_S),
-)
-"""Options of sockets, which Linux has and others in part."""
-
-
-class Server(uvicorn.Server):
-    """uvicorn without its signal handlers: this process has its own order of ending.
-
-    Args:
-        config: uvicorn's.
-        handshake_within_s: a connection over TLS that has not shaken hands by then is closed.
-    """
-
-    def __init__(self, config: uvicorn.Config, handshake_within_s: float) -> None:
-        super().__init__(config)
-        self._handshake_within_s = handshake_within_s
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Listens so that a connection whose other side is gone without a word ends, and with it a stream that waits."""
-        with self._bounded_tls():
-            await super().startup(sockets)
-        for listening in (each for server in getattr(self, "servers", ()) for each in server.sockets):
-            for level, name, value in VANISHED:
-                if hasattr(socket, name):
-                    listening.setsockopt(level, getattr(socket, name), value)  # those that it accepts have them from it
-
-    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Ends also connections that came while it closed: uvicorn tells those of one moment, and a busy client keeps its own."""
-        telling = asyncio.create_task(self._end_connections())
-        try:
-            await super().shutdown(sockets)
-            if broken_off := set(self.server_state.tasks):  # they give back what they have of the database
-                await asyncio.wait(broken_off, timeout=BROKEN_OFF_WITHIN_S)
-        finally:
-            telling.cancel()
-
-    async def _end_connections(self) -> None:
-        while True:
-            for each in list(self.server_state.connections):
-                each.shutdown()
-            await asyncio.sleep(END_AGAIN_S)
-
-    @contextmanager
-    def _bounded_tls(self) -> Iterator[None]:
-        """Uvicorn hands neither the time of a handshake (asyncio waits a minute) nor the size of a buffer on."""
-        if not self.config.is_ssl:
-            yield
-            return
-        sslproto.SSLProtocol.max_size = TLS_BUFFER_BYTES
-        loop = asyncio.get_running_loop()
-        create = loop.create_server
-        bounded = functools.partial(create, ssl_handshake_timeout=self._handshake_within_s)
-        loop.create_server = bounded
-        try:
-            yield
-        finally:
-            loop.create_server = create
-
-    @contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        """Leaves signals to ``serve``."""
-        yield
 
 
 async def serve(settings: Settings) -> None:
@@ -141,7 +68,6 @@ async def serve(settings: Settings) -> None:
     async with open_farm(settings) as farm, dispatching(farm):
         app = create_app(farm)
         mount(app, farm)
-        sharing = asyncio.create_task(_share(farm, app.state.dashboard_seal.ended, app.state.limits))
         config = uvicorn.Config(
             Hosts(app, allowed_hosts(settings)),
             host=settings.host,
@@ -162,6 +88,7 @@ async def serve(settings: Settings) -> None:
             files = f"{settings.tls_certificate} and {settings.tls_key}"
             raise NotReady(f"TRIFARM_TLS_CERTIFICATE and TRIFARM_TLS_KEY name {files}, which cannot be used: {error}") from error
         server = Server(config, settings.head_within_s)
+        sharing = asyncio.create_task(_share(farm, app.state.dashboard_seal.ended, app.state.limits))
         watching = asyncio.create_task(_stop_when_told(server, farm.signals))
         log.info("jail", level=farm.jail.level, layers=farm.jail.layers, asked_for=settings.jail_level)
         where = {"host": settings.host, "port": settings.port, "bus": settings.bus, "data": str(settings.data)}

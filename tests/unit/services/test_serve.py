@@ -5,7 +5,6 @@ import json
 from types import SimpleNamespace
 
 import pytest
-import uvicorn
 from sqlalchemy import select
 from structlog.testing import capture_logs
 
@@ -80,20 +79,3 @@ async def test_the_first_tokens_are_in_their_file_also_if_the_first_start_was_cu
     made = json.loads((tmp_path / serve.TOKENS_FILE).read_text())
     assert {name: (await tokens.caller(bearer)).owner for name, bearer in made.items()} == {"admin": "operator", "robot": "farm"}
     assert len((await tokens.page(Asked(10))).entries) == 2
-
-
-async def test_a_connection_that_comes_while_the_server_closes_is_ended_too():
-    server = serve.Server(uvicorn.Config(lambda *_: None, timeout_graceful_shutdown=20, lifespan="off"), handshake_within_s=1.0)
-    server.config.load()
-    server.lifespan, server.servers = server.config.lifespan_class(server.config), []
-    connections = server.server_state.connections
-
-    class Late:
-        def shutdown(self):
-            connections.discard(self)
-
-    stopping = asyncio.create_task(server.shutdown())
-    await asyncio.sleep(0.02)
-    connections.add(Late())
-    await asyncio.wait_for(stopping, 5.0)
-    assert not connections
