@@ -67,7 +67,8 @@ def verdict_of_rollouts(
         study: of the same recordings.
         selection: causes and models.
         healthy: what usual windows of healthy robots end up off.
-        with_causes: the same of robots that have the causes and are healthy else; as of healthy ones if None.
+        with_causes: the same of robots that have the causes and are healthy else; as of healthy ones if None. What either are
+            off is no more than usual: with a friction in the model less bends than in one without it.
     """
     problem, names = selection.problem, study.problem.names
     causes = [cause for taken in selection.taken for cause in causes_of(study, selection.fit, taken)]
@@ -80,7 +81,8 @@ def verdict_of_rollouts(
     far_before, far_after = selection.nominal.far_rad, selection.fit.far_rad
     kind, summary = VerdictKind.NAMED, f"The robot goes where a model goes that has {_listed(causes)}"
     usual_rad, far_rad = of_healthy_rad(healthy, enough_of(problem))
-    left_rad, far_left_rad = of_healthy_rad(with_causes or healthy, enough_of(problem))
+    with_rad = (usual_rad, far_rad) if with_causes is None else of_healthy_rad(with_causes, enough_of(problem))
+    left_rad, far_left_rad = np.maximum(usual_rad, with_rad[0]), np.maximum(far_rad, with_rad[1])
     is_halved, is_far_halved = after < (1.0 - EXPLAINED) * before, far_after < (1.0 - EXPLAINED) * far_before
     is_only_far = bool((after <= left_rad).all() and (far_after > far_left_rad).any())
     is_slide = study.problem.episodes[0].plant.is_slide

@@ -130,7 +130,7 @@ def test_limits_are_wider_where_bearings_are_simulated_as_if_they_did_not_give(m
     assert (wide.fitted_rad == narrow.fitted_rad).all() and (enough_of(problem) > enough_rad).all()
     nothing_rad = np.zeros(1)
     limits_rad = [of_healthy_rad(healthy, nothing_rad)[0] for healthy in (narrow, wide)]
-    assert limits_rad[1] == pytest.approx(2.0 * limits_rad[0])
+    assert limits_rad[1] == pytest.approx(5.0 / 3.5 * limits_rad[0])
 
 
 def test_robots_with_a_cause_are_drawn_about_the_model_that_has_it():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from sim_backend.effects.catalogue import CATALOGUE
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownRobot
 from sim_backend.reality_gap.model.native_elements import add_play
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
@@ -76,6 +77,13 @@ def test_a_fit_that_has_settled_probes_only_causes_and_ends_in_the_same_place(mo
     values = [fit.state.value(friction.key)[0] for fit in (always, settled)]
     assert values[1] == pytest.approx(values[0], rel=0.02), "its own interval is 10 % wide"
     assert np.median(settled.squares) == pytest.approx(np.median(always.squares), rel=0.1)
+
+
+def test_the_model_without_causes_is_the_one_that_gains_no_more(monkeypatch):
+    problem, further = problem_of(), []
+    monkeypatch.setattr(rollout_selection, "settled", lambda of, fit: further.append(replace(fit)) or further[-1])
+    found = select_by_rollouts(problem, problem.catalogue.without(list(FITTED)), lambda _: True)
+    assert found.nominal is further[0] and found.nominal.causes == 0
 
 
 def test_a_motor_with_less_torque_beside_friction_is_told_with_a_heavier_link():
