@@ -120,7 +120,7 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
         return not contradicts(found.problem, state)
 
     progress("simulating healthy robots", 0.2)
-    robots, enough_rad = DrawnRobots(problem, rng), enough_of(problem)
+    robots, enough = DrawnRobots(problem, rng), enough_of(problem)
     proposed = proposed_by(torques, found) if method == NAMING else {}
     selection = select_by_rollouts(
         problem,
@@ -128,17 +128,18 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
         is_possible,
         part(progress, 0.2, 0.8),
         proposed,
-        healthy_rad=np.maximum(enough_rad, robots.coarse.fitted_rad),
+        healthy_rad=robots.coarse.fitted_rad,
+        enough_rad=enough.usual_rad,
     )
-    healthy = limits_of(robots, selection.nominal, enough_rad, part(progress, 0.8, 0.85))
+    healthy = limits_of(robots, selection.nominal, enough, part(progress, 0.8, 0.85))
     is_left, near = selection.taken and not selection.problem.is_near_noise(selection.fit), part(progress, 0.85, 0.9)
     others = DrawnRobots(selection.problem, rng, around=selection.fit) if is_left else robots
     selection = with_needed_causes(
-        selection, lambda fit: of_healthy_rad(limits_of(others, fit, enough_rad, near), enough_rad), is_possible
+        selection, lambda fit: of_healthy_rad(limits_of(others, fit, enough, near), enough), is_possible
     )
-    beside = limits_of(others, selection.fit, enough_rad, near) if is_left else None
+    beside = limits_of(others, selection.fit, enough, near) if is_left else None
     rollouts = verdict_of_rollouts(found, selection, healthy, beside)
-    usual_rad = of_healthy_rad(beside or healthy, enough_rad)[0]
+    usual_rad = of_healthy_rad(beside or healthy, enough)[0]
     drawn_rad = np.maximum(FAR_OFF * problem.noise_rad, (beside or healthy).fitted_rad)
     rollouts = against_patterns(rollouts, found, selection, drawn_rad)
     rollouts = against_unnamed(rollouts, selection, usual_rad)

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.optimize import lsq_linear
 
 from sim_backend.reality_gap.knowledge.unnamed_laws import BEARING
@@ -13,6 +12,8 @@ TOLERATED = 2.0
 """Standard deviations that a tolerance is."""
 _AT_BOUND = 1e-6
 """Standard errors of a number: what is nearer to its bound is there."""
+_ALIKE = 1e-14
+"""Of the largest eigenvalue: numbers that do the same leave none along what tells them apart."""
 
 
 def apart(state: JointState, other: JointState, terms: Sequence[Term]) -> np.ndarray:
@@ -41,11 +42,19 @@ def room_of(
     """
     here, nominal = _values(state, terms), _values(start, terms)
     lower, upper = nominal - TOLERATED * scales, nominal + TOLERATED * scales
-    for i, term in enumerate(terms[:causes]):
-        least, most = (-np.inf, np.inf) if term.key in NO_EFFECTS else state.bounds(term.key)
-        lower[i], upper[i] = min(least, here[i]), max(most, here[i])
-    lower = np.where([term.key in BEARING for term in terms], np.maximum(lower, 0.0), lower)
+    ends = np.array([ends_of(state, term) for term in terms]).reshape(-1, 2)
+    is_loose = np.arange(len(terms)) >= causes
+    lower = np.where(is_loose, np.maximum(lower, ends[:, 0]), ends[:, 0])
+    upper = np.where(is_loose, np.minimum(upper, ends[:, 1]), ends[:, 1])
     return lower - here, upper - here
+
+
+def ends_of(state: JointState, term: Term) -> tuple[float, float]:
+    """Where the catalogue ends, or a number of bearings at none; a number that is beyond may stay."""
+    here = float(state.value(term.key)[term.index])
+    anywhere = (0.0 if term.key in BEARING else -np.inf, np.inf)
+    lower, upper = anywhere if term.key in NO_EFFECTS else state.bounds(term.key)
+    return min(lower, here), max(upper, here)
 
 
 def step_within(
@@ -61,18 +70,23 @@ def step_within(
         pull: of the errors, shape (m,).
         least: change of each number, shape (m,).
         most: the same, shape (m,).
-        kept: numbers that do not change, shape (m,); none if None.
+        kept: numbers that do not change, shape (m,); none if None. What has no room does not either.
     """
-    change, free = np.zeros(len(pull)), np.ones(len(pull), bool) if kept is None else ~kept
+    change, free = np.zeros(len(pull)), most > least
+    free &= True if kept is None else ~kept
     if not free.any():
         return change
     own, pulled, lower, upper = precision[np.ix_(free, free)], pull[free], least[free], most[free]
     step = np.linalg.solve(own, pulled)
     if ((step < lower) | (step > upper)).any():
-        factor = np.linalg.cholesky(own)
-        step = lsq_linear(factor.T, solve_triangular(factor, pulled, lower=True), (lower, upper), method="bvls").x
-        near = _AT_BOUND / np.sqrt(np.diag(own))
-        step = np.where(step - lower < near, lower, np.where(upper - step < near, upper, step))
+        errors = 1.0 / np.sqrt(np.diag(own))
+        sizes, ways = np.linalg.eigh(own * np.outer(errors, errors))
+        sizes = np.sqrt(np.maximum(sizes, _ALIKE * sizes[-1]))
+        found = lsq_linear(
+            sizes[:, None] * ways.T, ways.T @ (pulled * errors) / sizes, (lower / errors, upper / errors), method="bvls"
+        ).x
+        at_lower, at_upper = found - lower / errors < _AT_BOUND, upper / errors - found < _AT_BOUND
+        step = np.where(at_lower, lower, np.where(at_upper, upper, found * errors))
     change[free] = step
     return change
 
@@ -81,7 +95,5 @@ def moved_by(state: JointState, terms: Sequence[Term], change: np.ndarray) -> Jo
     """Numbers changed one by one, cut off where the catalogue ends, those of bearings at none."""
     for term, by in zip(terms, change, strict=True):
         here = float(state.value(term.key)[term.index])
-        anywhere = (0.0 if term.key in BEARING else -np.inf, np.inf)
-        lower, upper = anywhere if term.key in NO_EFFECTS else state.bounds(term.key)
-        state = state.moved(term, float(np.clip(here + by, min(lower, here), max(upper, here))) - here, with_shape=False)
+        state = state.moved(term, float(np.clip(here + by, *ends_of(state, term))) - here, with_shape=False)
     return state

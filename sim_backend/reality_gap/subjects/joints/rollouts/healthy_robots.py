@@ -7,13 +7,12 @@ import numpy as np
 
 from sim_backend.reality_gap.knowledge.unnamed_laws import BEARING
 from sim_backend.reality_gap.subjects.joints.laws.state import CLOCK, JointState, Term
-from sim_backend.reality_gap.subjects.joints.rollouts.bounded_steps import TOLERATED, moved_by, step_within
+from sim_backend.reality_gap.subjects.joints.rollouts.bounded_steps import TOLERATED, ends_of, moved_by, step_within
 from sim_backend.reality_gap.subjects.joints.rollouts.forward import Windows
 from sim_backend.reality_gap.subjects.joints.rollouts.linearisation import SAMPLES_OF_WINDOW, probed
 from sim_backend.reality_gap.subjects.joints.rollouts.recorded_windows import LEAST_WINDOWS
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import (
     FAR_SHARE,
-    FAR_WINDOWS,
     RolloutFit,
     RolloutProblem,
 )
@@ -33,7 +32,15 @@ simulated as if they did not give: of 60 arms of seed 763475 17 were then furthe
 as far as those drawn, in far ones 16 of them up to 3.3 times.
 """
 _CLOSELY, _DECIDE = 20, 2
-"""So many drawn robots are fitted as closely as the recorded one; fewer if so many of them are far enough off to decide."""
+"""So many drawn robots are fitted closely; fewer if so many of them are far enough off to decide."""
+
+
+@dataclass(frozen=True)
+class Enough:
+    """What is near enough for anybody, whatever healthy robots are: in usual windows and in far ones; shapes (k,), rad."""
+
+    usual_rad: np.ndarray
+    far_rad: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -101,18 +108,17 @@ class DrawnRobots:
 
     def closely(
         self,
-        enough_rad: np.ndarray,
+        enough: Enough,
         asked_rad: np.ndarray,
         asked_far_rad: np.ndarray,
         progress: Callable[[str, float], None] = lambda *_: None,
     ) -> Healthy:
-        """Limits of some of the robots, to each of which a model is fitted as to the recorded one, from where coarse steps led.
+        """Limits of some of the robots, to each of which a model is fitted once more, all anew, from where coarse steps led.
 
         Of both fits to a robot the nearer one counts: what friction holds may lead the closer one away.
 
         Args:
-            enough_rad: robots below it in usual windows, and below :data:`FAR_WINDOWS` times of it in far ones, are near enough,
-                shape (k,).
+            enough: robots below it in usual windows and in far ones are near enough.
             asked_rad: what limits are compared with, shape (k,): no more robots are fitted once they are clearly above it.
             asked_far_rad: the same of far windows.
             progress: told which share is done.
@@ -121,7 +127,7 @@ class DrawnRobots:
             return self.coarse
         usual_rad, far_rad, done = self._usual_rad[:_CLOSELY].copy(), self._far_rad[:_CLOSELY].copy(), 0
         for robot in range(len(usual_rad)):
-            if (usual_rad[robot] > enough_rad).any() or (far_rad[robot] > FAR_WINDOWS * enough_rad).any():
+            if (usual_rad[robot] > enough.usual_rad).any() or (far_rad[robot] > enough.far_rad).any():
                 progress("fitting models to healthy robots", robot / len(usual_rad))
                 fit = self._closely_fitted(robot)
                 if _off(fit.usual_rad, fit.far_rad) < _off(usual_rad[robot], far_rad[robot]):
@@ -133,7 +139,7 @@ class DrawnRobots:
         return replace(self.coarse, fitted_rad=_below(usual_rad[:done]), fitted_far_rad=_below(far_rad[:done]))
 
     def _closely_fitted(self, robot: int) -> RolloutFit:
-        """The model that is fitted to a robot as to the recorded one; each is fitted once."""
+        """The model that is fitted to a robot, probed anew at each step; each robot's is made once."""
         if robot not in self._close:
             fine = np.flatnonzero(self._model.fine)
             part = self._part.part(fine)
@@ -185,6 +191,7 @@ class _Model:
         self.fine = np.isfinite(moves).all(axis=(1, 2))
         self.bears = np.array([term.key in BEARING for term in terms], bool)
         self.given = np.array([float(state.value(term.key)[term.index]) for term in terms])
+        self._ends = np.array([ends_of(state, term) for term in terms]).reshape(-1, 2) - self.given[:, None]
 
     def went(self, off: np.ndarray, rng: np.random.Generator | None = None) -> np.ndarray:
         """Where models go that differ from this one, shape (models, n, s * k), rad.
@@ -212,7 +219,7 @@ class _Model:
         Args:
             robots: where they went, shape (draws, n, s * k).
             scales: standard deviations of the terms.
-            causes: number of the first terms, whose values no tolerance limits.
+            causes: number of the first terms, which go as far as the catalogue.
             weights: of each sample, shape (s * k,), one over its noise.
         """
         fine, joints = self.fine, self._begin[0].shape[1]
@@ -222,8 +229,9 @@ class _Model:
         free = by_term - at_start @ (begun @ by_term)
         of_joint = free.reshape(len(free), -1, joints, len(scales))
         informs = np.einsum("nsjm,nsjl->jml", of_joint, of_joint, optimize=True)
-        most = np.where(np.arange(len(scales)) < causes, np.inf, TOLERATED * scales)
-        least = np.where(self.bears, -self.given, -most)
+        is_cause = np.arange(len(scales)) < causes
+        most = np.where(is_cause, self._ends[:, 1], TOLERATED * scales)
+        least = np.where(is_cause, self._ends[:, 0], np.where(self.bears, -self.given, -most))
         most = np.where(self.bears, most - self.given, most)
         first = np.where(self.bears, self.given, 0.0)
 

@@ -317,6 +317,11 @@ class RolloutProblem:
         """How far joints are from their mean place in a usual window, root mean square, shape (k,)."""
         return np.maximum(np.median(self.windows.position_rad.std(axis=1), axis=0), self.noise_rad)
 
+    @property
+    def far_motion_rad(self) -> np.ndarray:
+        """The same that nine windows of ten stay below, shape (k,)."""
+        return np.maximum(np.quantile(self.windows.position_rad.std(axis=1), FAR_SHARE, axis=0), self.noise_rad)
+
     def is_near_noise(self, fit: RolloutFit) -> bool:
         """Whether windows of no joint are off by more than a few times what its encoder is, neither usual nor far ones."""
         near_rad = FAR_OFF * self.noise_rad

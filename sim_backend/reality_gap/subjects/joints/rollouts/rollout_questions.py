@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim_backend.reality_gap.knowledge.unnamed_laws import BEARING
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import Hypothesis
 from sim_backend.reality_gap.subjects.joints.laws.state import Term
 from sim_backend.reality_gap.subjects.joints.rollouts.bounded_steps import apart, room_of, step_within
@@ -32,9 +33,17 @@ class Shown:
 
 
 def gains(
-    problem: RolloutProblem, fit: RolloutFit, hypotheses: Sequence[Hypothesis]
+    problem: RolloutProblem, fit: RolloutFit, hypotheses: Sequence[Hypothesis], *, is_held: bool = True
 ) -> list[tuple[float, Hypothesis, np.ndarray, np.ndarray]]:
-    """What hypotheses would gain beside a model, nats, with values and standard errors of their terms, the best first."""
+    """What hypotheses would gain beside a model, nats, with values and standard errors of their terms, the best first.
+
+    Args:
+        problem: windows.
+        fit: the model.
+        hypotheses: what may be wrong beside it.
+        is_held: whether numbers of the model that are at the ends of their tolerances stay there; if not errors hold whatever
+            these numbers are.
+    """
     usable = [h for h in hypotheses if all(is_simulated(problem.catalogue.terms[i].key) for i in h.terms)]
     own = sorted({i for h in usable for i in h.terms})
     beside = problem.beside(fit.state, fit.terms)
@@ -46,14 +55,13 @@ def gains(
     b = len(base)
     inner = linear.precision[:b, :b] + np.diag(1.0 / scales**2)
     own_pull = linear.pull[:b] - apart(fit.state, problem.start, base) / scales**2
-    # what would go further than it may, and a rigid bearing that would go below none, makes up for nothing
+    # what would go further than it may, and a rigid bearing that would go below none, makes up for nothing more
     least, most = room_of(fit.state, problem.start, base, scales, fit.causes)
     step = step_within(inner, own_pull, least, most)
-    moves = (step > least) & (step < most)
+    moves = (step > least) & (step < most) | np.array([not is_held and term.key not in BEARING for term in base], bool)
     across = linear.precision[:b, b:][moves]
-    through = np.linalg.solve(inner[np.ix_(moves, moves)], across)
-    precision = linear.precision[b:, b:] - across.T @ through
-    pull = linear.pull[b:] - through.T @ own_pull[moves]
+    precision = linear.precision[b:, b:] - across.T @ np.linalg.solve(inner[np.ix_(moves, moves)], across)
+    pull = linear.pull[b:] - linear.precision[b:, :b] @ step
     found = []
     for h in usable:
         index = [own.index(i) for i in h.terms]
@@ -68,7 +76,7 @@ def gains(
 def shown(problem: RolloutProblem, fit: RolloutFit, hypotheses: Sequence[Hypothesis], gate: float) -> list[Shown]:
     """For each hypothesis the size that would have gained ``gate`` nats beside a model."""
     found = []
-    for _, hypothesis, values, errors in gains(problem, fit, hypotheses):
+    for _, hypothesis, values, errors in gains(problem, fit, hypotheses, is_held=False):
         prior = np.array(hypothesis.scales)
         is_shown, term = errors[0] < SHOWN * prior[0], problem.catalogue.terms[hypothesis.terms[0]]
         off = float(values[0] + apart(fit.state, problem.start, [term])[0])

@@ -81,6 +81,7 @@ def select_by_rollouts(
     progress: Callable[[str, float], None] = lambda *_: None,
     proposed: Proposed = MappingProxyType({}),
     healthy_rad: np.ndarray | float = 0.0,
+    enough_rad: np.ndarray | float = 0.0,
 ) -> RolloutSelection:
     """Take the cause that gains most, fit everything anew, drop what is needed no more, until nothing gains.
 
@@ -94,12 +95,14 @@ def select_by_rollouts(
         proposed: effects at places that are tried whatever their linear gains, from the values that are given, too.
         healthy_rad: what usual windows of a robot that nothing is wrong with are off once it was fitted within its tolerances,
             shape (k,), where that is known.
+        enough_rad: what usual windows may be off for anybody, shape (k,): a gravity of another strength that leaves no more is
+            the answer rather than causes that leave more.
     """
-    found = _selected(problem, catalogue, fits, progress, proposed, healthy_rad)
+    found = _selected(problem, catalogue, fits, progress, proposed, healthy_rad, enough_rad)
     otherwise = problem.otherwise()
     if otherwise is None or not any(is_nearer(fit, found.fit) for fit in _with_other_loop(otherwise, found)):
         return found
-    again = _selected(otherwise, catalogue, fits, progress, proposed, healthy_rad)
+    again = _selected(otherwise, catalogue, fits, progress, proposed, healthy_rad, enough_rad)
     return again if is_nearer(again.fit, found.fit) else found
 
 
@@ -122,6 +125,7 @@ def _selected(
     progress: Callable[[str, float], None],
     proposed: Proposed,
     healthy_rad: np.ndarray | float,
+    enough_rad: np.ndarray | float,
 ) -> RolloutSelection:
     search = CauseSearch(problem, catalogue, fits, progress, proposed, healthy_rad)
     nominal = settled(problem, problem.fitted(problem.start, ()))
@@ -137,7 +141,8 @@ def _selected(
         return found
     is_as_near = bool((other.fit.usual_rad <= _AS_FAR * found.fit.usual_rad).all())
     is_plainer = len(other.taken) < len(found.taken) and is_as_near
-    return other if is_plainer or leaves_little(nearly, other.fit) else found
+    is_near = leaves_little(nearly, other.fit) or bool((other.fit.usual_rad < enough_rad).all())
+    return other if is_plainer or is_near else found
 
 
 def _with_other_gravity(search: CauseSearch, nominal: RolloutFit) -> RolloutSelection | None:
@@ -172,9 +177,10 @@ def _path(search: CauseSearch, nominal: RolloutFit, fit: RolloutFit, taken: tupl
         fit, taken = without_needless(search, extended, every)
         extended, every = fit, taken
     mending = every[len(taken) :]
-    return RolloutSelection(
-        problem, nominal, fit, tuple(replace(c, terms=_needed(problem, fit, c)) for c in taken), extended, mending
-    )
+    fit = settled(problem, fit)
+    extended = settled(problem, extended) if mending else fit
+    needed = tuple(replace(cause, terms=_needed(problem, fit, cause)) for cause in taken)
+    return RolloutSelection(problem, nominal, fit, needed, extended, mending)
 
 
 def _other_firsts(search: CauseSearch, nominal: RolloutFit, found: RolloutSelection) -> list[tuple[RolloutFit, Taken]]:
@@ -227,15 +233,15 @@ def _needed(problem: RolloutProblem, fit: RolloutFit, cause: Taken) -> tuple[Ter
 
 
 def without(selection: RolloutSelection, cause: Taken) -> RolloutFit:
-    """The model with all causes but one of them, fitted anew."""
-    return fitted_without_cause(selection.problem, selection.fit, selection.taken, cause)
+    """The model with all causes but one of them, fitted anew until that gains no more."""
+    return settled(selection.problem, fitted_without_cause(selection.problem, selection.fit, selection.taken, cause))
 
 
 def only_at(selection: RolloutSelection, cause: Taken, terms: Sequence[Term]) -> RolloutFit:
-    """The model with a part of one of its causes, fitted anew."""
+    """The model with a part of one of its causes, fitted anew until that gains no more."""
     gone = [term for term in cause.terms if term not in terms]
     others = [term for other in selection.taken if other is not cause for term in other.terms]
-    return fitted_without(selection.problem, selection.fit, gone, [*others, *terms])
+    return settled(selection.problem, fitted_without(selection.problem, selection.fit, gone, [*others, *terms]))
 
 
 def instead(selection: RolloutSelection, cause: Taken, alone: RolloutFit, terms: Sequence[Term]) -> RolloutFit:

@@ -23,7 +23,7 @@ from sim_backend.reality_gap.subjects.joints.laws.fitted_values import FittedVal
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS, own_share
 from sim_backend.reality_gap.subjects.joints.laws.intervals import half_interval
 from sim_backend.reality_gap.subjects.joints.rollouts.bounded_steps import TOLERATED
-from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import DrawnRobots, Healthy
+from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import DrawnRobots, Enough, Healthy
 from sim_backend.reality_gap.subjects.joints.rollouts.recorded_windows import LEAST_WINDOWS
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import (
     FAR_OFF,
@@ -43,7 +43,7 @@ _SURE = 0.95
 CONFUSABLE_NATS, CONFUSABLE_SHARE = 5.0, 0.1
 """A rival that lies less than this behind, or than this share of what the cause gained, cannot be told apart."""
 _RIVALS = 3
-"""So many others that were about as good as a cause are tried in its place."""
+"""So many other effects at most are compared with a cause."""
 _TRIFLE = 0.05
 """Of the largest number of a cause at all joints: a joint with less has none, unless that is more than its model may be off."""
 _AS_GOOD_AS_RIGHT, _AS_GOOD_AS_RIGID = 0.003, 0.01
@@ -67,12 +67,11 @@ def verdict_of_rollouts(
         study: of the same recordings.
         selection: causes and models.
         healthy: what usual windows of healthy robots end up off.
-        with_causes: the same of robots that have the causes and are healthy else; as of healthy ones if None. What either are
-            off is no more than usual: with a friction in the model less bends than in one without it.
+        with_causes: the same of robots that have the causes and are healthy else; as of healthy ones if None.
     """
     problem, names = selection.problem, study.problem.names
     causes = [cause for taken in selection.taken for cause in causes_of(study, selection.fit, taken)]
-    beside = [(taken, *found) for taken in selection.taken if (found := _rival(selection, taken)) is not None]
+    beside = [(taken, *found) for taken in selection.taken for found in _rivals(selection, taken)]
     rivals = [rival for _, rival, _, _ in beside]
     near = [each for each in beside if _is_near(each[1], each[0]) or not _is_ahead(problem, selection.fit, each[3])]
     extended = _extended(study, selection)
@@ -81,8 +80,7 @@ def verdict_of_rollouts(
     far_before, far_after = selection.nominal.far_rad, selection.fit.far_rad
     kind, summary = VerdictKind.NAMED, f"The robot goes where a model goes that has {_listed(causes)}"
     usual_rad, far_rad = of_healthy_rad(healthy, enough_of(problem))
-    with_rad = (usual_rad, far_rad) if with_causes is None else of_healthy_rad(with_causes, enough_of(problem))
-    left_rad, far_left_rad = np.maximum(usual_rad, with_rad[0]), np.maximum(far_rad, with_rad[1])
+    left_rad, far_left_rad = of_healthy_rad(with_causes or healthy, enough_of(problem))
     is_halved, is_far_halved = after < (1.0 - EXPLAINED) * before, far_after < (1.0 - EXPLAINED) * far_before
     is_only_far = bool((after <= left_rad).all() and (far_after > far_left_rad).any())
     is_slide = study.problem.episodes[0].plant.is_slide
@@ -130,36 +128,42 @@ def verdict_of_rollouts(
 
 
 def limits_of(
-    robots: DrawnRobots, fit: RolloutFit, enough_rad: np.ndarray, progress: Callable[[str, float], None] = lambda *_: None
+    robots: DrawnRobots, fit: RolloutFit, enough: Enough, progress: Callable[[str, float], None] = lambda *_: None
 ) -> Healthy:
     """Limits of drawn robots, as close as it takes to say on which side of them a model's windows end up.
 
     Args:
         robots: drawn for the same windows.
         fit: whose windows.
-        enough_rad: below what nothing is off whatever robots are, shape (k,).
+        enough: below what nothing is off whatever robots are.
         progress: told what is done, and which share.
     """
-    coarse_rad, coarse_far_rad = of_healthy_rad(robots.coarse, enough_rad)
-    is_open = (fit.usual_rad > enough_rad) & (fit.usual_rad <= coarse_rad)
-    is_far_open = (fit.far_rad > FAR_WINDOWS * enough_rad) & (fit.far_rad <= coarse_far_rad)
+    coarse_rad, coarse_far_rad = of_healthy_rad(robots.coarse, enough)
+    is_open = (fit.usual_rad > enough.usual_rad) & (fit.usual_rad <= coarse_rad)
+    is_far_open = (fit.far_rad > enough.far_rad) & (fit.far_rad <= coarse_far_rad)
     if not (is_open | is_far_open).any():
         return robots.coarse
     margin = robots.coarse.margin
     asked = (np.where(is_open, fit.usual_rad, 0.0) / margin, np.where(is_far_open, fit.far_rad, 0.0) / margin)
-    return robots.closely(enough_rad, *asked, progress)
+    return robots.closely(enough, *asked, progress)
 
 
-def enough_of(problem: RolloutProblem) -> np.ndarray:
-    """Below what usual windows are not off whatever healthy robots are, shape (k,), rad."""
+def enough_of(problem: RolloutProblem) -> Enough:
+    """Below what windows are not off whatever healthy robots are: encoders' noise, or a share of how far windows move.
+
+    A robot that swings out moves far in its first windows and little in most.
+    """
     share = _AS_GOOD_AS_RIGHT if problem.forward.has_bearings else _AS_GOOD_AS_RIGID
-    return np.maximum(FAR_OFF * problem.noise_rad, share * problem.motion_rad)
+    usual_rad, far_rad = (
+        np.maximum(FAR_OFF * problem.noise_rad, share * motion_rad) for motion_rad in (problem.motion_rad, problem.far_motion_rad)
+    )
+    return Enough(usual_rad, FAR_WINDOWS * far_rad)
 
 
-def of_healthy_rad(healthy: Healthy, enough_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def of_healthy_rad(healthy: Healthy, enough: Enough) -> tuple[np.ndarray, np.ndarray]:
     """What a usual and a far window of a robot that nothing is wrong with may be off, shapes (k,), rad."""
-    usual_rad = np.maximum(enough_rad, healthy.margin * healthy.fitted_rad)
-    return usual_rad, np.maximum(FAR_WINDOWS * usual_rad, healthy.margin * healthy.fitted_far_rad)
+    usual_rad = np.maximum(enough.usual_rad, healthy.margin * healthy.fitted_rad)
+    return usual_rad, np.maximum(np.maximum(enough.far_rad, FAR_WINDOWS * usual_rad), healthy.margin * healthy.fitted_far_rad)
 
 
 _OPEN = frozenset({VerdictKind.UNEXPLAINED, VerdictKind.CONFUSABLE})
@@ -319,8 +323,8 @@ def _least_of(study: JointStudy, key: str, index: int, largest: float) -> float:
 _Rivalling = tuple[Rival, Taken, RolloutFit]
 
 
-def _rival(selection: RolloutSelection, taken: Taken) -> _Rivalling | None:
-    """The other cause that comes nearest to one, with its model; not the same at more or fewer joints.
+def _rivals(selection: RolloutSelection, taken: Taken) -> list[_Rivalling]:
+    """Other effects that come nearest to a cause, each with its model; the best of them at least, others if they came near.
 
     One that was taken later, too, stands against both: whether it would do without this one. Any other that was about as good by
     the time the cause was taken is tried once more in its place beside those that were taken later: what was best by then need
@@ -328,7 +332,7 @@ def _rival(selection: RolloutSelection, taken: Taken) -> _Rivalling | None:
     """
     own, later, found = taken.hypothesis, {cause.hypothesis.name for cause in selection.taken}, list[_Rivalling]()
     for gain, fit, other, terms in taken.others:
-        if other.effect == own.effect:
+        if other.effect in {own.effect, *(each[0].effect for each in found)}:
             continue
         rival, alone = Rival(other.effect, other.where, taken.gain - gain, _separated(other.effect, own.effect)), fit
         was_near = _is_near(rival, taken)
@@ -345,7 +349,7 @@ def _rival(selection: RolloutSelection, taken: Taken) -> _Rivalling | None:
             lost = selection.problem.gained(alone.squares, selection.fit.squares)
             rival = replace(rival, behind=lost - OF_NUMBER * (len(taken.terms) - len(terms)))
         found.append((rival, Taken(other, terms, gain, ()), alone))
-    return min(found, key=lambda each: each[0].behind, default=None)
+    return found
 
 
 def _separated(other: str, own: str) -> str:

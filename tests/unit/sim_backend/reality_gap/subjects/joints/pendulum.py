@@ -109,14 +109,14 @@ def study_of(
     robot = UnknownRobot(tolerance or Tolerance())
     study = study_joints(nominal, recordings, lambda *_: None, robot=robot, gate=np.inf)
     problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, robot.tolerance)
-    healthy, enough_rad = DrawnRobots(problem, np.random.default_rng(0)).coarse, enough_of(problem)
+    healthy, enough = DrawnRobots(problem, np.random.default_rng(0)).coarse, enough_of(problem)
     selection = select_by_rollouts(
-        problem, study.fit.first.catalogue, lambda _: True, healthy_rad=np.maximum(enough_rad, healthy.fitted_rad)
+        problem, study.fit.first.catalogue, lambda _: True, healthy_rad=healthy.fitted_rad, enough_rad=enough.usual_rad
     )
     if selection.taken:
         others = DrawnRobots(selection.problem, np.random.default_rng(1), around=selection.fit)
         selection = with_needed_causes(
-            selection, lambda fit: of_healthy_rad(limits_of(others, fit, enough_rad), enough_rad), lambda _: True
+            selection, lambda fit: of_healthy_rad(limits_of(others, fit, enough), enough), lambda _: True
         )
     return verdict_of_rollouts(study, selection, healthy)
 

@@ -11,8 +11,15 @@ from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownR
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.laws.state import Term
 from sim_backend.reality_gap.subjects.joints.rollouts import healthy_robots
-from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import DrawnRobots, Healthy, _below
-from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutProblem
+from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import (
+    _MARGIN,
+    _MARGIN_OF_RIGID,
+    DrawnRobots,
+    Enough,
+    Healthy,
+    _below,
+)
+from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import FAR_WINDOWS, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollouts.tolerated import _bearings
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import enough_of, of_healthy_rad
 from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import PENDULUM, problem_of, recorded, targets
@@ -124,13 +131,13 @@ def test_bearings_are_asked_only_where_there_is_friction():
 
 def test_limits_are_wider_where_bearings_are_simulated_as_if_they_did_not_give(monkeypatch):
     problem = problem_of()
-    narrow, enough_rad = DrawnRobots(problem, np.random.default_rng(1), 20).coarse, enough_of(problem)
+    narrow, enough = DrawnRobots(problem, np.random.default_rng(1), 20).coarse, enough_of(problem)
     monkeypatch.setattr(type(problem.forward), "has_bearings", False)
     wide = DrawnRobots(problem, np.random.default_rng(1), 20).coarse
-    assert (wide.fitted_rad == narrow.fitted_rad).all() and (enough_of(problem) > enough_rad).all()
-    nothing_rad = np.zeros(1)
-    limits_rad = [of_healthy_rad(healthy, nothing_rad)[0] for healthy in (narrow, wide)]
-    assert limits_rad[1] == pytest.approx(5.0 / 3.5 * limits_rad[0])
+    assert (wide.fitted_rad == narrow.fitted_rad).all() and (enough_of(problem).usual_rad > enough.usual_rad).all()
+    nothing = Enough(np.zeros(1), np.zeros(1))
+    limits_rad = [of_healthy_rad(healthy, nothing)[0] for healthy in (narrow, wide)]
+    assert limits_rad[1] == pytest.approx(_MARGIN_OF_RIGID / _MARGIN * limits_rad[0])
 
 
 def test_robots_with_a_cause_are_drawn_about_the_model_that_has_it():
@@ -162,7 +169,9 @@ def test_robots_are_fitted_as_closely_as_the_recorded_one_where_they_are_not_nea
 
     def closely(enough_rad: np.ndarray, asked_rad: np.ndarray, asked_far_rad: np.ndarray) -> Healthy:
         told.clear()
-        return robots.closely(enough_rad, asked_rad, asked_far_rad, lambda _, share: told.append(share))
+        return robots.closely(
+            Enough(enough_rad, FAR_WINDOWS * enough_rad), asked_rad, asked_far_rad, lambda _, share: told.append(share)
+        )
 
     all_of_them = closely(2.0 * noise, never, never)
     assert (all_of_them.fitted_rad < np.minimum(3.0 * noise, 0.2 * coarse.fitted_rad)).all()
@@ -178,4 +187,4 @@ def test_of_two_fits_to_a_healthy_robot_the_nearer_one_counts(monkeypatch):
     robots = DrawnRobots(problem, np.random.default_rng(1), 20)
     led_away = SimpleNamespace(usual_rad=10.0 * robots._usual_rad[0], far_rad=10.0 * robots._far_rad[0])
     monkeypatch.setattr(robots, "_closely_fitted", lambda _: led_away)
-    assert (robots.closely(np.zeros(1), never, never).fitted_rad == robots.coarse.fitted_rad).all()
+    assert (robots.closely(Enough(np.zeros(1), np.zeros(1)), never, never).fitted_rad == robots.coarse.fitted_rad).all()
