@@ -77,8 +77,11 @@ def step_within(
     if not free.any():
         return change
     own, pulled, lower, upper = precision[np.ix_(free, free)], pull[free], least[free], most[free]
-    step = np.linalg.solve(own, pulled)
-    if ((step < lower) | (step > upper)).any():
+    try:
+        step = np.linalg.solve(own, pulled)
+    except np.linalg.LinAlgError:
+        step = np.full(len(pulled), np.nan)
+    if not ((step >= lower) & (step <= upper)).all():
         errors = 1.0 / np.sqrt(np.diag(own))
         sizes, ways = np.linalg.eigh(own * np.outer(errors, errors))
         sizes = np.sqrt(np.maximum(sizes, _ALIKE * sizes[-1]))

@@ -46,8 +46,11 @@ _RIVALS = 3
 """So many other effects at most are compared with a cause."""
 _TRIFLE = 0.05
 """Of the largest number of a cause at all joints: a joint with less has none, unless that is more than its model may be off."""
-_AS_GOOD_AS_RIGHT, _AS_GOOD_AS_RIGID = 0.003, 0.01
-"""Of a usual window's motion: no model is exact, and no integrator; more where bearings are simulated as if they did not give."""
+_AS_GOOD_AS_RIGHT, _AS_GOOD_AS_RIGID = 0.004, 0.01
+"""Of a window's motion: no model is exact, and no integrator; more where bearings are simulated as if they did not give.
+
+The passive pendulum of docs/studies leaves 0.33 % at joint1 in far windows, a third of what is counted, once its bearings rub.
+"""
 EXPLAINED = 0.5
 """Share of a usual window's error that causes must take away at some joint to be named."""
 

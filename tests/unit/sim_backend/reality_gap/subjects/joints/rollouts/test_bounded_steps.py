@@ -44,7 +44,22 @@ def test_no_step_within_bounds_brings_more():
     inside = (best > least) & (best < most)
     assert slope[inside] == pytest.approx(0.0, abs=1e-8 * np.abs(pull).max())
     assert (slope[best == most] > 0.0).all() and (slope[best == least] < 0.0).all()
-    assert brings(best) > 1.2 * brings(cut_off)
+    assert brings(best) > 1.1 * brings(cut_off)
+
+
+def test_numbers_that_do_the_same_and_numbers_without_room_have_a_step_too():
+    image = np.random.default_rng(1).standard_normal((30, 3))[:, [0, 1, 1, 2]]
+    precision, least, most = 1e16 * image.T @ image + np.eye(4), np.array([-1.0, -1.0, -1.0, 0.0]), np.array([1.0, 1.0, 1.0, 0.0])
+    step = step_within(precision, precision @ np.array([3.0, 0.2, 0.2, 1.0]), least, most)
+    assert step[0] == 1.0 and step[3] == 0.0 and np.isfinite(step).all()
+
+
+def test_what_stands_outside_its_tolerance_comes_back():
+    mass = (Term("link_mass.factor", 0, 1e-2),)
+    start = JointState(1)
+    room = room_of(start.moved(mass[0], 0.05), start, mass, np.array([0.01]), causes=0)
+    assert np.concatenate(room) == pytest.approx([-0.07, -0.03])
+    assert step_within(np.eye(1), np.zeros(1), *room) == pytest.approx([-0.03])
 
 
 def test_causes_go_as_far_as_the_catalogue_and_tolerances_as_far_as_they_are_tolerated():
