@@ -28,8 +28,8 @@ _MARGIN, _MARGIN_OF_RIGID = 3.5, 5.0
 
 Of 60 healthy arms of the second generator (seed 657713) eight were somewhere off by more than 5 times the noise and 0.3 % of
 their motion: seven of them at most 0.8 times as far as 95 % of those drawn for them, one 2.6 times, in far windows 1.6 times.
-More where bearings are simulated as if they did not give: of 60 arms of seed 763475 17 were then further off than is enough there, in usual
-windows 0.4 to 4.6 times as far as those drawn, in far ones 16 of them up to 3.3 times.
+More where bearings are simulated as if they did not give: of 60 arms of seed 763475 17 were then further off than is enough
+there, in usual windows 0.4 to 4.6 times as far as those drawn, in far ones 16 of them up to 3.3 times.
 """
 _CLOSELY, _DECIDE = 20, 2
 """So many drawn robots are fitted closely; fewer if so many of them are far enough off to decide."""
