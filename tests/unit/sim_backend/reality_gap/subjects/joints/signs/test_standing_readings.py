@@ -29,9 +29,9 @@ def held(position_rad: np.ndarray, joints: list[int], begins: np.ndarray, rows: 
     return found
 
 
-def of(position_rad: np.ndarray):
+def of(position_rad: np.ndarray, step_s: float = STEP_S):
     joints = JointSignals(NAMES[-position_rad.shape[1] :], position_rad, commanded_torque_nm=np.zeros_like(position_rad))
-    path = SimpleNamespace(joints=joints, step_s=STEP_S, encoder_step_rad=encoder_step(position_rad))
+    path = SimpleNamespace(joints=joints, step_s=step_s, encoder_step_rad=encoder_step(position_rad))
     return [SimpleNamespace(path=path)]
 
 
@@ -41,6 +41,19 @@ def test_an_encoder_that_stands_still_by_itself_is_seen(rows: int):
     assert found.joint == "elbow"
     assert 3 <= found.times <= len(BEGINS)
     assert found.longest_s == pytest.approx(rows * STEP_S)
+
+
+def test_a_slow_joint_of_a_fast_recording_is_looked_at_over_several_rows():
+    """From row to row it moves by less than four times its noise."""
+    at = 1e-3 * np.arange(ROWS)
+    noise = NOISE_RAD * np.random.default_rng(1).normal(size=(ROWS, 2))
+    slow = np.stack([0.19 * np.sin(1.3 * at), 0.15 * np.sin(2.3 * at + 1.0)], axis=1) + noise
+    dropped = held(slow, [1], BEGINS, 42)
+    (found,) = standing_readings(of(dropped, 1e-3), NAMES)
+    assert found.joint == "elbow" and 3 <= found.times <= len(BEGINS)
+    assert found.longest_s == pytest.approx(0.042, abs=0.008)
+    assert standing_readings(of(slow, 1e-3), NAMES) == []
+    assert standing_readings(of(dropped, 1e-2), NAMES) == [], "rows of 10 ms are not thinned out"
 
 
 @pytest.mark.parametrize(
