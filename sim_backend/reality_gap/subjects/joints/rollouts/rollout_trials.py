@@ -9,6 +9,7 @@ from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, SCALES, SHA
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import Hypothesis
 from sim_backend.reality_gap.subjects.joints.laws.moves import moved
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState, Term
+from sim_backend.reality_gap.subjects.joints.rollouts.bounded_steps import apart
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutFit, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_questions import foretold_rad
 
@@ -60,17 +61,23 @@ def fitted_wholly(
     hypothesis: Hypothesis,
     plain: tuple[Term, ...],
 ) -> Tried:
-    """The better of two fits, which may end apart: from where a model is, and with what it had before at nominal values.
+    """The best of some fits, which may end apart: from where a model is, and with what it had before at nominal values.
 
-    Where both fit about as well the one counts that foretells recordings better that it has not seen: the other owes a part of
-    what it gains to a few windows.
+    That is its causes, or what a healthy robot may be off by: without the cause it may have made up for it, as far as it may. Of
+    those that fit about as well the one counts that foretells recordings best that it has not seen: the others owe a part of what
+    they gain to a few windows.
     """
-    begun, terms = [new.state, *([as_nominal(problem, new.state, own)] if own else [])], [*own, *plain]
-    found = [problem.fitted(state, terms, new.begin) for state in begun]
+    terms = [*own, *plain]
+    begun = [(new.state, new.begin), *([(as_nominal(problem, new.state, own), new.begin)] if own else [])]
+    loose = [term for term, _ in problem.loose_terms(terms)]
+    if apart(new.state, problem.start, loose).any():
+        begun.append((problem.without_loose(new.state, terms), None))
+    found = [problem.fitted(state, terms, begin) for state, begin in begun]
     gains = [problem.gained(fit.squares, each.squares) - OF_NUMBER * len(plain) for each in found]
     best = int(np.argmax(gains))
-    if abs(gains[0] - gains[-1]) < _AS_GOOD * max(gains[best], 0.0) and len(found) > 1:
-        best = int(np.argmin([foretold_rad(problem, each, terms) for each in found]))
+    as_good = [i for i, gain in enumerate(gains) if gains[best] - gain < _AS_GOOD * max(gains[best], 0.0)]
+    if len(as_good) > 1:
+        best = min(as_good, key=lambda i: foretold_rad(problem, found[i], terms))
     return gains[best], found[best], hypothesis, plain
 
 

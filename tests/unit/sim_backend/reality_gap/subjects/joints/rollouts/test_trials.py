@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from sim_backend.reality_gap.subjects.joints.laws.state import JointState, Term
 from sim_backend.reality_gap.subjects.joints.rollouts import rollout_search, rollout_trials
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import GATE, tried_beside
-from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import fitted_instead
+from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import fitted_instead, fitted_wholly
 
 
 def hypothesis(effect: str) -> SimpleNamespace:
@@ -59,3 +60,27 @@ def test_a_rival_is_fitted_until_that_gains_no_more(monkeypatch):
     monkeypatch.setattr(rollout_trials, "as_nominal", lambda _, state, terms: state)
     found = fitted_instead(problem, SimpleNamespace(state=None, begin=None), [], [], None, [])
     assert found.squares == 1.0
+
+
+def test_a_cause_is_fitted_from_nominal_tolerances_too_which_had_made_up_for_it(monkeypatch):
+    """With friction as far up as it may be a fit of cogging stayed where it was: no step brought windows nearer."""
+    friction, start = Term("coulomb_friction.torque_nm", 0, 1e-3), JointState(1)
+    stuck = start.moved(friction, 0.1)
+
+    def fitted(state, terms, begin):
+        is_anew = begin is None and state.value(friction.key)[0] == 0.0
+        return SimpleNamespace(state=state, squares=1.0 if is_anew else 8.0)
+
+    problem = SimpleNamespace(
+        start=start,
+        loose_terms=lambda _: [(friction, 0.05)],
+        without_loose=lambda *_: start,
+        fitted=fitted,
+        gained=lambda before, after: 10.0 * np.log(before / after),
+    )
+    monkeypatch.setattr(rollout_trials, "foretold_rad", lambda *_: 0.0)
+    gains = [
+        fitted_wholly(problem, SimpleNamespace(squares=8.0), (), SimpleNamespace(state=state, begin=0), None, ())[0]
+        for state in (stuck, start)
+    ]
+    assert gains == [pytest.approx(10.0 * np.log(8.0)), 0.0]
