@@ -68,7 +68,8 @@ def fitted_wholly(
     they gain to a few windows.
     """
     terms = [*own, *plain]
-    begun = [(new.state, new.begin), *([(as_nominal(problem, new.state, own), new.begin)] if own else [])]
+    begun: list[tuple[JointState, tuple[np.ndarray, np.ndarray] | None]] = [(new.state, new.begin)]
+    begun += [(as_nominal(problem, new.state, own), new.begin)] if own else []
     loose = [term for term, _ in problem.loose_terms(terms)]
     if apart(new.state, problem.start, loose).any():
         begun.append((problem.without_loose(new.state, terms), None))

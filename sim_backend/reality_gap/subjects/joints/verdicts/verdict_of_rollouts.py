@@ -138,7 +138,7 @@ def verdict_of_rollouts(
 
 
 def _is_gain(nominal: RolloutFit, fit: RolloutFit, usual_rad: np.ndarray, far_rad: np.ndarray) -> np.ndarray:
-    """Whether causes take enough of an error to be named, by joint, shape (k,): half of it, or of that of far windows too far off.
+    """Whether causes take enough of an error to be named, by joint, shape (k,): half of it, or of far windows too far off.
 
     Where no joint is further off than healthy robots are, ``usual_rad`` and ``far_rad``, it takes three quarters.
     """
