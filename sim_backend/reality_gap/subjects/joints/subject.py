@@ -29,16 +29,12 @@ from sim_backend.reality_gap.subjects.joints.torques.contradictions import contr
 from sim_backend.reality_gap.subjects.joints.verdicts.equal_causes import with_late_columns, with_share_of_all, with_turned_base
 from sim_backend.reality_gap.subjects.joints.verdicts.filtered_loops import without_loops_of_filters
 from sim_backend.reality_gap.subjects.joints.verdicts.judged import not_judged
+from sim_backend.reality_gap.subjects.joints.verdicts.limits import enough_of, limits_of, of_healthy_rad
 from sim_backend.reality_gap.subjects.joints.verdicts.needed_causes import with_needed_causes
 from sim_backend.reality_gap.subjects.joints.verdicts.torques_and_rollouts import in_both, proposed_by, with_unlike_torques
 from sim_backend.reality_gap.subjects.joints.verdicts.unnamed_patterns import against_patterns
 from sim_backend.reality_gap.subjects.joints.verdicts.unnamed_rivals import against_unnamed
-from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import (
-    enough_of,
-    limits_of,
-    of_healthy_rad,
-    verdict_of_rollouts,
-)
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import verdict_of_rollouts
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
 from sim_backend.reality_gap.subjects.subject import CUBE_EXCITATION, Material, Progress, Sections, part
 from sim_backend.reality_gap.verdict import Verdict, VerdictKind

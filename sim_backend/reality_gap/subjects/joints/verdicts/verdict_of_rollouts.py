@@ -1,6 +1,6 @@
 """A verdict from rollouts alone: what was taken since with it a model goes where the robot went."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,11 +23,9 @@ from sim_backend.reality_gap.subjects.joints.laws.fitted_values import FittedVal
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS, own_share
 from sim_backend.reality_gap.subjects.joints.laws.intervals import half_interval
 from sim_backend.reality_gap.subjects.joints.rollouts.bounded_steps import TOLERATED
-from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import DrawnRobots, Enough, Healthy
+from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import Healthy
 from sim_backend.reality_gap.subjects.joints.rollouts.recorded_windows import LEAST_WINDOWS
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import (
-    FAR_OFF,
-    FAR_WINDOWS,
     RolloutFit,
     RolloutProblem,
 )
@@ -36,6 +34,7 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import GATE
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import RolloutSelection, instead, without
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import OF_NUMBER
 from sim_backend.reality_gap.subjects.joints.slides import told_distance
+from sim_backend.reality_gap.subjects.joints.verdicts.limits import enough_of, of_healthy_rad
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, HeldOut, Rival, Told, Verdict, VerdictKind
 
 _SURE = 0.95
@@ -46,11 +45,6 @@ _RIVALS = 3
 """So many other effects at most are compared with a cause."""
 _TRIFLE = 0.05
 """Of the largest number of a cause at all joints: a joint with less has none, unless that is more than its model may be off."""
-_AS_GOOD_AS_RIGHT, _AS_GOOD_AS_RIGID = 0.004, 0.01
-"""Of a window's motion: no model is exact, and no integrator; more where bearings are simulated as if they did not give.
-
-The passive pendulum of docs/studies leaves 0.33 % at joint1 in far windows, a third of what is counted, once its bearings rub.
-"""
 EXPLAINED = 0.5
 """Share of a usual window's error that causes must take away at some joint to be named."""
 _IN_LIMITS = 0.25
@@ -67,11 +61,11 @@ def verdict_of_rollouts(
     """Judge what a selection came to.
 
     Named is what takes away at least half of a usual window's error at some joint, or three quarters where without it no joint is
-    further off than healthy robots are, leaves no joint of whose error it took less
-    further off than robots are that have nothing but these causes, and has settled where it fits best unless all joints are as
-    those robots'; what few motions show is judged by the far windows in the same way; what does not is listed as a part of
-    something that is not explained. Where nothing is named, a model is as good as right if the robot, fitted within the model's
-    tolerances, is not further off than healthy ones are that were drawn within them.
+    further off than healthy robots are, leaves no joint of whose error it took less further off than robots are that have nothing
+    but these causes, and has settled where it fits best unless all joints are as those robots'; what few motions show is judged
+    by the far windows in the same way; what does not is listed as a part of something that is not explained. Where nothing is named,
+    a model is as good as right if the robot, fitted within the model's tolerances, is not further off than healthy ones are that
+    were drawn within them.
 
     Args:
         study: of the same recordings.
@@ -96,7 +90,7 @@ def verdict_of_rollouts(
     is_slide = study.problem.episodes[0].plant.is_slide
     said = _left(selection, names, is_slide, after, far_after if is_only_far else None)
     is_healthy = bool((before <= usual_rad).all() and (far_before <= far_rad).all())
-    is_gain = _is_gain(selection.nominal, selection.fit, usual_rad, far_rad)
+    is_gain = _is_gain(selection.nominal, selection.fit, None if is_healthy else far_rad)
     is_usual = bool((after <= left_rad).all() and (far_after <= far_left_rad).all())
     is_little = (is_halved | (after <= left_rad)).all() and (is_far_halved | (far_after <= far_left_rad)).all()
     explains = bool(is_gain.any() and is_little)
@@ -137,57 +131,23 @@ def verdict_of_rollouts(
     )
 
 
-def _is_gain(nominal: RolloutFit, fit: RolloutFit, usual_rad: np.ndarray, far_rad: np.ndarray) -> np.ndarray:
+def _is_gain(nominal: RolloutFit, fit: RolloutFit, far_rad: np.ndarray | None) -> np.ndarray:
     """Whether causes take enough of an error to be named, by joint, shape (k,): half of it, or of far windows too far off.
 
-    Where no joint is further off than healthy robots are, ``usual_rad`` and ``far_rad``, it takes three quarters.
+    Where no joint is further off than healthy robots are it takes three quarters.
+
+    Args:
+        nominal: the model without causes.
+        fit: the model with them.
+        far_rad: what far windows of healthy robots may be off, shape (k,); None where no joint is further off than they are.
     """
-    if (nominal.usual_rad <= usual_rad).all() and (nominal.far_rad <= far_rad).all():
+    if far_rad is None:
         return fit.usual_rad < _IN_LIMITS * nominal.usual_rad
     is_halved, is_far_halved = (
         after < (1.0 - EXPLAINED) * before
         for before, after in ((nominal.usual_rad, fit.usual_rad), (nominal.far_rad, fit.far_rad))
     )
     return is_halved | (is_far_halved & (nominal.far_rad > far_rad))
-
-
-def limits_of(
-    robots: DrawnRobots, fit: RolloutFit, enough: Enough, progress: Callable[[str, float], None] = lambda *_: None
-) -> Healthy:
-    """Limits of drawn robots, as close as it takes to say on which side of them a model's windows end up.
-
-    Args:
-        robots: drawn for the same windows.
-        fit: whose windows.
-        enough: below what nothing is off whatever robots are.
-        progress: told what is done, and which share.
-    """
-    coarse_rad, coarse_far_rad = of_healthy_rad(robots.coarse, enough)
-    is_open = (fit.usual_rad > enough.usual_rad) & (fit.usual_rad <= coarse_rad)
-    is_far_open = (fit.far_rad > enough.far_rad) & (fit.far_rad <= coarse_far_rad)
-    if not (is_open | is_far_open).any():
-        return robots.coarse
-    margin = robots.coarse.margin
-    asked = (np.where(is_open, fit.usual_rad, 0.0) / margin, np.where(is_far_open, fit.far_rad, 0.0) / margin)
-    return robots.closely(enough, *asked, progress)
-
-
-def enough_of(problem: RolloutProblem) -> Enough:
-    """Below what windows are not off whatever healthy robots are: encoders' noise, or a share of how far windows move.
-
-    A robot that swings out moves far in its first windows and little in most.
-    """
-    share = _AS_GOOD_AS_RIGHT if problem.forward.has_bearings else _AS_GOOD_AS_RIGID
-    usual_rad, far_rad = (
-        np.maximum(FAR_OFF * problem.noise_rad, share * motion_rad) for motion_rad in (problem.motion_rad, problem.far_motion_rad)
-    )
-    return Enough(usual_rad, FAR_WINDOWS * far_rad)
-
-
-def of_healthy_rad(healthy: Healthy, enough: Enough) -> tuple[np.ndarray, np.ndarray]:
-    """What a usual and a far window of a robot that nothing is wrong with may be off, shapes (k,), rad."""
-    usual_rad = np.maximum(enough.usual_rad, healthy.margin * healthy.fitted_rad)
-    return usual_rad, np.maximum(np.maximum(enough.far_rad, FAR_WINDOWS * usual_rad), healthy.margin * healthy.fitted_far_rad)
 
 
 _OPEN = frozenset({VerdictKind.UNEXPLAINED, VerdictKind.CONFUSABLE})

@@ -48,11 +48,11 @@ def test_the_joint_that_shows_the_causes_best_is_told_in_its_own_unit(which, mor
 
 
 @pytest.mark.parametrize(
-    ("left_rad", "limit_rad", "gains"),
-    [(0.0015, 0.01, False), (0.0009, 0.01, True), (0.0015, 0.003, True), (0.0021, 0.003, False)],
+    ("left_rad", "far_rad", "gains"),
+    [(0.0015, None, False), (0.0009, None, True), (0.0015, 0.003, True), (0.0021, 0.003, False)],
     ids=["too little for a healthy robot", "three quarters", "half of what is too far", "less than half"],
 )
-def test_of_a_robot_that_may_be_healthy_a_cause_has_to_take_more(left_rad, limit_rad, gains):
+def test_of_a_robot_that_may_be_healthy_a_cause_has_to_take_more(left_rad, far_rad, gains):
     nominal, fit = fit_of(np.tile([0.001, 0.004], (8, 1))), fit_of(np.tile([0.001, left_rad], (8, 1)))
-    is_gain = _is_gain(nominal, fit, np.full(2, limit_rad), np.full(2, 3.0 * limit_rad))
+    is_gain = _is_gain(nominal, fit, None if far_rad is None else np.full(2, far_rad))
     assert is_gain.tolist() == [False, gains]
