@@ -64,8 +64,8 @@ def verdict_of_rollouts(
     further off than healthy robots are, leaves no joint of whose error it took less further off than robots are that have nothing
     but these causes, and has settled where it fits best unless all joints are as those robots'; what few motions show is judged
     by the far windows in the same way; what does not is listed as a part of something that is not explained. Where nothing is
-    named, a model is as good as right if the robot, fitted within the model's tolerances, is not further off than healthy ones are
-    that were drawn within them.
+    named, a model is as good as right if the robot, fitted within the model's tolerances, is not further off than healthy ones
+    are that were drawn within them.
 
     Args:
         study: of the same recordings.
