@@ -17,7 +17,8 @@ from sim_backend.reality_gap.subjects.joints.laws.hypotheses import with_control
 from sim_backend.reality_gap.subjects.joints.laws.motor_law import LIMIT
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import DrawnRobots
-from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import FAR_OFF, LENGTHS_S, RolloutProblem
+from sim_backend.reality_gap.subjects.joints.rollouts.limits import enough_of, is_within, limits_of, of_healthy_rad
+from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import FAR_OFF, LENGTHS_S, RolloutFit, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.sections import joint_sections
 from sim_backend.reality_gap.subjects.joints.signs.commanded_and_measured import causes_between
@@ -29,7 +30,6 @@ from sim_backend.reality_gap.subjects.joints.torques.contradictions import contr
 from sim_backend.reality_gap.subjects.joints.verdicts.equal_causes import with_late_columns, with_share_of_all, with_turned_base
 from sim_backend.reality_gap.subjects.joints.verdicts.filtered_loops import without_loops_of_filters
 from sim_backend.reality_gap.subjects.joints.verdicts.judged import not_judged
-from sim_backend.reality_gap.subjects.joints.verdicts.limits import enough_of, limits_of, of_healthy_rad
 from sim_backend.reality_gap.subjects.joints.verdicts.needed_causes import with_needed_causes
 from sim_backend.reality_gap.subjects.joints.verdicts.torques_and_rollouts import in_both, proposed_by, with_unlike_torques
 from sim_backend.reality_gap.subjects.joints.verdicts.unnamed_patterns import against_patterns
@@ -117,6 +117,10 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
 
     progress("simulating healthy robots", 0.2)
     robots, enough = DrawnRobots(problem, rng), enough_of(problem)
+
+    def is_healthy(fit: RolloutFit) -> bool:
+        return is_within(fit, of_healthy_rad(limits_of(robots, fit, enough, part(progress, 0.2, 0.25)), enough))
+
     proposed = proposed_by(torques, found) if method == NAMING else {}
     selection = select_by_rollouts(
         problem,
@@ -126,6 +130,7 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
         proposed,
         healthy_rad=robots.coarse.fitted_rad,
         enough_rad=enough.usual_rad,
+        is_healthy=is_healthy,
     )
     healthy = limits_of(robots, selection.nominal, enough, part(progress, 0.8, 0.85))
     is_left, near = selection.taken and not selection.problem.is_near_noise(selection.fit), part(progress, 0.85, 0.9)

@@ -9,6 +9,7 @@ import numpy as np
 from sim_backend.reality_gap.knowledge.joint_effects import FITTED, NUMBERS
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS, Catalogue
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState, Term
+from sim_backend.reality_gap.subjects.joints.rollouts.explained import explained_at
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import (
     FAR_OFF,
     FAR_WINDOWS,
@@ -82,6 +83,7 @@ def select_by_rollouts(
     proposed: Proposed = MappingProxyType({}),
     healthy_rad: np.ndarray | float = 0.0,
     enough_rad: np.ndarray | float = 0.0,
+    is_healthy: Callable[[RolloutFit], bool] = lambda _: False,
 ) -> RolloutSelection:
     """Take the cause that gains most, fit everything anew, drop what is needed no more, until nothing gains.
 
@@ -97,12 +99,15 @@ def select_by_rollouts(
             shape (k,), where that is known.
         enough_rad: what usual windows may be off for anybody, shape (k,): a gravity of another strength that leaves no more is
             the answer rather than causes that leave more.
+        is_healthy: whether a model leaves no more than robots that nothing is wrong with: then the order in which causes are
+            taken is doubted only if they take what they must to be named there.
     """
-    found = _selected(problem, catalogue, fits, progress, proposed, healthy_rad, enough_rad)
+    search = CauseSearch(problem, catalogue, fits, progress, proposed, healthy_rad)
+    found = _selected(search, enough_rad, is_healthy)
     otherwise = problem.otherwise()
     if otherwise is None or not any(is_nearer(fit, found.fit) for fit in _with_other_loop(otherwise, found)):
         return found
-    again = _selected(otherwise, catalogue, fits, progress, proposed, healthy_rad, enough_rad)
+    again = _selected(replace(search, problem=otherwise, tried={}), enough_rad, is_healthy)
     return again if is_nearer(again.fit, found.fit) else found
 
 
@@ -118,19 +123,12 @@ def _with_other_loop(otherwise: RolloutProblem, found: RolloutSelection) -> Iter
             yield otherwise.fitted(fit.state, own, fit.begin)
 
 
-def _selected(
-    problem: RolloutProblem,
-    catalogue: Catalogue,
-    fits: Callable[[JointState], bool],
-    progress: Callable[[str, float], None],
-    proposed: Proposed,
-    healthy_rad: np.ndarray | float,
-    enough_rad: np.ndarray | float,
-) -> RolloutSelection:
-    search = CauseSearch(problem, catalogue, fits, progress, proposed, healthy_rad)
+def _selected(search: CauseSearch, enough_rad: np.ndarray | float, is_healthy: Callable[[RolloutFit], bool]) -> RolloutSelection:
+    problem = search.problem
     nominal = settled(problem, problem.fitted(problem.start, ()))
     found = _path(search, nominal, nominal, ())
-    for fit, first in _other_firsts(search, nominal, found):
+    is_doubted = explained_at(nominal, found.fit, None).any() or not is_healthy(nominal)
+    for fit, first in _other_firsts(search, nominal, found) if is_doubted else ():
         other = _path(search, nominal, fit, (first,))
         found = other if _is_better(problem, other, found) else found
     nearly = replace(search, healthy_rad=_NEARLY * np.asarray(search.healthy_rad))

@@ -12,10 +12,10 @@ import numpy as np
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.rollouts.bounded_steps import apart
+from sim_backend.reality_gap.subjects.joints.rollouts.explained import EXPLAINED
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import FAR_OFF, RolloutFit, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import Taken, stays_within
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import RolloutSelection, only_at, without
-from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import EXPLAINED
 
 _CLEAR = 0.2
 """Share of what a cause gained: what loses more is needed, however little further off a robot ends up without it."""

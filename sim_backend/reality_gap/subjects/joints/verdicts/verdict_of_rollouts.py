@@ -23,7 +23,9 @@ from sim_backend.reality_gap.subjects.joints.laws.fitted_values import FittedVal
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS, own_share
 from sim_backend.reality_gap.subjects.joints.laws.intervals import half_interval
 from sim_backend.reality_gap.subjects.joints.rollouts.bounded_steps import TOLERATED
+from sim_backend.reality_gap.subjects.joints.rollouts.explained import EXPLAINED, explained_at
 from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import Healthy
+from sim_backend.reality_gap.subjects.joints.rollouts.limits import enough_of, is_within, of_healthy_rad
 from sim_backend.reality_gap.subjects.joints.rollouts.recorded_windows import LEAST_WINDOWS
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import (
     RolloutFit,
@@ -34,7 +36,6 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import GATE
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import RolloutSelection, instead, without
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import OF_NUMBER
 from sim_backend.reality_gap.subjects.joints.slides import told_distance
-from sim_backend.reality_gap.subjects.joints.verdicts.limits import enough_of, of_healthy_rad
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, HeldOut, Rival, Told, Verdict, VerdictKind
 
 _SURE = 0.95
@@ -45,14 +46,6 @@ _RIVALS = 3
 """So many other effects at most are compared with a cause."""
 _TRIFLE = 0.05
 """Of the largest number of a cause at all joints: a joint with less has none, unless that is more than its model may be off."""
-EXPLAINED = 0.5
-"""Share of a usual window's error that causes must take away at some joint to be named."""
-_IN_LIMITS = 0.25
-"""Share that causes may leave of an error at that joint which is as small as those of healthy robots at all joints.
-
-Of an exact model of nine joints (tests/benchmarks/study_time.py) a friction by load at all joints takes one joint's error from
-0.64 to 0.32 mrad: two programs compute the same friction differently.
-"""
 
 
 def verdict_of_rollouts(
@@ -89,9 +82,9 @@ def verdict_of_rollouts(
     is_only_far = bool((after <= left_rad).all() and (far_after > far_left_rad).any())
     is_slide = study.problem.episodes[0].plant.is_slide
     said = _left(selection, names, is_slide, after, far_after if is_only_far else None)
-    is_healthy = bool((before <= usual_rad).all() and (far_before <= far_rad).all())
-    is_gain = _is_gain(selection.nominal, selection.fit, None if is_healthy else far_rad)
-    is_usual = bool((after <= left_rad).all() and (far_after <= far_left_rad).all())
+    is_healthy = is_within(selection.nominal, (usual_rad, far_rad))
+    is_gain = explained_at(selection.nominal, selection.fit, None if is_healthy else far_rad)
+    is_usual = is_within(selection.fit, (left_rad, far_left_rad))
     is_little = (is_halved | (after <= left_rad)).all() and (is_far_halved | (far_after <= far_left_rad)).all()
     explains = bool(is_gain.any() and is_little)
     explains = explains and (is_usual or problem.is_near_noise(selection.fit) or would_move_nats(problem, selection.fit) < GATE)
@@ -129,25 +122,6 @@ def verdict_of_rollouts(
         record_next=_next(kind, [rival for _, rival, _, _ in near]),
         effects=tuple(effects_judged(selection, kind, causes, [rival for _, rival, _, _ in near])),
     )
-
-
-def _is_gain(nominal: RolloutFit, fit: RolloutFit, far_rad: np.ndarray | None) -> np.ndarray:
-    """Whether causes take enough of an error to be named, by joint, shape (k,): half of it, or of far windows too far off.
-
-    Where no joint is further off than healthy robots are it takes three quarters.
-
-    Args:
-        nominal: the model without causes.
-        fit: the model with them.
-        far_rad: what far windows of healthy robots may be off, shape (k,); None where no joint is further off than they are.
-    """
-    if far_rad is None:
-        return fit.usual_rad < _IN_LIMITS * nominal.usual_rad
-    is_halved, is_far_halved = (
-        after < (1.0 - EXPLAINED) * before
-        for before, after in ((nominal.usual_rad, fit.usual_rad), (nominal.far_rad, fit.far_rad))
-    )
-    return is_halved | (is_far_halved & (nominal.far_rad > far_rad))
 
 
 _OPEN = frozenset({VerdictKind.UNEXPLAINED, VerdictKind.CONFUSABLE})

@@ -11,9 +11,9 @@ from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.rollouts.forward import Windows
 from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import DrawnRobots
+from sim_backend.reality_gap.subjects.joints.rollouts.limits import enough_of, limits_of, of_healthy_rad
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import select_by_rollouts
-from sim_backend.reality_gap.subjects.joints.verdicts.limits import enough_of, limits_of, of_healthy_rad
 from sim_backend.reality_gap.subjects.joints.verdicts.needed_causes import with_needed_causes
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import verdict_of_rollouts
 

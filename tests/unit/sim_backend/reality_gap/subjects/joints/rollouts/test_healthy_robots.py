@@ -19,9 +19,9 @@ from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import (
     Healthy,
     _below,
 )
+from sim_backend.reality_gap.subjects.joints.rollouts.limits import enough_of, of_healthy_rad
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import FAR_WINDOWS, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollouts.tolerated import _bearings
-from sim_backend.reality_gap.subjects.joints.verdicts.limits import enough_of, of_healthy_rad
 from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import PENDULUM, problem_of, recorded, targets
 
 

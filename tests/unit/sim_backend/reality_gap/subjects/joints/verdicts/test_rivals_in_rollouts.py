@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import Hypothesis
+from sim_backend.reality_gap.subjects.joints.rollouts.limits import enough_of
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import Taken
-from sim_backend.reality_gap.subjects.joints.verdicts.limits import enough_of
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import _rivals
 
 

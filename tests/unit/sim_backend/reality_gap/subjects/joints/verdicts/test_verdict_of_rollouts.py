@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutFit
-from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import _few_windows, _is_gain, _with_and_without
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import _few_windows, _with_and_without
 
 NAMES, IS_SLIDE = ("cart", "pole"), np.array([True, False])
 NOBODY = np.empty(0)
@@ -45,14 +45,3 @@ def test_the_joint_that_shows_the_causes_best_is_told_in_its_own_unit(which, mor
     shown = np.array([False, True])
     said = _with_and_without(selection, NAMES, IS_SLIDE, shown, usual=not more)  # pyrefly: ignore[bad-argument-type]
     assert said == f"{which} of 0.5 s ends up 1 mrad{more} off at pole, 4 mrad without that"
-
-
-@pytest.mark.parametrize(
-    ("left_rad", "far_rad", "gains"),
-    [(0.0015, None, False), (0.0009, None, True), (0.0015, 0.003, True), (0.0021, 0.003, False)],
-    ids=["too little for a healthy robot", "three quarters", "half of what is too far", "less than half"],
-)
-def test_of_a_robot_that_may_be_healthy_a_cause_has_to_take_more(left_rad, far_rad, gains):
-    nominal, fit = fit_of(np.tile([0.001, 0.004], (8, 1))), fit_of(np.tile([0.001, left_rad], (8, 1)))
-    is_gain = _is_gain(nominal, fit, None if far_rad is None else np.full(2, far_rad))
-    assert is_gain.tolist() == [False, gains]

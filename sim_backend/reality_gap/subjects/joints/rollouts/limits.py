@@ -51,3 +51,9 @@ def of_healthy_rad(healthy: Healthy, enough: Enough) -> tuple[np.ndarray, np.nda
     """What a usual and a far window of a robot that nothing is wrong with may be off, shapes (k,), rad."""
     usual_rad = np.maximum(enough.usual_rad, healthy.margin * healthy.fitted_rad)
     return usual_rad, np.maximum(np.maximum(enough.far_rad, FAR_WINDOWS * usual_rad), healthy.margin * healthy.fitted_far_rad)
+
+
+def is_within(fit: RolloutFit, limits_rad: tuple[np.ndarray, np.ndarray]) -> bool:
+    """Whether windows end up no further off at any joint than limits of usual windows and of far ones, shapes (k,), rad."""
+    usual_rad, far_rad = limits_rad
+    return bool((fit.usual_rad <= usual_rad).all() and (fit.far_rad <= far_rad).all())

@@ -1,0 +1,33 @@
+"""Whether causes take enough of an error to be its causes."""
+
+import numpy as np
+
+from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutFit
+
+EXPLAINED = 0.5
+"""Share of a usual window's error that causes must take away at some joint to be named."""
+_IN_LIMITS = 0.25
+"""Share that causes may leave of an error at that joint which is as small as those of healthy robots at all joints.
+
+Of an exact model of nine joints (tests/benchmarks/study_time.py) a friction by load at all joints takes one joint's error from
+0.64 to 0.32 mrad: two programs compute the same friction differently.
+"""
+
+
+def explained_at(nominal: RolloutFit, fit: RolloutFit, far_rad: np.ndarray | None) -> np.ndarray:
+    """Whether causes take enough of an error to be named, by joint, shape (k,): half of it, or of far windows too far off.
+
+    Where no joint is further off than healthy robots are it takes three quarters.
+
+    Args:
+        nominal: the model without causes.
+        fit: the model with them.
+        far_rad: what far windows of healthy robots may be off, shape (k,); None where no joint is further off than they are.
+    """
+    if far_rad is None:
+        return fit.usual_rad < _IN_LIMITS * nominal.usual_rad
+    is_halved, is_far_halved = (
+        after < (1.0 - EXPLAINED) * before
+        for before, after in ((nominal.usual_rad, fit.usual_rad), (nominal.far_rad, fit.far_rad))
+    )
+    return is_halved | (is_far_halved & (nominal.far_rad > far_rad))
