@@ -15,6 +15,7 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.knowledge.joint_effects import LATE_TORQUE, LIMITED_TORQUE
 from sim_backend.reality_gap.subjects.joints.laws.intervals import half_interval
 from sim_backend.reality_gap.subjects.joints.laws.trajectory import filled_gaps
+from sim_backend.reality_gap.subjects.joints.signs.changing_shares import changing_share
 from sim_backend.reality_gap.subjects.joints.torques.equations import EpisodeEquations
 from sim_backend.reality_gap.verdict import Cause
 
@@ -156,6 +157,7 @@ def causes_between(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -
     if not both:
         return causes, open_, unlike
     row_s = float(np.median([e.path.step_s for e in episodes]))
+    compared = [(np.full_like(sent, np.nan), felt) for sent, felt in both]
     for j, name in enumerate(names):
         found = between([s[:, j] for s, _ in both], [m[:, j] for _, m in both], round(_LONGEST_S / row_s))
         if found is None:
@@ -170,10 +172,19 @@ def causes_between(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -
             open_.append(
                 f"whether {name} has an action delay of up to {1e3 * row_s:.3g} ms: its measured torque comes a row later"
             )
+        if not found.may_be_filter and not np.isfinite(found.limit_nm):
+            for (asked, _), (sent, _) in zip(compared, both, strict=True):
+                asked[found.late_rows :, j] = sent[: len(sent) - found.late_rows, j]
         if found.unlike > _UNLIKE:
             unlike.append(f"the measured torque of {name} differs from the commanded one by {found.unlike:.0%} of it")
         if np.isfinite(found.limit_nm):
             causes.append(_cause(LIMITED_TORQUE, name, found.limit_nm, found.limit_error_nm))
+    shares = changing_share([asked for asked, _ in compared], [felt for _, felt in compared], row_s)
+    if shares is not None and not unlike:
+        unlike.append(
+            "measured torques are a share of the commanded ones that changes with time, at all joints alike: "
+            f"{shares[0]:.0%} to {shares[1]:.0%} of what is usual"
+        )
     return causes, open_, unlike
 
 
