@@ -15,7 +15,7 @@ from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import RolloutSelection
 from sim_backend.reality_gap.subjects.joints.torques.equations import EpisodeEquations
 from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import BEYOND_NOISE, VARIABLES, hats, variables_of
-from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import effects_judged
+from sim_backend.reality_gap.subjects.joints.verdicts.rollout_effects import effects_judged
 from sim_backend.reality_gap.verdict import Verdict, VerdictKind
 
 _MOST = 0.5

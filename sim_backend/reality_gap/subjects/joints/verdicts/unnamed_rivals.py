@@ -18,7 +18,8 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import Rollout
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import GATE, Taken
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import RolloutSelection
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import OF_NUMBER, as_nominal
-from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import CONFUSABLE_NATS, CONFUSABLE_SHARE, effects_judged
+from sim_backend.reality_gap.subjects.joints.verdicts.rollout_effects import effects_judged
+from sim_backend.reality_gap.subjects.joints.verdicts.rollout_rivals import CONFUSABLE_NATS, CONFUSABLE_SHARE
 from sim_backend.reality_gap.verdict import Verdict, VerdictKind
 
 _HALVED = 0.5

@@ -16,8 +16,8 @@ def fit_of(off_rad) -> RolloutFit:
 
 @pytest.mark.parametrize(
     ("left_rad", "far_rad", "gains"),
-    [(0.0015, None, False), (0.0009, None, True), (0.0015, 0.003, True), (0.0021, 0.003, False)],
-    ids=["too little for a healthy robot", "three quarters", "half of what is too far", "less than half"],
+    [(0.0018, None, False), (0.0014, None, True), (0.0018, 0.003, True), (0.0021, 0.003, False)],
+    ids=["too little for a healthy robot", "three fifths", "half of what is too far", "less than half"],
 )
 def test_of_a_robot_that_may_be_healthy_a_cause_has_to_take_more(left_rad, far_rad, gains):
     nominal, fit = fit_of(np.tile([0.001, 0.004], (8, 1))), fit_of(np.tile([0.001, left_rad], (8, 1)))

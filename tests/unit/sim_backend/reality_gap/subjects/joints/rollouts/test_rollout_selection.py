@@ -21,7 +21,9 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import Rollout
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_questions import would_move_nats
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import GATE, CauseSearch, Taken, _least, may_be
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import RolloutSelection, select_by_rollouts
-from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import _is_ahead, _least_of, verdict_of_rollouts
+from sim_backend.reality_gap.subjects.joints.verdicts.rollout_causes import least_of
+from sim_backend.reality_gap.subjects.joints.verdicts.rollout_rivals import is_ahead
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import verdict_of_rollouts
 from sim_backend.reality_gap.verdict import Told, VerdictKind
 from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import (
     COGGING_NM,
@@ -100,9 +102,9 @@ def test_of_few_windows_a_model_is_ahead_only_where_they_agree():
     problem = SimpleNamespace(windows=range(5), gained_by_window=lambda before, after: np.log(before / after).sum(axis=1))
     fit = SimpleNamespace(squares=np.ones((5, 1)))
     by_all, by_one = (SimpleNamespace(squares=np.exp(np.array(nats))[:, None]) for nats in ([4, 5, 3, 4, 6], [22, 0, 1, -1, 0]))
-    assert _is_ahead(problem, fit, by_all) and not _is_ahead(problem, fit, by_one)
+    assert is_ahead(problem, fit, by_all) and not is_ahead(problem, fit, by_one)
     problem.windows = range(LEAST_WINDOWS)
-    assert _is_ahead(problem, fit, by_one), "of many the nats are asked"
+    assert is_ahead(problem, fit, by_one), "of many the nats are asked"
 
 
 def test_a_limit_that_few_windows_meet_is_named_and_not_called_healthy():
@@ -287,8 +289,8 @@ def test_another_way_of_computing_is_tried_with_the_cause_that_came_next(monkeyp
 
 @pytest.mark.parametrize(
     ("left", "is_healthy", "paths"),
-    [(0.3, True, 1), (0.2, True, 2), (0.3, False, 2)],
-    ids=["may be healthy", "three quarters are gone", "is off"],
+    [(0.45, True, 1), (0.35, True, 2), (0.45, False, 2)],
+    ids=["may be healthy", "three fifths are gone", "is off"],
 )
 def test_the_order_of_causes_is_doubted_where_a_robot_is_off_or_most_of_its_error_is_gone(monkeypatch, left, is_healthy, paths):
     begin = np.zeros((1, 1)), np.zeros((1, 1))
@@ -349,9 +351,9 @@ def test_a_joint_with_less_of_a_cause_than_a_trifle_has_it_where_its_model_canno
     damping = "viscous_friction.damping_nm_s_rad"
     start = JointState(2, {damping: np.array([0.0, 0.05])})
     study = SimpleNamespace(robot=UnknownRobot(Tolerance(friction=0.1)), start=start)
-    assert _least_of(study, damping, 0, 1.0) == pytest.approx(0.05), "no friction of its own to be off by"
-    assert _least_of(study, damping, 1, 1.0) == pytest.approx(0.1 * 0.05)
-    assert _least_of(study, "backlash.gap_rad", 1, 1.0) == pytest.approx(0.05)
+    assert least_of(study, damping, 0, 1.0) == pytest.approx(0.05), "no friction of its own to be off by"
+    assert least_of(study, damping, 1, 1.0) == pytest.approx(0.1 * 0.05)
+    assert least_of(study, "backlash.gap_rad", 1, 1.0) == pytest.approx(0.05)
 
 
 @pytest.mark.parametrize(("hidden", "effect"), [("heavier", "link_mass"), ('frictionloss="0.08"', "coulomb_friction")])

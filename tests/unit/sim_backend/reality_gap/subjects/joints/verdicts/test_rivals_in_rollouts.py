@@ -8,7 +8,7 @@ import pytest
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import Hypothesis
 from sim_backend.reality_gap.subjects.joints.rollouts.limits import enough_of
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import Taken
-from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import _rivals
+from sim_backend.reality_gap.subjects.joints.verdicts.rollout_rivals import rivals_of
 
 
 def other(gain: float, effect: str, where: str):
@@ -18,7 +18,7 @@ def other(gain: float, effect: str, where: str):
 def found(*others) -> list[tuple[str, str, float]]:
     taken = Taken(Hypothesis("coulomb_friction", "j1", (0,), (1.0,)), (), 100.0, tuple(others))
     selection = SimpleNamespace(taken=(taken,), problem=SimpleNamespace(windows=range(60)))
-    return [(rival.effect, rival.where, rival.behind) for rival, _, _ in _rivals(selection, taken)]
+    return [(rival.effect, rival.where, rival.behind) for rival, _, _ in rivals_of(selection, taken)]
 
 
 def test_all_effects_that_came_near_are_rivals_each_once():
