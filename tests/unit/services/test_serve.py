@@ -11,7 +11,7 @@ from structlog.testing import capture_logs
 from services import serve
 from services.database.pages import Asked
 from services.database.tables import trial
-from services.errors import ServiceError
+from services.errors import NotReady, ServiceError
 from services.jobs import robots
 from services.jobs.clock import FarmClock
 from services.settings import Settings
@@ -79,3 +79,12 @@ async def test_the_first_tokens_are_in_their_file_also_if_the_first_start_was_cu
     made = json.loads((tmp_path / serve.TOKENS_FILE).read_text())
     assert {name: (await tokens.caller(bearer)).owner for name, bearer in made.items()} == {"admin": "operator", "robot": "farm"}
     assert len((await tokens.page(Asked(10))).entries) == 2
+
+
+async def test_a_certificate_that_cannot_be_used_is_said_and_leaves_no_task(tmp_path):
+    pem = tmp_path / "certificate.pem"
+    pem.write_text("no certificate")
+    settings = Settings(data=tmp_path / "farm", port=0, bus="tcp/127.0.0.1:0", tls_certificate=pem, tls_key=pem)
+    with pytest.raises(NotReady, match=r"TRIFARM_TLS_CERTIFICATE and TRIFARM_TLS_KEY name .*certificate\.pem"):
+        await serve.serve(settings)
+    assert asyncio.all_tasks() == {asyncio.current_task()}
