@@ -17,6 +17,7 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import (
     fitted_quickly,
     fitted_wholly,
     fitted_without,
+    settled,
 )
 from sim_backend.reality_gap.subjects.joints.torques.contradictions import is_gravity, pushes, runs_into_bounds
 from sim_backend.reality_gap.subjects.joints.torques.look import Accepted
@@ -78,10 +79,7 @@ class CauseSearch:
             found = _best(self, fit, taken, share)
             if found is None:
                 break
-            fit, is_whole = found[0], bool(taken)
-            taken = (*taken, found[1])
-            if not is_whole:
-                fit = self.problem.fitted(fit.state, found[1].terms, fit.begin)
+            fit, taken = settled(self.problem, found[0]), (*taken, found[1])
             self.progress(f"{found[1].hypothesis.effect}, {found[1].hypothesis.where}", 1.0 - 0.7 ** len(taken))
             fit, taken = without_needless(self, fit, taken, kept)
         return fit, taken
@@ -91,8 +89,8 @@ def _best(search: CauseSearch, fit: RolloutFit, taken: Sequence[Taken], share: f
     """What gains most of those that are possible, and the model with it; ``share`` as of :func:`_least`."""
     if id(fit) not in search.tried:
         search.tried[id(fit)] = fit, tried_beside(search, fit, taken)
-    asked = {hypothesis.effect for hypothesis in search.catalogue.hypotheses}
-    tried = [each for each in search.tried[id(fit)][1] if each[2].effect in asked]
+    asked = {hypothesis.name for hypothesis in search.catalogue.hypotheses}
+    tried = [each for each in search.tried[id(fit)][1] if each[2].name in asked]
     enough = [entry for entry in tried if entry[0] >= _least(search.problem, fit, entry, taken, share)]
     if not enough:
         return None

@@ -129,8 +129,12 @@ def _selected(search: CauseSearch, enough_rad: np.ndarray | float, is_healthy: C
     found = _path(search, nominal, nominal, ())
     is_doubted = explained_at(nominal, found.fit, None).any() or not is_healthy(nominal)
     for fit, first in _other_firsts(search, nominal, found) if is_doubted else ():
-        other = _path(search, nominal, fit, (first,))
-        found = other if _is_better(problem, other, found) else found
+        fit = settled(problem, fit)
+        others = [_path(search, nominal, fit, (first,))]
+        if _names(found) <= _names(others[0]) and first.hypothesis.name not in _names(found):
+            others.append(_path(_without(search, _names(found)), nominal, fit, (first,)))
+        for other in others:
+            found = other if _is_better(problem, other, found) else found
     nearly = replace(search, healthy_rad=_NEARLY * np.asarray(search.healthy_rad))
     is_like = any(FITTED[cause.hypothesis.effect].scales_everything for cause in found.taken)
     is_plain = leaves_little(nearly, found.fit) and len(found.taken) < _MANY and not is_like
@@ -141,6 +145,17 @@ def _selected(search: CauseSearch, enough_rad: np.ndarray | float, is_healthy: C
     is_plainer = len(other.taken) < len(found.taken) and is_as_near
     is_near = leaves_little(nearly, other.fit) or bool((other.fit.usual_rad < enough_rad).all())
     return other if is_plainer or is_near else found
+
+
+def _names(selection: RolloutSelection) -> set[tuple[str, str]]:
+    """Effects at places that were taken."""
+    return {cause.hypothesis.name for cause in selection.taken}
+
+
+def _without(search: CauseSearch, names: set[tuple[str, str]]) -> CauseSearch:
+    """A search that does not ask for some effects at places: it would only come back to where another has been."""
+    asked = tuple(h for h in search.catalogue.hypotheses if h.name not in names)
+    return replace(search, catalogue=replace(search.catalogue, hypotheses=asked))
 
 
 def _with_other_gravity(search: CauseSearch, nominal: RolloutFit) -> RolloutSelection | None:
@@ -190,7 +205,7 @@ def _other_firsts(search: CauseSearch, nominal: RolloutFit, found: RolloutSelect
         return []
     tried = search.tried[id(nominal)][1]
     enough = [each for each in tried if each[0] >= GATE]
-    names = {cause.hypothesis.name for cause in found.taken}
+    names = _names(found)
     of_all = {effect for effect, where in names if where == ALL_JOINTS}
     single = [each for each in enough if each[2].effect in of_all and each[2].where != ALL_JOINTS][:1]
     is_left = not search.problem.is_near_noise(found.fit)
@@ -206,14 +221,21 @@ def _leaves_nothing(problem: RolloutProblem, nominal: RolloutFit, fit: RolloutFi
 
 
 def _is_better(problem: RolloutProblem, one: RolloutSelection, other: RolloutSelection) -> bool:
-    """Whether causes leave hardly anything, and less than others by more than their numbers are worth."""
-    return _leaves_nothing(problem, one.nominal, one.fit) and _gains_more(one, other)
+    """Whether causes leave less than others by more than their numbers are worth, and are no more numbers, or hardly anything is
+    left with them.
+    """
+    is_whole = _leaves_nothing(problem, one.nominal, one.fit)
+    return (is_whole or _numbers(one) <= _numbers(other)) and _gains_more(one, other)
 
 
 def _gains_more(one: RolloutSelection, other: RolloutSelection) -> bool:
     """Whether causes leave less than others by more than their numbers are worth."""
-    numbers = [sum(len(cause.terms) for cause in each.taken) for each in (one, other)]
-    return one.problem.gained(other.fit.squares, one.fit.squares) > OF_NUMBER * (numbers[0] - numbers[1])
+    return one.problem.gained(other.fit.squares, one.fit.squares) > OF_NUMBER * (_numbers(one) - _numbers(other))
+
+
+def _numbers(selection: RolloutSelection) -> int:
+    """Of all causes that were taken."""
+    return sum(len(cause.terms) for cause in selection.taken)
 
 
 def _without_limits(catalogue: Catalogue) -> Catalogue:
