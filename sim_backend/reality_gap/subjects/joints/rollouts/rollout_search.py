@@ -17,7 +17,7 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import (
     fitted_quickly,
     fitted_wholly,
     fitted_without,
-    settled,
+    gone_on,
 )
 from sim_backend.reality_gap.subjects.joints.torques.contradictions import is_gravity, pushes, runs_into_bounds
 from sim_backend.reality_gap.subjects.joints.torques.look import Accepted
@@ -32,6 +32,8 @@ _OF_FEW = 0.1
 """Nats of each window that a linear gain must have where windows are few: together they can tell no more."""
 _WHOLLY = 2
 """So many of those are fitted once more together with everything else."""
+_SETTLED_FROM = 0.2
+"""Share of the best one's gain from which on they go on until they gain no more, before they are compared."""
 _MOSTLY = 0.25
 """Share of its joint's error that a cause leaves which is no mend of another joint's law."""
 _CLEARLY = 5.0
@@ -79,7 +81,7 @@ class CauseSearch:
             found = _best(self, fit, taken, share)
             if found is None:
                 break
-            fit, taken = settled(self.problem, found[0]), (*taken, found[1])
+            fit, taken = found[0], (*taken, found[1])
             self.progress(f"{found[1].hypothesis.effect}, {found[1].hypothesis.where}", 1.0 - 0.7 ** len(taken))
             fit, taken = without_needless(self, fit, taken, kept)
         return fit, taken
@@ -136,6 +138,8 @@ def tried_beside(search: CauseSearch, fit: RolloutFit, taken: Sequence[Taken]) -
     # with all that a healthy robot may be off by, as the model had it: also those that are seen only then, by their linear gains
     best += [entry for entry in tried[:_WHOLLY] if not any(entry is other for other in best)]
     whole = [fitted_wholly(problem, fit, own, *entry[1:]) for entry in best]
+    from_nats = max(GATE, _SETTLED_FROM * max((entry[0] for entry in whole), default=0.0))
+    whole = [gone_on(problem, fit, entry) if entry[0] >= from_nats else entry for entry in whole]
     whole.sort(key=lambda entry: -entry[0])
     return [each for each in whole if _is_worth_it(fit, each[1]) and _is_possible(search, taken, *each)]
 

@@ -128,13 +128,8 @@ def _selected(search: CauseSearch, enough_rad: np.ndarray | float, is_healthy: C
     nominal = settled(problem, problem.fitted(problem.start, ()))
     found = _path(search, nominal, nominal, ())
     is_doubted = explained_at(nominal, found.fit, None).any() or not is_healthy(nominal)
-    for fit, first in _other_firsts(search, nominal, found) if is_doubted else ():
-        fit = settled(problem, fit)
-        others = [_path(search, nominal, fit, (first,))]
-        if _names(found) <= _names(others[0]) and first.hypothesis.name not in _names(found):
-            others.append(_path(_without(search, _names(found)), nominal, fit, (first,)))
-        for other in others:
-            found = other if _is_better(problem, other, found) else found
+    for other in _other_paths(search, nominal, found) if is_doubted else ():
+        found = other if _is_better(problem, other, found) else found
     nearly = replace(search, healthy_rad=_NEARLY * np.asarray(search.healthy_rad))
     is_like = any(FITTED[cause.hypothesis.effect].scales_everything for cause in found.taken)
     is_plain = leaves_little(nearly, found.fit) and len(found.taken) < _MANY and not is_like
@@ -194,6 +189,16 @@ def _path(search: CauseSearch, nominal: RolloutFit, fit: RolloutFit, taken: tupl
     extended = settled(problem, extended) if mending else fit
     needed = tuple(replace(cause, terms=_needed(problem, fit, cause)) for cause in taken)
     return RolloutSelection(problem, nominal, fit, needed, extended, mending)
+
+
+def _other_paths(search: CauseSearch, nominal: RolloutFit, found: RolloutSelection) -> Iterator[RolloutSelection]:
+    """What searches come to that begin with other causes; one that comes back to those that were found goes on without them."""
+    names = _names(found)
+    for fit, first in _other_firsts(search, nominal, found):
+        other = _path(search, nominal, fit, (first,))
+        yield other
+        if first.hypothesis.name not in names and names <= _names(other):
+            yield _path(_without(search, names), nominal, fit, (first,))
 
 
 def _other_firsts(search: CauseSearch, nominal: RolloutFit, found: RolloutSelection) -> list[tuple[RolloutFit, Taken]]:

@@ -148,6 +148,13 @@ def fitted_instead(
     return settled(problem, problem.fitted(state, [*others, *terms], fit.begin))
 
 
+def gone_on(problem: RolloutProblem, before: RolloutFit, tried: Tried) -> Tried:
+    """What was tried beside a model, fitted until that gains no more."""
+    _, fit, hypothesis, plain = tried
+    new = settled(problem, fit)
+    return problem.gained(before.squares, new.squares) - OF_NUMBER * len(plain), new, hypothesis, plain
+
+
 def settled(problem: RolloutProblem, fit: RolloutFit) -> RolloutFit:
     """A fit that goes on from where it ended until that gains no more."""
     for _ in range(_AGAIN):
