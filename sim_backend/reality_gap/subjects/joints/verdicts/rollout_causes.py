@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
-from sim_backend.reality_gap.knowledge.joint_effects import SHAPES
+from sim_backend.reality_gap.knowledge.joint_effects import NUMBERS, SHAPES
 from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.laws.fitted_values import FittedValue, at_usual_factor, seen_beside
@@ -27,6 +27,17 @@ def extended_causes(study: JointStudy, selection: RolloutSelection) -> list[Caus
         return []
     every = (*selection.taken, *selection.mending)
     return [cause for taken in every for cause in causes_of(study, selection.extended, taken)]
+
+
+def products_of(causes: Sequence[Cause]) -> list[str]:
+    """Sentences on numbers of which motions show only the product with another one, which is told as it is usual."""
+    said = []
+    for cause in causes:
+        number = NUMBERS.get(f"{cause.effect}.{cause.parameter}")
+        if number is not None and number.product_with is not None:
+            other = number.product_with[0].partition(".")[2]
+            said.append(f"{cause.parameter} and {other} of {cause.where} apart: motions show only their product")
+    return said
 
 
 def covering(cause: Cause, extended: Sequence[Cause]) -> Cause:

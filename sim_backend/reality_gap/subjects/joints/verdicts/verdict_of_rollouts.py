@@ -13,7 +13,7 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_questions import w
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import GATE
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import RolloutSelection
 from sim_backend.reality_gap.subjects.joints.slides import told_distance
-from sim_backend.reality_gap.subjects.joints.verdicts.rollout_causes import causes_of, covering, extended_causes
+from sim_backend.reality_gap.subjects.joints.verdicts.rollout_causes import causes_of, covering, extended_causes, products_of
 from sim_backend.reality_gap.subjects.joints.verdicts.rollout_effects import effects_judged
 from sim_backend.reality_gap.subjects.joints.verdicts.rollout_rivals import is_ahead, is_near, rivals_of
 from sim_backend.reality_gap.verdict import Cause, HeldOut, Rival, Verdict, VerdictKind
@@ -94,7 +94,7 @@ def verdict_of_rollouts(
         held_out=_gained(selection),
         runner_up=min(rivals, key=lambda rival: rival.behind, default=None),
         rejected=tuple(sorted(rivals, key=lambda rival: rival.behind)),
-        cannot_tell=(*unknown, *_UNSEEN),
+        cannot_tell=(*unknown, *(products_of(causes) if kind is not VerdictKind.NOTHING_WRONG else ()), *_UNSEEN),
         record_next=_next(kind, [rival for _, rival, _, _ in near]),
         effects=tuple(effects_judged(selection, kind, causes, [rival for _, rival, _, _ in near])),
     )
