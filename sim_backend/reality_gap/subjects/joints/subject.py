@@ -119,7 +119,7 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     robots, enough = DrawnRobots(problem, rng), enough_of(problem)
 
     def is_healthy(fit: RolloutFit) -> bool:
-        return is_within(fit, of_healthy_rad(limits_of(robots, fit, enough, part(progress, 0.2, 0.25)), enough))
+        return is_within(fit, of_healthy_rad(limits_of(robots, fit, enough, part(progress, 0.5, 0.55)), enough))
 
     proposed = proposed_by(torques, found) if method == NAMING else {}
     selection = select_by_rollouts(

@@ -18,6 +18,7 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_trials import (
     fitted_wholly,
     fitted_without,
     gone_on,
+    settled,
 )
 from sim_backend.reality_gap.subjects.joints.torques.contradictions import is_gravity, pushes, runs_into_bounds
 from sim_backend.reality_gap.subjects.joints.torques.look import Accepted
@@ -257,7 +258,7 @@ def without_needless(
         rest = tuple(other for other in taken if other is not cause)
         less = fitted_without_cause(problem, fit, taken, cause)
         if problem.gained(less.squares, fit.squares) - OF_NUMBER * len(cause.terms) < GATE and may_be(search, less, rest):
-            return without_needless(search, less, rest, kept)
+            return without_needless(search, settled(problem, less), rest, kept)
     return fit, taken
 
 

@@ -147,10 +147,13 @@ def _names(selection: RolloutSelection) -> set[tuple[str, str]]:
     return {cause.hypothesis.name for cause in selection.taken}
 
 
-def _without(search: CauseSearch, names: set[tuple[str, str]]) -> CauseSearch:
-    """A search that does not ask for some effects at places: it would only come back to where another has been."""
-    asked = tuple(h for h in search.catalogue.hypotheses if h.name not in names)
-    return replace(search, catalogue=replace(search.catalogue, hypotheses=asked))
+def _not_asking(search: CauseSearch, names: set[tuple[str, str]]) -> CauseSearch:
+    """A search that asks for some effects neither at these places nor at all joints: it would only come back to them."""
+    effects = {effect for effect, _ in names}
+    asked = tuple(
+        h for h in search.catalogue.hypotheses if h.name not in names and (h.where != ALL_JOINTS or h.effect not in effects)
+    )
+    return replace(search, catalogue=replace(search.catalogue, hypotheses=asked), tried={})
 
 
 def _with_other_gravity(search: CauseSearch, nominal: RolloutFit) -> RolloutSelection | None:
@@ -198,7 +201,7 @@ def _other_paths(search: CauseSearch, nominal: RolloutFit, found: RolloutSelecti
         other = _path(search, nominal, fit, (first,))
         yield other
         if first.hypothesis.name not in names and names <= _names(other):
-            yield _path(_without(search, names), nominal, fit, (first,))
+            yield _path(_not_asking(search, names), nominal, fit, (first,))
 
 
 def _other_firsts(search: CauseSearch, nominal: RolloutFit, found: RolloutSelection) -> list[tuple[RolloutFit, Taken]]:
@@ -226,16 +229,23 @@ def _leaves_nothing(problem: RolloutProblem, nominal: RolloutFit, fit: RolloutFi
 
 
 def _is_better(problem: RolloutProblem, one: RolloutSelection, other: RolloutSelection) -> bool:
-    """Whether causes leave less than others by more than their numbers are worth, and are no more numbers, or hardly anything is
-    left with them.
+    """Whether causes leave less than others by more than their numbers are worth, and hardly anything, or are no more numbers.
+
+    Those have to gain as much as a number would: fits end where they gain less.
     """
-    is_whole = _leaves_nothing(problem, one.nominal, one.fit)
-    return (is_whole or _numbers(one) <= _numbers(other)) and _gains_more(one, other)
+    if _numbers(one) <= _numbers(other) and _ahead(one, other) > OF_NUMBER:
+        return True
+    return _leaves_nothing(problem, one.nominal, one.fit) and _gains_more(one, other)
 
 
 def _gains_more(one: RolloutSelection, other: RolloutSelection) -> bool:
     """Whether causes leave less than others by more than their numbers are worth."""
-    return one.problem.gained(other.fit.squares, one.fit.squares) > OF_NUMBER * (_numbers(one) - _numbers(other))
+    return _ahead(one, other) > 0.0
+
+
+def _ahead(one: RolloutSelection, other: RolloutSelection) -> float:
+    """What causes gain over others, less what they have more of numbers, nats."""
+    return one.problem.gained(other.fit.squares, one.fit.squares) - OF_NUMBER * (_numbers(one) - _numbers(other))
 
 
 def _numbers(selection: RolloutSelection) -> int:

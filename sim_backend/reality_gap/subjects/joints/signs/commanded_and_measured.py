@@ -179,7 +179,8 @@ def causes_between(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -
             unlike.append(f"the measured torque of {name} differs from the commanded one by {found.unlike:.0%} of it")
         if np.isfinite(found.limit_nm):
             causes.append(_cause(LIMITED_TORQUE, name, found.limit_nm, found.limit_error_nm))
-    shares = changing_share([asked for asked, _ in compared], [felt for _, felt in compared], row_s)
+    steps_s = [e.path.step_s for e, (sent, felt) in zip(episodes, pairs, strict=True) if sent is not None and felt is not None]
+    shares = changing_share([asked for asked, _ in compared], [felt for _, felt in compared], steps_s)
     if shares is not None and not unlike:
         unlike.append(
             "measured torques are a share of the commanded ones that changes with time, at all joints alike: "

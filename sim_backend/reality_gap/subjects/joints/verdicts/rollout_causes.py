@@ -31,13 +31,13 @@ def extended_causes(study: JointStudy, selection: RolloutSelection) -> list[Caus
 
 def products_of(causes: Sequence[Cause]) -> list[str]:
     """Sentences on numbers of which motions show only the product with another one, which is told as it is usual."""
-    said = []
+    said = dict[str, None]()
     for cause in causes:
         number = NUMBERS.get(f"{cause.effect}.{cause.parameter}")
         if number is not None and number.product_with is not None:
             other = number.product_with[0].partition(".")[2]
-            said.append(f"{cause.parameter} and {other} of {cause.where} apart: motions show only their product")
-    return said
+            said[f"{cause.parameter} and {other} of {cause.where} apart: motions show only their product"] = None
+    return list(said)
 
 
 def covering(cause: Cause, extended: Sequence[Cause]) -> Cause:

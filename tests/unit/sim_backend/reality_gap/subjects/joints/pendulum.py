@@ -11,7 +11,7 @@ from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.rollouts.forward import Windows
 from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import DrawnRobots
-from sim_backend.reality_gap.subjects.joints.rollouts.limits import enough_of, limits_of, of_healthy_rad
+from sim_backend.reality_gap.subjects.joints.rollouts.limits import enough_of, is_within, limits_of, of_healthy_rad
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.verdicts.needed_causes import with_needed_causes
@@ -107,7 +107,12 @@ def study_of(
     problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, robot.tolerance)
     healthy, enough = DrawnRobots(problem, np.random.default_rng(0)).coarse, enough_of(problem)
     selection = select_by_rollouts(
-        problem, study.fit.first.catalogue, lambda _: True, healthy_rad=healthy.fitted_rad, enough_rad=enough.usual_rad
+        problem,
+        study.fit.first.catalogue,
+        lambda _: True,
+        healthy_rad=healthy.fitted_rad,
+        enough_rad=enough.usual_rad,
+        is_healthy=lambda fit: is_within(fit, of_healthy_rad(healthy, enough)),
     )
     if selection.taken:
         others = DrawnRobots(selection.problem, np.random.default_rng(1), around=selection.fit)

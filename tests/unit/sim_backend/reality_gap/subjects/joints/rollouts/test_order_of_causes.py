@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.subjects.joints.laws.hypotheses import Catalogue, Hypothesis
+from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS, Catalogue, Hypothesis
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState, Term
 from sim_backend.reality_gap.subjects.joints.rollouts import rollout_search, rollout_selection
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutFit
@@ -44,14 +44,16 @@ def problem_with(gained: float = 0.0) -> SimpleNamespace:
 
 
 def paths_of(monkeypatch, left: float, ends: list[tuple[Taken, ...]], *, is_healthy: bool = False) -> list[tuple]:
-    """What each path of a search began with, and which causes it could take, where paths end with these."""
+    """What each path of a search began with, could take and had fitted before, where paths end with these."""
     gone, problem = [], problem_with()
-    catalogue = Catalogue((), np.zeros(0), tuple(each.hypothesis for each in (MASS, WEAK, SPRING)), {})
+    every = (*(each.hypothesis for each in (MASS, WEAK, SPRING)), Hypothesis("link_mass", ALL_JOINTS, (0,), (1.0,)))
+    catalogue = Catalogue((), np.zeros(0), every, {})
     monkeypatch.setattr(rollout_selection, "_with_other_gravity", lambda *_: None)
 
     def path(search, nominal, _begun, first):
         taken = ends[len(gone)]
-        gone.append(([each.hypothesis.effect for each in first], [each.effect for each in search.catalogue.hypotheses]))
+        asked = [each.name for each in search.catalogue.hypotheses]
+        gone.append(([each.hypothesis.effect for each in first], asked, len(search.tried)))
         search.tried[id(nominal)] = nominal, [(99.0, fit_of(4e-4), each.hypothesis, ()) for each in (MASS, WEAK)]
         return RolloutSelection(problem, nominal, fit_of(left * OFF_RAD), taken, fit_of(left * OFF_RAD))
 
@@ -70,21 +72,30 @@ def test_the_order_is_doubted_where_a_robot_is_off_or_most_of_its_error_is_gone(
 
 
 def test_a_search_that_comes_back_to_what_was_found_goes_on_without_it(monkeypatch):
-    every = ["link_mass", "torque_constant", "joint_stiffness"]
+    """Neither at the same place nor at all joints, and what was fitted beside the same model is fitted anew."""
+    every = [("link_mass", "hinge"), ("torque_constant", "hinge"), ("joint_stiffness", "hinge"), ("link_mass", ALL_JOINTS)]
     gone = paths_of(monkeypatch, 0.45, [(MASS,), (WEAK, MASS), (WEAK, SPRING)])
-    assert gone == [([], every), (["torque_constant"], every), (["torque_constant"], every[1:])]
+    assert gone == [([], every, 0), (["torque_constant"], every, 1), (["torque_constant"], every[1:3], 0)]
 
 
 @pytest.mark.parametrize(
     ("one", "gained", "left", "is_better"),
     [
         ((WEAK,), 5.0, 0.3, True),
-        ((WEAK,), -1.0, 0.3, False),
+        ((WEAK,), 1.0, 0.3, False),
+        ((WEAK,), 1.0, 0.01, True),
         ((WEAK, SPRING), 50.0, 0.3, False),
         ((WEAK, SPRING), 50.0, 0.01, True),
         ((WEAK, SPRING), 5.0, 0.01, False),
     ],
-    ids=["as few and nearer", "further off", "more numbers", "more, and nothing is left", "more for too little"],
+    ids=[
+        "as few and nearer",
+        "hardly nearer",
+        "as few, and nothing is left",
+        "more numbers",
+        "more, and nothing is left",
+        "more for too little",
+    ],
 )
 def test_other_causes_are_better_where_they_are_as_few_and_nearer_or_leave_nothing(one, gained, left, is_better):
     problem = problem_with(gained)

@@ -1,10 +1,12 @@
 """What lies between commanded and measured torque: delays of some rows, and ends."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from sim_backend.reality_gap.subjects.joints.signs.commanded_and_measured import between
+from sim_backend.reality_gap.subjects.joints.signs.commanded_and_measured import between, causes_between
 
 MOST = 40
 
@@ -71,3 +73,21 @@ def test_what_cannot_be_compared_is_not():
     assert between([commanded(1, 150)], [commanded(1, 150)], MOST) is None, "too few rows"
     gaps = np.where(np.arange(3000) % 20 > 0, np.nan, commanded(6))
     assert between([gaps], [gaps], MOST) is None, "too few rows without gaps"
+
+
+def test_a_share_that_changes_at_all_joints_is_told_beside_delays_and_without_joints_at_their_limit():
+    rng, names = np.random.default_rng(0), ("a", "b", "c")
+    sags = 1.0 - 0.03 * np.sin(2.0 * np.pi * np.arange(6000) / 1200)
+
+    def episode(seed: int, sags) -> SimpleNamespace:
+        sent = np.stack([commanded(3 * seed + j, 6000) for j in range(3)], axis=1)
+        felt = np.stack([late(sags * sent[:, 0], 4), np.clip(sags * sent[:, 1], -0.3, 0.3), sags * sent[:, 2]], axis=1)
+        felt += 0.005 * rng.standard_normal(felt.shape)
+        return SimpleNamespace(
+            path=SimpleNamespace(step_s=0.005, joints=SimpleNamespace(commanded_torque_nm=sent, measured_torque_nm=felt))
+        )
+
+    for share, is_told in ((sags, True), (np.ones(6000), False)):
+        causes, _, unlike = causes_between([episode(1, share), episode(2, share)], names)  # pyrefly: ignore[bad-argument-type]
+        assert [(cause.effect, cause.where) for cause in causes] == [("action_delay", "a"), ("torque_saturation", "b")]
+        assert len(unlike) == is_told and all("at all joints alike: 97% to 103%" in said for said in unlike)
