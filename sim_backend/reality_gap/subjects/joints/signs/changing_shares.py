@@ -52,7 +52,8 @@ def changing_share(
         return None
     off = off[together]
     same = _same(off)
-    single = float(np.mean(np.nanmean(off**2, axis=0) - noise))
+    told = np.isfinite(off).any(axis=0)
+    single = float(np.mean(np.nanmean(off[:, told] ** 2, axis=0) - noise[told]))
     least_error = float(np.std(same)) / np.sqrt(len(same))
     if np.mean(same) < max(_LEAST**2, _ERRORS * least_error, _ALIKE * single):
         return None

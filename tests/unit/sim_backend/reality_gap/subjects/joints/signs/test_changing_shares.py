@@ -76,3 +76,5 @@ def test_too_few_joints_or_rows_tell_nothing_and_each_recording_has_its_own_rate
     assert changing_share([asked[:1000]], [felt[:1000]], [STEP_S]) is None
     assert changing_share([asked, asked[:20]], [felt, felt[:20]], [STEP_S, 0.1]) is not None
     assert changing_share([asked, asked[:5]], [felt, felt[:5]], [STEP_S, 0.1]) is not None
+    two, third = (np.where((np.arange(JOINTS) == 2) == is_third, asked, np.nan) for is_third in (False, True))
+    assert changing_share([two, third], [felt, felt], [STEP_S, STEP_S]) is not None
