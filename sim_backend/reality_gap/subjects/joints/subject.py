@@ -119,7 +119,7 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     robots, enough = DrawnRobots(problem, rng), enough_of(problem)
 
     def is_healthy(fit: RolloutFit) -> bool:
-        return is_within(fit, of_healthy_rad(limits_of(robots, fit, enough, part(progress, 0.5, 0.55)), enough))
+        return is_within(fit, of_healthy_rad(limits_of(robots, fit, enough, part(progress, 0.5, 0.55)), enough, fit))
 
     proposed = proposed_by(torques, found) if method == NAMING else {}
     selection = select_by_rollouts(
@@ -136,11 +136,11 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     is_left, near = selection.taken and not selection.problem.is_near_noise(selection.fit), part(progress, 0.85, 0.9)
     others = DrawnRobots(selection.problem, rng, around=selection.fit) if is_left else robots
     selection = with_needed_causes(
-        selection, lambda fit: of_healthy_rad(limits_of(others, fit, enough, near), enough), is_possible
+        selection, lambda fit: of_healthy_rad(limits_of(others, fit, enough, near), enough, fit), is_possible
     )
     beside = limits_of(others, selection.fit, enough, near) if is_left else None
     rollouts = verdict_of_rollouts(found, selection, healthy, beside)
-    usual_rad = of_healthy_rad(beside or healthy, enough)[0]
+    usual_rad = of_healthy_rad(beside or healthy, enough, selection.fit)[0]
     drawn_rad = np.maximum(FAR_OFF * problem.noise_rad, (beside or healthy).fitted_rad)
     rollouts = against_patterns(rollouts, found, selection, drawn_rad)
     rollouts = against_unnamed(rollouts, selection, usual_rad)

@@ -37,10 +37,17 @@ _CLOSELY, _DECIDE = 20, 2
 
 @dataclass(frozen=True)
 class Enough:
-    """What is near enough for anybody, whatever healthy robots are: in usual windows and in far ones; shapes (k,), rad."""
+    """What is near enough for anybody, whatever healthy robots are; shapes (k,).
+
+    Attributes:
+        usual_rad: in usual windows.
+        far_rad: in far ones.
+        far_to_usual: how far far windows move, by how far usual ones do.
+    """
 
     usual_rad: np.ndarray
     far_rad: np.ndarray
+    far_to_usual: np.ndarray
 
 
 @dataclass(frozen=True)

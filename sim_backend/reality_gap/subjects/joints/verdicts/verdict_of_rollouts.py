@@ -52,8 +52,8 @@ def verdict_of_rollouts(
     before, after = selection.nominal.usual_rad, selection.fit.usual_rad
     far_before, far_after = selection.nominal.far_rad, selection.fit.far_rad
     kind, summary = VerdictKind.NAMED, f"The robot goes where a model goes that has {_listed(causes)}"
-    usual_rad, far_rad = of_healthy_rad(healthy, enough_of(problem))
-    left_rad, far_left_rad = of_healthy_rad(with_causes or healthy, enough_of(problem))
+    usual_rad, far_rad = of_healthy_rad(healthy, enough_of(problem), selection.nominal)
+    left_rad, far_left_rad = of_healthy_rad(with_causes or healthy, enough_of(problem), selection.fit)
     is_halved, is_far_halved = after < (1.0 - EXPLAINED) * before, far_after < (1.0 - EXPLAINED) * far_before
     is_only_far = bool((after <= left_rad).all() and (far_after > far_left_rad).any())
     is_slide = study.problem.episodes[0].plant.is_slide

@@ -26,6 +26,7 @@ PENDULUM = """
 STEP_S = 0.005
 GAIN, DAMPING = 3.0, 0.1
 LIMIT_NM = 0.8
+PUSHED_EVERY, PUSHED_ROWS = 800, 8
 LOSS_NM2, WARMS_S = 0.5, 4.0
 COGS, COGGING_NM = 42, 0.05
 NO_LIMIT = {"torque_saturation.limit_nm": np.array([1e9])}
@@ -47,12 +48,14 @@ def recorded(
     lost: float = 0.0,
     bristles_nm: float = 0.0,
     give_rad: float = 1e-3,
+    pushed_nm: float = 0.0,
 ) -> Recording:
     """A PD controller follows targets at 200 Hz; positions have noise, which the controller sees.
 
     Its motor has a limit, loses a share of its torque, gets warm within ``WARMS_S`` and loses then, acts some rows late, and cogs
     ``COGS`` times a turn. The controller gets its targets some rows late; one
     that is on board computes its torque in every step, of where the joint is. Friction of bristles gives before it slips.
+    Somebody pushes it for ``PUSHED_ROWS`` of ``PUSHED_EVERY`` rows.
     """
     target_rad = np.concatenate([np.repeat(target_rad[:1], targets_late_rows), target_rad])[: len(target_rad)]
     data, rng = mujoco.MjData(model), np.random.default_rng(seed)
@@ -68,7 +71,7 @@ def recorded(
             if on_board:
                 data.ctrl[0] = of_gain * GAIN * (target - data.qpos[0]) - DAMPING * data.qvel[0]
             bend = np.clip(bend + model.opt.timestep * data.qvel[0] / give_rad, -1.0, 1.0)
-            data.qfrc_applied[0] = -bristles_nm * bend
+            data.qfrc_applied[0] = pushed_nm * (i % PUSHED_EVERY >= PUSHED_EVERY - PUSHED_ROWS) - bristles_nm * bend
             mujoco.mj_step(model, data)
     position, velocity, torque = (row[:, None] for row in found)
     joints = JointSignals(("hinge",), position, velocity, commanded_torque_nm=torque)
@@ -112,12 +115,12 @@ def study_of(
         lambda _: True,
         healthy_rad=healthy.fitted_rad,
         enough_rad=enough.usual_rad,
-        is_healthy=lambda fit: is_within(fit, of_healthy_rad(healthy, enough)),
+        is_healthy=lambda fit: is_within(fit, of_healthy_rad(healthy, enough, fit)),
     )
     if selection.taken:
         others = DrawnRobots(selection.problem, np.random.default_rng(1), around=selection.fit)
         selection = with_needed_causes(
-            selection, lambda fit: of_healthy_rad(limits_of(others, fit, enough), enough), lambda _: True
+            selection, lambda fit: of_healthy_rad(limits_of(others, fit, enough), enough, fit), lambda _: True
         )
     return verdict_of_rollouts(study, selection, healthy)
 

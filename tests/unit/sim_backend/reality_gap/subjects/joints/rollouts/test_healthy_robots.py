@@ -24,6 +24,8 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import FAR_WIN
 from sim_backend.reality_gap.subjects.joints.rollouts.tolerated import _bearings
 from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import PENDULUM, problem_of, recorded, targets
 
+_NOTHING = Enough(np.zeros(1), np.zeros(1), np.ones(1))
+
 
 @pytest.mark.parametrize("joints", [1, 7])
 def test_of_healthy_robots_one_in_twenty_is_further_off_at_any_of_its_joints(joints: int):
@@ -135,8 +137,8 @@ def test_limits_are_wider_where_bearings_are_simulated_as_if_they_did_not_give(m
     monkeypatch.setattr(type(problem.forward), "has_bearings", False)
     wide = DrawnRobots(problem, np.random.default_rng(1), 20).coarse
     assert (wide.fitted_rad == narrow.fitted_rad).all() and (enough_of(problem).usual_rad > enough.usual_rad).all()
-    nothing = Enough(np.zeros(1), np.zeros(1))
-    limits_rad = [of_healthy_rad(healthy, nothing)[0] for healthy in (narrow, wide)]
+    fit = problem.fitted(problem.start, ())
+    limits_rad = [of_healthy_rad(healthy, _NOTHING, fit)[0] for healthy in (narrow, wide)]
     assert limits_rad[1] == pytest.approx(_MARGIN_OF_RIGID / _MARGIN * limits_rad[0])
 
 
@@ -145,7 +147,7 @@ def test_robots_with_a_cause_are_drawn_about_the_model_that_has_it():
     friction = next(term for term in problem.catalogue.terms if term.key == "coulomb_friction.torque_nm")
     with_friction, without = problem.fitted(problem.start, (friction,)), problem.fitted(problem.start, ())
     about_it = DrawnRobots(problem, np.random.default_rng(1), 60, around=with_friction).coarse
-    usual_rad, far_rad = of_healthy_rad(about_it, enough_of(problem))
+    usual_rad, far_rad = of_healthy_rad(about_it, enough_of(problem), with_friction)
     assert (with_friction.usual_rad < usual_rad).all() and (with_friction.far_rad < far_rad).all(), "nothing else is wrong"
     assert (without.usual_rad > 5.0 * about_it.fitted_rad).all()
     assert (about_it.fitted_rad <= about_it.as_it_is_rad).all()
@@ -170,7 +172,10 @@ def test_robots_are_fitted_as_closely_as_the_recorded_one_where_they_are_not_nea
     def closely(enough_rad: np.ndarray, asked_rad: np.ndarray, asked_far_rad: np.ndarray) -> Healthy:
         told.clear()
         return robots.closely(
-            Enough(enough_rad, FAR_WINDOWS * enough_rad), asked_rad, asked_far_rad, lambda _, share: told.append(share)
+            Enough(enough_rad, FAR_WINDOWS * enough_rad, np.ones(1)),
+            asked_rad,
+            asked_far_rad,
+            lambda _, share: told.append(share),
         )
 
     all_of_them = closely(2.0 * noise, never, never)
@@ -187,4 +192,4 @@ def test_of_two_fits_to_a_healthy_robot_the_nearer_one_counts(monkeypatch):
     robots = DrawnRobots(problem, np.random.default_rng(1), 20)
     led_away = SimpleNamespace(usual_rad=10.0 * robots._usual_rad[0], far_rad=10.0 * robots._far_rad[0])
     monkeypatch.setattr(robots, "_closely_fitted", lambda _: led_away)
-    assert (robots.closely(Enough(np.zeros(1), np.zeros(1)), never, never).fitted_rad == robots.coarse.fitted_rad).all()
+    assert (robots.closely(_NOTHING, never, never).fitted_rad == robots.coarse.fitted_rad).all()
