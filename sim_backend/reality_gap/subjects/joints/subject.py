@@ -17,7 +17,7 @@ from sim_backend.reality_gap.subjects.joints.laws.hypotheses import with_control
 from sim_backend.reality_gap.subjects.joints.laws.motor_law import LIMIT
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import DrawnRobots
-from sim_backend.reality_gap.subjects.joints.rollouts.limits import enough_of, is_within, limits_of, of_healthy_rad
+from sim_backend.reality_gap.subjects.joints.rollouts.limits import enough_of, limits_of
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import FAR_OFF, LENGTHS_S, RolloutFit, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.sections import joint_sections
@@ -119,7 +119,7 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     robots, enough = DrawnRobots(problem, rng), enough_of(problem)
 
     def is_healthy(fit: RolloutFit) -> bool:
-        return is_within(fit, of_healthy_rad(limits_of(robots, fit, enough, part(progress, 0.5, 0.55)), enough, fit))
+        return limits_of(robots, fit, enough, part(progress, 0.5, 0.55)).hold(fit)
 
     proposed = proposed_by(torques, found) if method == NAMING else {}
     selection = select_by_rollouts(
@@ -135,15 +135,12 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     healthy = limits_of(robots, selection.nominal, enough, part(progress, 0.8, 0.85))
     is_left, near = selection.taken and not selection.problem.is_near_noise(selection.fit), part(progress, 0.85, 0.9)
     others = DrawnRobots(selection.problem, rng, around=selection.fit) if is_left else robots
-    selection = with_needed_causes(
-        selection, lambda fit: of_healthy_rad(limits_of(others, fit, enough, near), enough, fit), is_possible
-    )
-    beside = limits_of(others, selection.fit, enough, near) if is_left else None
-    rollouts = verdict_of_rollouts(found, selection, healthy, beside)
-    usual_rad = of_healthy_rad(beside or healthy, enough, selection.fit)[0]
-    drawn_rad = np.maximum(FAR_OFF * problem.noise_rad, (beside or healthy).fitted_rad)
+    selection = with_needed_causes(selection, lambda fit: limits_of(others, fit, enough, near), is_possible)
+    with_causes = limits_of(others, selection.fit, enough, near)
+    rollouts = verdict_of_rollouts(found, selection, healthy, with_causes)
+    drawn_rad = np.maximum(FAR_OFF * problem.noise_rad, with_causes.drawn_rad)
     rollouts = against_patterns(rollouts, found, selection, drawn_rad)
-    rollouts = against_unnamed(rollouts, selection, usual_rad)
+    rollouts = against_unnamed(rollouts, selection, with_causes.usual_rad)
     rollouts = with_late_columns(with_share_of_all(rollouts, found.problem.names))
     rollouts = with_turned_base(rollouts, found.problem.episodes[0].plant, selection.fit.state)
     verdict = _with_torques(found, torques, rollouts) if method == NAMING else rollouts

@@ -27,8 +27,10 @@ def explained_at(nominal: RolloutFit, fit: RolloutFit, far_rad: np.ndarray | Non
     """
     if far_rad is None:
         return fit.usual_rad < _IN_LIMITS * nominal.usual_rad
-    is_halved, is_far_halved = (
-        after < (1.0 - EXPLAINED) * before
-        for before, after in ((nominal.usual_rad, fit.usual_rad), (nominal.far_rad, fit.far_rad))
-    )
-    return is_halved | (is_far_halved & (nominal.far_rad > far_rad))
+    is_far_off = nominal.far_rad > far_rad
+    return is_halved(nominal.usual_rad, fit.usual_rad) | (is_far_off & is_halved(nominal.far_rad, fit.far_rad))
+
+
+def is_halved(before_rad: np.ndarray, after_rad: np.ndarray) -> np.ndarray:
+    """Whether half of an error is gone, by joint, shape (k,)."""
+    return after_rad < (1.0 - EXPLAINED) * before_rad

@@ -1,7 +1,7 @@
 """How far off windows may end up: what healthy robots leave that were drawn for them, or what is enough for anybody."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,10 +25,29 @@ _MARGIN_OF_FEW = 5.0
 """Times what drawn robots are off in far windows that few windows may be off."""
 
 
+@dataclass(frozen=True)
+class HealthyLimits:
+    """How far off windows of a robot may end up that nothing else is wrong with; shapes (k,), rad.
+
+    Attributes:
+        usual_rad: half of the windows.
+        far_rad: nine of ten.
+        drawn_rad: what usual windows of the robots are off that were drawn, without any margin.
+    """
+
+    usual_rad: np.ndarray
+    far_rad: np.ndarray
+    drawn_rad: np.ndarray
+
+    def hold(self, fit: RolloutFit) -> bool:
+        """Whether windows end up no further off at any joint."""
+        return bool((fit.usual_rad <= self.usual_rad).all() and (fit.far_rad <= self.far_rad).all())
+
+
 def limits_of(
     robots: DrawnRobots, fit: RolloutFit, enough: Enough, progress: Callable[[str, float], None] = lambda *_: None
-) -> Healthy:
-    """Limits of drawn robots, as close as it takes to say on which side of them a model's windows end up.
+) -> HealthyLimits:
+    """Limits by drawn robots, as close as it takes to say on which side of them a model's windows end up.
 
     Args:
         robots: drawn for the same windows.
@@ -36,15 +55,15 @@ def limits_of(
         enough: below what nothing is off whatever robots are.
         progress: told what is done, and which share.
     """
-    coarse_rad, coarse_far_rad = of_healthy_rad(robots.coarse, enough, fit)
-    enough = replace(enough, far_rad=np.where(_is_few(robots.coarse, enough, fit), enough.usual_rad, enough.far_rad))
-    is_open = (fit.usual_rad > enough.usual_rad) & (fit.usual_rad <= coarse_rad)
-    is_far_open = (fit.far_rad > enough.far_rad) & (fit.far_rad <= coarse_far_rad)
+    coarse = limits_by(robots.coarse, enough, fit)
+    least = replace(enough, far_rad=np.where(_is_few(robots.coarse, enough, fit), enough.usual_rad, enough.far_rad))
+    is_open = (fit.usual_rad > least.usual_rad) & (fit.usual_rad <= coarse.usual_rad)
+    is_far_open = (fit.far_rad > least.far_rad) & (fit.far_rad <= coarse.far_rad)
     if not (is_open | is_far_open).any():
-        return robots.coarse
+        return coarse
     margin = robots.coarse.margin
     asked = (np.where(is_open, fit.usual_rad, 0.0) / margin, np.where(is_far_open, fit.far_rad, 0.0) / margin)
-    return robots.closely(enough, *asked, progress)
+    return limits_by(robots.closely(least, *asked, progress), enough, fit)
 
 
 def enough_of(problem: RolloutProblem) -> Enough:
@@ -59,8 +78,8 @@ def enough_of(problem: RolloutProblem) -> Enough:
     return Enough(usual_rad, FAR_WINDOWS * far_rad, problem.far_motion_rad / problem.motion_rad)
 
 
-def of_healthy_rad(healthy: Healthy, enough: Enough, fit: RolloutFit) -> tuple[np.ndarray, np.ndarray]:
-    """What a usual and a far window of a robot that nothing is wrong with may be off, shapes (k,), rad.
+def limits_by(healthy: Healthy, enough: Enough, fit: RolloutFit) -> HealthyLimits:
+    """What windows of a robot that nothing else is wrong with may be off.
 
     Args:
         healthy: what drawn robots are off.
@@ -70,7 +89,8 @@ def of_healthy_rad(healthy: Healthy, enough: Enough, fit: RolloutFit) -> tuple[n
     usual_rad = np.maximum(enough.usual_rad, healthy.margin * healthy.fitted_rad)
     far_rad = np.maximum(np.maximum(enough.far_rad, FAR_WINDOWS * usual_rad), healthy.margin * healthy.fitted_far_rad)
     few_rad = np.maximum(enough.usual_rad, _MARGIN_OF_FEW * healthy.fitted_far_rad)
-    return usual_rad, np.where(_is_few(healthy, enough, fit), np.minimum(far_rad, few_rad), far_rad)
+    far_rad = np.where(_is_few(healthy, enough, fit), np.minimum(far_rad, few_rad), far_rad)
+    return HealthyLimits(usual_rad, far_rad, healthy.fitted_rad)
 
 
 def _is_few(healthy: Healthy, enough: Enough, fit: RolloutFit) -> np.ndarray:
@@ -80,9 +100,3 @@ def _is_few(healthy: Healthy, enough: Enough, fit: RolloutFit) -> np.ndarray:
     """
     apart = np.maximum(enough.far_to_usual, healthy.fitted_far_rad / healthy.fitted_rad)
     return fit.far_rad > _FEW * apart * np.maximum(fit.usual_rad, healthy.fitted_rad)
-
-
-def is_within(fit: RolloutFit, limits_rad: tuple[np.ndarray, np.ndarray]) -> bool:
-    """Whether windows end up no further off at any joint than limits of usual windows and of far ones, shapes (k,), rad."""
-    usual_rad, far_rad = limits_rad
-    return bool((fit.usual_rad <= usual_rad).all() and (fit.far_rad <= far_rad).all())

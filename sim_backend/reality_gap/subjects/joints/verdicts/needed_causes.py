@@ -13,6 +13,7 @@ from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.rollouts.bounded_steps import apart
 from sim_backend.reality_gap.subjects.joints.rollouts.explained import EXPLAINED
+from sim_backend.reality_gap.subjects.joints.rollouts.limits import HealthyLimits
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import FAR_OFF, RolloutFit, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import Taken, stays_within
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import RolloutSelection, only_at, without
@@ -20,7 +21,7 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import R
 _CLEAR = 0.2
 """Share of what a cause gained: what loses more is needed, however little further off a robot ends up without it."""
 
-Limits = Callable[[RolloutFit], tuple[np.ndarray, np.ndarray]]
+Limits = Callable[[RolloutFit], HealthyLimits]
 """What usual and far windows of a healthy robot may be off, shapes (k,), rad, to compare a model with."""
 
 
@@ -70,8 +71,8 @@ def _is_needed(problem: RolloutProblem, less: RolloutFit, fit: RolloutFit, gain:
     is_off, left = less.usual_rad > FAR_OFF * problem.noise_rad, 1.0 - EXPLAINED
     if bool((is_off & (fit.usual_rad < left * less.usual_rad)).any()):
         return True
-    limits_rad = limits(less)
-    errors = zip((less.usual_rad, less.far_rad), (fit.usual_rad, fit.far_rad), limits_rad, strict=True)
+    healthy = limits(less)
+    errors = (less.usual_rad, fit.usual_rad, healthy.usual_rad), (less.far_rad, fit.far_rad, healthy.far_rad)
     return any(bool(((before > most) & (after < np.maximum(most, left * before))).any()) for before, after, most in errors)
 
 

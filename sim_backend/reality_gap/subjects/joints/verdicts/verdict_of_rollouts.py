@@ -5,9 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
-from sim_backend.reality_gap.subjects.joints.rollouts.explained import EXPLAINED, explained_at
-from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import Healthy
-from sim_backend.reality_gap.subjects.joints.rollouts.limits import enough_of, is_within, of_healthy_rad
+from sim_backend.reality_gap.subjects.joints.rollouts.explained import explained_at, is_halved
+from sim_backend.reality_gap.subjects.joints.rollouts.limits import HealthyLimits
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutFit
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_questions import would_move_nats
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import GATE
@@ -25,7 +24,7 @@ _UNSEEN = (
 
 
 def verdict_of_rollouts(
-    study: JointStudy, selection: RolloutSelection, healthy: Healthy, with_causes: Healthy | None = None
+    study: JointStudy, selection: RolloutSelection, healthy: HealthyLimits, with_causes: HealthyLimits
 ) -> Verdict:
     """Judge what a selection came to.
 
@@ -39,8 +38,8 @@ def verdict_of_rollouts(
     Args:
         study: of the same recordings.
         selection: causes and models.
-        healthy: what usual windows of healthy robots end up off.
-        with_causes: the same of robots that have the causes and are healthy else; as of healthy ones if None.
+        healthy: of robots that nothing is wrong with, for the model without causes.
+        with_causes: of robots that have the causes and are healthy else, for the model with them.
     """
     problem, names = selection.problem, study.problem.names
     causes = [cause for taken in selection.taken for cause in causes_of(study, selection.fit, taken)]
@@ -52,21 +51,20 @@ def verdict_of_rollouts(
     before, after = selection.nominal.usual_rad, selection.fit.usual_rad
     far_before, far_after = selection.nominal.far_rad, selection.fit.far_rad
     kind, summary = VerdictKind.NAMED, f"The robot goes where a model goes that has {_listed(causes)}"
-    usual_rad, far_rad = of_healthy_rad(healthy, enough_of(problem), selection.nominal)
-    left_rad, far_left_rad = of_healthy_rad(with_causes or healthy, enough_of(problem), selection.fit)
-    is_halved, is_far_halved = after < (1.0 - EXPLAINED) * before, far_after < (1.0 - EXPLAINED) * far_before
-    is_only_far = bool((after <= left_rad).all() and (far_after > far_left_rad).any())
+    halved, far_halved = is_halved(before, after), is_halved(far_before, far_after)
+    is_only_far = bool((after <= with_causes.usual_rad).all() and (far_after > with_causes.far_rad).any())
     is_slide = study.problem.episodes[0].plant.is_slide
     said = _left(selection, names, is_slide, after, far_after if is_only_far else None)
-    is_healthy = is_within(selection.nominal, (usual_rad, far_rad))
-    is_gain = explained_at(selection.nominal, selection.fit, None if is_healthy else far_rad)
-    is_usual = is_within(selection.fit, (left_rad, far_left_rad))
-    is_little = (is_halved | (after <= left_rad)).all() and (is_far_halved | (far_after <= far_left_rad)).all()
-    explains = bool(is_gain.any() and is_little)
-    explains = explains and (is_usual or problem.is_near_noise(selection.fit) or would_move_nats(problem, selection.fit) < GATE)
+    is_healthy = healthy.hold(selection.nominal)
+    is_gain = explained_at(selection.nominal, selection.fit, None if is_healthy else healthy.far_rad)
+    is_little = (halved | (after <= with_causes.usual_rad)) & (far_halved | (far_after <= with_causes.far_rad))
+    explains = bool(is_gain.any() and is_little.all())
+    explains = explains and (
+        with_causes.hold(selection.fit) or problem.is_near_noise(selection.fit) or would_move_nats(problem, selection.fit) < GATE
+    )
     if is_healthy and not (causes and explains):
-        worst = int(np.argmax(before / usual_rad))
-        most, end = (told_distance(rad[worst], is_slide=bool(is_slide[worst])) for rad in (usual_rad, before))
+        worst = int(np.argmax(before / healthy.usual_rad))
+        most, end = (told_distance(rad[worst], is_slide=bool(is_slide[worst])) for rad in (healthy.usual_rad, before))
         usual = f"up to {most} are usual for a robot whose model is as exact as is tolerated"
         off = f"{end} off at {names[worst]} (masses, friction and bearings fitted within their tolerances)"
         kind, causes = VerdictKind.NOTHING_WRONG, []
@@ -80,12 +78,12 @@ def verdict_of_rollouts(
         kind, summary = VerdictKind.CONFUSABLE, "Some cause explains where the robot went, but these data cannot tell which."
         causes += [cause for _, _, other, fit in near for cause in causes_of(study, fit, other)]
     else:
-        usual = bool((is_halved & is_gain).any())
-        summary = f"{summary}: {_with_and_without(selection, names, is_slide, is_halved if usual else is_gain, usual=usual)}."
+        usual = bool((halved & is_gain).any())
+        summary = f"{summary}: {_with_and_without(selection, names, is_slide, halved if usual else is_gain, usual=usual)}."
     unknown = (
         [f"where the rest comes from: {said}"] if kind is VerdictKind.NAMED and not problem.is_near_noise(selection.fit) else []
     )
-    unknown += _few_windows(selection.fit, names, is_slide, far_left_rad) if kind is VerdictKind.NAMED else []
+    unknown += _few_windows(selection.fit, names, is_slide, with_causes.far_rad) if kind is VerdictKind.NAMED else []
     return Verdict(
         verdict=kind,
         summary=summary,

@@ -8,14 +8,15 @@ import numpy as np
 from sim_backend.reality_gap.feedback import Feedback
 from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownRobot
 from sim_backend.reality_gap.recording import JointSignals, Recording
-from sim_backend.reality_gap.subjects.joints.identification import study_joints
+from sim_backend.reality_gap.subjects.joints.identification import JointStudy, study_joints
 from sim_backend.reality_gap.subjects.joints.rollouts.forward import Windows
 from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import DrawnRobots
-from sim_backend.reality_gap.subjects.joints.rollouts.limits import enough_of, is_within, limits_of, of_healthy_rad
+from sim_backend.reality_gap.subjects.joints.rollouts.limits import enough_of, limits_of
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutProblem
-from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import select_by_rollouts
+from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import RolloutSelection, select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.verdicts.needed_causes import with_needed_causes
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import verdict_of_rollouts
+from sim_backend.reality_gap.verdict import Verdict
 
 PENDULUM = """
 <mujoco><option timestep="0.0005" integrator="implicitfast"/><worldbody>
@@ -108,21 +109,27 @@ def study_of(
     robot = UnknownRobot(tolerance or Tolerance())
     study = study_joints(nominal, recordings, lambda *_: None, robot=robot, gate=np.inf)
     problem = RolloutProblem(study.problem.episodes, study.start, study.fit.first.catalogue, robot.tolerance)
-    healthy, enough = DrawnRobots(problem, np.random.default_rng(0)).coarse, enough_of(problem)
+    robots, enough = DrawnRobots(problem, np.random.default_rng(0)), enough_of(problem)
     selection = select_by_rollouts(
         problem,
         study.fit.first.catalogue,
         lambda _: True,
-        healthy_rad=healthy.fitted_rad,
+        healthy_rad=robots.coarse.fitted_rad,
         enough_rad=enough.usual_rad,
-        is_healthy=lambda fit: is_within(fit, of_healthy_rad(healthy, enough, fit)),
+        is_healthy=lambda fit: limits_of(robots, fit, enough).hold(fit),
     )
+    others = robots
     if selection.taken:
         others = DrawnRobots(selection.problem, np.random.default_rng(1), around=selection.fit)
-        selection = with_needed_causes(
-            selection, lambda fit: of_healthy_rad(limits_of(others, fit, enough), enough, fit), lambda _: True
-        )
-    return verdict_of_rollouts(study, selection, healthy)
+        selection = with_needed_causes(selection, lambda fit: limits_of(others, fit, enough), lambda _: True)
+    return judged(study, selection, robots, others)
+
+
+def judged(study: JointStudy, selection: RolloutSelection, robots: DrawnRobots, others: DrawnRobots | None = None) -> Verdict:
+    """A verdict beside healthy robots, and others that have the causes."""
+    enough = enough_of(selection.problem)
+    healthy, with_causes = limits_of(robots, selection.nominal, enough), limits_of(others or robots, selection.fit, enough)
+    return verdict_of_rollouts(study, selection, healthy, with_causes)
 
 
 def problem_of(limit_nm: float = np.inf, hidden: str = "") -> RolloutProblem:

@@ -19,7 +19,7 @@ from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import (
     Healthy,
     _below,
 )
-from sim_backend.reality_gap.subjects.joints.rollouts.limits import enough_of, of_healthy_rad
+from sim_backend.reality_gap.subjects.joints.rollouts.limits import enough_of, limits_by
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import FAR_WINDOWS, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollouts.tolerated import _bearings
 from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import PENDULUM, problem_of, recorded, targets
@@ -138,7 +138,7 @@ def test_limits_are_wider_where_bearings_are_simulated_as_if_they_did_not_give(m
     wide = DrawnRobots(problem, np.random.default_rng(1), 20).coarse
     assert (wide.fitted_rad == narrow.fitted_rad).all() and (enough_of(problem).usual_rad > enough.usual_rad).all()
     fit = problem.fitted(problem.start, ())
-    limits_rad = [of_healthy_rad(healthy, _NOTHING, fit)[0] for healthy in (narrow, wide)]
+    limits_rad = [limits_by(healthy, _NOTHING, fit).usual_rad for healthy in (narrow, wide)]
     assert limits_rad[1] == pytest.approx(_MARGIN_OF_RIGID / _MARGIN * limits_rad[0])
 
 
@@ -147,8 +147,7 @@ def test_robots_with_a_cause_are_drawn_about_the_model_that_has_it():
     friction = next(term for term in problem.catalogue.terms if term.key == "coulomb_friction.torque_nm")
     with_friction, without = problem.fitted(problem.start, (friction,)), problem.fitted(problem.start, ())
     about_it = DrawnRobots(problem, np.random.default_rng(1), 60, around=with_friction).coarse
-    usual_rad, far_rad = of_healthy_rad(about_it, enough_of(problem), with_friction)
-    assert (with_friction.usual_rad < usual_rad).all() and (with_friction.far_rad < far_rad).all(), "nothing else is wrong"
+    assert limits_by(about_it, enough_of(problem), with_friction).hold(with_friction), "nothing else is wrong"
     assert (without.usual_rad > 5.0 * about_it.fitted_rad).all()
     assert (about_it.fitted_rad <= about_it.as_it_is_rad).all()
 

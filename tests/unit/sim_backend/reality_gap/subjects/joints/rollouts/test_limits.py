@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import Enough, Healthy
-from sim_backend.reality_gap.subjects.joints.rollouts.limits import is_within, of_healthy_rad
+from sim_backend.reality_gap.subjects.joints.rollouts.limits import limits_by
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutFit
 from sim_backend.reality_gap.verdict import VerdictKind
 from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import study_of
@@ -32,7 +32,7 @@ def fit_of(usual_rad: float, far_rad: float) -> RolloutFit:
 def test_what_is_enough_for_anybody_is_so_in_all_windows_alike(usual_mrad, far_mrad, moves, is_healthy):
     drawn = Healthy(*(1e-3 * np.array([mrad]) for mrad in (1.0, 1.0, 2.0)))
     enough, fit = Enough(np.array([5e-3]), np.array([15e-3]), np.array([moves])), fit_of(1e-3 * usual_mrad, 1e-3 * far_mrad)
-    assert is_within(fit, of_healthy_rad(drawn, enough, fit)) == is_healthy
+    assert limits_by(drawn, enough, fit).hold(fit) == is_healthy
 
 
 def test_a_robot_that_is_pushed_now_and_then_is_not_healthy():

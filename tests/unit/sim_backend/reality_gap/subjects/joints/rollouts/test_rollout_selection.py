@@ -23,7 +23,6 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import GATE
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import RolloutSelection, select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.verdicts.rollout_causes import least_of
 from sim_backend.reality_gap.subjects.joints.verdicts.rollout_rivals import is_ahead
-from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import verdict_of_rollouts
 from sim_backend.reality_gap.verdict import Told, VerdictKind
 from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import (
     COGGING_NM,
@@ -32,6 +31,7 @@ from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import (
     LOSS_NM2,
     PENDULUM,
     WARMS_S,
+    judged,
     only_targets,
     problem_of,
     recorded,
@@ -229,7 +229,7 @@ def verdict_where_only_targets_are_known(*, on_board: bool = False, **of_control
     catalogue = with_controllers(study.fit.first.catalogue, ("hinge",), np.array([True]))
     problem = RolloutProblem(study.problem.episodes, study.start, catalogue, robot.tolerance)
     selection = select_by_rollouts(problem, catalogue, lambda _: True)
-    return verdict_of_rollouts(study, selection, DrawnRobots(problem, np.random.default_rng(0)).coarse), selection, study
+    return judged(study, selection, DrawnRobots(problem, np.random.default_rng(0))), selection, study
 
 
 def test_a_servo_s_targets_are_late_and_its_own_loop_is_not():

@@ -10,6 +10,7 @@ from sim_backend.reality_gap.knowledge.known_of_robot import Tolerance, UnknownR
 from sim_backend.reality_gap.recording import JointSignals, Recording
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS
+from sim_backend.reality_gap.subjects.joints.rollouts.limits import HealthyLimits
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutFit, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import Taken
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import RolloutSelection
@@ -64,7 +65,7 @@ def of_elbow() -> RolloutSelection:
 
 def limits(share: float, of: RolloutFit):
     """Some share of what a model leaves, in far windows three times it."""
-    return lambda _: (share * of.usual_rad, 3.0 * share * of.far_rad)
+    return lambda _: HealthyLimits(share * of.usual_rad, 3.0 * share * of.far_rad, of.usual_rad)
 
 
 def test_of_all_joints_the_one_that_needs_it_is_named_and_nothing_beside_it(of_elbow):

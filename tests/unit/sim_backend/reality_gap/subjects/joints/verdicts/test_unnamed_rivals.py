@@ -17,7 +17,6 @@ from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import Draw
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import FAR_OFF, RolloutProblem
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_selection import select_by_rollouts
 from sim_backend.reality_gap.subjects.joints.verdicts.unnamed_rivals import _as_lossy, against_unnamed
-from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import verdict_of_rollouts
 from sim_backend.reality_gap.verdict import Verdict, VerdictKind
 from tests.unit.sim_backend.reality_gap.subjects.joints import pendulum
 
@@ -53,7 +52,7 @@ def beside_drag(only: str | None = None) -> tuple[Verdict, Verdict]:
         catalogue = replace(catalogue, hypotheses=tuple(h for h in catalogue.hypotheses if h.effect == only))
     problem = RolloutProblem(study.problem.episodes, study.start, catalogue, robot.tolerance)
     selection = select_by_rollouts(problem, catalogue, lambda _: True)
-    before = verdict_of_rollouts(study, selection, DrawnRobots(problem, np.random.default_rng(0), draws=20).coarse)
+    before = pendulum.judged(study, selection, DrawnRobots(problem, np.random.default_rng(0), draws=20))
     return before, against_unnamed(before, selection, FAR_OFF * problem.noise_rad)
 
 
@@ -102,7 +101,7 @@ def beside_unnamed(braking: float, hidden: str = "", of_gain: float = 1.0) -> tu
     catalogue = with_controllers(study.fit.first.catalogue, ("hinge",), np.array([True]))
     problem = RolloutProblem(study.problem.episodes, study.start, catalogue, robot.tolerance)
     selection = select_by_rollouts(problem, catalogue, lambda _: True)
-    before = verdict_of_rollouts(study, selection, DrawnRobots(problem, np.random.default_rng(0)).coarse)
+    before = pendulum.judged(study, selection, DrawnRobots(problem, np.random.default_rng(0)))
     return before, against_unnamed(before, selection, FAR_OFF * problem.noise_rad)
 
 
