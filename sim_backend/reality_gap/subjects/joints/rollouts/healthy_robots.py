@@ -37,17 +37,19 @@ _CLOSELY, _DECIDE = 20, 2
 
 @dataclass(frozen=True)
 class Enough:
-    """What is near enough for anybody, whatever healthy robots are; shapes (k,).
+    """What is near enough whatever healthy robots are; shapes (k,).
 
     Attributes:
         usual_rad: in usual windows.
-        far_rad: in far ones.
-        far_to_usual: how far far windows move, by how far usual ones do.
+        far_rad: in far ones, where all windows are off alike.
+        few_rad: in far ones, where most windows are much nearer.
+        apart: times as far as usual windows that far ones move.
     """
 
     usual_rad: np.ndarray
     far_rad: np.ndarray
-    far_to_usual: np.ndarray
+    few_rad: np.ndarray
+    apart: np.ndarray
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import DrawnRobots, Enough, Healthy
+from sim_backend.reality_gap.subjects.joints.rollouts.recorded_windows import LEAST_WINDOWS
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import FAR_OFF, FAR_WINDOWS, RolloutFit, RolloutProblem
 
 _AS_GOOD_AS_RIGHT, _AS_GOOD_AS_RIGID = 0.004, 0.01
@@ -14,12 +15,10 @@ _AS_GOOD_AS_RIGHT, _AS_GOOD_AS_RIGID = 0.004, 0.01
 The passive pendulum of docs/studies leaves 0.33 % at joint1 in far windows, a third of what is counted, once its bearings rub.
 """
 _FEW = 3.0
-"""Times as far as drawn robots' windows or motions lie apart that far windows are from usual ones where few windows are off.
+"""Times as far as windows lie apart in drawn robots, or in how far they move: few windows are off where far ones are further.
 
-Where a model is not exact it is so in all windows. Of 90 healthy arms (seeds 46 and 47 of the second generator) one was so 3.0
-times, and 3.0 times as far off as those drawn for it; the others that were that far off, up to 3.6 times, were so 1.6 times. A
-loose mass, a belt that remembers, a cable and an encoder's dropouts that had been within what is enough were so 3.7 times and
-more, and 5.2 to 14 times as far off.
+Where a model is not exact it is so in all windows, more in those that move more. Of 90 healthy arms (seeds 46 and 47 of the
+second generator) one was 3.0 times and 3.0 times as far off as those drawn for it.
 """
 _MARGIN_OF_FEW = 5.0
 """Times what drawn robots are off in far windows that few windows may be off."""
@@ -27,20 +26,39 @@ _MARGIN_OF_FEW = 5.0
 
 @dataclass(frozen=True)
 class HealthyLimits:
-    """How far off windows of a robot may end up that nothing else is wrong with; shapes (k,), rad.
+    """How far off windows of a robot may end up that nothing else is wrong with; shapes (k,).
 
     Attributes:
         usual_rad: half of the windows.
-        far_rad: nine of ten.
+        far_rad: nine of ten, where all windows are off alike.
+        few_rad: nine of ten, where most are much nearer.
+        apart: times as far as usual windows that far ones are in drawn robots, or move.
         drawn_rad: what usual windows of the robots are off that were drawn, without any margin.
     """
 
     usual_rad: np.ndarray
     far_rad: np.ndarray
+    few_rad: np.ndarray
+    apart: np.ndarray
     drawn_rad: np.ndarray
+
+    def far_for(self, fit: RolloutFit) -> np.ndarray:
+        """What nine windows of ten may be off beside a fit's usual ones, shape (k,), rad.
+
+        Usual windows nearer than those of drawn robots count as they do: what is below noise says nothing. Few windows in all
+        do not tell what is usual.
+        """
+        if len(fit.squares) < LEAST_WINDOWS:
+            return self.far_rad
+        alike_rad = _FEW * self.apart * np.maximum(fit.usual_rad, self.drawn_rad)
+        return np.minimum(self.far_rad, np.maximum(self.few_rad, alike_rad))
 
     def hold(self, fit: RolloutFit) -> bool:
         """Whether windows end up no further off at any joint."""
+        return bool((fit.usual_rad <= self.usual_rad).all() and (fit.far_rad <= self.far_for(fit)).all())
+
+    def hold_but_for_few(self, fit: RolloutFit) -> bool:
+        """Whether they would if it did not matter that most windows are much nearer than the far ones."""
         return bool((fit.usual_rad <= self.usual_rad).all() and (fit.far_rad <= self.far_rad).all())
 
 
@@ -52,51 +70,39 @@ def limits_of(
     Args:
         robots: drawn for the same windows.
         fit: whose windows.
-        enough: below what nothing is off whatever robots are.
+        enough: what is near enough whatever robots are.
         progress: told what is done, and which share.
     """
-    coarse = limits_by(robots.coarse, enough, fit)
-    least = replace(enough, far_rad=np.where(_is_few(robots.coarse, enough, fit), enough.usual_rad, enough.far_rad))
+    apart = np.maximum(enough.apart, robots.coarse.fitted_far_rad / robots.coarse.fitted_rad)
+    coarse = limits_by(robots.coarse, enough, apart)
+    least = replace(enough, far_rad=np.minimum(enough.far_rad, np.maximum(enough.few_rad, _FEW * apart * fit.usual_rad)))
     is_open = (fit.usual_rad > least.usual_rad) & (fit.usual_rad <= coarse.usual_rad)
-    is_far_open = (fit.far_rad > least.far_rad) & (fit.far_rad <= coarse.far_rad)
+    is_far_open = (fit.far_rad > least.far_rad) & (fit.far_rad <= coarse.far_for(fit))
     if not (is_open | is_far_open).any():
         return coarse
     margin = robots.coarse.margin
     asked = (np.where(is_open, fit.usual_rad, 0.0) / margin, np.where(is_far_open, fit.far_rad, 0.0) / margin)
-    return limits_by(robots.closely(least, *asked, progress), enough, fit)
+    return limits_by(robots.closely(least, *asked, progress), enough, apart)
 
 
 def enough_of(problem: RolloutProblem) -> Enough:
-    """Below what windows are not off whatever healthy robots are: encoders' noise, or a share of how far windows move.
+    """What is near enough whatever healthy robots are: encoders' noise, or a share of how far windows move.
 
-    A robot that swings out moves far in its first windows and little in most.
+    A robot that swings out moves far in its first windows and little in most. Where bearings are simulated as if they did not
+    give, windows in which a joint sticks are off and others are not.
     """
-    share = _AS_GOOD_AS_RIGHT if problem.forward.has_bearings else _AS_GOOD_AS_RIGID
-    usual_rad, far_rad = (
-        np.maximum(FAR_OFF * problem.noise_rad, share * motion_rad) for motion_rad in (problem.motion_rad, problem.far_motion_rad)
-    )
-    return Enough(usual_rad, FAR_WINDOWS * far_rad, problem.far_motion_rad / problem.motion_rad)
+    has_bearings = problem.forward.has_bearings
+    share, noise_rad = _AS_GOOD_AS_RIGHT if has_bearings else _AS_GOOD_AS_RIGID, FAR_OFF * problem.noise_rad
+    of_motion_rad = share * problem.far_motion_rad
+    far_rad = FAR_WINDOWS * np.maximum(noise_rad, of_motion_rad)
+    few_rad = np.maximum(FAR_WINDOWS * noise_rad, of_motion_rad) if has_bearings else far_rad
+    usual_rad = np.maximum(noise_rad, share * problem.motion_rad)
+    return Enough(usual_rad, far_rad, few_rad, problem.far_motion_rad / problem.motion_rad)
 
 
-def limits_by(healthy: Healthy, enough: Enough, fit: RolloutFit) -> HealthyLimits:
-    """What windows of a robot that nothing else is wrong with may be off.
-
-    Args:
-        healthy: what drawn robots are off.
-        enough: what is near enough for anybody, in far windows only if usual ones are as far off for what they move.
-        fit: of the robot.
-    """
+def limits_by(healthy: Healthy, enough: Enough, apart: np.ndarray) -> HealthyLimits:
+    """Limits by what drawn robots are off; ``apart`` is how many times further far windows are than usual ones, shape (k,)."""
     usual_rad = np.maximum(enough.usual_rad, healthy.margin * healthy.fitted_rad)
     far_rad = np.maximum(np.maximum(enough.far_rad, FAR_WINDOWS * usual_rad), healthy.margin * healthy.fitted_far_rad)
-    few_rad = np.maximum(enough.usual_rad, _MARGIN_OF_FEW * healthy.fitted_far_rad)
-    far_rad = np.where(_is_few(healthy, enough, fit), np.minimum(far_rad, few_rad), far_rad)
-    return HealthyLimits(usual_rad, far_rad, healthy.fitted_rad)
-
-
-def _is_few(healthy: Healthy, enough: Enough, fit: RolloutFit) -> np.ndarray:
-    """Joints at which a model that is exact for most windows is not for few of them, shape (k,).
-
-    Windows that are nearer than those of drawn robots count as they do: what is below noise says nothing.
-    """
-    apart = np.maximum(enough.far_to_usual, healthy.fitted_far_rad / healthy.fitted_rad)
-    return fit.far_rad > _FEW * apart * np.maximum(fit.usual_rad, healthy.fitted_rad)
+    few_rad = np.maximum(enough.few_rad, _MARGIN_OF_FEW * healthy.fitted_far_rad)
+    return HealthyLimits(usual_rad, far_rad, few_rad, apart, healthy.fitted_rad)

@@ -22,7 +22,7 @@ _CLEAR = 0.2
 """Share of what a cause gained: what loses more is needed, however little further off a robot ends up without it."""
 
 Limits = Callable[[RolloutFit], HealthyLimits]
-"""What usual and far windows of a healthy robot may be off, shapes (k,), rad, to compare a model with."""
+"""Of robots that have some causes and are healthy else, to compare a model with."""
 
 
 def with_needed_causes(selection: RolloutSelection, limits: Limits, fits: Callable[[JointState], bool]) -> RolloutSelection:
@@ -72,7 +72,7 @@ def _is_needed(problem: RolloutProblem, less: RolloutFit, fit: RolloutFit, gain:
     if bool((is_off & (fit.usual_rad < left * less.usual_rad)).any()):
         return True
     healthy = limits(less)
-    errors = (less.usual_rad, fit.usual_rad, healthy.usual_rad), (less.far_rad, fit.far_rad, healthy.far_rad)
+    errors = (less.usual_rad, fit.usual_rad, healthy.usual_rad), (less.far_rad, fit.far_rad, healthy.far_for(less))
     return any(bool(((before > most) & (after < np.maximum(most, left * before))).any()) for before, after, most in errors)
 
 

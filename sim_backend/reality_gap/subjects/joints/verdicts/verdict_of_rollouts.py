@@ -17,6 +17,8 @@ from sim_backend.reality_gap.subjects.joints.verdicts.rollout_effects import eff
 from sim_backend.reality_gap.subjects.joints.verdicts.rollout_rivals import is_ahead, is_near, rivals_of
 from sim_backend.reality_gap.verdict import Cause, HeldOut, Rival, Verdict, VerdictKind
 
+_MOST_TOLD = 5
+"""Windows of which it is told when they begin."""
 _UNSEEN = (
     "noise and filters of sensors, ends of joints: rollouts compare positions between them",
     "whether all torques and all masses are off by the same share: no motion shows it",
@@ -31,7 +33,8 @@ def verdict_of_rollouts(
     Named is what takes away at least half of a usual window's error at some joint, or three fifths where without it no joint is
     further off than healthy robots are, leaves no joint of whose error it took less further off than robots are that have nothing
     but these causes, and has settled where it fits best unless all joints are as those robots'; what few motions show is judged
-    by the far windows in the same way; what does not is listed as a part of something that is not explained. Where nothing is
+    by the far windows in the same way, and where nothing but few windows are off only if with the causes no joint is further off
+    than those robots are; what does not is listed as a part of something that is not explained. Where nothing is
     named, a model is as good as right if the robot, fitted within the model's tolerances, is not further off than healthy ones
     are that were drawn within them.
 
@@ -52,12 +55,13 @@ def verdict_of_rollouts(
     far_before, far_after = selection.nominal.far_rad, selection.fit.far_rad
     kind, summary = VerdictKind.NAMED, f"The robot goes where a model goes that has {_listed(causes)}"
     halved, far_halved = is_halved(before, after), is_halved(far_before, far_after)
-    is_only_far = bool((after <= with_causes.usual_rad).all() and (far_after > with_causes.far_rad).any())
+    far_rad = with_causes.far_for(selection.fit)
     is_slide = study.problem.episodes[0].plant.is_slide
-    said = _left(selection, names, is_slide, after, far_after if is_only_far else None)
-    is_healthy = healthy.hold(selection.nominal)
-    is_gain = explained_at(selection.nominal, selection.fit, None if is_healthy else healthy.far_rad)
-    is_little = (halved | (after <= with_causes.usual_rad)) & (far_halved | (far_after <= with_causes.far_rad))
+    said = _left(selection, names, is_slide, with_causes)
+    is_healthy, is_healthy_but_for_few = healthy.hold(selection.nominal), healthy.hold_but_for_few(selection.nominal)
+    asks_more = is_healthy or (is_healthy_but_for_few and not with_causes.hold(selection.fit))
+    is_gain = explained_at(selection.nominal, selection.fit, None if asks_more else healthy.far_for(selection.nominal))
+    is_little = (halved | (after <= with_causes.usual_rad)) & (far_halved | (far_after <= far_rad))
     explains = bool(is_gain.any() and is_little.all())
     explains = explains and (
         with_causes.hold(selection.fit) or problem.is_near_noise(selection.fit) or would_move_nats(problem, selection.fit) < GATE
@@ -83,7 +87,9 @@ def verdict_of_rollouts(
     unknown = (
         [f"where the rest comes from: {said}"] if kind is VerdictKind.NAMED and not problem.is_near_noise(selection.fit) else []
     )
-    unknown += _few_windows(selection.fit, names, is_slide, with_causes.far_rad) if kind is VerdictKind.NAMED else []
+    unknown += _few_windows(selection.fit, names, is_slide, far_rad) if kind is VerdictKind.NAMED else []
+    is_few = kind is VerdictKind.UNEXPLAINED and is_healthy_but_for_few
+    look = _where_few(study, selection, healthy) if is_few else ()
     return Verdict(
         verdict=kind,
         summary=summary,
@@ -93,7 +99,7 @@ def verdict_of_rollouts(
         runner_up=min(rivals, key=lambda rival: rival.behind, default=None),
         rejected=tuple(sorted(rivals, key=lambda rival: rival.behind)),
         cannot_tell=(*unknown, *products_of(causes), *_UNSEEN),
-        record_next=_next(kind, [rival for _, rival, _, _ in near]),
+        record_next=look or _next(kind, [rival for _, rival, _, _ in near]),
         effects=tuple(effects_judged(selection, kind, causes, [rival for _, rival, _, _ in near])),
     )
 
@@ -105,17 +111,30 @@ def _next(kind: VerdictKind, near: Sequence[Rival]) -> tuple[str, ...]:
     return ("each joint slowly and fast, unloaded and loaded",) if kind is VerdictKind.UNEXPLAINED else ()
 
 
-def _left(
-    selection: RolloutSelection, names: Sequence[str], is_slide: np.ndarray, usual_rad: np.ndarray, far_rad: np.ndarray | None
-) -> str:
-    """Where windows end up with a selection's causes: a usual one, or where those are fine one of ten."""
-    problem = selection.problem
-    off, which = (usual_rad, "a usual window") if far_rad is None else (far_rad, "one window of ten")
-    worst = int(np.argmax(off / problem.noise_rad))
-    more = "" if far_rad is None else " or more"
-    end = told_distance(off[worst], is_slide=bool(is_slide[worst]))
+def _where_few(study: JointStudy, selection: RolloutSelection, healthy: HealthyLimits) -> tuple[str, ...]:
+    """When the windows begin, of the joint that is furthest beyond its limit, that are off where most are not."""
+    problem, fit = selection.problem, selection.nominal
+    limit_rad = healthy.far_for(fit)
+    worst, past = int(np.argmax(fit.far_rad / limit_rad)), problem.windows.past
+    if past is None:
+        return ()
+    rows = np.flatnonzero(np.sqrt(fit.squares[:, worst]) > limit_rad[worst])[:_MOST_TOLD]
+    recordings = [episode.path.recording.name for episode in study.problem.episodes]
+    begins = [f"{recordings[past.owner[row]]} from {past.first[row] * past.step_s[past.owner[row]]:.3g} s on" for row in rows]
+    return (f"look at what happened at {study.problem.names[worst]} in {', '.join(begins)}, or record again without it",)
+
+
+def _left(selection: RolloutSelection, names: Sequence[str], is_slide: np.ndarray, limits: HealthyLimits) -> str:
+    """Where usual windows end up with a selection's causes, or one of ten, at the joint that is furthest beyond its limit."""
+    problem, fit = selection.problem, selection.fit
+    is_only_far = bool((fit.usual_rad <= limits.usual_rad).all() and (fit.far_rad > limits.far_for(fit)).any())
+    off, limit, which, more = fit.usual_rad, limits.usual_rad, "a usual window", ""
+    if is_only_far:
+        off, limit, which, more = fit.far_rad, limits.far_for(fit), "one window of ten", " or more"
+    worst = int(np.argmax(off / limit))
+    end, most = (told_distance(rad[worst], is_slide=bool(is_slide[worst])) for rad in (off, limit))
     left = f"{which} of {problem.length_s:g} s ends up {end}{more} off at {names[worst]}"
-    return f"{left}, {off[worst] / problem.noise_rad[worst]:.0f} times the noise of its encoder"
+    return f"{left}, {off[worst] / problem.noise_rad[worst]:.0f} times the noise of its encoder (up to {most} is usual)"
 
 
 def _with_and_without(

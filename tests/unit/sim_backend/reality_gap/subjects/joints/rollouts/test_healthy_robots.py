@@ -24,7 +24,7 @@ from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import FAR_WIN
 from sim_backend.reality_gap.subjects.joints.rollouts.tolerated import _bearings
 from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import PENDULUM, problem_of, recorded, targets
 
-_NOTHING = Enough(np.zeros(1), np.zeros(1), np.ones(1))
+_NOTHING = Enough(np.zeros(1), np.zeros(1), np.zeros(1), np.ones(1))
 
 
 @pytest.mark.parametrize("joints", [1, 7])
@@ -137,8 +137,7 @@ def test_limits_are_wider_where_bearings_are_simulated_as_if_they_did_not_give(m
     monkeypatch.setattr(type(problem.forward), "has_bearings", False)
     wide = DrawnRobots(problem, np.random.default_rng(1), 20).coarse
     assert (wide.fitted_rad == narrow.fitted_rad).all() and (enough_of(problem).usual_rad > enough.usual_rad).all()
-    fit = problem.fitted(problem.start, ())
-    limits_rad = [limits_by(healthy, _NOTHING, fit).usual_rad for healthy in (narrow, wide)]
+    limits_rad = [limits_by(healthy, _NOTHING, np.ones(1)).usual_rad for healthy in (narrow, wide)]
     assert limits_rad[1] == pytest.approx(_MARGIN_OF_RIGID / _MARGIN * limits_rad[0])
 
 
@@ -147,7 +146,7 @@ def test_robots_with_a_cause_are_drawn_about_the_model_that_has_it():
     friction = next(term for term in problem.catalogue.terms if term.key == "coulomb_friction.torque_nm")
     with_friction, without = problem.fitted(problem.start, (friction,)), problem.fitted(problem.start, ())
     about_it = DrawnRobots(problem, np.random.default_rng(1), 60, around=with_friction).coarse
-    assert limits_by(about_it, enough_of(problem), with_friction).hold(with_friction), "nothing else is wrong"
+    assert limits_by(about_it, enough_of(problem), np.ones(1)).hold(with_friction), "nothing else is wrong"
     assert (without.usual_rad > 5.0 * about_it.fitted_rad).all()
     assert (about_it.fitted_rad <= about_it.as_it_is_rad).all()
 
@@ -171,7 +170,7 @@ def test_robots_are_fitted_as_closely_as_the_recorded_one_where_they_are_not_nea
     def closely(enough_rad: np.ndarray, asked_rad: np.ndarray, asked_far_rad: np.ndarray) -> Healthy:
         told.clear()
         return robots.closely(
-            Enough(enough_rad, FAR_WINDOWS * enough_rad, np.ones(1)),
+            Enough(enough_rad, FAR_WINDOWS * enough_rad, FAR_WINDOWS * enough_rad, np.ones(1)),
             asked_rad,
             asked_far_rad,
             lambda _, share: told.append(share),

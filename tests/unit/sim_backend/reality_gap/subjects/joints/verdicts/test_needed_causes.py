@@ -65,7 +65,8 @@ def of_elbow() -> RolloutSelection:
 
 def limits(share: float, of: RolloutFit):
     """Some share of what a model leaves, in far windows three times it."""
-    return lambda _: HealthyLimits(share * of.usual_rad, 3.0 * share * of.far_rad, of.usual_rad)
+    usual_rad, far_rad = share * of.usual_rad, 3.0 * share * of.far_rad
+    return lambda _: HealthyLimits(usual_rad, far_rad, far_rad, np.ones(2), of.usual_rad)
 
 
 def test_of_all_joints_the_one_that_needs_it_is_named_and_nothing_beside_it(of_elbow):

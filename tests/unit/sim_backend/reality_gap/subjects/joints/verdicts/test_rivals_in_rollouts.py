@@ -46,3 +46,6 @@ def test_far_windows_of_a_robot_that_swings_out_may_be_off_by_their_own_motion()
     )
     enough = enough_of(problem)
     assert enough.usual_rad == pytest.approx([0.004 * 0.1, 5e-3]) and enough.far_rad == pytest.approx([3 * 0.004 * 0.5, 3 * 5e-3])
+    assert enough.few_rad == pytest.approx([0.004 * 0.5, 3 * 5e-3]) and enough.apart == pytest.approx([5.0, 5.0])
+    problem.forward.has_bearings = False
+    assert (enough_of(problem).few_rad == enough_of(problem).far_rad).all(), "what sticks may be further off than what does not"
