@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from sim_backend.reality_gap.subjects.joints.rollouts.limits import HealthyLimits
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutFit
 
 EXPLAINED = 0.5
@@ -29,6 +30,22 @@ def explained_at(nominal: RolloutFit, fit: RolloutFit, far_rad: np.ndarray | Non
         return fit.usual_rad < _IN_LIMITS * nominal.usual_rad
     is_far_off = nominal.far_rad > far_rad
     return is_halved(nominal.usual_rad, fit.usual_rad) | (is_far_off & is_halved(nominal.far_rad, fit.far_rad))
+
+
+def explained_beside(nominal: RolloutFit, fit: RolloutFit, healthy: HealthyLimits, with_causes: HealthyLimits) -> np.ndarray:
+    """Whether causes take enough of an error to be named beside healthy robots, by joint, shape (k,).
+
+    Where few windows alone are off, half of that is enough only if no more is left than robots leave that have the causes: some
+    law takes half of any event.
+
+    Args:
+        nominal: the model without causes.
+        fit: the model with them.
+        healthy: limits for the model without causes.
+        with_causes: limits for the model with them.
+    """
+    is_event = healthy.hold_but_for_few(nominal) and not with_causes.hold(fit)
+    return explained_at(nominal, fit, None if is_event or healthy.hold(nominal) else healthy.far_for(nominal))
 
 
 def is_halved(before_rad: np.ndarray, after_rad: np.ndarray) -> np.ndarray:

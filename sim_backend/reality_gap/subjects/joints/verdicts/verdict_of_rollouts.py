@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sim_backend.reality_gap.subjects.joints.identification import JointStudy
-from sim_backend.reality_gap.subjects.joints.rollouts.explained import explained_at, is_halved
+from sim_backend.reality_gap.subjects.joints.rollouts.explained import explained_beside, is_halved
 from sim_backend.reality_gap.subjects.joints.rollouts.limits import HealthyLimits
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutFit
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_questions import would_move_nats
@@ -59,8 +59,7 @@ def verdict_of_rollouts(
     is_slide = study.problem.episodes[0].plant.is_slide
     said = _left(selection, names, is_slide, with_causes)
     is_healthy, is_healthy_but_for_few = healthy.hold(selection.nominal), healthy.hold_but_for_few(selection.nominal)
-    asks_more = is_healthy or (is_healthy_but_for_few and not with_causes.hold(selection.fit))
-    is_gain = explained_at(selection.nominal, selection.fit, None if asks_more else healthy.far_for(selection.nominal))
+    is_gain = explained_beside(selection.nominal, selection.fit, healthy, with_causes)
     is_little = (halved | (after <= with_causes.usual_rad)) & (far_halved | (far_after <= far_rad))
     explains = bool(is_gain.any() and is_little.all())
     explains = explains and (
