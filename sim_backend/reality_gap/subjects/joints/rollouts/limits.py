@@ -92,11 +92,11 @@ def enough_of(problem: RolloutProblem) -> Enough:
     give, windows in which a joint sticks are off and others are not.
     """
     has_bearings = problem.forward.has_bearings
-    share, noise_rad = _AS_GOOD_AS_RIGHT if has_bearings else _AS_GOOD_AS_RIGID, FAR_OFF * problem.noise_rad
+    share, near_rad = _AS_GOOD_AS_RIGHT if has_bearings else _AS_GOOD_AS_RIGID, FAR_OFF * problem.noise_rad
     of_motion_rad = share * problem.far_motion_rad
-    far_rad = FAR_WINDOWS * np.maximum(noise_rad, of_motion_rad)
-    few_rad = np.maximum(FAR_WINDOWS * noise_rad, of_motion_rad) if has_bearings else far_rad
-    usual_rad = np.maximum(noise_rad, share * problem.motion_rad)
+    far_rad = FAR_WINDOWS * np.maximum(near_rad, of_motion_rad)
+    few_rad = np.maximum(FAR_WINDOWS * near_rad, of_motion_rad) if has_bearings else far_rad
+    usual_rad = np.maximum(near_rad, share * problem.motion_rad)
     return Enough(usual_rad, far_rad, few_rad, problem.far_motion_rad / problem.motion_rad)
 
 
