@@ -42,7 +42,8 @@ def verdict_of_rollouts(
         study: of the same recordings.
         selection: causes and models.
         healthy: of robots that nothing is wrong with, for the model without causes.
-        with_causes: of robots that have the causes and are healthy else, for the model with them.
+        with_causes: of robots that have the causes and are healthy else, or healthy ones where next to nothing is left, for the
+            model with them.
     """
     problem, names = selection.problem, study.problem.names
     causes = [cause for taken in selection.taken for cause in causes_of(study, selection.fit, taken)]

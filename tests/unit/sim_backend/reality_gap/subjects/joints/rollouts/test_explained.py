@@ -5,14 +5,7 @@ import pytest
 
 from sim_backend.reality_gap.subjects.joints.rollouts.explained import explained_at, explained_beside
 from sim_backend.reality_gap.subjects.joints.rollouts.limits import HealthyLimits
-from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutFit
-
-NOBODY = np.empty(0)
-
-
-def fit_of(off_rad) -> RolloutFit:
-    """A fit whose windows end up as far off as this, shape (n, 2)."""
-    return RolloutFit(None, (), 0, NOBODY, NOBODY, np.square(off_rad), (NOBODY, NOBODY))  # pyrefly: ignore[bad-argument-type]
+from tests.unit.sim_backend.reality_gap.subjects.joints.ends_of_windows import fit_of
 
 
 @pytest.mark.parametrize(

@@ -9,18 +9,18 @@ from sim_backend.reality_gap.subjects.joints.rollouts.healthy_robots import Enou
 from sim_backend.reality_gap.subjects.joints.rollouts.limits import limits_by, limits_of
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutFit
 from sim_backend.reality_gap.verdict import VerdictKind
+from tests.unit.sim_backend.reality_gap.subjects.joints.ends_of_windows import fit_of
 from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import study_of
 
-_NOBODY = np.empty(0)
 DRAWN = Healthy(*(1e-3 * np.array([mrad, mrad]) for mrad in (1.0, 1.0, 2.0)))
 ENOUGH = Enough(*(1e-3 * np.array([mrad, mrad]) for mrad in (5.0, 30.0, 4.0)), np.array([2.0, 2.0]))
 
 
-def fit_of(usual_mrad: float, far_mrad: float, windows: int = 20) -> RolloutFit:
-    """Of twenty windows of two joints 16 are as usual, four far off at the second joint."""
-    squares = np.square(1e-3 * np.full((windows, 2), usual_mrad))
-    squares[: windows // 5, 1] = (1e-3 * far_mrad) ** 2
-    return RolloutFit(None, (), 0, _NOBODY, _NOBODY, squares, (_NOBODY, _NOBODY))  # pyrefly: ignore[bad-argument-type]
+def few_off(usual_mrad: float, far_mrad: float, windows: int = 20) -> RolloutFit:
+    """Of windows of two joints four fifths are as usual, one far off at the second joint."""
+    off_rad = 1e-3 * np.full((windows, 2), usual_mrad)
+    off_rad[: windows // 5, 1] = 1e-3 * far_mrad
+    return fit_of(off_rad)
 
 
 @pytest.mark.parametrize(
@@ -47,14 +47,14 @@ def fit_of(usual_mrad: float, far_mrad: float, windows: int = 20) -> RolloutFit:
 def test_what_is_enough_is_so_in_all_windows_alike(usual_mrad, far_mrad, apart, is_healthy):
     """Drawn robots leave 1 mrad and 2 mrad; beside 1 mrad far windows may be 3 times as far apart off, or 10 mrad."""
     wide = Enough(1e-3 * np.full(2, 10.0), *(1e-3 * np.full(2, mrad) for mrad in (30.0, 4.0)), ENOUGH.apart)
-    limits, fit = limits_by(DRAWN, wide, np.full(2, apart)), fit_of(usual_mrad, far_mrad)
+    limits, fit = limits_by(DRAWN, wide, np.full(2, apart)), few_off(usual_mrad, far_mrad)
     assert limits.hold(fit) == is_healthy
     assert limits.hold_but_for_few(fit) == (far_mrad < 30.0)
 
 
 def test_few_windows_in_all_do_not_tell_which_of_them_are_few():
     limits = limits_by(DRAWN, ENOUGH, ENOUGH.apart)
-    assert not limits.hold(fit_of(1.0, 11.0, 20)) and limits.hold(fit_of(1.0, 11.0, 19))
+    assert not limits.hold(few_off(1.0, 11.0, 20)) and limits.hold(few_off(1.0, 11.0, 19))
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_drawn_robots_are_looked_at_closely_where_few_windows_may_be_too_far_off
     """By coarse limits ten milliradians are usual; closely it is five."""
     close, calls = Healthy(*(1e-3 * np.array([mrad, mrad]) for mrad in (0.5, 0.5, 1.0))), []
     robots = SimpleNamespace(coarse=DRAWN, closely=lambda *given: calls.append(given) or close)
-    fit = fit_of(0.5, far_mrad)
+    fit = few_off(0.5, far_mrad)
     limits = limits_of(robots, fit, ENOUGH)  # pyrefly: ignore[bad-argument-type]
     assert bool(calls) == asked and limits.hold(fit) == (far_mrad < 5.0)
 

@@ -5,16 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import RolloutFit
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import _few_windows, _with_and_without
+from tests.unit.sim_backend.reality_gap.subjects.joints.ends_of_windows import fit_of
 
 NAMES, IS_SLIDE = ("cart", "pole"), np.array([True, False])
-NOBODY = np.empty(0)
-
-
-def fit_of(off_rad) -> RolloutFit:
-    """A fit whose windows end up as far off as this, shape (n, 2)."""
-    return RolloutFit(None, (), 0, NOBODY, NOBODY, np.square(off_rad), (NOBODY, NOBODY))  # pyrefly: ignore[bad-argument-type]
 
 
 @pytest.mark.parametrize(
