@@ -94,7 +94,9 @@ def __getattr__(name: str) -> object:
     except ModuleNotFoundError as error:
         if error.name not in _OF_AN_EXTRA:
             raise
-        raise ImportError(f"trifarm.{name} needs {error.name}: pip install 'trifarm[learning]'", name=error.name) from error
+        from sim_backend.extras import how_to_install
+
+        raise ImportError(f"trifarm.{name} needs {error.name}: {how_to_install('learning')}", name=error.name) from error
     globals()[name] = found
     return found
 

@@ -1,4 +1,4 @@
-"""n simulations on a GPU by mujoco_warp, used as ``mujoco.batch.Batch`` is; needs the extra ``trifarm[gpu]``.
+"""n simulations on a GPU by mujoco_warp, used as ``mujoco.batch.Batch`` is; needs the extra ``gpu``.
 
 Owner of the simulations' states. Between rollouts they lie in arrays of this process, which the driver reads and writes; in a
 rollout they lie on the device. The safety pipeline and the effects of ``Acts.CONTROL`` are the compiled functions of
@@ -21,6 +21,7 @@ from sim_backend.driver.compilation import compiled_once
 from sim_backend.driver.control_step import protect_nominal, set_bounds, step_with_effects
 from sim_backend.driver.physics_backend import BackendError, UnvariedFieldError
 from sim_backend.effects import record as r
+from sim_backend.extras import how_to_install
 
 CONTACTS, CONSTRAINTS = 48, 192
 """Room for contacts and rows of constraints in each simulation; the cube between three fingers at the wall needs half of it. One
@@ -74,10 +75,7 @@ def open_device(device: str | None) -> tuple[Any, Any, str]:
         import mujoco_warp  # as above
     except ImportError as error:
         missing = f"the physics back end 'warp' needs packages that are not installed ({error.name})"
-        raise BackendError(
-            f"{missing}: pip install -e '.[gpu]' in the clone, or the wheel with '[gpu]' after its name; "
-            "or leave physics_backend at 'cpu'"
-        ) from error
+        raise BackendError(f"{missing}: {how_to_install('gpu')}; or leave physics_backend at 'cpu'") from error
     if device is None and not warp.is_cuda_available():
         found = "the physics back end 'warp' needs an NVIDIA GPU with its driver, and CUDA finds none here"
         raise BackendError(f"{found}: leave physics_backend at 'cpu' ('warp-cpu' runs it on the processor, slowly, for tests)")

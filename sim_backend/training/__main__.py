@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sim_backend.extras import how_to_install
 from sim_backend.folder_lock import TakenError, taken
 from sim_backend.workers.pool import WorkersError
 
@@ -30,11 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         from sim_backend.training import train
     except ImportError as error:
-        return _problem(
-            f"training needs packages that are not installed ({error.name}): pip install -e '.[learning]' in the clone, "
-            "or the wheel with '[learning]' after its name",
-            OTHER,
-        )
+        return _problem(f"training needs packages that are not installed ({error.name}): {how_to_install('learning')}", OTHER)
     from sim_backend.training.recipe import RecipeError, load_recipe
 
     try:

@@ -16,6 +16,7 @@ from sim_backend.effects.catalogue import CATALOGUE
 from sim_backend.effects.effect import Acts
 from sim_backend.effects.looking import FACES
 from sim_backend.effects.physics import Physics
+from sim_backend.extras import how_to_install
 from sim_backend.trifinger.objects import CUBE, Shape
 from sim_backend.vision.appearance import seen_spec
 from sim_backend.vision.calibration import Calibration, nominal_calibrations
@@ -25,7 +26,7 @@ SUPERSAMPLING = 2
 """Rendered pixels along each edge of an image's pixel; their mean is taken, as a sensor takes it."""
 _MARGIN = 1.01
 _CLIP_M = (0.05, 3.0)
-EXTRA = "pip install 'trifarm[vision]', and EGL (apt-get install libegl1 libgl1-mesa-dri renders in software)"
+EXTRA = f"{how_to_install('vision')}; and EGL (apt-get install libegl1 libgl1-mesa-dri renders in software)"
 
 
 class CamerasMissingError(RuntimeError):

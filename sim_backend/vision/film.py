@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from sim_backend.extras import how_to_install
+
 SUFFIXES = (".mp4", ".webm")
 CODEC = "libvpx-vp9"
 OPTIONS = {"deadline": "realtime", "cpu-used": "7", "crf": "32", "b": "0"}
@@ -63,5 +65,5 @@ def _pyav() -> Any:
     try:
         import av
     except ImportError as error:
-        raise FilmError(f"films need PyAV ({error}): pip install 'trifarm[vision,video]'") from error
+        raise FilmError(f"films need PyAV ({error}): {how_to_install('vision', 'video')}") from error
     return av

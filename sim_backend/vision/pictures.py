@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from sim_backend.extras import how_to_install
 from sim_backend.trifinger.objects import CUBE, Shape
 from sim_backend.vision.calibration import Calibration
 
@@ -22,7 +23,7 @@ def opencv() -> Any:
     try:
         import cv2
     except ImportError as error:
-        raise ImportError(f"images need OpenCV ({error}): pip install 'trifarm[vision]'") from error
+        raise ImportError(f"images need OpenCV ({error}): {how_to_install('vision')}") from error
     return cv2
 
 

@@ -12,6 +12,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from sim_backend.extras import how_to_install
+
 OK, OTHER, USAGE, INTERRUPTED = 0, 1, 2, 130
 FIRST_SEED, ROBOTS, HELD_OUT = 1000, 174, 6
 """Robots that it learns from by their seeds, and how many more only tell how well it does."""
@@ -38,7 +40,7 @@ def main(arguments: list[str] | None = None) -> int:
         from sim_backend.vision.tracker_training import Training
     except ImportError as error:
         return _problem(
-            f"training needs packages that are not installed ({error.name}): pip install 'trifarm[learning,vision]'", OTHER
+            f"training needs packages that are not installed ({error.name}): {how_to_install('learning', 'vision')}", OTHER
         )
     if options.threads:
         torch.set_num_threads(options.threads)

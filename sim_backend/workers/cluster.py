@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager
 from typing import Any
 
+from sim_backend.extras import how_to_install
 from sim_backend.workers.pool import MakeWork, Places, Workers, WorkersError
 
 LOCAL = "local"
@@ -113,7 +114,7 @@ def connected(address: str, cpus: int = 0) -> Any:
     try:
         import ray  # of the extra, which need not be installed
     except ImportError:
-        raise WorkersError("a cluster needs Ray, which is not installed: pip install -e '.[cluster]' in the clone") from None
+        raise WorkersError(f"a cluster needs Ray, which is not installed: {how_to_install('cluster')}") from None
     asked: dict[str, Any] = {"address": address}
     if address == LOCAL:
         asked |= {"num_cpus": cpus, "include_dashboard": False, "object_store_memory": OBJECT_STORE_BYTES}
