@@ -11,7 +11,7 @@ PAGE = Path(__file__).parent / "python.md"
 HEAD = """# The Python API
 
 `import trifarm` is the whole public API; everything else in this repository may move. A name is loaded when it is first used, so
-the import itself costs nothing. Environments and `pack` need the extra `learning` (`pip install 'trifarm[learning]'`).
+the import itself costs nothing. Environments and `pack` need the extra `learning` (`pip install -e '.[learning]'` in the clone).
 `python docs/python_page.py` writes this page from the docstrings, and a test runs its examples.
 
 | name | what it is |
@@ -63,17 +63,22 @@ def _signature(name: str, found: object) -> list[str]:
         signature = inspect.signature(found)
     except ValueError:
         return [f"trifarm.{name}"]
-    given = [each for each in signature.parameters.values() if each.name != "self"]
+    given = [each for each in signature.parameters.values() if each.name not in ("self", "cls")]
     if isinstance(found, type) and issubclass(found, Exception):
         return [f"trifarm.{name}"]
-    written = [each.name if each.default is each.empty else f"{each.name}={_default(each.default)}" for each in given]
+    written = [_parameter(each) for each in given]
     first = next((at for at, each in enumerate(given) if each.kind is each.KEYWORD_ONLY), None)
-    if first is not None:
+    if first is not None and not any(each.kind is each.VAR_POSITIONAL for each in given):
         written.insert(first, "*")
     names = ", ".join(written)
     if len(names) < LONG:
         return [f"trifarm.{name}({names})"]
     return [f"trifarm.{name}(", *(f"    {each}," for each in names.split(", ")), ")"]
+
+
+def _parameter(given: inspect.Parameter) -> str:
+    stars = {given.VAR_POSITIONAL: "*", given.VAR_KEYWORD: "**"}.get(given.kind, "")
+    return f"{stars}{given.name}" + ("" if given.default is given.empty else f"={_default(given.default)}")
 
 
 def _default(value: object) -> str:

@@ -12,7 +12,7 @@ def study(
     out: Path | str,
     *,
     data: Path | str | None = None,
-    method: Literal["naming", "simopt", "coordinate-descent"] = "naming",
+    method: Literal["naming", "rollouts", "torques", "simopt", "coordinate-descent"] = "naming",
     seed: int = 0,
     progress: Callable[[str, float], None] = lambda *_: None,
 ) -> StudyResult:
@@ -22,7 +22,9 @@ def study(
         source: a folder of a farm's logs, or a ``study.toml`` that describes any robot's recordings.
         out: folder for ``study.json``, ``report.html`` and the extended model; made if absent.
         data: folder of the recordings that a ``study.toml`` names; beside the file if None.
-        method: ``naming`` judges every effect; the others only calibrate numbers.
+        method: ``naming`` judges every effect: of a ``study.toml`` by torques and simulated motions, of a farm's logs by torques.
+            ``rollouts`` (simulated motions alone) and ``torques`` are for a ``study.toml``. ``simopt`` and ``coordinate-descent``
+            only calibrate numbers.
         seed: of permutations and bootstraps.
         progress: called with what is being done and the share that is done, 0 to 1.
 

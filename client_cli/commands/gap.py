@@ -45,7 +45,8 @@ def study(
         Method,
         typer.Option(
             "--method",
-            help="naming asks torques and simulated motions, rollouts and torques one alone; the others only calibrate.",
+            help="naming asks torques and, of a study.toml, simulated motions; rollouts and torques ask one alone; "
+            "the others only calibrate.",
         ),
     ] = Method.NAMING,
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the study; by default 0.")] = None,

@@ -65,13 +65,27 @@ def test_what_an_extra_brings_is_said(monkeypatch):
     for name in [name for name in sys.modules if name.startswith("sim_backend.environments.")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.delitem(vars(trifarm), "TrifingerEnv", raising=False)
-    with pytest.raises(ImportError, match=r"trifarm\.TrifingerEnv needs gymnasium: pip install 'trifarm\[learning\]'"):
+    with pytest.raises(ImportError, match=r"trifarm\.TrifingerEnv needs gymnasium: pip install -e '\.\[learning\]' in the clone"):
         trifarm.TrifingerEnv  # noqa: B018
 
 
 def test_the_page_is_that_of_the_docstrings():
     page = runpy.run_path(str(ROOT / "docs/python_page.py"))["page"]()
     assert (ROOT / "docs/python.md").read_text() == page, "python docs/python_page.py writes it anew"
+
+
+@pytest.mark.parametrize(
+    ("found", "written"),
+    [
+        (lambda self, one, *, two=2: None, "one, *, two=2"),
+        (lambda one, **others: None, "one, **others"),
+        (lambda *ones, two, **others: None, "*ones, two, **others"),
+        (lambda cls, one, two="b": None, 'one, two="b"'),
+    ],
+)
+def test_signatures_are_written_as_they_are_called(found, written):
+    signature = runpy.run_path(str(ROOT / "docs/python_page.py"))["_signature"]
+    assert signature("it", found) == [f"trifarm.it({written})"]
 
 
 def test_a_file_that_is_no_report_is_a_sentence(tmp_path):
