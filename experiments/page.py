@@ -100,7 +100,7 @@ def overview(all_found: Sequence[Findings]) -> str:
         "",
     ]
     for kind, heading in HEADINGS.items():
-        lines += [f"## {heading}", "", *_sentences(claimed, kind), ""]
+        lines += [f"## {heading}", "", *_sentences(claimed, kind, beside=again), ""]
     lines += ["## Questions of ours", "", f"Of {len(ours)} contrasts that no paper claims: {_tally(ours, OURS)}.", ""]
     lines += [sentence for kind in OURS for sentence in _sentences(ours, kind) if sentence != NOTHING]
     if again:
@@ -168,12 +168,17 @@ def _by_chance(judged: Sequence[tuple[Findings, Judged]]) -> str:
 
 
 NOTHING = "Nothing."
+NOTHING_COUNTED = 'Nothing that is counted; what is asked again and not run stands under "Not counted".'
 
 
-def _sentences(judged: Sequence[tuple[Findings, Judged]], kind: Verdict) -> list[str]:
+def _sentences(
+    judged: Sequence[tuple[Findings, Judged]], kind: Verdict, beside: Sequence[tuple[Findings, Judged]] = ()
+) -> list[str]:
+    """Those of a verdict; ``beside`` are contrasts that do not count, of which some may not have been run."""
     ours = any(each.contrast.ours for _, each in judged)
     said = [_sentence(found, each, with_verdict=ours) for found, each in judged if each.verdict is kind]
-    return said or [NOTHING]
+    not_run = kind is Verdict.NOT_RUN and any(each.verdict is kind for _, each in beside)
+    return said or [NOTHING_COUNTED if not_run else NOTHING]
 
 
 def _sentence(found: Findings, each: Judged, *, with_verdict: bool = False) -> str:

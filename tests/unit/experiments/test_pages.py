@@ -101,6 +101,13 @@ def test_questions_of_ours_and_what_repeats_another_are_told_apart(tmp_path):
     assert "| of ours (ours) |" in experiment_page(found, figure=True)
 
 
+def test_what_is_not_run_and_does_not_count_is_told_from_nothing(tmp_path):
+    whole = complete(tmp_path)
+    assert "## Not run yet\n\nNothing.\n" in overview([findings(SMALL, whole)])
+    again = findings(replace(SMALL, name="again", again="small"), store_of(tmp_path / "again"))
+    assert "## Not run yet\n\nNothing that is counted; what is asked again" in overview([findings(SMALL, whole), again])
+
+
 def test_one_run_speaks_of_its_policies_only(tmp_path):
     single = replace(SMALL, cells=tuple(replace(cell, seeds=(1,)) for cell in SMALL.cells))
     page = experiment_page(findings(single, complete(tmp_path)), figure=True)
