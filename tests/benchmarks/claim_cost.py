@@ -1,6 +1,6 @@
 """What it costs to give a robot its next trial when 400 trials are queued, and when 400,000 are; on SQLite and PostgreSQL.
 
-    python tests/benchmarks/claim_cost.py --out claim-cost.json
+    python -m tests.benchmarks.claim_cost --out claim-cost.json
 
 20 users share the queue and one of them has half of it. Claims in the small and in the large queue alternate, so that
 whatever else the machine does meets both; a ratio is of the medians within one run. A claim is the dispatcher's transaction
