@@ -51,6 +51,10 @@ class Feedback:
         limited = np.clip(asked + self.desired_nm, -self.limit_nm, self.limit_nm)
         return limited - self.back_emf_nm_s_rad * velocity_rad_s
 
+    def without(self, joints: Sequence[bool]) -> "Feedback":
+        """The same but for joints of which none is known any more, a truth value for each joint."""
+        return Feedback(*(np.where(joints, np.nan, getattr(self, field.name)) for field in fields(self)))
+
     def at(self, index: Any) -> "Feedback":
         """The law of some samples, as arrays are indexed."""
         return Feedback(*(getattr(self, field.name)[index] for field in fields(self)))

@@ -41,6 +41,8 @@ class JointSignals:
         outliers: samples of positions and torques that were left out.
         feedback: what turned position targets into torque, of joints of which it is known; None where it is of none.
         not_recorded: joints without any torque of their own: commanded is what ``feedback`` makes of what they reported.
+        unlike_law: joints whose recorded torque is not what their stated controller makes, with the share of it that differs.
+        torn_s: when positions of several joints jump at once, as where rows are missing.
     """
 
     names: tuple[str, ...]
@@ -56,6 +58,8 @@ class JointSignals:
     outliers: tuple[Outlier, ...] = ()
     feedback: Feedback | None = None
     not_recorded: tuple[str, ...] = ()
+    unlike_law: Mapping[str, float] = field(default_factory=dict)
+    torn_s: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

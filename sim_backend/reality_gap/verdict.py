@@ -29,6 +29,15 @@ class Cause:
 
 
 @dataclass(frozen=True)
+class Doubt:
+    """A cause that may as well be something that is no fault: what that is, in words, and what would tell."""
+
+    cause: Cause
+    other: str
+    told_by: str
+
+
+@dataclass(frozen=True)
 class Rival:
     """A hypothesis that lost: how far it lies behind (nats) and what separates it."""
 

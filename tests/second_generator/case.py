@@ -273,7 +273,11 @@ def drawn_case(rng, names, seed, kind, index):
 
 
 def recorded(case, rng):
-    """The case with its full recordings; amplitudes shrink until no recording had to be stopped."""
+    """The case with its full recordings; amplitudes shrink until no recording had to be stopped.
+
+    Raises:
+        NoSizeError: one had to be at the smallest; another arm is to be drawn.
+    """
     for _ in range(8):
         body, _ = build(case.true, case.sensors, case.causes, case.seen)
         traces = []
@@ -286,4 +290,4 @@ def recorded(case, rng):
             hidden = tuple(replace(cause, visibility=value) for cause, value in zip(case.causes, found, strict=True))
             return replace(case, causes=hidden, traces=tuple(traces))
         case = replace(case, session=replace(case.session, amplitude=case.session.amplitude * 0.7))
-    raise ValueError("no amplitude lets this arm be recorded to the end")
+    raise NoSizeError("no amplitude lets this arm be recorded to the end")

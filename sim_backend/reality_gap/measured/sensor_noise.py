@@ -6,6 +6,8 @@ from sim_backend.reality_gap.quantiles import MEDIAN_SIZE
 
 LEAST_NOISE_RAD = 3e-5
 """No encoder is trusted beyond this: laws of friction and gears do not hold to less, however quiet a simulated sensor is."""
+_GROWS = 2.0
+"""Times the noise of the slowest third of the samples that the quickest third has, where it grows with the speed."""
 
 
 def position_noise(position_rad: np.ndarray) -> np.ndarray:
@@ -41,6 +43,25 @@ def white_noise(series: np.ndarray) -> np.ndarray:
 
     It is 0 where nothing is known.
     """
-    differences = np.diff(series, 4, axis=0)
+    return _level_of(np.diff(series, 4, axis=0))
+
+
+def grows_with_speed(series: np.ndarray) -> np.ndarray:
+    """Whether each column's white noise is far larger where the column changes quickly than where it changes slowly, shape (k,).
+
+    That of a sensor is not: so look positions whose time stamps are not exact, off by the speed times the error of the time.
+
+    Args:
+        series: of the sensor, shape (s, k).
+    """
+    differences, ways = np.diff(series, 4, axis=0), np.abs(series[4:] - series[:-4])
+    ways[:, np.isnan(ways).all(axis=0)] = 0.0
+    slow, quick = np.nanquantile(ways, [1.0 / 3.0, 2.0 / 3.0], axis=0)
+    of_slow, of_quick = (_level_of(np.where(rows, differences, np.nan)) for rows in (ways <= slow, ways >= quick))
+    return of_quick > _GROWS * np.maximum(of_slow, LEAST_NOISE_RAD)
+
+
+def _level_of(differences: np.ndarray) -> np.ndarray:
+    """Standard deviation of white noise whose fourth differences these are, shapes (s, k) and (k,)."""
     differences[:, np.isnan(differences).all(axis=0)] = 0.0
-    return np.nanmedian(np.abs(differences), axis=0) / (MEDIAN_SIZE * np.sqrt(70.0))
+    return np.asarray(np.nanmedian(np.abs(differences), axis=0) / (MEDIAN_SIZE * np.sqrt(70.0)))

@@ -18,6 +18,8 @@ from sim_backend.reality_gap.recording import Recording, RecordingError
 
 MIN_DURATION_S = 0.2
 """A shorter episode is refused: one window of replay, which is at least 0.1 s long, and a start for it."""
+_LEAST_ORDERED, _AS_BY_CHANCE = 50, 0.7
+"""Of so many rows or more it is asked whether their positions follow each other; share of a move between any two that is none."""
 _MAX_GAPS = 100  # as many empty points of the grid for each sample: a clock that jumped
 
 
@@ -86,6 +88,8 @@ def _timed(study: StudyFile, rows: Rows) -> Rows:
     """The rows that hold anything, with times from 0 on."""
     if study.time is None:
         assert study.rate_hz is not None, "study.toml gives a column of time or a rate"
+        if _is_shuffled([rows.column(joint.channels["position"]) for joint in study.joints]):
+            raise rows.refusal("its rows are not in the order of time: no position is nearer to that before it than to any other")
         return rows.with_time(np.arange(len(rows.index)) / study.rate_hz, "")
     column = study.time.column
     rows = rows.where(rows.filled(study.time))
@@ -104,6 +108,17 @@ def _timed(study: StudyFile, rows: Rows) -> Rows:
             first + 1,
         )
     return rows.with_time(time_s - time_s[0], column, start_s=float(time_s[0]))
+
+
+def _is_shuffled(positions: Sequence[np.ndarray]) -> bool:
+    """Whether rows follow each other as if by chance, at all joints that move; positions of each joint, shape (s,)."""
+    moves, by_chance = [], []
+    for position in positions:
+        known = position[np.isfinite(position)]
+        if len(known) >= _LEAST_ORDERED and np.ptp(known) > 0.0:
+            moves.append(float(np.median(np.abs(np.diff(known)))))
+            by_chance.append(float(np.median(np.abs(np.diff(np.random.default_rng(0).permutation(known))))))
+    return bool(moves) and all(move > _AS_BY_CHANCE * other > 0.0 for move, other in zip(moves, by_chance, strict=True))
 
 
 def _hint(rows: Rows, study: StudyFile) -> str:

@@ -19,6 +19,10 @@ _HELD = ("commanded_torque", "desired_torque")
 _TORQUES = ("commanded_torque", "measured_torque")
 _SLOWER = 1.5
 """A joint whose positions come so many steps of the grid apart, or more, skips some."""
+_UNLIKE = 0.1
+"""Share of a recorded torque that a stated controller may be off, for what filters and rounding do to velocities."""
+_LATE_ROWS = range(-1, 3)
+"""By which the columns of a table may lie apart."""
 _SIGNED = ("velocity", "commanded_torque", "measured_torque", "desired_torque")
 
 
@@ -36,7 +40,7 @@ def joint_signals(
     """Joints on a grid: positions unwrapped, commands held, everything in the model's direction and zero.
 
     A joint without any torque was sent what its servo or a controller makes of position targets, or its motor of a voltage, and
-    nothing if it is passive.
+    nothing if it is passive. Of one with a torque that its controller's law does not make, the law is not known.
 
     Raises:
         RecordingError: a channel without any value.
@@ -54,13 +58,19 @@ def joint_signals(
 
     position_rad = together("position")
     assert position_rad is not None, "every joint has a position"
-    made = list[str]()
+    made, unlike = list[str](), dict[str, float]()
     if feedback is not None:
         sent = feedback.torque_nm(position_rad, _velocities(columns, grid.step_s))
         for j, (joint, column) in enumerate(zip(joints, columns, strict=True)):
-            if feedback.is_known[j] and not any(word in column for word in _TORQUES):
+            if not feedback.is_known[j]:
+                continue
+            recorded = next((column[word] for word in _TORQUES if word in column), None)
+            if recorded is None:
                 column["commanded_torque"] = sent[:, j]
                 made.append(joint.name)
+            elif joint.motor is None and (share := _share_off(sent[:, j], recorded)) > _UNLIKE:
+                unlike[joint.name] = share
+        feedback = feedback.without([joint.name in unlike for joint in joints]) if unlike else feedback
     return JointSignals(
         names=tuple(joint.name for joint in joints),
         position_rad=position_rad,
@@ -75,6 +85,7 @@ def joint_signals(
         outliers=tuple(outliers),
         feedback=feedback,
         not_recorded=tuple(made),
+        unlike_law=unlike,
     )
 
 
@@ -109,6 +120,19 @@ def _joint(rows: Rows, grid: time_grid.Grid, joint: JointEntry, outliers: list[O
         rise = found["temperature"] - joint.ambient * _factor(rows, joint, "temperature")
         signals["temperature"] = time_grid.interpolated(grid, rows.time_s, rise, own_rate=True)
     return signals
+
+
+def _share_off(sent: np.ndarray, recorded: np.ndarray) -> float:
+    """Root mean square by which a recorded torque differs from what a law sends, as a share of its own, shapes (s,)."""
+
+    def off(rows: int) -> float:
+        early, late = (sent[: len(sent) - rows], recorded[rows:]) if rows >= 0 else (sent[-rows:], recorded[:rows])
+        return float(np.nanmean((late - early) ** 2))
+
+    known = np.isfinite(sent) & np.isfinite(recorded)
+    if not known[max(map(abs, _LATE_ROWS)) :].any():
+        return 0.0
+    return float(np.sqrt(min(map(off, _LATE_ROWS)) / max(float(np.nanmean(recorded**2)), 1e-30)))
 
 
 def _velocities(columns: Sequence[Mapping[str, np.ndarray]], step_s: float) -> np.ndarray:

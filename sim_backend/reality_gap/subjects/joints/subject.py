@@ -27,7 +27,12 @@ from sim_backend.reality_gap.subjects.joints.signs.standing_readings import agai
 from sim_backend.reality_gap.subjects.joints.slides import Slides
 from sim_backend.reality_gap.subjects.joints.torques.calibrating import METHODS, calibrate
 from sim_backend.reality_gap.subjects.joints.torques.contradictions import contradicts
-from sim_backend.reality_gap.subjects.joints.verdicts.equal_causes import with_late_columns, with_share_of_all, with_turned_base
+from sim_backend.reality_gap.subjects.joints.verdicts.equal_causes import (
+    with_late_columns,
+    with_share_of_all,
+    with_turned_base,
+    with_weight,
+)
 from sim_backend.reality_gap.subjects.joints.verdicts.filtered_loops import without_loops_of_filters
 from sim_backend.reality_gap.subjects.joints.verdicts.judged import not_judged
 from sim_backend.reality_gap.subjects.joints.verdicts.needed_causes import with_needed_causes
@@ -36,6 +41,7 @@ from sim_backend.reality_gap.subjects.joints.verdicts.unnamed_patterns import ag
 from sim_backend.reality_gap.subjects.joints.verdicts.unnamed_rivals import against_unnamed
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_rollouts import verdict_of_rollouts
 from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_torques import judge
+from sim_backend.reality_gap.subjects.joints.verdicts.verdict_of_unknown_robot import sensors_of_two
 from sim_backend.reality_gap.subjects.subject import CUBE_EXCITATION, Material, Progress, Sections, part
 from sim_backend.reality_gap.verdict import Verdict, VerdictKind
 from sim_backend.trifinger.scene import compile_scene
@@ -142,20 +148,22 @@ def _rolled_out(found: JointStudy, torques: Verdict, method: str, rng: np.random
     rollouts = against_patterns(rollouts, found, selection, drawn_rad)
     rollouts = against_unnamed(rollouts, selection, with_causes.usual_rad)
     rollouts = with_late_columns(with_share_of_all(rollouts, found.problem.names))
-    rollouts = with_turned_base(rollouts, found.problem.episodes[0].plant, selection.fit.state)
+    plant, state = found.problem.episodes[0].plant, selection.fit.state
+    rollouts = with_turned_base(with_weight(rollouts, plant, state), plant, state)
     verdict = _with_torques(found, torques, rollouts) if method == NAMING else rollouts
     return against_standing_readings(verdict, found.problem.episodes, found.problem.names)
 
 
 def _with_torques(found: JointStudy, torques: Verdict, rollouts: Verdict) -> Verdict:
     """What rollouts say, with what torques, and columns beside each other, say of sensors."""
-    causes, open_, unlike = causes_between(found.problem.episodes, found.problem.names)
+    between = causes_between(found.problem.episodes, found.problem.names)
     of_velocities, perhaps, left_open = causes_of_velocities(found.problem.episodes, found.problem.names)
     damping = np.where(_unrecorded_controllers(found), _damping_of_controllers(found), np.nan)
     late = [*of_velocities, *perhaps]
     rollouts = without_loops_of_filters(rollouts, late, found.problem.names, found.start.value(ARMATURE), damping)
-    both = with_unlike_torques(in_both(torques, rollouts, [*causes, *of_velocities]), unlike)
-    return replace(both, cannot_tell=(*both.cannot_tell, *open_, *left_open))
+    doubts = [*between.doubts, *sensors_of_two(found, torques.causes)]
+    both = with_unlike_torques(in_both(torques, rollouts, [*between.causes, *of_velocities], doubts), between.unlike)
+    return replace(both, cannot_tell=(*both.cannot_tell, *between.open, *left_open))
 
 
 def _unrecorded_controllers(found: JointStudy) -> np.ndarray:

@@ -9,6 +9,7 @@ from sim_backend.reality_gap.feedback import Feedback
 from sim_backend.reality_gap.measured.sensor_noise import white_noise
 from sim_backend.reality_gap.subjects.joints.laws.past import Past
 from sim_backend.reality_gap.subjects.joints.rollouts.forward import Windows
+from sim_backend.reality_gap.subjects.joints.torques.counted_rows import near_end_samples
 from sim_backend.reality_gap.subjects.joints.torques.equations import EpisodeEquations
 
 _MOST_WINDOWS, LEAST_WINDOWS, _OF_JOINTS = 60, 20, 120
@@ -22,6 +23,7 @@ _EDGE_S = 0.1
 def windows_of(episodes: Sequence[EpisodeEquations], length_s: float, step_s: float, noise_rad: np.ndarray) -> Windows:
     """Windows of a length, one after the other, in which everything was measured; not too many, evenly spread.
 
+    Those in which a joint comes near an end of its range are left out if enough others are left, since the end acts there, too.
     Of those in which every joint rests there are at most half as many as of the others: how a robot rests under a load says
     something of its friction, but most models rest there, too, however wrong they are.
 
@@ -32,18 +34,30 @@ def windows_of(episodes: Sequence[EpisodeEquations], length_s: float, step_s: fl
         noise_rad: of the encoders, shape (k,).
     """
     most = int(np.clip(_OF_JOINTS // episodes[0].plant.joints, LEAST_WINDOWS, _MOST_WINDOWS))
+    moving, resting = _moving_and_resting(episodes, length_s, noise_rad, keep_off_ends=True)
+    if len(moving) < LEAST_WINDOWS:
+        moving, resting = _moving_and_resting(episodes, length_s, noise_rad, keep_off_ends=False)
+    parts = sorted([*moving, *_spread(resting, len(moving) // 2)]) if moving else resting
+    return _windows(episodes, _spread(parts, most), round(length_s / step_s), step_s)
+
+
+def _moving_and_resting(
+    episodes: Sequence[EpisodeEquations], length_s: float, noise_rad: np.ndarray, *, keep_off_ends: bool
+) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
+    """Windows in which some joint moves, and those in which none does: index of the episode and of the first sample."""
     moving, resting = list[tuple[int, int]](), list[tuple[int, int]]()
     for owner, episode in enumerate(episodes):
         path = episode.path
         known = np.isfinite(np.hstack([path.joints.position_rad, episode.acting_nm.T])).all(axis=1)
+        if keep_off_ends:
+            known &= ~near_end_samples(path, episode.ends_rad).any(axis=1)
         edge, rows = _lead_rows(episode), round(length_s / path.step_s)
         unknown = np.concatenate([[0], np.cumsum(~known)])
         starts = np.arange(edge, path.joints.position_rad.shape[0] - rows - edge - 2, rows)
         for first in (int(first) for first in starts if unknown[first + rows + 2] == unknown[first]):
             is_moving = moves(path.joints.position_rad[None, first : first + rows], noise_rad)[0]
             (moving if is_moving else resting).append((owner, first))
-    parts = sorted([*moving, *_spread(resting, len(moving) // 2)]) if moving else resting
-    return _windows(episodes, _spread(parts, most), round(length_s / step_s), step_s)
+    return moving, resting
 
 
 def moves(position_rad: np.ndarray, noise_rad: np.ndarray) -> np.ndarray:

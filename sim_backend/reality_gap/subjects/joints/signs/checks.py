@@ -8,7 +8,7 @@ import numpy as np
 
 from sim_backend.reality_gap.knowledge.joint_effects import ENDS, SEEN, Sign, effect_of
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot
-from sim_backend.reality_gap.measured.sensor_noise import white_noise
+from sim_backend.reality_gap.measured.sensor_noise import grows_with_speed, white_noise
 from sim_backend.reality_gap.quantiles import MEDIAN_SIZE, MEDIAN_SQUARE, Z_90
 from sim_backend.reality_gap.subjects.joints.laws.body_law import encoder_offsets_rad
 from sim_backend.reality_gap.subjects.joints.laws.hypotheses import ALL_JOINTS
@@ -38,6 +38,8 @@ _SOFT_END_RAD = 2e-3
 _JUMP_RAD = 2e-3
 _STEPS_OF_JUMP = 1.5
 """An encoder that moves on by one of its steps has not jumped."""
+_CLEARLY_ON, _AS_FAR = 6.0, 0.3
+"""Times its noise that a joint must move on to be asked about rows that are missing; share by which it may differ."""
 _STALL_SAMPLES, _STALLED = 3, 0.25
 """So many samples in a row that move by less than this share of the motion after them are repeated."""
 _ODD_AMONG_UNKNOWN, _ODD_THOUGH_SMALL = 5.0, 10.0
@@ -101,9 +103,17 @@ def noise_findings(episodes: Sequence[EpisodeEquations], robot: Robot) -> list[F
 
 
 def _noise_that_is_white(series: np.ndarray) -> np.ndarray:
-    """White noise of each column, 0 where motion between few samples looks like it, shape (k,)."""
+    """White noise of each column, 0 where motion between few samples or inexact time stamps look like it, shape (k,)."""
     level = white_noise(series)
-    return np.where(white_noise(series[::2]) < _WHITE * level, level, 0.0)
+    return np.where((white_noise(series[::2]) < _WHITE * level) & ~grows_with_speed(series), level, 0.0)
+
+
+def noise_of_clock(episode: EpisodeEquations) -> np.ndarray:
+    """What inexact time stamps seem to make of each joint's positions, 0 where nothing speaks for it; shape (k,), rad."""
+    path = episode.path
+    position_rad = path.joints.position_rad
+    level = path.by_own_samples(white_noise, position_rad)
+    return np.where((level > _LEAST_ODD[Sign.POSITION_NOISE]) & path.by_own_samples(grows_with_speed, position_rad), level, 0.0)
 
 
 def torque_noise_findings(
@@ -210,6 +220,38 @@ def beside_jumps(findings: Sequence[Finding]) -> list[Finding]:
     """The same without ends of joints that an encoder's jump has moved: what was read before it and after is not one place."""
     jumped = {f.joint: abs(f.value) for f in findings if f.sign is Sign.POSITION_JUMP}
     return [f for f in findings if f.sign not in ENDS or abs(f.value) > jumped.get(f.joint, 0.0) + END_MARGIN_RAD]
+
+
+def at_once(episodes: Sequence[EpisodeEquations], faults: Sequence[Finding]) -> list[Finding]:
+    """Jumps of several joints at the same time: no encoder's, but rows that are missing, or recordings that were joined.
+
+    Args:
+        episodes: in which they were found.
+        faults: as :func:`fault_findings` has them.
+    """
+    jumps = [fault for fault in faults if fault.sign is Sign.POSITION_JUMP]
+
+    def is_same(one: Finding, other: Finding) -> bool:
+        return one.joint != other.joint and one.episode == other.episode and abs(one.sample - other.sample) <= 1
+
+    return [
+        jump
+        for jump in jumps
+        if any(is_same(jump, other) for other in jumps)
+        or _others_go_on_as_far(episodes[jump.episode].path.joints.position_rad, jump)
+    ]
+
+
+def _others_go_on_as_far(position_rad: np.ndarray, jump: Finding) -> bool:
+    """Whether all joints that move when one jumps, shape (s, k), move on by as many rows as its own speed makes of the jump."""
+    moves, at = np.diff(filled_gaps(position_rad), axis=0), jump.sample - 1
+    around = np.concatenate([moves[at - 3 : at], moves[at + 1 : at + 4]])
+    speed, noise = np.median(around, axis=0), np.median(np.abs(np.diff(moves, axis=0)), axis=0) / MEDIAN_SIZE
+    missing_rows = jump.value / speed[jump.joint] if speed[jump.joint] else 0.0
+    asked, further = missing_rows * speed, moves[at] - speed
+    moving = (np.abs(asked) > _CLEARLY_ON * noise) & (np.arange(len(speed)) != jump.joint)
+    agree = np.abs(further - asked) < _AS_FAR * np.abs(asked) + 2.0 * noise
+    return bool(missing_rows > 0.5 and moving.any() and agree[moving].all())
 
 
 def _stuck(episodes: Sequence[EpisodeEquations], joint: int) -> list[Finding]:

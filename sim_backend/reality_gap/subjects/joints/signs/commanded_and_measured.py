@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.signal import lfilter, lfilter_zi
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.knowledge.joint_effects import LATE_TORQUE, LIMITED_TORQUE
@@ -17,7 +17,7 @@ from sim_backend.reality_gap.subjects.joints.laws.intervals import half_interval
 from sim_backend.reality_gap.subjects.joints.laws.trajectory import filled_gaps
 from sim_backend.reality_gap.subjects.joints.signs.changing_shares import changing_share
 from sim_backend.reality_gap.subjects.joints.torques.equations import EpisodeEquations
-from sim_backend.reality_gap.verdict import Cause
+from sim_backend.reality_gap.verdict import Cause, Doubt
 
 _LONGEST_S = 0.2
 """Delays are looked for up to here."""
@@ -36,8 +36,10 @@ _CLEARLY = 1.5
 """Times what a filter leaves (mean squares), beyond which what follows is no delay; as far below it, it is no filter."""
 _UNLIKE = 0.05
 """Share of a measured torque that may differ from the commanded one for any reason."""
-_TIME_CONSTANTS = np.geomspace(0.3, 1.0, 4)
+_TIME_CONSTANTS = np.geomspace(0.3, 1.5, 5)
 """Of filters that are tried, relative to the delay that explains most."""
+_PARTS_OF_A_ROW = np.linspace(-0.75, 0.75, 7)
+"""By which delays may lie between rows."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +50,8 @@ class Between:
         late_rows: rows by which the measured one follows best.
         limit_nm: where it ends, infinite if nothing shows a limit; with the standard error of that.
         limit_error_nm: 0 without a limit.
-        may_be_filter: whether a filter of first order explains about as much as the delay.
-        is_filter: whether it explains clearly more.
+        may_be_filter: whether a filter of first or second order, or a moving mean, explains about as much as the delay.
+        is_filter: whether one explains clearly more.
         unlike: what lasts of the difference that neither explains, root mean square, as a share of the measured torque's; 0 where
             it may be a filter.
     """
@@ -60,6 +62,23 @@ class Between:
     may_be_filter: bool = False
     is_filter: bool = False
     unlike: float = 0.0
+
+
+@dataclass(frozen=True)
+class BetweenTorques:
+    """What commanded and measured torques say of each other.
+
+    Attributes:
+        causes: delays and limits.
+        doubts: of those that may be something else.
+        open: what is left open, in sentences.
+        unlike: sentences on what neither a delay nor a limit explains.
+    """
+
+    causes: Sequence[Cause]
+    doubts: Sequence[Doubt]
+    open: Sequence[str]
+    unlike: Sequence[str]
 
 
 def between(sent: Sequence[np.ndarray], measured: Sequence[np.ndarray], most_rows: int) -> Between | None:
@@ -81,9 +100,13 @@ def between(sent: Sequence[np.ndarray], measured: Sequence[np.ndarray], most_row
     late = best if ends[best][1] < _EXPLAINED**2 * ends[0][1] else 0
     limit = ends[late][0]
     asked, felt = by_rows[late]
-    of_filter = _left_by_filter(sent, measured, late, limit) if late else np.inf
-    looks = (of_filter < _CLEARLY * ends[late][1], of_filter * _CLEARLY < ends[late][1])
-    unlike = 0.0 if any(looks) else _lasting_share(np.clip(asked, -limit, limit), felt, max(2, most_rows // 2))
+    looks = _looks_like_filter(sent, measured, limit, late) if late else (False, False)
+    long = max(2, most_rows // 2)
+    unlike = 0.0 if any(looks) else _lasting_share(np.clip(asked, -limit, limit), felt, long)
+    if best and not late:  # no delay explains enough; a filter that is as slow may
+        left, filtered, then_felt = _through(sent, measured, limit, _filters(best))
+        if left < _EXPLAINED**2 * ends[0][1] or _lasting_share(filtered, then_felt, long) <= _UNLIKE < unlike:
+            late, looks, unlike = best, (True, True), 0.0
     if not np.isfinite(limit):
         return Between(late, np.inf, 0.0, *looks, unlike)
     at_limit = np.abs(felt[np.abs(asked) > _BEYOND * limit])
@@ -99,16 +122,48 @@ def _paired(sent: Sequence[np.ndarray], measured: Sequence[np.ndarray], rows: in
     return asked[fine], felt[fine]
 
 
-def _left_by_filter(sent: Sequence[np.ndarray], measured: Sequence[np.ndarray], late: int, limit: float) -> float:
-    """Mean square left by the best filter of first order about as slow as a delay of some rows."""
+def _looks_like_filter(sent: Sequence[np.ndarray], measured: Sequence[np.ndarray], limit: float, late: int) -> tuple[bool, bool]:
+    """Whether a filter about as slow as a delay explains about as much, and whether it explains clearly more."""
+    of_delay, of_filter = (_through(sent, measured, limit, each)[0] for each in (_delays(late), _filters(late)))
+    return of_filter < _CLEARLY * of_delay, of_filter * _CLEARLY < of_delay
+
+
+def _through(
+    sent: Sequence[np.ndarray], measured: Sequence[np.ndarray], limit: float, filters: Sequence[tuple[np.ndarray, np.ndarray]]
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Mean square left by the best of some filters, what comes through it, and what was measured then.
+
+    Each filter is its numerator and denominator, as SciPy takes them.
+    """
+    cut, found = [np.clip(filled_gaps(series[:, None])[:, 0], -limit, limit) for series in sent], []
+    for own in filters:
+        through = [lfilter(*own, x, zi=x[0] * lfilter_zi(*own))[0] for x in cut]
+        asked, felt = _paired(through, measured, 0)
+        found.append((float(np.mean((felt - _share(asked, felt) * asked) ** 2)), asked, felt))
+    return min(found, key=lambda each: each[0])
+
+
+def _delays(late: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Of about some rows, also between rows."""
+    found = []
+    for part in _PARTS_OF_A_ROW:
+        rows, more = divmod(late + float(part), 1.0)
+        weights = np.zeros(int(rows) + 2)
+        weights[-2:] = 1.0 - more, more
+        found.append((weights, np.ones(1)))
+    return found
+
+
+def _filters(late: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """About as slow as a delay of some rows: of first order, of second order (one after another one), and moving means."""
     found = []
     for rows in late * _TIME_CONSTANTS:
-        share = -np.expm1(-1.0 / rows)
-        cut = [np.clip(filled_gaps(series[:, None])[:, 0], -limit, limit) for series in sent]
-        through = [lfilter([share], [1.0, share - 1.0], x, zi=[x[0] * (1.0 - share)])[0] for x in cut]
-        asked, felt = _paired(through, measured, 0)
-        found.append(float(np.mean((felt - _share(asked, felt) * asked) ** 2)))
-    return min(found)
+        once, twice = (-np.expm1(-1.0 / each) for each in (rows, 0.5 * rows))
+        found.append((np.array([once]), np.array([1.0, once - 1.0])))
+        found.append((np.array([twice**2]), np.convolve([1.0, twice - 1.0], [1.0, twice - 1.0])))
+        width = max(2, round(2.0 * rows) + 1)
+        found.append((np.full(width, 1.0 / width), np.ones(1)))
+    return found
 
 
 def _lasting_share(asked: np.ndarray, felt: np.ndarray, rows: int) -> float:
@@ -144,31 +199,35 @@ def _end(asked: np.ndarray, felt: np.ndarray) -> tuple[float, float]:
     return float(limits[best]), float(np.mean((felt - _share(cut, felt) * cut) ** 2))
 
 
-def causes_between(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -> tuple[list[Cause], list[str], list[str]]:
+def causes_between(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -> BetweenTorques:
     """Delays and limits between what was commanded and measured, what both leave open, and what neither explains.
 
     Args:
         episodes: of a study.
         names: of its joints.
     """
-    causes, open_, unlike = list[Cause](), list[str](), list[str]()
+    causes, doubts, open_, unlike = list[Cause](), list[Doubt](), list[str](), list[str]()
     pairs = [(e.path.joints.commanded_torque_nm, e.path.joints.measured_torque_nm) for e in episodes]
     both = [(sent, felt) for sent, felt in pairs if sent is not None and felt is not None]
     if not both:
-        return causes, open_, unlike
+        return BetweenTorques(causes, doubts, open_, unlike)
     row_s = float(np.median([e.path.step_s for e in episodes]))
     compared = [(np.full_like(sent, np.nan), felt) for sent, felt in both]
     for j, name in enumerate(names):
         found = between([s[:, j] for s, _ in both], [m[:, j] for _, m in both], round(_LONGEST_S / row_s))
         if found is None:
             continue
-        if found.may_be_filter:
-            how = "as through a filter" if found.is_filter else "as late as by a filter"
+        if found.is_filter:
             lateness = f"up to {1e3 * row_s * found.late_rows:.3g} ms"
-            open_.append(f"whether torque of {name} is delayed by {lateness} or smoothed: what was measured follows {how}")
+            open_.append(
+                f"whether torque of {name} is delayed by {lateness} or smoothed: what was measured follows as through a filter"
+            )
         if found.late_rows > _ROWS_OF_TABLE and not found.is_filter:
             causes.append(_cause(LATE_TORQUE, name, row_s * (found.late_rows - 0.5), 0.25 * row_s))
-        elif found.late_rows:
+            if found.may_be_filter:
+                said = f"the measured torque of {name} is smoothed, which these data cannot tell from a delay"
+                doubts.append(Doubt(causes[-1], said, "commanded torques that change at once, by steps"))
+        elif found.late_rows and not found.is_filter:
             open_.append(
                 f"whether {name} has an action delay of up to {1e3 * row_s:.3g} ms: its measured torque comes a row later"
             )
@@ -186,7 +245,7 @@ def causes_between(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -
             "measured torques are a share of the commanded ones that changes with time, at all joints alike: "
             f"{shares[0]:.0%} to {shares[1]:.0%} of what is usual"
         )
-    return causes, open_, unlike
+    return BetweenTorques(causes, doubts, open_, unlike)
 
 
 def _cause(key: str, name: str, value: float, error: float) -> Cause:

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from sim_backend.reality_gap.knowledge.joint_effects import FELT, TAKES_OVER, Sign
 from sim_backend.reality_gap.knowledge.known_of_robot import KnownTriFinger, Robot
 from sim_backend.reality_gap.recording import Recording
@@ -10,6 +12,7 @@ from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.signs.checks import (
     Finding,
+    at_once,
     end_findings,
     fault_findings,
     noisy_motors,
@@ -19,6 +22,9 @@ from sim_backend.reality_gap.subjects.joints.signs.rattling import Rattling, rat
 from sim_backend.reality_gap.subjects.joints.torques.equations import EpisodeEquations, equations_of
 from sim_backend.reality_gap.subjects.joints.torques.fit import MANY_CAUSES
 from sim_backend.reality_gap.subjects.joints.torques.look import JointProblem
+
+_MOST_TORN = 50
+"""Places at which rows are missing that are looked for, one after the other."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +68,13 @@ def told_without_fit(
     rattling = rattling_joints(episodes, start) if is_trifinger else []
     loose = {each.joint for each in rattling}  # a rotor's hit is no jump of its encoder
     found = fault_findings(episodes, size=None if is_trifinger else start.size)
+    for _ in range(0 if is_trifinger else _MOST_TORN):
+        if not (torn := at_once(episodes, found)):
+            break
+        recordings = _torn(recordings, torn)
+        for index in {jump.episode for jump in torn}:
+            episodes[index] = equations_of(plant, recordings[index], index, robot)
+        found = fault_findings(episodes, size=start.size)
     faults = tuple(fault for fault in found if fault.joint not in loose)
     for index, corrected in _without_jumps(recordings, faults).items():
         episodes[index] = equations_of(plant, corrected, index, robot, reported=recordings[index].joints)
@@ -92,6 +105,19 @@ def noise_of_motors(problem: JointProblem, state: JointState) -> list[Finding]:
         for episode in problem.episodes:
             episode.ignore_joint(finding.joint or 0)
     return felt
+
+
+def _torn(recordings: Sequence[Recording], jumps: Sequence[Finding]) -> list[Recording]:
+    """Recordings of which nothing is known where all joints jump at once, so that nothing is judged across it."""
+    torn = list(recordings)
+    for jump in jumps:
+        joints = torn[jump.episode].joints
+        assert joints is not None
+        position_rad, at_s = joints.position_rad.copy(), float(torn[jump.episode].time_s[jump.sample])
+        position_rad[jump.sample - 1 : jump.sample + 1] = np.nan
+        found = replace(joints, position_rad=position_rad, torn_s=tuple(sorted({*joints.torn_s, at_s})))
+        torn[jump.episode] = replace(torn[jump.episode], joints=found)
+    return torn
 
 
 def _without_jumps(recordings: Sequence[Recording], faults: Sequence[Finding]) -> dict[int, Recording]:

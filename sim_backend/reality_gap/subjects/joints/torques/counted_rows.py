@@ -47,10 +47,15 @@ def near_end(path: Trajectory, ends_rad: np.ndarray) -> np.ndarray:
     Returns:
         Shape (t, k).
     """
+    return near_end_samples(path, ends_rad)[:: path.every]
+
+
+def near_end_samples(path: Trajectory, ends_rad: np.ndarray) -> np.ndarray:
+    """The same of every sample, shape (s, k)."""
     q = path.fast_position
     near = (q < ends_rad[:, 0] + _NEAR_END_RAD) | (q > ends_rad[:, 1] - _NEAR_END_RAD)
     width = max(1, round(2 * _NEAR_END_S / path.step_s))
-    return _moving_mean(near.astype(float), width)[:: path.every] > 1e-9
+    return _moving_mean(near.astype(float), width) > 1e-9
 
 
 def is_lively(path: Trajectory, torque_nm: np.ndarray, inertia_kg_m2: np.ndarray) -> np.ndarray:

@@ -24,12 +24,16 @@ from sim_backend.reality_gap.verdict import Cause, Told, Verdict, VerdictKind
 _OPEN = frozenset({VerdictKind.NAMED, VerdictKind.CONFUSABLE})
 _SAME_GRAVITY, _LEAST_ACROSS = 0.01, 0.2
 """Shares of gravity: two that differ by less are the same; of one that lies so nearly along an axis no turn about it shows."""
+_WEIGHTLESS = 0.1
+"""Share of gravity: with less than this left it is no gravity that is a little off."""
 _TRIFLE = 0.05
 """Of the larger of two tilts: the other is none."""
 
 
 def with_share_of_all(verdict: Verdict, names: Sequence[str]) -> Verdict:
     """A verdict that blames the masses of all links, or the torques of all motors, by one share: the other is as possible.
+
+    Of a single joint both were compared in rollouts, if the other lies within its bounds; beyond them nobody asked.
 
     Args:
         verdict: what rollouts came to.
@@ -39,7 +43,10 @@ def with_share_of_all(verdict: Verdict, names: Sequence[str]) -> Verdict:
         return verdict
     for (effect, _), (other, parameter), turned in ((MASS, CONSTANT, _constant_of), (CONSTANT, MASS, _mass_of)):
         own = {cause.where: cause for cause in verdict.causes if cause.effect == effect}
-        if set(own) != set(names) or len(names) < 2:
+        if set(own) != set(names):
+            continue
+        bounds = PARAMETERS[f"{other}.{parameter}"]
+        if len(names) == 1 and bounds.lower < turned(own[names[0]].value) < bounds.upper:
             continue
         low, high = max(c.interval_90[0] for c in own.values()), min(c.interval_90[1] for c in own.values())
         if low > high:
@@ -79,6 +86,34 @@ def with_late_columns(verdict: Verdict) -> Verdict:
     found = _confusable(verdict, said, delays, (), _ON_TIME)
     late = f"whether torques, or a servo's targets, act late or positions are written late ({places}): {_ON_TIME}"
     return replace(found, cannot_tell=(late, *verdict.cannot_tell))
+
+
+def with_weight(verdict: Verdict, plant: Plant, state: JointState) -> Verdict:
+    """A verdict that takes next to all gravity away: no robot falls up, but torques are often given without what gravity takes.
+
+    Args:
+        verdict: what rollouts came to.
+        plant: whose joints.
+        state: the model with the causes.
+    """
+    size = float(np.linalg.norm(plant.gravity_m_s2))
+    is_blamed = any(cause.effect in TURNED for cause in verdict.causes)
+    if not is_blamed or size <= 0.0 or float(np.linalg.norm(gravity_of(state, plant.gravity_m_s2))) > _WEIGHTLESS * size:
+        return verdict
+    said = "gravity takes no torque: torques are given without its share, or the robot does not stand as the model does"
+    return replace(
+        verdict,
+        verdict=VerdictKind.UNEXPLAINED,
+        summary=f"The robot goes where a model goes in which {said}.",
+        causes=tuple(cause for cause in verdict.causes if cause.effect not in TURNED),
+        extended=(),
+        misreads=said,
+        follows=(said, *verdict.follows),
+        record_next=('nothing yet: give torques with gravity\'s share, or the model <option gravity="0 0 0"/>',),
+        effects=tuple(
+            replace(each, told=Told.NOT_JUDGED, because="what the torques are is open", above=None) for each in verdict.effects
+        ),
+    )
 
 
 def with_turned_base(verdict: Verdict, plant: Plant, state: JointState) -> Verdict:

@@ -20,7 +20,7 @@ from sim_backend.reality_gap.subjects.joints.identification import JointStudy
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_fit import is_simulated
 from sim_backend.reality_gap.subjects.joints.rollouts.rollout_search import Proposed
 from sim_backend.reality_gap.subjects.joints.signs.cogging_cycles import seen_cogging
-from sim_backend.reality_gap.verdict import Cause, EffectJudged, Told, Verdict, VerdictKind
+from sim_backend.reality_gap.verdict import Cause, Doubt, EffectJudged, Told, Verdict, VerdictKind
 
 _MOTION_FITS = frozenset({VerdictKind.NAMED, VerdictKind.NOTHING_WRONG})
 _READ_DIRECTLY = frozenset(effect_of(sign) for sign in (*SENSOR_NOISE, Sign.POSITION_STEPS))
@@ -45,13 +45,14 @@ def proposed_by(torques: Verdict, study: JointStudy) -> Proposed:
     return {(cause.effect, cause.where): {} for cause in torques.causes} | lines | taken
 
 
-def in_both(torques: Verdict, rollouts: Verdict, columns: Sequence[Cause] = ()) -> Verdict:
+def in_both(torques: Verdict, rollouts: Verdict, columns: Sequence[Cause] = (), doubts: Sequence[Doubt] = ()) -> Verdict:
     """What rollouts say of the motion, with what torques say of sensors and of joints that do not move.
 
     Args:
         torques: verdict by equations.
         rollouts: verdict by simulated motions of the same recordings.
         columns: what two columns of one joint say of each other: commanded and measured torque, positions and velocities.
+        doubts: of causes of sensors or columns.
     """
     is_open = rollouts.verdict is not VerdictKind.NOTHING_WRONG
     if (torques.misreads and is_open) or (torques.verdict is VerdictKind.NOT_IDENTIFIABLE and not rollouts.causes):
@@ -65,16 +66,21 @@ def in_both(torques: Verdict, rollouts: Verdict, columns: Sequence[Cause] = ()) 
         places = ", ".join(dict.fromkeys(f"{cause.effect.replace('_', ' ')} ({cause.where})" for cause in seen))
         beside = f"{summary} Beside it there is" if rollouts.causes else "The robot goes where the model goes; there is"
         kind, summary = VerdictKind.NAMED, f"{beside} {places}."
-    cannot_tell = (*rollouts.cannot_tell, *_disagreement(torques, kind), *(said for said, _ in doubted), *torques.cannot_tell)
+    open_ = [doubt for doubt in doubts if doubt.cause in seen]
+    if open_ and kind is VerdictKind.NAMED:
+        kind, summary = VerdictKind.CONFUSABLE, f"{summary} Or {open_[0].other}."
+    cannot_tell = (*(f"whether {doubt.other}" for doubt in open_), *rollouts.cannot_tell, *_disagreement(torques, kind))
+    cannot_tell += (*(said for said, _ in doubted), *torques.cannot_tell)
     return replace(
         rollouts,
         verdict=kind,
         summary=summary,
         causes=(*rollouts.causes, *seen),
+        record_next=tuple(dict.fromkeys([*(doubt.told_by for doubt in open_), *rollouts.record_next])),
         follows=torques.follows if torques.verdict is VerdictKind.UNEXPLAINED else (),
         cannot_tell=tuple(dict.fromkeys(cannot_tell)),
         held_out_there=torques.held_out_there,
-        effects=_together(rollouts, kind, {c.effect for c in seen}, {effect for _, effect in doubted}),
+        effects=_together(rollouts, seen, {effect for _, effect in doubted}, open_),
     )
 
 
@@ -113,13 +119,17 @@ def _unjudged(rollouts: Verdict, because: str) -> tuple[EffectJudged, ...]:
     return tuple(EffectJudged(each.effect, Told.NOT_JUDGED, because=because) for each in rollouts.effects)
 
 
-def _together(rollouts: Verdict, kind: VerdictKind, seen: set[str], doubted: set[str]) -> tuple[EffectJudged, ...]:
+def _together(rollouts: Verdict, seen: Sequence[Cause], doubted: set[str], doubts: Sequence[Doubt]) -> tuple[EffectJudged, ...]:
     """What is said of each effect where sensors show some, and torques would name others; named is what the verdict names."""
+    may_be = {doubt.cause.effect: f"or {doubt.other}" for doubt in doubts}
+    shown, is_told = {cause.effect for cause in seen}, rollouts.verdict in _MOTION_FITS
 
     def told(each: EffectJudged) -> EffectJudged:
-        if each.effect in seen and kind is VerdictKind.NAMED:
+        if each.effect in may_be and is_told:
+            return EffectJudged(each.effect, Told.CONFUSABLE, because=may_be[each.effect])
+        if each.effect in shown and is_told:
             return EffectJudged(each.effect, Told.NAMED)
-        if each.effect in seen and each.told is not Told.CONFUSABLE:
+        if each.effect in shown and each.told is not Told.CONFUSABLE:
             return EffectJudged(each.effect, Told.NOT_JUDGED, because="readings show it, and where the robot went is open")
         if each.effect in doubted and each.told is not Told.NAMED:
             return EffectJudged(each.effect, Told.NOT_JUDGED, because="torques and simulated motions do not agree")

@@ -10,14 +10,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
-from sim_backend.reality_gap.knowledge.joint_effects import FITTED, Sign
+from sim_backend.reality_gap.knowledge.joint_effects import FITTED, Sign, effect_of
 from sim_backend.reality_gap.subjects.joints.gain import errors_of, held_out_errors
 from sim_backend.reality_gap.subjects.joints.identification import LEAST_TORQUE_SHARE, JointStudy
+from sim_backend.reality_gap.subjects.joints.signs.checks import noise_of_clock
 from sim_backend.reality_gap.subjects.joints.slides import told_distance
 from sim_backend.reality_gap.subjects.joints.torques.look import Accepted
 from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import shares
 from sim_backend.reality_gap.subjects.joints.verdicts.misreadings import listed, misreading
-from sim_backend.reality_gap.verdict import Cause, Verdict, VerdictKind
+from sim_backend.reality_gap.verdict import Cause, Doubt, Verdict, VerdictKind
 
 FAR = 2.0
 """Times the noise: sensors are seldom as white as their floor takes for granted, but not by more."""
@@ -78,7 +79,7 @@ def unknown_of(study: JointStudy) -> list[str]:
     said.append(f"delays below a row ({row_ms:.3g} ms): nobody says when within its row a torque acted")
     if any(e.path.joints.measured_torque_nm is not None and e.path.joints.commanded_torque_nm is not None for e in episodes):
         said.append("the constant of motors, and delays of less than a row: the mechanics is compared with the measured torque")
-    said += _sensors_alone(study)
+    said += [*_sensors_alone(study), *_of_rows(study)]
     if resting := episodes[0].plant.resting:
         said.append(f"anything about {listed(resting)}: not recorded, and taken to rest where the model has it at first")
     return said
@@ -95,6 +96,49 @@ def _sensors_alone(study: JointStudy) -> list[str]:
         size = told_distance(step_rad, is_slide=bool(is_slide[j]), digits=3)
         steps = f" (its positions come in steps of {size})" if step_rad > 0.0 else ""
         said.append(f"whether sensors of {name} are coarser or noisier than usual{steps}: no other joint to compare with")
+    return said
+
+
+def sensors_of_two(study: JointStudy, causes: Sequence[Cause]) -> list[Doubt]:
+    """Of sensors that are odd beside a single joint of their kind: the two may have been built with different ones.
+
+    Args:
+        study: of an unknown robot.
+        causes: that torques and readings show.
+    """
+    names, is_slide, doubts = study.problem.names, study.problem.episodes[0].plant.is_slide, []
+    of_sensors = {effect_of(sign) for sign in (Sign.POSITION_STEPS, Sign.POSITION_NOISE, Sign.VELOCITY_NOISE)}
+    for cause in causes:
+        if cause.effect not in of_sensors or cause.where not in names:
+            continue
+        j = names.index(cause.where)
+        others = [name for i, name in enumerate(names) if i != j and is_slide[i] == is_slide[j]]
+        if len(others) == 1:
+            said = f"{cause.where} was built with a coarser sensor than {others[0]}, the only joint to compare it with"
+            doubts.append(Doubt(cause, said, f"nothing: look at the data sheets of both sensors, {cause.where} and {others[0]}"))
+    return doubts
+
+
+def _of_rows(study: JointStudy) -> list[str]:
+    """Of tables whose rows seem to be missing or taken at other times than they say, and of controllers unlike their law."""
+    names, said = study.problem.names, []
+    for episode in study.problem.episodes:
+        joints, name = episode.path.joints, episode.path.recording.name
+        if joints.torn_s:
+            when = ", ".join(f"{at_s:.3f}" for at_s in joints.torn_s)
+            said.append(f"what happened in {name} at {when} s: joints jump there at once, as where rows are missing")
+        said += [
+            f"whether the controller of {joint} is as stated: what it would send in {name} is {share:.0%} off the recorded "
+            "torque, which was taken instead"
+            for joint, share in joints.unlike_law.items()
+        ]
+    for j, level_rad in enumerate(np.median([noise_of_clock(episode) for episode in study.problem.episodes], axis=0)):
+        if level_rad > 0.0:
+            size = told_distance(float(level_rad), is_slide=bool(study.problem.episodes[0].plant.is_slide[j]))
+            said.append(
+                f"whether the encoder of {names[j]} is noisy: what is white of its positions, {size}, grows with the speed, "
+                "as where the times of rows are not exact"
+            )
     return said
 
 

@@ -72,6 +72,17 @@ def test_a_torque_that_was_recorded_stands(tmp_path, torque):
     np.testing.assert_allclose(found.commanded_torque_nm[:, 1], torque[:, 1], atol=1e-9)
 
 
+@pytest.mark.parametrize(("share", "is_as_stated"), [(1.0, True), (0.75, False)])
+def test_a_controller_that_does_not_make_the_recorded_torque_is_not_known(tmp_path, torque, share, is_as_stated):
+    rows = np.loadtxt(tmp_path / "r.csv", delimiter=",", skiprows=1)
+    rows = np.column_stack([rows, share * torque[:, 0]])
+    header = "time,q1,q2,v1,v2,target1,target2,tau1"
+    np.savetxt(tmp_path / "r.csv", rows, delimiter=",", header=header, comments="", fmt="%.17g")
+    found = signals(tmp_path, STUDY.replace('"q1"', '"q1"\nmeasured_torque = "tau1"') + CONTROLLER)
+    assert found.feedback.is_known.tolist() == [is_as_stated, True]
+    assert found.unlike_law == ({} if is_as_stated else {"joint1": pytest.approx(1 / 3, abs=0.02)})
+
+
 def test_a_study_of_positions_and_targets_is_no_longer_refused(tmp_path, torque):
     (tmp_path / "study.toml").write_text(STUDY + CONTROLLER)
     recordings = read_recordings(load_study_file(tmp_path / "study.toml"))

@@ -69,6 +69,13 @@ def _clock(path):
     put(path, 201, "time", "5000.002")
 
 
+def _shuffled(path):
+    header, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([header, *(rows[i] for i in np.random.default_rng(0).permutation(len(rows)))]))
+    study = path.parent / "study.toml"
+    study.write_text(study.read_text().replace('column = "time"', "rate_hz = 500.0"))
+
+
 BROKEN = {
     "text in a column of numbers": (_text, ["column 'dq'", "row 17", "'fast' is not a number"]),
     "a row that breaks off": (_number_breaks_off, ["row 51", "cells where the header names 15 columns"]),
@@ -85,6 +92,7 @@ BROKEN = {
     "a name twice": (_twice, ["column 'q'", "2 columns have this name"]),
     "empty": (lambda path: path.write_bytes(b""), ["the file is empty"]),
     "blank": (lambda path: path.write_bytes(b"\n \n"), ["the file is empty"]),
+    "rows in no order": (_shuffled, ["not in the order of time"]),
     "a clock that jumps": (_clock, ["column 'time'", "row 200", "jumps"]),
 }
 

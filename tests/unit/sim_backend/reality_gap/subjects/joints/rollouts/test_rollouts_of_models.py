@@ -11,8 +11,8 @@ from sim_backend.reality_gap.knowledge.known_of_robot import UnknownRobot
 from sim_backend.reality_gap.subjects.joints.identification import study_joints
 from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
-from sim_backend.reality_gap.subjects.joints.rollouts.forward import Forward
-from sim_backend.reality_gap.subjects.joints.rollouts.recorded_windows import windows_of
+from sim_backend.reality_gap.subjects.joints.rollouts.forward import Forward, Windows
+from sim_backend.reality_gap.subjects.joints.rollouts.recorded_windows import LEAST_WINDOWS, windows_of
 from tests.unit.sim_backend.reality_gap.subjects.joints.pendulum import (
     NO_LIMIT,
     PENDULUM,
@@ -169,6 +169,23 @@ def test_windows_leave_out_what_was_not_measured():
     less = windows_of(of_broken, 1.0, STEP_S, np.array([1e-4]))
     assert len(whole) == 7 and len(less) == 6
     assert np.isfinite(less.position_rad).all() and np.isfinite(less.sent_nm).all()
+
+
+def test_windows_at_an_end_of_a_joint_are_left_out_where_enough_others_are_left():
+    free = mujoco.MjModel.from_xml_string(PENDULUM.format(more=""))
+    recording = recorded(free, targets(8.0, 3))
+    assert recording.joints is not None
+
+    def windows(end_rad: float) -> Windows:
+        limited = PENDULUM.format(more=f'limited="true" range="{-np.degrees(4.0)} {np.degrees(end_rad)}"')
+        model = mujoco.MjModel.from_xml_string(limited)
+        found = study_joints(model, [recording], lambda *_: None, robot=UnknownRobot(), gate=np.inf)
+        return windows_of(found.problem.episodes, 0.2, STEP_S, np.array([1e-4]))
+
+    highest_rad, lowest_rad = (float(np.quantile(recording.joints.position_rad, share)) for share in (0.9, 0.2))
+    whole, kept = windows(4.0), windows(highest_rad)
+    assert LEAST_WINDOWS <= len(kept) < len(whole) and (kept.position_rad < highest_rad).all()
+    assert len(windows(lowest_rad)) == len(whole)
 
 
 def test_of_windows_in_which_every_joint_rests_there_are_few():

@@ -9,7 +9,12 @@ import pytest
 from sim_backend.reality_gap.subjects.joints.laws.body_law import tilted_gravity
 from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
-from sim_backend.reality_gap.subjects.joints.verdicts.equal_causes import with_late_columns, with_share_of_all, with_turned_base
+from sim_backend.reality_gap.subjects.joints.verdicts.equal_causes import (
+    with_late_columns,
+    with_share_of_all,
+    with_turned_base,
+    with_weight,
+)
 from sim_backend.reality_gap.verdict import Cause, EffectJudged, Told, Verdict, VerdictKind
 
 
@@ -23,6 +28,13 @@ def test_all_masses_by_one_share_may_be_all_torques():
     assert found.verdict is VerdictKind.CONFUSABLE and found.record_next
     constants = {cause.where: cause.value for cause in found.causes if cause.effect == "torque_constant"}
     assert constants == {"upper": pytest.approx(1 / 0.75 - 1), "lower": pytest.approx(1 / 0.74 - 1)}
+
+
+@pytest.mark.parametrize(("factor", "is_asked"), [(0.58, False), (0.75, True), (2.5, False)])
+def test_the_mass_of_a_single_link_may_be_its_torque_where_rollouts_could_not_ask(factor, is_asked):
+    found = with_share_of_all(masses(("upper", factor)), ("upper",))
+    assert (found.verdict is VerdictKind.NAMED) is is_asked
+    assert [cause.value for cause in found.causes[1:]] == ([] if is_asked else [pytest.approx(1 / factor - 1)])
 
 
 @pytest.mark.parametrize("factors", [(("upper", 0.75),), (("upper", 0.75), ("lower", 0.9))])
@@ -78,6 +90,17 @@ def with_gravity(plant: Plant, now: np.ndarray) -> tuple[Verdict, JointState]:
     return Verdict(VerdictKind.NAMED, "Gravity.", causes=tuple(causes), effects=judged), JointState(
         2, {"gravity.offset_m_s2": by}
     )
+
+
+def test_a_robot_that_nothing_pulls_is_a_table_of_torques_without_gravity():
+    plant = arm()
+    verdict, state = with_gravity(plant, np.array([0.0, 0.0, -0.3]))
+    friction = Cause("coulomb_friction", "torque_nm", "elbow", 0.1, "N m", (0.09, 0.11))
+    found = with_weight(replace(verdict, causes=(*verdict.causes, friction)), plant, state)
+    assert found.verdict is VerdictKind.UNEXPLAINED and found.causes == (friction,)
+    assert "without its share" in found.misreads and all(each.told is Told.NOT_JUDGED for each in found.effects)
+    verdict, state = with_gravity(plant, np.array([0.0, 0.0, -5.0]))
+    assert with_weight(verdict, plant, state) == verdict
 
 
 def test_gravity_that_is_turned_about_the_first_axis_may_be_the_encoder_there():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from sim_backend.reality_gap.subjects.joints.verdicts.torques_and_rollouts import in_both
-from sim_backend.reality_gap.verdict import Cause, EffectJudged, Told, Verdict, VerdictKind
+from sim_backend.reality_gap.verdict import Cause, Doubt, EffectJudged, Told, Verdict, VerdictKind
 
 FRICTION = Cause("coulomb_friction", "torque_nm", "elbow", 0.1, "N m", (0.08, 0.12))
 DELAY = Cause("action_delay", "delay_s", "elbow", 0.01, "s", (0.008, 0.012))
@@ -50,6 +50,17 @@ def test_what_motors_show_is_named_only_where_the_motion_agrees():
     assert agrees.verdict is VerdictKind.NAMED and agrees.causes == (DELAY,) and agrees.effects[0].told is Told.NAMED
     does_not = in_both(verdict(VerdictKind.NOTHING_WRONG), verdict(VerdictKind.UNEXPLAINED, effects=judged), [DELAY])
     assert does_not.verdict is VerdictKind.UNEXPLAINED and does_not.effects[0].told is Told.NOT_JUDGED
+
+
+def test_what_may_be_no_fault_is_not_named_for_sure():
+    doubt = Doubt(DELAY, "the measured torque of elbow is smoothed", "steps of torque")
+    judged = (EffectJudged(DELAY.effect, Told.EXCLUDED, 0.01, "s"), EffectJudged(NOISE.effect, Told.EXCLUDED, 1e-3, "rad"))
+    found = in_both(verdict(VerdictKind.NAMED, NOISE), verdict(VerdictKind.NOTHING_WRONG, effects=judged), [DELAY], [doubt])
+    assert found.verdict is VerdictKind.CONFUSABLE and found.causes == (NOISE, DELAY)
+    assert "is smoothed" in found.summary and "steps of torque" in found.record_next
+    assert [each.told for each in found.effects] == [Told.CONFUSABLE, Told.NAMED]
+    unasked = in_both(verdict(VerdictKind.NAMED, NOISE), verdict(VerdictKind.NOTHING_WRONG, effects=judged), (), [doubt])
+    assert unasked.verdict is VerdictKind.NAMED and unasked.record_next == ()
 
 
 def test_units_that_are_not_as_told_come_first():
