@@ -9,7 +9,7 @@ import json
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 LEDGER = "ledger.jsonl"
 WORKER_LOST, LEARNER_ENDED = "worker lost", "learner ended before its checkpoint"
@@ -26,6 +26,16 @@ class Ledger:
 
     folder: Path
     start: int
+
+    @classmethod
+    def of_next_start(cls, folder: Path) -> Self:
+        """Of a run that starts now: a learner that ended before its next checkpoint has started, too."""
+        starts = [line["start"] for line in _lines(folder) if line["what"] == "started"]
+        with (folder / LEDGER).open("a+b") as file:
+            file.seek(0)
+            if file.read()[-1:] not in (b"", b"\n"):
+                file.write(b"\n")  # the last line broke off
+        return cls(folder, max(starts, default=0) + 1)
 
     def write(self, what: str, iteration: int, samples: int = 0, **more: Any) -> None:
         """Append a line: ``started``, ``asked``, ``lost`` (and asked again) or ``used``."""
@@ -55,7 +65,7 @@ class Account:
 
 def account(folder: Path) -> Account:
     """Add the ledger of a run up."""
-    lines = [json.loads(line) for line in (folder / LEDGER).read_text().splitlines()]
+    lines = _lines(folder)
     begins = {line["start"]: line["iteration"] for line in lines if line["what"] == "started"}
     asked = sum(line["samples"] for line in lines if line["what"] in ("asked", "lost"))
     lost = sum(line["samples"] for line in lines if line["what"] == "lost")
@@ -78,3 +88,14 @@ def account(folder: Path) -> Account:
         [iteration for iteration, n in sorted(times.items()) if n > 1],
         [iteration for iteration in range(max(times, default=-1) + 1) if iteration not in times],
     )
+
+
+def _lines(folder: Path) -> list[dict[str, Any]]:
+    """Of a run's ledger; without those that broke off when a disk was full or the power went."""
+    path, found = folder / LEDGER, []
+    for text in path.read_text(errors="replace").splitlines() if path.exists() else ():
+        try:
+            found.append(json.loads(text))
+        except json.JSONDecodeError:
+            continue
+    return found

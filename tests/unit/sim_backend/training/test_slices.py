@@ -10,7 +10,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="the extra 'learning' is not installed")
 pytest.importorskip("stable_baselines3", reason="the extra 'learning' is not installed")
 
-from sim_backend.training.ledger import LEARNER_ENDED, WORKER_LOST, Ledger, account  # noqa: E402
+from sim_backend.training.ledger import LEARNER_ENDED, LEDGER, WORKER_LOST, Ledger, account  # noqa: E402
 from sim_backend.training.recipe import Recipe  # noqa: E402
 from sim_backend.training.rollouts import Order, RolloutWorker  # noqa: E402
 from sim_backend.training.train import Run  # noqa: E402
@@ -120,12 +120,19 @@ def test_a_learner_that_is_killed_goes_on_from_its_checkpoint_with_the_same_bits
     Ledger(folder, 1).write("asked", 2, SAMPLES)  # and then it was killed
     Ledger(folder, 1).write("used", 2, SAMPLES)
     Ledger(folder, 1).write("asked", 3, SAMPLES)
+    again = Ledger.of_next_start(folder)  # and once more before its next checkpoint, while a line was written
+    again.write("started", 2)
+    again.write("asked", 2, SAMPLES)
+    again.write("used", 2, SAMPLES)
+    with (folder / LEDGER).open("a") as file:
+        file.write('{"start": 2, "what": "ask')
     run = Run("mine", recipe(), folder, threads=1, workers=1, tell=lambda _: None)
     run.go_on()
     run.learn()
     np.testing.assert_array_equal(weights(run), weights(undisturbed))
     found = account(folder)
-    assert found.adds_up and found.used == 4 * SAMPLES and found.dropped == {LEARNER_ENDED: 2 * SAMPLES}
+    assert found.adds_up and found.used == 4 * SAMPLES and found.dropped == {LEARNER_ENDED: 3 * SAMPLES}
+    assert run.record()["starts"] == 3
 
 
 def test_rollouts_that_run_ahead_of_updates_are_the_same_bits_for_any_number_of_workers_and_after_a_checkpoint(tmp_path, behind):
