@@ -20,6 +20,8 @@ MIN_DURATION_S = 0.2
 """A shorter episode is refused: one window of replay, which is at least 0.1 s long, and a start for it."""
 _LEAST_ORDERED, _AS_BY_CHANCE = 50, 0.7
 """Of so many rows or more it is asked whether their positions follow each other; share of a move between any two that is none."""
+_MOVES_RAD = 0.1
+"""Between its quartiles: a joint that goes less may rest, and its noise has no order."""
 _MAX_GAPS = 100  # as many empty points of the grid for each sample: a clock that jumped
 
 
@@ -115,10 +117,10 @@ def _is_shuffled(positions: Sequence[np.ndarray]) -> bool:
     moves, by_chance = [], []
     for position in positions:
         known = position[np.isfinite(position)]
-        if len(known) >= _LEAST_ORDERED and np.ptp(known) > 0.0:
+        if len(known) >= _LEAST_ORDERED and np.subtract(*np.quantile(known, [0.75, 0.25])) > _MOVES_RAD:
             moves.append(float(np.median(np.abs(np.diff(known)))))
             by_chance.append(float(np.median(np.abs(np.diff(np.random.default_rng(0).permutation(known))))))
-    return bool(moves) and all(move > _AS_BY_CHANCE * other > 0.0 for move, other in zip(moves, by_chance, strict=True))
+    return bool(moves) and all(move > _AS_BY_CHANCE * other for move, other in zip(moves, by_chance, strict=True))
 
 
 def _hint(rows: Rows, study: StudyFile) -> str:

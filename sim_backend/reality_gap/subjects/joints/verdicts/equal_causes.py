@@ -97,7 +97,7 @@ def with_weight(verdict: Verdict, plant: Plant, state: JointState) -> Verdict:
         state: the model with the causes.
     """
     size = float(np.linalg.norm(plant.gravity_m_s2))
-    is_blamed = any(cause.effect in TURNED for cause in verdict.causes)
+    is_blamed = verdict.verdict in _OPEN and any(cause.effect in TURNED for cause in verdict.causes)
     if not is_blamed or size <= 0.0 or float(np.linalg.norm(gravity_of(state, plant.gravity_m_s2))) > _WEIGHTLESS * size:
         return verdict
     said = "gravity takes no torque: torques are given without its share, or the robot does not stand as the model does"

@@ -111,6 +111,13 @@ def test_broken_csv_is_refused_with_its_place(tmp_path, reason):
     assert "\n" not in message
 
 
+def test_a_joint_that_rests_is_in_no_order_and_is_read(tmp_path):
+    path, rng = folder(tmp_path), np.random.default_rng(0)
+    (tmp_path / "study.toml").write_text((tmp_path / "study.toml").read_text().replace('column = "time"', "rate_hz = 500.0"))
+    write(tmp_path / "data.csv", columns() | {key: 1e-3 * rng.standard_normal(len(columns()["time"])) for key in ("q",)})
+    assert read(path)
+
+
 def _cut(path):
     path.write_bytes(path.read_bytes()[:-2000])
 
