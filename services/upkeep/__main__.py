@@ -3,6 +3,7 @@
 import argparse
 import json
 import os
+import sqlite3
 import sys
 from pathlib import Path
 
@@ -34,6 +35,10 @@ def main() -> int:
                 said = restore(given.other, given.data)
             case _:
                 said = look_through(given.data, deep=given.deep)
+    except sqlite3.Error as error:
+        hint = f"'trifarm doctor --data {given.data}' says whether its database is whole"
+        sys.stdout.write(json.dumps({"error": f"SQLite cannot do it: {error}; {hint}"}))
+        return 1
     except (OSError, UpkeepError) as error:
         sys.stdout.write(json.dumps({"error": str(error)}))
         return 1
