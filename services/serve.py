@@ -59,6 +59,9 @@ TOKENS_FILE = "tokens.json"
 REQUESTS_END_WITHIN_S = 2
 TIDY_EVERY_S = 3600.0
 SHARE_EVERY_S = 0.5
+OVERLAP_S = 120.0
+"""What was signed out so long before the last look is read again: a row comes later than its time says where the transaction
+waited for a lock or another process's clock is behind."""
 FOLLOW_EVERY_S = 10.0
 """How often the clock of a shared database is read again: clocks of two machines part by less than 1 ms in that time."""
 
@@ -103,10 +106,10 @@ async def serve(settings: Settings) -> None:
 
 async def _share(farm: Farm, ended: EndedSessions, limits: Limits) -> None:
     """Learns who has signed out, once where nobody else serves this farm, and tells how often who asks where somebody does."""
-    told_away = False
+    told_away, looked_s = False, None
     while True:
         try:
-            await _exchange(farm, ended, limits)
+            looked_s = await _exchange(farm, ended, limits, looked_s)
             told_away = False
         except Exception as error:
             if not told_away:
@@ -117,12 +120,19 @@ async def _share(farm: Farm, ended: EndedSessions, limits: Limits) -> None:
         await asyncio.sleep(SHARE_EVERY_S)
 
 
-async def _exchange(farm: Farm, ended: EndedSessions, limits: Limits) -> None:
+async def _exchange(farm: Farm, ended: EndedSessions, limits: Limits, looked_s: float | None) -> float:
+    """Gives when it looked; ``looked_s`` is when it did so before."""
+    now_s = farm.clock.now_s()
+    since_s = None if looked_s is None else min(looked_s, now_s) - OVERLAP_S
     async with farm.database.read() as connection:
-        for mark, until_s in await all_signed_out(connection, time.time()):
+        for mark, until_s in await all_signed_out(connection, time.time(), since_s):
             ended.add(mark, until_s)
-    if not farm.database.is_shared:
-        return
+    if farm.database.is_shared:
+        await _tell_limits(farm, limits)
+    return now_s
+
+
+async def _tell_limits(farm: Farm, limits: Limits) -> None:
     told = {f"{kind} {name}": count for kind, buckets in limits.by_kind().items() for name, count in buckets.tell().items()}
     if not told:
         return

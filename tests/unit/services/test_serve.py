@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -9,12 +10,15 @@ from sqlalchemy import select
 from structlog.testing import capture_logs
 
 from services import serve
+from services.api.rate_limits import Limits
+from services.dashboard.sessions import EndedSessions
 from services.database.pages import Asked
 from services.database.tables import trial
 from services.errors import NotReady, ServiceError
 from services.jobs import robots
 from services.jobs.clock import FarmClock
 from services.settings import Settings
+from services.sharing import note_signed_out
 from services.tokens import Tokens
 from tests.unit.services.conftest import beat
 from tests.unit.services.jobs.test_pinning import NOW_S, asked, take
@@ -43,6 +47,22 @@ async def test_when_the_clock_goes_back_no_lease_and_no_pause_lasts_longer(new_d
         until_s = (await connection.execute(select(trial.c.lease_until_s).where(trial.c.robot == "a"))).scalar_one()
     member = fleet.member("a")
     assert (until_s, member.seen_s, member.renewed_s, member.paused_until_s) == (now_s + 15.0, now_s, now_s, now_s)
+
+
+async def test_of_what_was_signed_out_only_what_is_new_since_the_last_look_is_read(new_database, tmp_path):
+    farm = SimpleNamespace(database=new_database, clock=FarmClock.start())
+    until_s, limits = time.time() + 60.0, Limits.of(Settings(data=tmp_path))
+    long_ago_s = farm.clock.now_s() - 2 * serve.OVERLAP_S
+    async with new_database.write() as tx:
+        await note_signed_out(tx, b"a", until_s, long_ago_s)
+    first, second, later = EndedSessions(), EndedSessions(), EndedSessions()
+    looked_s = await serve._exchange(farm, first, limits, None)
+    async with new_database.write() as tx:
+        await note_signed_out(tx, b"b", until_s, looked_s - serve.OVERLAP_S / 2)
+    await serve._exchange(farm, second, limits, looked_s)
+    await serve._exchange(farm, later, limits, looked_s + 1000.0)  # and the clock has gone back since
+    read = [[each.has(mark, until_s) for mark in (b"a", b"b")] for each in (first, second, later)]
+    assert read == [[True, False], [False, True], [False, True]]
 
 
 async def test_what_is_repeated_goes_on_after_an_error_that_nobody_expected_and_it_is_in_the_log():
