@@ -139,7 +139,7 @@ class Dispatcher:
                 self._note_back()
                 if not gave:  # then what happens meanwhile can be looked at together, and requests have the loop for as long
                     await asyncio.sleep(min(time.monotonic() - began_s, REST_AT_MOST_S))
-            except AWAY as error:
+            except (*AWAY, TimeoutError) as error:
                 self._note_away(error)
                 await asyncio.sleep(self.settings.sweep_every_s)
             except Exception:
