@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from sqlalchemy import delete, insert, or_, select
+from sqlalchemy import delete, or_, select
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.ext.asyncio import AsyncConnection
 
@@ -15,9 +15,9 @@ KEPT_S = 3600.0
 
 async def note_signed_out(tx: AsyncConnection, mark: bytes, until_s: float, at_s: float) -> None:
     """Writes down that a session has ended at ``at_s``; ``mark`` is the hash of its cookie, too old at ``until_s`` anyhow."""
-    known = (await tx.execute(select(signed_out.c.mark).where(signed_out.c.mark == mark.hex()))).first()
-    if known is None:
-        await tx.execute(insert(signed_out).values(mark=mark.hex(), until_s=until_s, at_s=at_s))
+    dialect = postgresql if is_postgres(tx) else sqlite
+    row = dialect.insert(signed_out).values(mark=mark.hex(), until_s=until_s, at_s=at_s)
+    await tx.execute(row.on_conflict_do_nothing())
 
 
 async def all_signed_out(connection: AsyncConnection, now_s: float, since_s: float | None = None) -> list[tuple[bytes, float]]:
