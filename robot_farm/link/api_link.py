@@ -7,8 +7,10 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
+from typing import TypeVar
 
 import httpx
+from pydantic import BaseModel, ValidationError
 
 from api_schemas.robot import Lease, OutcomeReport, Renewal, RenewalReply
 from api_schemas.token import NewToken
@@ -25,6 +27,8 @@ GRAPHS_KEPT = 20
 NOT_EXPECTED = "robot-not-expected"
 """In the type of the problem by which the API refuses such a robot."""
 _RETRY_STATUS = frozenset({429, 500, 502, 503, 504})
+NOT_THE_API = "the answer is none of the farm's API; --api names the farm itself, with https:// where it has a certificate"
+Answer = TypeVar("Answer", bound=BaseModel)
 Patience = Callable[["ApiUnreachableError | None"], bool]
 """Told of each try that failed and, with None, of each part of a file that goes through; says whether to wait for long."""
 
@@ -62,11 +66,24 @@ def own_token(api: str, token: str, robot: str, *, ca: Path | None = None, timeo
     """The robot's own token, with which it can act for itself alone; for the farm's token or its own.
 
     Raises:
-        ApiUnreachableError: no answer.
+        ApiUnreachableError: no answer, or none of the farm's API.
         NotAdmittedError: the token is none of a robot's, or was revoked.
     """
+    path = f"/v1/robots/{robot}/token"
     with ApiLink(api, token, ca=ca, timeout_s=timeout_s) as link:
-        return NewToken.model_validate_json(link.once("POST", f"/v1/robots/{robot}/token").content).secret
+        return understood(NewToken, link.once("POST", path), f"POST {path}").secret
+
+
+def understood(kind: type[Answer], response: httpx.Response, asked: str) -> Answer:
+    """What the API answered when it was ``asked``.
+
+    Raises:
+        ApiUnreachableError: somebody else answered, such as a proxy that shows a page of its own.
+    """
+    try:
+        return kind.model_validate_json(response.content)
+    except ValidationError as error:
+        raise ApiUnreachableError(f"{asked}: status {response.status_code}, but {NOT_THE_API}") from error
 
 
 class ApiLink:
@@ -188,7 +205,7 @@ class ApiLink:
         try:
             with self._client.stream(method, url, **request) as answer:
                 content = b"".join(_noticed(answer.iter_bytes(), patience))
-        except httpx.TransportError as error:
+        except httpx.RequestError as error:
             said = str(error) or type(error).__name__
             hint = "; --ca or TRIFARM_CA names the certificates to trust" if "certificate" in said.lower() else ""
             raise ApiUnreachableError(f"{method} {url}: {said}{hint}") from error
@@ -196,6 +213,8 @@ class ApiLink:
         if response.status_code in _RETRY_STATUS:
             kind = ApiFailedError if response.status_code == 500 else ApiUnreachableError
             raise kind(f"{method} {url}: status {response.status_code}")
+        if response.is_redirect:
+            raise ApiUnreachableError(f"{method} {url}: status {response.status_code} leads elsewhere; {NOT_THE_API}")
         if response.status_code in {404, 409}:
             raise LeaseRefusedError(f"{method} {url}: {response.text[:300]}")
         if response.status_code in {401, 403}:
