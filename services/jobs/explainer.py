@@ -1,6 +1,7 @@
 """Computes why trials failed, one at a time, in a niced and jailed child process beside all requests."""
 
 import asyncio
+import os
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -55,6 +56,14 @@ class Explainer:
         return True
 
     async def _answer(self, taken: AnyRow) -> tuple[Why | None, str | None]:
+        try:
+            return await self._computed(taken)
+        except OSError as error:
+            log.warning("files of a trial cannot be read", trial=taken.trial_id, reason=str(error))
+            said = os.strerror(error.errno) if error.errno else type(error).__name__
+            return None, f"the farm could not read or copy its files ({said}); the farm's operator can see to it"
+
+    async def _computed(self, taken: AnyRow) -> tuple[Why | None, str | None]:
         with tempfile.TemporaryDirectory(prefix="trifarm-why-") as name:
             folder = Path(name)
             try:
@@ -69,6 +78,8 @@ class Explainer:
                 return None, str(error)
             except ServiceError as error:
                 return None, f"its files cannot be read: {error.detail}"
+            except FileNotFoundError:
+                return None, "a file that it needs is gone: its log, its truth or its policy was removed from the farm"
 
     async def _write(self, path: Path, sha256: str) -> None:
         with path.open("xb") as file:
