@@ -192,7 +192,7 @@ async def open_farm(settings: Settings) -> AsyncIterator[Farm]:
     with _named_if_full(settings.data):
         settings.data.mkdir(parents=True, exist_ok=True)
         url = address(settings.truth_url)
-        with held(settings.data):
+        with held(settings.data, alone=url.startswith("sqlite")):
             async with _opened(settings, url) as farm:
                 yield farm
 

@@ -9,7 +9,7 @@ import pytest
 from sqlalchemy import select
 from structlog.testing import capture_logs
 
-from services import serve
+from services import folder_lock, serve
 from services.api.rate_limits import Limits
 from services.dashboard.sessions import EndedSessions
 from services.database.pages import Asked
@@ -99,6 +99,19 @@ async def test_the_first_tokens_are_in_their_file_also_if_the_first_start_was_cu
     made = json.loads((tmp_path / serve.TOKENS_FILE).read_text())
     assert {name: (await tokens.caller(bearer)).owner for name, bearer in made.items()} == {"admin": "operator", "robot": "farm"}
     assert len((await tokens.page(Asked(10))).entries) == 2
+
+
+async def test_a_second_process_on_one_folder_is_refused_before_it_touches_anything(tmp_path, monkeypatch):
+    monkeypatch.setattr(folder_lock, "PATIENCE_S", 0.1)
+    settings, unfinished = Settings(data=tmp_path / "farm"), tmp_path / "farm" / "files" / "incoming" / "half a log"
+    async with serve.open_farm(settings):
+        unfinished.write_bytes(b"half")
+        with pytest.raises(NotReady, match="another process serves the farm in"):
+            async with serve.open_farm(settings):
+                pass
+        assert unfinished.exists()
+    async with serve.open_farm(settings):
+        assert not unfinished.exists()
 
 
 async def test_a_certificate_that_cannot_be_used_is_said_and_leaves_no_task(tmp_path):
