@@ -16,6 +16,7 @@ from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from api_schemas.token import Scope, TokenRequest
 from jail.detection import detect
+from services import times_ahead
 from services.api.app import create_app
 from services.api.farm import Farm
 from services.api.rate_limits import Limits
@@ -34,7 +35,7 @@ from services.files.homes import open_home
 from services.files.store import FileStore
 from services.folder_lock import held
 from services.hosts import Hosts, allowed_hosts
-from services.jobs import explainer, lease, robots
+from services.jobs import explainer, robots
 from services.jobs.clock import FarmClock, iso
 from services.jobs.fleet import Fleet
 from services.jobs.holding import Holding
@@ -238,6 +239,7 @@ async def _opened(settings: Settings, url: str) -> AsyncIterator[Farm]:
     )
     try:
         await _first_tokens(settings, farm.tokens)
+        await times_ahead.bring_back(database, clock.now_s(), settings)
         async with database.write() as tx:
             await robots.load(tx, farm.fleet, clock.now_s(), settings.lease_s, prolong=not database.is_shared)
         async with _beside(farm):
@@ -298,8 +300,7 @@ async def _follow_clock(farm: Farm) -> None:
         log.warning("the database's clock went back", seconds=round(back_s, 1))
         now_s = farm.clock.now_s()
         farm.fleet.went_back(now_s)
-        async with farm.database.write() as tx:
-            await lease.shorten(tx, now_s + farm.settings.lease_s)
+        await times_ahead.bring_back(farm.database, now_s, farm.settings)
 
 
 async def _tidy(farm: Farm) -> None:

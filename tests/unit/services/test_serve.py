@@ -13,7 +13,7 @@ from services import folder_lock, serve
 from services.api.rate_limits import Limits
 from services.dashboard.sessions import EndedSessions
 from services.database.pages import Asked
-from services.database.tables import trial
+from services.database.tables import trial, turn
 from services.errors import NotReady, ServiceError
 from services.jobs import robots
 from services.jobs.clock import FarmClock
@@ -45,6 +45,7 @@ async def test_when_the_clock_goes_back_no_lease_and_no_pause_lasts_longer(new_d
     await serve._follow_clock(SimpleNamespace(clock=clock, fleet=fleet, database=new_database, settings=settings))
     async with new_database.read() as connection:
         until_s = (await connection.execute(select(trial.c.lease_until_s).where(trial.c.robot == "a"))).scalar_one()
+        assert (await connection.execute(select(turn.c.served_s))).scalar_one() == now_s
     member = fleet.member("a")
     assert (until_s, member.seen_s, member.renewed_s, member.paused_until_s) == (now_s + 15.0, now_s, now_s, now_s)
 
