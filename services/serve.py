@@ -51,7 +51,7 @@ from services.tokens import Tokens, new_bearer
 from services.upkeep import retention
 from services.upkeep.retention import Rules
 from services.webhooks.delivery import LOOK_EVERY_S, Deliverer
-from trial_logs.disk import is_full
+from trial_logs.disk import is_full, put_in_place
 
 log = structlog.get_logger()
 ADMIN = TokenRequest(owner="operator", scopes=(Scope.ADMIN,))
@@ -352,4 +352,4 @@ def _write_privately(path: Path, text: str) -> None:
     unfinished.unlink(missing_ok=True)
     with os.fdopen(os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
         file.write(text)
-    unfinished.replace(path)
+    put_in_place(unfinished, path)

@@ -13,6 +13,7 @@ from typing import Any
 from services.database.sqlite import integrity_check
 from services.upkeep import folder as folders
 from services.upkeep.folder import DATABASE, NEW_DATABASE, RECORD, Copy, UpkeepError
+from trial_logs.disk import put_in_place
 
 
 def back_up(data: Path, target: Path) -> dict[str, Any]:
@@ -62,8 +63,8 @@ def back_up(data: Path, target: Path) -> dict[str, Any]:
     }
     unfinished = target / "backup.new"
     unfinished.write_text(json.dumps(record, indent=2) + "\n")
-    unfinished.replace(target / RECORD)
-    (target / NEW_DATABASE).replace(target / DATABASE)
+    put_in_place(unfinished, target / RECORD)
+    put_in_place(target / NEW_DATABASE, target / DATABASE)
     return record
 
 

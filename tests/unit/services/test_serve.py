@@ -20,6 +20,7 @@ from services.jobs.clock import FarmClock
 from services.settings import Settings
 from services.sharing import note_signed_out
 from services.tokens import Tokens
+from tests.disk_steps import in_place, noted_steps
 from tests.unit.services.conftest import beat
 from tests.unit.services.jobs.test_pinning import NOW_S, asked, take
 
@@ -100,6 +101,12 @@ async def test_the_first_tokens_are_in_their_file_also_if_the_first_start_was_cu
     made = json.loads((tmp_path / serve.TOKENS_FILE).read_text())
     assert {name: (await tokens.caller(bearer)).owner for name, bearer in made.items()} == {"admin": "operator", "robot": "farm"}
     assert len((await tokens.page(Asked(10))).entries) == 2
+
+
+async def test_the_first_tokens_are_on_the_disk_before_they_have_their_name(new_database, tmp_path, monkeypatch):
+    steps = noted_steps(monkeypatch)
+    await serve._first_tokens(Settings(data=tmp_path), Tokens(new_database, FarmClock.start()))
+    assert steps == in_place("tokens.new", tmp_path / serve.TOKENS_FILE)
 
 
 async def test_a_second_process_on_one_folder_is_refused_before_it_touches_anything(tmp_path, monkeypatch):
