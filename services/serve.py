@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -239,10 +240,10 @@ async def _opened(settings: Settings, url: str) -> AsyncIterator[Farm]:
     )
     try:
         await _first_tokens(settings, farm.tokens)
-        await times_ahead.bring_back(database, clock.now_s(), settings)
+        all_back = await times_ahead.bring_back(database, clock.now_s(), settings)
         async with database.write() as tx:
             await robots.load(tx, farm.fleet, clock.now_s(), settings.lease_s, prolong=not database.is_shared)
-        async with _beside(farm):
+        async with _beside(farm, _ClockFollower(farm, all_back)):
             yield farm
     finally:
         farm.signals.close()
@@ -250,14 +251,14 @@ async def _opened(settings: Settings, url: str) -> AsyncIterator[Farm]:
 
 
 @asynccontextmanager
-async def _beside(farm: Farm) -> AsyncIterator[None]:
+async def _beside(farm: Farm, follower: "_ClockFollower") -> AsyncIterator[None]:
     """Runs what goes on beside all requests: the clock follows the database's, large jobs go on, and old logs go."""
     repeated = [_repeat("logs were not tidied", TIDY_EVERY_S, lambda: _tidy(farm))]
     if farm.settings.dispatches:
         large = LargeJobs(farm.database, farm.clock, farm.signals, farm.settings.trials_page)
         repeated.append(_repeat("large jobs did not go on", large_jobs.LOOK_EVERY_S, large.look))
     if farm.database.is_shared:
-        repeated.append(_repeat("the clock was not set", FOLLOW_EVERY_S, lambda: _follow_clock(farm)))
+        repeated.append(_repeat("the clock was not set", FOLLOW_EVERY_S, follower.follow))
     repeated.append(_repeat("why a trial failed was not computed", explainer.LOOK_EVERY_S, _explainer(farm).explain_due))
     if farm.settings.webhooks:
         calls = Deliverer(farm.settings.farm, farm.database, farm.clock, farm.fleet, farm.key)
@@ -295,12 +296,21 @@ async def _repeat(failed: str, every_s: float, work: Callable[[], Awaitable[obje
             log.exception(failed)
 
 
-async def _follow_clock(farm: Farm) -> None:
-    if back_s := await farm.clock.set_by(farm.database):
-        log.warning("the database's clock went back", seconds=round(back_s, 1))
-        now_s = farm.clock.now_s()
-        farm.fleet.went_back(now_s)
-        await times_ahead.bring_back(farm.database, now_s, farm.settings)
+@dataclass
+class _ClockFollower:
+    """Sets the clock by the database's; owns whether all times were brought back since it went back, or some still have to be."""
+
+    farm: Farm
+    all_back: bool = True
+
+    async def follow(self) -> None:
+        farm = self.farm
+        if back_s := await farm.clock.set_by(farm.database):
+            log.warning("the database's clock went back", seconds=round(back_s, 1))
+            farm.fleet.went_back(farm.clock.now_s())
+            self.all_back = False
+        if not self.all_back:
+            self.all_back = await times_ahead.bring_back(farm.database, farm.clock.now_s(), farm.settings)
 
 
 async def _tidy(farm: Farm) -> None:

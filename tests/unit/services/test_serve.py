@@ -3,6 +3,7 @@
 import asyncio
 import json
 import time
+from contextlib import suppress
 from types import SimpleNamespace
 
 import pytest
@@ -43,12 +44,36 @@ async def test_when_the_clock_goes_back_no_lease_and_no_pause_lasts_longer(new_d
 
     monkeypatch.setattr(clock, "set_by", set_by)
     monkeypatch.setattr(clock, "now_s", lambda: now_s)
-    await serve._follow_clock(SimpleNamespace(clock=clock, fleet=fleet, database=new_database, settings=settings))
+    farm = SimpleNamespace(clock=clock, fleet=fleet, database=new_database, settings=settings)
+    await serve._ClockFollower(farm).follow()
     async with new_database.read() as connection:
         until_s = (await connection.execute(select(trial.c.lease_until_s).where(trial.c.robot == "a"))).scalar_one()
         assert (await connection.execute(select(turn.c.served_s))).scalar_one() == now_s
     member = fleet.member("a")
     assert (until_s, member.seen_s, member.renewed_s, member.paused_until_s) == (now_s + 15.0, now_s, now_s, now_s)
+
+
+@pytest.mark.parametrize("fails", [OSError("away"), None], ids=["the database is away", "somebody changes a row"])
+async def test_what_could_not_be_brought_back_is_brought_back_the_next_time(monkeypatch, fails):
+    backs, ends = iter((600.0, 0.0, 0.0)), iter((fails, True))
+    brought = []
+
+    async def set_by(_database):
+        return next(backs)
+
+    async def bring_back(_database, now_s, _settings):
+        brought.append(now_s)
+        if isinstance(end := next(ends), OSError):
+            raise end
+        return end
+
+    monkeypatch.setattr(serve.times_ahead, "bring_back", bring_back)
+    clock, fleet = SimpleNamespace(set_by=set_by, now_s=lambda: NOW_S), SimpleNamespace(went_back=lambda _now_s: None)
+    follower = serve._ClockFollower(SimpleNamespace(clock=clock, fleet=fleet, database=None, settings=None))
+    for _ in range(3):
+        with suppress(OSError):
+            await follower.follow()
+    assert brought == [NOW_S, NOW_S]
 
 
 async def test_of_what_was_signed_out_only_what_is_new_since_the_last_look_is_read(new_database, tmp_path):
