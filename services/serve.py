@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
+from math import inf
 from pathlib import Path
 
 import structlog
@@ -64,6 +65,8 @@ SHARE_EVERY_S = 0.5
 OVERLAP_S = 120.0
 """What was signed out so long before the last look is read again: a row comes later than its time says where the transaction
 waited for a lock or another process's clock is behind."""
+READ_ALL_EVERY_S = 300.0
+"""How often everything that was signed out is read, whenever it says that it was: a clock may be behind by more than that."""
 FOLLOW_EVERY_S = 10.0
 """How often the clock of a shared database is read again: clocks of two machines part by less than 1 ms in that time."""
 
@@ -108,8 +111,10 @@ async def serve(settings: Settings) -> None:
 
 async def _share(farm: Farm, ended: EndedSessions, limits: Limits) -> None:
     """Learns who has signed out, once where nobody else serves this farm, and tells how often who asks where somebody does."""
-    told_away, looked_s = False, None
+    told_away, looked_s, reads_all_s = False, None, -inf
     while True:
+        if time.monotonic() >= reads_all_s:
+            looked_s, reads_all_s = None, time.monotonic() + READ_ALL_EVERY_S
         try:
             looked_s = await _exchange(farm, ended, limits, looked_s)
             told_away = False

@@ -92,6 +92,28 @@ async def test_of_what_was_signed_out_only_what_is_new_since_the_last_look_is_re
     assert read == [[True, False], [False, True], [False, True]]
 
 
+async def test_everything_that_was_signed_out_is_read_every_few_minutes(monkeypatch):
+    now_s, since, done = [1000.0], [], asyncio.Event()
+
+    async def exchange(_farm, _ended, _limits, looked_s):
+        since.append(looked_s)
+        now_s[0] += 0.4 * serve.READ_ALL_EVERY_S
+        if len(since) == 4:
+            raise OSError("away")
+        if len(since) == 6:
+            done.set()
+        return len(since)
+
+    monkeypatch.setattr(serve, "_exchange", exchange)
+    monkeypatch.setattr(serve, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
+    monkeypatch.setattr(serve, "SHARE_EVERY_S", 0.001)
+    farm = SimpleNamespace(database=SimpleNamespace(is_shared=True))
+    sharing = asyncio.create_task(serve._share(farm, None, None))
+    await asyncio.wait_for(done.wait(), 120)
+    sharing.cancel()
+    assert since[:6] == [None, 1, 2, None, None, 5]
+
+
 async def test_what_is_repeated_goes_on_after_an_error_that_nobody_expected_and_it_is_in_the_log():
     errors, done = iter((OSError("away"), ValueError("a mistake of ours"), ServiceError("slug", "not now"))), asyncio.Event()
 
