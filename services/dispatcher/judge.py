@@ -33,10 +33,15 @@ class Judge:
     alone: Alone
     _seen: dict[tuple[str, int], tuple[object, ...]] = field(default_factory=dict)
     _failed: dict[tuple[str, int], tuple[object, ...]] = field(default_factory=dict)
-    """Looked at again each time, and told in the log once."""
+    """Told in the log once."""
 
-    async def look(self, robots: Collection[str]) -> None:
-        """Puts the next goals of open questions and ladders into the queue for these robots, and ends what is answered."""
+    async def look(self, robots: Collection[str], *, also_failed: bool) -> None:
+        """Puts the next goals of open questions and ladders into the queue for these robots, and ends what is answered.
+
+        Args:
+            robots: who is in service.
+            also_failed: whether those that could not be brought forward are tried again though nothing of them has changed.
+        """
         async with self.database.read() as connection:
             rows = await questions.open_ones(connection)
             ladders = await racing.open_ones(connection)
@@ -47,6 +52,9 @@ class Judge:
         failed = {}
         for (kind, number), state in seen.items():
             if self._seen.get((kind, number)) == state:
+                continue
+            if not also_failed and self._failed.get((kind, number)) == state:
+                failed[kind, number] = state
                 continue
             try:
                 async with self.alone() as tx:
