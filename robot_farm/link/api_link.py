@@ -12,7 +12,7 @@ from typing import TypeVar
 import httpx
 from pydantic import BaseModel, ValidationError
 
-from api_schemas.robot import Lease, OutcomeReport, Renewal, RenewalReply
+from api_schemas.robot import Lease, OutcomeReply, OutcomeReport, Renewal, RenewalReply, StoredFile
 from api_schemas.token import NewToken
 from api_schemas.trial import Outcome
 
@@ -112,11 +112,11 @@ class ApiLink:
 
         Raises:
             LeaseRefusedError: the lease has run out or was given to another.
-            ApiUnreachableError: no answer.
+            ApiUnreachableError: no answer, or none of the farm's API.
         """
         body = Renewal(robot=robot, fence=fence).model_dump(mode="json")
-        response = self.once("POST", f"/v1/leases/{trial_id}/renew", json=body)
-        return RenewalReply.model_validate_json(response.content)
+        path = f"/v1/leases/{trial_id}/renew"
+        return understood(RenewalReply, self.once("POST", path, json=body), f"POST {path}")
 
     def try_out(self, robot: str) -> None:
         """Ask for something cheap, a single try: whatever is answered, the API is there.
@@ -170,35 +170,51 @@ class ApiLink:
             robot=lease.robot, fence=lease.fence, outcome=outcome, log_sha256=log_sha256, truth_sha256=truth_sha256
         )
         path = f"/v1/leases/{lease.trial_id}/outcome"
-        self._patiently("POST", path, json=report.model_dump(mode="json"), patience=patience)
+        self._patiently("POST", path, OutcomeReply, json=report.model_dump(mode="json"), patience=patience)
 
     def _upload(self, lease: Lease, kind: str, file: Path, patience: Patience) -> str:
         with file.open("rb") as stream:
             digest = hashlib.file_digest(stream, "sha256").hexdigest()
         headers = {"X-Content-SHA256": digest, "Content-Length": str(file.stat().st_size)}
         path = f"/v1/leases/{lease.trial_id}/{lease.fence}/{kind}"
-        self._patiently("PUT", path, headers=headers, upload=file, patience=patience)
+        self._patiently("PUT", path, StoredFile, headers=headers, upload=file, patience=patience)
         return digest
 
     def _patiently(
-        self, method: str, url: str, *, upload: Path | None = None, patience: Patience = impatient, **request
+        self,
+        method: str,
+        url: str,
+        kind: type[BaseModel] | None = None,
+        *,
+        upload: Path | None = None,
+        patience: Patience = impatient,
+        **request,
     ) -> httpx.Response:
-        """Send until it is answered, at most ``RETRY_FOR_S``, or ``WAIT_FOR_S`` where the caller has the patience."""
+        """Send until it is answered, at most ``RETRY_FOR_S``, or ``WAIT_FOR_S`` where the caller has the patience.
+
+        With ``kind`` only such an answer counts: what a proxy says in the API's place accepts nothing.
+        """
         began_s, pause_s = time.monotonic(), 0.1
         while True:
             patience(None)
             try:
-                if upload is None:
-                    return self.once(method, url, patience=patience, **request)
-                with upload.open("rb") as stream:
-                    parts = iter(lambda: stream.read(PART_BYTES), b"")
-                    return self.once(method, url, content=_noticed(parts, patience), **request)
+                response = self._sent(method, url, upload, patience, **request)
+                if kind is not None:
+                    understood(kind, response, f"{method} {url}")
+                return response
             except ApiUnreachableError as error:
                 waits = patience(error) and not isinstance(error, ApiFailedError)
                 if time.monotonic() - began_s > (WAIT_FOR_S if waits else RETRY_FOR_S):
                     raise
             time.sleep(pause_s)
             pause_s = min(2 * pause_s, 3.0)
+
+    def _sent(self, method: str, url: str, upload: Path | None, patience: Patience, **request) -> httpx.Response:
+        if upload is None:
+            return self.once(method, url, patience=patience, **request)
+        with upload.open("rb") as stream:
+            parts = iter(lambda: stream.read(PART_BYTES), b"")
+            return self.once(method, url, content=_noticed(parts, patience), **request)
 
     def once(self, method: str, url: str, *, patience: Patience = impatient, **request) -> httpx.Response:
         """Send once and sort out what can come back; the response has a status and a body, nothing else."""
