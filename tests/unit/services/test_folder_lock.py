@@ -7,6 +7,7 @@ import pytest
 from services import folder_lock
 from services.errors import NotReady
 from services.folder_lock import LOCK, held, is_held
+from services.router import END_WITHIN_S
 
 
 def test_a_folder_is_held_until_the_last_has_left_it(tmp_path):
@@ -32,6 +33,10 @@ def test_a_folder_that_one_has_alone_is_refused_to_others_until_it_ends(first, s
         assert is_held(tmp_path / LOCK)
     with held(tmp_path, alone=second):
         assert is_held(tmp_path / LOCK)
+
+
+def test_an_orderly_end_takes_no_longer_than_it_is_waited_for():
+    assert folder_lock.PATIENCE_S > END_WITHIN_S
 
 
 def test_whoever_is_ending_is_waited_for(tmp_path):
