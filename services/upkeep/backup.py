@@ -1,6 +1,7 @@
 """A copy of an embedded farm's folder, made while the farm runs, and a farm made from such a copy."""
 
 import json
+import os
 import shutil
 import sqlite3
 from collections import Counter
@@ -63,6 +64,8 @@ def back_up(data: Path, target: Path) -> dict[str, Any]:
     }
     unfinished = target / "backup.new"
     unfinished.write_text(json.dumps(record, indent=2) + "\n")
+    # What the record vouches for comes first: the files that were copied, and the database, of which a power cut leaves no half.
+    os.sync()
     put_in_place(unfinished, target / RECORD)
     put_in_place(target / NEW_DATABASE, target / DATABASE)
     return record

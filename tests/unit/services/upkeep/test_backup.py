@@ -2,8 +2,10 @@
 
 import hashlib
 import json
+import os
 import sqlite3
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,7 @@ import pytest
 from services.upkeep import __main__ as program
 from services.upkeep.backup import back_up, restore
 from services.upkeep.folder import UpkeepError, object_path, references
+from tests.disk_steps import noted_steps
 
 LOG = b"what a robot measured"
 SHA256 = hashlib.sha256(LOG).hexdigest()
@@ -119,6 +122,51 @@ def test_a_damaged_database_is_not_copied_over_a_whole_one(data, tmp_path):
     with pytest.raises(UpkeepError, match=f"'trifarm doctor --data {data}'"):
         back_up(data, tmp_path / "backup")
     assert restore(tmp_path / "backup", tmp_path / "new")["jobs"] == 1
+
+
+def test_what_a_record_vouches_for_is_on_the_disk_before_it(data, tmp_path, monkeypatch):
+    steps = noted_steps(monkeypatch)
+    monkeypatch.setattr(os, "sync", lambda: steps.append(("synced", "all")))
+    back_up(data, tmp_path / "backup")
+    named = [step for step in steps if step[0] == "named" or step == ("synced", "all")]
+    assert named[-3:] == [("synced", "all"), ("named", "backup.json"), ("named", "farm.sqlite")]
+    assert ("named", SHA256) in named[:-3]
+
+
+def full_sqlite():
+    """SQLite's own error of a full disk."""
+    with closing(sqlite3.connect(":memory:")) as database:
+        database.execute("PRAGMA max_page_count = 1")
+        with pytest.raises(sqlite3.OperationalError) as raised:
+            database.execute("CREATE TABLE too_much (number)")
+    return raised.value
+
+
+BACKUP, RESTORE = ("backup", "back_up", "--to"), ("restore", "restore", "--from")
+
+
+@pytest.mark.parametrize(
+    ("command", "error", "said", "is_of_backup"),
+    [
+        (BACKUP, full_sqlite(), "the disk of {} is full", True),
+        (BACKUP, OSError(28, "No space left on device", "a", None, "b"), "the disk of {} is full", True),
+        (RESTORE, full_sqlite(), "the disk of {} is full", False),
+        (RESTORE, sqlite3.OperationalError("disk I/O error"), "disk I/O error; see that the backup {} can be read", True),
+        (BACKUP, sqlite3.OperationalError("disk I/O error"), "disk I/O error; 'trifarm doctor --data {}' says", False),
+    ],
+)
+def test_the_folder_that_is_at_fault_is_named(command, error, said, is_of_backup, tmp_path, monkeypatch, capsys):
+    def failing(*_):
+        raise error
+
+    monkeypatch.setattr(program, command[1], failing)
+    data, backup = tmp_path / "farm", tmp_path / "backup"
+    monkeypatch.setattr(sys, "argv", ["upkeep", command[0], "--data", str(data), command[2], str(backup)])
+    assert program.main() == 1
+    told = json.loads(capsys.readouterr().out)["error"]
+    named, other = (backup, data) if is_of_backup else (data, backup)
+    assert said.format(named) in told
+    assert str(other) not in told
 
 
 def test_what_sqlite_refuses_is_said_as_an_error(data, tmp_path, monkeypatch, capsys):
