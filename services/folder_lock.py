@@ -14,7 +14,7 @@ LOCK = "serve.lock"
 
 
 PATIENCE_S = 10.0
-"""For whoever looks at the very moment whether the folder is held, and for a process that is ending, which takes 9 s at the most."""
+"""For whoever looks at the very moment whether the folder is held, and for an orderly end, which takes 9 s at the most."""
 _LOOK_EVERY_S = 0.05
 
 
