@@ -153,3 +153,21 @@ class OutcomeReport(Schema):
     outcome: Outcome
     log_sha256: str | None = Field(default=None, pattern=r"^[0-9a-f]{64}$")
     truth_sha256: str | None = Field(default=None, pattern=r"^[0-9a-f]{64}$")
+
+
+class StoredFile(Schema):
+    """What became of an uploaded file."""
+
+    model_config = ConfigDict(extra="ignore")  # a newer farm may tell more
+
+    sha256: str
+    bytes: int
+    new: bool
+
+
+class OutcomeReply(Schema):
+    """The outcome was taken."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    accepted: bool = True

@@ -20,6 +20,7 @@ from experiments import agreement
 from experiments.design import Cell, Experiment, Start
 from experiments.provenance import Versions, differing
 from experiments.recipe_files import start_name
+from trial_logs.disk import put_in_place
 
 LARGEST_WEIGHTS = 300_000
 """Bytes; larger policies stay in the work folder."""
@@ -252,7 +253,7 @@ class Store:
         whole = {"format": f"trifarm-experiment-{kind}/1", "quick": self.experiment.quick} | dict(document)
         fresh = path.with_suffix(".new")
         fresh.write_text(json.dumps(whole, indent=1) + "\n")
-        fresh.replace(path)
+        put_in_place(fresh, path)
 
     def _refuse(self, path: Path, differs: Sequence[str], what: str) -> None:
         if differs:

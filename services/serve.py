@@ -6,7 +6,9 @@ import os
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
+from dataclasses import dataclass
 from importlib.metadata import version
+from math import inf
 from pathlib import Path
 
 import structlog
@@ -16,6 +18,7 @@ from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from api_schemas.token import Scope, TokenRequest
 from jail.detection import detect
+from services import times_ahead
 from services.api.app import create_app
 from services.api.farm import Farm
 from services.api.rate_limits import Limits
@@ -34,7 +37,7 @@ from services.files.homes import open_home
 from services.files.store import FileStore
 from services.folder_lock import held
 from services.hosts import Hosts, allowed_hosts
-from services.jobs import explainer, lease, robots
+from services.jobs import explainer, robots
 from services.jobs.clock import FarmClock, iso
 from services.jobs.fleet import Fleet
 from services.jobs.holding import Holding
@@ -50,7 +53,7 @@ from services.tokens import Tokens, new_bearer
 from services.upkeep import retention
 from services.upkeep.retention import Rules
 from services.webhooks.delivery import LOOK_EVERY_S, Deliverer
-from trial_logs.disk import is_full
+from trial_logs.disk import is_full, put_in_place
 
 log = structlog.get_logger()
 ADMIN = TokenRequest(owner="operator", scopes=(Scope.ADMIN,))
@@ -59,6 +62,11 @@ TOKENS_FILE = "tokens.json"
 REQUESTS_END_WITHIN_S = 2
 TIDY_EVERY_S = 3600.0
 SHARE_EVERY_S = 0.5
+OVERLAP_S = 120.0
+"""What was signed out so long before the last look is read again: a row comes later than its time says where the transaction
+waited for a lock or another process's clock is behind."""
+READ_ALL_EVERY_S = 300.0
+"""How often everything that was signed out is read, whenever it says that it was: a clock may be behind by more than that."""
 FOLLOW_EVERY_S = 10.0
 """How often the clock of a shared database is read again: clocks of two machines part by less than 1 ms in that time."""
 
@@ -103,10 +111,12 @@ async def serve(settings: Settings) -> None:
 
 async def _share(farm: Farm, ended: EndedSessions, limits: Limits) -> None:
     """Learns who has signed out, once where nobody else serves this farm, and tells how often who asks where somebody does."""
-    told_away = False
+    told_away, looked_s, reads_all_s = False, None, -inf
     while True:
+        if time.monotonic() >= reads_all_s:
+            looked_s, reads_all_s = None, time.monotonic() + READ_ALL_EVERY_S
         try:
-            await _exchange(farm, ended, limits)
+            looked_s = await _exchange(farm, ended, limits, looked_s)
             told_away = False
         except Exception as error:
             if not told_away:
@@ -117,12 +127,19 @@ async def _share(farm: Farm, ended: EndedSessions, limits: Limits) -> None:
         await asyncio.sleep(SHARE_EVERY_S)
 
 
-async def _exchange(farm: Farm, ended: EndedSessions, limits: Limits) -> None:
+async def _exchange(farm: Farm, ended: EndedSessions, limits: Limits, looked_s: float | None) -> float:
+    """Gives when it looked; ``looked_s`` is when it did so before."""
+    now_s = farm.clock.now_s()
+    since_s = None if looked_s is None else min(looked_s, now_s) - OVERLAP_S
     async with farm.database.read() as connection:
-        for mark, until_s in await all_signed_out(connection, time.time()):
+        for mark, until_s in await all_signed_out(connection, time.time(), since_s):
             ended.add(mark, until_s)
-    if not farm.database.is_shared:
-        return
+    if farm.database.is_shared:
+        await _tell_limits(farm, limits)
+    return now_s
+
+
+async def _tell_limits(farm: Farm, limits: Limits) -> None:
     told = {f"{kind} {name}": count for kind, buckets in limits.by_kind().items() for name, count in buckets.tell().items()}
     if not told:
         return
@@ -182,7 +199,7 @@ async def open_farm(settings: Settings) -> AsyncIterator[Farm]:
     with _named_if_full(settings.data):
         settings.data.mkdir(parents=True, exist_ok=True)
         url = address(settings.truth_url)
-        with held(settings.data):
+        with held(settings.data, alone=url.startswith("sqlite")):
             async with _opened(settings, url) as farm:
                 yield farm
 
@@ -228,9 +245,10 @@ async def _opened(settings: Settings, url: str) -> AsyncIterator[Farm]:
     )
     try:
         await _first_tokens(settings, farm.tokens)
+        all_back = await times_ahead.bring_back(database, clock.now_s(), settings)
         async with database.write() as tx:
             await robots.load(tx, farm.fleet, clock.now_s(), settings.lease_s, prolong=not database.is_shared)
-        async with _beside(farm):
+        async with _beside(farm, _ClockFollower(farm, all_back)):
             yield farm
     finally:
         farm.signals.close()
@@ -238,14 +256,14 @@ async def _opened(settings: Settings, url: str) -> AsyncIterator[Farm]:
 
 
 @asynccontextmanager
-async def _beside(farm: Farm) -> AsyncIterator[None]:
+async def _beside(farm: Farm, follower: "_ClockFollower") -> AsyncIterator[None]:
     """Runs what goes on beside all requests: the clock follows the database's, large jobs go on, and old logs go."""
     repeated = [_repeat("logs were not tidied", TIDY_EVERY_S, lambda: _tidy(farm))]
     if farm.settings.dispatches:
         large = LargeJobs(farm.database, farm.clock, farm.signals, farm.settings.trials_page)
         repeated.append(_repeat("large jobs did not go on", large_jobs.LOOK_EVERY_S, large.look))
     if farm.database.is_shared:
-        repeated.append(_repeat("the clock was not set", FOLLOW_EVERY_S, lambda: _follow_clock(farm)))
+        repeated.append(_repeat("the clock was not set", FOLLOW_EVERY_S, follower.follow))
     repeated.append(_repeat("why a trial failed was not computed", explainer.LOOK_EVERY_S, _explainer(farm).explain_due))
     if farm.settings.webhooks:
         calls = Deliverer(farm.settings.farm, farm.database, farm.clock, farm.fleet, farm.key)
@@ -283,13 +301,21 @@ async def _repeat(failed: str, every_s: float, work: Callable[[], Awaitable[obje
             log.exception(failed)
 
 
-async def _follow_clock(farm: Farm) -> None:
-    if back_s := await farm.clock.set_by(farm.database):
-        log.warning("the database's clock went back", seconds=round(back_s, 1))
-        now_s = farm.clock.now_s()
-        farm.fleet.went_back(now_s)
-        async with farm.database.write() as tx:
-            await lease.shorten(tx, now_s + farm.settings.lease_s)
+@dataclass
+class _ClockFollower:
+    """Sets the clock by the database's; owns whether all times were brought back since it went back, or some still have to be."""
+
+    farm: Farm
+    all_back: bool = True
+
+    async def follow(self) -> None:
+        farm = self.farm
+        if back_s := await farm.clock.set_by(farm.database):
+            log.warning("the database's clock went back", seconds=round(back_s, 1))
+            farm.fleet.went_back(farm.clock.now_s())
+            self.all_back = False
+        if not self.all_back:
+            self.all_back = await times_ahead.bring_back(farm.database, farm.clock.now_s(), farm.settings)
 
 
 async def _tidy(farm: Farm) -> None:
@@ -341,4 +367,4 @@ def _write_privately(path: Path, text: str) -> None:
     unfinished.unlink(missing_ok=True)
     with os.fdopen(os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
         file.write(text)
-    unfinished.replace(path)
+    put_in_place(unfinished, path)

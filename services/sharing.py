@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from sqlalchemy import delete, insert, select
+from sqlalchemy import delete, or_, select
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.ext.asyncio import AsyncConnection
 
@@ -13,16 +13,19 @@ KEPT_S = 3600.0
 """Counts that nobody adds to for so long go: no limit looks so far back."""
 
 
-async def note_signed_out(tx: AsyncConnection, mark: bytes, until_s: float) -> None:
-    """Writes down that a session has ended; ``mark`` is the hash of its cookie, which is too old at ``until_s`` anyhow."""
-    known = (await tx.execute(select(signed_out.c.mark).where(signed_out.c.mark == mark.hex()))).first()
-    if known is None:
-        await tx.execute(insert(signed_out).values(mark=mark.hex(), until_s=until_s))
+async def note_signed_out(tx: AsyncConnection, mark: bytes, until_s: float, at_s: float) -> None:
+    """Writes down that a session has ended at ``at_s``; ``mark`` is the hash of its cookie, too old at ``until_s`` anyhow."""
+    dialect = postgresql if is_postgres(tx) else sqlite
+    row = dialect.insert(signed_out).values(mark=mark.hex(), until_s=until_s, at_s=at_s)
+    await tx.execute(row.on_conflict_do_nothing())
 
 
-async def all_signed_out(connection: AsyncConnection, now_s: float) -> list[tuple[bytes, float]]:
-    """Marks of all sessions that have ended and are not too old yet, and until when they are not."""
-    rows = await connection.execute(select(signed_out).where(signed_out.c.until_s > now_s))
+async def all_signed_out(connection: AsyncConnection, now_s: float, since_s: float | None = None) -> list[tuple[bytes, float]]:
+    """Marks of all sessions that have ended, since ``since_s`` if given, and are not too old yet, and until when they are not."""
+    wanted = select(signed_out).where(signed_out.c.until_s > now_s)
+    if since_s is not None:
+        wanted = wanted.where(or_(signed_out.c.at_s >= since_s, signed_out.c.at_s.is_(None)))
+    rows = await connection.execute(wanted)
     return [(bytes.fromhex(row.mark), row.until_s) for row in rows]
 
 

@@ -8,6 +8,8 @@ from pathlib import Path
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
+from trial_logs.disk import sync
+
 KEY_FILE = "farm-key"
 SEED_BYTES = 32
 
@@ -74,8 +76,10 @@ def _make(path: Path) -> None:
     unfinished.unlink(missing_ok=True)  # of a process that had the same number and died
     with os.fdopen(os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
         file.write(Ed25519PrivateKey.generate().private_bytes_raw().hex())
+    sync(unfinished)
     try:
         os.link(unfinished, path)
+        sync(path.parent)
     except FileExistsError:
         pass
     finally:

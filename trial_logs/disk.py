@@ -1,4 +1,4 @@
-"""The disk that logs and words go to: how much room it has, and words that are lost, not fatal, where it has none."""
+"""The disk: how much room it has, words that are lost, not fatal, where it has none, and files that a power cut leaves whole."""
 
 import errno
 import io
@@ -33,6 +33,22 @@ def is_full(error: BaseException | None) -> bool:
             return True
         error = error.__cause__ or error.__context__
     return False
+
+
+def sync(path: Path) -> None:
+    """Waits until the disk has a file's content, or a folder's names."""
+    opened = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(opened)
+    finally:
+        os.close(opened)
+
+
+def put_in_place(fresh: Path, path: Path) -> None:
+    """Gives a new file in the same folder its name, in place of what has it: after a power cut either one is there, whole."""
+    sync(fresh)
+    fresh.replace(path)
+    sync(path.parent)
 
 
 def mb(size_bytes: float) -> str:

@@ -7,10 +7,12 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
+from typing import TypeVar
 
 import httpx
+from pydantic import BaseModel, ValidationError
 
-from api_schemas.robot import Lease, OutcomeReport, Renewal, RenewalReply
+from api_schemas.robot import Lease, OutcomeReply, OutcomeReport, Renewal, RenewalReply, StoredFile
 from api_schemas.token import NewToken
 from api_schemas.trial import Outcome
 
@@ -25,6 +27,8 @@ GRAPHS_KEPT = 20
 NOT_EXPECTED = "robot-not-expected"
 """In the type of the problem by which the API refuses such a robot."""
 _RETRY_STATUS = frozenset({429, 500, 502, 503, 504})
+NOT_THE_API = "the answer is none of the farm's API; --api names the farm itself, with https:// where it has a certificate"
+Answer = TypeVar("Answer", bound=BaseModel)
 Patience = Callable[["ApiUnreachableError | None"], bool]
 """Told of each try that failed and, with None, of each part of a file that goes through; says whether to wait for long."""
 
@@ -62,11 +66,24 @@ def own_token(api: str, token: str, robot: str, *, ca: Path | None = None, timeo
     """The robot's own token, with which it can act for itself alone; for the farm's token or its own.
 
     Raises:
-        ApiUnreachableError: no answer.
+        ApiUnreachableError: no answer, or none of the farm's API.
         NotAdmittedError: the token is none of a robot's, or was revoked.
     """
+    path = f"/v1/robots/{robot}/token"
     with ApiLink(api, token, ca=ca, timeout_s=timeout_s) as link:
-        return NewToken.model_validate_json(link.once("POST", f"/v1/robots/{robot}/token").content).secret
+        return understood(NewToken, link.once("POST", path), f"POST {path}").secret
+
+
+def understood(kind: type[Answer], response: httpx.Response, asked: str) -> Answer:
+    """What the API answered when it was ``asked``.
+
+    Raises:
+        ApiUnreachableError: somebody else answered, such as a proxy that shows a page of its own.
+    """
+    try:
+        return kind.model_validate_json(response.content)
+    except ValidationError as error:
+        raise ApiUnreachableError(f"{asked}: status {response.status_code}, but {NOT_THE_API}") from error
 
 
 class ApiLink:
@@ -95,11 +112,11 @@ class ApiLink:
 
         Raises:
             LeaseRefusedError: the lease has run out or was given to another.
-            ApiUnreachableError: no answer.
+            ApiUnreachableError: no answer, or none of the farm's API.
         """
         body = Renewal(robot=robot, fence=fence).model_dump(mode="json")
-        response = self.once("POST", f"/v1/leases/{trial_id}/renew", json=body)
-        return RenewalReply.model_validate_json(response.content)
+        path = f"/v1/leases/{trial_id}/renew"
+        return understood(RenewalReply, self.once("POST", path, json=body), f"POST {path}")
 
     def try_out(self, robot: str) -> None:
         """Ask for something cheap, a single try: whatever is answered, the API is there.
@@ -153,29 +170,38 @@ class ApiLink:
             robot=lease.robot, fence=lease.fence, outcome=outcome, log_sha256=log_sha256, truth_sha256=truth_sha256
         )
         path = f"/v1/leases/{lease.trial_id}/outcome"
-        self._patiently("POST", path, json=report.model_dump(mode="json"), patience=patience)
+        self._patiently("POST", path, OutcomeReply, json=report.model_dump(mode="json"), patience=patience)
 
     def _upload(self, lease: Lease, kind: str, file: Path, patience: Patience) -> str:
         with file.open("rb") as stream:
             digest = hashlib.file_digest(stream, "sha256").hexdigest()
         headers = {"X-Content-SHA256": digest, "Content-Length": str(file.stat().st_size)}
         path = f"/v1/leases/{lease.trial_id}/{lease.fence}/{kind}"
-        self._patiently("PUT", path, headers=headers, upload=file, patience=patience)
+        self._patiently("PUT", path, StoredFile, headers=headers, upload=file, patience=patience)
         return digest
 
     def _patiently(
-        self, method: str, url: str, *, upload: Path | None = None, patience: Patience = impatient, **request
+        self,
+        method: str,
+        url: str,
+        kind: type[BaseModel] | None = None,
+        *,
+        upload: Path | None = None,
+        patience: Patience = impatient,
+        **request,
     ) -> httpx.Response:
-        """Send until it is answered, at most ``RETRY_FOR_S``, or ``WAIT_FOR_S`` where the caller has the patience."""
+        """Send until it is answered, at most ``RETRY_FOR_S``, or ``WAIT_FOR_S`` where the caller has the patience.
+
+        With ``kind`` only such an answer counts: what a proxy says in the API's place accepts nothing.
+        """
         began_s, pause_s = time.monotonic(), 0.1
         while True:
             patience(None)
             try:
-                if upload is None:
-                    return self.once(method, url, patience=patience, **request)
-                with upload.open("rb") as stream:
-                    parts = iter(lambda: stream.read(PART_BYTES), b"")
-                    return self.once(method, url, content=_noticed(parts, patience), **request)
+                response = self._sent(method, url, upload, patience, **request)
+                if kind is not None:
+                    understood(kind, response, f"{method} {url}")
+                return response
             except ApiUnreachableError as error:
                 waits = patience(error) and not isinstance(error, ApiFailedError)
                 if time.monotonic() - began_s > (WAIT_FOR_S if waits else RETRY_FOR_S):
@@ -183,12 +209,19 @@ class ApiLink:
             time.sleep(pause_s)
             pause_s = min(2 * pause_s, 3.0)
 
+    def _sent(self, method: str, url: str, upload: Path | None, patience: Patience, **request) -> httpx.Response:
+        if upload is None:
+            return self.once(method, url, patience=patience, **request)
+        with upload.open("rb") as stream:
+            parts = iter(lambda: stream.read(PART_BYTES), b"")
+            return self.once(method, url, content=_noticed(parts, patience), **request)
+
     def once(self, method: str, url: str, *, patience: Patience = impatient, **request) -> httpx.Response:
         """Send once and sort out what can come back; the response has a status and a body, nothing else."""
         try:
             with self._client.stream(method, url, **request) as answer:
                 content = b"".join(_noticed(answer.iter_bytes(), patience))
-        except httpx.TransportError as error:
+        except httpx.RequestError as error:
             said = str(error) or type(error).__name__
             hint = "; --ca or TRIFARM_CA names the certificates to trust" if "certificate" in said.lower() else ""
             raise ApiUnreachableError(f"{method} {url}: {said}{hint}") from error
@@ -196,6 +229,8 @@ class ApiLink:
         if response.status_code in _RETRY_STATUS:
             kind = ApiFailedError if response.status_code == 500 else ApiUnreachableError
             raise kind(f"{method} {url}: status {response.status_code}")
+        if response.is_redirect:
+            raise ApiUnreachableError(f"{method} {url}: status {response.status_code} leads elsewhere; {NOT_THE_API}")
         if response.status_code in {404, 409}:
             raise LeaseRefusedError(f"{method} {url}: {response.text[:300]}")
         if response.status_code in {401, 403}:

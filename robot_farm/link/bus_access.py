@@ -12,7 +12,7 @@ from cryptography.x509.oid import NameOID
 
 from api_schemas import bus
 from api_schemas.joining import BusAccess, BusRequest, too_far_apart
-from robot_farm.link.api_link import ApiLink, LeaseRefusedError, NotAdmittedError
+from robot_farm.link.api_link import ApiLink, LeaseRefusedError, NotAdmittedError, understood
 from robot_farm.settings import Settings
 
 ANYWHERE = frozenset({"0.0.0.0", "::"})  # noqa: S104  compared with, not listened on
@@ -72,11 +72,12 @@ def ask_access(api: ApiLink, robot: str, settings: Settings) -> Access:
 
 
 def _told(api: ApiLink, robot: str, request: BusRequest) -> BusAccess:
+    path = f"/v1/robots/{robot}/bus"
     try:
-        answer = api.once("POST", f"/v1/robots/{robot}/bus", json=request.model_dump(mode="json"))
+        answer = api.once("POST", path, json=request.model_dump(mode="json"))
     except LeaseRefusedError as error:  # 404: services from before there was this route; 409: too far apart
         raise NotAdmittedError(f"the farm does not let this robot onto its bus: {error}") from error
-    told = BusAccess.model_validate_json(answer.content)
+    told = understood(BusAccess, answer, f"POST {path}")
     if (apart := too_far_apart(request.version, told.version)) is not None:
         raise NotAdmittedError(apart)
     return told

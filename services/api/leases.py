@@ -3,9 +3,8 @@
 from typing import Annotated
 
 from fastapi import APIRouter, BackgroundTasks, Header, Path, Request
-from pydantic import BaseModel
 
-from api_schemas.robot import MAX_FENCE, OutcomeReport, Renewal, RenewalReply
+from api_schemas.robot import MAX_FENCE, OutcomeReply, OutcomeReport, Renewal, RenewalReply, StoredFile
 from services.api.access import RobotCaller
 from services.api.document import BINARY, refusals
 from services.api.farm import Farm, TheFarm
@@ -20,20 +19,6 @@ router = APIRouter(prefix="/v1/leases", tags=["leases"])
 FILE = {"requestBody": {"required": True, "content": {"application/octet-stream": {"schema": BINARY}}}}
 Fence = Annotated[int, Path(ge=1, le=MAX_FENCE)]
 AnnouncedSha256 = Annotated[str | None, Header(alias="X-Content-SHA256", pattern=r"^[0-9a-f]{64}$")]
-
-
-class StoredFile(BaseModel):
-    """What became of an uploaded file."""
-
-    sha256: str
-    bytes: int
-    new: bool
-
-
-class OutcomeReply(BaseModel):
-    """The outcome was taken."""
-
-    accepted: bool = True
 
 
 @router.post("/{trial_id}/renew", responses=refusals(409))

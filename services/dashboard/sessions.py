@@ -2,10 +2,10 @@
 
 import base64
 import hashlib
+import heapq
 import hmac
 import secrets
 import time
-from collections import OrderedDict
 from dataclasses import dataclass, field
 from typing import Annotated
 from urllib.parse import urlsplit
@@ -24,28 +24,37 @@ LASTS_S = 12 * 3600
 """After so long a browser has to show the token again."""
 
 
-MOST_ENDED = 10_000
-"""Signed-out sessions that are remembered; of more, the one that was signed out first is forgotten."""
+MOST_ENDED = 100_000
+"""Signed-out sessions that are remembered one by one, in some 25 MB."""
 
 
 @dataclass
 class EndedSessions:
-    """Hashes of cookies that were signed out, until they are too old anyhow; what the database has of them, and a copy of it."""
+    """Hashes of cookies that were signed out, until they are too old anyhow; what the database has of them, and a copy of it.
 
-    _until_s: OrderedDict[bytes, float] = field(default_factory=OrderedDict)
+    Of more than ``MOST_ENDED`` the oldest cookies are forgotten, and all that are no younger are over with them: one that was
+    signed out never opens again.
+    """
+
+    _marks: set[bytes] = field(default_factory=set)
+    _oldest: list[tuple[float, bytes]] = field(default_factory=list)
+    """The same as a heap, with the times at which they are too old."""
+    _over_until_s: float = 0.0
 
     def add(self, mark: bytes, until_s: float) -> None:
         """Remembers one."""
+        if self.has(mark, until_s):
+            return
+        self._marks.add(mark)
+        heapq.heappush(self._oldest, (until_s, mark))
         now_s = time.time()
-        for old in [each for each, at_s in self._until_s.items() if at_s < now_s]:
-            del self._until_s[old]
-        self._until_s.setdefault(mark, until_s)
-        if len(self._until_s) > MOST_ENDED:
-            self._until_s.popitem(last=False)
+        while self._oldest and (self._oldest[0][0] < now_s or len(self._oldest) > MOST_ENDED):
+            self._over_until_s, old = heapq.heappop(self._oldest)
+            self._marks.discard(old)
 
-    def __contains__(self, mark: bytes) -> bool:
-        """Whether this cookie was signed out."""
-        return mark in self._until_s
+    def has(self, mark: bytes, until_s: float) -> bool:
+        """Whether this cookie, too old at ``until_s`` anyhow, was signed out."""
+        return until_s <= self._over_until_s or mark in self._marks
 
 
 @dataclass(frozen=True)
@@ -70,13 +79,15 @@ class Seal:
             bearer = self._fernet.decrypt(cookie.encode(), ttl=LASTS_S).decode()
         except InvalidToken:
             return None
-        return None if _mark(cookie) in self.ended else bearer
+        return None if self.ended.has(*self.mark(cookie)) else bearer
 
-    def end(self, cookie: str) -> tuple[bytes, float]:
-        """From now on this cookie, one of ours, opens no more; gives its mark, and when it is too old anyhow."""
-        ended = _mark(cookie), self._fernet.extract_timestamp(cookie.encode()) + LASTS_S
-        self.ended.add(*ended)
-        return ended
+    def mark(self, cookie: str) -> tuple[bytes, float]:
+        """What the farm knows this cookie, one of ours, by once it is signed out, and when it is too old anyhow."""
+        return _mark(cookie), self._fernet.extract_timestamp(cookie.encode()) + LASTS_S
+
+    def end(self, cookie: str) -> None:
+        """From now on this cookie, one of ours, opens no more."""
+        self.ended.add(*self.mark(cookie))
 
     def word(self, cookie: str) -> str:
         """What the forms of this session carry."""
@@ -107,9 +118,14 @@ class Session:
         """Whether it was not signed out and is not too old; its token can have ended all the same."""
         return self.seal.open(self.cookie) is not None
 
-    def end(self) -> tuple[bytes, float]:
-        """Signs out here; gives what other processes are to be told of it."""
-        return self.seal.end(self.cookie)
+    @property
+    def mark(self) -> tuple[bytes, float]:
+        """What other processes are to be told when it is signed out."""
+        return self.seal.mark(self.cookie)
+
+    def end(self) -> None:
+        """Signs out here."""
+        self.seal.end(self.cookie)
 
 
 async def _seal(request: Request) -> Seal:

@@ -50,9 +50,10 @@ async def sign_in(
 @router.post("/sign-out")
 async def sign_out(session: Changing, farm: TheFarm) -> Response:
     """Ends the session, for whoever else has its cookie too and at all processes of the farm, and takes the cookie back."""
-    mark, until_s = session.end()
     async with farm.database.write() as tx:
-        await note_signed_out(tx, mark, until_s)
+        await note_signed_out(tx, *session.mark, farm.clock.now_s())
+    # Last: where the row could not be written, whoever signed out can try again.
+    session.end()
     answer = RedirectResponse("/sign-in", status_code=303, headers=HEADERS)
     answer.delete_cookie(COOKIE)
     return answer

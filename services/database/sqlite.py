@@ -2,6 +2,7 @@
 
 import sqlite3
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -97,6 +98,15 @@ def is_full_sqlite(error: BaseException) -> bool:
 
 
 def integrity_check(path: Path) -> str:
-    """SQLite's own verdict on a database file; ``ok`` when it is whole."""
-    with sqlite3.connect(path) as connection:
-        return str(connection.execute("PRAGMA integrity_check").fetchone()[0])
+    """SQLite's own verdict on a database file; ``ok`` when it is whole.
+
+    Raises:
+        sqlite3.OperationalError: it is in use, or cannot be read.
+    """
+    with closing(sqlite3.connect(path)) as connection:
+        try:
+            return str(connection.execute("PRAGMA integrity_check").fetchone()[0])
+        except sqlite3.OperationalError:
+            raise
+        except sqlite3.DatabaseError as error:  # so damaged that it cannot be looked through
+            return str(error)

@@ -420,6 +420,8 @@ signed_out = Table(
     metadata,
     Column("mark", String(64), primary_key=True),
     Column("until_s", Float, nullable=False),
+    # When it was signed out; null where a process of an older version wrote it.
+    Column("at_s", Float, index=True),
 )
 
 # How often a token or an address has asked, at all processes of the services together.

@@ -139,7 +139,7 @@ class Dispatcher:
                 self._note_back()
                 if not gave:  # then what happens meanwhile can be looked at together, and requests have the loop for as long
                     await asyncio.sleep(min(time.monotonic() - began_s, REST_AT_MOST_S))
-            except AWAY as error:
+            except (*AWAY, TimeoutError) as error:
                 self._note_away(error)
                 await asyncio.sleep(self.settings.sweep_every_s)
             except Exception:
@@ -177,7 +177,7 @@ class Dispatcher:
                 away = False
             except (*AWAY, TimeoutError) as error:
                 if led and not away:
-                    log.warning("the database does not say who gives leases", reason=str(error.__cause__ or error))
+                    log.warning("the database does not say who gives leases", reason=_said(error.__cause__ or error))
                 away = True
             except Exception:  # as above
                 log.exception("dispatcher failed to ask who gives leases")
@@ -212,7 +212,7 @@ class Dispatcher:
     def _note_away(self, error: Exception) -> None:
         """One line for each time that the database is away or full, however long."""
         if not self._is_away:
-            log.error("no leases are given, the database does not do what it is asked", reason=str(error.__cause__ or error))
+            log.error("no leases are given, the database does not do what it is asked", reason=_said(error.__cause__ or error))
         self._is_away = True
 
     def _note_back(self) -> None:
@@ -234,7 +234,7 @@ class Dispatcher:
             await self._forget_who_left()
             await self._abandoner.look()
         seen = self.fleet.seen(self.clock.now_s())
-        await self._judge.look(seen.healthy)
+        await self._judge.look(seen.healthy, also_failed=look_at_active)  # else one that always fails costs every pass
         await self._point_away_from_unfit(seen, also_unknown=look_at_active)
         shortage = self.disk.shortage()
         self.fleet.held_back = None if shortage is None else f"no trial is given out, since {shortage}"
@@ -362,3 +362,8 @@ class Dispatcher:
                 del self._manifests[next(iter(self._manifests))]
             self._manifests[digest] = PolicyManifest.model_validate_json(row.manifest)
         return self._manifests[digest], row.graph_sha256
+
+
+def _said(error: BaseException) -> str:
+    """What an error says; its name where it says nothing, as one of time does."""
+    return str(error) or type(error).__name__

@@ -14,6 +14,7 @@ from obstore.store import LocalStore, ObjectStore, S3Store
 
 from services.errors import NotReady
 from services.settings import Settings
+from trial_logs.disk import sync
 
 if TYPE_CHECKING:
     from obstore.store import ClientConfig, RetryConfig, S3Config
@@ -55,7 +56,7 @@ class LocalHome:
         return await asyncio.to_thread(self._take, file, self._root / key)
 
     def _take(self, file: Path, place: Path) -> bool:
-        _sync(file)
+        sync(file)
         place.parent.mkdir(parents=True, exist_ok=True)
         new = True
         try:
@@ -69,10 +70,10 @@ class LocalHome:
 
     def _sync_name(self, place: Path) -> None:
         """Syncs the folder of a file, and once in the life of this process those that hold this folder's own name."""
-        _sync(place.parent)
+        sync(place.parent)
         if place.parent not in self._on_disk:
             for folder in place.parent.relative_to(self._root).parents:
-                _sync(self._root / folder)
+                sync(self._root / folder)
             self._on_disk.add(place.parent)
 
 
@@ -149,11 +150,3 @@ def _renew(place: Path) -> bool:
         return True
     except FileNotFoundError:
         return False
-
-
-def _sync(path: Path) -> None:
-    opened = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(opened)
-    finally:
-        os.close(opened)

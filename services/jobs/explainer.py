@@ -1,6 +1,7 @@
 """Computes why trials failed, one at a time, in a niced and jailed child process beside all requests."""
 
 import asyncio
+import os
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -55,6 +56,22 @@ class Explainer:
         return True
 
     async def _answer(self, taken: AnyRow) -> tuple[Why | None, str | None]:
+        """What comes of this try.
+
+        Raises:
+            OSError: this machine could not do it, such as on a full disk; the question is held, then due again.
+        """
+        try:
+            return await self._computed(taken)
+        except OSError as error:
+            if taken.tries < whys.MOST_TRIES:
+                raise
+            log.warning("why a trial failed was not computed", trial=taken.trial_id, reason=str(error))
+            said = os.strerror(error.errno) if error.errno else type(error).__name__
+            hint = "the farm's operator can see to it"
+            return None, f"the farm could not copy its files or start the replays, {taken.tries} times ({said}); {hint}"
+
+    async def _computed(self, taken: AnyRow) -> tuple[Why | None, str | None]:
         with tempfile.TemporaryDirectory(prefix="trifarm-why-") as name:
             folder = Path(name)
             try:
@@ -72,5 +89,9 @@ class Explainer:
 
     async def _write(self, path: Path, sha256: str) -> None:
         with path.open("xb") as file:
-            async for chunk in self.files.read(sha256):
-                await asyncio.to_thread(file.write, chunk)
+            try:
+                async for chunk in self.files.read(sha256):
+                    await asyncio.to_thread(file.write, chunk)
+            except FileNotFoundError as error:  # which writing to an open file is not
+                removed = "a file that it needs is gone: its log, its truth or its policy was removed from the farm"
+                raise CannotExplainError(removed) from error

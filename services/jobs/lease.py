@@ -18,7 +18,7 @@ from services.errors import Conflict, NotFound, Refused
 from services.jobs import events, pinning
 from services.jobs.claim import Claim
 from services.jobs.clock import iso
-from services.jobs.locking import lock_job, lock_job_of_all
+from services.jobs.locking import change_free, lock_job, lock_job_of_all
 
 ACTIVE = (TrialState.LEASED, TrialState.RUNNING)
 JUDGED = frozenset({OutcomeKind.SUCCEEDED, OutcomeKind.FAILED})
@@ -194,10 +194,13 @@ async def confirm_leases(tx: AsyncConnection, now_s: float, claims: Collection[C
     return confirmed
 
 
-async def shorten(tx: AsyncConnection, until_s: float) -> None:
-    """Lets no lease last longer than until then, as those would that were given before the clock went back."""
-    longer = update(trial).where(trial.c.state.in_(ACTIVE), trial.c.lease_until_s > until_s)
-    await tx.execute(longer.values(lease_until_s=until_s))
+async def shorten(tx: AsyncConnection, until_s: float) -> bool:
+    """Lets no lease last longer than until then, as those would that were given before the clock went back.
+
+    Gives whether that was all of them: those that somebody is changing now are passed over.
+    """
+    longer = (trial.c.state.in_(ACTIVE), trial.c.lease_until_s > until_s)
+    return await change_free(tx, trial.c.trial_id, longer, {"lease_until_s": until_s})
 
 
 async def renew(connection: AsyncConnection, now_s: float, trial_id: str, renewal: Renewal, lease_s: float) -> bool:

@@ -5,10 +5,11 @@ lock is had everything of the job is as its last mover left it; and since all ta
 another that waits for it. A transaction that moves several jobs is a dispatcher's, and dispatchers take turns.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 from weakref import WeakKeyDictionary
 
-from sqlalchemy import bindparam, select
+from sqlalchemy import Column, ColumnElement, bindparam, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from services.database.postgres import is_postgres
@@ -64,3 +65,23 @@ async def lock_job_of_all(tx: AsyncConnection, trial_ids: Sequence[str]) -> None
     if is_postgres(tx):
         await tx.execute(_JOBS_OF, {"of_trials": trial_ids})
         _holds(tx).update(trial_ids)
+
+
+async def change_free(
+    tx: AsyncConnection, key: Column[Any], which: Sequence[ColumnElement[bool]], values: Mapping[str, Any]
+) -> bool:
+    """Changes rows without their jobs: in a transaction of its own, and only those that nobody else is changing now.
+
+    Args:
+        tx: the transaction.
+        key: the primary key of the rows' table.
+        which: what holds of the rows, and no longer once they are changed.
+        values: what they get.
+
+    Returns:
+        Whether that was all of them.
+    """
+    # In the order of their keys, beside others that do the same; as a part of the update it is looked for once.
+    free = select(key).where(*which).order_by(key).with_for_update(skip_locked=True).cte("free")
+    await tx.execute(update(key.table).where(key.in_(select(free.c[key.name]))).values(dict(values)))
+    return (await tx.execute(select(key).where(*which).limit(1))).first() is None

@@ -131,7 +131,7 @@ def _due(now_s: float) -> Select[Any, Any]:
 
 
 async def take(tx: AsyncConnection, now_s: float, held_s: float) -> AnyRow | None:
-    """The question that has waited longest of those that are due, which is then held; with the files that its answer needs.
+    """The question that has waited longest of those that are due, which is then held; with its files and the number of this try.
 
     Of questions that were held longer than they may, the process is gone: they are due again, and given up after a few tries.
     """
@@ -146,7 +146,8 @@ async def take(tx: AsyncConnection, now_s: float, held_s: float) -> AnyRow | Non
     if taken.rowcount != 1:
         return None
     files = (
-        select(trial.c.trial_id, trial.c.log_sha256, trial.c.truth_sha256, policy.c.graph_sha256)
+        select(trial.c.trial_id, trial.c.log_sha256, trial.c.truth_sha256, policy.c.graph_sha256, why.c.tries)
+        .join(why, why.c.trial_id == trial.c.trial_id)
         .join(job, job.c.number == trial.c.job_number)
         .join(policy, policy.c.digest == job.c.policy)
         .where(trial.c.trial_id == next_one.trial_id)

@@ -3,12 +3,15 @@
 import argparse
 import json
 import os
+import sqlite3
 import sys
 from pathlib import Path
 
+from services.database.sqlite import is_full_sqlite
 from services.upkeep.backup import back_up, restore
 from services.upkeep.doctor import look_through
 from services.upkeep.folder import UpkeepError
+from trial_logs.disk import is_full
 
 PRIVATE = 0o077
 
@@ -34,11 +37,22 @@ def main() -> int:
                 said = restore(given.other, given.data)
             case _:
                 said = look_through(given.data, deep=given.deep)
-    except (OSError, UpkeepError) as error:
-        sys.stdout.write(json.dumps({"error": str(error)}))
+    except (OSError, sqlite3.Error, UpkeepError) as error:
+        sys.stdout.write(json.dumps({"error": _said(error, given)}))
         return 1
     sys.stdout.write(json.dumps(said))
     return 0
+
+
+def _said(error: Exception, given: argparse.Namespace) -> str:
+    """What is told of an error: of a full disk which one it is, of SQLite's what it was reading."""
+    if is_full(error) or is_full_sqlite(error):
+        return f"the disk of {given.other if given.command == 'backup' else given.data} is full; make room there and try again"
+    if not isinstance(error, sqlite3.Error):
+        return str(error)
+    if given.command == "restore":
+        return f"SQLite cannot do it: {error}; see that the backup {given.other} can be read, or restore another"
+    return f"SQLite cannot do it: {error}; 'trifarm doctor --data {given.data}' says whether its database is whole"
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """A copy of an embedded farm's folder, made while the farm runs, and a farm made from such a copy."""
 
 import json
+import os
 import shutil
 import sqlite3
 from collections import Counter
@@ -12,17 +13,20 @@ from typing import Any
 
 from services.database.sqlite import integrity_check
 from services.upkeep import folder as folders
-from services.upkeep.folder import DATABASE, RECORD, Copy, UpkeepError
+from services.upkeep.folder import DATABASE, NEW_DATABASE, RECORD, Copy, UpkeepError
+from trial_logs.disk import put_in_place
 
 
 def back_up(data: Path, target: Path) -> dict[str, Any]:
     """Copies the farm in ``data`` to ``target``; a later one to the same folder copies what is new and mends what is damaged.
 
     The database is copied as it is at one moment; files are written before the rows that name them and never change, so
-    that whatever the copy names is there. The record says so last: until then the backup is not whole.
+    that whatever the copy names is there. The record is replaced last: until then an earlier backup in the folder is whole,
+    since its files stay and the new database waits under another name.
 
     Raises:
-        UpkeepError: ``data`` is no farm's folder, or ``target`` lies in it or holds something else than a backup.
+        UpkeepError: ``data`` is no farm's folder, its database or a file is damaged, or ``target`` lies in it or holds
+            something else than a backup.
     """
     if target.exists() and any(target.iterdir()) and not (target / RECORD).exists():
         raise UpkeepError(f"{target} is not empty and no backup; name a new folder, or that of an earlier backup")
@@ -30,9 +34,12 @@ def back_up(data: Path, target: Path) -> dict[str, Any]:
         if target.resolve().is_relative_to(data.resolve()):
             raise UpkeepError(f"{target} lies in the farm's own folder {data} and would be lost with it; name a folder elsewhere")
         target.mkdir(parents=True, exist_ok=True, mode=0o700)
-        (target / RECORD).write_text(json.dumps({}))
-        _copy_database(farm, target / DATABASE)
-    with folders.opened(target / DATABASE) as copy:
+        if (earlier := folders.record_in(target)) is None:
+            (target / RECORD).write_text(json.dumps({}))
+        elif folders.database_of(target, earlier) == target / NEW_DATABASE:
+            (target / NEW_DATABASE).replace(target / DATABASE)
+        _copy_database(farm, data, target / NEW_DATABASE)
+    with folders.opened(target / NEW_DATABASE) as copy:
         form, named = folders.form_of(copy), folders.references(copy)
     copies: Counter[Copy] = Counter()
     missing = 0
@@ -48,7 +55,7 @@ def back_up(data: Path, target: Path) -> dict[str, Any]:
         "made_at": datetime.now(UTC).isoformat(timespec="seconds"),
         "version": version("trifarm"),
         "form": form,
-        "database_sha256": folders.sha256_of(target / DATABASE),
+        "database_sha256": folders.sha256_of(target / NEW_DATABASE),
         "files": len(kept),
         "bytes": sum(kept),
         "copied": copies[Copy.NEW] + copies[Copy.MENDED],
@@ -57,7 +64,10 @@ def back_up(data: Path, target: Path) -> dict[str, Any]:
     }
     unfinished = target / "backup.new"
     unfinished.write_text(json.dumps(record, indent=2) + "\n")
-    unfinished.replace(target / RECORD)
+    # What the record vouches for comes first: the files that were copied, and the database, of which a power cut leaves no half.
+    os.sync()
+    put_in_place(unfinished, target / RECORD)
+    put_in_place(target / NEW_DATABASE, target / DATABASE)
     return record
 
 
@@ -72,7 +82,8 @@ def restore(backup: Path, data: Path) -> dict[str, Any]:
         raise UpkeepError(f"{backup} is no whole backup: it has no {RECORD}; run 'trifarm backup' to its end, or name another")
     if data.exists() and any(data.iterdir()):
         raise UpkeepError(f"{data} is not empty; restore to a new folder, and start the farm there with --data")
-    if folders.sha256_of(backup / DATABASE) != record["database_sha256"] or integrity_check(backup / DATABASE) != "ok":
+    database = folders.database_of(backup, record)
+    if database is None or integrity_check(database) != "ok":
         raise UpkeepError(f"{backup / DATABASE} is damaged; restore another backup")
     unfinished = data.with_name(f".{data.name}.restoring")
     shutil.rmtree(unfinished, ignore_errors=True)
@@ -80,7 +91,7 @@ def restore(backup: Path, data: Path) -> dict[str, Any]:
     for path in folders.objects_in(backup):
         folders.copy_object(path, folders.object_path(unfinished, path.name))
     folders.copy_small(backup, unfinished)
-    shutil.copyfile(backup / DATABASE, unfinished / DATABASE)
+    shutil.copyfile(database, unfinished / DATABASE)
     if data.exists():
         data.rmdir()
     unfinished.rename(data)
@@ -89,11 +100,21 @@ def restore(backup: Path, data: Path) -> dict[str, Any]:
     return {"data": str(data), "made_at": record["made_at"], "form": record["form"], "jobs": jobs, "reports": reports}
 
 
-def _copy_database(farm: sqlite3.Connection, target: Path) -> None:
-    unfinished = target.with_suffix(".new")
+def _copy_database(farm: sqlite3.Connection, data: Path, unfinished: Path) -> None:
+    """Copies the database to a new file, and checks it there: damaged, it must not take the place of a good copy."""
     unfinished.unlink(missing_ok=True)
-    with closing(sqlite3.connect(unfinished)) as copy:
-        farm.backup(copy)
-        # One file, that needs no other beside it.
-        copy.execute("PRAGMA journal_mode = DELETE")
-    unfinished.replace(target)
+    try:
+        with closing(sqlite3.connect(unfinished)) as copy:
+            farm.backup(copy)
+            # One file, that needs no other beside it.
+            copy.execute("PRAGMA journal_mode = DELETE")
+        verdict = integrity_check(unfinished)
+    except sqlite3.OperationalError:  # of a database in use, or a full disk
+        raise
+    except sqlite3.DatabaseError as error:
+        verdict = str(error)
+    if verdict != "ok":
+        unfinished.unlink(missing_ok=True)
+        said = " ".join(verdict.split())[:200]
+        hint = f"'trifarm doctor --data {data}' says what is wrong; an earlier backup in this folder is as it was"
+        raise UpkeepError(f"{data / DATABASE} is damaged ({said}) and was not copied; {hint}")

@@ -13,10 +13,14 @@ from pathlib import Path
 from services.signing import KEY_FILE
 
 DATABASE = Path("farm.sqlite")
+NEW_DATABASE = Path("farm.new")
+"""In a backup: a database whose record is not yet there, or was written just before the backup was cut off."""
 OBJECTS = Path("files") / "sha256"
 SMALL = (Path("tokens.json"), Path("up.json"), Path(KEY_FILE), Path("robots") / "farm-secret")
 """What makes the restored farm the same: its tokens, the key it signs with, what its robots were told and are drawn from."""
 PHYSICS = Path("physics")
+UNFINISHED = ".new"
+"""Ends the name of a file that is still being copied; one is left behind where a copy was cut off."""
 RECORD = Path("backup.json")
 _OF_REPORTS = "FROM trial JOIN job ON job.number = trial.job_number WHERE job.state != 'cancelled'"  # retention keeps no others
 _REPORTED = f"SELECT trial.log_sha256 AS sha {_OF_REPORTS} UNION SELECT trial.truth_sha256 {_OF_REPORTS}"
@@ -69,8 +73,8 @@ def object_path(folder: Path, sha256: str) -> Path:
 
 
 def objects_in(folder: Path) -> Iterator[Path]:
-    """Every file that a data folder or a backup keeps."""
-    return (path for path in (folder / OBJECTS).glob("*/*") if path.is_file())
+    """Every whole file that a data folder or a backup keeps."""
+    return (path for path in (folder / OBJECTS).glob("*/*") if path.is_file() and path.suffix != UNFINISHED)
 
 
 def sha256_of(path: Path) -> str:
@@ -97,7 +101,7 @@ def copy_object(source: Path, target: Path) -> Copy:
     if was_there and target.stat().st_size == size and sha256_of(target) == target.name:
         return Copy.KEPT
     target.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = target.with_suffix(".new")
+    unfinished = target.with_suffix(UNFINISHED)
     shutil.copyfile(source, unfinished)
     if (found := sha256_of(unfinished)) != source.name:
         unfinished.unlink()
@@ -114,12 +118,14 @@ def physics_files(folder: Path) -> tuple[Path, ...]:
 
 
 def copy_small(source: Path, target: Path) -> None:
-    """Copies the small files that are there, for this user alone."""
+    """Copies the small files that are there, for this user alone; each is replaced as a whole."""
+    unfinished = target / f"small{UNFINISHED}"
     for name in (*SMALL, *physics_files(source)):
         if (source / name).is_file():
             (target / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(source / name, target / name)
-            (target / name).chmod(0o600)
+            shutil.copyfile(source / name, unfinished)
+            unfinished.chmod(0o600)
+            unfinished.replace(target / name)
 
 
 def record_in(folder: Path) -> dict[str, object] | None:
@@ -128,6 +134,15 @@ def record_in(folder: Path) -> dict[str, object] | None:
         return json.loads((folder / RECORD).read_text()) or None
     except (FileNotFoundError, ValueError):
         return None
+
+
+def database_of(backup: Path, record: dict[str, object]) -> Path | None:
+    """The database that the record of a backup names by its hash; None when it is not there or damaged.
+
+    A backup that was cut off right behind its record has it under the name of a new one.
+    """
+    there = (path for path in (backup / DATABASE, backup / NEW_DATABASE) if path.is_file())
+    return next((path for path in there if sha256_of(path) == record["database_sha256"]), None)
 
 
 def _hashes(connection: sqlite3.Connection, query: str) -> frozenset[str]:

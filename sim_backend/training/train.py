@@ -35,6 +35,7 @@ from sim_backend.training.recurrent import RecurrentActorCritic
 from sim_backend.training.returns import NormalisedReturns
 from sim_backend.training.sliced_ppo import SlicedPPO, SlicedRobots
 from sim_backend.training.slices import Slices
+from trial_logs.disk import put_in_place
 
 
 @dataclass
@@ -164,7 +165,7 @@ class Run:
         }
         fresh = self.folder / (CHECKPOINT + ".new")
         torch.save(state, fresh)
-        fresh.replace(self.folder / CHECKPOINT)
+        put_in_place(fresh, self.folder / CHECKPOINT)
 
     def go_on(self) -> None:
         """Take up the checkpoint; robots begin new trials, drawn from another seed than before.

@@ -29,6 +29,7 @@ from sim_backend.training.demonstrations.teacher import find_policy
 from sim_backend.training.export import ExportedPolicy
 from sim_backend.training.trying import robots_of
 from sim_backend.trifinger import constants as c
+from trial_logs.disk import put_in_place
 from trial_logs.reader import LogUnreadableError, TrialLog, read_log
 
 TRIALS_AT_ONCE = 50
@@ -61,7 +62,7 @@ def write_demonstrations(demonstrations: Demonstrations, path: Path, source: dic
     about = {"manifest": demonstrations.manifest.model_dump_json(), "tried": str(demonstrations.tried)}
     fresh = path.with_name(path.name + ".new")
     save_file(arrays | {"first": demonstrations.first}, fresh, metadata=about | {"source": json.dumps(source)})
-    fresh.replace(path)
+    put_in_place(fresh, path)
 
 
 def read_demonstrations(path: Path) -> Demonstrations:

@@ -26,6 +26,7 @@ from sim_backend.training.demonstrations.teacher import read_teacher
 from sim_backend.training.evaluating import CHECKPOINT, TELL_EVERY_S
 from sim_backend.training.export import ExportedPolicy
 from sim_backend.training.randomization import draw_robots, ranges_to_train_on
+from trial_logs.disk import put_in_place
 
 _ANOTHER = 1_000_003
 
@@ -139,7 +140,7 @@ class ImitationRun:
         }
         fresh = self.folder / (CHECKPOINT + ".new")
         torch.save(state, fresh)
-        fresh.replace(self.folder / CHECKPOINT)
+        put_in_place(fresh, self.folder / CHECKPOINT)
 
     def go_on(self) -> None:
         """Take up the checkpoint; robots begin new trials, drawn from another seed, and the memory of samples fills anew."""

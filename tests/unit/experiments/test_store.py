@@ -9,6 +9,7 @@ from experiments.catalogue import CATALOGUE
 from experiments.design import Farm
 from experiments.recipe_files import wanted_recipe
 from experiments.store import LARGEST_WEIGHTS, Key, StoreError, thinned
+from tests.disk_steps import in_place, noted_steps
 from tests.unit.experiments.small import SMALL, TRIALS, leave_training, quick_small, rows, store_of, train, write_policy
 
 
@@ -24,6 +25,13 @@ def test_a_run_is_kept_small_with_its_policy_and_without_paths(tmp_path):
     assert str(tmp_path) not in text
     assert store.weights(cell, 1) == store.folder / "runs" / "first-seed1.safetensors"
     assert (store.folder / "runs" / "first-seed1.manifest.json").exists()
+
+
+def test_a_run_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
+    store, steps = store_of(tmp_path), noted_steps(monkeypatch)
+    train(store, SMALL.cells[0], 1)
+    path = store.folder / "runs" / "first-seed1.json"
+    assert [step for step in steps if step[1] in ("first-seed1.new", path.name, "runs")] == in_place("first-seed1.new", path)
 
 
 def test_a_large_policy_stays_in_the_work_folder_and_is_missed_elsewhere(tmp_path):

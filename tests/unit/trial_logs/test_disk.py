@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from trial_logs.disk import is_full, mb, room
+from tests.disk_steps import in_place, noted_steps
+from trial_logs.disk import is_full, mb, put_in_place, room
 
 SPEAKS = """
 import sys
@@ -49,3 +50,13 @@ def test_room_is_of_the_file_system(tmp_path):
     found = room(tmp_path)
     assert 0 < found.free_bytes <= found.total_bytes
     assert (mb(2_540_000), mb(63_000_000)) == ("2.54 MB", "63 MB")
+
+
+def test_a_new_file_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
+    fresh, path = tmp_path / "kept.new", tmp_path / "kept"
+    path.write_text("old")
+    fresh.write_text("new")
+    steps = noted_steps(monkeypatch)
+    put_in_place(fresh, path)
+    assert steps == in_place("kept.new", path)
+    assert (path.read_text(), fresh.exists()) == ("new", False)

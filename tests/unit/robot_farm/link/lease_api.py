@@ -53,6 +53,8 @@ def lease_api():
             if status == 200 and self.path.endswith("/outcome"):
                 api.outcomes.append(json.loads(body))
             said = {"lease_s": LEASE_S, "cancel": api.cancel} if self.path.endswith("/renew") else {}
+            if self.path.endswith(("/log", "/truth")):
+                said = {"sha256": self.headers["X-Content-SHA256"], "bytes": len(body), "new": True}
             self.send_response(status)
             self.end_headers()
             self.wfile.write(json.dumps(said).encode())

@@ -3,6 +3,7 @@
 import pytest
 from prometheus_client import CollectorRegistry
 from sqlalchemy import insert, select, update
+from structlog.testing import capture_logs
 
 from api_schemas.policy import LAYOUTS
 from api_schemas.robot import RobotState
@@ -115,3 +116,21 @@ async def test_a_robot_that_left_is_on_no_list_after_a_minute(database, dispatch
     async with database.read() as connection:
         assert (await connection.execute(select(robot.c.robot))).scalars().all() == ["b"]
     assert "a" not in dispatcher.fleet.members
+
+
+async def test_an_error_without_words_is_told_by_its_name(dispatcher):
+    with capture_logs() as lines:
+        dispatcher._note_away(TimeoutError())
+    assert [line["reason"] for line in lines] == ["TimeoutError"]
+
+
+@pytest.mark.parametrize("looks_at_active", [False, True])
+async def test_questions_that_failed_are_tried_again_when_all_is_looked_at(dispatcher, monkeypatch, looks_at_active):
+    asked = []
+
+    async def look(_robots, *, also_failed):
+        asked.append(also_failed)
+
+    monkeypatch.setattr(dispatcher._judge, "look", look)
+    await dispatcher._look(look_at_active=looks_at_active, leads=True)
+    assert asked == [looks_at_active]

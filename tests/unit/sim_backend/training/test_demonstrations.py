@@ -26,6 +26,7 @@ from sim_backend.training.demonstrations.teacher import Teacher, as_it_is, find_
 from sim_backend.training.export import ExportedPolicy, read_policy, write_policy  # noqa: E402
 from sim_backend.training.recipe import Recipe  # noqa: E402
 from sim_backend.training.train import Run  # noqa: E402
+from tests.disk_steps import in_place, noted_steps  # noqa: E402
 from trial_logs.reader import read_log  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("default")  # torch's own
@@ -184,6 +185,14 @@ def demonstrations_of(expert: Path, out: Path) -> Path:
     found = Demonstrations(observation, action, np.arange(20) * 40, policy.manifest, 20)
     write_demonstrations(found, out, {"policy": "expert"})
     return out
+
+
+def test_demonstrations_and_checkpoints_are_on_the_disk_before_they_have_their_names(tmp_path, expert, monkeypatch):
+    run, steps = ImitationRun("mine", imitation(expert), tmp_path, threads=1, tell=quiet), noted_steps(monkeypatch)
+    run.keep()
+    demonstrations_of(expert, tmp_path / "shown.safetensors")
+    shown = in_place("shown.safetensors.new", tmp_path / "shown.safetensors")
+    assert steps == in_place("checkpoint.pt.new", tmp_path / "checkpoint.pt") + shown
 
 
 def ppo(**changes) -> Recipe:

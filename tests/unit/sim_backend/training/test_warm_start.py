@@ -13,6 +13,7 @@ from sim_backend.training.demonstrations.run import ImitationRun  # noqa: E402
 from sim_backend.training.export import ExportedPolicy, read_policy, write_policy  # noqa: E402
 from sim_backend.training.recipe import Recipe  # noqa: E402
 from sim_backend.training.train import Run  # noqa: E402
+from tests.disk_steps import in_place, noted_steps  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("default")  # torch's own
 BATCH = 200
@@ -84,6 +85,12 @@ def test_a_run_goes_on_from_another_with_its_critic_under_another_recipe(tmp_pat
     assert apart(second.exported(), first.exported()) > 1e-4
     assert torch.equal(second.policy.features_extractor.mean, mean), "the scaling of the inputs stays"
     assert (second.samples, second.iterations) == (2 * BATCH, 2), "it counts from its own begin"
+
+
+def test_a_checkpoint_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
+    run, steps = run_in(tmp_path), noted_steps(monkeypatch)
+    run.keep()
+    assert steps == in_place("checkpoint.pt.new", tmp_path / "checkpoint.pt")
 
 
 def test_a_run_that_does_not_fit_is_refused(tmp_path):
