@@ -6,6 +6,7 @@ does again are those which no checkpoint had.
 """
 
 import json
+import math
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,14 +29,19 @@ class Ledger:
     start: int
 
     @classmethod
-    def of_next_start(cls, folder: Path) -> Self:
-        """Of a run that starts now: a learner that ended before its next checkpoint has started, too."""
+    def of_next_start(cls, folder: Path, least: int = 1) -> Self:
+        """Of a run that starts now: a learner that ended before its next checkpoint has started, too.
+
+        Args:
+            folder: of the run.
+            least: number of the start as its checkpoint counts, which has outlived a ledger that is gone.
+        """
         starts = [line["start"] for line in _lines(folder) if line["what"] == "started"]
         with (folder / LEDGER).open("a+b") as file:
             file.seek(0)
             if file.read()[-1:] not in (b"", b"\n"):
                 file.write(b"\n")  # the last line broke off
-        return cls(folder, max(starts, default=0) + 1)
+        return cls(folder, max([least, *(start + 1 for start in starts)]))
 
     def write(self, what: str, iteration: int, samples: int = 0, **more: Any) -> None:
         """Append a line: ``started``, ``asked``, ``lost`` (and asked again) or ``used``."""
@@ -69,12 +75,8 @@ def account(folder: Path) -> Account:
     begins = {line["start"]: line["iteration"] for line in lines if line["what"] == "started"}
     asked = sum(line["samples"] for line in lines if line["what"] in ("asked", "lost"))
     lost = sum(line["samples"] for line in lines if line["what"] == "lost")
-    ends = {start: min([at for later, at in begins.items() if later > start], default=None) for start in begins}
-    kept = [
-        line
-        for line in lines
-        if line["what"] == "used" and (ends[line["start"]] is None or line["iteration"] < ends[line["start"]])
-    ]
+    ends = {start: min([at for later, at in begins.items() if later > start], default=math.inf) for start in begins}
+    kept = [line for line in lines if line["what"] == "used" and line["iteration"] < ends.get(line["start"], math.inf)]
     times = Counter(line["iteration"] for line in kept)
     used_at = {(line["start"], line["iteration"]) for line in kept}
     undone = sum(

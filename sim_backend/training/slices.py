@@ -56,7 +56,7 @@ class Slices(AbstractContextManager["Slices"]):
     def __enter__(self) -> "Slices":
         """Begin the workers."""
         self.collector.__enter__()
-        self._ledger = Ledger.of_next_start(self.run.folder)
+        self._ledger = Ledger.of_next_start(self.run.folder, self.run.starts)
         self.run.starts = self._ledger.start
         self._ledger.write("started", self.run.iterations)
         return self

@@ -7,7 +7,7 @@ import numpy as np
 from sim_backend.reality_gap.measured.foreign import time_grid
 from sim_backend.reality_gap.measured.foreign.data_files import open_table
 from sim_backend.reality_gap.measured.foreign.data_table import DataTable, column_of, find
-from sim_backend.reality_gap.measured.foreign.joints import joint_signals, position_rows
+from sim_backend.reality_gap.measured.foreign.joints import joint_signals, position_rows, with_laws_that_hold
 from sim_backend.reality_gap.measured.foreign.measurement_units import chosen_factor
 from sim_backend.reality_gap.measured.foreign.naming import listed, nearest
 from sim_backend.reality_gap.measured.foreign.objects import object_signals
@@ -20,7 +20,7 @@ MIN_DURATION_S = 0.2
 """A shorter episode is refused: one window of replay, which is at least 0.1 s long, and a start for it."""
 _LEAST_ORDERED, _AS_BY_CHANCE = 50, 0.7
 """Of so many rows or more it is asked whether their positions follow each other; share of a move between any two that is none."""
-_MOVES_RAD = 0.1
+_MOVES_RAD, _MOVES_M = 0.1, 0.01
 """Between its quartiles: a joint that goes less may rest, and its noise has no order."""
 _MAX_GAPS = 100  # as many empty points of the grid for each sample: a clock that jumped
 
@@ -43,7 +43,7 @@ def read_recordings(study: StudyFile, progress: Callable[[str], None] = lambda _
     twice = next((name for name in names if names.count(name) > 1), None) if len(set(names)) < len(names) else None
     if twice is not None:
         raise RecordingError(f"{study.path}: {twice!r} is read twice; a file or an episode stands in two [[recording]] tables")
-    return recordings
+    return with_laws_that_hold(recordings, study.joints) if study.joints else recordings
 
 
 def _recording(study: StudyFile, entry: RecordingEntry, rows: Rows) -> Recording:
@@ -90,7 +90,7 @@ def _timed(study: StudyFile, rows: Rows) -> Rows:
     """The rows that hold anything, with times from 0 on."""
     if study.time is None:
         assert study.rate_hz is not None, "study.toml gives a column of time or a rate"
-        if _is_shuffled([rows.column(joint.channels["position"]) for joint in study.joints]):
+        if _is_shuffled([rows.column(j.channels["position"]) / (_MOVES_M if j.slide else _MOVES_RAD) for j in study.joints]):
             raise rows.refusal("its rows are not in the order of time: no position is nearer to that before it than to any other")
         return rows.with_time(np.arange(len(rows.index)) / study.rate_hz, "")
     column = study.time.column
@@ -113,11 +113,11 @@ def _timed(study: StudyFile, rows: Rows) -> Rows:
 
 
 def _is_shuffled(positions: Sequence[np.ndarray]) -> bool:
-    """Whether rows follow each other as if by chance, at all joints that move; positions of each joint, shape (s,)."""
+    """Whether rows follow each other as if by chance, at all joints that move; of each joint, shape (s,), 1 being some motion."""
     moves, by_chance = [], []
     for position in positions:
         known = position[np.isfinite(position)]
-        if len(known) >= _LEAST_ORDERED and np.subtract(*np.quantile(known, [0.75, 0.25])) > _MOVES_RAD:
+        if len(known) >= _LEAST_ORDERED and np.subtract(*np.quantile(known, [0.75, 0.25])) > 1.0:
             moves.append(float(np.median(np.abs(np.diff(known)))))
             by_chance.append(float(np.median(np.abs(np.diff(np.random.default_rng(0).permutation(known))))))
     return bool(moves) and all(move > _AS_BY_CHANCE * other for move, other in zip(moves, by_chance, strict=True))

@@ -1,6 +1,7 @@
 """Joints of foreign data on the episode's grid."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from sim_backend.reality_gap.measured.foreign.study_channels import JointEntry, 
 from sim_backend.reality_gap.measured.foreign.study_model import Controller
 from sim_backend.reality_gap.measured.outliers import position_outliers, torque_outliers
 from sim_backend.reality_gap.measured.sensor_noise import encoder_step
-from sim_backend.reality_gap.recording import JointSignals, Outlier
+from sim_backend.reality_gap.recording import JointSignals, Outlier, Recording
 
 _HELD = ("commanded_torque", "desired_torque")
 _TORQUES = ("commanded_torque", "measured_torque")
@@ -40,7 +41,7 @@ def joint_signals(
     """Joints on a grid: positions unwrapped, commands held, everything in the model's direction and zero.
 
     A joint without any torque was sent what its servo or a controller makes of position targets, or its motor of a voltage, and
-    nothing if it is passive. Of one with a torque that its controller's law does not make, the law is not known.
+    nothing if it is passive.
 
     Raises:
         RecordingError: a channel without any value.
@@ -58,19 +59,13 @@ def joint_signals(
 
     position_rad = together("position")
     assert position_rad is not None, "every joint has a position"
-    made, unlike = list[str](), dict[str, float]()
+    made = list[str]()
     if feedback is not None:
         sent = feedback.torque_nm(position_rad, _velocities(columns, grid.step_s))
         for j, (joint, column) in enumerate(zip(joints, columns, strict=True)):
-            if not feedback.is_known[j]:
-                continue
-            recorded = next((column[word] for word in _TORQUES if word in column), None)
-            if recorded is None:
+            if feedback.is_known[j] and not any(word in column for word in _TORQUES):
                 column["commanded_torque"] = sent[:, j]
                 made.append(joint.name)
-            elif joint.motor is None and (share := _share_off(sent[:, j], recorded)) > _UNLIKE:
-                unlike[joint.name] = share
-        feedback = feedback.without([joint.name in unlike for joint in joints]) if unlike else feedback
     return JointSignals(
         names=tuple(joint.name for joint in joints),
         position_rad=position_rad,
@@ -85,7 +80,6 @@ def joint_signals(
         outliers=tuple(outliers),
         feedback=feedback,
         not_recorded=tuple(made),
-        unlike_law=unlike,
     )
 
 
@@ -122,17 +116,48 @@ def _joint(rows: Rows, grid: time_grid.Grid, joint: JointEntry, outliers: list[O
     return signals
 
 
-def _share_off(sent: np.ndarray, recorded: np.ndarray) -> float:
-    """Root mean square by which a recorded torque differs from what a law sends, as a share of its own, shapes (s,)."""
+def with_laws_that_hold(recordings: Sequence[Recording], joints: Sequence[JointEntry]) -> list[Recording]:
+    """Recordings of a study, of which no joint has a controller's law that does not make the torque that was recorded beside it.
 
-    def off(rows: int) -> float:
-        early, late = (sent[: len(sent) - rows], recorded[rows:]) if rows >= 0 else (sent[-rows:], recorded[:rows])
-        return float(np.nanmean((late - early) ** 2))
+    Both are compared over all recordings: in one in which a joint hardly does anything they differ by noise.
+    """
+    errors, sizes = np.sum([_squares_off(each) for each in recordings], axis=0)
+    share = np.sqrt(errors / np.maximum(sizes, 1e-30))
+    unlike = {joint.name: float(share[j]) for j, joint in enumerate(joints) if joint.motor is None and share[j] > _UNLIKE}
+    if not unlike:
+        return list(recordings)
+    gone = [joint.name in unlike for joint in joints]
 
-    known = np.isfinite(sent) & np.isfinite(recorded)
-    if not known[max(map(abs, _LATE_ROWS)) :].any():
-        return 0.0
-    return float(np.sqrt(min(map(off, _LATE_ROWS)) / max(float(np.nanmean(recorded**2)), 1e-30)))
+    def without(each: JointSignals) -> JointSignals:
+        law = None if each.feedback is None else each.feedback.without(gone)
+        return replace(each, feedback=law if law is not None and law.is_known.any() else None, unlike_law=unlike)
+
+    return [r if r.joints is None else replace(r, joints=without(r.joints)) for r in recordings]
+
+
+def _squares_off(recording: Recording) -> np.ndarray:
+    """Sums of squares by which recorded torques differ from a law's, and of themselves; 0 where one is unknown; shape (2, k)."""
+    signals = recording.joints
+    assert signals is not None, "a study of joints has them in every recording"
+    found, law, velocity = np.zeros((2, len(signals.names))), signals.feedback, signals.velocity_rad_s
+    if law is None:
+        return found
+    torques = (signals.commanded_torque_nm, signals.measured_torque_nm)
+    slope = np.gradient(signals.position_rad, recording.step_s, axis=0)
+    sent = law.torque_nm(signals.position_rad, slope if velocity is None else np.where(np.isfinite(velocity), velocity, slope))
+    for j, name in enumerate(signals.names):
+        recorded = next((each[:, j] for each in torques if each is not None and np.isfinite(each[:, j]).any()), None)
+        if recorded is not None and law.is_known[j] and name not in signals.not_recorded:
+            by_rows = [_paired(sent[:, j], recorded, rows) for rows in _LATE_ROWS]
+            found[:, j] = min(by_rows, key=lambda each: each[0])
+    return found
+
+
+def _paired(sent: np.ndarray, recorded: np.ndarray, rows: int) -> tuple[float, float]:
+    """Sums of squares of the difference, with the second so many rows later, and of the second."""
+    early, late = (sent[: len(sent) - rows], recorded[rows:]) if rows >= 0 else (sent[-rows:], recorded[:rows])
+    known = np.isfinite(early) & np.isfinite(late)
+    return float(np.sum((late - early)[known] ** 2)), float(np.sum(late[known] ** 2))
 
 
 def _velocities(columns: Sequence[Mapping[str, np.ndarray]], step_s: float) -> np.ndarray:

@@ -162,7 +162,8 @@ def _with_torques(found: JointStudy, torques: Verdict, rollouts: Verdict) -> Ver
     late = [*of_velocities, *perhaps]
     rollouts = without_loops_of_filters(rollouts, late, found.problem.names, found.start.value(ARMATURE), damping)
     doubts = [*between.doubts, *sensors_of_two(found, torques.causes)]
-    both = with_unlike_torques(in_both(torques, rollouts, [*between.causes, *of_velocities], doubts), between.unlike)
+    unlike = [*between.unlike, *_unlike_laws(found)]
+    both = with_unlike_torques(in_both(torques, rollouts, [*between.causes, *of_velocities], doubts), unlike)
     return replace(both, cannot_tell=(*both.cannot_tell, *between.open, *left_open))
 
 
@@ -170,6 +171,21 @@ def _unrecorded_controllers(found: JointStudy) -> np.ndarray:
     """Joints that a stated controller drives while nobody recorded what it sent, shape (k,)."""
     signals = [episode.path.joints for episode in found.problem.episodes]
     return np.all([[name in each.not_recorded for name in each.names] for each in signals], axis=0)
+
+
+def _unlike_laws(found: JointStudy) -> list[str]:
+    """Sentences on measured torques that are not what a stated controller sends, where nobody recorded what it sent."""
+    said = []
+    for j, name in enumerate(found.problem.names):
+        signals = [episode.path.joints for episode in found.problem.episodes]
+        sent = [each.commanded_torque_nm for each in signals if each.commanded_torque_nm is not None]
+        if name in signals[0].unlike_law and not any(np.isfinite(each[:, j]).any() for each in sent):
+            share = signals[0].unlike_law[name]
+            said.append(
+                f"the measured torque of {name} is {share:.0%} off what its stated controller sends: it has another law, or its "
+                "motor is late or limited"
+            )
+    return said
 
 
 def _damping_of_controllers(found: JointStudy) -> np.ndarray:

@@ -133,6 +133,7 @@ def test_a_learner_that_is_killed_goes_on_from_its_checkpoint_with_the_same_bits
     found = account(folder)
     assert found.adds_up and found.used == 4 * SAMPLES and found.dropped == {LEARNER_ENDED: 3 * SAMPLES}
     assert run.record()["starts"] == 3
+    assert Ledger.of_next_start(tmp_path, least=3).start == 3, "the ledger is gone, and the checkpoint knows of two"
 
 
 def test_rollouts_that_run_ahead_of_updates_are_the_same_bits_for_any_number_of_workers_and_after_a_checkpoint(tmp_path, behind):

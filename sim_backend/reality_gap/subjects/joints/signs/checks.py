@@ -1,6 +1,6 @@
 """What joints show without any fit: levels of noise, steps of encoders, jumps, joints that do not move, shifted ends."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -38,8 +38,6 @@ _SOFT_END_RAD = 2e-3
 _JUMP_RAD = 2e-3
 _STEPS_OF_JUMP = 1.5
 """An encoder that moves on by one of its steps has not jumped."""
-_CLEARLY_ON, _AS_FAR = 6.0, 0.3
-"""Times its noise that a joint must move on to be asked about rows that are missing; share by which it may differ."""
 _STALL_SAMPLES, _STALLED = 3, 0.25
 """So many samples in a row that move by less than this share of the motion after them are repeated."""
 _ODD_AMONG_UNKNOWN, _ODD_THOUGH_SMALL = 5.0, 10.0
@@ -89,12 +87,12 @@ def noise_findings(episodes: Sequence[EpisodeEquations], robot: Robot) -> list[F
     odd = _odd if is_known else partial(_odd_among_unknown, episodes[0].plant.is_slide)
     noise = white_noise if is_known else _noise_that_is_white
     paths, joints = [episode.path for episode in episodes], [episode.path.joints for episode in episodes]
-    steps = np.median([path.encoder_step_rad for path in paths], axis=0)
-    found += odd(Sign.POSITION_STEPS, steps, HEALTHY_STEP_RAD, 0.02)
-    position = np.median([path.by_own_samples(noise, path.joints.position_rad) for path in paths], axis=0)
-    position = np.sqrt(np.maximum(position**2 - steps**2 / 12.0, 0.0))
+    found += odd(Sign.POSITION_STEPS, np.median([path.encoder_step_rad for path in paths], axis=0), HEALTHY_STEP_RAD, 0.02)
     if not any(f.sign is Sign.POSITION_STEPS for f in found):
-        found += odd(Sign.POSITION_NOISE, position, HEALTHY_NOISE["position_rad"], 0.05)
+        found += odd(Sign.POSITION_NOISE, _beyond_steps(episodes, noise), HEALTHY_NOISE["position_rad"], 0.05)
+    if not is_known:
+        of_clock = noise_of_clocks(episodes)
+        found = [f for f in found if f.sign is not Sign.POSITION_NOISE or f.joint not in of_clock]
     if all(j.velocity_rad_s is not None for j in joints):
         reported = [(path, v) for path in paths if (v := path.joints.velocity_rad_s) is not None]
         velocity = np.median([path.by_own_samples(noise, v) for path, v in reported], axis=0)
@@ -102,18 +100,29 @@ def noise_findings(episodes: Sequence[EpisodeEquations], robot: Robot) -> list[F
     return found
 
 
+def noise_of_clocks(episodes: Sequence[EpisodeEquations]) -> dict[int, float]:
+    """Joints of an unknown robot whose noise of positions, rad, would be odd, but is made by time stamps that are not exact.
+
+    Such noise is the speed times the error of the time, so that it is larger where a joint is quick; that of a sensor is not.
+    """
+    level = _beyond_steps(episodes, _noise_that_is_white)
+    found = _odd_among_unknown(episodes[0].plant.is_slide, Sign.POSITION_NOISE, level, HEALTHY_NOISE["position_rad"], 0.05)
+    grows = np.median([e.path.by_own_samples(grows_with_speed, e.path.joints.position_rad) for e in episodes], axis=0) > 0.5
+    return {f.joint: f.value for f in found if f.joint is not None and grows[f.joint]}
+
+
+def _beyond_steps(episodes: Sequence[EpisodeEquations], noise: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """Noise of positions that rounding to the steps of their encoders does not make, shape (k,)."""
+    paths = [episode.path for episode in episodes]
+    steps = np.median([path.encoder_step_rad for path in paths], axis=0)
+    level = np.median([path.by_own_samples(noise, path.joints.position_rad) for path in paths], axis=0)
+    return np.sqrt(np.maximum(level**2 - steps**2 / 12.0, 0.0))
+
+
 def _noise_that_is_white(series: np.ndarray) -> np.ndarray:
-    """White noise of each column, 0 where motion between few samples or inexact time stamps look like it, shape (k,)."""
+    """White noise of each column, 0 where motion between few samples looks like it, shape (k,)."""
     level = white_noise(series)
-    return np.where((white_noise(series[::2]) < _WHITE * level) & ~grows_with_speed(series), level, 0.0)
-
-
-def noise_of_clock(episode: EpisodeEquations) -> np.ndarray:
-    """What inexact time stamps seem to make of each joint's positions, 0 where nothing speaks for it; shape (k,), rad."""
-    path = episode.path
-    position_rad = path.joints.position_rad
-    level = path.by_own_samples(white_noise, position_rad)
-    return np.where((level > _LEAST_ODD[Sign.POSITION_NOISE]) & path.by_own_samples(grows_with_speed, position_rad), level, 0.0)
+    return np.where(white_noise(series[::2]) < _WHITE * level, level, 0.0)
 
 
 def torque_noise_findings(
@@ -222,38 +231,6 @@ def beside_jumps(findings: Sequence[Finding]) -> list[Finding]:
     return [f for f in findings if f.sign not in ENDS or abs(f.value) > jumped.get(f.joint, 0.0) + END_MARGIN_RAD]
 
 
-def at_once(episodes: Sequence[EpisodeEquations], faults: Sequence[Finding]) -> list[Finding]:
-    """Jumps of several joints at the same time: no encoder's, but rows that are missing, or recordings that were joined.
-
-    Args:
-        episodes: in which they were found.
-        faults: as :func:`fault_findings` has them.
-    """
-    jumps = [fault for fault in faults if fault.sign is Sign.POSITION_JUMP]
-
-    def is_same(one: Finding, other: Finding) -> bool:
-        return one.joint != other.joint and one.episode == other.episode and abs(one.sample - other.sample) <= 1
-
-    return [
-        jump
-        for jump in jumps
-        if any(is_same(jump, other) for other in jumps)
-        or _others_go_on_as_far(episodes[jump.episode].path.joints.position_rad, jump)
-    ]
-
-
-def _others_go_on_as_far(position_rad: np.ndarray, jump: Finding) -> bool:
-    """Whether all joints that move when one jumps, shape (s, k), move on by as many rows as its own speed makes of the jump."""
-    moves, at = np.diff(filled_gaps(position_rad), axis=0), jump.sample - 1
-    around = np.concatenate([moves[at - 3 : at], moves[at + 1 : at + 4]])
-    speed, noise = np.median(around, axis=0), np.median(np.abs(np.diff(moves, axis=0)), axis=0) / MEDIAN_SIZE
-    missing_rows = jump.value / speed[jump.joint] if speed[jump.joint] else 0.0
-    asked, further = missing_rows * speed, moves[at] - speed
-    moving = (np.abs(asked) > _CLEARLY_ON * noise) & (np.arange(len(speed)) != jump.joint)
-    agree = np.abs(further - asked) < _AS_FAR * np.abs(asked) + 2.0 * noise
-    return bool(missing_rows > 0.5 and moving.any() and agree[moving].all())
-
-
 def _stuck(episodes: Sequence[EpisodeEquations], joint: int) -> list[Finding]:
     spans, pushes = [], []
     for episode in episodes:
@@ -289,24 +266,44 @@ def _stuck_off_target(episodes: Sequence[EpisodeEquations], joint: int, size: fl
 
 
 def _jump(episodes: Sequence[EpisodeEquations], joint: int) -> list[Finding]:
-    """A step between two samples that the joint's speed does not explain and that stays."""
+    """The largest jump of the first episode that has any."""
     for index, episode in enumerate(episodes):
-        raw = filled_gaps(episode.path.joints.position_rad)[:, joint]
-        moves = np.diff(raw)
-        if len(moves) < 50:
-            continue
-        usual = np.median(np.abs(np.diff(moves))) / MEDIAN_SIZE
-        around = 0.5 * (np.roll(moves, 2) + np.roll(moves, -2))
-        odd = np.where(_near_gap(episode.path.joints.position_rad[:, joint]), 0.0, np.abs(moves - around))
-        at = int(np.argmax(odd[5:-5])) + 5
-        before, after = moves[at - 3 : at], moves[at + 1 : at + 4]
-        size = float(moves[at] - np.median(np.concatenate([before, after])))
-        least = max(_JUMP_RAD, 12.0 * usual, _STEPS_OF_JUMP * float(episode.path.encoder_step_rad[joint]))
-        is_clear = abs(size) > least and max(np.ptp(before), np.ptp(after)) < 0.3 * abs(size)
-        if is_clear and not _catches_up(moves, at):
-            interval = (size - 2 * usual, size + 2 * usual)
-            return [Finding(Sign.POSITION_JUMP, joint, size, interval, abs(size) / _JUMP_RAD, index, at + 1)]
+        seen = jump_in(episode.path.joints.position_rad[:, joint], float(episode.path.encoder_step_rad[joint]))
+        if seen is not None:
+            size, error = seen.size_rad, 2.0 * seen.usual_rad
+            interval, excess = (size - error, size + error), abs(size) / _JUMP_RAD
+            return [Finding(Sign.POSITION_JUMP, joint, size, interval, excess, index, seen.before + 1)]
     return []
+
+
+@dataclass(frozen=True)
+class Jump:
+    """After a sample a position is elsewhere and stays so; moves from sample to sample differ by ``usual_rad`` else."""
+
+    before: int
+    size_rad: float
+    usual_rad: float
+
+
+def jump_in(position_rad: np.ndarray, step_rad: float) -> Jump | None:
+    """The largest step between two samples that a joint's speed does not explain and that stays; None if there is none.
+
+    Args:
+        position_rad: as reported, shape (s,), NaN in gaps.
+        step_rad: in which its encoder reports, 0 for none.
+    """
+    moves = np.diff(filled_gaps(position_rad[:, None])[:, 0])
+    if len(moves) < 50:
+        return None
+    usual = float(np.median(np.abs(np.diff(moves)))) / MEDIAN_SIZE
+    around = 0.5 * (np.roll(moves, 2) + np.roll(moves, -2))
+    odd = np.where(_near_gap(position_rad), 0.0, np.abs(moves - around))
+    at = int(np.argmax(odd[5:-5])) + 5
+    before, after = moves[at - 3 : at], moves[at + 1 : at + 4]
+    size = float(moves[at] - np.median(np.concatenate([before, after])))
+    is_clear = abs(size) > max(_JUMP_RAD, 12.0 * usual, _STEPS_OF_JUMP * step_rad)
+    is_clear = is_clear and max(np.ptp(before), np.ptp(after)) < 0.3 * abs(size)
+    return Jump(at, size, usual) if is_clear and not _catches_up(moves, at) else None
 
 
 def _catches_up(moves: np.ndarray, at: int) -> bool:

@@ -235,7 +235,10 @@ def causes_between(episodes: Sequence[EpisodeEquations], names: Sequence[str]) -
             for (asked, _), (sent, _) in zip(compared, both, strict=True):
                 asked[found.late_rows :, j] = sent[: len(sent) - found.late_rows, j]
         if found.unlike > _UNLIKE:
-            unlike.append(f"the measured torque of {name} differs from the commanded one by {found.unlike:.0%} of it")
+            unlike.append(
+                f"the measured torque of {name} differs from the commanded one by {found.unlike:.0%} of it, and neither a "
+                "delay nor a limit explains it"
+            )
         if np.isfinite(found.limit_nm):
             causes.append(_cause(LIMITED_TORQUE, name, found.limit_nm, found.limit_error_nm))
     steps_s = [e.path.step_s for e, (sent, felt) in zip(episodes, pairs, strict=True) if sent is not None and felt is not None]

@@ -12,19 +12,16 @@ from sim_backend.reality_gap.subjects.joints.laws.plant import Plant
 from sim_backend.reality_gap.subjects.joints.laws.state import JointState
 from sim_backend.reality_gap.subjects.joints.signs.checks import (
     Finding,
-    at_once,
     end_findings,
     fault_findings,
     noisy_motors,
     torque_noise_findings,
 )
+from sim_backend.reality_gap.subjects.joints.signs.lost_rows import MOST_PLACES, lost_rows
 from sim_backend.reality_gap.subjects.joints.signs.rattling import Rattling, rattling_joints
 from sim_backend.reality_gap.subjects.joints.torques.equations import EpisodeEquations, equations_of
 from sim_backend.reality_gap.subjects.joints.torques.fit import MANY_CAUSES
 from sim_backend.reality_gap.subjects.joints.torques.look import JointProblem
-
-_MOST_TORN = 50
-"""Places at which rows are missing that are looked for, one after the other."""
 
 
 @dataclass(frozen=True)
@@ -67,15 +64,12 @@ def told_without_fit(
     episodes, is_trifinger = list(episodes), isinstance(robot, KnownTriFinger)
     rattling = rattling_joints(episodes, start) if is_trifinger else []
     loose = {each.joint for each in rattling}  # a rotor's hit is no jump of its encoder
-    found = fault_findings(episodes, size=None if is_trifinger else start.size)
-    for _ in range(0 if is_trifinger else _MOST_TORN):
-        if not (torn := at_once(episodes, found)):
-            break
-        recordings = _torn(recordings, torn)
-        for index in {jump.episode for jump in torn}:
+    if not is_trifinger:
+        recordings = [_torn(recording, episode) for recording, episode in zip(recordings, episodes, strict=True)]
+        for index in (index for index, each in enumerate(recordings) if each.joints is not None and each.joints.torn_s):
             episodes[index] = equations_of(plant, recordings[index], index, robot)
-        found = fault_findings(episodes, size=start.size)
-    faults = tuple(fault for fault in found if fault.joint not in loose)
+    found = fault_findings(episodes, size=None if is_trifinger else start.size)
+    faults = tuple(fault for fault in found if fault.joint not in loose and not _is_in_tatters(fault, episodes))
     for index, corrected in _without_jumps(recordings, faults).items():
         episodes[index] = equations_of(plant, corrected, index, robot, reported=recordings[index].joints)
     for fault in faults:
@@ -107,17 +101,21 @@ def noise_of_motors(problem: JointProblem, state: JointState) -> list[Finding]:
     return felt
 
 
-def _torn(recordings: Sequence[Recording], jumps: Sequence[Finding]) -> list[Recording]:
-    """Recordings of which nothing is known where all joints jump at once, so that nothing is judged across it."""
-    torn = list(recordings)
-    for jump in jumps:
-        joints = torn[jump.episode].joints
-        assert joints is not None
-        position_rad, at_s = joints.position_rad.copy(), float(torn[jump.episode].time_s[jump.sample])
-        position_rad[jump.sample - 1 : jump.sample + 1] = np.nan
-        found = replace(joints, position_rad=position_rad, torn_s=tuple(sorted({*joints.torn_s, at_s})))
-        torn[jump.episode] = replace(torn[jump.episode], joints=found)
-    return torn
+def _torn(recording: Recording, episode: EpisodeEquations) -> Recording:
+    """A recording of which nothing is known where rows are missing, so that nothing is judged across it."""
+    joints = episode.path.joints
+    if not (places := lost_rows(joints.position_rad, episode.path.encoder_step_rad)):
+        return recording
+    position_rad = joints.position_rad.copy()
+    for place in places:
+        position_rad[place - 1 : place + 1] = np.nan
+    when_s = tuple(float(recording.time_s[place]) for place in places)
+    return replace(recording, joints=replace(joints, position_rad=position_rad, torn_s=when_s))
+
+
+def _is_in_tatters(fault: Finding, episodes: Sequence[EpisodeEquations]) -> bool:
+    """Whether a jump is of a recording that lacks rows at more places than were looked for."""
+    return fault.sign is Sign.POSITION_JUMP and len(episodes[fault.episode].path.joints.torn_s) >= MOST_PLACES
 
 
 def _without_jumps(recordings: Sequence[Recording], faults: Sequence[Finding]) -> dict[int, Recording]:

@@ -57,6 +57,8 @@ def in_both(torques: Verdict, rollouts: Verdict, columns: Sequence[Cause] = (), 
     is_open = rollouts.verdict is not VerdictKind.NOTHING_WRONG
     if (torques.misreads and is_open) or (torques.verdict is VerdictKind.NOT_IDENTIFIABLE and not rollouts.causes):
         return replace(torques, effects=_unjudged(rollouts, "it is not known what these data say"))
+    if rollouts.misreads:
+        return replace(rollouts, cannot_tell=(*rollouts.cannot_tell, *torques.cannot_tell))
     sensed = tuple(cause for cause in torques.causes if not _moves(cause) and cause.effect not in _OF_COLUMNS)
     plain = tuple(cause for cause in sensed if torques.verdict is VerdictKind.NAMED or cause.effect in _READ_DIRECTLY)
     doubted = _doubted(torques, rollouts, [cause for cause in sensed if cause not in plain])
@@ -89,7 +91,7 @@ def with_unlike_torques(verdict: Verdict, unlike: Sequence[str]) -> Verdict:
 
     Args:
         verdict: on the motion, which measured torques drive.
-        unlike: sentences on joints whose measured torque differs by what neither a delay nor a limit explains.
+        unlike: sentences on joints whose measured torque is not what it should be.
     """
     if not unlike:
         return verdict
@@ -98,7 +100,7 @@ def with_unlike_torques(verdict: Verdict, unlike: Sequence[str]) -> Verdict:
     return replace(
         verdict,
         verdict=VerdictKind.UNEXPLAINED,
-        summary=f"The robot goes where measured torques lead it, but {unlike[0]}, and neither a delay nor a limit explains it.",
+        summary=f"The robot goes where measured torques lead it, but {unlike[0]}.",
         follows=(*unlike[1:], *verdict.follows),
         effects=_unjudged(verdict, "what motors make of commanded torques is not explained"),
         record_next=("constant commanded torques of several sizes, for as long as the tasks take",),

@@ -13,7 +13,7 @@ from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.reality_gap.knowledge.joint_effects import FITTED, Sign, effect_of
 from sim_backend.reality_gap.subjects.joints.gain import errors_of, held_out_errors
 from sim_backend.reality_gap.subjects.joints.identification import LEAST_TORQUE_SHARE, JointStudy
-from sim_backend.reality_gap.subjects.joints.signs.checks import noise_of_clock
+from sim_backend.reality_gap.subjects.joints.signs.checks import noise_of_clocks
 from sim_backend.reality_gap.subjects.joints.slides import told_distance
 from sim_backend.reality_gap.subjects.joints.torques.look import Accepted
 from sim_backend.reality_gap.subjects.joints.torques.residual_patterns import shares
@@ -114,31 +114,31 @@ def sensors_of_two(study: JointStudy, causes: Sequence[Cause]) -> list[Doubt]:
         j = names.index(cause.where)
         others = [name for i, name in enumerate(names) if i != j and is_slide[i] == is_slide[j]]
         if len(others) == 1:
-            said = f"{cause.where} was built with a coarser sensor than {others[0]}, the only joint to compare it with"
+            how = "coarser" if cause.effect == effect_of(Sign.POSITION_STEPS) else "noisier"
+            said = f"{cause.where} was built with a {how} sensor than {others[0]}, the only joint to compare it with"
             doubts.append(Doubt(cause, said, f"nothing: look at the data sheets of both sensors, {cause.where} and {others[0]}"))
     return doubts
 
 
 def _of_rows(study: JointStudy) -> list[str]:
     """Of tables whose rows seem to be missing or taken at other times than they say, and of controllers unlike their law."""
-    names, said = study.problem.names, []
-    for episode in study.problem.episodes:
+    names, episodes, said = study.problem.names, study.problem.episodes, []
+    for episode in episodes:
         joints, name = episode.path.joints, episode.path.recording.name
         if joints.torn_s:
             when = ", ".join(f"{at_s:.3f}" for at_s in joints.torn_s)
             said.append(f"what happened in {name} at {when} s: joints jump there at once, as where rows are missing")
-        said += [
-            f"whether the controller of {joint} is as stated: what it would send in {name} is {share:.0%} off the recorded "
-            "torque, which was taken instead"
-            for joint, share in joints.unlike_law.items()
-        ]
-    for j, level_rad in enumerate(np.median([noise_of_clock(episode) for episode in study.problem.episodes], axis=0)):
-        if level_rad > 0.0:
-            size = told_distance(float(level_rad), is_slide=bool(study.problem.episodes[0].plant.is_slide[j]))
-            said.append(
-                f"whether the encoder of {names[j]} is noisy: what is white of its positions, {size}, grows with the speed, "
-                "as where the times of rows are not exact"
-            )
+    for joint, share in episodes[0].path.joints.unlike_law.items():
+        said.append(
+            f"whether the controller of {joint} is as stated: what it would send is {share:.0%} off the recorded torque, which "
+            "was taken instead"
+        )
+    for j, level_rad in noise_of_clocks(episodes).items():
+        size = told_distance(level_rad, is_slide=bool(episodes[0].plant.is_slide[j]))
+        said.append(
+            f"whether the encoder of {names[j]} is noisy: what is white of its positions, {size}, grows with the speed, "
+            "as where the times of rows are not exact"
+        )
     return said
 
 

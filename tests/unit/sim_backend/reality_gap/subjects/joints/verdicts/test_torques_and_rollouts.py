@@ -63,6 +63,13 @@ def test_what_may_be_no_fault_is_not_named_for_sure():
     assert unasked.verdict is VerdictKind.NAMED and unasked.record_next == ()
 
 
+def test_a_reading_that_simulated_motions_give_leaves_nothing_to_doubt():
+    said = replace(verdict(VerdictKind.UNEXPLAINED, follows=("gravity",)), misreads="gravity takes no torque")
+    gravity = Cause("gravity", "offset_m_s2", "z", 9.8, "m/s^2", (9.7, 9.9))
+    found = in_both(verdict(VerdictKind.NAMED, gravity), said)
+    assert found.verdict is VerdictKind.UNEXPLAINED and found.follows == ("gravity",) and not found.cannot_tell
+
+
 def test_units_that_are_not_as_told_come_first():
     torques = replace(verdict(VerdictKind.UNEXPLAINED), misreads="the positions are in degrees")
     assert in_both(torques, verdict(VerdictKind.NAMED, FRICTION)).causes == ()
