@@ -23,6 +23,8 @@ FALLS_TO = 0.7
 CLOCK_FALLS_TO = 0.5
 """Of a shift of the clock; a lag is in many effects, so that it must do better than signs and units, which are in none."""
 _LATEST_S, _CLOCK_STEP_S = 0.1, 0.002
+_PACES, _LEAST_PACE = np.linspace(0.8, 1.25, 91), 0.02
+"""Of clocks, relative to the told one, and by how much one is off that no tolerated mass or inertia stands for."""
 _PLAUSIBLE_FACTOR = 2.0
 """A torque constant may be off by so much; beyond it a number is in another unit."""
 _BLURRED_RAD_S = 0.02
@@ -43,11 +45,15 @@ _POSITION_UNITS = {
 
 @dataclass(frozen=True)
 class Reading:
-    """How to read the data: factors of each joint's positions and torques, shapes (k,), and how late torques are dated, s."""
+    """How to read the data: factors of each joint's positions and torques, shapes (k,), and of clocks.
+
+    Torques are dated ``late_s`` too late, and the told clock lets ``pace`` pass for each second.
+    """
 
     positions: np.ndarray
     torques: np.ndarray
     late_s: float = 0.0
+    pace: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -104,7 +110,8 @@ def misreading(
     limit = np.minimum(told, left_nm)
     found = [*_with_torques(rows, names, "", "", (), np.ones(len(names))), *_other_positions(data, names)]
     right = [m for m in found if _is_far_better(m, told, FALLS_TO * limit)]
-    right += [m for m in _other_clocks(data) if _is_far_better(m, told, CLOCK_FALLS_TO * limit)]
+    clocks = [*_other_clocks(data), *_other_paces(data, rows)]
+    right += [m for m in clocks if _is_far_better(m, told, CLOCK_FALLS_TO * limit)]
     if not right:
         return None
     right = _that_roll_out(right, data)
@@ -123,14 +130,15 @@ def _that_roll_out(found: Sequence[Misreading], data: Sequence[_Told]) -> list[M
     for each in found:
         ratio = _rollout_errors(data, each.reading) / told
         own = ratio[list(each.joints)]
-        if np.nanmax(own, initial=np.inf if np.isnan(own).all() else 0.0) <= _GOES_TO and np.nanmean(np.log(ratio)) < 0.0:
+        most = _GOES_TO if each.reading.pace == 1.0 else 1.0  # a clock that is a few per cent off is not all that is left
+        if np.nanmax(own, initial=np.inf if np.isnan(own).all() else 0.0) <= most and np.nanmean(np.log(ratio)) < 0.0:
             kept.append(each)
     return kept
 
 
 def _rollout_errors(data: Sequence[_Told], reading: Reading) -> np.ndarray:
     """Median over windows of how far each joint is from where it was, as a share of how far it moved, shape (k,)."""
-    rows = _all_rows(data, reading.positions, reading.late_s, held_out=False)
+    rows = _all_rows(data, reading.positions, reading.late_s, reading.pace, held_out=False)
     coulomb, damping, offset = (np.zeros(len(rows)) for _ in range(3))
     for j, of_joint in enumerate(rows):
         if len(of_joint.given) >= _FEWEST_ROWS:
@@ -156,7 +164,8 @@ def _motion(told: _Told, reading: Reading) -> tuple[Motion, np.ndarray]:
     good = (episode.is_measured & ~near_end(path, episode.ends_rad)).all(axis=1)
     known = np.repeat(good, path.every)[: len(time_s)]
     held_out = _is_held_out(time_s - time_s[0])
-    motion = Motion(path.fast_position * reading.positions, path.fast_velocity * reading.positions, torque, path.step_s, known)
+    velocity, step_s = path.fast_velocity * reading.positions * reading.pace, path.step_s / reading.pace
+    motion = Motion(path.fast_position * reading.positions, velocity, torque, step_s, known)
     return motion, windows_of(motion, _WINDOW_S, _WINDOW_S / 2, held_out)
 
 
@@ -260,24 +269,54 @@ def _other_clocks(data: Sequence[_Told]) -> Iterator[Misreading]:
     yield Misreading(said, "the clocks of positions and torques", joints, after, Reading(same, same, 1e-3 * late_ms))
 
 
+def _other_paces(data: Sequence[_Told], told: Sequence[_Rows]) -> Iterator[Misreading]:
+    """A clock that runs slow or fast: what moves slower needs less torque for its inertia, and as much for gravity."""
+    slow, fast = (_all_rows(data, pace=pace) for pace in (_PACES[0], _PACES[-1]))
+    known = np.array([_PACES[0], 1.0, _PACES[-1]])
+
+    def needed(j: int, pace: float) -> np.ndarray:
+        """Torque is a polynomial of second degree in the pace."""
+        weights = [np.prod((pace - np.delete(known, i)) / (known[i] - np.delete(known, i))) for i in range(3)]
+        return weights[0] * slow[j].needed + weights[1] * told[j].needed + weights[2] * fast[j].needed
+
+    def errors(pace: float) -> np.ndarray:
+        return _errors([_Rows(rows.given, needed(j, pace), rows.free) for j, rows in enumerate(told)])
+
+    by_pace = [errors(pace) for pace in _PACES]
+    best = int(np.argmin([float(np.nansum(np.log(error))) for error in by_pace]))
+    pace, after = float(_PACES[best]), by_pace[best]
+    if abs(pace - 1.0) > _LEAST_PACE:
+        joints, same = tuple(np.flatnonzero(np.isfinite(after)).tolist()), np.ones(len(after))
+        said = f"a second of the recordings is {1.0 / pace:.3g} s"
+        yield Misreading(said, "the times or the rate of rows", joints, after, Reading(same, same, pace=pace))
+
+
 def _told(episode: EpisodeEquations, start: JointState) -> _Told:
     given = episode.path.smoothed(episode.acting_nm).T
     return _Told(episode, given, given - episode.torque_error(start))
 
 
 def _all_rows(
-    data: Sequence[_Told], factor: np.ndarray | None = None, late_s: float = 0.0, *, held_out: bool | None = None
+    data: Sequence[_Told],
+    factor: np.ndarray | None = None,
+    late_s: float = 0.0,
+    pace: float = 1.0,
+    *,
+    held_out: bool | None = None,
 ) -> list[_Rows]:
     """Rows of each joint; positions times ``factor`` of shape (k,), torques as they are dated ``late_s`` after the motion.
+
+    ``pace`` is that of the clock.
 
     ``held_out`` asks for one half of the stretches only.
     """
     parts = []
     for told in data:
         path, given, needed = told.episode.path, told.given, told.needed
-        velocity = path.velocity if factor is None else path.velocity * factor
-        if factor is not None:
-            moved = (path.position * factor, velocity, path.acceleration * factor)
+        by = np.ones(path.position.shape[1]) if factor is None else factor
+        velocity = path.velocity * by * pace
+        if factor is not None or pace != 1.0:
+            moved = (path.position * by, velocity, path.acceleration * by * pace**2)
             needed = needed + told.episode.plant.torque_nm(*moved) - told.episode.dynamics.torque_nm
         if late_s:
             given = np.stack([np.interp(path.time_s + late_s, path.time_s, column) for column in given.T], axis=1)
