@@ -1,12 +1,20 @@
 """Wrong signs, units and clocks of anybody's recordings are said, and never named as causes."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from sim_backend.reality_gap.verdict import VerdictKind
-from tests.unit.sim_backend.reality_gap.subjects.joints.inverse_arm import friction, motion, recording, torques_nm, verdict_of
+from tests.unit.sim_backend.reality_gap.subjects.joints.inverse_arm import (
+    friction,
+    motion,
+    recorded,
+    recording,
+    torques_nm,
+    verdict_of,
+)
 
 FRICTION_NM = (0.2, 0.1)
 Told = tuple[np.ndarray, np.ndarray]
@@ -39,3 +47,11 @@ def test_what_was_misread_is_said_and_no_cause_is_named(name):
     assert said in verdict.follows[0].split(", or ")
     assert said in verdict.summary
     assert verdict.record_next[0].startswith("nothing yet: check ")
+
+
+@pytest.mark.parametrize(("told_s", "is_said"), [(1.06, True), (0.9, True), (1.01, False)])
+def test_a_clock_that_runs_slow_or_fast_is_said(told_s, is_said):
+    recordings = [recorded(seed, FRICTION_NM) for seed in (1, 2)]
+    verdict = verdict_of([replace(r, step_s=told_s * r.step_s, time_s=told_s * r.time_s) for r in recordings])
+    assert (verdict.misreads == f"a second of the recordings is {1.0 / told_s:.3g} s") is is_said
+    assert bool(verdict.misreads) is is_said and (verdict.causes == ()) is is_said
