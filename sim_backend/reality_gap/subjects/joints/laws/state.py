@@ -7,6 +7,7 @@ import numpy as np
 
 from sim_backend.effects.catalogue import PARAMETERS
 from sim_backend.effects.effect import Scope
+from sim_backend.reality_gap.knowledge.joint_effects import TORQUE_CONSTANT
 from sim_backend.reality_gap.knowledge.unnamed_laws import BEARING, BRAKING, DRAG, LINK_CENTRES, LINK_INERTIA, ZERO
 from sim_backend.reality_gap.subjects.joints.laws.motor_law import VECTOR, absent_values
 
@@ -14,6 +15,8 @@ CLOCK = "clock.offset_s"
 """Not an effect but what nobody can know of a recording: when within a sample the torque acted that was written there."""
 SENSED = "sensed.share"
 """Nor is this: which share of the difference between measured and sent torque is noise of the sensor, for each joint."""
+_SCALE_OF_TORQUE = (-0.55, 1.2)
+"""Errors of a motor's constant of anybody's robot: a torque of half or twice its size is no other unit yet, and no cause else."""
 NO_EFFECTS = frozenset({CLOCK, SENSED, LINK_INERTIA, *LINK_CENTRES, ZERO, DRAG, BRAKING, *BEARING})
 
 
@@ -71,7 +74,9 @@ class JointState:
         return self.joints if scope is Scope.JOINT else PARAMETERS[key].width
 
     def bounds(self, key: str) -> tuple[float, float]:
-        """The catalogue's bounds of a parameter, for a robot of this size."""
+        """The catalogue's bounds of a parameter, for a robot of this size; of a torque's scale up to what a wrong unit makes."""
+        if key == TORQUE_CONSTANT:
+            return _SCALE_OF_TORQUE
         parameter = PARAMETERS[key]
         by = self.size_of(key)
         return parameter.lower * min(by, 1.0) if parameter.lower > 0.0 else parameter.lower * by, parameter.upper * by

@@ -25,7 +25,7 @@ CLOCK_FALLS_TO = 0.5
 _LATEST_S, _CLOCK_STEP_S = 0.1, 0.002
 _PACES, _LEAST_PACE = np.linspace(0.8, 1.25, 91), 0.02
 """Of clocks, relative to the told one, and by how much one is off that no tolerated mass or inertia stands for."""
-_PLAUSIBLE_FACTOR = 2.0
+PLAUSIBLE_FACTOR = 2.0
 """A torque constant may be off by so much; beyond it a number is in another unit."""
 _BLURRED_RAD_S = 0.02
 _FEWEST_ROWS = 100
@@ -250,7 +250,7 @@ def _rounded(factor: float) -> str:
 
 
 def _is_implausible(factor: float) -> bool:
-    return not 1.0 / _PLAUSIBLE_FACTOR < factor < _PLAUSIBLE_FACTOR
+    return not 1.0 / PLAUSIBLE_FACTOR < factor < PLAUSIBLE_FACTOR
 
 
 def _other_clocks(data: Sequence[_Told]) -> Iterator[Misreading]:

@@ -6,6 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sim_backend.reality_gap.knowledge.joint_effects import TORQUE_CONSTANT
+from sim_backend.reality_gap.subjects.joints.laws.state import JointState
+from sim_backend.reality_gap.subjects.joints.verdicts.misreadings import PLAUSIBLE_FACTOR
 from sim_backend.reality_gap.verdict import VerdictKind
 from tests.unit.sim_backend.reality_gap.subjects.joints.inverse_arm import (
     friction,
@@ -55,3 +58,8 @@ def test_a_clock_that_runs_slow_or_fast_is_said(told_s, is_said):
     verdict = verdict_of([replace(r, step_s=told_s * r.step_s, time_s=told_s * r.time_s) for r in recordings])
     assert (verdict.misreads == f"a second of the recordings is {1.0 / told_s:.3g} s") is is_said
     assert bool(verdict.misreads) is is_said and (verdict.causes == ()) is is_said
+
+
+def test_between_a_motors_constant_and_another_unit_there_is_no_factor_that_nobody_asks_for():
+    low, high = JointState(1).bounds(TORQUE_CONSTANT)
+    assert 1.0 + low < 1.0 / PLAUSIBLE_FACTOR and 1.0 + high > PLAUSIBLE_FACTOR
